@@ -1,0 +1,1 @@
+"""The method: numpy only, no ROS, no files, no plots."""

@@ -1,0 +1,270 @@
+"""The hand: 25 revolute joints, their limits, bone lengths and axes.
+
+This file is the one source of joint names, link names, axes, limits and
+lengths; kinematics, URDF, node parameters and documents derive from it.
+
+A `Hand` is always written down as a right hand: x distal (wrist to middle MCP),
+y towards the thumb, z dorsal, metres. `side` says whether it is mirrored.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from .errors import InvalidHand
+
+FINGERS = ('index', 'middle', 'ring', 'little')
+DIGITS = FINGERS + ('thumb',)
+SIDES = ('right', 'left')
+
+# Along the chain: abduction precedes flexion, so that one plane through the
+# abduction axis holds all the flexion of a digit (the paper's planes Φi).
+FINGER_JOINTS = ('cmc_flexion', 'mcp_abduction', 'mcp_flexion', 'pip_flexion', 'dip_flexion')
+THUMB_JOINTS = ('cmc_abduction', 'cmc_flexion', 'mcp_abduction', 'mcp_flexion', 'ip_flexion')
+FINGER_LINKS = ('metacarpal', 'knuckle', 'proximal', 'middle', 'distal')
+THUMB_LINKS = ('saddle', 'metacarpal', 'knuckle', 'proximal', 'distal')
+
+JOINTS = tuple(f'{finger}_{joint}' for finger in FINGERS for joint in FINGER_JOINTS) + tuple(
+    f'thumb_{joint}' for joint in THUMB_JOINTS)
+LINKS = tuple(f'{finger}_{link}' for finger in FINGERS for link in FINGER_LINKS) + tuple(
+    f'thumb_{link}' for link in THUMB_LINKS)
+ROOT = 'wrist'
+
+# [degrees] (extension, flexion) and (adduction, abduction) of each kind of joint.
+# paper: Table 1. The finger CMC's have no entry there: the paper's palm is flat.
+# wide: the ranges of motion of the AAOS where they exceed Table 1. Ours, from
+# recorded grasps and unsourced: PIP to 115, thumb CMC flexion, thumb MCP and IP.
+LIMIT_PRESETS = {
+    'paper': {
+        'cmc_flexion': (0, 0), 'mcp_abduction': (-15, 15), 'mcp_flexion': (-10, 85),
+        'pip_flexion': (-10, 95), 'dip_flexion': (-10, 90),
+        'thumb_cmc_abduction': (-40, 30), 'thumb_cmc_flexion': (-20, 20),
+        'thumb_mcp_abduction': (-10, 10), 'thumb_mcp_flexion': (-5, 30),
+        'thumb_ip_flexion': (-10, 95),
+    },
+    'wide': {
+        'cmc_flexion': (0, 0), 'mcp_abduction': (-20, 20), 'mcp_flexion': (-45, 90),
+        'pip_flexion': (-10, 115), 'dip_flexion': (-10, 90),
+        'thumb_cmc_abduction': (-40, 70), 'thumb_cmc_flexion': (-45, 45),
+        'thumb_mcp_abduction': (-10, 10), 'thumb_mcp_flexion': (-10, 60),
+        'thumb_ip_flexion': (-15, 95),
+    },
+}
+
+# Share of the hand's length [1] and breadth [1]: Buchholz et al., Ergonomics 35 (1992).
+BONES_OF_LENGTH = (
+    (.245, .143, .097), (.266, .170, .108), (.244, .165, .107), (.204, .117, .093))
+THUMB_BONES_OF_LENGTH = (.251, .196, .158)
+MCP_OF_LENGTH = (.447, .446, .409, .368)
+MCP_OF_BREADTH = (.251, 0., -.206, -.402)
+# Unsourced: places of the CMC joints and the dorsal arch of the knuckles.
+CMC_OF_LENGTH = .12
+CMC_OF_MCP_BREADTH = .5
+ARCH_OF_LENGTH = (-.015, 0., -.008, -.03)
+THUMB_CMC_OF_LENGTH = (.13, .14, -.10)
+# Unsourced: the thumb's saddle, for a relaxed thumb beside the palm.
+THUMB_ABDUCTION_AXIS = (-.55, .83, .05)
+THUMB_REST_DIRECTION = (.80, .42, -.43)
+
+# Unsourced [m at a hand length of 185 mm]: capsule radii of the three bones.
+RADII = ((.009, .008, .007),) * 3 + ((.0075, .0065, .0055), (.011, .010, .009))
+PALM_RADIUS = .011
+MEAN_LENGTH = .185
+MEAN_BREADTH = .085
+
+# DIP = 0.8 PIP (the paper's Section on intradigital correlation); thumb IP against MCP: ours.
+FINGER_COUPLING = (.8, 0.)
+THUMB_COUPLING = (1., 0.)
+
+LENGTH_RANGE = (.005, .2)      # [m] of one bone
+POSITION_RANGE = .3            # [m] of a joint from the wrist
+ANGLE_RANGE = np.pi            # [rad] of a limit
+SLOPE_RANGE = (0., 5.)         # of a coupling
+
+
+def joint_kind(joint):
+    """Return the name under which the limit presets know `joint`."""
+    digit, _, kind = joint.partition('_')
+    return joint if digit == 'thumb' else kind
+
+
+def preset_limits(preset='paper'):
+    """Return the limits of a preset.
+
+    Parameters
+    ----------
+    preset : {'paper', 'wide'}
+        'paper' is Table 1 of the paper; 'wide' adds wider published ranges of motion.
+
+    Returns
+    -------
+    ndarray, shape (25, 2)
+        Lower and upper limit of each joint [rad].
+    """
+    if preset not in LIMIT_PRESETS:
+        raise InvalidHand(f"limits: no preset '{preset}'; there are {', '.join(LIMIT_PRESETS)}")
+    table = LIMIT_PRESETS[preset]
+    return np.radians([table[joint_kind(joint)] for joint in JOINTS])
+
+
+@dataclass(frozen=True, eq=False)
+class Hand:
+    """One person's hand, in the coordinates of a right hand [m, rad].
+
+    Parameters
+    ----------
+    finger_cmc, finger_mcp : array_like, shape (4, 3)
+        CMC and MCP joints of index to little finger from the wrist, palm flat [m].
+    finger_bones : array_like, shape (4, 3)
+        Length of the proximal, middle and distal phalanx [m].
+    thumb_cmc : array_like, shape (3,)
+        The thumb's CMC joint from the wrist [m].
+    thumb_bones : array_like, shape (3,)
+        Length of the thumb's metacarpal, proximal and distal phalanx [m].
+    thumb_abduction_axis, thumb_rest_direction : array_like, shape (3,)
+        The saddle joint: the axis of abduction, fixed in the palm, and the direction of
+        the metacarpal at zero angles. The flexion axis is normal to both. Made unit length.
+    splay : array_like, shape (4,)
+        Direction of the straight fingers at zero abduction, from x towards the thumb [rad].
+    limits : array_like, shape (25, 2)
+        Lower and upper limit of each joint, in the order of `JOINTS` [rad]; zero is allowed by all.
+    coupling : array_like, shape (5, 2)
+        Intradigital correlation: DIP = slope PIP + offset; the thumb's IP = slope MCP + offset.
+    radii : array_like, shape (5, 3)
+        Radius of the capsules around the three bones of each digit [m].
+    palm_radius : float
+        Radius of the capsules around the metacarpals of the fingers [m].
+    side : {'right', 'left'}
+        A left hand is the mirror image of these numbers.
+
+    Raises
+    ------
+    InvalidHand
+        Naming the field, its value and what is allowed.
+    """
+
+    finger_cmc: np.ndarray
+    finger_mcp: np.ndarray
+    finger_bones: np.ndarray
+    thumb_cmc: np.ndarray
+    thumb_bones: np.ndarray
+    thumb_abduction_axis: np.ndarray = THUMB_ABDUCTION_AXIS
+    thumb_rest_direction: np.ndarray = THUMB_REST_DIRECTION
+    splay: np.ndarray = (0., 0., 0., 0.)
+    limits: np.ndarray = field(default_factory=preset_limits)
+    coupling: np.ndarray = (FINGER_COUPLING,) * 4 + (THUMB_COUPLING,)
+    radii: np.ndarray = RADII
+    palm_radius: float = PALM_RADIUS
+    side: str = 'right'
+
+    def __post_init__(self):
+        for name, shape in (
+                ('finger_cmc', (4, 3)), ('finger_mcp', (4, 3)), ('finger_bones', (4, 3)),
+                ('thumb_cmc', (3,)), ('thumb_bones', (3,)), ('thumb_abduction_axis', (3,)),
+                ('thumb_rest_direction', (3,)), ('splay', (4,)), ('limits', (25, 2)),
+                ('coupling', (5, 2)), ('radii', (5, 3)), ('palm_radius', ())):
+            object.__setattr__(self, name, _array(name, getattr(self, name), shape))
+        if self.side not in SIDES:
+            raise InvalidHand(f'side: {self.side!r} is not one of {", ".join(SIDES)}')
+        for name in ('finger_bones', 'thumb_bones'):
+            _require(name, getattr(self, name), *LENGTH_RANGE, 'm')
+        for name in ('finger_cmc', 'finger_mcp', 'thumb_cmc'):
+            _require(name, getattr(self, name), -POSITION_RANGE, POSITION_RANGE, 'm')
+        for name in ('radii', 'palm_radius'):
+            _require(name, getattr(self, name), .001, .05, 'm')
+        _require('splay', self.splay, -np.pi / 4, np.pi / 4, 'rad')
+        _require('limits', self.limits, -ANGLE_RANGE, ANGLE_RANGE, 'rad')
+        _require('coupling slope', self.coupling[:, 0], *SLOPE_RANGE, '')
+        _require('coupling offset', self.coupling[:, 1], -np.pi / 2, np.pi / 2, 'rad')
+        for joint, (lower, upper) in zip(JOINTS, self.limits):
+            if not lower <= 0. <= upper:
+                raise InvalidHand(
+                    f'limits of {joint}: {np.degrees(lower):g} to {np.degrees(upper):g} degrees; '
+                    'the lower limit must not exceed 0, the upper must not be below it')
+        for name in ('thumb_abduction_axis', 'thumb_rest_direction'):
+            size = np.linalg.norm(getattr(self, name))
+            if size < 1e-6:
+                raise InvalidHand(f'{name}: {getattr(self, name)} has no direction')
+            object.__setattr__(self, name, _frozen(getattr(self, name) / size))
+        if abs(self.thumb_abduction_axis @ self.thumb_rest_direction) > .95:
+            raise InvalidHand(
+                'thumb_rest_direction: within 18 degrees of thumb_abduction_axis; '
+                'the saddle joint needs two distinct axes')
+        triangle = np.cross(self.finger_mcp[0], self.finger_mcp[3])
+        if triangle[2] > -1e-5:
+            raise InvalidHand(
+                'finger_mcp: the index MCP must lie on the thumb side (greater y) of the little '
+                f'MCP, both distal of the wrist; got {self.finger_mcp[0]} and {self.finger_mcp[3]}')
+
+    @classmethod
+    def scaled(cls, length=MEAN_LENGTH, breadth=MEAN_BREADTH, **fields):
+        """Return the mean hand scaled to a length and a breadth.
+
+        Parameters
+        ----------
+        length : float
+            From the wrist's crease to the tip of the middle finger [m].
+        breadth : float
+            Across the knuckles of index and little finger [m].
+        **fields
+            Any other field of `Hand`.
+        """
+        _require('length', length, .10, .26, 'm')
+        _require('breadth', breadth, .04, .14, 'm')
+        mcp = np.column_stack((
+            np.multiply(MCP_OF_LENGTH, length), np.multiply(MCP_OF_BREADTH, breadth),
+            np.multiply(ARCH_OF_LENGTH, length)))
+        cmc = mcp * (0., CMC_OF_MCP_BREADTH, 0.) + (CMC_OF_LENGTH * length, 0., 0.)
+        defaults = {
+            'finger_cmc': cmc,
+            'finger_mcp': mcp,
+            'finger_bones': np.multiply(BONES_OF_LENGTH, length),
+            'thumb_cmc': np.multiply(THUMB_CMC_OF_LENGTH, length),
+            'thumb_bones': np.multiply(THUMB_BONES_OF_LENGTH, length),
+            'radii': np.multiply(RADII, length / MEAN_LENGTH),
+            'palm_radius': PALM_RADIUS * length / MEAN_LENGTH,
+        }
+        return cls(**{**defaults, **fields})
+
+    def replace(self, **fields):
+        """Return a copy with other values of the named fields."""
+        return replace(self, **fields)
+
+    def mirrored(self):
+        """Return the same hand of the other side."""
+        return self.replace(side=SIDES[1 - SIDES.index(self.side)])
+
+    def with_paper_thumb(self):
+        """Return this hand with the paper's thumb plane, through CMC, tip and index MCP.
+
+        The plane of a digit holds its abduction axis: the axis that points from the
+        thumb's CMC to the index MCP gives the paper's plane F(5,1) F(5,4) F(1,2).
+        """
+        return self.replace(thumb_abduction_axis=self.thumb_cmc - self.finger_mcp[0])
+
+
+def _frozen(array):
+    array.setflags(write=False)
+    return array
+
+
+def _array(name, value, shape):
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidHand(f'{name}: {value!r} is not made of numbers') from None
+    if array.shape != shape:
+        raise InvalidHand(f'{name}: its shape is {array.shape}; expected {shape}')
+    if not np.isfinite(array).all():
+        raise InvalidHand(f'{name}: {value!r} has numbers that are not finite')
+    return float(array) if shape == () else _frozen(array)
+
+
+def _require(name, value, lower, upper, unit):
+    values = np.atleast_1d(value)
+    bad = np.argwhere(~((values >= lower) & (values <= upper)))
+    if len(bad):
+        place = tuple(int(i) for i in bad[0])
+        index = '' if np.ndim(value) == 0 else str(list(place))
+        raise InvalidHand(
+            f'{name}{index}: {values[place]:g}; allowed is {lower:g} to {upper:g} {unit}'.rstrip())

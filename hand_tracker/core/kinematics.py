@@ -1,0 +1,206 @@
+"""Forward kinematics: 25 angles and the wrist's pose give every link of the hand.
+
+The published pose is always this function of the published angles.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .hand import DIGITS, FINGERS, FINGER_JOINTS, JOINTS, LINKS, THUMB_JOINTS
+from .jit import jit
+
+X, Y, Z = np.eye(3)
+# Abduction leads away from the middle finger (the middle finger's: towards the thumb).
+ABDUCTION_SIGN = (1., 1., -1., -1., 1.)
+
+
+class JointTable(NamedTuple):
+    """Where each joint sits in its parent link and about which axis it turns.
+
+    Attributes
+    ----------
+    parent : ndarray, shape (25,)
+        Index of the parent link; -1 is the wrist.
+    rotation : ndarray, shape (25, 3, 3)
+        From the joint's frame at zero angle to its parent's.
+    translation : ndarray, shape (25, 3)
+        The joint in its parent's frame [m].
+    axis : ndarray, shape (25, 3)
+        Unit axis in the joint's frame, right-handed.
+    """
+
+    parent: np.ndarray
+    rotation: np.ndarray
+    translation: np.ndarray
+    axis: np.ndarray
+
+
+class Pose(NamedTuple):
+    """Frames of the 25 links.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (..., 25, 3, 3)
+        From each link's frame to the surroundings; x along the bone, z dorsal.
+    position : ndarray, shape (..., 25, 3)
+        Origin of each link's frame, which is its joint [m].
+    """
+
+    rotation: np.ndarray
+    position: np.ndarray
+
+
+def digit_base(hand, digit):
+    """Return the frame in which a digit's abduction and flexion are solved.
+
+    z is the axis of abduction, x the direction of the straight digit at zero abduction
+    and zero flexion, with `tilt` the flexion that leads from x to the thumb's rest direction.
+
+    Parameters
+    ----------
+    hand : Hand
+    digit : int
+        0 to 4, index finger to thumb.
+
+    Returns
+    -------
+    rotation : ndarray, shape (3, 3)
+        From the base to the right hand's wrist frame.
+    position : ndarray, shape (3,)
+        The MCP joint of a finger, the CMC joint of the thumb [m].
+    tilt : float
+        Zero for fingers [rad].
+    """
+    if digit < len(FINGERS):
+        c, s = np.cos(hand.splay[digit]), np.sin(hand.splay[digit])
+        return np.array(((c, -s, 0.), (s, c, 0.), (0., 0., 1.))), hand.finger_mcp[digit], 0.
+    axis, rest = hand.thumb_abduction_axis, hand.thumb_rest_direction
+    x = rest - (rest @ axis) * axis
+    x = x / np.linalg.norm(x)
+    tilt = np.arctan2(-rest @ axis, rest @ x)
+    return np.column_stack((x, np.cross(axis, x), axis)), hand.thumb_cmc, float(tilt)
+
+
+def joint_table(hand):
+    """Return the joints of `hand`, of its own side.
+
+    Parameters
+    ----------
+    hand : Hand
+
+    Returns
+    -------
+    JointTable
+        The source of the URDF and of `forward`.
+    """
+    parent, rotation, translation, axis = [], [], [], []
+    for digit, name in enumerate(DIGITS):
+        base, root, tilt = digit_base(hand, digit)
+        c, s = np.cos(tilt), np.sin(tilt)
+        tilted = np.array(((c, 0., s), (0., 1., 0.), (-s, 0., c)))
+        if name == 'thumb':
+            bones = hand.thumb_bones
+            joints = THUMB_JOINTS
+            rotations = (base, tilted, np.eye(3), np.eye(3), np.eye(3))
+            translations = (root, 0. * X, bones[0] * X, 0. * X, bones[1] * X)
+        else:
+            bones = hand.finger_bones[digit]
+            joints = FINGER_JOINTS
+            cmc = hand.finger_cmc[digit]
+            rotations = (np.eye(3), base, np.eye(3), np.eye(3), np.eye(3))
+            translations = (cmc, root - cmc, 0. * X, bones[0] * X, bones[1] * X)
+        parent += [-1] + [5 * digit + j for j in range(4)]
+        rotation += rotations
+        translation += translations
+        axis += [Y if 'flexion' in joint else ABDUCTION_SIGN[digit] * Z for joint in joints]
+    table = JointTable(*(np.array(column) for column in (parent, rotation, translation, axis)))
+    if hand.side == 'right':
+        return table
+    # The mirror y -> -y turns a rotation about v into one about -(mirrored v).
+    mirror = np.array((1., -1., 1.))
+    return table._replace(
+        rotation=mirror[:, None] * table.rotation * mirror,
+        translation=table.translation * mirror, axis=-table.axis * mirror)
+
+
+def tip_offsets(hand):
+    """Return the tips of the five digits in the frames of their distal links.
+
+    Returns
+    -------
+    ndarray, shape (5, 3)
+        [m]
+    """
+    return np.append(hand.finger_bones[:, 2], hand.thumb_bones[2])[:, None] * X
+
+
+@jit
+def _forward(parent, rotation, translation, axis, angles, wrist_rotation, wrist_position,
+             rotations, positions):
+    for frame in range(angles.shape[0]):
+        for joint in range(25):
+            x, y, z = axis[joint]
+            s = np.sin(angles[frame, joint])
+            c = np.cos(angles[frame, joint])
+            v = 1. - c
+            turn = (
+                (c + v * x * x, v * x * y - s * z, v * x * z + s * y),
+                (v * x * y + s * z, c + v * y * y, v * y * z - s * x),
+                (v * x * z - s * y, v * y * z + s * x, c + v * z * z))
+            up = parent[joint]
+            for i in range(3):
+                if up < 0:
+                    a = wrist_rotation[frame, i, 0]
+                    b = wrist_rotation[frame, i, 1]
+                    d = wrist_rotation[frame, i, 2]
+                    at = wrist_position[frame, i]
+                else:
+                    a = rotations[frame, up, i, 0]
+                    b = rotations[frame, up, i, 1]
+                    d = rotations[frame, up, i, 2]
+                    at = positions[frame, up, i]
+                t = translation[joint]
+                positions[frame, joint, i] = at + a * t[0] + b * t[1] + d * t[2]
+                r = rotation[joint]
+                e = a * r[0, 0] + b * r[1, 0] + d * r[2, 0]
+                f = a * r[0, 1] + b * r[1, 1] + d * r[2, 1]
+                g = a * r[0, 2] + b * r[1, 2] + d * r[2, 2]
+                for k in range(3):
+                    rotations[frame, joint, i, k] = (
+                        e * turn[0][k] + f * turn[1][k] + g * turn[2][k])
+
+
+def forward(table, angles, wrist_rotation=None, wrist_position=None):
+    """Return the links' frames for given angles.
+
+    Parameters
+    ----------
+    table : JointTable
+        Of a hand, from `joint_table`.
+    angles : array_like, shape (25,) or (n, 25)
+        In the order of `JOINTS` [rad].
+    wrist_rotation : array_like, shape (3, 3) or (n, 3, 3), optional
+        From the wrist's frame to the surroundings; identity when left out.
+    wrist_position : array_like, shape (3,) or (n, 3), optional
+        The wrist in the surroundings [m]; zero when left out.
+
+    Returns
+    -------
+    Pose
+        With the leading dimension of `angles`.
+    """
+    angles = np.asarray(angles, dtype=float)
+    batch = np.atleast_2d(angles)
+    n = len(batch)
+    if batch.shape[1:] != (len(JOINTS),):
+        raise ValueError(f'angles: shape {angles.shape}; expected (25,) or (n, 25)')
+    turned = np.eye(3) if wrist_rotation is None else np.asarray(wrist_rotation, dtype=float)
+    moved = np.zeros(3) if wrist_position is None else np.asarray(wrist_position, dtype=float)
+    rotations = np.empty((n, len(LINKS), 3, 3))
+    positions = np.empty((n, len(LINKS), 3))
+    _forward(*table, batch, np.ascontiguousarray(np.broadcast_to(turned, (n, 3, 3))),
+             np.ascontiguousarray(np.broadcast_to(moved, (n, 3))), rotations, positions)
+    if angles.ndim == 1:
+        return Pose(rotations[0], positions[0])
+    return Pose(rotations, positions)

@@ -1,0 +1,147 @@
+"""Which marker rides on which place of the hand, and at which offset.
+
+The eight markers in the paper's order: r on the wrist, p and q on the knuckles of index
+and little finger, one at the DIP joint of each finger, one at the thumb's tip.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from .errors import InvalidLayout
+from .hand import DIGITS, FINGERS, LINKS
+
+MARKERS = ('wrist', 'index_mcp', 'little_mcp', 'index', 'middle', 'ring', 'little', 'thumb')
+PALM_MARKERS = MARKERS[:3]
+PAPER_PLACES = ('wrist', 'index_mcp', 'little_mcp',
+                'index_dip', 'middle_dip', 'ring_dip', 'little_dip', 'thumb_tip')
+
+# A landmark is the far end of a bone; a marker there rides on that bone.
+PALM_LANDMARKS = ('wrist', 'thumb_cmc') + tuple(
+    f'{finger}_{joint}' for finger in FINGERS for joint in ('cmc', 'mcp'))
+DIGIT_LANDMARKS = {
+    **{finger: (f'{finger}_dip', f'{finger}_tip') for finger in FINGERS},
+    'thumb': ('thumb_ip', 'thumb_tip'),
+}
+OFFSET_RANGE = .06  # [m]
+
+
+class Mounting(NamedTuple):
+    """Where the markers of one hand sit.
+
+    Attributes
+    ----------
+    link : ndarray, shape (8,)
+        Index of the link each marker rides on; -1 is the wrist.
+    position : ndarray, shape (8, 3)
+        In that link's frame [m].
+    """
+
+    link: np.ndarray
+    position: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerLayout:
+    """Places of the eight markers.
+
+    Parameters
+    ----------
+    places : sequence of str
+        Landmark of each of `MARKERS`: for the first three a place on the palm
+        ('wrist', 'index_cmc', 'index_mcp', ...), for a finger its 'dip' or 'tip',
+        for the thumb its 'ip' or 'tip'.
+    offsets : array_like, shape (8, 3)
+        From the landmark, along the axes of the link that ends there (x along the bone,
+        y towards the thumb, z dorsal), as on a right hand [m].
+
+    Raises
+    ------
+    InvalidLayout
+        Naming the marker, its value and what is allowed.
+    """
+
+    places: tuple = PAPER_PLACES
+    offsets: np.ndarray = ((0., 0., 0.),) * 8
+
+    def __post_init__(self):
+        places = tuple(self.places)
+        if len(places) != len(MARKERS):
+            raise InvalidLayout(f'places: {len(places)} given; expected one for each of {MARKERS}')
+        for marker, place in zip(MARKERS, places):
+            allowed = DIGIT_LANDMARKS.get(marker, PALM_LANDMARKS)
+            if place not in allowed:
+                raise InvalidLayout(
+                    f'marker {marker}: place {place!r} is not one of {", ".join(allowed)}')
+        offsets = np.array(self.offsets, dtype=float)
+        if offsets.shape != (len(MARKERS), 3):
+            raise InvalidLayout(f'offsets: shape {offsets.shape}; expected {(len(MARKERS), 3)}')
+        if not (np.abs(offsets) <= OFFSET_RANGE).all():
+            worst = MARKERS[int(np.argmin((np.abs(offsets) <= OFFSET_RANGE).all(axis=1)))]
+            raise InvalidLayout(
+                f'marker {worst}: offset {offsets[MARKERS.index(worst)]} m; '
+                f'allowed is {-OFFSET_RANGE:g} to {OFFSET_RANGE:g} m on each axis')
+        offsets.setflags(write=False)
+        object.__setattr__(self, 'places', places)
+        object.__setattr__(self, 'offsets', offsets)
+
+    def mounting(self, hand):
+        """Return where the markers sit on `hand`, of its own side.
+
+        Parameters
+        ----------
+        hand : Hand
+
+        Returns
+        -------
+        Mounting
+        """
+        links, positions = zip(*(_landmark(hand, place) for place in self.places))
+        positions = np.array(positions) + self.offsets
+        if hand.side == 'left':
+            positions = positions * (1., -1., 1.)
+        return Mounting(np.array(links), positions)
+
+
+def _landmark(hand, place):
+    """Return (link, position in its frame) of a landmark on the right hand."""
+    digit, _, joint = place.partition('_')
+    if place == 'wrist':
+        return -1, np.zeros(3)
+    if place == 'thumb_cmc':
+        return -1, hand.thumb_cmc
+    index = DIGITS.index(digit)
+    if joint in ('cmc', 'mcp') and digit in FINGERS:
+        return -1, (hand.finger_cmc if joint == 'cmc' else hand.finger_mcp)[index]
+    bone, link = {'dip': (1, 'middle'), 'ip': (1, 'proximal'), 'tip': (2, 'distal')}[joint]
+    bones = hand.thumb_bones if digit == 'thumb' else hand.finger_bones[index]
+    return LINKS.index(f'{digit}_{link}'), np.array((bones[bone], 0., 0.))
+
+
+def marker_positions(mounting, pose, wrist_rotation=None, wrist_position=None):
+    """Return where the markers are when the hand is in a pose.
+
+    Parameters
+    ----------
+    mounting : Mounting
+    pose : Pose
+        With or without a leading dimension n.
+    wrist_rotation, wrist_position : array_like, shape (..., 3, 3) and (..., 3), optional
+        As given to `forward`.
+
+    Returns
+    -------
+    ndarray, shape (..., 8, 3)
+        [m]
+    """
+    turned = np.eye(3) if wrist_rotation is None else np.asarray(wrist_rotation)
+    moved = np.zeros(3) if wrist_position is None else np.asarray(wrist_position)
+    shape = pose.position.shape[:-2] + (1,)
+    rotation = np.concatenate(
+        (pose.rotation, np.broadcast_to(turned[..., None, :, :], shape + (3, 3))), axis=-3)
+    position = np.concatenate(
+        (pose.position, np.broadcast_to(moved[..., None, :], shape + (3,))), axis=-2)
+    # Link -1, the wrist, is the last row.
+    return position[..., mounting.link, :] + np.einsum(
+        '...ij,...j->...i', rotation[..., mounting.link, :, :], mounting.position)
