@@ -103,6 +103,16 @@ def compose(outer, inner):
 
 
 @jit
+def inverse(axes):
+    """Return the frame of the surroundings in `axes`: the transposed rotation."""
+    return (
+        (axes[0][0], axes[1][0], axes[2][0]),
+        (axes[0][1], axes[1][1], axes[2][1]),
+        (axes[0][2], axes[1][2], axes[2][2]),
+    )
+
+
+@jit
 def turn(axis, angle, v):
     """Rotate `v` about the unit vector `axis` by `angle` [rad] (Rodrigues)."""
     c = math.cos(angle)

@@ -1,0 +1,208 @@
+"""Inverse kinematics of one digit: its plane, its flexion, its intradigital correlation.
+
+The thumb is solved as the fingers are: its saddle joint only has an abduction axis and a
+rest direction of its own (`Hand`), where the paper puts its plane through the index MCP.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .closed_form import closed_form
+from .coupled import coupled_angle, coupled_form, straightest
+from .fabrik import fabrik
+from .hand import DIGITS, JOINTS
+from .jit import jit
+from .kinematics import ABDUCTION_SIGN, digit_base
+from .layout import MARKERS
+from .plane import plane_abduction
+from .vectors import components, frame, vector
+
+ABDUCTION = np.array([JOINTS.index(
+    'thumb_cmc_abduction' if digit == 'thumb' else f'{digit}_mcp_abduction')
+    for digit in DIGITS])
+FLEXION = np.array([[JOINTS.index(f'{digit}_{joint}_flexion') for joint in (
+    ('cmc', 'mcp', 'ip') if digit == 'thumb' else ('mcp', 'pip', 'dip'))]
+    for digit in DIGITS])
+
+
+class Chains(NamedTuple):
+    """The five digits as the solver sees them, of a right hand.
+
+    Attributes
+    ----------
+    root : ndarray, shape (5, 3)
+        The joint at which the chain starts, in the wrist's frame [m].
+    base : ndarray, shape (5, 3, 3)
+        Rotation from the chain's base to the wrist's frame (`digit_base`).
+    tilt : ndarray, shape (5,)
+        Flexion of the base's rest direction [rad].
+    hinges : ndarray of int, shape (5,)
+        2 when the marker rides behind the second hinge, 3 behind the third.
+    bones : ndarray, shape (5, 3)
+        Distances hinge to hinge, the last of `hinges` to the marker [m].
+    droop : ndarray, shape (5,)
+        Flexion of the marker seen from its hinge at zero angle [rad].
+    lateral : ndarray, shape (5,)
+        Distance of the marker from the plane, along y [m].
+    start : ndarray, shape (5,)
+        Second flexion at which a coupled chain is straightest [rad].
+    sign : ndarray, shape (5,)
+        Sign of a turn about z that abducts.
+    lower, upper : ndarray, shape (25,)
+        Limits [rad].
+    coupling : ndarray, shape (5, 2)
+        Slope and offset [1, rad].
+    """
+
+    root: np.ndarray
+    base: np.ndarray
+    tilt: np.ndarray
+    hinges: np.ndarray
+    bones: np.ndarray
+    droop: np.ndarray
+    lateral: np.ndarray
+    start: np.ndarray
+    sign: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    coupling: np.ndarray
+
+
+def chains(hand, mounting):
+    """Return the digits of a right hand with their markers.
+
+    Parameters
+    ----------
+    hand : Hand
+        Of the right side.
+    mounting : Mounting
+        Of the same hand.
+
+    Returns
+    -------
+    Chains
+    """
+    base, root, tilt = (np.array(part) for part in zip(
+        *(digit_base(hand, digit) for digit in range(5))))
+    markers = mounting.position[MARKERS.index('index'):]
+    links = mounting.link[MARKERS.index('index'):]
+    third = links % 5 == 4  # the distal link is the last of a digit's five
+    bones = np.vstack((hand.finger_bones, hand.thumb_bones))
+    bones[np.arange(5), np.where(third, 2, 1)] = np.hypot(markers[:, 0], markers[:, 2])
+    droop = np.arctan2(-markers[:, 2], markers[:, 0])
+    lower, upper = hand.limits.T.copy()
+    start = [
+        straightest(*bones[d], droop[d], *hand.coupling[d],
+                    lower[FLEXION[d, 1]], upper[FLEXION[d, 1]],
+                    lower[FLEXION[d, 2]], upper[FLEXION[d, 2]])
+        for d in range(5)]
+    return Chains(root, base, tilt, np.where(third, 3, 2), bones, droop,
+                  markers[:, 1].copy(), np.array(start), np.array(ABDUCTION_SIGN),
+                  lower, upper, hand.coupling.copy())
+
+
+@jit
+def solve_digit(chains, digit, target, angles, by_fabrik, tolerance, iterations):
+    """Solve one digit for its marker; its joints in `angles` are replaced.
+
+    Parameters
+    ----------
+    chains : Chains
+    digit : int
+        0 to 4, index finger to thumb.
+    target : vector
+        The marker from the chain's root, in the wrist's frame [m].
+    angles : ndarray, shape (25,)
+        Previous angles, replaced [rad].
+    by_fabrik : bool
+        FABRIK instead of the closed form.
+    tolerance, iterations : float, int
+        Of FABRIK [m].
+
+    Returns
+    -------
+    int
+        Iterations of FABRIK.
+    """
+    abduction = ABDUCTION[digit]
+    first, second, third = FLEXION[digit]
+    lower = chains.lower
+    upper = chains.upper
+    bones = chains.bones[digit]
+    hinges = chains.hinges[digit]
+    droop = chains.droop[digit]
+    tilt = chains.tilt[digit]
+    slope, offset = chains.coupling[digit]
+    sign = chains.sign[digit]
+
+    reach = bones[:hinges].sum()
+    low = min(sign * lower[abduction], sign * upper[abduction])
+    high = max(sign * lower[abduction], sign * upper[abduction])
+    turn, along, height = plane_abduction(
+        components(frame(chains.base[digit]), target), chains.lateral[digit], reach,
+        low, high, sign * angles[abduction])
+    angles[abduction] = sign * turn
+
+    # In the frame of the rest direction flexion starts at zero.
+    c = math.cos(tilt)
+    s = math.sin(tilt)
+    along, height = c * along - s * height, s * along + c * height
+
+    used = 0
+    if by_fabrik:
+        joints = FLEXION[digit][:hinges]
+        lows = lower[joints]
+        highs = upper[joints]
+        bends = angles[joints]
+        lows[-1] += droop
+        highs[-1] += droop
+        bends[-1] += droop
+        used = fabrik(along, height, bones[:hinges], lows, highs, bends, tolerance, iterations)
+        bends[-1] -= droop
+        for i in range(hinges):
+            angles[joints[i]] = bends[i]
+    elif hinges == 2:
+        angles[first], angles[second] = closed_form(
+            along, height, bones[0], bones[1], droop, lower[first], upper[first],
+            lower[second], upper[second], angles[second])
+    else:
+        angles[first], angles[second], angles[third] = coupled_form(
+            along, height, bones[0], bones[1], bones[2], droop, slope, offset,
+            chains.start[digit], lower[first], upper[first],
+            lower[second], upper[second], lower[third], upper[third])
+    if hinges == 2:
+        angles[third] = coupled_angle(angles[second], slope, offset, lower[third], upper[third])
+    # Offsets of markers and turns of base may round past a limit.
+    for joint in (abduction, first, second, third):
+        angles[joint] = min(max(angles[joint], lower[joint]), upper[joint])
+    return used
+
+
+@jit
+def solve_digits(chains, roots, markers, angles, by_fabrik, tolerance, iterations):
+    """Solve the five digits, index finger to thumb.
+
+    Parameters
+    ----------
+    chains : Chains
+    roots, markers : ndarray, shape (5, 3)
+        First joints and markers of the digits, in the wrist's frame [m].
+    angles : ndarray, shape (25,)
+        Previous angles, replaced [rad].
+    by_fabrik, tolerance, iterations
+        As for `solve_digit`.
+
+    Returns
+    -------
+    int
+        Iterations of FABRIK, over all digits.
+    """
+    used = 0
+    for digit in range(5):
+        root = vector(roots[digit])
+        marker = vector(markers[digit])
+        target = (marker[0] - root[0], marker[1] - root[1], marker[2] - root[2])
+        used += solve_digit(chains, digit, target, angles, by_fabrik, tolerance, iterations)
+    return used

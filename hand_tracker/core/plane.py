@@ -1,0 +1,49 @@
+"""The plane of a digit: it holds the abduction axis and the marker (the paper's Φi)."""
+
+import math
+
+from .jit import jit
+from .vectors import clamp
+
+# Shares of the digit's reach between which the direction of the projected marker
+# gradually loses its say on abduction: below the first it has none. Ours.
+FIST_NEAR = 0.05
+FIST_FAR = 0.20
+
+
+@jit
+def plane_abduction(target, lateral, reach, lower, upper, previous):
+    """Return the turn of a digit's plane about its abduction axis, and the target in it.
+
+    In a fist the marker comes to lie under the joint and beyond: the plane is that turned
+    by less than a quarter from straight, so that it never flips, and as the projected
+    length shrinks the abduction stays at its previous value.
+
+    Parameters
+    ----------
+    target : vector
+        The marker in the digit's base [m].
+    lateral : float
+        Distance of the marker from the plane, along y [m].
+    reach : float
+        Length of the chain to the marker [m].
+    lower, upper, previous : float
+        Limits and previous value of the turn about z [rad].
+
+    Returns
+    -------
+    turn, along, height : float
+        The turn [rad] and the target in the plane, along x and along z [m].
+    """
+    x, y, z = target
+    projected = math.sqrt(x * x + y * y)
+    share = clamp((projected / reach - FIST_NEAR) / (FIST_FAR - FIST_NEAR), 0.0, 1.0)
+    turn = previous
+    if share > 0.0:
+        forward = math.copysign(1.0, x)
+        aside = clamp(forward * lateral / projected, -1.0, 1.0)
+        direction = math.atan2(forward * y, abs(x)) - math.asin(aside)
+        weight = share * share * (3.0 - 2.0 * share)
+        turn = previous + weight * (direction - previous)
+    turn = clamp(turn, lower, upper)
+    return turn, x * math.cos(turn) + y * math.sin(turn), z

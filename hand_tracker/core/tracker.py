@@ -1,0 +1,243 @@
+"""The tracker: eight markers in, the hand's pose out, frame by frame.
+
+`HandTracker` owns all state. One update is the paper's sequence: missing markers are
+completed, the palm is placed, every digit is solved within its limits, and the pose is
+the forward kinematics of the 25 angles.
+"""
+
+import enum
+from dataclasses import dataclass, field, fields
+from typing import NamedTuple
+
+import numpy as np
+
+from .digit import chains, solve_digits
+from .errors import InvalidOption
+from .hand import JOINTS, Hand
+from .kinematics import Pose, forward, joint_table
+from .layout import MARKERS, PALM_MARKERS, MarkerLayout, marker_positions
+from .occlusion import complete_palm, hold_digits, visible
+from .palm import PalmState, palm_fault, place_palm
+
+MIRROR = np.array((1., -1., 1.))
+PALM = len(PALM_MARKERS)
+
+
+class MarkerState(enum.IntEnum):
+    """What is known of a marker."""
+
+    SEEN = 0
+    HELD = 1    # hidden: kept where it was in the palm's frame
+    ABSENT = 2  # not seen since the start: at its place on the hand at rest
+
+
+def _option(default, description, **limits):
+    return field(default=default, metadata={'description': description, **limits})
+
+
+@dataclass(frozen=True)
+class TrackerOptions:
+    """Choices of method; each field's metadata has its description and what it allows.
+
+    Raises
+    ------
+    InvalidOption
+        Naming the option, its value and what is allowed.
+    """
+
+    palm_method: str = _option(
+        'rigid', 'Palm from its three markers: rigid fit, or the spheres and plane of the paper',
+        choices=('rigid', 'spheres'))
+    finger_ik: str = _option(
+        'closed_form', 'Flexion of the digits: closed form, or constrained FABRIK as in the paper',
+        choices=('closed_form', 'fabrik'))
+    fabrik_tolerance: float = _option(
+        1e-5, 'Distance from the marker at which FABRIK stops', unit='m', range=(1e-9, 1e-2))
+    fabrik_iterations: int = _option(
+        200, 'Iterations after which FABRIK stops, per digit and frame', range=(1, 10000))
+    palm_stretch: float = _option(
+        1.5, 'Palm markers farther apart than this times their distance on the hand are refused',
+        range=(1.05, 10.))
+    palm_shrink: float = _option(
+        0.3, 'Palm markers nearer than this times their distance on the hand are refused',
+        range=(0.01, 0.95))
+    palm_flatness: float = _option(
+        0.2, 'Palm triangles with less than this times the area on the hand count as collinear',
+        range=(0.01, 0.95))
+
+    def __post_init__(self):
+        for option in fields(self):
+            value, allowed = getattr(self, option.name), option.metadata
+            if 'choices' in allowed:
+                if value not in allowed['choices']:
+                    raise InvalidOption(
+                        f'{option.name}: {value!r} is not one of {", ".join(allowed["choices"])}')
+                continue
+            lower, upper = allowed['range']
+            if not isinstance(value, (int, float)) or not lower <= value <= upper:
+                raise InvalidOption(
+                    f'{option.name}: {value!r}; allowed is {lower:g} to {upper:g}')
+
+
+class HandState(NamedTuple):
+    """The hand after a frame.
+
+    Attributes
+    ----------
+    palm : PalmState
+    angles : ndarray, shape (25,)
+        In the order of `JOINTS` [rad].
+    wrist_rotation : ndarray, shape (3, 3)
+        From the wrist's frame to that of the markers.
+    wrist_position : ndarray, shape (3,)
+        [m]
+    pose : Pose
+        The 25 links in the frame of the markers: forward kinematics of the above.
+    markers : ndarray, shape (8, 3)
+        The positions used, seen or held [m].
+    marker_states : ndarray of int, shape (8,)
+        `MarkerState` of each marker.
+    residuals : ndarray, shape (8,)
+        Distance of each seen marker from its place on the pose, NaN when not seen [m].
+    iterations : int
+        Of FABRIK, over all digits.
+    """
+
+    palm: PalmState
+    angles: np.ndarray
+    wrist_rotation: np.ndarray
+    wrist_position: np.ndarray
+    pose: Pose
+    markers: np.ndarray
+    marker_states: np.ndarray
+    residuals: np.ndarray
+    iterations: int
+
+
+class HandTracker:
+    """Track one hand.
+
+    Parameters
+    ----------
+    hand : Hand, optional
+        The mean right hand when left out.
+    layout : MarkerLayout, optional
+        The paper's eight markers when left out.
+    options : TrackerOptions, optional
+
+    Examples
+    --------
+    >>> tracker = HandTracker(Hand.scaled(length=0.19, breadth=0.09))
+    >>> state = tracker.update(markers)  # markers: (8, 3) [m], NaN where not seen
+    """
+
+    def __init__(self, hand=None, layout=None, options=None):
+        self.hand = Hand.scaled() if hand is None else hand
+        self.layout = MarkerLayout() if layout is None else layout
+        self.options = TrackerOptions() if options is None else options
+        self.configure()
+        self.reset()
+
+    def configure(self, hand=None, layout=None, options=None):
+        """Replace hand, layout or options from the next frame on; the pose is kept.
+
+        Parameters
+        ----------
+        hand : Hand, optional
+        layout : MarkerLayout, optional
+        options : TrackerOptions, optional
+        """
+        self.hand = self.hand if hand is None else hand
+        self.layout = self.layout if layout is None else layout
+        self.options = self.options if options is None else options
+        # The method is worked out for a right hand; a left one is mirrored at the door.
+        right = self.hand.replace(side='right')
+        mounting = self.layout.mounting(right)
+        self._left = self.hand.side == 'left'
+        self._chains = chains(right, mounting)
+        self._template = mounting.position[:PALM].copy()
+        rest = forward(joint_table(right), np.zeros(len(JOINTS)))
+        self._rest = marker_positions(mounting, rest)[PALM:]
+        self._table = joint_table(self.hand)
+        self._mounting = self.layout.mounting(self.hand)
+
+    def reset(self):
+        """Return to the state before the first frame."""
+        self._placed = False
+        self._angles = np.zeros(len(JOINTS))
+        self._rotation = np.eye(3)
+        self._position = np.zeros(3)
+        self._local = self._rest.copy()
+        self._known = np.zeros(len(self._local), dtype=bool)
+
+    def update(self, markers):
+        """Return the hand for the next frame of markers.
+
+        Parameters
+        ----------
+        markers : array_like, shape (8, 3)
+            In the order of `MARKERS` [m]; a row with a number that is not finite, or
+            farther than a kilometre, is not seen.
+
+        Returns
+        -------
+        HandState
+            Always finite and within the limits; before the palm was first seen its
+            `palm` is WAITING and the pose is that of rest at the origin.
+
+        Raises
+        ------
+        ValueError
+            If the shape is another.
+        """
+        markers = np.array(markers, dtype=float)
+        if markers.shape != (len(MARKERS), 3):
+            raise ValueError(f'markers: shape {markers.shape}; expected {(len(MARKERS), 3)}')
+        if self._left:
+            markers *= MIRROR
+        seen = np.empty(len(MARKERS), dtype=bool)
+        visible(markers, seen)
+        options = self.options
+
+        # 1 occlusion: hidden palm markers are carried by those seen
+        palm = complete_palm(
+            markers, seen, self._template, self._rotation, self._position, self._placed)
+        if palm <= PalmState.CARRIED:
+            fault = palm_fault(markers[:PALM], self._template, options.palm_stretch,
+                               options.palm_shrink, options.palm_flatness)
+            palm = fault or palm
+
+        iterations = 0
+        if palm <= PalmState.CARRIED:
+            # 2 palm: the wrist's pose and the first joint of every digit
+            self._placed = True
+            roots = self._chains.root.copy()
+            place_palm(markers[:PALM], self._template, options.palm_method == 'spheres',
+                       self._rotation, self._position, roots)
+            # 1 occlusion: hidden markers of digits are held in the palm's frame
+            hold_digits(markers[PALM:], seen[PALM:], self._rotation, self._position,
+                        self._rest, self._local, self._known)
+            # 3 fingers, 4 thumb: planes, flexion within limits, intradigital correlation
+            iterations = solve_digits(
+                self._chains, roots, self._local, self._angles, options.finger_ik == 'fabrik',
+                options.fabrik_tolerance, options.fabrik_iterations)
+        # 5 angles: the pose is their forward kinematics
+        return self._state(PalmState(palm), markers, seen, iterations)
+
+    def _state(self, palm, markers, seen, iterations):
+        np.clip(self._angles, self._chains.lower, self._chains.upper, out=self._angles)
+        rotation, position = self._rotation.copy(), self._position.copy()
+        held = np.vstack((self._template, self._local)) @ rotation.T + position
+        used = np.where(seen[:, None], markers, held)
+        known = np.append([self._placed] * PALM, self._known)
+        states = np.where(seen, MarkerState.SEEN,
+                          np.where(known, MarkerState.HELD, MarkerState.ABSENT))
+        if self._left:
+            rotation *= MIRROR[:, None] * MIRROR
+            position *= MIRROR
+            used *= MIRROR
+        pose = forward(self._table, self._angles, rotation, position)
+        places = marker_positions(self._mounting, pose, rotation, position)
+        residuals = np.where(seen, np.linalg.norm(places - used, axis=1), np.nan)
+        return HandState(palm, self._angles.copy(), rotation, position, pose, used, states,
+                         residuals, int(iterations))
