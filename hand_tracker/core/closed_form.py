@@ -19,8 +19,8 @@ def flexion_of(along, height):
 def closed_form(along, height, bone, second, droop, lower1, upper1, lower2, upper2, previous2):
     """Return the two flexions that bring the end of a two-bone chain nearest the target.
 
-    cos PIP = (D² - l1² - l2²) / (2 l1 l2) inside the limits; on their edges the other angle
-    is the best one, so that the answer is the nearest point of the whole box.
+    cos PIP = (D² - l1² - l2²) / (2 l1 l2) inside the limits, bent to the flexion side; on
+    their edges the other angle is the best one, which gives the nearest point of the edges.
 
     Parameters
     ----------
@@ -53,10 +53,11 @@ def closed_form(along, height, bone, second, droop, lower1, upper1, lower2, uppe
         angle2 = wrap(sign * bend - droop)
         angle1 = wrap(aim - math.atan2(
             second * math.sin(sign * bend), bone + second * math.cos(sign * bend)))
-        if lower1 <= angle1 <= upper1 and lower2 <= angle2 <= upper2:
-            # Flexion before hyperextension, then the one nearer to the previous pose.
-            nearer = angle2 >= 0.0 and abs(angle2 - previous2) < abs(best2 - previous2)
-            if not found or nearer:
+        inside = lower1 <= angle1 <= upper1 and lower2 <= angle2 <= upper2
+        # The other bend is taken for flexion only: hyperextension comes in on the edges,
+        # without a jump, where flexion would break a limit of the first hinge.
+        if inside and (sign > 0.0 or angle2 >= 0.0):
+            if not found or abs(angle2 - previous2) < abs(best2 - previous2):
                 found = True
                 best1 = angle1
                 best2 = angle2

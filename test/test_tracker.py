@@ -1,0 +1,294 @@
+"""The tracker as a whole: what goes in comes out, and nothing bad comes out."""
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hand_tracker.core.digit import ABDUCTION, FLEXION
+from hand_tracker.core.errors import InvalidOption
+from hand_tracker.core.hand import JOINTS, SIDES, Hand, preset_limits
+from hand_tracker.core.kinematics import forward, joint_table
+from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.plane import FIST_FAR
+from hand_tracker.core.tracker import HandTracker, MarkerState, PalmState, TrackerOptions
+from hypothesis import assume, given, settings
+from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
+
+MIRROR = np.array((1., -1., 1.))
+TIPS = MarkerLayout(places=('wrist', 'index_mcp', 'little_mcp', 'index_tip', 'middle_tip',
+                            'ring_tip', 'little_tip', 'thumb_tip'))
+settings.register_profile('tracker', deadline=None, max_examples=100, derandomize=True)
+settings.load_profile('tracker')
+
+shares = arrays(float, 25, elements=st.floats(0., 1.))
+anywhere = st.tuples(st.integers(0, 2 ** 32 - 1), arrays(float, 3, elements=st.floats(-5., 5.)))
+
+
+def observable(hand, share):
+    """Return angles that eight markers tell in full: what the couplings leave free."""
+    lower, upper = hand.limits.T
+    angles = lower + share * (upper - lower)
+    # Named singularity: a straight chain (PIP near 0) has no side to bend to.
+    bends = FLEXION[:, 1]
+    angles[bends] = np.radians(2.) + share[bends] * (upper[bends] - np.radians(2.))
+    follow = FLEXION[:, 2]
+    angles[follow] = np.clip(hand.coupling[:, 0] * angles[bends] + hand.coupling[:, 1],
+                             lower[follow], upper[follow])
+    for joint in ('thumb_mcp_abduction',):
+        angles[JOINTS.index(joint)] = 0.
+    return angles
+
+
+def markers_of(hand, angles, layout=None, rotation=None, position=None):
+    layout = MarkerLayout() if layout is None else layout
+    pose = forward(joint_table(hand), angles, rotation, position)
+    return marker_positions(layout.mounting(hand), pose, rotation, position)
+
+
+def in_fist(hand, angles, layout=None):
+    """Return which digits have their marker so near the abduction axis that it is blended."""
+    tracker = HandTracker(hand.replace(side='right'), layout)
+    state = tracker.update(markers_of(tracker.hand, angles, layout))
+    chains = tracker._chains
+    local = (state.markers[3:] - chains.root)
+    plane = np.einsum('dji,dj->di', chains.base, local)[:, :2]
+    return np.linalg.norm(plane, axis=1) < FIST_FAR * chains.bones.sum(axis=1)
+
+
+def random_pose(where):
+    seed, position = where
+    return Rotation.random(random_state=seed).as_matrix(), position
+
+
+@pytest.mark.parametrize('side', SIDES)
+@pytest.mark.parametrize('preset', ['paper', 'wide'])
+@pytest.mark.parametrize('layout', [MarkerLayout(), TIPS], ids=['paper', 'tips'])
+@pytest.mark.parametrize('palm_method', ['rigid', 'spheres'])
+@given(share=shares, where=anywhere)
+@settings(max_examples=40)
+def test_angles_come_back_at_the_first_frame(side, preset, layout, palm_method, share, where):
+    hand = Hand.scaled(side=side, limits=preset_limits(preset))
+    angles = observable(hand, share)
+    assume(not in_fist(hand, angles, layout).any())
+    rotation, position = random_pose(where)
+    tracker = HandTracker(hand, layout, TrackerOptions(palm_method=palm_method))
+    state = tracker.update(markers_of(hand, angles, layout, rotation, position))
+    # The angles' noise is the markers' rounding times the gain of a nearly straight finger.
+    np.testing.assert_allclose(state.angles, angles, atol=2e-6)
+    np.testing.assert_allclose(state.wrist_rotation, rotation, atol=1e-9)
+    np.testing.assert_allclose(state.wrist_position, position, atol=1e-9)
+    assert state.palm == PalmState.TRACKED
+    assert state.residuals.max() < 1e-7
+
+
+@given(share=shares)
+def test_in_a_fist_all_but_abduction_comes_back(share):
+    hand = Hand.scaled()
+    angles = observable(hand, .9 + .1 * share)
+    angles[ABDUCTION] = 0.
+    state = HandTracker(hand).update(markers_of(hand, angles))
+    np.testing.assert_allclose(state.angles, angles, atol=2e-6)
+
+
+@given(share=shares, where=anywhere)
+def test_rigid_motion_of_the_markers_changes_only_the_wrist(share, where):
+    hand = Hand.scaled()
+    rng = np.random.default_rng(where[0])
+    markers = markers_of(hand, observable(hand, share)) + rng.normal(scale=.003, size=(8, 3))
+    rotation, position = random_pose(where)
+    here = HandTracker(hand).update(markers)
+    there = HandTracker(hand).update(markers @ rotation.T + position)
+    np.testing.assert_allclose(there.angles, here.angles, atol=1e-5)
+    np.testing.assert_allclose(there.wrist_rotation, rotation @ here.wrist_rotation, atol=1e-9)
+    np.testing.assert_allclose(
+        there.wrist_position, rotation @ here.wrist_position + position, atol=1e-9)
+
+
+@given(share=shares, where=anywhere)
+def test_mirrored_input_mirrors_output(share, where):
+    hand = Hand.scaled()
+    rng = np.random.default_rng(where[0])
+    rotation, position = random_pose(where)
+    markers = markers_of(hand, observable(hand, share), None, rotation, position)
+    markers += rng.normal(scale=.003, size=(8, 3))
+    right = HandTracker(hand).update(markers)
+    left = HandTracker(hand.mirrored()).update(markers * MIRROR)
+    np.testing.assert_array_equal(left.angles, right.angles)
+    np.testing.assert_allclose(left.pose.position, right.pose.position * MIRROR, atol=1e-12)
+    np.testing.assert_allclose(
+        left.pose.rotation, MIRROR[:, None] * right.pose.rotation * MIRROR, atol=1e-12)
+
+
+@pytest.mark.parametrize('options', [
+    TrackerOptions(), TrackerOptions('spheres'), TrackerOptions(finger_ik='fabrik')],
+    ids=['default', 'spheres', 'fabrik'])
+@given(frames=st.lists(arrays(float, (8, 3), elements=st.one_of(
+    st.floats(-.2, .2), st.floats(), st.sampled_from((0., np.nan, np.inf, -np.inf, 1e30)))),
+    min_size=1, max_size=8))
+def test_any_input_gives_finite_angles_within_the_limits(options, frames):
+    hand = Hand.scaled()
+    tracker = HandTracker(hand, options=options)
+    tracker.update(markers_of(hand, np.zeros(25)))
+    for markers in frames:
+        state = tracker.update(markers)
+        assert (hand.limits[:, 0] <= state.angles).all()
+        assert (state.angles <= hand.limits[:, 1]).all()
+        for array in (state.wrist_rotation, state.wrist_position, *state.pose, state.markers):
+            assert np.isfinite(array).all()
+        np.testing.assert_allclose(
+            state.wrist_rotation @ state.wrist_rotation.T, np.eye(3), atol=1e-9)
+
+
+def test_the_callers_array_is_left_alone():
+    hand = Hand.scaled(side='left')
+    markers = markers_of(hand, np.zeros(25))
+    before = markers.copy()
+    HandTracker(hand).update(markers)
+    np.testing.assert_array_equal(markers, before)
+
+
+@pytest.mark.parametrize('change, state', [
+    (lambda m: m[:3] * 2., PalmState.TOO_FAR_APART),
+    (lambda m: m[[0, 1, 1]], PalmState.COINCIDENT),
+    (lambda m: np.array((m[0], m[1], .5 * (m[0] + m[1]))), PalmState.COLLINEAR),
+    (lambda m: m[:3] * np.nan, PalmState.LOST),
+])
+def test_a_degenerate_palm_keeps_the_previous_pose(change, state):
+    hand = Hand.scaled()
+    tracker = HandTracker(hand)
+    before = tracker.update(markers_of(hand, .3 * hand.limits[:, 1]))
+    markers = markers_of(hand, .7 * hand.limits[:, 1])
+    markers[:3] = change(markers)
+    after = tracker.update(markers)
+    assert after.palm == state
+    np.testing.assert_array_equal(after.angles, before.angles)
+    np.testing.assert_array_equal(after.pose.position, before.pose.position)
+    assert tracker.update(markers_of(hand, np.zeros(25))).palm == PalmState.TRACKED
+
+
+def test_waits_for_the_first_whole_palm():
+    hand = Hand.scaled()
+    tracker = HandTracker(hand)
+    markers = markers_of(hand, np.zeros(25))
+    markers[1] = np.nan
+    state = tracker.update(markers)
+    assert state.palm == PalmState.WAITING
+    assert state.marker_states[1] == MarkerState.ABSENT
+    markers[1] = markers_of(hand, np.zeros(25))[1]
+    assert tracker.update(markers).palm == PalmState.TRACKED
+
+
+def test_a_first_frame_without_a_finger_has_that_finger_at_rest():
+    hand = Hand.scaled()
+    markers = markers_of(hand, .3 * hand.limits[:, 1])
+    index = MARKERS.index('ring')
+    markers[index] = np.nan
+    state = HandTracker(hand).update(markers)
+    assert state.marker_states[index] == MarkerState.ABSENT
+    ring = [i for i, name in enumerate(JOINTS) if name.startswith('ring')]
+    np.testing.assert_allclose(state.angles[ring], 0., atol=1e-6)
+
+
+def test_a_hidden_finger_keeps_its_angles_while_the_wrist_moves():
+    hand = Hand.scaled()
+    tracker = HandTracker(hand)
+    angles = observable(hand, np.full(25, .4))
+    tracker.update(markers_of(hand, angles))
+    rotation = Rotation.from_euler('xyz', (.5, -.2, 1.)).as_matrix()
+    markers = markers_of(hand, angles, None, rotation, np.ones(3))
+    place = markers[3].copy()
+    markers[3] = np.nan
+    state = tracker.update(markers)
+    np.testing.assert_allclose(state.angles, angles, atol=1e-6)
+    np.testing.assert_allclose(state.markers[3], place, atol=1e-9)
+    assert state.marker_states[3] == MarkerState.HELD
+    assert np.isnan(state.residuals[3]) and np.isfinite(np.delete(state.residuals, 3)).all()
+
+
+def test_residuals_tell_what_the_hand_cannot_reach():
+    hand = Hand.scaled()
+    markers = markers_of(hand, np.zeros(25))
+    markers[4] += (.02, 0., 0.)
+    state = HandTracker(hand).update(markers)
+    assert state.residuals[4] == pytest.approx(.02, abs=1e-4)
+    assert np.delete(state.residuals, 4).max() < 1e-5
+
+
+def test_marker_offsets_on_the_skin_are_taken_off():
+    hand = Hand.scaled()
+    offsets = np.tile((0., 0., .008), (8, 1))
+    offsets[0] = (-.01, .002, .015)
+    offsets[3] = (.002, .003, .006)
+    layout = MarkerLayout(offsets=offsets)
+    tracker = HandTracker(hand, layout)
+    # Continuity tells the two flexions apart that offset markers leave open.
+    for bend in np.linspace(.3, .6, 40):
+        angles = observable(hand, np.full(25, bend))
+        state = tracker.update(markers_of(hand, angles, layout))
+    np.testing.assert_allclose(state.angles, angles, atol=1e-6)
+
+
+def test_new_limits_act_on_the_next_frame():
+    hand = Hand.scaled()
+    tracker = HandTracker(hand)
+    angles = observable(hand, np.full(25, .6))
+    tracker.update(markers_of(hand, angles))
+    limits = hand.limits.copy()
+    index = JOINTS.index('index_mcp_flexion')
+    limits[index] = 0., .2
+    tracker.configure(hand=hand.replace(limits=limits))
+    state = tracker.update(markers_of(hand, angles))
+    assert state.angles[index] == .2
+    tracker.configure(hand=hand)
+    np.testing.assert_allclose(tracker.update(markers_of(hand, angles)).angles, angles, atol=1e-6)
+
+
+def test_limits_hold_even_while_the_palm_is_lost():
+    hand = Hand.scaled()
+    tracker = HandTracker(hand)
+    tracker.update(markers_of(hand, observable(hand, np.full(25, .6))))
+    tight = hand.limits * .1
+    tracker.configure(hand=hand.replace(limits=tight))
+    state = tracker.update(np.full((8, 3), np.nan))
+    assert ((tight[:, 0] <= state.angles) & (state.angles <= tight[:, 1])).all()
+
+
+def test_reset_returns_to_the_first_frame():
+    hand = Hand.scaled()
+    tracker = HandTracker(hand)
+    first = markers_of(hand, observable(hand, np.full(25, .5)))
+    before = tracker.update(first)
+    tracker.update(markers_of(hand, observable(hand, np.full(25, .9))))
+    tracker.reset()
+    np.testing.assert_array_equal(tracker.update(first).angles, before.angles)
+
+
+def test_fabrik_and_closed_form_agree():
+    hand = Hand.scaled()
+    exact = HandTracker(hand)
+    iterative = HandTracker(
+        hand, options=TrackerOptions(finger_ik='fabrik', fabrik_iterations=2000))
+    rng = np.random.default_rng(1)
+    share = np.full(25, .5)
+    for _ in range(100):
+        share = np.clip(share + rng.normal(scale=.01, size=25), .3, .7)
+        markers = markers_of(hand, observable(hand, share))
+        a, b = exact.update(markers), iterative.update(markers)
+        assert b.iterations > 0 and a.iterations == 0
+        np.testing.assert_allclose(b.angles[:20], a.angles[:20], atol=np.radians(.5))
+        assert np.nanmax(b.residuals) < 1e-4
+
+
+@pytest.mark.parametrize('options, message', [
+    ({'palm_method': 'kabsch'}, "palm_method: 'kabsch' is not one of rigid, spheres"),
+    ({'fabrik_iterations': 0}, 'fabrik_iterations: 0; allowed is 1 to 10000'),
+    ({'palm_stretch': float('nan')}, 'palm_stretch: nan; allowed is 1.05 to 10'),
+])
+def test_options_say_what_they_allow(options, message):
+    with pytest.raises(InvalidOption, match=message):
+        TrackerOptions(**options)
+
+
+def test_a_wrong_shape_is_refused():
+    with pytest.raises(ValueError, match=r'shape \(7, 3\); expected \(8, 3\)'):
+        HandTracker().update(np.zeros((7, 3)))
