@@ -61,10 +61,10 @@ MCP_OF_BREADTH = (.251, 0., -.206, -.402)
 CMC_OF_LENGTH = .12
 CMC_OF_MCP_BREADTH = .5
 ARCH_OF_LENGTH = (-.015, 0., -.008, -.03)
-THUMB_CMC_OF_LENGTH = (.13, .14, -.10)
+THUMB_CMC_OF_LENGTH = (.075, .09, -.055)
 # Unsourced: the thumb's saddle, for a relaxed thumb beside the palm.
-THUMB_ABDUCTION_AXIS = (-.55, .83, .05)
-THUMB_REST_DIRECTION = (.80, .42, -.43)
+THUMB_ABDUCTION_AXIS = (-.60, .79, .10)
+THUMB_REST_DIRECTION = (.82, .37, -.44)
 
 # Unsourced [m at a hand length of 185 mm]: capsule radii of the three bones.
 RADII = ((.009, .008, .007),) * 3 + ((.0075, .0065, .0055), (.011, .010, .009))
