@@ -1,0 +1,1 @@
+"""The nodes: parameters, QoS, callbacks and publishers; no arithmetic."""

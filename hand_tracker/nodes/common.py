@@ -1,0 +1,127 @@
+"""What every node of the package does alike: declare parameters, run, end."""
+
+import signal
+
+import rclpy
+from rcl_interfaces.msg import (
+    FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult)
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from ..core.errors import HandTrackerError
+
+POLL = .1  # [s]
+
+
+def declare(node, table):
+    """Declare parameters with their descriptions and limits.
+
+    A value that is not allowed is refused with the reason, at the start and at run time.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    table : iterable of Parameter
+
+    Returns
+    -------
+    dict of str to object
+        Value of each parameter.
+
+    Raises
+    ------
+    rclpy.exceptions.ParameterException
+        If a value given at the start is not allowed or has the wrong type.
+    """
+    table = tuple(table)
+    choices = {row.name: row.choices for row in table if row.choices}
+
+    def check_choices(changes):
+        reasons = [f"{change.name}: '{change.value}' is not one of "
+                   f"{', '.join(choices[change.name])}" for change in changes
+                   if change.value not in choices.get(change.name, (change.value,))]
+        return SetParametersResult(successful=not reasons, reason='; '.join(reasons))
+
+    if choices:
+        node.add_on_set_parameters_callback(check_choices)
+    return {row.name: node.declare_parameter(row.name, row.default, _descriptor(row)).value
+            for row in table}
+
+
+def _descriptor(row):
+    descriptor = ParameterDescriptor(
+        name=row.name, description=row.description, read_only=row.read_only,
+        dynamic_typing=row.any_type)
+    if row.choices:
+        descriptor.additional_constraints = f"one of {', '.join(row.choices)}"
+    if row.range:
+        lowest, highest = row.range
+        if isinstance(row.default, float):
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=float(lowest), to_value=float(highest))]
+        else:
+            descriptor.integer_range = [IntegerRange(from_value=lowest, to_value=highest)]
+    return descriptor
+
+
+def spin(node):
+    """Serve a node's callbacks until it is interrupted, with the fastest executor there is.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    """
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor as Executor
+    except ImportError:
+        Executor = SingleThreadedExecutor
+    executor = Executor()
+    executor.add_node(node)
+    try:
+        # Not spin(): EventsExecutor's overflows its wait in some releases.
+        while rclpy.ok():
+            executor.spin_once(POLL)
+    finally:
+        executor.shutdown()
+
+
+def run(make_node, work=spin, args=None):
+    """Make a node, let it work, end cleanly; the `main` of every node.
+
+    Parameters
+    ----------
+    make_node : callable
+        Returns the node.
+    work : callable
+        Called with the node; it ends with this.
+    args : list of str, optional
+        Command line; that of the process when not given.
+
+    Returns
+    -------
+    int
+        Exit code: 0 at the end of the work or when interrupted by SIGINT or SIGTERM, 1 after
+        an error of the user's input, which is logged in one line.
+    """
+    # rclpy's own handlers end the context from another thread, in the middle of a publish.
+    for interrupt in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(interrupt, signal.default_int_handler)
+    node = None
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        node = make_node()
+        work(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except (HandTrackerError, ParameterException) as error:
+        logger = node.get_logger() if node else rclpy.logging.get_logger('hand_tracker')
+        logger.error(str(error))
+        return 1
+    finally:
+        # A second Ctrl-C must not cut the way out short.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        if node:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0

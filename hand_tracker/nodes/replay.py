@@ -1,0 +1,273 @@
+"""Play a rosbag2 recording at its recorded times, as `ros2 bag play` does.
+
+Messages travel as the bytes they were recorded as. Topics are published under relative
+names, so that `-r markers:=/other` and `-r __ns:=/left` act on them.
+"""
+
+import struct
+import sys
+import time
+from contextlib import closing, contextmanager
+from importlib import import_module
+from itertools import count
+from threading import Thread
+from types import SimpleNamespace
+from typing import NamedTuple
+
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from ..files.bags import MARKER_ARRAY, BagError, open_bag
+from ..files.stamps import header_stamp, marker_stamps, restamp
+from .common import declare, run
+from .parameter import Parameter
+from .playback import Playback, read_ahead
+
+try:
+    from rosbag2_interfaces import srv
+except ImportError:
+    srv = None
+
+SERVICES = 'pause, resume, toggle_paused, is_paused, set_rate, play_next'
+GLOBAL_TOPICS = ('/tf', '/tf_static', '/clock', '/rosout', '/parameter_events')
+DEPTH = 10
+AHEAD = 500             # messages read in advance
+SWITCH_INTERVAL = 5e-4  # reading ahead gives way to playing after this [s]
+DISCOVERY_POLL = .02    # [s]
+ACKNOWLEDGE = 1.        # [s]
+LONE = 10**8            # lap of a recording that is a single message [ns]
+
+PARAMETERS = tuple(row._replace(read_only=True) for row in (
+    Parameter('recording', '', 'rosbag2 folder, .mcap or .db3 file; empty for the packaged one'),
+    Parameter('rate', 1., 'How many times as fast as recorded', (1e-3, 1e3)),
+    Parameter('loop', False, 'Begin again at the end instead of exiting'),
+    Parameter('start_offset', 0., 'Where in the recording each lap begins [s]', (0., 1e9)),
+    Parameter('start_paused', False, 'Wait for ~/resume or ~/play_next before the first message'),
+    Parameter('restamp', True, 'Write the time at which a message is due into its stamps, as if '
+              'it were live; a loop with old stamps silences robot_state_publisher. Without '
+              'effect when clock is on, which the recorded stamps follow'),
+    Parameter('clock', 0., 'Publications of the recorded time on /clock [Hz]; 0 is none',
+              (0., 1e3)),
+    Parameter('topics', '', 'Topics to play, as recorded, separated by spaces; empty for all'),
+    Parameter('wait_for_subscriber', 10., 'How long to wait for a first subscriber of the '
+              'markers before playing [s]; not when started paused', (0., 3600.)),
+))
+
+
+class Output(NamedTuple):
+    """Where the messages of a topic go, and what finds their stamps."""
+
+    publisher: Publisher
+    stamps: object
+
+
+class Cue(NamedTuple):
+    """A message to publish: when in recorded time [ns], where and what."""
+
+    time: int
+    publisher: Publisher
+    data: bytes
+    stamps: tuple
+
+
+class ReplayNode(Node):
+    """Play one recording."""
+
+    def __init__(self):
+        super().__init__('replay')
+        self._options = SimpleNamespace(**declare(self, PARAMETERS))
+
+    def play(self):
+        """Play the recording to its end, or for ever when looping.
+
+        Raises
+        ------
+        BagError
+            If it cannot be played.
+        """
+        options = self._options
+        with open_bag(options.recording or _packaged_recording()) as bag:
+            start = bag.start + round(options.start_offset * 1e9)
+            outputs = self._open_outputs(bag)
+            markers = [topic for topic in outputs if bag.topics[topic] == MARKER_ARRAY]
+            interval = bag.duration // max(1, max(bag.counts[topic] for topic in markers) - 1)
+            lap = bag.start + bag.duration - start + (interval or LONE)
+            playback = Playback(start, options.rate, options.start_paused)
+            self._serve(playback)
+            with _spinning(self), closing(playback):
+                if not options.start_paused:
+                    self._wait_for_subscriber([outputs[topic].publisher for topic in markers])
+                if options.clock:
+                    self._tick(lambda: start + (playback.now - start) % lap)
+                self.get_logger().info(
+                    f'Playing {bag.path}: {bag.duration * 1e-9:.1f} s of {", ".join(outputs)}'
+                    + (', paused' if playback.paused else ''))
+                with closing(read_ahead(self._cues(bag, outputs, start, lap), AHEAD)) as cues:
+                    playback.play(cues, self._publish)
+            for output in outputs.values():
+                output.publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE))
+            self.get_logger().info('Played to the end')
+
+    def _publish(self, cue, due):
+        data = restamp(cue.data, cue.stamps, due) if cue.stamps else cue.data
+        cue.publisher.publish(data)
+
+    def _open_outputs(self, bag):
+        """Return the outputs by recorded topic."""
+        wanted = self._options.topics.split() or list(bag.topics)
+        if unknown := [topic for topic in wanted if topic not in bag.topics]:
+            raise BagError(f'{bag.path}: no topic {", ".join(unknown)}; expected topics among '
+                           f'{", ".join(bag.topics)}')
+        if MARKER_ARRAY not in (bag.topics[topic] for topic in wanted):
+            held = ', '.join(f'{topic} ({bag.topics[topic]})' for topic in wanted)
+            raise BagError(f'{bag.path}: no markers in {held}; expected a topic of {MARKER_ARRAY}')
+        outputs = {}
+        for topic in wanted:
+            if topic == '/clock' and self._options.clock:
+                continue
+            kind = bag.topics[topic]
+            message_type = _message_type(kind)
+            if message_type is None:
+                self.get_logger().warning(f'{topic}: not played, {kind} is not installed')
+                continue
+            live = self._options.restamp and not self._options.clock
+            outputs[topic] = Output(
+                self.create_publisher(
+                    message_type, topic if topic in GLOBAL_TOPICS else topic.lstrip('/'),
+                    _qos(bag.offered_qos[topic])),
+                _stamp_finder(kind, message_type) if live else lambda data: ())
+        return outputs
+
+    def _cues(self, bag, outputs, start, lap):
+        for number in count() if self._options.loop else range(1):
+            message = None
+            for message in bag.messages(outputs, start):
+                output = outputs[message.topic]
+                try:
+                    stamps = output.stamps(message.data)
+                except (struct.error, IndexError) as error:
+                    raise BagError(f'{bag.path}: a message of {message.topic} is cut off; '
+                                   f'expected {message.type}') from error
+                yield Cue(message.time + number * lap, output.publisher, message.data, stamps)
+            if message is None:
+                raise BagError(f'{bag.path}: no message after start_offset '
+                               f'{self._options.start_offset:g} s; expected less than its '
+                               f'duration, {bag.duration * 1e-9:.3f} s')
+
+    def _wait_for_subscriber(self, publishers):
+        patience = self._options.wait_for_subscriber
+        until = time.monotonic() + patience
+        while not any(publisher.get_subscription_count() for publisher in publishers):
+            if time.monotonic() >= until:
+                if patience:
+                    self.get_logger().warning(
+                        f'No subscriber of {publishers[0].topic_name} after {patience:g} s')
+                return
+            time.sleep(DISCOVERY_POLL)
+
+    def _tick(self, recorded_time):
+        publisher = self.create_publisher(ClockMessage, '/clock', DEPTH)
+
+        def tick():
+            message = ClockMessage()
+            message.clock.sec, message.clock.nanosec = divmod(recorded_time(), 10**9)
+            publisher.publish(message)
+
+        # A timer of ROS time would wait for this very clock.
+        self.create_timer(1 / self._options.clock, tick,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _serve(self, playback):
+        if srv is None:
+            self.get_logger().warning(
+                f'rosbag2_interfaces is not installed: playing without the services {SERVICES}')
+            return
+
+        def service(kind, name, act):
+            def answer(request, response):
+                for field, value in act(request).items():
+                    setattr(response, field, value)
+                return response
+            self.create_service(kind, f'~/{name}', answer)
+
+        service(srv.Pause, 'pause', lambda request: playback.pause() or {})
+        service(srv.Resume, 'resume', lambda request: playback.resume() or {})
+        service(srv.TogglePaused, 'toggle_paused', lambda request: playback.toggle_paused() or {})
+        service(srv.IsPaused, 'is_paused', lambda request: {'paused': playback.paused})
+        service(srv.SetRate, 'set_rate',
+                lambda request: {'success': playback.set_rate(request.rate)})
+        service(srv.PlayNext, 'play_next', lambda request: {'success': playback.play_next()})
+
+
+@contextmanager
+def _spinning(node):
+    """Serve a node's callbacks in a thread of their own."""
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+
+    def spin():
+        try:
+            executor.spin()
+        except ExternalShutdownException:
+            pass
+
+    thread = Thread(target=spin, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        executor.shutdown()
+        thread.join()
+
+
+def _packaged_recording():
+    from ..share import share_directory
+    return share_directory() / 'recordings' / 'demo.mcap'
+
+
+def _message_type(kind):
+    """Return the Python class of a message type, None when its package is not installed."""
+    package, _, name = kind.split('/')
+    try:
+        return getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError):
+        return None
+
+
+def _stamp_finder(kind, message_type):
+    if kind == MARKER_ARRAY:
+        return marker_stamps
+    fields = message_type.get_fields_and_field_types()
+    if next(iter(fields.values()), None) == 'std_msgs/Header':
+        return header_stamp
+    return lambda data: ()
+
+
+def _qos(offers):
+    """Return what the recorded publishers offered; reliable if unknown or they differed."""
+    qos = QoSProfile(depth=DEPTH)
+    if len({(offer.reliability, offer.durability) for offer in offers}) == 1:
+        offer = offers[0]
+        qos.depth = offer.depth or DEPTH
+        if offer.history.name == 'KEEP_ALL':
+            qos.history = HistoryPolicy.KEEP_ALL
+        if offer.reliability.name == 'BEST_EFFORT':
+            qos.reliability = ReliabilityPolicy.BEST_EFFORT
+        if offer.durability.name == 'TRANSIENT_LOCAL':
+            qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
+    return qos
+
+
+def main(args=None):
+    """Run the replay node; return its exit code."""
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    return run(ReplayNode, ReplayNode.play, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
