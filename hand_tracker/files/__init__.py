@@ -1,0 +1,1 @@
+"""Files in and out: hand files, recordings, exports."""

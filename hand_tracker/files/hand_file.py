@@ -1,0 +1,250 @@
+"""Hand files: a person's hand and markers in YAML, in millimetres and degrees.
+
+`config/hand.yaml` shows every key. All keys are optional; what is left out comes from
+the mean hand scaled to `length_mm` and `breadth_mm`.
+"""
+
+import difflib
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import yaml
+
+from ..core.errors import HandTrackerError
+from ..core.hand import (
+    ANGLE_RANGE, DIGITS, FINGERS, JOINTS, LENGTH_RANGE, LIMIT_PRESETS, POSITION_RANGE, SIDES,
+    SLOPE_RANGE, Hand, preset_limits)
+from ..core.layout import MARKERS, OFFSET_RANGE, PAPER_PLACES, MarkerLayout
+
+
+class InvalidHandFile(HandTrackerError, ValueError):
+    """A hand file cannot be read; the message names file, field, value and what is allowed."""
+
+
+class Quantity(NamedTuple):
+    """A number or a list of numbers, in the file's unit and with the range of each."""
+
+    unit: str
+    count: int  # 0: a single number, not a list
+    lower: tuple
+    upper: tuple
+
+    def to_si(self, value):
+        """Return file units as metres or radians."""
+        return {'mm': lambda v: v / 1000., 'degrees': np.radians}.get(self.unit, float)(value)
+
+    def from_si(self, values):
+        """Return metres or radians in file units, as plain numbers."""
+        scale = {'mm': 1000., 'degrees': 180. / math.pi}.get(self.unit, 1.)
+        numbers = [round(float(v) * scale, 12) + 0. for v in np.atleast_1d(values)]
+        return numbers if self.count else numbers[0]
+
+
+def _quantity(unit, count, lower, upper):
+    return Quantity(unit, count, (lower,) * max(count, 1), (upper,) * max(count, 1))
+
+
+LENGTH = _quantity('mm', 0, 100., 260.)
+BREADTH = _quantity('mm', 0, 40., 140.)
+POINT = _quantity('mm', 3, -1000. * POSITION_RANGE, 1000. * POSITION_RANGE)
+BONES = _quantity('mm', 3, *(1000. * v for v in LENGTH_RANGE))
+RADIUS = _quantity('mm', 0, 1., 50.)
+RADII = _quantity('mm', 3, 1., 50.)
+SPLAY = _quantity('degrees', 0, -45., 45.)
+DIRECTION = _quantity('', 3, -1e6, 1e6)
+SLOPE = _quantity('', 0, *SLOPE_RANGE)
+COUPLING_OFFSET = _quantity('degrees', 0, -90., 90.)
+MARKER_OFFSET = _quantity('mm', 3, -1000. * OFFSET_RANGE, 1000. * OFFSET_RANGE)
+LIMIT = Quantity(
+    'degrees', 2, (-math.degrees(ANGLE_RANGE), 0.), (0., math.degrees(ANGLE_RANGE)))
+
+# Key of the file: field of Hand, its rows, and what each row holds.
+ROWS = {
+    'finger_cmc_mm': ('finger_cmc', FINGERS, POINT),
+    'finger_mcp_mm': ('finger_mcp', FINGERS, POINT),
+    'finger_bones_mm': ('finger_bones', FINGERS, BONES),
+    'splay_deg': ('splay', FINGERS, SPLAY),
+    'radii_mm': ('radii', DIGITS, RADII),
+}
+THUMB = {
+    'cmc_mm': ('thumb_cmc', POINT),
+    'bones_mm': ('thumb_bones', BONES),
+    'abduction_axis': ('thumb_abduction_axis', DIRECTION),
+    'rest_direction': ('thumb_rest_direction', DIRECTION),
+}
+COUPLING = {'slope': SLOPE, 'offset_deg': COUPLING_OFFSET}
+KEYS = ('side', 'length_mm', 'breadth_mm', *ROWS, 'palm_radius_mm', 'thumb', 'coupling',
+        'limits', 'markers')
+
+
+def load_hand(path):
+    """Read a hand file.
+
+    Parameters
+    ----------
+    path : str or path-like
+
+    Returns
+    -------
+    hand : Hand
+    layout : MarkerLayout
+
+    Raises
+    ------
+    InvalidHandFile
+        Naming the file, the field by its dotted path, its value and what is allowed.
+    """
+    try:
+        with open(path, encoding='utf-8') as file:
+            tree = yaml.load(file, _Loader)
+        tree = _mapping('', tree, KEYS)
+        return _hand(tree), _layout(_mapping('markers', tree.get('markers'), MARKERS))
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        raise InvalidHandFile(
+            f'{path}:{mark.line + 1}:{mark.column + 1}: {error.problem}') from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InvalidHandFile(f'{path}: no YAML text: {error}') from None
+    except OSError as error:
+        raise InvalidHandFile(f'{path}: {error.strerror}') from None
+    except HandTrackerError as error:
+        raise InvalidHandFile(f'{path}: {error}') from None
+
+
+def save_hand(path, hand, layout):
+    """Write a hand file that `load_hand` reads back to the same hand and layout.
+
+    Parameters
+    ----------
+    path : str or path-like
+    hand : Hand
+    layout : MarkerLayout
+    """
+    tree = {'side': hand.side}
+    for key, (field, names, quantity) in ROWS.items():
+        tree[key] = {
+            name: quantity.from_si(row) for name, row in zip(names, getattr(hand, field))}
+    tree['palm_radius_mm'] = RADIUS.from_si(hand.palm_radius)
+    tree['thumb'] = {
+        key: quantity.from_si(getattr(hand, field)) for key, (field, quantity) in THUMB.items()}
+    tree['coupling'] = {
+        digit: {key: quantity.from_si(value)
+                for (key, quantity), value in zip(COUPLING.items(), row)}
+        for digit, row in zip(DIGITS, hand.coupling)}
+    tree['limits'] = {
+        f'{joint}_deg': LIMIT.from_si(row) for joint, row in zip(JOINTS, hand.limits)}
+    tree['markers'] = {
+        marker: {'place': place, 'offset_mm': MARKER_OFFSET.from_si(offset)}
+        for marker, place, offset in zip(MARKERS, layout.places, layout.offsets)}
+    text = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=99)
+    Path(path).write_text(
+        f'# A hand for hand_tracker, in millimetres and degrees.\n{text}', encoding='utf-8')
+
+
+class _Loader(yaml.SafeLoader):
+    """Refuses a key that stands twice, of which YAML would silently keep the last."""
+
+    def construct_mapping(self, node, deep=False):
+        names = [key for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        for i, key in enumerate(names):
+            if key.value in [other.value for other in names[:i]]:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"key '{key.value}' stands twice", key.start_mark)
+        return super().construct_mapping(node, deep)
+
+
+def _hand(tree):
+    """Return the Hand of a file's mapping."""
+    size = {name: _number(key, tree[key], quantity) for name, key, quantity in (
+        ('length', 'length_mm', LENGTH), ('breadth', 'breadth_mm', BREADTH)) if key in tree}
+    mean = Hand.scaled(**size)
+    fields = {'limits': _limits(tree.get('limits', 'paper'))}
+    if 'side' in tree:
+        fields['side'] = _choice('side', tree['side'], SIDES)
+    for key, (field, names, quantity) in ROWS.items():
+        values = np.array(getattr(mean, field))
+        for name, value in _mapping(key, tree.get(key), names).items():
+            values[names.index(name)] = _number(f'{key}.{name}', value, quantity)
+        fields[field] = values
+    if 'palm_radius_mm' in tree:
+        fields['palm_radius'] = _number('palm_radius_mm', tree['palm_radius_mm'], RADIUS)
+    for key, value in _mapping('thumb', tree.get('thumb'), THUMB).items():
+        field, quantity = THUMB[key]
+        fields[field] = _number(f'thumb.{key}', value, quantity)
+    fields['coupling'] = np.array(mean.coupling)
+    for digit, row in _mapping('coupling', tree.get('coupling'), DIGITS).items():
+        for key, value in _mapping(f'coupling.{digit}', row, COUPLING).items():
+            fields['coupling'][DIGITS.index(digit), list(COUPLING).index(key)] = _number(
+                f'coupling.{digit}.{key}', value, COUPLING[key])
+    return mean.replace(**fields)
+
+
+def _limits(value):
+    """Return the limits of a preset's name, or of a mapping with some joints' own [rad]."""
+    if not isinstance(value, dict):
+        return preset_limits(_choice('limits', value, LIMIT_PRESETS))
+    keys = tuple(f'{joint}_deg' for joint in JOINTS)
+    own = _mapping('limits', value, ('preset', *keys))
+    limits = preset_limits(_choice('limits.preset', own.get('preset', 'paper'), LIMIT_PRESETS))
+    for key in own:
+        if key != 'preset':
+            limits[keys.index(key)] = _number(f'limits.{key}', own[key], LIMIT)
+    return limits
+
+
+def _layout(markers):
+    """Return the MarkerLayout of a file's mapping of markers."""
+    places, offsets = list(PAPER_PLACES), np.zeros((len(MARKERS), 3))
+    for marker, value in markers.items():
+        own = _mapping(f'markers.{marker}', value, ('place', 'offset_mm'))
+        if 'place' in own:
+            places[MARKERS.index(marker)] = own['place']
+        if 'offset_mm' in own:
+            offsets[MARKERS.index(marker)] = _number(
+                f'markers.{marker}.offset_mm', own['offset_mm'], MARKER_OFFSET)
+    return MarkerLayout(tuple(places), offsets)
+
+
+def _mapping(where, value, allowed):
+    """Return a mapping whose keys are all allowed; nothing is an empty one."""
+    if value is None:
+        return {}
+    if not isinstance(value, dict):
+        raise InvalidHandFile(
+            f'{where or "the file"}: {value!r}; expected a mapping of {", ".join(allowed)}')
+    for key in value:
+        if key not in allowed:
+            dotted = f'{where}.{key}' if where else f'{key}'
+            near = difflib.get_close_matches(str(key), allowed, 1)
+            hint = f"did you mean '{near[0]}'?" if near else f'allowed are {", ".join(allowed)}'
+            raise InvalidHandFile(f'{dotted}: unknown key; {hint}')
+    return value
+
+
+def _choice(where, value, allowed):
+    if value not in tuple(allowed):
+        raise InvalidHandFile(f'{where}: {value!r}; allowed are {", ".join(allowed)}')
+    return value
+
+
+def _number(where, value, quantity):
+    """Return a value of the file as metres, radians or plain numbers, its range checked."""
+    if not quantity.count:
+        values, places = [value], ['']
+    elif isinstance(value, list) and len(value) == quantity.count:
+        values, places = value, [f'[{i}]' for i in range(quantity.count)]
+    else:
+        raise InvalidHandFile(
+            f'{where}: {value!r}; expected a list of {quantity.count} numbers')
+    for place, number, lower, upper in zip(places, values, quantity.lower, quantity.upper):
+        if isinstance(number, bool) or not isinstance(number, (int, float)):
+            raise InvalidHandFile(f'{where}{place}: {number!r}; expected a number')
+        # Written so that NaN is refused too.
+        if not lower <= number <= upper:
+            raise InvalidHandFile(
+                f'{where}{place}: {number}; '
+                f'allowed is {lower:g} to {upper:g} {quantity.unit}'.rstrip())
+    numbers = [quantity.to_si(number) for number in values]
+    return numbers if quantity.count else numbers[0]
