@@ -1,0 +1,195 @@
+# shellcheck shell=bash
+# Sourced by demo and test. `prepare demo|test` leaves in $python an interpreter that has ROS 2 and hand_tracker:
+# that of a sourced ROS 2, else one in .venv made from requirements/ and overlay/.
+
+root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
+venv=$root/.venv
+log=$venv/setup.log
+
+prepare() {
+  if ros_is_sourced; then
+    use_sourced_ros "$1"
+  else
+    leave_other_environments
+    lock
+    install_requirements "$1"
+    install_overlay
+    install_package
+    unlock
+    python=$venv/bin/python
+    export PATH=$venv/bin:$PATH AMENT_PREFIX_PATH=$venv
+  fi
+  isolate_discovery
+}
+
+say() { printf '%s\n' "$*" >&2; }
+
+fail() {
+  printf 'Set-up failed: %s\n' "$@" >&2
+  exit 1
+}
+
+# --- with ROS 2 ---------------------------------------------------------------------------------------------------
+
+ros_is_sourced() {
+  [[ -n ${ROS_DISTRO:-} ]] || return
+  python3 -c 'import rclpy' 2>/dev/null && return
+  say "ROS $ROS_DISTRO is sourced, but python3 cannot import its rclpy: using .venv instead."
+  return 1
+}
+
+use_sourced_ros() {
+  local modules=(matplotlib numpy PIL rosbag2_interfaces rosbags scipy tf2_ros yaml)
+  [[ $1 == demo ]] || modules+=(hypothesis pytest pytest_timeout)
+  python=python3
+  # The checkout comes before an installed hand_tracker, so that edits take effect.
+  export PYTHONPATH=$root${PYTHONPATH:+:$PYTHONPATH}
+  local missing
+  missing=$("$python" - "${modules[@]}" <<'PYTHON'
+import importlib.util
+import sys
+
+print(*[name for name in sys.argv[1:] if importlib.util.find_spec(name) is None])
+PYTHON
+  )
+  [[ -z $missing ]] || fail "Python modules are missing: $missing. Get them with
+  rosdep install --from-paths '$root' --ignore-src -y"
+}
+
+# --- without ROS 2 ------------------------------------------------------------------------------------------------
+
+# Settings of another ROS, or of other ROS wheels, make the wheels load the wrong libraries.
+leave_other_environments() {
+  unset AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME PYTHONPATH \
+    RMW_IMPLEMENTATION ROS_DISTRO _ROS_WHEELS_BOOTSTRAP_COMPLETE
+  export PYTHONNOUSERSITE=1
+}
+
+lock() {
+  command -v flock >/dev/null || return 0
+  exec {lock_file}<"$root/scripts/environment.sh"
+  flock --nonblock "$lock_file" && return
+  say "Another set-up is at work here; waiting for it."
+  flock "$lock_file"
+}
+
+unlock() {
+  [[ -z ${lock_file:-} ]] || exec {lock_file}<&-
+}
+
+# A step that was done leaves a stamp with the fingerprint of all that it was made from.
+fingerprint() { { printf '%s\n' "$root" "${PYTHON:-}" && cat -- "$@"; } | sha256sum | cut -c -32; }
+is_done() { [[ -e $venv/$1.stamp && $(<"$venv/$1.stamp") == "$2" ]]; }
+mark_done() { printf '%s\n' "$2" > "$venv/$1.stamp"; }
+
+# Runs a command with its output in the log.
+step() {
+  local title=$1 start=$SECONDS
+  shift
+  printf '  %s ... ' "$title" >&2
+  if "$@" >>"$log" 2>&1; then
+    printf '%d s\n' $((SECONDS - start)) >&2
+  else
+    printf 'failed\n' >&2
+    return 1
+  fi
+}
+
+install_requirements() {
+  local demo test
+  demo=$(fingerprint "$root/requirements/demo.txt")
+  test=$(fingerprint "$root/requirements/test.txt")
+  if ! is_done demo "$demo" || [[ -e $venv/unfinished ]] || ! "$venv/bin/python" -c 'import rclpy' 2>/dev/null; then
+    make_venv
+  fi
+  is_done "$1" "${!1}" && return
+  touch "$venv/unfinished"
+  # Python compiles at first import what is used; compiling all here takes longer.
+  step "installing requirements/$1.txt" "$venv/bin/python" -m pip --disable-pip-version-check --retries 2 \
+    install --no-deps --no-compile -r "$root/requirements/$1.txt" || explain_pip
+  mark_done demo "$demo"
+  [[ $1 == demo ]] || mark_done test "$test"
+  rm "$venv/unfinished"
+}
+
+make_venv() {
+  local interpreter
+  interpreter=$(find_python)
+  say "No ROS 2 is sourced: setting up one of its own in $venv (once, about a minute)."
+  rm -rf "$venv"
+  mkdir -p "$venv"
+  step "making .venv with $interpreter" "$interpreter" -m venv "$venv" || fail "see $log"
+}
+
+find_python() {
+  local candidate without_venv=
+  for candidate in ${PYTHON:+"$PYTHON"} python3 python3.12 python3.13 python3.11 python3.10 python3.14; do
+    "$candidate" -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 14))' 2>/dev/null || continue
+    if "$candidate" -c 'import ensurepip, venv' 2>/dev/null; then
+      command -v "$candidate"
+      return
+    fi
+    without_venv=$candidate
+  done
+  [[ -z $without_venv ]] || fail "$without_venv has no venv module. On Debian and Ubuntu: sudo apt install python3-venv"
+  fail "no Python 3.10 to 3.14 on the PATH. On Debian and Ubuntu: sudo apt install python3 python3-venv;
+  or name one: PYTHON=/path/to/python3.12 $0"
+}
+
+explain_pip() {
+  if grep -q 'No space left' "$log"; then
+    fail "the disk is full (.venv takes 1.5 GB). The log: $log"
+  elif grep -qE 'NewConnection|NameResolution|ConnectionError|ConnectTimeout|ReadTimeout|ProxyError|SSLError' "$log"; then
+    fail "pip cannot reach its package index. Is there a network? Run this again when there is. The log: $log"
+  fi
+  tail -n 5 "$log" >&2
+  fail "pip could not install the requirements. The log: $log"
+}
+
+# Without the overlay all works but /tf and the replay's services, so that its lack is told, not fatal.
+install_overlay() {
+  local sources lack
+  sources=$(find "$root/overlay" -type f | sort | while IFS= read -r file; do cat "$file"; done | fingerprint -)
+  is_done overlay "$sources" && return
+  if lack=$(overlay_lacks); then
+    say "No /tf and no replay services, all else works: $lack."
+  elif step "building overlay/ (/tf and the replay services)" "$root/overlay/build" "$venv"; then
+    mark_done overlay "$sources"
+  else
+    say "No /tf and no replay services, all else works: overlay/ did not build. The log: $log"
+  fi
+}
+
+# Succeeds, and says what, when something is missing to build the overlay.
+overlay_lacks() {
+  local compiler
+  compiler=$(command -v "${CXX:-c++}" || command -v g++ || command -v clang++) || compiler=
+  if [[ -z $compiler ]]; then
+    echo "there is no C++ compiler. On Debian and Ubuntu: sudo apt install g++"
+  elif ! "$venv/bin/python" -c 'import os, sysconfig; os.stat(sysconfig.get_path("include") + "/Python.h")' 2>/dev/null; then
+    echo "Python's headers are missing. On Debian and Ubuntu: sudo apt install python3-dev"
+  else
+    return 1
+  fi
+}
+
+install_package() {
+  local sources
+  sources=$(fingerprint "$root/package.xml" "$root/setup.py" "$root/setup.cfg")
+  is_done package "$sources" && return
+  step "installing hand_tracker (editable)" "$venv/bin/python" -m pip --disable-pip-version-check \
+    install --no-deps --no-build-isolation -e "$root" || fail "see $log"
+  mark_done package "$sources"
+}
+
+# --- both ---------------------------------------------------------------------------------------------------------
+
+# Other machines, and other runs on this one, neither hear nor disturb this run.
+isolate_discovery() {
+  export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-$((1 + $$ % 100))}
+  if [[ ${ROS_DISTRO:-} == humble ]]; then
+    export ROS_LOCALHOST_ONLY=${ROS_LOCALHOST_ONLY:-1}
+  else
+    export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}
+  fi
+}

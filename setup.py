@@ -1,0 +1,68 @@
+"""Build the package with colcon or with pip; package.xml says who and what it is."""
+
+from glob import glob
+from pathlib import Path
+from xml.etree import ElementTree
+
+from setuptools import find_packages, setup
+
+HERE = Path(__file__).resolve().parent
+PACKAGE = ElementTree.parse(HERE / 'package.xml').getroot()
+NAME = PACKAGE.findtext('name')
+MAINTAINER = PACKAGE.find('maintainer')
+
+
+def data(folder):
+    """Return the data_files entry that installs every file of `folder`."""
+    files = sorted(path for path in glob(f'{folder}/*') if Path(path).is_file())
+    return f'share/{NAME}/{folder}', files
+
+
+setup(
+    name=NAME,
+    version=PACKAGE.findtext('version'),
+    description=PACKAGE.findtext('description'),
+    license=PACKAGE.findtext('license'),
+    maintainer=MAINTAINER.text,
+    maintainer_email=MAINTAINER.get('email'),
+    packages=find_packages(include=[NAME, f'{NAME}.*'], exclude=['test']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        data('config'),
+        data('launch'),
+        data('recordings'),
+        data('urdf'),
+    ],
+    zip_safe=False,
+    python_requires='>=3.10',
+    install_requires=[
+        'matplotlib',
+        'numpy',
+        'pillow',
+        'pyyaml',
+        'rosbags',
+        'scipy',
+        'setuptools',
+    ],
+    extras_require={
+        'fast': ['numba'],
+        'test': [
+            'clifford',
+            'hypothesis',
+            'pin',
+            'psutil',
+            'pytest',
+            'pytest-cov',
+            'pytest-timeout',
+            'yourdfpy',
+        ],
+    },
+    entry_points={
+        'console_scripts': [
+            'hand_tracker = hand_tracker.__main__:main',
+            'replay = hand_tracker.nodes.replay:main',
+            'tracker = hand_tracker.nodes.tracker:main',
+        ],
+    },
+)
