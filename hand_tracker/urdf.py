@@ -24,6 +24,7 @@ MATERIALS = {
     'palm': (.87, .68, .56, 1.), 'bone': (.93, .75, .63, 1.), 'tip': (.80, .52, .45, 1.)}
 DECIMALS = 9
 SHORTEST = 1e-6  # [m] below which a capsule is a sphere
+UNTURNED = (0., 0., 0.)
 
 
 def urdf(hand, prefix=''):
@@ -54,7 +55,8 @@ def urdf(hand, prefix=''):
         _add_link(robot, prefix, name, capsules.get(name, ()))
         joint = _add_joint(
             robot, prefix, JOINTS[i], 'revolute', ROOT if table.parent[i] < 0
-            else LINKS[table.parent[i]], name, table.translation[i], table.rotation[i])
+            else LINKS[table.parent[i]], name, table.translation[i],
+            _roll_pitch_yaw(table.rotation[i]))
         ElementTree.SubElement(joint, 'axis', xyz=_numbers(table.axis[i]))
         lower, upper = hand.limits[i]
         ElementTree.SubElement(
@@ -63,7 +65,7 @@ def urdf(hand, prefix=''):
     for digit, offset in zip(DIGITS, tip_offsets(hand)):
         _add_link(robot, prefix, f'{digit}_tip', ())
         _add_joint(robot, prefix, f'{digit}_tip_fixed', 'fixed', f'{digit}_distal',
-                   f'{digit}_tip', offset, np.eye(3))
+                   f'{digit}_tip', offset)
     ElementTree.indent(robot)
     return f'<?xml version="1.0"?>\n{ElementTree.tostring(robot, encoding="unicode")}\n'
 
@@ -96,9 +98,9 @@ def _add_bones(capsules, digit, links, lengths, radii):
 def _add_link(robot, prefix, name, capsules):
     link = ElementTree.SubElement(robot, 'link', name=prefix + name)
     for kind in ('visual', 'collision'):
-        for shape, centre, rotation, size, material in _shapes(capsules):
+        for shape, centre, rpy, size, material in _shapes(capsules):
             part = ElementTree.SubElement(link, kind)
-            _add_origin(part, centre, rotation)
+            _add_origin(part, centre, rpy)
             geometry = ElementTree.SubElement(part, 'geometry')
             ElementTree.SubElement(geometry, shape, size)
             if kind == 'visual':
@@ -106,31 +108,29 @@ def _add_link(robot, prefix, name, capsules):
 
 
 def _shapes(capsules):
-    """Yield (shape, centre, rotation, size, material): URDF knows no capsule."""
+    """Yield (shape, centre, roll-pitch-yaw, size, material): URDF knows no capsule."""
     balls = set()
     for start, end, radius, material in capsules:
         for centre in (start, end):
             if tuple(centre) not in balls:
                 balls.add(tuple(centre))
-                yield 'sphere', centre, np.eye(3), {'radius': _numbers([radius])}, material
+                yield 'sphere', centre, UNTURNED, {'radius': _numbers([radius])}, material
         length = np.linalg.norm(end - start)
         if length > SHORTEST:
             size = {'radius': _numbers([radius]), 'length': _numbers([length])}
-            rotation = _turn_z_to((end - start) / length)
-            yield 'cylinder', (start + end) / 2., rotation, size, material
+            yield 'cylinder', (start + end) / 2., _turn_z_to(end - start), size, material
 
 
-def _add_joint(robot, prefix, name, kind, parent, child, translation, rotation):
+def _add_joint(robot, prefix, name, kind, parent, child, xyz, rpy=UNTURNED):
     joint = ElementTree.SubElement(robot, 'joint', name=prefix + name, type=kind)
-    _add_origin(joint, translation, rotation)
+    _add_origin(joint, xyz, rpy)
     ElementTree.SubElement(joint, 'parent', link=prefix + parent)
     ElementTree.SubElement(joint, 'child', link=prefix + child)
     return joint
 
 
-def _add_origin(element, translation, rotation):
-    ElementTree.SubElement(element, 'origin', xyz=_numbers(translation),
-                           rpy=_numbers(_roll_pitch_yaw(rotation)))
+def _add_origin(element, xyz, rpy):
+    ElementTree.SubElement(element, 'origin', xyz=_numbers(xyz), rpy=_numbers(rpy))
 
 
 def _roll_pitch_yaw(rotation):
@@ -145,11 +145,9 @@ def _roll_pitch_yaw(rotation):
 
 
 def _turn_z_to(direction):
-    """Return a rotation that carries z to a unit vector; URDF's cylinders lie along z."""
+    """Return the angles that carry z to `direction`; URDF's cylinders lie along z."""
     x, y, z = direction
-    level = np.hypot(x, y)
-    c, s = (x / level, y / level) if level > 1e-9 else (1., 0.)
-    return np.array(((z * c, -s, level * c), (z * s, c, level * s), (-level, 0., z)))
+    return 0., np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)
 
 
 def _numbers(values):
