@@ -216,7 +216,8 @@ def bag_message(topic, time, message):
     BagMessage
     """
     kind = message.__msgtype__
-    return BagMessage(topic, kind, time, bytes(TYPES.serialize_cdr(message, kind)))
+    data = bytes(TYPES.serialize_cdr(message, kind, little_endian=True))
+    return BagMessage(topic, kind, time, data)
 
 
 def marker_array_message(stamp, frame_id, labels, positions, diameter=.01):
@@ -305,6 +306,6 @@ def _readable(path):
         yield
     # Damaged bytes can raise anything in the library: one error says so.
     except Exception as error:
-        reason = str(error).strip().rstrip('.') or type(error).__name__
+        reason = ' '.join(str(error).split()).rstrip('.') or type(error).__name__
         raise BagError(f'{path}: cannot be read ({reason}); '
                        'expected a complete recording') from error

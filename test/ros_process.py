@@ -1,0 +1,141 @@
+"""Nodes in processes of their own, and a node to watch them with, on a DDS domain of their own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from threading import Condition, Thread
+
+# Read by every context and process that starts after this. The second variable is Humble's name.
+os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
+os.environ.update({'ROS_LOCALHOST_ONLY': '1'} if os.environ.get('ROS_DISTRO') == 'humble'
+                  else {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'})
+
+PATIENCE = 20.  # [s]
+
+
+class NodeProcess:
+    """A node started as a user starts it; end it by leaving the context.
+
+    Parameters
+    ----------
+    module : str
+        Python module that is run, as 'hand_tracker.nodes.replay'.
+    parameters : dict, optional
+    remaps : dict of str to str, optional
+    environment : dict of str to str, optional
+        In addition to that of this process.
+    """
+
+    def __init__(self, module, parameters=None, remaps=None, environment=None):
+        command = [sys.executable, '-m', module, '--ros-args']
+        for name, value in (parameters or {}).items():
+            command += ['-p', f'{name}:={json.dumps(value)}']
+        for old, new in (remaps or {}).items():
+            command += ['-r', f'{old}:={new}']
+        self._process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            env={**os.environ, **(environment or {})})
+        self._lines = []
+        self._ended = False
+        self._changed = Condition()
+        self._reader = Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self):
+        for line in self._process.stdout:
+            with self._changed:
+                self._lines.append(line)
+                self._changed.notify_all()
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.wait()
+        self._reader.join()
+        self._process.stdout.close()
+
+    @property
+    def output(self):
+        """All that it has printed so far."""
+        with self._changed:
+            return ''.join(self._lines)
+
+    def wait_for_line(self, text, timeout=PATIENCE):
+        """Wait until it has printed a text."""
+        def printed():
+            return any(text in line for line in self._lines)
+
+        with self._changed:
+            self._changed.wait_for(lambda: self._ended or printed(), timeout)
+            assert printed(), f'no {text!r} in:\n{"".join(self._lines)}'
+
+    def wait(self, timeout=PATIENCE):
+        """Wait until it ends; return its exit code."""
+        code = self._process.wait(timeout)
+        self._reader.join()
+        return code
+
+    def interrupt(self, sig=signal.SIGINT, timeout=1.):
+        """Interrupt it as Ctrl-C does; return its exit code, which must come in time."""
+        self._process.send_signal(sig)
+        return self.wait(timeout)
+
+
+@contextmanager
+def watching_node(name='test'):
+    """Yield a node with `collect`, `call` and `spin_until`, in a context of its own."""
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
+
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    executor = SingleThreadedExecutor(context=context)
+
+    class WatchingNode(Node):
+        def collect(self, kind, topic, qos=100):
+            """Return a list that grows with each message of a topic."""
+            messages = []
+            self.create_subscription(kind, topic, messages.append, qos)
+            return messages
+
+        def call(self, kind, service, request=None):
+            """Call a service; return its response."""
+            client = self.create_client(kind, service)
+            assert client.wait_for_service(PATIENCE), f'no service {service}'
+            future = client.call_async(request or kind.Request())
+            self.spin_until(future.done)
+            self.destroy_client(client)
+            return future.result()
+
+        def spin_until(self, condition, timeout=PATIENCE):
+            """Serve callbacks until a condition holds; fail when it does not in time."""
+            until = time.monotonic() + timeout
+            while not condition():
+                assert time.monotonic() < until, f'not in {timeout:g} s'
+                executor.spin_once(.05)
+
+        def spin_for(self, duration):
+            """Serve callbacks for so many seconds."""
+            until = time.monotonic() + duration
+            while (left := until - time.monotonic()) > 0:
+                executor.spin_once(left)
+
+    node = WatchingNode(name, context=context)
+    executor.add_node(node)
+    try:
+        yield node
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()
