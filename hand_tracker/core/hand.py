@@ -124,8 +124,10 @@ class Hand:
     thumb_abduction_axis, thumb_rest_direction : array_like, shape (3,)
         The saddle joint: the axis of abduction, fixed in the palm, and the direction of
         the metacarpal at zero angles. The flexion axis is normal to both. Made unit length.
+    finger_abduction_axes : array_like, shape (4, 3)
+        Axes of the fingers' abduction, fixed in the palm; dorsal in the paper. Made unit length.
     splay : array_like, shape (4,)
-        Direction of the straight fingers at zero abduction, from x towards the thumb [rad].
+        Direction of the straight fingers at zero angles, from x towards the thumb [rad].
     limits : array_like, shape (25, 2)
         Lower and upper limit of each joint, in the order of `JOINTS` [rad]; zero is allowed by all.
     coupling : array_like, shape (5, 2)
@@ -150,6 +152,7 @@ class Hand:
     thumb_bones: np.ndarray
     thumb_abduction_axis: np.ndarray = THUMB_ABDUCTION_AXIS
     thumb_rest_direction: np.ndarray = THUMB_REST_DIRECTION
+    finger_abduction_axes: np.ndarray = ((0., 0., 1.),) * 4
     splay: np.ndarray = (0., 0., 0., 0.)
     limits: np.ndarray = field(default_factory=preset_limits)
     coupling: np.ndarray = (FINGER_COUPLING,) * 4 + (THUMB_COUPLING,)
@@ -161,7 +164,8 @@ class Hand:
         for name, shape in (
                 ('finger_cmc', (4, 3)), ('finger_mcp', (4, 3)), ('finger_bones', (4, 3)),
                 ('thumb_cmc', (3,)), ('thumb_bones', (3,)), ('thumb_abduction_axis', (3,)),
-                ('thumb_rest_direction', (3,)), ('splay', (4,)), ('limits', (25, 2)),
+                ('thumb_rest_direction', (3,)), ('finger_abduction_axes', (4, 3)), ('splay', (4,)),
+                ('limits', (25, 2)),
                 ('coupling', (5, 2)), ('radii', (5, 3)), ('palm_radius', ())):
             object.__setattr__(self, name, _array(name, getattr(self, name), shape))
         if self.side not in SIDES:
@@ -181,15 +185,20 @@ class Hand:
                 raise InvalidHand(
                     f'limits of {joint}: {np.degrees(lower):g} to {np.degrees(upper):g} degrees; '
                     'the lower limit must not exceed 0, the upper must not be below it')
-        for name in ('thumb_abduction_axis', 'thumb_rest_direction'):
-            size = np.linalg.norm(getattr(self, name))
-            if size < 1e-6:
-                raise InvalidHand(f'{name}: {getattr(self, name)} has no direction')
-            object.__setattr__(self, name, _frozen(getattr(self, name) / size))
+        for name in ('thumb_abduction_axis', 'thumb_rest_direction', 'finger_abduction_axes'):
+            vectors = getattr(self, name)
+            sizes = np.linalg.norm(vectors, axis=-1, keepdims=True)
+            if (sizes < 1e-6).any():
+                raise InvalidHand(f'{name}: {vectors} has no direction')
+            object.__setattr__(self, name, _frozen(vectors / sizes))
         if abs(self.thumb_abduction_axis @ self.thumb_rest_direction) > .95:
             raise InvalidHand(
                 'thumb_rest_direction: within 18 degrees of thumb_abduction_axis; '
                 'the saddle joint needs two distinct axes')
+        for finger, axis in zip(FINGERS, self.finger_abduction_axes):
+            if axis[2] < .5:
+                raise InvalidHand(f'finger_abduction_axes of {finger}: {axis} is more than '
+                                  '60 degrees from dorsal (0, 0, 1)')
         triangle = np.cross(self.finger_mcp[0], self.finger_mcp[3])
         if triangle[2] > -1e-5:
             raise InvalidHand(
