@@ -190,6 +190,8 @@ class Hand:
             sizes = np.linalg.norm(vectors, axis=-1, keepdims=True)
             if (sizes < 1e-6).any():
                 raise InvalidHand(f'{name}: {vectors} has no direction')
+            # A unit vector stays as it is: a copy has the same bits.
+            sizes = np.where(np.abs(sizes - 1.) > 1e-15, sizes, 1.)
             object.__setattr__(self, name, _frozen(vectors / sizes))
         if abs(self.thumb_abduction_axis @ self.thumb_rest_direction) > .95:
             raise InvalidHand(
