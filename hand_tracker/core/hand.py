@@ -192,6 +192,8 @@ class Hand:
                 raise InvalidHand(f'{name}: {vectors} has no direction')
             # A unit vector stays as it is: a copy has the same bits.
             sizes = np.where(np.abs(sizes - 1.) > 1e-15, sizes, 1.)
+            # A unit vector stays as it is: a copy has the same bits.
+            sizes[np.abs(sizes - 1.) <= 1e-15] = 1.
             object.__setattr__(self, name, _frozen(vectors / sizes))
         if abs(self.thumb_abduction_axis @ self.thumb_rest_direction) > .95:
             raise InvalidHand(

@@ -54,8 +54,8 @@ class Pose(NamedTuple):
 def digit_base(hand, digit):
     """Return the frame in which a digit's abduction and flexion are solved.
 
-    z is the axis of abduction, x the direction of the straight digit at zero abduction
-    and zero flexion, with `tilt` the flexion that leads from x to the thumb's rest direction.
+    z is the axis of abduction, x lies below the direction of the digit at zero angles, and
+    `tilt` is the flexion that leads from x to that direction.
 
     Parameters
     ----------
@@ -70,16 +70,17 @@ def digit_base(hand, digit):
     position : ndarray, shape (3,)
         The MCP joint of a finger, the CMC joint of the thumb [m].
     tilt : float
-        Zero for fingers [rad].
+        [rad]
     """
     if digit < len(FINGERS):
-        c, s = np.cos(hand.splay[digit]), np.sin(hand.splay[digit])
-        return np.array(((c, -s, 0.), (s, c, 0.), (0., 0., 1.))), hand.finger_mcp[digit], 0.
-    axis, rest = hand.thumb_abduction_axis, hand.thumb_rest_direction
+        root, axis = hand.finger_mcp[digit], hand.finger_abduction_axes[digit]
+        rest = np.array((np.cos(hand.splay[digit]), np.sin(hand.splay[digit]), 0.))
+    else:
+        root, axis, rest = hand.thumb_cmc, hand.thumb_abduction_axis, hand.thumb_rest_direction
     x = rest - (rest @ axis) * axis
     x = x / np.linalg.norm(x)
     tilt = np.arctan2(-rest @ axis, rest @ x)
-    return np.column_stack((x, np.cross(axis, x), axis)), hand.thumb_cmc, float(tilt)
+    return np.column_stack((x, np.cross(axis, x), axis)), root, float(tilt)
 
 
 def joint_table(hand):
@@ -108,7 +109,7 @@ def joint_table(hand):
             bones = hand.finger_bones[digit]
             joints = FINGER_JOINTS
             cmc = hand.finger_cmc[digit]
-            rotations = (np.eye(3), base, np.eye(3), np.eye(3), np.eye(3))
+            rotations = (np.eye(3), base, tilted, np.eye(3), np.eye(3))
             translations = (cmc, root - cmc, 0. * X, bones[0] * X, bones[1] * X)
         parent += [-1] + [5 * digit + j for j in range(4)]
         rotation += rotations

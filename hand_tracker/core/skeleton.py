@@ -1,0 +1,62 @@
+"""The hand as points and bones: what pictures, capsules and landmarks are made of."""
+
+import numpy as np
+
+from .hand import DIGITS, FINGERS, LINKS, ROOT
+
+TIPS = tuple(f'{digit}_tip' for digit in DIGITS)
+POINTS = LINKS + (ROOT,) + TIPS
+
+
+def _chain(*names):
+    return tuple(POINTS.index(name) for name in names)
+
+
+CHAINS = tuple(
+    _chain(*(f'{finger}_{link}' for link in ('metacarpal', 'proximal', 'middle', 'distal')),
+           f'{finger}_tip') for finger in FINGERS) + (
+    _chain('thumb_metacarpal', 'thumb_proximal', 'thumb_distal', 'thumb_tip'),)
+# The palm: from the wrist to every CMC, and across the knuckles.
+PALM_BONES = tuple((POINTS.index(ROOT), chain[0]) for chain in CHAINS) + tuple(
+    (a[1], b[1]) for a, b in zip(CHAINS[:3], CHAINS[1:4]))
+BONES = PALM_BONES + tuple(bone for chain in CHAINS for bone in zip(chain, chain[1:]))
+
+
+def bone_radii(hand):
+    """Return the radius of the capsule around each of `BONES`.
+
+    Parameters
+    ----------
+    hand : Hand
+
+    Returns
+    -------
+    ndarray, shape (len(BONES),)
+        [m]
+    """
+    palm = len(PALM_BONES) * [hand.palm_radius]
+    fingers = [radius for digit in range(4) for radius in (hand.palm_radius, *hand.radii[digit])]
+    return np.array(palm + fingers + list(hand.radii[4]))
+
+
+def skeleton_points(tips, pose, wrist_position):
+    """Return the places of `POINTS`.
+
+    Parameters
+    ----------
+    tips : ndarray, shape (5, 3)
+        From `tip_offsets` [m].
+    pose : Pose
+        With or without a leading dimension n.
+    wrist_position : ndarray, shape (..., 3)
+        [m]
+
+    Returns
+    -------
+    ndarray, shape (..., 31, 3)
+        [m]
+    """
+    distal = [LINKS.index(f'{digit}_distal') for digit in DIGITS]
+    ends = pose.position[..., distal, :] + np.einsum(
+        '...nij,nj->...ni', pose.rotation[..., distal, :, :], tips)
+    return np.concatenate((pose.position, np.asarray(wrist_position)[..., None, :], ends), axis=-2)

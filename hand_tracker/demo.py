@@ -1,0 +1,263 @@
+"""The whole chain in one command: replay and tracker as processes, watched over ROS topics.
+
+Both nodes run as they do for a user; this program only listens, and leaves what it heard
+as an animated GIF, a contact sheet and a table of the angles.
+"""
+
+import argparse
+import csv
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import rclpy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
+
+from .core.errors import HandTrackerError
+from .core.hand import LIMIT_PRESETS, SIDES, Hand
+from .core.kinematics import forward, joint_table, tip_offsets
+from .core.layout import PALM_MARKERS, MarkerLayout, marker_positions
+from .core.palm import place_palm
+from .core.skeleton import skeleton_points
+from .files.hand_file import load_hand
+from .labels import DEFAULT_LABELS, LabelMap
+from .messages import markers_from_message
+from .picture import Track, save_animation, save_sheet
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:
+    TFMessage = None
+
+LINE_EVERY = .5  # [s] between live lines
+PATIENCE = 120.  # [s] for the tracker to start: its first start compiles the kernels
+LAG = .5         # [s] for the last messages to arrive
+PALM = len(PALM_MARKERS)
+
+
+class Heard(NamedTuple):
+    """Frames of which both the markers and the joint state arrived.
+
+    Attributes
+    ----------
+    stamps : ndarray of int, shape (n,)
+        [ns]
+    angles : ndarray, shape (n, 25)
+        [rad]
+    markers : ndarray, shape (n, 8, 3)
+        In the wrist's frame [m].
+    places : ndarray, shape (n, 8, 3)
+        Of the markers on the tracked hand, in the wrist's frame [m].
+    """
+
+    stamps: np.ndarray
+    angles: np.ndarray
+    markers: np.ndarray
+    places: np.ndarray
+
+
+class Listener:
+    """Collects what the nodes say."""
+
+    def __init__(self, node):
+        self.joints = ()
+        self.transforms = 0
+        self.latencies = []   # [s]
+        self._markers = {}    # by stamp [ns]
+        self._angles = {}
+        self._labels = LabelMap(DEFAULT_LABELS)
+        quick = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+        node.create_subscription(MarkerArray, 'markers', self._hear_markers, quick)
+        node.create_subscription(JointState, 'joint_states', self._hear_angles, 100)
+        if TFMessage is not None:
+            node.create_subscription(TFMessage, '/tf', self._hear_transforms, 100)
+
+    def _hear_markers(self, message):
+        frame = markers_from_message(message, self._labels)
+        if frame.stamp is not None:
+            self._markers[_nanoseconds(frame.stamp)] = frame.positions
+
+    def _hear_angles(self, message):
+        stamp = _nanoseconds(message.header.stamp)
+        # The replay stamps a frame with the time at which it is due.
+        self.latencies.append(1e-9 * (time.time_ns() - stamp))
+        self.joints = message.name
+        self._angles[stamp] = message.position
+
+    def _hear_transforms(self, message):
+        self.transforms += len(message.transforms)
+
+    @property
+    def counts(self):
+        """Return how many frames of markers and of joint states arrived."""
+        return len(self._markers), len(self._angles)
+
+    def heard(self, hand, layout, recent=None):
+        """Return the last so many whole frames, or all, with the palm fitted to its markers."""
+        stamps = [stamp for stamp in self._angles if stamp in self._markers]
+        stamps = stamps if recent is None else stamps[-recent:]
+        angles = np.array([self._angles[stamp] for stamp in stamps]).reshape(-1, 25)
+        mounting = layout.mounting(hand)
+        template = mounting.position[:PALM]
+        rotation, position, roots = np.eye(3), np.zeros(3), np.zeros((5, 3))
+        markers = np.empty((len(stamps), len(template) + 5, 3))
+        for stamp, local in zip(stamps, markers):
+            frame = self._markers[stamp]
+            if np.isfinite(frame[:PALM]).all():
+                place_palm(frame[:PALM], template, False, rotation, position, roots)
+            local[:] = (frame - position) @ rotation
+        places = marker_positions(mounting, forward(joint_table(hand), angles))
+        return Heard(np.array(stamps, dtype=np.int64), angles, markers, places)
+
+    def line(self, hand, layout, rate):
+        """Return a line on the last second."""
+        heard = self.heard(hand, layout, max(2, round(rate)))
+        if len(heard.stamps) < 2:
+            return 'waiting for the first frames'
+        return (f'{(len(heard.stamps) - 1) / np.ptp(heard.stamps) * 1e9:6.1f} Hz   '
+                f'{_summary(self.latencies[-len(heard.stamps):], heard)}   markers seen '
+                f'{np.isfinite(heard.markers[-1]).all(axis=1).sum()} of {heard.markers.shape[1]}')
+
+
+def _summary(latencies, heard):
+    misses = np.linalg.norm(heard.places - heard.markers, axis=2)
+    p50, p99 = 1e3 * np.percentile(latencies, (50, 99))
+    return (f'latency p50 {p50:.2f} ms, p99 {p99:.2f} ms   '
+            f'residual {1e3 * np.nanmean(misses):.2f} mm')
+
+
+def _nanoseconds(stamp):
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
+def _start(node, **parameters):
+    """Start one of the package's nodes in a process of its own."""
+    settings = [word for name, value in parameters.items() if value not in (None, '')
+                for word in ('-p', f'{name}:={value}')]
+    return subprocess.Popen(
+        [sys.executable, '-m', f'hand_tracker.nodes.{node}', '--ros-args', *settings])
+
+
+def _stop(process):
+    """End a node as Ctrl-C does; return its exit code."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    try:
+        return process.wait(10.)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
+
+
+def _play(node, listener, hand, layout, options, processes):
+    """Run both nodes until the recording ends."""
+    limits = {} if options.limits is None else {'limits.preset': options.limits}
+    print('Starting the tracker (the first time its kernels are compiled) ...', flush=True)
+    tracker = _start('tracker', hand_file=options.hand, side=options.side, broadcast='all',
+                     **limits)
+    processes.append(tracker)
+    until = time.monotonic() + PATIENCE
+    while not node.count_publishers('joint_states'):
+        if tracker.poll() is not None or time.monotonic() > until:
+            raise HandTrackerError('the tracker did not start')
+        rclpy.spin_once(node, timeout_sec=.1)
+    replay = _start('replay', recording=options.recording, rate=float(options.rate))
+    processes.append(replay)
+    due = time.monotonic()
+    end = None
+    while end is None or time.monotonic() < end:
+        rclpy.spin_once(node, timeout_sec=.05)
+        if end is None and (replay.poll() is not None or tracker.poll() is not None):
+            end = time.monotonic() + LAG
+        if time.monotonic() >= due:
+            due += LINE_EVERY
+            text = listener.line(hand, layout, 120.)
+            print(f'\r{text}' if sys.stdout.isatty() else text,
+                  end='' if sys.stdout.isatty() else '\n', flush=True)
+    print()
+    if replay.returncode or tracker.poll() is not None:
+        raise HandTrackerError(
+            f'the {"replay" if replay.returncode else "tracker"} ended early; see its message above')
+
+
+def _save(listener, hand, layout, output):
+    """Write what was heard."""
+    heard = listener.heard(hand, layout)
+    if len(heard.stamps) < 2:
+        raise HandTrackerError('no frame arrived: are there eight labelled markers on /markers?')
+    frames, states = listener.counts
+    print(f'{frames} frames of markers in, {states} joint states'
+          + (f' and {listener.transforms} transforms' if TFMessage else '') + ' out; '
+          + _summary(listener.latencies, heard), flush=True)
+    output.mkdir(parents=True, exist_ok=True)
+    seconds = 1e-9 * (heard.stamps - heard.stamps[0])
+    with open(output / 'angles.csv', 'w', newline='', encoding='utf-8') as file:
+        writer = csv.writer(file)
+        writer.writerow(['time_s', *(f'{joint}_deg' for joint in listener.joints)])
+        for time_s, row in zip(seconds, np.degrees(heard.angles)):
+            writer.writerow([f'{time_s:.6f}', *(f'{angle:.3f}' for angle in row)])
+    points = skeleton_points(
+        tip_offsets(hand), forward(joint_table(hand), heard.angles), np.zeros((len(seconds), 3)))
+    seen = np.isfinite(heard.markers).all(axis=2)
+    track = Track(seconds, points, np.where(seen[..., None], heard.markers, heard.places), seen)
+    title = f'{hand.side} hand, tracked over ROS 2'
+    save_sheet(output / 'hand.png', track, hand, title)
+    print('Drawing the animation ...', flush=True)
+    save_animation(output / 'hand.gif', track, hand, title)
+    for name, what in (('hand.gif', 'the tracked hand in motion'),
+                       ('hand.png', 'poses in time, from above and from the thumb'),
+                       ('angles.csv', 'the 25 joint angles of every frame, in degrees')):
+        print(f'  {output / name}: {what}')
+
+
+def _parse(args):
+    parser = argparse.ArgumentParser(prog='demo', description=__doc__.split('\n')[0])
+    parser.add_argument('--recording', help='rosbag2 recording to play (default: the packaged one)')
+    parser.add_argument('--hand', help='hand file (YAML)')
+    parser.add_argument('--side', choices=SIDES, help="default: the hand file's, else right")
+    parser.add_argument('--limits', choices=tuple(LIMIT_PRESETS),
+                        help="default: the hand file's, else paper")
+    parser.add_argument('--rate', type=float, default=1., help='speed of the replay (default: 1)')
+    parser.add_argument('--output', type=Path, default=Path('demo_output'),
+                        help='folder for the pictures and the table (default: demo_output)')
+    return parser.parse_args(args)
+
+
+def main(args=None):
+    """Run the demo; return its exit code."""
+    options = _parse(args)
+    processes = []
+    # A closing terminal or a killed script ends the nodes too.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        hand, layout = load_hand(options.hand) if options.hand else (Hand.scaled(), MarkerLayout())
+        hand = hand.replace(side=options.side or hand.side)
+        rclpy.init()
+        node = rclpy.create_node('demo')
+        listener = Listener(node)
+        _play(node, listener, hand, layout, options, processes)
+        codes = [_stop(process) for process in processes]
+        _save(listener, hand, layout, options.output)
+        if any(codes):
+            raise HandTrackerError(f'tracker and replay ended with exit codes {codes}')
+    except HandTrackerError as error:
+        print(f'demo: {error}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print()
+        return 130
+    finally:
+        for process in processes:
+            _stop(process)
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
