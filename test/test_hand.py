@@ -186,6 +186,8 @@ def changed(name, index, value):
     ({'palm_radius': np.inf}, 'palm_radius: inf has numbers that are not finite'),
     ({'thumb_abduction_axis': (0., 0., 0.)}, 'thumb_abduction_axis: [0. 0. 0.] has no direction'),
     ({'thumb_rest_direction': (-.6, .79, .1)}, 'within 18 degrees of thumb_abduction_axis'),
+    (changed('finger_abduction_axes', 2, (1., 0., .5)),
+     'finger_abduction_axes of ring: [0.89442719 0.         0.4472136 ] is more than 60 degrees'),
     ({'finger_mcp': Hand.scaled().finger_mcp * (1., -1., 1.)},
      'finger_mcp: the index MCP must lie on the thumb side'),
 ])

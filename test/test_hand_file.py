@@ -43,6 +43,7 @@ def random_hand(rng):
     noise = {field.name: getattr(mean, field.name) * rng.uniform(.9, 1.1, np.shape(
         getattr(mean, field.name))) for field in fields(Hand) if field.name != 'side'}
     noise['finger_mcp'] = noise['finger_mcp'] + rng.uniform(-.002, .002, (4, 3))
+    noise['finger_abduction_axes'] = (0., 0., 1.) + rng.uniform(-.3, .3, (4, 3))
     noise['splay'] = rng.uniform(-.2, .2, 4)
     noise['coupling'] = noise['coupling'] + rng.uniform(0., .3, (5, 2))
     return mean.replace(**noise, side=str(rng.choice(SIDES)))
@@ -174,6 +175,7 @@ def test_hand_written_file(write):
     ('thumb: {abduction_axis: [0, 0, 0]}', 'thumb_abduction_axis: [0. 0. 0.] has no direction'),
     ('finger_mcp_mm: {index: [80, -60, 0]}',
      'finger_mcp: the index MCP must lie on the thumb side'),
+    ('abduction_axes: {ring: [0, 0, -1]}', 'finger_abduction_axes of ring: [ 0.  0. -1.] is more'),
     ('markers: {index: {place: index_pip}}',
      "marker index: place 'index_pip' is not one of index_dip, index_tip"),
     ('markers: {index: {offset_mm: [0, 0, 200]}}',

@@ -15,8 +15,6 @@ HANDS = {
     'right': Hand.scaled(),
     'left': Hand.scaled(side='left'),
     'arched': Hand.scaled(.21, .09, splay=(.12, .02, -.08, -.2)),
-    'tilted fingers': Hand.scaled(finger_abduction_axes=(
-        (0., .2, 1.), (.1, 0., 1.), (-.1, -.1, 1.), (.1, -.4, 1.)), splay=(.1, 0., 0., -.1)),
     'paper thumb': Hand.scaled().with_paper_thumb(),
     'leaning axes': Hand.scaled(splay=(.1, 0., 0., -.1), finger_abduction_axes=(
         (.3, .1, 1.), (.2, 0., 1.), (.1, -.1, 1.), (-.1, -.1, 1.))),

@@ -66,7 +66,6 @@ ROWS = {
     'finger_mcp_mm': ('finger_mcp', FINGERS, POINT),
     'finger_bones_mm': ('finger_bones', FINGERS, BONES),
     'abduction_axes': ('finger_abduction_axes', FINGERS, DIRECTION),
-    'abduction_axes': ('finger_abduction_axes', FINGERS, DIRECTION),
     'splay_deg': ('splay', FINGERS, SPLAY),
     'radii_mm': ('radii', DIGITS, RADII),
 }
