@@ -35,7 +35,7 @@ class Playback:
         """Let the recorded time be this now."""
         self._recorded = recorded
         self._steady = time.monotonic_ns()
-        self._wall = time.time_ns()
+        self._wall = self._steady + _wall_from_steady()
 
     def _elapse(self, recorded):
         """Return the time it takes from the anchor to a recorded time [ns]."""
@@ -155,6 +155,14 @@ class Playback:
         while time.monotonic_ns() < due:
             pass
         return wall
+
+
+def _wall_from_steady():
+    """Return the wall time less the steady time [ns]."""
+    # Another thread may come between two readings: the closest pair of a few counts.
+    readings = [(time.monotonic_ns(), time.time_ns(), time.monotonic_ns()) for _ in range(5)]
+    before, wall, after = min(readings, key=lambda reading: reading[2] - reading[0])
+    return wall - (before + after) // 2
 
 
 def read_ahead(items, count):

@@ -161,12 +161,14 @@ class ReplayNode(Node):
 
     def _wait_for_subscriber(self, publishers):
         patience = self._options.wait_for_subscriber
+        if not patience:
+            return
+        names = ', '.join(publisher.topic_name for publisher in publishers)
+        self.get_logger().info(f'Replay waits for a subscriber of {names}')
         until = time.monotonic() + patience
         while not any(publisher.get_subscription_count() for publisher in publishers):
             if time.monotonic() >= until:
-                if patience:
-                    self.get_logger().warning(
-                        f'No subscriber of {publishers[0].topic_name} after {patience:g} s')
+                self.get_logger().warning(f'No subscriber of {names} after {patience:g} s')
                 return
             time.sleep(DISCOVERY_POLL)
 
