@@ -1,0 +1,67 @@
+"""A person's hand: medians over the recording, and a thumb fitted to it."""
+
+import numpy as np
+
+from ..core.errors import InvalidHand
+from ..core.hand import (
+    CMC_OF_LENGTH, CMC_OF_MCP_BREADTH, FINGERS, JOINTS, MCP_OF_LENGTH, SIDES, Hand, preset_limits)
+from .landmarks import FINGER_ROWS, INDEX_MCP, LANDMARKS, LITTLE_MCP, MIDDLE_MCP, THUMB_ROWS
+from .palm import leaned, median_lengths, palm_areas, palm_coordinates, splay
+from .thumb import fit_thumb
+
+MCP_FLEXION = [JOINTS.index(f'{finger}_mcp_flexion') for finger in FINGERS]
+MIN_FRAMES = 10
+MIN_PALM_AREA = 1e-4  # [m^2]
+
+
+def fit_hand(joints, side, limits=None):
+    """Return the hand that fits recorded joint positions.
+
+    Parameters
+    ----------
+    joints : array_like, shape (T, 21, 3)
+        In the order of `LANDMARKS`, NaN where not recorded [m].
+    side : {'right', 'left'}
+        Of the recorded hand.
+    limits : array_like, shape (25, 2), optional
+        Of the hand; the preset 'paper' when left out [rad].
+
+    Returns
+    -------
+    Hand
+        Of `side`, with bones, palm, splay, and the thumb's axes and coupling of the person.
+
+    Raises
+    ------
+    InvalidHand
+        When the joints do not have the right shape or too few frames are complete.
+    """
+    if side not in SIDES:
+        raise InvalidHand(f'side: {side!r} is not one of {", ".join(SIDES)}')
+    joints = np.array(joints, dtype=float)
+    if joints.ndim != 3 or joints.shape[1:] != (len(LANDMARKS), 3):
+        raise InvalidHand(
+            f'joints: their shape is {joints.shape}; expected (T, {len(LANDMARKS)}, 3)')
+    complete = joints[np.isfinite(joints).all(axis=(1, 2))]
+    complete = complete[palm_areas(complete) > MIN_PALM_AREA]
+    if len(complete) < MIN_FRAMES:
+        raise InvalidHand(
+            f'joints: {len(complete)} of {len(joints)} frames are complete, with wrist, index '
+            f'and little MCP in a triangle; at least {MIN_FRAMES} are needed')
+    if side == 'left':
+        complete = complete * (1., -1., 1.)
+
+    limits = preset_limits() if limits is None else np.array(limits, dtype=float)
+    local = leaned(palm_coordinates(complete), limits[MCP_FLEXION, 0])
+    palm = np.median(local, axis=0)
+    mcp = palm[FINGER_ROWS[:, 0]]
+    length = np.linalg.norm(palm[MIDDLE_MCP]) / MCP_OF_LENGTH[FINGERS.index('middle')]
+    fingers = local[:, FINGER_ROWS]
+    thumb = local[:, THUMB_ROWS]
+    scaled = Hand.scaled(length, np.linalg.norm(palm[INDEX_MCP] - palm[LITTLE_MCP]))
+    hand = scaled.replace(
+        finger_mcp=mcp,
+        finger_cmc=mcp * (0., CMC_OF_MCP_BREADTH, 0.) + (CMC_OF_LENGTH * length, 0., 0.),
+        finger_bones=median_lengths(fingers), splay=splay(fingers),
+        thumb_cmc=palm[THUMB_ROWS[0]], thumb_bones=median_lengths(thumb), limits=limits, side=side)
+    return fit_thumb(hand, thumb)

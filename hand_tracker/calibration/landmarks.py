@@ -1,0 +1,45 @@
+"""The 21 hand landmarks in the order in which public data sets have them."""
+
+import numpy as np
+
+from ..core.hand import FINGERS, LINKS
+from ..core.kinematics import tip_offsets
+
+# The wrist, then each digit from its root to its tip, the thumb first.
+LANDMARKS = ('wrist', 'thumb_cmc', 'thumb_mcp', 'thumb_ip', 'thumb_tip') + tuple(
+    f'{finger}_{joint}' for finger in FINGERS for joint in ('mcp', 'pip', 'dip', 'tip'))
+# The links that carry them; the wrist is the root.
+LANDMARK_LINKS = np.array([LINKS.index(link) for link in (
+    'thumb_metacarpal', 'thumb_proximal', 'thumb_distal', 'thumb_distal') + tuple(
+        f'{finger}_{link}' for finger in FINGERS
+        for link in ('proximal', 'middle', 'distal', 'distal'))])
+TIPS = np.array([LANDMARKS.index(f'{digit}_tip') for digit in FINGERS + ('thumb',)])
+
+FINGER_ROWS = np.array([[LANDMARKS.index(f'{finger}_{joint}') for joint in (
+    'mcp', 'pip', 'dip', 'tip')] for finger in FINGERS])
+THUMB_ROWS = np.array([LANDMARKS.index(f'thumb_{joint}') for joint in ('cmc', 'mcp', 'ip', 'tip')])
+WRIST, INDEX_MCP, MIDDLE_MCP, LITTLE_MCP = (LANDMARKS.index(name) for name in (
+    'wrist', 'index_mcp', 'middle_mcp', 'little_mcp'))
+
+
+def landmark_positions(hand, pose, wrist_position=(0., 0., 0.)):
+    """Return the 21 landmarks of a pose.
+
+    Parameters
+    ----------
+    hand : Hand
+    pose : Pose
+        With or without a leading dimension n.
+    wrist_position : array_like, shape (..., 3), optional
+        As given to `forward` [m].
+
+    Returns
+    -------
+    ndarray, shape (..., 21, 3)
+        In the order of `LANDMARKS` [m].
+    """
+    points = pose.position[..., LANDMARK_LINKS, :]
+    points[..., TIPS - 1, :] += np.einsum(
+        '...ij,...j->...i', pose.rotation[..., LANDMARK_LINKS[TIPS - 1], :, :], tip_offsets(hand))
+    wrist = np.broadcast_to(wrist_position, points.shape[:-2] + (3,))
+    return np.concatenate((wrist[..., None, :], points), axis=-2)

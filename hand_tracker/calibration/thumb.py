@@ -1,0 +1,182 @@
+"""The thumb's saddle joint, which no marker shows.
+
+It is fitted so that the thumb solved from its tip alone meets the recorded MCP and IP.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.hand import DIGITS, JOINTS, THUMB_ABDUCTION_AXIS, THUMB_COUPLING
+from ..core.kinematics import digit_base
+from .palm import SEEN
+from .regularised import regularised_fit
+
+THUMB = DIGITS.index('thumb')
+FIT_FRAMES = 250                  # spread over the recording
+TABLE_STEPS = 500
+
+# How far a thumb may stray from the defaults, one standard deviation; ours, unsourced.
+AXIS_SPREAD = np.tan(np.radians(20.))
+CMC_SPREAD = .0025                # [m], from the median of the recorded joint
+SLOPE_SPREAD = .5                 # of the slope's logarithm
+OFFSET_SPREAD = np.radians(15.)
+SLOPE_BOUNDS = (.3, 3.)
+OFFSET_BOUNDS = (-np.pi / 4, np.pi / 4)
+AXIS_BOUND = 2.5                  # [AXIS_SPREAD], 42 degrees
+CMC_BOUND = 4.                    # [CMC_SPREAD]
+
+
+class Saddle(NamedTuple):
+    """The part of a thumb that is fitted, named as in `Hand` for `digit_base`.
+
+    Attributes
+    ----------
+    thumb_cmc : ndarray, shape (3,)
+        In the wrist's frame [m].
+    thumb_abduction_axis, thumb_rest_direction : ndarray, shape (3,)
+        Unit length.
+    thumb_coupling : tuple of float
+        Slope and offset of the IP's flexion against the MCP's [1, rad].
+    """
+
+    thumb_cmc: np.ndarray
+    thumb_abduction_axis: np.ndarray
+    thumb_rest_direction: np.ndarray
+    thumb_coupling: tuple
+
+
+class ThumbAngles(NamedTuple):
+    """A thumb solved from its tip.
+
+    Attributes
+    ----------
+    abduction, flexion : ndarray, shape (n,)
+        Of the CMC from the base's x axis [rad].
+    mcp, ip : ndarray, shape (n, 3)
+        The joints, from the CMC, in the wrist's frame [m].
+    """
+
+    abduction: np.ndarray
+    flexion: np.ndarray
+    mcp: np.ndarray
+    ip: np.ndarray
+
+
+def fit_thumb(hand, thumb):
+    """Return `hand` with the thumb's CMC, axes and coupling fitted.
+
+    Parameters
+    ----------
+    hand : Hand
+        With the bones and the CMC to start from.
+    thumb : ndarray, shape (T, 4, 3)
+        CMC, MCP, IP and tip of a right hand in the palm's frame [m].
+    """
+    every = np.unique(np.linspace(0, len(thumb) - 1, FIT_FRAMES).astype(int))
+    recorded = thumb[every]
+
+    def saddle(x):
+        axis, across, along = _default_axes()
+        axis = axis + AXIS_SPREAD * (x[0] * across + x[1] * along)
+        return Saddle(
+            hand.thumb_cmc + CMC_SPREAD * x[4:], axis / np.linalg.norm(axis),
+            hand.thumb_rest_direction, (THUMB_COUPLING[0] * np.exp(SLOPE_SPREAD * x[2]),
+                                        THUMB_COUPLING[1] + OFFSET_SPREAD * x[3]))
+
+    def misses(x):
+        part = saddle(x)
+        solved = solve_thumb(hand, part, recorded[:, 3] - part.thumb_cmc)
+        return np.linalg.norm(np.stack((solved.mcp, solved.ip), axis=1)
+                              + part.thumb_cmc - recorded[:, 1:3], axis=2)
+
+    slopes = np.log(np.divide(SLOPE_BOUNDS, THUMB_COUPLING[0])) / SLOPE_SPREAD
+    offsets = np.subtract(OFFSET_BOUNDS, THUMB_COUPLING[1]) / OFFSET_SPREAD
+    bounds = np.array([(-AXIS_BOUND, AXIS_BOUND)] * 2 + [slopes, offsets]
+                      + [(-CMC_BOUND, CMC_BOUND)] * 3).T
+    starts = [np.array((a, b, k, 0., 0., 0., 0.)) for k in (-.7, .7)
+              for a, b in ((0., 0.), (1., 0.), (-1., 0.), (0., 1.), (0., -1.))]
+    part = saddle(regularised_fit(misses, starts, bounds))
+    return hand.replace(
+        thumb_cmc=part.thumb_cmc, thumb_abduction_axis=part.thumb_abduction_axis,
+        thumb_rest_direction=_rest_direction(hand, part, thumb[:, 3] - part.thumb_cmc),
+        coupling=np.vstack((hand.coupling[:4], part.thumb_coupling)))
+
+
+def solve_thumb(hand, saddle, tips):
+    """Return the thumb that reaches given tips, free of the limits of its CMC.
+
+    Parameters
+    ----------
+    hand : Hand
+        Its thumb's bones and the limits of MCP and IP count.
+    saddle : Saddle
+    tips : ndarray, shape (n, 3)
+        From the CMC, in the frame of a right hand's wrist [m].
+
+    Returns
+    -------
+    ThumbAngles
+    """
+    base, _, _ = digit_base(saddle, THUMB)
+    x, y, z = (tips @ base).T
+    abduction = np.arctan2(np.copysign(y, x * y), np.abs(x))
+    along = x * np.cos(abduction) + y * np.sin(abduction)
+
+    reach, mcp, ip = _flexion_table(hand, saddle.thumb_coupling)
+    wanted = np.hypot(along, z)
+    mcp = np.interp(wanted, reach, mcp)
+    ip = np.interp(wanted, reach, ip)
+    bones = hand.thumb_bones
+    ahead = bones[0] + bones[1] * np.cos(mcp) + bones[2] * np.cos(mcp + ip)
+    below = bones[1] * np.sin(mcp) + bones[2] * np.sin(mcp + ip)
+    flexion = np.arctan2(-z, along) - np.arctan2(below, ahead)
+
+    def point(length, angle):
+        return np.stack((length * np.cos(angle) * np.cos(abduction),
+                         length * np.cos(angle) * np.sin(abduction),
+                         -length * np.sin(angle)), axis=1) @ base.T
+
+    first = point(bones[0], flexion)
+    return ThumbAngles(abduction, flexion, first, first + point(bones[1], flexion + mcp))
+
+
+def _default_axes():
+    """Return the default abduction axis and two unit vectors normal to it."""
+    axis = np.divide(THUMB_ABDUCTION_AXIS, np.linalg.norm(THUMB_ABDUCTION_AXIS))
+    across = np.cross(axis, (0., 0., 1.))
+    across /= np.linalg.norm(across)
+    return axis, across, np.cross(axis, across)
+
+
+def _flexion_table(hand, coupling):
+    """Return reaches, increasing, with the MCP and IP angles that have them [m, rad, rad].
+
+    The IP follows the MCP; where the MCP meets its limit the IP bends on alone.
+    """
+    slope, offset = coupling
+    limits = hand.limits[[JOINTS.index('thumb_mcp_flexion'), JOINTS.index('thumb_ip_flexion')]]
+    mcp = np.linspace(*limits[0], TABLE_STEPS)
+    ip = np.clip(slope * mcp + offset, *limits[1])
+    alone = np.linspace(ip[-1], limits[1, 1], TABLE_STEPS)
+    mcp = np.append(mcp, np.full(TABLE_STEPS, mcp[-1]))
+    ip = np.append(ip, alone)
+    bones = hand.thumb_bones
+    reach = np.hypot(bones[0] + bones[1] * np.cos(mcp) + bones[2] * np.cos(mcp + ip),
+                     bones[1] * np.sin(mcp) + bones[2] * np.sin(mcp + ip))
+    straightest = np.argmax(reach)
+    falling = np.minimum.accumulate(reach[straightest:])[::-1]
+    return falling, mcp[straightest:][::-1], ip[straightest:][::-1]
+
+
+def _rest_direction(hand, saddle, tips):
+    """Return the direction about which the limits of the CMC hold the angles seen."""
+    solved = solve_thumb(hand, saddle, tips)
+    rows = [JOINTS.index('thumb_cmc_abduction'), JOINTS.index('thumb_cmc_flexion')]
+    abduction, flexion = (
+        np.percentile(seen, SEEN).mean() - limits.mean()
+        for seen, limits in zip((solved.abduction, solved.flexion), hand.limits[rows]))
+    base, _, _ = digit_base(saddle, THUMB)
+    return base @ (
+        np.cos(flexion) * np.cos(abduction), np.cos(flexion) * np.sin(abduction),
+        -np.sin(flexion))

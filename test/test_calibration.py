@@ -1,0 +1,185 @@
+"""A hand is found again from its own simulated joints."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from hand_tracker.calibration import LANDMARKS, fit_hand, landmark_positions
+from hand_tracker.calibration.palm import median_lengths
+from hand_tracker.calibration.thumb import Saddle, solve_thumb
+from hand_tracker.core.errors import InvalidHand
+from hand_tracker.core.hand import JOINTS, Hand, preset_limits
+from hand_tracker.core.kinematics import forward, joint_table
+from hand_tracker.core.tracker import HandTracker
+
+FRAMES = 200
+TIP_ROWS = [LANDMARKS.index(name) for name in (
+    'wrist', 'index_mcp', 'little_mcp', 'index_dip', 'middle_dip', 'ring_dip', 'little_dip',
+    'thumb_tip')]
+
+
+def person(side='right'):
+    """Return a hand that differs from the default in all that is fitted."""
+    mean = Hand.scaled(.18, .08)
+    # A fitted palm has no roll: wrist, index and little MCP span a plane that holds y.
+    normal = np.cross(mean.finger_mcp[3], mean.finger_mcp[0])
+    flat = Rotation.from_euler('x', np.arctan2(normal[1], normal[2])).as_matrix()
+    turn = Rotation.from_rotvec(np.radians((8., -4., 6.))).as_matrix() @ flat
+    return mean.replace(
+        finger_mcp=mean.finger_mcp @ flat.T, finger_cmc=mean.finger_cmc @ flat.T,
+        thumb_abduction_axis=turn @ mean.thumb_abduction_axis,
+        thumb_rest_direction=turn @ mean.thumb_rest_direction,
+        thumb_cmc=flat @ mean.thumb_cmc + (.002, -.001, .001), thumb_bones=(.044, .033, .027),
+        splay=np.radians((6., 0., -5., -12.)),
+        coupling=np.vstack((mean.coupling[:4], (1.5, -.1))),
+        limits=preset_limits('wide'), side=side)
+
+
+def recorded(hand, seed=0, noise=0.):
+    """Return angles and landmarks of random poses in which the hand's couplings hold."""
+    random = np.random.default_rng(seed)
+    lower, upper = preset_limits('paper').T
+    angles = random.uniform(.9 * lower, .9 * upper, (FRAMES, len(JOINTS)))
+    angles[:, JOINTS.index('thumb_mcp_abduction')] = 0.
+    mcp = angles[:, JOINTS.index('thumb_mcp_flexion')]
+    mcp[:] = random.uniform(.1, .5, FRAMES)
+    angles[:, JOINTS.index('thumb_ip_flexion')] = np.clip(
+        hand.coupling[4] @ (mcp, np.ones(FRAMES)), lower[-1], upper[-1])
+    rotation = Rotation.random(FRAMES, rng=random).as_matrix()
+    position = random.normal(0., .3, (FRAMES, 3))
+    pose = forward(joint_table(hand), angles, rotation, position)
+    joints = landmark_positions(hand, pose, position)
+    return angles, joints + random.normal(0., noise, joints.shape)
+
+
+@cache
+def refitted(side='right', noise=0.):
+    hand = person(side)
+    return hand, fit_hand(recorded(hand, noise=noise)[1], side, hand.limits)
+
+
+def palm_distances(hand):
+    """Return what of the palm does not depend on the frame in which it is given."""
+    joints = np.vstack((np.zeros(3), hand.finger_mcp))
+    return np.linalg.norm(joints[:, None] - joints, axis=2)
+
+
+def degrees_between(a, b):
+    return np.degrees(np.arccos(np.clip(a @ b, -1., 1.)))
+
+
+@pytest.mark.parametrize('side', ['right', 'left'])
+@pytest.mark.parametrize('noise, bone, lean, axis', [
+    (0., 2e-5, 2e-5, .1), (.0005, .0003, .002, 3.)])
+def test_recovers_a_hand(side, noise, bone, lean, axis):
+    hand, fitted = refitted(side, noise)
+    assert fitted.side == side
+    np.testing.assert_allclose(palm_distances(fitted), palm_distances(hand), atol=bone)
+    np.testing.assert_allclose(fitted.finger_mcp, hand.finger_mcp, atol=lean)
+    np.testing.assert_allclose(fitted.finger_bones, hand.finger_bones, atol=bone)
+    np.testing.assert_allclose(fitted.thumb_bones, hand.thumb_bones, atol=bone)
+    np.testing.assert_allclose(fitted.thumb_cmc, hand.thumb_cmc, atol=lean)
+    np.testing.assert_allclose(fitted.splay, hand.splay, atol=np.radians(2.))
+    assert degrees_between(fitted.thumb_abduction_axis, hand.thumb_abduction_axis) < axis
+    if not noise:
+        np.testing.assert_allclose(fitted.coupling[4], hand.coupling[4], atol=.02)
+    np.testing.assert_array_equal(fitted.limits, hand.limits)
+
+
+@pytest.mark.parametrize('noise, most', [(0., .0002), (.0005, .001)])
+def test_fitted_thumb_beats_the_default_axes_on_frames_it_has_not_seen(noise, most):
+    hand, fitted = refitted(noise=noise)
+    default = fitted.replace(
+        thumb_abduction_axis=Hand.scaled().thumb_abduction_axis, coupling=Hand.scaled().coupling)
+    fresh = recorded(hand, seed=5)[1]
+    errors = []
+    for tried in (fitted, default):
+        tracker = HandTracker(tried)
+        states = [tracker.update(frame[TIP_ROWS]) for frame in fresh]
+        found = np.array([landmark_positions(tried, state.pose, state.wrist_position)
+                          for state in states])
+        errors.append(np.linalg.norm(found - fresh, axis=2)[:, 2:4].mean())
+    assert errors[0] < most
+    assert errors[1] > 1.5 * errors[0]
+
+
+def test_rest_direction_centres_the_range_of_motion():
+    hand, fitted = refitted()
+    joints = recorded(hand)[1]
+    tracker = HandTracker(fitted)
+    seen = np.array([tracker.update(frame[TIP_ROWS]).angles for frame in joints])
+    for name in ('thumb_cmc_abduction', 'thumb_cmc_flexion'):
+        joint = JOINTS.index(name)
+        middle = np.percentile(seen[:, joint], (1., 99.)).mean()
+        assert middle == pytest.approx(hand.limits[joint].mean(), abs=np.radians(2.))
+
+
+def test_solved_thumb_is_the_trackers():
+    hand = person()
+    angles, joints = recorded(hand)
+    saddle = Saddle(hand.thumb_cmc, hand.thumb_abduction_axis, hand.thumb_rest_direction,
+                    hand.coupling[4])
+    local = landmark_positions(hand, forward(joint_table(hand), angles))
+    solved = solve_thumb(hand, saddle, local[:, 4] - hand.thumb_cmc)
+    tracker = HandTracker(hand)
+    for frame, mcp, ip in zip(joints, solved.mcp, solved.ip):
+        state = tracker.update(frame[TIP_ROWS])
+        mine = state.wrist_rotation.T @ (landmark_positions(
+            hand, state.pose, state.wrist_position) - state.wrist_position).T
+        np.testing.assert_allclose(mine.T[2] - hand.thumb_cmc, mcp, atol=1e-4)
+        np.testing.assert_allclose(mine.T[3] - hand.thumb_cmc, ip, atol=1e-4)
+
+
+def test_incomplete_frames_do_not_count():
+    hand = person()
+    joints = recorded(hand)[1]
+    holed = np.insert(joints, (10, 100, 150), 1e3, axis=0)
+    holed[10, 3] = np.nan
+    holed[101, 20] = np.inf
+    holed[152] = 0.
+    kept, found = fit_hand(joints, 'right'), fit_hand(holed, 'right')
+    for name in ('finger_mcp', 'finger_bones', 'splay', 'thumb_abduction_axis', 'coupling'):
+        np.testing.assert_array_equal(getattr(found, name), getattr(kept, name))
+
+
+def test_coupling_stays_where_a_thumb_can_be():
+    """A thumb whose MCP never moves tells nothing of the slope: it must not run off."""
+    hand = person()
+    angles, _ = recorded(hand)
+    angles[:, JOINTS.index('thumb_mcp_flexion')] = .2
+    angles[:, JOINTS.index('thumb_ip_flexion')] = np.linspace(-.1, 1., FRAMES)
+    joints = landmark_positions(hand, forward(joint_table(hand), angles))
+    slope, offset = fit_hand(joints, 'right', hand.limits).coupling[4]
+    assert .3 <= slope <= 3.
+    assert abs(offset) <= np.pi / 4
+
+
+@pytest.mark.parametrize('joints, side, message', [
+    (np.zeros((30, 20, 3)), 'right',
+     r'joints: their shape is \(30, 20, 3\); expected \(T, 21, 3\)'),
+    (np.full((30, 21, 3), np.nan), 'right', r'joints: 0 of 30 frames are complete, .*at least 10'),
+    (np.zeros((30, 21, 3)), 'right', r'joints: 0 of 30 frames .* triangle'),
+    (np.zeros((30, 21, 3)), 'both', r"side: 'both' is not one of right, left"),
+])
+def test_refuses_what_is_no_recording(joints, side, message):
+    with pytest.raises(InvalidHand, match=message):
+        fit_hand(joints, side)
+
+
+def test_median_lengths():
+    chains = np.array([[[0., 0., 0.], [x, 0., 0.], [x, 2., 0.]] for x in (1., 3., 9.)])
+    np.testing.assert_allclose(median_lengths(chains), (3., 2.))
+
+
+def test_landmarks_are_the_joints_of_the_pose():
+    hand = Hand.scaled()
+    points = landmark_positions(hand, forward(joint_table(hand), np.zeros(25)))
+    np.testing.assert_allclose(points[LANDMARKS.index('thumb_cmc')], hand.thumb_cmc)
+    np.testing.assert_allclose(points[LANDMARKS.index('middle_mcp')], hand.finger_mcp[1])
+    middle = [LANDMARKS.index(f'middle_{joint}') for joint in ('mcp', 'pip', 'dip', 'tip')]
+    np.testing.assert_allclose(np.diff(points[middle], axis=0)[:, 0], hand.finger_bones[1])
+    thumb = points[1:5]
+    np.testing.assert_allclose(
+        np.linalg.norm(np.diff(thumb, axis=0), axis=1), hand.thumb_bones)
