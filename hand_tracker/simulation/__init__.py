@@ -1,0 +1,1 @@
+"""Hands that move and markers that see them: motions and made recordings."""
