@@ -1,6 +1,6 @@
 """Measure how precisely the replay node keeps a recording's times.
 
-    python benchmarks/replay_timing.py [--rate 480] [--seconds 20] [--json OUT]
+    python -m benchmarks.replay_timing [--rate 480] [--seconds 20] [--json OUT]
 
 Plays a recording made for it in a process of its own. In that process: how late each message
 is given to the publisher. In this one: by how much the intervals at a subscriber are off.
@@ -16,9 +16,6 @@ import time
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
-
-os.environ.setdefault('ROS_DOMAIN_ID', str(101 + os.getpid() % 100))
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 import rclpy
@@ -123,13 +120,14 @@ def main():
     if options.play:
         return play(options.play)
 
+    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
     about = environment()
     print(*(f'{key}: {value}' for key, value in about.items()), sep='\n')
     with TemporaryDirectory() as folder:
         recording, out = Path(folder, 'markers.mcap'), Path(folder, 'lateness.json')
         record(recording, options.rate, options.seconds)
         arrivals = listen(subprocess.Popen(
-            [sys.executable, __file__, '--play', out, '--ros-args',
+            [sys.executable, '-m', 'benchmarks.replay_timing', '--play', out, '--ros-args',
              '-p', f'recording:={recording}', *ros_args], stdout=subprocess.DEVNULL))
         played = json.loads(out.read_text())
     intervals = np.diff(arrivals) - 1e9 / options.rate

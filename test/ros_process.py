@@ -28,10 +28,14 @@ class NodeProcess:
     remaps : dict of str to str, optional
     environment : dict of str to str, optional
         In addition to that of this process.
+    files : sequence of path-like, optional
+        Parameter files.
     """
 
-    def __init__(self, module, parameters=None, remaps=None, environment=None):
+    def __init__(self, module, parameters=None, remaps=None, environment=None, files=()):
         command = [sys.executable, '-m', module, '--ros-args']
+        for file in files:
+            command += ['--params-file', str(file)]
         for name, value in (parameters or {}).items():
             command += ['-p', f'{name}:={json.dumps(value)}']
         for old, new in (remaps or {}).items():
@@ -85,9 +89,10 @@ class NodeProcess:
         self._reader.join()
         return code
 
-    def interrupt(self, sig=signal.SIGINT, timeout=1.):
+    def interrupt(self, sig=signal.SIGINT, timeout=1., times=1):
         """Interrupt it as Ctrl-C does; return its exit code, which must come in time."""
-        self._process.send_signal(sig)
+        for _ in range(times):
+            self._process.send_signal(sig)
         return self.wait(timeout)
 
 

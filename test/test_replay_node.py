@@ -6,7 +6,8 @@ import time
 
 import numpy as np
 import pytest
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.interfaces import (
+    Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime)
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from hand_tracker.files.bags import (
@@ -140,7 +141,8 @@ def test_rate_and_restamp(bags, watch):
 
 def test_loop_goes_on_with_rising_stamps_and_is_interrupted(bags, watch):
     markers = watch.collect(MarkerArray, 'markers')
-    with replay(bags / 'hand.mcap', loop=True, rate=4.0, start_offset=30 * PERIOD * 1e-9) as process:
+    offset = 30 * PERIOD * 1e-9
+    with replay(bags / 'hand.mcap', loop=True, rate=4.0, start_offset=offset) as process:
         watch.spin_until(lambda: len(markers) > 80)
         clean(process, process.interrupt())
     lap = range(30, FRAMES)
@@ -215,7 +217,7 @@ def test_interrupt(bags, state):
     line = 'Replay waits' if state == 'waiting' else 'Playing'
     with replay(bags / 'long.mcap', **parameters) as process:
         process.wait_for_line(line)
-        clean(process, process.interrupt())
+        clean(process, process.interrupt(times=2))  # as impatient users do
 
 
 ERRORS = {

@@ -12,6 +12,7 @@ from rclpy.signals import SignalHandlerOptions
 from ..core.errors import HandTrackerError
 
 POLL = .1  # [s]
+INTERRUPTS = signal.SIGINT, signal.SIGTERM
 
 
 def declare(node, table):
@@ -78,9 +79,13 @@ def spin(node):
         Executor = SingleThreadedExecutor
     executor = Executor()
     executor.add_node(node)
+    interrupts = []
+    # An exception that a signal raises inside EventsExecutor comes out as another one.
+    for number in INTERRUPTS:
+        signal.signal(number, lambda *interrupt: interrupts.append(interrupt))
     try:
         # Not spin(): EventsExecutor's overflows its wait in some releases.
-        while rclpy.ok():
+        while rclpy.ok() and not interrupts:
             executor.spin_once(POLL)
     finally:
         executor.shutdown()
@@ -105,8 +110,8 @@ def run(make_node, work=spin, args=None):
         an error of the user's input, which is logged in one line.
     """
     # rclpy's own handlers end the context from another thread, in the middle of a publish.
-    for interrupt in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(interrupt, signal.default_int_handler)
+    for number in INTERRUPTS:
+        signal.signal(number, _interrupt)
     node = None
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -119,9 +124,14 @@ def run(make_node, work=spin, args=None):
         logger.error(str(error))
         return 1
     finally:
-        # A second Ctrl-C must not cut the way out short.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
         if node:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _interrupt(number, frame):
+    # A second Ctrl-C must not cut the way out short.
+    for other in INTERRUPTS:
+        signal.signal(other, signal.SIG_IGN)
+    raise KeyboardInterrupt
