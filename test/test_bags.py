@@ -1,5 +1,6 @@
 """Recordings: what is written is read again; damage is named."""
 
+import re
 from itertools import islice
 
 import numpy as np
@@ -220,6 +221,21 @@ def test_damage_inside(tmp_path):
     with pytest.raises(BagError, match=r'cannot be read \(.+\); expected a complete recording'):
         with open_bag(path) as bag:
             list(bag.messages())
+
+
+def test_damaged_index(tmp_path):
+    path = tmp_path / 'bag.mcap'
+    write_bag(path, frames(3))
+    data = path.read_bytes()
+    first_index = data.index(b'\x07', data.index(b'\x28\xb5\x2f\xfd'))  # after the zstd chunk
+    message = 'cannot be read|messages of 6 that it lists; expected a complete recording'
+    for start in range(first_index, len(data) - 100, 50):
+        path.write_bytes(data[:start] + bytes(100) + data[start + 100:])
+        try:
+            with open_bag(path) as bag:
+                assert [m.topic for m in bag.messages()] == ['/markers', '/truth'] * 3
+        except BagError as error:
+            assert re.search(message, str(error))
 
 
 def test_unknown_type(tmp_path):

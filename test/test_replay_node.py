@@ -66,6 +66,7 @@ def bags(tmp_path_factory):
     write_folder(folder / 'mixed', frames(), offers=[offer], foreign=True)
     data = (folder / 'hand.mcap').read_bytes()
     (folder / 'truncated.mcap').write_bytes(data[:len(data) // 2])
+    (folder / 'damaged.mcap').write_bytes(data[:500] + bytes(100) + data[600:])
     data = (folder / 'hand.db3').read_bytes()
     (folder / 'truncated.db3').write_bytes(data[:len(data) // 2])
     (folder / 'no_bytes.mcap').touch()
@@ -183,6 +184,12 @@ def test_namespace_moves_topics(bags, watch):
         clean(process, process.wait())
 
 
+def test_plays_the_packaged_recording():
+    with NodeProcess(MODULE, {'rate': 100.0, 'wait_for_subscriber': 0.0}) as process:
+        clean(process, process.wait())
+        assert 'demo.mcap' in process.output and 'Played to the end' in process.output
+
+
 def test_plays_alone_after_waiting(bags):
     with replay(bags / 'hand.mcap', wait_for_subscriber=0.2) as process:
         clean(process, process.wait())
@@ -228,6 +235,8 @@ ERRORS = {
     'no messages': ({'recording': 'no_messages'}, 'a recording without messages; expected'),
     'truncated mcap': ({'recording': 'truncated.mcap'}, 'expected a complete recording'),
     'truncated db3': ({'recording': 'truncated.db3'}, 'expected a complete recording'),
+    'damaged': ({'recording': 'damaged.mcap', 'wait_for_subscriber': 0.0},
+                'expected a complete recording'),
     'wrong type': ({'recording': 'truth.mcap'},
                    f'no markers in /truth (sensor_msgs/msg/JointState); expected a topic of '
                    f'{MARKER_ARRAY}'),

@@ -77,7 +77,9 @@ class Bag:
         self.topics, self.counts, self.offered_qos = {}, {}, {}
         for connection in reader.connections:
             topic = connection.topic
-            self.topics.setdefault(topic, connection.msgtype)
+            # A topic recorded with two types is played with the first.
+            if self.topics.setdefault(topic, connection.msgtype) != connection.msgtype:
+                continue
             self.counts[topic] = self.counts.get(topic, 0) + connection.msgcount
             self.offered_qos.setdefault(topic, []).extend(connection.ext.offered_qos_profiles)
         self.start = reader.start_time
@@ -106,15 +108,20 @@ class Bag:
         if unknown := wanted - self.topics.keys():
             raise BagError(f'{self.path}: no topic {", ".join(sorted(unknown))}; '
                            f'it has {", ".join(sorted(self.topics))}')
-        # A topic recorded with two types is played with the first.
         connections = [connection for connection in self._reader.connections
                        if connection.topic in wanted
                        and connection.msgtype == self.topics[connection.topic]]
         if not connections:
             return
+        count = 0
         with _readable(self.path):
             for connection, time, data in self._reader.messages(connections, start=start):
+                count += 1
                 yield BagMessage(connection.topic, connection.msgtype, time, data)
+        listed = sum(self.counts[topic] for topic in wanted)
+        if count < listed and (start is None or start <= self.start):
+            raise BagError(f'{self.path}: has {count} messages of {listed} that it lists; '
+                           'expected a complete recording')
 
 
 @contextmanager

@@ -1,7 +1,9 @@
 """Play a rosbag2 recording at its recorded times, as `ros2 bag play` does.
 
-Messages travel as the bytes they were recorded as. Topics are published under relative
-names, so that `-r markers:=/other` and `-r __ns:=/left` act on them.
+Messages travel as the bytes they were recorded as, with the QoS that their publishers
+offered, else reliable. Topics are published under relative names, so that
+`-r markers:=/other` and `-r __ns:=/left` act on them. The process ends with the recording.
+Its exit code is 0 then and when interrupted, 1 when the recording cannot be played.
 """
 
 import struct
@@ -119,7 +121,7 @@ class ReplayNode(Node):
 
     def _open_outputs(self, bag):
         """Return the outputs by recorded topic."""
-        wanted = self._options.topics.split() or list(bag.topics)
+        wanted = list(dict.fromkeys(self._options.topics.split() or bag.topics))
         if unknown := [topic for topic in wanted if topic not in bag.topics]:
             raise BagError(f'{bag.path}: no topic {", ".join(unknown)}; expected topics among '
                            f'{", ".join(bag.topics)}')
