@@ -88,7 +88,7 @@ def test_manifest_covers_every_import(manifest):
     declared = {depend.text for depend in manifest.findall('exec_depend')}
     sources = [*(ROOT / 'hand_tracker').rglob('*.py'), *(ROOT / 'launch').glob('*.py')]
     imported = {name for path in sources for name in imported_modules(parse(path))}
-    foreign = imported - sys.stdlib_module_names - OPTIONAL - {'hand_tracker', 'ament_index_python'}
+    foreign = imported - sys.stdlib_module_names - OPTIONAL - {'hand_tracker'}
     assert {ROSDEP_KEYS.get(name, name) for name in foreign} - declared == set()
 
 
