@@ -23,15 +23,17 @@ TIP_ROWS = [LANDMARKS.index(name) for name in (
 def person(side='right'):
     """Return a hand that differs from the default in all that is fitted."""
     mean = Hand.scaled(.18, .08)
-    # A fitted palm has no roll: wrist, index and little MCP span a plane that holds y.
-    normal = np.cross(mean.finger_mcp[3], mean.finger_mcp[0])
-    flat = Rotation.from_euler('x', np.arctan2(normal[1], normal[2])).as_matrix()
+    # A fitted palm has wrist, index and little MCP in the plane of x and y.
+    z = np.cross(mean.finger_mcp[3], mean.finger_mcp[0])
+    y = np.cross(z, mean.finger_mcp[1])
+    flat = np.array([axis / np.linalg.norm(axis) for axis in (np.cross(y, z), y, z)])
     turn = Rotation.from_rotvec(np.radians((8., -4., 6.))).as_matrix() @ flat
     return mean.replace(
         finger_mcp=mean.finger_mcp @ flat.T, finger_cmc=mean.finger_cmc @ flat.T,
         thumb_abduction_axis=turn @ mean.thumb_abduction_axis,
         thumb_rest_direction=turn @ mean.thumb_rest_direction,
         thumb_cmc=flat @ mean.thumb_cmc + (.002, -.001, .001), thumb_bones=(.044, .033, .027),
+        finger_abduction_axes=((.2, .05, 1.), (.1, 0., 1.), (.05, -.1, 1.), (-.1, -.05, 1.)),
         splay=np.radians((6., 0., -5., -12.)),
         coupling=np.vstack((mean.coupling[:4], (1.5, -.1))),
         limits=preset_limits('wide'), side=side)
@@ -72,7 +74,7 @@ def degrees_between(a, b):
 
 @pytest.mark.parametrize('side', ['right', 'left'])
 @pytest.mark.parametrize('noise, bone, lean, axis', [
-    (0., 2e-5, 2e-5, .1), (.0005, .0003, .002, 3.)])
+    (0., 2e-5, 2e-5, .2), (.0005, .0003, .002, 3.)])
 def test_recovers_a_hand(side, noise, bone, lean, axis):
     hand, fitted = refitted(side, noise)
     assert fitted.side == side
@@ -83,6 +85,8 @@ def test_recovers_a_hand(side, noise, bone, lean, axis):
     np.testing.assert_allclose(fitted.thumb_cmc, hand.thumb_cmc, atol=lean)
     np.testing.assert_allclose(fitted.splay, hand.splay, atol=np.radians(2.))
     assert degrees_between(fitted.thumb_abduction_axis, hand.thumb_abduction_axis) < axis
+    for found, true in zip(fitted.finger_abduction_axes, hand.finger_abduction_axes):
+        assert degrees_between(found, true) < axis
     if not noise:
         np.testing.assert_allclose(fitted.coupling[4], hand.coupling[4], atol=.02)
     np.testing.assert_array_equal(fitted.limits, hand.limits)

@@ -4,12 +4,12 @@ import numpy as np
 
 from ..core.errors import InvalidHand
 from ..core.hand import (
-    CMC_OF_LENGTH, CMC_OF_MCP_BREADTH, FINGERS, JOINTS, MCP_OF_LENGTH, SIDES, Hand, preset_limits)
+    CMC_OF_LENGTH, CMC_OF_MCP_BREADTH, FINGERS, MCP_OF_LENGTH, SIDES, Hand, preset_limits)
+from .fingers import fit_fingers
 from .landmarks import FINGER_ROWS, INDEX_MCP, LANDMARKS, LITTLE_MCP, MIDDLE_MCP, THUMB_ROWS
-from .palm import leaned, median_lengths, palm_areas, palm_coordinates, splay
+from .palm import median_lengths, palm_areas, palm_coordinates
 from .thumb import fit_thumb
 
-MCP_FLEXION = [JOINTS.index(f'{finger}_mcp_flexion') for finger in FINGERS]
 MIN_FRAMES = 10
 MIN_PALM_AREA = 1e-4  # [m^2]
 
@@ -29,7 +29,7 @@ def fit_hand(joints, side, limits=None):
     Returns
     -------
     Hand
-        Of `side`, with bones, palm, splay, and the thumb's axes and coupling of the person.
+        Of `side`, with bones, palm, the axes of all digits and the thumb's coupling.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def fit_hand(joints, side, limits=None):
         complete = complete * (1., -1., 1.)
 
     limits = preset_limits() if limits is None else np.array(limits, dtype=float)
-    local = leaned(palm_coordinates(complete), limits[MCP_FLEXION, 0])
+    local = palm_coordinates(complete)
     palm = np.median(local, axis=0)
     mcp = palm[FINGER_ROWS[:, 0]]
     length = np.linalg.norm(palm[MIDDLE_MCP]) / MCP_OF_LENGTH[FINGERS.index('middle')]
@@ -62,6 +62,6 @@ def fit_hand(joints, side, limits=None):
     hand = scaled.replace(
         finger_mcp=mcp,
         finger_cmc=mcp * (0., CMC_OF_MCP_BREADTH, 0.) + (CMC_OF_LENGTH * length, 0., 0.),
-        finger_bones=median_lengths(fingers), splay=splay(fingers),
+        finger_bones=median_lengths(fingers),
         thumb_cmc=palm[THUMB_ROWS[0]], thumb_bones=median_lengths(thumb), limits=limits, side=side)
-    return fit_thumb(hand, thumb)
+    return fit_thumb(fit_fingers(hand, fingers), thumb)

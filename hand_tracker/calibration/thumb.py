@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.hand import DIGITS, JOINTS, THUMB_ABDUCTION_AXIS, THUMB_COUPLING
 from ..core.kinematics import digit_base
-from .palm import SEEN
+from .fingers import SEEN
 from .regularised import regularised_fit
 
 THUMB = DIGITS.index('thumb')
