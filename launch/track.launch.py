@@ -1,0 +1,129 @@
+"""Track a hand: replay or a live driver, the tracker, robot_state_publisher and, if asked, RViz."""
+
+from pathlib import Path
+
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutdown
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+from hand_tracker.nodes.tracker_parameters import AUTO, START, starting_hand
+from hand_tracker.urdf import urdf
+
+ARGUMENTS = (
+    DeclareLaunchArgument(
+        'source', default_value='recording', choices=['recording', 'live'],
+        description='Where markers come from: a recording that is replayed, or a live driver'),
+    DeclareLaunchArgument(
+        'recording', default_value='',
+        description='rosbag2 recording to replay (.mcap, .db3 or folder); empty: the packaged one'),
+    DeclareLaunchArgument(
+        'rate', default_value='1.0', description='Speed of the replay'),
+    DeclareLaunchArgument(
+        'loop', default_value='true', choices=['true', 'false'],
+        description='Replay for ever; with false all ends after the recording'),
+    DeclareLaunchArgument(
+        'markers', default_value='markers', description='Topic of the MarkerArrays'),
+    DeclareLaunchArgument(
+        'hand', default_value='', description='Hand file (YAML); empty: the mean hand'),
+    DeclareLaunchArgument(
+        'side', default_value='auto', choices=['auto', 'right', 'left'],
+        description="Side of the hand; auto: the hand file's, else right"),
+    DeclareLaunchArgument(
+        'limits', default_value='auto', choices=['auto', 'paper', 'wide'],
+        description="Joint limits: Table 1 of the paper, or wider ranges of motion; "
+                    "auto: the hand file's, else paper"),
+    DeclareLaunchArgument(
+        'thumb', default_value='saddle', choices=['saddle', 'index_mcp'],
+        description="Plane of the thumb: the hand's saddle joint, or the paper's through index MCP"),
+    DeclareLaunchArgument(
+        'prefix', default_value='auto',
+        description='Before all joint and frame names; auto: right_ or left_'),
+    DeclareLaunchArgument(
+        'namespace', default_value='',
+        description='Namespace of nodes and topics, for a second hand; frames have the prefix'),
+    DeclareLaunchArgument(
+        'parameters', default_value='',
+        description='Parameter file (YAML) for the tracker; it prevails over the arguments here'),
+    DeclareLaunchArgument(
+        'publish_frequency', default_value='1000.0',
+        description='Most transforms a second of robot_state_publisher [Hz]; '
+                    'not below the rate of the markers'),
+    DeclareLaunchArgument(
+        'rviz', default_value='false', choices=['true', 'false'],
+        description='Show the hand in RViz'),
+    DeclareLaunchArgument(
+        'fixed_frame', default_value='mocap', description='Fixed frame of RViz'),
+    DeclareLaunchArgument(
+        'use_sim_time', default_value='false', choices=['true', 'false'],
+        description='Follow /clock'),
+)
+
+
+def start(context):
+    """Return the nodes for the arguments given."""
+    given = context.launch_configurations
+    hand_parameters = {
+        'hand_file': given['hand'], 'side': given['side'], 'thumb': given['thumb'],
+        'prefix': given['prefix'], 'limits.preset': given['limits']}
+    hand, _ = starting_hand({**{row.name: row.default for row in START}, **hand_parameters})
+    prefix = f'{hand.side}_' if given['prefix'] == AUTO else given['prefix']
+    common = {'use_sim_time': given['use_sim_time'] == 'true'}
+    publishes_links = installed('robot_state_publisher')
+
+    def node(executable, parameters, package='hand_tracker', **more):
+        return Node(
+            package=package, executable=executable, namespace=given['namespace'],
+            parameters=[common, *(texts_kept(each) for each in parameters)], output='screen',
+            **more)
+
+    actions = [node(
+        'tracker',
+        [hand_parameters, {'broadcast': 'wrist' if publishes_links else 'all'},
+         *([given['parameters']] if given['parameters'] else [])],
+        remappings=[('markers', given['markers'])], on_exit=Shutdown(reason='the tracker ended'))]
+    if publishes_links:
+        actions.append(node(
+            'robot_state_publisher',
+            [{'robot_description': urdf(hand, prefix),
+              'publish_frequency': float(given['publish_frequency'])}],
+            package='robot_state_publisher'))
+    else:
+        actions.append(LogInfo(msg='robot_state_publisher is not installed: '
+                                   'the tracker broadcasts every frame itself'))
+    if given['source'] == 'recording':
+        actions.append(node(
+            'replay',
+            [{'recording': given['recording'], 'rate': float(given['rate']),
+              'loop': given['loop'] == 'true'}],
+            remappings=[('markers', given['markers'])],
+            on_exit=Shutdown(reason='the replay ended')))
+    if given['rviz'] == 'true':
+        config = Path(get_package_share_directory('hand_tracker')) / 'config' / 'hand_tracker.rviz'
+        actions.append(node(
+            'rviz2', [], package='rviz2',
+            arguments=['-d', str(config), '-f', given['fixed_frame']]))
+    return actions
+
+
+def texts_kept(parameters):
+    """Return parameters whose texts launch does not read as YAML: '' is no null."""
+    if isinstance(parameters, str):
+        return parameters  # a parameter file
+    return {name: ParameterValue(value, value_type=str) if isinstance(value, str) else value
+            for name, value in parameters.items()}
+
+
+def installed(package):
+    """Return whether a package is installed."""
+    try:
+        get_package_share_directory(package)
+    except PackageNotFoundError:
+        return False
+    return True
+
+
+def generate_launch_description():
+    """Return the description that `ros2 launch` runs."""
+    return LaunchDescription([*ARGUMENTS, OpaqueFunction(function=start)])
