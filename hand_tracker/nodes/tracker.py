@@ -1,0 +1,189 @@
+"""The tracker node: markers in; joint states, TF and a picture of the hand out."""
+
+import sys
+import time
+
+import numpy as np
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
+
+from ..core.errors import HandTrackerError
+from ..core.hand import JOINTS
+from ..core.kinematics import forward, joint_table, tip_offsets
+from ..core.layout import marker_positions
+from ..core.palm import PalmState
+from ..core.tracker import HandTracker
+from ..messages import (
+    fill_transforms, joint_state, link_frames, markers_from_message, new_transforms,
+    prefixed_names, relative_pose, tip_frames, wrist_frames)
+from ..visuals import hand_markers
+from .common import declare, run
+from .tracker_parameters import AUTO, START, TOPICS, live_settings, live_table, starting_hand
+from .watch import Watch, who_publishes
+
+try:
+    from tf2_ros import StaticTransformBroadcaster, TransformBroadcaster
+except ImportError:
+    TransformBroadcaster = None
+
+WATCH_PERIOD = .25      # [s]
+NAMELESS = 'world'      # frame of markers that have none, as TF needs one
+
+
+class TrackerNode(Node):
+    """Track one hand."""
+
+    def __init__(self):
+        super().__init__('hand_tracker')
+        start = declare(self, START)
+        self._hand, layout = starting_hand(start)
+        self._live = live_table(self._hand)
+        self._settings = live_settings(self._hand, declare(self, self._live))
+        self._changed = False
+        self._mocap_frame = start['mocap_frame']
+        self._tracker = HandTracker(self._settings.hand, layout, self._settings.options)
+        self._placed = False
+        self._compile(layout)
+
+        self._joints = joint_table(self._hand)
+        self._tips = tip_offsets(self._hand)
+        prefix, wrist = start['prefix'], start['wrist_frame']
+        self._names = prefixed_names(
+            f'{self._hand.side}_' if prefix == AUTO else prefix, None if wrist == AUTO else wrist)
+
+        qos = {topic: _qos(start, topic) for topic in TOPICS}
+        self._joint_states = self.create_publisher(
+            JointState, 'joint_states', qos['joint_states'])
+        self._hand_markers = self.create_publisher(
+            MarkerArray, 'hand_markers', qos['hand_markers'])
+        self._open_tf(start['broadcast'])
+        self._subscription = self.create_subscription(
+            MarkerArray, 'markers', self._on_markers, qos['markers'])
+        self._reliability = start['qos.markers.reliability']
+        self._topic = self.resolve_topic_name('markers')
+        self._watch = Watch(time.monotonic(), self._topic, self._settings.labels)
+        self.add_on_set_parameters_callback(self._on_set)
+        # A timer of ROS time would stand still without /clock.
+        self._timer = self.create_timer(
+            WATCH_PERIOD, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.get_logger().info(
+            f'{self._hand.side} hand: listening for markers on {self._topic}')
+
+    def _compile(self, layout):
+        """Have the kernels compiled before the first frame waits for it."""
+        self.get_logger().info('preparing; the very first start compiles for some seconds')
+        rest = forward(joint_table(self._hand), np.zeros(len(JOINTS)))
+        HandTracker(self._hand, layout, self._settings.options).update(
+            marker_positions(layout.mounting(self._hand), rest))
+
+    def _open_tf(self, broadcast):
+        self._broadcaster, self._transforms, self._transforms_frame = None, [], None
+        self._every_frame = broadcast == 'all'
+        if broadcast == 'none':
+            return
+        if TransformBroadcaster is None:
+            self.get_logger().warning(
+                'tf2_ros is not installed: nothing is broadcast on /tf; the rest works')
+            return
+        self._broadcaster = TransformBroadcaster(self)
+        if self._every_frame:
+            tips = new_transforms(tip_frames(self._names))
+            fill_transforms(tips, self.get_clock().now().to_msg(),
+                            np.broadcast_to(np.eye(3), (len(tips), 3, 3)), self._tips)
+            self._static_broadcaster = StaticTransformBroadcaster(self)
+            self._static_broadcaster.sendTransform(tips)
+
+    def _on_markers(self, message):
+        if self._changed:
+            self._configure()
+        settings = self._settings
+        frame = markers_from_message(message, settings.labels, self._mocap_frame,
+                                     settings.unit_scale, settings.zero_is_missing)
+        self._watch.received(time.monotonic(), frame)
+        # A message without any marker of the hand may be of something else.
+        if frame.stamp is None:
+            return
+        state = self._tracker.update(frame.positions)
+        self._watch.tracked(time.monotonic(), state)
+        self._placed = self._placed or state.palm <= PalmState.CARRIED
+        if self._placed:
+            self._publish(self._stamp(frame), self._frame_id(frame), state)
+
+    def _publish(self, stamp, frame_id, state):
+        self._joint_states.publish(joint_state(stamp, self._names, state.angles))
+        if self._broadcaster is not None:
+            self._broadcast(stamp, frame_id, state)
+        if self._hand_markers.get_subscription_count():
+            self._hand_markers.publish(
+                hand_markers(stamp, frame_id, self._names, self._tips, state))
+
+    def _broadcast(self, stamp, frame_id, state):
+        if frame_id != self._transforms_frame:
+            links = link_frames(self._names, self._joints) if self._every_frame else ()
+            self._transforms = new_transforms(wrist_frames(self._names, frame_id) + links)
+            self._transforms_frame = frame_id
+        fill_transforms(self._transforms[:1], stamp, state.wrist_rotation[None],
+                        state.wrist_position[None])
+        if self._every_frame:
+            fill_transforms(self._transforms[1:], stamp, *relative_pose(self._joints, state))
+        self._broadcaster.sendTransform(self._transforms)
+
+    def _stamp(self, frame):
+        if frame.stamp.sec or frame.stamp.nanosec:
+            return frame.stamp
+        self._watch.once('stamp', 'the markers have no stamp; the time of receipt is used')
+        return self.get_clock().now().to_msg()
+
+    def _frame_id(self, frame):
+        if not frame.frame_id:
+            self._watch.once('frame_id', f"the markers have no frame; '{NAMELESS}' is used "
+                             '(mocap_frame)')
+        return frame.frame_id or NAMELESS
+
+    def _on_set(self, parameters):
+        values = {parameter.name: parameter.value for parameter in parameters}
+        try:
+            live_settings(self._hand, {**self._live_values(), **values})
+        except HandTrackerError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        # Not applied yet: another callback may still refuse the whole set.
+        self._changed = True
+        return SetParametersResult(successful=True)
+
+    def _configure(self):
+        self._changed = False
+        self._settings = live_settings(self._hand, self._live_values())
+        self._tracker.configure(hand=self._settings.hand, options=self._settings.options)
+        self._watch.labels = self._settings.labels
+
+    def _live_values(self):
+        return {row.name: self.get_parameter(row.name).value for row in self._live}
+
+    def _report(self):
+        for is_warning, line in self._watch.report(time.monotonic(), self._who_publishes):
+            if is_warning:
+                self.get_logger().warning(line)
+            else:
+                self.get_logger().info(line)
+
+    def _who_publishes(self):
+        return who_publishes(self.get_publishers_info_by_topic(self._topic), self._reliability)
+
+
+def _qos(values, topic):
+    return QoSProfile(
+        depth=values[f'qos.{topic}.depth'],
+        reliability=ReliabilityPolicy[values[f'qos.{topic}.reliability'].upper()])
+
+
+def main(args=None):
+    """Run the tracker node until it is interrupted; return its exit code."""
+    return run(TrackerNode, args=args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,185 @@
+"""The tracker node's parameters, and the hand and options that they stand for.
+
+Some are read once, when the node starts: the hand and all that the URDF shares with the
+node. The defaults of the others come from that hand; they act from the next frame on.
+"""
+
+from dataclasses import fields
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.errors import HandTrackerError
+from ..core.hand import (
+    ANGLE_RANGE, DIGITS, JOINTS, LIMIT_PRESETS, MEAN_BREADTH, MEAN_LENGTH, SIDES, SLOPE_RANGE,
+    Hand, preset_limits)
+from ..core.layout import MARKERS, MarkerLayout
+from ..core.tracker import TrackerOptions
+from ..files.hand_file import load_hand
+from ..labels import DEFAULT_LABELS, LabelMap
+from .parameter import Parameter
+
+AUTO = 'auto'
+RELIABILITIES = ('best_effort', 'reliable')
+TOPICS = {'markers': ('best_effort', 5), 'joint_states': ('reliable', 10),
+          'hand_markers': ('reliable', 5)}
+DEGREES = np.degrees(ANGLE_RANGE)
+DECIMALS = 12  # of degrees, so that 85 degrees come back from radians as 85
+
+
+class InvalidParameter(HandTrackerError, ValueError):
+    """A parameter has a value that it does not allow."""
+
+
+class Settings(NamedTuple):
+    """What acts from the next frame on."""
+
+    hand: Hand
+    options: TrackerOptions
+    labels: LabelMap
+    unit_scale: float
+    zero_is_missing: bool
+
+
+START = (
+    Parameter('hand_file', '', 'Hand file (YAML) with lengths, limits and marker places; '
+              'empty for the mean hand'),
+    Parameter('side', AUTO, "Side of the hand; auto is the hand file's, else right",
+              choices=(AUTO, *SIDES)),
+    Parameter('hand_length', MEAN_LENGTH, 'Wrist crease to tip of the middle finger [m]; '
+              'for the mean hand only', range=(.10, .26)),
+    Parameter('hand_breadth', MEAN_BREADTH, 'Across the knuckles of index and little finger '
+              '[m]; for the mean hand only', range=(.04, .14)),
+    Parameter('thumb', 'saddle', "Plane of the thumb: the hand's saddle joint, or the paper's "
+              'plane through the index MCP', choices=('saddle', 'index_mcp')),
+    Parameter('limits.preset', AUTO, "Limits of all joints that have none of their own here; "
+              "auto is the hand file's, else paper", choices=(AUTO, *LIMIT_PRESETS)),
+    Parameter('prefix', AUTO, 'Before all joint and frame names; auto is right_ or left_'),
+    Parameter('mocap_frame', '', 'Frame of the markers: those in another are left out; '
+              'empty for whichever frame they have'),
+    Parameter('wrist_frame', AUTO, "Frame of the wrist; auto is the URDF's root, prefix + wrist"),
+    Parameter('broadcast', 'wrist', 'Frames to broadcast on /tf: the wrist alone, when '
+              'robot_state_publisher broadcasts the rest, all or none',
+              choices=('wrist', 'all', 'none')),
+) + tuple(
+    row for topic, (reliability, depth) in TOPICS.items() for row in (
+        Parameter(f'qos.{topic}.reliability', reliability, f'Reliability of {topic}',
+                  choices=RELIABILITIES),
+        Parameter(f'qos.{topic}.depth', depth, f'Messages of {topic} that wait at most',
+                  range=(1, 1000))))
+START = tuple(row._replace(read_only=True) for row in START)
+
+
+def starting_hand(values):
+    """Return the hand that the parameters of the start name.
+
+    Parameters
+    ----------
+    values : dict
+        Value of each of `START` by its name.
+
+    Returns
+    -------
+    hand : Hand
+    layout : MarkerLayout
+
+    Raises
+    ------
+    HandTrackerError
+        Naming the parameter or the hand file's field, its value and what is allowed.
+    """
+    size = {'length': values['hand_length'], 'breadth': values['hand_breadth']}
+    if values['hand_file']:
+        if tuple(size.values()) != (MEAN_LENGTH, MEAN_BREADTH):
+            raise InvalidParameter('hand_length, hand_breadth: they scale the mean hand, and '
+                                   f"hand_file names another: {values['hand_file']}")
+        try:
+            hand, layout = load_hand(Path(values['hand_file']).expanduser())
+        except HandTrackerError as error:
+            raise InvalidParameter(f'hand_file: {error}') from None
+    else:
+        hand, layout = Hand.scaled(**size), MarkerLayout()
+    if values['side'] != AUTO:
+        hand = hand.replace(side=values['side'])
+    if values['limits.preset'] != AUTO:
+        hand = hand.replace(limits=preset_limits(values['limits.preset']))
+    if values['thumb'] == 'index_mcp':
+        hand = hand.with_paper_thumb()
+    for name in ('prefix', 'mocap_frame', 'wrist_frame'):
+        if values[name].startswith('/'):
+            raise InvalidParameter(f"{name}: '{values[name]}'; frames of TF begin with no slash")
+    if not values['wrist_frame']:
+        raise InvalidParameter("wrist_frame: ''; expected a frame or auto")
+    return hand, layout
+
+
+def live_table(hand):
+    """Return the parameters that act from the next frame on.
+
+    Parameters
+    ----------
+    hand : Hand
+        Of whom the limits and couplings are the defaults.
+
+    Returns
+    -------
+    tuple of Parameter
+    """
+    rows = []
+    for joint, limits in zip(JOINTS, np.round(np.degrees(hand.limits), DECIMALS).tolist()):
+        for bound, default, allowed in zip(
+                ('lower', 'upper'), limits, ((-DEGREES, 0.), (0., DEGREES))):
+            rows.append(Parameter(f'limits.{joint}.{bound}_deg', default,
+                                  f'{bound.capitalize()} limit of {joint} [degrees]', allowed))
+    for digit, (slope, offset) in zip(DIGITS, hand.coupling.tolist()):
+        rule = 'IP = slope MCP + offset' if digit == 'thumb' else 'DIP = slope PIP + offset'
+        rows.append(Parameter(f'coupling.{digit}.slope', slope,
+                              f'Intradigital correlation of the {digit}, {rule}', SLOPE_RANGE))
+        rows.append(Parameter(
+            f'coupling.{digit}.offset_deg', round(float(np.degrees(offset)), DECIMALS),
+            f'Intradigital correlation of the {digit}, {rule} [degrees]', (-90., 90.)))
+    for option in fields(TrackerOptions):
+        about = option.metadata
+        unit = f" [{about['unit']}]" if 'unit' in about else ''
+        rows.append(Parameter(option.name, option.default, about['description'] + unit,
+                              about.get('range'), about.get('choices', ())))
+    for marker, label in zip(MARKERS, DEFAULT_LABELS):
+        rows.append(Parameter(
+            f'labels.{marker}', label, f"Which marker of the messages is the {marker} marker: id "
+            "('3'), namespace/id ('leds/3'), namespace/* ('thumb/*'), empty if not worn",
+            any_type=True))
+    rows.append(Parameter('unit_scale', 1., 'Metres per unit of the markers: 0.001 for mm',
+                          (1e-6, 1e3)))
+    rows.append(Parameter('zero_is_missing', True,
+                          'Whether a marker at exactly (0, 0, 0) is a lost one'))
+    return tuple(rows)
+
+
+def live_settings(hand, values):
+    """Return what the parameters that act from the next frame on stand for.
+
+    Parameters
+    ----------
+    hand : Hand
+    values : dict
+        Value of each of `live_table` by its name.
+
+    Returns
+    -------
+    Settings
+
+    Raises
+    ------
+    HandTrackerError
+        Naming the parameter, its value and what is allowed.
+    """
+    limits = [[values[f'limits.{joint}.{bound}_deg'] for bound in ('lower', 'upper')]
+              for joint in JOINTS]
+    coupling = [(values[f'coupling.{digit}.slope'],
+                 np.radians(values[f'coupling.{digit}.offset_deg'])) for digit in DIGITS]
+    return Settings(
+        hand.replace(limits=np.radians(limits), coupling=coupling),
+        TrackerOptions(**{option.name: values[option.name] for option in fields(TrackerOptions)}),
+        LabelMap([values[f'labels.{marker}'] for marker in MARKERS]),
+        values['unit_scale'], values['zero_is_missing'])

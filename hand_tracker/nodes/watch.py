@@ -1,0 +1,192 @@
+"""What there is to say about the tracker's input: changes of state, and each cause once.
+
+No ROS in here: the node tells what came and asks a few times a second what to log, so
+that nothing is ever logged at the rate of the markers.
+"""
+
+from collections import deque
+
+import numpy as np
+
+from ..core.layout import MARKERS, PALM_MARKERS
+from ..core.palm import PalmState
+from ..core.tracker import MarkerState
+
+SILENT = 3.   # [s] without markers before that is said
+NEVER = 5.    # [s] of tracking before a marker that was never seen is named
+WINDOW = 10.  # [s] in which at most
+CHANGES = 6   # changes of state are said, however the input flickers
+CAUSES = 32   # distinct causes that are said at most
+
+MARKER_ARRAY = 'visualization_msgs/msg/MarkerArray'
+FAULTS = {
+    PalmState.LOST: 'the palm is lost: none of its markers is seen',
+    PalmState.COINCIDENT: 'palm markers coincide',
+    PalmState.COLLINEAR: 'the palm markers lie on one line',
+    PalmState.TOO_FAR_APART: 'the palm markers are too far apart for this hand: '
+                             'check unit_scale, the size of the hand and labels.*',
+}
+
+
+class Watch:
+    """Watch the input of one tracker.
+
+    Parameters
+    ----------
+    now : float
+        Of a clock that never jumps, as in every method [s].
+    topic : str
+        Where the markers come from.
+    labels : LabelMap
+    """
+
+    def __init__(self, now, topic, labels):
+        self.labels = labels
+        self._topic = topic
+        self._received = self._labelled = self._since = now
+        self._palm = self._frame = self._state = self._started = None
+        self._announced = None
+        self._has_tracked = False
+        self._changes = deque(maxlen=CHANGES)
+        self._causes = set()
+        self._pending = []
+
+    def received(self, now, frame):
+        """Note what a message held.
+
+        Parameters
+        ----------
+        now : float
+        frame : MarkerFrame
+        """
+        self._received, self._frame = now, frame
+        if frame.stamp is not None:
+            self._labelled = now
+        for name in frame.foreign:
+            self.once(('frame', name), f"markers in frame '{name}' are left out, as those of "
+                      f"frame '{frame.frame_id}' are tracked (mocap_frame)")
+        for slot in frame.doubled:
+            marker = MARKERS[slot]
+            self.once(('doubled', slot), 'several markers of one message answer to the label '
+                      f"'{self.labels.labels[slot]}' of {marker}; the last one counts. "
+                      f'A more precise labels.{marker} tells them apart')
+
+    def tracked(self, now, state):
+        """Note what the tracker made of a frame.
+
+        Parameters
+        ----------
+        now : float
+        state : HandState
+        """
+        self._state = state
+        palm = PalmState.TRACKED if state.palm is PalmState.CARRIED else state.palm
+        if palm is not self._palm:
+            self._palm, self._since = palm, now
+        if self._started is None and palm is PalmState.TRACKED:
+            self._started = now
+
+    def once(self, key, text):
+        """Have a warning said, once for each key and for a bounded number of keys.
+
+        Parameters
+        ----------
+        key : hashable
+        text : str
+        """
+        if key not in self._causes and len(self._causes) < CAUSES:
+            self._causes.add(key)
+            self._pending.append(text)
+
+    def report(self, now, publishers):
+        """Return what is to be logged.
+
+        Parameters
+        ----------
+        now : float
+        publishers : callable
+            Returns a text on who publishes the markers; called when none come.
+
+        Returns
+        -------
+        list of (bool, str)
+            Whether it is a warning, and the line.
+        """
+        self._name_the_never_seen(now)
+        lines = [(True, text) for text in self._pending]
+        self._pending = []
+        situation = self._situation(now)
+        flickers = len(self._changes) == CHANGES and now - self._changes[0] < WINDOW
+        if situation is not None and situation != self._announced and not flickers:
+            lines.append((situation is not PalmState.TRACKED,
+                          self._describe(now, situation, publishers)))
+            self._announced = situation
+            self._changes.append(now)
+        return lines
+
+    def _situation(self, now):
+        if now - self._received > SILENT:
+            return 'silent'
+        if now - self._labelled > SILENT:
+            return 'unlabelled'
+        return self._palm
+
+    def _describe(self, now, situation, publishers):
+        if situation == 'silent':
+            return f'no markers on {self._topic} for {now - self._received:.0f} s: {publishers()}'
+        if situation == 'unlabelled':
+            return (f'messages on {self._topic} have held no marker of the hand for '
+                    f'{now - self._labelled:.0f} s: {self._others()}; '
+                    f'expected are the labels {self._expected(range(len(MARKERS)))}')
+        if situation is PalmState.TRACKED:
+            again, self._has_tracked = self._has_tracked, True
+            return 'tracking again' if again else 'tracking'
+        if situation is PalmState.WAITING:
+            hidden = np.flatnonzero(np.isnan(self._frame.positions[:len(PALM_MARKERS), 0]))
+            return (f'waiting for the palm: not seen yet {self._expected(hidden)}; '
+                    f'{self._others()}')
+        return f'{FAULTS[situation]}; since {now - self._since:.1f} s, the last pose is kept'
+
+    def _others(self):
+        """Say which markers the last message held that are none of the hand's."""
+        if self._frame.foreign:
+            return f"there are markers in frame {', '.join(map(repr, self._frame.foreign))}"
+        if self._frame.unknown:
+            return 'there are ' + ', '.join(f"'{ns}/{i}'" for ns, i in self._frame.unknown)
+        return 'there is no other point-like marker'
+
+    def _expected(self, slots):
+        return ', '.join(f"'{self.labels.labels[slot]}' ({MARKERS[slot]})" for slot in slots)
+
+    def _name_the_never_seen(self, now):
+        if self._started is None or now - self._started < NEVER:
+            return
+        never = [slot for slot in np.flatnonzero(self._state.marker_states == MarkerState.ABSENT)
+                 if self.labels.labels[slot]]
+        if never:
+            self.once('never', f'never seen so far: {self._expected(never)}; {self._others()}')
+
+
+def who_publishes(endpoints, reliability):
+    """Say why no markers may come from the publishers of a topic.
+
+    Parameters
+    ----------
+    endpoints : sequence of rclpy.topic_endpoint_info.TopicEndpointInfo
+    reliability : str
+        That this node asks for.
+
+    Returns
+    -------
+    str
+    """
+    if not endpoints:
+        return 'nothing publishes them (a remapping, ROS_DOMAIN_ID?)'
+    for endpoint in endpoints:
+        name = f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
+        if endpoint.topic_type != MARKER_ARRAY:
+            return f'{name} publishes {endpoint.topic_type}, not {MARKER_ARRAY}'
+        if reliability == 'reliable' and endpoint.qos_profile.reliability.name != 'RELIABLE':
+            return (f'{name} publishes with best effort, and qos.markers.reliability here is '
+                    'reliable')
+    return f'{name} publishes them, but sends nothing that arrives'

@@ -1,0 +1,71 @@
+"""The tracked hand as markers for RViz: bones, joints and the markers used."""
+
+import numpy as np
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import Point
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from .core.palm import PalmState
+from .core.skeleton import BONES, skeleton_points
+from .core.tracker import MarkerState
+
+JOINTS_SHOWN = sorted({end for bone in BONES for end in bone})
+# From the colour-blind-safe palette of Okabe and Ito (2008), red, green, blue.
+BLUISH_GREEN, ORANGE = (0., .62, .45), (.90, .62, 0.)
+GREY = (.85, .85, .85)
+FADED = .3             # opacity of a pose that is kept for want of a palm
+LINE_WIDTH = .004      # [m]
+JOINT_DIAMETER = .008  # [m]
+MARKER_DIAMETER = .012  # [m]
+LIFETIME = Duration(sec=1)
+
+
+def hand_markers(stamp, frame_id, names, tips, state):
+    """Return a picture of the hand for RViz: bones, joints and the markers used.
+
+    Markers that are seen are bluish green, those held orange; absent ones are left out.
+    The hand fades while its palm is not found.
+
+    Parameters
+    ----------
+    stamp : Time
+    frame_id : str
+    names : Names
+    tips : ndarray, shape (5, 3)
+        From `tip_offsets` [m].
+    state : HandState
+
+    Returns
+    -------
+    MarkerArray
+    """
+    points = _points(skeleton_points(tips, state.pose, state.wrist_position))
+    grey = _colour(GREY, 1. if state.palm <= PalmState.CARRIED else FADED)
+    known = np.flatnonzero(state.marker_states != MarkerState.ABSENT)
+    colours = {MarkerState.SEEN: _colour(BLUISH_GREEN), MarkerState.HELD: _colour(ORANGE)}
+    header = Header(stamp=stamp, frame_id=frame_id)
+    return MarkerArray(markers=[
+        _marker(header, names.prefix + 'bones', Marker.LINE_LIST, LINE_WIDTH, grey,
+                [points[i] for bone in BONES for i in bone]),
+        _marker(header, names.prefix + 'joints', Marker.SPHERE_LIST, JOINT_DIAMETER, grey,
+                [points[i] for i in JOINTS_SHOWN]),
+        _marker(header, names.prefix + 'markers', Marker.SPHERE_LIST, MARKER_DIAMETER,
+                colours[MarkerState.SEEN], _points(state.markers[known]),
+                [colours[state.marker_states[i]] for i in known])])
+
+
+def _points(positions):
+    return [Point(x=x, y=y, z=z) for x, y, z in positions.tolist()]
+
+
+def _colour(rgb, opacity=1.):
+    return ColorRGBA(r=rgb[0], g=rgb[1], b=rgb[2], a=opacity)
+
+
+def _marker(header, namespace, kind, size, colour, points, colours=()):
+    marker = Marker(header=header, ns=namespace, type=kind, color=colour, points=points,
+                    colors=colours, lifetime=LIFETIME)
+    marker.pose.orientation.w = 1.
+    marker.scale.x = marker.scale.y = marker.scale.z = size
+    return marker

@@ -1,0 +1,493 @@
+"""The tracker node over DDS, in a process of its own."""
+
+import os
+import re
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from threading import Event, Thread
+
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+
+from builtin_interfaces.msg import Time  # noqa: E402
+from geometry_msgs.msg import Point, Pose  # noqa: E402
+from rcl_interfaces.msg import ParameterType  # noqa: E402
+from rcl_interfaces.srv import (  # noqa: E402
+    DescribeParameters, GetParameters, ListParameters, SetParameters, SetParametersAtomically)
+from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
+import rclpy.time  # noqa: E402
+from ros_process import NodeProcess, watching_node  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
+
+from hand_tracker.core.hand import DIGITS, JOINTS, LINKS, Hand, preset_limits  # noqa: E402
+from hand_tracker.core.kinematics import forward, joint_table, tip_offsets  # noqa: E402
+from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions  # noqa: E402
+from hand_tracker.core.palm import PalmState  # noqa: E402
+from hand_tracker.core.tracker import HandTracker  # noqa: E402
+from hand_tracker.files.hand_file import save_hand  # noqa: E402
+
+MODULE = 'hand_tracker.nodes.tracker'
+CONFIG = Path(__file__).parents[1] / 'config' / 'tracker.yaml'
+BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Bent well away from the singular poses, so that seeing it twice changes nothing; of the
+# thumb's angles, one marker tells some combinations only.
+BENT = np.array(((0., .05, .5, .8, .64),) * 4 + ((.1, -.1, .05, .2, .2),)).ravel()
+RIGHT = Hand.scaled()
+
+
+def hand_at(angles=BENT, hand=RIGHT, layout=MarkerLayout(), offset=(0., 0., 1.), turn=0.):
+    """Return the eight markers of a hand in a pose."""
+    c, s = np.cos(turn), np.sin(turn)
+    at = np.array(((c, -s, 0.), (s, c, 0.), (0., 0., 1.))), np.array(offset)
+    return marker_positions(
+        layout.mounting(hand), forward(joint_table(hand), angles, *at), *at)
+
+
+@pytest.fixture(scope='module', autouse=True)
+def solved():
+    """Return what the tracker finds of that hand; compiles before nodes are waited for."""
+    angles = HandTracker().update(hand_at()).angles
+    assert np.allclose(angles[:20], BENT[:20], rtol=0, atol=1e-9)
+    return angles
+
+
+def motion(hand, count=40):
+    """Return frames of a moving hand that loses markers in every known way."""
+    frames = []
+    for t in np.linspace(0., 2., count):
+        angles = np.clip(BENT * (1. + .4 * np.sin(3. * t)), *hand.limits.T)
+        frames.append(hand_at(angles, hand, offset=(.1 * t, .05, 1.), turn=.5 * t))
+    frames[10][4] = np.nan
+    frames[11][4] = frames[12][6] = 0.
+    frames[15][1] = np.nan
+    frames[20][:3] = np.nan
+    frames[25][3] = 1e300
+    return frames
+
+
+def message(positions, sec, frame='mocap', ns='leds'):
+    """Return the MarkerArray of a frame; rows of NaN are left out every other time."""
+    array = MarkerArray()
+    for number, position in enumerate(positions):
+        if sec % 2 and np.isnan(position).all():
+            continue
+        marker = Marker(ns=ns, id=number, type=Marker.SPHERE)
+        marker.header.frame_id = frame
+        marker.header.stamp = Time(sec=sec, nanosec=sec % 7)
+        at = marker.pose.position
+        at.x, at.y, at.z = map(float, position)
+        array.markers.append(marker)
+    return array
+
+
+class Bench:
+    """A tracker node and one that sends it markers and sees what comes of them."""
+
+    def __init__(self, process, node, qos, name):
+        self.process, self.node, self._name = process, node, name
+        self.publisher = node.create_publisher(MarkerArray, 'markers', qos)
+        self.joint_states = node.collect(JointState, 'joint_states')
+        self._sec = 1000
+
+    def send(self, positions, **fields):
+        """Send a frame; return the stamp that it has."""
+        self._sec += 1
+        self.publisher.publish(message(positions, self._sec, **fields))
+        return Time(sec=self._sec, nanosec=self._sec % 7)
+
+    def answer(self, positions, **fields):
+        """Send a frame; return the JointState of its stamp."""
+        stamp = self.send(positions, **fields)
+        self.node.spin_until(lambda: self.joint_states and (
+            self.joint_states[-1].header.stamp == stamp))
+        return self.joint_states[-1]
+
+    def angles(self, positions, **fields):
+        """Send a frame; return the angles of its JointState."""
+        return np.array(self.answer(positions, **fields).position)
+
+    def meet(self, positions, heard=(), **fields):
+        """Send a frame until all that is to be heard is heard."""
+        self.process.wait_for_line('listening')
+        self.node.spin_until(lambda: self.publisher.get_subscription_count() > 0)
+        while not (self.joint_states and all(heard)):
+            self.send(positions, **fields)
+            self.node.spin_for(.05)
+
+    def parameters(self, kind, service, **request):
+        """Call one of the node's parameter services."""
+        return self.node.call(kind, f'{self._name}/{service}', kind.Request(**request))
+
+    def set(self, values):
+        """Set parameters all at once; return the result."""
+        return self.parameters(SetParametersAtomically, 'set_parameters_atomically',
+                               parameters=messages(values)).result
+
+
+def messages(values):
+    """Return parameters as messages."""
+    return [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+
+
+@contextmanager
+def tracking(parameters=None, qos=10, remaps=None):
+    """Yield a bench that loses nothing; its node must end well in the middle of its work."""
+    parameters = {'qos.markers.reliability': 'reliable', **(parameters or {})}
+    with NodeProcess(MODULE, parameters, remaps) as process, watching_node() as node:
+        bench = Bench(process, node, qos, 'hand_tracker')
+        yield bench
+        process.wait_for_line('listening')
+        with sending(bench):
+            assert process.interrupt(timeout=5.) == 0, process.output
+        assert 'Traceback' not in process.output
+
+
+@contextmanager
+def sending(bench):
+    """Send frames all the while."""
+    ended, array = Event(), message(hand_at(), 1)
+
+    def send():
+        while not ended.wait(.0005):
+            bench.publisher.publish(array)
+
+    thread = Thread(target=send)
+    thread.start()
+    try:
+        bench.node.spin_for(.05)
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def lines(process, text):
+    """Return the lines of a process's output that have a text."""
+    return [line for line in process.output.splitlines() if text in line]
+
+
+def matrix(transform):
+    """Return a transform as a homogeneous matrix."""
+    q, at = transform.rotation, transform.translation
+    x, y, z, w = q.x, q.y, q.z, q.w
+    return np.array((
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), at.x),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), at.y),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), at.z),
+        (0., 0., 0., 1.)))
+
+
+def test_joint_states_are_those_of_the_core():
+    tracker = HandTracker()
+    frames = motion(RIGHT)
+    tracker.update(frames[0])
+    with tracking() as bench:
+        bench.meet(frames[0])
+        for frame in frames:
+            state = tracker.update(np.where(frame.any(axis=1)[:, None], frame, np.nan))
+            heard = bench.answer(frame)
+            assert list(heard.name) == [f'right_{joint}' for joint in JOINTS]
+            assert np.array_equal(heard.position, state.angles)
+        assert bench.node.count_subscribers('hand_markers') == 0
+        check_picture(bench, state.palm)
+        bench.process.wait_for_line(': tracking')
+        assert len(lines(bench.process, ': tracking')) == 1
+
+
+def check_picture(bench, palm):
+    """Check that the hand's picture is made once someone looks."""
+    assert palm == PalmState.TRACKED
+    pictures = bench.node.collect(MarkerArray, 'hand_markers')
+    bench.meet(hand_at(), heard=(pictures,))
+    stamp = bench.answer(hand_at()).header.stamp
+    bench.node.spin_until(lambda: pictures[-1].markers[0].header.stamp == stamp)
+    parts = {part.ns: part for part in pictures[-1].markers}
+    assert set(parts) == {'right_bones', 'right_joints', 'right_markers'}
+    assert all(part.header.frame_id == 'mocap' for part in parts.values())
+    shown = [(p.x, p.y, p.z) for p in parts['right_markers'].points]
+    assert np.array_equal(shown, hand_at())
+
+
+def test_transforms_of_every_frame_are_those_of_the_core():
+    kind = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs and tf2_ros').TFMessage
+    hand = RIGHT.mirrored()
+    tracker = HandTracker(hand)
+    frames = motion(hand, 30)
+    tracker.update(frames[0])
+    with tracking({'side': 'left', 'broadcast': 'all'}) as bench:
+        moving, static = bench.node.collect(kind, '/tf'), bench.node.collect(
+            kind, '/tf_static', LATCHED)
+        bench.meet(frames[0], heard=(moving, static))
+        for frame in frames:
+            state = tracker.update(np.where(frame.any(axis=1)[:, None], frame, np.nan))
+            stamp = bench.answer(frame).header.stamp
+            bench.node.spin_until(
+                lambda stamp=stamp: moving[-1].transforms[0].header.stamp == stamp)
+            world = {'mocap': np.eye(4)}
+            for sent in moving[-1].transforms:
+                assert sent.header.stamp == stamp
+                world[sent.child_frame_id] = (
+                    world[sent.header.frame_id] @ matrix(sent.transform))
+            assert len(world) == 2 + len(LINKS)
+            wrist = world['left_wrist']
+            assert np.allclose(wrist[:3, :3], state.wrist_rotation, rtol=0, atol=1e-12)
+            assert np.allclose(wrist[:3, 3], state.wrist_position, rtol=0, atol=1e-12)
+            for i, link in enumerate(LINKS):
+                pose = world[f'left_{link}']
+                assert np.allclose(pose[:3, :3], state.pose.rotation[i], rtol=0, atol=1e-12)
+                assert np.allclose(pose[:3, 3], state.pose.position[i], rtol=0, atol=1e-12)
+        tips = {sent.child_frame_id: sent for sent in static[0].transforms}
+        for digit, offset in zip(DIGITS, tip_offsets(hand)):
+            sent = tips[f'left_{digit}_tip']
+            assert sent.header.frame_id == f'left_{digit}_distal'
+            assert np.array_equal(matrix(sent.transform)[:3, 3], offset)
+
+
+def test_wrist_alone_with_a_hand_file_and_names_of_ones_own(tmp_path):
+    kind = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs and tf2_ros').TFMessage
+    hand = Hand.scaled(.2, .095, side='left', limits=preset_limits('wide'))
+    layout = MarkerLayout(offsets=np.full((8, 3), .004))
+    save_hand(tmp_path / 'hand.yaml', hand, layout)
+    tracker = HandTracker(hand, layout)
+    angles = BENT * np.where([joint.endswith('pip_flexion') for joint in JOINTS], 2.3, 1.)
+    frame = hand_at(angles, hand, layout)
+    state = tracker.update(frame)
+    assert np.degrees(state.angles).max() > 100.
+    with tracking({'hand_file': str(tmp_path / 'hand.yaml'), 'prefix': 'me/',
+                   'wrist_frame': 'strap'}) as bench:
+        moving, static = bench.node.collect(kind, '/tf'), bench.node.collect(
+            kind, '/tf_static', LATCHED)
+        bench.meet(frame, heard=(moving,))
+        heard = bench.answer(frame)
+        bench.node.spin_until(lambda: moving[-1].transforms[0].header.stamp == heard.header.stamp)
+        assert not static
+        assert list(heard.name) == [f'me/{joint}' for joint in JOINTS]
+        assert np.allclose(heard.position, state.angles, rtol=0, atol=1e-9)
+        sent, = moving[-1].transforms
+        assert (sent.header.frame_id, sent.child_frame_id) == ('mocap', 'strap')
+        assert np.allclose(matrix(sent.transform)[:3, 3], state.wrist_position, rtol=0, atol=1e-9)
+
+
+def test_parameters_at_run_time(solved):
+    pip = JOINTS.index('index_pip_flexion')
+    upper, lower = (f'limits.index_pip_flexion.{bound}_deg' for bound in ('upper', 'lower'))
+    frame = hand_at()
+    with tracking() as bench:
+        bench.meet(frame)
+        assert bench.angles(frame)[pip] == pytest.approx(BENT[pip])
+        assert bench.set({upper: 20.}).successful
+        assert bench.angles(frame)[pip] == np.radians(20.)
+
+        for values, reason in (
+                ({upper: 30., lower: 5.}, rf'{lower} out of range.*Min: -180.*Max: 0.*value: 5'),
+                ({upper: 30., 'finger_ik': 'magic'},
+                 "finger_ik: 'magic' is not one of closed_form, fabrik"),
+                ({upper: 30., 'side': 'left'}, 'read-only parameter: side'),
+                ({upper: 30., 'labels.wrist': 7}, "labels.thumb: '7' is already wrist's"),
+                ({upper: 30., 'labels.wrist': 'led'}, "labels.wrist: 'led'; expected an id"),
+                ({upper: 30., 'unit_scale': 0.}, 'unit_scale out of range'),
+                ({upper: float('nan')}, f'{upper} out of range'),
+                ({upper: 30}, 'DOUBLE.*INTEGER')):
+            result = bench.set(values)
+            assert not result.successful
+            assert re.search(reason, result.reason), result.reason
+            assert bench.angles(frame)[pip] == np.radians(20.)
+
+        one_by_one = bench.parameters(
+            SetParameters, 'set_parameters', parameters=messages({upper: 30., lower: 5.})).results
+        assert [result.successful for result in one_by_one] == [True, False]
+        assert bench.angles(frame)[pip] == np.radians(30.)
+
+        # Two sets in one go, and one that needs the other.
+        assert bench.set({upper: 95., 'labels.wrist': 90}).successful
+        assert bench.set({'labels.thumb': '0', 'labels.wrist': 'leds/7'}).successful
+        swapped = frame[[7, *range(1, 7), 0]]
+        assert np.allclose(bench.angles(swapped), solved, rtol=0, atol=1e-6)
+
+        assert bench.set({'coupling.index.slope': .5, 'finger_ik': 'fabrik'}).successful
+        angles = bench.angles(swapped)
+        assert angles[JOINTS.index('index_dip_flexion')] == pytest.approx(.5 * angles[pip])
+        assert angles[pip] == pytest.approx(BENT[pip], abs=1e-3)
+
+
+def test_the_documented_parameter_file_gives_defaults_and_all_is_described():
+    with NodeProcess(MODULE) as process, watching_node() as node:
+        plain = described(Bench(process, node, 10, 'hand_tracker'))
+        assert process.interrupt(timeout=5.) == 0
+    with NodeProcess(MODULE, files=[CONFIG]) as process, watching_node() as node:
+        bench = Bench(process, node, 10, 'hand_tracker')
+        assert described(bench) == plain
+        bench.meet(hand_at())
+        assert process.interrupt(timeout=5.) == 0
+    for joint in JOINTS:
+        assert {f'limits.{joint}.lower_deg', f'limits.{joint}.upper_deg'} <= set(plain)
+    for name, (value, about) in plain.items():
+        assert about.description, name
+        if value.type in (ParameterType.PARAMETER_INTEGER, ParameterType.PARAMETER_DOUBLE):
+            assert len(about.integer_range) + len(about.floating_point_range) == 1, name
+    given = yaml.safe_load(CONFIG.read_text())['/**']['ros__parameters']
+    families = re.compile(r'limits\..*_deg|coupling\.')
+    assert {name for name in plain if not families.match(name)} == {
+        name for name in given if not families.match(name)}
+
+
+def described(bench):
+    """Return value and description of every parameter of ours, by name."""
+    names = [name for name in bench.parameters(ListParameters, 'list_parameters').result.names
+             if name != 'use_sim_time' and not name.startswith('start_type_description')]
+    return dict(zip(names, zip(
+        bench.parameters(GetParameters, 'get_parameters', names=names).values,
+        bench.parameters(DescribeParameters, 'describe_parameters', names=names).descriptors)))
+
+
+def test_phasespace_messages_in_millimetres(solved):
+    frame = hand_at()
+    parameters = {'unit_scale': .001, 'mocap_frame': 'mocap'}
+    parameters.update({f'labels.{marker}': f'leds/{10 + i}' for i, marker in enumerate(MARKERS)})
+
+    def phasespace(sec):
+        array = message(1000. * frame, sec)
+        for marker in array.markers[:]:
+            marker.id += 10
+            text = Marker(header=marker.header, ns='ids', id=marker.id,
+                          type=Marker.TEXT_VIEW_FACING, pose=Pose())
+            at = marker.pose.position
+            text.pose.position = Point(x=at.x, y=at.y, z=at.z + 40.)
+            array.markers.append(text)
+        array.markers.insert(0, Marker(action=Marker.DELETEALL))
+        return array
+
+    with tracking(parameters, remaps={'markers': 'phase_space_markers'}) as bench:
+        bench.publisher = bench.node.create_publisher(MarkerArray, 'phase_space_markers', 10)
+        bench.process.wait_for_line('listening for markers on /phase_space_markers')
+        bench.node.spin_until(lambda: bench.publisher.get_subscription_count() > 0)
+        sec = 0
+        while not bench.joint_states:
+            sec += 1
+            bench.publisher.publish(phasespace(sec))
+            bench.node.spin_for(.05)
+        assert np.allclose(bench.joint_states[-1].position, solved, rtol=0, atol=1e-6)
+
+
+def test_junk_is_survived_and_logged_within_bounds(solved):
+    rng = np.random.default_rng(3)
+    frame = hand_at()
+    junk = [MarkerArray(), MarkerArray(markers=[Marker(action=Marker.DELETEALL)])]
+    for i in range(10):
+        junk += [
+            message(rng.standard_normal((8, 3)) * 10.**rng.uniform(-300, 300), 1, frame=f'{i}'),
+            message(rng.choice((np.nan, np.inf, 0., 1e300), (8, 3)), 0),
+            message(np.zeros((8, 3)), 0, ns=''),
+            message(np.repeat(frame[:1], 8, axis=0), 1),
+            message(frame[[0, 0, 1, 1, 4, 4, 7, 7]], 1),
+            message(frame, 0, frame=''),
+            MarkerArray(markers=message(frame, 1).markers * 20),
+            MarkerArray(markers=message(frame, 1).markers[:4]
+                        + message(frame, 1, frame=f'{i}').markers[4:]),
+            MarkerArray(markers=[Marker(id=j, type=j, action=j % 4, ns=f'{i}', points=[Point()])
+                                 for j in range(13)]),
+            message(frame, 1, ns='x' * 1000)]
+    with tracking({'qos.markers.depth': 1000}, 1000) as bench:
+        bench.meet(frame)
+        for i in range(1000):
+            bench.publisher.publish(junk[i % len(junk)])
+        assert np.allclose(bench.angles(frame), solved, rtol=0, atol=1e-6)
+        for heard in bench.joint_states:
+            assert np.isfinite(heard.position).all()
+            assert (heard.position >= RIGHT.limits[:, 0]).all()
+            assert (heard.position <= RIGHT.limits[:, 1]).all()
+        assert len(bench.process.output.splitlines()) < 60
+
+
+def test_markers_without_stamp_or_frame_from_a_best_effort_publisher():
+    with tracking({'qos.markers.reliability': 'best_effort'}, BEST_EFFORT) as bench:
+        bench.meet(hand_at())
+        del bench.joint_states[:]
+        before = bench.node.get_clock().now()
+        array = message(hand_at(), 0, frame='')
+        while len(bench.joint_states) < 5:
+            bench.publisher.publish(array)
+            bench.node.spin_for(.02)
+        stamp = rclpy.time.Time.from_msg(bench.joint_states[-1].header.stamp)
+        assert before <= stamp <= bench.node.get_clock().now()
+        bench.process.wait_for_line('have no frame')
+        assert len(lines(bench.process, 'have no stamp')) == 1
+        assert len(lines(bench.process, 'have no frame')) == 1
+
+
+def test_says_once_when_no_label_matches():
+    with tracking({'labels.wrist': 'hand/0'}) as bench:
+        bench.process.wait_for_line('listening')
+        array = message(hand_at(), 1)
+        for marker in array.markers:
+            marker.id += 100
+
+        def keep_sending():
+            bench.publisher.publish(array)
+            return 'have held no marker of the hand' in bench.process.output
+
+        bench.node.spin_until(keep_sending)
+        for _ in range(20):
+            keep_sending()
+            bench.node.spin_for(.02)
+        line, = lines(bench.process, 'have held no marker of the hand')
+        assert "'leds/100'" in line and "'hand/0' (wrist)" in line
+        assert not bench.joint_states
+
+
+def test_says_when_nothing_can_come_even_without_a_clock():
+    with tracking({'use_sim_time': True}, BEST_EFFORT) as bench:
+        bench.process.wait_for_line('no markers on /markers for 3 s: /test publishes with best '
+                                    'effort')
+
+
+def test_says_when_the_palm_is_lost_and_found_even_without_tf2_ros(
+        tmp_path, monkeypatch, solved):
+    (tmp_path / 'tf2_ros.py').write_text('raise ImportError')
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path), prepend=os.pathsep)
+    frame = hand_at()
+    lost = frame.copy()
+    lost[:3] = np.nan
+    with tracking() as bench:
+        bench.process.wait_for_line('listening')
+        bench.node.spin_until(lambda: bench.publisher.get_subscription_count() > 0)
+
+        def until(positions, said):
+            def sent():
+                bench.send(positions)
+                return said in bench.process.output
+            bench.node.spin_until(sent)
+
+        until(lost, 'waiting for the palm')
+        assert not bench.joint_states
+        until(frame, ': tracking')
+        until(lost, 'the palm is lost')
+        assert np.array_equal(bench.angles(lost), solved)
+        until(frame, 'tracking again')
+        assert len(lines(bench.process, 'tf2_ros is not installed')) == 1
+
+
+def test_a_wrong_start_ends_with_one_line_and_exit_code_1(tmp_path):
+    bad = tmp_path / 'hand.yaml'
+    bad.write_text('finger_bones_mm: {index: [45, 26, 900]}')
+    cases = (
+        ({'side': 'middle'}, "side: 'middle' is not one of auto, right, left"),
+        ({'hand_breadth': 1}, "'hand_breadth'.*expecting type 'DOUBLE'"),
+        ({'limits.ring_mcp_flexion.upper_deg': -1.}, 'ring_mcp_flexion.upper_deg out of range'),
+        ({'labels.thumb': '0'}, "labels.thumb: '0' is already wrist's"),
+        ({'hand_file': str(bad)}, r'hand_file: .*hand.yaml: finger_bones_mm.index.*900'))
+    with ExitStack() as stack:
+        started = [(stack.enter_context(NodeProcess(
+            MODULE, parameters, environment={'HAND_TRACKER_JIT': '0'})), said)
+            for parameters, said in cases]
+        for process, said in started:
+            assert process.wait() == 1, process.output
+            line, = process.output.splitlines()
+            assert '[ERROR]' in line
+            assert re.search(said, line), line

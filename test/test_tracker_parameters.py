@@ -1,0 +1,144 @@
+"""The tracker's parameters and the hand and options that they stand for, without ROS."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from hand_tracker.core.errors import HandTrackerError
+from hand_tracker.core.hand import JOINTS, Hand, preset_limits
+from hand_tracker.core.layout import MARKERS, PAPER_PLACES, MarkerLayout
+from hand_tracker.core.tracker import TrackerOptions
+from hand_tracker.files.hand_file import save_hand
+from hand_tracker.nodes.tracker_parameters import (
+    START, live_settings, live_table, starting_hand)
+
+
+def start(**values):
+    """Return the hand and layout of a start; double underscores stand for dots."""
+    given = {name.replace('__', '.'): value for name, value in values.items()}
+    defaults = {row.name: row.default for row in START}
+    assert set(given) <= set(defaults)
+    return starting_hand({**defaults, **given})
+
+
+def live(hand, values=()):
+    """Return the settings of some values, the others at their defaults."""
+    defaults = {row.name: row.default for row in live_table(hand)}
+    assert set(values) <= set(defaults)
+    return live_settings(hand, {**defaults, **dict(values)})
+
+
+def same(one, other, *but):
+    """Return whether two hands are alike, but for some fields."""
+    return all(np.array_equal(getattr(one, field.name), getattr(other, field.name))
+               for field in fields(Hand) if field.name not in but)
+
+
+def test_defaults_are_the_mean_hand_and_the_papers_markers():
+    hand, layout = start()
+    assert same(hand, Hand.scaled())
+    assert layout.places == PAPER_PLACES
+
+
+def test_size_side_preset_and_thumb():
+    hand, _ = start(hand_length=.2, hand_breadth=.09, side='left', limits__preset='wide',
+                    thumb='index_mcp')
+    expected = Hand.scaled(.2, .09, side='left', limits=preset_limits('wide')).with_paper_thumb()
+    assert same(hand, expected)
+
+
+def test_hand_file_gives_way_to_what_is_given(tmp_path):
+    file = tmp_path / 'hand.yaml'
+    mine = Hand.scaled(.2, .1, side='left', limits=.5 * preset_limits('wide'))
+    save_hand(file, mine, MarkerLayout(offsets=np.full((8, 3), .003)))
+    hand, layout = start(hand_file=str(file))
+    assert hand.side == 'left'
+    assert np.allclose(hand.limits, mine.limits, rtol=0, atol=1e-12)
+    assert np.allclose(layout.offsets, .003)
+    hand, _ = start(hand_file=str(file), side='right', limits__preset='paper')
+    assert hand.side == 'right'
+    assert np.array_equal(hand.limits, preset_limits('paper'))
+    assert np.allclose(hand.finger_bones, mine.finger_bones)
+
+
+def test_hand_file_in_the_home_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv('HOME', str(tmp_path))
+    save_hand(tmp_path / 'hand.yaml', Hand.scaled(side='left'), MarkerLayout())
+    assert start(hand_file='~/hand.yaml')[0].side == 'left'
+
+
+@pytest.mark.parametrize('values, said', [
+    ({'hand_file': 'nowhere.yaml'}, 'hand_file: nowhere.yaml: No such file'),
+    ({'hand_file': 'x.yaml', 'hand_length': .2}, 'hand_length, hand_breadth: they scale'),
+    ({'hand_file': 'x.yaml', 'hand_breadth': .09}, 'hand_length, hand_breadth: they scale'),
+    ({'prefix': '/right_'}, "prefix: '/right_'"),
+    ({'mocap_frame': '/world'}, "mocap_frame: '/world'"),
+    ({'wrist_frame': '/wrist'}, "wrist_frame: '/wrist'"),
+    ({'wrist_frame': ''}, "wrist_frame: ''")])
+def test_refused_at_the_start(values, said):
+    with pytest.raises(HandTrackerError, match='^' + said):
+        start(**values)
+
+
+@pytest.mark.parametrize('preset', ['paper', 'wide'])
+def test_live_defaults_are_those_of_the_hand_bit_for_bit(preset):
+    hand = Hand.scaled(limits=preset_limits(preset), coupling=((.7, np.radians(3.)),) * 5)
+    settings = live(hand)
+    assert same(settings.hand, hand)
+    assert settings.options == TrackerOptions()
+    assert [settings.labels.slot('any', i) for i in range(9)] == [*range(8), None]
+    assert (settings.unit_scale, settings.zero_is_missing) == (1., True)
+
+
+def test_every_limit_and_coupling_reaches_its_joint():
+    hand = Hand.scaled()
+    for i, joint in enumerate(JOINTS):
+        settings = live(hand, {f'limits.{joint}.lower_deg': -7., f'limits.{joint}.upper_deg': 8.})
+        assert np.array_equal(settings.hand.limits[i], np.radians((-7., 8.)))
+        assert same(settings.hand, hand, 'limits')
+        assert np.count_nonzero(settings.hand.limits != hand.limits) <= 2
+    settings = live(hand, {'coupling.ring.slope': .6, 'coupling.ring.offset_deg': 2.})
+    assert np.array_equal(settings.hand.coupling[2], (.6, np.radians(2.)))
+    assert np.array_equal(np.delete(settings.hand.coupling, 2, 0), np.delete(hand.coupling, 2, 0))
+
+
+def test_every_option_is_a_parameter():
+    changed = {}
+    for row in live_table(Hand.scaled()):
+        if row.name in {option.name for option in fields(TrackerOptions)}:
+            changed[row.name] = row.choices[-1] if row.choices else type(row.default)(row.range[0])
+            assert row.description
+    assert live(Hand.scaled(), changed).options == TrackerOptions(**changed)
+    assert len(changed) == len(fields(TrackerOptions))
+
+
+def test_labels_units_and_zeros():
+    settings = live(Hand.scaled(), {
+        **{f'labels.{marker}': f'leds/{i}' for i, marker in enumerate(MARKERS)},
+        'labels.thumb': 'thumb/*', 'unit_scale': .001, 'zero_is_missing': False})
+    assert settings.labels.slot('leds', 6) == 6
+    assert settings.labels.slot('thumb', 70) == 7
+    assert settings.labels.slot('ids', 6) is None
+    assert (settings.unit_scale, settings.zero_is_missing) == (.001, False)
+
+
+@pytest.mark.parametrize('values, said', [
+    ({'limits.index_mcp_flexion.upper_deg': -1.}, 'limits of index_mcp_flexion: -10 to -1'),
+    ({'coupling.index.slope': 6.}, 'coupling slope'),
+    ({'finger_ik': 'magic'}, "finger_ik: 'magic'"),
+    ({'labels.wrist': 7}, "labels.thumb: '7' is already wrist's"),
+    ({'labels.wrist': None}, 'labels.wrist: None')])
+def test_refused_at_run_time(values, said):
+    with pytest.raises(HandTrackerError, match='^' + said):
+        live(Hand.scaled(), values)
+
+
+def test_names_are_distinct_and_described():
+    rows = START + live_table(Hand.scaled())
+    assert len({row.name for row in rows}) == len(rows)
+    for row in rows:
+        assert row.description
+        assert not row.choices or row.default in row.choices
+        assert not row.range or row.range[0] <= row.default <= row.range[1]
+        assert isinstance(row.default, (bool, str)) or row.range

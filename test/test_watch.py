@@ -1,0 +1,192 @@
+"""What the tracker says of its input: changes in time, each cause once, never too much."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hand_tracker.core.hand import JOINTS, Hand
+from hand_tracker.core.kinematics import forward, joint_table
+from hand_tracker.core.layout import MarkerLayout, marker_positions
+from hand_tracker.core.palm import PalmState
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.labels import LabelMap
+from hand_tracker.nodes.watch import CAUSES, CHANGES, SILENT, WINDOW, Watch, who_publishes
+
+SEEN = marker_positions(
+    MarkerLayout().mounting(Hand.scaled()),
+    forward(joint_table(Hand.scaled()), np.zeros(len(JOINTS))))
+
+
+def frame(positions=SEEN, stamp=True, unknown=(), foreign=(), doubled=()):
+    """Return what a message held."""
+    return SimpleNamespace(positions=np.asarray(positions), stamp=stamp or None, frame_id='mocap',
+                           unknown=unknown, foreign=foreign, doubled=doubled)
+
+
+def hidden(*slots):
+    """Return the markers of a hand at rest without some."""
+    positions = SEEN.copy()
+    positions[list(slots)] = np.nan
+    return positions
+
+
+class Input:
+    """A tracker and its watch, fed with markers."""
+
+    def __init__(self, labels=None):
+        self.watch = Watch(0., '/markers', labels or LabelMap())
+        self.tracker = HandTracker()
+
+    def feed(self, now, positions=SEEN, **causes):
+        """Take one message."""
+        self.watch.received(now, frame(positions, **causes))
+        if causes.get('stamp', True):
+            self.watch.tracked(now, self.tracker.update(positions))
+
+    def said(self, now):
+        """Return the lines that are to be logged."""
+        return [line for _, line in self.watch.report(now, lambda: 'nobody is there')]
+
+
+def test_says_when_tracking_starts_and_no_more():
+    hand = Input()
+    assert hand.said(0.) == []
+    hand.feed(.1)
+    assert hand.watch.report(.1, str) == [(False, 'tracking')]
+    for i in range(2, 50):
+        hand.feed(i / 10.)
+        assert hand.said(i / 10.) == []
+
+
+@pytest.mark.parametrize('fault, positions, said', [
+    (PalmState.LOST, hidden(0, 1, 2), 'the palm is lost'),
+    (PalmState.COINCIDENT, np.vstack((SEEN[[0, 0, 0]], SEEN[3:])), 'coincide'),
+    (PalmState.COLLINEAR, np.vstack((SEEN[:2], [(SEEN[0] + SEEN[1]) / 2.], SEEN[3:])), 'one line'),
+    (PalmState.TOO_FAR_APART, 1000. * SEEN[:8] / 30., 'unit_scale')])
+def test_says_which_fault_the_palm_has_and_since_when(fault, positions, said):
+    hand = Input()
+    hand.feed(.1)
+    hand.said(.1)
+    hand.feed(1., positions)
+    assert hand.watch._palm is fault
+    hand.feed(1.4, positions)
+    (warning, line), = hand.watch.report(1.5, str)
+    assert warning and said in line and 'since 0.5 s' in line
+    hand.feed(2.)
+    assert hand.watch.report(2., str) == [(False, 'tracking again')]
+
+
+def test_a_carried_palm_is_tracked():
+    hand = Input()
+    hand.feed(.1)
+    hand.said(.1)
+    hand.feed(.2, hidden(1))
+    assert hand.said(.2) == []
+
+
+def test_a_flickering_palm_is_said_a_bounded_number_of_times():
+    hand = Input()
+    lines = []
+    for i in range(1000):
+        hand.feed(i / 100., SEEN if i % 2 else hidden(0, 1, 2))
+        lines += hand.said(i / 100.)
+    assert len(lines) == CHANGES
+    now = 10. + WINDOW
+    hand.feed(now)
+    lines += hand.said(now)
+    assert lines[-1].startswith('tracking')
+
+
+def test_says_what_the_palm_waits_for():
+    hand = Input(LabelMap(['leds/0', *'1234567']))
+    hand.feed(.1, hidden(0, 2), unknown=(('ids', 0),))
+    line, = hand.said(.1)
+    assert line.startswith('waiting for the palm')
+    assert "'leds/0' (wrist), '2' (little_mcp)" in line
+    assert "'ids/0'" in line and 'index_mcp)' not in line
+
+
+def test_says_when_nothing_comes_and_when_it_comes_again():
+    hand = Input()
+    assert hand.said(SILENT) == []
+    line, = hand.said(SILENT + .1)
+    assert line == 'no markers on /markers for 3 s: nobody is there'
+    assert hand.said(SILENT + 60.) == []
+    hand.feed(70.)
+    assert hand.said(70.) == ['tracking']
+    line, = hand.said(80.)
+    assert 'for 10 s' in line
+    hand.feed(81.)
+    assert hand.said(81.) == ['tracking again']
+
+
+def test_says_when_no_label_matches():
+    hand = Input()
+    for i in range(8):
+        hand.feed(i / 2., stamp=False, unknown=(('leds', 11), ('leds', 12)))
+    line, = hand.said(3.5)
+    assert "'leds/11', 'leds/12'" in line
+    assert "'0' (wrist)" in line and "'7' (thumb)" in line
+
+
+def test_says_when_all_markers_are_in_another_frame():
+    hand = Input()
+    for i in range(8):
+        hand.feed(i / 2., stamp=False, foreign=('base',))
+    cause, line = hand.said(3.5)
+    assert "frame 'base' are left out" in cause and 'mocap_frame' in cause
+    assert "in frame 'base'" in line
+
+
+def test_names_markers_that_were_never_seen_once():
+    hand = Input(LabelMap([*'0123456', 'thumb/*']))
+    lines = []
+    for i in range(200):
+        hand.feed(i / 10., hidden(7), unknown=(('daumen', 0),))
+        lines += hand.said(i / 10.)
+    assert lines[0] == 'tracking'
+    assert lines[1:] == ["never seen so far: 'thumb/*' (thumb); there are 'daumen/0'"]
+
+
+def test_does_not_miss_a_marker_that_is_not_worn():
+    hand = Input(LabelMap([*'0123456', '']))
+    lines = []
+    for i in range(200):
+        hand.feed(i / 10., hidden(7))
+        lines += hand.said(i / 10.)
+    assert lines == ['tracking']
+
+
+def test_says_each_cause_once():
+    hand = Input()
+    lines = []
+    for i in range(100):
+        hand.feed(i / 100., doubled=(3,), foreign=('base',))
+        lines += hand.said(i / 100.)
+    assert len(lines) == 3
+    assert sum("label '3' of index" in line for line in lines) == 1
+
+
+def test_says_a_bounded_number_of_causes():
+    hand = Input()
+    for i in range(1000):
+        hand.watch.once(i, 'text')
+    assert len(hand.said(1.)) == CAUSES
+
+
+def endpoint(kind='visualization_msgs/msg/MarkerArray', reliability='RELIABLE'):
+    """Return a publisher as rclpy describes it."""
+    return SimpleNamespace(
+        node_namespace='/', node_name='driver', topic_type=kind,
+        qos_profile=SimpleNamespace(reliability=SimpleNamespace(name=reliability)))
+
+
+@pytest.mark.parametrize('endpoints, reliability, said', [
+    ([], 'reliable', 'nothing publishes them'),
+    ([endpoint('geometry_msgs/msg/PoseArray')], 'reliable', '/driver publishes geometry_msgs'),
+    ([endpoint(reliability='BEST_EFFORT')], 'reliable', 'qos.markers.reliability'),
+    ([endpoint(reliability='BEST_EFFORT')], 'best_effort', 'sends nothing'),
+    ([endpoint()], 'reliable', 'sends nothing')])
+def test_says_why_nothing_may_come(endpoints, reliability, said):
+    assert said in who_publishes(endpoints, reliability)
