@@ -24,7 +24,7 @@ AUTO = 'auto'
 RELIABILITIES = ('best_effort', 'reliable')
 TOPICS = {'markers': ('best_effort', 5), 'joint_states': ('reliable', 10),
           'hand_markers': ('reliable', 5)}
-DEGREES = np.degrees(ANGLE_RANGE)
+DEGREES = float(np.degrees(ANGLE_RANGE))
 DECIMALS = 12  # of degrees, so that 85 degrees come back from radians as 85
 
 
