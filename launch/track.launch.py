@@ -1,4 +1,4 @@
-"""Track a hand: replay or a live driver, the tracker, robot_state_publisher and, if asked, RViz."""
+"""Track a hand: replay or live driver, tracker, robot_state_publisher and, if asked, RViz."""
 
 from pathlib import Path
 
@@ -60,6 +60,8 @@ ARGUMENTS = (
         description='Follow /clock'),
 )
 
+FIRST_START = 120.  # [s] that the tracker may take to compile its kernels, once
+
 
 def start(context):
     """Return the nodes for the arguments given."""
@@ -96,7 +98,7 @@ def start(context):
         actions.append(node(
             'replay',
             [{'recording': given['recording'], 'rate': float(given['rate']),
-              'loop': given['loop'] == 'true'}],
+              'loop': given['loop'] == 'true', 'wait_for_subscriber': FIRST_START}],
             remappings=[('markers', given['markers'])],
             on_exit=Shutdown(reason='the replay ended')))
     if given['rviz'] == 'true':

@@ -74,7 +74,7 @@ def degrees_between(a, b):
 
 @pytest.mark.parametrize('side', ['right', 'left'])
 @pytest.mark.parametrize('noise, bone, lean, axis', [
-    (0., 2e-5, 2e-5, .2), (.0005, .0003, .002, 3.)])
+    (0., 2e-5, 2e-5, .2), (.0005, .0003, .002, 4.)])
 def test_recovers_a_hand(side, noise, bone, lean, axis):
     hand, fitted = refitted(side, noise)
     assert fitted.side == side

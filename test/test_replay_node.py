@@ -193,7 +193,7 @@ def test_plays_the_packaged_recording():
 def test_plays_alone_after_waiting(bags):
     with replay(bags / 'hand.mcap', wait_for_subscriber=0.2) as process:
         clean(process, process.wait())
-        assert 'No subscriber of /markers after 0.2 s' in process.output
+        assert 'no subscribers of /markers after 0.2 s' in process.output
         assert 'Played to the end' in process.output
 
 
@@ -213,7 +213,7 @@ def test_reliable_where_the_recording_offers_nothing(bags, watch):
         watch.spin_until(lambda: watch.get_publishers_info_by_topic('/markers'))
         qos = watch.get_publishers_info_by_topic('/markers')[0].qos_profile
         assert qos.reliability == rclpy.qos.ReliabilityPolicy.RELIABLE
-        process.wait_for_line('Replay waits for a subscriber of /markers')
+        process.wait_for_line('Replay waits for 1 subscriber of /markers')
         clean(process, process.interrupt(signal.SIGTERM))
 
 

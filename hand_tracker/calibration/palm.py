@@ -3,7 +3,6 @@
 import numpy as np
 
 from ..core.palm import rigid_palm
-from ..core.plane import FIST_FAR
 from ..core.vectors import vector
 from .landmarks import INDEX_MCP, LITTLE_MCP, MIDDLE_MCP, WRIST
 

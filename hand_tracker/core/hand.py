@@ -129,7 +129,7 @@ class Hand:
     splay : array_like, shape (4,)
         Direction of the straight fingers at zero angles, from x towards the thumb [rad].
     limits : array_like, shape (25, 2)
-        Lower and upper limit of each joint, in the order of `JOINTS` [rad]; zero is allowed by all.
+        Lower and upper limit of each joint, in the order of `JOINTS` [rad]; all hold 0.
     coupling : array_like, shape (5, 2)
         Intradigital correlation: DIP = slope PIP + offset; the thumb's IP = slope MCP + offset.
     radii : array_like, shape (5, 3)
@@ -206,8 +206,8 @@ class Hand:
         triangle = np.cross(self.finger_mcp[0], self.finger_mcp[3])
         if triangle[2] > -1e-5:
             raise InvalidHand(
-                'finger_mcp: the index MCP must lie on the thumb side (greater y) of the little '
-                f'MCP, both distal of the wrist; got {self.finger_mcp[0]} and {self.finger_mcp[3]}')
+                'finger_mcp: the index MCP must lie on the thumb side (greater y) of the little MCP, '
+                f'both distal of the wrist; got {self.finger_mcp[0]} and {self.finger_mcp[3]}')
 
     @classmethod
     def scaled(cls, length=MEAN_LENGTH, breadth=MEAN_BREADTH, **fields):
@@ -250,8 +250,8 @@ class Hand:
     def with_paper_thumb(self):
         """Return this hand with the paper's thumb plane, through CMC, tip and index MCP.
 
-        The plane of a digit holds its abduction axis: the axis that points from the
-        thumb's CMC to the index MCP gives the paper's plane F(5,1) F(5,4) F(1,2).
+        The plane of a digit holds its abduction axis: the axis that points from the index
+        MCP to the thumb's CMC gives the paper's plane F(5,1) F(5,4) F(1,2).
         """
         return self.replace(thumb_abduction_axis=self.thumb_cmc - self.finger_mcp[0])
 

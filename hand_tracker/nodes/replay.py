@@ -41,6 +41,7 @@ DEPTH = 10
 AHEAD = 500             # messages read in advance
 SWITCH_INTERVAL = 5e-4  # reading ahead gives way to playing after this [s]
 DISCOVERY_POLL = .02    # [s]
+SETTLE = .5             # [s]
 ACKNOWLEDGE = 1.        # [s]
 LONE = 10**8            # lap of a recording that is a single message [ns]
 
@@ -56,8 +57,9 @@ PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('clock', 0., 'Publications of the recorded time on /clock [Hz]; 0 is none',
               (0., 1e3)),
     Parameter('topics', '', 'Topics to play, as recorded, separated by spaces; empty for all'),
-    Parameter('wait_for_subscriber', 10., 'How long to wait for a first subscriber of the '
-              'markers before playing [s]; not when started paused', (0., 3600.)),
+    Parameter('wait_for_subscriber', 10., 'How long to wait for subscribers of the markers '
+              'before playing [s]; not when started paused', (0., 3600.)),
+    Parameter('subscribers', 1, 'How many subscribers of the markers to wait for', (1, 100)),
 ))
 
 
@@ -103,7 +105,7 @@ class ReplayNode(Node):
             self._serve(playback)
             with _spinning(self), closing(playback):
                 if not options.start_paused:
-                    self._wait_for_subscriber([outputs[topic].publisher for topic in markers])
+                    self._wait_for_subscribers([outputs[topic].publisher for topic in markers])
                 if options.clock:
                     self._tick(lambda: start + (playback.now - start) % lap)
                 self.get_logger().info(
@@ -161,18 +163,22 @@ class ReplayNode(Node):
                                f'{self._options.start_offset:g} s; expected less than its '
                                f'duration, {bag.duration * 1e-9:.3f} s')
 
-    def _wait_for_subscriber(self, publishers):
-        patience = self._options.wait_for_subscriber
+    def _wait_for_subscribers(self, publishers):
+        patience, wanted = self._options.wait_for_subscriber, self._options.subscribers
         if not patience:
             return
         names = ', '.join(publisher.topic_name for publisher in publishers)
-        self.get_logger().info(f'Replay waits for a subscriber of {names}')
+        self.get_logger().info(f'Replay waits for {_subscribers(wanted)} of {names}')
         until = time.monotonic() + patience
-        while not any(publisher.get_subscription_count() for publisher in publishers):
-            if time.monotonic() >= until:
-                self.get_logger().warning(f'No subscriber of {names} after {patience:g} s')
-                return
+        there = 0
+        while there < wanted and time.monotonic() < until:
             time.sleep(DISCOVERY_POLL)
+            there = max(publisher.get_subscription_count() for publisher in publishers)
+        if there < wanted:
+            self.get_logger().warning(f'{_subscribers(there)} of {names} after {patience:g} s')
+        else:
+            # Discovery runs both ways: a subscriber may learn of this publisher a little later.
+            time.sleep(SETTLE)
 
     def _tick(self, recorded_time):
         publisher = self.create_publisher(ClockMessage, '/clock', DEPTH)
@@ -227,6 +233,10 @@ def _spinning(node):
     finally:
         executor.shutdown()
         thread.join()
+
+
+def _subscribers(number):
+    return f'{number or "no"} subscriber{"" if number == 1 else "s"}'
 
 
 def _packaged_recording():
