@@ -200,8 +200,9 @@ def forward(table, angles, wrist_rotation=None, wrist_position=None):
     moved = np.zeros(3) if wrist_position is None else np.asarray(wrist_position, dtype=float)
     rotations = np.empty((n, len(LINKS), 3, 3))
     positions = np.empty((n, len(LINKS), 3))
-    _forward(*table, batch, np.ascontiguousarray(np.broadcast_to(turned, (n, 3, 3))),
-             np.ascontiguousarray(np.broadcast_to(moved, (n, 3))), rotations, positions)
+    # Copies: numba would compile once more for the read-only view of a single frame.
+    _forward(*table, batch, np.array(np.broadcast_to(turned, (n, 3, 3)), order='C'),
+             np.array(np.broadcast_to(moved, (n, 3)), order='C'), rotations, positions)
     if angles.ndim == 1:
         return Pose(rotations[0], positions[0])
     return Pose(rotations, positions)
