@@ -131,7 +131,7 @@ def save_animation(path, track, hand, title=''):
         figure.text(share, .02, view, ha='center', color=INK, fontsize=9)
     _header(figure, title)
     clock = figure.text(.985, .02, '', ha='right', color=INK, fontsize=9)
-    images = []
+    images, palette = [], None
     for frame in _frames_at(track.times, np.arange(
             track.times[0], track.times[-1], 1. / GIF_RATE)):
         for view in views:
@@ -139,11 +139,24 @@ def save_animation(path, track, hand, title=''):
         clock.set_text(f'{track.times[frame] - track.times[0]:.1f} s')
         canvas.draw()
         image = Image.fromarray(np.asarray(canvas.buffer_rgba())[:, :, :3].copy())
-        # One palette for all: it holds every digit's colour, and nothing flickers.
-        images.append(image.quantize(palette=images[0], dither=Image.Dither.NONE)
-                      if images else image.quantize(GIF_COLOURS))
+        # One palette for all, so that nothing flickers.
+        palette = palette or _palette(image)
+        images.append(image.quantize(palette=palette, dither=Image.Dither.NONE))
     images[0].save(path, save_all=True, append_images=images[1:], loop=0,
                    duration=round(1000. / GIF_RATE))
+
+
+def _palette(image):
+    """Return the palette of an image in which every colour of ours has its place."""
+    colours = (*DIGIT_COLOURS, PALM_COLOUR, SEEN_COLOUR, HIDDEN_COLOUR)
+    width, height = image.size
+    with_swatches = Image.new('RGB', (width, 2 * height))
+    with_swatches.paste(image)
+    for i, colour in enumerate(colours):
+        with_swatches.paste(
+            colour, (i * width // len(colours), height, (i + 1) * width // len(colours),
+                     2 * height))
+    return with_swatches.quantize(GIF_COLOURS)
 
 
 def save_sheet(path, track, hand, title=''):
