@@ -1,0 +1,150 @@
+"""Measure the tracker: each table and figure of the results from one command.
+
+An evaluation is a module of this package with
+
+- ``TITLE``, its heading in the results,
+- ``NEEDS_FILES``, whether it judges captures given as files (False when left out),
+- ``evaluate(options)``, which yields rows: dicts of plain numbers and strings, the key
+  ``evaluation`` first; a key that holds a time measured by the clock ends in ``_us``,
+- ``tables(rows)``, which returns the `Table`s of its rows,
+- ``pictures(rows, folder)``, which draws PNG files and returns their `Picture`s.
+"""
+
+import argparse
+import csv
+import json
+import math
+import sys
+import time
+from importlib import import_module
+from pathlib import Path
+
+from ..core.errors import HandTrackerError
+from .options import Options
+
+EVALUATIONS = {
+    'cameras': 'Table 2a: 8 cameras against 6, 4 and 2',
+    'rates': 'Table 2b: 480 Hz against 240 to 30 Hz',
+    'ablation': 'Fig. 13: each constraint off in turn',
+    'recordings': 'errors per joint class on captures, beside a plain baseline',
+    'occlusion': 'hidden markers on captures, beside three baselines',
+    'noise': 'marker noise of 0 to 2 mm, hand size wrong by up to 10 %',
+    'solvers': 'palm and finger solvers against each other',
+}
+
+
+def module_of(name):
+    """Return the module of an evaluation."""
+    return import_module(f'.{name}', __package__)
+
+
+def plain(value):
+    """Return a value of a row as JSON has it: no numpy types, null for what is not finite."""
+    value = value.item() if hasattr(value, 'item') else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def run(names, options):
+    """Return the rows of evaluations.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of `EVALUATIONS`.
+    options : Options
+
+    Returns
+    -------
+    list of dict
+    """
+    rows = []
+    for name in names:
+        start = time.monotonic()
+        options.say(f'{name}: {EVALUATIONS[name]}')
+        found = [{key: plain(value) for key, value in row.items()}
+                 for row in module_of(name).evaluate(options)]
+        options.say(f'{name}: {len(found)} rows in {time.monotonic() - start:.0f} s')
+        rows += found
+    return rows
+
+
+def write_csv(path, rows):
+    """Write rows as a table whose columns are all their keys, in the order of appearance."""
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    with open(path, 'w', newline='', encoding='utf-8') as file:
+        writer = csv.DictWriter(file, columns, lineterminator='\n')
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def write_json(path, rows):
+    """Write rows as a JSON list, one row on a line."""
+    lines = ',\n'.join(json.dumps(row, allow_nan=False) for row in rows)
+    path.write_text(f'[\n{lines}\n]\n', encoding='utf-8')
+
+
+def _jobs(text):
+    jobs = int(text)
+    if jobs < 1:
+        raise argparse.ArgumentTypeError(f'{jobs}: at least 1 is needed')
+    return jobs
+
+
+def _parse(arguments):
+    parser = argparse.ArgumentParser(
+        prog='hand_tracker evaluate', description=__doc__.split('\n')[0],
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog='\n'.join(f'{name:10s} {what}' for name, what in EVALUATIONS.items()))
+    parser.add_argument('name', choices=(*EVALUATIONS, 'all'), metavar='NAME',
+                        help=', '.join((*EVALUATIONS, 'all')))
+    parser.add_argument('files', nargs='*', type=Path, metavar='FILE.npz',
+                        help='captures: positions (T, 21, 3) [m], joints, side, rate_hz')
+    parser.add_argument('--seed', type=int, default=1, help='of all that is drawn (default: 1)')
+    parser.add_argument('--json', type=Path, metavar='OUT', help='file for the rows')
+    parser.add_argument('--output', type=Path, metavar='FOLDER', help='folder for CSV and PNG')
+    parser.add_argument('--jobs', type=_jobs, default=1, help='processes (default: 1)')
+    parser.add_argument('--quiet', action='store_true', help='print no progress')
+    # Intermixed: files may also follow an option.
+    return parser, parser.parse_intermixed_args(arguments)
+
+
+def _names(parser, chosen, files):
+    """Return the evaluations to run."""
+    if chosen != 'all':
+        if getattr(module_of(chosen), 'NEEDS_FILES', False) and not files:
+            parser.error(f'{chosen} judges captures: name at least one npz file')
+        return [chosen]
+    names = [name for name in EVALUATIONS
+             if files or not getattr(module_of(name), 'NEEDS_FILES', False)]
+    if not files:
+        print('no captures given: ' + ' and '.join(sorted(set(EVALUATIONS) - set(names)))
+              + ' are left out', file=sys.stderr)
+    return names
+
+
+def main(arguments=None):
+    """Run the command; return its exit code."""
+    parser, chosen = _parse(arguments)
+    options = Options(tuple(chosen.files), chosen.seed, chosen.jobs, chosen.output, chosen.quiet)
+    try:
+        names = _names(parser, chosen.name, chosen.files)
+        if options.output:
+            options.output.mkdir(parents=True, exist_ok=True)
+        rows = run(names, options)
+        if chosen.json:
+            write_json(chosen.json, rows)
+        for name in names:
+            found = [row for row in rows if row['evaluation'] == name]
+            module = module_of(name)
+            print(f'\n{module.TITLE}\n')
+            for table in module.tables(found):
+                print(table.text() + '\n')
+            if options.output:
+                write_csv(options.output / f'{name}.csv', found)
+                module.pictures(found, options.output)
+    except (HandTrackerError, OSError) as error:
+        print(f'{parser.prog}: {error}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    return 0

@@ -1,0 +1,103 @@
+"""Tables and pictures in which evaluations show their rows."""
+
+from typing import NamedTuple
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+# The colour-blind-safe palette of Okabe and Ito (2008): ours first, then what it is beside.
+COLOURS = ('#0072B2', '#E69F00', '#009E73', '#CC79A7', '#56B4E9', '#D55E00', '#555555')
+INK = '#333333'
+
+
+class Table(NamedTuple):
+    """A table of strings.
+
+    Attributes
+    ----------
+    caption : str
+    header : sequence of str
+    lines : sequence of sequence of str
+        As long as the header.
+    """
+
+    caption: str
+    header: tuple
+    lines: list
+
+    def text(self):
+        """Return the table as Markdown, columns aligned."""
+        widths = [max(len(cell) for cell in column) for column in zip(self.header, *self.lines)]
+
+        def line(cells):
+            first, *others = (cell.ljust(width) if not column else cell.rjust(width)
+                              for column, (cell, width) in enumerate(zip(cells, widths)))
+            return '| ' + ' | '.join((first, *others)) + ' |'
+
+        rule = '|' + '|'.join('-' * (width + 1) + ('-' if not column else ':')
+                              for column, width in enumerate(widths)) + '|'
+        return '\n'.join((self.caption, '', line(self.header), rule, *map(line, self.lines)))
+
+
+class Picture(NamedTuple):
+    """A drawn file.
+
+    Attributes
+    ----------
+    file : str
+        Name within the folder it was drawn into.
+    caption : str
+    """
+
+    file: str
+    caption: str
+
+
+def number(value, digits=2):
+    """Return a number as a table shows it; a dash for none."""
+    return '–' if value is None else f'{value:.{digits}f}'
+
+
+def mean_and_p95(row, digits=2):
+    """Return 'mean (p95)' of a row's `mean_mm` and `p95_mm`; a dash where there is no row."""
+    if row is None:
+        return '–'
+    return f'{number(row["mean_mm"], digits)} ({number(row["p95_mm"], max(digits - 1, 0))})'
+
+
+def figure_with(columns, width=4., height=3.2, legend_height=.45):
+    """Return a figure and a row of plain axes in it, with room for a legend above.
+
+    Parameters
+    ----------
+    columns : int
+    width, height, legend_height : float
+        Of one pair of axes, and of the legend [inches].
+
+    Returns
+    -------
+    figure : matplotlib.figure.Figure
+    axes : list of matplotlib.axes.Axes
+    """
+    whole = height + legend_height
+    figure = Figure(figsize=(columns * width, whole), dpi=120, layout='constrained')
+    FigureCanvasAgg(figure)
+    figure.get_layout_engine().set(rect=(0., 0., 1., height / whole))
+    axes = list(figure.subplots(1, columns, squeeze=False)[0])
+    for ax in axes:
+        for spine in ('top', 'right'):
+            ax.spines[spine].set_visible(False)
+        ax.tick_params(colors=INK, labelsize=8)
+        ax.grid(axis='y', color='#E3E6E9', linewidth=.7)
+        ax.set_axisbelow(True)
+    return figure, axes
+
+
+def save(figure, path, legend_of=None):
+    """Write a figure, with the legend of one of its axes above all."""
+    if legend_of is not None:
+        handles, labels = legend_of.get_legend_handles_labels()
+        figure.legend(handles, labels, loc='upper center', ncols=len(labels), frameon=False,
+                      fontsize=8, labelcolor=INK)
+    # Without the software's version the same numbers give the same bytes.
+    figure.savefig(path, metadata={'Software': None})
