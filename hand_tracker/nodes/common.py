@@ -124,6 +124,8 @@ def run(make_node, work=spin, args=None):
         logger.error(str(error))
         return 1
     finally:
+        # Python's end would leave a handler of its own to the system, which kills the process.
+        _ignore_interrupts()
         if node:
             node.destroy_node()
         rclpy.try_shutdown()
@@ -132,6 +134,10 @@ def run(make_node, work=spin, args=None):
 
 def _interrupt(number, frame):
     # A second Ctrl-C must not cut the way out short.
-    for other in INTERRUPTS:
-        signal.signal(other, signal.SIG_IGN)
+    _ignore_interrupts()
     raise KeyboardInterrupt
+
+
+def _ignore_interrupts():
+    for number in INTERRUPTS:
+        signal.signal(number, signal.SIG_IGN)
