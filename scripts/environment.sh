@@ -186,10 +186,27 @@ install_package() {
 
 # Other machines, and other runs on this one, neither hear nor disturb this run.
 isolate_discovery() {
-  export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-$((1 + $$ % 100))}
+  export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-$(free_domain)}
   if [[ ${ROS_DISTRO:-} == humble ]]; then
     export ROS_LOCALHOST_ONLY=${ROS_LOCALHOST_ONLY:-1}
   else
     export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}
   fi
+}
+
+# Prints a DDS domain in which nobody on this machine has a port.
+free_domain() {
+  "$python" - $$ <<'PYTHON'
+import contextlib
+import random
+import socket
+import sys
+
+for domain in random.Random(int(sys.argv[1])).sample(range(1, 101), 100):
+    with contextlib.ExitStack() as free, contextlib.suppress(OSError):
+        for port in range(7400 + 250 * domain, 7650 + 250 * domain):
+            free.enter_context(socket.socket(type=socket.SOCK_DGRAM)).bind(('', port))
+        break
+print(domain)
+PYTHON
 }

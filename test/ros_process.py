@@ -2,47 +2,59 @@
 
 import json
 import os
+import random
 import signal
+import socket
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from threading import Condition, Thread
 
-# Read by every context and process that starts after this. The second variable is Humble's name.
-os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
+
+def claim_domain():
+    """Return a DDS domain that nobody on this machine uses, and a socket that marks it so."""
+    # Above 100, a domain's ports are among those that the system hands out.
+    for domain in random.Random(os.getpid()).sample(range(1, 101), 100):
+        with ExitStack() as free:
+            try:
+                for port in range(7400 + PORTS * domain, 7400 + PORTS * (domain + 1)):
+                    taken = free.enter_context(socket.socket(type=socket.SOCK_DGRAM))
+                    taken.bind(('', port))
+            except OSError:
+                continue
+            # DDS counts from the first port on: the last one is for this mark alone.
+            return domain, taken.dup()
+    raise RuntimeError('every DDS domain is in use')
+
+
+PORTS = 250  # of a domain
+DOMAIN, _mark = claim_domain()
+# Read by every context and process that starts after this, instead of the domain of the user's
+# robot. The second variable is Humble's name.
+os.environ['ROS_DOMAIN_ID'] = str(DOMAIN)
 os.environ.update({'ROS_LOCALHOST_ONLY': '1'} if os.environ.get('ROS_DISTRO') == 'humble'
                   else {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'})
 
 PATIENCE = 20.  # [s]
 
 
-class NodeProcess:
-    """A node started as a user starts it; end it by leaving the context.
+class Process:
+    """A process whose output is read as it comes; end it by leaving the context.
 
     Parameters
     ----------
-    module : str
-        Python module that is run, as 'hand_tracker.nodes.replay'.
-    parameters : dict, optional
-    remaps : dict of str to str, optional
+    command : sequence of str
     environment : dict of str to str, optional
         In addition to that of this process.
-    files : sequence of path-like, optional
-        Parameter files.
+    **more
+        For `subprocess.Popen`.
     """
 
-    def __init__(self, module, parameters=None, remaps=None, environment=None, files=()):
-        command = [sys.executable, '-m', module, '--ros-args']
-        for file in files:
-            command += ['--params-file', str(file)]
-        for name, value in (parameters or {}).items():
-            command += ['-p', f'{name}:={json.dumps(value)}']
-        for old, new in (remaps or {}).items():
-            command += ['-r', f'{old}:={new}']
+    def __init__(self, command, environment=None, **more):
         self._process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-            env={**os.environ, **(environment or {})})
+            env={**os.environ, **(environment or {})}, **more)
         self._lines = []
         self._ended = False
         self._changed = Condition()
@@ -94,6 +106,32 @@ class NodeProcess:
         for _ in range(times):
             self._process.send_signal(sig)
         return self.wait(timeout)
+
+
+class NodeProcess(Process):
+    """A node started as a user starts it.
+
+    Parameters
+    ----------
+    module : str
+        Python module that is run, as 'hand_tracker.nodes.replay'.
+    parameters : dict, optional
+    remaps : dict of str to str, optional
+    environment : dict of str to str, optional
+        In addition to that of this process.
+    files : sequence of path-like, optional
+        Parameter files.
+    """
+
+    def __init__(self, module, parameters=None, remaps=None, environment=None, files=()):
+        command = [sys.executable, '-m', module, '--ros-args']
+        for file in files:
+            command += ['--params-file', str(file)]
+        for name, value in (parameters or {}).items():
+            command += ['-p', f'{name}:={json.dumps(value)}']
+        for old, new in (remaps or {}).items():
+            command += ['-r', f'{old}:={new}']
+        super().__init__(command, environment)
 
 
 @contextmanager
