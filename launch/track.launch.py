@@ -39,7 +39,7 @@ ARGUMENTS = (
         description="Plane of the thumb: the hand's saddle joint, or the paper's through index MCP"),
     DeclareLaunchArgument(
         'prefix', default_value='auto',
-        description='Before all joint and frame names; auto: right_ or left_'),
+        description='Before all joint and frame names; auto: right_ or left_; none: no prefix'),
     DeclareLaunchArgument(
         'namespace', default_value='',
         description='Namespace of nodes and topics, for a second hand; frames have the prefix'),
@@ -60,17 +60,24 @@ ARGUMENTS = (
         description='Follow /clock'),
 )
 
+NONE = 'none'  # as `ros2 launch` takes no empty value
 FIRST_START = 120.  # [s] that the tracker may take to compile its kernels, once
 
 
 def start(context):
     """Return the nodes for the arguments given."""
     given = context.launch_configurations
+    if given['rviz'] == 'true' and not installed('rviz2'):
+        # Found out later, nodes that have been started are left behind.
+        raise RuntimeError('rviz: rviz2 is not installed')
     hand_parameters = {
         'hand_file': given['hand'], 'side': given['side'], 'thumb': given['thumb'],
-        'prefix': given['prefix'], 'limits.preset': given['limits']}
+        'prefix': '' if given['prefix'] == NONE else given['prefix'],
+        'limits.preset': given['limits']}
     hand, _ = starting_hand({**{row.name: row.default for row in START}, **hand_parameters})
-    prefix = f'{hand.side}_' if given['prefix'] == AUTO else given['prefix']
+    prefix = hand_parameters['prefix']
+    if prefix == AUTO:
+        prefix = f'{hand.side}_'
     common = {'use_sim_time': given['use_sim_time'] == 'true'}
     publishes_links = installed('robot_state_publisher')
 
@@ -84,12 +91,12 @@ def start(context):
         'tracker',
         [hand_parameters, {'broadcast': 'wrist' if publishes_links else 'all'},
          *([given['parameters']] if given['parameters'] else [])],
-        remappings=[('markers', given['markers'])], on_exit=Shutdown(reason='the tracker ended'))]
+        remappings=[('markers', given['markers'])], on_exit=ended('tracker'))]
     if publishes_links:
         actions.append(node(
             'robot_state_publisher',
             [{'robot_description': urdf(hand, prefix),
-              'publish_frequency': float(given['publish_frequency'])}],
+              'publish_frequency': number(given, 'publish_frequency')}],
             package='robot_state_publisher'))
     else:
         actions.append(LogInfo(msg='robot_state_publisher is not installed: '
@@ -97,16 +104,33 @@ def start(context):
     if given['source'] == 'recording':
         actions.append(node(
             'replay',
-            [{'recording': given['recording'], 'rate': float(given['rate']),
+            [{'recording': given['recording'], 'rate': number(given, 'rate'),
               'loop': given['loop'] == 'true', 'wait_for_subscriber': FIRST_START}],
             remappings=[('markers', given['markers'])],
-            on_exit=Shutdown(reason='the replay ended')))
+            on_exit=ended('replay')))
     if given['rviz'] == 'true':
         config = Path(get_package_share_directory('hand_tracker')) / 'config' / 'hand_tracker.rviz'
         actions.append(node(
             'rviz2', [], package='rviz2',
             arguments=['-d', str(config), '-f', given['fixed_frame']]))
     return actions
+
+
+def number(given, name):
+    """Return the value of an argument that is a number."""
+    try:
+        return float(given[name])
+    except ValueError:
+        raise ValueError(f"{name}: '{given[name]}'; expected a number") from None
+
+
+def ended(name):
+    """Return what ends the launch when a node has ended, with an error when it had one."""
+    def end(event, context):
+        if event.returncode and not context.is_shutdown:
+            raise RuntimeError(f'the {name} ended with exit code {event.returncode}')
+        return Shutdown(reason=f'the {name} ended')
+    return end
 
 
 def texts_kept(parameters):

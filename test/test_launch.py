@@ -1,0 +1,305 @@
+"""The launch file as a user starts it, and RViz's configuration."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import sys
+from importlib.util import find_spec
+from itertools import islice
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import yaml
+
+from hand_tracker.core.hand import DIGITS, JOINTS, LINKS, SIDES, Hand, preset_limits
+from hand_tracker.files.bags import open_bag, write_bag
+from hand_tracker.urdf import urdf
+
+ROOT = Path(__file__).resolve().parent.parent
+LAUNCH = ROOT / 'launch' / 'track.launch.py'
+RVIZ = ROOT / 'config' / 'hand_tracker.rviz'
+RECORDING = ROOT / 'recordings' / 'demo.mcap'
+RATE = 120.        # of the recording [Hz]
+FIRST_START = 90.  # [s], as kernels may have to be compiled
+
+CHOICES = {
+    'source': ['recording', 'live'],
+    'loop': ['true', 'false'],
+    'side': ['auto', *SIDES],
+    'limits': ['auto', 'paper', 'wide'],
+    'thumb': ['saddle', 'index_mcp'],
+    'rviz': ['true', 'false'],
+    'use_sim_time': ['true', 'false'],
+}
+FREE = {'recording', 'rate', 'markers', 'hand', 'prefix', 'namespace', 'parameters',
+        'publish_frequency', 'fixed_frame'}
+
+# In rviz_default_plugins of Humble, Jazzy and Rolling; more exist.
+DISPLAYS = {f'rviz_default_plugins/{name}' for name in (
+    'Axes', 'Effort', 'Grid', 'Marker', 'MarkerArray', 'Path', 'PointCloud2', 'PointStamped',
+    'Pose', 'PoseArray', 'RobotModel', 'TF')}
+TOOLS = {f'rviz_default_plugins/{name}' for name in (
+    'FocusCamera', 'Interact', 'Measure', 'MoveCamera', 'PublishPoint', 'Select')}
+VIEWS = {f'rviz_default_plugins/{name}' for name in (
+    'FPS', 'Orbit', 'ThirdPersonFollower', 'TopDownOrtho', 'XYOrbit')}
+PANELS = {f'rviz_common/{name}' for name in (
+    'Displays', 'Help', 'Selection', 'Time', 'Tool Properties', 'Transformation', 'Views')}
+
+# Says what it was given, and waits for its end.
+FAKE_PUBLISHER = """#!{python}
+import json, os, signal, sys, yaml
+signal.signal(signal.SIGINT, lambda *_: os._exit(0))
+given = {{}}
+for option, file in zip(sys.argv, sys.argv[1:]):
+    if option == '--params-file':
+        for node in yaml.safe_load(open(file)).values():
+            given.update(node['ros__parameters'])
+print('GIVEN ' + json.dumps(given), flush=True)
+signal.pause()
+"""
+
+
+def installed(package):
+    """Return whether nodes of a package can be started."""
+    return any(Path(prefix, 'lib', package).is_dir()
+               for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
+
+
+def lack():
+    """Return what is missing to launch, or None."""
+    if missing := [name for name in ('launch', 'launch_ros', 'rclpy', 'tf2_ros')
+                   if find_spec(name) is None]:
+        return f"not installed: {', '.join(missing)}"
+    if shutil.which('ros2') is None:
+        return 'there is no ros2 command'
+    if not installed('hand_tracker'):
+        return 'hand_tracker is not installed by colcon, or its workspace is not sourced'
+
+
+LACK = lack()
+launches = pytest.mark.skipif(LACK is not None, reason=f'{LACK}')
+
+if LACK is None:
+    from launch.launch_description_sources import get_launch_description_from_python_launch_file
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from ros_process import Process, watching_node
+    from sensor_msgs.msg import JointState
+    from tf2_msgs.msg import TFMessage
+    from visualization_msgs.msg import Marker, MarkerArray
+
+    STARTED = {'tracker', 'replay'}
+    if installed('robot_state_publisher'):
+        STARTED.add('robot_state_publisher')
+    LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+    class Launch(Process):
+        """`ros2 launch` in a process group of its own, as in a terminal."""
+
+        def __init__(self, environment=None, **arguments):
+            super().__init__(
+                ['ros2', 'launch', str(LAUNCH),
+                 *(f'{name}:={value}' for name, value in arguments.items())],
+                environment, start_new_session=True)
+
+        def interrupt(self):
+            """Interrupt all its processes as Ctrl-C does; return its exit code."""
+            os.killpg(self._process.pid, signal.SIGINT)
+            return self.wait()
+
+        def __exit__(self, *error):
+            try:
+                os.killpg(self._process.pid, signal.SIGKILL)
+            except ProcessLookupError:
+                pass
+            super().__exit__(*error)
+
+
+@pytest.fixture
+def watch():
+    with watching_node() as node:
+        yield node
+
+
+@pytest.fixture(scope='module')
+def short(tmp_path_factory):
+    """Return the first half second of the packaged recording."""
+    path = tmp_path_factory.mktemp('recording') / 'short.mcap'
+    with open_bag(RECORDING) as bag:
+        write_bag(path, islice(bag.messages(['/markers']), round(RATE / 2)))
+    return path
+
+
+def stamps(headers):
+    """Return the stamps of headers [ns]."""
+    return np.array([header.stamp.sec * 10**9 + header.stamp.nanosec for header in headers])
+
+
+def marker_stamps(messages):
+    return stamps(message.markers[0].header for message in messages)
+
+
+def joint_stamps(messages):
+    return stamps(message.header for message in messages)
+
+
+def frames(messages):
+    """Return the names of all frames that were broadcast."""
+    return {transform.child_frame_id for message in messages for transform in message.transforms}
+
+
+def named(prefix, names):
+    return [prefix + name for name in names]
+
+
+def check_clean(process, code, *started):
+    """Check that all nodes were started and ended without an error."""
+    assert code == 0, process.output
+    assert 'Traceback' not in process.output and 'process has died' not in process.output
+    for name in started:
+        assert re.search(rf'\[{name}-\d\]: process has finished cleanly', process.output)
+    assert process.output.count('process started') == len(started)
+
+
+@launches
+def test_arguments_are_described():
+    arguments = get_launch_description_from_python_launch_file(str(LAUNCH)).get_launch_arguments()
+    assert {argument.name for argument in arguments} == FREE | CHOICES.keys()
+    for argument in arguments:
+        assert argument.choices == CHOICES.get(argument.name), argument.name
+        assert argument.default_value is not None, argument.name
+        assert argument.description not in ('', 'no description given'), argument.name
+
+
+@launches
+def test_tracks_the_packaged_recording(watch):
+    markers = watch.collect(MarkerArray, 'markers')
+    states = watch.collect(JointState, 'joint_states')
+    transforms = watch.collect(TFMessage, '/tf')
+    static = watch.collect(TFMessage, '/tf_static', LATCHED)
+    with Launch() as process:
+        watch.spin_until(lambda: states, FIRST_START)
+        watch.spin_for(.5)
+        markers.clear()
+        states.clear()
+        transforms.clear()
+        watch.spin_for(2.)
+        check_clean(process, process.interrupt(), *STARTED)
+    seen, tracked = marker_stamps(markers), joint_stamps(states)
+    assert all(list(state.name) == named('right_', JOINTS) for state in states)
+    assert all(len(state.position) == len(JOINTS) for state in states)
+    assert (np.diff(tracked) > 0).all()
+    assert abs(np.median(np.diff(tracked)) * 1e-9 - 1 / RATE) < 1e-4
+    assert len(tracked) * 1e9 / np.ptp(tracked) > .7 * RATE
+    # The first and last few may be on their way.
+    assert np.isin(tracked[10:-10], seen).all()
+    assert frames(transforms) >= {'right_wrist', *named('right_', LINKS)}
+    wrist = [transform for message in transforms for transform in message.transforms
+             if transform.child_frame_id == 'right_wrist']
+    assert {transform.header.frame_id for transform in wrist} == {'mocap'}
+    assert np.isin(stamps(transform.header for transform in wrist)[10:-10], seen).all()
+    assert frames(static) >= {f'right_{digit}_tip' for digit in DIGITS}
+
+
+@launches
+def test_a_left_hand_in_a_namespace_loops(watch, short):
+    states = watch.collect(JointState, 'second/joint_states')
+    with Launch(recording=short, side='left', namespace='second') as process:
+        watch.spin_until(lambda: len(states) > 1.8 * RATE, FIRST_START)
+        check_clean(process, process.interrupt(), *STARTED)
+    assert all(list(state.name) == named('left_', JOINTS) for state in states)
+    steps = np.diff(joint_stamps(states))
+    assert (steps > 0).all()
+    assert abs(np.median(steps) * 1e-9 - 1 / RATE) < 1e-4
+
+
+@launches
+def test_ends_with_the_recording(short):
+    with Launch(recording=short, loop='false', rate='2') as process:
+        check_clean(process, process.wait(FIRST_START), *STARTED)
+        assert 'Played to the end' in process.output
+
+
+@launches
+def test_live_markers(watch):
+    with open_bag(RECORDING) as bag:
+        data = next(iter(bag.messages(['/markers']))).data
+    states = watch.collect(JointState, 'joint_states')
+    publisher = watch.create_publisher(MarkerArray, 'vicon/markers', 10)
+    with Launch(source='live', markers='vicon/markers', prefix='none') as process:
+        process.wait_for_line('listening for markers on /vicon/markers', FIRST_START)
+        watch.create_timer(.01, lambda: publisher.publish(bytes(data)))
+        watch.spin_until(lambda: len(states) > 20)
+        check_clean(process, process.interrupt(), *STARTED - {'replay'})
+    assert list(states[0].name) == list(JOINTS)
+
+
+@launches
+def test_robot_state_publisher_is_used_where_installed(watch, short, tmp_path):
+    index = tmp_path / 'share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    (index / 'robot_state_publisher').touch()
+    program = tmp_path / 'lib/robot_state_publisher/robot_state_publisher'
+    program.parent.mkdir(parents=True)
+    program.write_text(FAKE_PUBLISHER.format(python=sys.executable))
+    program.chmod(0o755)
+    prefixes = f"{tmp_path}{os.pathsep}{os.environ['AMENT_PREFIX_PATH']}"
+    transforms = watch.collect(TFMessage, '/tf')
+    with Launch({'AMENT_PREFIX_PATH': prefixes}, recording=short, publish_frequency='480.0',
+                limits='wide') as process:
+        process.wait_for_line('GIVEN')
+        watch.spin_until(lambda: len(transforms) > 20, FIRST_START)
+        check_clean(process, process.interrupt(),
+                    'tracker', 'robot_state_publisher', 'replay')
+        assert 'not installed' not in process.output
+        given = json.loads(re.search('GIVEN (.*)', process.output)[1])
+    assert frames(transforms) == {'right_wrist'}
+    assert given['publish_frequency'] == 480.
+    expected = urdf(Hand.scaled().replace(limits=preset_limits('wide')), 'right_')
+    assert canonical(given['robot_description']) == canonical(expected)
+
+
+def canonical(xml):
+    return ElementTree.canonicalize(xml, strip_text=True)
+
+
+@launches
+@pytest.mark.parametrize(('arguments', 'line'), [
+    ({'hand': '/nowhere/hand.yaml'}, 'hand_file: /nowhere/hand.yaml: No such file'),
+    ({'recording': '/nowhere/bag'}, '/nowhere/bag: no such file or folder'),
+    ({'rate': 'fast'}, "rate: 'fast'; expected a number"),
+    ({'side': 'upper'}, '"upper" is not valid'),
+])
+def test_errors_of_the_user(arguments, line):
+    with Launch(**arguments) as process:
+        assert process.wait() == 1
+        assert line in process.output
+        assert 'Traceback' not in process.output
+
+
+@launches
+@pytest.mark.skipif(installed('rviz2'), reason='rviz2 is installed')
+def test_rviz_is_not_installed():
+    with Launch(rviz='true') as process:
+        assert process.wait() == 1
+        assert 'rviz: rviz2 is not installed' in process.output
+        assert 'process started' not in process.output
+
+
+def test_rviz_configuration():
+    config = yaml.safe_load(RVIZ.read_text())
+    manager = config['Visualization Manager']
+
+    def classes(entries):
+        return {entry['Class'] for entry in entries}
+
+    assert classes(manager['Displays']) <= DISPLAYS
+    assert classes(manager['Tools']) <= TOOLS
+    assert classes([manager['Views']['Current']]) <= VIEWS
+    assert classes(config['Panels']) <= PANELS
+    topics = {display['Name']: display[key]['Value'] for display in manager['Displays']
+              for key in ('Topic', 'Description Topic') if key in display}
+    assert set(topics.values()) == {'robot_description', 'hand_markers'}
