@@ -1,0 +1,142 @@
+"""Captured hands as files: loaded, checked, and cut into a part to fit and a part to judge."""
+
+import zipfile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..calibration import LANDMARKS
+from ..core.errors import HandTrackerError
+from ..core.hand import SIDES
+from ..core.layout import PAPER_PLACES
+
+ASSUMED_RATE = 30.  # [Hz] of captures that do not say theirs
+RATE_RANGE = (5., 2000.)  # [Hz]
+CALIBRATION = .2    # the first part of a capture, on which its hand is fitted
+MIN_FRAMES = 100
+MARKER_ROWS = np.array([LANDMARKS.index(place) for place in PAPER_PLACES])
+MIRROR = np.array((1., -1., 1.))
+
+
+class InvalidCapture(HandTrackerError, ValueError):
+    """A file that is no capture, or one that cannot be judged."""
+
+
+class Capture(NamedTuple):
+    """A captured hand.
+
+    Attributes
+    ----------
+    name : str
+        The file's, without its suffix.
+    joints : ndarray, shape (T, 21, 3)
+        In the order of `LANDMARKS`, NaN where not captured [m].
+    side : {'right', 'left'}
+    rate : float
+        [Hz]
+    """
+
+    name: str
+    joints: np.ndarray
+    side: str
+    rate: float
+
+    @property
+    def markers(self):
+        """Return the paper's eight markers, shape (T, 8, 3), NaN where not captured [m]."""
+        return self.joints[:, MARKER_ROWS]
+
+    @property
+    def split(self):
+        """Return the first frame that is judged; the hand is fitted on those before."""
+        return int(CALIBRATION * len(self.joints))
+
+    def right(self):
+        """Return the capture as that of a right hand."""
+        if self.side == 'right':
+            return self
+        return self._replace(joints=self.joints * MIRROR, side='right')
+
+
+def load_capture(path):
+    """Return the capture in a file.
+
+    Parameters
+    ----------
+    path : path-like
+        npz file with `positions` (T, 21, 3) [m], `joints`, the 21 names in any order,
+        `side` and `rate_hz` (NaN: unknown, 30 Hz are taken).
+
+    Returns
+    -------
+    Capture
+
+    Raises
+    ------
+    InvalidCapture
+        Naming the file, what is wrong with it and what is expected.
+    """
+    path = Path(path)
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            fields = {name: data[name] for name in ('positions', 'joints', 'side', 'rate_hz')}
+    except KeyError as error:
+        raise InvalidCapture(f'{path}: {error.args[0]}; expected positions, joints, side '
+                             'and rate_hz') from None
+    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise InvalidCapture(f'{path}: no npz file that can be read: {error}') from None
+    names = [str(name) for name in np.atleast_1d(fields['joints'])]
+    positions = fields['positions']
+    if sorted(names) != sorted(LANDMARKS):
+        raise InvalidCapture(f'{path}: its joints are {", ".join(names)}; expected are the '
+                             f'{len(LANDMARKS)} joints {", ".join(LANDMARKS)}')
+    if positions.ndim != 3 or positions.shape[1:] != (len(LANDMARKS), 3):
+        raise InvalidCapture(f'{path}: positions of shape {positions.shape}; '
+                             f'expected (T, {len(LANDMARKS)}, 3)')
+    if positions.dtype.kind not in 'fiu' or fields['rate_hz'].dtype.kind not in 'fiu':
+        raise InvalidCapture(f'{path}: positions and rate_hz must be numbers; they are '
+                             f'{positions.dtype} and {fields["rate_hz"].dtype}')
+    if fields['side'].size != 1 or str(fields['side'].item()) not in SIDES:
+        raise InvalidCapture(f'{path}: side {fields["side"]}; expected {" or ".join(SIDES)}')
+    if fields['rate_hz'].size != 1:
+        raise InvalidCapture(f'{path}: rate_hz of shape {fields["rate_hz"].shape}; '
+                             'expected one number')
+    rate = float(fields['rate_hz'].item())
+    rate = ASSUMED_RATE if np.isnan(rate) else rate
+    if not RATE_RANGE[0] <= rate <= RATE_RANGE[1]:
+        raise InvalidCapture(f'{path}: rate_hz {rate:g}; allowed is {RATE_RANGE[0]:g} to '
+                             f'{RATE_RANGE[1]:g} Hz, or NaN where it is not known')
+    joints = positions[:, [names.index(name) for name in LANDMARKS]].astype(float)
+    # A joint without one coordinate is not captured.
+    joints[~np.isfinite(joints).all(axis=2)] = np.nan
+    capture = Capture(path.stem, joints, str(fields['side'].item()), rate)
+    whole = np.isfinite(joints).all(axis=(1, 2))
+    for part, frames in (('to fit the hand on', whole[:capture.split]),
+                         ('to judge', whole[capture.split:])):
+        if frames.sum() < MIN_FRAMES:
+            raise InvalidCapture(f'{path}: {frames.sum()} of the {len(frames)} frames {part} have '
+                                 f'all {len(LANDMARKS)} joints; at least {MIN_FRAMES} are needed')
+    return capture
+
+
+def load_captures(options):
+    """Return the captures of `options.files`.
+
+    A file that cannot be judged is named and left out, as long as there is another.
+
+    Raises
+    ------
+    InvalidCapture
+        If none can be judged.
+    """
+    captures, faults = [], []
+    for path in options.files:
+        try:
+            captures.append(load_capture(path))
+        except InvalidCapture as fault:
+            faults.append(str(fault))
+            options.say(f'left out: {fault}')
+    if not captures:
+        raise InvalidCapture('; '.join(faults) or 'no captures were given')
+    return captures
