@@ -5,6 +5,7 @@ from importlib import import_module
 
 COMMANDS = {
     'demo': ('hand_tracker.demo', 'replay a recording through the tracker and draw the hand'),
+    'track': ('hand_tracker.offline', 'track a recording; write a table or a recording of angles'),
     'urdf': ('hand_tracker.urdf', 'print or write the URDF of a hand'),
     'evaluate': ('hand_tracker.evaluation.command', 'measure the tracker, each table in turn'),
     'record': ('hand_tracker.simulation.recording', 'make the packaged recording again'),

@@ -5,7 +5,6 @@ as an animated GIF, a contact sheet and a table of the angles.
 """
 
 import argparse
-import csv
 import signal
 import subprocess
 import sys
@@ -25,9 +24,10 @@ from .core.kinematics import forward, joint_table, tip_offsets
 from .core.layout import PALM_MARKERS, MarkerLayout, marker_positions
 from .core.palm import place_palm
 from .core.skeleton import skeleton_points
+from .files.angle_table import write_angle_table
 from .files.hand_file import load_hand
 from .labels import DEFAULT_LABELS, LabelMap
-from .messages import markers_from_message
+from .marker_frame import markers_from_message
 from .picture import Track, save_animation, save_sheet
 
 try:
@@ -204,11 +204,8 @@ def _save(listener, hand, layout, output):
           + _summary(listener.latencies, heard), flush=True)
     output.mkdir(parents=True, exist_ok=True)
     seconds = 1e-9 * (heard.stamps - heard.stamps[0])
-    with open(output / 'angles.csv', 'w', newline='', encoding='utf-8') as file:
-        writer = csv.writer(file)
-        writer.writerow(['time_s', *(f'{joint}_deg' for joint in listener.joints)])
-        for time_s, row in zip(seconds, np.degrees(heard.angles)):
-            writer.writerow([f'{time_s:.6f}', *(f'{angle:.3f}' for angle in row)])
+    write_angle_table(output / 'angles.csv', listener.joints,
+                      ((time_s, row, ()) for time_s, row in zip(seconds, heard.angles)))
     points = skeleton_points(
         tip_offsets(hand), forward(joint_table(hand), heard.angles), np.zeros((len(seconds), 3)))
     seen = np.isfinite(heard.markers).all(axis=2)

@@ -1,0 +1,332 @@
+"""Track recordings without ROS: the angles of every frame, as a table or as a recording.
+
+Command: ``hand_tracker track IN -o OUT.csv``; `track` is the same as a library.
+"""
+
+import argparse
+import math
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+from .core.errors import HandTrackerError
+from .core.hand import JOINTS, LIMIT_PRESETS, ROOT, SIDES, Hand, preset_limits
+from .core.layout import MARKERS, PALM_MARKERS, MarkerLayout
+from .core.palm import PalmState
+from .core.quaternion import quaternion
+from .core.tracker import HandState, HandTracker
+from .files.angle_table import write_angle_table
+from .files.bags import (
+    MARKER_ARRAY, STORAGE, TYPES, BagError, bag_message, joint_state_message, open_bag, write_bag)
+from .files.hand_file import load_hand
+from .labels import DEFAULT_LABELS, InvalidLabel, LabelMap
+from .marker_frame import markers_from_message
+from .nodes.watch import Watch
+from .progress import Progress
+
+USUAL_TOPIC = '/markers'
+NAMELESS = 'world'   # frame of markers that have none, as TF needs one
+LOOK_EVERY = .25     # [s] of the recording
+TABLE = '.csv'
+KINDS = (TABLE, *STORAGE)
+
+
+class TrackedFrame(NamedTuple):
+    """One frame of a recording, tracked.
+
+    Attributes
+    ----------
+    time : int
+        When the markers were recorded [ns].
+    stamp : int
+        Of the markers, else `time` [ns].
+    frame_id : str
+        The markers' frame.
+    state : HandState
+    """
+
+    time: int
+    stamp: int
+    frame_id: str
+    state: HandState
+
+
+def marker_topic(bag, topic=None):
+    """Return the topic of a recording that holds the markers.
+
+    Parameters
+    ----------
+    bag : Bag
+    topic : str, optional
+        That asked for; else it is '/markers' or the only one of the type.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    BagError
+        If there is no such topic, or several and none asked for.
+    """
+    fitting = [name for name, kind in bag.topics.items() if kind == MARKER_ARRAY]
+    there = ', '.join(f'{name} ({kind})' for name, kind in sorted(bag.topics.items()))
+    if topic:
+        name = topic if topic in bag.topics else '/' + topic.lstrip('/')
+        if name not in fitting:
+            raise BagError(f'{bag.path}: no topic {topic} of {MARKER_ARRAY}; it has {there}')
+        return name
+    if not fitting:
+        raise BagError(f'{bag.path}: no topic of {MARKER_ARRAY}; it has {there}')
+    if len(fitting) > 1 and USUAL_TOPIC not in fitting:
+        raise BagError(f'{bag.path}: several topics of {MARKER_ARRAY}; '
+                       f'choose one of {", ".join(sorted(fitting))}')
+    return fitting[0] if len(fitting) == 1 else USUAL_TOPIC
+
+
+def track(messages, tracker, labels=None, frame_id='', scale=1., zero_is_missing=True,
+          watch=None):
+    """Track recorded markers as the tracker node tracks them live.
+
+    As there, messages without any marker of the hand are left out, and so are all before
+    the palm was first seen.
+
+    Parameters
+    ----------
+    messages : iterable of BagMessage
+        MarkerArrays, as from `Bag.messages`.
+    tracker : HandTracker
+    labels : LabelMap, optional
+        Ids 0 to 7 when left out.
+    frame_id, scale, zero_is_missing
+        See `markers_from_message`.
+    watch : Watch, optional
+        Told what came, by the time of the recording.
+
+    Yields
+    ------
+    TrackedFrame
+
+    Raises
+    ------
+    BagError
+        If a message is damaged.
+    """
+    labels = LabelMap() if labels is None else labels
+    placed = False
+    for message in messages:
+        frame = markers_from_message(_decoded(message), labels, frame_id, scale, zero_is_missing)
+        if watch is not None:
+            watch.received(1e-9 * message.time, frame)
+        if frame.stamp is None:
+            continue
+        state = tracker.update(frame.positions)
+        if watch is not None:
+            watch.tracked(1e-9 * message.time, state)
+        placed = placed or state.palm <= PalmState.CARRIED
+        if placed:
+            stamp = frame.stamp.sec * 10**9 + frame.stamp.nanosec
+            yield TrackedFrame(message.time, stamp or message.time, frame.frame_id or NAMELESS,
+                               state)
+
+
+def _decoded(message):
+    # Damaged bytes can raise anything in the library: one error says so.
+    try:
+        return TYPES.deserialize_cdr(message.data, message.type)
+    except Exception as error:
+        raise BagError(f'{message.topic}: the message of {message.time} ns is no whole '
+                       f'{message.type} of Humble or later') from error
+
+
+def save(path, frames, prefix, wrist=False):
+    """Write tracked frames, one by one; the file appears when it is whole.
+
+    Parameters
+    ----------
+    path : path-like
+        A table (`.csv`), its time beginning with the first frame; or a recording (`.mcap`,
+        `.db3`) of `/joint_states` with the stamps of the markers.
+    frames : iterable of TrackedFrame
+    prefix : str
+        Of the joints' names and the wrist's frame, as 'right_'.
+    wrist : bool, optional
+        Whether to write the wrist's pose too: as columns, or as `/tf`.
+
+    Raises
+    ------
+    HandTrackerError
+        If the path has another extension, or cannot be written to.
+    """
+    path = Path(path)
+    joints = [prefix + joint for joint in JOINTS]
+    if path.suffix == TABLE:
+        write_angle_table(path, joints, _rows(frames, wrist), wrist)
+    else:
+        write_bag(path, _messages(frames, joints, prefix + ROOT if wrist else None))
+
+
+def _rows(frames, wrist):
+    first = None
+    for _, stamp, _, state in frames:
+        first = stamp if first is None else first
+        pose = (*state.wrist_position.tolist(), *quaternion(state.wrist_rotation.tolist()))
+        yield 1e-9 * (stamp - first), state.angles, pose if wrist else ()
+
+
+def _messages(frames, joints, wrist):
+    for recorded, stamp, frame_id, state in frames:
+        joint_state = joint_state_message(stamp, joints, state.angles)
+        yield bag_message('/joint_states', recorded, joint_state)
+        if wrist is not None:
+            yield bag_message('/tf', recorded, _transform(
+                joint_state.header.stamp, frame_id, wrist, state))
+
+
+def _transform(stamp, parent, child, state):
+    types = TYPES.types
+    header = types['std_msgs/msg/Header'](stamp, parent)
+    pose = types['geometry_msgs/msg/Transform'](
+        types['geometry_msgs/msg/Vector3'](*state.wrist_position.tolist()),
+        types['geometry_msgs/msg/Quaternion'](*quaternion(state.wrist_rotation.tolist())))
+    return types['tf2_msgs/msg/TFMessage'](
+        [types['geometry_msgs/msg/TransformStamped'](header, child, pose)])
+
+
+class _Job:
+    """Tracking one recording: what the command counts and says meanwhile."""
+
+    def __init__(self, bag, topic, labels):
+        self.read = self.tracked = 0
+        self._bag, self._topic, self._labels = bag, topic, labels
+        self._progress = Progress(bag.counts[topic], 'frames')
+        self._watch = Watch(1e-9 * bag.start, topic, labels)
+        self._last = None
+
+    def frames(self, tracker, **options):
+        """Yield the tracked frames."""
+        messages = self._progress.over(self._looked_at())
+        for frame in track(messages, tracker, self._labels, watch=self._watch, **options):
+            self.tracked += 1
+            yield frame
+        if not self.tracked:
+            expected = ', '.join(f"'{label}' ({marker})" for marker, label in zip(
+                PALM_MARKERS, self._labels.labels))
+            raise BagError(f'{self._bag.path}: no frame of {self._topic} shows the palm; '
+                           f'expected are the labels {expected}')
+
+    def _looked_at(self):
+        due = self._bag.start
+        now = None
+        for message in self._bag.messages([self._topic]):
+            self.read += 1
+            now = message.time
+            yield message
+            if now >= due:
+                due = now + int(1e9 * LOOK_EVERY)
+                self._report(now)
+        if now is not None:
+            self._report(now)
+
+    def _report(self, now):
+        for _, line in self._watch.report(1e-9 * now, str):
+            self._progress.say(f'at {1e-9 * (now - self._bag.start):.2f} s: {line}')
+
+
+def _label_map(texts):
+    labels = dict(zip(MARKERS, DEFAULT_LABELS))
+    for text in texts:
+        marker, given, label = text.partition('=')
+        if not given or marker not in labels:
+            raise InvalidLabel(f"label: '{text}'; expected MARKER=LABEL, the marker being one of "
+                               f'{", ".join(MARKERS)}')
+        labels[marker] = label
+    return LabelMap(list(labels.values()))
+
+
+def _refuse_to_replace(recording, output):
+    sources = recording.iterdir() if recording.is_dir() else (recording,)
+    if output.is_dir() or output.exists() and any(map(output.samefile, sources)):
+        raise BagError(f'{output}: would replace the recording or a folder; '
+                       'expected another name for the output')
+
+
+def _track_file(options):
+    """Do what the command line asks for; return what to say at the end."""
+    hand, layout = load_hand(options.hand) if options.hand else (Hand.scaled(), MarkerLayout())
+    hand = hand.replace(side=options.side or hand.side)
+    if options.limits:
+        hand = hand.replace(limits=preset_limits(options.limits))
+    labels = _label_map(options.label)
+    output = options.output
+    if output.suffix not in KINDS:
+        raise BagError(f'{output}: unknown extension {output.suffix!r}; '
+                       f'expected {", ".join(KINDS)}')
+    start = time.monotonic()
+    with open_bag(options.recording) as bag:
+        _refuse_to_replace(bag.path, output)
+        job = _Job(bag, marker_topic(bag, options.topic), labels)
+        frames = job.frames(HandTracker(hand, layout), frame_id=options.frame,
+                            scale=options.unit_scale, zero_is_missing=not options.keep_zeros)
+        save(output, frames, f'{hand.side}_', options.wrist)
+    seconds = time.monotonic() - start
+    return (f'{output}: {job.tracked} of {job.read} frames tracked, '
+            f'{job.read / seconds:.0f} a second')
+
+
+def _scale(text):
+    try:
+        scale = float(text)
+    except ValueError:
+        scale = math.nan
+    if not 0. < scale < math.inf:
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a positive number")
+    return scale
+
+
+def _parse(args):
+    parser = argparse.ArgumentParser(prog='hand_tracker track', description=main.__doc__)
+    parser.add_argument('recording', type=Path, metavar='IN',
+                        help='rosbag2 recording: a folder, .mcap or .db3')
+    parser.add_argument('-o', '--output', type=Path, required=True, metavar='OUT',
+                        help='table (.csv) or recording of /joint_states (.mcap, .db3)')
+    parser.add_argument('--hand', metavar='FILE', help='hand file (YAML); default: the mean hand')
+    parser.add_argument('--side', choices=SIDES, help="default: the hand file's, else right")
+    parser.add_argument('--limits', choices=tuple(LIMIT_PRESETS),
+                        help="default: the hand file's, else paper")
+    parser.add_argument('--topic', help=f'of the markers; default: {USUAL_TOPIC}, else the only '
+                        'one with a MarkerArray')
+    parser.add_argument('--frame', default='', help='frame of the markers: those in another are '
+                        'left out; default: whichever they have')
+    parser.add_argument('--label', action='append', default=[], metavar='MARKER=LABEL',
+                        help="which marker is which, as index=leds/12; default: ids 0 to 7")
+    parser.add_argument('--unit-scale', type=_scale, default=1., metavar='S',
+                        help='metres per unit of the markers: 0.001 for mm')
+    parser.add_argument('--keep-zeros', action='store_true',
+                        help='take a marker at exactly (0, 0, 0) for seen, not for lost')
+    parser.add_argument('--wrist', action='store_true', help="write the wrist's pose too: as "
+                        'columns of the table, or as /tf')
+    return parser.parse_args(args)
+
+
+def main(args=None):
+    """Track a recording without ROS, and write the angles of every frame."""
+    options = _parse(args)
+    # A closing terminal or a killed script leaves no half file either.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+    try:
+        print(_track_file(options))
+    except (HandTrackerError, OSError) as error:
+        print(f'hand_tracker track: {error}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print('hand_tracker track: interrupted; nothing was written', file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
