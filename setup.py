@@ -61,8 +61,9 @@ setup(
     entry_points={
         'console_scripts': [
             'hand_tracker = hand_tracker.__main__:main',
-            'replay = hand_tracker.nodes.replay:main',
-            'tracker = hand_tracker.nodes.tracker:main',
+            'replay = hand_tracker.nodes.entry:replay',
+            'simulate = hand_tracker.nodes.entry:simulate',
+            'tracker = hand_tracker.nodes.entry:tracker',
         ],
     },
 )

@@ -36,7 +36,7 @@ os.environ['ROS_DOMAIN_ID'] = str(DOMAIN)
 os.environ.update({'ROS_LOCALHOST_ONLY': '1'} if os.environ.get('ROS_DISTRO') == 'humble'
                   else {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'})
 
-PATIENCE = 20.  # [s]
+PATIENCE = 60.  # [s]
 
 
 class Process:
@@ -101,7 +101,7 @@ class Process:
         self._reader.join()
         return code
 
-    def interrupt(self, sig=signal.SIGINT, timeout=1., times=1):
+    def interrupt(self, sig=signal.SIGINT, timeout=PATIENCE, times=1):
         """Interrupt it as Ctrl-C does; return its exit code, which must come in time."""
         for _ in range(times):
             self._process.send_signal(sig)
