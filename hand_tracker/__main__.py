@@ -8,6 +8,7 @@ COMMANDS = {
     'track': ('hand_tracker.offline', 'track a recording; write a table or a recording of angles'),
     'urdf': ('hand_tracker.urdf', 'print or write the URDF of a hand'),
     'evaluate': ('hand_tracker.evaluation.command', 'measure the tracker, each table in turn'),
+    'simulate': ('hand_tracker.simulation.simulate', 'record a simulated hand seen by cameras'),
     'record': ('hand_tracker.simulation.recording', 'make the packaged recording again'),
 }
 

@@ -1,0 +1,122 @@
+"""Stand in for the driver of a camera system: publish the markers of a simulated hand, live.
+
+When the motion has ended it begins again. With `truth` the true angles are published too,
+on a topic of their own.
+"""
+
+import sys
+import time
+from contextlib import closing
+from itertools import count
+from typing import NamedTuple
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
+
+from ..core.hand import SIDES
+from ..files.bags import MARKER_ARRAY
+from ..files.stamps import header_stamp, marker_stamps, restamp
+from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
+from ..simulation.faults import RATE_RANGE as FAULT_RANGE
+from ..simulation.faults import Faults
+from ..simulation.motions import DURATION, DURATION_RANGE, MOTIONS, RATE_RANGE
+from ..simulation.recording import FRAME_ID, recording_messages
+from ..simulation.simulate import Simulation, worn
+from .common import declare, run, spin
+from .parameter import Parameter
+from .playback import read_ahead
+
+AHEAD = 2000   # messages simulated in advance
+DEPTH = 10
+
+PARAMETERS = tuple(row._replace(read_only=True) for row in (
+    Parameter('motion', 'demo', 'What the hand does', choices=tuple(MOTIONS)),
+    Parameter('cameras', PAPER_CAMERAS, 'Cameras in the ring', CAMERAS_RANGE),
+    Parameter('rate', 120., 'Frames per second [Hz]', RATE_RANGE),
+    Parameter('seed', 1, 'Of all that is drawn', (0, 2**31 - 1)),
+    Parameter('duration', DURATION, 'After which the motion begins again, at least [s]; the demo '
+              'has its own', DURATION_RANGE),
+    Parameter('hand_file', '', 'Hand file (YAML) of the simulated hand; empty for the mean hand'),
+    Parameter('side', 'file', "Side of the hand; 'file' for the hand file's",
+              choices=('file', *SIDES)),
+    Parameter('swaps', 0., 'Labels of neighbours exchanged [1/s]', FAULT_RANGE),
+    Parameter('ghosts', 0., 'Reflections taken for markers [1/s]', FAULT_RANGE),
+    Parameter('dropouts', 0., 'Labels lost [1/s]', FAULT_RANGE),
+    Parameter('truth', False, 'Publish the true angles on joint_states_truth'),
+))
+
+
+class Cue(NamedTuple):
+    """A message to publish: when after the start [ns], where and what."""
+
+    time: int
+    publisher: Publisher
+    data: bytes
+    stamps: tuple
+
+
+class SimulateNode(Node):
+    """Publish a simulated hand."""
+
+    def __init__(self):
+        super().__init__('simulate')
+        values = declare(self, PARAMETERS)
+        side = None if values['side'] == 'file' else values['side']
+        hand, layout = worn(values['hand_file'], side)
+        self._simulation = Simulation(
+            values['motion'], hand, layout, CameraRig.ring(values['cameras']), values['rate'],
+            values['seed'], values['duration'],
+            Faults(values['swaps'], values['ghosts'], values['dropouts']))
+        # As drivers do: a late frame is worth nothing.
+        quick = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._markers = self.create_publisher(MarkerArray, 'markers', quick)
+        self._truth = self.create_publisher(
+            JointState, 'joint_states_truth', DEPTH) if values['truth'] else None
+        self._period = 1. / values['rate']
+        self._cues = read_ahead(self._laps(), AHEAD)
+
+    def play(self):
+        """Publish until interrupted."""
+        with closing(self._cues):
+            self._next = next(self._cues)
+            self._wall, self._start = time.time_ns(), time.monotonic_ns()
+            self.create_timer(self._period, self._publish,
+                              clock=Clock(clock_type=ClockType.STEADY_TIME))
+            self.get_logger().info(
+                f'{self._simulation.motion} at {self._simulation.rate:g} Hz, frame {FRAME_ID}, '
+                f'on {self._markers.topic_name}')
+            spin(self)
+
+    def _publish(self):
+        now = time.monotonic_ns() - self._start
+        while self._next.time <= now:
+            time_ns, publisher, data, stamps = self._next
+            publisher.publish(restamp(data, stamps, self._wall + time_ns))
+            self._next = next(self._cues)
+
+    def _laps(self):
+        """Yield the cues of one lap after the other."""
+        side, period, frame = self._simulation.hand.side, 1e9 * self._period, -1
+        for _ in count():
+            for block in self._simulation.blocks():
+                for message in recording_messages(block, side):
+                    if message.type == MARKER_ARRAY:
+                        frame += 1
+                        yield Cue(round(frame * period), self._markers, message.data,
+                                  marker_stamps(message.data))
+                    elif self._truth:
+                        yield Cue(round(frame * period), self._truth, message.data,
+                                  header_stamp(message.data))
+
+
+def main(args=None):
+    """Run the simulating node until it is interrupted; return its exit code."""
+    return run(SimulateNode, SimulateNode.play, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
