@@ -33,28 +33,51 @@ def test_coupled_angles_come_back(slope, offset, droop):
 
 
 def test_third_hinge_bends_on_alone_where_the_second_is_at_its_limit():
-    angles = (.1, LIMITS[1, 1], 1.2)
-    np.testing.assert_allclose(solve(end(angles), 1., 0.), angles, atol=1e-9)
+    for first in (.1, LIMITS[0, 1] - 1e-6, LIMITS[0, 1]):
+        angles = (first, LIMITS[1, 1], 1.2)
+        np.testing.assert_allclose(solve(end(angles), 1., 0.), angles, atol=1e-6)
+
+
+def test_passing_the_limit_of_the_first_hinge_changes_nothing_at_once():
+    beyond = solve(end((LIMITS[0, 1] + 1e-6, LIMITS[1, 1], 1.2)), 1., 0.)
+    np.testing.assert_allclose(beyond, (LIMITS[0, 1], LIMITS[1, 1], 1.2), atol=1e-5)
 
 
 @pytest.mark.parametrize('slope', [0., .8, 2.])
-def test_nothing_coupled_in_the_box_is_nearer_when_the_first_is_at_its_limit(slope):
+def test_nothing_curled_is_nearer_when_the_first_is_at_its_limit(slope):
     rng = np.random.default_rng(2)
-    second = np.linspace(*LIMITS[1], 400)
-    third = np.array([coupled_angle(angle, slope, 0., *LIMITS[2]) for angle in second])
+    full = coupled_angle(LIMITS[1, 1], slope, 0., *LIMITS[2])
+    start = straightest(*BONES, 0., slope, 0., *LIMITS[1], *LIMITS[2])
+    curled = [(a, coupled_angle(a, slope, 0., *LIMITS[2]))
+              for a in np.linspace(start, LIMITS[1, 1], 400)]
+    curled += [(LIMITS[1, 1], a) for a in np.linspace(full, LIMITS[2, 1], 400)]
     tried = 0
-    for _ in range(100):
-        direction = rng.choice((-1, 1)) * rng.uniform(.6, 1.2)
-        target = rng.uniform(.06, .11) * np.array((np.cos(direction), -np.sin(direction)))
+    for _ in range(400):
+        direction = rng.choice((-1, 1)) * rng.uniform(.3, 1.4)
+        target = rng.uniform(.04, .11) * np.array((np.cos(direction), -np.sin(direction)))
         found = solve(target, slope, 0.)
-        if found[0] not in LIMITS[0]:
+        miss = np.hypot(*np.subtract(end(found), target))
+        # Far out of reach two points may be as near as each other.
+        if found[0] not in LIMITS[0] or miss > .01:
             continue
         tried += 1
-        miss = np.hypot(*np.subtract(end(found), target))
-        best = min(np.hypot(*np.subtract(end((found[0], a, b)), target))
-                   for a, b in zip(second, third))
-        assert miss <= best + 1e-6
+        best = min(np.hypot(*np.subtract(end((found[0], a, b)), target)) for a, b in curled)
+        assert miss <= best + 1e-5
     assert tried > 30
+
+
+@pytest.mark.parametrize('slope', [0., .8, 2.])
+def test_a_slow_target_never_makes_the_chain_jump(slope):
+    rng = np.random.default_rng(3)
+    for _ in range(100):
+        ends = rng.uniform((.02, -.09), (.1, .03), size=(2, 2))
+        line = ends[0] + np.linspace(0., 1., 400)[:, None] * (ends[1] - ends[0])
+        angles = np.array([solve(target, slope, 0.) for target in line])
+        misses = [np.hypot(*np.subtract(end(found), target))
+                  for found, target in zip(angles, line)]
+        jumps = np.abs(np.diff(angles, axis=0)).max(axis=1)[np.less(misses[1:], .01)]
+        # A quarter of a millimetre at a time: most where the chain is nearly straight.
+        assert jumps.max(initial=0.) < np.radians(8.)
 
 
 @pytest.mark.parametrize('target', [(0., 0.), (.111, 0.), (5., 0.), (-5., 0.), (0., 1e-9)])

@@ -11,6 +11,7 @@ from .jit import jit
 from .vectors import clamp, clamp_angle, wrap
 
 SEARCH_STEPS = 40
+FIRST_STEP, LAST_STEP = 0.1, 1e-8  # [rad] of going downhill
 
 
 @jit
@@ -114,31 +115,45 @@ def coupled_form(along, height, bone, middle, third, droop, slope, offset, start
     ideal1 = aim - math.atan2(y, x)
     angle1 = clamp_angle(ideal1, lower1, upper1)
     if abs(wrap(angle1 - ideal1)) > 1e-9:
-        angle2 = _nearest_coupled(along, height, angle1, bone, middle, third, droop,
-                                  slope, offset, lower2, upper2, lower3, upper3)
-        angle3 = coupled_angle(angle2, slope, offset, lower3, upper3)
+        angle2, angle3 = _nearest(along, height, angle1, angle2, angle3, bone, middle, third,
+                                  droop, slope, offset, start, upper2, lower3, upper3)
     return angle1, angle2, angle3
 
 
 @jit
-def _nearest_coupled(along, height, angle1, bone, middle, third, droop,
-                     slope, offset, lower2, upper2, lower3, upper3):
-    """Return the second flexion nearest the target when the first is fixed (golden section)."""
+def _curled(curl, slope, offset, upper2, lower3, upper3):
+    """Return the second and third flexion of a chain that curls: the third goes on alone."""
+    angle2 = min(curl, upper2)
+    angle3 = coupled_angle(angle2, slope, offset, lower3, upper3)
+    return angle2, min(angle3 + curl - angle2, upper3)
+
+
+@jit
+def _nearest(along, height, angle1, angle2, angle3, bone, middle, third, droop, slope, offset,
+             start, upper2, lower3, upper3):
+    """Return the flexions nearest the target when the first is fixed, downhill from those given.
+
+    Going downhill keeps to one side of a target that is out of reach, where the nearest of
+    all points may jump.
+    """
     # The target in the frame of the first bone, palmar side positive.
     ahead = along * math.cos(angle1) - height * math.sin(angle1)
     below = -along * math.sin(angle1) - height * math.cos(angle1)
-    ratio = 0.5 * (math.sqrt(5.0) - 1.0)
-    lower = lower2
-    upper = upper2
-    for _ in range(SEARCH_STEPS):
-        a = upper - ratio * (upper - lower)
-        b = lower + ratio * (upper - lower)
-        ax, ay = coupled_end(bone, middle, third, droop, a,
-                             coupled_angle(a, slope, offset, lower3, upper3))
-        bx, by = coupled_end(bone, middle, third, droop, b,
-                             coupled_angle(b, slope, offset, lower3, upper3))
-        if math.hypot(ax - ahead, ay - below) < math.hypot(bx - ahead, by - below):
-            upper = b
+    farthest = upper2 + upper3 - coupled_angle(upper2, slope, offset, lower3, upper3)
+    curl = angle2
+    if angle2 == upper2:
+        curl += angle3 - coupled_angle(upper2, slope, offset, lower3, upper3)
+    x, y = coupled_end(bone, middle, third, droop, angle2, angle3)
+    miss = math.hypot(x - ahead, y - below)
+    step = FIRST_STEP
+    while abs(step) > LAST_STEP:
+        tried = clamp(curl + step, start, farthest)
+        angle2, angle3 = _curled(tried, slope, offset, upper2, lower3, upper3)
+        x, y = coupled_end(bone, middle, third, droop, angle2, angle3)
+        nearer = math.hypot(x - ahead, y - below)
+        if nearer < miss:
+            miss = nearer
+            curl = tried
         else:
-            lower = a
-    return 0.5 * (lower + upper)
+            step *= -0.5
+    return _curled(curl, slope, offset, upper2, lower3, upper3)
