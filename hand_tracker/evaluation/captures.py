@@ -139,4 +139,7 @@ def load_captures(options):
             options.say(f'left out: {fault}')
     if not captures:
         raise InvalidCapture('; '.join(faults) or 'no captures were given')
-    return captures
+    # Files of one name in two folders are told apart.
+    names = [capture.name for capture in captures]
+    return [capture._replace(name=f'{capture.name}_{names[:i].count(capture.name) + 1}')
+            if capture.name in names[:i] else capture for i, capture in enumerate(captures)]

@@ -8,7 +8,6 @@ the thumb bends in a plane of constant normal, its IP in proportion to its MCP.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 PALM = [0, 5, 17]
 FINGERS = np.arange(5, 21).reshape(4, 4)  # MCP, PIP, DIP and tip
@@ -55,7 +54,7 @@ def palm_poses(markers, template):
     Parameters
     ----------
     markers : ndarray, shape (n, 3, 3)
-        Wrist, index and little MCP [m].
+        Wrist, index and little MCP; a frame with NaN has no pose [m].
     template : ndarray, shape (3, 3)
         The same in the palm's frame [m].
 
@@ -66,11 +65,16 @@ def palm_poses(markers, template):
     position : ndarray, shape (n, 3)
         [m]
     """
+    rotation = np.full((len(markers), 3, 3), np.nan)
+    seen = np.isfinite(markers).all(axis=(1, 2))
     center = markers.mean(axis=1)
-    rotation = np.array([
-        Rotation.align_vectors(frame, template - template.mean(axis=0))[0].as_matrix()
-        for frame in markers - center[:, None]])
-    return rotation, center - rotation @ template.mean(axis=0)
+    middle = template.mean(axis=0)
+    # Kabsch: the best rotation from the singular vectors of the correlation.
+    u, _, vt = np.linalg.svd(np.swapaxes(markers - center[:, None], 1, 2)[seen]
+                             @ (template - middle))
+    u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
+    rotation[seen] = u @ vt
+    return rotation, center - rotation @ middle
 
 
 def into_palm(points, rotation, position):

@@ -30,12 +30,14 @@ class Table(NamedTuple):
         widths = [max(len(cell) for cell in column) for column in zip(self.header, *self.lines)]
 
         def line(cells):
-            first, *others = (cell.ljust(width) if not column else cell.rjust(width)
-                              for column, (cell, width) in enumerate(zip(cells, widths)))
-            return '| ' + ' | '.join((first, *others)) + ' |'
+            return '| ' + ' | '.join(
+                cell.rjust(width) if number else cell.ljust(width)
+                for cell, width, number in zip(cells, widths, numbers)) + ' |'
 
-        rule = '|' + '|'.join('-' * (width + 1) + ('-' if not column else ':')
-                              for column, width in enumerate(widths)) + '|'
+        numbers = [all(cell[:1] in '-–0123456789' for cell in column)
+                   for column in zip(*self.lines)] or [False] * len(widths)
+        rule = '|' + '|'.join('-' * (width + 1) + ('-:'[number])
+                              for width, number in zip(widths, numbers)) + '|'
         return '\n'.join((self.caption, '', line(self.header), rule, *map(line, self.lines)))
 
 
