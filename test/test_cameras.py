@@ -179,7 +179,8 @@ def test_agrees_with_triangulation_of_the_noisy_pictures():
         steps = 1e-6 * np.eye(3)
         slope = np.array([(pictures(place + step) - pictures(place - step)).ravel() / 2e-6
                           for step in steps]).T
-        place = place + np.linalg.lstsq(slope, (measured - pictures(place)).ravel(), rcond=None)[0]
+        miss = (measured - pictures(place)).ravel()
+        place = place + np.linalg.lstsq(slope, miss, rcond=None)[0]
     np.testing.assert_allclose(found, place, atol=1e-3 * np.linalg.norm(place - truth))
 
 
@@ -196,12 +197,13 @@ def test_one_camera_places_nothing():
 
 def test_looking_is_the_same_again_and_the_same_in_parts():
     rig = CameraRig.ring(4)
-    moves = (np.zeros((7, 25)), np.broadcast_to(np.eye(3), (7, 3, 3)), np.full((7, 3), RING_CENTRE))
+    moves = (np.zeros((7, 25)), np.broadcast_to(np.eye(3), (7, 3, 3)),
+             np.full((7, 3), RING_CENTRE),
+             np.random.RandomState(5).standard_normal((7, 8, 4, 2)))
 
     def sight(*parts):
-        random = np.random.RandomState(5)
-        return np.concatenate([look(rig, HAND, LAYOUT, *(move[part] for move in moves),
-                                    random).positions for part in parts])
+        return np.concatenate([look(rig, HAND, LAYOUT, *(move[part] for move in moves)).positions
+                               for part in parts])
 
     whole = sight(slice(None))
     np.testing.assert_array_equal(whole, sight(slice(None)))

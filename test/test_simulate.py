@@ -101,8 +101,8 @@ def test_refuses_impossible_rates():
 
 def test_the_command_writes_a_recording_with_truth_and_a_hand_file(tmp_path):
     command = [sys.executable, '-m', 'hand_tracker', 'simulate', 'typing', '-o', 'out.mcap',
-               '--rate', '60', '--duration', '2', '--cameras', '4', '--dropouts', '2', '--seed', '3',
-               '--side', 'left', '--calibration', 'hand.yaml']
+               '--rate', '60', '--duration', '2', '--cameras', '4', '--dropouts', '2',
+               '--seed', '3', '--side', 'left', '--calibration', 'hand.yaml']
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True,
                           env={**os.environ, 'PYTHONPATH': str(ROOT)})
     assert done.returncode == 0, done.stderr

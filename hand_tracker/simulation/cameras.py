@@ -195,7 +195,7 @@ def skin_layout(hand, marker_radius=MARKER_RADIUS):
     return MarkerLayout(offsets=offsets)
 
 
-def look(rig, hand, layout, angles, rotation, position, random):
+def look(rig, hand, layout, angles, rotation, position, noise):
     """Return what a rig sees of a moving hand.
 
     Parameters
@@ -208,8 +208,8 @@ def look(rig, hand, layout, angles, rotation, position, random):
         [rad]
     rotation, position : ndarray, shape (n, 3, 3) and (n, 3)
         Of the wrist [m].
-    random : numpy.random.RandomState
-        Each camera's noise does not depend on what is seen.
+    noise : ndarray, shape (n, m, c, 2)
+        Standard normal, of each picture's two coordinates.
 
     Returns
     -------
@@ -218,7 +218,6 @@ def look(rig, hand, layout, angles, rotation, position, random):
     pose = forward(joint_table(hand), angles, rotation, position)
     markers = marker_positions(layout.mounting(hand), pose, rotation, position)
     points = skeleton_points(tip_offsets(hand), pose, position)
-    noise = random.standard_normal((*markers.shape[:2], len(rig.positions), 2))
     seen = unobstructed(rig, markers, points, bone_radii(hand)) & in_view(rig, markers)
     return triangulate(rig, markers, seen, noise)
 

@@ -76,7 +76,7 @@ class Simulation:
             Of consecutive frames.
         """
         motion = motion_named(self.motion, self.hand, self.seed, self.duration)
-        noise = np.random.RandomState((self.seed, 1))
+        random = np.random.RandomState((self.seed, 1))
         events = fault_events(self.faults, motion.duration, len(MARKERS),
                               np.random.RandomState((self.seed, 2)))
         frames = np.arange(int(np.floor(motion.duration * self.rate)) + 1)
@@ -85,6 +85,7 @@ class Simulation:
             part = frames[first:first + step]
             times = part / self.rate
             angles, rotation, position = motion.sample(times)
+            noise = random.standard_normal((len(part), len(MARKERS), len(self.rig.positions), 2))
             sight = look(self.rig, self.hand, self.layout, angles, rotation, position, noise)
             markers = with_faults(sight.positions, sight.truth, times, events)
             stamps = START_NS + np.round(part * (1e9 / self.rate)).astype(np.int64)
