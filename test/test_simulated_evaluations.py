@@ -1,0 +1,119 @@
+"""The evaluations on simulated hands: what they compare, and that the tracker sees no truth."""
+
+import numpy as np
+import pytest
+
+from hand_tracker.core.hand import JOINTS, Hand
+from hand_tracker.evaluation import ablation, cameras, rates
+from hand_tracker.evaluation.options import Options
+from hand_tracker.evaluation.simulated import distances, mean_max, tasks, trial
+from hand_tracker.simulation.motions import MOTIONS
+
+SHORT = 1.  # [s]
+
+
+@pytest.fixture(scope='module')
+def one():
+    return trial('typing', 3, 60., SHORT)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    for module in (ablation, cameras, rates):
+        monkeypatch.setattr(module, 'DURATION', SHORT)
+
+
+def test_the_tracker_is_given_another_hand_and_measured_markers_only(one):
+    assert np.abs(one.worn.finger_bones / one.hand.finger_bones - 1.).max() > .01
+    mounting = one.layout.mounting(one.worn), one.layout.mounting(one.hand)
+    assert np.abs(mounting[0].position - mounting[1].position).max() > .0005
+    markers = one.measured(hidden=False)
+    assert np.abs(markers - one.sight.truth).max() > 1e-5
+    # Nothing but markers goes in: the same markers give the same angles whatever is true.
+    other = one._replace(angles=0. * one.angles, position=0. * one.position)
+    np.testing.assert_array_equal(one.track(markers).angles, other.track(markers).angles)
+
+
+def test_fewer_cameras_are_some_of_the_eight_with_their_noise(one):
+    np.testing.assert_array_equal(one.measured(range(8)), one.measured())
+    np.testing.assert_array_equal(one.measured(), one.sight.positions)
+    lost = [np.isnan(one.measured(subset)).mean() for subset in (None, (0, 2), (0,))]
+    assert lost[0] <= lost[1] < lost[2] == 1.
+    for count, subset in cameras.SUBSETS.items():
+        assert len(set(subset)) == count and max(subset) < 8
+
+
+def test_distances_are_those_of_equation_11():
+    """One joint of 25 turned by 0.2 rad in one of two frames: half the angle, squared."""
+    found = np.zeros((2, 25))
+    found[1, 3] = .2
+    row = distances('x', found, np.zeros((2, 25)))
+    assert row['x_squared'] == pytest.approx(.005)
+    assert row['x_squared_max'] == pytest.approx(.01)
+    assert row['x_dist'] == pytest.approx(.05)
+    assert row['x_deg'] == pytest.approx(np.degrees(.2) / 50., abs=1e-6)
+    assert mean_max([row, row], 'x_squared', 3) == '0.005 (0.010)'
+
+
+def test_rows_of_cameras(quick):
+    rows = cameras.judge(('spelling', 2))
+    assert [row['cameras'] for row in rows] == [8, 6, 4, 2]
+    assert rows[0]['against_8_squared_max'] == 0. < rows[0]['true_squared']
+    assert rows == cameras.judge(('spelling', 2))
+    assert [line[1] for line in cameras.tables(rows)[0].lines] == ['–', *cameras.PAPER.values()]
+
+
+def test_rows_of_rates(quick):
+    rows = rates.judge(('spelling', 2))
+    assert [row['rate_hz'] for row in rows] == [240, 120, 60, 30]
+    assert [row['frames'] for row in rows] == [240, 120, 60, 30]
+    # What is missed between frames comes on top, and grows.
+    assert all(row['between_dist'] > row['common_dist'] for row in rows)
+    assert rows[-1]['between_dist'] > rows[0]['between_dist']
+    assert len(rates.tables(rows)[0].lines) == 4
+
+
+def test_rows_and_pictures_of_the_ablation(quick, monkeypatch, tmp_path):
+    monkeypatch.setattr(ablation, 'MOTIONS', ('demo', 'shaking'))
+    rows = list(ablation.evaluate(Options(quiet=True)))
+    assert len(rows) == 2 * 2 * len(ablation.VARIANTS)
+    assert all(row['beyond_limits_pct'] == 0. for row in rows
+               if row['method'] in (ablation.ALL, 'no DIP and IP coupling'))
+    by = {(row['recording'], row['condition'], row['method']): row['true_squared'] for row in rows}
+    for motion in ablation.MOTIONS:
+        assert by[motion, 'all seen', 'no DIP and IP coupling'] > by[motion, 'all seen',
+                                                                    ablation.ALL]
+        # Where everything is seen nothing is held.
+        assert by[motion, 'all seen', 'no holding in the palm'] == by[motion, 'all seen',
+                                                                     ablation.ALL]
+    assert [len(table.lines) for table in ablation.tables(rows)] == [len(ablation.VARIANTS)] * 2
+    for picture in ablation.pictures(rows, tmp_path):
+        assert (tmp_path / picture.file).stat().st_size > 10_000
+
+
+def test_what_is_without_a_constraint_lacks_only_that():
+    hand = Hand.scaled()
+    free = ablation.without('no flexion limits', hand)
+    changed = (free.limits != hand.limits).any(axis=1)
+    assert {joint for joint, is_free in zip(JOINTS, changed) if is_free} == {
+        joint for joint in JOINTS if 'flexion' in joint
+        and (joint.startswith('thumb') or 'cmc' not in joint)}
+    assert not ablation.without('no DIP and IP coupling', hand).coupling.any()
+    assert ablation.without(ablation.ALL, hand) is hand
+
+
+def test_a_hidden_marker_is_held_in_the_room():
+    markers = np.zeros((4, 2, 3))
+    markers[:, :, 0] = np.arange(4)[:, None]
+    markers[[0, 1], 0] = np.nan
+    markers[2, 1] = np.nan
+    held = ablation.held_in_the_room(markers)
+    assert np.isnan(held[:2, 0]).all()
+    np.testing.assert_array_equal(held[2:, 0, 0], (2., 3.))
+    np.testing.assert_array_equal(held[:, 1, 0], (0., 1., 1., 3.))
+
+
+def test_every_motion_has_a_seed_of_its_own():
+    found = tasks(Options(seed=5))
+    assert [motion for motion, _ in found] == list(MOTIONS)
+    assert len({seed for _, seed in found}) == len(MOTIONS)
