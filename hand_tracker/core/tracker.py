@@ -15,8 +15,9 @@ from .digit import chains, solve_digits
 from .errors import InvalidOption
 from .hand import JOINTS, Hand
 from .kinematics import Pose, forward, joint_table
-from .layout import MARKERS, PALM_MARKERS, MarkerLayout, marker_positions
-from .occlusion import complete_palm, hold_digits, visible
+from .layout import (
+    MARKERS, PALM_MARKERS, MarkerLayout, marker_positions, require_solvable)
+from .occlusion import complete_palm, hold_digits, reject_frozen, visible
 from .palm import PalmState, palm_fault, place_palm
 
 MIRROR = np.array((1., -1., 1.))
@@ -65,6 +66,10 @@ class TrackerOptions:
         0.2, 'Palm triangles with less than this times the area on the hand count as collinear',
         range=(0.01, 0.95))
 
+    frozen_frames: int = _option(
+        10, 'Frames after which a marker that repeats its place to the last bit, while the palm '
+        'moves, counts as lost; 0 is never', range=(0, 100000))
+
     def __post_init__(self):
         for option in fields(self):
             value, allowed = getattr(self, option.name), option.metadata
@@ -74,9 +79,12 @@ class TrackerOptions:
                         f'{option.name}: {value!r} is not one of {", ".join(allowed["choices"])}')
                 continue
             lower, upper = allowed['range']
-            if not isinstance(value, (int, float)) or not lower <= value <= upper:
+            kinds = int if isinstance(option.default, int) else (int, float)
+            if isinstance(value, bool) or not isinstance(value, kinds) \
+                    or not lower <= value <= upper:
+                whole = 'a whole number from ' if kinds is int else ''
                 raise InvalidOption(
-                    f'{option.name}: {value!r}; allowed is {lower:g} to {upper:g}')
+                    f'{option.name}: {value!r}; allowed is {whole}{lower:g} to {upper:g}')
 
 
 class HandState(NamedTuple):
@@ -132,34 +140,54 @@ class HandTracker:
     """
 
     def __init__(self, hand=None, layout=None, options=None):
-        self.hand = Hand.scaled() if hand is None else hand
-        self.layout = MarkerLayout() if layout is None else layout
         self.options = TrackerOptions() if options is None else options
-        self.configure()
+        self._wear(Hand.scaled() if hand is None else hand,
+                   MarkerLayout() if layout is None else layout)
         self.reset()
 
     def configure(self, hand=None, layout=None, options=None):
-        """Replace hand, layout or options from the next frame on; the pose is kept.
+        """Replace hand, layout or options from the next frame on.
+
+        The pose is kept, unless the hand is of the other side: then all begins anew.
 
         Parameters
         ----------
         hand : Hand, optional
         layout : MarkerLayout, optional
         options : TrackerOptions, optional
+
+        Raises
+        ------
+        InvalidLayout
+            If nothing can be solved from the layout on the hand.
         """
-        self.hand = self.hand if hand is None else hand
-        self.layout = self.layout if layout is None else layout
+        side = self.hand.side
+        self._wear(self.hand if hand is None else hand, self.layout if layout is None else layout)
         self.options = self.options if options is None else options
+        if self.hand.side != side:
+            self.reset()
+        elif layout is not None:
+            # Held markers are where the pose has them, in their new places.
+            self._local = self._on_right_hand(self._angles)
+
+    def _wear(self, hand, layout):
         # The method is worked out for a right hand; a left one is mirrored at the door.
-        right = self.hand.replace(side='right')
-        mounting = self.layout.mounting(right)
-        self._left = self.hand.side == 'left'
+        right = hand.replace(side='right')
+        mounting = layout.mounting(right)
+        require_solvable(mounting)
+        self.hand, self.layout = hand, layout
+        self._left = hand.side == 'left'
         self._chains = chains(right, mounting)
+        self._right_table, self._right_mounting = joint_table(right), mounting
         self._template = mounting.position[:PALM].copy()
-        rest = forward(joint_table(right), np.zeros(len(JOINTS)))
-        self._rest = marker_positions(mounting, rest)[PALM:]
-        self._table = joint_table(self.hand)
-        self._mounting = self.layout.mounting(self.hand)
+        self._rest = self._on_right_hand(np.zeros(len(JOINTS)))
+        self._table = joint_table(hand)
+        self._mounting = layout.mounting(hand)
+
+    def _on_right_hand(self, angles):
+        """Return the digits' markers in the wrist's frame of the right hand, shape (5, 3)."""
+        return marker_positions(
+            self._right_mounting, forward(self._right_table, angles))[PALM:]
 
     def reset(self):
         """Return to the state before the first frame."""
@@ -169,6 +197,8 @@ class HandTracker:
         self._position = np.zeros(3)
         self._local = self._rest.copy()
         self._known = np.zeros(len(self._local), dtype=bool)
+        self._last = np.full((len(MARKERS), 3), np.nan)
+        self._still = np.zeros(len(MARKERS), dtype=np.int64)
 
     def update(self, markers):
         """Return the hand for the next frame of markers.
@@ -196,10 +226,11 @@ class HandTracker:
         if self._left:
             markers *= MIRROR
         seen = np.empty(len(MARKERS), dtype=bool)
-        visible(markers, seen)
         options = self.options
 
-        # 1 occlusion: hidden palm markers are carried by those seen
+        # 1 occlusion: what is no measurement, and hidden palm markers carried by those seen
+        visible(markers, seen)
+        reject_frozen(markers, seen, self._last, self._still, options.frozen_frames)
         palm = complete_palm(
             markers, seen, self._template, self._rotation, self._position, self._placed)
         if palm <= PalmState.CARRIED:

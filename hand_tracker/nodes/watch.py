@@ -25,6 +25,8 @@ FAULTS = {
     PalmState.COLLINEAR: 'the palm markers lie on one line',
     PalmState.TOO_FAR_APART: 'the palm markers are too far apart for this hand: '
                              'check unit_scale, the size of the hand and labels.*',
+    PalmState.TOO_CLOSE: 'the palm markers are too close together for this hand: '
+                         'check unit_scale, the size of the hand and labels.*',
 }
 
 
