@@ -21,6 +21,7 @@ from pathlib import Path
 
 from ..core.errors import HandTrackerError
 from .options import Options
+from .results import command_line, write_results
 
 EVALUATIONS = {
     'cameras': 'Table 2a: 8 cameras against 6, 4 and 2',
@@ -102,6 +103,8 @@ def _parse(arguments):
     parser.add_argument('--seed', type=int, default=1, help='of all that is drawn (default: 1)')
     parser.add_argument('--json', type=Path, metavar='OUT', help='file for the rows')
     parser.add_argument('--output', type=Path, metavar='FOLDER', help='folder for CSV and PNG')
+    parser.add_argument('--results', type=Path, metavar='FILE.md',
+                        help='document to write; its pictures go into the folder of its name')
     parser.add_argument('--jobs', type=_jobs, default=1, help='processes (default: 1)')
     parser.add_argument('--quiet', action='store_true', help='print no progress')
     # Intermixed: files may also follow an option.
@@ -128,8 +131,10 @@ def main(arguments=None):
     options = Options(tuple(chosen.files), chosen.seed, chosen.jobs, chosen.output, chosen.quiet)
     try:
         names = _names(parser, chosen.name, chosen.files)
-        if options.output:
-            options.output.mkdir(parents=True, exist_ok=True)
+        for folder in (options.output, *(file.parent for file in (chosen.json, chosen.results)
+                                         if file)):
+            if folder:
+                folder.mkdir(parents=True, exist_ok=True)
         rows = run(names, options)
         if chosen.json:
             write_json(chosen.json, rows)
@@ -142,6 +147,9 @@ def main(arguments=None):
             if options.output:
                 write_csv(options.output / f'{name}.csv', found)
                 module.pictures(found, options.output)
+        if chosen.results:
+            write_results(chosen.results, rows, {name: module_of(name) for name in names},
+                          command_line(chosen.name, options, chosen.results))
     except (HandTrackerError, OSError) as error:
         print(f'{parser.prog}: {error}', file=sys.stderr)
         return 1

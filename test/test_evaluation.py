@@ -1,0 +1,270 @@
+"""Evaluations: baselines against hand-made cases, rows, repeatability, and no truth let in."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from captures import capture_path
+
+from hand_tracker.__main__ import main
+from hand_tracker.calibration import LANDMARKS, fit_hand
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.evaluation import baselines, command, occlusion, plain_hand, recordings
+from hand_tracker.evaluation.captures import Capture, InvalidCapture, load_capture
+from hand_tracker.evaluation.demo_frames import calibrated, demo_frames
+from hand_tracker.evaluation.options import Options
+from hand_tracker.evaluation.report import Table
+from hand_tracker.evaluation.results import versions
+
+RATE = 60.
+
+
+@pytest.fixture(scope='module')
+def moving():
+    """Return the demo motion as a capture of 10 s or so."""
+    joints = demo_frames(RATE).joints[:700]
+    return Capture('demo', joints, 'right', RATE)
+
+
+@pytest.fixture(scope='module')
+def capture_file(moving, tmp_path_factory):
+    path = tmp_path_factory.mktemp('captures') / 'demo.npz'
+    save(path, moving)
+    return path
+
+
+def save(path, capture, **fields):
+    np.savez(path, **{'positions': capture.joints, 'joints': np.array(LANDMARKS),
+                      'side': capture.side, 'rate_hz': capture.rate, **fields})
+
+
+def local_markers(frames=240):
+    """Return eight markers at rest in the palm's frame (frames, 8, 3), the digits' noisy [m]."""
+    random = np.random.default_rng(1)
+    local = np.tile(random.uniform(-.1, .1, (8, 3)), (frames, 1, 1))
+    local[:, 3:] += random.normal(0., .01, (frames, 5, 3))
+    return local
+
+
+def test_hold_last_stays_where_the_marker_was():
+    local = local_markers()
+    found = baselines.hold_last(local, 200, [4, 6], 120.)
+    np.testing.assert_array_equal(found, np.repeat(local[199:200, [4, 6]], 40, axis=0))
+
+
+def test_damped_velocity_starts_with_the_velocity_and_comes_to_rest():
+    local = np.zeros((1320, 8, 3))
+    local[:, 5, 0] = .12 * np.arange(1320) / 120.  # 0.12 m/s
+    found = baselines.damped_velocity(local, 120, [5], 120.)[:, 0, 0] - local[119, 5, 0]
+    assert found[0] == pytest.approx(.001, rel=.05)
+    assert found[-1] == pytest.approx(.12 * baselines.DAMPING_TIME, rel=1e-3)
+    assert (np.diff(found) >= 0.).all()
+
+
+def test_a_marker_that_is_linear_in_its_neighbours_is_predicted(monkeypatch):
+    monkeypatch.setattr(baselines, 'RIDGE', 1e-9)
+    local = local_markers()
+    local[:, 4] = .5 * local[:, 3] + .3 * local[:, 6] + (.01, .02, .03)
+    hidden = local.copy()
+    hidden[200:, 4] = np.nan
+    found = baselines.linear_from_neighbours(hidden, 200, [4], 120.)
+    np.testing.assert_allclose(found[:, 0], local[200:, 4], atol=1e-9)
+
+
+def test_a_palm_marker_is_carried_exactly_by_a_palm_that_moves_without_spin():
+    template = np.array(((0., 0., 0.), (.08, .03, 0.), (.07, -.03, 0.)))
+    steps = np.arange(1, 11)[:, None, None] * np.array((.001, .002, 0.))
+    markers = template + steps
+    markers[:, 1] = np.nan
+    rotation, position = baselines.carried_poses(markers, 1, template, np.eye(3), np.zeros(3))
+    np.testing.assert_allclose(rotation, np.tile(np.eye(3), (10, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(position, steps[:, 0], atol=1e-12)
+
+
+def test_the_palm_is_fitted_as_it_was_turned():
+    template = np.array(((0., 0., 0.), (.08, .03, 0.), (.07, -.03, 0.)))
+    turn = np.array(((0., 0., 1.), (1., 0., 0.), (0., 1., 0.)))
+    frames = np.array((template @ turn.T + (1., 2., 3.), np.full((3, 3), np.nan)))
+    rotation, position = plain_hand.palm_poses(frames, template)
+    np.testing.assert_allclose(rotation[0], turn, atol=1e-12)
+    np.testing.assert_allclose(position[0], (1., 2., 3.), atol=1e-12)
+    assert np.isnan(rotation[1]).all()
+
+
+def test_the_plain_hand_is_right_about_a_hand_as_plain_as_itself():
+    hand = plain_hand.PlainHand(
+        np.zeros((21, 3)), np.array([(.045, .026, .018)] * 4), np.array((.046, .036, .029)),
+        np.array((0., 0., 1.)), 1.)
+    angles = np.radians((20., 50., 40.))  # DIP = 0.8 PIP
+    bends = np.cumsum(angles)
+    chain = np.cumsum(hand.bones[0][:, None] * np.stack(
+        (np.cos(bends), 0. * bends, -np.sin(bends)), axis=1), axis=0)
+    np.testing.assert_allclose(
+        plain_hand._finger(np.zeros(3), hand.bones[0], chain[1][None])[0], chain, atol=1e-9)
+
+
+def test_recordings_give_rows_of_every_class_and_method(moving):
+    rows = recordings.judge(moving)
+    assert {row['method'] for row in rows} == set(recordings.METHODS)
+    for row in rows:
+        assert {'evaluation', 'recording', 'method', 'joint_class', 'mean_mm', 'p95_mm',
+                'frames'} <= row.keys()
+        assert row['frames'] == 560
+    assert [row['within_limits_pct'] for row in rows if 'within_limits_pct' in row] == [100.] * 2
+
+
+def test_a_left_hand_is_judged_as_the_right_hand_it_mirrors(moving):
+    left = moving._replace(joints=moving.joints * (1., -1., 1.), side='left')
+    for ours, mirrored in zip(recordings.judge(moving), recordings.judge(left)):
+        assert mirrored['mean_mm'] == pytest.approx(ours['mean_mm'], abs=1e-3)
+
+
+@pytest.fixture
+def few_windows(monkeypatch):
+    monkeypatch.setattr(occlusion, 'WINDOWS', 4)
+    monkeypatch.setattr(occlusion, 'SETS', 1)
+
+
+def test_occlusion_is_the_same_again_and_another_with_another_seed(moving, few_windows):
+    first, again, other = (occlusion.judge(moving, seed) for seed in (1, 1, 2))
+    assert first == again
+    assert first != other
+    assert {(row['hidden'], row['hidden_s'], row['method']) for row in first} == {
+        (kind, seconds, method) for kind in ('one', 'palm', 'two', 'three')
+        for seconds in (.1, .25, .5, 1.) for method in occlusion.METHODS}
+
+
+@pytest.mark.parametrize('hidden', [[4], [7], [1], [3, 6, 7]])
+def test_neither_tracker_nor_baselines_see_what_is_hidden_or_to_come(moving, hidden):
+    start, length = 300, 40
+    fitted = moving.joints[:moving.split]
+    tracker = HandTracker(fit_hand(fitted, 'right'))
+    for frame in moving.markers[:start]:
+        tracker.update(frame)
+    template = plain_hand.fit_plain(fitted).template[plain_hand.PALM]
+    lies = moving.markers.copy()
+    lies[start:start + length, hidden] = np.random.default_rng(1).uniform(-1., 1., (
+        length, len(hidden), 3))
+    lies[start + length + 1:] = 5.
+    unknown = moving.markers.copy()
+    unknown[start:start + length, hidden] = np.nan
+    results = []
+    for markers in (moving.markers, lies, unknown):
+        places, _ = occlusion.predicted(tracker, markers, start, length, hidden, RATE)
+        poses = plain_hand.palm_poses(markers[:, :3], template)
+        guesses = baselines.predictions(markers, poses, start, length, hidden, RATE, template)
+        results.append(np.array([places, *guesses.values()]))
+    assert np.isfinite(results[0]).all()
+    np.testing.assert_array_equal(results[0], results[1])
+    np.testing.assert_array_equal(results[0], results[2])
+
+
+def test_windows_leave_out_frames_without_a_marker(moving):
+    joints = moving.joints.copy()
+    joints[300:310, 0] = np.nan
+    starts = occlusion.windows(moving._replace(joints=joints), 1)
+    assert (starts >= moving.split).all()
+    assert not ((starts > 300 - 61) & (starts <= 310)).any()
+    joints[140::30, 0] = np.nan
+    with pytest.raises(InvalidCapture, match='no 1 s in which all markers'):
+        occlusion.windows(moving._replace(joints=joints), 1)
+
+
+def test_the_tracked_hand_is_not_the_moving_one():
+    moving_hand = demo_frames(10.).hand
+    worn = calibrated(moving_hand, 1)
+    for name in ('finger_mcp', 'finger_bones', 'thumb_cmc', 'thumb_bones'):
+        assert (getattr(worn, name) != getattr(moving_hand, name)).all()
+
+
+@pytest.mark.parametrize('fields, message', [
+    ({'positions': np.zeros((200, 20, 3))}, 'positions of shape (200, 20, 3)'),
+    ({'positions': np.zeros((200, 21, 3), dtype=complex)}, 'must be numbers'),
+    ({'joints': np.array(LANDMARKS[1:])}, 'expected are the 21 joints'),
+    ({'side': 'both'}, 'side both; expected right or left'),
+    ({'rate_hz': -1.}, 'rate_hz -1; allowed is 5 to 2000 Hz'),
+    ({'rate_hz': np.zeros(3)}, 'expected one number'),
+    ({'positions': np.zeros((50, 21, 3))}, '10 of the 10 frames to fit the hand on'),
+    ({'positions': np.full((1000, 21, 3), np.nan)}, '0 of the 200 frames to fit the hand on'),
+])
+def test_captures_of_odd_shapes_are_refused(tmp_path, moving, fields, message):
+    save(tmp_path / 'odd.npz', moving, **fields)
+    with pytest.raises(InvalidCapture, match=re.escape(message)):
+        load_capture(tmp_path / 'odd.npz')
+
+
+def test_files_that_are_no_captures_are_refused(tmp_path):
+    (tmp_path / 'text.npz').write_text('no capture')
+    np.savez(tmp_path / 'other.npz', positions=np.zeros((3, 21, 3)))
+    for name, message in (('text.npz', 'can be read'), ('other.npz', 'joints'),
+                          ('none.npz', 'No such file')):
+        with pytest.raises(InvalidCapture, match=message):
+            load_capture(tmp_path / name)
+
+
+def test_joints_may_come_in_any_order_and_without_a_rate(tmp_path, moving):
+    order = np.random.default_rng(1).permutation(21)
+    save(tmp_path / 'c.npz', moving, positions=moving.joints[:, order],
+         joints=np.array(LANDMARKS)[order], rate_hz=np.nan)
+    capture = load_capture(tmp_path / 'c.npz')
+    np.testing.assert_array_equal(capture.joints, moving.joints)
+    assert capture.rate == 30.
+
+
+def test_the_command_writes_rows_table_picture_and_document(capture_file, tmp_path, capsys):
+    wrong = tmp_path / 'wrong.npz'
+    wrong.write_text('')
+    arguments = ['evaluate', 'recordings', '--json', str(tmp_path / 'rows.json'),
+                 str(capture_file), str(wrong), '--output', str(tmp_path / 'out'),
+                 '--results', str(tmp_path / 'docs' / 'results.md')]
+    assert main(arguments) == 0
+    captured = capsys.readouterr()
+    assert f'left out: {wrong}' in captured.err
+    assert 'Captured hands' in captured.out
+    rows = json.loads((tmp_path / 'rows.json').read_text())
+    assert {row['joint_class'] for row in rows} == {
+        'mcp', 'pip', 'dip', 'tip', 'thumb_cmc', 'thumb_mcp', 'thumb_ip', 'all'}
+    assert len((tmp_path / 'out/recordings.csv').read_text().splitlines()) == len(rows) + 1
+    assert (tmp_path / 'out/recordings.png').stat().st_size > 1000
+    document = (tmp_path / 'docs/results.md').read_text()
+    assert 'demo.npz' in document
+    assert str(tmp_path) not in document
+    assert f'Python {versions()["Python"]}' in document
+    assert (tmp_path / 'docs/results/recordings.png').read_bytes() == (
+        tmp_path / 'out/recordings.png').read_bytes()
+
+
+def test_the_command_says_what_it_needs(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        command.main(['occlusion'])
+    assert 'name at least one npz file' in capsys.readouterr().err
+    assert command.main(['recordings', str(tmp_path / 'none.npz')]) == 1
+    assert 'No such file' in capsys.readouterr().err
+
+
+def test_rows_are_plain_json():
+    assert command.plain(np.float64(1.5)) == 1.5
+    assert command.plain(float('nan')) is None
+    assert command.plain('x') == 'x'
+
+
+def test_work_comes_back_in_order_from_any_number_of_jobs(capsys):
+    for jobs in (1, 2):
+        assert list(Options(jobs=jobs).each('squares', abs, [-3, 1, -2])) == [3, 1, 2]
+        assert 'squares: 3 of 3' in capsys.readouterr().err
+
+
+def test_tables_align_numbers_to_the_right():
+    text = Table('Numbers', ('what', 'mm'), [('a', '1.0'), ('bcdef', '–')]).text()
+    assert text.splitlines()[2:] == ['| what  |  mm |', '|-------|----:|', '| a     | 1.0 |',
+                                     '| bcdef |   – |']
+
+
+def test_the_baseline_makes_the_published_numbers_on_real_hands():
+    """Medians over the whole recording, as the data's own table has them: PIP and DIP."""
+    capture = load_capture(capture_path('manipnet__cyl_med3_rightHand')).right()
+    found = plain_hand.plain_joints(plain_hand.fit_plain(capture.joints), capture.markers)
+    errors = 1e3 * np.linalg.norm(found - capture.joints, axis=2)
+    assert errors[:, plain_hand.FINGERS[:, 1]].mean() == pytest.approx(1.45, abs=.3)
+    assert errors[:, plain_hand.FINGERS[:, 3]].mean() == pytest.approx(12.1, abs=1.)
