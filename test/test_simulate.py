@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,9 @@ from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.bags import JOINT_STATE, MARKER_ARRAY, TYPES, open_bag
 from hand_tracker.files.hand_file import load_hand, save_hand
-from hand_tracker.simulation.cameras import CameraRig, skin_layout
+from hand_tracker.simulation.cameras import CameraRig
 from hand_tracker.simulation.faults import Faults
+from hand_tracker.simulation.sight import skin_layout
 from hand_tracker.simulation.simulate import (
     LENGTH_ERROR, OFFSET_ERROR, InvalidRate, Simulation, calibrated, main, worn)
 
@@ -159,12 +161,17 @@ def test_the_node_publishes_at_its_rate_and_ends_cleanly(rate):
         frames = watch.collect(MarkerArray, 'markers', qos_profile_sensor_data)
         truth = watch.collect(JointState, 'joint_states_truth')
         watch.spin_until(lambda: len(frames) > 20 and len(truth) > 1.8 * rate)
+        now = time.time_ns()
         assert process.interrupt(timeout=5.) == 0, process.output
         assert 'Traceback' not in process.output
     stamps = np.array([message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
                        for message in truth])
-    # Each lap of one second is followed by the next without a gap, at the rate.
-    np.testing.assert_allclose(np.diff(stamps), 1e9 / rate, atol=2.)
+    # Each lap of one second is followed by the next without a gap, at the rate; a busy machine
+    # may lose some.
+    steps = np.diff(stamps) * rate / 1e9
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-3)
+    assert (np.rint(steps) == 1.).mean() > .9
+    assert abs(now - stamps[-1]) < 1e9
     assert len(truth[0].name) == len(truth[0].position) == len(JOINTS)
     assert {marker.text for marker in frames[0].markers} <= set(MARKERS)
     assert frames[0].markers[0].header.frame_id == 'mocap'

@@ -18,8 +18,8 @@ from ..core.layout import marker_positions
 from ..core.metrics import joint_errors, limit_violations
 from ..core.skeleton import skeleton_points
 from ..picture import VIEWS, _size, _View
-from ..simulation.cameras import skin_layout
 from ..simulation.faults import Faults, fault_events, with_faults
+from ..simulation.sight import skin_layout
 from .report import COLOURS, INK, Picture, Table, figure_with, save
 from .rows import spread
 from .simulated import distances, mean_max, trial
@@ -171,7 +171,7 @@ def pictures(rows, folder):
                     if (row['condition'], row['recording']) == (condition, motion)}
             ax.bar(np.arange(len(VARIANTS)) + .16 * (i - 2), [mine[name] for name in VARIANTS],
                    width=.15, color=COLOURS[i], label=motion)
-        ax.set_xticks(range(len(VARIANTS)), [fill(name, 10) for name in VARIANTS], fontsize=7)
+        ax.set_xticks(range(len(VARIANTS)), [fill(name, 11) for name in VARIANTS], fontsize=7)
         ax.set_ylabel(f'{condition}: from the truth [degrees a joint]', fontsize=8)
     top = max(ax.get_ylim()[1] for ax in axes)
     for ax in axes:

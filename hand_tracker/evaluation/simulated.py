@@ -13,8 +13,9 @@ from ..core.hand import Hand
 from ..core.layout import MarkerLayout
 from ..core.metrics import angle_distance
 from ..core.tracker import HandTracker
-from ..simulation.cameras import CameraRig, Sight, look, skin_layout, triangulate
+from ..simulation.cameras import CameraRig
 from ..simulation.motions import MOTIONS, motion_named
+from ..simulation.sight import Sight, look, skin_layout, triangulate
 from ..simulation.simulate import calibrated
 from .tracking import track
 

@@ -32,6 +32,7 @@ from .playback import read_ahead
 
 AHEAD = 2000   # messages simulated in advance
 DEPTH = 10
+TRUTH_DEPTH = 1000  # every frame counts when judged
 
 PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('motion', 'demo', 'What the hand does', choices=tuple(MOTIONS)),
@@ -75,7 +76,7 @@ class SimulateNode(Node):
         quick = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._markers = self.create_publisher(MarkerArray, 'markers', quick)
         self._truth = self.create_publisher(
-            JointState, 'joint_states_truth', DEPTH) if values['truth'] else None
+            JointState, 'joint_states_truth', TRUTH_DEPTH) if values['truth'] else None
         self._period = 1. / values['rate']
         self._cues = read_ahead(self._laps(), AHEAD)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.hand import Hand, preset_limits
 from .poses import (
-    AWAITING, FIST, FREE, FOUR, ONE, RELAXED, SPREAD, STRAIGHT, THREE, THUMB_BESIDE, THUMB_OUT,
+    AWAITING, FIST, FREE, FOUR, ONE, RELAXED, SPREAD, STRAIGHT, THREE, THUMB_OUT,
     THUMB_READY, THUMB_RELAXED, TWO, couple)
 
 HOOKED = ((2, 10, 82), (0, 12, 84), (-1, 12, 84), (-2, 12, 80))
@@ -49,7 +49,6 @@ GRASPS = {
     'lateral': ((RELAXED, THUMB_OUT), LATERAL, (THUMB_KEY, (-4, 2, 0, 10))),
 }
 REST = (RELAXED, THUMB_RELAXED)
-FLAT = (STRAIGHT, THUMB_BESIDE)
 
 
 def shape_angles(shape, hand):

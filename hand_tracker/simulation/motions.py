@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.errors import HandTrackerError
 from ..core.hand import DIGITS, JOINTS
-from .gestures import FLAT, GRASPS, LETTERS, REST, grasp_shape, shape_angles
+from .gestures import GRASPS, LETTERS, REST, grasp_shape, shape_angles
 from .layers import LayeredMotion, Strokes, Tremor, finger_stroke
 from .motion import Motion, Sway, demo_motion
 

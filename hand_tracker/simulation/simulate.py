@@ -16,10 +16,11 @@ from ..core.hand import SIDES, Hand
 from ..core.layout import MARKERS, MarkerLayout
 from ..files.bags import write_bag
 from ..files.hand_file import load_hand, save_hand
-from .cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig, look, skin_layout
+from .cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
 from .faults import Faults, fault_events, with_faults
 from .motions import DURATION, MOTIONS, RATE_RANGE, motion_named
 from .recording import DECIMALS, START_NS, Recording, recording_messages
+from .sight import look, skin_layout
 
 RATE = 480.             # [Hz] that of the paper's cameras
 BLOCK = .5              # [s] simulated at once
