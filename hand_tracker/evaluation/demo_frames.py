@@ -1,7 +1,8 @@
 """The packaged demo motion as frames of markers, and the truth to judge by.
 
-The hand that is tracked is never just the one that moves: its sizes are wrong as those of a
-calibrated hand are.
+The hand that is tracked is never just the one that moves: it is wrong as a calibrated hand
+is (`simulate.calibrated`: every length by 2 %, every marker's place by 1 mm per axis,
+standard deviations).
 """
 
 from typing import NamedTuple
@@ -13,9 +14,9 @@ from ..core.hand import Hand, preset_limits
 from ..core.kinematics import Pose, forward, joint_table
 from ..core.layout import MarkerLayout, marker_positions
 from ..simulation.motion import demo_motion
+from ..simulation.simulate import calibrated
 
-RATE = 120.             # [Hz]
-CALIBRATION_ERROR = .001  # [m] standard deviation of bones and joints' places; ours
+RATE = 120.  # [Hz]
 
 
 class DemoFrames(NamedTuple):
@@ -58,24 +59,24 @@ def demo_frames(rate=RATE):
                       landmark_positions(hand, pose, position))
 
 
-def calibrated(hand, seed, error=CALIBRATION_ERROR, scale=1.):
-    """Return a hand as a calibration would have it.
+def worn(hand, seed, scale=1.):
+    """Return hand and layout as a calibration would have them.
 
     Parameters
     ----------
     hand : Hand
+        That moves.
     seed : int
-    error : float
-        Standard deviation of each bone and each coordinate of a joint of the palm [m].
     scale : float
         By which all sizes are wrong besides.
 
     Returns
     -------
-    Hand
+    hand : Hand
         With limits 'wide', as errors of size lead past those of the moving hand.
+    layout : MarkerLayout
     """
-    random = np.random.RandomState(seed)
+    hand, layout = calibrated(hand, MarkerLayout(), seed)
     return hand.replace(limits=preset_limits('wide'), **{
-        name: scale * (getattr(hand, name) + random.normal(0., error, getattr(hand, name).shape))
-        for name in ('finger_mcp', 'finger_bones', 'thumb_cmc', 'thumb_bones')})
+        name: scale * getattr(hand, name) for name in (
+            'finger_cmc', 'finger_mcp', 'finger_bones', 'thumb_cmc', 'thumb_bones')}), layout

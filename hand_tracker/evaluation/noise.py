@@ -1,7 +1,8 @@
 """What noise of the markers and a wrong size of the hand do to the tracked pose.
 
 The packaged demo motion at 120 Hz, every marker seen. The tracked hand has a calibration
-error of 1 mm besides (`demo_frames.calibrated`).
+error besides: every length errs by 2 %, every marker's place by 1 mm per axis (standard
+deviations).
 """
 
 from functools import partial
@@ -12,7 +13,7 @@ from ..core.hand import JOINTS
 from ..core.metrics import (
     angle_distance, high_frequency_energy, jerk, joint_errors, palm_pose_error)
 from ..core.tracker import HandTracker
-from .demo_frames import RATE, calibrated, demo_frames
+from .demo_frames import RATE, demo_frames, worn
 from .report import COLOURS, INK, Picture, Table, figure_with, number, save
 from .rows import spread
 from .tracking import track, tracked_joints
@@ -42,10 +43,10 @@ def judge(task, seed):
     """Return the row of one setting."""
     sweep, noise, size_error = task
     demo = demo_frames()
-    hand = calibrated(demo.hand, seed, scale=1. + size_error / 100.)
+    hand, layout = worn(demo.hand, seed, 1. + size_error / 100.)
     # The same draws for each noise: only their size differs.
     draws = np.random.RandomState(seed + 1).normal(size=demo.markers.shape)
-    tracked = track(HandTracker(hand), demo.markers + 1e-3 * noise * draws, RATE)
+    tracked = track(HandTracker(hand, layout), demo.markers + 1e-3 * noise * draws, RATE)
     errors = joint_errors(tracked_joints(hand, tracked), demo.joints)['all']
     angle, distance = palm_pose_error(
         tracked.wrist_rotation, tracked.wrist_position, demo.wrist_rotation, demo.wrist_position)
