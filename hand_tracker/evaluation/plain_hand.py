@@ -12,7 +12,7 @@ import numpy as np
 PALM = [0, 5, 17]
 FINGERS = np.arange(5, 21).reshape(4, 4)  # MCP, PIP, DIP and tip
 THUMB = np.arange(1, 5)                   # CMC, MCP, IP and tip
-# [degrees] MCP abduction, MCP flexion, PIP flexion, DIP flexion: wide, as nothing is known of them.
+# [degrees] MCP abduction, MCP flexion, PIP flexion, DIP flexion: wide; ours.
 ABDUCTION, MCP, PIP, DIP = np.radians(((-30, 30), (-45, 90), (-10, 115), (-10, 90)))
 DIP_OF_PIP = .8
 RATIOS = np.linspace(0., 3., 61)          # of IP to MCP flexion that are tried
@@ -164,10 +164,11 @@ def _thumb(hand, marker):
     # The chain's reach for every bend, and the bend whose reach is nearest.
     flexion = np.stack((0. * BENDS, BENDS, BENDS * (1. + hand.thumb_ratio)))
     x, y = np.cumsum(bones[:, None] * (np.cos(flexion), np.sin(flexion)), axis=1)  # (3, bends)
-    best = np.argmin(np.abs(np.hypot(x[2], y[2]) - np.linalg.norm(target, axis=1)[:, None]), axis=1)
+    reach = np.hypot(x[2], y[2])
+    best = np.argmin(np.abs(reach - np.linalg.norm(target, axis=1)[:, None]), axis=1)
     ahead = unit(target)
     left = unit(np.cross(hand.thumb_normal, ahead))
-    c, s = x[2, best] / np.hypot(x[2], y[2])[best], y[2, best] / np.hypot(x[2], y[2])[best]
+    c, s = x[2, best] / reach[best], y[2, best] / reach[best]
     along = c * x[:, best] + s * y[:, best]  # (3, n)
     across = c * y[:, best] - s * x[:, best]
     return root + np.moveaxis(along[..., None] * ahead + across[..., None] * left, 0, 1)
