@@ -67,8 +67,20 @@ def view_axes(view, side):
     return np.array(((-thumb, 0., 0.), (0., 0., 1.), (0., thumb, 0.)))
 
 
-class _View:
-    """The hand in one pair of axes, whose lower left corner is given in inches."""
+class View:
+    """The hand in one pair of axes.
+
+    Parameters
+    ----------
+    figure : Figure
+    corner : tuple of float
+        Lower left corner of the axes [inches].
+    view : str
+        One of `VIEWS`.
+    hand : Hand
+    scale : float
+        1 is `INCH` metres of hand on an inch.
+    """
 
     def __init__(self, figure, corner, view, hand, scale=1.):
         self.axes = view_axes(view, hand.side)
@@ -106,7 +118,7 @@ class _View:
         self.marks.set_facecolors([SEEN_COLOUR if s else HIDDEN_COLOUR for s in seen])
 
 
-def _size(view, scale=1.):
+def view_size(view, scale=1.):
     """Return width and height of a view [inches]."""
     left, right, bottom, top = VIEWS[view]
     return scale * (right - left) / INCH, scale * (top - bottom) / INCH
@@ -122,11 +134,11 @@ def save_animation(path, track, hand, title=''):
     hand : Hand
     title : str
     """
-    (width, height), (second_width, second_height) = (_size(view) for view in VIEWS)
+    (width, height), (second_width, second_height) = (view_size(view) for view in VIEWS)
     figure = Figure(figsize=(width + second_width, height + HEADER), dpi=80)
     canvas = FigureCanvasAgg(figure)
     corners = ((0., 0.), (width, .5 * (height - second_height)))
-    views = [_View(figure, corner, view, hand) for corner, view in zip(corners, VIEWS)]
+    views = [View(figure, corner, view, hand) for corner, view in zip(corners, VIEWS)]
     for share, view in zip((.25, .75), VIEWS):
         figure.text(share, .02, view, ha='center', color=INK, fontsize=9)
     _header(figure, title)
@@ -170,7 +182,7 @@ def save_sheet(path, track, hand, title=''):
     title : str
     """
     scale = .42
-    sizes = [_size(view, scale) for view in VIEWS]
+    sizes = [view_size(view, scale) for view in VIEWS]
     width = max(size[0] for size in sizes)
     height = sum(size[1] for size in sizes) + .15
     figure = Figure(figsize=(width * SHEET_COLUMNS, height * SHEET_ROWS + HEADER), dpi=120)
@@ -181,7 +193,7 @@ def save_sheet(path, track, hand, title=''):
         row, column = divmod(pose, SHEET_COLUMNS)
         bottom = height * (SHEET_ROWS - 1 - row)
         for view, size, below in zip(VIEWS, sizes, (sizes[1][1], 0.)):
-            _View(figure, (column * width + .5 * (width - size[0]), bottom + below), view, hand,
+            View(figure, (column * width + .5 * (width - size[0]), bottom + below), view, hand,
                   scale).draw(track.points[frame], track.markers[frame], track.seen[frame])
         figure.text((column * width + .1) / figure.get_size_inches()[0],
                     (bottom + height - .15) / figure.get_size_inches()[1],

@@ -17,7 +17,7 @@ from ..core.kinematics import forward, joint_table, tip_offsets
 from ..core.layout import marker_positions
 from ..core.metrics import joint_errors, limit_violations
 from ..core.skeleton import skeleton_points
-from ..picture import VIEWS, _size, _View
+from ..picture import VIEWS, View, view_size
 from ..simulation.faults import Faults, fault_events, with_faults
 from ..simulation.sight import skin_layout
 from .report import COLOURS, INK, Picture, Table, figure_with, save
@@ -186,7 +186,7 @@ def pictures(rows, folder):
 def _draw_hands(rows, path):
     """Draw truth, all constraints and one less side by side, a line for each variant."""
     columns = ('the truth', ALL, 'without')
-    sizes = [_size(view, SCALE) for view in VIEWS]
+    sizes = [view_size(view, SCALE) for view in VIEWS]
     width, height = sum(size[0] for size in sizes) + .2, max(size[1] for size in sizes) + .25
     variants = VARIANTS[1:]
     figure = Figure(figsize=(len(columns) * width + 1.1, len(variants) * height), dpi=110)
@@ -216,7 +216,7 @@ def _draw_hands(rows, path):
             places = marker_positions(layout.mounting(hand), links, turned, moved)
             left = 1.1 + column * width
             for view, size in zip(VIEWS, sizes):
-                _View(figure, (left, bottom), view, hand, SCALE).draw(
+                View(figure, (left, bottom), view, hand, SCALE).draw(
                     skeleton_points(tip_offsets(hand), links, moved),
                     np.where(seen[:, None], local, places), seen)
                 left += size[0]
