@@ -3,6 +3,7 @@
 from pathlib import Path
 
 PACKAGE = 'hand_tracker'
+RECORDINGS = {'right': 'recordings/demo.mcap', 'left': 'recordings/demo_left.mcap'}
 
 
 def share_directory():
@@ -22,6 +23,21 @@ def share_directory():
         If the data files are not installed beside the code.
     """
     return _share_directory(Path(__file__).resolve().parent)
+
+
+def packaged_recording(side='right'):
+    """Return the recording of a hand that comes with the package.
+
+    Parameters
+    ----------
+    side : {'right', 'left'}
+        A hand is not tracked by the markers of its mirror image.
+
+    Returns
+    -------
+    Path
+    """
+    return share_directory() / RECORDINGS[side]
 
 
 def _share_directory(code):

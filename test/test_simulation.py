@@ -1,17 +1,21 @@
 """The demo motion moves as a hand can; the packaged recording is made again from it."""
 
+import os
 import subprocess
 import sys
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hand_tracker.calibration import LANDMARKS, landmark_positions
-from hand_tracker.core.hand import FINGERS, JOINTS, Hand, preset_limits
+from hand_tracker.core.hand import FINGERS, JOINTS, SIDES, Hand, preset_limits
 from hand_tracker.core.kinematics import forward, joint_table
 from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.bags import TYPES, open_bag
+from hand_tracker.share import RECORDINGS, packaged_recording
 from hand_tracker.simulation import recording as made
 from hand_tracker.simulation.motion import DEMO_STEPS, demo_motion, minimum_jerk
 from hand_tracker.simulation.poses import POSES, Touch, pose_angles, thumb_gap
@@ -206,11 +210,15 @@ def test_left_recording_is_of_a_left_hand():
 
 @pytest.fixture(scope='module')
 def remade(tmp_path_factory):
-    path = tmp_path_factory.mktemp('remade') / 'demo.mcap'
-    run = subprocess.run([sys.executable, '-m', 'hand_tracker.simulation.recording', '-o', path],
-                         cwd=ROOT, capture_output=True, text=True, check=True)
-    assert 'frames at 120 Hz' in run.stdout
-    return path
+    """Return the packaged recordings, made again, by side."""
+    folder = tmp_path_factory.mktemp('remade')
+    (folder / 'recordings').mkdir()
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    for options in ([], ['--side', 'left']):
+        run = subprocess.run([sys.executable, '-m', 'hand_tracker', 'record', *options], cwd=folder,
+                             capture_output=True, text=True, check=True, env=environment)
+        assert 'frames at 120 Hz' in run.stdout
+    return {side: folder / name for side, name in RECORDINGS.items()}
 
 
 def packaged_messages(path):
@@ -218,8 +226,9 @@ def packaged_messages(path):
         return list(bag.messages())
 
 
-def test_packaged_recording_is_remade_byte_for_byte(remade):
-    packaged = ROOT / made.PACKAGED
+@pytest.mark.parametrize('side', SIDES)
+def test_packaged_recording_is_remade_byte_for_byte(remade, side):
+    packaged, remade = ROOT / RECORDINGS[side], remade[side]
     assert packaged_messages(remade) == packaged_messages(packaged)
     if writer_of(remade) != writer_of(packaged):
         pytest.skip('another release of rosbags compresses differently; the messages agree')
@@ -232,8 +241,21 @@ def writer_of(path):
     return data[8:17 + int.from_bytes(data[9:17], 'little')]
 
 
+@pytest.mark.parametrize('side', SIDES)
+def test_a_hand_is_on_the_packaged_recording_of_its_side(side):
+    tracker = HandTracker(Hand.scaled(side=side))
+    with open_bag(packaged_recording(side)) as bag:
+        for message in islice(bag.messages(['/markers']), 0, None, 10):
+            markers = np.full((len(MARKERS), 3), np.nan)
+            for marker in TYPES.deserialize_cdr(message.data, message.type).markers:
+                at = marker.pose.position
+                markers[marker.id] = at.x, at.y, at.z
+            state = tracker.update(markers)
+            assert np.nanmean(state.residuals) < .004
+
+
 def test_packaged_recording_is_small_and_holds_what_was_made(recording):
-    packaged = ROOT / made.PACKAGED
+    packaged = packaged_recording()
     assert packaged.stat().st_size < 3e6
     with open_bag(packaged) as bag:
         assert bag.topics == {'/markers': 'visualization_msgs/msg/MarkerArray',

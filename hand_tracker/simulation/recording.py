@@ -1,6 +1,7 @@
-"""The packaged recording: markers of the demo motion as a camera system might give them.
+"""The packaged recordings: markers of the demo motion as a camera system might give them.
 
-`python -m hand_tracker.simulation.recording` makes it again, byte for byte.
+`python -m hand_tracker.simulation.recording` makes them again, byte for byte: that of the right
+hand, and with `--side left` that of a left hand in the same motion.
 """
 
 import argparse
@@ -10,10 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.errors import HandTrackerError
-from ..core.hand import JOINTS, Hand
+from ..core.hand import JOINTS, SIDES, Hand
 from ..core.kinematics import forward, joint_table
 from ..core.layout import MARKERS, MarkerLayout, marker_positions
 from ..files.bags import bag_message, joint_state_message, marker_array_message, write_bag
+from ..share import RECORDINGS
 from .motion import demo_motion
 
 RATE = 120.                  # [Hz]
@@ -23,7 +25,6 @@ START_NS = 1_700_000_000_000_000_000
 DECIMALS = 6                 # of stored metres and radians: hides last-bit differences
 FRAME_ID = 'mocap'
 MARKER_TOPIC, TRUTH_TOPIC = '/markers', '/joint_states_truth'
-PACKAGED = Path('recordings/demo.mcap')
 
 DROPOUT_EVERY = .9           # [s] between drop-outs, on average
 DROPOUT_LENGTH = (.03, .3)   # [s]
@@ -131,13 +132,17 @@ def recording_messages(recording, side):
 
 
 def main(arguments=None):
-    """Make the packaged recording again."""
+    """Make a packaged recording again."""
     parser = argparse.ArgumentParser(prog='python -m hand_tracker.simulation.recording',
                                      description=main.__doc__)
-    parser.add_argument('-o', '--output', type=Path, default=PACKAGED,
-                        help='file to write, .mcap or .db3 (default: %(default)s)')
-    output = parser.parse_args(arguments).output
-    hand = Hand.scaled()
+    parser.add_argument('--side', choices=SIDES, default='right',
+                        help='of the hand (default: %(default)s)')
+    parser.add_argument('-o', '--output', type=Path, metavar='OUT',
+                        help='file to write, .mcap or .db3 (default: the packaged one of the side, '
+                        'below the current folder)')
+    chosen = parser.parse_args(arguments)
+    output = chosen.output or Path(RECORDINGS[chosen.side])
+    hand = Hand.scaled(side=chosen.side)
     recording = demo_recording(hand)
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
