@@ -113,6 +113,19 @@ def test_bad_rate_is_refused(rate):
     assert not Playback(START).set_rate(rate)
 
 
+def test_time_stands_until_play_begins():
+    playback = Playback(START, 1000.)
+    time.sleep(.02)
+    playback.pause()
+    playback.resume()
+    playback.set_rate(4.)
+    assert playback.now == START
+    time.sleep(.02)
+    player = Player(playback, items(11))
+    assert player.join() == [item.time for item in items(11)]
+    assert player.played[-1][1] - player.played[0][1] > 10 * PERIOD / 4. - 5e6
+
+
 def test_play_next_plays_one_and_moves_the_time():
     playback = Playback(START, paused=True)
     player = Player(playback, items(3, 3600 * 10**9))

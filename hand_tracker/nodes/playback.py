@@ -11,8 +11,9 @@ SPIN = 200_000  # A wait may end this late, so the rest is spun [ns].
 class Playback:
     """Play items at their recorded times.
 
-    The schedule is absolute: lateness of one item never delays the next. `play` runs in one
-    thread; every other method may be called from any thread and acts at once.
+    The schedule is absolute: lateness of one item never delays the next. The time stands still
+    until `play` begins, which runs in one thread; every other method may be called from any
+    thread, even before, and acts at once.
 
     Parameters
     ----------
@@ -27,7 +28,7 @@ class Playback:
         self._changed = Condition()
         self._rate = rate
         self._paused = paused
-        self._stepping = self._closed = False
+        self._playing = self._stepping = self._closed = False
         self._played = 0
         self._anchor(start)
 
@@ -42,7 +43,7 @@ class Playback:
         return round((recorded - self._recorded) / self._rate)
 
     def _now(self):
-        if self._paused:
+        if self._paused or not self._playing:
             return self._recorded
         return self._recorded + round((time.monotonic_ns() - self._steady) * self._rate)
 
@@ -131,6 +132,7 @@ class Playback:
             recorded time are due at the same wall time.
         """
         with self._changed:
+            self._playing = True
             self._anchor(self._recorded)
         for item in items:
             put(item, self._wait(item.time))
