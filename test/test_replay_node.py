@@ -176,6 +176,31 @@ def test_topics_remaps_and_late_subscriber(bags, watch):
     assert frames_of(markers) == list(range(FRAMES))
 
 
+def test_excluded_topics_are_left_out_unless_named(bags, watch, tmp_path):
+    def earlier_run():
+        for message in frames():
+            yield message
+            yield message._replace(
+                topic='/left/hand_markers' if message.type == MARKER_ARRAY else '/joint_states')
+
+    write_bag(tmp_path / 'run.mcap', earlier_run())
+    excluded = 'joint_states hand_markers tf'
+    pictures = watch.collect(MarkerArray, '/left/hand_markers')
+    states = watch.collect(JointState, '/joint_states')
+    markers = watch.collect(MarkerArray, '/markers')
+    truth = watch.collect(JointState, '/truth')
+    with replay(tmp_path / 'run.mcap', exclude_topics=excluded) as process:
+        watch.spin_until(lambda: len(markers) == FRAMES and truth)
+        clean(process, process.wait())
+    assert not pictures and not states
+    assert process.output.count('Not played (exclude_topics): /left/hand_markers, /joint_states') == 1
+    with replay(tmp_path / 'run.mcap', exclude_topics=excluded,
+                topics='/markers /joint_states') as process:
+        watch.spin_until(lambda: len(states) == FRAMES)
+        clean(process, process.wait())
+    assert not pictures and 'Not played' not in process.output
+
+
 def test_namespace_moves_topics(bags, watch):
     truth = watch.collect(JointState, '/left/truth')
     markers = watch.collect(MarkerArray, '/left/markers')
@@ -187,7 +212,7 @@ def test_namespace_moves_topics(bags, watch):
 def test_plays_the_packaged_recording():
     with NodeProcess(MODULE, {'rate': 100.0, 'wait_for_subscriber': 0.0}) as process:
         clean(process, process.wait())
-        assert 'demo.mcap' in process.output and 'Played to the end' in process.output
+        assert '/demo.mcap' in process.output and 'Played to the end' in process.output
 
 
 def test_plays_alone_after_waiting(bags):
@@ -240,6 +265,8 @@ ERRORS = {
     'wrong type': ({'recording': 'truth.mcap'},
                    f'no markers in /truth (sensor_msgs/msg/JointState); expected a topic of '
                    f'{MARKER_ARRAY}'),
+    'all excluded': ({'recording': 'hand.mcap', 'exclude_topics': 'markers truth'},
+                     f'no markers in what is not excluded; expected a topic of {MARKER_ARRAY}'),
     'topic': ({'recording': 'hand.mcap', 'topics': '/leds'},
               'no topic /leds; expected topics among /markers, /truth'),
     'offset': ({'recording': 'hand.mcap', 'start_offset': 2.0, 'loop': True,
@@ -319,6 +346,20 @@ def test_services_step_resume_pause_rate(bags, watch, srv):
         clean(process, process.wait())
     # The queues hold fewer messages than come at 200 times the rate; in order they are.
     assert (np.diff(frames_of(markers)) > 0).all()
+
+
+def test_a_pause_while_waiting_for_subscribers_skips_nothing(bags, watch, srv):
+    with replay(bags / 'hand.mcap', wait_for_subscriber=60.0, topics='/markers') as process:
+        process.wait_for_line('Replay waits')
+        watch.spin_for(1.)
+        watch.call(srv.Pause, '/replay/pause')
+        watch.call(srv.SetRate, '/replay/set_rate', srv.SetRate.Request(rate=2.))
+        watch.call(srv.Resume, '/replay/resume')
+        markers = watch.collect(MarkerArray, 'markers')
+        watch.spin_until(lambda: len(markers) == FRAMES)
+        clean(process, process.wait())
+    stamps = np.array([stamp_of(message) for message in markers])
+    assert np.abs(np.diff(stamps) - PERIOD / 2).max() <= 2
 
 
 def test_interrupt_while_a_step_waits_for_its_turn(bags, watch, srv):

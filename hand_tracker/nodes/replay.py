@@ -26,6 +26,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from ..files.bags import MARKER_ARRAY, BagError, open_bag
 from ..files.stamps import header_stamp, marker_stamps, restamp
+from ..share import packaged_recording
 from .common import declare, run
 from .parameter import Parameter
 from .playback import Playback, read_ahead
@@ -46,7 +47,8 @@ ACKNOWLEDGE = 1.        # [s]
 LONE = 10**8            # lap of a recording that is a single message [ns]
 
 PARAMETERS = tuple(row._replace(read_only=True) for row in (
-    Parameter('recording', '', 'rosbag2 folder, .mcap or .db3 file; empty for the packaged one'),
+    Parameter('recording', '', 'rosbag2 folder, .mcap or .db3 file; empty for the packaged one of a '
+              'right hand'),
     Parameter('rate', 1., 'How many times as fast as recorded', (1e-3, 1e3)),
     Parameter('loop', False, 'Begin again at the end instead of exiting'),
     Parameter('start_offset', 0., 'Where in the recording each lap begins [s]', (0., 1e9)),
@@ -56,7 +58,10 @@ PARAMETERS = tuple(row._replace(read_only=True) for row in (
               'effect when clock is on, which the recorded stamps follow'),
     Parameter('clock', 0., 'Publications of the recorded time on /clock [Hz]; 0 is none',
               (0., 1e3)),
-    Parameter('topics', '', 'Topics to play, as recorded, separated by spaces; empty for all'),
+    Parameter('topics', '', 'Topics to play, as recorded, separated by spaces; empty for all but '
+              'exclude_topics'),
+    Parameter('exclude_topics', '', 'Topics not to play, separated by spaces: as recorded, or the last '
+              'part of their names; those named in topics are played all the same'),
     Parameter('wait_for_subscriber', 10., 'How long to wait for subscribers of the markers '
               'before playing [s]; not when started paused', (0., 3600.)),
     Parameter('subscribers', 1, 'How many subscribers of the markers to wait for', (1, 100)),
@@ -95,7 +100,7 @@ class ReplayNode(Node):
             If it cannot be played.
         """
         options = self._options
-        with open_bag(options.recording or _packaged_recording()) as bag:
+        with open_bag(options.recording or packaged_recording()) as bag:
             start = bag.start + round(options.start_offset * 1e9)
             outputs = self._open_outputs(bag)
             markers = [topic for topic in outputs if bag.topics[topic] == MARKER_ARRAY]
@@ -123,13 +128,14 @@ class ReplayNode(Node):
 
     def _open_outputs(self, bag):
         """Return the outputs by recorded topic."""
-        wanted = list(dict.fromkeys(self._options.topics.split() or bag.topics))
+        wanted = list(dict.fromkeys(self._options.topics.split())) or self._not_excluded(bag)
         if unknown := [topic for topic in wanted if topic not in bag.topics]:
             raise BagError(f'{bag.path}: no topic {", ".join(unknown)}; expected topics among '
                            f'{", ".join(bag.topics)}')
         if MARKER_ARRAY not in (bag.topics[topic] for topic in wanted):
             held = ', '.join(f'{topic} ({bag.topics[topic]})' for topic in wanted)
-            raise BagError(f'{bag.path}: no markers in {held}; expected a topic of {MARKER_ARRAY}')
+            raise BagError(f'{bag.path}: no markers in {held or "what is not excluded"}; '
+                           f'expected a topic of {MARKER_ARRAY}')
         outputs = {}
         for topic in wanted:
             if topic == '/clock' and self._options.clock:
@@ -146,6 +152,14 @@ class ReplayNode(Node):
                     _qos(bag.offered_qos[topic])),
                 _stamp_finder(kind, message_type) if live else lambda data: ())
         return outputs
+
+    def _not_excluded(self, bag):
+        names = self._options.exclude_topics.split()
+        excluded = [topic for topic in bag.topics
+                    if topic in names or topic.rpartition('/')[2] in names]
+        if excluded:
+            self.get_logger().info(f'Not played (exclude_topics): {", ".join(excluded)}')
+        return [topic for topic in bag.topics if topic not in excluded]
 
     def _cues(self, bag, outputs, start, lap):
         for number in count() if self._options.loop else range(1):
@@ -237,11 +251,6 @@ def _spinning(node):
 
 def _subscribers(number):
     return f'{number or "no"} subscriber{"" if number == 1 else "s"}'
-
-
-def _packaged_recording():
-    from ..share import share_directory
-    return share_directory() / 'recordings' / 'demo.mcap'
 
 
 def _message_type(kind):
