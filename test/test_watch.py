@@ -11,7 +11,9 @@ from hand_tracker.core.layout import MarkerLayout, marker_positions
 from hand_tracker.core.palm import PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.labels import LabelMap
-from hand_tracker.nodes.watch import CAUSES, CHANGES, SILENT, WINDOW, Watch, who_publishes
+from hand_tracker.nodes.watch import (
+    CAUSES, CHANGES, OFF_FOR, SILENT, WINDOW, Watch, who_publishes)
+from hand_tracker.simulation.recording import demo_recording
 
 SEEN = marker_positions(
     MarkerLayout().mounting(Hand.scaled()),
@@ -96,6 +98,50 @@ def test_a_flickering_palm_is_said_a_bounded_number_of_times():
     hand.feed(now)
     lines += hand.said(now)
     assert lines[-1].startswith('tracking')
+
+
+def test_says_once_when_the_markers_stay_off_the_hand_and_again_when_not():
+    off = SEEN.copy()
+    off[3:] *= 1.6  # farther than any finger reaches
+    hand = Input()
+    lines = []
+    for i in range(200):
+        hand.feed(i / 20., off)
+        lines += [(i / 20., *line) for line in hand.watch.report(i / 20., str)]
+    (_, *first), (then, *second) = lines
+    assert first == [False, 'tracking']
+    miss = 1e3 * np.mean(hand.tracker.update(off).residuals)
+    assert second == [True, f'the markers are on average {miss:.0f} mm off the hand: '
+                      'wrong side, labels, hand size or unit?']
+    assert then == pytest.approx(OFF_FOR)
+    hand.feed(10.)
+    assert hand.watch.report(10., str) == [(False, 'tracking again')]
+
+
+def test_says_nothing_of_markers_that_are_off_for_a_moment_or_while_the_palm_is_lost():
+    off = SEEN.copy()
+    off[3:] *= 1.6
+    hand = Input()
+    hand.feed(0.)
+    assert hand.said(0.) == ['tracking']
+    for i in range(1, 200):
+        hand.feed(i / 20., SEEN if i % 30 == 0 else off)
+        assert hand.said(i / 20.) == []
+    lost = off.copy()
+    lost[:3] = np.nan
+    for i in range(200, 300):
+        hand.feed(i / 20., lost)
+        assert not any('off the hand' in line for line in hand.said(i / 20.))
+
+
+def test_says_that_a_right_hand_is_no_left_one():
+    hand = Input()
+    hand.tracker = HandTracker(Hand.scaled(side='left'))
+    lines = []
+    for i, positions in enumerate(demo_recording(rate=30.).markers):
+        hand.feed(i / 30., positions)
+        lines += hand.said(i / 30.)
+    assert any('wrong side' in line for line in lines)
 
 
 def test_says_what_the_palm_waits_for():

@@ -14,6 +14,8 @@ from ..core.tracker import MarkerState
 
 SILENT = 3.   # [s] without markers before that is said
 NEVER = 5.    # [s] of tracking before a marker that was never seen is named
+OFF = .015    # [m] that the seen markers may be off the hand on average
+OFF_FOR = 2.  # [s] before more than that is said
 WINDOW = 10.  # [s] in which at most
 CHANGES = 6   # changes of state are said, however the input flickers
 CAUSES = 32   # distinct causes that are said at most
@@ -47,6 +49,9 @@ class Watch:
         self._topic = topic
         self._received = self._labelled = self._since = now
         self._palm = self._frame = self._state = self._started = None
+        self._miss = 0.  # [m]
+        self._off_since = None
+        self._off_for = 0.
         self._announced = None
         self._has_tracked = False
         self._changes = deque(maxlen=CHANGES)
@@ -87,6 +92,13 @@ class Watch:
             self._palm, self._since = palm, now
         if self._started is None and palm is PalmState.TRACKED:
             self._started = now
+        residuals = state.residuals[np.isfinite(state.residuals)]
+        self._miss = residuals.mean() if residuals.size else 0.
+        if palm is not PalmState.TRACKED or self._miss <= OFF:
+            self._off_since = None
+        elif self._off_since is None:
+            self._off_since = now
+        self._off_for = 0. if self._off_since is None else now - self._off_since
 
     def once(self, key, text):
         """Have a warning said, once for each key and for a bounded number of keys.
@@ -131,6 +143,8 @@ class Watch:
             return 'silent'
         if now - self._labelled > SILENT:
             return 'unlabelled'
+        if self._off_for >= OFF_FOR:
+            return 'off'
         return self._palm
 
     def _describe(self, now, situation, publishers):
@@ -140,6 +154,9 @@ class Watch:
             return (f'messages on {self._topic} have held no marker of the hand for '
                     f'{now - self._labelled:.0f} s: {self._others()}; '
                     f'expected are the labels {self._expected(range(len(MARKERS)))}')
+        if situation == 'off':
+            return (f'the markers are on average {1e3 * self._miss:.0f} mm off the hand: '
+                    'wrong side, labels, hand size or unit?')
         if situation is PalmState.TRACKED:
             again, self._has_tracked = self._has_tracked, True
             return 'tracking again' if again else 'tracking'
