@@ -1,17 +1,23 @@
 """The tracker's parameters and the hand and options that they stand for, without ROS."""
 
 from dataclasses import fields
+from pathlib import Path
+import re
 
 import numpy as np
 import pytest
+import yaml
 
 from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.hand import JOINTS, Hand, preset_limits
 from hand_tracker.core.layout import MARKERS, PAPER_PLACES, MarkerLayout
-from hand_tracker.core.tracker import TrackerOptions
+from hand_tracker.core.tracker import HandTracker, TrackerOptions
 from hand_tracker.files.hand_file import save_hand
 from hand_tracker.nodes.tracker_parameters import (
-    START, live_settings, live_table, starting_hand)
+    START, STILL, live_settings, live_table, starting_hand)
+from hand_tracker.simulation.recording import demo_recording
+
+CONFIG = Path(__file__).parents[1] / 'config' / 'tracker.yaml'
 
 
 def start(**values):
@@ -111,6 +117,34 @@ def test_every_option_is_a_parameter():
             assert row.description
     assert live(Hand.scaled(), changed).options == TrackerOptions(**changed)
     assert len(changed) == len(fields(TrackerOptions))
+
+
+def test_the_parameter_file_documents_the_defaults_and_replaces_nothing_of_a_hand_file():
+    defaults = {row.name: row.default for row in START + live_table(Hand.scaled())}
+    text = CONFIG.read_text()
+    given = yaml.safe_load(text)['/**']['ros__parameters']
+    uncommented = re.sub(r'(?m)^    # (?=[a-z_.]+: )', '    ', text)
+    documented = yaml.safe_load(uncommented)['/**']['ros__parameters']
+    for name, value in documented.items():
+        assert (type(value), value) == (type(defaults[name]), defaults[name]), name
+    families = re.compile(r'limits\..*_deg|coupling\.')
+    assert {name for name in documented if not families.match(name)} == {
+        name for name in defaults if not families.match(name)}
+    assert len([name for name in documented if families.match(name)]) >= 4
+    shared = {'hand_file', 'hand_length', 'hand_breadth', 'side', 'thumb', 'limits.preset', 'prefix',
+              'broadcast'}
+    assert [name for name in given if name in shared or families.match(name)] == []
+
+
+def test_limits_without_effect_say_so():
+    joints = {row.name.split('.')[1] for row in live_table(Hand.scaled())
+              if 'does nothing yet' in row.description}
+    assert joints == set(STILL) < set(JOINTS)
+    moved = HandTracker(Hand.scaled(limits=preset_limits('wide')))
+    reached = np.zeros(len(JOINTS))
+    for markers in demo_recording(rate=20.).markers:
+        reached = np.maximum(reached, np.abs(moved.update(markers).angles))
+    assert {joint for joint, angle in zip(JOINTS, reached) if angle == 0.} == set(STILL)
 
 
 def test_labels_units_and_zeros():

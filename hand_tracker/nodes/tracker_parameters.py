@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core.errors import HandTrackerError
 from ..core.hand import (
-    ANGLE_RANGE, DIGITS, JOINTS, LIMIT_PRESETS, MEAN_BREADTH, MEAN_LENGTH, SIDES, SLOPE_RANGE,
+    ANGLE_RANGE, DIGITS, FINGERS, JOINTS, LIMIT_PRESETS, MEAN_BREADTH, MEAN_LENGTH, SIDES, SLOPE_RANGE,
     Hand, preset_limits)
 from ..core.layout import MARKERS, MarkerLayout
 from ..core.tracker import TrackerOptions
@@ -25,6 +25,8 @@ RELIABILITIES = ('best_effort', 'reliable')
 TOPICS = {'markers': ('best_effort', 5), 'joint_states': ('reliable', 10),
           'hand_markers': ('reliable', 5)}
 DEGREES = float(np.degrees(ANGLE_RANGE))
+# Eight markers do not show these: they stay at zero.
+STILL = *(f'{finger}_cmc_flexion' for finger in FINGERS), 'thumb_mcp_abduction'
 DECIMALS = 12  # of degrees, so that 85 degrees come back from radians as 85
 
 
@@ -130,8 +132,11 @@ def live_table(hand):
     for joint, limits in zip(JOINTS, np.round(np.degrees(hand.limits), DECIMALS).tolist()):
         for bound, default, allowed in zip(
                 ('lower', 'upper'), limits, ((-DEGREES, 0.), (0., DEGREES))):
-            rows.append(Parameter(f'limits.{joint}.{bound}_deg', default,
-                                  f'{bound.capitalize()} limit of {joint} [degrees]', allowed))
+            rows.append(Parameter(
+                f'limits.{joint}.{bound}_deg', default,
+                f'{bound.capitalize()} limit of {joint} [degrees]'
+                + ('; does nothing yet: eight markers do not show this joint, it stays at zero'
+                   if joint in STILL else ''), allowed))
     for digit, (slope, offset) in zip(DIGITS, hand.coupling.tolist()):
         rule = 'IP = slope MCP + offset' if digit == 'thumb' else 'DIP = slope PIP + offset'
         rows.append(Parameter(f'coupling.{digit}.slope', slope,
