@@ -9,6 +9,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from hand_tracker.nodes.tracker_parameters import AUTO, START, starting_hand
+from hand_tracker.share import packaged_recording
 from hand_tracker.urdf import urdf
 
 ARGUMENTS = (
@@ -17,7 +18,8 @@ ARGUMENTS = (
         description='Where markers come from: a recording that is replayed, or a live driver'),
     DeclareLaunchArgument(
         'recording', default_value='',
-        description='rosbag2 recording to replay (.mcap, .db3 or folder); empty: the packaged one'),
+        description='rosbag2 recording to replay (.mcap, .db3 or folder), but for what the nodes '
+                    'here publish; empty: the packaged one of the side'),
     DeclareLaunchArgument(
         'rate', default_value='1.0', description='Speed of the replay'),
     DeclareLaunchArgument(
@@ -45,7 +47,9 @@ ARGUMENTS = (
         description='Namespace of nodes and topics, for a second hand; frames have the prefix'),
     DeclareLaunchArgument(
         'parameters', default_value='',
-        description='Parameter file (YAML) for the tracker; it prevails over the arguments here'),
+        description='Parameter file (YAML) for the tracker; what the URDF shares with it (the hand '
+                    'and its size, side, limits preset, thumb, prefix, broadcast) is set by the '
+                    'arguments here instead'),
     DeclareLaunchArgument(
         'publish_frequency', default_value='1000.0',
         description='Most transforms a second of robot_state_publisher [Hz]; '
@@ -62,6 +66,8 @@ ARGUMENTS = (
 
 NONE = 'none'  # as `ros2 launch` takes no empty value
 FIRST_START = 120.  # [s] that the tracker may take to compile its kernels, once
+# A recording may hold these from an earlier run; two publishers of a frame fight.
+PUBLISHED_HERE = 'tf tf_static joint_states hand_markers robot_description'
 
 
 def start(context):
@@ -74,23 +80,26 @@ def start(context):
         'hand_file': given['hand'], 'side': given['side'], 'thumb': given['thumb'],
         'prefix': '' if given['prefix'] == NONE else given['prefix'],
         'limits.preset': given['limits']}
-    hand, _ = starting_hand({**{row.name: row.default for row in START}, **hand_parameters})
+    defaults = {row.name: row.default for row in START}
+    hand, _ = starting_hand({**defaults, **hand_parameters})
     prefix = hand_parameters['prefix']
     if prefix == AUTO:
         prefix = f'{hand.side}_'
     common = {'use_sim_time': given['use_sim_time'] == 'true'}
     publishes_links = installed('robot_state_publisher')
 
-    def node(executable, parameters, package='hand_tracker', **more):
+    def node(executable, parameters, package='hand_tracker', files=(), **more):
         return Node(
             package=package, executable=executable, namespace=given['namespace'],
-            parameters=[common, *(texts_kept(each) for each in parameters)], output='screen',
-            **more)
+            parameters=[*files, common, *map(texts_kept, parameters)], output='screen', **more)
 
+    # The tracker must have the very hand of the URDF: the last value counts, and one for a node's
+    # name before one for any node.
+    shared = {'hand_length': defaults['hand_length'], 'hand_breadth': defaults['hand_breadth'],
+              'broadcast': 'wrist' if publishes_links else 'all', **hand_parameters}
     actions = [node(
-        'tracker',
-        [hand_parameters, {'broadcast': 'wrist' if publishes_links else 'all'},
-         *([given['parameters']] if given['parameters'] else [])],
+        'tracker', [shared], name='hand_tracker',
+        files=[given['parameters']] if given['parameters'] else [],
         remappings=[('markers', given['markers'])], on_exit=ended('tracker'))]
     if publishes_links:
         actions.append(node(
@@ -104,7 +113,8 @@ def start(context):
     if given['source'] == 'recording':
         actions.append(node(
             'replay',
-            [{'recording': given['recording'], 'rate': number(given, 'rate'),
+            [{'recording': given['recording'] or str(packaged_recording(hand.side)),
+              'exclude_topics': PUBLISHED_HERE, 'rate': number(given, 'rate'),
               'loop': given['loop'] == 'true', 'wait_for_subscriber': FIRST_START}],
             remappings=[('markers', given['markers'])],
             on_exit=ended('replay')))
@@ -135,8 +145,6 @@ def ended(name):
 
 def texts_kept(parameters):
     """Return parameters whose texts launch does not read as YAML: '' is no null."""
-    if isinstance(parameters, str):
-        return parameters  # a parameter file
     return {name: ParameterValue(value, value_type=str) if isinstance(value, str) else value
             for name, value in parameters.items()}
 

@@ -15,8 +15,11 @@ import numpy as np
 import pytest
 import yaml
 
-from hand_tracker.core.hand import DIGITS, JOINTS, LINKS, SIDES, Hand, preset_limits
-from hand_tracker.files.bags import open_bag, write_bag
+from hand_tracker.core.hand import (
+    DIGITS, JOINTS, LINKS, MEAN_LENGTH, SIDES, Hand, preset_limits)
+from hand_tracker.core.layout import MarkerLayout
+from hand_tracker.files.bags import bag_message, joint_state_message, open_bag, write_bag
+from hand_tracker.files.hand_file import save_hand
 from hand_tracker.urdf import urdf
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -85,6 +88,7 @@ launches = pytest.mark.skipif(LACK is not None, reason=f'{LACK}')
 
 if LACK is None:
     from launch.launch_description_sources import get_launch_description_from_python_launch_file
+    from rcl_interfaces.srv import GetParameters
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from ros_process import Process, watching_node
     from sensor_msgs.msg import JointState
@@ -221,6 +225,71 @@ def test_ends_with_the_recording(short):
     with Launch(recording=short, loop='false', rate='2') as process:
         check_clean(process, process.wait(FIRST_START), *STARTED)
         assert 'Played to the end' in process.output
+
+
+@launches
+def test_a_left_hand_has_a_recording_of_its_own(watch, tmp_path):
+    save_hand(tmp_path / 'hand.yaml', Hand.scaled(side='left'), MarkerLayout())
+    states = watch.collect(JointState, 'joint_states')
+    with Launch(hand=tmp_path / 'hand.yaml') as process:
+        watch.spin_until(lambda: len(states) > RATE, FIRST_START)
+        check_clean(process, process.interrupt(), *STARTED)
+        assert '/demo_left.mcap' in process.output
+        assert 'off the hand' not in process.output
+    assert list(states[0].name) == named('left_', JOINTS)
+
+
+@launches
+@pytest.mark.parametrize('node', ['/**', '/hand_tracker', 'hand_tracker'])
+def test_arguments_prevail_over_the_parameter_file_for_what_the_urdf_shares(
+        watch, short, tmp_path, node):
+    worn = Hand.scaled(.2, .095, limits=.5 * preset_limits('wide'))
+    save_hand(tmp_path / 'worn.yaml', worn, MarkerLayout())
+    save_hand(tmp_path / 'other.yaml', Hand.scaled(side='left'), MarkerLayout())
+    given = {'hand_file': str(tmp_path / 'other.yaml'), 'side': 'left', 'thumb': 'index_mcp',
+             'prefix': 'other_', 'limits.preset': 'wide', 'broadcast': 'none', 'hand_length': .17,
+             'finger_ik': 'fabrik'}
+    (tmp_path / 'mine.yaml').write_text(yaml.safe_dump({
+        '/**': {'ros__parameters': {'side': 'left'}}, node: {'ros__parameters': given}}))
+    states = watch.collect(JointState, 'joint_states')
+    with Launch(recording=short, hand=tmp_path / 'worn.yaml',
+                parameters=tmp_path / 'mine.yaml') as process:
+        watch.spin_until(lambda: states, FIRST_START)
+        values = watch.call(
+            GetParameters, '/hand_tracker/get_parameters',
+            GetParameters.Request(names=[*given, 'limits.index_pip_flexion.upper_deg'])).values
+        check_clean(process, process.interrupt(), *STARTED)
+    got = dict(zip([*given, 'upper'], (value.string_value or value.double_value
+                                       for value in values)))
+    broadcast = 'wrist' if 'robot_state_publisher' in STARTED else 'all'
+    upper = np.degrees(worn.limits[JOINTS.index('index_pip_flexion'), 1])
+    assert got == {
+        'hand_file': str(tmp_path / 'worn.yaml'), 'side': 'auto', 'thumb': 'saddle',
+        'prefix': 'auto', 'limits.preset': 'auto', 'broadcast': broadcast,
+        'hand_length': MEAN_LENGTH,
+        'finger_ik': 'fabrik', 'upper': pytest.approx(upper)}
+    assert list(states[0].name) == named('right_', JOINTS)
+
+
+@launches
+def test_what_an_earlier_run_recorded_is_not_replayed(watch, tmp_path):
+    def earlier_run():
+        for message in messages:
+            yield message
+            stamp = message.time
+            yield bag_message('/joint_states', stamp, joint_state_message(
+                stamp, named('right_', JOINTS), np.full(len(JOINTS), 9.)))
+            yield message._replace(topic='/hand_markers')
+
+    with open_bag(RECORDING) as bag:
+        messages = list(islice(bag.messages(['/markers']), round(RATE / 2)))
+    write_bag(tmp_path / 'run.mcap', earlier_run())
+    states = watch.collect(JointState, 'joint_states')
+    with Launch(recording=tmp_path / 'run.mcap') as process:
+        watch.spin_until(lambda: len(states) > RATE, FIRST_START)
+        check_clean(process, process.interrupt(), *STARTED)
+        assert process.output.count('Not played') == 1
+    assert (np.array([state.position for state in states]) < 9.).all()
 
 
 @launches
