@@ -1,5 +1,7 @@
 """The commands that need no ROS node: `hand_tracker COMMAND --help` tells of each."""
 
+import os
+import signal
 import sys
 from importlib import import_module
 
@@ -9,8 +11,10 @@ COMMANDS = {
     'urdf': ('hand_tracker.urdf', 'print or write the URDF of a hand'),
     'evaluate': ('hand_tracker.evaluation.command', 'measure the tracker, each table in turn'),
     'simulate': ('hand_tracker.simulation.simulate', 'record a simulated hand seen by cameras'),
-    'record': ('hand_tracker.simulation.recording', 'make the packaged recording again'),
+    'record': ('hand_tracker.simulation.recording', 'make a packaged recording again'),
 }
+
+INTERRUPTED = 130
 
 
 def main(arguments=None):
@@ -18,7 +22,7 @@ def main(arguments=None):
     arguments = sys.argv[1:] if arguments is None else arguments
     name = arguments[0] if arguments else '--help'
     if name in COMMANDS:
-        return import_module(COMMANDS[name][0]).main(arguments[1:])
+        return _imported(COMMANDS[name][0]).main(arguments[1:])
     usage = 'usage: hand_tracker COMMAND [--help] ...\n\n' + '\n'.join(
         f'  {command:8s} {what}' for command, (_, what) in COMMANDS.items())
     if name in ('-h', '--help'):
@@ -26,6 +30,15 @@ def main(arguments=None):
         return 0
     print(f"hand_tracker: no command '{name}'\n{usage}", file=sys.stderr)
     return 2
+
+
+def _imported(module):
+    """Import a module; Ctrl-C ends that quietly, with the exit code of an interrupted command."""
+    before = signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED))
+    try:
+        return import_module(module)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 if __name__ == '__main__':

@@ -29,6 +29,7 @@ from .files.hand_file import load_hand
 from .labels import DEFAULT_LABELS, LabelMap
 from .marker_frame import markers_from_message
 from .picture import Track, save_animation, save_sheet
+from .share import packaged_recording
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -143,7 +144,7 @@ def _start(node, **parameters):
     settings = [word for name, value in parameters.items() if value not in (None, '')
                 for word in ('-p', f'{name}:={value}')]
     return subprocess.Popen(
-        [sys.executable, '-m', f'hand_tracker.nodes.{node}', '--ros-args', *settings])
+        [sys.executable, '-m', 'hand_tracker.nodes.entry', node, '--ros-args', *settings])
 
 
 def _stop(process):
@@ -174,7 +175,8 @@ def _play(node, listener, hand, layout, options, processes):
     rest = marker_positions(mounting, forward(joint_table(hand), np.zeros(25)))
     place_palm(rest[:PALM], rest[:PALM], False, np.eye(3), np.zeros(3), np.zeros((5, 3)))
     # Two are to hear the first frame: the tracker and this listener.
-    replay = _start('replay', recording=options.recording, rate=float(options.rate), subscribers=2)
+    replay = _start('replay', recording=options.recording or packaged_recording(hand.side),
+                    rate=float(options.rate), subscribers=2)
     processes.append(replay)
     due = time.monotonic()
     end = None
@@ -223,7 +225,8 @@ def _save(listener, hand, layout, output):
 def _parse(args):
     parser = argparse.ArgumentParser(prog='demo', description=__doc__.split('\n')[0])
     parser.add_argument('--recording',
-                        help='rosbag2 recording to play (default: the packaged one)')
+                        help='rosbag2 recording to play, with markers of the ids 0 to 7 on /markers '
+                        '(default: the packaged one of the side)')
     parser.add_argument('--hand', help='hand file (YAML)')
     parser.add_argument('--side', choices=SIDES, help="default: the hand file's, else right")
     parser.add_argument('--limits', choices=tuple(LIMIT_PRESETS),

@@ -86,6 +86,11 @@ class Process:
         with self._changed:
             return ''.join(self._lines)
 
+    @property
+    def ended(self):
+        """Whether it has ended by itself."""
+        return self._process.poll() is not None
+
     def wait_for_line(self, text, timeout=PATIENCE):
         """Wait until it has printed a text."""
         def printed():

@@ -2,13 +2,14 @@
 
 import os
 import re
+import sys
+import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from threading import Event, Thread
 
 import numpy as np
 import pytest
-import yaml
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
 
@@ -20,7 +21,7 @@ from rcl_interfaces.srv import (  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 import rclpy.time  # noqa: E402
-from ros_process import NodeProcess, watching_node  # noqa: E402
+from ros_process import NodeProcess, Process, watching_node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
@@ -29,7 +30,7 @@ from hand_tracker.core.kinematics import forward, joint_table, tip_offsets  # no
 from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions  # noqa: E402
 from hand_tracker.core.palm import PalmState  # noqa: E402
 from hand_tracker.core.tracker import HandTracker  # noqa: E402
-from hand_tracker.files.hand_file import save_hand  # noqa: E402
+from hand_tracker.files.hand_file import load_hand, save_hand  # noqa: E402
 
 MODULE = 'hand_tracker.nodes.tracker'
 CONFIG = Path(__file__).parents[1] / 'config' / 'tracker.yaml'
@@ -316,25 +317,26 @@ def test_parameters_at_run_time(solved):
         assert angles[pip] == pytest.approx(BENT[pip], abs=1e-3)
 
 
-def test_the_documented_parameter_file_gives_defaults_and_all_is_described():
-    with NodeProcess(MODULE) as process, watching_node() as node:
+def test_the_documented_parameter_file_changes_nothing_and_all_is_described(tmp_path):
+    file = tmp_path / 'hand.yaml'
+    save_hand(file, Hand.scaled(
+        .2, .1, side='left', limits=.5 * preset_limits('wide'),
+        coupling=((.7, np.radians(3.)),) * 5).with_paper_thumb(), MarkerLayout())
+    with NodeProcess(MODULE, {'hand_file': str(file)}) as process, watching_node() as node:
         plain = described(Bench(process, node, 10, 'hand_tracker'))
-        assert process.interrupt(timeout=5.) == 0
-    with NodeProcess(MODULE, files=[CONFIG]) as process, watching_node() as node:
+        assert process.interrupt() == 0
+    with NodeProcess(MODULE, files=[CONFIG], parameters={'hand_file': str(file)}) as process, \
+            watching_node() as node:
         bench = Bench(process, node, 10, 'hand_tracker')
         assert described(bench) == plain
-        bench.meet(hand_at())
-        assert process.interrupt(timeout=5.) == 0
+        bench.meet(hand_at(hand=load_hand(file)[0]))
+        assert process.interrupt() == 0
     for joint in JOINTS:
         assert {f'limits.{joint}.lower_deg', f'limits.{joint}.upper_deg'} <= set(plain)
     for name, (value, about) in plain.items():
         assert about.description, name
         if value.type in (ParameterType.PARAMETER_INTEGER, ParameterType.PARAMETER_DOUBLE):
             assert len(about.integer_range) + len(about.floating_point_range) == 1, name
-    given = yaml.safe_load(CONFIG.read_text())['/**']['ros__parameters']
-    families = re.compile(r'limits\..*_deg|coupling\.')
-    assert {name for name in plain if not families.match(name)} == {
-        name for name in given if not families.match(name)}
 
 
 def described(bench):
@@ -491,3 +493,28 @@ def test_a_wrong_start_ends_with_one_line_and_exit_code_1(tmp_path):
             line, = process.output.splitlines()
             assert '[ERROR]' in line
             assert re.search(said, line), line
+
+
+@pytest.mark.parametrize('rule', [
+    ('-r', 'a b'), ('-r', '__node:=a-b'), ('--params-file', '/nowhere.yaml'), ('--bogus',)])
+def test_a_wrong_command_line_ends_with_one_line_and_exit_code_1(rule):
+    with Process([sys.executable, '-m', MODULE, '--ros-args', *rule],
+                 {'HAND_TRACKER_JIT': '0'}) as process:
+        assert process.wait() == 1, process.output
+    # rcl says a line of its own before.
+    line, = [line for line in process.output.splitlines() if '[rcl]' not in line]
+    assert '[ERROR]' in line and '[hand_tracker]' in line
+    assert rule[-1] in line and 'arguments.c' not in line
+    assert 'Traceback' not in process.output
+
+
+@pytest.mark.parametrize('delay', [.2, .35, .5])
+def test_an_interrupt_while_importing_is_quiet(delay):
+    # Python tells of each module: the time counts from the entry on, however slow its own start.
+    with Process([sys.executable, '-X', 'importtime', '-m', 'hand_tracker.nodes.entry', 'tracker'],
+                 ) as process:
+        process.wait_for_line('hand_tracker.nodes')
+        time.sleep(delay)
+        assert not process.ended, process.output
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output and 'KeyboardInterrupt' not in process.output

@@ -1,5 +1,6 @@
 """What every node of the package does alike: declare parameters, run, end."""
 
+import re
 import signal
 
 import rclpy
@@ -13,6 +14,10 @@ from ..core.errors import HandTrackerError
 
 POLL = .1  # [s]
 INTERRUPTS = signal.SIGINT, signal.SIGTERM
+
+
+class InvalidArguments(HandTrackerError):
+    """ROS cannot make sense of the command line."""
 
 
 def declare(node, table):
@@ -114,7 +119,7 @@ def run(make_node, work=spin, args=None):
         signal.signal(number, _interrupt)
     node = None
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        _init(args)
         node = make_node()
         work(node)
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -130,6 +135,14 @@ def run(make_node, work=spin, args=None):
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _init(args):
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # RCLError has no public name
+        places_in_rcl = r', at \S+:\d+'
+        raise InvalidArguments(re.sub(places_in_rcl, '', ' '.join(str(error).split()))) from None
 
 
 def _interrupt(number, frame):
