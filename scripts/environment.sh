@@ -39,7 +39,8 @@ ros_is_sourced() {
 }
 
 use_sourced_ros() {
-  local modules=(matplotlib numpy PIL rosbag2_interfaces rosbags scipy tf2_ros yaml)
+  # Without tf2_ros and rosbag2_interfaces all works but /tf and the replay's services.
+  local modules=(matplotlib numpy PIL rosbags scipy yaml)
   [[ $1 == demo ]] || modules+=(hypothesis pytest pytest_timeout)
   python=python3
   # The checkout comes before an installed hand_tracker, so that edits take effect.
@@ -114,6 +115,9 @@ install_requirements() {
 
 make_venv() {
   local interpreter
+  # The first thing that a set-up leaves is its log.
+  [[ ! -e $venv || -e $log ]] || fail "$venv is not of this script's making, and is left as it is.
+  Move it away, or delete it, and run this again."
   interpreter=$(find_python)
   say "No ROS 2 is sourced: setting up one of its own in $venv (once, about a minute)."
   rm -rf "$venv"

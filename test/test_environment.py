@@ -97,7 +97,7 @@ def machine(tmp_path):
 def test_first_run_sets_up_and_the_second_only_starts(machine):
     machine.python()
     first = machine.run('demo', '--out', 'a b')
-    assert (first.returncode, first.stdout) == (0, 'ran: -m hand_tracker.demo --out a b\n')
+    assert (first.returncode, first.stdout) == (0, 'ran: -m hand_tracker demo --out a b\n')
     assert machine.calls() == ['pip requirements', 'overlay', 'pip package']
     second = machine.run()
     assert (second.returncode, second.stderr) == (0, '')
@@ -210,6 +210,20 @@ def test_interrupted_set_up_starts_anew(machine):
     assert machine.calls()[-3:] == ['pip requirements', 'overlay', 'pip package']
 
 
+def test_a_folder_of_the_user_is_left_alone(machine):
+    machine.python()
+    theirs = machine.checkout / '.venv' / 'bin' / 'python'
+    theirs.parent.mkdir(parents=True)
+    theirs.write_text('mine')
+    result = machine.run()
+    assert result.returncode == 1
+    assert theirs.read_text() == 'mine'
+    assert "not of this script's making" in result.stderr and 'Move it away' in result.stderr
+    assert machine.calls() == []
+    shutil.rmtree(machine.checkout / '.venv')
+    assert machine.run().returncode == 0
+
+
 def test_two_runs_at_once_set_up_once(machine):
     machine.python(pip='sleep 1')
     first = machine.start()
@@ -226,7 +240,7 @@ def test_two_runs_at_once_set_up_once(machine):
 SOURCED_PYTHON = """
 case "$*" in
   *'import rclpy'*) exit {rclpy} ;;
-  '- '*) echo '{missing}' ;;
+  '- '*) echo "$@" > asked; echo '{missing}' ;;
   *) echo "ran: $* with $PYTHONPATH in $ROS_DOMAIN_ID" ;;
 esac"""
 
@@ -236,6 +250,13 @@ def test_sourced_ros_is_used_as_it_is(machine):
     result = machine.run('test', ROS_DISTRO='jazzy', ROS_DOMAIN_ID='7', PYTHONPATH='/ros')
     assert result.stdout == f'ran: -m pytest with {machine.checkout}:/ros in 7\n'
     assert not (machine.checkout / '.venv').exists()
+
+
+def test_sourced_ros_needs_only_what_is_required(machine):
+    machine.give('python3', SOURCED_PYTHON.format(rclpy=0, missing=''))
+    assert machine.run(ROS_DISTRO='jazzy', ROS_DOMAIN_ID='7').returncode == 0
+    asked = (machine.checkout / 'asked').read_text().split()[1:]
+    assert asked == ['matplotlib', 'numpy', 'PIL', 'rosbags', 'scipy', 'yaml']
 
 
 def test_sourced_ros_without_a_dependency(machine):
