@@ -4,6 +4,7 @@ import ast
 from pathlib import Path
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from xml.etree import ElementTree
@@ -26,6 +27,8 @@ ROSDEP_KEYS = {
     'tf2_ros': 'tf2_ros_py',
     'yaml': 'python3-yaml',
 }
+# Started, not imported.
+STARTED_ONLY = {'ros2launch'}
 # Imported only where it is found, and without a package on some supported platforms.
 OPTIONAL = {'numba'}
 
@@ -90,6 +93,35 @@ def test_manifest_covers_every_import(manifest):
     imported = {name for path in sources for name in imported_modules(parse(path))}
     foreign = imported - sys.stdlib_module_names - OPTIONAL - {'hand_tracker'}
     assert {ROSDEP_KEYS.get(name, name) for name in foreign} - declared == set()
+
+
+def test_manifest_declares_nothing_that_is_not_used(manifest):
+    declared = {depend.text for depend in manifest.findall('exec_depend')}
+    sources = [*(ROOT / 'hand_tracker').rglob('*.py'), *(ROOT / 'launch').glob('*.py')]
+    text = '\n'.join(path.read_text() for path in sources)
+    names = {key: name for name, key in ROSDEP_KEYS.items()}
+    assert [depend for depend in declared - STARTED_ONLY
+            if not re.search(rf'\b{names.get(depend, depend)}\b', text)] == []
+
+
+def test_markers_of_pytest_are_used():
+    declared = re.findall(r'(?m)^    (\w+): ', (ROOT / 'setup.cfg').read_text())
+    tests = '\n'.join(path.read_text() for path in (ROOT / 'test').glob('*.py'))
+    assert [name for name in declared if f'pytest.mark.{name}' not in tests] == []
+
+
+def test_an_interrupt_while_a_command_is_imported_is_quiet():
+    command = [sys.executable, '-X', 'importtime', '-m', 'hand_tracker', 'demo']
+    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
+    head = []
+    # What it needs next comes after its own imports.
+    while not head or 'matplotlib' not in head[-1]:
+        head.append(process.stderr.readline())
+        assert head[-1], ''.join(head)
+    process.send_signal(signal.SIGINT)
+    rest = process.communicate()[1]
+    assert process.returncode == 130
+    assert 'Traceback' not in rest
 
 
 def test_entry_points_lead_to_functions():
