@@ -75,7 +75,7 @@ class TrackerNode(Node):
 
     def _compile(self, layout):
         """Have the kernels compiled before the first frame waits for it."""
-        self.get_logger().info('preparing; the very first start compiles for some seconds')
+        self.get_logger().info('preparing; the very first start compiles for 10 to 20 s')
         rest = forward(joint_table(self._hand), np.zeros(len(JOINTS)))
         HandTracker(self._hand, layout, self._settings.options).update(
             marker_positions(layout.mounting(self._hand), rest))
