@@ -225,7 +225,7 @@ def _save(listener, hand, layout, output):
 def _parse(args):
     parser = argparse.ArgumentParser(prog='demo', description=__doc__.split('\n')[0])
     parser.add_argument('--recording',
-                        help='rosbag2 recording to play, with markers of the ids 0 to 7 on /markers '
+                        help='rosbag2 recording to play, with markers of ids 0 to 7 on /markers '
                         '(default: the packaged one of the side)')
     parser.add_argument('--hand', help='hand file (YAML)')
     parser.add_argument('--side', choices=SIDES, help="default: the hand file's, else right")

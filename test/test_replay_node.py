@@ -193,7 +193,8 @@ def test_excluded_topics_are_left_out_unless_named(bags, watch, tmp_path):
         watch.spin_until(lambda: len(markers) == FRAMES and truth)
         clean(process, process.wait())
     assert not pictures and not states
-    assert process.output.count('Not played (exclude_topics): /left/hand_markers, /joint_states') == 1
+    assert process.output.count(
+        'Not played (exclude_topics): /left/hand_markers, /joint_states') == 1
     with replay(tmp_path / 'run.mcap', exclude_topics=excluded,
                 topics='/markers /joint_states') as process:
         watch.spin_until(lambda: len(states) == FRAMES)

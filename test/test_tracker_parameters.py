@@ -131,8 +131,8 @@ def test_the_parameter_file_documents_the_defaults_and_replaces_nothing_of_a_han
     assert {name for name in documented if not families.match(name)} == {
         name for name in defaults if not families.match(name)}
     assert len([name for name in documented if families.match(name)]) >= 4
-    shared = {'hand_file', 'hand_length', 'hand_breadth', 'side', 'thumb', 'limits.preset', 'prefix',
-              'broadcast'}
+    shared = {'hand_file', 'hand_length', 'hand_breadth', 'side', 'thumb', 'limits.preset',
+              'prefix', 'broadcast'}
     assert [name for name in given if name in shared or families.match(name)] == []
 
 

@@ -47,8 +47,8 @@ ACKNOWLEDGE = 1.        # [s]
 LONE = 10**8            # lap of a recording that is a single message [ns]
 
 PARAMETERS = tuple(row._replace(read_only=True) for row in (
-    Parameter('recording', '', 'rosbag2 folder, .mcap or .db3 file; empty for the packaged one of a '
-              'right hand'),
+    Parameter('recording', '', 'rosbag2 folder, .mcap or .db3 file; empty for the packaged one '
+              'of a right hand'),
     Parameter('rate', 1., 'How many times as fast as recorded', (1e-3, 1e3)),
     Parameter('loop', False, 'Begin again at the end instead of exiting'),
     Parameter('start_offset', 0., 'Where in the recording each lap begins [s]', (0., 1e9)),
@@ -60,8 +60,8 @@ PARAMETERS = tuple(row._replace(read_only=True) for row in (
               (0., 1e3)),
     Parameter('topics', '', 'Topics to play, as recorded, separated by spaces; empty for all but '
               'exclude_topics'),
-    Parameter('exclude_topics', '', 'Topics not to play, separated by spaces: as recorded, or the last '
-              'part of their names; those named in topics are played all the same'),
+    Parameter('exclude_topics', '', 'Topics not to play, separated by spaces: as recorded, or the '
+              'last part of their names; those named in topics are played all the same'),
     Parameter('wait_for_subscriber', 10., 'How long to wait for subscribers of the markers '
               'before playing [s]; not when started paused', (0., 3600.)),
     Parameter('subscribers', 1, 'How many subscribers of the markers to wait for', (1, 100)),

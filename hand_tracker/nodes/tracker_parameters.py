@@ -12,8 +12,8 @@ import numpy as np
 
 from ..core.errors import HandTrackerError
 from ..core.hand import (
-    ANGLE_RANGE, DIGITS, FINGERS, JOINTS, LIMIT_PRESETS, MEAN_BREADTH, MEAN_LENGTH, SIDES, SLOPE_RANGE,
-    Hand, preset_limits)
+    ANGLE_RANGE, DIGITS, FINGERS, JOINTS, LIMIT_PRESETS, MEAN_BREADTH, MEAN_LENGTH, SIDES,
+    SLOPE_RANGE, Hand, preset_limits)
 from ..core.layout import MARKERS, MarkerLayout
 from ..core.tracker import TrackerOptions
 from ..files.hand_file import load_hand
