@@ -39,7 +39,9 @@ def test_a_captured_hand_goes_through_replay_and_tracker(name, preset, tmp_path)
     with watching_node() as watcher, NodeProcess(
             'hand_tracker.nodes.tracker', {
                 # One capture has its wrist at the origin of each frame.
-                'hand_file': str(tmp_path / 'hand.yaml'), 'zero_is_missing': False}) as tracker:
+                'hand_file': str(tmp_path / 'hand.yaml'), 'zero_is_missing': False,
+                # Every frame counts here, on a machine of any load.
+                'qos.markers.reliability': 'reliable', 'qos.markers.depth': 1000}) as tracker:
         states = watcher.collect(JointState, 'joint_states', 1000)
         tracker.wait_for_line('listening')
         with NodeProcess('hand_tracker.nodes.replay', {
