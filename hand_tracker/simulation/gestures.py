@@ -7,10 +7,9 @@ the bounds on how far neighbouring fingers differ.
 
 import numpy as np
 
-from ..core.hand import Hand, preset_limits
 from .poses import (
     AWAITING, FIST, FREE, FOUR, ONE, RELAXED, SPREAD, STRAIGHT, THREE, THUMB_OUT,
-    THUMB_READY, THUMB_RELAXED, TWO, couple)
+    THUMB_READY, THUMB_RELAXED, TWO, couple, limits_of)
 
 HOOKED = ((2, 10, 82), (0, 12, 84), (-1, 12, 84), (-2, 12, 80))
 ROUND = ((2, 38, 42), (0, 40, 44), (-1, 40, 44), (-2, 40, 42))
@@ -88,9 +87,3 @@ def grasp_shape(kind, size):
     _, fingers, thumb = GRASPS[kind]
     return tuple((1. - size) * np.array(small) + size * np.array(large)
                  for small, large in (fingers, thumb))
-
-
-def limits_of(hand: Hand):
-    """Return lower and upper limits, those of the hand and of Table 1 at once [rad]."""
-    paper = preset_limits('paper')
-    return np.maximum(hand.limits[:, 0], paper[:, 0]), np.minimum(hand.limits[:, 1], paper[:, 1])

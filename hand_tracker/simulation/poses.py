@@ -95,7 +95,7 @@ def pose_angles(name, hand):
         [np.ravel(fingers), THUMB_READY if touch else thumb])).astype(float)
     if touch and touch.place == 'tip':
         free[3 * touch.finger:3 * touch.finger + 3] = np.radians(TOUCHING)
-    lower, upper = _limits(hand)
+    lower, upper = limits_of(hand)
     free = np.clip(free, lower[FREE], upper[FREE])
     if touch:
         free = _reach(hand, touch, free, lower, upper)
@@ -143,7 +143,8 @@ LEADERS = np.array([JOINTS.index(f'{finger}_pip_flexion') for finger in FINGERS]
                    + [JOINTS.index('thumb_mcp_flexion')])
 
 
-def _limits(hand):
+def limits_of(hand):
+    """Return lower and upper limits, those of the hand and of Table 1 at once [rad]."""
     paper = preset_limits('paper')
     return np.maximum(hand.limits[:, 0], paper[:, 0]), np.minimum(hand.limits[:, 1], paper[:, 1])
 
