@@ -198,12 +198,12 @@ def _transform(stamp, parent, child, state):
 class _Job:
     """Tracking one recording: what the command counts and says meanwhile."""
 
-    def __init__(self, bag, topic, labels):
+    def __init__(self, bag, topic, labels, interrupted):
         self.read = self.tracked = 0
         self._bag, self._topic, self._labels = bag, topic, labels
         self._progress = Progress(bag.counts[topic], 'frames')
         self._watch = Watch(1e-9 * bag.start, topic, labels)
-        self._last = None
+        self._interrupted = interrupted
 
     def frames(self, tracker, **options):
         """Yield the tracked frames."""
@@ -221,6 +221,8 @@ class _Job:
         due = self._bag.start
         now = None
         for message in self._bag.messages([self._topic]):
+            if self._interrupted:
+                raise KeyboardInterrupt
             self.read += 1
             now = message.time
             yield message
@@ -253,7 +255,21 @@ def _refuse_to_replace(recording, output):
                        'expected another name for the output')
 
 
-def _track_file(options):
+def _listen_for_interruption():
+    interrupted = []
+
+    def interrupt(number, frame):
+        # Extension code may swallow an exception raised in it: the list remembers.
+        interrupted.append(number)
+        raise KeyboardInterrupt
+
+    # A closing terminal or a killed script leaves no half file either.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, interrupt)
+    return interrupted
+
+
+def _track_file(options, interrupted):
     """Do what the command line asks for; return what to say at the end."""
     hand, layout = load_hand(options.hand) if options.hand else (Hand.scaled(), MarkerLayout())
     hand = hand.replace(side=options.side or hand.side)
@@ -267,7 +283,7 @@ def _track_file(options):
     start = time.monotonic()
     with open_bag(options.recording) as bag:
         _refuse_to_replace(bag.path, output)
-        job = _Job(bag, marker_topic(bag, options.topic), labels)
+        job = _Job(bag, marker_topic(bag, options.topic), labels, interrupted)
         frames = job.frames(HandTracker(hand, layout), frame_id=options.frame,
                             scale=options.unit_scale, zero_is_missing=not options.keep_zeros)
         save(output, frames, f'{hand.side}_', options.wrist)
@@ -314,11 +330,8 @@ def _parse(args):
 def main(args=None):
     """Track a recording without ROS, and write the angles of every frame."""
     options = _parse(args)
-    # A closing terminal or a killed script leaves no half file either.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
     try:
-        print(_track_file(options))
+        print(_track_file(options, _listen_for_interruption()))
     except (HandTrackerError, OSError) as error:
         print(f'hand_tracker track: {error}', file=sys.stderr)
         return 1

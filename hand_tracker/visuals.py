@@ -43,7 +43,7 @@ def hand_markers(stamp, frame_id, names, tips, state):
     points = _points(skeleton_points(tips, state.pose, state.wrist_position))
     grey = _colour(GREY, 1. if state.palm <= PalmState.CARRIED else FADED)
     known = np.flatnonzero(state.marker_states != MarkerState.ABSENT)
-    colours = {MarkerState.SEEN: _colour(BLUISH_GREEN), MarkerState.HELD: _colour(ORANGE)}
+    colours = {MarkerState.SEEN: _colour(BLUISH_GREEN), MarkerState.PREDICTED: _colour(ORANGE)}
     header = Header(stamp=stamp, frame_id=frame_id)
     return MarkerArray(markers=[
         _marker(header, names.prefix + 'bones', Marker.LINE_LIST, LINE_WIDTH, grey,

@@ -232,7 +232,7 @@ def test_a_hidden_finger_keeps_its_angles_while_the_wrist_moves():
     state = tracker.update(markers)
     np.testing.assert_allclose(state.angles, angles, atol=1e-6)
     np.testing.assert_allclose(state.markers[3], place, atol=1e-9)
-    assert state.marker_states[3] == MarkerState.HELD
+    assert state.marker_states[3] == MarkerState.PREDICTED
     assert np.isnan(state.residuals[3]) and np.isfinite(np.delete(state.residuals, 3)).all()
 
 
@@ -326,7 +326,7 @@ def test_a_frozen_marker_is_held_while_the_hand_moves():
         markers[3] = first[3]
         states.append(tracker.update(markers).marker_states[3])
     assert states[:5] == [MarkerState.SEEN] * 5
-    assert states[6:] == [MarkerState.HELD] * 6
+    assert states[6:] == [MarkerState.PREDICTED] * 6
 
 
 def test_reset_returns_to_the_first_frame():

@@ -11,9 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .clock import Clock
 from .digit import chains, solve_digits
 from .errors import InvalidOption
-from .hand import JOINTS, Hand
+from .hand import DIGITS, JOINTS, Hand
 from .kinematics import Pose, forward, joint_table
 from .layout import (
     MARKERS, PALM_MARKERS, MarkerLayout, marker_positions, require_solvable)
@@ -22,14 +23,20 @@ from .palm import PalmState, palm_fault, place_palm
 
 MIRROR = np.array((1., -1., 1.))
 PALM = len(PALM_MARKERS)
+FADING = .5  # [s]
+DIGIT_JOINTS = [[i for i, joint in enumerate(JOINTS) if joint.startswith(digit)]
+                for digit in DIGITS]
 
 
 class MarkerState(enum.IntEnum):
     """What is known of a marker."""
 
     SEEN = 0
-    HELD = 1    # hidden: kept where it was in the palm's frame
-    ABSENT = 2  # not seen since the start: at its place on the hand at rest
+    PREDICTED = 1  # hidden
+    ABSENT = 2     # not seen since the start: at its place on the hand at rest
+    REJECTED = 3   # seen where it cannot be, and predicted instead
+    SWAPPED = 4    # seen under another marker's label, and put right
+    STALE = 5      # hidden for longer than a prediction holds
 
 
 def _option(default, description, **limits):
@@ -102,9 +109,13 @@ class HandState(NamedTuple):
     pose : Pose
         The 25 links in the frame of the markers: forward kinematics of the above.
     markers : ndarray, shape (8, 3)
-        The positions used, seen or held [m].
+        The positions used, seen or predicted [m].
     marker_states : ndarray of int, shape (8,)
         `MarkerState` of each marker.
+    hidden_for : ndarray, shape (8,)
+        Since when each marker is not seen, 0 where it is [s].
+    confidence : ndarray, shape (25,)
+        Of each angle, from 1, measured now, to 0, unknown.
     residuals : ndarray, shape (8,)
         Distance of each seen marker from its place on the pose, NaN when not seen [m].
     iterations : int
@@ -118,6 +129,8 @@ class HandState(NamedTuple):
     pose: Pose
     markers: np.ndarray
     marker_states: np.ndarray
+    hidden_for: np.ndarray
+    confidence: np.ndarray
     residuals: np.ndarray
     iterations: int
 
@@ -191,6 +204,8 @@ class HandTracker:
 
     def reset(self):
         """Return to the state before the first frame."""
+        self._clock = Clock()
+        self._hidden_for = np.zeros(len(MARKERS))
         self._placed = False
         self._angles = np.zeros(len(JOINTS))
         self._rotation = np.eye(3)
@@ -200,7 +215,7 @@ class HandTracker:
         self._last = np.full((len(MARKERS), 3), np.nan)
         self._still = np.zeros(len(MARKERS), dtype=np.int64)
 
-    def update(self, markers):
+    def update(self, markers, time=None):
         """Return the hand for the next frame of markers.
 
         Parameters
@@ -208,6 +223,9 @@ class HandTracker:
         markers : array_like, shape (8, 3)
             In the order of `MARKERS` [m]; a row with a number that is not finite, or
             farther than a kilometre, is not seen.
+        time : float, optional
+            Of the frame, on any clock; when it jumps back all begins anew. When left out
+            frames are taken to come evenly, at the rate so far or 120 Hz [s].
 
         Returns
         -------
@@ -223,6 +241,9 @@ class HandTracker:
         markers = np.array(markers, dtype=float)
         if markers.shape != (len(MARKERS), 3):
             raise ValueError(f'markers: shape {markers.shape}; expected {(len(MARKERS), 3)}')
+        step, _, restarted = self._clock.step(time)
+        if restarted:
+            self.reset()
         if self._left:
             markers *= MIRROR
         seen = np.empty(len(MARKERS), dtype=bool)
@@ -253,6 +274,7 @@ class HandTracker:
                 self._chains, roots, self._local, self._angles, options.finger_ik == 'fabrik',
                 options.fabrik_tolerance, options.fabrik_iterations)
         # 5 angles: the pose is their forward kinematics
+        self._hidden_for = np.where(seen, 0., self._hidden_for + step)
         return self._state(PalmState(palm), markers, seen, iterations)
 
     def _state(self, palm, markers, seen, iterations):
@@ -262,7 +284,7 @@ class HandTracker:
         used = np.where(seen[:, None], markers, held)
         known = np.append([self._placed] * PALM, self._known)
         states = np.where(seen, MarkerState.SEEN,
-                          np.where(known, MarkerState.HELD, MarkerState.ABSENT))
+                          np.where(known, MarkerState.PREDICTED, MarkerState.ABSENT))
         if self._left:
             rotation *= MIRROR[:, None] * MIRROR
             position *= MIRROR
@@ -271,4 +293,13 @@ class HandTracker:
         places = marker_positions(self._mounting, pose, rotation, position)
         residuals = np.where(seen, np.linalg.norm(places - used, axis=1), np.nan)
         return HandState(palm, self._angles.copy(), rotation, position, pose, used, states,
-                         residuals, int(iterations))
+                         self._hidden_for.copy(), self._confidence(), residuals,
+                         int(iterations))
+
+    def _confidence(self):
+        hidden_for = self._hidden_for[PALM:].copy()
+        hidden_for[~self._known] = np.inf
+        confidence = np.ones(len(JOINTS))
+        for digit, faded in enumerate(np.exp(-hidden_for / FADING)):
+            confidence[DIGIT_JOINTS[digit]] = faded
+        return confidence
