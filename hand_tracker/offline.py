@@ -14,7 +14,6 @@ from typing import NamedTuple
 from .core.errors import HandTrackerError
 from .core.hand import JOINTS, LIMIT_PRESETS, ROOT, SIDES, Hand, preset_limits
 from .core.layout import MARKERS, PALM_MARKERS, MarkerLayout
-from .core.palm import PalmState
 from .core.quaternion import quaternion
 from .core.tracker import HandState, HandTracker
 from .files.angle_table import write_angle_table
@@ -22,9 +21,10 @@ from .files.bags import (
     MARKER_ARRAY, STORAGE, TYPES, BagError, bag_message, joint_state_message, open_bag, write_bag)
 from .files.hand_file import load_hand
 from .labels import DEFAULT_LABELS, InvalidLabel, LabelMap
-from .marker_frame import markers_from_message
+from .marker_frame import markers_from_message, seconds
 from .nodes.watch import Watch
 from .progress import Progress
+from .stream import Stream
 
 USUAL_TOPIC = '/markers'
 NAMELESS = 'world'   # frame of markers that have none, as TF needs one
@@ -91,7 +91,8 @@ def track(messages, tracker, labels=None, frame_id='', scale=1., zero_is_missing
     """Track recorded markers as the tracker node tracks them live.
 
     As there, messages without any marker of the hand are left out, and so are all before
-    the palm was first seen.
+    the palm was first seen; where time jumps back all begins anew. A frame's time is its
+    stamp, or when it was recorded.
 
     Parameters
     ----------
@@ -115,18 +116,19 @@ def track(messages, tracker, labels=None, frame_id='', scale=1., zero_is_missing
         If a message is damaged.
     """
     labels = LabelMap() if labels is None else labels
-    placed = False
+    stream = Stream(tracker)
     for message in messages:
         frame = markers_from_message(_decoded(message), labels, frame_id, scale, zero_is_missing)
         if watch is not None:
             watch.received(1e-9 * message.time, frame)
         if frame.stamp is None:
             continue
-        state = tracker.update(frame.positions)
+        state = stream.update(frame.positions, seconds(frame.stamp) or 1e-9 * message.time)
         if watch is not None:
             watch.tracked(1e-9 * message.time, state)
-        placed = placed or state.palm <= PalmState.CARRIED
-        if placed:
+            if stream.restarted:
+                watch.restarted()
+        if stream.placed:
             stamp = frame.stamp.sec * 10**9 + frame.stamp.nanosec
             yield TrackedFrame(message.time, stamp or message.time, frame.frame_id or NAMELESS,
                                state)
