@@ -104,6 +104,21 @@ def markers_from_message(message, labels, frame_id='', scale=1., zero_is_missing
                        tuple(sorted(foreign)), tuple(sorted(doubled)))
 
 
+def seconds(stamp):
+    """Return a stamp as one number, None for the zero of a driver or clock that has no time.
+
+    Parameters
+    ----------
+    stamp : Time
+
+    Returns
+    -------
+    float or None
+        [s]
+    """
+    return stamp.sec + 1e-9 * stamp.nanosec or None
+
+
 def _list_points(marker, zero_is_missing):
     """Return the points of a list marker in its header's frame."""
     points = np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 3)

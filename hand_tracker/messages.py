@@ -7,6 +7,7 @@ from array import array
 from typing import NamedTuple
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
@@ -72,6 +73,45 @@ def joint_state(stamp, names, angles):
     """
     return JointState(header=Header(stamp=stamp), name=names.joints,
                       position=array('d', np.asarray(angles, dtype=float).tobytes()))
+
+
+def joint_confidence(stamp, names, confidence):
+    """Return the confidence of every joint, in the place of its position.
+
+    Parameters
+    ----------
+    stamp : Time
+    names : Names
+    confidence : ndarray, shape (25,)
+        From 0 to 1.
+
+    Returns
+    -------
+    JointState
+    """
+    return joint_state(stamp, names, confidence)
+
+
+def diagnostics(stamp, name, hardware_id, status):
+    """Return how one hand's tracking fares, as REP 107 asks.
+
+    Parameters
+    ----------
+    stamp : Time
+    name : str
+        Of the node and what it does, as 'hand_tracker: right hand'.
+    hardware_id : str
+        Where the markers come from.
+    status : Status
+
+    Returns
+    -------
+    DiagnosticArray
+    """
+    values = [KeyValue(key=key, value=value) for key, value in status.values.items()]
+    return DiagnosticArray(header=Header(stamp=stamp), status=[DiagnosticStatus(
+        level=bytes((status.level,)), name=name, message=status.text, hardware_id=hardware_id,
+        values=values)])
 
 
 def new_transforms(frames):

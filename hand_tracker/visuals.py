@@ -13,7 +13,11 @@ from .core.tracker import MarkerState
 JOINTS_SHOWN = sorted({end for bone in BONES for end in bone})
 # From the colour-blind-safe palette of Okabe and Ito (2008), red, green, blue.
 BLUISH_GREEN, ORANGE = (0., .62, .45), (.90, .62, 0.)
-GREY = (.85, .85, .85)
+VERMILLION, SKY_BLUE = (.84, .37, 0.), (.34, .71, .91)
+LIGHT_GREY, GREY = (.85, .85, .85), (.45, .45, .45)
+COLOURS = {MarkerState.SEEN: BLUISH_GREEN, MarkerState.PREDICTED: ORANGE,
+           MarkerState.REJECTED: VERMILLION, MarkerState.SWAPPED: SKY_BLUE,
+           MarkerState.STALE: GREY}
 FADED = .3             # opacity of a pose that is kept for want of a palm
 LINE_WIDTH = .004      # [m]
 JOINT_DIAMETER = .008  # [m]
@@ -24,8 +28,10 @@ LIFETIME = Duration(sec=1)
 def hand_markers(stamp, frame_id, names, tips, state):
     """Return a picture of the hand for RViz: bones, joints and the markers used.
 
-    Markers that are seen are bluish green, those held orange; absent ones are left out.
-    The hand fades while its palm is not found.
+    Markers are where they are taken to be: bluish green when seen, orange when predicted,
+    vermillion when predicted because what is seen was rejected, sky blue when seen under the
+    label of another, grey when stale; absent ones are left out. The hand fades while its palm
+    is not found.
 
     Parameters
     ----------
@@ -41,9 +47,9 @@ def hand_markers(stamp, frame_id, names, tips, state):
     MarkerArray
     """
     points = _points(skeleton_points(tips, state.pose, state.wrist_position))
-    grey = _colour(GREY, 1. if state.palm <= PalmState.CARRIED else FADED)
+    grey = _colour(LIGHT_GREY, 1. if state.palm <= PalmState.CARRIED else FADED)
     known = np.flatnonzero(state.marker_states != MarkerState.ABSENT)
-    colours = {MarkerState.SEEN: _colour(BLUISH_GREEN), MarkerState.PREDICTED: _colour(ORANGE)}
+    colours = {kind: _colour(rgb) for kind, rgb in COLOURS.items()}
     header = Header(stamp=stamp, frame_id=frame_id)
     return MarkerArray(markers=[
         _marker(header, names.prefix + 'bones', Marker.LINE_LIST, LINE_WIDTH, grey,

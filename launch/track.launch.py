@@ -67,7 +67,8 @@ ARGUMENTS = (
 NONE = 'none'  # as `ros2 launch` takes no empty value
 FIRST_START = 120.  # [s] that the tracker may take to compile its kernels, once
 # A recording may hold these from an earlier run; two publishers of a frame fight.
-PUBLISHED_HERE = 'tf tf_static joint_states hand_markers robot_description'
+PUBLISHED_HERE = ('tf tf_static joint_states joint_confidence hand_markers robot_description '
+                  'diagnostics')
 
 
 def start(context):

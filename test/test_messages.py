@@ -9,19 +9,22 @@ from hypothesis.extra.numpy import arrays
 from hand_tracker.core.hand import JOINTS, LINKS, Hand
 from hand_tracker.core.kinematics import forward, joint_table, tip_offsets
 from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
-from hand_tracker.core.tracker import HandTracker
+from hand_tracker.core.tracker import HandTracker, MarkerState
 from hand_tracker.labels import InvalidLabel, LabelMap
 
 pytest.importorskip('visualization_msgs.msg', reason='needs the ROS 2 messages')
 
 from builtin_interfaces.msg import Time  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
 from geometry_msgs.msg import Point  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
 from hand_tracker.messages import (  # noqa: E402
-    fill_transforms, joint_state, link_frames, markers_from_message, new_transforms,
+    diagnostics, fill_transforms, joint_confidence, joint_state, link_frames, markers_from_message, new_transforms,
     prefixed_names, quaternion, relative_pose, tip_frames)
-from hand_tracker.visuals import BLUISH_GREEN, FADED, ORANGE, hand_markers  # noqa: E402
+from hand_tracker.nodes.diagnosis import Level, Status  # noqa: E402
+from hand_tracker.visuals import (  # noqa: E402
+    BLUISH_GREEN, COLOURS, FADED, ORANGE, hand_markers)
 
 STAMP = Time(sec=12, nanosec=345)
 AXES = np.arange(24.).reshape(8, 3) / 100. + .01
@@ -301,6 +304,29 @@ def test_joint_state():
     assert len(message.velocity) == len(message.effort) == 0
 
 
+def test_joint_confidence_is_named_and_stamped_like_the_joint_state():
+    confidence = np.linspace(0., 1., 25)
+    message = joint_confidence(STAMP, prefixed_names('left_'), confidence)
+    assert list(message.name) == [f'left_{joint}' for joint in JOINTS]
+    assert np.array_equal(message.position, confidence)
+    assert message.header.stamp == STAMP
+
+
+# --- diagnostics
+
+@pytest.mark.parametrize('level', Level)
+def test_diagnostics(level):
+    message = diagnostics(STAMP, 'hand_tracker: right hand', '/markers', Status(
+        level, 'tracking', {'palm': 'tracked', 'rate [Hz]': '120.0'}))
+    status, = message.status
+    assert message.header.stamp == STAMP
+    assert status.level == getattr(DiagnosticStatus, level.name)
+    assert (status.name, status.hardware_id, status.message) == (
+        'hand_tracker: right hand', '/markers', 'tracking')
+    assert [(pair.key, pair.value) for pair in status.values] == [
+        ('palm', 'tracked'), ('rate [Hz]', '120.0')]
+
+
 # --- transforms
 
 def turned(q):
@@ -416,6 +442,16 @@ def test_picture_tells_seen_held_and_absent_apart():
     part = picture(tracker.update(places))['r_markers']
     assert len(part.points) == len(part.colors) == 7
     assert [ORANGE == rgb(colour) for colour in part.colors] == [i == 5 for i in range(7)]
+
+
+def test_picture_has_a_colour_for_every_state_of_a_marker():
+    states = np.array((*COLOURS, *COLOURS))[:8]
+    assert set(COLOURS) == set(MarkerState) - {MarkerState.ABSENT}
+    state = rest_state()._replace(marker_states=states)
+    part = picture(state)['r_markers']
+    assert (part.id, len(part.points)) == (0, 8)
+    assert len(set(COLOURS.values())) == len(COLOURS)
+    assert all(COLOURS[kind] == rgb(colour) for kind, colour in zip(states, part.colors))
 
 
 def test_picture_fades_when_the_palm_is_lost():

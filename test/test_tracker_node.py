@@ -14,6 +14,7 @@ import pytest
 pytest.importorskip('rclpy', reason='needs ROS 2')
 
 from builtin_interfaces.msg import Time  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from geometry_msgs.msg import Point, Pose  # noqa: E402
 from rcl_interfaces.msg import ParameterType  # noqa: E402
 from rcl_interfaces.srv import (  # noqa: E402
@@ -22,6 +23,7 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 import rclpy.time  # noqa: E402
 from ros_process import NodeProcess, Process, watching_node  # noqa: E402
+from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
@@ -31,11 +33,15 @@ from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions  # 
 from hand_tracker.core.palm import PalmState  # noqa: E402
 from hand_tracker.core.tracker import HandTracker  # noqa: E402
 from hand_tracker.files.hand_file import load_hand, save_hand  # noqa: E402
+from hand_tracker.marker_frame import seconds  # noqa: E402
+from hand_tracker.nodes.distal_flexion import DISTAL_JOINTS  # noqa: E402
 
 MODULE = 'hand_tracker.nodes.tracker'
 CONFIG = Path(__file__).parents[1] / 'config' / 'tracker.yaml'
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+PERIOD = 8_333_333  # of the frames [ns]
+LATE = 120_000      # number of a frame long after those of a test
 # Bent well away from the singular poses, so that seeing it twice changes nothing; of the
 # thumb's angles, one marker tells some combinations only.
 BENT = np.array(((0., .05, .5, .8, .64),) * 4 + ((.1, -.1, .05, .2, .2),)).ravel()
@@ -72,15 +78,21 @@ def motion(hand, count=40):
     return frames
 
 
-def message(positions, sec, frame='mocap', ns='leds'):
+def stamp_of(number):
+    """Return the stamp of a frame; that of frame 0 is zero."""
+    sec, nanosec = divmod(number * PERIOD, 10**9)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def message(positions, number, frame='mocap', ns='leds'):
     """Return the MarkerArray of a frame; rows of NaN are left out every other time."""
     array = MarkerArray()
-    for number, position in enumerate(positions):
-        if sec % 2 and np.isnan(position).all():
+    for slot, position in enumerate(positions):
+        if number % 2 and np.isnan(position).all():
             continue
-        marker = Marker(ns=ns, id=number, type=Marker.SPHERE)
+        marker = Marker(ns=ns, id=slot, type=Marker.SPHERE)
         marker.header.frame_id = frame
-        marker.header.stamp = Time(sec=sec, nanosec=sec % 7)
+        marker.header.stamp = stamp_of(number)
         at = marker.pose.position
         at.x, at.y, at.z = map(float, position)
         array.markers.append(marker)
@@ -94,13 +106,13 @@ class Bench:
         self.process, self.node, self._name = process, node, name
         self.publisher = node.create_publisher(MarkerArray, 'markers', qos)
         self.joint_states = node.collect(JointState, 'joint_states')
-        self._sec = 1000
+        self.number = 0
 
     def send(self, positions, **fields):
         """Send a frame; return the stamp that it has."""
-        self._sec += 1
-        self.publisher.publish(message(positions, self._sec, **fields))
-        return Time(sec=self._sec, nanosec=self._sec % 7)
+        self.number += 1
+        self.publisher.publish(message(positions, self.number, **fields))
+        return stamp_of(self.number)
 
     def answer(self, positions, **fields):
         """Send a frame; return the JointState of its stamp."""
@@ -114,12 +126,14 @@ class Bench:
         return np.array(self.answer(positions, **fields).position)
 
     def meet(self, positions, heard=(), **fields):
-        """Send a frame until all that is to be heard is heard."""
+        """Send a frame until all that is to be heard is heard; then time jumps back."""
         self.process.wait_for_line('listening')
         self.node.spin_until(lambda: self.publisher.get_subscription_count() > 0)
+        self.number = max(self.number, LATE)
         while not (self.joint_states and all(heard)):
             self.send(positions, **fields)
             self.node.spin_for(.05)
+        self.number = 0
 
     def parameters(self, kind, service, **request):
         """Call one of the node's parameter services."""
@@ -187,12 +201,12 @@ def matrix(transform):
 def test_joint_states_are_those_of_the_core():
     tracker = HandTracker()
     frames = motion(RIGHT)
-    tracker.update(frames[0])
     with tracking() as bench:
         bench.meet(frames[0])
         for frame in frames:
-            state = tracker.update(np.where(frame.any(axis=1)[:, None], frame, np.nan))
             heard = bench.answer(frame)
+            state = tracker.update(np.where(frame.any(axis=1)[:, None], frame, np.nan),
+                                   seconds(heard.header.stamp))
             assert list(heard.name) == [f'right_{joint}' for joint in JOINTS]
             assert np.array_equal(heard.position, state.angles)
         assert bench.node.count_subscribers('hand_markers') == 0
@@ -220,14 +234,14 @@ def test_transforms_of_every_frame_are_those_of_the_core():
     hand = RIGHT.mirrored()
     tracker = HandTracker(hand)
     frames = motion(hand, 30)
-    tracker.update(frames[0])
     with tracking({'side': 'left', 'broadcast': 'all'}) as bench:
         moving, static = bench.node.collect(kind, '/tf'), bench.node.collect(
             kind, '/tf_static', LATCHED)
         bench.meet(frames[0], heard=(moving, static))
         for frame in frames:
-            state = tracker.update(np.where(frame.any(axis=1)[:, None], frame, np.nan))
             stamp = bench.answer(frame).header.stamp
+            state = tracker.update(np.where(frame.any(axis=1)[:, None], frame, np.nan),
+                                   seconds(stamp))
             bench.node.spin_until(
                 lambda stamp=stamp: moving[-1].transforms[0].header.stamp == stamp)
             world = {'mocap': np.eye(4)}
@@ -353,8 +367,8 @@ def test_phasespace_messages_in_millimetres(solved):
     parameters = {'unit_scale': .001, 'mocap_frame': 'mocap'}
     parameters.update({f'labels.{marker}': f'leds/{10 + i}' for i, marker in enumerate(MARKERS)})
 
-    def phasespace(sec):
-        array = message(1000. * frame, sec)
+    def phasespace(number):
+        array = message(1000. * frame, number)
         for marker in array.markers[:]:
             marker.id += 10
             text = Marker(header=marker.header, ns='ids', id=marker.id,
@@ -369,10 +383,10 @@ def test_phasespace_messages_in_millimetres(solved):
         bench.publisher = bench.node.create_publisher(MarkerArray, 'phase_space_markers', 10)
         bench.process.wait_for_line('listening for markers on /phase_space_markers')
         bench.node.spin_until(lambda: bench.publisher.get_subscription_count() > 0)
-        sec = 0
+        number = 0
         while not bench.joint_states:
-            sec += 1
-            bench.publisher.publish(phasespace(sec))
+            number += 1
+            bench.publisher.publish(phasespace(number))
             bench.node.spin_for(.05)
         assert np.allclose(bench.joint_states[-1].position, solved, rtol=0, atol=1e-6)
 
@@ -399,6 +413,9 @@ def test_junk_is_survived_and_logged_within_bounds(solved):
         bench.meet(frame)
         for i in range(1000):
             bench.publisher.publish(junk[i % len(junk)])
+        # From the time of receipt back to that of the stamps: all begins anew.
+        bench.publisher.publish(message(frame, 0))
+        bench.number = LATE
         assert np.allclose(bench.angles(frame), solved, rtol=0, atol=1e-6)
         for heard in bench.joint_states:
             assert np.isfinite(heard.position).all()

@@ -1,5 +1,6 @@
 """What the tracker says of its input: changes in time, each cause once, never too much."""
 
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,12 +8,12 @@ import pytest
 
 from hand_tracker.core.hand import JOINTS, Hand
 from hand_tracker.core.kinematics import forward, joint_table
-from hand_tracker.core.layout import MarkerLayout, marker_positions
+from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.palm import PalmState
-from hand_tracker.core.tracker import HandTracker
+from hand_tracker.core.tracker import HandTracker, MarkerState
 from hand_tracker.labels import LabelMap
-from hand_tracker.nodes.watch import (
-    CAUSES, CHANGES, OFF_FOR, SILENT, WINDOW, Watch, who_publishes)
+from hand_tracker.nodes.marker_news import BACK, CHANGES, WINDOW
+from hand_tracker.nodes.watch import CAUSES, OFF_FOR, SILENT, Watch, who_publishes
 from hand_tracker.simulation.recording import demo_recording
 
 SEEN = marker_positions(
@@ -33,6 +34,22 @@ def hidden(*slots):
     return positions
 
 
+@cache
+def tracked_hand():
+    """Return the hand at rest, tracked."""
+    return HandTracker().update(SEEN)
+
+
+def state_of(palm=PalmState.TRACKED, **states):
+    """Return a tracked hand some markers of which are in other states than SEEN."""
+    marker_states = np.full(len(MARKERS), MarkerState.SEEN)
+    for marker, state in states.items():
+        marker_states[MARKERS.index(marker)] = state
+    seen = marker_states == MarkerState.SEEN
+    return tracked_hand()._replace(
+        palm=palm, marker_states=marker_states, hidden_for=np.where(seen, 0., 2.5))
+
+
 class Input:
     """A tracker and its watch, fed with markers."""
 
@@ -45,6 +62,11 @@ class Input:
         self.watch.received(now, frame(positions, **causes))
         if causes.get('stamp', True):
             self.watch.tracked(now, self.tracker.update(positions))
+
+    def fare(self, now, palm=PalmState.TRACKED, **states):
+        """Take one message of which the tracker makes these states of markers."""
+        self.watch.received(now, frame())
+        self.watch.tracked(now, state_of(palm, **states))
 
     def said(self, now):
         """Return the lines that are to be logged."""
@@ -221,6 +243,72 @@ def test_says_a_bounded_number_of_causes():
     assert len(hand.said(1.)) == CAUSES
 
 
+@pytest.mark.parametrize('state, said', [
+    (MarkerState.STALE, 'no longer seen'),
+    (MarkerState.REJECTED, 'seen where it cannot be'),
+    (MarkerState.SWAPPED, 'seen under the label of another')])
+def test_says_once_what_became_of_markers_and_that_they_are_back(state, said):
+    hand = Input(LabelMap(['0', '1', '2', 'leds/3', *'4567']))
+    lines = []
+    for i in range(1, 120):
+        now = i / 10.
+        trouble = 2. <= now < 7.
+        hand.fare(now, **({'index': state, 'thumb': state} if trouble else {}))
+        lines += [(now, *line) for line in hand.watch.report(now, str)]
+    (_, *started), (first, is_warning, warning), (then, *back) = lines
+    assert started == [False, 'tracking']
+    assert (first, is_warning) == (2., True)
+    assert said in warning and warning.endswith(": 'leds/3' (index), '7' (thumb)")
+    assert then == pytest.approx(6.9 + BACK)
+    assert back == [False, "seen again as expected: 'leds/3' (index), '7' (thumb)"]
+
+
+def test_says_what_happened_to_a_marker_between_two_reports():
+    hand = Input()
+    hand.fare(.1)
+    hand.said(.1)
+    hand.fare(.2, ring=MarkerState.REJECTED)
+    hand.fare(.21)
+    line, = hand.said(.3)
+    assert line == "seen where it cannot be, and not used: '5' (ring)"
+
+
+def test_flickering_markers_are_said_a_bounded_number_of_times():
+    rng = np.random.default_rng(5)
+    hand = Input()
+    lines = []
+    for i in range(6000):
+        states = dict(zip(MARKERS, rng.choice(list(MarkerState), len(MARKERS))))
+        hand.fare(i / 100., **states)
+        lines += hand.said(i / 100.)
+    assert CHANGES < len(lines) <= 2 + CHANGES * 60. / WINDOW
+
+
+def test_does_not_name_markers_while_the_palm_is_lost_or_nothing_comes():
+    hand = Input()
+    hand.fare(.1)
+    hand.fare(.2, index=MarkerState.STALE)
+    assert len(hand.said(.2)) == 2
+    stale = dict.fromkeys(MARKERS, MarkerState.STALE)
+    for i in range(3, 50):
+        hand.fare(i / 10., PalmState.LOST, **stale)
+        assert not any("'5'" in line for line in hand.said(i / 10.))
+    hand.fare(5.)
+    assert hand.said(5.) == ['tracking again']
+    hand.said(7.)
+    assert not any('as expected' in line for line in hand.said(8.))
+    hand.fare(9.)
+    assert "seen again as expected: '3' (index)" in hand.said(9.)
+
+
+def test_says_once_that_time_jumped_back():
+    hand = Input()
+    for i in range(10):
+        hand.watch.restarted()
+    line, = hand.said(1.)
+    assert 'jumped back' in line and 'use_sim_time' in line
+
+
 def endpoint(kind='visualization_msgs/msg/MarkerArray', reliability='RELIABLE'):
     """Return a publisher as rclpy describes it."""
     return SimpleNamespace(
@@ -233,6 +321,6 @@ def endpoint(kind='visualization_msgs/msg/MarkerArray', reliability='RELIABLE'):
     ([endpoint('geometry_msgs/msg/PoseArray')], 'reliable', '/driver publishes geometry_msgs'),
     ([endpoint(reliability='BEST_EFFORT')], 'reliable', 'qos.markers.reliability'),
     ([endpoint(reliability='BEST_EFFORT')], 'best_effort', 'sends nothing'),
-    ([endpoint()], 'reliable', 'sends nothing')])
+    ([endpoint()], 'reliable', 'sends nothing that arrives; is it paused?')])
 def test_says_why_nothing_may_come(endpoints, reliability, said):
     assert said in who_publishes(endpoints, reliability)

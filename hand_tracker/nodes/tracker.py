@@ -4,6 +4,7 @@ import sys
 import time
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -15,13 +16,17 @@ from ..core.errors import HandTrackerError
 from ..core.hand import JOINTS
 from ..core.kinematics import forward, joint_table, tip_offsets
 from ..core.layout import marker_positions
-from ..core.palm import PalmState
 from ..core.tracker import HandTracker
+from ..marker_frame import seconds
 from ..messages import (
-    fill_transforms, joint_state, link_frames, markers_from_message, new_transforms,
-    prefixed_names, relative_pose, tip_frames, wrist_frames)
+    diagnostics, fill_transforms, joint_confidence, joint_state, link_frames,
+    markers_from_message, new_transforms, prefixed_names, relative_pose, tip_frames,
+    wrist_frames)
+from ..stream import Stream
 from ..visuals import hand_markers
 from .common import declare, run
+from .diagnosis import PERIOD, Diagnosis
+from .distal_flexion import DISTAL_JOINTS, DistalFlexion
 from .tracker_parameters import AUTO, START, TOPICS, live_settings, live_table, starting_hand
 from .watch import Watch, who_publishes
 
@@ -32,6 +37,7 @@ except ImportError:
 
 WATCH_PERIOD = .25      # [s]
 NAMELESS = 'world'      # frame of markers that have none, as TF needs one
+DIAGNOSTICS_DEPTH = 10
 
 
 class TrackerNode(Node):
@@ -46,7 +52,7 @@ class TrackerNode(Node):
         self._changed = False
         self._mocap_frame = start['mocap_frame']
         self._tracker = HandTracker(self._settings.hand, layout, self._settings.options)
-        self._placed = False
+        self._stream = Stream(self._tracker)
         self._compile(layout)
 
         self._joints = joint_table(self._hand)
@@ -60,16 +66,25 @@ class TrackerNode(Node):
             JointState, 'joint_states', qos['joint_states'])
         self._hand_markers = self.create_publisher(
             MarkerArray, 'hand_markers', qos['hand_markers'])
+        self._joint_confidence = self.create_publisher(
+            JointState, 'joint_confidence', qos['joint_confidence'])
+        self._diagnostics = self.create_publisher(
+            DiagnosticArray, '/diagnostics', DIAGNOSTICS_DEPTH)
         self._open_tf(start['broadcast'])
+        self._distal_flexion = DistalFlexion(self._names.prefix)
+        self._distal_subscription = self.create_subscription(
+            JointState, 'distal_flexion', self._on_distal_flexion, qos['distal_flexion'])
         self._subscription = self.create_subscription(
             MarkerArray, 'markers', self._on_markers, qos['markers'])
         self._reliability = start['qos.markers.reliability']
         self._topic = self.resolve_topic_name('markers')
         self._watch = Watch(time.monotonic(), self._topic, self._settings.labels)
+        self._diagnosis = Diagnosis(time.monotonic(), self._watch)
         self.add_on_set_parameters_callback(self._on_set)
-        # A timer of ROS time would stand still without /clock.
-        self._timer = self.create_timer(
-            WATCH_PERIOD, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        # Timers of ROS time would stand still without /clock.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(WATCH_PERIOD, self._report, clock=steady)
+        self.create_timer(PERIOD, self._diagnose, clock=steady)
         self.get_logger().info(
             f'{self._hand.side} hand: listening for markers on {self._topic}')
 
@@ -82,6 +97,7 @@ class TrackerNode(Node):
 
     def _open_tf(self, broadcast):
         self._broadcaster, self._transforms, self._transforms_frame = None, [], None
+        self._broadcast_stamp = None
         self._every_frame = broadcast == 'all'
         if broadcast == 'none':
             return
@@ -92,7 +108,7 @@ class TrackerNode(Node):
         self._broadcaster = TransformBroadcaster(self)
         if self._every_frame:
             tips = new_transforms(tip_frames(self._names))
-            fill_transforms(tips, self.get_clock().now().to_msg(),
+            fill_transforms(tips, self._now(),
                             np.broadcast_to(np.eye(3), (len(tips), 3, 3)), self._tips)
             self._static_broadcaster = StaticTransformBroadcaster(self)
             self._static_broadcaster.sendTransform(tips)
@@ -107,21 +123,47 @@ class TrackerNode(Node):
         # A message without any marker of the hand may be of something else.
         if frame.stamp is None:
             return
-        state = self._tracker.update(frame.positions)
-        self._watch.tracked(time.monotonic(), state)
-        self._placed = self._placed or state.palm <= PalmState.CARRIED
-        if self._placed:
-            self._publish(self._stamp(frame), self._frame_id(frame), state)
+        stamp = self._stamp(frame)
+        state = self._stream.update(frame.positions, seconds(stamp), **self._measured())
+        if self._stream.restarted:
+            self._watch.restarted()
+        now = time.monotonic()
+        self._watch.tracked(now, state)
+        if self._stream.placed:
+            self._publish(stamp, self._frame_id(frame), state)
+        if self._diagnosis.tracked(now, state):
+            self._diagnose()
+
+    def _on_distal_flexion(self, message):
+        unknown = self._distal_flexion.received(
+            seconds(self._now()) or 0., message.name, message.position)
+        if unknown:
+            self._watch.once(
+                'distal_flexion', f"distal_flexion: left out is '{unknown[0]}', expected are "
+                f"{', '.join(DISTAL_JOINTS)}, with '{self._names.prefix}' before or without")
+
+    def _measured(self):
+        flexion = self._distal_flexion.fresh(
+            seconds(self._now()) or 0., self._settings.distal_flexion_timeout)
+        return {} if flexion is None else {'distal_flexion': flexion}
 
     def _publish(self, stamp, frame_id, state):
         self._joint_states.publish(joint_state(stamp, self._names, state.angles))
         if self._broadcaster is not None:
             self._broadcast(stamp, frame_id, state)
+        if self._joint_confidence.get_subscription_count():
+            self._joint_confidence.publish(
+                joint_confidence(stamp, self._names, state.confidence))
         if self._hand_markers.get_subscription_count():
             self._hand_markers.publish(
                 hand_markers(stamp, frame_id, self._names, self._tips, state))
 
     def _broadcast(self, stamp, frame_id, state):
+        # Listeners of TF refuse a second transform of one stamp, each with a warning.
+        if stamp == self._broadcast_stamp:
+            self._watch.once('repeated', 'stamps repeat: /tf has each stamp only once')
+            return
+        self._broadcast_stamp = stamp
         if frame_id != self._transforms_frame:
             links = link_frames(self._names, self._joints) if self._every_frame else ()
             self._transforms = new_transforms(wrist_frames(self._names, frame_id) + links)
@@ -136,6 +178,9 @@ class TrackerNode(Node):
         if frame.stamp.sec or frame.stamp.nanosec:
             return frame.stamp
         self._watch.once('stamp', 'the markers have no stamp; the time of receipt is used')
+        return self._now()
+
+    def _now(self):
         return self.get_clock().now().to_msg()
 
     def _frame_id(self, frame):
@@ -169,6 +214,11 @@ class TrackerNode(Node):
                 self.get_logger().warning(line)
             else:
                 self.get_logger().info(line)
+
+    def _diagnose(self):
+        status = self._diagnosis.status(time.monotonic(), self._who_publishes)
+        self._diagnostics.publish(diagnostics(
+            self._now(), f'{self.get_name()}: {self._hand.side} hand', self._topic, status))
 
     def _who_publishes(self):
         return who_publishes(self.get_publishers_info_by_topic(self._topic), self._reliability)

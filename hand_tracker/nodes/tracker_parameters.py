@@ -23,7 +23,8 @@ from .parameter import Parameter
 AUTO = 'auto'
 RELIABILITIES = ('best_effort', 'reliable')
 TOPICS = {'markers': ('best_effort', 5), 'joint_states': ('reliable', 10),
-          'hand_markers': ('reliable', 5)}
+          'hand_markers': ('reliable', 5), 'joint_confidence': ('reliable', 10),
+          'distal_flexion': ('best_effort', 10)}
 DEGREES = float(np.degrees(ANGLE_RANGE))
 # Eight markers do not show these: they stay at zero.
 STILL = *(f'{finger}_cmc_flexion' for finger in FINGERS), 'thumb_mcp_abduction'
@@ -42,6 +43,7 @@ class Settings(NamedTuple):
     labels: LabelMap
     unit_scale: float
     zero_is_missing: bool
+    distal_flexion_timeout: float
 
 
 START = (
@@ -158,6 +160,8 @@ def live_table(hand):
                           (1e-6, 1e3)))
     rows.append(Parameter('zero_is_missing', True,
                           'Whether a marker at exactly (0, 0, 0) is a lost one'))
+    rows.append(Parameter('distal_flexion_timeout', .5, 'How long a measured flexion of a last '
+                          'joint counts, from its receipt [s]', (.01, 60.)))
     return tuple(rows)
 
 
@@ -187,4 +191,4 @@ def live_settings(hand, values):
         hand.replace(limits=np.radians(limits), coupling=coupling),
         TrackerOptions(**{option.name: values[option.name] for option in fields(TrackerOptions)}),
         LabelMap([values[f'labels.{marker}'] for marker in MARKERS]),
-        values['unit_scale'], values['zero_is_missing'])
+        values['unit_scale'], values['zero_is_missing'], values['distal_flexion_timeout'])

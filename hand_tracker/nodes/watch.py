@@ -4,20 +4,17 @@ No ROS in here: the node tells what came and asks a few times a second what to l
 that nothing is ever logged at the rate of the markers.
 """
 
-from collections import deque
-
 import numpy as np
 
 from ..core.layout import MARKERS, PALM_MARKERS
 from ..core.palm import PalmState
 from ..core.tracker import MarkerState
+from .marker_news import Budget, MarkerNews
 
 SILENT = 3.   # [s] without markers before that is said
 NEVER = 5.    # [s] of tracking before a marker that was never seen is named
 OFF = .015    # [m] that the seen markers may be off the hand on average
 OFF_FOR = 2.  # [s] before more than that is said
-WINDOW = 10.  # [s] in which at most
-CHANGES = 6   # changes of state are said, however the input flickers
 CAUSES = 32   # distinct causes that are said at most
 
 MARKER_ARRAY = 'visualization_msgs/msg/MarkerArray'
@@ -54,7 +51,8 @@ class Watch:
         self._off_for = 0.
         self._announced = None
         self._has_tracked = False
-        self._changes = deque(maxlen=CHANGES)
+        self._budget = Budget()
+        self._markers = MarkerNews()
         self._causes = set()
         self._pending = []
 
@@ -99,6 +97,13 @@ class Watch:
         elif self._off_since is None:
             self._off_since = now
         self._off_for = 0. if self._off_since is None else now - self._off_since
+        self._markers.tracked(now, state, palm is PalmState.TRACKED)
+
+    def restarted(self):
+        """Note that time jumped back."""
+        self.once('restarted', 'the stamps jumped back, tracking begins anew; listeners of TF '
+                  'that do not follow /clock (use_sim_time) ignore it until the stamps pass the '
+                  'old ones')
 
     def once(self, key, text):
         """Have a warning said, once for each key and for a bounded number of keys.
@@ -129,16 +134,30 @@ class Watch:
         self._name_the_never_seen(now)
         lines = [(True, text) for text in self._pending]
         self._pending = []
-        situation = self._situation(now)
-        flickers = len(self._changes) == CHANGES and now - self._changes[0] < WINDOW
-        if situation is not None and situation != self._announced and not flickers:
-            lines.append((situation is not PalmState.TRACKED,
-                          self._describe(now, situation, publishers)))
+        situation = self.situation(now)
+        if situation is not None and situation != self._announced and self._budget.spend(now):
+            is_tracked = situation is PalmState.TRACKED
+            again = ' again' if is_tracked and self._has_tracked else ''
+            lines.append((not is_tracked, self.describe(now, situation, publishers) + again))
             self._announced = situation
-            self._changes.append(now)
+            self._has_tracked = self._has_tracked or is_tracked
+        lines += [(is_warning, f'{text}: {self._expected(slots)}')
+                  for is_warning, text, slots in self._markers.report(now)]
         return lines
 
-    def _situation(self, now):
+    def situation(self, now):
+        """Return what the input is like now.
+
+        Parameters
+        ----------
+        now : float
+
+        Returns
+        -------
+        PalmState, str or None
+            'silent', 'unlabelled' or 'off' (the hand) prevail over the state of the palm;
+            None when nothing has come yet.
+        """
         if now - self._received > SILENT:
             return 'silent'
         if now - self._labelled > SILENT:
@@ -147,7 +166,22 @@ class Watch:
             return 'off'
         return self._palm
 
-    def _describe(self, now, situation, publishers):
+    def describe(self, now, situation, publishers):
+        """Return a situation in words.
+
+        Parameters
+        ----------
+        now : float
+        situation : PalmState, str or None
+        publishers : callable
+            As for `report`.
+
+        Returns
+        -------
+        str
+        """
+        if situation is None:
+            return f'no markers on {self._topic} yet'
         if situation == 'silent':
             return f'no markers on {self._topic} for {now - self._received:.0f} s: {publishers()}'
         if situation == 'unlabelled':
@@ -158,8 +192,7 @@ class Watch:
             return (f'the markers are on average {1e3 * self._miss:.0f} mm off the hand: '
                     'wrong side, labels, hand size or unit?')
         if situation is PalmState.TRACKED:
-            again, self._has_tracked = self._has_tracked, True
-            return 'tracking again' if again else 'tracking'
+            return 'tracking'
         if situation is PalmState.WAITING:
             hidden = np.flatnonzero(np.isnan(self._frame.positions[:len(PALM_MARKERS), 0]))
             return (f'waiting for the palm: not seen yet {self._expected(hidden)}; '
@@ -208,4 +241,4 @@ def who_publishes(endpoints, reliability):
         if reliability == 'reliable' and endpoint.qos_profile.reliability.name != 'RELIABLE':
             return (f'{name} publishes with best effort, and qos.markers.reliability here is '
                     'reliable')
-    return f'{name} publishes them, but sends nothing that arrives'
+    return f'{name} publishes them, but sends nothing that arrives; is it paused?'

@@ -1,0 +1,54 @@
+"""A tracker fed with stamped frames: nothing but a hand comes out, whatever the time does."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hand_tracker.core.palm import PalmState
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.marker_frame import seconds
+from hand_tracker.simulation.recording import demo_recording
+from hand_tracker.stream import Stream
+
+WHOLE = demo_recording(rate=30.).markers[0]
+PALMLESS = np.where(np.arange(8)[:, None] == 1, np.nan, WHOLE)
+
+
+@pytest.mark.parametrize('sec, nanosec, expected', [
+    (0, 0, None), (0, 1, 1e-9), (12, 500_000_000, 12.5), (1_800_000_000, 0, 1.8e9)])
+def test_a_zero_stamp_is_no_time(sec, nanosec, expected):
+    assert seconds(SimpleNamespace(sec=sec, nanosec=nanosec)) == expected
+
+
+def test_what_comes_out_is_a_hand_from_the_first_palm_on():
+    stream = Stream(HandTracker())
+    assert not stream.placed
+    for time, markers, placed in ((1., PALMLESS, False), (1.1, WHOLE, True),
+                                  (1.2, PALMLESS, True)):
+        stream.update(markers, time)
+        assert (stream.placed, stream.restarted) == (placed, False)
+
+
+def test_what_comes_out_is_what_the_tracker_says():
+    stream, tracker = Stream(HandTracker()), HandTracker()
+    for time, markers in enumerate(demo_recording(rate=30.).markers[:30]):
+        state = stream.update(markers, time / 30.)
+        assert np.array_equal(state.angles, tracker.update(markers, time / 30.).angles)
+
+
+def test_a_hand_is_waited_for_again_when_time_jumps_back():
+    stream = Stream(HandTracker())
+    stream.update(WHOLE, 10.)
+    assert stream.update(PALMLESS, 1.).palm is PalmState.WAITING
+    assert stream.restarted and not stream.placed
+    stream.update(WHOLE, 1.1)
+    assert not stream.restarted and stream.placed
+
+
+@pytest.mark.parametrize('time', [10., 9.9, None, 1e6])
+def test_repeated_missing_and_later_times_go_on(time):
+    stream = Stream(HandTracker())
+    stream.update(WHOLE, 10.)
+    stream.update(PALMLESS, time)
+    assert stream.placed and not stream.restarted
