@@ -289,9 +289,9 @@ def _track_file(options, interrupted):
         frames = job.frames(HandTracker(hand, layout), frame_id=options.frame,
                             scale=options.unit_scale, zero_is_missing=not options.keep_zeros)
         save(output, frames, f'{hand.side}_', options.wrist)
-    seconds = time.monotonic() - start
+    elapsed = time.monotonic() - start
     return (f'{output}: {job.tracked} of {job.read} frames tracked, '
-            f'{job.read / seconds:.0f} a second')
+            f'{job.read / elapsed:.0f} a second')
 
 
 def _scale(text):

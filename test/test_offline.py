@@ -25,6 +25,7 @@ from hand_tracker.files.bags import (
     marker_array_message, open_bag, write_bag)
 from hand_tracker.files.hand_file import save_hand
 from hand_tracker.labels import LabelMap
+from hand_tracker.nodes.watch import Watch
 from hand_tracker.offline import main, track
 from hand_tracker.progress import Progress
 from hand_tracker.simulation.recording import demo_recording, recording_messages
@@ -54,9 +55,16 @@ def bag(recording, tmp_path_factory):
     return path
 
 
-def states_of(recording, hand=None, layout=None):
+def states_of(recording, hand=None, layout=None, timed=True):
     tracker = HandTracker(hand, layout)
-    return [tracker.update(markers) for markers in recording.markers]
+    return [tracker.update(markers, time_of(stamp) if timed else None)
+            for stamp, markers in zip(recording.stamps.tolist(), recording.markers)]
+
+
+def time_of(stamp):
+    """Return the time of a frame with a stamp, as the node has it."""
+    sec, nanosec = divmod(stamp, 10**9)
+    return sec + 1e-9 * nanosec
 
 
 def read_table(path):
@@ -190,7 +198,7 @@ def test_nothing_comes_out_before_the_palm_was_seen_and_of_other_markers(recordi
     tracker = HandTracker()
     lost[:3] = np.nan
     for frame, markers in zip(frames, (whole, palmless, lost)):
-        expected = tracker.update(markers)
+        expected = tracker.update(markers, time_of(frame.stamp))
         assert np.array_equal(frame.state.angles, expected.angles)
         assert frame.state.palm is expected.palm
 
@@ -208,6 +216,32 @@ def test_a_marker_at_zero_is_lost_unless_it_is_to_be_kept(recording):
 def test_markers_without_stamp_and_frame_get_those_of_the_node(recording):
     frame, = track([message_of(recording.markers[0], stamp=0, time=99, frame='')], HandTracker())
     assert (frame.time, frame.stamp, frame.frame_id) == (99, 99, 'world')
+
+
+@pytest.mark.parametrize('stamped', [True, False])
+def test_time_is_that_of_the_stamps_else_of_the_recording(recording, stamped):
+    whole = recording.markers[0]
+    hidden = whole.copy()
+    hidden[4] = np.nan
+    times = (10**9, 1_100_000_000, 1_500_000_000, 1_500_000_000)
+    frames = list(track((message_of(markers, time if stamped else 0, 7 if stamped else time)
+                         for time, markers in zip(times, (whole, hidden, hidden, hidden))),
+                        HandTracker()))
+    assert [frame.stamp for frame in frames] == list(times)
+    assert np.allclose([frame.state.hidden_for[4] for frame in frames], (0., .1, .5, .5))
+
+
+def test_all_begins_anew_where_the_stamps_jump_back(recording):
+    whole = recording.markers[0]
+    palmless = whole.copy()
+    palmless[0] = np.nan
+    messages = [message_of(whole, 9 * 10**9), message_of(palmless, 10**9),
+                message_of(whole, 2 * 10**9), message_of(palmless, 10**9)]
+    watch = Watch(0., '/markers', LabelMap())
+    frames = list(track(messages, HandTracker(), watch=watch))
+    assert [frame.stamp for frame in frames] == [9 * 10**9, 2 * 10**9]
+    said = [line for _, line in watch.report(1., str) if 'jumped back' in line]
+    assert len(said) == 1
 
 
 def test_points_of_a_list_count(recording):
@@ -258,7 +292,7 @@ def test_the_lines_of_the_readme_do_the_same(recording, tmp_path, monkeypatch):
     names = {}
     exec(code, names)
     hand = Hand.scaled(length=.19, breadth=.09)
-    states = states_of(recording, hand)
+    states = states_of(recording, hand, timed=False)
     assert np.array_equal(names['angles'], [state.angles for state in states])
     assert names['links'].shape == (FRAMES, 25, 3)
     written = np.loadtxt('angles.csv', delimiter=',')

@@ -99,6 +99,12 @@ def message(positions, number, frame='mocap', ns='leds'):
     return array
 
 
+def begun_anew(tracker, frame):
+    """Return a tracker for which time is to jump back, as for that of a bench."""
+    tracker.update(frame, seconds(stamp_of(LATE)))
+    return tracker
+
+
 class Bench:
     """A tracker node and one that sends it markers and sees what comes of them."""
 
@@ -199,8 +205,8 @@ def matrix(transform):
 
 
 def test_joint_states_are_those_of_the_core():
-    tracker = HandTracker()
     frames = motion(RIGHT)
+    tracker = begun_anew(HandTracker(), frames[0])
     with tracking() as bench:
         bench.meet(frames[0])
         for frame in frames:
@@ -232,8 +238,8 @@ def check_picture(bench, palm):
 def test_transforms_of_every_frame_are_those_of_the_core():
     kind = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs and tf2_ros').TFMessage
     hand = RIGHT.mirrored()
-    tracker = HandTracker(hand)
     frames = motion(hand, 30)
+    tracker = begun_anew(HandTracker(hand), frames[0])
     with tracking({'side': 'left', 'broadcast': 'all'}) as bench:
         moving, static = bench.node.collect(kind, '/tf'), bench.node.collect(
             kind, '/tf_static', LATCHED)
@@ -438,6 +444,113 @@ def test_markers_without_stamp_or_frame_from_a_best_effort_publisher():
         bench.process.wait_for_line('have no frame')
         assert len(lines(bench.process, 'have no stamp')) == 1
         assert len(lines(bench.process, 'have no frame')) == 1
+
+
+def test_stamps_of_any_kind_and_what_is_told_of_the_state():
+    whole = hand_at()
+    without_index, palmless = whole.copy(), whole.copy()
+    without_index[3] = palmless[0] = np.nan
+    with tracking() as bench:
+        told = bench.node.collect(DiagnosticArray, '/diagnostics')
+        confidence = bench.node.collect(JointState, 'joint_confidence')
+        bench.meet(whole, heard=(told, confidence))
+        check_stamps(bench, whole, palmless)
+        check_confidence(bench, whole, without_index, confidence)
+        check_diagnostics(bench, whole, without_index, told)
+
+
+def check_stamps(bench, whole, palmless):
+    """Check that repeated stamps are served, and that all begins anew where they jump back."""
+    stamp = bench.answer(whole).header.stamp
+    del bench.joint_states[:]
+    for _ in range(5):
+        bench.number -= 1
+        assert bench.send(whole) == stamp
+    bench.node.spin_until(lambda: len(bench.joint_states) == 5)
+    assert all(heard.header.stamp == stamp for heard in bench.joint_states)
+    bench.number = LATE
+    bench.answer(whole)
+    bench.number = 0
+    del bench.joint_states[:]
+    for _ in range(5):
+        bench.send(palmless)
+    stamp = bench.answer(whole).header.stamp
+    assert [heard.header.stamp for heard in bench.joint_states] == [stamp]
+    bench.process.wait_for_line('jumped back')
+    assert len(lines(bench.process, 'jumped back')) == 1
+
+
+def check_confidence(bench, whole, without_index, confidence):
+    """Check that the confidence is that of the core, with the stamp of the joint states."""
+    bench.number = LATE
+    bench.answer(whole)
+    bench.number = 0
+    tracker = begun_anew(HandTracker(), whole)
+    for frame in (whole, without_index, without_index):
+        stamp = bench.answer(frame).header.stamp
+        bench.node.spin_until(lambda stamp=stamp: confidence[-1].header.stamp == stamp)
+        assert list(confidence[-1].name) == list(bench.joint_states[-1].name)
+        assert np.array_equal(
+            confidence[-1].position, tracker.update(frame, seconds(stamp)).confidence)
+
+
+def check_diagnostics(bench, whole, without_index, told):
+    """Check that changes are told at once, within bounds, and the state once a second."""
+    def until(positions, key, value):
+        def sent():
+            bench.send(positions)
+            bench.node.spin_for(.01)
+            return values(told[-1])[key].startswith(value)
+        bench.node.spin_until(sent)
+
+    until(whole, 'index marker', 'seen')
+    before = time.monotonic()
+    until(without_index, 'index marker', 'predicted for 0.')
+    assert time.monotonic() - before < .9
+    status, = told[-1].status
+    assert (status.name, status.hardware_id) == ('hand_tracker: right hand', '/markers')
+    assert (status.level, status.message) == (DiagnosticStatus.OK, 'tracking')
+    until(np.full((8, 3), 1e6), 'palm', 'lost')
+    assert told[-1].status[0].level == DiagnosticStatus.ERROR
+    until(whole, 'palm', 'tracked')
+
+    del told[:]
+    before = time.monotonic()
+    for i in range(200):
+        bench.send(without_index if i % 2 else whole)
+        bench.node.spin_for(.01)
+    assert 5 < len(told) <= (time.monotonic() - before) * (10 + 1) + 2
+    bench.node.spin_for(.2)
+    del told[:]
+    before = bench.node.get_clock().now()
+    bench.node.spin_for(3.2)
+    assert 2 <= len(told) <= 4
+    assert before < rclpy.time.Time.from_msg(told[-1].header.stamp) < bench.node.get_clock().now()
+    bench.node.spin_until(lambda: told[-1].status[0].level == DiagnosticStatus.STALE)
+    assert values(told[-1])['rate [Hz]'] == '0.0'
+
+
+def values(told):
+    """Return the values of a message of diagnostics by key."""
+    return {pair.key: pair.value for pair in told.status[0].values}
+
+
+def test_simulated_time():
+    whole = hand_at()
+    with tracking({'use_sim_time': True}) as bench:
+        clock = bench.node.create_publisher(Clock, '/clock', 1)
+        bench.process.wait_for_line('listening')
+        bench.node.spin_until(lambda: bench.publisher.get_subscription_count() > 0
+                              and clock.get_subscription_count() > 0)
+        # Backwards too, as where a recording begins again.
+        for now in (Time(sec=100), Time(sec=100, nanosec=10**7), Time(sec=5)):
+            def heard(now=now):
+                clock.publish(Clock(clock=now))
+                bench.publisher.publish(message(whole, 0))
+                bench.node.spin_for(.02)
+                return bench.joint_states and bench.joint_states[-1].header.stamp == now
+            bench.node.spin_until(heard)
+        bench.process.wait_for_line('jumped back')
 
 
 def test_says_once_when_no_label_matches():
