@@ -553,6 +553,23 @@ def test_simulated_time():
         bench.process.wait_for_line('jumped back')
 
 
+def test_a_looped_recording_on_its_own_clock():
+    replayed = {'loop': True, 'clock': 100., 'start_offset': 21.5, 'topics': '/markers'}
+    with tracking({'use_sim_time': True}) as bench:
+        bench.process.wait_for_line('listening')
+        with NodeProcess('hand_tracker.nodes.replay', replayed) as replay:
+            bench.process.wait_for_line('jumped back')
+            del bench.joint_states[:]
+            bench.node.spin_for(2.5)
+            times = [seconds(heard.header.stamp) for heard in bench.joint_states]
+            assert replay.interrupt() == 0
+    steps = np.diff(times)
+    assert len(times) > 200
+    assert 1 <= (steps < 0.).sum() <= 3
+    assert steps[steps > 0.].max() < .5 and not (steps == 0.).any()
+    assert len(lines(bench.process, 'jumped back')) == 1
+
+
 def test_says_once_when_no_label_matches():
     with tracking({'labels.wrist': 'hand/0'}) as bench:
         bench.process.wait_for_line('listening')

@@ -16,6 +16,8 @@ NEWS = {
     MarkerState.REJECTED: 'seen where it cannot be, and not used',
     MarkerState.SWAPPED: 'seen under the label of another, and put right',
 }
+IS_NEWS = np.array([state in NEWS for state in MarkerState])
+SEEN = int(MarkerState.SEEN)
 
 
 class Budget:
@@ -46,8 +48,8 @@ class MarkerNews:
     """Follow the states of the markers; each change is news once, flickering or not."""
 
     def __init__(self):
-        self._noted = np.full(len(MARKERS), MarkerState.SEEN)
-        self._said = np.full(len(MARKERS), MarkerState.SEEN)
+        self._noted = np.full(len(MARKERS), SEEN)
+        self._said = np.full(len(MARKERS), SEEN)
         self._unseen_at = np.zeros(len(MARKERS))
         self._now = 0.
         self._budget = Budget()
@@ -64,11 +66,15 @@ class MarkerNews:
             Whether the palm is found; while it is not, that alone is news.
         """
         self._now = now
+        if not is_placed:
+            self._unseen_at[:] = now
+            return
         states = state.marker_states
-        self._unseen_at[(states != MarkerState.SEEN) | (not is_placed)] = now
-        for kind in NEWS:
-            if is_placed:
-                self._noted[states == kind] = kind
+        unseen = states != SEEN
+        if unseen.any():
+            self._unseen_at[unseen] = now
+            news = IS_NEWS[states]
+            self._noted[news] = states[news]
 
     def report(self, now):
         """Return what is new since the last report.
@@ -89,10 +95,10 @@ class MarkerNews:
             if slots.size and self._budget.spend(now):
                 self._said[slots] = kind
                 news.append((True, text, slots))
-        self._noted[:] = MarkerState.SEEN
-        slots = np.flatnonzero((self._said != MarkerState.SEEN)
+        self._noted[:] = SEEN
+        slots = np.flatnonzero((self._said != SEEN)
                                & (self._now - self._unseen_at >= BACK))
         if slots.size and self._budget.spend(now):
-            self._said[slots] = MarkerState.SEEN
+            self._said[slots] = SEEN
             news.append((False, 'seen again as expected', slots))
         return news
