@@ -49,6 +49,7 @@ setup(
         'fast': ['numba'],
         'test': [
             'clifford',
+            'filterpy',
             'hypothesis',
             'pin',
             'psutil',

@@ -1,0 +1,193 @@
+"""Temporal smoothing without latency: the marker's filter, with adaptive process noise.
+
+At rest little jerk is expected, velocity fades, and the filter averages over a second. What
+it then does not expect is noticed by two running means of the innovations: a short one for
+what starts fast, a long one for what drifts. Where either leaves its noise, the jerk that
+explains it is taken to have begun a little ago, and is expected from then on, ever less.
+Palm markers are run in the world, those of digits in the palm's frame. Ours; no source.
+"""
+
+import math
+
+import numpy as np
+
+from .jit import jit
+from .ukf import add_jerk, correct, fade, predict, start
+
+# What a frame knows of a marker; a truth value of "seen" will do for the first two.
+HIDDEN, MEASURED, INFERRED = 0, 1, 2
+
+# A marker's row of activity: the expected jerk noise, then the two means of innovations [m].
+ACTIVITY = 7
+
+# Spectral densities of jerk [m²/s⁵].
+REST_JERK = 3e-6
+HIDDEN_JERK = 10.            # a hidden marker may do anything usual
+MOST_JERK = 1e7              # what takes more is no motion, but another place
+CALMING = .025               # [s] in which the expected jerk noise falls to 1/e
+RESTING = .1                 # [s] in which velocity and acceleration fall to 1/e at rest
+WINDOWS = (.006, .08)        # [s] of the two means
+ONSETS = (.015, .08)         # [s] ago that what they notice began
+GATES = (22., 20.)           # on a χ² of 3 degrees of freedom: false alarms once in minutes
+CORRELATED = 3.              # variances of a smoothed palm, whose errors last
+
+
+@jit
+def advance(mean, covariance, activity, observed, source, step, noise_sd, fading):
+    """Move one marker on by a step and correct it by what is observed.
+
+    Parameters
+    ----------
+    mean, covariance : ndarray, shape (9,) and (9, 9)
+        Of its filter, replaced [m, m/s, m/s²].
+    activity : ndarray, shape (ACTIVITY,)
+        Replaced; all zero before the first observation, and again to forget the marker.
+    observed : ndarray, shape (3,)
+        A position; not read when hidden [m].
+    source : int
+        HIDDEN, MEASURED or INFERRED.
+    step : float
+        Since the last frame [s].
+    noise_sd : float
+        Standard deviation of each coordinate of `observed` [m].
+    fading : float
+        Time in which velocity and acceleration fall to 1/e when hidden [s].
+
+    Returns
+    -------
+    float
+        The normalised innovation squared before any jerk was noticed, of 3 degrees of
+        freedom; 0 when hidden or just begun.
+    """
+    if activity[0] == 0.:
+        if source != HIDDEN:
+            start(mean, covariance, observed, noise_sd)
+            activity[0] = HIDDEN_JERK
+        return 0.
+    floor = REST_JERK if source == MEASURED else HIDDEN_JERK
+    activity[0] = max(floor, activity[0] * math.exp(-step / CALMING))
+    predict(mean, covariance, step, activity[0])
+    # A marker at rest stays at rest: the velocity of noise is not carried on.
+    rate = math.sqrt(REST_JERK / activity[0]) / RESTING
+    if source == HIDDEN:
+        rate += 1. / fading
+    fade(mean, covariance, math.exp(-step * rate))
+    if source == HIDDEN:
+        return 0.
+    if source == MEASURED:
+        consistency = inconsistency(mean, covariance, observed, noise_sd)
+        _notice(mean, covariance, activity, observed, step, noise_sd)
+        correct(mean, covariance, observed, noise_sd)
+        return consistency
+    return correct(mean, covariance, observed, noise_sd)
+
+
+@jit
+def inconsistency(mean, covariance, observed, noise_sd):
+    """Return an innovation's square over its variance, about its NIS, of 3 degrees of freedom.
+
+    Parameters
+    ----------
+    mean, covariance : ndarray, shape (9,) and (9, 9)
+        A prediction.
+    observed : ndarray, shape (3,)
+        [m]
+    noise_sd : float
+        [m]
+
+    Returns
+    -------
+    float
+        With the mean variance of the three coordinates for all.
+    """
+    square = 0.
+    for k in range(3):
+        square += (observed[k] - mean[k]) ** 2
+    return square / _innovation_variance(covariance, noise_sd)
+
+
+@jit
+def _innovation_variance(covariance, noise_sd):
+    return noise_sd * noise_sd + (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) / 3.
+
+
+@jit
+def _notice(mean, covariance, activity, observed, step, noise_sd):
+    """Expect more jerk, now and for a while, where the means of innovations leave their noise."""
+    variance = _innovation_variance(covariance, noise_sd)
+    noticed = 0.
+    since = 0.
+    for i in range(2):
+        share = 1. - math.exp(-step / WINDOWS[i])
+        square = 0.
+        for k in range(3):
+            at = 1 + 3 * i + k
+            activity[at] += share * (observed[k] - mean[k] - activity[at])
+            square += activity[at] * activity[at]
+        # A running mean of white noise has share / (2 − share) of its variance.
+        if square * (2. - share) > GATES[i] * variance * share:
+            # White jerk for a time t leaves a variance of jerk noise × t⁵ / 20.
+            onset = max(ONSETS[i], step)
+            jerk = 20. / 3. * square / onset ** 5
+            if jerk > noticed:
+                noticed = jerk
+                since = onset
+    if noticed == 0.:
+        return
+    for i in range(1, ACTIVITY):
+        activity[i] = 0.
+    if noticed > MOST_JERK:
+        start(mean, covariance, observed, noise_sd)
+        activity[0] = HIDDEN_JERK
+        return
+    add_jerk(covariance, since, noticed)
+    activity[0] = max(activity[0], noticed)
+
+
+def levers(template, places):
+    """Return how much noise of the palm's markers reaches places in its frame.
+
+    Parameters
+    ----------
+    template : ndarray, shape (3, 3)
+        The palm's markers in its frame [m].
+    places : ndarray, shape (n, 3)
+        Of the digits' markers at rest [m].
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Variance of a coordinate there, over that of the palm's markers, in a rigid fit.
+    """
+    centre = template.mean(axis=0)
+    arms = template - centre
+    inertia = np.trace(arms.T @ arms) * np.eye(3) - arms.T @ arms
+    turned = np.cross(np.eye(3), (places - centre)[:, None, :])
+    return 1. / 3. + np.einsum('nij,ik,nkj->n', turned, np.linalg.inv(inertia), turned) / 3.
+
+
+@jit
+def noise_on_palm(noise_sd, covariances, lever):
+    """Return the noise of a digit's marker in the frame of the smoothed palm.
+
+    Parameters
+    ----------
+    noise_sd : float
+        Of the markers in the world, standard deviation of a coordinate [m].
+    covariances : ndarray, shape (3, 9, 9)
+        Of the palm's markers after this frame's correction.
+    lever : float
+        Of `levers`.
+
+    Returns
+    -------
+    float
+        Standard deviation of a coordinate [m].
+    """
+    variance = 0.
+    for i in range(3):
+        for k in range(3):
+            variance += covariances[i, k, k] / 9.
+    noise = noise_sd * noise_sd
+    # What smoothing adds to a still palm is not white: its variance alone says too little.
+    return math.sqrt(noise + lever * min(CORRELATED * variance, noise))

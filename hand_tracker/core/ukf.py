@@ -1,0 +1,292 @@
+"""Inertia: an unscented Kalman filter with the variable turn model, for one marker.
+
+The state is [position, velocity, acceleration] (9) of a marker that turns at the rate
+ω = |v×a| / |v|²: X. R. Li and V. P. Jilkov, "Survey of maneuvering target tracking. Part I",
+IEEE Trans. Aerospace and Electronic Systems 39 (2003); sigma points after R. van der Merwe
+(2004), α 1e-3, β 2, κ 0. All kernels replace `mean`, shape (9,), and `covariance`, shape
+(9, 9), in place [m, m/s, m/s²].
+"""
+
+import math
+
+import numpy as np
+
+from .jit import jit
+from .vectors import add, cross, dot, scale, subtract
+
+SIZE = 9
+ALPHA = 1e-3
+BETA = 2.
+SPREAD = ALPHA * math.sqrt(SIZE)         # of the sigma points, in standard deviations
+WEIGHT = .5 / (ALPHA * ALPHA * SIZE)     # of each but the central one
+
+# Unsourced. At this speed and below, direction, and with it a turn, fade out [m/s].
+STILL_SPEED = .01
+FASTEST_TURN = 60.                       # [rad/s] about ten turns a second
+WIDEST_TURN = 1.                         # [rad] in one step
+SERIES = 1e-4                            # [rad²] below it three terms are exact
+
+START_SPEED = 1.                         # [m/s] standard deviation at the start
+START_ACCELERATION = 30.                 # [m/s²]
+# Far beyond any hand: means and standard deviations stay within, and products finite.
+FARTHEST, FASTEST, HARDEST = 1e3, 1e2, 1e4  # [m, m/s, m/s²]
+
+PIVOT = 1e-13                            # least share of a variance that is its own
+LEAST_VARIANCE = 1e-30
+
+
+@jit
+def turn_motion(velocity, acceleration, step, uncertainty):
+    """Return how a marker moves in a step: the variable turn model.
+
+    The rate is bounded, or a marker near rest would spin as its noise has it: by the
+    variance of the velocity, added to its square, so that only a velocity that stands out
+    of its uncertainty turns; by the fastest turn of a hand; by the widest turn of one step.
+
+    Parameters
+    ----------
+    velocity, acceleration : vector
+        [m/s, m/s²]
+    step : float
+        [s]
+    uncertainty : float
+        Variance of the velocity, the sum over its coordinates [m²/s²].
+
+    Returns
+    -------
+    shift, velocity, acceleration : vector
+        Change of place, and both after the step [m, m/s, m/s²].
+    """
+    normal = cross(velocity, acceleration)
+    speed = dot(velocity, velocity) + uncertainty + STILL_SPEED * STILL_SPEED
+    rate = dot(normal, normal) / (speed * speed)
+    rate = min(rate, FASTEST_TURN * FASTEST_TURN)
+    if rate * step * step > WIDEST_TURN * WIDEST_TURN:
+        rate = (WIDEST_TURN / step) ** 2
+    # Only even functions of the angle are needed: smooth in its square.
+    square = rate * step * step
+    if square < SERIES:
+        cosine = 1. - square * (.5 - square / 24.)
+        ratio = 1. - square * (1. - square / 20.) / 6.
+        versed = .5 - square * (1. - square / 30.) / 24.
+    else:
+        angle = math.sqrt(square)
+        half = math.sin(.5 * angle) / angle
+        cosine = math.cos(angle)
+        ratio = math.sin(angle) / angle
+        versed = 2. * half * half
+    return (
+        add(scale(velocity, ratio * step), scale(acceleration, versed * step * step)),
+        add(scale(velocity, cosine), scale(acceleration, ratio * step)),
+        subtract(scale(acceleration, cosine), scale(velocity, rate * ratio * step)),
+    )
+
+
+@jit
+def start(mean, covariance, position, noise_sd):
+    """Begin at a position, with motion unknown.
+
+    Parameters
+    ----------
+    mean, covariance : ndarray, shape (9,) and (9, 9)
+        Replaced.
+    position : ndarray, shape (3,)
+        [m]
+    noise_sd : float
+        Standard deviation of each of its coordinates [m].
+    """
+    for i in range(SIZE):
+        mean[i] = 0.
+        for j in range(SIZE):
+            covariance[i, j] = 0.
+    for i in range(3):
+        mean[i] = position[i]
+        covariance[i, i] = noise_sd * noise_sd
+        covariance[3 + i, 3 + i] = START_SPEED * START_SPEED
+        covariance[6 + i, 6 + i] = START_ACCELERATION * START_ACCELERATION
+
+
+@jit
+def predict(mean, covariance, step, jerk_noise):
+    """Move the state on by a step.
+
+    With deviations d from the moved central point, the weighted sums of the unscented
+    transform are mean = centre + m, m = Σ w d, and covariance = Σ w d dᵀ + (β − α²) m mᵀ:
+    the central weight of −10⁶ drops out, and nothing negative is left.
+
+    Parameters
+    ----------
+    mean, covariance : ndarray, shape (9,) and (9, 9)
+        Replaced.
+    step : float
+        Nothing changes when it is not above 0 [s].
+    jerk_noise : float
+        Spectral density of white jerk [m²/s⁵].
+    """
+    if not step > 0.:
+        return
+    velocity = (mean[3], mean[4], mean[5])
+    acceleration = (mean[6], mean[7], mean[8])
+    uncertainty = covariance[3, 3] + covariance[4, 4] + covariance[5, 5]
+    shift, moved, pulled = turn_motion(velocity, acceleration, step, uncertainty)
+    root = np.empty((SIZE, SIZE))
+    _square_root(covariance, root)
+
+    change = np.zeros(SIZE)
+    deviation = np.empty(SIZE)
+    for i in range(SIZE):
+        for j in range(i + 1):
+            covariance[i, j] = 0.
+    for column in range(SIZE):
+        for side in (-SPREAD, SPREAD):
+            shift_there, moved_there, pulled_there = turn_motion(
+                add(velocity, (side * root[3, column], side * root[4, column],
+                               side * root[5, column])),
+                add(acceleration, (side * root[6, column], side * root[7, column],
+                                   side * root[8, column])), step, uncertainty)
+            # Places enter by their differences alone: far from the origin nothing cancels.
+            for k in range(3):
+                deviation[k] = side * root[k, column] + (shift_there[k] - shift[k])
+                deviation[3 + k] = moved_there[k] - moved[k]
+                deviation[6 + k] = pulled_there[k] - pulled[k]
+            for i in range(SIZE):
+                weighted = WEIGHT * deviation[i]
+                change[i] += weighted
+                for j in range(i + 1):
+                    covariance[i, j] += weighted * deviation[j]
+
+    for i in range(SIZE):
+        for j in range(i + 1):
+            covariance[i, j] += (BETA - ALPHA * ALPHA) * change[i] * change[j]
+            covariance[j, i] = covariance[i, j]
+    for k in range(3):
+        mean[k] += shift[k] + change[k]
+        mean[3 + k] = moved[k] + change[3 + k]
+        mean[6 + k] = pulled[k] + change[6 + k]
+    add_jerk(covariance, step, jerk_noise)
+    _bound(mean, covariance)
+
+
+@jit
+def add_jerk(covariance, step, jerk_noise):
+    """Add what white jerk does in a step.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (9, 9)
+        Replaced.
+    step : float
+        [s]
+    jerk_noise : float
+        Spectral density [m²/s⁵].
+    """
+    for k in range(3):
+        for i in range(3):
+            for j in range(3):
+                # ∫ of the responses t^(2−i) / (2−i)! and t^(2−j) / (2−j)! to a unit of jerk.
+                power = 5 - i - j
+                halves = (2. if i == 0 else 1.) * (2. if j == 0 else 1.)
+                covariance[3 * i + k, 3 * j + k] += jerk_noise * step ** power / (power * halves)
+
+
+@jit
+def correct(mean, covariance, observed, noise_sd):
+    """Correct the state by an observed position.
+
+    The noise of the coordinates is independent: they are taken one after the other, which
+    equals all at once and inverts no matrix.
+
+    Parameters
+    ----------
+    mean, covariance : ndarray, shape (9,) and (9, 9)
+        Replaced.
+    observed : ndarray, shape (3,)
+        [m]
+    noise_sd : float
+        Standard deviation of each coordinate [m].
+
+    Returns
+    -------
+    float
+        The normalised innovation squared, of 3 degrees of freedom.
+    """
+    noise = max(noise_sd * noise_sd, LEAST_VARIANCE)
+    consistency = 0.
+    cross_covariance = np.empty(SIZE)
+    for k in range(3):
+        innovation = observed[k] - mean[k]
+        total = covariance[k, k] + noise
+        consistency += innovation * innovation / total
+        for i in range(SIZE):
+            cross_covariance[i] = covariance[i, k]
+        for i in range(SIZE):
+            gain = cross_covariance[i] / total
+            mean[i] += gain * innovation
+            for j in range(i + 1):
+                covariance[i, j] -= gain * cross_covariance[j]
+        # Where prediction tells nothing the difference would round to zero or below.
+        for i in range(SIZE):
+            rest = cross_covariance[i] * (noise / total)
+            covariance[max(i, k), min(i, k)] = rest
+        for i in range(SIZE):
+            for j in range(i):
+                covariance[j, i] = covariance[i, j]
+    _bound(mean, covariance)
+    return consistency
+
+
+@jit
+def fade(mean, covariance, share):
+    """Keep a share of velocity and acceleration, with their uncertainty.
+
+    Parameters
+    ----------
+    mean, covariance : ndarray, shape (9,) and (9, 9)
+        Replaced.
+    share : float
+        Above 0, to 1.
+    """
+    for i in range(3, SIZE):
+        _scale(covariance, i, share)
+        mean[i] *= share
+
+
+@jit
+def _scale(covariance, row, factor):
+    """Multiply a component by `factor`, in its covariances."""
+    for j in range(SIZE):
+        covariance[row, j] *= factor
+        covariance[j, row] = covariance[row, j]
+    covariance[row, row] *= factor
+
+
+@jit
+def _bound(mean, covariance):
+    """Keep velocity, acceleration and all standard deviations within those of this world."""
+    for i in range(SIZE):
+        bound = FARTHEST if i < 3 else FASTEST if i < 6 else HARDEST
+        if i >= 3:
+            mean[i] = min(max(mean[i], -bound), bound)
+        if covariance[i, i] > bound * bound:
+            # So little is known that what it goes along with is no knowledge either.
+            _scale(covariance, i, 0.)
+            covariance[i, i] = bound * bound
+        elif covariance[i, i] < LEAST_VARIANCE:
+            covariance[i, i] = LEAST_VARIANCE
+
+
+@jit
+def _square_root(covariance, root):
+    """Put the lower Cholesky factor into `root`; pivots lost to rounding get a floor."""
+    for j in range(SIZE):
+        for i in range(j):
+            root[i, j] = 0.
+        pivot = covariance[j, j]
+        for k in range(j):
+            pivot -= root[j, k] * root[j, k]
+        root[j, j] = math.sqrt(max(pivot, PIVOT * covariance[j, j], LEAST_VARIANCE))
+        for i in range(j + 1, SIZE):
+            part = covariance[i, j]
+            for k in range(j):
+                part -= root[i, k] * root[j, k]
+            root[i, j] = part / root[j, j]

@@ -1,0 +1,177 @@
+"""Smoothing: quiet at rest, at once when a motion starts, and nothing flies away when hidden."""
+
+import numpy as np
+import pytest
+from hand_tracker.core import jit
+from hand_tracker.core.smoothing import (
+    ACTIVITY, HIDDEN, INFERRED, MEASURED, advance, levers, noise_on_palm)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+NOISE = 3e-4     # [m]
+FADING = .07     # [s]
+PLACE = np.array((.1, -.2, 1.3))
+
+
+class Marker:
+    """A marker and its filter."""
+
+    def __init__(self):
+        self.mean, self.covariance = np.zeros(9), np.zeros((9, 9))
+        self.activity = np.zeros(ACTIVITY)
+
+    def advance(self, observed, step=1. / 120., source=MEASURED, noise=NOISE):
+        consistency = advance(self.mean, self.covariance, self.activity,
+                              np.asarray(observed, dtype=float), source, step, noise, FADING)
+        return self.mean[:3].copy(), consistency
+
+    def follow(self, places, rate, rng):
+        """Return the smoothed places of a track with noise."""
+        return np.array([self.advance(place + rng.normal(scale=NOISE, size=3), 1. / rate)[0]
+                         for place in places])
+
+
+def sine(along, frequency, times):
+    """Return gain and phase of a sine in a track [1, rad]."""
+    phase = 2. * np.pi * frequency * times
+    parts = np.stack((np.sin(phase), np.cos(phase), np.ones_like(phase)), axis=1)
+    a, b, _ = np.linalg.lstsq(parts, along, rcond=None)[0]
+    return np.hypot(a, b), np.arctan2(b, a)
+
+
+@pytest.mark.parametrize('rate', [60, 120, 480])
+def test_jitter_at_rest_falls_five_times(rate):
+    rng = np.random.default_rng(rate)
+    smoothed = Marker().follow(np.tile(PLACE, (8 * rate, 1)), rate, rng)[2 * rate:]
+    assert (smoothed - PLACE).std() < NOISE / 5.
+
+
+@pytest.mark.parametrize('rate', [120, 480])
+@pytest.mark.parametrize('amplitude', [.005, .02])
+@pytest.mark.parametrize('frequency', [1., 3., 10.])
+def test_a_motion_keeps_its_size_and_its_time(frequency, amplitude, rate):
+    rng = np.random.default_rng(rate)
+    times = np.arange(4 * rate) / rate
+    along = amplitude * np.sin(2. * np.pi * frequency * times)
+    direction = np.array((.6, 0., .8))
+    smoothed = Marker().follow(PLACE + np.outer(along, direction), rate, rng)
+    gain, phase = sine((smoothed @ direction)[rate:], frequency, times[rate:])
+    assert .95 < gain / amplitude < 1.05
+    assert abs(phase) / (2. * np.pi * frequency) < .005
+
+
+def test_a_start_from_rest_is_followed_within_frames():
+    rng = np.random.default_rng(1)
+    rate, rise = 120, .06
+    share = np.clip((np.arange(4 * rate) / rate - 3.) / rise, 0., 1.)
+    track = PLACE + np.outer(.02 * share ** 3 * (10. - 15. * share + 6. * share ** 2), (1, 0, 0))
+    smoothed = Marker().follow(track, rate, rng)
+    assert np.abs(smoothed - track)[3 * rate:].max() < 6. * NOISE
+
+
+def test_quiet_returns_within_a_second_of_a_motion():
+    rng = np.random.default_rng(2)
+    rate = 120
+    times = np.arange(6 * rate) / rate
+    along = np.where(times < 3., .02 * np.sin(2. * np.pi * 3. * times), 0.)
+    track = PLACE + np.outer(along, (1., 0., 0.))
+    errors = Marker().follow(track, rate, rng) - track
+    assert errors[4 * rate:].std() < NOISE / 4.
+
+
+def test_a_teleport_is_taken_at_once():
+    rng = np.random.default_rng(3)
+    marker = Marker()
+    marker.follow(np.tile(PLACE, (240, 1)), 120, rng)
+    for frame in range(5):
+        place, consistency = marker.advance(PLACE + 1e3)
+        np.testing.assert_allclose(place, PLACE + 1e3, atol=3. * NOISE)
+        assert (consistency > 1e6) == (frame == 0)
+
+
+def test_a_hidden_marker_slows_down_and_grows_uncertain():
+    rng = np.random.default_rng(4)
+    marker, speed = Marker(), .5
+    track = PLACE + np.outer(np.arange(120) * speed / 120., (1., 0., 0.))
+    marker.follow(track, 120, rng)
+    before, deviations = marker.mean[0], []
+    for _ in range(120):
+        place, consistency = marker.advance(np.full(3, np.nan), source=HIDDEN)
+        deviations.append(np.sqrt(marker.covariance[0, 0]))
+        assert consistency == 0.
+    assert .3 * speed * FADING < place[0] - before < 3. * speed * FADING
+    assert (np.diff(deviations) > 0.).all()
+    assert .002 < deviations[29] < deviations[-1] < .05
+    # Seen again, it is where it is seen.
+    place, _ = marker.advance(PLACE)
+    np.testing.assert_allclose(place, PLACE, atol=NOISE)
+
+
+def test_an_inferred_place_draws_softly():
+    rng = np.random.default_rng(5)
+    marker = Marker()
+    marker.follow(np.tile(PLACE, (240, 1)), 120, rng)
+    first, _ = marker.advance(PLACE + .005, source=INFERRED, noise=.003)
+    assert np.abs(first - PLACE).max() < .001
+    for _ in range(60):
+        last, _ = marker.advance(PLACE + .005, source=INFERRED, noise=.003)
+    np.testing.assert_allclose(last, PLACE + .005, atol=.001)
+
+
+def test_nothing_is_known_before_the_first_observation():
+    marker = Marker()
+    marker.advance(np.full(3, np.nan), source=HIDDEN)
+    assert not marker.mean.any() and not marker.activity.any()
+    place, _ = marker.advance(PLACE)
+    np.testing.assert_array_equal(place, PLACE)
+
+
+def test_a_repeated_frame_is_harmless():
+    rng = np.random.default_rng(6)
+    marker = Marker()
+    marker.follow(np.tile(PLACE, (240, 1)), 120, rng)
+    for _ in range(100):
+        place, _ = marker.advance(PLACE + NOISE, step=0.)
+    np.testing.assert_allclose(place, PLACE + NOISE, atol=NOISE)
+
+
+@given(st.integers(0, 2 ** 32 - 1))
+@settings(max_examples=10, deadline=None)
+def test_all_stays_finite_and_definite_whatever_comes(seed):
+    rng = np.random.default_rng(seed)
+    marker, place = Marker(), PLACE
+    for _ in range(3000 if jit.COMPILED else 100):
+        if rng.random() < .02:
+            place = rng.uniform(-1e3, 1e3, 3)
+        source = rng.choice((HIDDEN, MEASURED, INFERRED))
+        observed = place + rng.normal(scale=NOISE, size=3)
+        marker.advance(observed if source else np.full(3, np.nan),
+                       rng.choice((0., 1e-4, 1. / 120., 1.)), source, 10. ** rng.uniform(-5, -2))
+        assert np.isfinite(marker.mean).all() and np.isfinite(marker.activity).all()
+        if marker.activity[0] > 0.:
+            deviations = np.sqrt(np.diag(marker.covariance))
+            correlations = marker.covariance / np.outer(deviations, deviations)
+            assert (correlations == correlations.T).all()
+            assert np.linalg.eigvalsh(correlations)[0] > 0.
+
+
+def test_levers_are_those_of_a_rigid_fit():
+    """Against the spread of places carried by fits to a palm with noise."""
+    rng = np.random.default_rng(7)
+    template = np.array(((0., 0., 0.), (.083, .021, -.003), (.068, -.034, -.006)))
+    places = np.array(((.15, .03, .01), (.05, .06, -.04)))
+    noisy = template + rng.normal(scale=1e-5, size=(4000, 3, 3))
+    middle = template.mean(axis=0)
+    shift = noisy - noisy.mean(axis=1, keepdims=True)
+    u, _, vt = np.linalg.svd(np.einsum('nij,ik->njk', shift, template - middle))
+    flip = np.stack((np.ones(4000), np.ones(4000), np.linalg.det(u @ vt)), axis=1)
+    turns = u * flip[:, None, :] @ vt
+    carried = np.einsum('njk,pk->npj', turns, places - middle) + noisy.mean(axis=1)[:, None]
+    np.testing.assert_allclose(
+        carried.var(axis=0).mean(axis=1) / 1e-10, levers(template, places), rtol=.1)
+
+
+def test_a_still_palm_adds_little_noise_and_no_palm_more_than_its_markers():
+    still, moving = np.zeros((3, 9, 9)), np.tile(np.eye(9), (3, 1, 1))
+    assert noise_on_palm(NOISE, still, 2.) == pytest.approx(NOISE)
+    assert noise_on_palm(NOISE, moving, 2.) == pytest.approx(np.sqrt(3.) * NOISE)
