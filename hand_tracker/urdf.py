@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from .core.capsules import capsule_lengths
 from .core.errors import HandTrackerError
 from .core.hand import (
     DIGITS, FINGERS, JOINTS, LIMIT_PRESETS, LINKS, ROOT, SIDES, Hand, preset_limits)
@@ -77,22 +78,19 @@ def _capsules(hand, table):
     # Side by side from the wrist's crease, for a wrist as broad as the carpus.
     capsules = {ROOT: [
         (root * (0., 1., 0.), root, hand.palm_radius, 'palm') for root in roots.values()]}
+    lengths = capsule_lengths(hand)
     for i, finger in enumerate(FINGERS):
         knuckle = table.translation[LINKS.index(f'{finger}_knuckle')]
         capsules[f'{finger}_metacarpal'] = [(np.zeros(3), knuckle, hand.palm_radius, 'palm')]
-        _add_bones(capsules, finger, ('proximal', 'middle', 'distal'), hand.finger_bones[i],
-                   hand.radii[i])
-    _add_bones(capsules, 'thumb', ('metacarpal', 'proximal', 'distal'), hand.thumb_bones,
-               hand.radii[4])
+        _add_bones(capsules, finger, ('proximal', 'middle', 'distal'), lengths[i], hand.radii[i])
+    _add_bones(capsules, 'thumb', ('metacarpal', 'proximal', 'distal'), lengths[4], hand.radii[4])
     return capsules
 
 
 def _add_bones(capsules, digit, links, lengths, radii):
     for link, length, radius in zip(links, lengths, radii):
-        # The tip is on the skin, the other ends of bones are inside joints.
-        end = max(length - radius, 0.) if link == 'distal' else length
         material = 'tip' if link == 'distal' else 'bone'
-        capsules[f'{digit}_{link}'] = [(np.zeros(3), np.array((end, 0., 0.)), radius, material)]
+        capsules[f'{digit}_{link}'] = [(np.zeros(3), np.array((length, 0., 0.)), radius, material)]
 
 
 def _add_link(robot, prefix, name, capsules):

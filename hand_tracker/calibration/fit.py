@@ -8,6 +8,7 @@ from ..core.hand import (
 from .fingers import fit_fingers
 from .landmarks import FINGER_ROWS, INDEX_MCP, LANDMARKS, LITTLE_MCP, MIDDLE_MCP, THUMB_ROWS
 from .palm import median_lengths, palm_areas, palm_coordinates
+from .radii import fit_radii
 from .thumb import fit_thumb
 
 MIN_FRAMES = 10
@@ -29,7 +30,8 @@ def fit_hand(joints, side, limits=None):
     Returns
     -------
     Hand
-        Of `side`, with bones, palm, the axes of all digits and the thumb's coupling.
+        Of `side`, with bones, palm, the axes of all digits, the thumb's coupling and
+        the radii of its capsules.
 
     Raises
     ------
@@ -64,4 +66,4 @@ def fit_hand(joints, side, limits=None):
         finger_cmc=mcp * (0., CMC_OF_MCP_BREADTH, 0.) + (CMC_OF_LENGTH * length, 0., 0.),
         finger_bones=median_lengths(fingers),
         thumb_cmc=palm[THUMB_ROWS[0]], thumb_bones=median_lengths(thumb), limits=limits, side=side)
-    return fit_thumb(fit_fingers(hand, fingers), thumb)
+    return fit_radii(fit_thumb(fit_fingers(hand, fingers), thumb), local)

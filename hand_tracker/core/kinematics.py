@@ -137,8 +137,12 @@ def tip_offsets(hand):
 
 
 @jit
-def _forward(parent, rotation, translation, axis, angles, wrist_rotation, wrist_position,
-             rotations, positions):
+def place_links(parent, rotation, translation, axis, angles, wrist_rotation, wrist_position,
+                rotations, positions):
+    """Write the links' frames into `rotations` and `positions`: the kernel of `forward`.
+
+    All but the table have a leading dimension n.
+    """
     for frame in range(angles.shape[0]):
         for joint in range(25):
             x, y, z = axis[joint]
@@ -201,8 +205,8 @@ def forward(table, angles, wrist_rotation=None, wrist_position=None):
     rotations = np.empty((n, len(LINKS), 3, 3))
     positions = np.empty((n, len(LINKS), 3))
     # Copies: numba would compile once more for the read-only view of a single frame.
-    _forward(*table, batch, np.array(np.broadcast_to(turned, (n, 3, 3)), order='C'),
-             np.array(np.broadcast_to(moved, (n, 3)), order='C'), rotations, positions)
+    place_links(*table, batch, np.array(np.broadcast_to(turned, (n, 3, 3)), order='C'),
+                np.array(np.broadcast_to(moved, (n, 3)), order='C'), rotations, positions)
     if angles.ndim == 1:
         return Pose(rotations[0], positions[0])
     return Pose(rotations, positions)

@@ -1,0 +1,236 @@
+"""The hand's flesh as capsules: where they are, which of them can meet, how far apart they are.
+
+A digit has one capsule around each of its three bones, the palm one around each finger's
+metacarpal. Everything is that of a right hand in the wrist's frame.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .hand import DIGITS, FINGERS, LINKS
+from .jit import jit
+from .kinematics import joint_table, place_links
+from .vectors import add, dot, scale, subtract, vector
+
+BONES = 3
+PALM = len(DIGITS)  # stands for the palm where digits are numbered
+# Unsourced: skin joins neighbours from the knuckles to about here along the proximal phalanx.
+WEB = .4
+TINY = 1e-12        # [m^2] below which a segment is a point
+
+
+class Capsules(NamedTuple):
+    """The capsules of a right hand, and the pairs of them that can meet.
+
+    Attributes
+    ----------
+    parent, rotation, translation, axis : ndarray
+        The hand's `JointTable`.
+    link : ndarray of int, shape (c,)
+        The link that carries the capsule: 5 x 3 bones, index finger to thumb, 4 metacarpals,
+        and the 4 proximal phalanges once more, from the web on.
+    start, end : ndarray, shape (c, 3)
+        Of the capsule's axis, in the link's frame [m].
+    first, second : ndarray of int, shape (p,)
+        The capsules of a pair; of a digit, and of a later digit or the palm.
+    digits : ndarray of int, shape (p, 2)
+        Whose they are; `PALM` is the palm.
+    apart : ndarray, shape (p,)
+        Distance of the axes at which they touch [m].
+    reach : ndarray, shape (p,)
+        Distance of the axes' middles from which on they cannot touch [m].
+    side : ndarray, shape (p, 3)
+        Unit direction from the second to the first of fingers side by side and of a finger
+        before the palm; zero where the hand gives none.
+    """
+
+    parent: np.ndarray
+    rotation: np.ndarray
+    translation: np.ndarray
+    axis: np.ndarray
+    link: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    digits: np.ndarray
+    apart: np.ndarray
+    reach: np.ndarray
+    side: np.ndarray
+
+
+def capsule_lengths(hand):
+    """Return the lengths of the axes of the digits' capsules, shape (5, 3) [m]."""
+    lengths = np.vstack((hand.finger_bones, hand.thumb_bones))
+    # The tip is on the skin, the other ends of bones are inside joints.
+    lengths[:, 2] = np.maximum(lengths[:, 2] - hand.radii[:, 2], 0.)
+    return lengths
+
+
+def capsules(hand):
+    """Return the capsules of a hand, as a right hand.
+
+    Where a narrow hand's fingers overlap side by side at zero angles, they count as
+    touching there: the overlap is the radii's fault and no posture's.
+
+    Parameters
+    ----------
+    hand : Hand
+
+    Returns
+    -------
+    Capsules
+    """
+    right = hand.replace(side='right')
+    table = joint_table(right)
+    links = [LINKS.index(f'{digit}_{bone}') for digit in DIGITS for bone in (
+        ('metacarpal', 'proximal', 'distal') if digit == 'thumb'
+        else ('proximal', 'middle', 'distal'))]
+    ends = np.outer(capsule_lengths(right).ravel(), (1., 0., 0.))
+    knuckles = table.translation[[LINKS.index(f'{finger}_knuckle') for finger in FINGERS]]
+    proximal = [BONES * finger for finger in range(len(FINGERS))]
+    webbed = dict(zip(proximal, range(len(links) + len(FINGERS), len(links) + 2 * len(FINGERS))))
+    start = np.concatenate((np.zeros((len(links) + len(FINGERS), 3)), WEB * ends[proximal]))
+    radii = np.concatenate((right.radii.ravel(), np.full(len(FINGERS), right.palm_radius)))
+
+    first, second, digits, apart, side = [], [], [], [], []
+
+    def meet(a, b, of, direction=(0., 0., 0.)):
+        joined = of[1] - of[0] == 1 and of[1] < len(FINGERS)
+        first.append(webbed.get(a, a) if joined else a)
+        second.append(webbed.get(b, b) if joined else b)
+        digits.append(of)
+        apart.append(radii[a] + radii[b])
+        side.append(direction)
+
+    for i in range(len(DIGITS)):
+        for j in range(i + 1, len(DIGITS)):
+            for a in range(BONES):
+                for b in range(BONES):
+                    meet(BONES * i + a, BONES * j + b, (i, j),
+                         (0., 1., 0.) if j < len(FINGERS) else (0., 0., 0.))
+        for a in range(1, BONES):
+            for metacarpal in range(len(FINGERS)):
+                meet(BONES * i + a, len(links) + metacarpal, (i, PALM),
+                     (0., 0., -1.) if i < len(FINGERS) else (0., 0., 0.))
+
+    end = np.concatenate((ends, knuckles, ends[proximal]))
+    halves = .5 * np.linalg.norm(end - start, axis=1)
+    found = Capsules(
+        *table, np.array(links + [LINKS.index(f'{finger}_metacarpal') for finger in FINGERS]
+                         + [links[row] for row in proximal]),
+        start, end, np.array(first), np.array(second), np.array(digits), np.array(apart),
+        np.array(apart) + halves[first] + halves[second], np.array(side))
+    return found._replace(
+        apart=found.apart + np.minimum(pair_gaps(found, np.zeros(len(LINKS))), 0.))
+
+
+def pair_gaps(capsules, angles):
+    """Return how far apart the surfaces of each pair are.
+
+    Parameters
+    ----------
+    capsules : Capsules
+    angles : ndarray, shape (25,)
+        [rad]
+
+    Returns
+    -------
+    ndarray, shape (p,)
+        Negative where they overlap [m].
+    """
+    ends = np.empty((len(capsules.link), 2, 3))
+    place_capsules(capsules, np.asarray(angles, dtype=float), ends)
+    return np.array([nearest_points(ends[a], ends[b])[2] for a, b in zip(
+        capsules.first, capsules.second)]) - capsules.apart
+
+
+@jit
+def place_frames(capsules, angles, rotations, positions, ends):
+    """Write the links' frames (1, 25, ...) and the ends (c, 2, 3) of the capsules' axes."""
+    place_links(capsules.parent, capsules.rotation, capsules.translation, capsules.axis,
+                angles.reshape((1, 25)), np.eye(3).reshape((1, 3, 3)), np.zeros((1, 3)),
+                rotations, positions)
+    for row in range(capsules.link.size):
+        link = capsules.link[row]
+        for i in range(3):
+            turn = rotations[0, link, i]
+            at = positions[0, link, i]
+            a = capsules.start[row]
+            b = capsules.end[row]
+            ends[row, 0, i] = at + turn[0] * a[0] + turn[1] * a[1] + turn[2] * a[2]
+            ends[row, 1, i] = at + turn[0] * b[0] + turn[1] * b[1] + turn[2] * b[2]
+
+
+@jit
+def place_capsules(capsules, angles, ends):
+    """Write where the capsules of a pose are.
+
+    Parameters
+    ----------
+    capsules : Capsules
+    angles : ndarray, shape (25,)
+        [rad]
+    ends : ndarray, shape (c, 2, 3)
+        Start and end of each axis in the wrist's frame, replaced [m].
+    """
+    place_frames(capsules, angles, np.empty((1, 25, 3, 3)), np.empty((1, 25, 3)), ends)
+
+
+@jit
+def far_apart(capsules, pair, ends, gap):
+    """Return whether a pair is apart by more than a gap, judged by the axes' middles."""
+    first = ends[capsules.first[pair]]
+    second = ends[capsules.second[pair]]
+    reach = 2.0 * (capsules.reach[pair] + gap)
+    x = first[0, 0] + first[1, 0] - second[0, 0] - second[1, 0]
+    y = first[0, 1] + first[1, 1] - second[0, 1] - second[1, 1]
+    z = first[0, 2] + first[1, 2] - second[0, 2] - second[1, 2]
+    return x * x + y * y + z * z > reach * reach
+
+
+@jit
+def nearest_points(first, second):
+    """Return how far along two segments their nearest points lie, and their distance.
+
+    Ericson, Real-Time Collision Detection (2005), 5.1.9.
+
+    Parameters
+    ----------
+    first, second : ndarray, shape (2, 3)
+        Start and end [m].
+
+    Returns
+    -------
+    s, t, distance : float
+        0 at the start to 1 at the end [1], and [m].
+    """
+    p = vector(first[0])
+    q = vector(second[0])
+    u = subtract(vector(first[1]), p)
+    v = subtract(vector(second[1]), q)
+    w = subtract(p, q)
+    a = dot(u, u)
+    b = dot(u, v)
+    c = dot(u, w)
+    e = dot(v, v)
+    f = dot(v, w)
+    s = 0.0
+    t = 0.0
+    if a <= TINY:
+        if e > TINY:
+            t = min(max(f / e, 0.0), 1.0)
+    elif e <= TINY:
+        s = min(max(-c / a, 0.0), 1.0)
+    else:
+        # Of parallel segments any point will do: the middle keeps both ends in view.
+        s = 0.5
+        if a * e - b * b > 1e-9 * a * e:
+            s = min(max((b * f - c * e) / (a * e - b * b), 0.0), 1.0)
+        t = min(max((b * s + f) / e, 0.0), 1.0)
+        s = min(max((b * t - c) / a, 0.0), 1.0)
+        t = min(max((b * s + f) / e, 0.0), 1.0)
+    d = subtract(add(w, scale(u, s)), scale(v, t))
+    return s, t, math.sqrt(dot(d, d))
