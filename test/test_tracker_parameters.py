@@ -113,7 +113,12 @@ def test_every_option_is_a_parameter():
     changed = {}
     for row in live_table(Hand.scaled()):
         if row.name in {option.name for option in fields(TrackerOptions)}:
-            changed[row.name] = row.choices[-1] if row.choices else type(row.default)(row.range[0])
+            if isinstance(row.default, bool):
+                changed[row.name] = not row.default
+            elif row.choices:
+                changed[row.name] = row.choices[-1]
+            else:
+                changed[row.name] = type(row.default)(row.range[0])
             assert row.description
     assert live(Hand.scaled(), changed).options == TrackerOptions(**changed)
     assert len(changed) == len(fields(TrackerOptions))
