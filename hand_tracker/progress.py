@@ -1,6 +1,7 @@
 """How far long work has come: a bar on a terminal, elsewhere a line now and then."""
 
 import sys
+import threading
 import time
 
 BAR = 24           # characters
@@ -26,6 +27,8 @@ class Progress:
         self._total, self._what = total, what
         self._stream = sys.stderr if stream is None else stream
         self._terminal = self._stream.isatty()
+        self._done, self._start = 0, 0.
+        self._lock = threading.Lock()
 
     def over(self, items):
         """Pass the pieces on, and show how many were worked on.
@@ -39,22 +42,25 @@ class Progress:
         object
             Each of the items.
         """
-        every = REDRAWN if self._terminal else LINE_EVERY
-        start = time.monotonic()
-        due = start + every
-        done = 0
+        self._done, self._start = 0, time.monotonic()
+        ended = threading.Event()
+        # Of its own, so that a single long piece is no reason to fall silent.
+        ticker = threading.Thread(target=self._tick, args=(ended,), daemon=True)
+        ticker.start()
         try:
             for item in items:
                 yield item
-                done += 1
-                now = time.monotonic()
-                if now >= due:
-                    due = now + every
-                    self._show(self._line(done, now - start))
+                self._done += 1
         finally:
+            ended.set()
+            ticker.join()
             if self._terminal:
-                self._show(self._line(done, time.monotonic() - start))
+                self._show()
                 self._stream.write('\n')
+
+    def _tick(self, ended):
+        while not ended.wait(REDRAWN if self._terminal else LINE_EVERY):
+            self._show()
 
     def say(self, text):
         """Write a line; the bar goes on below it.
@@ -63,17 +69,25 @@ class Progress:
         ----------
         text : str
         """
-        print(f'{CLEAR}{text}' if self._terminal else text, file=self._stream, flush=True)
+        with self._lock:
+            print(f'{CLEAR}{text}' if self._terminal else text, file=self._stream, flush=True)
 
-    def _show(self, line):
-        self._stream.write(f'{CLEAR}{line}' if self._terminal else f'{line}\n')
-        self._stream.flush()
+    def _show(self):
+        line = self._line(self._done, time.monotonic() - self._start)
+        with self._lock:
+            self._stream.write(f'{CLEAR}{line}' if self._terminal else f'{line}\n')
+            self._stream.flush()
 
     def _line(self, done, seconds):
         # A total that is too small is no reason to overflow the bar.
         share = min(1., done / max(self._total, 1))
         full = int(share * BAR)
-        left = round(seconds * (1. / share - 1.)) if share else 0
+        speed = done / max(seconds, 1e-9)
+        pace = f'{speed:.0f} a second, ' if speed >= 10. else ''
+        time_left = f'{_clock(seconds * (1. / share - 1.))} left' if share else _clock(seconds)
         return (f'[{"#" * full}{"." * (BAR - full)}] {int(100 * share):3d} %  {done} of '
-                f'{self._total} {self._what}, {done / max(seconds, 1e-9):.0f} a second, '
-                f'{left // 60}:{left % 60:02d} left')
+                f'{self._total} {self._what}, {pace}{time_left}')
+
+
+def _clock(seconds):
+    return '{}:{:02d}'.format(*divmod(round(seconds), 60))
