@@ -1,0 +1,674 @@
+"""Which measurement is which marker: outliers and ghosts refused, swapped labels put right.
+
+The palm is rigid, so its three markers are judged by their distances from each other,
+whatever the hand as a whole does; the digits' markers are judged in the palm's frame, by what
+is expected of them there and by their reach. Labels are right until another reading of
+the frame is clearly better: a reading says which row belongs to which marker.
+"""
+
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .jit import jit
+from .occlusion import FARTHEST
+from .palm import rigid_palm
+from .palm_markers import carry_palm
+from .vectors import components, cross, distance, dot, scale, subtract, vector
+
+# Of `MarkerState`; kernels store plain integers. A test compares them.
+ACCEPTED, REJECTED, SWAPPED = 0, 3, 4
+
+# Within a step a marker may stray from even motion by BASE + BEND step² / 2: captured hands do by
+# 14 mm at 120 Hz (ManipNet, with the jumps of the capture), a simulated pianist by 35 at 30 Hz.
+DIGIT_BASE, DIGIT_BEND = .012, 60.  # [m], [m/s²] in the palm's frame
+# Ours, for a hand that is shaken; captured are 22 mm at 120 Hz (ManipNet).
+PALM_BASE, PALM_BEND = .015, 100.   # [m], [m/s²] in the surroundings
+LONGEST = .1                        # [s] a longer step bends no farther
+NOISE = .001                        # [m] least error of what is expected; ours
+
+# Skin over the knuckles: distances of palm markers stray by 3 mm, not by 15 (ours; a camera
+# estimate, dexret, has 5.6 mm standard deviation and at most 18).
+SIDE_SPREAD, SIDE_GATE = .003, .015  # [m]
+SIDE_MEMORY = 1.                     # [s] over which they are learned; ours
+# A hand that nobody calibrated differs from the template: in size, less in shape; ours.
+SIZE_GATE = .35                      # [1]
+SHAPE_SPREAD, SHAPE_GATE = .05, .15  # [1]
+
+REACH_GATE, REACH_BASE = 1.1, .012   # [1], [m] lengths and offsets as calibrated; ours
+REACH_SPREAD = .005                  # [m]
+DROPPED = 1.2    # [1] times the cost of the gate: refusing a marker costs more than a far one
+RELABELLED = 1.  # cost of each marker that takes another's label; ours
+TAKEN_OVER = .01   # [m] how near a label must lie that is given to a marker thought hidden; ours
+DRIFT, STRAY = 1.5, .006  # [m/s], [m] of a refused place that is the same; ours
+OUT_OF_ORDER = .004    # [m] by which fingers lie on the wrong sides of each other; ours
+DISORDER = 9.    # its cost for two neighbours, in variances: fingers seldom cross; ours
+WANDER = .05     # [m/s] by which a hidden digit may stray; 5 times that is twice ManipNet's p95
+ROLL = .15       # [m/s] by which a palm carried by two markers turns away unseen; ours
+ROLL_MOST = .03  # [m]
+SETTLING = 4.    # by how much faster that is forgotten when the palm is whole; ours
+WITNESSES = 2    # digits in place that vouch for a palm which moved farther than hands do; ours
+RIGID = 3.       # cost of a palm that is as rigid as any, in variances; ours
+READINGS = 16    # of the palm that are looked into: bounds the time
+UNFIT = 1e6      # cost of a label for a row that does not fit it
+IMPOSSIBLE = 1e9
+
+PERMUTATIONS = np.array(sorted(
+    itertools.permutations(range(5)), key=lambda p: sum(i != j for i, j in enumerate(p))))
+TRIPLES = np.array(sorted(
+    itertools.permutations(range(8), 3), key=lambda p: sum(i != j for i, j in enumerate(p))))
+KEPT = np.array(sorted(
+    itertools.product((True, False), repeat=3), key=lambda k: -sum(k)))
+
+
+class HandBounds(NamedTuple):
+    """What the hand allows its markers, in the coordinates of a right hand.
+
+    Attributes
+    ----------
+    template : ndarray, shape (3, 3)
+        The palm markers in the wrist's frame [m].
+    roots : ndarray, shape (5, 3)
+        First joints of the digits in the wrist's frame [m].
+    reach : ndarray, shape (5,)
+        Greatest distance of each digit's marker from its root [m].
+    """
+
+    template: np.ndarray
+    roots: np.ndarray
+    reach: np.ndarray
+
+
+class Memory(NamedTuple):
+    """What is kept from frame to frame.
+
+    Attributes
+    ----------
+    waited : ndarray, shape (8,)
+        For how long each marker has been refused in one place [s].
+    place : ndarray, shape (8, 3)
+        Where it was refused last, in the palm's frame [m].
+    sides : ndarray, shape (3,)
+        Learned distances of palm markers r p, p q and q r; 0 before the first [m].
+    doubt : ndarray, shape (1,)
+        For how long labels have been exchanged that leave fingers out of order [s].
+    carried : ndarray, shape (1,)
+        For how long the palm has not been whole [s].
+    unseen : ndarray, shape (8,)
+        For how long nothing was seen of each marker; halved with each frame that is [s].
+    """
+
+    waited: np.ndarray
+    place: np.ndarray
+    sides: np.ndarray
+    doubt: np.ndarray
+    carried: np.ndarray
+    unseen: np.ndarray
+
+
+def blank_memory():
+    """Return the memory before the first frame."""
+    return Memory(waited=np.zeros(8), place=np.zeros((8, 3)), sides=np.zeros(3),
+                  doubt=np.zeros(1), carried=np.zeros(1), unseen=np.zeros(8))
+
+
+def hand_bounds(template, chains):
+    """Return what a hand allows its markers.
+
+    Parameters
+    ----------
+    template : ndarray, shape (3, 3)
+        The palm markers in the wrist's frame [m].
+    chains : Chains
+        Of the same hand.
+
+    Returns
+    -------
+    HandBounds
+    """
+    counted = np.arange(3) < chains.hinges[:, None]
+    reach = np.hypot((chains.bones * counted).sum(axis=1), chains.lateral)
+    return HandBounds(template.copy(), chains.root.copy(), reach)
+
+
+@jit
+def identify(markers, seen, expected, spread, known, step, bounds, memory, gate, margin,
+             patience, verdict):
+    """Give each measurement to its marker, and refuse those that are none.
+
+    Parameters
+    ----------
+    markers : ndarray, shape (8, 3)
+        Measurements by their labels, put in order [m].
+    seen : ndarray of bool, shape (8,)
+        Put in order too; cleared where refused.
+    expected : ndarray, shape (8, 3)
+        Where each marker is predicted [m].
+    spread : ndarray, shape (8,)
+        Standard deviation of the prediction [m].
+    known : ndarray of bool, shape (8,)
+        Whether there is a prediction; without all three of the palm none counts.
+    step : float
+        Since the previous frame [s].
+    bounds : HandBounds
+    memory : Memory
+        Replaced.
+    gate : float
+        Of a measurement, in standard deviations; what a hand can do between two frames
+        is never refused. 0 refuses nothing.
+    margin : float
+        Labels are exchanged when that fits this many times better; 0 exchanges none.
+    patience : float
+        After how long what is refused in one place is believed, 0 is never [s].
+    verdict : ndarray of int, shape (8,)
+        ACCEPTED, REJECTED or SWAPPED of each marker, replaced.
+    """
+    verdict[:] = ACCEPTED
+    if gate <= 0.0 and margin <= 0.0:
+        return
+    gaps = np.full((8, 8), np.inf)
+    for i in range(8):
+        for j in range(i):
+            if seen[i] and seen[j]:
+                gaps[i, j] = distance(vector(markers[i]), vector(markers[j]))
+                gaps[j, i] = gaps[i, j]
+    rows = np.arange(8)
+    anew = False
+    if patience > 0.0 and seen[0] and seen[1] and seen[2]:
+        anew = memory.doubt[0] >= patience
+        for i in range(3):
+            anew = anew or memory.waited[i] >= patience
+        # What persists and makes no palm is still none.
+        anew = anew and _shape_cost(gaps, bounds.template, rows) < IMPOSSIBLE
+    if anew:
+        memory.doubt[0] = 0.0
+        memory.waited[:] = 0.0
+        memory.sides[:] = 0.0
+
+    sure = np.zeros(8, dtype=np.bool_)
+    placed = not anew and _triangle(expected) and known[0] and known[1] and known[2]
+    if placed:
+        for i in range(8):
+            sure[i] = known[i] and abs(spread[i]) <= FARTHEST
+            for k in range(3):
+                sure[i] = sure[i] and abs(expected[i, k]) <= FARTHEST
+        placed = sure[0] and sure[1] and sure[2]
+    if not placed:
+        sure[:] = False
+        memory.sides[:] = 0.0
+        if not (seen[0] and seen[1] and seen[2] and _triangle(markers)):
+            memory.waited[:] = 0.0
+            return
+
+    # What is expected, in the palm's frame
+    home = np.zeros((8, 3))
+    sigma = np.ones(8)
+    limit = np.ones(8)
+    time = min(max(step, 0.0), LONGEST)
+    if placed:
+        axes, origin = _fit(expected, bounds.template)
+        roll = 0.0
+        if seen[0] and seen[1] and seen[2]:
+            roll = min(ROLL * memory.carried[0], ROLL_MOST)
+        for i in range(8):
+            if sure[i]:
+                _store(home, i, components(axes, subtract(vector(expected[i]), origin)))
+                strayed = roll + WANDER * memory.unseen[i] if i >= 3 else 0.0
+                sigma[i] = math.sqrt(spread[i] * spread[i] + NOISE * NOISE + strayed * strayed)
+                base, bend = (PALM_BASE, PALM_BEND) if i < 3 else (DIGIT_BASE, DIGIT_BEND)
+                limit[i] = max(abs(gate) * sigma[i], base + 0.5 * bend * time * time)
+    problem = (markers, seen, expected, sure, placed, home, sigma, limit, gaps, bounds,
+               memory.sides, gate > 0.0)
+
+    costs = np.zeros(8)
+    local = np.zeros((8, 3))
+    kept = (seen[0], seen[1], seen[2])
+    total = _read(problem, kept, False, np.inf, rows, costs, local)
+    if not anew and (total >= IMPOSSIBLE or not _as_expected(problem, local)):
+        total, kept = _best_reading(problem, margin, total, rows, costs, local)
+    if total >= IMPOSSIBLE:
+        # Nothing fits: whoever places the palm says what is wrong with it.
+        memory.waited[:] = 0.0
+        return
+    _conclude(problem, kept, rows, local, memory, step, patience, verdict)
+
+
+@jit
+def _triangle(points):
+    """Return whether the first three points span a triangle that has a plane."""
+    r, p, q = vector(points[0]), vector(points[1]), vector(points[2])
+    a = subtract(p, r)
+    b = subtract(q, r)
+    normal = cross(a, b)
+    # False for NaN
+    return dot(normal, normal) > 1e-3 * dot(a, a) * dot(b, b) > 1e-20
+
+
+@jit
+def _store(rows, i, v):
+    for k in range(3):
+        rows[i, k] = v[k]
+
+
+@jit
+def _fit(points, template):
+    return rigid_palm(vector(points[0]), vector(points[1]), vector(points[2]),
+                      vector(template[0]), vector(template[1]), vector(template[2]))
+
+
+@jit
+def _rigid_cost(gaps, sides, template, rows, kept):
+    """Return what the distances of the kept palm markers cost; IMPOSSIBLE beyond their gate."""
+    if sides[0] > 0.0:
+        cost = 0.0
+        for i in range(3):
+            j = (i + 1) % 3
+            if kept[i] and kept[j]:
+                off = abs(gaps[rows[i], rows[j]] - sides[i])
+                cost += (off / SIDE_SPREAD) ** 2 if off <= SIDE_GATE else IMPOSSIBLE
+        return cost
+    return _shape_cost(gaps, template, rows) if kept[0] and kept[1] and kept[2] else 0.0
+
+
+@jit
+def _shape_cost(gaps, template, rows):
+    """Return what it costs that the palm is not similar to the template."""
+    ratio = np.empty(3)
+    for i in range(3):
+        j = (i + 1) % 3
+        ratio[i] = gaps[rows[i], rows[j]] / distance(vector(template[i]), vector(template[j]))
+    size = ratio.mean()
+    # False for NaN
+    if not abs(size - 1.0) <= SIZE_GATE:
+        return IMPOSSIBLE
+    cost = 0.0
+    for i in range(3):
+        off = abs(ratio[i] / size - 1.0)
+        cost += (off / SHAPE_SPREAD) ** 2 if off <= SHAPE_GATE else IMPOSSIBLE
+    return cost
+
+
+@jit
+def _read(problem, kept, exchange, bar, rows, costs, local):
+    """Read a frame: place the palm by some rows, give the rest to the digits.
+
+    Parameters
+    ----------
+    problem : tuple
+        Of `identify`.
+    kept : tuple of three bool
+        Which palm markers place the palm.
+    exchange : bool
+        Whether digits may exchange their rows.
+    bar : float
+        Of no interest is a reading that costs as much.
+    rows : ndarray of int, shape (8,)
+        Row of each marker; those of the digits are replaced when they may be exchanged.
+    costs : ndarray, shape (8,)
+        What each marker costs, in variances, replaced.
+    local : ndarray, shape (8, 3)
+        All rows that are seen, in the palm's frame, replaced [m].
+
+    Returns
+    -------
+    float
+        What the reading costs; IMPOSSIBLE or more when the palm is not rigid in it, or
+        the palm alone reaches the bar.
+    """
+    markers, seen, expected, sure, placed, home, sigma, limit, gaps, bounds, sides, _ = problem
+    total = _rigid_cost(gaps, sides, bounds.template, rows, kept)
+    if total >= IMPOSSIBLE:
+        return total
+    r = vector(markers[rows[0]])
+    p = vector(markers[rows[1]])
+    q = vector(markers[rows[2]])
+    if not (kept[0] and kept[1] and kept[2]):
+        before = (vector(expected[0]), vector(expected[1]), vector(expected[2]))
+        if kept[0] or kept[1] or kept[2]:
+            r, p, q = carry_palm((r, p, q), before, kept)
+        else:
+            r, p, q = before
+    a = subtract(p, r)
+    b = subtract(q, r)
+    normal = cross(a, b)
+    if not dot(normal, normal) > 1e-3 * dot(a, a) * dot(b, b):
+        return IMPOSSIBLE
+    axes, origin = rigid_palm(r, p, q, vector(bounds.template[0]), vector(bounds.template[1]),
+                              vector(bounds.template[2]))
+    for i in range(8):
+        if seen[i]:
+            _store(local, i, components(axes, subtract(vector(markers[i]), origin)))
+    for i in range(3):
+        cost = 0.0
+        if placed and seen[rows[i]]:
+            most = (limit[i] / sigma[i]) ** 2
+            cost = DROPPED * most
+            if kept[i]:
+                off = distance(vector(markers[rows[i]]), vector(expected[i]))
+                cost = min((off / sigma[i]) ** 2, most)
+        costs[i] = cost
+        total += cost + (RELABELLED if rows[i] != i else 0.0)
+
+    if total >= bar:
+        return IMPOSSIBLE
+    size = _size(gaps, sides, bounds.template, rows, kept)
+    table = np.empty((5, 5))
+    for i in range(5):
+        for j in range(5):
+            table[i, j] = _digit_cost(problem, local, i, rows[3 + j], size)
+    crossed = np.zeros((5, 5))
+    for i in range(5):
+        for j in range(5):
+            if seen[rows[3 + i]] and seen[rows[3 + j]] and (
+                    local[rows[3 + i], 1] < local[rows[3 + j], 1] - OUT_OF_ORDER):
+                crossed[i, j] = DISORDER
+    best = 0
+    least = np.inf
+    for n in range(len(PERMUTATIONS) if exchange else 1):
+        cost = 0.0
+        for i in range(5):
+            j = PERMUTATIONS[n, i]
+            cost += table[i, j] + (RELABELLED if rows[3 + j] != 3 + i else 0.0)
+        for i in range(3):
+            cost += crossed[PERMUTATIONS[n, i], PERMUTATIONS[n, i + 1]]
+        if cost < least:
+            least = cost
+            best = n
+    given = rows[3:].copy()
+    for i in range(5):
+        rows[3 + i] = given[PERMUTATIONS[best, i]]
+        costs[3 + i] = table[i, PERMUTATIONS[best, i]]
+    for i in range(3):
+        cost = 0.5 * crossed[PERMUTATIONS[best, i], PERMUTATIONS[best, i + 1]]
+        costs[3 + i] += cost
+        costs[4 + i] += cost
+    return total + least
+
+
+@jit
+def _size(gaps, sides, template, rows, kept):
+    """Return the palm's size, as a share of the template's."""
+    around = 0.0
+    rest = 0.0
+    for i in range(3):
+        j = (i + 1) % 3
+        rest += distance(vector(template[i]), vector(template[j]))
+        if sides[i] > 0.0:
+            around += sides[i]
+        elif kept[i] and kept[j]:
+            around += gaps[rows[i], rows[j]]
+        else:
+            return 1.0
+    return around / rest
+
+
+@jit
+def _beyond(bounds, place, digit, size):
+    """Return by how much a place in the palm's frame is out of a digit's reach [m]."""
+    root = scale(vector(bounds.roots[digit]), size)
+    return distance(place, root) - REACH_GATE * size * bounds.reach[digit] - REACH_BASE
+
+
+@jit
+def _digit_cost(problem, local, digit, row, size):
+    """Return what it costs that a row is a digit's marker, in variances."""
+    _, seen, _, sure, _, home, sigma, limit, _, bounds, _, _ = problem
+    label = 3 + digit
+    most = (limit[label] / sigma[label]) ** 2 if sure[label] else (
+        REACH_BASE / REACH_SPREAD) ** 2
+    if not seen[row]:
+        # A marker does not give its row away and vanish, unless the row was wrong anyway.
+        if row != label and seen[label] and sure[label] and distance(
+                vector(local[label]), vector(home[label])) <= limit[label]:
+            return DROPPED * most
+        return 0.0
+    place = vector(local[row])
+    beyond = _beyond(bounds, place, digit, size)
+    if not sure[label]:
+        return min((beyond / REACH_SPREAD) ** 2, most) if beyond > 0.0 else 0.0
+    off = distance(place, vector(home[label]))
+    farthest = limit[label]
+    if row != label and not seen[label]:
+        farthest = min(farthest, TAKEN_OVER)
+    if beyond <= 0.0 and off <= farthest:
+        return (off / sigma[label]) ** 2
+    # Labels are exchanged for what fits, not to get rid of an outlier.
+    return most if row == label else UNFIT
+
+
+@jit
+def _as_expected(problem, local):
+    """Return whether every label is right beyond doubt: nearer to its own than to any other."""
+    markers, seen, expected, sure, placed, home, _, limit, gaps, bounds, sides, gated = problem
+    size = _size(gaps, sides, bounds.template, np.arange(8), (seen[0], seen[1], seen[2]))
+    witnesses = 0
+    for i in range(3, 8):
+        if not seen[i]:
+            continue
+        place = vector(local[i])
+        if _beyond(bounds, place, i - 3, size) > 0.0:
+            return False
+        if not sure[i]:
+            continue
+        off = distance(place, vector(home[i]))
+        if off > limit[i]:
+            return False
+        for j in range(8):
+            if j != i and sure[j] and 2.0 * off > distance(vector(home[i]), vector(home[j])):
+                return False
+        witnesses += 1
+    if placed and (witnesses < WITNESSES or not (seen[0] and seen[1] and seen[2])):
+        for i in range(3):
+            if seen[i] and distance(vector(markers[i]), vector(expected[i])) > 0.5 * limit[i]:
+                return False
+    return placed
+
+
+@jit
+def _best_reading(problem, margin, total, rows, costs, local):
+    """Choose the reading of a frame in which not all is as expected.
+
+    Parameters
+    ----------
+    problem, rows, costs, local
+        As for `_read`; those of the labels as given come in, those chosen go out.
+    margin : float
+        As for `identify`.
+    total : float
+        What the labels as given cost.
+
+    Returns
+    -------
+    total : float
+        What the reading costs.
+    kept : tuple of three bool
+        Which palm markers place the palm.
+    """
+    _, seen, _, _, placed, _, _, _, gaps, bounds, sides, gated = problem
+    # Labels as given, with palm markers refused
+    kept = (seen[0], seen[1], seen[2])
+    if placed and gated:
+        trial = np.arange(8)
+        trial_costs = np.zeros(8)
+        for n in range(1, len(KEPT)):
+            some = (KEPT[n, 0], KEPT[n, 1], KEPT[n, 2])
+            if not ((seen[0] or not some[0]) and (seen[1] or not some[1])
+                    and (seen[2] or not some[2])):
+                continue
+            cost = _read(problem, some, False, total, trial, trial_costs, local)
+            if cost < total:
+                total = cost
+                kept = some
+                costs[:] = trial_costs
+    chosen = kept
+    if margin > 0.0:
+        found = np.full((2, 8), -1)
+        found_costs = np.zeros((2, 8))
+        least = np.inf
+        # The digits exchange their rows
+        if total < IMPOSSIBLE:
+            found[0] = rows
+            least = _read(problem, kept, True, np.inf, found[0], found_costs[0], local)
+        # The palm's rows are others: only where they make a rigid palm
+        count = 0
+        for n in range(2 * len(TRIPLES)):
+            triple = TRIPLES[n % len(TRIPLES)]
+            own = triple[0] == 0 and triple[1] == 1 and triple[2] == 2
+            if own or not (seen[triple[0]] and seen[triple[1]] and seen[triple[2]]):
+                continue
+            rigid = _rigid_cost(gaps, sides, bounds.template, triple, (True, True, True))
+            # The better ones come first, should they be too many.
+            if rigid >= IMPOSSIBLE or (rigid < RIGID) != (n < len(TRIPLES)):
+                continue
+            _rest(triple, found[1])
+            cost = _read(problem, (True, True, True), True, least, found[1], found_costs[1],
+                         local)
+            count += 1 if cost < IMPOSSIBLE else 0
+            if cost < least:
+                least = cost
+                chosen = (True, True, True)
+                found[0] = found[1]
+                found_costs[0] = found_costs[1]
+            if count == READINGS:
+                break
+        if least < total and _clearly(rows, costs, found[0], found_costs[0],
+                                      total >= IMPOSSIBLE, margin):
+            rows[:] = found[0]
+            costs[:] = found_costs[0]
+        else:
+            chosen = kept
+    # The palm's frame of the last reading tried is another.
+    return _read(problem, chosen, False, np.inf, rows, costs, local), chosen
+
+
+@jit
+def _rest(triple, rows):
+    """Give the palm the rows of `triple`, and the digits their own, or those left."""
+    used = np.zeros(8, dtype=np.bool_)
+    for i in range(3):
+        rows[i] = triple[i]
+        used[triple[i]] = True
+    for i in range(3, 8):
+        rows[i] = -1
+        if not used[i]:
+            rows[i] = i
+            used[i] = True
+    free = 0
+    for i in range(3, 8):
+        if rows[i] < 0:
+            while used[free]:
+                free += 1
+            rows[i] = free
+            used[free] = True
+
+
+@jit
+def _clearly(rows, costs, other_rows, other_costs, impossible, margin):
+    """Return whether another reading is better by the margin, in what differs."""
+    if impossible:
+        return True
+    given = 0.0
+    other = 0.0
+    moved = 0
+    for i in range(8):
+        common = 0.0
+        if rows[i] == other_rows[i]:
+            common = min(costs[i], other_costs[i])
+        else:
+            moved += 1
+        given += costs[i] - common
+        other += other_costs[i] - common
+    return moved > 0 and (other + moved) * margin * margin <= given + moved
+
+
+@jit
+def _conclude(problem, kept, rows, local, memory, step, patience, verdict):
+    """Put the frame in order, refuse what is beyond its gate, and remember."""
+    markers, seen, _, sure, placed, home, _, limit, gaps, bounds, sides, gated = problem
+    size = _size(gaps, sides, bounds.template, rows, kept)
+    if kept[0] and kept[1] and kept[2]:
+        share = min(max(step, 0.0) / SIDE_MEMORY, 1.0)
+        for i in range(3):
+            gap = gaps[rows[i], rows[(i + 1) % 3]]
+            sides[i] += (share if sides[i] > 0.0 else 1.0) * (gap - sides[i])
+
+        memory.carried[0] = max(memory.carried[0] - SETTLING * max(step, 0.0), 0.0)
+    else:
+        memory.carried[0] = min(memory.carried[0] + max(step, 0.0), ROLL_MOST / ROLL)
+
+    whole = kept[0] and kept[1] and kept[2]
+    believed = whole or not _most_astray(problem, rows, local)
+    misplaced = False
+    for i in range(8):
+        row = rows[i]
+        if not seen[row]:
+            memory.unseen[i] += max(step, 0.0)
+            continue
+        if row != i:
+            verdict[i] = SWAPPED
+        reachable = i < 3 or _beyond(bounds, vector(local[row]), i - 3, size) <= 0.0
+        wrong = not reachable
+        if i < 3:
+            wrong = placed and not kept[i]
+        elif sure[i] and believed:
+            wrong = wrong or distance(vector(local[row]), vector(home[i])) > limit[i]
+        misplaced = misplaced or row != i and not reachable
+        if not (wrong and gated):
+            memory.waited[i] = 0.0
+            memory.unseen[i] *= 0.5
+            continue
+        moved = distance(vector(local[row]), vector(memory.place[i]))
+        if memory.waited[i] > 0.0 and not moved <= STRAY + DRIFT * step:
+            memory.waited[i] = 0.0
+        memory.waited[i] += max(step, 0.0)
+        _store(memory.place, i, vector(local[row]))
+        if i >= 3 and reachable and 0.0 < patience <= memory.waited[i]:
+            memory.waited[i] = 0.0
+            memory.unseen[i] *= 0.5
+            continue
+        verdict[i] = REJECTED
+
+    if misplaced or _out_of_order(rows, seen, local, bounds):
+        memory.doubt[0] += max(step, 0.0)
+    elif (verdict == SWAPPED).any():
+        memory.doubt[0] = max(memory.doubt[0] - max(step, 0.0), 0.0)
+    else:
+        memory.doubt[0] = 0.0
+    measured = markers.copy()
+    shown = seen.copy()
+    for i in range(8):
+        for k in range(3):
+            markers[i, k] = measured[rows[i], k]
+        seen[i] = shown[rows[i]] and verdict[i] != REJECTED
+
+
+@jit
+def _most_astray(problem, rows, local):
+    """Return whether most digits are beyond their gate: then it is the palm that strayed."""
+    _, seen, _, sure, _, home, _, limit, _, _, _, _ = problem
+    astray = 0
+    for i in range(3, 8):
+        if seen[rows[i]] and sure[i]:
+            off = distance(vector(local[rows[i]]), vector(home[i]))
+            astray += 1 if off > limit[i] else -1
+    return astray > 0
+
+
+@jit
+def _out_of_order(rows, seen, local, bounds):
+    """Return whether exchanged labels leave fingers on the wrong sides of each other.
+
+    Fingers do cross, but seldom: when labels are exchanged and the fingers are out of
+    order for it, the labels were more likely right and what was expected wrong.
+    """
+    for i in range(4):
+        j = rows[3 + i] - 3
+        if i == j or not 0 <= j < 4 or not (seen[rows[3 + i]] and seen[rows[3 + j]]):
+            continue
+        apart = local[rows[3 + i], 1] - local[rows[3 + j], 1]
+        order = math.copysign(1.0, bounds.roots[i, 1] - bounds.roots[j, 1])
+        if apart * order < -OUT_OF_ORDER:
+            return True
+    return False
