@@ -13,7 +13,7 @@ from .vectors import add, cross, dot, scale, subtract, unit, vector
 PENETRATION = .001   # [m] that flesh gives way
 # Solved to this share of the tolerance: iteration ends with a small rest.
 AIM = .95
-ROUNDS = 36          # of linearising the distances
+ROUNDS = 48          # of linearising the distances
 SWEEPS = 30          # over the contacts of a round
 PASS = 12            # rounds after which it starts again from where it is
 NEAR = .006          # [m] of surfaces that a round may bring together
@@ -21,7 +21,7 @@ CLIMB = .003         # [m] of an overlap that a round takes away
 LEAP = .03           # [m] as well, where small steps lead nowhere
 STEP = .2            # [rad] that an angle changes in a round
 FARTHEST = .7        # [rad] that an angle changes in all, so that no digit is thrown about
-SETTLED = 1e-4       # [rad] of change in a round
+SETTLED = 3e-4       # [rad] of change in a round
 EXACT = 1e-6         # [m] of a round's distances
 SOFT = 1e-7          # [m^2/rad^2] of contacts that limits or their lever leave no way out
 
