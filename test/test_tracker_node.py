@@ -1,5 +1,6 @@
 """The tracker node over DDS, in a process of its own."""
 
+import inspect
 import os
 import re
 import sys
@@ -568,6 +569,31 @@ def test_a_looped_recording_on_its_own_clock():
     assert 1 <= (steps < 0.).sum() <= 3
     assert steps[steps > 0.].max() < .5 and not (steps == 0.).any()
     assert len(lines(bench.process, 'jumped back')) == 1
+
+
+@pytest.mark.skipif('distal_flexion' not in inspect.signature(HandTracker.update).parameters,
+                    reason='the core takes no measured flexion yet')
+def test_measured_flexion_of_a_last_joint_replaces_its_coupling_while_it_is_fresh():
+    dip = JOINTS.index(DISTAL_JOINTS[0])
+    measured = JointState(name=['right_index_dip_flexion', 'nose', 'thumb_ip_flexion'],
+                          position=[.4, .1, float('nan')])
+    with tracking({'distal_flexion_timeout': 1.}) as bench:
+        flexion = bench.node.create_publisher(JointState, 'distal_flexion', 10)
+        bench.meet(hand_at())
+        coupled = bench.angles(hand_at())
+        bench.node.spin_until(lambda: flexion.get_subscription_count() > 0)
+
+        def follows():
+            flexion.publish(measured)
+            angles = bench.angles(hand_at())
+            return abs(angles[dip] - .4) < 1e-3 and np.allclose(
+                np.delete(angles, dip), np.delete(coupled, dip), rtol=0, atol=1e-3)
+
+        bench.node.spin_until(follows)
+        bench.node.spin_until(
+            lambda: np.allclose(bench.angles(hand_at()), coupled, rtol=0, atol=1e-3))
+        bench.process.wait_for_line("left out is 'nose'")
+        assert len(lines(bench.process, 'left out is')) == 1
 
 
 def test_says_once_when_no_label_matches():
