@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from .core.errors import HandTrackerError
-from .core.hand import LIMIT_PRESETS, SIDES, Hand
+from .core.hand import COUPLING_PRESETS, LIMIT_PRESETS, SIDES, Hand
 from .core.kinematics import forward, joint_table, tip_offsets
 from .core.layout import PALM_MARKERS, MarkerLayout, marker_positions
 from .core.palm import place_palm
@@ -160,10 +160,11 @@ def _stop(process):
 
 def _play(node, listener, hand, layout, options, processes):
     """Run both nodes until the recording ends."""
-    limits = {} if options.limits is None else {'limits.preset': options.limits}
+    presets = {f'{name}.preset': value for name, value in (
+        ('limits', options.limits), ('coupling', options.coupling)) if value}
     print('Starting the tracker (the first time its kernels are compiled) ...', flush=True)
     tracker = _start('tracker', hand_file=options.hand, side=options.side, broadcast='all',
-                     **limits)
+                     **presets)
     processes.append(tracker)
     until = time.monotonic() + PATIENCE
     while not node.count_publishers('joint_states'):
@@ -231,6 +232,8 @@ def _parse(args):
     parser.add_argument('--side', choices=SIDES, help="default: the hand file's, else right")
     parser.add_argument('--limits', choices=tuple(LIMIT_PRESETS),
                         help="default: the hand file's, else paper")
+    parser.add_argument('--coupling', choices=tuple(COUPLING_PRESETS),
+                        help="of DIP to PIP; default: the hand file's, else natural")
     parser.add_argument('--rate', type=float, default=1., help='speed of the replay (default: 1)')
     parser.add_argument('--output', type=Path, default=Path('demo_output'),
                         help='folder for the pictures and the table (default: demo_output)')

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .core.errors import HandTrackerError
-from .core.hand import JOINTS, LIMIT_PRESETS, ROOT, SIDES, Hand, preset_limits
+from .core.hand import (
+    COUPLING_PRESETS, JOINTS, LIMIT_PRESETS, ROOT, SIDES, Hand, preset_coupling, preset_limits)
 from .core.layout import MARKERS, PALM_MARKERS, MarkerLayout
 from .core.quaternion import quaternion
 from .core.tracker import HandState, HandTracker
@@ -277,6 +278,8 @@ def _track_file(options, interrupted):
     hand = hand.replace(side=options.side or hand.side)
     if options.limits:
         hand = hand.replace(limits=preset_limits(options.limits))
+    if options.coupling:
+        hand = hand.replace(coupling=preset_coupling(options.coupling))
     labels = _label_map(options.label)
     output = options.output
     if output.suffix not in KINDS:
@@ -314,6 +317,8 @@ def _parse(args):
     parser.add_argument('--side', choices=SIDES, help="default: the hand file's, else right")
     parser.add_argument('--limits', choices=tuple(LIMIT_PRESETS),
                         help="default: the hand file's, else paper")
+    parser.add_argument('--coupling', choices=tuple(COUPLING_PRESETS),
+                        help="of DIP to PIP; default: the hand file's, else natural")
     parser.add_argument('--topic', help=f'of the markers; default: {USUAL_TOPIC}, else the only '
                         'one with a MarkerArray')
     parser.add_argument('--frame', default='', help='frame of the markers: those in another are '

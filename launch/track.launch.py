@@ -37,6 +37,10 @@ ARGUMENTS = (
         description="Joint limits: Table 1 of the paper, or wider ranges of motion; "
                     "auto: the hand file's, else paper"),
     DeclareLaunchArgument(
+        'coupling', default_value='auto', choices=['auto', 'natural', 'paper'],
+        description="How the fingers' DIP follows the PIP: as in hands that handle objects, or 0.8 "
+                    "as in the paper; auto: the hand file's, else natural"),
+    DeclareLaunchArgument(
         'thumb', default_value='saddle', choices=['saddle', 'index_mcp'],
         description="Plane of the thumb: the hand's saddle joint, or the paper's through index MCP"),
     DeclareLaunchArgument(
@@ -48,7 +52,7 @@ ARGUMENTS = (
     DeclareLaunchArgument(
         'parameters', default_value='',
         description='Parameter file (YAML) for the tracker; what the URDF shares with it (the hand '
-                    'and its size, side, limits preset, thumb, prefix, broadcast) is set by the '
+                    'and its size, side, presets, thumb, prefix, broadcast) is set by the '
                     'arguments here instead'),
     DeclareLaunchArgument(
         'publish_frequency', default_value='1000.0',
@@ -80,7 +84,7 @@ def start(context):
     hand_parameters = {
         'hand_file': given['hand'], 'side': given['side'], 'thumb': given['thumb'],
         'prefix': '' if given['prefix'] == NONE else given['prefix'],
-        'limits.preset': given['limits']}
+        'limits.preset': given['limits'], 'coupling.preset': given['coupling']}
     defaults = {row.name: row.default for row in START}
     hand, _ = starting_hand({**defaults, **hand_parameters})
     prefix = hand_parameters['prefix']

@@ -7,10 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.calibration import LANDMARKS, fit_hand, landmark_positions
+from hand_tracker.calibration.fingers import USUAL_SLOPE_WORTH
 from hand_tracker.calibration.palm import median_lengths
 from hand_tracker.calibration.thumb import Saddle, solve_thumb
 from hand_tracker.core.errors import InvalidHand
-from hand_tracker.core.hand import JOINTS, Hand, preset_limits
+from hand_tracker.core.hand import FINGERS, JOINTS, Hand, preset_coupling, preset_limits
 from hand_tracker.core.kinematics import forward, joint_table
 from hand_tracker.core.tracker import HandTracker
 
@@ -18,6 +19,8 @@ FRAMES = 200
 TIP_ROWS = [LANDMARKS.index(name) for name in (
     'wrist', 'index_mcp', 'little_mcp', 'index_dip', 'middle_dip', 'ring_dip', 'little_dip',
     'thumb_tip')]
+LEADERS = np.array([JOINTS.index(f'{finger}_pip_flexion') for finger in FINGERS]
+                   + [JOINTS.index('thumb_mcp_flexion')])
 
 
 def person(side='right'):
@@ -35,7 +38,7 @@ def person(side='right'):
         thumb_cmc=flat @ mean.thumb_cmc + (.002, -.001, .001), thumb_bones=(.044, .033, .027),
         finger_abduction_axes=((.2, .05, 1.), (.1, 0., 1.), (.05, -.1, 1.), (-.1, -.05, 1.)),
         splay=np.radians((6., 0., -5., -12.)),
-        coupling=np.vstack((mean.coupling[:4], (1.5, -.1))),
+        coupling=((.4, .2), (.6, 0.), (.2, .3), (.5, -.1), (1.5, -.1)),
         limits=preset_limits('wide'), side=side)
 
 
@@ -47,8 +50,9 @@ def recorded(hand, seed=0, noise=0.):
     angles[:, JOINTS.index('thumb_mcp_abduction')] = 0.
     mcp = angles[:, JOINTS.index('thumb_mcp_flexion')]
     mcp[:] = random.uniform(.1, .5, FRAMES)
-    angles[:, JOINTS.index('thumb_ip_flexion')] = np.clip(
-        hand.coupling[4] @ (mcp, np.ones(FRAMES)), lower[-1], upper[-1])
+    angles[:, LEADERS + 1] = np.clip(
+        hand.coupling[:, 0] * angles[:, LEADERS] + hand.coupling[:, 1],
+        lower[LEADERS + 1], upper[LEADERS + 1])
     rotation = Rotation.random(FRAMES, rng=random).as_matrix()
     position = random.normal(0., .3, (FRAMES, 3))
     pose = forward(joint_table(hand), angles, rotation, position)
@@ -91,6 +95,36 @@ def test_recovers_a_hand(side, noise, bone, lean, axis):
     if not noise:
         np.testing.assert_allclose(fitted.coupling[4], hand.coupling[4], atol=.02)
     np.testing.assert_array_equal(fitted.limits, hand.limits)
+
+
+@pytest.mark.parametrize('side', ['right', 'left'])
+@pytest.mark.parametrize('noise, close', [(0., 1e-4), (.0005, .02)])
+def test_coupling_of_fingers_is_the_recorded_one_drawn_towards_the_usual_slope(
+        side, noise, close):
+    hand, fitted = refitted(side, noise)
+    angles, _ = recorded(hand)
+    pip, dip = angles[:, LEADERS[:4]], angles[:, LEADERS[:4] + 1]
+    own = pip.var(axis=0) / (pip.var(axis=0) + USUAL_SLOPE_WORTH)
+    slope, offset = fitted.coupling[:4].T
+    np.testing.assert_allclose(
+        slope, own * hand.coupling[:4, 0] + (1. - own) * preset_coupling()[:4, 0],
+        atol=close + 1e-3)
+    np.testing.assert_allclose(
+        slope * pip.mean(axis=0) + offset, dip.mean(axis=0), atol=close)
+
+
+def test_coupling_stays_where_a_finger_can_be():
+    hand = person()
+    angles, _ = recorded(hand)
+    angles[:, JOINTS.index('index_pip_flexion')] = .5
+    angles[:, JOINTS.index('ring_dip_flexion')] = 1.2 - .6 * angles[
+        :, JOINTS.index('ring_pip_flexion')]
+    joints = landmark_positions(hand, forward(joint_table(hand), angles))
+    fitted = fit_hand(joints, 'right', hand.limits)
+    index_dip, ring_dip = (
+        angles[:, JOINTS.index(f'{finger}_dip_flexion')].mean() for finger in ('index', 'ring'))
+    np.testing.assert_allclose(fitted.coupling[0], (.4, index_dip - .4 * .5), atol=1e-4)
+    np.testing.assert_allclose(fitted.coupling[2], (0., ring_dip), atol=1e-4)
 
 
 @pytest.mark.parametrize('noise, most', [(0., .0002), (.0005, .001)])

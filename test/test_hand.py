@@ -8,7 +8,7 @@ import pytest
 
 from hand_tracker.core.errors import HandTrackerError, InvalidHand
 from hand_tracker.core.hand import (
-    DIGITS, FINGERS, JOINTS, LINKS, Hand, joint_kind, preset_limits)
+    DIGITS, FINGERS, JOINTS, LINKS, Hand, joint_kind, preset_coupling, preset_limits)
 from hand_tracker.core.kinematics import forward, joint_table
 
 # Table 1 of the paper: extension θ1, flexion θ3, abduction θ2, adduction θ4 [degrees].
@@ -77,6 +77,15 @@ def test_wide_contains_paper_in_every_joint():
 def test_unknown_preset_names_those_there_are():
     with pytest.raises(InvalidHand, match="no preset 'strict'; there are paper, wide"):
         preset_limits('strict')
+    with pytest.raises(InvalidHand, match="no preset 'strict'; there are natural, paper"):
+        preset_coupling('strict')
+
+
+def test_couplings_of_the_presets(hand):
+    assert preset_coupling('paper') == pytest.approx(np.array(((.8, 0.),) * 4 + ((1., 0.),)))
+    assert np.array_equal(hand.coupling, preset_coupling('natural'))
+    assert (hand.coupling[:4] == (.4, 0.)).all()
+    assert np.array_equal(hand.coupling[4], preset_coupling('paper')[4])
 
 
 def test_joint_kind():

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from hand_tracker.core.errors import HandTrackerError, InvalidHand
-from hand_tracker.core.hand import JOINTS, SIDES, Hand, preset_limits
+from hand_tracker.core.hand import JOINTS, SIDES, Hand, preset_coupling, preset_limits
 from hand_tracker.core.layout import MARKERS, PAPER_PLACES, MarkerLayout
 from hand_tracker.files.hand_file import (
     BREADTH, COUPLING_OFFSET, KEYS, LENGTH, RADIUS, SPLAY, THUMB, InvalidHandFile, load_hand,
@@ -91,7 +91,8 @@ def test_example_shows_and_explains_every_key():
     assert set(tree['thumb']) == set(THUMB)
 
 
-@pytest.mark.parametrize('text', ['', '# nothing\n', '{}', 'limits: paper', 'markers:\n'])
+@pytest.mark.parametrize('text', [
+    '', '# nothing\n', '{}', 'limits: paper', 'coupling: natural', 'coupling:\n', 'markers:\n'])
 def test_what_is_left_out_is_the_default(write, text):
     hand, layout = load_hand(write(text))
     assert_same(hand, Hand.scaled())
@@ -120,7 +121,7 @@ def test_hand_written_file(write):
     limits[JOINTS.index('index_pip_flexion')] = np.radians((-5., 105.5))
     radii = np.array(Hand.scaled(.2, .09).radii)
     radii[4] = .012, .011, .010
-    coupling = ((.8, 0.), (.8, 0.), (.7, 0.), (.8, 0.), (1., np.radians(5.)))
+    coupling = ((.4, 0.), (.4, 0.), (.7, 0.), (.4, 0.), (1., np.radians(5.)))
     assert_same(hand, Hand.scaled(
         .2, .09, side='left', finger_bones=bones, splay=(0., 0., 0., np.radians(-10.)),
         thumb_bones=(.045, .035, .027), thumb_rest_direction=(1., 0., 0.), coupling=coupling,
@@ -128,6 +129,15 @@ def test_hand_written_file(write):
     assert layout.places == PAPER_PLACES[:3] + ('index_tip',) + PAPER_PLACES[4:]
     assert layout.offsets[3] == pytest.approx((0., 0., .006))
     assert layout.offsets[7] == pytest.approx((-.004, 0., .0085))
+
+
+def test_coupling_of_a_preset_and_of_single_digits(write):
+    hand, _ = load_hand(write('coupling: paper'))
+    assert_same(hand, Hand.scaled(coupling=preset_coupling('paper')))
+    hand, _ = load_hand(write('coupling: {preset: paper, ring: {offset_deg: 5}}'))
+    coupling = preset_coupling('paper')
+    coupling[2, 1] = np.radians(5.)
+    assert_same(hand, Hand.scaled(coupling=coupling))
 
 
 @pytest.mark.parametrize('text, message', [
@@ -171,6 +181,9 @@ def test_hand_written_file(write):
     ('coupling: {index: {slope: -1}}', 'coupling.index.slope: -1; allowed is 0 to 5'),
     ('coupling: {index: {offset_deg: 91}}',
      'coupling.index.offset_deg: 91; allowed is -90 to 90 degrees'),
+    ('coupling: strict', "coupling: 'strict'; allowed are natural, paper"),
+    ('coupling: {preset: 0.8}', 'coupling.preset: 0.8; allowed are natural, paper'),
+    ('coupling: {pinky: {slope: 1}}', 'coupling.pinky: unknown key'),
     ('coupling: {index: 0.8}', 'coupling.index: 0.8; expected a mapping of slope, offset_deg'),
     ('thumb: {abduction_axis: [0, 0, 0]}', 'thumb_abduction_axis: [0. 0. 0.] has no direction'),
     ('finger_mcp_mm: {index: [80, -60, 0]}',

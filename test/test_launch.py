@@ -16,7 +16,8 @@ import pytest
 import yaml
 
 from hand_tracker.core.hand import (
-    DIGITS, JOINTS, LINKS, MEAN_LENGTH, SIDES, Hand, preset_limits)
+    COUPLING_PRESETS, DIGITS, JOINTS, LIMIT_PRESETS, LINKS, MEAN_LENGTH, SIDES, Hand,
+    preset_limits)
 from hand_tracker.core.layout import MarkerLayout
 from hand_tracker.files.bags import bag_message, joint_state_message, open_bag, write_bag
 from hand_tracker.files.hand_file import save_hand
@@ -33,7 +34,8 @@ CHOICES = {
     'source': ['recording', 'live'],
     'loop': ['true', 'false'],
     'side': ['auto', *SIDES],
-    'limits': ['auto', 'paper', 'wide'],
+    'limits': ['auto', *LIMIT_PRESETS],
+    'coupling': ['auto', *COUPLING_PRESETS],
     'thumb': ['saddle', 'index_mcp'],
     'rviz': ['true', 'false'],
     'use_sim_time': ['true', 'false'],
@@ -247,8 +249,8 @@ def test_arguments_prevail_over_the_parameter_file_for_what_the_urdf_shares(
     save_hand(tmp_path / 'worn.yaml', worn, MarkerLayout())
     save_hand(tmp_path / 'other.yaml', Hand.scaled(side='left'), MarkerLayout())
     given = {'hand_file': str(tmp_path / 'other.yaml'), 'side': 'left', 'thumb': 'index_mcp',
-             'prefix': 'other_', 'limits.preset': 'wide', 'broadcast': 'none', 'hand_length': .17,
-             'finger_ik': 'fabrik'}
+             'prefix': 'other_', 'limits.preset': 'wide', 'coupling.preset': 'paper',
+             'broadcast': 'none', 'hand_length': .17, 'finger_ik': 'fabrik'}
     (tmp_path / 'mine.yaml').write_text(yaml.safe_dump({
         '/**': {'ros__parameters': {'side': 'left'}}, node: {'ros__parameters': given}}))
     states = watch.collect(JointState, 'joint_states')
@@ -265,8 +267,8 @@ def test_arguments_prevail_over_the_parameter_file_for_what_the_urdf_shares(
     upper = np.degrees(worn.limits[JOINTS.index('index_pip_flexion'), 1])
     assert got == {
         'hand_file': str(tmp_path / 'worn.yaml'), 'side': 'auto', 'thumb': 'saddle',
-        'prefix': 'auto', 'limits.preset': 'auto', 'broadcast': broadcast,
-        'hand_length': MEAN_LENGTH,
+        'prefix': 'auto', 'limits.preset': 'auto', 'coupling.preset': 'auto',
+        'broadcast': broadcast, 'hand_length': MEAN_LENGTH,
         'finger_ik': 'fabrik', 'upper': pytest.approx(upper)}
     assert list(states[0].name) == named('right_', JOINTS)
 

@@ -16,7 +16,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_tracker import marker_frame
-from hand_tracker.core.hand import JOINTS, Hand, preset_limits
+from hand_tracker.core.hand import JOINTS, Hand, preset_coupling, preset_limits
 from hand_tracker.core.layout import MARKERS, MarkerLayout
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.angle_table import WRIST_COLUMNS
@@ -137,16 +137,19 @@ def test_recording_holds_the_same_angles_with_the_markers_stamps(
                            state.wrist_rotation, rtol=0, atol=1e-14)
 
 
-def test_hand_side_and_limits_are_those_asked_for(recording, bag, tmp_path):
+def test_hand_side_limits_and_coupling_are_those_asked_for(recording, bag, tmp_path):
     hand, layout = Hand.scaled(length=.2, breadth=.09), MarkerLayout()
     save_hand(tmp_path / 'hand.yaml', hand, layout)
     mirrored = recording._replace(markers=recording.markers * (1., -1., 1.))
     write_bag(tmp_path / 'left.mcap', recording_messages(mirrored, 'left'))
     assert main([str(tmp_path / 'left.mcap'), '-o', str(tmp_path / 'out.csv'), '--side', 'left',
-                 '--limits', 'wide', '--hand', str(tmp_path / 'hand.yaml')]) == 0
+                 '--limits', 'wide', '--coupling', 'paper',
+                 '--hand', str(tmp_path / 'hand.yaml')]) == 0
     header, table = read_table(tmp_path / 'out.csv')
     assert header[1].startswith('left_')
-    states = states_of(mirrored, hand.replace(side='left', limits=preset_limits('wide')), layout)
+    asked = hand.replace(
+        side='left', limits=preset_limits('wide'), coupling=preset_coupling('paper'))
+    states = states_of(mirrored, asked, layout)
     assert np.allclose(table[:, 1:], np.degrees([state.angles for state in states]),
                        rtol=0, atol=1.01 * HALF_MILLIDEGREE)
 

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from hand_tracker.core.errors import HandTrackerError
-from hand_tracker.core.hand import JOINTS, Hand, preset_limits
+from hand_tracker.core.hand import JOINTS, Hand, preset_coupling, preset_limits
 from hand_tracker.core.layout import MARKERS, PAPER_PLACES, MarkerLayout
 from hand_tracker.core.tracker import HandTracker, TrackerOptions
 from hand_tracker.files.hand_file import save_hand
@@ -49,20 +49,25 @@ def test_defaults_are_the_mean_hand_and_the_papers_markers():
 
 def test_size_side_preset_and_thumb():
     hand, _ = start(hand_length=.2, hand_breadth=.09, side='left', limits__preset='wide',
-                    thumb='index_mcp')
-    expected = Hand.scaled(.2, .09, side='left', limits=preset_limits('wide')).with_paper_thumb()
+                    coupling__preset='paper', thumb='index_mcp')
+    expected = Hand.scaled(.2, .09, side='left', limits=preset_limits('wide'),
+                           coupling=preset_coupling('paper')).with_paper_thumb()
     assert same(hand, expected)
 
 
 def test_hand_file_gives_way_to_what_is_given(tmp_path):
     file = tmp_path / 'hand.yaml'
-    mine = Hand.scaled(.2, .1, side='left', limits=.5 * preset_limits('wide'))
+    mine = Hand.scaled(.2, .1, side='left', limits=.5 * preset_limits('wide'),
+                       coupling=((.6, .1),) * 5)
     save_hand(file, mine, MarkerLayout(offsets=np.full((8, 3), .003)))
     hand, layout = start(hand_file=str(file))
     assert hand.side == 'left'
     assert np.allclose(hand.limits, mine.limits, rtol=0, atol=1e-12)
+    assert np.allclose(hand.coupling, mine.coupling, rtol=0, atol=1e-12)
     assert np.allclose(layout.offsets, .003)
-    hand, _ = start(hand_file=str(file), side='right', limits__preset='paper')
+    hand, _ = start(hand_file=str(file), side='right', limits__preset='paper',
+                    coupling__preset='natural')
+    assert np.array_equal(hand.coupling, preset_coupling('natural'))
     assert hand.side == 'right'
     assert np.array_equal(hand.limits, preset_limits('paper'))
     assert np.allclose(hand.finger_bones, mine.finger_bones)
@@ -132,12 +137,12 @@ def test_the_parameter_file_documents_the_defaults_and_replaces_nothing_of_a_han
     documented = yaml.safe_load(uncommented)['/**']['ros__parameters']
     for name, value in documented.items():
         assert (type(value), value) == (type(defaults[name]), defaults[name]), name
-    families = re.compile(r'limits\..*_deg|coupling\.')
+    families = re.compile(r'limits\..*_deg|coupling\.(?!preset)')
     assert {name for name in documented if not families.match(name)} == {
         name for name in defaults if not families.match(name)}
     assert len([name for name in documented if families.match(name)]) >= 4
     shared = {'hand_file', 'hand_length', 'hand_breadth', 'side', 'thumb', 'limits.preset',
-              'prefix', 'broadcast'}
+              'coupling.preset', 'prefix', 'broadcast'}
     assert [name for name in given if name in shared or families.match(name)] == []
 
 

@@ -30,8 +30,8 @@ def fit_hand(joints, side, limits=None):
     Returns
     -------
     Hand
-        Of `side`, with bones, palm, the axes of all digits, the thumb's coupling and
-        the radii of its capsules.
+        Of `side`, with bones, palm, the axes and the coupling of all digits, and the radii of
+        its capsules. `hand.replace(coupling=preset_coupling())` has the usual coupling instead.
 
     Raises
     ------

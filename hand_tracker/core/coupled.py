@@ -1,7 +1,8 @@
 """Flexion within a digit's plane when a third hinge follows the second.
 
-Intradigital correlation: DIP = 0.8 PIP in the paper. The thumb's tip marker, and fingers
-with a marker on the tip, hang on three hinges; the coupling settles the redundant one.
+Intradigital correlation: DIP = slope PIP + offset, 0.8 PIP in the paper. The thumb's tip
+marker, and fingers with a marker on the tip, hang on three hinges; the coupling settles the
+redundant one.
 """
 
 import math
@@ -16,7 +17,7 @@ FIRST_STEP, LAST_STEP = 0.1, 1e-8  # [rad] of going downhill
 
 @jit
 def coupled_angle(angle2, slope, offset, lower3, upper3):
-    """Return the third flexion that follows the second: DIP = 0.8 PIP in the paper [rad]."""
+    """Return the third flexion that follows the second, within its limits [rad]."""
     return clamp(slope * angle2 + offset, lower3, upper3)
 
 

@@ -3,12 +3,12 @@
 Both hands are fitted on the first fifth of a recording and judged on the rest.
 """
 
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
 from ..calibration import fit_hand
-from ..core.hand import preset_limits
+from ..core.hand import FINGERS, preset_coupling, preset_limits
 from ..core.metrics import JOINT_CLASSES, joint_errors, limit_violations
 from ..core.tracker import HandTracker
 from .captures import load_captures
@@ -20,8 +20,10 @@ from .tracking import track, tracked_joints
 TITLE = 'Captured hands'
 NEEDS_FILES = True
 
-# Limits of the hand that each variant of ours wears.
-VARIANTS = {'hand_tracker': 'wide', 'hand_tracker_paper_limits': 'paper'}
+# Presets of limits and of the fingers' coupling that each variant of ours wears; None: as fitted.
+VARIANTS = {'hand_tracker': ('wide', None),
+            'hand_tracker_usual_coupling': ('wide', 'natural'),
+            'hand_tracker_paper_limits': ('paper', 'paper')}
 METHODS = (*VARIANTS, 'plain')
 
 
@@ -39,15 +41,20 @@ def judge(capture):
     """Return the rows of one capture."""
     judged, true = capture.markers[capture.split:], capture.joints[capture.split:]
     rows = []
-    for method, preset in VARIANTS.items():
-        hand = fit_hand(capture.joints[:capture.split], capture.side, preset_limits(preset))
+    fitted = cache(lambda limits: fit_hand(
+        capture.joints[:capture.split], capture.side, preset_limits(limits)))
+    for method, (limits, coupling) in VARIANTS.items():
+        hand = fitted(limits)
+        if coupling:
+            hand = hand.replace(coupling=np.vstack((
+                preset_coupling(coupling)[:len(FINGERS)], hand.coupling[len(FINGERS):])))
         tracked = track(HandTracker(hand), judged, capture.rate, capture.split)
         share, _ = limit_violations(tracked.angles, hand.limits)
         rows += _rows(capture, method, tracked_joints(hand, tracked), true)
         rows[-1]['within_limits_pct'] = 100. * (1. - share)
     right = capture.right()
-    fitted = right.joints[:capture.split]
-    plain = fit_plain(fitted[np.isfinite(fitted).all(axis=(1, 2))])
+    before = right.joints[:capture.split]
+    plain = fit_plain(before[np.isfinite(before).all(axis=(1, 2))])
     seen = np.isfinite(judged).all(axis=(1, 2))
     found = np.full(true.shape, np.nan)
     found[seen] = plain_joints(plain, right.markers[capture.split:][seen])
@@ -89,9 +96,9 @@ def pictures(rows, folder):
     find = partial(_find, rows)
     for ax, recording in zip(axes, recordings):
         for i, method in enumerate(METHODS):
-            place = np.arange(len(JOINT_CLASSES)) + .27 * (i - 1)
+            place = np.arange(len(JOINT_CLASSES)) + .2 * (i - 1.5)
             ax.bar(place, [find(recording, method, name)['mean_mm'] for name in JOINT_CLASSES],
-                   width=.25, color=COLOURS[(0, 4, 1)[i]], label=method)
+                   width=.19, color=COLOURS[(0, 4, 2, 1)[i]], label=method)
         ax.set_title(recording, fontsize=8)
         ax.set_xticks(range(len(JOINT_CLASSES)), JOINT_CLASSES, rotation=45, ha='right')
         ax.set_ylabel('mean error [mm]', fontsize=8)

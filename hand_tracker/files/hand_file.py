@@ -14,8 +14,8 @@ import yaml
 
 from ..core.errors import HandTrackerError
 from ..core.hand import (
-    ANGLE_RANGE, DIGITS, FINGERS, JOINTS, LENGTH_RANGE, LIMIT_PRESETS, POSITION_RANGE, SIDES,
-    SLOPE_RANGE, Hand, preset_limits)
+    ANGLE_RANGE, COUPLING_PRESETS, DIGITS, FINGERS, JOINTS, LENGTH_RANGE, LIMIT_PRESETS,
+    POSITION_RANGE, SIDES, SLOPE_RANGE, Hand, preset_coupling, preset_limits)
 from ..core.layout import MARKERS, OFFSET_RANGE, PAPER_PLACES, MarkerLayout
 
 
@@ -161,7 +161,8 @@ def _hand(tree):
     size = {name: _number(key, tree[key], quantity) for name, key, quantity in (
         ('length', 'length_mm', LENGTH), ('breadth', 'breadth_mm', BREADTH)) if key in tree}
     mean = Hand.scaled(**size)
-    fields = {'limits': _limits(tree.get('limits', 'paper'))}
+    fields = {'limits': _limits(tree.get('limits', 'paper')),
+              'coupling': _coupling(tree.get('coupling', 'natural'))}
     if 'side' in tree:
         fields['side'] = _choice('side', tree['side'], SIDES)
     for key, (field, names, quantity) in ROWS.items():
@@ -174,11 +175,6 @@ def _hand(tree):
     for key, value in _mapping('thumb', tree.get('thumb'), THUMB).items():
         field, quantity = THUMB[key]
         fields[field] = _number(f'thumb.{key}', value, quantity)
-    fields['coupling'] = np.array(mean.coupling)
-    for digit, row in _mapping('coupling', tree.get('coupling'), DIGITS).items():
-        for key, value in _mapping(f'coupling.{digit}', row, COUPLING).items():
-            fields['coupling'][DIGITS.index(digit), list(COUPLING).index(key)] = _number(
-                f'coupling.{digit}.{key}', value, COUPLING[key])
     return mean.replace(**fields)
 
 
@@ -193,6 +189,20 @@ def _limits(value):
         if key != 'preset':
             limits[keys.index(key)] = _number(f'limits.{key}', own[key], LIMIT)
     return limits
+
+
+def _coupling(value):
+    """Return the coupling of a preset's name, or of a mapping with some digits' own [1, rad]."""
+    if isinstance(value, str):
+        return preset_coupling(_choice('coupling', value, COUPLING_PRESETS))
+    own = _mapping('coupling', value, ('preset', *DIGITS))
+    coupling = preset_coupling(
+        _choice('coupling.preset', own.get('preset', 'natural'), COUPLING_PRESETS))
+    for i, digit in enumerate(DIGITS):
+        for key, number in _mapping(f'coupling.{digit}', own.get(digit), COUPLING).items():
+            coupling[i, list(COUPLING).index(key)] = _number(
+                f'coupling.{digit}.{key}', number, COUPLING[key])
+    return coupling
 
 
 def _layout(markers):

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..core.errors import HandTrackerError
 from ..core.hand import (
-    ANGLE_RANGE, DIGITS, FINGERS, JOINTS, LIMIT_PRESETS, MEAN_BREADTH, MEAN_LENGTH, SIDES,
-    SLOPE_RANGE, Hand, preset_limits)
+    ANGLE_RANGE, COUPLING_PRESETS, DIGITS, FINGERS, JOINTS, LIMIT_PRESETS, MEAN_BREADTH,
+    MEAN_LENGTH, SIDES, SLOPE_RANGE, Hand, preset_coupling, preset_limits)
 from ..core.layout import MARKERS, MarkerLayout
 from ..core.tracker import TrackerOptions
 from ..files.hand_file import load_hand
@@ -59,6 +59,9 @@ START = (
               'plane through the index MCP', choices=('saddle', 'index_mcp')),
     Parameter('limits.preset', AUTO, "Limits of all joints that have none of their own here; "
               "auto is the hand file's, else paper", choices=(AUTO, *LIMIT_PRESETS)),
+    Parameter('coupling.preset', AUTO, 'Intradigital correlation of all digits that have none of '
+              "their own here; auto is the hand file's, else natural",
+              choices=(AUTO, *COUPLING_PRESETS)),
     Parameter('prefix', AUTO, 'Before all joint and frame names; auto is right_ or left_'),
     Parameter('mocap_frame', '', 'Frame of the markers: those in another are left out; '
               'empty for whichever frame they have'),
@@ -108,6 +111,8 @@ def starting_hand(values):
         hand = hand.replace(side=values['side'])
     if values['limits.preset'] != AUTO:
         hand = hand.replace(limits=preset_limits(values['limits.preset']))
+    if values['coupling.preset'] != AUTO:
+        hand = hand.replace(coupling=preset_coupling(values['coupling.preset']))
     if values['thumb'] == 'index_mcp':
         hand = hand.with_paper_thumb()
     for name in ('prefix', 'mocap_frame', 'wrist_frame'):
