@@ -38,8 +38,8 @@ ARGUMENTS = (
                     "auto: the hand file's, else paper"),
     DeclareLaunchArgument(
         'coupling', default_value='auto', choices=['auto', 'natural', 'paper'],
-        description="How the fingers' DIP follows the PIP: as in hands that handle objects, or 0.8 "
-                    "as in the paper; auto: the hand file's, else natural"),
+        description="How the fingers' DIP follows the PIP: as in hands that handle objects, or by "
+                    "0.8 as in the paper; auto: the hand file's, else natural"),
     DeclareLaunchArgument(
         'thumb', default_value='saddle', choices=['saddle', 'index_mcp'],
         description="Plane of the thumb: the hand's saddle joint, or the paper's through index MCP"),
