@@ -32,7 +32,6 @@ def test_pose_distance_of_two_joints_turned_by_60_and_120_degrees():
     found = metrics.pose_distance(still, turned)
     assert found.squared == pytest.approx((np.pi / 6.) ** 2 + (np.pi / 3.) ** 2)
     assert found.distance == pytest.approx(np.sqrt(found.squared))
-    assert found.total == pytest.approx(np.pi / 2.)
     assert found.degrees == pytest.approx(180. / 25.)
 
 

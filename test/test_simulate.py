@@ -9,17 +9,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hand_tracker.core.errors import InvalidLayout
 from hand_tracker.core.hand import FINGERS, JOINTS, Hand
 from hand_tracker.core.kinematics import forward, joint_table
 from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.files.bags import JOINT_STATE, MARKER_ARRAY, TYPES, open_bag
+from hand_tracker.files.bags import JOINT_STATE, MARKER_ARRAY, POSE, TYPES, open_bag
 from hand_tracker.files.hand_file import load_hand, save_hand
 from hand_tracker.simulation.cameras import CameraRig
 from hand_tracker.simulation.faults import Faults
+from hand_tracker.simulation.motions import motion_named
 from hand_tracker.simulation.sight import skin_layout
 from hand_tracker.simulation.simulate import (
-    LENGTH_ERROR, OFFSET_ERROR, InvalidRate, Simulation, calibrated, main, worn)
+    COUPLING_ERROR, LENGTH_ERROR, OFFSET_ERROR, SLOPE_ERROR, InvalidRate, Simulation, calibrated,
+    main, simulated_hand)
+from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).resolve().parent.parent
 HAND = Hand.scaled()
@@ -69,6 +73,9 @@ def test_a_calibrated_hand_errs_by_what_is_stated_and_nothing_else():
     assert abs(errors.mean()) < 3. * LENGTH_ERROR / np.sqrt(errors.size)
     offsets = np.array([layout.offsets - LAYOUT.offsets for _, layout in hands])
     assert offsets.std() == pytest.approx(OFFSET_ERROR, rel=.1)
+    errors = np.array([hand.coupling for hand, _ in hands])
+    assert (errors[:, :, 0] / HAND.coupling[:, 0]).std() == pytest.approx(SLOPE_ERROR, rel=.1)
+    assert errors[:, :4, 1].std() == pytest.approx(COUPLING_ERROR, rel=.1)
     again, layout = calibrated(HAND, LAYOUT, 7)
     np.testing.assert_array_equal(again.finger_bones, hands[7][0].finger_bones)
     np.testing.assert_array_equal(layout.offsets, hands[7][1].offsets)
@@ -87,13 +94,26 @@ def test_the_tracker_follows_what_the_cameras_see():
 
 
 def test_markers_of_a_hand_file_stay_where_it_has_them(tmp_path):
-    hand, layout = worn()
+    hand, layout = simulated_hand()
     np.testing.assert_array_equal(layout.offsets, LAYOUT.offsets)
     own = MarkerLayout(offsets=LAYOUT.offsets + (.001, 0., 0.))
     save_hand(tmp_path / 'own.yaml', HAND, own)
-    hand, layout = worn(tmp_path / 'own.yaml', 'left')
+    hand, layout = simulated_hand(tmp_path / 'own.yaml', 'left')
     np.testing.assert_allclose(layout.offsets, own.offsets, atol=1e-12)
     assert hand.side == 'left'
+
+
+def test_markers_without_an_offset_are_put_on_the_skin_and_none_may_be_inside(tmp_path):
+    offsets = np.zeros((8, 3))
+    offsets[0] = .001, 0., .02
+    save_hand(tmp_path / 'own.yaml', HAND, MarkerLayout(offsets=offsets))
+    _, layout = simulated_hand(tmp_path / 'own.yaml')
+    np.testing.assert_allclose(layout.offsets[0], offsets[0], atol=1e-12)
+    np.testing.assert_allclose(layout.offsets[1:], LAYOUT.offsets[1:], atol=1e-12)
+    offsets[4] = 0., 0., .002
+    save_hand(tmp_path / 'own.yaml', HAND, MarkerLayout(offsets=offsets))
+    with pytest.raises(InvalidLayout, match='own.yaml: offset of middle: inside the hand'):
+        simulated_hand(tmp_path / 'own.yaml')
 
 
 def test_refuses_impossible_rates():
@@ -110,18 +130,62 @@ def test_the_command_writes_a_recording_with_truth_and_a_hand_file(tmp_path):
     assert done.returncode == 0, done.stderr
     assert 'frames at 60 Hz' in done.stdout
     with open_bag(tmp_path / 'out.mcap') as bag:
-        assert bag.topics == {'/markers': MARKER_ARRAY, '/joint_states_truth': JOINT_STATE}
+        assert bag.topics == {'/markers': MARKER_ARRAY, '/joint_states_truth': JOINT_STATE,
+                              '/wrist_truth': POSE, '/markers_truth': MARKER_ARRAY}
         messages = list(bag.messages())
-        assert bag.counts['/markers'] == bag.counts['/joint_states_truth'] >= 121
-    first = next(message for message in messages if message.type == MARKER_ARRAY)
+        assert len(set(bag.counts.values())) == 1 and bag.counts['/markers'] >= 121
+    first = next(message for message in messages if message.topic == '/markers')
     markers = TYPES.deserialize_cdr(first.data, first.type).markers
     assert {marker.text for marker in markers} <= set(MARKERS)
     truth = next(message for message in messages if message.type == JOINT_STATE)
     assert TYPES.deserialize_cdr(truth.data, truth.type).name[0] == f'left_{JOINTS[0]}'
+    check_truth(messages[:4], HAND.mirrored())
     hand, layout = load_hand(tmp_path / 'hand.yaml')
     expected, places = calibrated(HAND.mirrored(), LAYOUT, 3)
     np.testing.assert_allclose(hand.finger_bones, expected.finger_bones, atol=1e-12)
     np.testing.assert_allclose(layout.offsets, places.offsets, atol=1e-12)
+
+
+def check_truth(messages, hand):
+    """Check that joints and wrist of a frame lead to the true places of its markers."""
+    truth = {message.topic: TYPES.deserialize_cdr(message.data, message.type)
+             for message in messages}
+    pose = truth['/wrist_truth'].pose
+    turn = pose.orientation
+    rotation = Rotation.from_quat((turn.x, turn.y, turn.z, turn.w)).as_matrix()
+    position = np.array((pose.position.x, pose.position.y, pose.position.z))
+    links = forward(joint_table(hand), truth['/joint_states_truth'].position, rotation, position)
+    places = [(marker.pose.position.x, marker.pose.position.y, marker.pose.position.z)
+              for marker in truth['/markers_truth'].markers]
+    np.testing.assert_allclose(marker_positions(
+        skin_layout(hand).mounting(hand), links, rotation, position), places, atol=1e-6)
+
+
+def test_the_entry_of_the_node_records_when_it_is_given_a_motion(tmp_path):
+    for arguments, code, said in ((['tremor', '-o', 'out.mcap', '--rate', '30',
+                                    '--duration', '1'], 0, 'out.mcap: '),
+                                  (['clapping'], 2, 'clapping')):
+        done = subprocess.run(
+            [sys.executable, '-m', 'hand_tracker.nodes.entry', 'simulate', *arguments],
+            cwd=tmp_path, capture_output=True, text=True,
+            env={**os.environ, 'PYTHONPATH': str(ROOT)})
+        assert done.returncode == code and said in done.stdout + done.stderr
+
+
+def test_strokes_of_a_long_motion_cost_no_more():
+    motion = motion_named('typing', HAND, 1, 600.)
+    # All strokes at once, as they add up anywhere.
+    times = np.linspace(300., 301., 50)
+    every = np.append(times, (0., motion.duration))
+    np.testing.assert_array_equal(motion.strokes.sample(times), motion.strokes.sample(every)[:50])
+
+    def seconds(motion):
+        start = time.perf_counter()
+        for _ in range(20):
+            motion.strokes.sample(times)
+        return time.perf_counter() - start
+
+    assert seconds(motion) < 5. * seconds(motion_named('typing', HAND, 1, 310.))
 
 
 def test_the_same_command_gives_the_same_bytes(tmp_path):

@@ -25,15 +25,12 @@ class PoseDistance(NamedTuple):
         Dist² = Σ ‖log(q_jk⁻¹ q_ik)‖² over the joints [rad²].
     distance : ndarray, shape (...)
         Dist, its root [rad].
-    total : ndarray, shape (...)
-        Σ ‖log(q_jk⁻¹ q_ik)‖ [rad].
     degrees : ndarray, shape (...)
         Mean angle of rotation of a joint [degrees].
     """
 
     squared: np.ndarray
     distance: np.ndarray
-    total: np.ndarray
     degrees: np.ndarray
 
 
@@ -93,8 +90,7 @@ def angle_distance(first, second):
 
 def _pose_distance(halves):
     squared = (halves ** 2).sum(axis=-1)
-    return PoseDistance(squared, np.sqrt(squared), halves.sum(axis=-1),
-                        np.degrees(2. * halves.mean(axis=-1)))
+    return PoseDistance(squared, np.sqrt(squared), np.degrees(2. * halves.mean(axis=-1)))
 
 
 def joint_errors(found, true):

@@ -15,9 +15,11 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.typesys import Stores, get_typestore
 
 from ..core.errors import HandTrackerError
+from ..core.quaternion import quaternion
 
 MARKER_ARRAY = 'visualization_msgs/msg/MarkerArray'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
+POSE = 'geometry_msgs/msg/PoseStamped'
 
 # Metadata version 8 is what Humble and Jazzy read; its messages are the same on Lyrical.
 METADATA_VERSION = 8
@@ -216,7 +218,7 @@ def bag_message(topic, time, message):
     time : int
         When it was recorded [ns].
     message : object
-        As from `marker_array_message` or `joint_state_message`.
+        As from `marker_array_message`, `joint_state_message` or `pose_message`.
 
     Returns
     -------
@@ -296,6 +298,30 @@ def joint_state_message(stamp, names, positions, frame_id=''):
                          'one for each name')
     return _make(JOINT_STATE, _header(stamp, frame_id), list(names), positions,
                  NO_NUMBERS, NO_NUMBERS)
+
+
+def pose_message(stamp, frame_id, position, rotation):
+    """Make a PoseStamped.
+
+    Parameters
+    ----------
+    stamp : int
+        [ns].
+    frame_id : str
+    position : array-like, shape (3,)
+        [m]
+    rotation : array-like, shape (3, 3)
+        From the posed frame to `frame_id`.
+
+    Returns
+    -------
+    geometry_msgs/msg/PoseStamped
+        Of rosbags' types.
+    """
+    return _make(POSE, _header(stamp, frame_id), _make(
+        'geometry_msgs/msg/Pose',
+        _make('geometry_msgs/msg/Point', *map(float, position)),
+        _make('geometry_msgs/msg/Quaternion', *map(float, quaternion(rotation)))))
 
 
 def _make(kind, *fields):

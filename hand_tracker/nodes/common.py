@@ -96,7 +96,7 @@ def spin(node):
         executor.shutdown()
 
 
-def run(make_node, work=spin, args=None):
+def run(make_node, work=spin, args=None, name='hand_tracker'):
     """Make a node, let it work, end cleanly; the `main` of every node.
 
     Parameters
@@ -107,6 +107,8 @@ def run(make_node, work=spin, args=None):
         Called with the node; it ends with this.
     args : list of str, optional
         Command line; that of the process when not given.
+    name : str
+        Of the logger before there is a node.
 
     Returns
     -------
@@ -125,7 +127,7 @@ def run(make_node, work=spin, args=None):
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (HandTrackerError, ParameterException) as error:
-        logger = node.get_logger() if node else rclpy.logging.get_logger('hand_tracker')
+        logger = node.get_logger() if node else rclpy.logging.get_logger(name)
         logger.error(str(error))
         return 1
     finally:

@@ -8,7 +8,7 @@ import signal
 import sys
 from importlib import import_module
 
-NODES = 'replay', 'simulate', 'tracker'
+from ..__main__ import main
 
 
 def _run(node):
@@ -23,7 +23,13 @@ def replay():
 
 
 def simulate():
-    """Run the node of the simulated driver; return its exit code."""
+    """Run the node of the simulated driver, or the command that records; return the exit code.
+
+    Arguments that are not those of a node are the command's.
+    """
+    arguments = sys.argv[1:]
+    if arguments and arguments[0] != '--ros-args':
+        return main(['simulate', *arguments])
     return _run('simulate')
 
 
@@ -32,7 +38,9 @@ def tracker():
     return _run('tracker')
 
 
+NODES = {'replay': replay, 'simulate': simulate, 'tracker': tracker}
+
 if __name__ == '__main__':
     if sys.argv[1:2] == [] or sys.argv[1] not in NODES:
         sys.exit(f"expected one of the nodes {', '.join(NODES)}")
-    sys.exit(_run(sys.argv.pop(1)))
+    sys.exit(NODES[sys.argv.pop(1)]())

@@ -1,7 +1,7 @@
 """Stand in for the driver of a camera system: publish the markers of a simulated hand, live.
 
-When the motion has ended it begins again. With `truth` the true angles are published too,
-on a topic of their own.
+When the motion has ended it begins again. With `truth` the true angles, the wrist's pose and
+the markers' true places are published too, on topics of their own.
 """
 
 import sys
@@ -10,6 +10,7 @@ from contextlib import closing
 from itertools import count
 from typing import NamedTuple
 
+from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -24,8 +25,9 @@ from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
 from ..simulation.faults import RATE_RANGE as FAULT_RANGE
 from ..simulation.faults import Faults
 from ..simulation.motions import DURATION, DURATION_RANGE, MOTIONS, RATE_RANGE
-from ..simulation.recording import FRAME_ID, recording_messages
-from ..simulation.simulate import Simulation, worn
+from ..simulation.recording import FRAME_ID, MARKER_TOPIC, TRUTH_TOPIC
+from ..simulation.simulate import (
+    PLACES_TOPIC, WRIST_TOPIC, Simulation, frame_messages, simulated_hand)
 from .common import declare, run, spin
 from .parameter import Parameter
 from .playback import read_ahead
@@ -33,6 +35,7 @@ from .playback import read_ahead
 AHEAD = 2000   # messages simulated in advance
 DEPTH = 10
 TRUTH_DEPTH = 1000  # every frame counts when judged
+TRUTH = {TRUTH_TOPIC: JointState, WRIST_TOPIC: PoseStamped, PLACES_TOPIC: MarkerArray}
 
 PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('motion', 'demo', 'What the hand does', choices=tuple(MOTIONS)),
@@ -47,13 +50,14 @@ PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('swaps', 0., 'Labels of neighbours exchanged [1/s]', FAULT_RANGE),
     Parameter('ghosts', 0., 'Reflections taken for markers [1/s]', FAULT_RANGE),
     Parameter('dropouts', 0., 'Labels lost [1/s]', FAULT_RANGE),
-    Parameter('truth', False, 'Publish the true angles on joint_states_truth'),
+    Parameter('truth', False, 'Publish the truth: joint_states_truth, wrist_truth, markers_truth'),
 ))
 
 
 class Cue(NamedTuple):
-    """A message to publish: when after the start [ns], where and what."""
+    """A message to publish: in which lap, when after the start [ns], where and what."""
 
+    lap: int
     time: int
     publisher: Publisher
     data: bytes
@@ -67,16 +71,17 @@ class SimulateNode(Node):
         super().__init__('simulate')
         values = declare(self, PARAMETERS)
         side = None if values['side'] == 'file' else values['side']
-        hand, layout = worn(values['hand_file'], side)
+        hand, layout = simulated_hand(values['hand_file'], side)
         self._simulation = Simulation(
             values['motion'], hand, layout, CameraRig.ring(values['cameras']), values['rate'],
             values['seed'], values['duration'],
             Faults(values['swaps'], values['ghosts'], values['dropouts']))
         # As drivers do: a late frame is worth nothing.
         quick = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._markers = self.create_publisher(MarkerArray, 'markers', quick)
-        self._truth = self.create_publisher(
-            JointState, 'joint_states_truth', TRUTH_DEPTH) if values['truth'] else None
+        self._markers = self.create_publisher(MarkerArray, MARKER_TOPIC.lstrip('/'), quick)
+        self._truth = {topic: self.create_publisher(kind, topic.lstrip('/'), TRUTH_DEPTH)
+                       for topic, kind in TRUTH.items() if values['truth']}
+        self._lap = 0
         self._period = 1. / values['rate']
         self._cues = read_ahead(self._laps(), AHEAD)
 
@@ -89,34 +94,38 @@ class SimulateNode(Node):
                               clock=Clock(clock_type=ClockType.STEADY_TIME))
             self.get_logger().info(
                 f'{self._simulation.motion} at {self._simulation.rate:g} Hz, frame {FRAME_ID}, '
-                f'on {self._markers.topic_name}')
+                f'on {self._markers.topic_name}; it begins again after '
+                f'{self._simulation.moving.duration:.0f} s')
             spin(self)
 
     def _publish(self):
         now = time.monotonic_ns() - self._start
         while self._next.time <= now:
-            time_ns, publisher, data, stamps = self._next
+            lap, time_ns, publisher, data, stamps = self._next
+            if lap != self._lap:
+                self._lap = lap
+                self.get_logger().info(f'{self._simulation.motion} begins again, lap {lap + 1}')
             publisher.publish(restamp(data, stamps, self._wall + time_ns))
             self._next = next(self._cues)
 
     def _laps(self):
         """Yield the cues of one lap after the other."""
-        side, period, frame = self._simulation.hand.side, 1e9 * self._period, -1
-        for _ in count():
-            for block in self._simulation.blocks():
-                for message in recording_messages(block, side):
-                    if message.type == MARKER_ARRAY:
-                        frame += 1
-                        yield Cue(round(frame * period), self._markers, message.data,
-                                  marker_stamps(message.data))
-                    elif self._truth:
-                        yield Cue(round(frame * period), self._truth, message.data,
-                                  header_stamp(message.data))
+        side, period, frame = self._simulation.hand.side, 1e9 * self._period, 0
+        for lap in count():
+            for part in self._simulation.blocks():
+                for markers, *truth in frame_messages(part, side, bool(self._truth)):
+                    due = round(frame * period)
+                    yield Cue(lap, due, self._markers, markers.data, marker_stamps(markers.data))
+                    for message in truth:
+                        find = marker_stamps if message.type == MARKER_ARRAY else header_stamp
+                        yield Cue(lap, due, self._truth[message.topic],
+                                  message.data, find(message.data))
+                    frame += 1
 
 
 def main(args=None):
     """Run the simulating node until it is interrupted; return its exit code."""
-    return run(SimulateNode, SimulateNode.play, args)
+    return run(SimulateNode, SimulateNode.play, args, 'simulate')
 
 
 if __name__ == '__main__':

@@ -29,7 +29,7 @@ class Strokes(NamedTuple):
     Attributes
     ----------
     start, rise, stay, fall : ndarray, shape (s,)
-        [s]
+        Starts ascend [s].
     change : ndarray, shape (s, 25)
         At the height of each stroke [rad].
     """
@@ -48,7 +48,12 @@ class Strokes(NamedTuple):
     def sample(self, times):
         """Return what the strokes add at given times, shape (n, 25) [rad]."""
         added = np.zeros((len(times), len(JOINTS)))
-        for start, rise, stay, fall, change in zip(*self):
+        if not len(times) or not len(self.start):
+            return added
+        # Only strokes that the times overlap: long recordings are made in many short parts.
+        longest = (self.rise + self.stay + self.fall).max()
+        first, last = np.searchsorted(self.start, (times.min() - longest, times.max()))
+        for start, rise, stay, fall, change in zip(*(part[first:last] for part in self)):
             since = times - start
             now = np.flatnonzero((since > 0.) & (since < rise + stay + fall))
             up = minimum_jerk(np.clip(since[now] / rise, 0., 1.))

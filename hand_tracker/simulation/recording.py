@@ -124,7 +124,8 @@ def recording_messages(recording, side):
     BagMessage
     """
     names = [f'{side}_{joint}' for joint in JOINTS]
-    for stamp, markers, angles in zip(recording.stamps.tolist(), *recording[1:]):
+    for stamp, markers, angles in zip(
+            recording.stamps.tolist(), recording.markers, recording.angles):
         yield bag_message(MARKER_TOPIC, stamp, marker_array_message(
             stamp, FRAME_ID, MARKERS, markers))
         yield bag_message(TRUTH_TOPIC, stamp, joint_state_message(

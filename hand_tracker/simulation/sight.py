@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.hand import DIGITS
+from ..core.hand import DIGITS, JOINTS
 from ..core.kinematics import forward, joint_table, tip_offsets
 from ..core.layout import MarkerLayout, marker_positions
 from ..core.skeleton import BONES, bone_radii, skeleton_points
@@ -91,6 +91,28 @@ def look(rig, hand, layout, angles, rotation, position, noise):
     points = skeleton_points(tip_offsets(hand), pose, position)
     seen = unobstructed(rig, markers, points, bone_radii(hand)) & in_view(rig, markers)
     return triangulate(rig, markers, seen, noise)
+
+
+def markers_inside(hand, layout):
+    """Return which markers lie inside the capsules of the hand at rest, where none is seen.
+
+    Parameters
+    ----------
+    hand : Hand
+    layout : MarkerLayout
+
+    Returns
+    -------
+    ndarray of bool, shape (8,)
+    """
+    pose = forward(joint_table(hand), np.zeros(len(JOINTS)))
+    markers = marker_positions(layout.mounting(hand), pose)
+    start, end = skeleton_points(tip_offsets(hand), pose, np.zeros(3))[np.array(BONES).T]
+    bone, apart = end - start, markers[:, None] - start
+    along = np.clip((apart * bone).sum(axis=-1) / np.maximum(
+        (bone ** 2).sum(axis=-1), 1e-12), 0., 1.)
+    gaps = np.linalg.norm(apart - along[..., None] * bone, axis=-1)
+    return (gaps < bone_radii(hand)).any(axis=1)
 
 
 def in_view(rig, markers):

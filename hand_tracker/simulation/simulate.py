@@ -7,29 +7,61 @@ given: the same hand as a calibration finds it, a little wrong.
 import argparse
 import sys
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from ..core.errors import HandTrackerError
+from ..core.errors import HandTrackerError, InvalidLayout
 from ..core.hand import SIDES, Hand
 from ..core.layout import MARKERS, MarkerLayout
-from ..files.bags import write_bag
+from ..files.bags import bag_message, marker_array_message, pose_message, write_bag
 from ..files.hand_file import load_hand, save_hand
+from ..progress import Progress
 from .cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
 from .faults import Faults, fault_events, with_faults
 from .motions import DURATION, MOTIONS, RATE_RANGE, motion_named
-from .recording import DECIMALS, START_NS, Recording, recording_messages
-from .sight import look, skin_layout
+from .recording import DECIMALS, FRAME_ID, START_NS, recording_messages
+from .sight import look, markers_inside, skin_layout
+
+WRIST_TOPIC, PLACES_TOPIC = '/wrist_truth', '/markers_truth'
 
 RATE = 480.             # [Hz] that of the paper's cameras
 BLOCK = .5              # [s] simulated at once
 LENGTH_ERROR = .02      # [1] standard deviation of a calibrated length
 OFFSET_ERROR = .001     # [m] standard deviation of a calibrated marker's place, per axis
+# Standard deviations of a calibrated coupling's slope [1] and offset [rad]; ours, unsourced.
+SLOPE_ERROR, COUPLING_ERROR = .1, np.radians(2.)
 
 
 class InvalidRate(HandTrackerError, ValueError):
     """The rate is not allowed."""
+
+
+class Simulated(NamedTuple):
+    """Consecutive frames of a simulated hand.
+
+    Attributes
+    ----------
+    stamps : ndarray of int, shape (n,)
+        [ns]
+    markers : ndarray, shape (n, 8, 3)
+        As reported, NaN where lost [m].
+    angles : ndarray, shape (n, 25)
+        True, in the order of `JOINTS` [rad].
+    rotation, position : ndarray, shape (n, 3, 3) and (n, 3)
+        True, of the wrist [m].
+    places : ndarray, shape (n, 8, 3)
+        Where the markers truly are [m].
+    """
+
+    stamps: np.ndarray
+    markers: np.ndarray
+    angles: np.ndarray
+    rotation: np.ndarray
+    position: np.ndarray
+    places: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,52 +100,60 @@ class Simulation:
         if self.layout is None:
             object.__setattr__(self, 'layout', skin_layout(self.hand))
 
+    @cached_property
+    def moving(self):
+        """Return the motion."""
+        return motion_named(self.motion, self.hand, self.seed, self.duration)
+
+    @property
+    def frames(self):
+        """Return the number of frames."""
+        return int(np.floor(self.moving.duration * self.rate)) + 1
+
     def blocks(self):
         """Yield the recording in parts of half a second.
 
         Yields
         ------
-        Recording
-            Of consecutive frames.
+        Simulated
         """
-        motion = motion_named(self.motion, self.hand, self.seed, self.duration)
         random = np.random.RandomState((self.seed, 1))
-        events = fault_events(self.faults, motion.duration, len(MARKERS),
+        events = fault_events(self.faults, self.moving.duration, len(MARKERS),
                               np.random.RandomState((self.seed, 2)))
-        frames = np.arange(int(np.floor(motion.duration * self.rate)) + 1)
+        frames = np.arange(self.frames)
         step = max(1, round(BLOCK * self.rate))
         for first in range(0, len(frames), step):
             part = frames[first:first + step]
             times = part / self.rate
-            angles, rotation, position = motion.sample(times)
+            angles, rotation, position = self.moving.sample(times)
             noise = random.standard_normal((len(part), len(MARKERS), len(self.rig.positions), 2))
             sight = look(self.rig, self.hand, self.layout, angles, rotation, position, noise)
             markers = with_faults(sight.positions, sight.truth, times, events)
             stamps = START_NS + np.round(part * (1e9 / self.rate)).astype(np.int64)
-            yield Recording(stamps, np.round(markers, DECIMALS), np.round(angles, DECIMALS) + 0.)
+            yield Simulated(stamps, np.round(markers, DECIMALS), np.round(angles, DECIMALS) + 0.,
+                            rotation, position, sight.truth)
 
     def recording(self):
         """Return the whole recording.
 
         Returns
         -------
-        Recording
+        Simulated
         """
-        return Recording(*map(np.concatenate, zip(*self.blocks())))
+        return Simulated(*map(np.concatenate, zip(*self.blocks())))
 
 
-def calibrated(hand, layout, seed, length_error=LENGTH_ERROR, offset_error=OFFSET_ERROR):
+def calibrated(hand, layout, seed):
     """Return hand and layout as a calibration finds them: a little wrong.
+
+    Bones and coordinates of the palm's joints err by `LENGTH_ERROR`, markers' places on their
+    links by `OFFSET_ERROR`, the coupling by `SLOPE_ERROR` and `COUPLING_ERROR`.
 
     Parameters
     ----------
     hand : Hand
     layout : MarkerLayout
     seed : int
-    length_error : float
-        Standard deviation of each bone and of each coordinate of the palm's joints [1].
-    offset_error : float
-        Standard deviation of each marker's place on its link, per axis [m].
 
     Returns
     -------
@@ -122,42 +162,80 @@ def calibrated(hand, layout, seed, length_error=LENGTH_ERROR, offset_error=OFFSE
     """
     random = np.random.RandomState((seed, 3))
     fields = {name: getattr(hand, name) * (
-        1. + length_error * random.standard_normal(getattr(hand, name).shape))
+        1. + LENGTH_ERROR * random.standard_normal(getattr(hand, name).shape))
         for name in ('finger_cmc', 'finger_mcp', 'finger_bones', 'thumb_cmc', 'thumb_bones')}
-    offsets = layout.offsets + offset_error * random.standard_normal(layout.offsets.shape)
-    return hand.replace(**fields), MarkerLayout(layout.places, offsets)
+    offsets = layout.offsets + OFFSET_ERROR * random.standard_normal(layout.offsets.shape)
+    slope, offset = hand.coupling.T
+    coupling = np.column_stack((
+        slope * (1. + SLOPE_ERROR * random.standard_normal(len(slope))),
+        offset + COUPLING_ERROR * random.standard_normal(len(offset))))
+    return hand.replace(coupling=coupling, **fields), MarkerLayout(layout.places, offsets)
 
 
-def worn(path=None, side=None):
-    """Return a hand and where its markers are.
+def simulated_hand(path=None, side=None):
+    """Return a hand and where its markers are; one without an offset is put on the skin.
 
     Parameters
     ----------
     path : path-like, optional
-        Hand file; the mean hand when left out. Markers without any offset are put on the skin.
+        Hand file; the mean hand when left out.
     side : {'right', 'left'}, optional
 
     Returns
     -------
     hand : Hand
     layout : MarkerLayout
+
+    Raises
+    ------
+    InvalidLayout
+        Naming the markers that lie inside the hand.
     """
     hand, layout = load_hand(path) if path else (Hand.scaled(), MarkerLayout())
     hand = hand.replace(side=side or hand.side)
-    if not layout.offsets.any():
-        layout = MarkerLayout(layout.places, skin_layout(hand).offsets)
+    bare = ~layout.offsets.any(axis=1)
+    layout = MarkerLayout(layout.places, np.where(
+        bare[:, None], skin_layout(hand).offsets, layout.offsets))
+    inside = markers_inside(hand, layout)
+    if inside.any():
+        named = ', '.join(name for name, hidden in zip(MARKERS, inside) if hidden)
+        raise InvalidLayout(f'{path}: offset of {named}: inside the hand, where no camera sees '
+                            'them; expected places outside its capsules')
     return hand, layout
 
 
-def _messages(simulation, count):
-    """Yield the messages of a simulation; count frames and lost markers in `count`."""
-    for block in simulation.blocks():
-        count['frames'] += len(block.stamps)
-        count['lost'] += int(np.isnan(block.markers[..., 0]).sum())
-        yield from recording_messages(block, simulation.hand.side)
-        if sys.stderr.isatty():
-            seconds = 1e-9 * (block.stamps[-1] - START_NS)
-            print(f'\r{seconds:6.1f} s simulated', end='', file=sys.stderr, flush=True)
+def frame_messages(part, side, truth=True):
+    """Yield the messages of each frame: markers, and the truth of joints, wrist and markers.
+
+    Parameters
+    ----------
+    part : Simulated
+    side : {'right', 'left'}
+    truth : bool
+        Whether to tell it.
+
+    Yields
+    ------
+    tuple of BagMessage
+        Markers; joints, wrist, true places.
+    """
+    messages = recording_messages(part, side)
+    for stamp, rotation, position, places in zip(
+            part.stamps.tolist(), part.rotation, part.position, part.places):
+        markers, joints = next(messages), next(messages)
+        yield (markers,) if not truth else (
+            markers, joints,
+            bag_message(WRIST_TOPIC, stamp, pose_message(stamp, FRAME_ID, position, rotation)),
+            bag_message(PLACES_TOPIC, stamp, marker_array_message(
+                stamp, FRAME_ID, MARKERS, places)))
+
+
+def _frames(simulation, count):
+    """Yield the messages of each frame; count frames and lost markers in `count`."""
+    for part in simulation.blocks():
+        count['frames'] += len(part.stamps)
+        count['lost'] += int(np.isnan(part.markers[..., 0]).sum())
+        yield from frame_messages(part, simulation.hand.side)
 
 
 def _parse(arguments):
@@ -193,11 +271,12 @@ def main(arguments=None):
     parser, chosen = _parse(arguments)
     count = {'frames': 0, 'lost': 0}
     try:
-        hand, layout = worn(chosen.hand, chosen.side)
+        hand, layout = simulated_hand(chosen.hand, chosen.side)
         simulation = Simulation(
             chosen.motion, hand, layout, CameraRig.ring(chosen.cameras), chosen.rate, chosen.seed,
             chosen.duration, Faults(chosen.swaps, chosen.ghosts, chosen.dropouts))
-        write_bag(chosen.output, _messages(simulation, count))
+        frames = Progress(simulation.frames, 'frames').over(_frames(simulation, count))
+        write_bag(chosen.output, (message for frame in frames for message in frame))
         if chosen.calibration:
             save_hand(chosen.calibration, *calibrated(hand, layout, chosen.seed))
     except (HandTrackerError, OSError) as error:
@@ -205,8 +284,6 @@ def main(arguments=None):
         return 1
     except KeyboardInterrupt:
         return 130
-    if sys.stderr.isatty():
-        print(file=sys.stderr)
     share = 100. * count['lost'] / (count['frames'] * len(MARKERS))
     print(f'{chosen.output}: {count["frames"]} frames at {chosen.rate:g} Hz, '
           f'{share:.1f} % of the markers lost')
