@@ -99,15 +99,19 @@ class View:
                                 + [to_rgb(DIGIT_COLOURS[digit]) for digit in digits])
         self.bones = LineCollection([], capstyle='round')
         axes.add_collection(self.bones)
+        self.bones.set_clip_on(False)
         self.marks = axes.scatter([], [], s=.3 * self.widths.min() ** 2, linewidths=.7,
-                                  edgecolors='white', zorder=3)
+                                  edgecolors='white', zorder=3, clip_on=False)
 
     def draw(self, points, markers, seen):
         """Draw one pose, far bones first."""
         ends = (points @ self.axes.T)[np.array(BONES)]  # (bones, 2, 3)
         depth = ends[:, :, 2].mean(axis=1)
+        # The palm is one: which of its bones is nearer would change from pose to pose.
+        near = np.append([depth[:len(PALM_BONES)].mean()] * len(PALM_BONES),
+                         depth[len(PALM_BONES):])
         # Every bone twice: a white rim sets it off from those behind it.
-        order = np.repeat(np.argsort(depth, kind='stable'), 2)
+        order = np.repeat(np.argsort(near, kind='stable'), 2)
         rim = np.arange(len(order)) % 2 == 0
         fade = .55 * np.clip((.05 - depth) / .15, 0., 1.)[:, None]
         colours = self.colours * (1. - fade) + fade

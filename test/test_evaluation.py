@@ -10,9 +10,11 @@ from captures import capture_path
 from hand_tracker.__main__ import main
 from hand_tracker.calibration import LANDMARKS, fit_hand
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.evaluation import baselines, command, occlusion, plain_hand, recordings
+from hand_tracker.evaluation import (
+    baselines, command, fitting, noise, occlusion, plain_hand, recordings, results, simulated,
+    solvers)
 from hand_tracker.evaluation.captures import Capture, InvalidCapture, load_capture
-from hand_tracker.evaluation.demo_frames import demo_frames, worn
+from hand_tracker.evaluation.demo_frames import demo_frames, tracked_hand
 from hand_tracker.evaluation.options import Options
 from hand_tracker.evaluation.report import Table
 from hand_tracker.evaluation.results import versions
@@ -30,7 +32,7 @@ def moving():
 @pytest.fixture(scope='module')
 def capture_file(moving, tmp_path_factory):
     path = tmp_path_factory.mktemp('captures') / 'demo.npz'
-    save(path, moving)
+    save(path, moving, source='a paper', licence='CC0')
     return path
 
 
@@ -47,9 +49,8 @@ def fitted_hand(moving):
 @pytest.fixture
 def fitted_once(fitted_hand, monkeypatch):
     """Fit the one hand of these tests once: that takes most of the time."""
-    for module in (occlusion, recordings):
-        monkeypatch.setattr(module, 'fit_hand', lambda joints, side, limits: fitted_hand.replace(
-            side=side, limits=limits))
+    monkeypatch.setattr(fitting, 'fit_hand', lambda joints, side, limits: fitted_hand.replace(
+        side=side, limits=limits))
 
 
 def local_markers(frames=240):
@@ -175,20 +176,110 @@ def test_neither_tracker_nor_baselines_see_what_is_hidden_or_to_come(
     np.testing.assert_array_equal(results[0], results[2])
 
 
-def test_windows_leave_out_frames_without_a_marker(moving):
+def test_windows_begin_after_all_markers_and_have_them_in_half_of_the_frames(moving):
     joints = moving.joints.copy()
-    joints[300:310, 0] = np.nan
-    starts = occlusion.windows(moving._replace(joints=joints), 1)
-    assert (starts >= moving.split).all()
-    assert not ((starts > 300 - 61) & (starts <= 310)).any()
-    joints[140::30, 0] = np.nan
-    with pytest.raises(InvalidCapture, match='no 1 s in which all markers'):
+    joints[300:400, 0] = np.nan
+    starts, lengths = occlusion.windows(moving._replace(joints=joints), 1)
+    assert (starts >= moving.split).all() and max(lengths) == 1.
+    whole = np.isfinite(joints[:, 0]).all(axis=1)
+    assert all(whole[start - 1] and whole[start:start + 60].sum() >= 30 for start in starts)
+    joints[::2, 0] = np.nan
+    joints[1::3, 0] = np.nan
+    with pytest.raises(InvalidCapture, match='no 0.1 s with all eight markers'):
         occlusion.windows(moving._replace(joints=joints), 1)
+
+
+def test_short_recordings_have_short_windows(moving):
+    _, lengths = occlusion.windows(moving._replace(joints=moving.joints[:70]), 1)
+    assert lengths == {.1: 6, .25: 15, .5: 30}
+
+
+def with_gaps(capture, share=.02):
+    joints = capture.joints.copy()
+    joints[np.random.default_rng(1).uniform(size=joints.shape[:2]) < share] = np.nan
+    return capture._replace(joints=joints)
+
+
+def test_all_methods_are_judged_on_the_same_frames(moving, few_windows, fitted_once):
+    gaps = with_gaps(moving)
+    judged = int(gaps.whole[gaps.split:].sum())
+    assert judged < 500
+    assert {row['frames'] for row in recordings.judge(gaps)} == {judged}
+    rows = occlusion.judge(gaps, 1)
+    for kind in occlusion.HIDDEN:
+        for seconds in occlusion.LENGTHS:
+            assert len({row['frames'] for row in rows if (row['hidden'], row['hidden_s']) == (
+                kind, seconds)}) == 1
+    assert all(np.isfinite(row['mean_mm']) and row['frames'] > 0 for row in rows)
+
+
+def test_frames_before_the_palm_is_seen_are_not_judged(moving, fitted_once):
+    """A cold start at the split would judge the pose of rest at the origin."""
+    joints = moving.joints.copy()
+    joints[moving.split - 20:moving.split + 30, 0] = np.nan
+    rows = recordings.judge(moving._replace(joints=joints))
+    assert {row['frames'] for row in rows} == {530}
+    assert max(row['p95_mm'] for row in rows if row['joint_class'] == 'mcp') < 5.
+
+
+def test_a_joint_that_is_never_captured_is_not_judged(moving, tmp_path):
+    joints = moving.joints.copy()
+    joints[:, LANDMARKS.index('little_pip')] = np.nan
+    save(tmp_path / 'gap.npz', moving, positions=joints)
+    capture = load_capture(tmp_path / 'gap.npz')
+    assert capture.missing == ['little_pip']
+    filled = fitting.fitting_joints(capture)
+    assert np.isfinite(filled).all()
+    np.testing.assert_array_equal(filled[:, :18], joints[:capture.split, :18])
+    # The place of a mean hand, of the capture's size.
+    away = np.linalg.norm(filled - moving.joints[:capture.split], axis=2)
+    assert away.max() < .02
+
+
+KEYS = {'evaluation', 'recording', 'method', 'mean_mm', 'p95_mm', 'frames'}
+
+
+@pytest.mark.parametrize('name', command.EVALUATIONS)
+def test_every_evaluation_has_rows_of_the_same_keys(
+        name, moving, few_windows, fitted_once, monkeypatch, tmp_path):
+    module = command.module_of(name)
+    for short, value in (('DURATION', 1.), ('MOTIONS', ('demo',)), ('NOISES', (.3,)),
+                         ('SIZE_ERRORS', (0.,))):
+        if hasattr(module, short):
+            monkeypatch.setattr(module, short, value)
+    monkeypatch.setattr(simulated, 'MOTIONS', {'demo': None})
+    short = demo_frames()
+    short = short._replace(**{field: getattr(short, field)[:200] for field in (
+        'angles', 'wrist_rotation', 'wrist_position', 'markers', 'joints')})
+    for module_of_demo in (noise, solvers):
+        monkeypatch.setattr(module_of_demo, 'demo_frames', lambda: short)
+    rows = command.run(name, Options((moving,), quiet=True))
+    for row in rows:
+        assert KEYS <= row.keys()
+        assert ('hidden' in row and 'hidden_s' in row) != ('joint_class' in row)
+        assert row['evaluation'] == name and row['mean_mm'] is not None and row['frames'] > 0
+    assert all(len(line) == len(table.header) for table in module.tables(rows)
+               for line in table.lines)
+    for line in module.losses(rows) if hasattr(module, 'losses') else ():
+        assert 'nan' not in line and 'None' not in line
+    results.write_results(tmp_path / 'results.md', rows, {name: module},
+                          Options((moving,)), 'hand_tracker evaluate')
+    document = (tmp_path / 'results.md').read_text()
+    assert '## Where it loses' in document
+    assert ('2 %' in document) == (not getattr(module, 'NEEDS_FILES', False))
+
+
+def test_what_loses_is_told_from_the_rows():
+    rows = [{'recording': 'a', 'joint_class': name, 'method': method, 'mean_mm': mean}
+            for name in recordings.JOINT_CLASSES
+            for method, mean in (('hand_tracker', 2. if name == 'dip' else 1.), ('plain', 1.5))]
+    assert recordings.losses(rows) == [
+        'dip: the plain hand is nearer on a 2.00 mm against 1.50']
 
 
 def test_the_tracked_hand_is_not_the_moving_one():
     true = demo_frames(10.).hand
-    hand, layout = worn(true, 1)
+    hand, layout = tracked_hand(true, 1)
     assert layout.offsets.all()
     for name in ('finger_mcp', 'finger_bones', 'thumb_cmc', 'thumb_bones'):
         found, moved = getattr(hand, name), getattr(true, name)
@@ -203,7 +294,11 @@ def test_the_tracked_hand_is_not_the_moving_one():
     ({'rate_hz': -1.}, 'rate_hz -1; allowed is 5 to 2000 Hz'),
     ({'rate_hz': np.zeros(3)}, 'expected one number'),
     ({'positions': np.zeros((50, 21, 3))}, '10 of the 10 frames to fit the hand on'),
-    ({'positions': np.full((1000, 21, 3), np.nan)}, '0 of the 200 frames to fit the hand on'),
+    ({'positions': np.ones((1000, 21, 3))}, 'index MCP 0 from the wrist; expected metres'),
+    ({'positions': np.random.default_rng(1).uniform(0., 200., (1000, 21, 3))},
+     'expected metres, 0.03 to 0.2'),
+    ({'positions': np.full((1000, 21, 3), np.nan)}, '0 of the 200 frames to fit the hand on have all eight markers; at least 100 are needed; never '
+     'captured: wrist, thumb_cmc'),
 ])
 def test_captures_of_odd_shapes_are_refused(tmp_path, moving, fields, message):
     save(tmp_path / 'odd.npz', moving, **fields)
@@ -246,7 +341,9 @@ def test_the_command_writes_rows_table_picture_and_document(
     assert len((tmp_path / 'out/recordings.csv').read_text().splitlines()) == len(rows) + 1
     assert (tmp_path / 'out/recordings.png').stat().st_size > 1000
     document = (tmp_path / 'docs/results.md').read_text()
-    assert 'demo.npz' in document
+    assert '$CAPTURES/demo.npz' in document and '--results docs/results.md' in document
+    assert 'a paper' in document and 'CC0' in document
+    assert '- wrong.npz: no npz file' in document
     assert str(tmp_path) not in document
     assert f'Python {versions()["Python"]}' in document
     assert (tmp_path / 'docs/results/recordings.png').read_bytes() == (
@@ -257,8 +354,42 @@ def test_the_command_says_what_it_needs(tmp_path, capsys):
     with pytest.raises(SystemExit):
         command.main(['occlusion'])
     assert 'name at least one npz file' in capsys.readouterr().err
+    for arguments, message in ((['--seed', '-1'], '-1; allowed is 0 to 2147483647'),
+                               (['--json', str(tmp_path)], 'is a folder; expected a file')):
+        with pytest.raises(SystemExit):
+            command.main(['noise', *arguments])
+        assert message in capsys.readouterr().err
     assert command.main(['recordings', str(tmp_path / 'none.npz')]) == 1
     assert 'No such file' in capsys.readouterr().err
+
+
+def test_a_capture_that_cannot_be_judged_is_named_and_the_others_are_judged(
+        moving, capture_file, tmp_path, capsys, fitted_once, few_windows):
+    # All markers at once are there only in single frames.
+    joints = moving.joints.copy()
+    joints[moving.split::2, 0] = np.nan
+    joints[moving.split + 1::3, 0] = np.nan
+    save(tmp_path / 'holes.npz', moving, positions=joints)
+    rows = tmp_path / 'rows.json'
+    assert main(['evaluate', 'occlusion', str(tmp_path / 'holes.npz'), str(capture_file),
+                 '--json', str(rows)]) == 0
+    assert 'left out: holes: no 0.1 s' in capsys.readouterr().err
+    assert {row['recording'] for row in json.loads(rows.read_text())} == {'demo'}
+    assert main(['evaluate', 'occlusion', str(tmp_path / 'holes.npz')]) == 1
+    assert 'none of the captures can be judged' in capsys.readouterr().err
+
+
+def test_an_evaluation_that_fails_leaves_the_others_rows(
+        capture_file, tmp_path, capsys, monkeypatch, fitted_once):
+    def fails(options):
+        raise InvalidCapture('no luck')
+
+    monkeypatch.setattr(command, 'EVALUATIONS', {'recordings': '', 'occlusion': ''})
+    monkeypatch.setattr(occlusion, 'evaluate', fails)
+    rows = tmp_path / 'rows.json'
+    assert main(['evaluate', 'all', str(capture_file), '--json', str(rows)]) == 1
+    assert 'occlusion: no luck' in capsys.readouterr().err
+    assert json.loads(rows.read_text())
 
 
 def test_rows_are_plain_json():
@@ -267,10 +398,9 @@ def test_rows_are_plain_json():
     assert command.plain('x') == 'x'
 
 
-def test_work_comes_back_in_order_from_any_number_of_jobs(capsys):
+def test_work_comes_back_in_order_from_any_number_of_jobs():
     for jobs in (1, 2):
         assert list(Options(jobs=jobs).each('squares', abs, [-3, 1, -2])) == [3, 1, 2]
-        assert 'squares: 3 of 3' in capsys.readouterr().err
 
 
 def test_tables_align_numbers_to_the_right():

@@ -1,29 +1,29 @@
 """Fig. 13: the tracker without each of its constraints in turn, with and without occlusion.
 
-Limits are taken off by a hand that has none, the intradigital correlation by a hand whose
-last joints stay straight, the holding of hidden markers in the palm's frame by holding them
-where they were in the room.
+A line of `VARIANTS` is a constraint that is off: options of the tracker, or a hand that lacks
+it. Limits are taken off by a hand that has none, the intradigital correlation by a hand whose
+last joints stay straight.
 """
 
 from textwrap import fill
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from ..calibration import landmark_positions
 from ..core.hand import JOINTS, preset_limits
 from ..core.kinematics import forward, joint_table, tip_offsets
 from ..core.layout import marker_positions
-from ..core.metrics import joint_errors, limit_violations
+from ..core.metrics import limit_violations
 from ..core.skeleton import skeleton_points
-from ..picture import VIEWS, View, view_size
+from ..core.tracker import TrackerOptions
+from ..picture import HIDDEN_COLOUR, SEEN_COLOUR, VIEWS, View, view_size
 from ..simulation.faults import Faults, fault_events, with_faults
 from ..simulation.sight import skin_layout
 from .report import COLOURS, INK, Picture, Table, figure_with, save
-from .rows import spread
 from .simulated import distances, mean_max, trial
-from .tracking import tracked_joints
 
 TITLE = 'Without each constraint (Fig. 13)'
 RATE = 120.                    # [Hz]
@@ -34,60 +34,54 @@ DROPOUTS = 2.                  # [1/s]
 FREE = np.radians(170.)        # a limit that is none
 TOLERANCE = np.radians(.01)    # beyond a limit
 
-ALL = 'all constraints'
-VARIANTS = (ALL, 'no flexion limits', 'no abduction limits', 'no limits',
-            'no DIP and IP coupling', 'no holding in the palm')
 CONDITIONS = ('all seen', 'occluded')
 FLEXION = np.array(['flexion' in joint and not (
     joint.endswith('cmc_flexion') and not joint.startswith('thumb')) for joint in JOINTS])
 ABDUCTION = np.array(['abduction' in joint for joint in JOINTS])
-SCALE = .36                    # of the drawn hands
+SHOWN = 10.                    # [degrees] over all joints, from which a difference is drawn
+SCALE = .5                     # of the drawn hands
+MARGIN = .1                    # [inches] around them
+WHY = ('A constraint that is right in general can be wrong in a frame: a limit of Table 1 or a '
+       'coupling keeps a joint from where noise, rightly, puts it. A variant that is better '
+       'with all markers seen holds nothing that these markers do not tell.')
 
 
-def without(variant, hand):
-    """Return a hand that lacks a constraint.
+class Change(NamedTuple):
+    """What is changed to take a constraint off.
 
-    Parameters
+    Attributes
     ----------
-    variant : str
-        One of `VARIANTS`.
-    hand : Hand
-
-    Returns
-    -------
-    Hand
+    options : dict
+        Fields of `TrackerOptions`.
+    hand : callable
+        Returns the hand that lacks it, of one that has it.
     """
-    freed = {'no flexion limits': FLEXION, 'no abduction limits': ABDUCTION,
-             'no limits': FLEXION | ABDUCTION}.get(variant)
-    if freed is not None:
-        return hand.replace(limits=np.where(freed[:, None], (-FREE, FREE), hand.limits))
-    if variant == 'no DIP and IP coupling':
-        return hand.replace(coupling=np.zeros_like(hand.coupling))
-    return hand
+
+    options: dict = {}
+    hand: object = lambda hand: hand
 
 
-def held_in_the_room(markers):
-    """Return markers, each hidden one where it was last seen.
+def free(joints):
+    """Return the change to a hand without limits of some joints, a mask of `JOINTS`."""
+    return Change(hand=lambda hand: hand.replace(
+        limits=np.where(joints[:, None], (-FREE, FREE), hand.limits)))
 
-    Parameters
-    ----------
-    markers : ndarray, shape (n, 8, 3)
-        NaN where not seen [m].
 
-    Returns
-    -------
-    ndarray, shape (n, 8, 3)
-        NaN before a marker was first seen [m].
-    """
-    seen = np.isfinite(markers).all(axis=2)
-    last = np.maximum.accumulate(np.where(seen, np.arange(len(markers))[:, None], 0), axis=0)
-    return np.take_along_axis(markers, last[..., None], axis=0)
+ALL = 'all constraints'
+VARIANTS = {
+    ALL: Change(),
+    'no flexion limits': free(FLEXION),
+    'no abduction limits': free(ABDUCTION),
+    'no limits': free(FLEXION | ABDUCTION),
+    'no DIP and IP coupling': Change(
+        hand=lambda hand: hand.replace(coupling=np.zeros_like(hand.coupling))),
+}
 
 
 def evaluate(options):
     """Yield a row for each motion, condition and variant."""
     tasks = [(motion, options.seed + i) for i, motion in enumerate(MOTIONS)]
-    for rows in options.each('ablation', judge, tasks):
+    for rows in options.each('motions', judge, tasks):
         yield from rows
 
 
@@ -95,25 +89,25 @@ def judge(task):
     """Return the rows of one motion."""
     motion, seed = task
     one = trial(motion, seed, RATE, DURATION)
-    pose = forward(joint_table(one.hand), one.angles, one.rotation, one.position)
-    true = landmark_positions(one.hand, pose, one.position)
     rows = []
     for condition in CONDITIONS:
         markers = markers_of(one, condition, seed)
         whole = None
         for variant in VARIANTS:
-            hand, tracked = tracked_without(one, variant, markers)
+            hand, tracked = tracked_with(one, VARIANTS[variant], markers)
             worse = _worse(tracked.angles, one.angles)
             whole = worse if whole is None else whole
+            # What the picture shows: this variant wrong where all constraints are right.
+            shown = int(np.argmax(worse - 2. * whole))
             broken, _ = limit_violations(tracked.angles, preset_limits('paper'), TOLERANCE)
             rows.append({
                 'evaluation': 'ablation', 'recording': motion, 'method': variant, 'seed': seed,
                 'condition': condition, **distances('true', tracked.angles, one.angles),
-                **spread(joint_errors(tracked_joints(hand, tracked), true)['all']),
+                **one.errors(tracked, hand=hand),
                 'beyond_limits_pct': round(100. * float(broken), 3),
                 'lost_pct': round(100. * float(np.isnan(markers[..., 0]).mean()), 3),
-                # Where this variant is worst beside all constraints: what the picture shows.
-                'shown_frame': int(np.argmax(worse - whole)), 'frames': len(true)})
+                'shown_frame': shown,
+                'shown_deg': round(float(np.degrees(worse[shown] - whole[shown])), 3), 'frames': len(markers)})
     return rows
 
 
@@ -127,11 +121,10 @@ def markers_of(one, condition, seed):
     return with_faults(one.measured(OCCLUDED_CAMERAS), one.sight.truth, times, events)
 
 
-def tracked_without(one, variant, markers):
-    """Return the hand that lacks a constraint, and what tracking with it says of markers."""
-    hand = without(variant, one.worn)
-    given = held_in_the_room(markers) if variant == 'no holding in the palm' else markers
-    return hand, one.track(given, hand=hand)
+def tracked_with(one, change, markers):
+    """Return the changed hand, and what tracking with the change says of markers."""
+    hand = change.hand(one.worn)
+    return hand, one.track(markers, hand=hand, options=TrackerOptions(**change.options))
 
 
 def _worse(angles, true):
@@ -162,9 +155,21 @@ def _mean(rows, key):
     return sum(row[key] for row in rows) / len(rows)
 
 
+def losses(rows):
+    """Return which constraints do harm in the mean of the motions."""
+    lines = []
+    for condition in CONDITIONS:
+        means = {variant: _mean([row for row in rows if (row['condition'], row['method'])
+                                 == (condition, variant)], 'mean_mm') for variant in VARIANTS}
+        # Not by what the last digit of the table does not show.
+        lines += [f'{condition}, {variant}: {mean:.2f} mm, {means[ALL]:.2f} with {ALL}'
+                  for variant, mean in means.items() if mean < means[ALL] - .005]
+    return lines
+
+
 def pictures(rows, folder):
     """Draw the errors, and the hands where each variant is worst."""
-    figure, axes = figure_with(2, width=5.)
+    figure, axes = figure_with(2, width=max(5., .9 * len(VARIANTS)))
     for ax, condition in zip(axes, CONDITIONS):
         for i, motion in enumerate(MOTIONS):
             mine = {row['method']: row['true_deg'] for row in rows
@@ -180,23 +185,22 @@ def pictures(rows, folder):
     _draw_hands(rows, folder / 'ablation_hands.png')
     return [Picture('ablation.png', 'Error without each constraint, each motion'),
             Picture('ablation_hands.png', 'The truth, the tracked hand with all constraints and '
-                    'without one, occluded, at the frame where that one is missed most')]
+                    'without one, occluded, at the frame where that one is missed most; only '
+                    'constraints that are missed')]
 
 
 def _draw_hands(rows, path):
-    """Draw truth, all constraints and one less side by side, a line for each variant."""
-    columns = ('the truth', ALL, 'without')
+    """Draw truth, all constraints and one less side by side, a line for each that is missed."""
+    # Where a variant never differs there is nothing to see.
+    shown = [row for variant in list(VARIANTS)[1:] if (row := _missed_most(rows, variant))]
     sizes = [view_size(view, SCALE) for view in VIEWS]
-    width, height = sum(size[0] for size in sizes) + .2, max(size[1] for size in sizes) + .25
-    variants = VARIANTS[1:]
-    figure = Figure(figsize=(len(columns) * width + 1.1, len(variants) * height), dpi=110)
+    width = sum(size[0] for size in sizes) + 3. * MARGIN
+    height, legend = max(size[1] for size in sizes) + .35, .35
+    figure = Figure(figsize=(3. * width + 1.1, len(shown) * height + legend), dpi=110)
     FigureCanvasAgg(figure)
     across, up = figure.get_size_inches()
     trials = {}
-    for line, variant in enumerate(variants):
-        row = max((row for row in rows
-                   if (row['condition'], row['method']) == ('occluded', variant)),
-                  key=lambda row: row['true_deg'] - _with_all(rows, row)['true_deg'])
+    for line, row in enumerate(shown):
         motion, frame = row['recording'], row['shown_frame']
         if motion not in trials:
             one = trial(motion, row['seed'], RATE, DURATION)
@@ -205,11 +209,11 @@ def _draw_hands(rows, path):
         to_wrist = one.rotation[frame].T
         local = (markers[frame] - one.position[frame]) @ to_wrist.T
         seen = np.isfinite(local).all(axis=1)
-        bottom = up - (line + 1) * height
-        for column, name in enumerate(columns):
+        bottom = up - legend - (line + 1) * height
+        for column, name in enumerate(('the truth', ALL, row['method'])):
             # Nothing of the frames to come.
-            hand, layout, pose = _true(one, frame) if not column else _tracked(
-                one, ALL if column == 1 else variant, markers[:frame + 1])
+            hand, layout, pose = _tracked(one, name, markers[:frame + 1]) if column else _true(
+                one, frame)
             # All in the true wrist's frame, so that a turned palm is seen too.
             turned, moved = to_wrist @ pose[1], to_wrist @ (pose[2] - one.position[frame])
             links = forward(joint_table(hand), pose[0], turned, moved)
@@ -219,13 +223,26 @@ def _draw_hands(rows, path):
                 View(figure, (left, bottom), view, hand, SCALE).draw(
                     skeleton_points(tip_offsets(hand), links, moved),
                     np.where(seen[:, None], local, places), seen)
-                left += size[0]
-            figure.text((1.1 + (column + .45) * width) / across, (bottom + height - .12) / up,
-                        name if column < 2 else variant, ha='center', va='top', color=INK,
-                        fontsize=8, weight='bold' if column == 2 else 'normal')
+                left += size[0] + MARGIN
+            figure.text((1.1 + (column + .5) * width) / across, (bottom + height - .1) / up,
+                        name, ha='center', va='top', color=INK, fontsize=9,
+                        weight='bold' if column == 2 else 'normal')
         figure.text(.1 / across, (bottom + .5 * height) / up,
                     f'{motion}\n{frame / RATE:.2f} s', color=INK, fontsize=8, va='center')
+    figure.legend(handles=[
+        Line2D([], [], marker='o', linestyle='', markersize=5, color=colour, label=label)
+        for colour, label in ((SEEN_COLOUR, 'marker, measured'),
+                              (HIDDEN_COLOUR, 'marker not seen: its place on the hand'))],
+        loc='upper center', ncols=2, frameon=False, fontsize=8, labelcolor=INK)
     save(figure, path)
+
+
+def _missed_most(rows, variant):
+    """Return the occluded row of a variant with the frame it is missed most in; None if never."""
+    row = max((row for row in rows
+               if (row['condition'], row['method']) == ('occluded', variant)),
+              key=lambda row: row['shown_deg'])
+    return row if row['shown_deg'] > SHOWN else None
 
 
 def _true(one, frame):
@@ -234,11 +251,7 @@ def _true(one, frame):
 
 
 def _tracked(one, variant, markers):
-    hand, tracked = tracked_without(one, variant, markers)
+    hand, tracked = tracked_with(one, VARIANTS[variant], markers)
     return hand, one.layout, (
         tracked.angles[-1], tracked.wrist_rotation[-1], tracked.wrist_position[-1])
 
-
-def _with_all(rows, row):
-    return next(other for other in rows if other['method'] == ALL and all(
-        other[key] == row[key] for key in ('recording', 'condition')))

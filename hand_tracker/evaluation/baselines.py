@@ -80,7 +80,7 @@ def carried_poses(markers, hidden, template, rotation, position):
     """Return the poses of a palm of which one marker is hidden.
 
     From frame to frame the palm turns by the smallest rotation that lays the line through
-    its two visible markers right.
+    its two visible markers right. A frame that lacks one of these has no pose.
 
     Parameters
     ----------
@@ -104,8 +104,9 @@ def carried_poses(markers, hidden, template, rotation, position):
     a, b = (row for row in range(3) if row != hidden)
     along, middle = template[b] - template[a], .5 * (template[a] + template[b])
     lines = unit(markers[:, b] - markers[:, a])
-    rotations = np.empty((len(markers), 3, 3))
-    for frame, line in enumerate(lines):
+    rotations = np.full((len(markers), 3, 3), np.nan)
+    for frame in np.flatnonzero(np.isfinite(lines).all(axis=1)):
+        line = lines[frame]
         before = unit(rotation @ along)
         axis = np.cross(before, line)
         x, y, z = axis

@@ -6,7 +6,7 @@ The fewer cameras are some of the eight, with the very noise they had among them
 import numpy as np
 
 from .report import COLOURS, Picture, Table, figure_with, save
-from .simulated import distances, mean_max, tasks, trial
+from .simulated import distances, mean_max, paper_losses, tasks, trial
 
 TITLE = 'Fewer cameras (Table 2a)'
 RATE = 120.       # [Hz]
@@ -14,6 +14,10 @@ DURATION = 20.    # [s]
 # Of the ring's eight, in its order: evenly spaced as far as that goes; two at a right angle.
 SUBSETS = {6: (0, 1, 2, 4, 5, 6), 4: (0, 2, 4, 6), 2: (0, 2)}
 PAPER = {6: '0.07 (0.36)', 4: '0.49 (1.12)', 2: '0.58 (1.27)'}
+WHY = ('The motions here are other than the paper\'s, which it does not describe in numbers; its '
+       'own eight cameras are its only reference. A marker lost for long is the cause of nearly '
+       'all of the distance: typing and spelling hide the fingers most, and two cameras on one '
+       'side of the hand lose what a fist turns away from them.')
 
 
 def evaluate(options):
@@ -22,7 +26,7 @@ def evaluate(options):
     Keys that begin with `against_8` compare with tracking by all cameras, those that begin
     with `true` with the truth.
     """
-    for rows in options.each('cameras', judge, tasks(options)):
+    for rows in options.each('motions', judge, tasks(options)):
         yield from rows
 
 
@@ -33,11 +37,12 @@ def judge(task):
     rows, best = [], None
     for count, cameras in {8: None, **SUBSETS}.items():
         markers = one.measured(cameras)
-        angles = one.track(markers).angles
+        tracked = one.track(markers)
+        angles = tracked.angles
         best = angles if best is None else best
         rows.append({
             'evaluation': 'cameras', 'recording': motion, 'method': 'hand_tracker', 'seed': seed,
-            'cameras': count, **distances('against_8', angles, best),
+            'cameras': count, **one.errors(tracked), **distances('against_8', angles, best),
             **distances('true', angles, one.angles),
             'lost_pct': round(100. * float(np.isnan(markers[..., 0]).mean()), 3),
             'frames': len(angles)})
@@ -71,6 +76,11 @@ def tables(rows):
                *(f'lost {count}' for count in (8, *SUBSETS))), each)]
 
 
+def losses(rows):
+    """Return with how many cameras the distance is above the paper's."""
+    return paper_losses(rows, 'cameras', 'against_8_squared', PAPER, 'cameras')
+
+
 def pictures(rows, folder):
     """Draw the distance of each number of cameras from eight, and from the truth."""
     figure, axes = figure_with(2, width=5.)
@@ -81,8 +91,9 @@ def pictures(rows, folder):
         for i, motion in enumerate(motions):
             mine = {row['cameras']: row[key] for row in rows if row['recording'] == motion}
             ax.plot([str(count) for count in counts], [mine[count] for count in counts],
-                    marker='o', color=COLOURS[i % len(COLOURS)], markersize=4, linewidth=1.2,
-                    linestyle='-' if i < len(COLOURS) else '--', label=motion)
+                    marker='osD^v<>PX'[i], color=COLOURS[i % len(COLOURS)],
+                    markersize=4, linewidth=1.2, linestyle='-' if i < len(COLOURS) else '--',
+                    label=motion)
         ax.set_ylim(0.)
         ax.set_xlabel('cameras', fontsize=8)
         ax.set_ylabel(title, fontsize=8)

@@ -7,7 +7,9 @@ An evaluation is a module of this package with
 - ``evaluate(options)``, which yields rows: dicts of plain numbers and strings, the key
   ``evaluation`` first; a key that holds a time measured by the clock ends in ``_us``,
 - ``tables(rows)``, which returns the `Table`s of its rows,
-- ``pictures(rows, folder)``, which draws PNG files and returns their `Picture`s.
+- ``pictures(rows, folder)``, which draws PNG files and returns their `Picture`s,
+- ``losses(rows)``, which says in lines where the tracker loses, and ``WHY`` it does (none when
+  left out).
 """
 
 import argparse
@@ -20,6 +22,7 @@ from importlib import import_module
 from pathlib import Path
 
 from ..core.errors import HandTrackerError
+from .captures import InvalidCapture, load_captures
 from .options import Options
 from .results import command_line, write_results
 
@@ -33,6 +36,8 @@ EVALUATIONS = {
     'solvers': 'palm and finger solvers against each other',
 }
 
+SEEDS = 2**31 - 1  # at most: each motion has a seed of its own above it
+
 
 def module_of(name):
     """Return the module of an evaluation."""
@@ -45,28 +50,25 @@ def plain(value):
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def run(names, options):
-    """Return the rows of evaluations.
+def run(name, options):
+    """Return the rows of an evaluation.
 
     Parameters
     ----------
-    names : sequence of str
-        Of `EVALUATIONS`.
+    name : str
+        One of `EVALUATIONS`.
     options : Options
 
     Returns
     -------
     list of dict
     """
-    rows = []
-    for name in names:
-        start = time.monotonic()
-        options.say(f'{name}: {EVALUATIONS[name]}')
-        found = [{key: plain(value) for key, value in row.items()}
-                 for row in module_of(name).evaluate(options)]
-        options.say(f'{name}: {len(found)} rows in {time.monotonic() - start:.0f} s')
-        rows += found
-    return rows
+    start = time.monotonic()
+    options.say(f'{name}: {EVALUATIONS[name]}')
+    found = [{key: plain(value) for key, value in row.items()}
+             for row in module_of(name).evaluate(options)]
+    options.say(f'{name}: {len(found)} rows in {time.monotonic() - start:.0f} s')
+    return found
 
 
 def write_csv(path, rows):
@@ -84,11 +86,20 @@ def write_json(path, rows):
     path.write_text(f'[\n{lines}\n]\n', encoding='utf-8')
 
 
-def _jobs(text):
-    jobs = int(text)
-    if jobs < 1:
-        raise argparse.ArgumentTypeError(f'{jobs}: at least 1 is needed')
-    return jobs
+def _whole(lowest, highest):
+    def whole(text):
+        value = int(text)
+        if not lowest <= value <= highest:
+            raise argparse.ArgumentTypeError(f'{value}; allowed is {lowest} to {highest}')
+        return value
+    return whole
+
+
+def _file(text):
+    path = Path(text)
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(f'{path} is a folder; expected a file')
+    return path
 
 
 def _parse(arguments):
@@ -100,12 +111,13 @@ def _parse(arguments):
                         help=', '.join((*EVALUATIONS, 'all')))
     parser.add_argument('files', nargs='*', type=Path, metavar='FILE.npz',
                         help='captures: positions (T, 21, 3) [m], joints, side, rate_hz')
-    parser.add_argument('--seed', type=int, default=1, help='of all that is drawn (default: 1)')
-    parser.add_argument('--json', type=Path, metavar='OUT', help='file for the rows')
+    parser.add_argument('--seed', type=_whole(0, SEEDS), default=1,
+                        help='of all that is drawn (default: 1)')
+    parser.add_argument('--json', type=_file, metavar='OUT', help='file for the rows')
     parser.add_argument('--output', type=Path, metavar='FOLDER', help='folder for CSV and PNG')
-    parser.add_argument('--results', type=Path, metavar='FILE.md',
+    parser.add_argument('--results', type=_file, metavar='FILE.md',
                         help='document to write; its pictures go into the folder of its name')
-    parser.add_argument('--jobs', type=_jobs, default=1, help='processes (default: 1)')
+    parser.add_argument('--jobs', type=_whole(1, 64), default=1, help='processes (default: 1)')
     parser.add_argument('--quiet', action='store_true', help='print no progress')
     # Intermixed: files may also follow an option.
     return parser, parser.parse_intermixed_args(arguments)
@@ -128,31 +140,47 @@ def _names(parser, chosen, files):
 def main(arguments=None):
     """Run the command; return its exit code."""
     parser, chosen = _parse(arguments)
-    options = Options(tuple(chosen.files), chosen.seed, chosen.jobs, chosen.output, chosen.quiet)
+    names = _names(parser, chosen.name, chosen.files)
     try:
-        names = _names(parser, chosen.name, chosen.files)
-        for folder in (options.output, *(file.parent for file in (chosen.json, chosen.results)
-                                         if file)):
+        for folder in (chosen.output, *(file.parent for file in (chosen.json, chosen.results)
+                                        if file)):
             if folder:
                 folder.mkdir(parents=True, exist_ok=True)
-        rows = run(names, options)
-        if chosen.json:
-            write_json(chosen.json, rows)
-        for name in names:
-            found = [row for row in rows if row['evaluation'] == name]
-            module = module_of(name)
-            print(f'\n{module.TITLE}\n')
-            for table in module.tables(found):
-                print(table.text() + '\n')
-            if options.output:
-                write_csv(options.output / f'{name}.csv', found)
-                module.pictures(found, options.output)
-        if chosen.results:
-            write_results(chosen.results, rows, {name: module_of(name) for name in names},
-                          command_line(chosen.name, options, chosen.results))
+        captures, faults = load_captures(chosen.files)
+        if chosen.files and not captures:
+            raise InvalidCapture('; '.join(map(str, faults)))
+        options = Options(tuple(captures), chosen.seed, chosen.jobs, chosen.output, chosen.quiet)
+        for fault in faults:
+            options.leave_out(str(fault))
+        return _evaluate(parser, names, chosen, options)
     except (HandTrackerError, OSError) as error:
         print(f'{parser.prog}: {error}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 130
-    return 0
+
+
+def _evaluate(parser, names, chosen, options):
+    """Run evaluations, write what was asked for after each; return the exit code."""
+    rows, done = [], {}
+    for name in names:
+        try:
+            found = run(name, options)
+        except HandTrackerError as error:
+            print(f'{parser.prog}: {name}: {error}', file=sys.stderr)
+            continue
+        module = done[name] = module_of(name)
+        rows += found
+        # After each: what was found is not lost to what comes.
+        if chosen.json:
+            write_json(chosen.json, rows)
+        print(f'\n{module.TITLE}\n')
+        for table in module.tables(found):
+            print(table.text() + '\n')
+        if options.output:
+            write_csv(options.output / f'{name}.csv', found)
+            module.pictures(found, options.output)
+    if chosen.results and done:
+        write_results(chosen.results, rows, done, options,
+                      command_line(chosen.name, chosen.files, options, chosen.results))
+    return 0 if len(done) == len(names) else 1

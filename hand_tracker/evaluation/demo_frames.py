@@ -1,8 +1,7 @@
 """The packaged demo motion as frames of markers, and the truth to judge by.
 
 The hand that is tracked is never just the one that moves: it is wrong as a calibrated hand
-is (`simulate.calibrated`: every length by 2 %, every marker's place by 1 mm per axis,
-standard deviations).
+is (`calibrated`).
 """
 
 from typing import NamedTuple
@@ -59,7 +58,7 @@ def demo_frames(rate=RATE):
                       landmark_positions(hand, pose, position))
 
 
-def worn(hand, seed, scale=1.):
+def tracked_hand(hand, seed, scale=1.):
     """Return hand and layout as a calibration would have them.
 
     Parameters

@@ -1,7 +1,13 @@
 """Hidden markers of captured hands: where we say they are, beside three plain guesses.
 
-Windows begin at drawn frames. The tracker runs over the recording once; at each window a
-copy of it goes on without the hidden markers. A short window is the start of a long one.
+Windows begin at drawn frames, after a frame in which all eight markers are captured. The
+tracker runs over the recording once; at each window a copy of it goes on without the hidden
+markers. A short window is the start of a long one. All methods are judged on the frames of a
+window in which all eight markers are captured.
+
+Where a recording is solved to a rigid palm, a hidden palm marker follows from how the palm
+turns about the two others; the baselines carry the palm alike, by the smallest rotation, so
+that all three say the same there.
 """
 
 import copy
@@ -10,14 +16,14 @@ from itertools import combinations
 
 import numpy as np
 
-from ..calibration import fit_hand
-from ..core.hand import preset_limits
 from ..core.layout import MARKERS, PALM_MARKERS
+from ..core.metrics import availability
 from ..core.tracker import HandTracker
 from .baselines import BASELINES, predictions
-from .captures import InvalidCapture, load_captures
-from .plain_hand import PALM, fit_plain, palm_poses
-from .report import COLOURS, Picture, Table, figure_with, mean_and_p95, save
+from .captures import InvalidCapture, judge_each
+from .fitting import fitted_hand, fitted_plain
+from .plain_hand import PALM, palm_poses
+from .report import COLOURS, Picture, Table, figure_with, mean_and_p95, number, save
 from .rows import mean_of, spread
 from .tracking import advance
 
@@ -27,8 +33,13 @@ NEEDS_FILES = True
 LENGTHS = (.1, .25, .5, 1.)  # [s]
 WINDOWS = 80                 # in a recording
 SETS = 4                     # of two and of three hidden markers in a window, drawn
+USABLE = .5                  # share of a window's frames that have all markers
+AVAILABLE = .01              # [m] within which a place can be used; ours, unsourced
 LIMITS = 'wide'
 METHODS = ('hand_tracker', *BASELINES)
+WHY = ('A baseline predicts where a marker goes and nothing else; the tracker\'s prediction keeps '
+       'limits and bones, and must not jump when the marker comes back. A regression over the '
+       'last ten seconds knows habits of this one recording.')
 DIGITS = range(len(PALM_MARKERS), len(MARKERS))
 HIDDEN = {'one': 'a finger marker or the thumb\'s', 'palm': 'a palm marker',
           'two': 'two of fingers and thumb', 'three': 'three of fingers and thumb'}
@@ -37,13 +48,12 @@ HIDDEN = {'one': 'a finger marker or the thumb\'s', 'palm': 'a palm marker',
 def evaluate(options):
     """Yield a row for each recording, method, kind of hidden markers and length of window.
 
-    Errors are those of all hidden markers in all frames of the windows. Our rows also have
-    `step_deg`, the largest step of an angle when markers vanish or come back, and
+    Errors are those of all hidden markers in all judged frames of the windows;
+    `available_pct` is the share of them within 10 mm. Our rows of the longest window also
+    have `step_deg`, the largest step of an angle when markers vanish or come back, and
     `fastest_deg`, the largest step of an angle with all markers seen.
     """
-    for rows in options.each('occlusion', partial(judge, seed=options.seed),
-                             load_captures(options)):
-        yield from rows
+    yield from judge_each(partial(judge, seed=options.seed), options)
 
 
 def windows(capture, seed):
@@ -56,21 +66,32 @@ def windows(capture, seed):
 
     Returns
     -------
-    ndarray of int
-        Frames before, in and after the longest window have all eight markers.
+    starts : ndarray of int
+        The frame before each has all eight markers, and so have half of those in it.
+    lengths : dict
+        Frames of each of `LENGTHS` [s] that the recording has room for.
+
+    Raises
+    ------
+    InvalidCapture
+        If there is no room for the shortest.
     """
-    frames = round(max(LENGTHS) * capture.rate)
-    whole = np.isfinite(capture.markers).all(axis=(1, 2))
+    whole = capture.whole
     count = np.append(0, np.cumsum(whole))
-    starts = np.arange(capture.split, len(whole) - frames)
-    starts = starts[count[starts + frames + 1] - count[starts - 1] == frames + 2]
-    if not starts.size:
-        raise InvalidCapture(f'{capture.name}: no {max(LENGTHS):g} s in which all markers '
-                             'are captured')
-    # RandomState's streams are frozen for good.
-    random = np.random.RandomState(seed)
-    parts = np.array_split(starts, min(WINDOWS, len(starts)))
-    return np.array([part[random.randint(len(part))] for part in parts])
+    lengths = {seconds: max(1, round(seconds * capture.rate)) for seconds in LENGTHS}
+    while lengths:
+        frames = max(lengths.values())
+        starts = np.arange(capture.split, len(whole) - frames)
+        starts = starts[whole[starts - 1] & (
+            count[starts + frames] - count[starts] >= USABLE * frames)]
+        if starts.size:
+            # RandomState's streams are frozen for good.
+            random = np.random.RandomState(seed)
+            parts = np.array_split(starts, min(WINDOWS, len(starts)))
+            return np.array([part[random.randint(len(part))] for part in parts]), lengths
+        lengths.popitem()
+    raise InvalidCapture(f'no {min(LENGTHS):g} s with all eight markers captured before, and in '
+                         f'{100. * USABLE:g} % of the frames')
 
 
 def hidden_sets(seed, start):
@@ -115,16 +136,12 @@ def predicted(tracker, markers, start, length, hidden, rate):
 
 def judge(capture, seed):
     """Return the rows of one capture."""
-    rate, markers = capture.rate, capture.markers
-    lengths = {seconds: max(1, round(seconds * rate)) for seconds in LENGTHS}
-    frames = max(lengths.values())
-    starts = set(windows(capture, seed).tolist())
-    right = capture.right()
-    fitted = right.joints[:capture.split]
-    template = fit_plain(fitted[np.isfinite(fitted).all(axis=(1, 2))]).template[PALM]
+    rate, markers, right = capture.rate, capture.markers, capture.right()
+    starts, lengths = windows(capture, seed)
+    starts, frames = set(starts.tolist()), max(lengths.values())
+    template = fitted_plain(capture).template[PALM]
     poses = palm_poses(right.markers[:, :3], template)
-    tracker = HandTracker(fit_hand(
-        capture.joints[:capture.split], capture.side, preset_limits(LIMITS)))
+    tracker = HandTracker(fitted_hand(capture, LIMITS))
     errors = {(kind, method): [] for kind in HIDDEN for method in METHODS}
     steps = {kind: [] for kind in HIDDEN}
     fastest, before = 0., None
@@ -137,30 +154,38 @@ def judge(capture, seed):
                                 np.abs(angles[-1] - angles[-2]).max()]
                 guesses = predictions(
                     right.markers, poses, frame, frames, hidden, rate, template)
-                true = right.markers[frame:frame + frames, hidden]
+                part = slice(frame, frame + frames)
+                # One set of frames for all: those where nothing else is missing.
+                judged = np.where(capture.whole[part], 0., np.nan)[:, None]
+                guesses['hand_tracker'] = places
                 for method, guess in guesses.items():
-                    errors[kind, method].append(np.linalg.norm(guess - true, axis=2))
-                errors[kind, 'hand_tracker'].append(np.linalg.norm(
-                    places - markers[frame:frame + frames, hidden], axis=2))
+                    true = (capture if method == 'hand_tracker' else right).markers[part, hidden]
+                    errors[kind, method].append(
+                        np.linalg.norm(guess - true, axis=2) + judged)
         state = advance(tracker, markers[frame], frame, rate)
         if before is not None:
             fastest = max(fastest, np.abs(state.angles - before).max())
         before = state.angles
-    return [_row(capture, kind, method, seconds, np.array(errors[kind, method])[:, :count],
-                 max(steps[kind]), fastest)
-            for kind in HIDDEN for method in METHODS for seconds, count in lengths.items()]
+    rows = []
+    for kind in HIDDEN:
+        for method in METHODS:
+            found = np.array(errors[kind, method])
+            rows += [_row(capture, kind, method, seconds, found[:, :count])
+                     for seconds, count in lengths.items()]
+            if method == 'hand_tracker':
+                # Every window comes back after the longest time.
+                rows[-1].update(step_deg=round(float(np.degrees(max(steps[kind]))), 3),
+                                fastest_deg=round(float(np.degrees(fastest)), 3))
+    return rows
 
 
-def _row(capture, kind, method, seconds, errors, step, fastest):
-    """Return a row; errors of shape (windows, frames, markers) [m], steps [rad]."""
-    row = {'evaluation': 'occlusion', 'recording': capture.name, 'method': method,
-           'hidden': kind, 'hidden_s': seconds, **spread(errors),
-           'frames': errors.shape[0] * errors.shape[1], 'windows': len(errors)}
-    # Every window comes back after the longest time.
-    if method == 'hand_tracker' and seconds == max(LENGTHS):
-        row.update(step_deg=round(float(np.degrees(step)), 3),
-                   fastest_deg=round(float(np.degrees(fastest)), 3))
-    return row
+def _row(capture, kind, method, seconds, errors):
+    """Return a row; errors of shape (windows, frames, markers), NaN where not judged [m]."""
+    judged = errors[np.isfinite(errors)]
+    return {'evaluation': 'occlusion', 'recording': capture.name, 'method': method,
+            'hidden': kind, 'hidden_s': seconds, **spread(judged),
+            'available_pct': round(100. * availability(judged, AVAILABLE), 2),
+            'frames': int(np.isfinite(errors).all(axis=2).sum()), 'windows': len(errors)}
 
 
 def _find(rows, kind, method, seconds):
@@ -176,13 +201,13 @@ def tables(rows):
     every = [(recording, kind, method, *(
         mean_and_p95(mean_of([row for row in _find(rows, kind, method, seconds)
                               if row['recording'] == recording])) for seconds in LENGTHS))
-        for recording in recordings for kind in ('one', 'palm') for method in METHODS]
+        for recording in recordings for kind in HIDDEN for method in METHODS]
     means = [(HIDDEN[kind], method, *(
-        mean_and_p95(mean_of(_find(rows, kind, method, seconds))) for seconds in LENGTHS))
-        for kind in HIDDEN for method in METHODS]
+        mean_and_p95(mean_of(_find(rows, kind, method, seconds))) for seconds in LENGTHS),
+        number(_available(rows, kind, method), 1)) for kind in HIDDEN for method in METHODS]
     caption = 'Error of hidden markers while they are hidden, mm, mean (p95)'
     tables = [Table(f'{caption}, mean of {len(recordings)} recordings',
-                    ('hidden', 'method', *header), means)]
+                    ('hidden', 'method', *header, f'within {1e3 * AVAILABLE:g} mm, %'), means)]
     if len(recordings) > 1:
         tables.append(Table(f'{caption}, each recording',
                             ('recording', 'hidden', 'method', *header), every))
@@ -195,15 +220,41 @@ def tables(rows):
     return tables
 
 
+def _available(rows, kind, method):
+    """Return the share of usable places, a mean over recordings and lengths [%]."""
+    found = [row['available_pct'] for row in rows
+             if (row['hidden'], row['method']) == (kind, method)]
+    return sum(found) / len(found)
+
+
+def losses(rows):
+    """Return for which markers and times a baseline is nearer, in the mean of recordings."""
+    lines = []
+    for kind, words in HIDDEN.items():
+        worse = []
+        for seconds in LENGTHS:
+            means = {method: mean['mean_mm'] for method in METHODS
+                     if (mean := mean_of(_find(rows, kind, method, seconds)))}
+            best = min(means, key=means.get, default='hand_tracker')
+            # Not by what the last digit of a table does not show.
+            if means and means['hand_tracker'] > means[best] + .005:
+                worse.append(f'{seconds:g} s ({means["hand_tracker"]:.2f} mm against '
+                             f'{means[best]:.2f} of {best})')
+        if worse:
+            lines.append(f'{words} hidden for ' + ', '.join(worse))
+    return lines
+
+
 def pictures(rows, folder):
     """Draw the mean error over the length of the windows, one pair of axes a kind."""
     figure, axes = figure_with(len(HIDDEN), width=3.)
     for ax, kind in zip(axes, HIDDEN):
         for i, method in enumerate(METHODS):
             found = [mean_of(_find(rows, kind, method, seconds)) for seconds in LENGTHS]
+            # Ours on top, so that no baseline of the same values hides it.
             ax.plot(LENGTHS, [row['mean_mm'] if row else np.nan for row in found],
-                    marker='osD^'[i], markersize=4, color=COLOURS[i], linewidth=2.4 - .4 * i,
-                    label=method)
+                    marker='osD^'[i], markersize=4, color=COLOURS[i], label=method,
+                    linewidth=2.4 if i else 1.4, zorder=3 - .1 * i)
         ax.set_title(f'{kind} hidden', fontsize=9)
         ax.set_xlabel('hidden for [s]', fontsize=8)
         ax.set_ylim(bottom=0.)

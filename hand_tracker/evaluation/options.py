@@ -1,11 +1,12 @@
 """What every evaluation is given, and how it spreads its work."""
 
 import sys
-import time
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
+
+from ..progress import CLEAR, Progress
 
 
 @dataclass(frozen=True)
@@ -14,8 +15,8 @@ class Options:
 
     Parameters
     ----------
-    files : tuple of Path
-        Captures, for the evaluations that judge captures.
+    captures : tuple of Capture
+        For the evaluations that judge captures.
     seed : int
         Of everything that is drawn.
     jobs : int
@@ -24,18 +25,26 @@ class Options:
         Folder for CSV, pictures and whatever else an evaluation leaves behind.
     quiet : bool
         Whether to keep progress to oneself.
+    left_out : list of str
+        What could not be judged, and why; it grows.
     """
 
-    files: tuple = ()
+    captures: tuple = ()
     seed: int = 1
     jobs: int = 1
     output: Path | None = None
     quiet: bool = False
+    left_out: list = field(default_factory=list)
 
     def say(self, line):
         """Print a line of progress."""
         if not self.quiet:
-            print(line, file=sys.stderr, flush=True)
+            _print(line)
+
+    def leave_out(self, what):
+        """Say what is left out and why, and remember it."""
+        _print(f'left out: {what}')
+        self.left_out.append(what)
 
     def each(self, what, function, tasks):
         """Yield `function(task)` of every task, in their order whatever the number of jobs.
@@ -43,7 +52,7 @@ class Options:
         Parameters
         ----------
         what : str
-            Name of the work, for the progress lines.
+            Name of the pieces of work, in the plural, for the progress.
         function : callable
             At the top level of a module, so that another process finds it.
         tasks : sequence
@@ -53,17 +62,19 @@ class Options:
         ------
         object
         """
-        start = time.monotonic()
         tasks = list(tasks)
         if self.jobs > 1 and len(tasks) > 1:
             # Spawned processes: forked ones would inherit locks of libraries' threads.
             with ProcessPoolExecutor(
                     min(self.jobs, len(tasks)), mp_context=get_context('spawn')) as pool:
-                yield from self._counted(what, pool.map(function, tasks), len(tasks), start)
+                yield from self._shown(what, pool.map(function, tasks), len(tasks))
         else:
-            yield from self._counted(what, map(function, tasks), len(tasks), start)
+            yield from self._shown(what, map(function, tasks), len(tasks))
 
-    def _counted(self, what, results, count, start):
-        for done, result in enumerate(results, 1):
-            self.say(f'{what}: {done} of {count}, {time.monotonic() - start:.0f} s')
-            yield result
+    def _shown(self, what, results, count):
+        return results if self.quiet else Progress(count, what).over(results)
+
+
+def _print(line):
+    # On a terminal there may be a bar.
+    print(f'{CLEAR}{line}' if sys.stderr.isatty() else line, file=sys.stderr, flush=True)

@@ -61,8 +61,8 @@ def number(value, digits=2):
 
 
 def mean_and_p95(row, digits=2):
-    """Return 'mean (p95)' of a row's `mean_mm` and `p95_mm`; a dash where there is no row."""
-    if row is None:
+    """Return 'mean (p95)' of a row's `mean_mm` and `p95_mm`; a dash where there is none."""
+    if row is None or row['mean_mm'] is None:
         return '–'
     return f'{number(row["mean_mm"], digits)} ({number(row["p95_mm"], max(digits - 1, 0))})'
 

@@ -2,11 +2,14 @@
 
 import os
 import platform
+import re
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from .. import __version__
 from ..core.jit import COMPILED
+from . import simulated
+from .report import Table
 
 LIBRARIES = ('numpy', 'scipy', 'matplotlib', 'numba')
 
@@ -34,14 +37,16 @@ def hardware():
     return f'{processor}, {os.cpu_count()} cores, {platform.system()} {platform.machine()}'
 
 
-def command_line(name, options, path):
-    """Return the command that made the results; of files only their names."""
-    files = ' '.join(Path(file).name for file in options.files)
+def command_line(name, files, options, path):
+    """Return the command that made the results, its files in the folder `$CAPTURES`."""
+    files = ' '.join(f'$CAPTURES/{Path(file).name}' for file in files)
+    # Relative to the project, where the document belongs.
+    document = path if not path.is_absolute() else Path(path.parent.name, path.name)
     return (f'hand_tracker evaluate {name} {files}'.rstrip()
-            + f' --seed {options.seed} --jobs {options.jobs} --results {path.name}')
+            + f' --seed {options.seed} --jobs {options.jobs} --results {document}')
 
 
-def write_results(path, rows, modules, command):
+def write_results(path, rows, modules, options, command):
     """Write the document, and its pictures into the folder named after it.
 
     Parameters
@@ -52,22 +57,56 @@ def write_results(path, rows, modules, command):
         Of all evaluations, as `run` returns them or a JSON file has them.
     modules : dict of module
         The evaluations to write about, by name.
+    options : Options
+        Of the evaluations.
     command : str
         That made the rows.
     """
     folder = path.parent / path.stem
     folder.mkdir(parents=True, exist_ok=True)
+    rows = {name: [row for row in rows if row['evaluation'] == name] for name in modules}
     made = ', '.join(f'{name} {number}' for name, number in versions().items())
     parts = ['# Results', 'Made by a command, not by hand; the same seed gives the same '
              'numbers, but for times measured by the clock.',
              f'```\n{command}\n```',
              f'- Versions: {made}; kernels {"compiled" if COMPILED else "not compiled"}.\n'
              f'- Hardware: {hardware()}.']
+    parts += _losses(rows, modules)
+    if any(not getattr(module, 'NEEDS_FILES', False) for module in modules.values()):
+        parts += ['## How hands are simulated', simulated.__doc__.partition('\n')[2].strip()]
+    if options.captures or options.left_out:
+        parts += _captures(options)
     for name, module in modules.items():
-        found = [row for row in rows if row['evaluation'] == name]
         parts += [f'## {module.TITLE}', module.__doc__.strip(),
-                  f'`hand_tracker evaluate {name}`, {len(found)} rows.']
-        parts += [table.text() for table in module.tables(found)]
+                  f'`hand_tracker evaluate {name}`, {len(rows[name])} rows.']
+        parts += [table.text() for table in module.tables(rows[name])]
         parts += [f'![{picture.caption}]({path.stem}/{picture.file})'
-                  for picture in module.pictures(found, folder)]
+                  for picture in module.pictures(rows[name], folder)]
     path.write_text('\n\n'.join(parts) + '\n', encoding='utf-8')
+
+
+def _losses(rows, modules):
+    """Return where the tracker loses to the paper, to a baseline or to itself with less."""
+    parts = ['## Where it loses']
+    for name, module in modules.items():
+        lines = module.losses(rows[name]) if hasattr(module, 'losses') else []
+        if lines:
+            parts += [f'{module.TITLE}:', '\n'.join(f'- {line}.' for line in lines), module.WHY]
+    return parts if len(parts) > 1 else [*parts, 'Nowhere in what was evaluated.']
+
+
+def _captures(options):
+    """Return the captures with those to be credited, and what was left out."""
+    lines = [(capture.name, capture.side, f'{capture.rate:g}', str(len(capture.joints)),
+              str(int(capture.whole[capture.split:].sum())), ', '.join(capture.missing) or 'none',
+              capture.source or 'not said', capture.licence or 'not said')
+             for capture in options.captures]
+    parts = ['## Recordings', 'They are not part of the project.', Table(
+        'Recordings, and of their last four fifths the frames with all eight markers',
+        ('recording', 'side', 'Hz', 'frames', 'judged', 'joints it lacks', 'source', 'licence'),
+        lines).text()]
+    # Where on somebody's disk it was does not matter to a reader.
+    left_out = [re.sub(r'\S*/', '', what.partition(': ')[0]) + ': ' + what.partition(': ')[2]
+                for what in dict.fromkeys(options.left_out)]
+    return parts + (['Left out:', '\n'.join(f'- {what}.' for what in left_out)]
+                    if left_out else [])

@@ -1,25 +1,38 @@
 """Simulated hands for the evaluations: what the cameras measure, and what the tracker knows.
 
 The tracker wears the hand that a calibration would find, not the simulated one: every bone
-and every coordinate of the palm's joints errs by 2 %, every marker's place by 1 mm per axis
-(standard deviations). It is given nothing but measured markers.
+and every coordinate of the palm's joints errs by 2 %, every marker's place by 1 mm per axis,
+the coupling of last joints by 10 % of its slope and by 2 degrees (standard deviations, drawn
+anew for each motion). Limits and axes of the joints are those of the simulated hand, so that
+abduction and thumb are better known than of a real hand. The tracker is given nothing but
+measured markers.
+
+Each motion has a seed of its own, the given one and the motion's number. Eight cameras of
+3600 by 3600 picture elements and 60 degrees stand in a ring of 1.6 m radius and see a marker
+to half a picture element; the motion of the noise and solver tables is seen without cameras.
+Degrees a joint are means over the 21 joints that move: the four carpometacarpal joints of the
+fingers are locked (Table 1) and left out.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ..core.hand import Hand
+from ..calibration import landmark_positions
+from ..core.hand import Hand, preset_limits
+from ..core.kinematics import forward, joint_table
 from ..core.layout import MarkerLayout
-from ..core.metrics import angle_distance
+from ..core.metrics import angle_distance, joint_errors
 from ..core.tracker import HandTracker
 from ..simulation.cameras import CameraRig
 from ..simulation.motions import MOTIONS, motion_named
 from ..simulation.sight import Sight, look, skin_layout, triangulate
 from ..simulation.simulate import calibrated
-from .tracking import track
+from .rows import spread
+from .tracking import Tracked, track, tracked_joints
 
 DECIMALS = 6  # of stored distances and degrees
+MOVING = np.ptp(preset_limits('paper'), axis=1) > 0.
 
 
 class Trial(NamedTuple):
@@ -36,6 +49,8 @@ class Trial(NamedTuple):
         True [rad].
     rotation, position : ndarray, shape (n, 3, 3) and (n, 3)
         True, of the wrist [m].
+    joints : ndarray, shape (n, 21, 3)
+        True, in the order of `LANDMARKS` [m].
     rig : CameraRig
     sight : Sight
     noise : ndarray, shape (n, 8, c, 2)
@@ -52,6 +67,7 @@ class Trial(NamedTuple):
     angles: np.ndarray
     rotation: np.ndarray
     position: np.ndarray
+    joints: np.ndarray
     rig: CameraRig
     sight: Sight
     noise: np.ndarray
@@ -78,10 +94,15 @@ class Trial(NamedTuple):
             seen = seen & np.isin(np.arange(seen.shape[-1]), cameras)
         return triangulate(self.rig, self.sight.truth, seen, self.noise).positions
 
-    def track(self, markers, rate=None, hand=None):
-        """Return what the tracker says of markers, with another hand than the calibrated one."""
-        tracker = HandTracker(self.worn if hand is None else hand, self.layout)
+    def track(self, markers, rate=None, hand=None, options=None):
+        """Return what the tracker says of markers, with the calibrated hand if no other."""
+        tracker = HandTracker(self.worn if hand is None else hand, self.layout, options)
         return track(tracker, markers, self.rate if rate is None else rate)
+
+    def errors(self, tracked: Tracked, every=1, hand=None):
+        """Return `mean_mm` and `p95_mm` of all joints of every so many frames."""
+        found = tracked_joints(self.worn if hand is None else hand, tracked)
+        return {'joint_class': 'all', **spread(joint_errors(found, self.joints[::every])['all'])}
 
 
 def trial(motion, seed, rate, duration):
@@ -106,16 +127,34 @@ def trial(motion, seed, rate, duration):
     layout = skin_layout(hand)
     moving = motion_named(motion, hand, seed, duration)
     times = np.arange(int(min(duration, moving.duration) * rate)) / rate
-    truth = moving.sample(times)
+    angles, rotation, position = truth = moving.sample(times)
+    pose = forward(joint_table(hand), angles, rotation, position)
     noise = np.random.RandomState((seed, 1)).standard_normal(
         (len(times), len(layout.offsets), len(rig.positions), 2))
     sight = look(rig, hand, layout, *truth, noise)
-    return Trial(motion, rate, hand, *truth, rig, sight, noise, *calibrated(hand, layout, seed))
+    joints = landmark_positions(hand, pose, position)
+    return Trial(motion, rate, hand, *truth, joints, rig, sight, noise,
+                 *calibrated(hand, layout, seed))
 
 
 def tasks(options, *more):
     """Return (motion, seed, ...) of every motion, each with its own seed and calibration."""
     return [(motion, options.seed + i, *more) for i, motion in enumerate(MOTIONS)]
+
+
+def moving_distance(found, other):
+    """Return the distance of poses (Eq. 11) whose locked joints do not count in means.
+
+    Parameters
+    ----------
+    found, other : ndarray, shape (n, 25)
+        [rad]
+
+    Returns
+    -------
+    PoseDistance
+    """
+    return angle_distance(found[:, MOVING], other[:, MOVING])
 
 
 def distances(prefix, found, other):
@@ -131,9 +170,9 @@ def distances(prefix, found, other):
     Returns
     -------
     dict
-        'squared' is Dist² [rad²], 'dist' its root [rad], 'deg' degrees per joint.
+        'squared' is Dist² [rad²], 'dist' its root [rad], 'deg' degrees per joint that moves.
     """
-    distance = angle_distance(found, other)
+    distance = moving_distance(found, other)
     row = {}
     for name, values in (('squared', distance.squared), ('dist', distance.distance),
                          ('deg', distance.degrees)):
@@ -146,3 +185,30 @@ def mean_max(rows, key, digits):
     """Return 'mean (max)' over rows of a key and of its maximum."""
     mean = sum(row[key] for row in rows) / len(rows)
     return f'{mean:.{digits}f} ({max(row[key + "_max"] for row in rows):.{digits}f})'
+
+
+def paper_losses(rows, key, squared, paper, unit):
+    """Return where the mean Dist² over motions is above the paper's.
+
+    Parameters
+    ----------
+    rows : list of dict
+    key : str
+        Of what is varied, such as 'cameras'.
+    squared : str
+        Key of Dist².
+    paper : dict of str
+        'mean (maximum)' by the value of `key`.
+    unit : str
+
+    Returns
+    -------
+    list of str
+    """
+    lines = []
+    for value, published in paper.items():
+        found = [row[squared] for row in rows if row[key] == value]
+        mean, theirs = sum(found) / len(found), float(published.split()[0])
+        if mean > theirs:
+            lines.append(f'{value} {unit}: Dist² {mean:.3f} rad² against {theirs:g} in the paper')
+    return lines
