@@ -8,7 +8,7 @@ import pytest
 from captures import capture_path, load_capture
 
 from hand_tracker.calibration import fit_hand, landmark_positions
-from hand_tracker.core.hand import preset_limits
+from hand_tracker.core.hand import preset_coupling, preset_limits
 from hand_tracker.core.kinematics import Pose
 from hand_tracker.core.tracker import HandTracker
 from scipy.spatial.transform import Rotation
@@ -126,3 +126,14 @@ def test_the_saddle_beats_the_papers_thumb_and_meets_its_target():
     print(f'mean of the files, MCP and IP: saddle {1e3 * saddle}, index_mcp {1e3 * paper} mm')
     assert (saddle <= .006).all()
     assert (saddle < paper).all()
+
+
+@pytest.mark.parametrize('name', MANIPNET)
+def test_finger_tips_meet_their_targets_with_the_usual_and_with_the_fitted_coupling(name):
+    fitted, judged = whole_frames(name)
+    hand = fit_hand(fitted.joints, fitted.side, preset_limits('wide'))
+    for what, worn, most in (('usual', hand.replace(coupling=preset_coupling()), .009),
+                             ('fitted', hand, .0072)):
+        found = class_errors(track(worn, judged)[1], judged)
+        report(name, f'coupling {what}', {'tip': found['tip']})
+        assert found['tip'].mean() <= most
