@@ -45,7 +45,7 @@ PERIOD = 8_333_333  # of the frames [ns]
 LATE = 120_000      # number of a frame long after those of a test
 # Bent well away from the singular poses, so that seeing it twice changes nothing; of the
 # thumb's angles, one marker tells some combinations only.
-BENT = np.array(((0., .05, .5, .8, .64),) * 4 + ((.1, -.1, .05, .2, .2),)).ravel()
+BENT = np.array(((0., .05, .5, .8, .32),) * 4 + ((.1, -.1, .05, .2, .2),)).ravel()
 RIGHT = Hand.scaled()
 
 
