@@ -5,12 +5,13 @@
 
 import numpy as np
 import pytest
-from captures import capture_path, load_capture
+from captures import capture_path
 
 from hand_tracker.calibration import fit_hand, landmark_positions
 from hand_tracker.core.hand import preset_coupling, preset_limits
 from hand_tracker.core.kinematics import Pose
 from hand_tracker.core.tracker import HandTracker
+from hand_tracker.evaluation.captures import load_capture
 from scipy.spatial.transform import Rotation
 
 MANIPNET = tuple(f'manipnet__{take}_{side}Hand' for take in ('cup1', 'cyl_med3')
@@ -55,7 +56,7 @@ def plain_pip_errors(fitted, judged):
     Medians for palm and bones, a rigid palm, the exact two-bone solution in the plane of
     the palm's normal, no limits.
     """
-    fitted, judged = (part.mirrored_to_right().joints for part in (fitted, judged))
+    fitted, judged = (part.right().joints for part in (fitted, judged))
     first = fitted[0] - fitted[0, 0]
     x = first[9] / np.linalg.norm(first[9])
     z = np.cross(first[17], first[5])

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
 
-from captures import capture_messages, capture_path, load_capture  # noqa: E402
+from captures import capture_messages, capture_path, capture_stamps  # noqa: E402
 from ros_process import NodeProcess, watching_node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from test_captures import class_errors, plain_pip_errors  # noqa: E402
@@ -18,6 +18,7 @@ from hand_tracker.core.hand import JOINTS, preset_limits  # noqa: E402
 from hand_tracker.core.kinematics import forward, joint_table  # noqa: E402
 from hand_tracker.core.layout import MarkerLayout  # noqa: E402
 from hand_tracker.core.tracker import HandTracker  # noqa: E402
+from hand_tracker.evaluation.captures import load_capture  # noqa: E402
 from hand_tracker.files.bags import write_bag  # noqa: E402
 from hand_tracker.files.hand_file import load_hand, save_hand  # noqa: E402
 
@@ -62,7 +63,7 @@ def test_a_captured_hand_goes_through_replay_and_tracker(name, preset, tmp_path)
     assert inside == 1.
     assert list(states[0].name) == [f'{capture.side}_{joint}' for joint in JOINTS]
     # What came over DDS is what the core says of the same frames.
-    stamps = {stamp: i for i, stamp in enumerate(judged.stamps.tolist())}
+    stamps = {stamp: i for i, stamp in enumerate(capture_stamps(judged).tolist())}
     rows = [stamps[state.header.stamp.sec * 10**9 + state.header.stamp.nanosec]
             for state in states]
     assert rows == sorted(set(rows))

@@ -10,6 +10,7 @@ import sys
 import time
 from itertools import count, islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -264,6 +265,17 @@ def test_frames_stream(recording):
     endless = (message_of(recording.markers[next(taken) % FRAMES]) for _ in iter(int, 1))
     assert len(list(islice(track(endless, HandTracker()), 5))) == 5
     assert next(taken) == 5
+
+
+def test_memory_stays_flat():
+    code = ('import sys, benchmarks.long_recording as b; b.OUTPUTS = ("csv",); '
+            'print(*(b.measure(30., s, sys.argv[1])[0]["peak_mb"] for s in (5., 100.)))')
+    with TemporaryDirectory() as folder:
+        done = subprocess.run([sys.executable, '-c', code, folder], cwd=ROOT, check=True,
+                              stdout=subprocess.PIPE, text=True)
+    short, long = map(float, done.stdout.split())
+    # Twenty times the frames; what is kept of each would be 1 kB and more.
+    assert long < short + 5.
 
 
 def test_needs_no_ros(bag, tmp_path):
