@@ -297,8 +297,9 @@ def test_the_tracked_hand_is_not_the_moving_one():
     ({'positions': np.ones((1000, 21, 3))}, 'index MCP 0 from the wrist; expected metres'),
     ({'positions': np.random.default_rng(1).uniform(0., 200., (1000, 21, 3))},
      'expected metres, 0.03 to 0.2'),
-    ({'positions': np.full((1000, 21, 3), np.nan)}, '0 of the 200 frames to fit the hand on have all eight markers; at least 100 are needed; never '
-     'captured: wrist, thumb_cmc'),
+    ({'positions': np.full((1000, 21, 3), np.nan)},
+     '0 of the 200 frames to fit the hand on have all eight markers; at least 100 are needed; '
+     'never captured: wrist, thumb_cmc'),
 ])
 def test_captures_of_odd_shapes_are_refused(tmp_path, moving, fields, message):
     save(tmp_path / 'odd.npz', moving, **fields)

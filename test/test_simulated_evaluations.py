@@ -112,6 +112,14 @@ def test_an_option_is_a_change(one):
     assert not np.array_equal(tracked.angles, one.track(markers).angles)
 
 
+def test_what_is_above_the_paper_is_told():
+    rows = [{'cameras': count, 'against_8_squared': mean, 'against_8_squared_max': top}
+            for count, mean, top in ((6, .08, .3), (4, .1, 1.2), (2, .1, .2))]
+    assert cameras.losses(rows) == [
+        '6 cameras: mean Dist² 0.080 rad² against 0.07 in the paper',
+        '4 cameras: maximum Dist² 1.200 rad² against 1.12 in the paper']
+
+
 def test_every_motion_has_a_seed_of_its_own():
     found = tasks(Options(seed=5))
     assert [motion for motion, _ in found] == list(MOTIONS)

@@ -41,9 +41,8 @@ ABDUCTION = np.array(['abduction' in joint for joint in JOINTS])
 SHOWN = 10.                    # [degrees] over all joints, from which a difference is drawn
 SCALE = .5                     # of the drawn hands
 MARGIN = .1                    # [inches] around them
-WHY = ('A constraint that is right in general can be wrong in a frame: a limit of Table 1 or a '
-       'coupling keeps a joint from where noise, rightly, puts it. A variant that is better '
-       'with all markers seen holds nothing that these markers do not tell.')
+WHY = ('A limit or a coupling that is only nearly right keeps a joint from where the markers, a '
+       'little off themselves, would put it.')
 
 
 class Change(NamedTuple):
@@ -107,7 +106,8 @@ def judge(task):
                 'beyond_limits_pct': round(100. * float(broken), 3),
                 'lost_pct': round(100. * float(np.isnan(markers[..., 0]).mean()), 3),
                 'shown_frame': shown,
-                'shown_deg': round(float(np.degrees(worse[shown] - whole[shown])), 3), 'frames': len(markers)})
+                'shown_deg': round(float(np.degrees(worse[shown] - whole[shown])), 3),
+                'frames': len(markers)})
     return rows
 
 

@@ -14,10 +14,9 @@ DURATION = 20.    # [s]
 # Of the ring's eight, in its order: evenly spaced as far as that goes; two at a right angle.
 SUBSETS = {6: (0, 1, 2, 4, 5, 6), 4: (0, 2, 4, 6), 2: (0, 2)}
 PAPER = {6: '0.07 (0.36)', 4: '0.49 (1.12)', 2: '0.58 (1.27)'}
-WHY = ('The motions here are other than the paper\'s, which it does not describe in numbers; its '
-       'own eight cameras are its only reference. A marker lost for long is the cause of nearly '
-       'all of the distance: typing and spelling hide the fingers most, and two cameras on one '
-       'side of the hand lose what a fist turns away from them.')
+WHY = ('The motions are not the paper\'s, which it does not describe in numbers. A maximum is one '
+       'instant of one motion: that of a marker lost for long in a quick movement, or of a bend '
+       'that fits the markers as well as the true one.')
 
 
 def evaluate(options):

@@ -15,10 +15,10 @@ RATE = 480.                      # [Hz]
 DURATION = 10.                   # [s]
 EVERY = {240: 2, 120: 4, 60: 8, 30: 16}
 PAPER = {240: '0.006 (0.008)', 120: '0.007 (0.011)', 60: '0.009 (0.012)', 30: '0.010 (0.015)'}
-WHY = ('At the same instants only the tracker\'s memory differs: filters, predictions and the '
-       'side of an ambiguous bend. A marker that is lost meanwhile is predicted from other '
-       'frames, and the motions here are quicker than a demonstration; the paper\'s are not '
-       'described in numbers.')
+WHY = ('The motions are not the paper\'s, which it does not describe in numbers. At the same '
+       'instants only what the tracker remembers differs: predictions of lost markers, and which '
+       'of two bends that fit a marker alike it follows. One such choice that falls otherwise '
+       'for seconds makes most of a motion\'s distance.')
 READINGS = {'common': 'same instants', 'between': 'all instants'}
 
 
@@ -48,7 +48,8 @@ def judge(task):
             np.interp(within, instants[::every], column) for column in angles.T])
         rows.append({
             'evaluation': 'rates', 'recording': motion, 'method': 'hand_tracker', 'seed': seed,
-            'rate_hz': rate, **one.errors(tracked, every), **distances('common', angles, best[::every]),
+            'rate_hz': rate, **one.errors(tracked, every),
+            **distances('common', angles, best[::every]),
             **distances('between', joined, best[within]),
             **distances('true', angles, one.angles[::every]), 'frames': len(angles)})
     return rows

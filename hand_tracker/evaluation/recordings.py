@@ -23,9 +23,9 @@ from .tracking import track, tracked_joints
 TITLE = 'Captured hands'
 NEEDS_FILES = True
 
-WHY = ('A baseline without memory follows every frame at once and holds no limits: where the '
-       'captured hand leaves limits or bones of a constant length, as captures do, it is nearer '
-       'to it. Of DIP and tip the marker itself tells all or nothing.')
+WHY = ('The DIP carries the marker: both hands meet it unless a limit forbids. The thumb\'s CMC '
+       'moves in captures and in neither hand, so that the fitted fifth decides. Ours has more '
+       'to fit, the axes of joints, and can fit the noise of a short recording.')
 # Presets of limits and of the fingers' coupling that each variant of ours wears; None: as fitted.
 VARIANTS = {'hand_tracker': ('wide', None),
             'hand_tracker_usual_coupling': ('wide', 'natural'),

@@ -69,6 +69,7 @@ def write_results(path, rows, modules, options, command):
     parts = ['# Results', 'Made by a command, not by hand; the same seed gives the same '
              'numbers, but for times measured by the clock.',
              f'```\n{command}\n```',
+             *(['`CAPTURES` is the folder of the recordings.'] if '$' in command else []),
              f'- Versions: {made}; kernels {"compiled" if COMPILED else "not compiled"}.\n'
              f'- Hardware: {hardware()}.']
     parts += _losses(rows, modules)
