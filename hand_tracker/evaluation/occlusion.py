@@ -31,8 +31,8 @@ TITLE = 'Hidden markers'
 NEEDS_FILES = True
 
 LENGTHS = (.1, .25, .5, 1.)  # [s]
-WINDOWS = 80                 # in a recording
-SETS = 4                     # of two and of three hidden markers in a window, drawn
+WINDOWS = 48                 # in a recording
+SETS = 3                     # of two and of three hidden markers in a window, drawn
 USABLE = .5                  # share of a window's frames that have all markers
 AVAILABLE = .01              # [m] within which a place can be used; ours, unsourced
 LIMITS = 'wide'
