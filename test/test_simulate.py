@@ -242,6 +242,26 @@ def test_the_node_publishes_at_its_rate_and_ends_cleanly(rate):
 
 
 @pytest.mark.ros
+def test_the_node_tells_the_whole_truth_and_when_it_begins_again():
+    pytest.importorskip('rclpy')
+    from geometry_msgs.msg import PoseStamped
+    from ros_process import NodeProcess, watching_node
+    from visualization_msgs.msg import MarkerArray
+
+    with watching_node() as watch, NodeProcess(
+            'hand_tracker.nodes.simulate',
+            {'motion': 'tremor', 'rate': 30., 'duration': 1., 'truth': True}) as process:
+        wrists = watch.collect(PoseStamped, 'wrist_truth')
+        places = watch.collect(MarkerArray, 'markers_truth')
+        watch.spin_until(lambda: len(wrists) > 40 and len(places) > 40)
+        assert process.interrupt() == 0, process.output
+        assert 'it begins again after 1 s' in process.output
+        assert 'tremor begins again, lap 2' in process.output
+    assert {len(message.markers) for message in places} == {len(MARKERS)}
+    assert {message.header.frame_id for message in wrists} == {'mocap'}
+
+
+@pytest.mark.ros
 def test_the_node_says_what_is_wrong():
     pytest.importorskip('rclpy')
     from ros_process import NodeProcess
@@ -251,3 +271,4 @@ def test_the_node_says_what_is_wrong():
         with NodeProcess('hand_tracker.nodes.simulate', parameters) as process:
             assert process.wait() == 1
             assert message in process.output and 'Traceback' not in process.output
+            assert '[simulate]' in process.output

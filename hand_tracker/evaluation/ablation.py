@@ -163,7 +163,7 @@ def losses(rows):
                                  == (condition, variant)], 'mean_mm') for variant in VARIANTS}
         # Not by what the last digit of the table does not show.
         lines += [f'{condition}, {variant}: {mean:.2f} mm, {means[ALL]:.2f} with {ALL}'
-                  for variant, mean in means.items() if mean < means[ALL] - .005]
+                  for variant, mean in means.items() if mean < means[ALL] - .05]
     return lines
 
 
