@@ -93,14 +93,42 @@ def chains(hand, mounting):
     bones[np.arange(5), np.where(third, 2, 1)] = np.hypot(markers[:, 0], markers[:, 2])
     droop = np.arctan2(-markers[:, 2], markers[:, 0])
     lower, upper = hand.limits.T.copy()
-    start = [
-        straightest(*bones[d], droop[d], *hand.coupling[d],
+    return Chains(root, base, tilt, np.where(third, 3, 2), bones, droop,
+                  markers[:, 1].copy(), _starts(bones, droop, hand.coupling, lower, upper),
+                  np.array(ABDUCTION_SIGN),
+                  lower, upper, hand.coupling.copy())
+
+
+def with_measured(chains, distal_flexion):
+    """Return the digits with measured flexions of last joints in place of their couplings.
+
+    Parameters
+    ----------
+    chains : Chains
+    distal_flexion : ndarray, shape (5,)
+        NaN where not measured [rad].
+
+    Returns
+    -------
+    Chains
+        Its limits of those joints hold.
+    """
+    measured = np.isfinite(distal_flexion)
+    last = FLEXION[:, 2]
+    flexion = np.clip(np.where(measured, distal_flexion, 0.),
+                      chains.lower[last], chains.upper[last])
+    coupling = np.where(measured[:, None], np.stack((0. * flexion, flexion), axis=1),
+                        chains.coupling)
+    return chains._replace(coupling=coupling, start=_starts(
+        chains.bones, chains.droop, coupling, chains.lower, chains.upper))
+
+
+def _starts(bones, droop, coupling, lower, upper):
+    return np.array([
+        straightest(*bones[d], droop[d], *coupling[d],
                     lower[FLEXION[d, 1]], upper[FLEXION[d, 1]],
                     lower[FLEXION[d, 2]], upper[FLEXION[d, 2]])
-        for d in range(5)]
-    return Chains(root, base, tilt, np.where(third, 3, 2), bones, droop,
-                  markers[:, 1].copy(), np.array(start), np.array(ABDUCTION_SIGN),
-                  lower, upper, hand.coupling.copy())
+        for d in range(5)])
 
 
 @jit

@@ -6,26 +6,35 @@ the forward kinematics of the 25 angles.
 """
 
 import enum
-from dataclasses import dataclass, field, fields
 from typing import NamedTuple
 
 import numpy as np
 
+from .capsules import capsules, place_capsules
 from .clock import Clock
-from .digit import chains, solve_digits
-from .errors import InvalidOption
+from .contact import GAP, carry, separate
+from .digit import chains, solve_digits, with_measured
+from .digit_markers import follow_digits
 from .hand import DIGITS, JOINTS, Hand
+from .identity import blank_memory, hand_bounds, identify
+from .interdependence import keep_near_neighbours, no_habits, prior_of
 from .kinematics import Pose, forward, joint_table
 from .layout import (
     MARKERS, PALM_MARKERS, MarkerLayout, marker_positions, require_solvable)
-from .occlusion import complete_palm, hold_digits, reject_frozen, visible
+from .noise import learn_noise, unknown_noise
+from .occlusion import reject_frozen, visible
+from .options import TrackerOptions
 from .palm import PalmState, palm_fault, place_palm
+from .palm_markers import check_palm, expected_markers, follow_palm
+from .reentry import ease
+from .smoothing import levers, noise_on_palm
+from .tracks import forget_motion, no_tracks, spread
 
 MIRROR = np.array((1., -1., 1.))
 PALM = len(PALM_MARKERS)
-FADING = .5  # [s]
-DIGIT_JOINTS = [[i for i, joint in enumerate(JOINTS) if joint.startswith(digit)]
-                for digit in DIGITS]
+SEEN_MOBILITY = .1  # of a seen digit among those that touch, against a hidden one's 1
+UNSURE = .01  # [m] standard deviation of a marker at which confidence is a third
+DIGIT_OF_JOINT = np.array([DIGITS.index(joint.split('_')[0]) for joint in JOINTS])
 
 
 class MarkerState(enum.IntEnum):
@@ -37,61 +46,6 @@ class MarkerState(enum.IntEnum):
     REJECTED = 3   # seen where it cannot be, and predicted instead
     SWAPPED = 4    # seen under another marker's label, and put right
     STALE = 5      # hidden for longer than a prediction holds
-
-
-def _option(default, description, **limits):
-    return field(default=default, metadata={'description': description, **limits})
-
-
-@dataclass(frozen=True)
-class TrackerOptions:
-    """Choices of method; each field's metadata has its description and what it allows.
-
-    Raises
-    ------
-    InvalidOption
-        Naming the option, its value and what is allowed.
-    """
-
-    palm_method: str = _option(
-        'rigid', 'Palm from its three markers: rigid fit, or the spheres and plane of the paper',
-        choices=('rigid', 'spheres'))
-    finger_ik: str = _option(
-        'closed_form', 'Flexion of the digits: closed form, or constrained FABRIK as in the paper',
-        choices=('closed_form', 'fabrik'))
-    fabrik_tolerance: float = _option(
-        1e-5, 'Distance from the marker at which FABRIK stops', unit='m', range=(1e-9, 1e-2))
-    fabrik_iterations: int = _option(
-        200, 'Iterations after which FABRIK stops, per digit and frame', range=(1, 10000))
-    palm_stretch: float = _option(
-        1.5, 'Palm markers farther apart than this times their distance on the hand are refused',
-        range=(1.05, 10.))
-    palm_shrink: float = _option(
-        0.3, 'Palm markers nearer than this times their distance on the hand are refused',
-        range=(0.01, 0.95))
-    palm_flatness: float = _option(
-        0.2, 'Palm triangles with less than this times the area on the hand count as collinear',
-        range=(0.01, 0.95))
-
-    frozen_frames: int = _option(
-        10, 'Frames after which a marker that repeats its place to the last bit, while the palm '
-        'moves, counts as lost; 0 is never', range=(0, 100000))
-
-    def __post_init__(self):
-        for option in fields(self):
-            value, allowed = getattr(self, option.name), option.metadata
-            if 'choices' in allowed:
-                if value not in allowed['choices']:
-                    raise InvalidOption(
-                        f'{option.name}: {value!r} is not one of {", ".join(allowed["choices"])}')
-                continue
-            lower, upper = allowed['range']
-            kinds = int if isinstance(option.default, int) else (int, float)
-            if isinstance(value, bool) or not isinstance(value, kinds) \
-                    or not lower <= value <= upper:
-                whole = 'a whole number from ' if kinds is int else ''
-                raise InvalidOption(
-                    f'{option.name}: {value!r}; allowed is {whole}{lower:g} to {upper:g}')
 
 
 class HandState(NamedTuple):
@@ -153,7 +107,7 @@ class HandTracker:
     """
 
     def __init__(self, hand=None, layout=None, options=None):
-        self.options = TrackerOptions() if options is None else options
+        self._choose(TrackerOptions() if options is None else options)
         self._wear(Hand.scaled() if hand is None else hand,
                    MarkerLayout() if layout is None else layout)
         self.reset()
@@ -176,12 +130,20 @@ class HandTracker:
         """
         side = self.hand.side
         self._wear(self.hand if hand is None else hand, self.layout if layout is None else layout)
-        self.options = self.options if options is None else options
+        if options is not None:
+            self._choose(options)
         if self.hand.side != side:
             self.reset()
         elif layout is not None:
-            # Held markers are where the pose has them, in their new places.
-            self._local = self._on_right_hand(self._angles)
+            # Hidden markers are where the pose has them, in their new places.
+            self._digits.mean[:, :3] = self._on_right_hand(self._angles)
+
+    def _choose(self, options):
+        self.options = options
+        self._prior = prior_of(options.link_index_middle, options.link_middle_ring,
+                               options.link_ring_little)
+        self._bounds = np.array((options.bound_index_middle, options.bound_middle_ring,
+                                 options.bound_ring_little))
 
     def _wear(self, hand, layout):
         # The method is worked out for a right hand; a left one is mirrored at the door.
@@ -194,6 +156,9 @@ class HandTracker:
         self._right_table, self._right_mounting = joint_table(right), mounting
         self._template = mounting.position[:PALM].copy()
         self._rest = self._on_right_hand(np.zeros(len(JOINTS)))
+        self._levers = levers(self._template, self._rest)
+        self._hand_bounds = hand_bounds(self._template, self._chains)
+        self._capsules = capsules(right)
         self._table = joint_table(hand)
         self._mounting = layout.mounting(hand)
 
@@ -205,17 +170,27 @@ class HandTracker:
     def reset(self):
         """Return to the state before the first frame."""
         self._clock = Clock()
-        self._hidden_for = np.zeros(len(MARKERS))
+        self._forget()
+
+    def _forget(self):
         self._placed = False
-        self._angles = np.zeros(len(JOINTS))
         self._rotation = np.eye(3)
         self._position = np.zeros(3)
-        self._local = self._rest.copy()
-        self._known = np.zeros(len(self._local), dtype=bool)
+        self._palm = no_tracks(self._template)
+        self._digits = no_tracks(self._rest)
+        self._habits, self._shares = no_habits(), np.zeros((len(self._prior),) * 2)
+        self._angles = np.zeros(len(JOINTS))
+        self._eased, self._offset = np.zeros(len(JOINTS)), np.zeros(len(JOINTS))
+        self._published = np.zeros(len(JOINTS))
+        self._apart = np.zeros(3)
+        self._pushed = np.zeros(self._rest.shape)
+        self._noise = unknown_noise(len(MARKERS), self.options.marker_noise)
+        self._memory, self._verdict = blank_memory(), np.zeros(len(MARKERS), dtype=np.int64)
+        self._expected = np.zeros((len(MARKERS), 3))
         self._last = np.full((len(MARKERS), 3), np.nan)
         self._still = np.zeros(len(MARKERS), dtype=np.int64)
 
-    def update(self, markers, time=None):
+    def update(self, markers, time=None, distal_flexion=None):
         """Return the hand for the next frame of markers.
 
         Parameters
@@ -226,6 +201,9 @@ class HandTracker:
         time : float, optional
             Of the frame, on any clock; when it jumps back all begins anew. When left out
             frames are taken to come evenly, at the rate so far or 120 Hz [s].
+        distal_flexion : array_like, shape (5,), optional
+            Measured flexion of the last joint of each digit, in place of its coupling; NaN
+            where none is [rad].
 
         Returns
         -------
@@ -241,65 +219,118 @@ class HandTracker:
         markers = np.array(markers, dtype=float)
         if markers.shape != (len(MARKERS), 3):
             raise ValueError(f'markers: shape {markers.shape}; expected {(len(MARKERS), 3)}')
-        step, _, restarted = self._clock.step(time)
-        if restarted:
-            self.reset()
         if self._left:
             markers *= MIRROR
-        seen = np.empty(len(MARKERS), dtype=bool)
+        step, paused, restarted = self._clock.step(time)
+        if restarted:
+            self._forget()
+        if paused:
+            forget_motion(self._palm)
+            forget_motion(self._digits)
         options = self.options
+        palm, digits = self._palm, self._digits
+        knew = np.append(palm.seen, digits.seen)
+        seen = np.empty(len(MARKERS), dtype=bool)
 
-        # 1 occlusion: what is no measurement, and hidden palm markers carried by those seen
+        # 1 occlusion: what is no measurement
         visible(markers, seen)
         reject_frozen(markers, seen, self._last, self._still, options.frozen_frames)
-        palm = complete_palm(
-            markers, seen, self._template, self._rotation, self._position, self._placed)
-        if palm <= PalmState.CARRIED:
-            fault = palm_fault(markers[:PALM], self._template, options.palm_stretch,
-                               options.palm_shrink, options.palm_flatness)
-            palm = fault or palm
-
+        expected_markers(palm, digits, self._template, step, self._expected)
+        identify(markers, seen, self._expected, np.append(spread(palm), spread(digits)),
+                 np.append(palm.known, digits.known), step, self._hand_bounds, self._memory,
+                 options.outlier_gate, options.swap_margin, options.patience, self._verdict)
+        learn_noise(self._noise, markers, seen, step, options.marker_noise)
+        noise = self._noise.deviation
+        fault = check_palm(markers, seen, self._template, self._rotation, self._position,
+                           self._placed, options.palm_stretch, options.palm_shrink,
+                           options.palm_flatness)
+        # 1 occlusion, 2 palm: its markers, hidden ones predicted; the wrist's pose
+        state = follow_palm(
+            markers, seen, palm, digits, self._rotation, self._position, self._template,
+            self._placed, step, noise, options.smoothing, options.inertia,
+            options.palm_from_fingers, options.max_prediction_time)
         iterations = 0
-        if palm <= PalmState.CARRIED:
-            # 2 palm: the wrist's pose and the first joint of every digit
-            self._placed = True
+        if state != PalmState.WAITING:
+            first, self._placed = not self._placed, True
             roots = self._chains.root.copy()
-            place_palm(markers[:PALM], self._template, options.palm_method == 'spheres',
+            place_palm(palm.mean[:, :3], self._template, options.palm_method == 'spheres',
                        self._rotation, self._position, roots)
-            # 1 occlusion: hidden markers of digits are held in the palm's frame
-            hold_digits(markers[PALM:], seen[PALM:], self._rotation, self._position,
-                        self._rest, self._local, self._known)
+            # 1 occlusion: the digits' markers in the palm's frame, hidden ones predicted
+            follow_digits(
+                markers[PALM:], seen[PALM:], digits, self._rotation, self._position,
+                self._rest, self._habits, self._prior, self._shares,
+                self._pushed, step, self._noise_of_digits(), options.smoothing, options.inertia,
+                options.transdigital_memory, state == PalmState.TRACKED,
+                options.max_prediction_time,
+                options.relax_time if options.stale == 'relax' else 0.)
             # 3 fingers, 4 thumb: planes, flexion within limits, intradigital correlation
+            chains = self._chains_with(distal_flexion)
             iterations = solve_digits(
-                self._chains, roots, self._local, self._angles, options.finger_ik == 'fabrik',
-                options.fabrik_tolerance, options.fabrik_iterations)
+                chains, roots, digits.mean[:, :3], self._angles,
+                options.finger_ik == 'fabrik', options.fabrik_tolerance,
+                options.fabrik_iterations)
+            lower, upper = chains.lower, chains.upper
+            keep_near_neighbours(
+                self._angles, seen[PALM:], self._bounds, self._apart, lower, upper)
+            if first:
+                self._eased[:] = self._angles
+            changed = (seen != knew) & (not first)
+            ease(self._angles, self._eased, self._offset,
+                 changed[PALM:] | changed[:PALM].any(), step, options.reentry_rate,
+                 lower, upper)
+            # 1 rigidity, friction: digits touch, and carry hidden ones
+            before, self._published = self._published, self._eased.copy()
+            self._touch(before, chains, seen[PALM:])
         # 5 angles: the pose is their forward kinematics
-        self._hidden_for = np.where(seen, 0., self._hidden_for + step)
-        return self._state(PalmState(palm), markers, seen, iterations)
+        return self._state(PalmState(fault or state), markers, seen, iterations)
+
+    def _noise_of_digits(self):
+        return np.array([noise_on_palm(noise, self._palm.covariance, lever)
+                         for noise, lever in zip(self._noise.deviation[PALM:], self._levers)])
+
+    def _chains_with(self, distal_flexion):
+        if distal_flexion is None:
+            return self._chains
+        return with_measured(self._chains, np.asarray(distal_flexion, dtype=float))
+
+    def _touch(self, before, chains, seen):
+        options, angles = self.options, self._published
+        if options.rigidity:
+            separate(self._capsules, angles, chains.lower, chains.upper,
+                     chains.coupling[:, 0].copy(), np.where(seen, SEEN_MOBILITY, 1.),
+                     options.penetration)
+        self._pushed[:] = 0.
+        if options.friction > 0. and not seen.all():
+            ends = np.empty((2, len(self._capsules.link), 2, 3))
+            place_capsules(self._capsules, before, ends[0])
+            place_capsules(self._capsules, angles, ends[1])
+            carry(self._capsules, ends[0], ends[1], ~seen, GAP, options.friction, self._pushed)
 
     def _state(self, palm, markers, seen, iterations):
-        np.clip(self._angles, self._chains.lower, self._chains.upper, out=self._angles)
+        angles = np.clip(self._published, self._chains.lower, self._chains.upper)
         rotation, position = self._rotation.copy(), self._position.copy()
-        held = np.vstack((self._template, self._local)) @ rotation.T + position
-        used = np.where(seen[:, None], markers, held)
-        known = np.append([self._placed] * PALM, self._known)
-        states = np.where(seen, MarkerState.SEEN,
-                          np.where(known, MarkerState.PREDICTED, MarkerState.ABSENT))
+        predicted = np.vstack((
+            self._palm.mean[:, :3], self._digits.mean[:, :3] @ rotation.T + position))
+        used = np.where(seen[:, None], markers, predicted)
+        hidden_for = np.append(self._palm.hidden_for, self._digits.hidden_for)
+        known = np.append(self._palm.known, self._digits.known)
+        states = np.where(seen, MarkerState.SEEN, np.where(
+            ~known, MarkerState.ABSENT, np.where(
+                hidden_for > self.options.max_prediction_time, MarkerState.STALE,
+                MarkerState.PREDICTED)))
+        states = np.where(self._verdict > 0, self._verdict, states)
         if self._left:
             rotation *= MIRROR[:, None] * MIRROR
             position *= MIRROR
             used *= MIRROR
-        pose = forward(self._table, self._angles, rotation, position)
+        pose = forward(self._table, angles, rotation, position)
         places = marker_positions(self._mounting, pose, rotation, position)
         residuals = np.where(seen, np.linalg.norm(places - used, axis=1), np.nan)
-        return HandState(palm, self._angles.copy(), rotation, position, pose, used, states,
-                         self._hidden_for.copy(), self._confidence(), residuals,
-                         int(iterations))
+        return HandState(palm, angles, rotation, position, pose, used, states, hidden_for,
+                         self._confidence(), residuals, int(iterations))
 
     def _confidence(self):
-        hidden_for = self._hidden_for[PALM:].copy()
-        hidden_for[~self._known] = np.inf
-        confidence = np.ones(len(JOINTS))
-        for digit, faded in enumerate(np.exp(-hidden_for / FADING)):
-            confidence[DIGIT_JOINTS[digit]] = faded
-        return confidence
+        palm, digits = self._palm, self._digits
+        variance = spread(digits) ** 2 + (spread(palm) ** 2).max()
+        of_digits = np.where(digits.known & self._placed, np.exp(-variance / UNSURE ** 2), 0.)
+        return of_digits[DIGIT_OF_JOINT]

@@ -1,0 +1,108 @@
+"""The digits' markers through occlusion: inertia, and the digits that move with them."""
+
+import math
+
+from .interdependence import learn, shares_of
+from .jit import jit
+from .tracks import carry, follow
+from .vectors import add, components, frame, subtract, vector
+
+# From captures.
+HORIZON = .3           # [s] over which a velocity counts as a move
+FLOOR = .003           # [m] moves of neighbours that are smaller tell little
+PRIOR_SPREAD = .03     # [m] moves for which the prior stands
+
+
+@jit
+def follow_digits(markers, seen, tracks, rotation, position, rest, habits, prior, shares,
+                  pushed, step, noise, smooth, fading, memory, learning, longest, relaxing):
+    """Bring the digits' tracks to this frame.
+
+    Parameters
+    ----------
+    markers : ndarray, shape (5, 3)
+        [m]
+    seen : ndarray of bool, shape (5,)
+    tracks : Tracks
+        Changed.
+    rotation, position : ndarray, shape (3, 3) and (3,)
+        Pose of the wrist [m].
+    rest : ndarray, shape (5, 3)
+        Places of the hand at rest, in the wrist's frame [m].
+    habits : Habits
+        Changed.
+    prior : ndarray, shape (15, 15)
+        `prior_of`.
+    shares : ndarray, shape (15, 15)
+        Of moves of the seen that the hidden take; changed when others are hidden.
+    pushed : ndarray, shape (5, 3)
+        By how much what touches a digit carries it, if it is hidden [m].
+    noise : ndarray, shape (5,)
+        Of each marker on the palm, standard deviation on an axis [m].
+    step, smooth, fading
+        See `follow` and `carry`.
+    memory : float
+        Of the habits [s]; 0: there is no transdigital correlation.
+    learning : bool
+        Whether the palm is certain enough to learn from.
+    longest : float
+        Time for which a prediction holds [s].
+    relaxing : float
+        Time in which one that no longer does goes two thirds of the way to what is usual
+        with its neighbours; 0 holds it [s].
+    """
+    before, pace = tracks.mean.copy(), tracks.pace.copy()
+    were_seen = tracks.seen.copy()
+    axes = frame(rotation)
+    origin = vector(position)
+    changed = False
+    for i in range(5):
+        changed = changed or seen[i] != were_seen[i]
+    if changed:
+        if memory > 0.:
+            shares_of(habits, prior, PRIOR_SPREAD, before[:, :3], ~seen, HORIZON, FLOOR, shares)
+        else:
+            shares[:] = 0.
+    learned = learning and memory > 0.
+    for i in range(5):
+        if seen[i]:
+            follow(tracks, i, components(axes, subtract(vector(markers[i]), origin)),
+                   step, noise[i], smooth)
+        elif tracks.known[i] and tracks.hidden_for[i] <= longest:
+            learned = False
+    steady = seen & were_seen
+    for i in range(5):
+        if not seen[i]:
+            move = _share(shares, i, tracks.mean[:, :3] - before[:, :3], steady)
+            carry(tracks, i, add(move, vector(pushed[i])),
+                  _share(shares, i, pace, steady), step, fading)
+            if relaxing > 0. and not (tracks.known[i] and tracks.hidden_for[i] <= longest):
+                _relax(tracks, i, seen, habits, rest, shares, 1. - math.exp(-step / relaxing))
+        tracks.seen[i] = seen[i]
+    if learned and steady.sum() == seen.sum():
+        learn(habits, tracks.mean[:, :3].copy(), tracks.pace, step, memory)
+
+
+@jit
+def _relax(tracks, digit, seen, habits, rest, shares, part):
+    """Take a digit part of the way to its usual place with its neighbours as they are."""
+    weight = habits.weight[0]
+    usual = (habits.first.reshape(5, 3) + rest) / (weight + 1.)
+    natural = _share(shares, digit, tracks.mean[:, :3] - usual, seen)
+    for k in range(3):
+        tracks.mean[digit, k] += part * (usual[digit, k] + natural[k] - tracks.mean[digit, k])
+
+
+@jit
+def _share(shares, digit, moves, steady):
+    """Return a digit's share of the moves of those seen now and before."""
+    total = (0., 0., 0.)
+    for j in range(5):
+        if steady[j]:
+            for k in range(3):
+                column = 3 * j + k
+                move = moves[j, k]
+                total = (total[0] + shares[3 * digit, column] * move,
+                         total[1] + shares[3 * digit + 1, column] * move,
+                         total[2] + shares[3 * digit + 2, column] * move)
+    return total

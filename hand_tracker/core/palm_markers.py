@@ -1,0 +1,274 @@
+"""The palm's markers through occlusion: rigid among themselves, and told of by the fingers.
+
+A hidden one is carried by those seen, goes on by inertia, and is drawn to where the fingers'
+markers, which keep near their places in the palm, have the palm turned.
+"""
+
+import math
+
+import numpy as np
+
+from .jit import jit
+from .palm import PalmState, palm_fault, rigid_palm
+from .tracks import carry, follow
+from .vectors import (
+    add, cross, dot, frame, length, mix, scale, subtract, turn, unit, vector)
+
+# Kernels return plain integers.
+TRACKED = int(PalmState.TRACKED)
+CARRIED = int(PalmState.CARRIED)
+LOST = int(PalmState.LOST)
+WAITING = int(PalmState.WAITING)
+
+# Weights in the rigid fit against that of a finger's marker; the second from captures.
+SEEN_WEIGHT = 1e4
+PREDICTED_WEIGHT = 4.
+FITS = 2              # linear steps of the rigid fit
+INSTANT = 1e-3        # [s] over which velocities are compared
+
+
+@jit
+def check_palm(markers, seen, template, rotation, position, placed, stretch, shrink, flatness):
+    """Take palm markers that cannot be those of this hand for not seen.
+
+    Parameters
+    ----------
+    markers : ndarray, shape (8, 3)
+        [m]
+    seen : ndarray of bool, shape (8,)
+        Its first three are cleared where there is a fault.
+    template, rotation, position, placed
+        As for `follow_palm`.
+    stretch, shrink, flatness
+        As for `palm_fault`.
+
+    Returns
+    -------
+    int
+        As of `palm_fault`.
+    """
+    if not (seen[0] or seen[1] or seen[2]) or not placed and not (
+            seen[0] and seen[1] and seen[2]):
+        return TRACKED
+    points = carry_palm((vector(markers[0]), vector(markers[1]), vector(markers[2])),
+                        _template_places(template, rotation, position),
+                        (seen[0], seen[1], seen[2]))
+    palm = np.empty((3, 3))
+    for i in range(3):
+        for k in range(3):
+            palm[i, k] = points[i][k]
+    fault = palm_fault(palm, template, stretch, shrink, flatness)
+    if fault != TRACKED:
+        seen[:3] = False
+    return fault
+
+
+@jit
+def _template_places(template, rotation, position):
+    """Return where a pose has the palm's markers."""
+    axes = frame(rotation)
+    origin = vector(position)
+    return (add(origin, mix(axes, vector(template[0]))),
+            add(origin, mix(axes, vector(template[1]))),
+            add(origin, mix(axes, vector(template[2]))))
+
+
+@jit
+def follow_palm(markers, seen, tracks, digits, rotation, position, template, placed, step,
+                noise, smooth, fading, by_fingers, longest):
+    """Bring the palm's tracks to this frame.
+
+    Parameters
+    ----------
+    markers : ndarray, shape (8, 3)
+        [m]
+    seen : ndarray of bool, shape (8,)
+    tracks, digits : Tracks
+        Of the palm's markers, changed, and of the digits'.
+    rotation, position : ndarray, shape (3, 3) and (3,)
+        The wrist's pose in the last frame [m].
+    template : ndarray, shape (3, 3)
+        The palm's markers in the wrist's frame [m].
+    placed : bool
+        Whether there was a last pose.
+    noise : ndarray, shape (8,)
+        Of each marker, standard deviation on an axis [m].
+    step, smooth, fading
+        See `follow` and `carry`.
+    by_fingers : bool
+        Whether the fingers' markers tell of a hidden one.
+    longest : float
+        Time without any palm marker for which they do [s].
+
+    Returns
+    -------
+    int
+        TRACKED, CARRIED, LOST or WAITING, of `PalmState`.
+    """
+    count = 0
+    for i in range(3):
+        if seen[i]:
+            count += 1
+    if count < 3 and not placed:
+        return WAITING
+    before = _template_places(template, rotation, position)
+    for i in range(3):
+        if seen[i]:
+            follow(tracks, i, vector(markers[i]), step, noise[i], smooth)
+    if count < 3:
+        seen_palm = (seen[0], seen[1], seen[2])
+        carried = carry_palm(_places(tracks, 0.), before, seen_palm)
+        ahead = carry_palm(_places(tracks, INSTANT), carried, seen_palm)
+        for i in range(3):
+            if not seen[i]:
+                start = vector(tracks.mean[i])
+                carry(tracks, i, subtract(carried[i], start),
+                      scale(subtract(ahead[i], carried[i]), 1. / INSTANT), step, fading)
+        if by_fingers and (count > 0 or tracks.hidden_for.min() <= longest):
+            _fit_to_fingers(markers, seen, tracks, digits, template)
+    for i in range(3):
+        tracks.seen[i] = seen[i]
+    return TRACKED if count == 3 else CARRIED if count > 0 else LOST
+
+
+@jit
+def _places(tracks, ahead):
+    """Return the three places, extrapolated by a time [s]."""
+    mean, pace = tracks.mean, tracks.pace
+    return (add(vector(mean[0]), scale(vector(pace[0]), ahead)),
+            add(vector(mean[1]), scale(vector(pace[1]), ahead)),
+            add(vector(mean[2]), scale(vector(pace[2]), ahead)))
+
+
+@jit
+def _fit_to_fingers(markers, seen, tracks, digits, template):
+    """Move hidden palm markers to where a rigid fit that includes the fingers has them."""
+    axes, origin = rigid_palm(
+        vector(tracks.mean[0]), vector(tracks.mean[1]), vector(tracks.mean[2]),
+        vector(template[0]), vector(template[1]), vector(template[2]))
+    points = np.empty((8, 3))
+    weights = np.zeros(8)
+    for i in range(3):
+        points[i] = tracks.mean[i, :3]
+        weights[i] = SEEN_WEIGHT if seen[i] else PREDICTED_WEIGHT
+    for i in range(3, 8):
+        if seen[i] and digits.seen[i - 3]:
+            expected = add(origin, mix(axes, vector(digits.mean[i - 3])))
+            weights[i] = 1.
+            for k in range(3):
+                points[i, k] = expected[k]
+    aims = np.where(weights[:, None] == 1., markers, points)
+    for _ in range(FITS):
+        center = weights @ points / weights.sum()
+        shift = vector(weights @ (aims - points) / weights.sum())
+        axis, angle = _turn_towards(points - center, aims - points, weights)
+        for i in range(8):
+            moved = add(turn(axis, angle, vector(points[i] - center)),
+                        add(shift, vector(center)))
+            for k in range(3):
+                points[i, k] = moved[k]
+    for i in range(3):
+        if not seen[i]:
+            tracks.mean[i, :3] = points[i]
+
+
+@jit
+def _turn_towards(arms, misses, weights):
+    """Return axis and angle of the small turn that takes the misses away, in least squares."""
+    inertia = np.zeros((3, 3))
+    moment = np.zeros(3)
+    for i in range(len(weights)):
+        arm = arms[i]
+        square = arm @ arm
+        pull = cross(vector(arm), vector(misses[i]))
+        for k in range(3):
+            moment[k] += weights[i] * pull[k]
+            inertia[k, k] += weights[i] * square
+            for j in range(3):
+                inertia[k, j] -= weights[i] * arm[k] * arm[j]
+    a, b, c = vector(inertia[0]), vector(inertia[1]), vector(inertia[2])
+    volume = dot(a, cross(b, c))
+    if not volume > 0.:
+        return (1., 0., 0.), 0.
+    m = vector(moment)
+    turned = scale((dot(m, cross(b, c)), dot(a, cross(m, c)), dot(a, cross(b, m))), 1. / volume)
+    return unit(turned), length(turned)
+
+
+@jit
+def carry_palm(points, expected, seen):
+    """Return the three palm markers, the hidden ones carried by those seen.
+
+    Parameters
+    ----------
+    points : tuple of three vectors
+        Measured r, p, q; those not seen are not read [m].
+    expected : tuple of three vectors
+        Where the previous pose of the palm has them [m].
+    seen : tuple of three bool
+
+    Returns
+    -------
+    tuple of three vectors
+        With one hidden the expected triangle turns by the smallest rotation that lays
+        the seen side right; with two hidden it is shifted [m].
+    """
+    r, p, q = points
+    if seen[0] and seen[1] and not seen[2]:
+        q = _carry(r, p, expected[0], expected[1], expected[2])
+    elif seen[0] and seen[2] and not seen[1]:
+        p = _carry(r, q, expected[0], expected[2], expected[1])
+    elif seen[1] and seen[2] and not seen[0]:
+        r = _carry(p, q, expected[1], expected[2], expected[0])
+    else:
+        for i in range(3):
+            if seen[i]:
+                shift = subtract(points[i], expected[i])
+                if not seen[0]:
+                    r = add(expected[0], shift)
+                if not seen[1]:
+                    p = add(expected[1], shift)
+                if not seen[2]:
+                    q = add(expected[2], shift)
+    return r, p, q
+
+
+@jit
+def _carry(a, b, expected_a, expected_b, expected_c):
+    """Return c when a and b are seen and all three were expected elsewhere."""
+    before = unit(subtract(expected_b, expected_a))
+    now = unit(subtract(b, a))
+    axis = cross(before, now)
+    angle = math.atan2(length(axis), dot(before, now))
+    middle = scale(add(a, b), 0.5)
+    expected_middle = scale(add(expected_a, expected_b), 0.5)
+    arm = subtract(expected_c, expected_middle)
+    return add(middle, turn(unit(axis), angle, arm))
+
+
+@jit
+def expected_markers(palm, digits, template, step, expected):
+    """Write where all markers are expected after a step, if they move on as they did.
+
+    Parameters
+    ----------
+    palm, digits : Tracks
+    template : ndarray, shape (3, 3)
+        The palm's markers in the wrist's frame [m].
+    step : float
+        [s]
+    expected : ndarray, shape (8, 3)
+        Replaced [m].
+    """
+    places = _places(palm, step)
+    axes, origin = rigid_palm(places[0], places[1], places[2], vector(template[0]),
+                              vector(template[1]), vector(template[2]))
+    for i in range(8):
+        if i < 3:
+            place = places[i]
+        else:
+            mean = digits.mean[i - 3]
+            local = add(vector(mean), scale(vector(digits.pace[i - 3]), step))
+            place = add(origin, mix(axes, local))
+        for k in range(3):
+            expected[i, k] = place[k]
