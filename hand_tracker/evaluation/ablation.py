@@ -74,6 +74,10 @@ VARIANTS = {
     'no limits': free(FLEXION | ABDUCTION),
     'no DIP and IP coupling': Change(
         hand=lambda hand: hand.replace(coupling=np.zeros_like(hand.coupling))),
+    'no smoothing': Change({'smoothing': False}),
+    'no inertia': Change({'inertia': 0.}),
+    'no transdigital correlation': Change({'transdigital_memory': 0.}),
+    'palm without fingers': Change({'palm_from_fingers': False}),
 }
 
 

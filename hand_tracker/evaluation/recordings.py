@@ -25,7 +25,8 @@ NEEDS_FILES = True
 
 WHY = ('The DIP carries the marker: both hands meet it unless a limit forbids. The thumb\'s CMC '
        'moves in captures and in neither hand, so that the fitted fifth decides. Ours has more '
-       'to fit, the axes of joints, and can fit the noise of a short recording.')
+       'to fit, the axes of joints, and can fit the noise of a short recording. And it filters '
+       'markers, which costs a little where captures are solved to a skeleton, without noise.')
 # Presets of limits and of the fingers' coupling that each variant of ours wears; None: as fitted.
 VARIANTS = {'hand_tracker': ('wide', None),
             'hand_tracker_usual_coupling': ('wide', 'natural'),
