@@ -4,7 +4,7 @@ import numpy as np
 
 from ..calibration import LANDMARKS, fit_hand
 from ..core.hand import FINGERS, MCP_OF_LENGTH, Hand, preset_limits
-from ..core.tracker import HandTracker
+from ..core.tracker import HandTracker, TrackerOptions
 from .plain_hand import fit_plain
 from .tracking import track, tracked_joints
 
@@ -31,8 +31,9 @@ def fitting_joints(capture):
         for other in ('wrist', 'little_mcp'))
     hand = Hand.scaled(palm / MCP_OF_LENGTH[FINGERS.index('index')], breadth,
                        side=capture.side)
-    mean = tracked_joints(hand, track(HandTracker(hand), capture.markers[:capture.split],
-                                      capture.rate))
+    # What does not fit is the mean hand, not the labels.
+    tracker = HandTracker(hand, options=TrackerOptions(outlier_gate=0., swap_margin=0.))
+    mean = tracked_joints(hand, track(tracker, capture.markers[:capture.split], capture.rate))
     return np.where(absent[:, None], mean, joints)
 
 
