@@ -5,7 +5,7 @@ import math
 from .interdependence import learn, shares_of
 from .jit import jit
 from .tracks import carry, follow
-from .vectors import add, components, frame, subtract, vector
+from .vectors import add, components, dot, frame, length, scale, subtract, vector
 
 # From captures.
 HORIZON = .3           # [s] over which a velocity counts as a move
@@ -74,13 +74,23 @@ def follow_digits(markers, seen, tracks, rotation, position, rest, habits, prior
     for i in range(5):
         if not seen[i]:
             move = _share(shares, i, tracks.mean[:, :3] - before[:, :3], steady)
-            carry(tracks, i, add(move, vector(pushed[i])),
+            carry(tracks, i, _pushed_on(move, vector(pushed[i])),
                   _share(shares, i, pace, steady), step, fading)
             if relaxing > 0. and not (tracks.known[i] and tracks.hidden_for[i] <= longest):
                 _relax(tracks, i, seen, habits, rest, shares, 1. - math.exp(-step / relaxing))
         tracks.seen[i] = seen[i]
     if learned and steady.sum() == seen.sum():
         learn(habits, tracks.mean[:, :3].copy(), tracks.pace, step, memory)
+
+
+@jit
+def _pushed_on(move, push):
+    """Return a move that goes at least as far as it is pushed."""
+    size = length(push)
+    if size == 0.:
+        return move
+    direction = scale(push, 1. / size)
+    return add(move, scale(direction, max(size - dot(move, direction), 0.)))
 
 
 @jit

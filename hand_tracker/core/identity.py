@@ -33,11 +33,9 @@ NOISE = .001                        # [m] least error of what is expected; ours
 # estimate, dexret, has 5.6 mm standard deviation and at most 18).
 SIDE_SPREAD, SIDE_GATE = .003, .015  # [m]
 SIDE_MEMORY = 1.                     # [s] over which they are learned; ours
-# A hand that nobody calibrated differs from the template: in size, less in shape; ours.
-SIZE_GATE = .35                      # [1]
-SHAPE_SPREAD, SHAPE_GATE = .05, .15  # [1]
+UNLIKE = .5                          # of a side: no palm of a hand that nobody calibrated; ours
 
-REACH_GATE, REACH_BASE = 1.1, .012   # [1], [m] lengths and offsets as calibrated; ours
+REACH_GATE, REACH_BASE = 1.6, .012   # [1], [m] of a hand that nobody calibrated; ours
 REACH_SPREAD = .005                  # [m]
 DROPPED = 1.2    # [1] times the cost of the gate: refusing a marker costs more than a far one
 RELABELLED = 1.  # cost of each marker that takes another's label; ours
@@ -175,17 +173,11 @@ def identify(markers, seen, expected, spread, known, step, bounds, memory, gate,
                 gaps[i, j] = distance(vector(markers[i]), vector(markers[j]))
                 gaps[j, i] = gaps[i, j]
     rows = np.arange(8)
-    anew = False
-    if patience > 0.0 and seen[0] and seen[1] and seen[2]:
-        anew = memory.doubt[0] >= patience
-        for i in range(3):
-            anew = anew or memory.waited[i] >= patience
-        # What persists and makes no palm is still none.
-        anew = anew and _shape_cost(gaps, bounds.template, rows) < IMPOSSIBLE
-    if anew:
-        memory.doubt[0] = 0.0
-        memory.waited[:] = 0.0
-        memory.sides[:] = 0.0
+    anew = memory.doubt[0] >= patience
+    for i in range(3):
+        anew = anew or memory.waited[i] >= patience
+    # What persists and makes no palm is still none.
+    anew = anew and patience > 0.0 and _plausible(gaps, memory.sides, bounds.template)
 
     sure = np.zeros(8, dtype=np.bool_)
     placed = not anew and _triangle(expected) and known[0] and known[1] and known[2]
@@ -196,37 +188,38 @@ def identify(markers, seen, expected, spread, known, step, bounds, memory, gate,
                 sure[i] = sure[i] and abs(expected[i, k]) <= FARTHEST
         placed = sure[0] and sure[1] and sure[2]
     if not placed:
-        sure[:] = False
-        memory.sides[:] = 0.0
-        if not (seen[0] and seen[1] and seen[2] and _triangle(markers)):
-            memory.waited[:] = 0.0
-            return
+        # Labels begin as they come: a hand that is not calibrated fits no better exchanged.
+        memory.doubt[0] = 0.0
+        memory.waited[:] = 0.0
+        for i in range(3):
+            gap = gaps[i, (i + 1) % 3]
+            memory.sides[i] = gap if _plausible(gaps, np.zeros(3), bounds.template) else 0.0
+        return
 
     # What is expected, in the palm's frame
     home = np.zeros((8, 3))
     sigma = np.ones(8)
     limit = np.ones(8)
     time = min(max(step, 0.0), LONGEST)
-    if placed:
-        axes, origin = _fit(expected, bounds.template)
-        roll = 0.0
-        if seen[0] and seen[1] and seen[2]:
-            roll = min(ROLL * memory.carried[0], ROLL_MOST)
-        for i in range(8):
-            if sure[i]:
-                _store(home, i, components(axes, subtract(vector(expected[i]), origin)))
-                strayed = roll + WANDER * memory.unseen[i] if i >= 3 else 0.0
-                sigma[i] = math.sqrt(spread[i] * spread[i] + NOISE * NOISE + strayed * strayed)
-                base, bend = (PALM_BASE, PALM_BEND) if i < 3 else (DIGIT_BASE, DIGIT_BEND)
-                limit[i] = max(abs(gate) * sigma[i], base + 0.5 * bend * time * time)
-    problem = (markers, seen, expected, sure, placed, home, sigma, limit, gaps, bounds,
+    axes, origin = _fit(expected, bounds.template)
+    roll = 0.0
+    if seen[0] and seen[1] and seen[2]:
+        roll = min(ROLL * memory.carried[0], ROLL_MOST)
+    for i in range(8):
+        if sure[i]:
+            _store(home, i, components(axes, subtract(vector(expected[i]), origin)))
+            strayed = roll + WANDER * memory.unseen[i] if i >= 3 else 0.0
+            sigma[i] = math.sqrt(spread[i] * spread[i] + NOISE * NOISE + strayed * strayed)
+            base, bend = (PALM_BASE, PALM_BEND) if i < 3 else (DIGIT_BASE, DIGIT_BEND)
+            limit[i] = max(abs(gate) * sigma[i], base + 0.5 * bend * time * time)
+    problem = (markers, seen, expected, sure, home, sigma, limit, gaps, bounds,
                memory.sides, gate > 0.0)
 
     costs = np.zeros(8)
     local = np.zeros((8, 3))
     kept = (seen[0], seen[1], seen[2])
     total = _read(problem, kept, False, np.inf, rows, costs, local)
-    if not anew and (total >= IMPOSSIBLE or not _as_expected(problem, local)):
+    if total >= IMPOSSIBLE or not _as_expected(problem, local):
         total, kept = _best_reading(problem, margin, total, rows, costs, local)
     if total >= IMPOSSIBLE:
         # Nothing fits: whoever places the palm says what is wrong with it.
@@ -259,35 +252,29 @@ def _fit(points, template):
 
 
 @jit
-def _rigid_cost(gaps, sides, template, rows, kept):
+def _rigid_cost(gaps, sides, rows, kept):
     """Return what the distances of the kept palm markers cost; IMPOSSIBLE beyond their gate."""
-    if sides[0] > 0.0:
-        cost = 0.0
-        for i in range(3):
-            j = (i + 1) % 3
-            if kept[i] and kept[j]:
-                off = abs(gaps[rows[i], rows[j]] - sides[i])
-                cost += (off / SIDE_SPREAD) ** 2 if off <= SIDE_GATE else IMPOSSIBLE
-        return cost
-    return _shape_cost(gaps, template, rows) if kept[0] and kept[1] and kept[2] else 0.0
+    cost = 0.0
+    for i in range(3):
+        j = (i + 1) % 3
+        if kept[i] and kept[j] and sides[i] > 0.0:
+            off = abs(gaps[rows[i], rows[j]] - sides[i])
+            cost += (off / SIDE_SPREAD) ** 2 if off <= SIDE_GATE else IMPOSSIBLE
+    return cost
 
 
 @jit
-def _shape_cost(gaps, template, rows):
-    """Return what it costs that the palm is not similar to the template."""
-    ratio = np.empty(3)
+def _plausible(gaps, sides, template):
+    """Return whether the palm as labelled resembles that of before, or that of the hand."""
+    as_before = sides[0] > 0.0
+    as_template = True
     for i in range(3):
         j = (i + 1) % 3
-        ratio[i] = gaps[rows[i], rows[j]] / distance(vector(template[i]), vector(template[j]))
-    size = ratio.mean()
-    # False for NaN
-    if not abs(size - 1.0) <= SIZE_GATE:
-        return IMPOSSIBLE
-    cost = 0.0
-    for i in range(3):
-        off = abs(ratio[i] / size - 1.0)
-        cost += (off / SHAPE_SPREAD) ** 2 if off <= SHAPE_GATE else IMPOSSIBLE
-    return cost
+        side = distance(vector(template[i]), vector(template[j]))
+        # False for the infinite gaps of hidden markers
+        as_before = as_before and abs(gaps[i, j] - sides[i]) <= UNLIKE * sides[i]
+        as_template = as_template and abs(gaps[i, j] - side) <= UNLIKE * side
+    return as_before or as_template
 
 
 @jit
@@ -317,8 +304,8 @@ def _read(problem, kept, exchange, bar, rows, costs, local):
         What the reading costs; IMPOSSIBLE or more when the palm is not rigid in it, or
         the palm alone reaches the bar.
     """
-    markers, seen, expected, sure, placed, home, sigma, limit, gaps, bounds, sides, _ = problem
-    total = _rigid_cost(gaps, sides, bounds.template, rows, kept)
+    markers, seen, expected, sure, home, sigma, limit, gaps, bounds, sides, _ = problem
+    total = _rigid_cost(gaps, sides, rows, kept)
     if total >= IMPOSSIBLE:
         return total
     r = vector(markers[rows[0]])
@@ -342,7 +329,7 @@ def _read(problem, kept, exchange, bar, rows, costs, local):
             _store(local, i, components(axes, subtract(vector(markers[i]), origin)))
     for i in range(3):
         cost = 0.0
-        if placed and seen[rows[i]]:
+        if seen[rows[i]]:
             most = (limit[i] / sigma[i]) ** 2
             cost = DROPPED * most
             if kept[i]:
@@ -414,7 +401,7 @@ def _beyond(bounds, place, digit, size):
 @jit
 def _digit_cost(problem, local, digit, row, size):
     """Return what it costs that a row is a digit's marker, in variances."""
-    _, seen, _, sure, _, home, sigma, limit, _, bounds, _, _ = problem
+    _, seen, _, sure, home, sigma, limit, _, bounds, _, _ = problem
     label = 3 + digit
     most = (limit[label] / sigma[label]) ** 2 if sure[label] else (
         REACH_BASE / REACH_SPREAD) ** 2
@@ -441,7 +428,7 @@ def _digit_cost(problem, local, digit, row, size):
 @jit
 def _as_expected(problem, local):
     """Return whether every label is right beyond doubt: nearer to its own than to any other."""
-    markers, seen, expected, sure, placed, home, _, limit, gaps, bounds, sides, gated = problem
+    markers, seen, expected, sure, home, _, limit, gaps, bounds, sides, gated = problem
     size = _size(gaps, sides, bounds.template, np.arange(8), (seen[0], seen[1], seen[2]))
     witnesses = 0
     for i in range(3, 8):
@@ -459,11 +446,11 @@ def _as_expected(problem, local):
             if j != i and sure[j] and 2.0 * off > distance(vector(home[i]), vector(home[j])):
                 return False
         witnesses += 1
-    if placed and (witnesses < WITNESSES or not (seen[0] and seen[1] and seen[2])):
+    if witnesses < WITNESSES or not (seen[0] and seen[1] and seen[2]):
         for i in range(3):
             if seen[i] and distance(vector(markers[i]), vector(expected[i])) > 0.5 * limit[i]:
                 return False
-    return placed
+    return True
 
 
 @jit
@@ -486,10 +473,10 @@ def _best_reading(problem, margin, total, rows, costs, local):
     kept : tuple of three bool
         Which palm markers place the palm.
     """
-    _, seen, _, _, placed, _, _, _, gaps, bounds, sides, gated = problem
+    _, seen, _, _, _, _, _, gaps, bounds, sides, gated = problem
     # Labels as given, with palm markers refused
     kept = (seen[0], seen[1], seen[2])
-    if placed and gated:
+    if gated:
         trial = np.arange(8)
         trial_costs = np.zeros(8)
         for n in range(1, len(KEPT)):
@@ -518,7 +505,7 @@ def _best_reading(problem, margin, total, rows, costs, local):
             own = triple[0] == 0 and triple[1] == 1 and triple[2] == 2
             if own or not (seen[triple[0]] and seen[triple[1]] and seen[triple[2]]):
                 continue
-            rigid = _rigid_cost(gaps, sides, bounds.template, triple, (True, True, True))
+            rigid = _rigid_cost(gaps, sides, triple, (True, True, True))
             # The better ones come first, should they be too many.
             if rigid >= IMPOSSIBLE or (rigid < RIGID) != (n < len(TRIPLES)):
                 continue
@@ -586,7 +573,7 @@ def _clearly(rows, costs, other_rows, other_costs, impossible, margin):
 @jit
 def _conclude(problem, kept, rows, local, memory, step, patience, verdict):
     """Put the frame in order, refuse what is beyond its gate, and remember."""
-    markers, seen, _, sure, placed, home, _, limit, gaps, bounds, sides, gated = problem
+    markers, seen, _, sure, home, _, limit, gaps, bounds, sides, gated = problem
     size = _size(gaps, sides, bounds.template, rows, kept)
     if kept[0] and kept[1] and kept[2]:
         share = min(max(step, 0.0) / SIDE_MEMORY, 1.0)
@@ -611,7 +598,7 @@ def _conclude(problem, kept, rows, local, memory, step, patience, verdict):
         reachable = i < 3 or _beyond(bounds, vector(local[row]), i - 3, size) <= 0.0
         wrong = not reachable
         if i < 3:
-            wrong = placed and not kept[i]
+            wrong = not kept[i]
         elif sure[i] and believed:
             wrong = wrong or distance(vector(local[row]), vector(home[i])) > limit[i]
         misplaced = misplaced or row != i and not reachable
@@ -647,7 +634,7 @@ def _conclude(problem, kept, rows, local, memory, step, patience, verdict):
 @jit
 def _most_astray(problem, rows, local):
     """Return whether most digits are beyond their gate: then it is the palm that strayed."""
-    _, seen, _, sure, _, home, _, limit, _, _, _, _ = problem
+    _, seen, _, sure, home, _, limit, _, _, _, _ = problem
     astray = 0
     for i in range(3, 8):
         if seen[rows[i]] and sure[i]:

@@ -84,7 +84,7 @@ class TrackerOptions:
         5., 'Standard deviations from its prediction beyond which a marker is refused, when no '
         'hand can move so; 0 is off', range=(0., 100.))
     swap_margin: float = _option(
-        1.5, 'How many times better exchanged labels have to fit; 0 is off', range=(0., 100.))
+        2., 'How many times better exchanged labels have to fit; 0 is off', range=(0., 100.))
     patience: float = _option(
         0.3, 'Time after which a marker that is refused in one place is believed; 0 is never',
         unit='s', range=(0., 60.))
