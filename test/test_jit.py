@@ -25,13 +25,21 @@ mounting = MarkerLayout().mounting(hand)
 rows = []
 for options in (TrackerOptions(), TrackerOptions('spheres', 'fabrik')):
     tracker = HandTracker(hand, options=options)
-    for _ in range(20):
-        angles = rng.uniform(*hand.limits.T)
+    lower, upper = hand.limits.T
+    phase = rng.uniform(0., 6., 25)
+    for frame in range(60):
+        angles = lower + (upper - lower) * (.5 + .3 * np.sin(phase + .1 * frame))
         markers = marker_positions(mounting, forward(joint_table(hand), angles))
         markers += rng.normal(scale=.0005, size=(8, 3))
-        markers[rng.random(8) < .1] = np.nan
+        if 20 <= frame < 50:
+            markers[[0, 4, 6][:frame // 10 - 1]] = np.nan
+        if frame in (15, 35):
+            markers[[3, 5]] = markers[[5, 3]]
+        if frame == 55:
+            markers[7] += .1
         state = tracker.update(markers)
-        rows.append(np.concatenate((state.angles, state.wrist_position, state.pose.position.ravel())))
+        rows.append(np.concatenate((state.angles, state.confidence, state.marker_states,
+                                    state.wrist_position, state.pose.position.ravel())))
 np.save(sys.argv[2], rows)
 """
 
@@ -47,8 +55,8 @@ def rows(tmp_path, switch):
 def test_compiled_and_plain_kernels_agree(tmp_path):
     pytest.importorskip('numba', reason='numba is not installed: there is only plain Python')
     compiled, plain = rows(tmp_path, '1'), rows(tmp_path, '0')
-    # FABRIK feeds back into itself: rounding grows over its iterations.
-    np.testing.assert_allclose(compiled, plain, atol=1e-9)
+    # What feeds back, FABRIK and separating, makes rounding grow, and a straight finger does.
+    np.testing.assert_allclose(compiled, plain, atol=1e-6)
 
 
 def test_the_switch_turns_numba_off(tmp_path):

@@ -1,22 +1,8 @@
-"""Missing markers: carried by the palm markers that are seen, held in the palm's frame."""
+"""What is no measurement: not finite, not on earth, frozen."""
 
 import numpy as np
 import pytest
-from hand_tracker.core.occlusion import (
-    complete_palm, hold_digits, reject_frozen, visible)
-from hand_tracker.core.palm import PalmState
-from scipy.spatial.transform import Rotation
-
-TEMPLATE = np.array(((0., 0., 0.), (.083, .021, -.003), (.068, -.034, -.006)))
-
-
-def frame_of(seen_palm, rotation, position):
-    markers = np.full((8, 3), np.nan)
-    palm = TEMPLATE @ rotation.T + position
-    seen = np.zeros(8, dtype=bool)
-    seen[:3] = seen_palm
-    markers[:3][list(seen_palm)] = palm[list(seen_palm)]
-    return markers, seen, palm
+from hand_tracker.core.occlusion import reject_frozen, visible
 
 
 @pytest.mark.parametrize('row, expected', [
@@ -27,57 +13,6 @@ def test_only_finite_places_on_earth_are_measurements(row, expected):
     markers = np.tile(row, (8, 1))
     visible(markers, seen)
     assert (seen == expected).all()
-
-
-def test_a_first_frame_without_the_whole_palm_waits():
-    markers, seen, _ = frame_of((True, True, False), np.eye(3), np.zeros(3))
-    assert complete_palm(
-        markers, seen, TEMPLATE, np.eye(3), np.zeros(3), False) == PalmState.WAITING
-
-
-def test_no_palm_marker_is_lost():
-    markers, seen, _ = frame_of((False, False, False), np.eye(3), np.zeros(3))
-    assert complete_palm(
-        markers, seen, TEMPLATE, np.eye(3), np.zeros(3), True) == PalmState.LOST
-
-
-@pytest.mark.parametrize('hidden', [0, 1, 2])
-def test_two_markers_carry_the_third_through_a_turn_of_their_line(hidden):
-    rng = np.random.default_rng(hidden)
-    before = Rotation.random(random_state=rng).as_matrix()
-    pair = [i for i in range(3) if i != hidden]
-    line = before @ (TEMPLATE[pair[1]] - TEMPLATE[pair[0]])
-    # A rotation about an axis normal to the seen side is told by that side in full.
-    axis = np.cross(line, rng.normal(size=3))
-    after = Rotation.from_rotvec(.4 * axis / np.linalg.norm(axis)).as_matrix() @ before
-    markers, seen, palm = frame_of([i != hidden for i in range(3)], after, np.array((.1, .2, .3)))
-    state = complete_palm(markers, seen, TEMPLATE, before, rng.normal(size=3), True)
-    assert state == PalmState.CARRIED
-    np.testing.assert_allclose(markers[:3], palm, atol=1e-12)
-
-
-@pytest.mark.parametrize('shown', [0, 1, 2])
-def test_one_marker_carries_the_others_along(shown):
-    rotation = Rotation.from_euler('xyz', (.1, .2, .3)).as_matrix()
-    markers, seen, palm = frame_of([i == shown for i in range(3)], rotation, np.ones(3))
-    complete_palm(markers, seen, TEMPLATE, rotation, np.zeros(3), True)
-    np.testing.assert_allclose(markers[:3], palm, atol=1e-12)
-
-
-def test_a_hidden_finger_moves_with_the_palm():
-    rest = np.zeros((5, 3))
-    local, known = rest.copy(), np.zeros(5, dtype=bool)
-    seen = np.array((True, True, False, True, True))
-    markers = np.random.default_rng(1).normal(size=(5, 3))
-    rotation = Rotation.from_euler('xyz', (1., 2., 3.)).as_matrix()
-    hold_digits(markers, seen, rotation, np.ones(3), rest + .5, local, known)
-    np.testing.assert_allclose(local[seen], ((markers - 1.) @ rotation)[seen], atol=1e-12)
-    np.testing.assert_array_equal(local[2], rest[2] + .5)
-    assert known.tolist() == seen.tolist()
-    held = local.copy()
-    hold_digits(markers, ~seen, np.eye(3), np.zeros(3), rest, local, known)
-    np.testing.assert_array_equal(local[seen], held[seen])
-    np.testing.assert_array_equal(local[2], markers[2])
 
 
 def frozen_after(move, patience=3, frames=6):

@@ -1,5 +1,7 @@
 """The tracker as a whole: what goes in comes out, and nothing bad comes out."""
 
+from dataclasses import replace
+
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -15,6 +17,10 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 MIRROR = np.array((1., -1., 1.))
+# What is measured is what comes out: no filter, nothing moved apart.
+EXACT = TrackerOptions(smoothing=False, rigidity=False)
+# And no frame is too far from the last.
+UNGATED = replace(EXACT, outlier_gate=0., swap_margin=0.)
 TIPS = MarkerLayout(places=('wrist', 'index_mcp', 'little_mcp', 'index_tip', 'middle_tip',
                             'ring_tip', 'little_tip', 'thumb_tip'))
 settings.register_profile('tracker', deadline=None, max_examples=100, derandomize=True)
@@ -71,7 +77,7 @@ def test_angles_come_back_at_the_first_frame(side, preset, layout, palm_method, 
     angles = observable(hand, share)
     assume(not in_fist(hand, angles, layout).any())
     rotation, position = random_pose(where)
-    tracker = HandTracker(hand, layout, TrackerOptions(palm_method=palm_method))
+    tracker = HandTracker(hand, layout, replace(EXACT, palm_method=palm_method))
     state = tracker.update(markers_of(hand, angles, layout, rotation, position))
     # The angles' noise is the markers' rounding times the gain of a nearly straight finger.
     np.testing.assert_allclose(state.angles, angles, atol=2e-6)
@@ -86,7 +92,7 @@ def test_in_a_fist_all_but_abduction_comes_back(share):
     hand = Hand.scaled()
     angles = observable(hand, .9 + .1 * share)
     angles[ABDUCTION] = 0.
-    state = HandTracker(hand).update(markers_of(hand, angles))
+    state = HandTracker(hand, options=EXACT).update(markers_of(hand, angles))
     np.testing.assert_allclose(state.angles, angles, atol=2e-6)
 
 
@@ -136,11 +142,12 @@ OFFSETS = np.array(((-.01, .002, .015), (0., .001, .009), (0., 0., .009), (.002,
 
 @pytest.mark.parametrize('side, preset, layout, options, thumb', [
     ('right', 'paper', MarkerLayout(), TrackerOptions(), 'saddle'),
-    ('left', 'wide', TIPS, TrackerOptions(), 'saddle'),
+    ('right', 'paper', MarkerLayout(), UNGATED, 'saddle'),
+    ('left', 'wide', TIPS, TrackerOptions(outlier_gate=0., swap_margin=0.), 'saddle'),
     ('left', 'paper', MarkerLayout(offsets=OFFSETS), TrackerOptions('spheres'), 'index_mcp'),
-    ('right', 'wide', MarkerLayout(), TrackerOptions(finger_ik='fabrik'), 'index_mcp'),
+    ('right', 'wide', MarkerLayout(), replace(UNGATED, finger_ik='fabrik'), 'index_mcp'),
     ('right', 'paper', TIPS, TrackerOptions('spheres', 'fabrik'), 'saddle')],
-    ids=['default', 'left tips', 'left offsets', 'fabrik', 'tips spheres fabrik'])
+    ids=['default', 'ungated', 'left tips', 'left offsets', 'fabrik', 'tips spheres fabrik'])
 @pytest.mark.parametrize('warm', [False, True], ids=['cold', 'warm'])
 @given(frames=frames_of_any_kind)
 @settings(max_examples=60)
@@ -158,7 +165,7 @@ def test_any_input_gives_finite_angles_within_the_limits(
             markers[:3] = markers_of(hand, np.zeros(25), layout, rotation, position)[:3]
             markers[3:] += position  # near the hand, where they are not wild
         state = tracker.update(markers)
-        assert not sound or state.palm == PalmState.TRACKED
+        assert not sound or options.outlier_gate > 0. or state.palm == PalmState.TRACKED
         assert (hand.limits[:, 0] <= state.angles).all()
         assert (state.angles <= hand.limits[:, 1]).all()
         for array in (state.wrist_rotation, state.wrist_position, *state.pose, state.markers):
@@ -178,23 +185,59 @@ def test_the_callers_array_is_left_alone():
     np.testing.assert_array_equal(markers, before)
 
 
-@pytest.mark.parametrize('change, state', [
+DEGENERATE = pytest.mark.parametrize('change, state', [
     (lambda m: m[:3] * 2., PalmState.TOO_FAR_APART),
     (lambda m: m[[0, 1, 1]], PalmState.COINCIDENT),
     (lambda m: np.array((m[0], m[1], .5 * (m[0] + m[1]))), PalmState.COLLINEAR),
-    (lambda m: m[:3] * np.nan, PalmState.LOST),
-])
-def test_a_degenerate_palm_keeps_the_previous_pose(change, state):
+    (lambda m: m[:3] * np.nan, PalmState.LOST)], ids=['far', 'coincident', 'collinear', 'lost'])
+
+
+@DEGENERATE
+def test_a_degenerate_palm_is_predicted(change, state):
+    hand = Hand.scaled()
+    tracker = HandTracker(hand, options=UNGATED)
+    markers = markers_of(hand, observable(hand, np.full(25, .4)))
+    before = tracker.update(markers)
+    wrong = markers.copy()
+    wrong[:3] = change(markers)
+    after = tracker.update(wrong)
+    assert after.palm == state
+    assert (after.marker_states[:3] == MarkerState.PREDICTED).all()
+    np.testing.assert_allclose(after.angles, before.angles, atol=1e-6)
+    np.testing.assert_allclose(after.pose.position, before.pose.position, atol=1e-9)
+    assert tracker.update(markers).palm == PalmState.TRACKED
+
+
+@DEGENERATE
+def test_what_makes_a_palm_degenerate_is_refused(change, state):
     hand = Hand.scaled()
     tracker = HandTracker(hand)
-    before = tracker.update(markers_of(hand, .3 * hand.limits[:, 1]))
-    markers = markers_of(hand, .7 * hand.limits[:, 1])
-    markers[:3] = change(markers)
-    after = tracker.update(markers)
-    assert after.palm == state
-    np.testing.assert_array_equal(after.angles, before.angles)
-    np.testing.assert_array_equal(after.pose.position, before.pose.position)
-    assert tracker.update(markers_of(hand, np.zeros(25))).palm == PalmState.TRACKED
+    before = tracker.update(markers_of(hand, observable(hand, np.full(25, .4))))
+    wrong = before.markers.copy()
+    wrong[:3] = change(wrong)
+    after = tracker.update(wrong)
+    assert after.palm in (PalmState.CARRIED, PalmState.LOST)
+    assert (after.marker_states[:3] != MarkerState.SEEN).any()
+    np.testing.assert_allclose(after.pose.position, before.pose.position, atol=1e-3)
+    assert tracker.update(before.markers).palm == PalmState.TRACKED
+
+
+@pytest.mark.parametrize('options', [TrackerOptions(), UNGATED], ids=['default', 'ungated'])
+def test_fingers_are_followed_while_the_palm_is_predicted(options):
+    hand = Hand.scaled()
+    tracker = HandTracker(hand, options=options)
+    share = np.full(25, .4)
+    tracker.update(markers_of(hand, observable(hand, share)))
+    index = FLEXION[0, :2]
+    for bend in np.linspace(.4, .6, 21)[1:]:
+        share[index] = bend
+        angles = observable(hand, share)
+        markers = markers_of(hand, angles)
+        markers[:3] = np.nan
+        state = tracker.update(markers)
+    # A finger that moves alone turns a palm that nothing else tells of only a little.
+    np.testing.assert_allclose(state.wrist_position, 0., atol=.005)
+    np.testing.assert_allclose(state.angles[index], angles[index], atol=np.radians(12.))
 
 
 def test_waits_for_the_first_whole_palm():
@@ -209,20 +252,30 @@ def test_waits_for_the_first_whole_palm():
     assert tracker.update(markers).palm == PalmState.TRACKED
 
 
-def test_a_first_frame_without_a_finger_has_that_finger_at_rest():
+def test_a_finger_that_was_never_seen_goes_from_rest_to_what_is_usual_with_its_neighbours():
     hand = Hand.scaled()
-    markers = markers_of(hand, .3 * hand.limits[:, 1])
+    tracker = HandTracker(hand)
+    angles = .5 * hand.limits[:, 1]
+    angles[ABDUCTION] = 0.
+    markers = markers_of(hand, angles)
     index = MARKERS.index('ring')
+    truth = markers[index].copy()
     markers[index] = np.nan
-    state = HandTracker(hand).update(markers)
+    state = tracker.update(markers)
     assert state.marker_states[index] == MarkerState.ABSENT
-    ring = [i for i, name in enumerate(JOINTS) if name.startswith('ring')]
-    np.testing.assert_allclose(state.angles[ring], 0., atol=1e-6)
+    rest = markers_of(hand, np.zeros(25))[index]
+    np.testing.assert_allclose(state.markers[index], rest, atol=1e-3)
+    for _ in range(1200):
+        state = tracker.update(markers)
+    assert state.marker_states[index] == MarkerState.ABSENT
+    assert np.linalg.norm(state.markers[index] - truth) < .35 * np.linalg.norm(rest - truth)
+    ring = FLEXION[MARKERS[3:].index('ring')]
+    assert state.angles[ring].sum() > .6 * angles[ring].sum()
 
 
 def test_a_hidden_finger_keeps_its_angles_while_the_wrist_moves():
     hand = Hand.scaled()
-    tracker = HandTracker(hand)
+    tracker = HandTracker(hand, options=EXACT)
     angles = observable(hand, np.full(25, .4))
     tracker.update(markers_of(hand, angles))
     rotation = Rotation.from_euler('xyz', (.5, -.2, 1.)).as_matrix()
@@ -251,7 +304,7 @@ def test_marker_offsets_on_the_skin_are_taken_off():
     offsets[0] = (-.01, .002, .015)
     offsets[3] = (.002, .003, .006)
     layout = MarkerLayout(offsets=offsets)
-    tracker = HandTracker(hand, layout)
+    tracker = HandTracker(hand, layout, EXACT)
     # Continuity tells the two flexions apart that offset markers leave open.
     for bend in np.linspace(.3, .6, 40):
         angles = observable(hand, np.full(25, bend))
@@ -261,7 +314,7 @@ def test_marker_offsets_on_the_skin_are_taken_off():
 
 def test_new_limits_act_on_the_next_frame():
     hand = Hand.scaled()
-    tracker = HandTracker(hand)
+    tracker = HandTracker(hand, options=EXACT)
     angles = observable(hand, np.full(25, .6))
     tracker.update(markers_of(hand, angles))
     limits = hand.limits.copy()
@@ -294,7 +347,7 @@ def test_another_side_begins_anew():
 
 def test_another_layout_keeps_the_pose_of_a_hidden_finger():
     hand = Hand.scaled()
-    tracker = HandTracker(hand)
+    tracker = HandTracker(hand, options=EXACT)
     angles = observable(hand, np.full(25, .4))
     tracker.update(markers_of(hand, angles))
     tracker.configure(layout=TIPS)
@@ -341,9 +394,9 @@ def test_reset_returns_to_the_first_frame():
 
 def test_fabrik_and_closed_form_agree():
     hand = Hand.scaled()
-    exact = HandTracker(hand)
+    exact = HandTracker(hand, options=EXACT)
     iterative = HandTracker(
-        hand, options=TrackerOptions(finger_ik='fabrik', fabrik_iterations=2000))
+        hand, options=replace(EXACT, finger_ik='fabrik', fabrik_iterations=2000))
     rng = np.random.default_rng(1)
     share = np.full(25, .5)
     for _ in range(100):
