@@ -74,8 +74,8 @@ class TrackerOptions:
         0.79, 'MCP flexion by which ring and little finger may differ while one is hidden',
         unit='rad', range=(0., 3.15))
     friction: float = _option(
-        0.5, 'Friction: share of the movement of what touches a hidden digit that it follows; '
-        '0 is off', range=(0., 1.))
+        0., 'Friction: share of the movement of what touches a hidden digit that it follows; '
+        '0 is off, as it gains nothing on captured hands', range=(0., 1.))
     rigidity: bool = _option(
         True, 'Whether digits that are in each other or in the palm are moved apart')
     penetration: float = _option(

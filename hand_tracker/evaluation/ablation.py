@@ -34,11 +34,14 @@ DROPOUTS = 2.                  # [1/s]
 FREE = np.radians(170.)        # a limit that is none
 TOLERANCE = np.radians(.01)    # beyond a limit
 
-CONDITIONS = ('all seen', 'occluded')
+WRONG = Faults(swaps=1., ghosts=1.)  # [1/s]
+
+CONDITIONS = ('all seen', 'occluded', 'wrong')
 FLEXION = np.array(['flexion' in joint and not (
     joint.endswith('cmc_flexion') and not joint.startswith('thumb')) for joint in JOINTS])
 ABDUCTION = np.array(['abduction' in joint for joint in JOINTS])
 SHOWN = 10.                    # [degrees] over all joints, from which a difference is drawn
+LINES = 6                      # of drawn hands
 SCALE = .5                     # of the drawn hands
 MARGIN = .1                    # [inches] around them
 WHY = ('A limit or a coupling that is only nearly right keeps a joint from where the markers, a '
@@ -77,7 +80,16 @@ VARIANTS = {
     'no smoothing': Change({'smoothing': False}),
     'no inertia': Change({'inertia': 0.}),
     'no transdigital correlation': Change({'transdigital_memory': 0.}),
+    'no links before learning': Change({
+        'link_index_middle': 0., 'link_middle_ring': 0., 'link_ring_little': 0.}),
+    'no candidate space': Change({
+        'bound_index_middle': np.pi, 'bound_middle_ring': np.pi, 'bound_ring_little': np.pi}),
+    'friction': Change({'friction': .5}),
+    'no rigidity': Change({'rigidity': False}),
     'palm without fingers': Change({'palm_from_fingers': False}),
+    'no easing': Change({'reentry_rate': 1000.}),
+    'no outlier gate': Change({'outlier_gate': 0.}),
+    'no exchange of labels': Change({'swap_margin': 0.}),
 }
 
 
@@ -116,13 +128,16 @@ def judge(task):
 
 
 def markers_of(one, condition, seed):
-    """Return the markers of a trial, all seen, or as four cameras and drop-outs leave them."""
+    """Return the markers of a trial, all seen, as occlusion leaves them, or with wrong ones."""
     if condition == 'all seen':
         return one.measured(hidden=False)
     times = np.arange(len(one.angles)) / one.rate
-    events = fault_events(Faults(dropouts=DROPOUTS), times[-1], one.noise.shape[1],
+    faults = WRONG if condition == 'wrong' else Faults(dropouts=DROPOUTS)
+    events = fault_events(faults, times[-1], one.noise.shape[1],
                           np.random.RandomState((seed, 2)))
-    return with_faults(one.measured(OCCLUDED_CAMERAS), one.sight.truth, times, events)
+    measured = one.measured(hidden=False) if condition == 'wrong' else one.measured(
+        OCCLUDED_CAMERAS)
+    return with_faults(measured, one.sight.truth, times, events)
 
 
 def tracked_with(one, change, markers):
@@ -173,14 +188,14 @@ def losses(rows):
 
 def pictures(rows, folder):
     """Draw the errors, and the hands where each variant is worst."""
-    figure, axes = figure_with(2, width=max(5., .9 * len(VARIANTS)))
+    figure, axes = figure_with(len(CONDITIONS), width=max(5., .6 * len(VARIANTS)))
     for ax, condition in zip(axes, CONDITIONS):
         for i, motion in enumerate(MOTIONS):
             mine = {row['method']: row['true_deg'] for row in rows
                     if (row['condition'], row['recording']) == (condition, motion)}
             ax.bar(np.arange(len(VARIANTS)) + .16 * (i - 2), [mine[name] for name in VARIANTS],
                    width=.15, color=COLOURS[i], label=motion)
-        ax.set_xticks(range(len(VARIANTS)), [fill(name, 11) for name in VARIANTS], fontsize=7)
+        ax.set_xticks(range(len(VARIANTS)), [fill(name, 11) for name in VARIANTS], fontsize=6)
         ax.set_ylabel(f'{condition}: from the truth [degrees a joint]', fontsize=8)
     top = max(ax.get_ylim()[1] for ax in axes)
     for ax in axes:
@@ -196,7 +211,9 @@ def pictures(rows, folder):
 def _draw_hands(rows, path):
     """Draw truth, all constraints and one less side by side, a line for each that is missed."""
     # Where a variant never differs there is nothing to see.
-    shown = [row for variant in list(VARIANTS)[1:] if (row := _missed_most(rows, variant))]
+    shown = sorted((row for variant in list(VARIANTS)[1:]
+                    if (row := _missed_most(rows, variant))),
+                   key=lambda row: -row['shown_deg'])[:LINES]
     sizes = [view_size(view, SCALE) for view in VIEWS]
     width = sum(size[0] for size in sizes) + 3. * MARGIN
     height, legend = max(size[1] for size in sizes) + .35, .35
