@@ -4,6 +4,7 @@ import math
 
 USUAL_STEP = 1. / 120.  # [s] before two frames have told
 LONGEST = 1.            # [s] between frames after which motion is not carried on
+SHORTEST = 1e-6         # [s] between frames; less is none, and makes no velocity
 BACKWARD = .5           # [s] that frames of one recording may be out of order
 SHARE = .1              # of a new step in the usual one
 
@@ -12,7 +13,7 @@ class Clock:
     """The owner of time: turns stamps into steps.
 
     A frame without a time comes one usual step after the last; one that repeats the last
-    time or is a little older comes with it.
+    time, but for rounding, or is a little older comes with it.
     """
 
     def __init__(self):
@@ -30,7 +31,7 @@ class Clock:
         Returns
         -------
         step : float
-            From 0 to `LONGEST` [s].
+            0, or from `SHORTEST` to `LONGEST` [s].
         paused : bool
             Whether frames were missing for longer: motion is not to be carried on.
         restarted : bool
@@ -44,7 +45,7 @@ class Clock:
         step = time - last
         if step < -BACKWARD:
             return self._usual, False, True
-        if step <= 0.:
+        if step < SHORTEST:
             self._last = last
             return 0., False, False
         if step > LONGEST:

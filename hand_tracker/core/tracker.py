@@ -318,7 +318,9 @@ class HandTracker:
             ~known, MarkerState.ABSENT, np.where(
                 hidden_for > self.options.max_prediction_time, MarkerState.STALE,
                 MarkerState.PREDICTED)))
-        states = np.where(self._verdict > 0, self._verdict, states)
+        # What was put right may still be none of this palm.
+        told = (self._verdict == MarkerState.REJECTED) | (self._verdict > 0) & seen
+        states = np.where(told, self._verdict, states)
         if self._left:
             rotation *= MIRROR[:, None] * MIRROR
             position *= MIRROR
