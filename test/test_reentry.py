@@ -1,0 +1,84 @@
+"""A pose that never jumps."""
+
+import numpy as np
+import pytest
+from hand_tracker.core.digit import ABDUCTION, FLEXION
+from hand_tracker.core.reentry import ease
+
+LOWER, UPPER = np.full(25, -1.), np.full(25, 2.)
+STEP, RATE = .01, 15.
+NONE = np.zeros(5, dtype=bool)
+INDEX = np.array((True, False, False, False, False))
+OF_INDEX = np.array((ABDUCTION[0], *FLEXION[0]))
+
+
+def eased_path(solved, changes, step=STEP, rate=RATE):
+    """Return the eased angles of frames (n, 25), with what `changes` has in some of them."""
+    eased, offset = solved[0].copy(), np.zeros(25)
+    path = []
+    for frame, angles in enumerate(solved):
+        ease(angles, eased, offset, changes.get(frame, NONE), step, rate, LOWER, UPPER)
+        path.append(eased.copy())
+    return np.array(path)
+
+
+def jump(by, frames=30, at=5):
+    """Return angles of which those of the index finger change at once."""
+    solved = np.zeros((frames, 25))
+    solved[at:, OF_INDEX] = by
+    return solved
+
+
+def test_without_a_change_nothing_is_eased():
+    solved = jump(1.)
+    np.testing.assert_array_equal(eased_path(solved, {}), solved)
+
+
+@pytest.mark.parametrize('by', [1., -.7])
+def test_a_change_fades_in_at_the_rate_and_then_is_gone(by):
+    path = eased_path(jump(by), {5: INDEX})
+    steps = np.diff(path[:, OF_INDEX], axis=0)
+    assert abs(steps).max() <= RATE * STEP + 1e-12
+    frames = int(np.ceil(abs(by) / (RATE * STEP)))
+    assert (abs(steps[4:4 + frames - 1]) > .99 * RATE * STEP).all()
+    np.testing.assert_array_equal(path[5 + frames:], jump(by)[5 + frames:])
+
+
+def test_the_true_motion_is_neither_delayed_nor_slowed():
+    solved = jump(.5)
+    motion = .3 * np.sin(.5 * np.arange(30))
+    path = eased_path(solved + motion[:, None], {5: INDEX})[5:]
+    added = np.diff(path, axis=0) - np.diff(motion[5:])[:, None]
+    # The offset goes at its rate, then there is the motion alone.
+    assert (added > -1e-12).all() and (added < RATE * STEP + 1e-12).all()
+    assert (added[:3, OF_INDEX] > .99 * RATE * STEP).all()
+    np.testing.assert_allclose(added[5:], 0., atol=1e-12)
+
+
+def test_other_digits_are_left_alone():
+    solved = np.ones((30, 25)) * np.linspace(0., 1., 30)[:, None] ** 2
+    others = np.setdiff1d(np.arange(25), OF_INDEX)
+    np.testing.assert_array_equal(eased_path(solved, {5: INDEX})[:, others], solved[:, others])
+
+
+def test_a_change_while_one_fades_goes_on_from_where_it_is():
+    solved = jump(1.)
+    solved[8:, OF_INDEX] = -.5
+    steps = np.diff(eased_path(solved, {5: INDEX, 8: INDEX})[:, OF_INDEX], axis=0)
+    assert abs(steps).max() <= RATE * STEP + 1e-12
+
+
+def test_nothing_fades_while_no_time_passes():
+    path = eased_path(jump(1.), {5: INDEX}, step=0.)
+    assert (path == 0.).all()
+
+
+def test_limits_hold_while_it_fades():
+    solved = np.zeros((30, 25))
+    solved[0:5, OF_INDEX] = 2.
+    solved[5:, OF_INDEX] = 1.
+    solved[6:, OF_INDEX] = 1.9
+    path = eased_path(solved, {5: INDEX})
+    assert (path <= UPPER).all() and (path >= LOWER).all()
+    assert path[6, OF_INDEX] == pytest.approx(2.)
+    np.testing.assert_array_equal(path[-1], solved[-1])
