@@ -1,0 +1,166 @@
+"""The digits' markers through occlusion: carried by the palm, by inertia, by each other."""
+
+import numpy as np
+import pytest
+from hand_tracker.core.digit_markers import follow_digits
+from hand_tracker.core.interdependence import no_habits, prior_of
+from hand_tracker.core.tracks import no_tracks
+from scipy.spatial.transform import Rotation
+
+REST = np.array(((.15, .025, 0.), (.16, .005, 0.), (.15, -.015, 0.), (.13, -.035, 0.),
+                 (.09, .06, -.02)))
+STEP = 1. / 120.
+STILL = np.eye(3), np.zeros(3)
+
+
+class Digits:
+    """Follows five markers frame by frame."""
+
+    def __init__(self, memory=7., longest=2., relaxing=1., fading=.04):
+        self.tracks, self.habits, self.shares = no_tracks(REST), no_habits(), np.zeros((15, 15))
+        self.options = memory, longest, relaxing
+        self.fading = fading
+
+    def see(self, local, hidden=(), pose=STILL, pushed=0., step=STEP):
+        """Follow places in the palm's frame; return where they are in it, shape (5, 3)."""
+        rotation, position = pose
+        markers = local @ rotation.T + position
+        seen = np.ones(5, dtype=bool)
+        seen[list(hidden)] = False
+        markers[~seen] = np.nan
+        memory, longest, relaxing = self.options
+        follow_digits(
+            markers, seen, self.tracks, rotation, position, REST, self.habits,
+            prior_of(.6, .8, .8), self.shares, np.full((5, 3), pushed), step, np.full(5, 1e-4),
+            False, self.fading, memory, True, longest, relaxing)
+        return self.tracks.mean[:, :3].copy()
+
+
+def wave(frame, swing=(1., 1., 1., 1., .5)):
+    """Return places of digits that open and close together."""
+    bend = .02 * (1. - np.cos(.05 * frame)) * np.array(swing)[:, None]
+    return REST + bend * (-1., 0., -1.)
+
+
+def test_seen_markers_are_taken_into_the_palms_frame():
+    digits = Digits()
+    pose = Rotation.from_euler('xyz', (1., 2., 3.)).as_matrix(), np.ones(3)
+    local = np.random.default_rng(1).normal(scale=.1, size=(5, 3))
+    np.testing.assert_allclose(digits.see(local, pose=pose), local, atol=1e-12)
+    assert digits.tracks.known.all()
+
+
+def test_a_hidden_marker_moves_with_the_palm():
+    digits = Digits()
+    local = REST + .01
+    for _ in range(20):
+        digits.see(local)
+    pose = Rotation.from_euler('xyz', (1., 2., 3.)).as_matrix(), np.ones(3)
+    np.testing.assert_allclose(digits.see(local, (2,), pose), local, atol=1e-9)
+
+
+@pytest.mark.parametrize('memory', [0., 7.])
+def test_a_hidden_marker_goes_on_and_its_own_motion_fades(memory):
+    digits = Digits(memory)
+    speed = np.zeros((5, 3))
+    speed[1] = .2, 0., -.3
+    for frame in range(60):
+        places = REST + speed * STEP * frame
+        digits.see(places)
+    path = np.array([digits.see(places, (1,))[1] for _ in range(120)])
+    steps = np.diff(np.vstack((places[1], path)), axis=0)
+    np.testing.assert_allclose(steps[0], speed[1] * STEP, rtol=.3)
+    assert (np.diff(steps @ speed[1]) <= 1e-12).all()
+    assert np.linalg.norm(steps[-1]) < 1e-6
+
+
+@pytest.mark.parametrize('hidden', [(1,), (1, 2), (0, 3)])
+def test_hidden_digits_follow_those_that_they_moved_with(hidden):
+    errors = {}
+    for memory in (0., 7.):
+        digits = Digits(memory)
+        for frame in range(500):
+            digits.see(wave(frame))
+        found = [digits.see(wave(frame), hidden) - wave(frame) for frame in range(500, 560)]
+        errors[memory] = np.linalg.norm(found, axis=2)[:, list(hidden)].max()
+    assert errors[7.] < .003 and errors[7.] < .2 * errors[0.]
+
+
+def test_a_digit_that_moved_alone_is_not_dragged_along():
+    digits = Digits()
+    for frame in range(500):
+        digits.see(wave(frame, (1., 0., 1., 1., 1.)))
+    for frame in range(500, 560):
+        found = digits.see(wave(frame, (1., 0., 1., 1., 1.)), (1,))
+    np.testing.assert_allclose(found[1], REST[1], atol=.005)
+
+
+@pytest.mark.parametrize('before, after', [((1,), (1, 2)), ((1, 2), (1,)), ((1, 3), (1, 0))])
+def test_a_neighbour_that_vanishes_or_comes_back_makes_no_jump(before, after):
+    digits = Digits()
+    for frame in range(500):
+        digits.see(wave(frame))
+    path = [wave(499)[1]]
+    for frame in range(500, 560):
+        # The neighbour comes back elsewhere than it was predicted.
+        local = wave(frame)
+        local[2] += .02 * (frame - 500) / 60.
+        path.append(digits.see(local, before if frame < 530 else after)[1])
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    fastest = np.linalg.norm(np.diff([wave(frame)[1] for frame in range(500)], axis=0), axis=1)
+    assert steps.max() < 1.5 * fastest.max()
+
+
+def test_no_digit_in_sight_holds_all():
+    digits = Digits()
+    for _ in range(60):
+        digits.see(REST + .01)
+    for _ in range(60):
+        found = digits.see(REST, range(5))
+    np.testing.assert_allclose(found, REST + .01, atol=1e-6)
+
+
+def test_what_touches_a_hidden_digit_carries_it():
+    digits = Digits(0.)
+    digits.see(REST)
+    found = digits.see(REST, (2,), pushed=.001)
+    np.testing.assert_allclose(found - REST, np.outer((0, 0, 1, 0, 0), np.full(3, .001)),
+                               atol=1e-9)
+
+
+@pytest.mark.parametrize('relaxing, share', [(.5, 1.), (0., 0.)])
+def test_a_stale_digit_relaxes_or_holds(relaxing, share):
+    digits = Digits(longest=.5, relaxing=relaxing)
+    raised = REST + np.array((0., 0., .03)) * (np.arange(5) == 1)[:, None]
+    # Usual is rest, where it was for long.
+    for frame in range(1200):
+        digits.see(REST)
+    for _ in range(60):
+        digits.see(raised)
+    for _ in range(58):
+        found = digits.see(REST, (1,))
+    np.testing.assert_allclose(found[1], raised[1], atol=.002)
+    path = [digits.see(REST, (1,))[1] for _ in range(600)]
+    gone = (raised[1] - path[-1])[2] / .03
+    # Where it was raised is usual too, a little.
+    assert gone == pytest.approx(share, abs=.15)
+    assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < .03 * 1.1 * STEP / .5
+
+
+def test_one_that_was_never_seen_is_where_its_neighbours_tell():
+    digits = Digits()
+    bent = REST + (-.03, 0., -.03)
+    for _ in range(1200):
+        found = digits.see(bent, (2,))
+    assert not digits.tracks.known[2]
+    assert np.linalg.norm(found[2] - bent[2]) < .35 * np.linalg.norm(bent[2] - REST[2])
+
+
+def test_while_one_is_hidden_nothing_is_learned():
+    digits = Digits()
+    for frame in range(100):
+        digits.see(wave(frame))
+    weight = digits.habits.weight[0]
+    for frame in range(100, 200):
+        digits.see(wave(frame), (3,))
+    assert weight > 0. and digits.habits.weight[0] == weight

@@ -1,0 +1,183 @@
+"""The palm's markers through occlusion."""
+
+import numpy as np
+import pytest
+from hand_tracker.core.palm import PalmState
+from hand_tracker.core.palm_markers import (
+    carry_palm, check_palm, expected_markers, follow_palm)
+from hand_tracker.core.tracks import no_tracks
+from scipy.spatial.transform import Rotation
+
+TEMPLATE = np.array(((0., 0., 0.), (.083, .021, -.003), (.068, -.034, -.006)))
+FINGERS = np.array(((.15, .025, -.02), (.16, .005, -.02), (.15, -.015, -.02), (.13, -.035, -.02),
+                    (.09, .06, -.04)))
+HAND = np.vstack((TEMPLATE, FINGERS))
+STEP = 1. / 120.
+FAULT = 1.5, .3, .2
+
+
+class Palm:
+    """Follows the palm of a hand whose digits do not move in it, frame by frame."""
+
+    def __init__(self, by_fingers=True, longest=2., fading=.04):
+        self.tracks, self.digits = no_tracks(TEMPLATE), no_tracks(FINGERS)
+        self.rotation, self.position = np.eye(3), np.zeros(3)
+        self.placed = False
+        self.by_fingers, self.longest, self.fading = by_fingers, longest, fading
+
+    def see(self, rotation, position, hidden=(), digits=FINGERS):
+        """Follow a frame; return its `PalmState` and the three places."""
+        markers = np.vstack((TEMPLATE, digits)) @ rotation.T + position
+        seen = np.ones(8, dtype=bool)
+        seen[list(hidden)] = False
+        markers[~seen] = np.nan
+        state = follow_palm(
+            markers, seen, self.tracks, self.digits, self.rotation, self.position, TEMPLATE,
+            self.placed, STEP, np.full(8, 1e-4), False, self.fading, self.by_fingers,
+            self.longest)
+        if state != PalmState.WAITING:
+            self.placed = True
+            # The true pose, or what is left of it is measured with its own errors.
+            self.rotation, self.position = rotation, position
+            self.digits.seen[:] = seen[3:]
+        return PalmState(state), self.tracks.mean[:, :3].copy()
+
+
+def swing(frame, axis=(.5, -.3, .8)):
+    """Return the pose of a hand that swings about."""
+    turn = np.array(axis) * .4 * np.sin(.03 * frame)
+    return Rotation.from_rotvec(turn).as_matrix(), np.array((.1, .2, .3)) * np.sin(.02 * frame)
+
+
+def frame_of(seen_palm, rotation, position):
+    palm = TEMPLATE @ rotation.T + position
+    shown = np.where(np.array(seen_palm)[:, None], palm, np.nan)
+    return tuple(map(tuple, shown)), palm
+
+
+def carried(seen_palm, rotation, position, before, origin):
+    points, palm = frame_of(seen_palm, rotation, position)
+    expected = tuple(map(tuple, TEMPLATE @ before.T + origin))
+    return np.array(carry_palm(points, expected, tuple(bool(s) for s in seen_palm))), palm
+
+
+@pytest.mark.parametrize('hidden', [0, 1, 2])
+def test_two_markers_carry_the_third_through_a_turn_of_their_line(hidden):
+    rng = np.random.default_rng(hidden)
+    before = Rotation.random(random_state=rng).as_matrix()
+    pair = [i for i in range(3) if i != hidden]
+    line = before @ (TEMPLATE[pair[1]] - TEMPLATE[pair[0]])
+    # A rotation about an axis normal to the seen side is told by that side in full.
+    axis = np.cross(line, rng.normal(size=3))
+    after = Rotation.from_rotvec(.4 * axis / np.linalg.norm(axis)).as_matrix() @ before
+    found, palm = carried([i != hidden for i in range(3)], after, np.array((.1, .2, .3)),
+                          before, rng.normal(size=3))
+    np.testing.assert_allclose(found, palm, atol=1e-12)
+
+
+@pytest.mark.parametrize('shown', [0, 1, 2])
+def test_one_marker_carries_the_others_along(shown):
+    rotation = Rotation.from_euler('xyz', (.1, .2, .3)).as_matrix()
+    found, palm = carried([i == shown for i in range(3)], rotation, np.ones(3),
+                          rotation, np.zeros(3))
+    np.testing.assert_allclose(found, palm, atol=1e-12)
+
+
+@pytest.mark.parametrize('hidden', [(0,), (2, 4), (0, 1, 2)])
+def test_before_the_first_whole_palm_it_waits(hidden):
+    palm = Palm()
+    rotation, position = swing(0)
+    state, _ = palm.see(rotation, position, hidden)
+    assert (state == PalmState.WAITING) == bool(set(hidden) & {0, 1, 2})
+    assert palm.see(rotation, position)[0] == PalmState.TRACKED
+
+
+@pytest.mark.parametrize('hidden, state', [
+    ((), PalmState.TRACKED), ((1,), PalmState.CARRIED), ((0, 2), PalmState.CARRIED),
+    ((0, 1, 2), PalmState.LOST)])
+def test_the_state_tells_how_many_are_seen(hidden, state):
+    palm = Palm()
+    palm.see(*swing(0))
+    assert palm.see(*swing(0), hidden)[0] == state
+
+
+@pytest.mark.parametrize('hidden', [(0,), (1,), (2,), (0, 1), (1, 2), (0, 2)])
+def test_hidden_markers_of_a_hand_that_moves_as_a_whole_are_told_by_the_fingers(hidden):
+    errors = {}
+    for by_fingers in (True, False):
+        palm = Palm(by_fingers)
+        for frame in range(60):
+            palm.see(*swing(frame))
+        for frame in range(60, 90):
+            rotation, position = swing(frame)
+            _, found = palm.see(rotation, position, hidden)
+        errors[by_fingers] = np.linalg.norm(
+            found - TEMPLATE @ rotation.T - position, axis=1).max()
+    # What inertia says is weighed too, and is wrong by the turn's change in a frame.
+    assert errors[True] < 1e-3
+    assert errors[True] < errors[False]
+
+
+def test_a_whole_palm_out_of_sight_is_told_by_the_fingers_while_predictions_hold():
+    errors = []
+    for longest in (2., 0.):
+        palm = Palm(longest=longest)
+        for frame in range(60):
+            palm.see(*swing(frame))
+        for frame in range(60, 80):
+            rotation, position = swing(frame)
+            state, found = palm.see(rotation, position, (0, 1, 2))
+        assert state == PalmState.LOST
+        errors.append(np.linalg.norm(found - TEMPLATE @ rotation.T - position, axis=1).max())
+    assert errors[0] < .9 * errors[1]
+
+
+def test_fingers_that_come_back_tell_nothing_yet():
+    """What a finger did while hidden is no turn of the palm."""
+    palm = Palm()
+    for _ in range(10):
+        palm.see(*swing(0))
+    palm.see(*swing(0), hidden=(2, 3))
+    moved = FINGERS + np.array(((.04, .0, -.04),) + 4 * ((0., 0., 0.),))
+    _, found = palm.see(*swing(0), (2,), moved)
+    np.testing.assert_allclose(found, TEMPLATE, atol=1e-9)
+
+
+def test_what_is_seen_is_left_as_it_is():
+    palm = Palm()
+    for frame in range(5):
+        palm.see(*swing(frame))
+    rotation, position = swing(6)
+    _, found = palm.see(rotation, position, (1,))
+    np.testing.assert_allclose(found[[0, 2]], (TEMPLATE @ rotation.T + position)[[0, 2]],
+                               atol=1e-12)
+
+
+def test_a_palm_at_rest_stays_when_it_vanishes():
+    palm = Palm()
+    for _ in range(10):
+        palm.see(*swing(0))
+    for _ in range(200):
+        _, found = palm.see(*swing(0), (0, 1, 2, 3, 4, 5, 6, 7))
+    np.testing.assert_allclose(found, TEMPLATE, atol=1e-9)
+
+
+def test_even_motion_is_expected_to_go_on():
+    palm = Palm()
+    speed = np.array((.5, -.2, .1))
+    for frame in range(120):
+        palm.see(np.eye(3), speed * STEP * frame)
+    expected = np.empty((8, 3))
+    palm.digits.mean[:, :3] = FINGERS
+    expected_markers(palm.tracks, palm.digits, TEMPLATE, STEP, expected)
+    np.testing.assert_allclose(expected, HAND + speed * STEP * 120, atol=2e-4)
+
+
+@pytest.mark.parametrize('change, fault', [
+    (lambda m: m, PalmState.TRACKED), (lambda m: 2. * m, PalmState.TOO_FAR_APART),
+    (lambda m: .1 * m, PalmState.TOO_CLOSE), (lambda m: m[[0, 1, 1]], PalmState.COINCIDENT)])
+def test_a_palm_of_no_hand_is_not_seen(change, fault):
+    markers, seen = np.vstack((change(TEMPLATE), FINGERS)), np.ones(8, dtype=bool)
+    found = check_palm(markers, seen, TEMPLATE, np.eye(3), np.zeros(3), True, *FAULT)
+    assert found == fault
+    assert (seen[:3] == (fault == PalmState.TRACKED)).all() and seen[3:].all()
