@@ -146,10 +146,12 @@ def _fit_to_fingers(markers, seen, tracks, digits, template):
     axes, origin = rigid_palm(
         vector(tracks.mean[0]), vector(tracks.mean[1]), vector(tracks.mean[2]),
         vector(template[0]), vector(template[1]), vector(template[2]))
-    points = np.empty((8, 3))
+    points = np.zeros((8, 3))
+    aims = np.zeros((8, 3))
     weights = np.zeros(8)
     for i in range(3):
         points[i] = tracks.mean[i, :3]
+        aims[i] = points[i]
         weights[i] = SEEN_WEIGHT if seen[i] else PREDICTED_WEIGHT
     for i in range(3, 8):
         if seen[i] and digits.seen[i - 3]:
@@ -157,7 +159,7 @@ def _fit_to_fingers(markers, seen, tracks, digits, template):
             weights[i] = 1.
             for k in range(3):
                 points[i, k] = expected[k]
-    aims = np.where(weights[:, None] == 1., markers, points)
+                aims[i, k] = markers[i, k]
     for _ in range(FITS):
         center = weights @ points / weights.sum()
         shift = vector(weights @ (aims - points) / weights.sum())
