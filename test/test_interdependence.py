@@ -117,6 +117,15 @@ def test_a_stuck_history_is_safe():
         assert np.isfinite(shares).all() and abs(shares).max() < 2.
 
 
+@pytest.mark.parametrize('far, fast', [(1e3, 0.), (0., 1e5), (np.nan, 0.)])
+def test_frames_of_no_hand_teach_nothing(far, fast):
+    places, velocities = history(8)
+    odd = places[:20] + far, velocities[:20] + fast
+    habits = learned(np.concatenate((places, odd[0])), np.concatenate((velocities, odd[1])))
+    for part, expected in zip(habits, learned(places, velocities)):
+        np.testing.assert_array_equal(part, expected)
+
+
 HAND = Hand.scaled()
 BOUNDS = np.array((1.05, .79, .6))
 MCP = [JOINTS.index(f'{finger}_mcp_flexion') for finger in ('index', 'middle', 'ring', 'little')]

@@ -18,6 +18,8 @@ from .jit import jit
 DIGITS = 5
 SIZE = 3 * DIGITS
 LEADERS = FLEXION[:4, 0].copy()
+# Beyond any digit in the palm's frame; sums of such would drown the rest.
+FARTHEST, FASTEST = 1., 20.  # [m], [m/s] on an axis
 
 
 class Habits(NamedTuple):
@@ -68,7 +70,7 @@ def learn(habits, places, velocities, step, memory):
     Parameters
     ----------
     habits : Habits
-        Changed.
+        Changed, unless the frame is of no hand.
     places, velocities : ndarray, shape (5, 3)
         Of the markers in the palm's frame [m], [m/s].
     step : float
@@ -79,6 +81,8 @@ def learn(habits, places, velocities, step, memory):
     kept = math.exp(-step / memory)
     x = places.ravel()
     v = velocities.ravel()
+    if not (abs(x).max() <= FARTHEST and abs(v).max() <= FASTEST):
+        return
     habits.weight[0] = kept * habits.weight[0] + step
     for i in range(SIZE):
         habits.first[i] = kept * habits.first[i] + step * x[i]
