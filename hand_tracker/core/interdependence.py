@@ -81,7 +81,7 @@ def learn(habits, places, velocities, step, memory):
     kept = math.exp(-step / memory)
     x = places.ravel()
     v = velocities.ravel()
-    if not (abs(x).max() <= FARTHEST and abs(v).max() <= FASTEST):
+    if not (np.abs(x).max() <= FARTHEST and np.abs(v).max() <= FASTEST):
         return
     habits.weight[0] = kept * habits.weight[0] + step
     for i in range(SIZE):
