@@ -1,0 +1,281 @@
+"""The tracker while markers are hidden, wrong or noisy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_tracker.core.capsules import capsules, pair_gaps
+from hand_tracker.core.digit import FLEXION
+from hand_tracker.core.hand import JOINTS, Hand
+from hand_tracker.core.kinematics import forward, joint_table
+from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.tracker import HandTracker, MarkerState, PalmState, TrackerOptions
+from scipy.spatial.transform import Rotation
+
+RATE = 120.
+STEP = 1. / RATE
+HAND = Hand.scaled()
+MIRROR = np.array((1., -1., 1.))
+EXACT = TrackerOptions(smoothing=False, rigidity=False)
+INDEX, MIDDLE, RING = (MARKERS.index(name) for name in ('index', 'middle', 'ring'))
+
+
+def grasp(frame, hand=HAND):
+    """Return the angles of a hand that opens and closes, its fingers one after the other."""
+    angles = np.zeros(25)
+    for digit in range(5):
+        bend = .5 - .35 * np.cos(2. * np.pi * .7 * frame * STEP - .25 * digit)
+        first, second, third = FLEXION[digit]
+        angles[first], angles[second] = 1.1 * bend, 1.3 * bend
+        angles[third] = hand.coupling[digit] @ (angles[second], 1.)
+    return np.clip(angles, *hand.limits.T)
+
+
+def markers_at(frame, hand=HAND, angles=None):
+    """Return the markers of the hand that opens and closes while it is waved about."""
+    rotation = Rotation.from_rotvec(.3 * np.sin(.02 * frame * np.array((1., .7, .4)))).as_matrix()
+    position = np.array((.1, .2, .05)) * np.sin(.015 * frame)
+    angles = grasp(frame, hand) if angles is None else angles
+    pose = forward(joint_table(hand), angles, rotation, position)
+    return marker_positions(MarkerLayout().mounting(hand), pose, rotation, position)
+
+
+def track(frames, change, options=None, hand=HAND, noise=0., seed=1):
+    """Return the states of frames of which `change` alters the markers."""
+    tracker = HandTracker(hand, options=options)
+    rng = np.random.default_rng(seed)
+    states = []
+    for frame in range(frames):
+        markers = markers_at(frame, hand) + rng.normal(scale=noise, size=(8, 3))
+        change(frame, markers)
+        states.append(tracker.update(markers, frame * STEP))
+    return states
+
+
+def hide(rows, start, end):
+    """Return a change that hides rows in some frames."""
+    def change(frame, markers):
+        if start <= frame < end:
+            markers[list(rows)] = np.nan
+    return change
+
+
+def nothing(frame, markers):
+    """Change nothing."""
+
+
+def truth(frames, hand=HAND):
+    return np.array([grasp(frame, hand) for frame in range(frames)])
+
+
+@pytest.mark.parametrize('rows', [(INDEX,), (MIDDLE, RING), (0,), (1, 2), (0, 1, 2),
+                                  (7, RING), tuple(range(8))])
+@pytest.mark.parametrize('duration', [.05, .25, 1., 3.])
+def test_no_angle_jumps_where_markers_vanish_or_come_back(rows, duration):
+    options = replace(EXACT, friction=0.)
+    start, frames = 300, 300 + round(duration * RATE)
+    states = track(frames + 60, hide(rows, start, frames), options)
+    steps = abs(np.diff([state.angles for state in states], axis=0))
+    fastest = abs(np.diff(truth(frames + 60), axis=0)).max()
+    bound = 1.5 * fastest + options.reentry_rate * STEP
+    assert steps[start - 2:start + 2].max() <= bound, 'as they vanish'
+    assert steps[frames - 2:].max() <= bound, 'as they come back'
+    np.testing.assert_allclose(states[-1].angles, grasp(frames + 59), atol=np.radians(1.))
+
+
+@pytest.mark.parametrize('rows', [(INDEX,), (MIDDLE, RING), (1,), (2,)])
+def test_a_hidden_marker_is_predicted_near_where_it_is(rows):
+    states = track(318, hide(rows, 300, 318), noise=2e-4)
+    misses = np.array([np.linalg.norm(state.markers - markers_at(300 + i), axis=1)[list(rows)]
+                       for i, state in enumerate(states[300:])])
+    moved = np.linalg.norm(markers_at(317) - markers_at(299), axis=1)[list(rows)]
+    assert misses.max() < .012 and (misses[-1] < .5 * moved).all()
+
+
+@pytest.mark.parametrize('one, other', [(3, 4), (4, 6), (3, 7), (1, 2), (0, 5)])
+def test_swapped_labels_are_put_right_within_three_frames_and_reported(one, other):
+    def swap(frame, markers):
+        if 200 <= frame < 230:
+            markers[[one, other]] = markers[[other, one]]
+    swapped, plain = track(260, swap), track(260, nothing)
+    states = np.array([state.marker_states for state in swapped])
+    told = states[:, [one, other]] == MarkerState.SWAPPED
+    assert told[202:230].all()
+    assert (states[:200] == MarkerState.SEEN).all() and (states[233:] == MarkerState.SEEN).all()
+    for frame in range(203, 230):
+        np.testing.assert_allclose(swapped[frame].markers, plain[frame].markers, atol=2e-3)
+
+
+@pytest.mark.parametrize('row', range(8))
+def test_an_outlier_is_rejected_and_predicted(row):
+    def stray(frame, markers):
+        if 200 <= frame < 210:
+            # Another place each time: not where the marker could be after all.
+            markers[row] += .1 * np.random.default_rng(frame).choice((-1., 1.), 3)
+    states = track(240, stray)
+    plain = track(240, nothing)
+    found = np.array([state.marker_states for state in states])
+    assert (found[200:210, row] == MarkerState.REJECTED).all()
+    assert (np.delete(found, row, axis=1) == MarkerState.SEEN).all()
+    for frame in range(200, 240):
+        assert np.linalg.norm(states[frame].markers - plain[frame].markers, axis=1).max() < .01
+    assert (found[212:] == MarkerState.SEEN).all()
+
+
+def test_a_hand_that_is_elsewhere_at_once_is_followed_at_once():
+    def teleport(frame, markers):
+        if frame >= 200:
+            markers += (1., -2., .5)
+    states = track(230, teleport, EXACT)
+    for frame in range(200, 230):
+        np.testing.assert_allclose(states[frame].angles, grasp(frame), atol=1e-6)
+        assert states[frame].palm == PalmState.TRACKED
+    # And a palm marker that then vanishes is not flung after the leap.
+    states = track(230, lambda frame, markers: (
+        teleport(frame, markers), hide((2,), 202, 230)(frame, markers)), EXACT)
+    assert np.linalg.norm(states[-1].wrist_position - markers_at(229)[0] - (1., -2., .5)) < .02
+
+
+def test_time_that_jumps_back_begins_anew():
+    tracker, fresh = HandTracker(), HandTracker()
+    rng = np.random.default_rng(1)
+    for frame in range(300):
+        markers = markers_at(frame) + rng.normal(scale=3e-4, size=(8, 3))
+        hide((4, 1), 250, 300)(frame, markers)
+        tracker.update(markers, 100. + frame * STEP)
+    for frame in range(60):
+        markers = markers_at(frame) + rng.normal(scale=3e-4, size=(8, 3))
+        hide((3,), 30, 50)(frame, markers)
+        again = tracker.update(markers, 1. + frame * STEP)
+        first = fresh.update(markers, 1. + frame * STEP)
+        for name in ('angles', 'markers', 'marker_states', 'hidden_for', 'confidence',
+                     'wrist_position', 'wrist_rotation'):
+            np.testing.assert_array_equal(getattr(again, name), getattr(first, name), name)
+
+
+def test_after_a_pause_hidden_markers_are_where_they_were():
+    tracker = HandTracker(options=EXACT)
+    for frame in range(200):
+        last = tracker.update(markers_at(frame), frame * STEP)
+    markers = markers_at(199)
+    markers[INDEX] = np.nan
+    state = tracker.update(markers, 100.)
+    np.testing.assert_allclose(state.angles, last.angles, atol=np.radians(2.))
+
+
+def test_measured_distal_flexion_replaces_the_coupling_within_limits():
+    tracker = HandTracker(options=EXACT)
+    dip = FLEXION[:, 2]
+    markers = markers_at(60)
+    coupled = tracker.update(markers).angles
+    state = tracker.update(markers, None, (np.nan, .3, 5., -5., np.inf))
+    np.testing.assert_allclose(state.angles[dip[[0, 4]]], coupled[dip[[0, 4]]], atol=1e-9)
+    assert state.angles[dip[1]] == .3
+    assert state.angles[dip[2]] == HAND.limits[dip[2], 1]
+    assert state.angles[dip[3]] == HAND.limits[dip[3], 0]
+    np.testing.assert_allclose(tracker.update(markers).angles, coupled, atol=1e-9)
+
+
+def test_confidence_falls_while_a_marker_is_hidden_and_is_back_with_it():
+    row, joints = INDEX, [JOINTS.index('index_mcp_flexion'), JOINTS.index('index_pip_flexion')]
+    states = track(700, hide((row,), 300, 660), noise=2e-4)
+    confidence = np.array([state.confidence[joints] for state in states])
+    assert (confidence[200:300] > .98).all() and (confidence[661:] > .9).all()
+    assert (np.diff(confidence[300:660], axis=0) <= 1e-12).all()
+    assert (confidence[310] > .9).all() and (confidence[659] < .5).all()
+    others = [i for i in range(25) if i not in FLEXION[0] and not JOINTS[i].startswith('index')]
+    assert (np.array([state.confidence[others] for state in states[100:]]) > .98).all()
+    hidden_for = np.array([state.hidden_for[row] for state in states])
+    np.testing.assert_allclose(hidden_for[300:660], STEP * np.arange(1, 361), atol=1e-9)
+    assert (hidden_for[1:300] == 0.).all() and (hidden_for[660:] == 0.).all()
+    found = np.array([state.marker_states[row] for state in states])
+    stale = 300 + round(2. * RATE)
+    assert (found[300:stale - 1] == MarkerState.PREDICTED).all()
+    assert (found[stale + 1:660] == MarkerState.STALE).all()
+
+
+def test_of_what_was_never_seen_nothing_is_known():
+    states = track(60, hide((MIDDLE,), 0, 60))
+    middle = [i for i, name in enumerate(JOINTS) if name.startswith('middle')]
+    assert (states[-1].confidence[middle] == 0.).all()
+    waiting = HandTracker().update(np.full((8, 3), np.nan))
+    assert (waiting.confidence == 0.).all()
+
+
+@pytest.mark.parametrize('rows', [(INDEX,), (1,), (0, 1, 2, MIDDLE)])
+def test_a_left_hand_is_a_mirrored_right_hand_under_occlusion_too(rows):
+    right, left = HandTracker(HAND), HandTracker(HAND.mirrored())
+    rng = np.random.default_rng(3)
+    for frame in range(150):
+        markers = markers_at(frame) + rng.normal(scale=3e-4, size=(8, 3))
+        hide(rows, 90, 130)(frame, markers)
+        if 60 <= frame < 70:
+            markers[[3, 4]] = markers[[4, 3]]
+        a, b = right.update(markers, frame * STEP), left.update(markers * MIRROR, frame * STEP)
+        np.testing.assert_array_equal(b.angles, a.angles)
+        np.testing.assert_array_equal(b.marker_states, a.marker_states)
+        np.testing.assert_array_equal(b.confidence, a.confidence)
+        np.testing.assert_allclose(b.markers, a.markers * MIRROR, atol=1e-12)
+        np.testing.assert_allclose(b.wrist_position, a.wrist_position * MIRROR, atol=1e-12)
+
+
+def test_no_digit_goes_into_another_or_the_palm():
+    shapes = capsules(HAND)
+    rng = np.random.default_rng(4)
+    lower, upper = HAND.limits.T
+    overlaps = {}
+    for rigidity in (False, True):
+        deepest = []
+        for _ in range(150):
+            angles = lower + rng.random(25) * (upper - lower)
+            tracker = HandTracker(HAND, options=replace(EXACT, rigidity=rigidity))
+            state = tracker.update(markers_at(0, angles=angles))
+            deepest.append(-pair_gaps(shapes, state.angles).min())
+        overlaps[rigidity] = np.array(deepest)
+    assert (overlaps[False] > 1e-3).mean() > .2, 'the poses ask for it'
+    assert overlaps[True].max() <= 1e-3 + 1e-9
+
+
+FREQUENCY = 10.
+
+
+def pip_of(motion, noise, options, seconds=6., middle=15., seed=5):
+    """Return the tracked and the true PIP flexion of an index finger that moves by `motion`."""
+    rng = np.random.default_rng(seed)
+    tracker = HandTracker(options=options)
+    pip = JOINTS.index('index_pip_flexion')
+    found, true = [], []
+    for frame in range(round(seconds * RATE)):
+        angles = np.zeros(25)
+        angles[FLEXION[:, 1]] = np.radians(15.)
+        angles[pip] = np.radians(middle) + motion * np.sin(2. * np.pi * FREQUENCY * frame * STEP)
+        angles[FLEXION[:, 2]] = (HAND.coupling * np.column_stack(
+            (angles[FLEXION[:, 1]], np.ones(5)))).sum(axis=1)
+        pose = forward(joint_table(HAND), angles)
+        markers = marker_positions(MarkerLayout().mounting(HAND), pose)
+        state = tracker.update(markers + rng.normal(scale=noise, size=(8, 3)), frame * STEP)
+        found.append(state.angles[pip])
+        true.append(angles[pip])
+    return np.array(found), np.array(true)
+
+
+@pytest.mark.parametrize('middle', [10., 15., 20.])
+def test_smoothing_takes_four_fifths_of_the_jitter_at_rest(middle):
+    jitter = {}
+    for smoothing in (False, True):
+        options = replace(TrackerOptions(), smoothing=smoothing)
+        found, _ = pip_of(0., 3e-4, options, middle=middle)
+        jitter[smoothing] = found[round(2. * RATE):].std()
+    assert jitter[False] >= 5. * jitter[True]
+
+
+@pytest.mark.parametrize('middle, swing', [
+    (15., 10.), (30., 10.), pytest.param(15., 5., marks=pytest.mark.xfail(
+        reason='a motion of half a millimetre, near the noise, is overshot by a sixth'))])
+def test_smoothing_leaves_a_fast_motion_its_amplitude_and_is_not_late(middle, swing):
+    found, true = pip_of(np.radians(swing), 3e-4, TrackerOptions(), middle=middle)
+    wave = np.exp(-2j * np.pi * FREQUENCY * STEP * np.arange(len(found)))
+    later = slice(round(2. * RATE), None)
+    response = (found[later] @ wave[later]) / (true[later] @ wave[later])
+    assert abs(abs(response) - 1.) < .05
+    assert abs(np.angle(response)) / (2. * np.pi * FREQUENCY) < .005
