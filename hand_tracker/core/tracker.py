@@ -32,6 +32,9 @@ from .tracks import forget_motion, no_tracks, spread
 
 MIRROR = np.array((1., -1., 1.))
 PALM = len(PALM_MARKERS)
+SETTLE = 150        # times that the first frame is solved
+RELEASE = .05       # [s] in which digits that touched go back to where their markers are
+LEAST_PARTED = 1e-6  # [rad]
 SEEN_MOBILITY = .1  # of a seen digit among those that touch, against a hidden one's 1
 UNSURE = .01  # [m] standard deviation of a marker at which confidence is a third
 DIGIT_OF_JOINT = np.array([DIGITS.index(joint.split('_')[0]) for joint in JOINTS])
@@ -182,6 +185,7 @@ class HandTracker:
         self._angles = np.zeros(len(JOINTS))
         self._eased, self._offset = np.zeros(len(JOINTS)), np.zeros(len(JOINTS))
         self._published = np.zeros(len(JOINTS))
+        self._parted = np.zeros(len(JOINTS))
         self._apart = np.zeros(3)
         self._pushed = np.zeros(self._rest.shape)
         self._noise = unknown_noise(len(MARKERS), self.options.marker_noise)
@@ -265,6 +269,9 @@ class HandTracker:
                 options.relax_time if options.stale == 'relax' else 0.)
             # 3 fingers, 4 thumb: planes, flexion within limits, intradigital correlation
             chains = self._chains_with(distal_flexion)
+            # A fist at the first frame has no history: it settles.
+            for _ in range(SETTLE if first else 0):
+                solve_digits(chains, roots, digits.mean[:, :3], self._angles, False, 0., 0)
             iterations = solve_digits(
                 chains, roots, digits.mean[:, :3], self._angles,
                 options.finger_ik == 'fabrik', options.fabrik_tolerance,
@@ -280,7 +287,7 @@ class HandTracker:
                  lower, upper)
             # 1 rigidity, friction: digits touch, and carry hidden ones
             before, self._published = self._published, self._eased.copy()
-            self._touch(before, chains, seen[PALM:])
+            self._touch(before, chains, seen[PALM:], step)
         # 5 angles: the pose is their forward kinematics
         return self._state(PalmState(fault or state), markers, seen, iterations)
 
@@ -293,12 +300,17 @@ class HandTracker:
             return self._chains
         return with_measured(self._chains, np.asarray(distal_flexion, dtype=float))
 
-    def _touch(self, before, chains, seen):
+    def _touch(self, before, chains, seen, step):
         options, angles = self.options, self._published
         if options.rigidity:
+            # They part as they did in the last frame: no contact flickers.
+            angles += self._parted * np.exp(-step / RELEASE)
+            np.clip(angles, chains.lower, chains.upper, out=angles)
             separate(self._capsules, angles, chains.lower, chains.upper,
                      chains.coupling[:, 0].copy(), np.where(seen, SEEN_MOBILITY, 1.),
                      options.penetration)
+            self._parted = angles - self._eased
+            self._parted[np.abs(self._parted) < LEAST_PARTED] = 0.
         self._pushed[:] = 0.
         if options.friction > 0. and not seen.all():
             ends = np.empty((2, len(self._capsules.link), 2, 3))
