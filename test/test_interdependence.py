@@ -117,6 +117,12 @@ def test_a_stuck_history_is_safe():
         assert np.isfinite(shares).all() and abs(shares).max() < 2.
 
 
+@pytest.mark.parametrize('far', [3., 1e3, 1e6, 1e9])
+def test_places_of_no_hand_give_shares_all_the_same(far):
+    shares = found_shares(learned(*history(8)), (1, 3), PLACES + far)
+    assert np.isfinite(shares).all() and abs(shares).max() < 10.
+
+
 @pytest.mark.parametrize('far, fast', [(1e3, 0.), (0., 1e5), (np.nan, 0.)])
 def test_frames_of_no_hand_teach_nothing(far, fast):
     places, velocities = history(8)

@@ -115,7 +115,7 @@ def shares_of(habits, prior, prior_spread, places, hidden, horizon, floor, share
     shares : ndarray, shape (15, 15)
         Replaced: moves of hidden digits (rows) for moves of those seen (columns).
     """
-    x = places.ravel()
+    x = np.minimum(np.maximum(places.ravel(), -FARTHEST), FARTHEST)
     weight = habits.weight[0]
     moves = prior_spread ** 2 * prior
     for i in range(SIZE):
