@@ -23,7 +23,7 @@ ACCEPTED, REJECTED, SWAPPED = 0, 3, 4
 
 # Within a step a marker may stray from even motion by BASE + BEND step² / 2: captured hands do by
 # 14 mm at 120 Hz (ManipNet, with the jumps of the capture), a simulated pianist by 35 at 30 Hz.
-DIGIT_BASE, DIGIT_BEND = .012, 60.  # [m], [m/s²] in the palm's frame
+DIGIT_BASE, DIGIT_BEND = .012, 120. # [m], [m/s²] in the palm's frame
 # Ours, for a hand that is shaken; captured are 22 mm at 120 Hz (ManipNet).
 PALM_BASE, PALM_BEND = .015, 100.   # [m], [m/s²] in the surroundings
 LONGEST = .1                        # [s] a longer step bends no farther
@@ -40,7 +40,7 @@ REACH_SPREAD = .005                  # [m]
 DROPPED = 1.2    # [1] times the cost of the gate: refusing a marker costs more than a far one
 RELABELLED = 1.  # cost of each marker that takes another's label; ours
 TAKEN_OVER = .01   # [m] how near a label must lie that is given to a marker thought hidden; ours
-DRIFT, STRAY = 1.5, .006  # [m/s], [m] of a refused place that is the same; ours
+DRIFT, STRAY = 6., .006  # [m/s], [m] of a refused place that is the same; ours
 OUT_OF_ORDER = .004    # [m] by which fingers lie on the wrong sides of each other; ours
 DISORDER = 9.    # its cost for two neighbours, in variances: fingers seldom cross; ours
 WANDER = .05     # [m/s] by which a hidden digit may stray; 5 times that is twice ManipNet's p95
@@ -586,7 +586,7 @@ def _conclude(problem, kept, rows, local, memory, step, patience, verdict):
         memory.carried[0] = min(memory.carried[0] + max(step, 0.0), ROLL_MOST / ROLL)
 
     whole = kept[0] and kept[1] and kept[2]
-    believed = whole or not _most_astray(problem, rows, local)
+    believed = not _most_astray(problem, rows, local)
     misplaced = False
     for i in range(8):
         row = rows[i]
@@ -633,7 +633,7 @@ def _conclude(problem, kept, rows, local, memory, step, patience, verdict):
 
 @jit
 def _most_astray(problem, rows, local):
-    """Return whether most digits are beyond their gate: then it is the palm that strayed."""
+    """Return whether most digits are beyond their gate: no fault of theirs."""
     _, seen, _, sure, home, _, limit, _, _, _, _ = problem
     astray = 0
     for i in range(3, 8):

@@ -46,7 +46,7 @@ class TrackerOptions:
     smoothing: bool = _option(
         True, 'Whether the positions of seen markers are those of their filters')
     marker_noise: float = _option(
-        3e-4, 'Noise of a seen marker on each axis at most, standard deviation; how much there '
+        5e-4, 'Noise of a seen marker on each axis at most, standard deviation; how much there '
         'is, is learned', unit='m',
         range=(1e-5, 1e-2))
     inertia: float = _option(

@@ -262,15 +262,18 @@ def expected_markers(palm, digits, template, step, expected):
     expected : ndarray, shape (8, 3)
         Replaced [m].
     """
-    places = _places(palm, step)
+    places = (_onward(palm, 0, step), _onward(palm, 1, step), _onward(palm, 2, step))
     axes, origin = rigid_palm(places[0], places[1], places[2], vector(template[0]),
                               vector(template[1]), vector(template[2]))
     for i in range(8):
-        if i < 3:
-            place = places[i]
-        else:
-            mean = digits.mean[i - 3]
-            local = add(vector(mean), scale(vector(digits.pace[i - 3]), step))
-            place = add(origin, mix(axes, local))
+        place = places[i] if i < 3 else add(origin, mix(axes, _onward(digits, i - 3, step)))
         for k in range(3):
             expected[i, k] = place[k]
+
+
+@jit
+def _onward(tracks, row, step):
+    """Return where a marker goes on to: a seen one by its filter, which does not lag."""
+    mean = tracks.mean[row]
+    velocity = vector(mean[3:]) if tracks.seen[row] else vector(tracks.pace[row])
+    return add(vector(mean), scale(velocity, step))
