@@ -20,9 +20,10 @@ CARRIED = int(PalmState.CARRIED)
 LOST = int(PalmState.LOST)
 WAITING = int(PalmState.WAITING)
 
-# Weights in the rigid fit against that of a finger's marker; the second from captures.
+# Weights in the rigid fit against that of a finger's marker; of predicted ones with none, one
+# and two of the palm's seen; from captures.
 SEEN_WEIGHT = 1e4
-PREDICTED_WEIGHT = 4.
+PREDICTED_WEIGHTS = (.3, .5, 4.)
 FITS = 2              # linear steps of the rigid fit
 INSTANT = 1e-3        # [s] over which velocities are compared
 
@@ -125,7 +126,7 @@ def follow_palm(markers, seen, tracks, digits, rotation, position, template, pla
                 carry(tracks, i, subtract(carried[i], start),
                       scale(subtract(ahead[i], carried[i]), 1. / INSTANT), step, fading)
         if by_fingers and (count > 0 or tracks.hidden_for.min() <= longest):
-            _fit_to_fingers(markers, seen, tracks, digits, template)
+            _fit_to_fingers(markers, seen, tracks, digits, template, count)
     for i in range(3):
         tracks.seen[i] = seen[i]
     return TRACKED if count == 3 else CARRIED if count > 0 else LOST
@@ -141,7 +142,7 @@ def _places(tracks, ahead):
 
 
 @jit
-def _fit_to_fingers(markers, seen, tracks, digits, template):
+def _fit_to_fingers(markers, seen, tracks, digits, template, count):
     """Move hidden palm markers to where a rigid fit that includes the fingers has them."""
     axes, origin = rigid_palm(
         vector(tracks.mean[0]), vector(tracks.mean[1]), vector(tracks.mean[2]),
@@ -152,7 +153,7 @@ def _fit_to_fingers(markers, seen, tracks, digits, template):
     for i in range(3):
         points[i] = tracks.mean[i, :3]
         aims[i] = points[i]
-        weights[i] = SEEN_WEIGHT if seen[i] else PREDICTED_WEIGHT
+        weights[i] = SEEN_WEIGHT if seen[i] else PREDICTED_WEIGHTS[count]
     for i in range(3, 8):
         if seen[i] and digits.seen[i - 3]:
             expected = add(origin, mix(axes, vector(digits.mean[i - 3])))
