@@ -191,7 +191,7 @@ def blank_state(template, rest, marker_noise):
 def track_frame(model, chains, options, state, report, markers, step):
     """Bring the state to the next frame, and tell of it.
 
-    Each stage is a kernel; one kernel of them all would be slower, and compile longer.
+    Each stage is a kernel: one of them all would be slower, and take longer to compile.
 
     Parameters
     ----------
