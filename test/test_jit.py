@@ -7,6 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hand_tracker.core.jit import COMPILED, another, packed, parts
+from hand_tracker.core.report import blank_report
+from hand_tracker.core.sequence import blank_state
 
 ROOT = Path(__file__).resolve().parents[1]
 PROGRAM = """
@@ -23,11 +26,12 @@ rng = np.random.default_rng(1)
 hand = Hand.scaled(side='left')
 mounting = MarkerLayout().mounting(hand)
 rows = []
-for options in (TrackerOptions(), TrackerOptions('spheres', 'fabrik')):
+for options in (TrackerOptions(), TrackerOptions('spheres', 'fabrik'),
+                TrackerOptions(friction=.5)):
     tracker = HandTracker(hand, options=options)
     lower, upper = hand.limits.T
     phase = rng.uniform(0., 6., 25)
-    for frame in range(60):
+    for frame in range(90):
         angles = lower + (upper - lower) * (.5 + .3 * np.sin(phase + .1 * frame))
         markers = marker_positions(mounting, forward(joint_table(hand), angles))
         markers += rng.normal(scale=.0005, size=(8, 3))
@@ -37,7 +41,12 @@ for options in (TrackerOptions(), TrackerOptions('spheres', 'fabrik')):
             markers[[3, 5]] = markers[[5, 3]]
         if frame == 55:
             markers[7] += .1
-        state = tracker.update(markers)
+        if 60 <= frame < 75:
+            markers[[0, 1, 2, 3, 7][:frame // 3 - 19]] = np.nan
+        if 70 <= frame < 80:
+            markers[[1, 2]] = markers[[2, 1]]
+        measured = np.full(5, .3) if frame >= 80 else None
+        state = tracker.update(markers, distal_flexion=measured)
         rows.append(np.concatenate((state.angles, state.confidence, state.marker_states,
                                     state.wrist_position, state.pose.position.ravel())))
 np.save(sys.argv[2], rows)
@@ -61,3 +70,23 @@ def test_compiled_and_plain_kernels_agree(tmp_path):
 
 def test_the_switch_turns_numba_off(tmp_path):
     assert np.isfinite(rows(tmp_path, '0')).all()
+
+
+def test_packed_values_are_those_given():
+    state = blank_state(np.eye(3), np.ones((5, 3)), 1e-4)
+    state.placed[0] = True
+    pack, values = packed(state)
+    assert type(values) is type(state) and type(values.palm) is type(state.palm)
+    np.testing.assert_array_equal(values.digits.mean, state.digits.mean)
+    assert values.placed.dtype == bool and values.placed[0]
+    # The arrays are those of the pack, whichever side writes.
+    values.position[1] = 7.
+    assert pack[0]['position' if COMPILED else state._fields.index('position')][1] == 7.
+
+
+def test_another_pack_is_apart():
+    pack, values = packed(blank_report())
+    copy = another(pack)
+    parts(copy)[0][:] = 1.
+    assert (values.angles == 0.).all()
+    assert [part.shape for part in parts(copy)] == [part.shape for part in values]

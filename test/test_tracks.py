@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from hand_tracker.core.report import deviation
 from hand_tracker.core.tracks import (
-    RECENT, carry, follow, forget_motion, no_tracks, spread)
+    RECENT, carry, follow, forget_motion, no_tracks)
 
 STEP, NOISE, FADING = 1. / 120., 1e-4, .1
 NOWHERE = (0., 0., 0.)
@@ -76,7 +77,7 @@ def test_a_marker_back_after_long_is_where_it_is_seen():
     place = last + (.2, .1, 0.)
     follow(tracks, 0, tuple(place), STEP, NOISE, True)
     np.testing.assert_allclose(tracks.mean[0, :3], place, atol=1e-9)
-    assert tracks.hidden_for[0] == 0. and spread(tracks)[0] == pytest.approx(NOISE)
+    assert tracks.hidden_for[0] == 0. and deviation(tracks.covariance[0]) == pytest.approx(NOISE)
 
 
 @pytest.mark.parametrize('smooth', [True, False])
@@ -89,10 +90,10 @@ def test_smoothing_is_a_choice(smooth):
 
 def test_less_is_known_the_longer_it_is_hidden():
     tracks, _ = followed()
-    before = [spread(tracks)[0]]
+    before = [deviation(tracks.covariance[0])]
     for _ in range(60):
         carried(tracks, 1)
-        before.append(spread(tracks)[0])
+        before.append(deviation(tracks.covariance[0]))
     assert (np.diff(before) > 0.).all() and before[0] < NOISE < .005 < before[-1]
 
 

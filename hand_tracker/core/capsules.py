@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .hand import DIGITS, FINGERS, LINKS
-from .jit import jit
+from .jit import jit, packed
 from .kinematics import joint_table, place_links
 from .vectors import add, dot, scale, subtract, vector
 
@@ -142,7 +142,7 @@ def pair_gaps(capsules, angles):
         Negative where they overlap [m].
     """
     ends = np.empty((len(capsules.link), 2, 3))
-    place_capsules(capsules, np.asarray(angles, dtype=float), ends)
+    place_capsules(packed(capsules)[0][0], np.asarray(angles, dtype=float), ends)
     return np.array([nearest_points(ends[a], ends[b])[2] for a, b in zip(
         capsules.first, capsules.second)]) - capsules.apart
 

@@ -98,6 +98,7 @@ def _settle(capsules, angles, lower, upper, slope, mobility, aim, climb, rounds,
             most[digit, i] = min(upper[joint] - before[joint], FARTHEST)
     change = np.zeros((6, 3))
     pushed = np.zeros((6, 3))
+    goal = np.zeros((6, 3))
     lever = np.zeros((count, 2, 3))
     force = np.zeros(count)
     bound = np.empty(count)
@@ -124,7 +125,9 @@ def _settle(capsules, angles, lower, upper, slope, mobility, aim, climb, rounds,
             stiff[pair] = size + SOFT
             active[used] = pair
             used += 1
-        goal = np.minimum(np.maximum(pushed, least), most)
+        for digit in range(6):
+            for i in range(3):
+                goal[digit, i] = min(max(pushed[digit, i], least[digit, i]), most[digit, i])
         for _ in range(SWEEPS):
             moved = 0.0
             for k in range(used):

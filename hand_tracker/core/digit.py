@@ -165,7 +165,9 @@ def solve_digit(chains, digit, target, angles, by_fabrik, tolerance, iterations)
     slope, offset = chains.coupling[digit]
     sign = chains.sign[digit]
 
-    reach = bones[:hinges].sum()
+    reach = 0.0
+    for i in range(hinges):
+        reach += bones[i]
     low = min(sign * lower[abduction], sign * upper[abduction])
     high = max(sign * lower[abduction], sign * upper[abduction])
     turn, along, height = plane_abduction(

@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from .interdependence import learn, shares_of
 from .jit import jit
 from .tracks import carry, follow
@@ -51,36 +53,46 @@ def follow_digits(markers, seen, tracks, rotation, position, rest, habits, prior
         Time in which one that no longer does goes two thirds of the way to what is usual
         with its neighbours; 0 holds it [s].
     """
-    before, pace = tracks.mean.copy(), tracks.pace.copy()
-    were_seen = tracks.seen.copy()
+    before = np.empty((5, 3))
+    moves = np.zeros((5, 3))
+    pace = np.empty((5, 3))
+    steady = np.empty(5, dtype=np.bool_)
+    hidden = np.empty(5, dtype=np.bool_)
     axes = frame(rotation)
     origin = vector(position)
     changed = False
     for i in range(5):
-        changed = changed or seen[i] != were_seen[i]
+        changed = changed or seen[i] != tracks.seen[i]
+        steady[i] = seen[i] and tracks.seen[i]
+        hidden[i] = not seen[i]
+        for k in range(3):
+            before[i, k] = tracks.mean[i, k]
+            pace[i, k] = tracks.pace[i, k]
     if changed:
         if memory > 0.:
-            shares_of(habits, prior, PRIOR_SPREAD, before[:, :3], ~seen, HORIZON, FLOOR, shares)
+            shares_of(habits, prior, PRIOR_SPREAD, before, hidden, HORIZON, FLOOR, shares)
         else:
             shares[:] = 0.
     learned = learning and memory > 0.
     for i in range(5):
         if seen[i]:
+            learned = learned and steady[i]
             follow(tracks, i, components(axes, subtract(vector(markers[i]), origin)),
                    step, noise[i], smooth)
+            for k in range(3):
+                moves[i, k] = tracks.mean[i, k] - before[i, k]
         elif tracks.known[i] and tracks.hidden_for[i] <= longest:
             learned = False
-    steady = seen & were_seen
     for i in range(5):
         if not seen[i]:
-            move = _share(shares, i, tracks.mean[:, :3] - before[:, :3], steady)
+            move = _share(shares, i, moves, steady)
             carry(tracks, i, _pushed_on(move, vector(pushed[i])),
                   _share(shares, i, pace, steady), step, fading)
             if relaxing > 0. and not (tracks.known[i] and tracks.hidden_for[i] <= longest):
                 _relax(tracks, i, seen, habits, rest, shares, 1. - math.exp(-step / relaxing))
         tracks.seen[i] = seen[i]
-    if learned and steady.sum() == seen.sum():
-        learn(habits, tracks.mean[:, :3].copy(), tracks.pace, step, memory)
+    if learned:
+        learn(habits, tracks.mean, tracks.pace, step, memory)
 
 
 @jit
@@ -96,9 +108,13 @@ def _pushed_on(move, push):
 @jit
 def _relax(tracks, digit, seen, habits, rest, shares, part):
     """Take a digit part of the way to its usual place with its neighbours as they are."""
-    weight = habits.weight[0]
-    usual = (habits.first.reshape(5, 3) + rest) / (weight + 1.)
-    natural = _share(shares, digit, tracks.mean[:, :3] - usual, seen)
+    usual = np.empty((5, 3))
+    away = np.empty((5, 3))
+    for i in range(5):
+        for k in range(3):
+            usual[i, k] = (habits.first[3 * i + k] + rest[i, k]) / (habits.weight[0] + 1.)
+            away[i, k] = tracks.mean[i, k] - usual[i, k]
+    natural = _share(shares, digit, away, seen)
     for k in range(3):
         tracks.mean[digit, k] += part * (usual[digit, k] + natural[k] - tracks.mean[digit, k])
 

@@ -86,12 +86,14 @@ def fabrik(along, height, bones, lower, upper, angles, tolerance, iterations):
         error = math.hypot(x[n] - along, z[n] - height)
         if error < best:
             best = error
-            best_angles[:] = angles
+            for i in range(n):
+                best_angles[i] = angles[i]
         if used % 8 == 0:
             if best > (1.0 - STAGNATION) * checked:
                 break
             checked = best
-    angles[:] = best_angles
+    for i in range(n):
+        angles[i] = best_angles[i]
     return used
 
 

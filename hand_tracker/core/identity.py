@@ -79,6 +79,39 @@ class HandBounds(NamedTuple):
     reach: np.ndarray
 
 
+class Reading(NamedTuple):
+    """What the readings of a frame are judged by.
+
+    Attributes
+    ----------
+    markers, expected : ndarray, shape (8, 3)
+        As for `identify` [m].
+    seen, sure : ndarray of bool, shape (8,)
+        Rows that are seen, and markers of which it is known where they are expected.
+    home : ndarray, shape (8, 3)
+        Where markers are expected, in the palm's frame [m].
+    sigma, limit : ndarray, shape (8,)
+        Standard deviation of that, and the farthest from it that is believed [m].
+    gaps : ndarray, shape (8, 8)
+        Distances of the rows; infinite of those not seen [m].
+    sides : ndarray, shape (3,)
+        Of `Memory` [m].
+    gated : ndarray of bool, shape (1,)
+        Whether anything is refused.
+    """
+
+    markers: np.ndarray
+    expected: np.ndarray
+    seen: np.ndarray
+    sure: np.ndarray
+    home: np.ndarray
+    sigma: np.ndarray
+    limit: np.ndarray
+    gaps: np.ndarray
+    sides: np.ndarray
+    gated: np.ndarray
+
+
 class Memory(NamedTuple):
     """What is kept from frame to frame.
 
@@ -96,6 +129,8 @@ class Memory(NamedTuple):
         For how long the palm has not been whole [s].
     unseen : ndarray, shape (8,)
         For how long nothing was seen of each marker; halved with each frame that is [s].
+    reading : Reading
+        Of one frame.
     """
 
     waited: np.ndarray
@@ -104,12 +139,19 @@ class Memory(NamedTuple):
     doubt: np.ndarray
     carried: np.ndarray
     unseen: np.ndarray
+    reading: Reading
 
 
 def blank_memory():
     """Return the memory before the first frame."""
     return Memory(waited=np.zeros(8), place=np.zeros((8, 3)), sides=np.zeros(3),
-                  doubt=np.zeros(1), carried=np.zeros(1), unseen=np.zeros(8))
+                  doubt=np.zeros(1), carried=np.zeros(1), unseen=np.zeros(8),
+                  reading=Reading(
+                      markers=np.zeros((8, 3)), expected=np.zeros((8, 3)),
+                      seen=np.zeros(8, dtype=bool), sure=np.zeros(8, dtype=bool),
+                      home=np.zeros((8, 3)), sigma=np.ones(8), limit=np.ones(8),
+                      gaps=np.zeros((8, 8)), sides=np.zeros(3),
+                      gated=np.zeros(1, dtype=bool)))
 
 
 def hand_bounds(template, chains):
@@ -166,66 +208,95 @@ def identify(markers, seen, expected, spread, known, step, bounds, memory, gate,
     verdict[:] = ACCEPTED
     if gate <= 0.0 and margin <= 0.0:
         return
-    gaps = np.full((8, 8), np.inf)
-    for i in range(8):
-        for j in range(i):
-            if seen[i] and seen[j]:
-                gaps[i, j] = distance(vector(markers[i]), vector(markers[j]))
-                gaps[j, i] = gaps[i, j]
-    rows = np.arange(8)
+    reading, template = memory.reading, bounds.template
+    _measure(reading, markers, seen, memory.sides, gate > 0.0)
     anew = memory.doubt[0] >= patience
     for i in range(3):
         anew = anew or memory.waited[i] >= patience
     # What persists and makes no palm is still none.
-    anew = anew and patience > 0.0 and _plausible(gaps, memory.sides, bounds.template)
-
-    sure = np.zeros(8, dtype=np.bool_)
-    placed = not anew and _triangle(expected) and known[0] and known[1] and known[2]
-    if placed:
-        for i in range(8):
-            sure[i] = known[i] and abs(spread[i]) <= FARTHEST
-            for k in range(3):
-                sure[i] = sure[i] and abs(expected[i, k]) <= FARTHEST
-        placed = sure[0] and sure[1] and sure[2]
-    if not placed:
+    anew = anew and patience > 0.0 and (
+        _like_before(reading.gaps, memory.sides) or _like_hand(reading.gaps, template))
+    if anew or not _expect(reading, expected, spread, known):
         # Labels begin as they come: a hand that is not calibrated fits no better exchanged.
+        plausible = _like_hand(reading.gaps, template)
         memory.doubt[0] = 0.0
-        memory.waited[:] = 0.0
+        for i in range(8):
+            memory.waited[i] = 0.0
         for i in range(3):
-            gap = gaps[i, (i + 1) % 3]
-            memory.sides[i] = gap if _plausible(gaps, np.zeros(3), bounds.template) else 0.0
+            memory.sides[i] = reading.gaps[i, (i + 1) % 3] if plausible else 0.0
         return
 
-    # What is expected, in the palm's frame
-    home = np.zeros((8, 3))
-    sigma = np.ones(8)
-    limit = np.ones(8)
+    _settle_limits(reading, memory, spread, template, step, gate)
+    rows = np.arange(8)
+    costs = np.zeros(8)
+    local = np.zeros((8, 3))
+    kept = (seen[0], seen[1], seen[2])
+    total = _read(reading, bounds, kept, 0.0, np.inf, rows, costs, local)
+    if total >= IMPOSSIBLE or not _as_expected(reading, bounds, local):
+        total, kept = _best_reading(reading, bounds, margin, total, rows, costs, local)
+    if total >= IMPOSSIBLE:
+        # Nothing fits: whoever places the palm says what is wrong with it.
+        for i in range(8):
+            memory.waited[i] = 0.0
+        return
+    _conclude(reading, bounds, kept, rows, local, memory, step, patience, verdict)
+    for i in range(8):
+        _store(markers, i, vector(reading.markers[rows[i]]))
+        seen[i] = reading.seen[rows[i]] and verdict[i] != REJECTED
+
+
+@jit
+def _measure(reading, markers, seen, sides, gated):
+    """Take a frame into the reading."""
+    reading.gated[0] = gated
+    for i in range(3):
+        reading.sides[i] = sides[i]
+    for i in range(8):
+        reading.seen[i] = seen[i]
+        _store(reading.markers, i, vector(markers[i]))
+        for j in range(i + 1):
+            gap = math.inf
+            if i != j and seen[i] and seen[j]:
+                gap = distance(vector(markers[i]), vector(markers[j]))
+            reading.gaps[i, j] = gap
+            reading.gaps[j, i] = gap
+
+
+@jit
+def _expect(reading, expected, spread, known):
+    """Take what is expected into the reading; return whether that places the palm."""
+    for i in range(8):
+        sure = known[i] and abs(spread[i]) <= FARTHEST
+        for k in range(3):
+            sure = sure and abs(expected[i, k]) <= FARTHEST
+        reading.sure[i] = sure
+        _store(reading.expected, i, vector(expected[i]))
+    return (reading.sure[0] and reading.sure[1] and reading.sure[2]
+            and _triangle(reading.expected))
+
+
+@jit
+def _settle_limits(reading, memory, spread, template, step, gate):
+    """Find where markers are expected in the palm's frame, and how far off they may be."""
     time = min(max(step, 0.0), LONGEST)
-    axes, origin = _fit(expected, bounds.template)
+    expected, seen = reading.expected, reading.seen
+    axes, origin = _fit(expected, template)
     roll = 0.0
     if seen[0] and seen[1] and seen[2]:
         roll = min(ROLL * memory.carried[0], ROLL_MOST)
     for i in range(8):
-        if sure[i]:
-            _store(home, i, components(axes, subtract(vector(expected[i]), origin)))
+        sigma = 1.0
+        limit = 1.0
+        home = (0.0, 0.0, 0.0)
+        if reading.sure[i]:
+            home = components(axes, subtract(vector(expected[i]), origin))
             strayed = roll + WANDER * memory.unseen[i] if i >= 3 else 0.0
-            sigma[i] = math.sqrt(spread[i] * spread[i] + NOISE * NOISE + strayed * strayed)
+            sigma = math.sqrt(spread[i] * spread[i] + NOISE * NOISE + strayed * strayed)
             base, bend = (PALM_BASE, PALM_BEND) if i < 3 else (DIGIT_BASE, DIGIT_BEND)
-            limit[i] = max(abs(gate) * sigma[i], base + 0.5 * bend * time * time)
-    problem = (markers, seen, expected, sure, home, sigma, limit, gaps, bounds,
-               memory.sides, gate > 0.0)
-
-    costs = np.zeros(8)
-    local = np.zeros((8, 3))
-    kept = (seen[0], seen[1], seen[2])
-    total = _read(problem, kept, False, np.inf, rows, costs, local)
-    if total >= IMPOSSIBLE or not _as_expected(problem, local):
-        total, kept = _best_reading(problem, margin, total, rows, costs, local)
-    if total >= IMPOSSIBLE:
-        # Nothing fits: whoever places the palm says what is wrong with it.
-        memory.waited[:] = 0.0
-        return
-    _conclude(problem, kept, rows, local, memory, step, patience, verdict)
+            limit = max(abs(gate) * sigma, base + 0.5 * bend * time * time)
+        _store(reading.home, i, home)
+        reading.sigma[i] = sigma
+        reading.limit[i] = limit
 
 
 @jit
@@ -264,31 +335,38 @@ def _rigid_cost(gaps, sides, rows, kept):
 
 
 @jit
-def _plausible(gaps, sides, template):
-    """Return whether the palm as labelled resembles that of before, or that of the hand."""
-    as_before = sides[0] > 0.0
-    as_template = True
+def _like_before(gaps, sides):
+    """Return whether the palm as labelled resembles that of before."""
+    like = sides[0] > 0.0
     for i in range(3):
-        j = (i + 1) % 3
-        side = distance(vector(template[i]), vector(template[j]))
         # False for the infinite gaps of hidden markers
-        as_before = as_before and abs(gaps[i, j] - sides[i]) <= UNLIKE * sides[i]
-        as_template = as_template and abs(gaps[i, j] - side) <= UNLIKE * side
-    return as_before or as_template
+        like = like and abs(gaps[i, (i + 1) % 3] - sides[i]) <= UNLIKE * sides[i]
+    return like
 
 
 @jit
-def _read(problem, kept, exchange, bar, rows, costs, local):
+def _like_hand(gaps, template):
+    """Return whether the palm as labelled resembles that of the hand."""
+    like = True
+    for i in range(3):
+        j = (i + 1) % 3
+        side = distance(vector(template[i]), vector(template[j]))
+        like = like and abs(gaps[i, j] - side) <= UNLIKE * side
+    return like
+
+
+@jit
+def _read(reading, bounds, kept, margin, bar, rows, costs, local):
     """Read a frame: place the palm by some rows, give the rest to the digits.
 
     Parameters
     ----------
-    problem : tuple
-        Of `identify`.
+    reading : Reading
+    bounds : HandBounds
     kept : tuple of three bool
         Which palm markers place the palm.
-    exchange : bool
-        Whether digits may exchange their rows.
+    margin : float
+        Above 0 digits may exchange their rows.
     bar : float
         Of no interest is a reading that costs as much.
     rows : ndarray of int, shape (8,)
@@ -304,7 +382,8 @@ def _read(problem, kept, exchange, bar, rows, costs, local):
         What the reading costs; IMPOSSIBLE or more when the palm is not rigid in it, or
         the palm alone reaches the bar.
     """
-    markers, seen, expected, sure, home, sigma, limit, gaps, bounds, sides, _ = problem
+    markers, seen, expected = reading.markers, reading.seen, reading.expected
+    sigma, limit, gaps, sides = reading.sigma, reading.limit, reading.gaps, reading.sides
     total = _rigid_cost(gaps, sides, rows, kept)
     if total >= IMPOSSIBLE:
         return total
@@ -344,7 +423,7 @@ def _read(problem, kept, exchange, bar, rows, costs, local):
     table = np.empty((5, 5))
     for i in range(5):
         for j in range(5):
-            table[i, j] = _digit_cost(problem, local, i, rows[3 + j], size)
+            table[i, j] = _digit_cost(reading, bounds, local, i, rows[3 + j], size)
     crossed = np.zeros((5, 5))
     for i in range(5):
         for j in range(5):
@@ -353,7 +432,7 @@ def _read(problem, kept, exchange, bar, rows, costs, local):
                 crossed[i, j] = DISORDER
     best = 0
     least = np.inf
-    for n in range(len(PERMUTATIONS) if exchange else 1):
+    for n in range(len(PERMUTATIONS) if margin > 0.0 else 1):
         cost = 0.0
         for i in range(5):
             j = PERMUTATIONS[n, i]
@@ -363,7 +442,9 @@ def _read(problem, kept, exchange, bar, rows, costs, local):
         if cost < least:
             least = cost
             best = n
-    given = rows[3:].copy()
+    given = np.empty(5, dtype=np.int64)
+    for i in range(5):
+        given[i] = rows[3 + i]
     for i in range(5):
         rows[3 + i] = given[PERMUTATIONS[best, i]]
         costs[3 + i] = table[i, PERMUTATIONS[best, i]]
@@ -399,9 +480,10 @@ def _beyond(bounds, place, digit, size):
 
 
 @jit
-def _digit_cost(problem, local, digit, row, size):
+def _digit_cost(reading, bounds, local, digit, row, size):
     """Return what it costs that a row is a digit's marker, in variances."""
-    _, seen, _, sure, home, sigma, limit, _, bounds, _, _ = problem
+    seen, sure, home = reading.seen, reading.sure, reading.home
+    sigma, limit = reading.sigma, reading.limit
     label = 3 + digit
     most = (limit[label] / sigma[label]) ** 2 if sure[label] else (
         REACH_BASE / REACH_SPREAD) ** 2
@@ -426,10 +508,12 @@ def _digit_cost(problem, local, digit, row, size):
 
 
 @jit
-def _as_expected(problem, local):
+def _as_expected(reading, bounds, local):
     """Return whether every label is right beyond doubt: nearer to its own than to any other."""
-    markers, seen, expected, sure, home, _, limit, gaps, bounds, sides, gated = problem
-    size = _size(gaps, sides, bounds.template, np.arange(8), (seen[0], seen[1], seen[2]))
+    markers, seen, expected = reading.markers, reading.seen, reading.expected
+    sure, home, limit = reading.sure, reading.home, reading.limit
+    size = _size(reading.gaps, reading.sides, bounds.template, np.arange(8),
+                 (seen[0] > 0, seen[1] > 0, seen[2] > 0))
     witnesses = 0
     for i in range(3, 8):
         if not seen[i]:
@@ -454,12 +538,12 @@ def _as_expected(problem, local):
 
 
 @jit
-def _best_reading(problem, margin, total, rows, costs, local):
+def _best_reading(reading, bounds, margin, total, rows, costs, local):
     """Choose the reading of a frame in which not all is as expected.
 
     Parameters
     ----------
-    problem, rows, costs, local
+    reading, bounds, rows, costs, local
         As for `_read`; those of the labels as given come in, those chosen go out.
     margin : float
         As for `identify`.
@@ -473,10 +557,11 @@ def _best_reading(problem, margin, total, rows, costs, local):
     kept : tuple of three bool
         Which palm markers place the palm.
     """
-    _, seen, _, _, _, _, _, gaps, bounds, sides, gated = problem
+    seen = reading.seen
     # Labels as given, with palm markers refused
-    kept = (seen[0], seen[1], seen[2])
-    if gated:
+    kept = (seen[0] > 0, seen[1] > 0, seen[2] > 0)
+    whole = (KEPT[0, 0], KEPT[0, 1], KEPT[0, 2])
+    if reading.gated[0]:
         trial = np.arange(8)
         trial_costs = np.zeros(8)
         for n in range(1, len(KEPT)):
@@ -484,11 +569,12 @@ def _best_reading(problem, margin, total, rows, costs, local):
             if not ((seen[0] or not some[0]) and (seen[1] or not some[1])
                     and (seen[2] or not some[2])):
                 continue
-            cost = _read(problem, some, False, total, trial, trial_costs, local)
+            cost = _read(reading, bounds, some, 0.0, total, trial, trial_costs, local)
             if cost < total:
                 total = cost
                 kept = some
-                costs[:] = trial_costs
+                for i in range(8):
+                    costs[i] = trial_costs[i]
     chosen = kept
     if margin > 0.0:
         found = np.full((2, 8), -1)
@@ -496,38 +582,43 @@ def _best_reading(problem, margin, total, rows, costs, local):
         least = np.inf
         # The digits exchange their rows
         if total < IMPOSSIBLE:
-            found[0] = rows
-            least = _read(problem, kept, True, np.inf, found[0], found_costs[0], local)
+            for i in range(8):
+                found[0, i] = rows[i]
+            least = _read(
+                reading, bounds, kept, margin, np.inf, found[0], found_costs[0], local)
         # The palm's rows are others: only where they make a rigid palm
         count = 0
+        triple = np.empty(3, dtype=np.int64)
         for n in range(2 * len(TRIPLES)):
-            triple = TRIPLES[n % len(TRIPLES)]
+            for i in range(3):
+                triple[i] = TRIPLES[n % len(TRIPLES), i]
             own = triple[0] == 0 and triple[1] == 1 and triple[2] == 2
             if own or not (seen[triple[0]] and seen[triple[1]] and seen[triple[2]]):
                 continue
-            rigid = _rigid_cost(gaps, sides, triple, (True, True, True))
+            rigid = _rigid_cost(reading.gaps, reading.sides, triple, whole)
             # The better ones come first, should they be too many.
             if rigid >= IMPOSSIBLE or (rigid < RIGID) != (n < len(TRIPLES)):
                 continue
             _rest(triple, found[1])
-            cost = _read(problem, (True, True, True), True, least, found[1], found_costs[1],
-                         local)
+            cost = _read(reading, bounds, whole, margin, least, found[1], found_costs[1], local)
             count += 1 if cost < IMPOSSIBLE else 0
             if cost < least:
                 least = cost
-                chosen = (True, True, True)
-                found[0] = found[1]
-                found_costs[0] = found_costs[1]
+                chosen = whole
+                for i in range(8):
+                    found[0, i] = found[1, i]
+                    found_costs[0, i] = found_costs[1, i]
             if count == READINGS:
                 break
         if least < total and _clearly(rows, costs, found[0], found_costs[0],
                                       total >= IMPOSSIBLE, margin):
-            rows[:] = found[0]
-            costs[:] = found_costs[0]
+            for i in range(8):
+                rows[i] = found[0, i]
+                costs[i] = found_costs[0, i]
         else:
             chosen = kept
     # The palm's frame of the last reading tried is another.
-    return _read(problem, chosen, False, np.inf, rows, costs, local), chosen
+    return _read(reading, bounds, chosen, 0.0, np.inf, rows, costs, local), chosen
 
 
 @jit
@@ -571,22 +662,21 @@ def _clearly(rows, costs, other_rows, other_costs, impossible, margin):
 
 
 @jit
-def _conclude(problem, kept, rows, local, memory, step, patience, verdict):
-    """Put the frame in order, refuse what is beyond its gate, and remember."""
-    markers, seen, _, sure, home, _, limit, gaps, bounds, sides, gated = problem
+def _conclude(reading, bounds, kept, rows, local, memory, step, patience, verdict):
+    """Refuse what is beyond its gate, and remember."""
+    seen, sure, home, limit = reading.seen, reading.sure, reading.home, reading.limit
+    gaps, sides = reading.gaps, memory.sides
     size = _size(gaps, sides, bounds.template, rows, kept)
     if kept[0] and kept[1] and kept[2]:
         share = min(max(step, 0.0) / SIDE_MEMORY, 1.0)
         for i in range(3):
             gap = gaps[rows[i], rows[(i + 1) % 3]]
             sides[i] += (share if sides[i] > 0.0 else 1.0) * (gap - sides[i])
-
         memory.carried[0] = max(memory.carried[0] - SETTLING * max(step, 0.0), 0.0)
     else:
         memory.carried[0] = min(memory.carried[0] + max(step, 0.0), ROLL_MOST / ROLL)
 
-    whole = kept[0] and kept[1] and kept[2]
-    believed = not _most_astray(problem, rows, local)
+    believed = not _most_astray(reading, rows, local)
     misplaced = False
     for i in range(8):
         row = rows[i]
@@ -602,7 +692,7 @@ def _conclude(problem, kept, rows, local, memory, step, patience, verdict):
         elif sure[i] and believed:
             wrong = wrong or distance(vector(local[row]), vector(home[i])) > limit[i]
         misplaced = misplaced or row != i and not reachable
-        if not (wrong and gated):
+        if not (wrong and reading.gated[0]):
             memory.waited[i] = 0.0
             memory.unseen[i] *= 0.5
             continue
@@ -617,24 +707,21 @@ def _conclude(problem, kept, rows, local, memory, step, patience, verdict):
             continue
         verdict[i] = REJECTED
 
+    swapped = False
+    for i in range(8):
+        swapped = swapped or verdict[i] == SWAPPED
     if misplaced or _out_of_order(rows, seen, local, bounds):
         memory.doubt[0] += max(step, 0.0)
-    elif (verdict == SWAPPED).any():
+    elif swapped:
         memory.doubt[0] = max(memory.doubt[0] - max(step, 0.0), 0.0)
     else:
         memory.doubt[0] = 0.0
-    measured = markers.copy()
-    shown = seen.copy()
-    for i in range(8):
-        for k in range(3):
-            markers[i, k] = measured[rows[i], k]
-        seen[i] = shown[rows[i]] and verdict[i] != REJECTED
 
 
 @jit
-def _most_astray(problem, rows, local):
+def _most_astray(reading, rows, local):
     """Return whether most digits are beyond their gate: no fault of theirs."""
-    _, seen, _, sure, home, _, limit, _, _, _, _ = problem
+    seen, sure, home, limit = reading.seen, reading.sure, reading.home, reading.limit
     astray = 0
     for i in range(3, 8):
         if seen[rows[i]] and sure[i]:

@@ -79,10 +79,14 @@ def learn(habits, places, velocities, step, memory):
         Time in which a frame loses two thirds of its weight [s].
     """
     kept = math.exp(-step / memory)
-    x = places.ravel()
-    v = velocities.ravel()
-    if not (np.abs(x).max() <= FARTHEST and np.abs(v).max() <= FASTEST):
-        return
+    x = np.empty(SIZE)
+    v = np.empty(SIZE)
+    for i in range(SIZE):
+        x[i] = places[i // 3, i % 3]
+        v[i] = velocities[i // 3, i % 3]
+        # True for NaN
+        if not (abs(x[i]) <= FARTHEST and abs(v[i]) <= FASTEST):
+            return
     habits.weight[0] = kept * habits.weight[0] + step
     for i in range(SIZE):
         habits.first[i] = kept * habits.first[i] + step * x[i]
@@ -115,39 +119,35 @@ def shares_of(habits, prior, prior_spread, places, hidden, horizon, floor, share
     shares : ndarray, shape (15, 15)
         Replaced: moves of hidden digits (rows) for moves of those seen (columns).
     """
-    x = np.minimum(np.maximum(places.ravel(), -FARTHEST), FARTHEST)
     weight = habits.weight[0]
-    moves = prior_spread ** 2 * prior
+    x = np.empty(SIZE)
+    for i in range(SIZE):
+        x[i] = min(max(places[i // 3, i % 3], -FARTHEST), FARTHEST)
+    moves = np.empty((SIZE, SIZE))
     for i in range(SIZE):
         for j in range(SIZE):
-            moves[i, j] += (habits.second[i, j] - x[i] * habits.first[j] - habits.first[i] * x[j]
-                            + weight * x[i] * x[j] + horizon ** 2 * habits.motion[i, j])
+            moves[i, j] = prior_spread ** 2 * prior[i, j] + (
+                habits.second[i, j] - x[i] * habits.first[j] - habits.first[i] * x[j]
+                + weight * x[i] * x[j] + horizon ** 2 * habits.motion[i, j])
+    # The seen rows are eliminated one by one: the floor keeps their pivots positive.
     shares[:] = 0.
-    seen_rows = np.empty(SIZE, dtype=np.int64)
-    hidden_rows = np.empty(SIZE, dtype=np.int64)
-    n = m = 0
-    for digit in range(DIGITS):
-        for k in range(3):
-            if hidden[digit]:
-                hidden_rows[m] = 3 * digit + k
-                m += 1
-            else:
-                seen_rows[n] = 3 * digit + k
-                n += 1
-    if n == 0 or m == 0:
-        return
-    known = np.empty((n, n))
-    wanted = np.empty((n, m))
-    for i in range(n):
-        for j in range(n):
-            known[i, j] = moves[seen_rows[i], seen_rows[j]]
-        known[i, i] += (weight + 1.) * floor ** 2
-        for j in range(m):
-            wanted[i, j] = moves[seen_rows[i], hidden_rows[j]]
-    found = np.linalg.solve(known, wanted)
-    for i in range(n):
-        for j in range(m):
-            shares[hidden_rows[j], seen_rows[i]] = found[i, j]
+    for i in range(SIZE):
+        if not hidden[i // 3]:
+            moves[i, i] += (weight + 1.) * floor ** 2
+    for pivot in range(SIZE):
+        if hidden[pivot // 3]:
+            continue
+        for i in range(SIZE):
+            if i != pivot and not hidden[i // 3]:
+                factor = moves[i, pivot] / moves[pivot, pivot]
+                for j in range(SIZE):
+                    if j > pivot or hidden[j // 3]:
+                        moves[i, j] -= factor * moves[pivot, j]
+    for i in range(SIZE):
+        if not hidden[i // 3]:
+            for j in range(SIZE):
+                if hidden[j // 3]:
+                    shares[j, i] = moves[i, j] / moves[i, i]
 
 
 @jit

@@ -50,7 +50,7 @@ def reject_frozen(markers, seen, last, still, patience):
     for i in range(markers.shape[0]):
         if not seen[i]:
             continue
-        if not _same(markers[i], last[i]) or not markers[i].any():
+        if not _same(markers[i], last[i]) or _same(markers[i], (0., 0., 0.)):
             still[i] = 0
         elif moved >= 2:
             still[i] += 1

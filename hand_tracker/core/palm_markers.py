@@ -60,7 +60,8 @@ def check_palm(markers, seen, template, rotation, position, placed, stretch, shr
             palm[i, k] = points[i][k]
     fault = palm_fault(palm, template, stretch, shrink, flatness)
     if fault != TRACKED:
-        seen[:3] = False
+        for i in range(3):
+            seen[i] = False
     return fault
 
 
@@ -125,7 +126,8 @@ def follow_palm(markers, seen, tracks, digits, rotation, position, template, pla
                 start = vector(tracks.mean[i])
                 carry(tracks, i, subtract(carried[i], start),
                       scale(subtract(ahead[i], carried[i]), 1. / INSTANT), step, fading)
-        if by_fingers and (count > 0 or tracks.hidden_for.min() <= longest):
+        hidden_for = min(tracks.hidden_for[0], tracks.hidden_for[1], tracks.hidden_for[2])
+        if by_fingers and (count > 0 or hidden_for <= longest):
             _fit_to_fingers(markers, seen, tracks, digits, template, count)
     for i in range(3):
         tracks.seen[i] = seen[i]
@@ -151,9 +153,9 @@ def _fit_to_fingers(markers, seen, tracks, digits, template, count):
     aims = np.zeros((8, 3))
     weights = np.zeros(8)
     for i in range(3):
-        points[i] = tracks.mean[i, :3]
-        aims[i] = points[i]
         weights[i] = SEEN_WEIGHT if seen[i] else PREDICTED_WEIGHTS[count]
+        for k in range(3):
+            points[i, k] = aims[i, k] = tracks.mean[i, k]
     for i in range(3, 8):
         if seen[i] and digits.seen[i - 3]:
             expected = add(origin, mix(axes, vector(digits.mean[i - 3])))
@@ -162,40 +164,53 @@ def _fit_to_fingers(markers, seen, tracks, digits, template, count):
                 points[i, k] = expected[k]
                 aims[i, k] = markers[i, k]
     for _ in range(FITS):
-        center = weights @ points / weights.sum()
-        shift = vector(weights @ (aims - points) / weights.sum())
-        axis, angle = _turn_towards(points - center, aims - points, weights)
-        for i in range(8):
-            moved = add(turn(axis, angle, vector(points[i] - center)),
-                        add(shift, vector(center)))
-            for k in range(3):
-                points[i, k] = moved[k]
+        _lay_on(points, aims, weights)
     for i in range(3):
         if not seen[i]:
-            tracks.mean[i, :3] = points[i]
+            for k in range(3):
+                tracks.mean[i, k] = points[i, k]
 
 
 @jit
-def _turn_towards(arms, misses, weights):
-    """Return axis and angle of the small turn that takes the misses away, in least squares."""
-    inertia = np.zeros((3, 3))
-    moment = np.zeros(3)
+def _lay_on(points, aims, weights):
+    """Move points rigidly towards their aims, by a linear step of the least squares."""
+    total = 0.
+    center = (0., 0., 0.)
+    shift = (0., 0., 0.)
     for i in range(len(weights)):
-        arm = arms[i]
-        square = arm @ arm
-        pull = cross(vector(arm), vector(misses[i]))
+        point = vector(points[i])
+        total += weights[i]
+        center = add(center, scale(point, weights[i]))
+        shift = add(shift, scale(subtract(vector(aims[i]), point), weights[i]))
+    center = scale(center, 1. / total)
+    shift = scale(shift, 1. / total)
+
+    # The small turn that takes the misses away
+    inertia = np.zeros((3, 3))
+    moment = (0., 0., 0.)
+    for i in range(len(weights)):
+        point = vector(points[i])
+        arm = subtract(point, center)
+        moment = add(moment, scale(cross(arm, subtract(vector(aims[i]), point)), weights[i]))
         for k in range(3):
-            moment[k] += weights[i] * pull[k]
-            inertia[k, k] += weights[i] * square
+            inertia[k, k] += weights[i] * dot(arm, arm)
             for j in range(3):
                 inertia[k, j] -= weights[i] * arm[k] * arm[j]
-    a, b, c = vector(inertia[0]), vector(inertia[1]), vector(inertia[2])
+    turned = _solved(vector(inertia[0]), vector(inertia[1]), vector(inertia[2]), moment)
+    axis, angle = unit(turned), length(turned)
+    for i in range(len(weights)):
+        moved = add(turn(axis, angle, subtract(vector(points[i]), center)), add(shift, center))
+        for k in range(3):
+            points[i, k] = moved[k]
+
+
+@jit
+def _solved(a, b, c, m):
+    """Return the x with [a b c] x = m, for a symmetric positive matrix; 0 for a singular one."""
     volume = dot(a, cross(b, c))
     if not volume > 0.:
-        return (1., 0., 0.), 0.
-    m = vector(moment)
-    turned = scale((dot(m, cross(b, c)), dot(a, cross(m, c)), dot(a, cross(b, m))), 1. / volume)
-    return unit(turned), length(turned)
+        return (0., 0., 0.)
+    return scale((dot(m, cross(b, c)), dot(a, cross(m, c)), dot(a, cross(b, m))), 1. / volume)
 
 
 @jit

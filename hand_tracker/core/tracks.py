@@ -76,7 +76,7 @@ def follow(tracks, row, observed, step, noise, smooth):
         Whether the filter's position is taken, else the observed one.
     """
     if tracks.hidden_for[row] > RESTART or not tracks.known[row]:
-        tracks.activity[row] = 0.
+        tracks.activity[row, :] = 0.
     place = np.empty(3)
     before = vector(tracks.mean[row])
     for k in range(3):
@@ -84,7 +84,8 @@ def follow(tracks, row, observed, step, noise, smooth):
     advance(tracks.mean[row], tracks.covariance[row], tracks.activity[row], place, MEASURED,
             step, noise, 1.)
     if not smooth:
-        tracks.mean[row, :3] = place
+        for k in range(3):
+            tracks.mean[row, k] = place[k]
     if tracks.seen[row]:
         _keep_pace(tracks, row, before, step)
     tracks.known[row] = True
@@ -146,9 +147,3 @@ def forget_motion(tracks):
     tracks.mean[:, 3:] = 0.
     tracks.pace[:] = 0.
     tracks.activity[:] = 0.
-
-
-def spread(tracks):
-    """Return the standard deviation of each marker on an axis, shape (n,) [m]."""
-    variance = tracks.covariance[:, 0, 0] + tracks.covariance[:, 1, 1] + tracks.covariance[:, 2, 2]
-    return np.sqrt(variance / 3.)

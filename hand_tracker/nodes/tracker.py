@@ -90,10 +90,12 @@ class TrackerNode(Node):
 
     def _compile(self, layout):
         """Have the kernels compiled before the first frame waits for it."""
-        self.get_logger().info('preparing; the very first start compiles for 10 to 20 s')
+        self.get_logger().info('preparing; the very first start compiles for half a minute')
+        start = time.monotonic()
         rest = forward(joint_table(self._hand), np.zeros(len(JOINTS)))
         HandTracker(self._hand, layout, self._settings.options).update(
             marker_positions(layout.mounting(self._hand), rest))
+        self.get_logger().info(f'ready after {time.monotonic() - start:.1f} s')
 
     def _open_tf(self, broadcast):
         self._broadcaster, self._transforms, self._transforms_frame = None, [], None

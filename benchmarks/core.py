@@ -1,0 +1,164 @@
+"""Measure what a frame costs the core, by stage, compiled and as plain Python.
+
+    python -m benchmarks.core [--frames 4000] [--json OUT]
+
+A hand that moves as hands do, in the demonstration's motion, with all markers seen, one hidden
+and three hidden, every constraint on. `all` is `HandTracker.update`; stages
+are named as in `core/sequence.py`.
+"""
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from time import perf_counter_ns
+
+import numpy as np
+
+from hand_tracker.core import sequence
+from hand_tracker.core.hand import Hand
+from hand_tracker.core.jit import COMPILED
+from hand_tracker.core.kinematics import forward, joint_table
+from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.simulation.motions import motion_named
+
+RATE = 120.
+NOISE = 1e-4          # [m]
+HIDDEN = {0: (), 1: ('middle',), 3: ('index_mcp', 'middle', 'little')}
+SEEN_FIRST = 240      # frames in which all are seen, which are not counted
+PLAIN_FRAMES = 600
+STAGES = ('judge_markers', 'follow_wrist', 'follow_fingers', 'solve_angles', 'touch', 'tell')
+
+
+def frames(count, hidden, hand):
+    """Return markers (count, 8, 3) of a moving hand, some hidden after a while [m]."""
+    motion = motion_named('demo', hand)
+    angles, rotation, position = motion.sample(np.arange(count) / RATE % motion.duration)
+    pose = forward(joint_table(hand), angles, rotation, position)
+    markers = marker_positions(MarkerLayout().mounting(hand), pose, rotation, position)
+    markers += np.random.default_rng(0).normal(scale=NOISE, size=markers.shape)
+    # Half of each second, so that what is learned of the moment of hiding counts too.
+    off = (np.arange(count) % RATE >= .5 * RATE) & (np.arange(count) >= SEEN_FIRST)
+    for name in hidden:
+        markers[off, MARKERS.index(name)] = np.nan
+    counted = off if hidden else np.arange(count) >= SEEN_FIRST
+    return markers, counted
+
+
+def measure_all(markers, hand):
+    """Return the time of each `update` [ns]."""
+    tracker = HandTracker(hand)
+    times = []
+    for row in markers:
+        start = perf_counter_ns()
+        tracker.update(row)
+        times.append(perf_counter_ns() - start)
+    return np.array(times)
+
+
+def measure_stages(markers, hand):
+    """Return the times of each stage [ns]."""
+    times = {name: [] for name in STAGES}
+    stages = {name: getattr(sequence, name) for name in STAGES}
+    for name, stage in stages.items():
+        setattr(sequence, name, timed(stage, times[name]))
+    measure_all(markers, hand)
+    for name, stage in stages.items():
+        setattr(sequence, name, stage)
+    return {name: np.array(found) for name, found in times.items()}
+
+
+def timed(stage, times):
+    """Return a stage that notes how long it takes [ns]."""
+    def run(*arguments):
+        start = perf_counter_ns()
+        found = stage(*arguments)
+        times.append(perf_counter_ns() - start)
+        return found
+
+    return run
+
+
+def measure(count):
+    """Return the rows of this process."""
+    hand = Hand.scaled()
+    rows = []
+    for number, hidden in HIDDEN.items():
+        markers, counted = frames(count, hidden, hand)
+        measure_all(markers[:SEEN_FIRST], hand)
+        found = {**measure_stages(markers, hand), 'all': measure_all(markers, hand)}
+        for stage, times in found.items():
+            median, p99 = np.percentile(times[counted], (50, 99)) * 1e-3
+            rows.append({'stage': stage, 'markers_hidden': number, 'compiled': COMPILED,
+                         'median_us': round(float(median), 2), 'p99_us': round(float(p99), 2)})
+    return rows
+
+
+def elsewhere(switch, count):
+    """Return the rows of a process of its own, with the kernels compiled or plain."""
+    command = [sys.executable, '-m', 'benchmarks.core', '--here', '--frames', str(count)]
+    found = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True,
+                           env={**os.environ, 'HAND_TRACKER_JIT': switch})
+    return json.loads(found.stdout)
+
+
+def environment():
+    """Return versions and hardware."""
+    info = Path('/proc/cpuinfo')
+    models = [line.split(':')[1].strip() for line in info.read_text().splitlines()
+              if line.startswith('model name')] if info.exists() else [platform.processor()]
+    return {'python': platform.python_version(), 'numpy': np.__version__,
+            'numba': _version('numba'), 'system': platform.platform(), 'cpu': models[0],
+            'cores': os.cpu_count(), 'load': round(os.getloadavg()[0], 2)}
+
+
+def _version(package):
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return 'not installed'
+
+
+def table(rows):
+    """Return the rows as lines of text."""
+    columns = [(compiled, number) for compiled in (True, False) for number in HIDDEN]
+    found = {(row['compiled'], row['markers_hidden'], row['stage']): row for row in rows}
+    columns = [column for column in columns if (*column, 'all') in found]
+    lines = ['median/p99, µs'.ljust(16) + ''.join(
+        f'{"compiled" if compiled else "plain"}, {number} hidden'.rjust(22)
+        for compiled, number in columns)]
+    for stage in (*STAGES, 'all'):
+        cells = (found[(*column, stage)] for column in columns)
+        lines.append(stage.ljust(16) + ''.join(
+            f'{cell["median_us"]:.1f}/{cell["p99_us"]:.1f}'.rjust(22) for cell in cells))
+    return '\n'.join(lines)
+
+
+def main():
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--frames', type=int, default=4000, help='compiled; plain at most 600')
+    parser.add_argument('--json', type=Path, metavar='OUT', help='write the rows here')
+    parser.add_argument('--here', action='store_true', help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.here:
+        print(json.dumps(measure(options.frames)))
+        return 0
+
+    print(*(f'{key}: {value}' for key, value in environment().items()), sep='\n')
+    rows = elsewhere('0', min(options.frames, PLAIN_FRAMES))
+    if COMPILED:
+        rows = elsewhere('1', options.frames) + rows
+    print(table(rows))
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=2) + '\n')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,355 @@
+"""The sequence of the paper, one frame of a right hand: `track_frame`.
+
+What it works on comes in one piece each (`packed`): the model of the hand, the choices of
+method, what is kept from frame to frame, and what is told of the frame.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .capsules import Capsules, place_capsules
+from .contact import GAP, carry, separate
+from .digit import solve_digits
+from .digit_markers import follow_digits
+from .hand import JOINTS
+from .identity import HandBounds, Memory, blank_memory, identify
+from .interdependence import Habits, keep_near_neighbours, no_habits
+from .jit import jit
+from .kinematics import JointTable
+from .layout import MARKERS, Mounting
+from .noise import Noise, learn_noise, unknown_noise
+from .occlusion import reject_frozen, visible
+from .palm import TRACKED, place_palm
+from .palm_markers import WAITING, check_palm, expected_markers, follow_palm
+from .reentry import ease
+from .report import deviation, tell_confidence, tell_markers, tell_pose
+from .smoothing import noise_on_palm
+from .tracks import Tracks, no_tracks
+
+SETTLE = 150        # times that the first frame is solved
+RELEASE = .05       # [s] in which digits that touched go back to where their markers are
+LEAST_PARTED = 1e-6  # [rad]
+SEEN_MOBILITY = .1  # of a seen digit among those that touch, against a hidden one's 1
+
+
+class Model(NamedTuple):
+    """What is known of the hand; of a right hand but for the last three.
+
+    Attributes
+    ----------
+    template, rest : ndarray, shape (3, 3) and (5, 3)
+        Markers of palm and digits at zero angles, in the wrist's frame [m].
+    levers : ndarray, shape (5,)
+        Of `smoothing.levers`.
+    prior, bounds : ndarray, shape (15, 15) and (3,)
+        Of `shares_of` and `keep_near_neighbours`.
+    hand_bounds : HandBounds
+    capsules : Capsules
+    table : JointTable
+    mounting : Mounting
+    mirror : ndarray, shape (3,)
+        -1 on the axes that a left hand has mirrored.
+    """
+
+    template: np.ndarray
+    rest: np.ndarray
+    levers: np.ndarray
+    prior: np.ndarray
+    bounds: np.ndarray
+    hand_bounds: HandBounds
+    capsules: Capsules
+    table: JointTable
+    mounting: Mounting
+    mirror: np.ndarray
+
+
+class Choices(NamedTuple):
+    """`TrackerOptions` as kernels take them."""
+
+    by_spheres: bool
+    by_fabrik: bool
+    fabrik_tolerance: float
+    fabrik_iterations: int
+    palm_stretch: float
+    palm_shrink: float
+    palm_flatness: float
+    frozen_frames: int
+    smoothing: bool
+    marker_noise: float
+    inertia: float
+    palm_from_fingers: bool
+    transdigital_memory: float
+    friction: float
+    rigidity: bool
+    penetration: float
+    outlier_gate: float
+    swap_margin: float
+    patience: float
+    max_prediction_time: float
+    relax_time: float
+    reentry_rate: float
+
+
+def choices(options):
+    """Return `Choices` of `TrackerOptions`."""
+    special = {'by_spheres': options.palm_method == 'spheres',
+               'by_fabrik': options.finger_ik == 'fabrik',
+               'relax_time': options.relax_time if options.stale == 'relax' else 0.}
+    return Choices(*(special[name] if name in special else kind(getattr(options, name))
+                     for name, kind in Choices.__annotations__.items()))
+
+
+class State(NamedTuple):
+    """What is kept from frame to frame.
+
+    Attributes
+    ----------
+    palm, digits : Tracks
+        Of the palm's markers, and of the digits' in the wrist's frame.
+    noise : Noise
+    memory : Memory
+    habits : Habits
+    shares : ndarray, shape (15, 15)
+        Of `shares_of`.
+    rotation, position : ndarray, shape (3, 3) and (3,)
+        The wrist [m].
+    placed : ndarray of bool, shape (1,)
+        Whether the palm was seen yet.
+    angles, eased, offset, touched, parted : ndarray, shape (25,)
+        As solved; without jumps, and what is left of them; with the digits apart, and by how
+        much that is [rad].
+    apart : ndarray, shape (3,)
+        Of `keep_near_neighbours` [rad].
+    pushed : ndarray, shape (5, 3)
+        By how much contact carries the hidden digits' markers [m].
+    last, still : ndarray, shape (8, 3) and (8,)
+        Of `reject_frozen`.
+    expected, spread, known, verdict : ndarray, shape (8, 3), and (8,)
+        Of this frame, of `identify`.
+    changed : ndarray of bool, shape (5,)
+        Of this frame: digits of which something else is known than before.
+    roots : ndarray, shape (5, 3)
+        Of this frame: first joints of the digits in the wrist's frame [m].
+    """
+
+    palm: Tracks
+    digits: Tracks
+    noise: Noise
+    memory: Memory
+    habits: Habits
+    shares: np.ndarray
+    rotation: np.ndarray
+    position: np.ndarray
+    placed: np.ndarray
+    angles: np.ndarray
+    eased: np.ndarray
+    offset: np.ndarray
+    touched: np.ndarray
+    parted: np.ndarray
+    apart: np.ndarray
+    pushed: np.ndarray
+    last: np.ndarray
+    still: np.ndarray
+    expected: np.ndarray
+    spread: np.ndarray
+    known: np.ndarray
+    verdict: np.ndarray
+    changed: np.ndarray
+    roots: np.ndarray
+
+
+def blank_state(template, rest, marker_noise):
+    """Return the state before the first frame, of a hand at rest.
+
+    Parameters
+    ----------
+    template, rest : ndarray, shape (3, 3) and (5, 3)
+        As of `Model`.
+    marker_noise : float
+        Of `TrackerOptions`.
+
+    Returns
+    -------
+    State
+    """
+    count, joints = len(MARKERS), len(JOINTS)
+    return State(
+        no_tracks(template), no_tracks(rest), unknown_noise(count, marker_noise), blank_memory(),
+        no_habits(), shares=np.zeros((rest.size, rest.size)), rotation=np.eye(3),
+        position=np.zeros(3), placed=np.zeros(1, dtype=bool), angles=np.zeros(joints),
+        eased=np.zeros(joints), offset=np.zeros(joints), touched=np.zeros(joints),
+        parted=np.zeros(joints),
+        apart=np.zeros(3), pushed=np.zeros(rest.shape), last=np.full((count, 3), np.nan),
+        still=np.zeros(count, dtype=np.int64), expected=np.zeros((count, 3)),
+        spread=np.zeros(count), known=np.zeros(count, dtype=bool),
+        verdict=np.zeros(count, dtype=np.int64), changed=np.zeros(len(rest), dtype=bool),
+        roots=np.zeros(rest.shape))
+
+
+def track_frame(model, chains, options, state, report, markers, step):
+    """Bring the state to the next frame, and tell of it.
+
+    Each stage is a kernel: one of them all would be slower, and take longer to compile.
+
+    Parameters
+    ----------
+    model, chains, options : packed Model, Chains and Choices
+    state, report : packed State and Report
+        Changed.
+    markers : ndarray, shape (8, 3)
+        As if of a right hand; changed [m].
+    step : float
+        Since the last frame [s].
+
+    Returns
+    -------
+    fault, palm, iterations : int
+        `PalmState` of what is wrong with the palm markers, TRACKED for nothing, and of the
+        palm; iterations of FABRIK.
+    """
+    seen = np.empty(len(MARKERS), dtype=bool)
+    iterations = 0
+    # 1 occlusion: what is no measurement
+    fault = judge_markers(model, options, state, markers, seen, step)
+    # 1 occlusion, 2 palm: its markers, hidden ones predicted; the wrist's pose
+    palm = follow_wrist(model, options, state, markers, seen, step)
+    if palm != WAITING:
+        # 1 occlusion: the digits' markers in the palm's frame, hidden ones predicted
+        follow_fingers(model, options, state, markers, seen, palm == TRACKED, step)
+        # 3 fingers, 4 thumb: planes, flexion within limits, intradigital correlation
+        iterations = solve_angles(model, chains, options, state, seen, step)
+        # 1 rigidity, friction: digits touch, and carry hidden ones
+        touch(model, chains, options, state, seen, step)
+    # 5 angles: the pose is their forward kinematics
+    tell(model, chains, options, state, markers, seen, report)
+    return fault, palm, iterations
+
+
+@jit
+def judge_markers(model, options, state, markers, seen, step):
+    """Put the measurements in order, and find which are none; return the palm's fault."""
+    model, options, state = model[0], options[0], state[0]
+    palm, digits = state.palm, state.digits
+    visible(markers, seen)
+    reject_frozen(markers, seen, state.last, state.still, options.frozen_frames)
+    expected_markers(palm, digits, model.template, step, state.expected)
+    for i in range(8):
+        state.spread[i] = deviation(palm.covariance[i] if i < 3 else digits.covariance[i - 3])
+        state.known[i] = palm.known[i] if i < 3 else digits.known[i - 3]
+    identify(markers, seen, state.expected, state.spread, state.known, step, model.hand_bounds,
+             state.memory, options.outlier_gate, options.swap_margin, options.patience,
+             state.verdict)
+    learn_noise(state.noise, markers, seen, step, options.marker_noise)
+    fault = check_palm(
+        markers, seen, model.template, state.rotation, state.position, state.placed[0] > 0,
+        options.palm_stretch, options.palm_shrink, options.palm_flatness)
+    _note_changes(palm, digits, seen, state.changed)
+    return fault
+
+
+@jit
+def _note_changes(palm, digits, seen, changed):
+    """Write of which digits something else is known than in the last frame, shape (5,)."""
+    of_palm = False
+    for i in range(3):
+        of_palm = of_palm or seen[i] != palm.seen[i]
+    for i in range(5):
+        changed[i] = of_palm or seen[3 + i] != digits.seen[i]
+
+
+@jit
+def follow_wrist(model, options, state, markers, seen, step):
+    """Follow the palm's markers and place the wrist; return the `PalmState`."""
+    model, options, state = model[0], options[0], state[0]
+    found = follow_palm(
+        markers, seen, state.palm, state.digits, state.rotation, state.position,
+        model.template, state.placed[0] > 0, step, state.noise.deviation, options.smoothing,
+        options.inertia, options.palm_from_fingers, options.max_prediction_time)
+    if found != WAITING:
+        for i in range(5):
+            for k in range(3):
+                state.roots[i, k] = model.hand_bounds.roots[i, k]
+        place_palm(state.palm.mean, model.template, options.by_spheres, state.rotation,
+                   state.position, state.roots)
+    return found
+
+
+@jit
+def follow_fingers(model, options, state, markers, seen, learning, step):
+    """Follow the digits' markers in the palm's frame."""
+    model, options, state = model[0], options[0], state[0]
+    noise = np.empty(5)
+    for i in range(5):
+        noise[i] = noise_on_palm(
+            state.noise.deviation[3 + i], state.palm.covariance, model.levers[i])
+    follow_digits(
+        markers[3:], seen[3:], state.digits, state.rotation, state.position, model.rest,
+        state.habits, model.prior, state.shares, state.pushed, step, noise, options.smoothing,
+        options.inertia, options.transdigital_memory, learning, options.max_prediction_time,
+        options.relax_time)
+
+
+@jit
+def solve_angles(model, chains, options, state, seen, step):
+    """Solve the digits, and let their angles go on without jumps; return FABRIK's iterations."""
+    model, chains, options, state = model[0], chains[0], options[0], state[0]
+    # A fist at the first frame has no history: it settles.
+    for _ in range(0 if state.placed[0] else SETTLE):
+        solve_digits(chains, state.roots, state.digits.mean, state.angles, False, 0., 0)
+    iterations = solve_digits(
+        chains, state.roots, state.digits.mean, state.angles, options.by_fabrik,
+        options.fabrik_tolerance, options.fabrik_iterations)
+    keep_near_neighbours(
+        state.angles, seen[3:], model.bounds, state.apart, chains.lower, chains.upper)
+    if not state.placed[0]:
+        state.placed[0] = True
+        state.changed[:] = False
+        for joint in range(25):
+            state.eased[joint] = state.angles[joint]
+    ease(state.angles, state.eased, state.offset, state.changed, step, options.reentry_rate,
+         chains.lower, chains.upper)
+    return iterations
+
+
+@jit
+def touch(model, chains, options, state, seen, step):
+    """Move apart the digits that are in each other; note how they carry the hidden ones."""
+    model, chains, options, state = model[0], chains[0], options[0], state[0]
+    angles, before = state.touched, state.touched.copy()
+    for joint in range(25):
+        angles[joint] = state.eased[joint]
+    if options.rigidity:
+        # They part as they did in the last frame: no contact flickers.
+        kept = math.exp(-step / RELEASE)
+        for joint in range(25):
+            angles[joint] = min(max(angles[joint] + kept * state.parted[joint],
+                                    chains.lower[joint]), chains.upper[joint])
+        mobility = np.ones(5)
+        for i in range(5):
+            if seen[3 + i]:
+                mobility[i] = SEEN_MOBILITY
+        separate(model.capsules, angles, chains.lower, chains.upper,
+                 chains.coupling[:, 0].copy(), mobility, options.penetration)
+        for joint in range(25):
+            parted = angles[joint] - state.eased[joint]
+            state.parted[joint] = parted if abs(parted) >= LEAST_PARTED else 0.
+    state.pushed[:] = 0.
+    if options.friction > 0. and not seen[3:].all():
+        ends = np.empty((2, len(model.capsules.link), 2, 3))
+        place_capsules(model.capsules, before, ends[0])
+        place_capsules(model.capsules, angles, ends[1])
+        carry(model.capsules, ends[0], ends[1], ~seen[3:], GAP, options.friction, state.pushed)
+
+
+@jit
+def tell(model, chains, options, state, markers, seen, report):
+    """Write the frame's `Report`."""
+    model, chains, options, state, report = model[0], chains[0], options[0], state[0], report[0]
+    tell_pose(model.table, state.touched, chains.lower, chains.upper, state.rotation,
+              state.position, model.mirror, report)
+    tell_markers(markers, seen, state.verdict, state.palm, state.digits, model.mounting,
+                 state.rotation, state.position, model.mirror, options.max_prediction_time,
+                 report)
+    tell_confidence(state.palm, state.digits, state.placed[0] > 0, report)
