@@ -69,7 +69,8 @@ def test_a_captured_hand_goes_through_replay_and_tracker(name, preset, tmp_path)
     assert rows == sorted(set(rows))
     hand = load_hand(tmp_path / 'hand.yaml')[0]
     core = HandTracker(hand)
-    tracked = [core.update(markers) for markers in judged.markers]
+    tracked = [core.update(markers, 1e-9 * (stamp % 10**9) + stamp // 10**9)
+               for markers, stamp in zip(judged.markers, stamps)]
     expected = np.array([state.angles for state in tracked])
     first_lost = next((i for i, row in enumerate(rows) if row != i), len(rows))
     np.testing.assert_allclose(angles[:first_lost], expected[:first_lost], rtol=0, atol=1e-9)

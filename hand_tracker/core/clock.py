@@ -5,6 +5,7 @@ import math
 USUAL_STEP = 1. / 120.  # [s] before two frames have told
 LONGEST = 1.            # [s] between frames after which motion is not carried on
 SHORTEST = 1e-6         # [s] between frames; less is none, and makes no velocity
+FARTHEST = 1e6          # [s] that a gap counts at most
 BACKWARD = .5           # [s] that frames of one recording may be out of order
 SHARE = .1              # of a new step in the usual one
 
@@ -31,7 +32,7 @@ class Clock:
         Returns
         -------
         step : float
-            0, or from `SHORTEST` to `LONGEST` [s].
+            0, or from `SHORTEST` [s] to `FARTHEST`.
         paused : bool
             Whether frames were missing for longer: motion is not to be carried on.
         restarted : bool
@@ -49,6 +50,6 @@ class Clock:
             self._last = last
             return 0., False, False
         if step > LONGEST:
-            return LONGEST, True, False
+            return min(step, FARTHEST), True, False
         self._usual += SHARE * (step - self._usual)
         return step, False, False

@@ -33,6 +33,7 @@ NOISE = .001                        # [m] least error of what is expected; ours
 # estimate, dexret, has 5.6 mm standard deviation and at most 18).
 SIDE_SPREAD, SIDE_GATE = .003, .015  # [m]
 SIDE_MEMORY = 1.                     # [s] over which they are learned; ours
+OTHER_ORDER = .006   # [m] by which exchanged palm markers fit better what was before; ours
 UNLIKE = .5                          # of a side: no palm of a hand that nobody calibrated; ours
 
 REACH_GATE, REACH_BASE = 1.6, .012   # [1], [m] of a hand that nobody calibrated; ours
@@ -214,7 +215,7 @@ def identify(markers, seen, expected, spread, known, step, bounds, memory, gate,
     for i in range(3):
         anew = anew or memory.waited[i] >= patience
     # What persists and makes no palm is still none.
-    anew = anew and patience > 0.0 and (
+    anew = anew and patience > 0.0 and not _in_another_order(reading.gaps, memory.sides) and (
         _like_before(reading.gaps, memory.sides) or _like_hand(reading.gaps, template))
     if anew or not _expect(reading, expected, spread, known):
         # Labels begin as they come: a hand that is not calibrated fits no better exchanged.
@@ -342,6 +343,23 @@ def _like_before(gaps, sides):
         # False for the infinite gaps of hidden markers
         like = like and abs(gaps[i, (i + 1) % 3] - sides[i]) <= UNLIKE * sides[i]
     return like
+
+
+@jit
+def _in_another_order(gaps, sides):
+    """Return whether the palm's labels exchanged would fit better what it was before."""
+    least = math.inf
+    given = math.inf
+    for a in range(3):
+        for b in range(3):
+            if a != b:
+                c = 3 - a - b
+                off = (abs(gaps[a, b] - sides[0]) + abs(gaps[b, c] - sides[1])
+                       + abs(gaps[c, a] - sides[2]))
+                least = min(least, off)
+                if a == 0 and b == 1:
+                    given = off
+    return least < given - OTHER_ORDER
 
 
 @jit

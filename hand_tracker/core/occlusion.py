@@ -27,8 +27,10 @@ def visible(markers, seen):
 def reject_frozen(markers, seen, last, still, patience):
     """Take markers that some drivers repeat when they lost them for not seen.
 
-    A marker is frozen when it stays in place to the last bit while at least two other
-    markers of the palm move. One at the origin is left to whoever reads the messages.
+    A digit's marker is frozen when it stays in place to the last bit while at least two
+    markers of the palm move. The palm's own may rest on a table while the hand turns about
+    them: whether they fit the others is judged by their distances (`identify`). One at the
+    origin is left to whoever reads the messages.
 
     Parameters
     ----------
@@ -56,7 +58,7 @@ def reject_frozen(markers, seen, last, still, patience):
             still[i] += 1
         for k in range(3):
             last[i, k] = markers[i, k]
-        if 0 < patience <= still[i]:
+        if i >= 3 and 0 < patience <= still[i]:
             seen[i] = False
 
 

@@ -97,7 +97,7 @@ class TrackerOptions:
         1., 'Time in which a stale digit goes two thirds of the way to relax', unit='s',
         range=(0.05, 60.))
     reentry_rate: float = _option(
-        15., 'Angular rate at most with which a marker that comes back or vanishes corrects an '
+        5., 'Angular rate at most with which a marker that comes back or vanishes corrects an '
         'angle, on top of its motion', unit='rad/s', range=(0.1, 1000.))
 
     def __post_init__(self):

@@ -23,7 +23,7 @@ WAITING = int(PalmState.WAITING)
 # Weights in the rigid fit against that of a finger's marker; of predicted ones with none, one
 # and two of the palm's seen; from captures.
 SEEN_WEIGHT = 1e4
-PREDICTED_WEIGHTS = (.3, .5, 4.)
+PREDICTED_WEIGHTS = (.3, 1., 4.)
 FITS = 2              # linear steps of the rigid fit
 INSTANT = 1e-3        # [s] over which velocities are compared
 
@@ -157,7 +157,8 @@ def _fit_to_fingers(markers, seen, tracks, digits, template, count):
         for k in range(3):
             points[i, k] = aims[i, k] = tracks.mean[i, k]
     for i in range(3, 8):
-        if seen[i] and digits.seen[i - 3]:
+        # In a palm that is lost no digit is followed, and each keeps the place it had.
+        if seen[i] and (digits.seen[i - 3] or count == 0 and digits.known[i - 3]):
             expected = add(origin, mix(axes, vector(digits.mean[i - 3])))
             weights[i] = 1.
             for k in range(3):

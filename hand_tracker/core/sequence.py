@@ -22,7 +22,7 @@ from .layout import MARKERS, Mounting
 from .noise import Noise, learn_noise, unknown_noise
 from .occlusion import reject_frozen, visible
 from .palm import TRACKED, place_palm
-from .palm_markers import WAITING, check_palm, expected_markers, follow_palm
+from .palm_markers import LOST, WAITING, check_palm, expected_markers, follow_palm
 from .reentry import ease
 from .report import deviation, tell_confidence, tell_markers, tell_pose
 from .smoothing import noise_on_palm
@@ -215,6 +215,9 @@ def track_frame(model, chains, options, state, report, markers, step):
     fault = judge_markers(model, options, state, markers, seen, step)
     # 1 occlusion, 2 palm: its markers, hidden ones predicted; the wrist's pose
     palm = follow_wrist(model, options, state, markers, seen, step)
+    if palm == LOST:
+        # The digits tell of the palm alone.
+        seen[3:] = False
     if palm != WAITING:
         # 1 occlusion: the digits' markers in the palm's frame, hidden ones predicted
         follow_fingers(model, options, state, markers, seen, palm == TRACKED, step)
@@ -255,8 +258,9 @@ def _note_changes(palm, digits, seen, changed):
     of_palm = False
     for i in range(3):
         of_palm = of_palm or seen[i] != palm.seen[i]
+    lost = not (seen[0] or seen[1] or seen[2])
     for i in range(5):
-        changed[i] = of_palm or seen[3 + i] != digits.seen[i]
+        changed[i] = of_palm or (seen[3 + i] and not lost) != digits.seen[i]
 
 
 @jit

@@ -114,6 +114,9 @@ def _innovation_variance(covariance, noise_sd):
 @jit
 def _notice(mean, covariance, activity, observed, step, noise_sd):
     """Expect more jerk, now and for a while, where the means of innovations leave their noise."""
+    if not step > 0.:
+        # A frame that repeats the last time is no news of motion.
+        return
     variance = _innovation_variance(covariance, noise_sd)
     noticed = 0.
     since = 0.
