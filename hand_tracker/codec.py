@@ -297,9 +297,9 @@ class Template:
         self._data = octets[:len(data)]
         self._data[:] = np.frombuffer(data, np.uint8)
         self._seconds = body.view('<u4')
-        self._stamps = (np.array(stamps) + ENCAPSULATION) // 4
+        self._stamps = (np.array(stamps, int) + ENCAPSULATION) // 4
         self._doubles = body.view('<f8')
-        self._numbers = (np.array(numbers) + ENCAPSULATION) // 8
+        self._numbers = (np.array(numbers, int) + ENCAPSULATION) // 8
 
     def fill(self, stamp, numbers):
         """Return the message with a stamp and with numbers.

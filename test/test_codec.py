@@ -12,7 +12,6 @@ pytest.importorskip('visualization_msgs.msg', reason='needs the ROS 2 messages')
 pytest.importorskip('rclpy', reason='needs ROS 2')
 
 from builtin_interfaces.msg import Time  # noqa: E402
-from geometry_msgs.msg import Point  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402

@@ -7,7 +7,6 @@ another one, messages go the normal way.
 import numpy as np
 from geometry_msgs.msg import Point
 from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray, UVCoordinate
 
