@@ -16,7 +16,6 @@ CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, POINTS = 1, 2, 3, 6, 7, 8
 
 POINT_TYPES = frozenset((CUBE, SPHERE, CYLINDER))
 LIST_TYPES = frozenset((CUBE_LIST, SPHERE_LIST, POINTS))
-MISSING = (np.nan,) * 3
 REPORTED = 8  # causes of each kind that a frame names, however hostile the message
 
 
@@ -47,6 +46,41 @@ class MarkerFrame(NamedTuple):
     doubled: tuple
 
 
+class Head(NamedTuple):
+    """What tells which marker of the hand a marker of a message is, or its points are."""
+
+    frame_id: str
+    ns: str
+    id: int
+    type: int
+    action: int
+    points: int
+
+
+class Sources(NamedTuple):
+    """Where a message has what it says of the hand.
+
+    Attributes
+    ----------
+    first : int or None
+        Place in the message of the first marker of the hand, which has the stamp.
+    slots, markers, points : ndarray of int, shape (n,)
+        Place in `MARKERS`, place of the marker in the message, and of the point in the
+        marker's list, -1 for the marker itself.
+    frame_id, unknown, foreign, doubled
+        See `MarkerFrame`.
+    """
+
+    first: int
+    slots: np.ndarray
+    markers: np.ndarray
+    points: np.ndarray
+    frame_id: str
+    unknown: tuple
+    foreign: tuple
+    doubled: tuple
+
+
 def markers_from_message(message, labels, frame_id='', scale=1., zero_is_missing=True):
     """Return the frame of markers that a message holds.
 
@@ -70,38 +104,118 @@ def markers_from_message(message, labels, frame_id='', scale=1., zero_is_missing
     -------
     MarkerFrame
     """
-    rows = [MISSING] * len(MARKERS)
-    stamp, found, unknown, foreign, doubled = None, set(), set(), set(), set()
-    for marker in message.markers:
-        if marker.action != ADD:
+    heads = [Head(marker.header.frame_id, marker.ns, marker.id, marker.type, marker.action,
+                  len(marker.points) if marker.type in LIST_TYPES else 0)
+             for marker in message.markers]
+    sources = find_sources(heads, labels, frame_id)
+    rows = np.full((len(MARKERS), 3), np.nan)
+    lists = {}
+    for slot, number, point in zip(sources.slots, sources.markers, sources.points):
+        marker = message.markers[number]
+        at = marker.pose.position
+        if point < 0:
+            rows[slot] = at.x, at.y, at.z
             continue
-        if marker.type in POINT_TYPES:
-            at = marker.pose.position
-            points = ((marker.id, (at.x, at.y, at.z)),)
-        elif marker.type in LIST_TYPES:
-            points = enumerate(_list_points(marker, zero_is_missing))
+        if number not in lists:
+            turn = marker.pose.orientation
+            lists[number] = placed(
+                np.array([(p.x, p.y, p.z) for p in marker.points]), (at.x, at.y, at.z),
+                (turn.x, turn.y, turn.z, turn.w), zero_is_missing)
+        rows[slot] = lists[number][point]
+    stamp = None if sources.first is None else message.markers[sources.first].header.stamp
+    return MarkerFrame(stamp, sources.frame_id, scaled(rows, scale, zero_is_missing),
+                       sources.unknown, sources.foreign, sources.doubled)
+
+
+def find_sources(heads, labels, frame_id):
+    """Return where a message has what it says of the hand.
+
+    Parameters
+    ----------
+    heads : iterable of Head
+    labels, frame_id
+        See `markers_from_message`.
+
+    Returns
+    -------
+    Sources
+    """
+    first, found, unknown, foreign, doubled = None, {}, set(), set(), set()
+    for place, (own, ns, number, kind, action, count) in enumerate(heads):
+        if action != ADD:
+            continue
+        if kind in POINT_TYPES:
+            points = ((number, -1),)
+        elif kind in LIST_TYPES:
+            points = zip(range(count), range(count))
         else:
             continue
         for number, point in points:
-            slot = labels.slot(marker.ns, number)
+            slot = labels.slot(ns, number)
             if slot is None:
                 if len(unknown) < REPORTED:
-                    unknown.add((marker.ns, number))
+                    unknown.add((ns, number))
                 continue
-            own = marker.header.frame_id
             frame_id = frame_id or own
             if own and own != frame_id:
                 if len(foreign) < REPORTED:
                     foreign.add(own)
                 continue
-            if stamp is None:
-                stamp = marker.header.stamp
+            if first is None:
+                first = place
             if slot in found:
                 doubled.add(slot)
-            found.add(slot)
-            rows[slot] = MISSING if zero_is_missing and not any(point) else point
-    return MarkerFrame(stamp, frame_id, np.array(rows) * scale, tuple(sorted(unknown)),
-                       tuple(sorted(foreign)), tuple(sorted(doubled)))
+            found[slot] = place, point
+    places = np.array([(slot, *where) for slot, where in found.items()], int).reshape(-1, 3)
+    return Sources(first, *places.T, frame_id, tuple(sorted(unknown)), tuple(sorted(foreign)),
+                   tuple(sorted(doubled)))
+
+
+def placed(points, position, orientation, zero_is_missing):
+    """Return the points of a list marker in its header's frame.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+    position : sequence of float, shape (3,)
+        Of the marker.
+    orientation : sequence of float, shape (4,)
+        Of the marker: x, y, z, w of any length.
+    zero_is_missing : bool
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        NaN where a point is missing.
+    """
+    if zero_is_missing:
+        points = np.where(points.any(axis=1)[:, None], points, np.nan)
+    w, v = orientation[3], np.array(orientation[:3])
+    norm = w * w + v @ v
+    # RViz takes a quaternion of zeros for no rotation.
+    if norm > 0.:
+        cross = np.cross(v, points)
+        points = points + 2. / norm * (w * cross + np.cross(v, cross))
+    return points + position
+
+
+def scaled(positions, scale, zero_is_missing):
+    """Return the positions of markers in metres, NaN for those that are missing.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (n, 3)
+    scale, zero_is_missing
+        See `markers_from_message`.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        [m]
+    """
+    if zero_is_missing:
+        positions = np.where(positions.any(axis=1)[:, None], positions, np.nan)
+    return positions * scale
 
 
 def seconds(stamp):
@@ -117,18 +231,3 @@ def seconds(stamp):
         [s]
     """
     return stamp.sec + 1e-9 * stamp.nanosec or None
-
-
-def _list_points(marker, zero_is_missing):
-    """Return the points of a list marker in its header's frame."""
-    points = np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 3)
-    if zero_is_missing:
-        points[~points.any(axis=1)] = np.nan
-    at, turn = marker.pose.position, marker.pose.orientation
-    w, v = turn.w, np.array((turn.x, turn.y, turn.z))
-    norm = w * w + v @ v
-    # RViz takes a quaternion of zeros for no rotation.
-    if norm > 0.:
-        cross = np.cross(v, points)
-        points = points + 2. / norm * (w * cross + np.cross(v, cross))
-    return [tuple(point) for point in (points + (at.x, at.y, at.z)).tolist()]

@@ -7,6 +7,7 @@ from array import array
 from typing import NamedTuple
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import JointState
@@ -57,12 +58,17 @@ def prefixed_names(prefix, wrist=None):
         prefix + ROOT if wrist is None else wrist)
 
 
+def time_message(stamp):
+    """Return a stamp of the codec, or of a message, as one of a message."""
+    return Time(sec=stamp.sec, nanosec=stamp.nanosec)
+
+
 def joint_state(stamp, names, angles):
     """Return the JointState of a hand.
 
     Parameters
     ----------
-    stamp : Time
+    stamp : Time or Stamp
     names : Names
     angles : ndarray, shape (25,)
         [rad]
@@ -71,25 +77,8 @@ def joint_state(stamp, names, angles):
     -------
     JointState
     """
-    return JointState(header=Header(stamp=stamp), name=names.joints,
+    return JointState(header=Header(stamp=time_message(stamp)), name=names.joints,
                       position=array('d', np.asarray(angles, dtype=float).tobytes()))
-
-
-def joint_confidence(stamp, names, confidence):
-    """Return the confidence of every joint, in the place of its position.
-
-    Parameters
-    ----------
-    stamp : Time
-    names : Names
-    confidence : ndarray, shape (25,)
-        From 0 to 1.
-
-    Returns
-    -------
-    JointState
-    """
-    return joint_state(stamp, names, confidence)
 
 
 def diagnostics(stamp, name, hardware_id, status):
@@ -152,6 +141,24 @@ def fill_transforms(messages, stamp, rotation, position):
         to, turn = transform.translation, transform.rotation
         to.x, to.y, to.z = at
         turn.x, turn.y, turn.z, turn.w = quaternion(turned)
+
+
+def pose_numbers(rotation, position):
+    """Return poses as the numbers that a TFMessage has of them.
+
+    Parameters
+    ----------
+    rotation : ndarray, shape (n, 3, 3)
+    position : ndarray, shape (n, 3)
+        [m]
+
+    Returns
+    -------
+    list of float, length 7 n
+        x, y, z of the translation and x, y, z, w of the rotation of each.
+    """
+    return [number for turned, at in zip(rotation.tolist(), position.tolist())
+            for number in (*at, *quaternion(turned))]
 
 
 def wrist_frames(names, frame_id):

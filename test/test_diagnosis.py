@@ -49,6 +49,8 @@ def test_a_tracked_hand():
     assert (level, text) == (Level.OK, 'tracking')
     assert values == {
         'palm': 'tracked', 'rate [Hz]': '121.0', 'frames': '121', 'mean residual [mm]': '0.00',
+        'latency p50 [ms]': '', 'latency p99 [ms]': '', 'latency max [ms]': '',
+        'frames late': '0', 'frames dropped': '0',
         **{f'{marker} marker': 'seen' for marker in MARKERS}}
 
 
@@ -112,6 +114,21 @@ def test_the_rate_is_counted_anew_each_period_whatever_changed_meanwhile():
     assert hand.status(1.).values['rate [Hz]'] == '10.0'
     assert hand.status(1.5).values['rate [Hz]'] == '10.0'
     assert hand.status(2.).values['rate [Hz]'] == '0.0'
+
+
+def test_latency_is_told_for_each_period():
+    hand = Hand()
+    for i in range(100):
+        hand.diagnosis.published(i / 100., i / 100. + 1e-3 * (1 + (i == 50)), 5. + i / 100.)
+    values = hand.status(1.).values
+    assert values['latency p50 [ms]'] == '1.000'
+    assert values['latency max [ms]'] == '2.000'
+    assert (values['frames late'], values['frames dropped']) == ('0', '0')
+    hand.diagnosis.published(1.5, 1.52, 6.03)
+    assert hand.status(1.5).values == values
+    values = hand.status(2.).values
+    assert values['latency p99 [ms]'] == '20.000'
+    assert hand.status(3.).values['latency p50 [ms]'] == ''
 
 
 def test_changes_are_told_at_once_and_only_changes():

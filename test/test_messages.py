@@ -20,7 +20,7 @@ from geometry_msgs.msg import Point  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
 from hand_tracker.messages import (  # noqa: E402
-    diagnostics, fill_transforms, joint_confidence, joint_state, link_frames,
+    diagnostics, fill_transforms, joint_state, link_frames,
     markers_from_message, new_transforms, prefixed_names, quaternion, relative_pose, tip_frames)
 from hand_tracker.nodes.diagnosis import Level, Status  # noqa: E402
 from hand_tracker.visuals import (  # noqa: E402
@@ -302,14 +302,6 @@ def test_joint_state():
     assert np.array_equal(message.position, angles)
     assert message.header.stamp == STAMP
     assert len(message.velocity) == len(message.effort) == 0
-
-
-def test_joint_confidence_is_named_and_stamped_like_the_joint_state():
-    confidence = np.linspace(0., 1., 25)
-    message = joint_confidence(STAMP, prefixed_names('left_'), confidence)
-    assert list(message.name) == [f'left_{joint}' for joint in JOINTS]
-    assert np.array_equal(message.position, confidence)
-    assert message.header.stamp == STAMP
 
 
 # --- diagnostics

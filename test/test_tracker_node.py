@@ -234,6 +234,14 @@ def check_picture(bench, palm):
     assert all(part.header.frame_id == 'mocap' for part in parts.values())
     shown = [(p.x, p.y, p.z) for p in parts['right_markers'].points]
     assert np.array_equal(shown, hand_at())
+    assert bench.set({'display_rate': 5.}).successful
+    bench.answer(hand_at())
+    del pictures[:]
+    before = time.monotonic()
+    while time.monotonic() < before + 1.:
+        bench.answer(hand_at())
+    bench.node.spin_for(.1)
+    assert 3 <= len(pictures) <= 5. * (time.monotonic() - before) + 2.
 
 
 def test_transforms_of_every_frame_are_those_of_the_core():
@@ -514,6 +522,10 @@ def check_diagnostics(bench, whole, without_index, told):
     until(np.full((8, 3), 1e6), 'palm', 'lost')
     assert told[-1].status[0].level == DiagnosticStatus.ERROR
     until(whole, 'palm', 'tracked')
+    bench.node.spin_until(lambda: values(told[-1])['latency p50 [ms]'])
+    assert 0. < float(values(told[-1])['latency p50 [ms]']) <= float(
+        values(told[-1])['latency p99 [ms]']) <= float(values(told[-1])['latency max [ms]'])
+    assert values(told[-1])['frames dropped'].isdigit()
 
     del told[:]
     before = time.monotonic()

@@ -160,11 +160,13 @@ def test_limits_without_effect_say_so():
 def test_labels_units_and_zeros():
     settings = live(Hand.scaled(), {
         **{f'labels.{marker}': f'leds/{i}' for i, marker in enumerate(MARKERS)},
-        'labels.thumb': 'thumb/*', 'unit_scale': .001, 'zero_is_missing': False})
+        'labels.thumb': 'thumb/*', 'unit_scale': .001, 'zero_is_missing': False,
+        'display_rate': 25.})
     assert settings.labels.slot('leds', 6) == 6
     assert settings.labels.slot('thumb', 70) == 7
     assert settings.labels.slot('ids', 6) is None
     assert (settings.unit_scale, settings.zero_is_missing) == (.001, False)
+    assert settings.display_rate == 25.
 
 
 @pytest.mark.parametrize('values, said', [

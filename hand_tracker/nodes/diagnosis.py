@@ -8,6 +8,7 @@ import numpy as np
 from ..core.layout import MARKERS
 from ..core.palm import PalmState
 from ..core.tracker import MarkerState
+from .latency import Latency
 
 PERIOD = 1.  # [s] over which the rate is counted
 GAP = .1     # [s] at least between two changes that are told
@@ -57,6 +58,8 @@ class Diagnosis:
         self._frames = self._counted = 0
         self._since = now
         self._rate = 0.  # [Hz]
+        self._latency = Latency()
+        self._timing = self._latency.summary()
         self._told, self._told_at = None, -np.inf
 
     def tracked(self, now, state):
@@ -76,6 +79,17 @@ class Diagnosis:
         self._state = state
         return now - self._told_at >= GAP and self._summary(now) != self._told
 
+    def published(self, received, now, stamp):
+        """Note when a frame was published.
+
+        Parameters
+        ----------
+        received, now : float
+        stamp : float or None
+            Of the frame [s].
+        """
+        self._latency.published(now - received, stamp)
+
     def status(self, now, publishers):
         """Return how it fares now.
 
@@ -93,11 +107,13 @@ class Diagnosis:
         if now - self._since >= .9 * PERIOD:
             self._rate = (self._frames - self._counted) / (now - self._since)
             self._counted, self._since = self._frames, now
+            self._timing = self._latency.summary()
         watch, state = self._watch, self._state
         worn = [bool(label) for label in watch.labels.labels]
         level, text = self._judge(now, publishers, worn)
         values = {'palm': 'not seen yet', 'rate [Hz]': f'{self._rate:.1f}',
-                  'frames': str(self._frames), 'mean residual [mm]': ''}
+                  'frames': str(self._frames), 'mean residual [mm]': '',
+                  **_timing(self._timing)}
         if state is not None:
             seen = state.residuals[np.isfinite(state.residuals)]
             values['palm'] = _words(state.palm)
@@ -123,6 +139,13 @@ class Diagnosis:
                     if (markers := [MARKERS[slot] for slot in np.flatnonzero(
                         worn & (self._state.marker_states == kind))])]
         return Level.WARN if troubles else Level.OK, '; '.join([text, *troubles])
+
+
+def _timing(timing):
+    times = {'p50': timing.p50, 'p99': timing.p99, 'max': timing.longest}
+    return {**{f'latency {name} [ms]': f'{1e3 * time:.3f}' if np.isfinite(time) else ''
+               for name, time in times.items()},
+            'frames late': str(timing.late), 'frames dropped': str(timing.dropped)}
 
 
 def _marker(state, slot):

@@ -16,6 +16,11 @@ class DistalFlexion:
     ----------
     prefix : str
         Of the published joint names; measurements may have it or not.
+
+    Attributes
+    ----------
+    heard : bool
+        Whether any measurement ever came.
     """
 
     def __init__(self, prefix):
@@ -23,6 +28,7 @@ class DistalFlexion:
                         for name in (joint, prefix + joint)}
         self._angles = np.full(len(DIGITS), np.nan)
         self._received = np.full(len(DIGITS), -np.inf)
+        self.heard = False
 
     def received(self, now, names, angles):
         """Take measurements; those that are not finite are left out.
@@ -47,6 +53,7 @@ class DistalFlexion:
                 unknown.append(name)
             elif math.isfinite(angle):
                 self._angles[digit], self._received[digit] = angle, now
+                self.heard = True
         return unknown
 
     def fresh(self, now, timeout):

@@ -12,6 +12,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
+from ..codec import MalformedMessage
 from ..core.errors import HandTrackerError
 from ..core.hand import JOINTS
 from ..core.kinematics import forward, joint_table, tip_offsets
@@ -19,25 +20,27 @@ from ..core.layout import marker_positions
 from ..core.tracker import HandTracker
 from ..marker_frame import seconds
 from ..messages import (
-    diagnostics, fill_transforms, joint_confidence, joint_state, link_frames,
-    markers_from_message, new_transforms, prefixed_names, relative_pose, tip_frames,
-    wrist_frames)
+    diagnostics, fill_transforms, link_frames, new_transforms, prefixed_names, relative_pose,
+    time_message, tip_frames, wrist_frames)
 from ..stream import Stream
 from ..visuals import hand_markers
 from .common import declare, run
 from .diagnosis import PERIOD, Diagnosis
 from .distal_flexion import DISTAL_JOINTS, DistalFlexion
+from .throttle import Throttle
 from .tracker_parameters import AUTO, START, TOPICS, live_settings, live_table, starting_hand
 from .watch import Watch, who_publishes
+from .wire import TFMessage, Wire
 
 try:
-    from tf2_ros import StaticTransformBroadcaster, TransformBroadcaster
+    from tf2_ros import StaticTransformBroadcaster
 except ImportError:
-    TransformBroadcaster = None
+    StaticTransformBroadcaster = None
 
 WATCH_PERIOD = .25      # [s]
 NAMELESS = 'world'      # frame of markers that have none, as TF needs one
 DIAGNOSTICS_DEPTH = 10
+TF_DEPTH = 100          # that of tf2_ros
 
 
 class TrackerNode(Node):
@@ -60,6 +63,13 @@ class TrackerNode(Node):
         prefix, wrist = start['prefix'], start['wrist_frame']
         self._names = prefixed_names(
             f'{self._hand.side}_' if prefix == AUTO else prefix, None if wrist == AUTO else wrist)
+        self._wire = Wire(self._names)
+        if not self._wire.raw:
+            self.get_logger().warning(
+                'rclpy lays messages out in a way that the codec does not know: slower')
+        self._read = self._wire.markers(self._settings, self._mocap_frame)
+        self._numbered = self._wire.joint_states()
+        self._display = Throttle()
 
         qos = {topic: _qos(start, topic) for topic in TOPICS}
         self._joint_states = self.create_publisher(
@@ -75,7 +85,7 @@ class TrackerNode(Node):
         self._distal_subscription = self.create_subscription(
             JointState, 'distal_flexion', self._on_distal_flexion, qos['distal_flexion'])
         self._subscription = self.create_subscription(
-            MarkerArray, 'markers', self._on_markers, qos['markers'])
+            MarkerArray, 'markers', self._on_markers, qos['markers'], raw=self._wire.raw)
         self._reliability = start['qos.markers.reliability']
         self._topic = self.resolve_topic_name('markers')
         self._watch = Watch(time.monotonic(), self._topic, self._settings.labels)
@@ -98,16 +108,16 @@ class TrackerNode(Node):
         self.get_logger().info(f'ready after {time.monotonic() - start:.1f} s')
 
     def _open_tf(self, broadcast):
-        self._broadcaster, self._transforms, self._transforms_frame = None, [], None
+        self._tf = self._transforms = self._transforms_frame = None
         self._broadcast_stamp = None
         self._every_frame = broadcast == 'all'
         if broadcast == 'none':
             return
-        if TransformBroadcaster is None:
+        if StaticTransformBroadcaster is None or TFMessage is None:
             self.get_logger().warning(
                 'tf2_ros is not installed: nothing is broadcast on /tf; the rest works')
             return
-        self._broadcaster = TransformBroadcaster(self)
+        self._tf = self.create_publisher(TFMessage, '/tf', TF_DEPTH)
         if self._every_frame:
             tips = new_transforms(tip_frames(self._names))
             fill_transforms(tips, self._now(),
@@ -116,25 +126,37 @@ class TrackerNode(Node):
             self._static_broadcaster.sendTransform(tips)
 
     def _on_markers(self, message):
+        received = time.monotonic()
         if self._changed:
             self._configure()
-        settings = self._settings
-        frame = markers_from_message(message, settings.labels, self._mocap_frame,
-                                     settings.unit_scale, settings.zero_is_missing)
-        self._watch.received(time.monotonic(), frame)
-        # A message without any marker of the hand may be of something else.
-        if frame.stamp is None:
+        try:
+            frame = self._read(message)
+        except MalformedMessage as error:
+            self._watch.once('malformed', f'left out is what is no message of markers: {error}')
             return
-        stamp = self._stamp(frame)
-        state = self._stream.update(frame.positions, seconds(stamp), **self._measured())
+        if frame.stamp is not None:
+            self._track(received, frame)
+        # A message without any marker of the hand may be of something else.
+        else:
+            self._watch.received(received, frame)
+
+    def _track(self, received, frame):
+        stamp, frame_id = self._stamp(frame), self._frame_id(frame)
+        time_of_stamp = seconds(stamp)
+        state = self._stream.update(frame.positions, time_of_stamp, **self._measured())
+        if self._stream.placed:
+            self._publish(stamp, frame_id, state)
+        now = time.monotonic()
+        # All that can wait comes after the publishing.
+        self._diagnosis.published(received, now, time_of_stamp)
+        self._watch.received(received, frame)
         if self._stream.restarted:
             self._watch.restarted()
-        now = time.monotonic()
         self._watch.tracked(now, state)
-        if self._stream.placed:
-            self._publish(stamp, self._frame_id(frame), state)
         if self._diagnosis.tracked(now, state):
             self._diagnose()
+        if self._stream.placed and self._display.due(now, self._settings.display_rate):
+            self._show(stamp, frame_id, state)
 
     def _on_distal_flexion(self, message):
         unknown = self._distal_flexion.received(
@@ -145,20 +167,23 @@ class TrackerNode(Node):
                 f"{', '.join(DISTAL_JOINTS)}, with '{self._names.prefix}' before or without")
 
     def _measured(self):
+        if not self._distal_flexion.heard:
+            return {}
         flexion = self._distal_flexion.fresh(
             seconds(self._now()) or 0., self._settings.distal_flexion_timeout)
         return {} if flexion is None else {'distal_flexion': flexion}
 
     def _publish(self, stamp, frame_id, state):
-        self._joint_states.publish(joint_state(stamp, self._names, state.angles))
-        if self._broadcaster is not None:
+        self._joint_states.publish(self._numbered(stamp, state.angles))
+        if self._tf is not None:
             self._broadcast(stamp, frame_id, state)
         if self._joint_confidence.get_subscription_count():
-            self._joint_confidence.publish(
-                joint_confidence(stamp, self._names, state.confidence))
+            self._joint_confidence.publish(self._numbered(stamp, state.confidence))
+
+    def _show(self, stamp, frame_id, state):
         if self._hand_markers.get_subscription_count():
-            self._hand_markers.publish(
-                hand_markers(stamp, frame_id, self._names, self._tips, state))
+            self._hand_markers.publish(hand_markers(
+                time_message(stamp), frame_id, self._names, self._tips, state))
 
     def _broadcast(self, stamp, frame_id, state):
         # Listeners of TF refuse a second transform of one stamp, each with a warning.
@@ -167,14 +192,14 @@ class TrackerNode(Node):
             return
         self._broadcast_stamp = stamp
         if frame_id != self._transforms_frame:
-            links = link_frames(self._names, self._joints) if self._every_frame else ()
-            self._transforms = new_transforms(wrist_frames(self._names, frame_id) + links)
             self._transforms_frame = frame_id
-        fill_transforms(self._transforms[:1], stamp, state.wrist_rotation[None],
-                        state.wrist_position[None])
+            links = link_frames(self._names, self._joints) if self._every_frame else ()
+            self._transforms = self._wire.transforms(wrist_frames(self._names, frame_id) + links)
+        rotation, position = state.wrist_rotation[None], state.wrist_position[None]
         if self._every_frame:
-            fill_transforms(self._transforms[1:], stamp, *relative_pose(self._joints, state))
-        self._broadcaster.sendTransform(self._transforms)
+            links = relative_pose(self._joints, state)
+            rotation, position = map(np.concatenate, ((rotation, links[0]), (position, links[1])))
+        self._tf.publish(self._transforms(stamp, rotation, position))
 
     def _stamp(self, frame):
         if frame.stamp.sec or frame.stamp.nanosec:
@@ -205,6 +230,7 @@ class TrackerNode(Node):
         self._changed = False
         self._settings = live_settings(self._hand, self._live_values())
         self._tracker.configure(hand=self._settings.hand, options=self._settings.options)
+        self._read = self._wire.markers(self._settings, self._mocap_frame)
         self._watch.labels = self._settings.labels
 
     def _live_values(self):

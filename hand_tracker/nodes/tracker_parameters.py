@@ -44,6 +44,7 @@ class Settings(NamedTuple):
     unit_scale: float
     zero_is_missing: bool
     distal_flexion_timeout: float
+    display_rate: float
 
 
 START = (
@@ -167,6 +168,7 @@ def live_table(hand):
                           'Whether a marker at exactly (0, 0, 0) is a lost one'))
     rows.append(Parameter('distal_flexion_timeout', .5, 'How long a measured flexion of a last '
                           'joint counts, from its receipt [s]', (.01, 60.)))
+    rows.append(Parameter('display_rate', 60., 'Rate of hand_markers at most [Hz]', (1., 1e3)))
     return tuple(rows)
 
 
@@ -196,4 +198,5 @@ def live_settings(hand, values):
         hand.replace(limits=np.radians(limits), coupling=coupling),
         TrackerOptions(**{option.name: values[option.name] for option in fields(TrackerOptions)}),
         LabelMap([values[f'labels.{marker}'] for marker in MARKERS]),
-        values['unit_scale'], values['zero_is_missing'], values['distal_flexion_timeout'])
+        values['unit_scale'], values['zero_is_missing'], values['distal_flexion_timeout'],
+        values['display_rate'])

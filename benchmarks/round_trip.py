@@ -1,0 +1,289 @@
+"""Measure the round trip of markers: published here, tracked there, joint states back here.
+
+    python -m benchmarks.round_trip [--rates 120 480 960] [--seconds 5] [--json OUT]
+
+Beside the tracker node with all that is on by default: an echo in plain rclpy, that does
+nothing but take a MarkerArray and give a JointState, and the same in C on rcl with messages as
+bytes, where a C compiler and the headers are found. All run at once, and are sent to in turn.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+HANDS = 'right', 'left'
+START = 1_700_000_000  # [s] of the first stamp
+PATIENCE = 90.         # [s] for the first answer: kernels may have to be compiled
+WARM = .5              # [s] before the measurement
+LAP = 2.               # [s] of a motion that is sent there and back
+REST = .2              # [s] for the last answers
+ECHO = Path(__file__).with_name('echo.c')
+LIBRARIES = ('rcl', 'rmw', 'rcutils', 'rosidl_runtime_c', 'sensor_msgs__rosidl_typesupport_c',
+             'visualization_msgs__rosidl_typesupport_c')
+NODES = 'hand_tracker', 'rclpy_echo', 'c_echo'
+
+
+def echo(args):
+    """Answer each MarkerArray with a JointState, the way a tutorial has it."""
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+    from rclpy.node import Node
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from sensor_msgs.msg import JointState
+    from visualization_msgs.msg import MarkerArray
+    from hand_tracker.core.hand import JOINTS
+
+    rclpy.init(args=args)
+    node = Node('echo')
+    publisher = node.create_publisher(JointState, 'joint_states', 10)
+
+    def answer(message):
+        found = JointState(name=JOINTS, position=[0.] * len(JOINTS))
+        found.header.stamp = message.markers[0].header.stamp
+        publisher.publish(found)
+
+    node.create_subscription(MarkerArray, 'markers', answer, QoSProfile(
+        depth=5, reliability=ReliabilityPolicy.BEST_EFFORT))
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+
+
+def compiled_echo(folder):
+    """Return the C echo's command, or None where it cannot be made."""
+    from hand_tracker.codec import Stamp, joint_state_template
+    from hand_tracker.core.hand import JOINTS
+    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
+    prefix = next((Path(prefix) for prefix in prefixes
+                   if prefix and Path(prefix, 'include/rcl').is_dir()), None)
+    compiler = shutil.which('cc')
+    if prefix is None or compiler is None:
+        return None
+    program, answer = Path(folder, 'echo'), Path(folder, 'answer')
+    answer.write_bytes(joint_state_template(JOINTS).fill(Stamp(0, 0), np.zeros(len(JOINTS))))
+    # The wheels' libraries take some symbols from the Python that has loaded them.
+    folder, python = map(sysconfig.get_config_var, ('LIBDIR', 'LDLIBRARY'))
+    done = subprocess.run(
+        [compiler, '-O2', '-o', program, ECHO, '-Wl,--no-as-needed',
+         *([Path(folder, python), f'-Wl,-rpath,{folder}'] if python.endswith('.so') else []),
+         *(f'-I{path}' for path in (prefix / 'include').iterdir()),
+         f'-L{prefix}/lib', f'-Wl,-rpath,{prefix}/lib', '-Wl,--allow-shlib-undefined',
+         *(f'-l{library}' for library in LIBRARIES)], stderr=subprocess.PIPE, text=True)
+    if done.returncode:
+        print(done.stderr, file=sys.stderr)
+        return None
+    return [program, answer]
+
+
+class Driver:
+    """Send markers and wait for joint states, both as bytes.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Namespaces of the nodes.
+    """
+
+    def __init__(self, names):
+        import rclpy
+        from rclpy.node import Node
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
+        from sensor_msgs.msg import JointState
+        from visualization_msgs.msg import MarkerArray
+
+        rclpy.init()
+        try:
+            from rclpy.experimental.events_executor import EventsExecutor as Executor
+        except ImportError:
+            from rclpy.executors import SingleThreadedExecutor as Executor
+        self._node = Node('round_trip')
+        best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._publishers, self._answers, self._subscriptions = {}, {}, []
+        for name in names:
+            self._publishers[name] = self._node.create_publisher(
+                MarkerArray, f'/{name}/markers', best_effort)
+            self._answers[name] = answers = {}
+            self._subscriptions.append(self._node.create_subscription(
+                JointState, f'/{name}/joint_states', lambda data, answers=answers:
+                answers.setdefault(data[4:12], time.perf_counter_ns()), 100, raw=True))
+        self._executor = Executor()
+        self._executor.add_node(self._node)
+        self._sent, self._time = 0, START * 10**9
+
+    def wait_for(self, name, process, frames):
+        """Send to a node until it answers; return whether it does."""
+        until = time.monotonic() + PATIENCE
+        while not self._answers[name]:
+            if process.poll() is not None or time.monotonic() > until:
+                return False
+            self._send([name], [frames], 60.)
+            self._spin_until(time.perf_counter_ns() + 50_000_000)
+        return True
+
+    def measure(self, names, frames, rate, seconds):
+        """Return the round trips to each node [ns], and the frames that were sent."""
+        for name in names:
+            self._answers[name].clear()
+        sent, due = {}, time.perf_counter_ns()
+        for _ in range(round(rate * seconds)):
+            self._spin_until(due)
+            stamp = self._send(names, frames, rate)
+            sent[stamp] = self._given
+            due += round(1e9 / rate)
+        self._spin_until(time.perf_counter_ns() + round(1e9 * REST))
+        return [[answers[stamp] - given[i] for stamp, given in sent.items() if stamp in answers]
+                for i, answers in enumerate(self._answers[name] for name in names)], len(sent)
+
+    def _send(self, names, frames, rate):
+        self._sent += 1
+        # On from the last run: the trackers must not think that time jumps back.
+        self._time += round(1e9 / rate)
+        stamp = np.array(divmod(self._time, 10**9), '<u4').tobytes()
+        self._given = []
+        for name, messages in zip(names, frames):
+            data, places = messages[self._sent % len(messages)]
+            for at in places:
+                data[at:at + 8] = stamp
+            message = bytes(data)
+            self._given.append(time.perf_counter_ns())
+            self._publishers[name].publish(message)
+        return stamp
+
+    def _spin_until(self, due):
+        while (left := due - time.perf_counter_ns()) > 0:
+            self._executor.spin_once(1e-9 * left)
+
+
+def messages(side, rate):
+    """Return the frames of a moving hand as messages, and where their stamps are."""
+    from builtin_interfaces.msg import Time
+    from rclpy.serialization import serialize_message
+    from visualization_msgs.msg import Marker, MarkerArray
+    from hand_tracker.core.hand import Hand
+    from hand_tracker.core.layout import MARKERS
+    from hand_tracker.simulation.recording import demo_recording
+
+    mark = Time(sec=0x5a5a5a5a, nanosec=0x5a5a5a5a)
+    markers = MarkerArray(markers=[Marker(ns='leds', id=number, type=Marker.SPHERE)
+                                   for number in range(len(MARKERS))])
+    for marker in markers.markers:
+        marker.header.frame_id, marker.header.stamp = 'mocap', mark
+    found = []
+    recording = demo_recording(Hand.scaled(side=side), rate=rate).markers[:round(LAP * rate)]
+    # There and back again: the hand never jumps.
+    for positions in (*recording, *recording[-2:0:-1]):
+        for marker, position in zip(markers.markers, positions.tolist()):
+            at = marker.pose.position
+            at.x, at.y, at.z = position
+        data = bytearray(serialize_message(markers))
+        places, at = [], data.find(b'ZZZZZZZZ')
+        while at >= 0:
+            places.append(at)
+            at = data.find(b'ZZZZZZZZ', at + 8)
+        found.append((data, places))
+    return found
+
+
+def start(stack, folder):
+    """Start every node; return their processes by namespace."""
+    commands = {'hand_tracker': [sys.executable, '-m', 'hand_tracker.nodes.tracker'],
+                'rclpy_echo': [sys.executable, '-m', 'benchmarks.round_trip', '--echo'],
+                'c_echo': compiled_echo(folder)}
+    processes = {}
+    for node in NODES:
+        if commands[node] is None:
+            print(f'{node}: not there, it needs a C compiler and the headers of rcl')
+            continue
+        for side in HANDS:
+            more = ['-p', f'side:={side}'] if node == 'hand_tracker' else []
+            name = f'{node}_{side}'
+            process = stack.enter_context(subprocess.Popen(
+                [*map(str, commands[node]), '--ros-args', '-r', f'__ns:=/{name}', *more],
+                stderr=subprocess.DEVNULL))
+            stack.callback(process.terminate)
+            processes[name] = process
+    return processes
+
+
+def cpu_time(process):
+    """Return the processor time that a process took [s]."""
+    import psutil
+    times = psutil.Process(process.pid).cpu_times()
+    return times.user + times.system
+
+
+def measure(driver, processes, node, frames, rate, hands, seconds):
+    """Return one row of the table."""
+    names = [f'{node}_{side}' for side in HANDS[:hands]]
+    frames = [frames[side] for side in HANDS[:hands]]
+    driver.measure(names, frames, rate, WARM)
+    before, began = [cpu_time(processes[name]) for name in names], time.monotonic()
+    trips, sent = driver.measure(names, frames, rate, seconds)
+    took = time.monotonic() - began
+    used = sum(cpu_time(processes[name]) for name in names) - sum(before)
+    answered = np.concatenate(trips) * 1e-3
+    median, p99 = np.percentile(answered, (50, 99)) if answered.size else (np.nan,) * 2
+    return {'node': node, 'rate_hz': rate, 'hands': hands, 'median_us': round(float(median), 1),
+            'p99_us': round(float(p99), 1), 'cpu_percent': round(100. * used / took, 1),
+            'dropped_percent': round(100. * (1. - answered.size / (sent * hands)), 3)}
+
+
+def main():
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--rates', type=float, nargs='+', default=[120., 480., 960.],
+                        help='frames per second')
+    parser.add_argument('--seconds', type=float, default=5., help='of each measurement')
+    parser.add_argument('--json', type=Path, metavar='OUT', help='write the rows here')
+    parser.add_argument('--echo', action='store_true', help=argparse.SUPPRESS)
+    options, ros_args = parser.parse_known_args()
+    if options.echo:
+        return echo(ros_args)
+
+    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    from hand_tracker.core.jit import COMPILED
+    from hand_tracker.evaluation.results import hardware, versions
+    from rclpy.utilities import get_rmw_implementation_identifier
+    print(*(f'{name} {number}' for name, number in versions().items()), sep=', ')
+    print(f'{get_rmw_implementation_identifier()}, kernels '
+          f"{'compiled' if COMPILED else 'in plain Python'}")
+    print(f'{hardware()}, load {os.getloadavg()[0]:.2f}')
+    rows = []
+    with TemporaryDirectory() as folder, ExitStack() as stack:
+        processes = start(stack, folder)
+        frames = {rate: {side: messages(side, rate) for side in HANDS} for rate in options.rates}
+        driver = Driver(processes)
+        for name, process in processes.items():
+            side = name.rpartition('_')[2]
+            if not driver.wait_for(name, process, frames[options.rates[0]][side]):
+                raise SystemExit(f'{name} does not answer')
+        print(f"{'node':14}{'Hz':>6}{'hands':>7}{'median µs':>11}{'p99 µs':>9}{'CPU %':>7}"
+              f"{'dropped %':>11}")
+        for hands in (1, 2):
+            for rate in options.rates:
+                for node in NODES:
+                    if f'{node}_right' not in processes:
+                        continue
+                    rows.append(measure(driver, processes, node, frames[rate], rate, hands,
+                                        options.seconds))
+                    print('{node:14}{rate_hz:6g}{hands:7}{median_us:11.0f}{p99_us:9.0f}'
+                          '{cpu_percent:7.1f}{dropped_percent:11.2f}'.format(**rows[-1]))
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=1) + '\n')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,72 @@
+"""How long frames take in the node, which never came, and what is throttled."""
+
+import numpy as np
+import pytest
+
+from hand_tracker.nodes.latency import LONGEST, Latency
+from hand_tracker.nodes.throttle import Throttle
+
+STEP = 1. / 128.  # [s], exact in binary
+
+
+def test_times_of_each_summary():
+    latency = Latency()
+    for i in range(100):
+        latency.published(1e-3 * i, None)
+    timing = latency.summary()
+    assert (timing.p50, timing.longest) == (pytest.approx(.0495), pytest.approx(.099))
+    assert timing.p50 < timing.p99 < timing.longest
+    latency.published(.5, None)
+    assert latency.summary()[:3] == (.5, .5, .5)
+    assert np.isnan(latency.summary()[:3]).all()
+    assert (timing.late, timing.dropped) == (0, 0)
+
+
+def test_frames_that_stamps_tell_are_missing():
+    latency = Latency()
+    for i in range(1, 1001):
+        if i % 100 and i not in (250, 251, 252):
+            latency.published(1e-4, i * STEP)
+        if not i % 333:
+            latency.summary()
+    # The last one, 1000, is missing, but nothing came after it.
+    assert latency.summary().dropped == 9 + 3
+
+
+def test_a_pause_repeated_stamps_and_a_jump_back_are_no_loss():
+    latency = Latency()
+    for stamp in (1., 1. + STEP, 1. + 2. * STEP, 1. + 2. * STEP, 30., 30. + STEP, 5., 5. + STEP):
+        latency.published(1e-4, stamp)
+    assert latency.summary().dropped == 0
+
+
+def test_frames_that_take_longer_than_the_time_between_two_are_late():
+    latency = Latency()
+    for i in range(100):
+        latency.published(1.5 * STEP if i in (10, 20, 30) else .5 * STEP, i * STEP)
+    assert latency.summary().late == 3
+    assert latency.summary().late == 3
+
+
+def test_what_is_kept_is_bounded():
+    latency = Latency()
+    for i in range(2 * LONGEST):
+        latency.published(1e-4, i * STEP)
+    assert len(latency._taken) == len(latency._stamps) == LONGEST
+
+
+@pytest.mark.parametrize('rate, limit, expected', [
+    (120., 60., 60.), (100., 60., 60.), (960., 60., 60.), (30., 60., 30.), (120., 1., 1.)])
+def test_a_throttle_gives_its_rate_or_that_of_the_frames(rate, limit, expected):
+    throttle = Throttle()
+    rng = np.random.default_rng(1)
+    times = 1000. + np.arange(0., 20., 1. / rate)
+    times += rng.uniform(0., .2 / rate, times.size)
+    given = sum(throttle.due(now, limit) for now in times)
+    assert given == pytest.approx(20. * expected, rel=.03, abs=1.)
+
+
+def test_a_throttle_saves_nothing_up():
+    throttle = Throttle()
+    assert throttle.due(100., 10.)
+    assert sum(throttle.due(200. + 1e-4 * i, 10.) for i in range(100)) <= 2
