@@ -12,6 +12,7 @@ import time
 
 import numpy as np
 
+from hand_tracker.core.errors import InvalidLayout
 from hand_tracker.core.hand import Hand, preset_coupling, preset_limits
 from hand_tracker.core.kinematics import forward, joint_table
 from hand_tracker.core.layout import PAPER_PLACES, MarkerLayout, marker_positions
@@ -227,10 +228,15 @@ class Fuzz:
         if rng.random() >= CONFIGURE:
             return
         kind = str(rng.choice(('hand', 'layout', 'options', 'all')))
-        tracker.configure(
-            hand=random_hand(rng) if kind in ('hand', 'all') else None,
-            layout=random_layout(rng) if kind in ('layout', 'all') else None,
-            options=random_options(rng) if kind in ('options', 'all') else None)
+        try:
+            tracker.configure(
+                hand=random_hand(rng) if kind in ('hand', 'all') else None,
+                layout=random_layout(rng) if kind in ('layout', 'all') else None,
+                options=random_options(rng) if kind in ('options', 'all') else None)
+        except InvalidLayout:
+            # Refused as a whole, the tracker stays as it was.
+            self.did['layouts refused'] += 1
+            return
         self.did[f'configured {kind}'] += 1
         # Mostly the hand that moves is the one that is worn.
         if rng.random() < .8:
