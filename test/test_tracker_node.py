@@ -655,7 +655,8 @@ def test_says_when_the_palm_is_lost_and_found_even_without_tf2_ros(
         assert not bench.joint_states
         until(frame, ': tracking')
         until(lost, 'the palm is lost')
-        assert np.allclose(bench.angles(lost), solved, rtol=0, atol=1e-6)
+        # The digits keep their places in the palm, until they are stale.
+        assert np.allclose(bench.angles(lost), solved, rtol=0, atol=np.radians(2.))
         until(frame, 'tracking again')
         assert len(lines(bench.process, 'tf2_ros is not installed')) == 1
 

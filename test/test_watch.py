@@ -10,7 +10,7 @@ from hand_tracker.core.hand import JOINTS, Hand
 from hand_tracker.core.kinematics import forward, joint_table
 from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.palm import PalmState
-from hand_tracker.core.tracker import HandTracker, MarkerState
+from hand_tracker.core.tracker import HandTracker, MarkerState, TrackerOptions
 from hand_tracker.labels import LabelMap
 from hand_tracker.nodes.marker_news import BACK, CHANGES, WINDOW
 from hand_tracker.nodes.watch import CAUSES, OFF_FOR, SILENT, Watch, who_publishes
@@ -55,7 +55,8 @@ class Input:
 
     def __init__(self, labels=None):
         self.watch = Watch(0., '/markers', labels or LabelMap())
-        self.tracker = HandTracker()
+        # Nothing is refused: what is wrong with the palm is to be said here.
+        self.tracker = HandTracker(options=TrackerOptions(outlier_gate=0., swap_margin=0.))
 
     def feed(self, now, positions=SEEN, **causes):
         """Take one message."""
