@@ -52,13 +52,13 @@ def markers_of(hand, angles, layout=None, rotation=None, position=None):
 
 
 def in_fist(hand, angles, layout=None):
-    """Return which digits have their marker so near the abduction axis that it is blended."""
+    """Return which digits have their marker so little in front of the joint that it is blended."""
     tracker = HandTracker(hand.replace(side='right'), layout)
     state = tracker.update(markers_of(tracker.hand, angles, layout))
     chains = tracker._chains
     local = (state.markers[3:] - chains.root)
-    plane = np.einsum('dji,dj->di', chains.base, local)[:, :2]
-    return np.linalg.norm(plane, axis=1) < FIST_FAR * chains.bones.sum(axis=1)
+    ahead = np.einsum('dji,dj->di', chains.base, local)[:, 0]
+    return abs(ahead) < FIST_FAR * chains.bones.sum(axis=1)
 
 
 def random_pose(where):
