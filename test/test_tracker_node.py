@@ -641,7 +641,7 @@ def test_says_when_the_palm_is_lost_and_found_even_without_tf2_ros(
     frame = hand_at()
     lost = frame.copy()
     lost[:3] = np.nan
-    with tracking() as bench:
+    with tracking({'stale': 'hold'}) as bench:
         bench.process.wait_for_line('listening')
         bench.node.spin_until(lambda: bench.publisher.get_subscription_count() > 0)
 
@@ -655,7 +655,7 @@ def test_says_when_the_palm_is_lost_and_found_even_without_tf2_ros(
         assert not bench.joint_states
         until(frame, ': tracking')
         until(lost, 'the palm is lost')
-        # The digits keep their places in the palm, until they are stale.
+        # The digits keep their places in the palm.
         assert np.allclose(bench.angles(lost), solved, rtol=0, atol=np.radians(2.))
         until(frame, 'tracking again')
         assert len(lines(bench.process, 'tf2_ros is not installed')) == 1
