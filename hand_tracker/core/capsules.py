@@ -12,7 +12,7 @@ import numpy as np
 from .hand import DIGITS, FINGERS, LINKS
 from .jit import jit, packed
 from .kinematics import joint_table, place_links
-from .vectors import add, dot, scale, subtract, vector
+from .vectors import add, clamp, dot, scale, subtract, vector
 
 BONES = 3
 PALM = len(DIGITS)  # stands for the palm where digits are numbered
@@ -221,16 +221,16 @@ def nearest_points(first, second):
     t = 0.0
     if a <= TINY:
         if e > TINY:
-            t = min(max(f / e, 0.0), 1.0)
+            t = clamp(f / e, 0.0, 1.0)
     elif e <= TINY:
-        s = min(max(-c / a, 0.0), 1.0)
+        s = clamp(-c / a, 0.0, 1.0)
     else:
         # Of parallel segments any point will do: the middle keeps both ends in view.
         s = 0.5
         if a * e - b * b > 1e-9 * a * e:
-            s = min(max((b * f - c * e) / (a * e - b * b), 0.0), 1.0)
-        t = min(max((b * s + f) / e, 0.0), 1.0)
-        s = min(max((b * t - c) / a, 0.0), 1.0)
-        t = min(max((b * s + f) / e, 0.0), 1.0)
+            s = clamp((b * f - c * e) / (a * e - b * b), 0.0, 1.0)
+        t = clamp((b * s + f) / e, 0.0, 1.0)
+        s = clamp((b * t - c) / a, 0.0, 1.0)
+        t = clamp((b * s + f) / e, 0.0, 1.0)
     d = subtract(add(w, scale(u, s)), scale(v, t))
     return s, t, math.sqrt(dot(d, d))

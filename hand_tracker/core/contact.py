@@ -8,7 +8,7 @@ import numpy as np
 from .capsules import PALM, far_apart, nearest_points, place_frames
 from .digit import ABDUCTION, FLEXION
 from .jit import jit
-from .vectors import add, cross, dot, scale, subtract, unit, vector
+from .vectors import add, clamp, cross, dot, scale, subtract, unit, vector
 
 PENETRATION = .001   # [m] that flesh gives way
 # Solved to this share of the tolerance: iteration ends with a small rest.
@@ -127,7 +127,7 @@ def _settle(capsules, angles, lower, upper, slope, mobility, aim, climb, rounds,
             used += 1
         for digit in range(6):
             for i in range(3):
-                goal[digit, i] = min(max(pushed[digit, i], least[digit, i]), most[digit, i])
+                goal[digit, i] = clamp(pushed[digit, i], least[digit, i], most[digit, i])
         for _ in range(SWEEPS):
             moved = 0.0
             for k in range(used):
@@ -146,8 +146,8 @@ def _settle(capsules, angles, lower, upper, slope, mobility, aim, climb, rounds,
                     digit = capsules.digits[pair, end]
                     for i in range(3):
                         pushed[digit, i] += ready[digit] * more * lever[pair, end, i]
-                        goal[digit, i] = min(max(
-                            pushed[digit, i], least[digit, i]), most[digit, i])
+                        goal[digit, i] = clamp(
+                            pushed[digit, i], least[digit, i], most[digit, i])
             if moved < EXACT:
                 break
         moved = 0.0
@@ -155,7 +155,7 @@ def _settle(capsules, angles, lower, upper, slope, mobility, aim, climb, rounds,
             for i in range(3):
                 # Contacts that slide make it swing: later rounds go half the way.
                 share = 1.0 if number < PASS - 4 else 0.5
-                step = share * min(max(goal[digit, i] - change[digit, i], -STEP), STEP)
+                step = share * clamp(goal[digit, i] - change[digit, i], -STEP, STEP)
                 change[digit, i] += step
                 moved = max(moved, abs(step))
             _move(before, lower, upper, slope, digit, change[digit], angles)
@@ -178,10 +178,10 @@ def _move(before, lower, upper, slope, digit, change, angles):
     """Write a digit's angles, its third flexion following the second."""
     for i in range(3):
         joint = _joint(digit, i)
-        angles[joint] = min(max(before[joint] + change[i], lower[joint]), upper[joint])
+        angles[joint] = clamp(before[joint] + change[i], lower[joint], upper[joint])
     joint = FLEXION[digit, 2]
-    angles[joint] = min(max(
-        before[joint] + slope[digit] * change[2], lower[joint]), upper[joint])
+    angles[joint] = clamp(
+        before[joint] + slope[digit] * change[2], lower[joint], upper[joint])
 
 
 @jit

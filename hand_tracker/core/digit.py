@@ -17,7 +17,7 @@ from .jit import jit
 from .kinematics import ABDUCTION_SIGN, digit_base
 from .layout import MARKERS
 from .plane import plane_abduction
-from .vectors import components, frame, vector
+from .vectors import clamp, components, frame, vector
 
 ABDUCTION = np.array([JOINTS.index(
     'thumb_cmc_abduction' if digit == 'thumb' else f'{digit}_mcp_abduction')
@@ -206,7 +206,7 @@ def solve_digit(chains, digit, target, angles, by_fabrik, tolerance, iterations)
         angles[third] = coupled_angle(angles[second], slope, offset, lower[third], upper[third])
     # Offsets of markers and turns of base may round past a limit.
     for joint in (abduction, first, second, third):
-        angles[joint] = min(max(angles[joint], lower[joint]), upper[joint])
+        angles[joint] = clamp(angles[joint], lower[joint], upper[joint])
     return used
 
 

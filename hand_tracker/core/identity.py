@@ -16,14 +16,14 @@ from .jit import jit
 from .occlusion import FARTHEST
 from .palm import rigid_palm
 from .palm_markers import carry_palm
-from .vectors import components, cross, distance, dot, scale, subtract, vector
+from .report import REJECTED, SEEN, SWAPPED
+from .vectors import clamp, components, cross, distance, dot, scale, store, subtract, vector
 
-# Of `MarkerState`; kernels store plain integers. A test compares them.
-ACCEPTED, REJECTED, SWAPPED = 0, 3, 4
+ACCEPTED = SEEN
 
 # Within a step a marker may stray from even motion by BASE + BEND step² / 2: captured hands do by
 # 14 mm at 120 Hz (ManipNet, with the jumps of the capture), a simulated pianist by 35 at 30 Hz.
-DIGIT_BASE, DIGIT_BEND = .012, 120. # [m], [m/s²] in the palm's frame
+DIGIT_BASE, DIGIT_BEND = .012, 120.  # [m], [m/s²] in the palm's frame
 # Ours, for a hand that is shaken; captured are 22 mm at 120 Hz (ManipNet).
 PALM_BASE, PALM_BEND = .015, 100.   # [m], [m/s²] in the surroundings
 LONGEST = .1                        # [s] a longer step bends no farther
@@ -242,7 +242,7 @@ def identify(markers, seen, expected, spread, known, step, bounds, memory, gate,
         return
     _conclude(reading, bounds, kept, rows, local, memory, step, patience, verdict)
     for i in range(8):
-        _store(markers, i, vector(reading.markers[rows[i]]))
+        store(markers, i, vector(reading.markers[rows[i]]))
         seen[i] = reading.seen[rows[i]] and verdict[i] != REJECTED
 
 
@@ -254,7 +254,7 @@ def _measure(reading, markers, seen, sides, gated):
         reading.sides[i] = sides[i]
     for i in range(8):
         reading.seen[i] = seen[i]
-        _store(reading.markers, i, vector(markers[i]))
+        store(reading.markers, i, vector(markers[i]))
         for j in range(i + 1):
             gap = math.inf
             if i != j and seen[i] and seen[j]:
@@ -271,7 +271,7 @@ def _expect(reading, expected, spread, known):
         for k in range(3):
             sure = sure and abs(expected[i, k]) <= FARTHEST
         reading.sure[i] = sure
-        _store(reading.expected, i, vector(expected[i]))
+        store(reading.expected, i, vector(expected[i]))
     return (reading.sure[0] and reading.sure[1] and reading.sure[2]
             and _triangle(reading.expected))
 
@@ -279,7 +279,7 @@ def _expect(reading, expected, spread, known):
 @jit
 def _settle_limits(reading, memory, spread, template, step, gate):
     """Find where markers are expected in the palm's frame, and how far off they may be."""
-    time = min(max(step, 0.0), LONGEST)
+    time = clamp(step, 0.0, LONGEST)
     expected, seen = reading.expected, reading.seen
     axes, origin = _fit(expected, template)
     roll = 0.0
@@ -295,7 +295,7 @@ def _settle_limits(reading, memory, spread, template, step, gate):
             sigma = math.sqrt(spread[i] * spread[i] + NOISE * NOISE + strayed * strayed)
             base, bend = (PALM_BASE, PALM_BEND) if i < 3 else (DIGIT_BASE, DIGIT_BEND)
             limit = max(abs(gate) * sigma, base + 0.5 * bend * time * time)
-        _store(reading.home, i, home)
+        store(reading.home, i, home)
         reading.sigma[i] = sigma
         reading.limit[i] = limit
 
@@ -309,12 +309,6 @@ def _triangle(points):
     normal = cross(a, b)
     # False for NaN
     return dot(normal, normal) > 1e-3 * dot(a, a) * dot(b, b) > 1e-20
-
-
-@jit
-def _store(rows, i, v):
-    for k in range(3):
-        rows[i, k] = v[k]
 
 
 @jit
@@ -423,7 +417,7 @@ def _read(reading, bounds, kept, margin, bar, rows, costs, local):
                               vector(bounds.template[2]))
     for i in range(8):
         if seen[i]:
-            _store(local, i, components(axes, subtract(vector(markers[i]), origin)))
+            store(local, i, components(axes, subtract(vector(markers[i]), origin)))
     for i in range(3):
         cost = 0.0
         if seen[rows[i]]:
@@ -718,7 +712,7 @@ def _conclude(reading, bounds, kept, rows, local, memory, step, patience, verdic
         if memory.waited[i] > 0.0 and not moved <= STRAY + DRIFT * step:
             memory.waited[i] = 0.0
         memory.waited[i] += max(step, 0.0)
-        _store(memory.place, i, vector(local[row]))
+        store(memory.place, i, vector(local[row]))
         if i >= 3 and reachable and 0.0 < patience <= memory.waited[i]:
             memory.waited[i] = 0.0
             memory.unseen[i] *= 0.5

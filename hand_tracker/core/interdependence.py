@@ -14,6 +14,7 @@ import numpy as np
 
 from .digit import FLEXION
 from .jit import jit
+from .vectors import clamp
 
 DIGITS = 5
 SIZE = 3 * DIGITS
@@ -122,7 +123,7 @@ def shares_of(habits, prior, prior_spread, places, hidden, horizon, floor, share
     weight = habits.weight[0]
     x = np.empty(SIZE)
     for i in range(SIZE):
-        x[i] = min(max(places[i // 3, i % 3], -FARTHEST), FARTHEST)
+        x[i] = clamp(places[i // 3, i % 3], -FARTHEST, FARTHEST)
     moves = np.empty((SIZE, SIZE))
     for i in range(SIZE):
         for j in range(SIZE):
@@ -186,5 +187,5 @@ def keep_near_neighbours(angles, seen, bounds, apart, lower, upper):
 
 @jit
 def _keep(angles, joint, neighbour, most, lower, upper):
-    wanted = min(max(angles[joint], angles[neighbour] - most), angles[neighbour] + most)
-    angles[joint] = min(max(wanted, lower[joint]), upper[joint])
+    wanted = clamp(angles[joint], angles[neighbour] - most, angles[neighbour] + most)
+    angles[joint] = clamp(wanted, lower[joint], upper[joint])

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .jit import jit
+from .vectors import clamp
 
 QUANTILE = .25
 OF_CHI_SQUARE = 1.213   # that quantile of a χ² of 3 degrees of freedom
@@ -70,7 +71,7 @@ def learn_noise(noise, markers, seen, step, most):
             variance = noise.deviation[i] ** 2
             above = square > OF_CHI_SQUARE * GAIN * variance
             variance *= math.exp(min(step / MEMORY, 1.) * (QUANTILE if above else QUANTILE - 1.))
-            noise.deviation[i] = min(max(math.sqrt(variance), LEAST), most)
+            noise.deviation[i] = clamp(math.sqrt(variance), LEAST, most)
         noise.count[i] = min(noise.count[i] + 1, 3)
         for k in range(3):
             past[2, k] = past[1, k]

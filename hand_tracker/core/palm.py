@@ -15,7 +15,7 @@ from .vectors import (
 
 
 class PalmState(enum.IntEnum):
-    """What is known of the palm; from LOST on the previous pose is kept."""
+    """What is known of the palm; from LOST on it is predicted, if it was seen before."""
 
     TRACKED = 0
     CARRIED = 1         # a palm marker is hidden, its place is carried by the others
@@ -29,9 +29,12 @@ class PalmState(enum.IntEnum):
 
 # Kernels return plain integers.
 TRACKED = int(PalmState.TRACKED)
+CARRIED = int(PalmState.CARRIED)
+LOST = int(PalmState.LOST)
 COINCIDENT = int(PalmState.COINCIDENT)
 COLLINEAR = int(PalmState.COLLINEAR)
 TOO_FAR_APART = int(PalmState.TOO_FAR_APART)
+WAITING = int(PalmState.WAITING)
 TOO_CLOSE = int(PalmState.TOO_CLOSE)
 
 ROUNDING = 1e-12  # below this share of the whole a difference is rounding

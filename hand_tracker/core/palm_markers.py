@@ -9,16 +9,10 @@ import math
 import numpy as np
 
 from .jit import jit
-from .palm import PalmState, palm_fault, rigid_palm
+from .palm import CARRIED, LOST, TRACKED, WAITING, palm_fault, rigid_palm
 from .tracks import carry, follow
 from .vectors import (
-    add, cross, dot, frame, length, mix, scale, subtract, turn, unit, vector)
-
-# Kernels return plain integers.
-TRACKED = int(PalmState.TRACKED)
-CARRIED = int(PalmState.CARRIED)
-LOST = int(PalmState.LOST)
-WAITING = int(PalmState.WAITING)
+    add, cross, dot, frame, length, mix, scale, store, subtract, turn, unit, vector)
 
 # Weights in the rigid fit against that of a finger's marker; of predicted ones with none, one
 # and two of the palm's seen; from captures.
@@ -56,8 +50,7 @@ def check_palm(markers, seen, template, rotation, position, placed, stretch, shr
                         (seen[0], seen[1], seen[2]))
     palm = np.empty((3, 3))
     for i in range(3):
-        for k in range(3):
-            palm[i, k] = points[i][k]
+        store(palm, i, points[i])
     fault = palm_fault(palm, template, stretch, shrink, flatness)
     if fault != TRACKED:
         for i in range(3):
@@ -154,22 +147,20 @@ def _fit_to_fingers(markers, seen, tracks, digits, template, count):
     weights = np.zeros(8)
     for i in range(3):
         weights[i] = SEEN_WEIGHT if seen[i] else PREDICTED_WEIGHTS[count]
-        for k in range(3):
-            points[i, k] = aims[i, k] = tracks.mean[i, k]
+        store(points, i, vector(tracks.mean[i]))
+        store(aims, i, vector(tracks.mean[i]))
     for i in range(3, 8):
         # In a palm that is lost no digit is followed, and each keeps the place it had.
         if seen[i] and (digits.seen[i - 3] or count == 0 and digits.known[i - 3]):
             expected = add(origin, mix(axes, vector(digits.mean[i - 3])))
             weights[i] = 1.
-            for k in range(3):
-                points[i, k] = expected[k]
-                aims[i, k] = markers[i, k]
+            store(points, i, expected)
+            store(aims, i, vector(markers[i]))
     for _ in range(FITS):
         _lay_on(points, aims, weights)
     for i in range(3):
         if not seen[i]:
-            for k in range(3):
-                tracks.mean[i, k] = points[i, k]
+            store(tracks.mean, i, vector(points[i]))
 
 
 @jit
@@ -200,9 +191,8 @@ def _lay_on(points, aims, weights):
     turned = _solved(vector(inertia[0]), vector(inertia[1]), vector(inertia[2]), moment)
     axis, angle = unit(turned), length(turned)
     for i in range(len(weights)):
-        moved = add(turn(axis, angle, subtract(vector(points[i]), center)), add(shift, center))
-        for k in range(3):
-            points[i, k] = moved[k]
+        arm = subtract(vector(points[i]), center)
+        store(points, i, add(turn(axis, angle, arm), add(shift, center)))
 
 
 @jit
@@ -283,9 +273,8 @@ def expected_markers(palm, digits, template, step, expected):
     axes, origin = rigid_palm(places[0], places[1], places[2], vector(template[0]),
                               vector(template[1]), vector(template[2]))
     for i in range(8):
-        place = places[i] if i < 3 else add(origin, mix(axes, _onward(digits, i - 3, step)))
-        for k in range(3):
-            expected[i, k] = place[k]
+        store(expected, i, places[i] if i < 3 else add(
+            origin, mix(axes, _onward(digits, i - 3, step))))
 
 
 @jit

@@ -7,6 +7,7 @@ neither delayed nor smoothed.
 
 from .digit import ABDUCTION, FLEXION
 from .jit import jit
+from .vectors import clamp
 
 
 @jit
@@ -37,5 +38,5 @@ def ease(solved, eased, offset, changed, step, rate, lower, upper):
                 offset[joint] = eased[joint] - solved[joint]
     most = rate * step
     for joint in range(len(solved)):
-        offset[joint] -= min(max(offset[joint], -most), most)
-        eased[joint] = min(max(solved[joint] + offset[joint], lower[joint]), upper[joint])
+        offset[joint] -= clamp(offset[joint], -most, most)
+        eased[joint] = clamp(solved[joint] + offset[joint], lower[joint], upper[joint])

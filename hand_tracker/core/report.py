@@ -9,7 +9,7 @@ import numpy as np
 from .hand import DIGITS, JOINTS
 from .jit import jit
 from .kinematics import place_links
-from .vectors import add, distance, frame, mix, vector
+from .vectors import add, clamp, distance, frame, mix, vector
 
 UNSURE = .01  # [m] standard deviation of a marker at which confidence is a third
 DIGIT_OF_JOINT = np.array([DIGITS.index(joint.split('_')[0]) for joint in JOINTS])
@@ -20,7 +20,7 @@ class MarkerState(enum.IntEnum):
 
     SEEN = 0
     PREDICTED = 1  # hidden
-    ABSENT = 2     # not seen since the start: at its place on the hand at rest
+    ABSENT = 2     # not seen since the start: where it usually is with the others
     REJECTED = 3   # seen where it cannot be, and predicted instead
     SWAPPED = 4    # seen under another marker's label, and put right
     STALE = 5      # hidden for longer than a prediction holds
@@ -31,6 +31,7 @@ SEEN = int(MarkerState.SEEN)
 PREDICTED = int(MarkerState.PREDICTED)
 ABSENT = int(MarkerState.ABSENT)
 REJECTED = int(MarkerState.REJECTED)
+SWAPPED = int(MarkerState.SWAPPED)
 STALE = int(MarkerState.STALE)
 
 
@@ -92,7 +93,7 @@ def tell_pose(table, angles, lower, upper, rotation, position, mirror, report):
         Changed.
     """
     for joint in range(len(angles)):
-        report.angles[joint] = min(max(angles[joint], lower[joint]), upper[joint])
+        report.angles[joint] = clamp(angles[joint], lower[joint], upper[joint])
     for i in range(3):
         report.wrist_position[i] = mirror[i] * position[i]
         for k in range(3):

@@ -21,12 +21,13 @@ from .kinematics import JointTable
 from .layout import MARKERS, Mounting
 from .noise import Noise, learn_noise, unknown_noise
 from .occlusion import reject_frozen, visible
-from .palm import TRACKED, place_palm
-from .palm_markers import LOST, WAITING, check_palm, expected_markers, follow_palm
+from .palm import LOST, TRACKED, WAITING, place_palm
+from .palm_markers import check_palm, expected_markers, follow_palm
 from .reentry import ease
 from .report import deviation, tell_confidence, tell_markers, tell_pose
 from .smoothing import noise_on_palm
 from .tracks import Tracks, no_tracks
+from .vectors import clamp
 
 SETTLE = 150        # times that the first frame is solved
 RELEASE = .05       # [s] in which digits that touched go back to where their markers are
@@ -328,8 +329,8 @@ def touch(model, chains, options, state, seen, step):
         # They part as they did in the last frame: no contact flickers.
         kept = math.exp(-step / RELEASE)
         for joint in range(25):
-            angles[joint] = min(max(angles[joint] + kept * state.parted[joint],
-                                    chains.lower[joint]), chains.upper[joint])
+            angles[joint] = clamp(angles[joint] + kept * state.parted[joint],
+                                  chains.lower[joint], chains.upper[joint])
         mobility = np.ones(5)
         for i in range(5):
             if seen[3 + i]:

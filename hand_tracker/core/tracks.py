@@ -12,7 +12,7 @@ import numpy as np
 from .jit import jit
 from .smoothing import ACTIVITY, HIDDEN, MEASURED, advance
 from .ukf import SIZE
-from .vectors import vector
+from .vectors import store, vector
 
 RECENT = .02   # [s] over which the pace is taken; from captures
 RESTART = .1   # [s] hidden, after which a marker's old motion says nothing of its new one
@@ -84,8 +84,7 @@ def follow(tracks, row, observed, step, noise, smooth):
     advance(tracks.mean[row], tracks.covariance[row], tracks.activity[row], place, MEASURED,
             step, noise, 1.)
     if not smooth:
-        for k in range(3):
-            tracks.mean[row, k] = place[k]
+        store(tracks.mean, row, observed)
     if tracks.seen[row]:
         _keep_pace(tracks, row, before, step)
     tracks.known[row] = True

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from .jit import jit
-from .vectors import add, cross, dot, scale, subtract
+from .vectors import add, clamp, cross, dot, scale, subtract
 
 SIZE = 9
 ALPHA = 1e-3
@@ -266,7 +266,7 @@ def _bound(mean, covariance):
     for i in range(SIZE):
         bound = FARTHEST if i < 3 else FASTEST if i < 6 else HARDEST
         if i >= 3:
-            mean[i] = min(max(mean[i], -bound), bound)
+            mean[i] = clamp(mean[i], -bound, bound)
         if covariance[i, i] > bound * bound:
             # So little is known that what it goes along with is no knowledge either.
             _scale(covariance, i, 0.)

@@ -16,6 +16,13 @@ def vector(array):
 
 
 @jit
+def store(rows, row, v):
+    """Write a vector into a row of an array."""
+    for k in range(3):
+        rows[row, k] = v[k]
+
+
+@jit
 def frame(matrix):
     """Return the columns of a (3, 3) rotation matrix as a frame."""
     return (
