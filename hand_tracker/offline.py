@@ -25,7 +25,6 @@ from .labels import DEFAULT_LABELS, InvalidLabel, LabelMap
 from .marker_frame import markers_from_message, seconds
 from .nodes.watch import Watch
 from .progress import Progress
-from .stream import Stream
 
 USUAL_TOPIC = '/markers'
 NAMELESS = 'world'   # frame of markers that have none, as TF needs one
@@ -117,19 +116,18 @@ def track(messages, tracker, labels=None, frame_id='', scale=1., zero_is_missing
         If a message is damaged.
     """
     labels = LabelMap() if labels is None else labels
-    stream = Stream(tracker)
     for message in messages:
         frame = markers_from_message(_decoded(message), labels, frame_id, scale, zero_is_missing)
         if watch is not None:
             watch.received(1e-9 * message.time, frame)
         if frame.stamp is None:
             continue
-        state = stream.update(frame.positions, seconds(frame.stamp) or 1e-9 * message.time)
+        state = tracker.update(frame.positions, seconds(frame.stamp) or 1e-9 * message.time)
         if watch is not None:
             watch.tracked(1e-9 * message.time, state)
-            if stream.restarted:
+            if tracker.restarted:
                 watch.restarted()
-        if stream.placed:
+        if tracker.placed:
             stamp = frame.stamp.sec * 10**9 + frame.stamp.nanosec
             yield TrackedFrame(message.time, stamp or message.time, frame.frame_id or NAMELESS,
                                state)

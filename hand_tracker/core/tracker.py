@@ -82,6 +82,11 @@ class HandTracker:
         The paper's eight markers when left out.
     options : TrackerOptions, optional
 
+    Attributes
+    ----------
+    restarted : bool
+        Whether time jumped back with the last frame, so that all began anew.
+
     Examples
     --------
     >>> tracker = HandTracker(Hand.scaled(length=0.19, breadth=0.09))
@@ -148,9 +153,15 @@ class HandTracker:
         return marker_positions(
             self._right_mounting, forward(self._right_table, angles))[PALM:]
 
+    @property
+    def placed(self):
+        """Return whether the palm was seen since all began; before, the pose is none to publish."""
+        return bool(self._state.placed[0])
+
     def reset(self):
         """Return to the state before the first frame."""
         self._clock = Clock()
+        self.restarted = False
         self._report, _ = packed(blank_report())
         self._forget()
 
@@ -189,8 +200,8 @@ class HandTracker:
             raise ValueError(f'markers: shape {markers.shape}; expected {(len(MARKERS), 3)}')
         if self._left:
             markers *= MIRROR
-        step, paused, restarted = self._clock.step(time)
-        if restarted:
+        step, paused, self.restarted = self._clock.step(time)
+        if self.restarted:
             self._forget()
         if paused:
             forget_motion(self._state.palm)

@@ -22,7 +22,6 @@ from ..marker_frame import seconds
 from ..messages import (
     diagnostics, fill_transforms, link_frames, new_transforms, prefixed_names, relative_pose,
     time_message, tip_frames, wrist_frames)
-from ..stream import Stream
 from ..visuals import hand_markers
 from .common import declare, run
 from .diagnosis import PERIOD, Diagnosis
@@ -55,7 +54,6 @@ class TrackerNode(Node):
         self._changed = False
         self._mocap_frame = start['mocap_frame']
         self._tracker = HandTracker(self._settings.hand, layout, self._settings.options)
-        self._stream = Stream(self._tracker)
         self._compile(layout)
 
         self._joints = joint_table(self._hand)
@@ -143,19 +141,19 @@ class TrackerNode(Node):
     def _track(self, received, frame):
         stamp, frame_id = self._stamp(frame), self._frame_id(frame)
         time_of_stamp = seconds(stamp)
-        state = self._stream.update(frame.positions, time_of_stamp, **self._measured())
-        if self._stream.placed:
+        state = self._tracker.update(frame.positions, time_of_stamp, **self._measured())
+        if self._tracker.placed:
             self._publish(stamp, frame_id, state)
         now = time.monotonic()
         # All that can wait comes after the publishing.
         self._diagnosis.published(received, now, time_of_stamp)
         self._watch.received(received, frame)
-        if self._stream.restarted:
+        if self._tracker.restarted:
             self._watch.restarted()
         self._watch.tracked(now, state)
         if self._diagnosis.tracked(now, state):
             self._diagnose()
-        if self._stream.placed and self._display.due(now, self._settings.display_rate):
+        if self._tracker.placed and self._display.due(now, self._settings.display_rate):
             self._show(stamp, frame_id, state)
 
     def _on_distal_flexion(self, message):

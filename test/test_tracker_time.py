@@ -1,4 +1,4 @@
-"""A tracker fed with stamped frames: nothing but a hand comes out, whatever the time does."""
+"""A tracker fed with stamped frames tells when it has a hand, whatever the time does."""
 
 from types import SimpleNamespace
 
@@ -9,7 +9,6 @@ from hand_tracker.core.palm import PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.marker_frame import seconds
 from hand_tracker.simulation.recording import demo_recording
-from hand_tracker.stream import Stream
 
 WHOLE = demo_recording(rate=30.).markers[0]
 PALMLESS = np.where(np.arange(8)[:, None] == 1, np.nan, WHOLE)
@@ -22,7 +21,7 @@ def test_a_zero_stamp_is_no_time(sec, nanosec, expected):
 
 
 def test_what_comes_out_is_a_hand_from_the_first_palm_on():
-    stream = Stream(HandTracker())
+    stream = HandTracker()
     assert not stream.placed
     for time, markers, placed in ((1., PALMLESS, False), (1.1, WHOLE, True),
                                   (1.2, PALMLESS, True)):
@@ -31,14 +30,14 @@ def test_what_comes_out_is_a_hand_from_the_first_palm_on():
 
 
 def test_what_comes_out_is_what_the_tracker_says():
-    stream, tracker = Stream(HandTracker()), HandTracker()
+    stream, tracker = HandTracker(), HandTracker()
     for time, markers in enumerate(demo_recording(rate=30.).markers[:30]):
         state = stream.update(markers, time / 30.)
         assert np.array_equal(state.angles, tracker.update(markers, time / 30.).angles)
 
 
 def test_a_hand_is_waited_for_again_when_time_jumps_back():
-    stream = Stream(HandTracker())
+    stream = HandTracker()
     stream.update(WHOLE, 10.)
     assert stream.update(PALMLESS, 1.).palm is PalmState.WAITING
     assert stream.restarted and not stream.placed
@@ -48,7 +47,7 @@ def test_a_hand_is_waited_for_again_when_time_jumps_back():
 
 @pytest.mark.parametrize('time', [10., 9.9, None, 1e6])
 def test_repeated_missing_and_later_times_go_on(time):
-    stream = Stream(HandTracker())
+    stream = HandTracker()
     stream.update(WHOLE, 10.)
     stream.update(PALMLESS, time)
     assert stream.placed and not stream.restarted
