@@ -1,7 +1,4 @@
-"""Messages to arrays and arrays to messages: pure functions, no node.
-
-The way in is `marker_frame.py`, which needs no ROS; here it stands beside the way out.
-"""
+"""Arrays to messages: pure functions, no node. The way in is `marker_frame.py`, without ROS."""
 
 from array import array
 from typing import NamedTuple
@@ -15,7 +12,6 @@ from std_msgs.msg import Header
 
 from .core.hand import DIGITS, JOINTS, LINKS, ROOT
 from .core.quaternion import quaternion
-from .marker_frame import MarkerFrame, markers_from_message  # noqa: F401
 
 
 class Names(NamedTuple):

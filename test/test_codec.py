@@ -25,8 +25,8 @@ from hand_tracker.codec import (  # noqa: E402
     transforms_template, walk)
 from hand_tracker.core.quaternion import quaternion  # noqa: E402
 from hand_tracker.labels import LabelMap  # noqa: E402
-from hand_tracker.messages import (  # noqa: E402
-    joint_state, markers_from_message, pose_numbers, prefixed_names)
+from hand_tracker.marker_frame import markers_from_message  # noqa: E402
+from hand_tracker.messages import joint_state, pose_numbers, prefixed_names  # noqa: E402
 from hand_tracker.nodes import wire  # noqa: E402
 
 LABELS = LabelMap(['0', '1', 'leds/2', '3', 'b/*', '5', '', 'leds/7'])

@@ -19,9 +19,10 @@ from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
 from geometry_msgs.msg import Point  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
+from hand_tracker.marker_frame import markers_from_message  # noqa: E402
 from hand_tracker.messages import (  # noqa: E402
-    diagnostics, fill_transforms, joint_state, link_frames,
-    markers_from_message, new_transforms, prefixed_names, quaternion, relative_pose, tip_frames)
+    diagnostics, fill_transforms, joint_state, link_frames, new_transforms, prefixed_names,
+    quaternion, relative_pose, tip_frames)
 from hand_tracker.nodes.diagnosis import Level, Status  # noqa: E402
 from hand_tracker.visuals import (  # noqa: E402
     BLUISH_GREEN, COLOURS, FADED, ORANGE, hand_markers)

@@ -12,9 +12,9 @@ from visualization_msgs.msg import Marker, MarkerArray, UVCoordinate
 
 from ..codec import MarkerReader, Stamp, joint_state_template, transforms_template
 from ..labels import LabelMap
+from ..marker_frame import markers_from_message
 from ..messages import (
-    fill_transforms, joint_state, markers_from_message, new_transforms, pose_numbers,
-    prefixed_names, time_message)
+    fill_transforms, joint_state, new_transforms, pose_numbers, prefixed_names, time_message)
 
 try:
     from tf2_msgs.msg import TFMessage

@@ -114,22 +114,7 @@ class LayeredMotion:
         return self.base.duration
 
     def sample(self, times):
-        """Return the motion at given times; before and after it the hand holds still.
-
-        Parameters
-        ----------
-        times : array_like, shape (n,)
-            [s]
-
-        Returns
-        -------
-        angles : ndarray, shape (n, 25)
-            [rad]
-        wrist_rotation : ndarray, shape (n, 3, 3)
-            From the wrist's frame to the surroundings.
-        wrist_position : ndarray, shape (n, 3)
-            [m]
-        """
+        """Return the motion at given times; parameters and returns as for `Motion.sample`."""
         times = np.clip(np.asarray(times, dtype=float), 0., self.duration)
         angles, rotation, position = self.base.sample(times)
         angles = angles + self.strokes.sample(times) + self.tremor.sample(times)
