@@ -185,7 +185,7 @@ def _play(node, listener, hand, layout, options, processes):
         rclpy.spin_once(node, timeout_sec=.05)
         if end is None and (replay.poll() is not None or tracker.poll() is not None):
             end = time.monotonic() + LAG
-        if time.monotonic() >= due:
+        if end is None and time.monotonic() >= due:
             due += LINE_EVERY
             text = listener.line(hand, layout, 120.)
             print(f'\r{text}' if sys.stdout.isatty() else text,

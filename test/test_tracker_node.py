@@ -346,6 +346,17 @@ def test_parameters_at_run_time(solved):
         assert angles[pip] == pytest.approx(BENT[pip], abs=1e-3)
 
 
+def test_a_misspelt_parameter_is_named_and_help_starts_no_node():
+    with NodeProcess(MODULE, {'hand_lenght': .19, 'rigidity': False}) as process:
+        process.wait_for_line("there is no parameter 'hand_lenght': left out; "
+                              "did you mean 'hand_length'?")
+        assert process.interrupt() == 0
+    assert 'rigidity' not in process.output
+    with Process([sys.executable, '-m', 'hand_tracker.nodes.entry', 'tracker', '--help']) as shown:
+        assert shown.wait() == 0
+    assert 'usage: ros2 run hand_tracker tracker' in shown.output
+
+
 def test_the_documented_parameter_file_changes_nothing_and_all_is_described(tmp_path):
     file = tmp_path / 'hand.yaml'
     save_hand(file, Hand.scaled(

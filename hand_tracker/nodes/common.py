@@ -2,6 +2,7 @@
 
 import re
 import signal
+from difflib import get_close_matches
 
 import rclpy
 from rcl_interfaces.msg import (
@@ -123,6 +124,7 @@ def run(make_node, work=spin, args=None, name='hand_tracker'):
     try:
         _init(args)
         node = make_node()
+        _warn_of_unknown(node)
         work(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
@@ -145,6 +147,17 @@ def _init(args):
     except RuntimeError as error:  # RCLError has no public name
         places_in_rcl = r', at \S+:\d+'
         raise InvalidArguments(re.sub(places_in_rcl, '', ' '.join(str(error).split()))) from None
+
+
+def _warn_of_unknown(node):
+    """Log the parameters given at the start that the node does not have: rclpy drops them."""
+    known = node.get_parameters_by_prefix('')
+    # rclpy tells of them nowhere else.
+    for name in getattr(node, '_parameter_overrides', ()):
+        if name not in known:
+            alike = get_close_matches(name, known, 1)
+            node.get_logger().warning(f"there is no parameter '{name}': left out"
+                                      + (f"; did you mean '{alike[0]}'?" if alike else ''))
 
 
 def _interrupt(number, frame):

@@ -10,11 +10,19 @@ from importlib import import_module
 
 from ..__main__ import main
 
+HELP = """
+usage: ros2 run hand_tracker {node} [--ros-args -p PARAMETER:=VALUE -r markers:=/topic ...]
+`ros2 param list` and `ros2 param describe` tell of the parameters while it runs, the README
+of what they mean."""
 
 def _run(node):
     for interrupt in (signal.SIGINT, signal.SIGTERM):
         signal.signal(interrupt, lambda *_: os._exit(0))
-    return import_module(f'.{node}', __package__).main()
+    module = import_module(f'.{node}', __package__)
+    if {'-h', '--help'} & set(sys.argv[1:]):
+        print(module.__doc__.strip(), HELP.format(node=node), sep='\n')
+        return 0
+    return module.main()
 
 
 def replay():
