@@ -19,13 +19,12 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from .core.errors import HandTrackerError
-from .core.hand import COUPLING_PRESETS, LIMIT_PRESETS, SIDES, Hand
 from .core.kinematics import forward, joint_table, tip_offsets
-from .core.layout import PALM_MARKERS, MarkerLayout, marker_positions
+from .core.layout import PALM_MARKERS, marker_positions
 from .core.palm import place_palm
 from .core.skeleton import skeleton_points
 from .files.angle_table import write_angle_table
-from .files.hand_file import load_hand
+from .files.hand_file import add_hand_options, choose_hand
 from .labels import DEFAULT_LABELS, LabelMap
 from .marker_frame import markers_from_message
 from .picture import Track, save_animation, save_sheet
@@ -228,12 +227,7 @@ def _parse(args):
     parser.add_argument('--recording',
                         help='rosbag2 recording to play, with markers of ids 0 to 7 on /markers '
                         '(default: the packaged one of the side)')
-    parser.add_argument('--hand', help='hand file (YAML)')
-    parser.add_argument('--side', choices=SIDES, help="default: the hand file's, else right")
-    parser.add_argument('--limits', choices=tuple(LIMIT_PRESETS),
-                        help="default: the hand file's, else paper")
-    parser.add_argument('--coupling', choices=tuple(COUPLING_PRESETS),
-                        help="of DIP to PIP; default: the hand file's, else natural")
+    add_hand_options(parser)
     parser.add_argument('--rate', type=float, default=1., help='speed of the replay (default: 1)')
     parser.add_argument('--output', type=Path, default=Path('demo_output'),
                         help='folder for the pictures and the table (default: demo_output)')
@@ -247,8 +241,7 @@ def main(args=None):
     # A closing terminal or a killed script ends the nodes too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        hand, layout = load_hand(options.hand) if options.hand else (Hand.scaled(), MarkerLayout())
-        hand = hand.replace(side=options.side or hand.side)
+        hand, layout = choose_hand(options.hand, options.side, options.limits, options.coupling)
         rclpy.init()
         node = rclpy.create_node('demo')
         listener = Listener(node)

@@ -12,15 +12,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .core.errors import HandTrackerError
-from .core.hand import (
-    COUPLING_PRESETS, JOINTS, LIMIT_PRESETS, ROOT, SIDES, Hand, preset_coupling, preset_limits)
-from .core.layout import MARKERS, PALM_MARKERS, MarkerLayout
+from .core.hand import JOINTS, ROOT
+from .core.layout import MARKERS, PALM_MARKERS
 from .core.quaternion import quaternion
 from .core.tracker import HandState, HandTracker
 from .files.angle_table import write_angle_table
 from .files.bags import (
     MARKER_ARRAY, STORAGE, TYPES, BagError, bag_message, joint_state_message, open_bag, write_bag)
-from .files.hand_file import load_hand
+from .files.hand_file import add_hand_options, choose_hand
 from .labels import DEFAULT_LABELS, InvalidLabel, LabelMap
 from .marker_frame import markers_from_message, seconds
 from .nodes.watch import Watch
@@ -272,12 +271,7 @@ def _listen_for_interruption():
 
 def _track_file(options, interrupted):
     """Do what the command line asks for; return what to say at the end."""
-    hand, layout = load_hand(options.hand) if options.hand else (Hand.scaled(), MarkerLayout())
-    hand = hand.replace(side=options.side or hand.side)
-    if options.limits:
-        hand = hand.replace(limits=preset_limits(options.limits))
-    if options.coupling:
-        hand = hand.replace(coupling=preset_coupling(options.coupling))
+    hand, layout = choose_hand(options.hand, options.side, options.limits, options.coupling)
     labels = _label_map(options.label)
     output = options.output
     if output.suffix not in KINDS:
@@ -311,12 +305,7 @@ def _parse(args):
                         help='rosbag2 recording: a folder, .mcap or .db3')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='OUT',
                         help='table (.csv) or recording of /joint_states (.mcap, .db3)')
-    parser.add_argument('--hand', metavar='FILE', help='hand file (YAML); default: the mean hand')
-    parser.add_argument('--side', choices=SIDES, help="default: the hand file's, else right")
-    parser.add_argument('--limits', choices=tuple(LIMIT_PRESETS),
-                        help="default: the hand file's, else paper")
-    parser.add_argument('--coupling', choices=tuple(COUPLING_PRESETS),
-                        help="of DIP to PIP; default: the hand file's, else natural")
+    add_hand_options(parser)
     parser.add_argument('--topic', help=f'of the markers; default: {USUAL_TOPIC}, else the only '
                         'one with a MarkerArray')
     parser.add_argument('--frame', default='', help='frame of the markers: those in another are '

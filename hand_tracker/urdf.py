@@ -12,10 +12,9 @@ import numpy as np
 
 from .core.capsules import capsule_lengths
 from .core.errors import HandTrackerError
-from .core.hand import (
-    DIGITS, FINGERS, JOINTS, LIMIT_PRESETS, LINKS, ROOT, SIDES, Hand, preset_limits)
+from .core.hand import DIGITS, FINGERS, JOINTS, LIMIT_PRESETS, LINKS, ROOT, SIDES
 from .core.kinematics import joint_table, tip_offsets
-from .files.hand_file import load_hand
+from .files.hand_file import choose_hand
 
 # Unsourced: URDF demands both numbers; a brisk finger stays below them.
 EFFORT = 1.     # [N m]
@@ -176,11 +175,7 @@ def main(args=None):
     parser.add_argument('-o', '--output', metavar='FILE', help='standard output when left out')
     options = parser.parse_args(args)
     try:
-        hand = load_hand(options.hand)[0] if options.hand else Hand.scaled()
-        if options.side:
-            hand = hand.replace(side=options.side)
-        if options.limits:
-            hand = hand.replace(limits=preset_limits(options.limits))
+        hand, _ = choose_hand(options.hand, options.side, options.limits)
         text = urdf(hand, options.prefix)
         if options.output:
             Path(options.output).write_text(text, encoding='utf-8')

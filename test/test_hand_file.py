@@ -12,8 +12,8 @@ from hand_tracker.core.errors import HandTrackerError, InvalidHand
 from hand_tracker.core.hand import JOINTS, SIDES, Hand, preset_coupling, preset_limits
 from hand_tracker.core.layout import MARKERS, PAPER_PLACES, MarkerLayout
 from hand_tracker.files.hand_file import (
-    BREADTH, COUPLING_OFFSET, KEYS, LENGTH, RADIUS, SPLAY, THUMB, InvalidHandFile, load_hand,
-    save_hand)
+    BREADTH, COUPLING_OFFSET, KEYS, LENGTH, RADIUS, SPLAY, THUMB, InvalidHandFile, choose_hand,
+    load_hand, save_hand)
 
 EXAMPLE = Path(__file__).parents[1] / 'config' / 'hand.yaml'
 
@@ -238,3 +238,23 @@ def test_ranges_in_human_units_are_the_hands(quantity, accept):
         accept(quantity.to_si(edge))
         with pytest.raises(InvalidHand, match='allowed is'):
             accept(quantity.to_si(edge + .001 * beyond))
+
+
+# --- the hand that somebody chooses
+
+def test_chosen_hand_is_the_mean_one_of_the_size_asked_for():
+    hand, layout = choose_hand(length=.2, breadth=.09)
+    assert_same(hand, Hand.scaled(.2, .09))
+    assert layout.places == MarkerLayout().places
+    assert_same(choose_hand()[0], Hand.scaled())
+
+
+def test_chosen_hand_is_that_of_the_file_with_what_is_asked_for_in_its_place(write):
+    path = write('{side: left, limits: wide, coupling: paper, markers: {thumb: {place: thumb_ip}}}')
+    hand, layout = choose_hand(path)
+    assert_same(hand, load_hand(path)[0])
+    assert layout.places[MARKERS.index('thumb')] == 'thumb_ip'
+    asked = {'side': 'right', 'limits': preset_limits('paper'),
+             'coupling': preset_coupling('natural')}
+    for (name, value), preset in zip(asked.items(), ('right', 'paper', 'natural')):
+        assert_same(choose_hand(path, **{name: preset})[0], hand.replace(**{name: value}))

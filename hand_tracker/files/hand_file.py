@@ -114,6 +114,57 @@ def load_hand(path):
         raise InvalidHandFile(f'{path}: {error}') from None
 
 
+def choose_hand(path=None, side=None, limits=None, coupling=None, **size):
+    """Return the hand of a file, or the mean hand, with what is asked for in place of its own.
+
+    Parameters
+    ----------
+    path : path-like, optional
+        Hand file; the mean hand with the paper's markers when left out.
+    side : {'right', 'left'}, optional
+    limits : str, optional
+        One of `LIMIT_PRESETS`.
+    coupling : str, optional
+        One of `COUPLING_PRESETS`.
+    **size
+        `length` and `breadth` of the mean hand [m].
+
+    Returns
+    -------
+    hand : Hand
+    layout : MarkerLayout
+
+    Raises
+    ------
+    InvalidHandFile
+        As `load_hand`.
+    """
+    hand, layout = load_hand(path) if path else (Hand.scaled(**size), MarkerLayout())
+    asked = {}
+    if side:
+        asked['side'] = side
+    if limits:
+        asked['limits'] = preset_limits(limits)
+    if coupling:
+        asked['coupling'] = preset_coupling(coupling)
+    return hand.replace(**asked), layout
+
+
+def add_hand_options(parser):
+    """Add the options of a command line that `choose_hand` takes: hand, side, limits, coupling.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+    """
+    parser.add_argument('--hand', metavar='FILE', help='hand file (YAML); default: the mean hand')
+    parser.add_argument('--side', choices=SIDES, help="default: the hand file's, else right")
+    parser.add_argument('--limits', choices=tuple(LIMIT_PRESETS),
+                        help="default: the hand file's, else paper")
+    parser.add_argument('--coupling', choices=tuple(COUPLING_PRESETS),
+                        help="of DIP to PIP; default: the hand file's, else natural")
+
+
 def save_hand(path, hand, layout):
     """Write a hand file that `load_hand` reads back to the same hand and layout.
 

@@ -13,10 +13,10 @@ import numpy as np
 from ..core.errors import HandTrackerError
 from ..core.hand import (
     ANGLE_RANGE, COUPLING_PRESETS, DIGITS, FINGERS, JOINTS, LIMIT_PRESETS, MEAN_BREADTH,
-    MEAN_LENGTH, SIDES, SLOPE_RANGE, Hand, preset_coupling, preset_limits)
-from ..core.layout import MARKERS, MarkerLayout
+    MEAN_LENGTH, SIDES, SLOPE_RANGE, Hand)
+from ..core.layout import MARKERS
 from ..core.tracker import TrackerOptions
-from ..files.hand_file import load_hand
+from ..files.hand_file import InvalidHandFile, choose_hand
 from ..labels import DEFAULT_LABELS, LabelMap
 from .parameter import Parameter
 
@@ -98,22 +98,16 @@ def starting_hand(values):
         Naming the parameter or the hand file's field, its value and what is allowed.
     """
     size = {'length': values['hand_length'], 'breadth': values['hand_breadth']}
-    if values['hand_file']:
-        if tuple(size.values()) != (MEAN_LENGTH, MEAN_BREADTH):
-            raise InvalidParameter('hand_length, hand_breadth: they scale the mean hand, and '
-                                   f"hand_file names another: {values['hand_file']}")
-        try:
-            hand, layout = load_hand(Path(values['hand_file']).expanduser())
-        except HandTrackerError as error:
-            raise InvalidParameter(f'hand_file: {error}') from None
-    else:
-        hand, layout = Hand.scaled(**size), MarkerLayout()
-    if values['side'] != AUTO:
-        hand = hand.replace(side=values['side'])
-    if values['limits.preset'] != AUTO:
-        hand = hand.replace(limits=preset_limits(values['limits.preset']))
-    if values['coupling.preset'] != AUTO:
-        hand = hand.replace(coupling=preset_coupling(values['coupling.preset']))
+    path = values['hand_file']
+    if path and tuple(size.values()) != (MEAN_LENGTH, MEAN_BREADTH):
+        raise InvalidParameter('hand_length, hand_breadth: they scale the mean hand, and '
+                               f'hand_file names another: {path}')
+    asked = (None if values[name] == AUTO else values[name]
+             for name in ('side', 'limits.preset', 'coupling.preset'))
+    try:
+        hand, layout = choose_hand(path and Path(path).expanduser(), *asked, **size)
+    except InvalidHandFile as error:
+        raise InvalidParameter(f'hand_file: {error}') from None
     if values['thumb'] == 'index_mcp':
         hand = hand.with_paper_thumb()
     for name in ('prefix', 'mocap_frame', 'wrist_frame'):

@@ -17,7 +17,7 @@ from ..core.errors import HandTrackerError, InvalidLayout
 from ..core.hand import SIDES, Hand
 from ..core.layout import MARKERS, MarkerLayout
 from ..files.bags import bag_message, marker_array_message, pose_message, write_bag
-from ..files.hand_file import load_hand, save_hand
+from ..files.hand_file import choose_hand, save_hand
 from ..progress import Progress
 from .cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
 from .faults import Faults, fault_events, with_faults
@@ -191,8 +191,7 @@ def simulated_hand(path=None, side=None):
     InvalidLayout
         Naming the markers that lie inside the hand.
     """
-    hand, layout = load_hand(path) if path else (Hand.scaled(), MarkerLayout())
-    hand = hand.replace(side=side or hand.side)
+    hand, layout = choose_hand(path, side)
     bare = ~layout.offsets.any(axis=1)
     layout = MarkerLayout(layout.places, np.where(
         bare[:, None], skin_layout(hand).offsets, layout.offsets))
