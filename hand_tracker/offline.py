@@ -8,6 +8,7 @@ import math
 import signal
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -195,7 +196,7 @@ def _transform(stamp, parent, child, state):
         [types['geometry_msgs/msg/TransformStamped'](header, child, pose)])
 
 
-class _Job:
+class Job:
     """Tracking one recording: what the command counts and says meanwhile."""
 
     def __init__(self, bag, topic, labels, interrupted):
@@ -269,20 +270,41 @@ def _listen_for_interruption():
     return interrupted
 
 
-def _track_file(options, interrupted):
-    """Do what the command line asks for; return what to say at the end."""
+@contextmanager
+def tracked_recording(options, interrupted):
+    """Track the recording that a command line asks for.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        With all that `add_recording_options` adds.
+    interrupted : list
+        Not empty when an interruption came; see `run_command`.
+
+    Yields
+    ------
+    hand : Hand
+    job : Job
+    frames : iterator of TrackedFrame
+    """
     hand, layout = choose_hand(options.hand, options.side, options.limits, options.coupling)
     labels = _label_map(options.label)
+    with open_bag(options.recording) as bag:
+        job = Job(bag, marker_topic(bag, options.topic), labels, interrupted)
+        yield hand, job, job.frames(
+            HandTracker(hand, layout), frame_id=options.frame, scale=options.unit_scale,
+            zero_is_missing=not options.keep_zeros)
+
+
+def _track_file(options, interrupted):
+    """Do what the command line asks for; return what to say at the end."""
     output = options.output
     if output.suffix not in KINDS:
         raise BagError(f'{output}: unknown extension {output.suffix!r}; '
                        f'expected {", ".join(KINDS)}')
     start = time.monotonic()
-    with open_bag(options.recording) as bag:
-        _refuse_to_replace(bag.path, output)
-        job = _Job(bag, marker_topic(bag, options.topic), labels, interrupted)
-        frames = job.frames(HandTracker(hand, layout), frame_id=options.frame,
-                            scale=options.unit_scale, zero_is_missing=not options.keep_zeros)
+    with tracked_recording(options, interrupted) as (hand, job, frames):
+        _refuse_to_replace(options.recording, output)
         save(output, frames, f'{hand.side}_', options.wrist)
     elapsed = time.monotonic() - start
     return (f'{output}: {job.tracked} of {job.read} frames tracked, '
@@ -299,12 +321,15 @@ def _scale(text):
     return scale
 
 
-def _parse(args):
-    parser = argparse.ArgumentParser(prog='hand_tracker track', description=main.__doc__)
+def add_recording_options(parser):
+    """Add to a command line the recording, how to read it and whose hand it shows.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+    """
     parser.add_argument('recording', type=Path, metavar='IN',
                         help='rosbag2 recording: a folder, .mcap or .db3')
-    parser.add_argument('-o', '--output', type=Path, required=True, metavar='OUT',
-                        help='table (.csv) or recording of /joint_states (.mcap, .db3)')
     add_hand_options(parser)
     parser.add_argument('--topic', help=f'of the markers; default: {USUAL_TOPIC}, else the only '
                         'one with a MarkerArray')
@@ -316,23 +341,48 @@ def _parse(args):
                         help='metres per unit of the markers: 0.001 for mm')
     parser.add_argument('--keep-zeros', action='store_true',
                         help='take a marker at exactly (0, 0, 0) for seen, not for lost')
+
+
+def _parse(args):
+    parser = argparse.ArgumentParser(prog='hand_tracker track', description=main.__doc__)
+    add_recording_options(parser)
+    parser.add_argument('-o', '--output', type=Path, required=True, metavar='OUT',
+                        help='table (.csv) or recording of /joint_states (.mcap, .db3)')
     parser.add_argument('--wrist', action='store_true', help="write the wrist's pose too: as "
                         'columns of the table, or as /tf')
     return parser.parse_args(args)
 
 
-def main(args=None):
-    """Track a recording without ROS, and write the angles of every frame."""
-    options = _parse(args)
+def run_command(name, work, options):
+    """Run a command that reads a recording; return its exit code.
+
+    Parameters
+    ----------
+    name : str
+        As in messages.
+    work : callable
+        Takes the options and a list that is no longer empty when an interruption came;
+        returns what to say at the end.
+    options : argparse.Namespace
+
+    Returns
+    -------
+    int
+    """
     try:
-        print(_track_file(options, _listen_for_interruption()))
+        print(work(options, _listen_for_interruption()))
     except (HandTrackerError, OSError) as error:
-        print(f'hand_tracker track: {error}', file=sys.stderr)
+        print(f'{name}: {error}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print('hand_tracker track: interrupted; nothing was written', file=sys.stderr)
+        print(f'{name}: interrupted; nothing was written', file=sys.stderr)
         return 130
     return 0
+
+
+def main(args=None):
+    """Track a recording without ROS, and write the angles of every frame."""
+    return run_command('hand_tracker track', _track_file, _parse(args))
 
 
 if __name__ == '__main__':
