@@ -251,7 +251,8 @@ def _label_map(texts):
 
 def _refuse_to_replace(recording, output):
     sources = recording.iterdir() if recording.is_dir() else (recording,)
-    if output.is_dir() or output.exists() and any(map(output.samefile, sources)):
+    there = output.exists() and recording.exists()
+    if output.is_dir() or there and any(map(output.samefile, sources)):
         raise BagError(f'{output}: would replace the recording or a folder; '
                        'expected another name for the output')
 
@@ -303,8 +304,8 @@ def _track_file(options, interrupted):
         raise BagError(f'{output}: unknown extension {output.suffix!r}; '
                        f'expected {", ".join(KINDS)}')
     start = time.monotonic()
+    _refuse_to_replace(options.recording, output)
     with tracked_recording(options, interrupted) as (hand, job, frames):
-        _refuse_to_replace(options.recording, output)
         save(output, frames, f'{hand.side}_', options.wrist)
     elapsed = time.monotonic() - start
     return (f'{output}: {job.tracked} of {job.read} frames tracked, '
