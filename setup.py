@@ -58,6 +58,10 @@ setup(
             'pytest-timeout',
             'yourdfpy',
         ],
+        'view': [
+            'scikit-image',
+            'trimesh',
+        ],
     },
     entry_points={
         'console_scripts': [

@@ -24,7 +24,9 @@ ROSDEP_KEYS = {
     'numpy': 'python3-numpy',
     'rosbags': 'python3-rosbags-pip',
     'scipy': 'python3-scipy',
+    'skimage': 'python3-skimage',
     'tf2_ros': 'tf2_ros_py',
+    'trimesh': 'python3-trimesh-pip',
     'yaml': 'python3-yaml',
 }
 # Started, not imported.
@@ -32,7 +34,8 @@ STARTED_ONLY = {'ros2launch'}
 # Imported only where it is found, and without a package on some supported platforms.
 OPTIONAL = {'numba'}
 
-FORBIDDEN_IN_CORE = {'PIL', 'matplotlib', 'rclpy', 'rosbags', 'scipy', 'tf2_ros', 'yaml'}
+FORBIDDEN_IN_CORE = {'PIL', 'matplotlib', 'rclpy', 'rosbags', 'scipy', 'skimage', 'tf2_ros',
+                     'trimesh', 'yaml'}
 CORE = sorted((ROOT / 'hand_tracker' / 'core').glob('*.py'))
 
 
