@@ -89,7 +89,7 @@ class MarkerReader:
         rows = np.empty((len(MARKERS), 3))
         gather(_indexed(numbers), self._places, sources.slots, sources.markers, self._scale,
                self._zero_is_missing, rows)
-        if sources.points.size and sources.points.max() >= 0:
+        if sources.has_lists:
             self._place_lists(numbers, sources, rows)
         stamp = None
         if sources.first is not None:

@@ -67,6 +67,8 @@ class Sources(NamedTuple):
     slots, markers, points : ndarray of int, shape (n,)
         Place in `MARKERS`, place of the marker in the message, and of the point in the
         marker's list, -1 for the marker itself.
+    has_lists : bool
+        Whether any of them is the point of a list.
     frame_id, unknown, foreign, doubled
         See `MarkerFrame`.
     """
@@ -75,6 +77,7 @@ class Sources(NamedTuple):
     slots: np.ndarray
     markers: np.ndarray
     points: np.ndarray
+    has_lists: bool
     frame_id: str
     unknown: tuple
     foreign: tuple
@@ -167,8 +170,8 @@ def find_sources(heads, labels, frame_id):
                 doubled.add(slot)
             found[slot] = place, point
     places = np.array([(slot, *where) for slot, where in found.items()], int).reshape(-1, 3)
-    return Sources(first, *places.T, frame_id, tuple(sorted(unknown)), tuple(sorted(foreign)),
-                   tuple(sorted(doubled)))
+    return Sources(first, *places.T, bool((places[:, 2] >= 0).any()), frame_id,
+                   tuple(sorted(unknown)), tuple(sorted(foreign)), tuple(sorted(doubled)))
 
 
 def placed(points, position, orientation, zero_is_missing):

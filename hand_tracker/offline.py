@@ -1,17 +1,19 @@
 """Track recordings without ROS: the angles of every frame, as a table or as a recording.
 
-Command: ``hand_tracker track IN -o OUT.csv``; `track` is the same as a library.
+Command: ``hand_tracker track IN -o OUT.csv``; `track` is the same as a library. Messages stay
+bytes (`codec`): objects of them would cost more than the tracking.
 """
 
 import argparse
 import math
-import signal
 import sys
 import time
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
+from .codec import (
+    MalformedMessage, MarkerReader, Stamp, joint_state_template, transforms_template)
 from .core.errors import HandTrackerError
 from .core.hand import JOINTS, ROOT
 from .core.layout import MARKERS, PALM_MARKERS
@@ -19,12 +21,13 @@ from .core.quaternion import quaternion
 from .core.tracker import HandState, HandTracker
 from .files.angle_table import write_angle_table
 from .files.bags import (
-    MARKER_ARRAY, STORAGE, TYPES, BagError, bag_message, joint_state_message, open_bag, write_bag)
+    JOINT_STATE, MARKER_ARRAY, STORAGE, TF, BagError, BagMessage, open_bag, write_bag)
 from .files.hand_file import add_hand_options, choose_hand
 from .labels import DEFAULT_LABELS, InvalidLabel, LabelMap
-from .marker_frame import markers_from_message, seconds
+from .marker_frame import seconds
 from .nodes.watch import Watch
 from .progress import Progress
+from .side_by_side import listen_for_interruption, side_by_side
 
 USUAL_TOPIC = '/markers'
 NAMELESS = 'world'   # frame of markers that have none, as TF needs one
@@ -115,9 +118,14 @@ def track(messages, tracker, labels=None, frame_id='', scale=1., zero_is_missing
     BagError
         If a message is damaged.
     """
-    labels = LabelMap() if labels is None else labels
+    reader = MarkerReader(LabelMap() if labels is None else labels, frame_id, scale,
+                          zero_is_missing)
     for message in messages:
-        frame = markers_from_message(_decoded(message), labels, frame_id, scale, zero_is_missing)
+        try:
+            frame = reader.read(message.data)
+        except MalformedMessage as error:
+            raise BagError(f'{message.topic}: the message of {message.time} ns is no whole '
+                           f'{message.type} of Humble or later') from error
         if watch is not None:
             watch.received(1e-9 * message.time, frame)
         if frame.stamp is None:
@@ -131,15 +139,6 @@ def track(messages, tracker, labels=None, frame_id='', scale=1., zero_is_missing
             stamp = frame.stamp.sec * 10**9 + frame.stamp.nanosec
             yield TrackedFrame(message.time, stamp or message.time, frame.frame_id or NAMELESS,
                                state)
-
-
-def _decoded(message):
-    # Damaged bytes can raise anything in the library: one error says so.
-    try:
-        return TYPES.deserialize_cdr(message.data, message.type)
-    except Exception as error:
-        raise BagError(f'{message.topic}: the message of {message.time} ns is no whole '
-                       f'{message.type} of Humble or later') from error
 
 
 def save(path, frames, prefix, wrist=False):
@@ -173,36 +172,32 @@ def _rows(frames, wrist):
     first = None
     for _, stamp, _, state in frames:
         first = stamp if first is None else first
-        pose = (*state.wrist_position.tolist(), *quaternion(state.wrist_rotation.tolist()))
-        yield 1e-9 * (stamp - first), state.angles, pose if wrist else ()
+        yield 1e-9 * (stamp - first), state.angles, _pose(state) if wrist else ()
 
 
 def _messages(frames, joints, wrist):
+    joint_states, transforms = joint_state_template(joints), {}
     for recorded, stamp, frame_id, state in frames:
-        joint_state = joint_state_message(stamp, joints, state.angles)
-        yield bag_message('/joint_states', recorded, joint_state)
+        stamp = Stamp(*divmod(stamp, 10**9))
+        yield BagMessage('/joint_states', JOINT_STATE, recorded,
+                         joint_states.fill(stamp, state.angles))
         if wrist is not None:
-            yield bag_message('/tf', recorded, _transform(
-                joint_state.header.stamp, frame_id, wrist, state))
+            if frame_id not in transforms:
+                transforms = {frame_id: transforms_template([(frame_id, wrist)])}
+            yield BagMessage('/tf', TF, recorded, transforms[frame_id].fill(stamp, _pose(state)))
 
 
-def _transform(stamp, parent, child, state):
-    types = TYPES.types
-    header = types['std_msgs/msg/Header'](stamp, parent)
-    pose = types['geometry_msgs/msg/Transform'](
-        types['geometry_msgs/msg/Vector3'](*state.wrist_position.tolist()),
-        types['geometry_msgs/msg/Quaternion'](*quaternion(state.wrist_rotation.tolist())))
-    return types['tf2_msgs/msg/TFMessage'](
-        [types['geometry_msgs/msg/TransformStamped'](header, child, pose)])
+def _pose(state):
+    return (*state.wrist_position.tolist(), *quaternion(state.wrist_rotation.tolist()))
 
 
 class Job:
     """Tracking one recording: what the command counts and says meanwhile."""
 
-    def __init__(self, bag, topic, labels, interrupted):
+    def __init__(self, bag, topic, labels, interrupted, progress):
         self.read = self.tracked = 0
         self._bag, self._topic, self._labels = bag, topic, labels
-        self._progress = Progress(bag.counts[topic], 'frames')
+        self._progress = progress(bag.counts[topic], 'frames')
         self._watch = Watch(1e-9 * bag.start, topic, labels)
         self._interrupted = interrupted
 
@@ -223,7 +218,7 @@ class Job:
         now = None
         for message in self._bag.messages([self._topic]):
             if self._interrupted:
-                raise KeyboardInterrupt
+                raise self._interrupted[0]
             self.read += 1
             now = message.time
             yield message
@@ -257,22 +252,8 @@ def _refuse_to_replace(recording, output):
                        'expected another name for the output')
 
 
-def _listen_for_interruption():
-    interrupted = []
-
-    def interrupt(number, frame):
-        # Extension code may swallow an exception raised in it: the list remembers.
-        interrupted.append(number)
-        raise KeyboardInterrupt
-
-    # A closing terminal or a killed script leaves no half file either.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, interrupt)
-    return interrupted
-
-
 @contextmanager
-def tracked_recording(options, interrupted):
+def tracked_recording(options, interrupted, progress=Progress):
     """Track the recording that a command line asks for.
 
     Parameters
@@ -281,6 +262,8 @@ def tracked_recording(options, interrupted):
         With all that `add_recording_options` adds.
     interrupted : list
         Not empty when an interruption came; see `run_command`.
+    progress : callable
+        Returns a `Progress` or what stands in for it.
 
     Yields
     ------
@@ -291,13 +274,13 @@ def tracked_recording(options, interrupted):
     hand, layout = choose_hand(options.hand, options.side, options.limits, options.coupling)
     labels = _label_map(options.label)
     with open_bag(options.recording) as bag:
-        job = Job(bag, marker_topic(bag, options.topic), labels, interrupted)
+        job = Job(bag, marker_topic(bag, options.topic), labels, interrupted, progress)
         yield hand, job, job.frames(
             HandTracker(hand, layout), frame_id=options.frame, scale=options.unit_scale,
             zero_is_missing=not options.keep_zeros)
 
 
-def _track_file(options, interrupted):
+def _track_file(options, interrupted, progress=Progress):
     """Do what the command line asks for; return what to say at the end."""
     output = options.output
     if output.suffix not in KINDS:
@@ -305,11 +288,47 @@ def _track_file(options, interrupted):
                        f'expected {", ".join(KINDS)}')
     start = time.monotonic()
     _refuse_to_replace(options.recording, output)
-    with tracked_recording(options, interrupted) as (hand, job, frames):
+    with tracked_recording(options, interrupted, progress) as (hand, job, frames):
         save(output, frames, f'{hand.side}_', options.wrist)
     elapsed = time.monotonic() - start
     return (f'{output}: {job.tracked} of {job.read} frames tracked, '
             f'{job.read / elapsed:.0f} a second')
+
+
+def _track_into_folder(options, interrupted):
+    """Track several recordings, a file for each; return what to say at the end."""
+    tasks = [argparse.Namespace(**{
+        **vars(options), 'recording': recording,
+        'output': options.output / f'{_name(recording)}.{options.format or TABLE[1:]}'})
+        for recording in options.recordings]
+    outputs = [task.output for task in tasks]
+    for output in outputs:
+        if outputs.count(output) > 1:
+            raise BagError(f'{output}: several recordings have this name; '
+                           'expected different names, or a command for each')
+    options.output.mkdir(parents=True, exist_ok=True)
+    count, tracked = len(tasks), 0
+    progress = Progress(count, 'recordings')
+    results = side_by_side(_track_file, tasks, options.jobs)
+    for task, (is_tracked, lines) in zip(tasks, progress.over(results)):
+        tracked += is_tracked
+        for line in lines:
+            progress.say(f'{task.recording.name}: {line}')
+    if tracked < count:
+        raise BagError(f'{options.output}: only {tracked} of {count} recordings tracked')
+    return f'{options.output}: {count} recordings tracked'
+
+
+def _name(recording):
+    # A folder's name may have dots.
+    recording = recording.resolve()
+    return recording.stem if recording.suffix in STORAGE else recording.name
+
+
+def _jobs(text):
+    if not text.isdecimal() or not int(text):
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a number from 1 on")
+    return int(text)
 
 
 def _scale(text):
@@ -322,14 +341,17 @@ def _scale(text):
     return scale
 
 
-def add_recording_options(parser):
+def add_recording_options(parser, several=False):
     """Add to a command line the recording, how to read it and whose hand it shows.
 
     Parameters
     ----------
     parser : argparse.ArgumentParser
+    several : bool, optional
+        Whether there may be several: `recordings`.
     """
-    parser.add_argument('recording', type=Path, metavar='IN',
+    name, count = ('recordings', {'nargs': '+'}) if several else ('recording', {})
+    parser.add_argument(name, type=Path, metavar='IN', **count,
                         help='rosbag2 recording: a folder, .mcap or .db3')
     add_hand_options(parser)
     parser.add_argument('--topic', help=f'of the markers; default: {USUAL_TOPIC}, else the only '
@@ -346,9 +368,14 @@ def add_recording_options(parser):
 
 def _parse(args):
     parser = argparse.ArgumentParser(prog='hand_tracker track', description=main.__doc__)
-    add_recording_options(parser)
+    add_recording_options(parser, several=True)
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='OUT',
-                        help='table (.csv) or recording of /joint_states (.mcap, .db3)')
+                        help='table (.csv) or recording of /joint_states (.mcap, .db3); '
+                        'for several recordings the folder of such')
+    parser.add_argument('--format', choices=[kind[1:] for kind in KINDS],
+                        help='of the files in a folder OUT, for one recording too; default: csv')
+    parser.add_argument('--jobs', type=_jobs, default=1, metavar='N',
+                        help='processes for several recordings; default: 1')
     parser.add_argument('--wrist', action='store_true', help="write the wrist's pose too: as "
                         'columns of the table, or as /tf')
     return parser.parse_args(args)
@@ -371,19 +398,23 @@ def run_command(name, work, options):
     int
     """
     try:
-        print(work(options, _listen_for_interruption()))
+        print(work(options, listen_for_interruption()))
     except (HandTrackerError, OSError) as error:
         print(f'{name}: {error}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print(f'{name}: interrupted; nothing was written', file=sys.stderr)
+        print(f'{name}: interrupted; no unfinished file is left', file=sys.stderr)
         return 130
     return 0
 
 
 def main(args=None):
-    """Track a recording without ROS, and write the angles of every frame."""
-    return run_command('hand_tracker track', _track_file, _parse(args))
+    """Track recordings without ROS, and write the angles of every frame."""
+    options = _parse(args)
+    if len(options.recordings) > 1 or options.format:
+        return run_command('hand_tracker track', _track_into_folder, options)
+    options.recording, = options.recordings
+    return run_command('hand_tracker track', _track_file, options)
 
 
 if __name__ == '__main__':

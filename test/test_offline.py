@@ -412,10 +412,74 @@ def test_an_interruption_leaves_what_was_there(bag, name, number, tmp_path):
     finally:
         process.kill()
     assert process.returncode == 130, errors
-    assert 'interrupted; nothing was written' in errors
+    assert 'interrupted; no unfinished file is left' in errors
     assert 'Traceback' not in errors
     assert list(folder.iterdir()) == [output]
     assert output.read_bytes() == b'of yesterday'
+
+
+# --- several recordings
+
+@pytest.mark.parametrize('jobs', [1, 2])
+def test_several_recordings_become_the_files_of_a_folder(bag, jobs, tmp_path, capsys):
+    (tmp_path / 'in').mkdir()
+    names = 'one', 'two', 'three'
+    recordings = [tmp_path / 'in' / f'{name}.mcap' for name in names]
+    for recording in recordings:
+        recording.write_bytes(bag.read_bytes())
+    main([str(bag), '-o', str(tmp_path / 'alone.csv')])
+    capsys.readouterr()
+    folder = tmp_path / 'new' / 'out'
+    assert main([*map(str, recordings), '-o', str(folder), '--jobs', str(jobs)]) == 0
+    said, lines = capsys.readouterr()
+    assert said == f'{folder}: 3 recordings tracked\n'
+    assert f'three.mcap: {folder / "three.csv"}: {FRAMES} of {FRAMES} frames tracked' in lines
+    assert {path.name for path in folder.iterdir()} == {f'{name}.csv' for name in names}
+    for path in folder.iterdir():
+        assert path.read_bytes() == (tmp_path / 'alone.csv').read_bytes()
+
+
+def test_what_is_wrong_with_one_recording_leaves_the_others_alone(bag, tmp_path, capsys):
+    cut_off(tmp_path / 'bad.mcap')
+    (tmp_path / 'good.mcap').write_bytes(bag.read_bytes())
+    recordings = [str(tmp_path / f'{name}.mcap') for name in ('bad', 'absent', 'good')]
+    assert main([*recordings, '-o', str(tmp_path / 'out'), '--format', 'db3']) == 1
+    lines = capsys.readouterr().err
+    assert 'only 1 of 3 recordings tracked' in lines
+    assert 'bad.mcap: cannot be read' in lines and 'absent.mcap: no such file' in lines
+    assert [path.name for path in (tmp_path / 'out').iterdir()] == ['good.db3']
+
+
+def test_recordings_of_one_name_are_refused(bag, tmp_path, capsys):
+    other = tmp_path / 'in.db3'
+    assert main([str(bag), str(other), '-o', str(tmp_path / 'out')]) == 1
+    assert 'in.csv: several recordings have this name' in capsys.readouterr().err
+    assert not (tmp_path / 'out').exists()
+
+
+def test_an_interruption_of_several_leaves_whole_files_alone(bag, tmp_path):
+    with open_bag(bag) as source:
+        frames = list(source.messages(['/markers']))
+    span = frames[-1].time - frames[0].time + 10**7
+    write_bag(tmp_path / 'long.mcap', (
+        frame._replace(time=frame.time + turn * span) for turn in range(300) for frame in frames))
+    (tmp_path / 'longer.mcap').write_bytes((tmp_path / 'long.mcap').read_bytes())
+    folder = tmp_path / 'out'
+    process = run_in_process(tmp_path / 'long.mcap', tmp_path / 'longer.mcap', bag,
+                             '-o', folder, '--jobs', 2)
+    try:
+        until = time.monotonic() + 60.
+        while len(list(folder.glob('*'))) < 2 and process.poll() is None:
+            assert time.monotonic() < until
+            time.sleep(.01)
+        process.send_signal(signal.SIGTERM)
+        _, errors = process.communicate(timeout=30.)
+    finally:
+        process.kill()
+    assert process.returncode == 130, errors
+    assert 'Traceback' not in errors
+    assert not [path for path in folder.iterdir() if path.suffix != '.csv']
+    assert not (folder / 'long.csv').exists()
 
 
 # --- progress

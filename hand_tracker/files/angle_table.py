@@ -42,11 +42,10 @@ def write_angle_table(path, joints, rows, wrist=False):
     with TemporaryDirectory(dir=path.parent) as scratch:
         unfinished = Path(scratch, path.name)
         with open(unfinished, 'w', newline='', encoding='utf-8') as file:
-            writer = csv.writer(file)
-            writer.writerow(['time_s', *(f'{joint}_deg' for joint in joints),
-                             *(WRIST_COLUMNS if wrist else ())])
+            csv.writer(file).writerow(['time_s', *(f'{joint}_deg' for joint in joints),
+                                       *(WRIST_COLUMNS if wrist else ())])
+            line = ','.join(['%.6f', *['%.3f'] * len(joints),
+                             *['%.6f'] * len(WRIST_COLUMNS if wrist else ())]) + '\r\n'
             for seconds, angles, pose in rows:
-                writer.writerow([f'{seconds:.6f}',
-                                 *(f'{angle:.3f}' for angle in np.degrees(angles).tolist()),
-                                 *(f'{number:.6f}' for number in pose)])
+                file.write(line % (seconds, *np.degrees(angles).tolist(), *pose))
         os.replace(unfinished, path)

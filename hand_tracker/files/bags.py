@@ -19,6 +19,7 @@ from ..core.quaternion import quaternion
 
 MARKER_ARRAY = 'visualization_msgs/msg/MarkerArray'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
+TF = 'tf2_msgs/msg/TFMessage'
 POSE = 'geometry_msgs/msg/PoseStamped'
 
 # Metadata version 8 is what Humble and Jazzy read; its messages are the same on Lyrical.
