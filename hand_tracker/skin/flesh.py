@@ -70,7 +70,7 @@ def distance(flesh, at):
     found = palm(flesh, at)
     for digit in range(len(FINGERS)):
         found = union(found, finger(flesh, digit, at), 5. * mm)
-    return union(found, thumb(flesh, at), 7. * mm)
+    return union(found, thumb(flesh, at), 12. * mm)
 
 
 def finger(flesh, digit, at):
@@ -81,17 +81,17 @@ def finger(flesh, digit, at):
     down = -_dorsal(flesh, f'{FINGERS[digit]}_proximal')
     end = tip - 1.05 * third * _unit(tip - dip)
     # The pulp of each phalanx lies before the bone, the joints behind it.
-    found = tube(at, mcp, pip + .3 * mm * down, 1.12 * first, .98 * second + .3 * mm, -.6 * mm)
-    found = union(found, tube(at, mcp + .35 * (pip - mcp) + 1.5 * mm * down,
-                              mcp + .72 * (pip - mcp) + 1.2 * mm * down,
-                              .95 * first, .88 * first), 4. * mm)
-    found = union(found, tube(at, pip + .3 * mm * down, dip + .4 * mm * down,
-                              .98 * second + .3 * mm, .98 * third, -.5 * mm), 3. * mm)
-    found = union(found, tube(at, pip + .45 * (dip - pip) + 1.1 * mm * down,
-                              pip + .6 * (dip - pip) + 1.1 * mm * down,
-                              .9 * second, .88 * second), 4. * mm)
-    return union(found, tube(at, dip + .5 * mm * down, end + .6 * mm * down,
-                             .97 * third, .88 * third, .2 * mm, down, .9), 3. * mm)
+    found = tube(at, mcp, pip, 1.12 * first, second + .4 * mm, -.3 * mm)
+    found = union(found, tube(at, mcp + .3 * (pip - mcp) + 1.2 * mm * down,
+                              mcp + .7 * (pip - mcp) + 1.2 * mm * down,
+                              .95 * first, .9 * first), 5. * mm)
+    found = union(found, tube(at, pip, dip + .3 * mm * down, second + .4 * mm,
+                              third + .2 * mm, -.3 * mm), 2. * mm)
+    found = union(found, tube(at, pip + .4 * (dip - pip) + 1. * mm * down,
+                              pip + .6 * (dip - pip) + 1. * mm * down,
+                              .9 * second, .88 * second), 5. * mm)
+    return union(found, tube(at, dip + .3 * mm * down, end + .8 * mm * down,
+                             third, .9 * third, .3 * mm, down, .9), 2. * mm)
 
 
 def thumb(flesh, at):
@@ -122,7 +122,7 @@ def palm(flesh, at):
     found = None
     for digit in range(len(FINGERS)):
         cmc, mcp = flesh.points[list(CHAINS[digit][:2])]
-        part = tube(at, cmc + (0., 0., -1.5 * mm), mcp + (0., 0., -1.2 * mm), 1.12 * radius,
+        part = tube(at, cmc + (0., 0., -2.5 * mm), mcp + (0., 0., -1.2 * mm), 1. * radius,
                     max(1.15 * flesh.radii[digit, 0], .9 * radius))
         found = part if found is None else union(found, part, 8. * mm)
     cmc, mcp = flesh.points[list(CHAINS[3][:2])]
@@ -137,15 +137,15 @@ def palm(flesh, at):
         down = np.array((0., 0., -2. * mm))
         for corners in ((first, second, ahead[0]), (second, ahead[0], ahead[1])):
             found = union(found, triangle(at, *(c + down for c in corners), 5. * mm), 4. * mm)
-    return _cut(union(found, _stump(flesh, at), 14. * mm), at, -20. * mm, 7. * mm)
+    return _cut(union(found, _stump(flesh, at), 12. * mm), at, -24. * mm, 7. * mm)
 
 
 def _stump(flesh, at):
     """Return the signed distance to the wrist: a flat tube along x."""
     mm = flesh.size
-    x, y, z = (at - np.array((0., -3., -3.)) * mm).T
-    beside = np.maximum(np.abs(y) - 12. * mm, 0.)
-    return -union(13.5 * mm - np.hypot(beside, z), 14. * mm - x, 10. * mm)
+    x, y, z = (at - np.array((0., -3., -5.5)) * mm).T
+    beside = np.maximum(np.abs(y) - 12.5 * mm, 0.)
+    return -union(13.5 * mm - np.hypot(beside, z), 16. * mm - x, 10. * mm)
 
 
 def _cut(found, at, x, k):

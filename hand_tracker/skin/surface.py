@@ -6,9 +6,9 @@ from scipy.sparse import coo_matrix
 from .errors import MissingLibrary
 from .flesh import distance
 
-SPACING = 2.9   # [mm of the mean hand] of the grid
+SPACING = 3.1   # [mm of the mean hand] of the grid
 MARGIN = 20.    # [mm of the mean hand] around the skeleton
-ROUNDS = 8      # of spreading and returning to the surface
+ROUNDS = 6      # of spreading and returning to the surface
 
 
 def surface(flesh):
