@@ -68,6 +68,7 @@ setup(
             'hand_tracker = hand_tracker.__main__:main',
             'replay = hand_tracker.nodes.entry:replay',
             'simulate = hand_tracker.nodes.entry:simulate',
+            'skin = hand_tracker.nodes.entry:skin',
             'tracker = hand_tracker.nodes.entry:tracker',
         ],
     },

@@ -16,7 +16,7 @@ from .core.errors import HandTrackerError
 from .core.jit import COMPILED, jit
 from .core.layout import MARKERS
 from .marker_frame import (
-    ADD, CUBE, CUBE_LIST, CYLINDER, POINTS, SPHERE, SPHERE_LIST, Head,
+    ADD, CUBE, CUBE_LIST, CYLINDER, POINTS, SPHERE, SPHERE_LIST, TRIANGLE_LIST, Head,
     MarkerFrame, find_sources, placed, scaled)
 
 ENCAPSULATION = 4  # [bytes] before the message proper, from which on alignment counts
@@ -330,8 +330,12 @@ class _Writer:
         self._data += bytes(-(len(self._data) - ENCAPSULATION) % to)
 
     def count(self, number):
-        self._align(4)
-        self._data += struct.pack('<I', number)
+        self.pack('I', number)
+
+    def pack(self, form, *values):
+        """Write values of one size, in a form of `struct`."""
+        self._align(struct.calcsize(form[-1]))
+        self._data += struct.pack(f'<{form}', *values)
 
     def string(self, text):
         octets = text.encode() + b'\0'
@@ -396,4 +400,46 @@ def transforms_template(frames):
         writer.header(parent)
         writer.string(child)
         writer.numbers(7)
+    return writer.template()
+
+
+def triangles_template(frame_id, namespace, colour, lifetime, corners):
+    """Return the template of a Marker of triangles that stays with its frame.
+
+    Parameters
+    ----------
+    frame_id, namespace : str
+    colour : tuple of float
+        Red, green, blue, opacity.
+    lifetime : int
+        [s]
+    corners : int
+        Three for each triangle.
+
+    Returns
+    -------
+    Template
+        Of three numbers for each corner.
+    """
+    writer = _Writer()
+    writer.header(frame_id)
+    writer.string(namespace)
+    writer.pack('3i', 0, TRIANGLE_LIST, ADD)
+    writer.pack('10d', 0., 0., 0., 0., 0., 0., 1., 1., 1., 1.)  # pose and scale
+    writer.pack('4f', *colour)
+    writer.pack('2i', lifetime, 0)
+    writer.pack('?', True)
+    writer.count(corners)
+    writer.numbers(3 * corners)
+    writer.count(0)             # colours
+    writer.string('')           # texture
+    writer.pack('2i', 0, 0)
+    writer.string('')
+    writer.string('')
+    writer.count(0)
+    writer.count(0)             # its coordinates
+    for _ in range(3):          # text, mesh and its file
+        writer.string('')
+    writer.count(0)
+    writer.pack('?', False)
     return writer.template()

@@ -12,7 +12,7 @@ from .core.layout import MARKERS
 
 # Constants of visualization_msgs/msg/Marker.
 ADD = 0
-CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, POINTS = 1, 2, 3, 6, 7, 8
+CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, POINTS, TRIANGLE_LIST = 1, 2, 3, 6, 7, 8, 11
 
 POINT_TYPES = frozenset((CUBE, SPHERE, CYLINDER))
 LIST_TYPES = frozenset((CUBE_LIST, SPHERE_LIST, POINTS))

@@ -18,6 +18,7 @@ LIGHT_GREY, GREY = (.85, .85, .85), (.45, .45, .45)
 COLOURS = {MarkerState.SEEN: BLUISH_GREEN, MarkerState.PREDICTED: ORANGE,
            MarkerState.REJECTED: VERMILLION, MarkerState.SWAPPED: SKY_BLUE,
            MarkerState.STALE: GREY}
+SKIN_COLOUR, SKIN_OPACITY = (.89, .71, .59), .6  # that shows what is under it
 FADED = .3             # opacity of a pose that is kept for want of a palm
 LINE_WIDTH = .004      # [m]
 JOINT_DIAMETER = .008  # [m]
@@ -59,6 +60,26 @@ def hand_markers(stamp, frame_id, names, tips, state):
         _marker(header, names.prefix + 'markers', Marker.SPHERE_LIST, MARKER_DIAMETER,
                 colours[MarkerState.SEEN], _points(state.markers[known]),
                 [colours[state.marker_states[i]] for i in known])])
+
+
+def hand_skin(stamp, names, corners):
+    """Return the skin of a hand for RViz, in the wrist's frame and staying with it.
+
+    Parameters
+    ----------
+    stamp : Time
+    names : Names
+    corners : ndarray, shape (3 F, 3)
+        Of the triangles, anticlockwise seen from outside [m].
+
+    Returns
+    -------
+    Marker
+    """
+    marker = _marker(Header(stamp=stamp, frame_id=names.wrist), names.prefix + 'skin',
+                     Marker.TRIANGLE_LIST, 1., _colour(SKIN_COLOUR, SKIN_OPACITY), _points(corners))
+    marker.frame_locked = True
+    return marker
 
 
 def _points(positions):

@@ -62,6 +62,9 @@ ARGUMENTS = (
         'rviz', default_value='false', choices=['true', 'false'],
         description='Show the hand in RViz'),
     DeclareLaunchArgument(
+        'skin', default_value='auto', choices=['auto', 'true', 'false'],
+        description='Publish the skin of the hand for RViz; auto: when RViz is shown'),
+    DeclareLaunchArgument(
         'fixed_frame', default_value='mocap', description='Fixed frame of RViz'),
     DeclareLaunchArgument(
         'use_sim_time', default_value='false', choices=['true', 'false'],
@@ -71,8 +74,8 @@ ARGUMENTS = (
 NONE = 'none'  # as `ros2 launch` takes no empty value
 FIRST_START = 120.  # [s] that the tracker may take to compile its kernels, once
 # A recording may hold these from an earlier run; two publishers of a frame fight.
-PUBLISHED_HERE = ('tf tf_static joint_states joint_confidence hand_markers robot_description '
-                  'diagnostics')
+PUBLISHED_HERE = ('tf tf_static joint_states joint_confidence hand_markers hand_skin '
+                  'robot_description diagnostics')
 
 
 def start(context):
@@ -123,6 +126,10 @@ def start(context):
               'loop': given['loop'] == 'true', 'wait_for_subscriber': FIRST_START}],
             remappings=[('markers', given['markers'])],
             on_exit=ended('replay')))
+    if given['skin'] == 'true' or given['skin'] == 'auto' and given['rviz'] == 'true':
+        # Without its libraries it says so and ends, and all else goes on.
+        actions.append(node('skin', [{
+            name: hand_parameters[name] for name in ('hand_file', 'side', 'thumb', 'prefix')}]))
     if given['rviz'] == 'true':
         config = Path(get_package_share_directory('hand_tracker')) / 'config' / 'hand_tracker.rviz'
         actions.append(node(

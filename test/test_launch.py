@@ -38,15 +38,23 @@ CHOICES = {
     'coupling': ['auto', *COUPLING_PRESETS],
     'thumb': ['saddle', 'index_mcp'],
     'rviz': ['true', 'false'],
+    'skin': ['auto', 'true', 'false'],
     'use_sim_time': ['true', 'false'],
 }
 FREE = {'recording', 'rate', 'markers', 'hand', 'prefix', 'namespace', 'parameters',
         'publish_frequency', 'fixed_frame'}
 
-# In rviz_default_plugins of Humble, Jazzy and Rolling; more exist.
+# Those that humble, jazzy and rolling (October 2024; Lyrical was made of a later one) share, from
+# rviz_default_plugins/plugins_description.xml of github.com/ros2/rviz at 9b354826, 591594ee and
+# f7112b1a; Group and the panels are built into rviz_common (display_factory.cpp,
+# panel_factory.cpp).
 DISPLAYS = {f'rviz_default_plugins/{name}' for name in (
-    'Axes', 'Effort', 'Grid', 'Marker', 'MarkerArray', 'Path', 'PointCloud2', 'PointStamped',
-    'Pose', 'PoseArray', 'RobotModel', 'TF')}
+    'AccelStamped', 'Axes', 'Camera', 'DepthCloud', 'Effort', 'FluidPressure', 'Grid',
+    'GridCells', 'Illuminance', 'Image', 'InteractiveMarkers', 'LaserScan', 'Map', 'Marker',
+    'MarkerArray', 'Odometry', 'Path', 'PointCloud', 'PointCloud2', 'PointStamped', 'Polygon',
+    'Pose', 'PoseArray', 'PoseWithCovariance', 'Range', 'RelativeHumidity', 'RobotModel', 'TF',
+    'Temperature', 'TwistStamped', 'Wrench')} | {
+    'rviz_common/Group'}
 TOOLS = {f'rviz_default_plugins/{name}' for name in (
     'FocusCamera', 'Interact', 'Measure', 'MoveCamera', 'PublishPoint', 'Select')}
 VIEWS = {f'rviz_default_plugins/{name}' for name in (
@@ -367,10 +375,24 @@ def test_rviz_configuration():
     def classes(entries):
         return {entry['Class'] for entry in entries}
 
-    assert classes(manager['Displays']) <= DISPLAYS
+    groups = [entry for entry in manager['Displays'] if entry['Class'] == 'rviz_common/Group']
+    displays = manager['Displays'] + [shown for group in groups for shown in group['Displays']]
+    assert classes(displays) <= DISPLAYS
     assert classes(manager['Tools']) <= TOOLS
     assert classes([manager['Views']['Current']]) <= VIEWS
     assert classes(config['Panels']) <= PANELS
-    topics = {display['Name']: display[key]['Value'] for display in manager['Displays']
-              for key in ('Topic', 'Description Topic') if key in display}
-    assert set(topics.values()) == {'robot_description', 'hand_markers'}
+    topics = [[(shown['Class'], shown[key]['Value']) for shown in group['Displays']
+               for key in ('Topic', 'Description Topic') if key in shown] for group in groups]
+    kinds = {f'rviz_default_plugins/{kind}': topic for kind, topic in (
+        ('RobotModel', 'robot_description'), ('MarkerArray', 'hand_markers'),
+        ('Marker', 'hand_skin'))}
+    assert topics == [[(kind, namespace + topic) for kind, topic in kinds.items()]
+                      for namespace in ('', 'left/')]
+
+
+def test_topics_of_the_rviz_configuration_are_published():
+    sources = '\n'.join(path.read_text() for path in (ROOT / 'hand_tracker/nodes').glob('*.py'))
+    published = dict((topic, kind) for kind, topic in re.findall(
+        r"create_publisher\(\s*(\w+), '(\w+)'", sources))
+    assert published['hand_markers'] == 'MarkerArray'
+    assert published['hand_skin'] == 'Marker'

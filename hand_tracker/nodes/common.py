@@ -12,6 +12,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from ..core.errors import HandTrackerError
+from ..messages import prefixed_names
+from .tracker_parameters import AUTO
 
 POLL = .1  # [s]
 INTERRUPTS = signal.SIGINT, signal.SIGTERM
@@ -70,6 +72,22 @@ def _descriptor(row):
         else:
             descriptor.integer_range = [IntegerRange(from_value=lowest, to_value=highest)]
     return descriptor
+
+
+def names_of(hand, prefix, wrist_frame):
+    """Return the names of a hand's messages for parameters of which each may be `AUTO`.
+
+    Parameters
+    ----------
+    hand : Hand
+    prefix, wrist_frame : str
+
+    Returns
+    -------
+    Names
+    """
+    return prefixed_names(f'{hand.side}_' if prefix == AUTO else prefix,
+                          None if wrist_frame == AUTO else wrist_frame)
 
 
 def spin(node):

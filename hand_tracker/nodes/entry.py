@@ -25,20 +25,27 @@ def _run(node):
     return module.main()
 
 
+def _run_or_command(name):
+    """Run a node, or the command of its name when the arguments are not those of a node."""
+    arguments = sys.argv[1:]
+    if arguments and arguments[0] != '--ros-args':
+        return main([name, *arguments])
+    return _run(name)
+
+
 def replay():
     """Run the replay node; return its exit code."""
     return _run('replay')
 
 
 def simulate():
-    """Run the node of the simulated driver, or the command that records; return the exit code.
+    """Run the node of the simulated driver, or the command that records; return the exit code."""
+    return _run_or_command('simulate')
 
-    Arguments that are not those of a node are the command's.
-    """
-    arguments = sys.argv[1:]
-    if arguments and arguments[0] != '--ros-args':
-        return main(['simulate', *arguments])
-    return _run('simulate')
+
+def skin():
+    """Run the node of the skin, or the command that draws it; return the exit code."""
+    return _run_or_command('skin')
 
 
 def tracker():
@@ -46,7 +53,7 @@ def tracker():
     return _run('tracker')
 
 
-NODES = {'replay': replay, 'simulate': simulate, 'tracker': tracker}
+NODES = {'replay': replay, 'simulate': simulate, 'skin': skin, 'tracker': tracker}
 
 if __name__ == '__main__':
     if sys.argv[1:2] == [] or sys.argv[1] not in NODES:

@@ -20,14 +20,14 @@ from ..core.layout import marker_positions
 from ..core.tracker import HandTracker
 from ..marker_frame import seconds
 from ..messages import (
-    diagnostics, fill_transforms, link_frames, new_transforms, prefixed_names, relative_pose,
+    diagnostics, fill_transforms, link_frames, new_transforms, relative_pose,
     time_message, tip_frames, wrist_frames)
 from ..visuals import hand_markers
-from .common import declare, run
+from .common import declare, names_of, run
 from .diagnosis import PERIOD, Diagnosis
 from .distal_flexion import DISTAL_JOINTS, DistalFlexion
 from .throttle import Throttle
-from .tracker_parameters import AUTO, START, TOPICS, live_settings, live_table, starting_hand
+from .tracker_parameters import START, TOPICS, live_settings, live_table, starting_hand
 from .watch import Watch, who_publishes
 from .wire import TFMessage, Wire
 
@@ -58,9 +58,7 @@ class TrackerNode(Node):
 
         self._joints = joint_table(self._hand)
         self._tips = tip_offsets(self._hand)
-        prefix, wrist = start['prefix'], start['wrist_frame']
-        self._names = prefixed_names(
-            f'{self._hand.side}_' if prefix == AUTO else prefix, None if wrist == AUTO else wrist)
+        self._names = names_of(self._hand, start['prefix'], start['wrist_frame'])
         self._wire = Wire(self._names)
         if not self._wire.raw:
             self.get_logger().warning(

@@ -10,11 +10,13 @@ from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray, UVCoordinate
 
-from ..codec import MarkerReader, Stamp, joint_state_template, transforms_template
+from ..codec import (
+    MarkerReader, Stamp, joint_state_template, transforms_template, triangles_template)
 from ..labels import LabelMap
 from ..marker_frame import markers_from_message
 from ..messages import (
     fill_transforms, joint_state, new_transforms, pose_numbers, prefixed_names, time_message)
+from ..visuals import LIFETIME, SKIN_COLOUR, SKIN_OPACITY, hand_skin
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -80,6 +82,25 @@ class Wire:
 
         return filled
 
+    def skin(self, corners):
+        """Return a function of a stamp and corners (3 F, 3), whose result can be published.
+
+        Parameters
+        ----------
+        corners : int
+            Three for each triangle.
+        """
+        if self.raw:
+            template = _skin_template(self._names, corners)
+            return lambda stamp, places: template.fill(stamp, places.ravel())
+        return lambda stamp, places: hand_skin(time_message(stamp), self._names, places)
+
+
+def _skin_template(names, corners):
+    colour = *SKIN_COLOUR, SKIN_OPACITY
+    return triangles_template(
+        names.wrist, f'{names.prefix}skin', colour, LIFETIME.sec, corners)
+
 
 def codec_agrees():
     """Return whether rclpy's own serialiser has the layout that the codec knows."""
@@ -120,6 +141,10 @@ def _writes_alike():
     names, numbers = prefixed_names('left_'), np.linspace(-1., 1., 25)
     data = joint_state_template(names.joints).fill(STAMP, numbers)
     if not _says(data, joint_state(STAMP, names, numbers)):
+        return False
+    corners = np.arange(18.).reshape(6, 3)
+    data = _skin_template(names, len(corners)).fill(STAMP, corners.ravel())
+    if not _says(data, hand_skin(time_message(STAMP), names, corners)):
         return False
     if TFMessage is None:
         return True

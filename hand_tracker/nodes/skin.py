@@ -1,0 +1,91 @@
+"""The skin node: joint states in; the hand's skin out, as triangles for RViz.
+
+It works only while somebody looks: without a subscriber of `hand_skin` it listens to nothing.
+"""
+
+import sys
+import time
+
+import numpy as np
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import Marker
+
+from ..core.kinematics import forward, joint_table
+from ..skin import deform, load_skin
+from .common import declare, names_of, run
+from .parameter import Parameter
+from .tracker_parameters import START, starting_hand
+from .wire import Wire
+
+# The hand must be the tracker's; its limits and coupling do not shape it.
+SHARED = ('hand_file', 'side', 'hand_length', 'hand_breadth', 'thumb', 'prefix', 'wrist_frame')
+PARAMETERS = tuple(row for row in START if row.name in SHARED) + tuple(
+    row._replace(read_only=True) for row in (
+        Parameter('mesh', '', 'Closed mesh of the hand with straight joints (OBJ, PLY, STL), in '
+                  'any place and size; empty for one made from the hand'),
+        Parameter('rate', 30., 'Of hand_skin at most [Hz]', range=(.1, 30.)),
+        Parameter('dual_quaternions', False, 'Blend dual quaternions in place of matrices: bent '
+                  'joints keep their volume'),
+    ))
+
+
+class SkinNode(Node):
+    """Show the skin of one hand."""
+
+    def __init__(self):
+        super().__init__('hand_skin')
+        values = declare(self, PARAMETERS)
+        hand, _ = starting_hand({**{row.name: row.default for row in START}, **values})
+        self._names = names_of(hand, values['prefix'], values['wrist_frame'])
+        self._dual_quaternions = values['dual_quaternions']
+        start = time.monotonic()
+        self._skin = load_skin(hand, values['mesh'] or None)
+        self._joints = joint_table(hand)
+        self._triangles = Wire(self._names).skin(self._skin.faces.size)
+        self._own = self._names.joints[0].encode()
+        self._subscription = self._data = None
+        self._publisher = self.create_publisher(Marker, 'hand_skin', 1)
+        self.create_timer(1. / values['rate'], self._show,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.get_logger().info(
+            f'{hand.side} hand: a skin of {len(self._skin.vertices)} vertices, '
+            f'ready after {time.monotonic() - start:.1f} s')
+
+    def _show(self):
+        looked_at = self._publisher.get_subscription_count() > 0
+        if looked_at and not self._subscription:
+            latest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+            self._subscription = self.create_subscription(
+                JointState, 'joint_states', self._on_joint_states, latest, raw=True)
+        elif self._subscription and not looked_at:
+            self.destroy_subscription(self._subscription)
+            self._subscription = self._data = None
+        if looked_at and self._data:
+            data, self._data = self._data, None
+            self._publish(deserialize_message(data, JointState))
+
+    def _on_joint_states(self, data):
+        # Robots have joint states on this topic too.
+        if self._own in data:
+            self._data = data
+
+    def _publish(self, message):
+        given = dict(zip(message.name, message.position))
+        angles = np.array([given.get(name, np.nan) for name in self._names.joints])
+        if not np.isfinite(angles).all():
+            return
+        vertices = deform(self._skin, forward(self._joints, angles), self._dual_quaternions)
+        self._publisher.publish(self._triangles(message.header.stamp, vertices[self._skin.faces]))
+
+
+def main(args=None):
+    """Run the skin node until it is interrupted; return its exit code."""
+    return run(SkinNode, args=args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

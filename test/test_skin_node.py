@@ -1,0 +1,89 @@
+"""The skin node: triangles where the joint states put the hand, only while somebody looks."""
+
+import os
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('skimage', reason='scikit-image is not installed')
+
+from builtin_interfaces.msg import Time  # noqa: E402
+from ros_process import NodeProcess, watching_node  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from visualization_msgs.msg import Marker  # noqa: E402
+
+from hand_tracker.core.hand import Hand  # noqa: E402
+from hand_tracker.core.kinematics import forward, joint_table  # noqa: E402
+from hand_tracker.messages import joint_state, prefixed_names  # noqa: E402
+from hand_tracker.simulation.poses import pose_angles  # noqa: E402
+from hand_tracker.skin import deform, load_skin  # noqa: E402
+
+MODULE = 'hand_tracker.nodes.skin'
+LEFT = Hand.scaled(side='left')
+RATE = 100.     # of the joint states [Hz]
+PERIOD = 1. / 30.
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture(scope='module')
+def cache(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv('XDG_CACHE_HOME', str(tmp_path_factory.mktemp('cache')))
+        yield
+
+
+def test_triangles_are_the_deformed_skin_while_somebody_looks(cache):
+    skin = load_skin(LEFT)
+    names, angles = prefixed_names('left_'), pose_angles('pinch', LEFT)
+    expected = deform(skin, forward(joint_table(LEFT), angles))[skin.faces].reshape(-1, 3)
+    with NodeProcess(MODULE, {'side': 'left'}) as process, watching_node() as node:
+        publisher = node.create_publisher(JointState, 'joint_states', 10)
+        process.wait_for_line('a skin of')
+        sent = []
+
+        def send():
+            sent.append(Time(sec=1 + len(sent)))
+            publisher.publish(joint_state(sent[-1], names, angles))
+            publisher.publish(JointState(name=['wheel'], position=[1.]))
+
+        node.create_timer(1. / RATE, send)
+        node.spin_for(1.)
+        assert publisher.get_subscription_count() == 0
+        heard = []
+        looking = node.create_subscription(
+            Marker, 'hand_skin', lambda marker: heard.append((time.monotonic(), marker)), 1)
+        node.spin_until(lambda: len(heard) > 30)
+        times, markers = zip(*heard)
+        assert (times[-1] - times[0]) / (len(times) - 1) > .9 * PERIOD
+        marker = markers[-1]
+        assert marker.type == Marker.TRIANGLE_LIST
+        assert (marker.ns, marker.header.frame_id, marker.frame_locked) == (
+            'left_skin', 'left_wrist', True)
+        assert marker.header.stamp in sent
+        places = np.array([(point.x, point.y, point.z) for point in marker.points])
+        np.testing.assert_allclose(places, expected, rtol=0., atol=1e-9)
+        node.destroy_subscription(looking)
+        node.spin_until(lambda: publisher.get_subscription_count() == 0)
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output
+
+
+def test_without_its_libraries_it_says_what_is_missing(tmp_path):
+    (tmp_path / 'skimage').mkdir()
+    (tmp_path / 'skimage' / '__init__.py').write_text('raise ImportError')
+    path = os.pathsep.join((str(tmp_path), os.environ.get('PYTHONPATH', '')))
+    missing = {'PYTHONPATH': path, 'XDG_CACHE_HOME': str(tmp_path)}
+    with NodeProcess(MODULE, environment=missing) as process:
+        assert process.wait() == 1
+    assert process.output.count('making the skin of a hand needs scikit-image') == 1
+    assert 'Traceback' not in process.output
+
+
+def test_a_mesh_that_is_none_ends_it_with_one_line(tmp_path):
+    with NodeProcess(MODULE, {'mesh': str(tmp_path / 'none.obj')}) as process:
+        assert process.wait() == 1
+    assert 'none.obj: No such file' in process.output
+    assert 'Traceback' not in process.output
