@@ -14,9 +14,6 @@ import numpy as np
 from .jit import jit
 from .ukf import add_jerk, correct, fade, predict, start
 
-# What a frame knows of a marker; a truth value of "seen" will do for the first two.
-HIDDEN, MEASURED, INFERRED = 0, 1, 2
-
 # A marker's row of activity: the expected jerk noise, then the two means of innovations [m].
 ACTIVITY = 7
 
@@ -33,8 +30,8 @@ CORRELATED = 3.              # variances of a smoothed palm, whose errors last
 
 
 @jit
-def advance(mean, covariance, activity, observed, source, step, noise_sd, fading):
-    """Move one marker on by a step and correct it by what is observed.
+def advance(mean, covariance, activity, observed, seen, step, noise_sd, fading):
+    """Move one marker on by a step and, when it is seen, correct it by what is observed.
 
     Parameters
     ----------
@@ -44,71 +41,30 @@ def advance(mean, covariance, activity, observed, source, step, noise_sd, fading
         Replaced; all zero before the first observation, and again to forget the marker.
     observed : ndarray, shape (3,)
         A position; not read when hidden [m].
-    source : int
-        HIDDEN, MEASURED or INFERRED.
+    seen : bool
     step : float
         Since the last frame [s].
     noise_sd : float
         Standard deviation of each coordinate of `observed` [m].
     fading : float
         Time in which velocity and acceleration fall to 1/e when hidden [s].
-
-    Returns
-    -------
-    float
-        The normalised innovation squared before any jerk was noticed, of 3 degrees of
-        freedom; 0 when hidden or just begun.
     """
     if activity[0] == 0.:
-        if source != HIDDEN:
+        if seen:
             start(mean, covariance, observed, noise_sd)
             activity[0] = HIDDEN_JERK
-        return 0.
-    floor = REST_JERK if source == MEASURED else HIDDEN_JERK
-    activity[0] = max(floor, activity[0] * math.exp(-step / CALMING))
+        return
+    activity[0] = max(REST_JERK if seen else HIDDEN_JERK,
+                      activity[0] * math.exp(-step / CALMING))
     predict(mean, covariance, step, activity[0])
     # A marker at rest stays at rest: the velocity of noise is not carried on.
     rate = math.sqrt(REST_JERK / activity[0]) / RESTING
-    if source == HIDDEN:
+    if not seen:
         rate += 1. / fading
     fade(mean, covariance, math.exp(-step * rate))
-    if source == HIDDEN:
-        return 0.
-    if source == MEASURED:
-        consistency = inconsistency(mean, covariance, observed, noise_sd)
+    if seen:
         _notice(mean, covariance, activity, observed, step, noise_sd)
         correct(mean, covariance, observed, noise_sd)
-        return consistency
-    return correct(mean, covariance, observed, noise_sd)
-
-
-@jit
-def inconsistency(mean, covariance, observed, noise_sd):
-    """Return an innovation's square over its variance, about its NIS, of 3 degrees of freedom.
-
-    Parameters
-    ----------
-    mean, covariance : ndarray, shape (9,) and (9, 9)
-        A prediction.
-    observed : ndarray, shape (3,)
-        [m]
-    noise_sd : float
-        [m]
-
-    Returns
-    -------
-    float
-        With the mean variance of the three coordinates for all.
-    """
-    square = 0.
-    for k in range(3):
-        square += (observed[k] - mean[k]) ** 2
-    return square / _innovation_variance(covariance, noise_sd)
-
-
-@jit
-def _innovation_variance(covariance, noise_sd):
-    return noise_sd * noise_sd + (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) / 3.
 
 
 @jit
@@ -117,7 +73,8 @@ def _notice(mean, covariance, activity, observed, step, noise_sd):
     if not step > 0.:
         # A frame that repeats the last time is no news of motion.
         return
-    variance = _innovation_variance(covariance, noise_sd)
+    variance = noise_sd * noise_sd + (
+        covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) / 3.
     noticed = 0.
     since = 0.
     for i in range(2):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .jit import jit
-from .smoothing import ACTIVITY, HIDDEN, MEASURED, advance
+from .smoothing import ACTIVITY, advance
 from .ukf import SIZE
 from .vectors import store, vector
 
@@ -81,7 +81,7 @@ def follow(tracks, row, observed, step, noise, smooth):
     before = vector(tracks.mean[row])
     for k in range(3):
         place[k] = observed[k]
-    advance(tracks.mean[row], tracks.covariance[row], tracks.activity[row], place, MEASURED,
+    advance(tracks.mean[row], tracks.covariance[row], tracks.activity[row], place, True,
             step, noise, 1.)
     if not smooth:
         store(tracks.mean, row, observed)
@@ -117,7 +117,7 @@ def carry(tracks, row, move, drift, step, fading):
         mean[6 + k] = 0.
         if fading <= 0.:
             mean[3 + k] = 0.
-    advance(mean, tracks.covariance[row], tracks.activity[row], mean[:3], HIDDEN, step, 0.,
+    advance(mean, tracks.covariance[row], tracks.activity[row], mean[:3], False, step, 0.,
             max(fading, 1e-9))
     for k in range(3):
         mean[k] += move[k]
