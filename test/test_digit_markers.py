@@ -164,3 +164,20 @@ def test_while_one_is_hidden_nothing_is_learned():
     for frame in range(100, 200):
         digits.see(wave(frame), (3,))
     assert weight > 0. and digits.habits.weight[0] == weight
+
+
+@pytest.mark.parametrize('wrong', [0, 1, 2])
+def test_seconds_of_jumps_do_not_spoil_what_was_learned(wrong):
+    """Those of the digit that is hidden later, or of a neighbour that tells of it."""
+    rng = np.random.default_rng(wrong)
+    errors = {}
+    for memory in (0., 7.):
+        digits = Digits(memory)
+        for frame in range(800):
+            local = wave(frame)
+            if 400 <= frame < 700 and frame // 12 % 2:
+                local[wrong] += .06 * rng.choice((-1., 1.), 3)
+            digits.see(local)
+        found = [digits.see(wave(frame), (1,))[1] - wave(frame)[1] for frame in range(800, 860)]
+        errors[memory] = np.linalg.norm(found, axis=1).max()
+    assert errors[7.] < .005 and errors[7.] < .4 * errors[0.]

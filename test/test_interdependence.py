@@ -123,7 +123,7 @@ def test_places_of_no_hand_give_shares_all_the_same(far):
     assert np.isfinite(shares).all() and abs(shares).max() < 10.
 
 
-@pytest.mark.parametrize('far, fast', [(1e3, 0.), (0., 1e5), (np.nan, 0.)])
+@pytest.mark.parametrize('far, fast', [(1e3, 0.), (0., 5.), (0., 1e5), (np.nan, 0.)])
 def test_frames_of_no_hand_teach_nothing(far, fast):
     places, velocities = history(8)
     odd = places[:20] + far, velocities[:20] + fast

@@ -19,8 +19,9 @@ from .vectors import clamp
 DIGITS = 5
 SIZE = 3 * DIGITS
 LEADERS = FLEXION[:4, 0].copy()
-# Beyond any digit in the palm's frame; sums of such would drown the rest.
-FARTHEST, FASTEST = 1., 20.  # [m], [m/s] on an axis
+# Beyond a digit in the palm's frame, a captured one stays below .8 m/s: a marker has jumped, and
+# one jump would drown the rest.
+FARTHEST, FASTEST = 1., 1.  # [m], [m/s] on an axis
 
 
 class Habits(NamedTuple):
@@ -71,7 +72,7 @@ def learn(habits, places, velocities, step, memory):
     Parameters
     ----------
     habits : Habits
-        Changed, unless the frame is of no hand.
+        Changed, unless a marker has jumped.
     places, velocities : ndarray, shape (5, 3)
         Of the markers in the palm's frame [m], [m/s].
     step : float
