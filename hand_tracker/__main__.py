@@ -9,6 +9,7 @@ COMMANDS = {
     'demo': ('hand_tracker.demo', 'replay a recording through the tracker and draw the hand'),
     'track': ('hand_tracker.offline', 'track a recording; write a table or a recording of angles'),
     'plot': ('hand_tracker.plot', 'track a recording; plot the angles of each digit over time'),
+    'skin': ('hand_tracker.skin.command', 'draw the skin of a hand, its weights and blending'),
     'urdf': ('hand_tracker.urdf', 'print or write the URDF of a hand'),
     'evaluate': ('hand_tracker.evaluation.command', 'measure the tracker, each table in turn'),
     'simulate': ('hand_tracker.simulation.simulate', 'record a simulated hand seen by cameras'),

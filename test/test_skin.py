@@ -2,15 +2,20 @@
 
 import numpy as np
 import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
 
 trimesh = pytest.importorskip('trimesh', reason='trimesh is not installed')
 pytest.importorskip('skimage', reason='scikit-image is not installed')
 
+from hand_tracker.core.jit import COMPILED  # noqa: E402
 from hand_tracker.core.hand import JOINTS, LINKS, Hand  # noqa: E402
 from hand_tracker.core.kinematics import forward, joint_table  # noqa: E402
 from hand_tracker.simulation.poses import pose_angles  # noqa: E402
-from hand_tracker.skin import deform, load_skin  # noqa: E402
+from hand_tracker.skin import InvalidMesh, deform, load_skin  # noqa: E402
 from hand_tracker.skin import load  # noqa: E402
+from hand_tracker.skin.command import main  # noqa: E402
+from hand_tracker.skin.measure import buried_share, volume, winding_numbers  # noqa: E402
 
 HAND = Hand.scaled()
 VOLUME_CHANGE = {'open': .02, 'spread': .02, 'fist': .06}
@@ -94,11 +99,45 @@ def test_many_poses_at_once_are_those_one_by_one(skin):
         np.testing.assert_allclose(one, deform(skin, posed(HAND, name)), rtol=0., atol=1e-12)
 
 
+@pytest.mark.parametrize('dual_quaternions', [False, True])
 @pytest.mark.parametrize('name', VOLUME_CHANGE)
-def test_flesh_keeps_its_volume(skin, name):
-    rest = mesh(skin, skin.vertices).volume
-    change = mesh(skin, deform(skin, posed(HAND, name))).volume / rest - 1.
-    assert abs(change) < VOLUME_CHANGE[name]
+def test_flesh_keeps_its_volume(skin, name, dual_quaternions):
+    rest = volume(skin.vertices, skin.faces)
+    assert rest == pytest.approx(mesh(skin, skin.vertices).volume)
+    change = volume(deform(skin, posed(HAND, name), dual_quaternions), skin.faces) / rest - 1.
+    assert abs(change) < (.02 if dual_quaternions else VOLUME_CHANGE[name])
+
+
+def test_winding_numbers():
+    box = trimesh.creation.box()
+    places = np.array(((0., 0., 0.), (.4, -.4, .3), (.6, 0., 0.), (5., 5., 5.)))
+    np.testing.assert_allclose(winding_numbers(np.array(box.vertices[box.faces]), places),
+                               (1., 1., 0., 0.), rtol=0., atol=1e-12)
+    box = box.subdivide().subdivide().subdivide()
+    two = trimesh.util.concatenate((box, box.copy().apply_translation((.3, .2, .1))))
+    inside = [(np.abs(vertex - middle) < .499).all() for vertex, middle in zip(
+        two.vertices, np.repeat(((.3, .2, .1), (0., 0., 0.)), len(box.vertices), axis=0))]
+    assert buried_share(np.array(two.vertices), np.array(two.faces)) == pytest.approx(
+        np.mean(inside), abs=.03)
+    assert np.mean(inside) > .1
+
+
+@pytest.mark.skipif(not COMPILED, reason='takes minutes in plain Python')
+@pytest.mark.parametrize(('name', 'share'), {'spread': .002, 'open': .005, 'fist': .08}.items())
+def test_skin_goes_little_through_itself(skin, name, share):
+    assert buried_share(deform(skin, posed(HAND, name)), skin.faces) < share
+
+
+def test_dual_quaternions_move_rigidly_what_is_rigid(skin):
+    pose = posed(HAND, 'fist', wrist_position=np.array((.3, -2., 1.)))
+    still = deform(skin, posed(HAND, 'fist'), True)
+    np.testing.assert_allclose(deform(skin, pose, True), still + (.3, -2., 1.), atol=1e-12)
+    # Where one link has all the weight, both ways are the same.
+    alone = skin.weights.max(axis=1) > .995
+    assert alone.sum() > 20
+    np.testing.assert_allclose(still[alone], deform(skin, posed(HAND, 'fist'))[alone], rtol=0., atol=1e-3)
+    zero = forward(joint_table(HAND), np.zeros(len(JOINTS)))
+    np.testing.assert_allclose(deform(skin, zero, True), skin.vertices, rtol=0., atol=1e-12)
 
 
 def test_left_is_mirrored(skin):
@@ -127,3 +166,58 @@ def test_cache_gives_the_same_skin_and_damage_is_mended(skin, cache, monkeypatch
 def test_other_hands_have_other_skins(skin, cache):
     assert load._key(HAND, None) == load._key(Hand.scaled(side='left'), None)
     assert load._key(HAND, None) != load._key(Hand.scaled(length=.19), None)
+
+
+@pytest.mark.parametrize('suffix', ['stl', 'obj', 'ply'])
+def test_a_mesh_of_ones_own_is_laid_upon_the_hand(skin, tmp_path, suffix):
+    turn = Rotation.from_rotvec((2., -1., 1.5)).as_matrix()
+    own = mesh(skin, 1100. * skin.vertices @ turn.T + (300., -40., 7.))
+    own.export(tmp_path / f'own.{suffix}')
+    found = load_skin(HAND, tmp_path / f'own.{suffix}')
+    assert len(found.vertices) == len(skin.vertices)
+    assert trimesh.proximity.closest_point(
+        mesh(skin, skin.vertices), found.vertices[::20])[1].max() < .001
+    assert mesh(found, found.vertices).is_watertight
+    np.testing.assert_allclose(found.weights.sum(axis=1), 1., rtol=0., atol=1e-12)
+    fist = deform(found, posed(HAND, 'fist'))
+    assert trimesh.proximity.closest_point(
+        mesh(skin, deform(skin, posed(HAND, 'fist'))), fist[::20])[1].mean() < .001
+
+
+def test_a_mesh_of_the_other_side_or_of_something_else_is_refused(skin, tmp_path):
+    mesh(skin, skin.vertices).export(tmp_path / 'right.ply')
+    with pytest.raises(InvalidMesh, match=r'right\.ply: it fits a right hand, expected is a left one'):
+        load_skin(HAND.mirrored(), tmp_path / 'right.ply')
+    trimesh.creation.icosphere(3).export(tmp_path / 'ball.stl')
+    with pytest.raises(InvalidMesh, match='ball.stl: laid upon'):
+        load_skin(HAND, tmp_path / 'ball.stl')
+
+
+def test_a_broken_mesh_is_named(skin, tmp_path):
+    def refused(name, content, reason):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(InvalidMesh, match=f'{name}: .*{reason}'):
+            load_skin(HAND, tmp_path / name)
+
+    refused('a.stl', b'no mesh at all', '')
+    refused('a.ply', b'ply\nformat ascii 1.0\nelement vertex 3\n', '')
+    refused('a.obj', b'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n', '3 vertices; allowed is 200')
+    refused('a.dae', b'', 'expected is one of .obj, .ply, .stl')
+    torn = trimesh.Trimesh(skin.vertices, skin.faces[5:], process=False)
+    refused('torn.ply', torn.export(file_type='ply'), 'holes')
+    with pytest.raises(InvalidMesh, match='none.obj: No such file'):
+        load_skin(HAND, tmp_path / 'none.obj')
+
+
+def test_command_draws_and_measures(skin, tmp_path, capsys):
+    if not COMPILED:
+        pytest.skip('takes minutes in plain Python')
+    assert main(['--side', 'left', '-o', str(tmp_path / 'out')]) == 0
+    told = capsys.readouterr().out
+    assert 'fist' in told
+    for name in ('poses', 'weights', 'blending'):
+        with Image.open(tmp_path / 'out' / f'{name}.png') as image:
+            assert len(np.unique(np.asarray(image.convert('RGB')).reshape(-1, 3), axis=0)) > 100
+    assert main(['--mesh', str(tmp_path / 'none.ply')]) == 1
+    assert capsys.readouterr().err == f'hand_tracker skin: {tmp_path}/none.ply: No such file or ' \
+                                      'directory\n'

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.hand import JOINTS, LINKS
+from ..core.hand import JOINTS, SIDES
 from ..core.kinematics import Pose, forward, joint_table, tip_offsets
 from ..core.skeleton import CHAINS, PALM_BONES, skeleton_points
 from .blend import Skin, deform
@@ -26,6 +26,7 @@ BONES = PALM_BONES[:len(CHAINS)] + tuple(
 CARRIERS = tuple(CHAINS[0][0] if bone == TO_THUMB else bone[1] if bone in PALM_BONES else bone[0]
                  for bone in BONES)
 SKIN_LINKS = tuple(sorted(set(CARRIERS)))
+MIRROR = (1., -1., 1.)
 IRRELEVANT = ('limits', 'coupling', 'side')  # to the skin of a right hand
 
 
@@ -63,7 +64,7 @@ def load_skin(hand, mesh=None, cache=True):
             _keep(path, arrays)
     vertices, faces, weights = arrays
     if hand.side == 'left' and not mesh:
-        vertices, faces = vertices * (1., -1., 1.), faces[:, ::-1].copy()
+        vertices, faces = vertices * MIRROR, faces[:, ::-1].copy()
     return Skin(vertices, faces, weights, SKIN_LINKS, _frames(_rest(hand)))
 
 
@@ -79,13 +80,16 @@ def model_arrays(hand):
 
 def own_arrays(hand, mesh):
     """Return vertices, faces and weights of a person's own mesh, of the hand's own side."""
-    vertices, faces = read_mesh(mesh)
+    own, faces = read_mesh(mesh)
     model = load_skin(hand).vertices
-    vertices, apart = laid_upon(vertices, model)
+    vertices, apart = laid_upon(own, model)
+    if laid_upon(own, model * MIRROR)[1] < apart:
+        other = SIDES[1 - SIDES.index(hand.side)]
+        raise InvalidMesh(f'{mesh}: it fits a {other} hand, expected is a {hand.side} one')
     if apart > FARTHEST:
         raise InvalidMesh(
             f'{mesh}: laid upon the {hand.side} hand it is off by {1000. * apart:.0f} mm in the '
-            f'mean; expected is a {hand.side} hand, straight and without forearm, within '
+            f'mean; expected is a hand with straight joints and without forearm, within '
             f'{1000. * FARTHEST:.0f} mm')
     points = skeleton_points(tip_offsets(hand), _rest(hand), np.zeros(3))
     return vertices, faces, _weights(vertices, faces, points)

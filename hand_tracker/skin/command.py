@@ -1,0 +1,67 @@
+"""Draw the skin of a hand, its weights and its blending, and tell how well it deforms."""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from ..core.errors import HandTrackerError
+from ..core.kinematics import forward, joint_table
+from ..files.hand_file import add_hand_options, choose_hand
+from ..simulation.poses import pose_angles
+from .blend import deform
+from .drawing import POSES, save_blending, save_poses, save_weights
+from .load import load_skin
+from .measure import buried_share, volume
+
+PICTURES = {'poses.png': save_poses, 'weights.png': save_weights, 'blending.png': save_blending}
+
+
+def main(arguments=None):
+    """Run the command; return its exit code.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        The command line's when left out.
+    """
+    parser = argparse.ArgumentParser(prog='hand_tracker skin', description=__doc__)
+    add_hand_options(parser)
+    parser.add_argument('--mesh', metavar='FILE', help='closed mesh of the hand with straight '
+                        'joints (OBJ, PLY, STL); default: made from the hand')
+    parser.add_argument('-o', '--output', metavar='FOLDER', type=Path, default=Path('skin_output'),
+                        help=f"for {', '.join(PICTURES)}; default: %(default)s")
+    options = parser.parse_args(arguments)
+    try:
+        hand, _ = choose_hand(options.hand, options.side, options.limits, options.coupling)
+        skin = load_skin(hand, options.mesh)
+        options.output.mkdir(parents=True, exist_ok=True)
+        for name, save in PICTURES.items():
+            save(options.output / name, hand, skin)
+    except (HandTrackerError, OSError) as error:
+        print(f'hand_tracker skin: {error}', file=sys.stderr)
+        return 1
+    print(f'{len(skin.vertices)} vertices, {len(skin.faces)} triangles, '
+          f'{1e6 * volume(skin.vertices, skin.faces):.0f} ml; pictures in {options.output}')
+    print('\n'.join(report(hand, skin)))
+    return 0
+
+
+def report(hand, skin):
+    """Yield lines: how the volume changes in poses, and how much skin lies in other flesh."""
+    yield f"{'':10s}{'linear blending':>26s}{'dual quaternions':>26s}"
+    yield f"{'pose':10s}" + 2 * f"{'volume':>13s}{'buried skin':>13s}"
+    rest = volume(skin.vertices, skin.faces)
+    for name in POSES:
+        pose = forward(joint_table(hand), np.asarray(pose_angles(name, hand)))
+        cells = ''
+        for dual_quaternions in (False, True):
+            vertices = deform(skin, pose, dual_quaternions)
+            change = volume(vertices, skin.faces) / rest - 1.
+            cells += f'{100. * change:+12.1f}%{100. * buried_share(vertices, skin.faces):12.1f}%'
+        yield f'{name:10s}{cells}'
+
+
+if __name__ == '__main__':
+    sys.exit(main())
