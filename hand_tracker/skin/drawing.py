@@ -77,21 +77,24 @@ def sheet(path, rows, titles, names=('', '')):
         Of the columns and of the rows.
     """
     columns = len(titles)
-    figure = Figure(figsize=(SIDE * columns, SIDE * len(rows) + HEADER), dpi=DPI, facecolor=PAPER)
+    margin = HEADER if any(names) else 0.
+    size = np.array((SIDE * columns + margin, SIDE * len(rows) + HEADER))
+    figure = Figure(figsize=size, dpi=DPI, facecolor=PAPER)
     canvas = FigureCanvasAgg(figure)
-    top = 1. - HEADER / figure.get_size_inches()[1]
+    wide, (left, header) = SIDE / size[0], (margin, HEADER) / size
+    top = 1. - header
     for i, (row, name) in enumerate(zip(rows, names)):
         bottom = top * (len(rows) - 1 - i) / len(rows)
-        figure.text(.008, bottom + .5 * top / len(rows), name, rotation=90., va='center',
-                    fontsize=10, color=INK)
+        figure.text(.5 * left, bottom + .5 * top / len(rows), name, rotation=90., ha='center',
+                    va='center', fontsize=10, color=INK)
         for j, drawing in enumerate(row):
-            drawing(figure.add_axes((j / columns, bottom, 1. / columns, top / len(rows))))
+            drawing(figure.add_axes((left + j * wide, bottom, wide, top / len(rows))))
     for j, title in enumerate(titles):
-        figure.text((j + .5) / columns, .5 + .5 * top, title, ha='center', va='center',
+        figure.text(left + (j + .5) * wide, .5 + .5 * top, title, ha='center', va='center',
                     fontsize=10, color=INK)
     canvas.draw()
     image = Image.fromarray(np.asarray(canvas.buffer_rgba())[:, :, :3].copy())
-    image.quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
+    image.quantize(256, kmeans=1, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 def _pose(hand, name):
