@@ -8,7 +8,8 @@ import pytest
 
 from hand_tracker.core.errors import HandTrackerError, InvalidHand
 from hand_tracker.core.hand import (
-    DIGITS, FINGERS, JOINTS, LINKS, Hand, joint_kind, preset_coupling, preset_limits)
+    DIGITS, FINGERS, JOINTS, LINKS, RELAXED, RELAXED_THUMB, Hand, joint_kind, preset_coupling,
+    preset_limits)
 from hand_tracker.core.kinematics import forward, joint_table
 
 # Table 1 of the paper: extension θ1, flexion θ3, abduction θ2, adduction θ4 [degrees].
@@ -214,3 +215,21 @@ def test_refusals_name_field_value_and_what_is_allowed(hand, change, message):
 def test_scaled_refuses_sizes_no_hand_has(size, message):
     with pytest.raises(InvalidHand, match=re.escape(message)):
         Hand.scaled(**size)
+
+
+@pytest.mark.parametrize('preset', ['paper', 'wide'])
+def test_a_relaxed_hand_is_bent_more_from_index_to_little_within_its_limits(preset):
+    hand = Hand.scaled(limits=preset_limits(preset))
+    angles = hand.relaxed().reshape(5, 5)
+    # The preset forbids none of it.
+    assert (hand.limits[:, 0] <= hand.relaxed()).all() and (hand.relaxed() <= hand.limits[:, 1]).all()
+    np.testing.assert_allclose(np.degrees(angles[4, :4]), RELAXED_THUMB)
+    np.testing.assert_allclose(np.degrees(angles[:4, 2:4]), RELAXED)
+    assert (np.diff(angles[:4, 2:4].sum(axis=1)) > 0.).all()
+    assert (angles[:4, 3] > angles[:4, 2]).all()
+    np.testing.assert_allclose(angles[:, 4], hand.coupling[:, 0] * angles[:, 3])
+
+
+def test_a_relaxed_hand_keeps_limits_of_ones_own():
+    limits = np.zeros((25, 2))
+    np.testing.assert_array_equal(Hand.scaled(limits=limits).relaxed(), 0.)

@@ -73,7 +73,7 @@ def test_the_switch_turns_numba_off(tmp_path):
 
 
 def test_packed_values_are_those_given():
-    state = blank_state(np.eye(3), np.ones((5, 3)), 1e-4)
+    state = blank_state(np.eye(3), np.ones((5, 3)), np.ones(25), 1e-4)
     state.placed[0] = True
     pack, values = packed(state)
     assert type(values) is type(state) and type(values.palm) is type(state.palm)

@@ -3,13 +3,13 @@
 import conformal
 import numpy as np
 import pytest
-from hand_tracker.core.plane import BEHIND, FIST_FAR, FIST_NEAR, plane_abduction
+from hand_tracker.core.plane import BEHIND, FIST_FAR, FIST_NEAR, FRAME, plane_abduction
 
 FREE = (-np.pi / 2, np.pi / 2)
 
 
-def turn_of(target, lateral=0., reach=.07, limits=FREE, previous=0.):
-    return plane_abduction(tuple(target), lateral, reach, *limits, previous)
+def turn_of(target, lateral=0., reach=.07, limits=FREE, previous=0., step=FRAME):
+    return plane_abduction(tuple(target), lateral, reach, *limits, previous, step)
 
 
 def test_plane_is_the_conformal_plane_through_joint_marker_and_normal():
@@ -49,6 +49,21 @@ def test_past_a_fist_the_plane_does_not_flip():
         turn, along, _ = turn_of((-.03, .003, -.02), previous=turn)
     assert turn == pytest.approx(-.1, abs=1e-3)
     assert along < 0.
+
+
+@pytest.mark.parametrize('target', [(-.03, .003, -.02), (.009, .003, -.02)])
+def test_in_a_fist_it_follows_as_fast_at_any_rate_of_frames(target):
+    def after(frames, step):
+        turn = 0.
+        for _ in range(frames):
+            turn, _, _ = turn_of(target, previous=turn, step=step)
+        return turn
+
+    assert after(8, FRAME / 4.) == pytest.approx(after(2, FRAME))
+    assert after(1, 2. * FRAME) == pytest.approx(after(2, FRAME))
+    # None of it while no time passes, and all of it where it is not in a fist.
+    assert after(1, 0.) == 0.
+    assert turn_of((.03, .003, -.02), step=0.)[0] == pytest.approx(np.arctan2(.003, .03))
 
 
 def test_a_marker_under_the_joint_leaves_abduction_as_it_was():

@@ -248,31 +248,59 @@ def test_waits_for_the_first_whole_palm():
     markers = markers_of(hand, np.zeros(25))
     markers[1] = np.nan
     state = tracker.update(markers)
-    assert state.palm == PalmState.WAITING
+    assert state.palm == PalmState.WAITING and not tracker.placed
     assert state.marker_states[1] == MarkerState.ABSENT
+    np.testing.assert_array_equal(state.angles, hand.relaxed())
     markers[1] = markers_of(hand, np.zeros(25))[1]
     assert tracker.update(markers).palm == PalmState.TRACKED
 
 
-def test_a_finger_that_was_never_seen_goes_from_rest_to_what_is_usual_with_its_neighbours():
-    hand = Hand.scaled()
-    tracker = HandTracker(hand)
-    angles = .5 * hand.limits[:, 1]
-    angles[ABDUCTION] = 0.
-    markers = markers_of(hand, angles)
-    index = MARKERS.index('ring')
-    truth = markers[index].copy()
-    markers[index] = np.nan
-    state = tracker.update(markers)
-    assert state.marker_states[index] == MarkerState.ABSENT
-    rest = markers_of(hand, np.zeros(25))[index]
-    np.testing.assert_allclose(state.markers[index], rest, atol=1e-3)
-    for _ in range(1200):
-        state = tracker.update(markers)
-    assert state.marker_states[index] == MarkerState.ABSENT
-    assert np.linalg.norm(state.markers[index] - truth) < .45 * np.linalg.norm(rest - truth)
-    ring = FLEXION[MARKERS[3:].index('ring')]
-    assert state.angles[ring].sum() > .6 * angles[ring].sum()
+def never_seen(name, bends, options=None, side='right'):
+    """Return the states of a hand whose fingers bend while one marker is never worn."""
+    hand = Hand.scaled(side=side, limits=preset_limits('wide'))
+    tracker = HandTracker(hand, options=options)
+    row, states = MARKERS.index(name), []
+    for bend in bends:
+        angles = hand.relaxed()
+        angles[FLEXION[:4]] = bend * hand.limits[FLEXION[:4], 1]
+        markers = markers_of(hand, angles)
+        markers[row] = np.nan
+        states.append(tracker.update(markers))
+        assert states[-1].marker_states[row] == MarkerState.ABSENT
+        assert (states[-1].confidence[5 * (row - 3):5 * (row - 2)] == 0.).all()
+        assert (states[-1].angles >= hand.limits[:, 0]).all()
+        assert (states[-1].angles <= hand.limits[:, 1]).all()
+    return hand, states
+
+
+@pytest.mark.parametrize('side', SIDES)
+@pytest.mark.parametrize('stale', ['relax', 'hold'])
+def test_a_thumb_that_was_never_seen_is_relaxed(side, stale):
+    hand, states = never_seen('thumb', np.linspace(.1, .3, 300),
+                              TrackerOptions(stale=stale, rigidity=False), side)
+    thumb = slice(20, 25)
+    for state in states:
+        np.testing.assert_allclose(state.angles[thumb], hand.relaxed()[thumb], atol=1e-4)
+
+
+@pytest.mark.parametrize('stale', ['relax', 'hold'])
+def test_a_finger_that_was_never_seen_goes_along_with_its_neighbours(stale):
+    open_to_shut = .1 + .6 * np.sin(np.linspace(0., 2. * np.pi, 1200)) ** 2
+    hand, states = never_seen('ring', open_to_shut, TrackerOptions(stale=stale, rigidity=False))
+    flexion = np.array([state.angles[FLEXION[2, :2]].sum() for state in states])
+    others = open_to_shut * hand.limits[FLEXION[2, :2], 1].sum()
+    assert np.corrcoef(flexion, others)[0, 1] > .95
+    assert np.ptp(flexion) > .5 * np.ptp(others)
+    # From the first frame on, and after it has learned what it was itself taken for.
+    assert abs(flexion - others).max() < np.radians(60.)
+
+
+def test_a_finger_that_was_never_seen_stays_natural_however_long():
+    hand, states = never_seen('ring', np.tile(.3 + .2 * np.sin(np.linspace(
+        0., 2. * np.pi, 240, endpoint=False)), 40), TrackerOptions(rigidity=False))
+    first, last = (np.array([state.angles[FLEXION[2, :2]] for state in some])
+                   for some in (states[240:480], states[-240:]))
+    np.testing.assert_allclose(first, last, atol=np.radians(5.))
 
 
 def test_a_hidden_finger_keeps_its_angles_while_the_wrist_moves():

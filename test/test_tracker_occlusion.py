@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hand_tracker.core.capsules import capsules, pair_gaps
 from hand_tracker.core.digit import FLEXION
-from hand_tracker.core.hand import JOINTS, Hand
+from hand_tracker.core.hand import FINGERS, JOINTS, Hand
 from hand_tracker.core.kinematics import forward, joint_table
-from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.layout import MARKERS, PAPER_PLACES, MarkerLayout, marker_positions
 from hand_tracker.core.tracker import HandTracker, MarkerState, PalmState, TrackerOptions
 from scipy.spatial.transform import Rotation
 
@@ -17,6 +17,7 @@ STEP = 1. / RATE
 HAND = Hand.scaled()
 MIRROR = np.array((1., -1., 1.))
 EXACT = TrackerOptions(smoothing=False, rigidity=False)
+TIPS = (*PAPER_PLACES[:3], *(f'{finger}_tip' for finger in FINGERS), 'thumb_tip')
 INDEX, MIDDLE, RING = (MARKERS.index(name) for name in ('index', 'middle', 'ring'))
 
 
@@ -154,6 +155,18 @@ def test_time_that_jumps_back_begins_anew():
             np.testing.assert_array_equal(getattr(again, name), getattr(first, name), name)
 
 
+def test_it_is_forgotten_as_fast_at_any_rate_that_a_marker_was_not_seen():
+    unseen = []
+    for rate in (60, 240):
+        tracker = HandTracker()
+        for frame in range(2 * rate):
+            markers = markers_at(120)
+            markers[MIDDLE] = np.nan if rate <= frame < 1.9 * rate else markers[MIDDLE]
+            tracker.update(markers, frame / rate)
+        unseen.append(tracker._state.memory.unseen[MIDDLE])
+    assert 0. < unseen[0] < .01 and unseen[0] == pytest.approx(unseen[1], rel=.05)
+
+
 def test_after_a_pause_hidden_markers_are_where_they_were():
     tracker = HandTracker(options=EXACT)
     for frame in range(200):
@@ -169,12 +182,33 @@ def test_measured_distal_flexion_replaces_the_coupling_within_limits():
     dip = FLEXION[:, 2]
     markers = markers_at(60)
     coupled = tracker.update(markers).angles
-    state = tracker.update(markers, None, (np.nan, .3, 5., -5., np.inf))
+    for _ in range(120):
+        state = tracker.update(markers, None, (np.nan, .3, 5., -5., np.inf))
     np.testing.assert_allclose(state.angles[dip[[0, 4]]], coupled[dip[[0, 4]]], atol=1e-9)
     assert state.angles[dip[1]] == .3
     assert state.angles[dip[2]] == HAND.limits[dip[2], 1]
     assert state.angles[dip[3]] == HAND.limits[dip[3], 0]
-    np.testing.assert_allclose(tracker.update(markers).angles, coupled, atol=1e-9)
+    for _ in range(120):
+        state = tracker.update(markers)
+    np.testing.assert_allclose(state.angles, coupled, atol=1e-9)
+
+
+@pytest.mark.parametrize('places', [PAPER_PLACES, TIPS])
+def test_no_angle_jumps_where_a_measured_flexion_comes_or_is_missed(places):
+    layout, options = MarkerLayout(places=places), replace(EXACT, reentry_rate=3.)
+    markers = marker_positions(layout.mounting(HAND), forward(joint_table(HAND), grasp(60)))
+    tracker = HandTracker(HAND, layout, options)
+    measured = np.array((1.2, np.nan, .9, np.nan, .8))
+    path = [tracker.update(markers).angles]
+    for frame in range(200):
+        path.append(tracker.update(
+            markers, None, measured if 50 <= frame < 120 else None).angles)
+    steps = abs(np.diff(path, axis=0))
+    assert steps.max() <= 3. * STEP + 1e-9
+    # It is measured in the end, and coupled again.
+    last = FLEXION[[0, 2, 4], 2]
+    np.testing.assert_allclose(path[120][last], measured[[0, 2, 4]], atol=1e-9)
+    np.testing.assert_allclose(path[-1], path[0], atol=1e-9)
 
 
 def test_confidence_falls_while_a_marker_is_hidden_and_is_back_with_it():

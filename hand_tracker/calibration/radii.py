@@ -7,6 +7,7 @@ from ..core.contact import PENETRATION
 from ..core.digit import chains, solve_digits
 from ..core.hand import DIGITS, FINGERS, JOINTS
 from ..core.layout import MARKERS, PAPER_PLACES, MarkerLayout
+from ..core.plane import FRAME
 from .landmarks import LANDMARKS
 
 FIT_FRAMES = 300   # spread over the recording
@@ -38,8 +39,8 @@ def fit_radii(hand, local):
     gaps = []
     for markers in local[every][:, MARKER_ROWS]:
         angles = np.zeros(len(JOINTS))
-        solve_digits(digits, digits.root.copy(), np.array(markers, order='C'), angles, False,
-                     1e-5, 1)
+        solve_digits(digits, digits.root.copy(), np.array(markers, order='C'), angles, FRAME,
+                     False, 1e-5, 1)
         gaps.append(pair_gaps(body, angles))
     excess = np.maximum(-np.percentile(gaps, RARE, axis=0) - PENETRATION, 0.)
     thinner = np.zeros(len(body.link))

@@ -54,6 +54,8 @@ class Chains(NamedTuple):
         Limits [rad].
     coupling : ndarray, shape (5, 2)
         Slope and offset [1, rad].
+    measured : ndarray of bool, shape (5,)
+        Whether the last joint is measured in place of coupled.
     """
 
     root: np.ndarray
@@ -68,6 +70,7 @@ class Chains(NamedTuple):
     lower: np.ndarray
     upper: np.ndarray
     coupling: np.ndarray
+    measured: np.ndarray
 
 
 def chains(hand, mounting):
@@ -96,7 +99,7 @@ def chains(hand, mounting):
     return Chains(root, base, tilt, np.where(third, 3, 2), bones, droop,
                   markers[:, 1].copy(), _starts(bones, droop, hand.coupling, lower, upper),
                   np.array(ABDUCTION_SIGN),
-                  lower, upper, hand.coupling.copy())
+                  lower, upper, hand.coupling.copy(), np.zeros(5, dtype=bool))
 
 
 def with_measured(chains, distal_flexion):
@@ -119,7 +122,7 @@ def with_measured(chains, distal_flexion):
                       chains.lower[last], chains.upper[last])
     coupling = np.where(measured[:, None], np.stack((0. * flexion, flexion), axis=1),
                         chains.coupling)
-    return chains._replace(coupling=coupling, start=_starts(
+    return chains._replace(coupling=coupling, measured=measured, start=_starts(
         chains.bones, chains.droop, coupling, chains.lower, chains.upper))
 
 
@@ -132,7 +135,7 @@ def _starts(bones, droop, coupling, lower, upper):
 
 
 @jit
-def solve_digit(chains, digit, target, angles, by_fabrik, tolerance, iterations):
+def solve_digit(chains, digit, target, angles, step, by_fabrik, tolerance, iterations):
     """Solve one digit for its marker; its joints in `angles` are replaced.
 
     Parameters
@@ -144,6 +147,8 @@ def solve_digit(chains, digit, target, angles, by_fabrik, tolerance, iterations)
         The marker from the chain's root, in the wrist's frame [m].
     angles : ndarray, shape (25,)
         Previous angles, replaced [rad].
+    step : float
+        Since the previous angles, `plane.FRAME` where no time passes [s].
     by_fabrik : bool
         FABRIK instead of the closed form.
     tolerance, iterations : float, int
@@ -172,7 +177,7 @@ def solve_digit(chains, digit, target, angles, by_fabrik, tolerance, iterations)
     high = max(sign * lower[abduction], sign * upper[abduction])
     turn, along, height = plane_abduction(
         components(frame(chains.base[digit]), target), chains.lateral[digit], reach,
-        low, high, sign * angles[abduction])
+        low, high, sign * angles[abduction], step)
     angles[abduction] = sign * turn
 
     # In the frame of the rest direction flexion starts at zero.
@@ -211,7 +216,7 @@ def solve_digit(chains, digit, target, angles, by_fabrik, tolerance, iterations)
 
 
 @jit
-def solve_digits(chains, roots, markers, angles, by_fabrik, tolerance, iterations):
+def solve_digits(chains, roots, markers, angles, step, by_fabrik, tolerance, iterations):
     """Solve the five digits, index finger to thumb.
 
     Parameters
@@ -221,7 +226,7 @@ def solve_digits(chains, roots, markers, angles, by_fabrik, tolerance, iteration
         First joints and markers of the digits, in the wrist's frame [m].
     angles : ndarray, shape (25,)
         Previous angles, replaced [rad].
-    by_fabrik, tolerance, iterations
+    step, by_fabrik, tolerance, iterations
         As for `solve_digit`.
 
     Returns
@@ -234,5 +239,6 @@ def solve_digits(chains, roots, markers, angles, by_fabrik, tolerance, iteration
         root = vector(roots[digit])
         marker = vector(markers[digit])
         target = (marker[0] - root[0], marker[1] - root[1], marker[2] - root[2])
-        used += solve_digit(chains, digit, target, angles, by_fabrik, tolerance, iterations)
+        used += solve_digit(
+            chains, digit, target, angles, step, by_fabrik, tolerance, iterations)
     return used

@@ -30,7 +30,7 @@ def follow_digits(markers, seen, tracks, rotation, position, rest, habits, prior
     rotation, position : ndarray, shape (3, 3) and (3,)
         Pose of the wrist [m].
     rest : ndarray, shape (5, 3)
-        Places of the hand at rest, in the wrist's frame [m].
+        Places of a relaxed hand, in the wrist's frame [m].
     habits : Habits
         Changed.
     prior : ndarray, shape (15, 15)
@@ -108,11 +108,15 @@ def _pushed_on(move, push):
 @jit
 def _relax(tracks, digit, seen, habits, rest, shares, part):
     """Take a digit part of the way to its usual place with its neighbours as they are."""
+    # Of one that was never seen nothing was learned but what it was taken for.
+    weight = habits.weight[0] if tracks.known[digit] else 0.
     usual = np.empty((5, 3))
     away = np.empty((5, 3))
     for i in range(5):
         for k in range(3):
-            usual[i, k] = (habits.first[3 * i + k] + rest[i, k]) / (habits.weight[0] + 1.)
+            usual[i, k] = rest[i, k]
+            if weight > 0.:
+                usual[i, k] = (habits.first[3 * i + k] + rest[i, k]) / (weight + 1.)
             away[i, k] = tracks.mean[i, k] - usual[i, k]
     natural = _share(shares, digit, away, seen)
     for k in range(3):

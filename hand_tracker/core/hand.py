@@ -80,6 +80,13 @@ MEAN_BREADTH = .085
 COUPLING_PRESETS = {'natural': (.4, 0.), 'paper': (.8, 0.)}
 THUMB_COUPLING = (1., 0.)      # IP against MCP, in each preset; ours
 
+# [degrees] of a hand that rests: MCP and PIP of the fingers, CMC abduction and flexion, MCP
+# abduction and flexion of the thumb. Fingers flex in all joints, PIP most (Lee & Jung, Int. J.
+# Occup. Saf. Ergon. 20 (2014)), and more from index to little (Varghese et al., J. Clin. Diagn.
+# Res. 14 (2020)); how much, and the thumb, is ours, near the medians of captured hands.
+RELAXED = ((15, 25), (20, 30), (20, 35), (25, 35))
+RELAXED_THUMB = (10, 5, 0, 10)
+
 LENGTH_RANGE = (.005, .2)      # [m] of one bone
 POSITION_RANGE = .3            # [m] of a joint from the wrist
 ANGLE_RANGE = np.pi            # [rad] of a limit
@@ -264,6 +271,16 @@ class Hand:
     def replace(self, **fields):
         """Return a copy with other values of the named fields."""
         return replace(self, **fields)
+
+    def relaxed(self):
+        """Return the angles of the hand at rest, within its limits, shape (25,) [rad]."""
+        angles = np.zeros((len(DIGITS), len(FINGER_JOINTS)))
+        angles[:len(FINGERS), 2:4] = np.radians(RELAXED)
+        angles[len(FINGERS), :4] = np.radians(RELAXED_THUMB)
+        lower, upper = self.limits.T.reshape(2, *angles.shape)
+        angles = np.clip(angles, lower, upper)
+        angles[:, 4] = self.coupling[:, 0] * angles[:, 3] + self.coupling[:, 1]
+        return np.clip(angles, lower, upper).ravel()
 
     def mirrored(self):
         """Return the same hand of the other side."""

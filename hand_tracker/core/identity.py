@@ -45,6 +45,7 @@ DRIFT, STRAY = 6., .006  # [m/s], [m] of a refused place that is the same; ours
 OUT_OF_ORDER = .004    # [m] by which fingers lie on the wrong sides of each other; ours
 DISORDER = 9.    # its cost for two neighbours, in variances: fingers seldom cross; ours
 WANDER = .05     # [m/s] by which a hidden digit may stray; 5 times that is twice ManipNet's p95
+FOUND = .012     # [s] in which it is forgotten that a marker was not seen; ours
 ROLL = .15       # [m/s] by which a palm carried by two markers turns away unseen; ours
 ROLL_MOST = .03  # [m]
 SETTLING = 4.    # by how much faster that is forgotten when the palm is whole; ours
@@ -129,7 +130,7 @@ class Memory(NamedTuple):
     carried : ndarray, shape (1,)
         For how long the palm has not been whole [s].
     unseen : ndarray, shape (8,)
-        For how long nothing was seen of each marker; halved with each frame that is [s].
+        For how long nothing was seen of each marker; forgotten within `FOUND` [s].
     reading : Reading
         Of one frame.
     """
@@ -706,7 +707,7 @@ def _conclude(reading, bounds, kept, rows, local, memory, step, patience, verdic
         misplaced = misplaced or row != i and not reachable
         if not (wrong and reading.gated[0]):
             memory.waited[i] = 0.0
-            memory.unseen[i] *= 0.5
+            memory.unseen[i] *= math.exp(-max(step, 0.0) / FOUND)
             continue
         moved = distance(vector(local[row]), vector(memory.place[i]))
         if memory.waited[i] > 0.0 and not moved <= STRAY + DRIFT * step:
@@ -715,7 +716,7 @@ def _conclude(reading, bounds, kept, rows, local, memory, step, patience, verdic
         store(memory.place, i, vector(local[row]))
         if i >= 3 and reachable and 0.0 < patience <= memory.waited[i]:
             memory.waited[i] = 0.0
-            memory.unseen[i] *= 0.5
+            memory.unseen[i] *= math.exp(-max(step, 0.0) / FOUND)
             continue
         verdict[i] = REJECTED
 

@@ -2,6 +2,7 @@
 
 import math
 
+from .clock import USUAL_STEP
 from .jit import jit
 from .vectors import clamp
 
@@ -12,10 +13,11 @@ FIST_FAR = 0.20
 # What it has behind the joint, where model errors turn it round: it settles in a tenth of
 # a second, and never jumps. Ours.
 BEHIND = 0.1
+FRAME = USUAL_STEP  # [s] for which these shares of the way are meant
 
 
 @jit
-def plane_abduction(target, lateral, reach, lower, upper, previous):
+def plane_abduction(target, lateral, reach, lower, upper, previous, step):
     """Return the turn of a digit's plane about its abduction axis, and the target in it.
 
     In a fist the marker comes to lie under the joint and beyond: the plane is that turned
@@ -32,6 +34,8 @@ def plane_abduction(target, lateral, reach, lower, upper, previous):
         Length of the chain to the marker [m].
     lower, upper, previous : float
         Limits and previous value of the turn about z [rad].
+    step : float
+        Since the previous value, `FRAME` where no time passes [s].
 
     Returns
     -------
@@ -49,6 +53,8 @@ def plane_abduction(target, lateral, reach, lower, upper, previous):
         weight = share * share * (3.0 - 2.0 * share)
         if x < 0.0:
             weight *= BEHIND
+        if weight < 1.0:
+            weight = 1.0 - (1.0 - weight) ** (step / FRAME)
         turn = previous + weight * (direction - previous)
     turn = clamp(turn, lower, upper)
     return turn, x * math.cos(turn) + y * math.sin(turn), z

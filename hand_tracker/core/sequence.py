@@ -13,7 +13,6 @@ from .capsules import Capsules, place_capsules
 from .contact import GAP, carry, separate
 from .digit import solve_digits
 from .digit_markers import follow_digits
-from .hand import JOINTS
 from .identity import HandBounds, Memory, blank_memory, identify
 from .interdependence import Habits, keep_near_neighbours, no_habits
 from .jit import jit
@@ -23,12 +22,14 @@ from .noise import Noise, learn_noise, unknown_noise
 from .occlusion import reject_frozen, visible
 from .palm import LOST, TRACKED, WAITING, place_palm
 from .palm_markers import check_palm, expected_markers, follow_palm
+from .plane import FRAME
 from .reentry import ease
 from .report import deviation, tell_confidence, tell_markers, tell_pose
 from .smoothing import noise_on_palm
 from .tracks import Tracks, no_tracks
 from .vectors import clamp
 
+AT_ONCE = 1e-9     # [s] in which digits that were never seen relax in the first frame
 SETTLE = 150        # times that the first frame is solved
 RELEASE = .05       # [s] in which digits that touched go back to where their markers are
 LEAST_PARTED = 1e-6  # [rad]
@@ -41,7 +42,7 @@ class Model(NamedTuple):
     Attributes
     ----------
     template, rest : ndarray, shape (3, 3) and (5, 3)
-        Markers of palm and digits at zero angles, in the wrist's frame [m].
+        Markers of the palm, and of the digits of a relaxed hand, in the wrist's frame [m].
     levers : ndarray, shape (5,)
         Of `smoothing.levers`.
     prior, bounds : ndarray, shape (15, 15) and (3,)
@@ -129,6 +130,8 @@ class State(NamedTuple):
         Of `reject_frozen`.
     expected, spread, known, verdict : ndarray, shape (8, 3), and (8,)
         Of this frame, of `identify`.
+    measured : ndarray of bool, shape (5,)
+        Whether the last joint of a digit was measured.
     changed : ndarray of bool, shape (5,)
         Of this frame: digits of which something else is known than before.
     roots : ndarray, shape (5, 3)
@@ -157,17 +160,20 @@ class State(NamedTuple):
     spread: np.ndarray
     known: np.ndarray
     verdict: np.ndarray
+    measured: np.ndarray
     changed: np.ndarray
     roots: np.ndarray
 
 
-def blank_state(template, rest, marker_noise):
-    """Return the state before the first frame, of a hand at rest.
+def blank_state(template, rest, relaxed, marker_noise):
+    """Return the state before the first frame, of a relaxed hand.
 
     Parameters
     ----------
     template, rest : ndarray, shape (3, 3) and (5, 3)
         As of `Model`.
+    relaxed : ndarray, shape (25,)
+        Its angles [rad].
     marker_noise : float
         Of `TrackerOptions`.
 
@@ -175,18 +181,18 @@ def blank_state(template, rest, marker_noise):
     -------
     State
     """
-    count, joints = len(MARKERS), len(JOINTS)
+    count = len(MARKERS)
     return State(
         no_tracks(template), no_tracks(rest), unknown_noise(count, marker_noise), blank_memory(),
         no_habits(), shares=np.zeros((rest.size, rest.size)), rotation=np.eye(3),
-        position=np.zeros(3), placed=np.zeros(1, dtype=bool), angles=np.zeros(joints),
-        eased=np.zeros(joints), offset=np.zeros(joints), touched=np.zeros(joints),
-        parted=np.zeros(joints),
+        position=np.zeros(3), placed=np.zeros(1, dtype=bool), angles=relaxed.copy(),
+        eased=relaxed.copy(), offset=np.zeros(len(relaxed)), touched=relaxed.copy(),
+        parted=np.zeros(len(relaxed)),
         apart=np.zeros(3), pushed=np.zeros(rest.shape), last=np.full((count, 3), np.nan),
         still=np.zeros(count, dtype=np.int64), expected=np.zeros((count, 3)),
         spread=np.zeros(count), known=np.zeros(count, dtype=bool),
-        verdict=np.zeros(count, dtype=np.int64), changed=np.zeros(len(rest), dtype=bool),
-        roots=np.zeros(rest.shape))
+        verdict=np.zeros(count, dtype=np.int64), measured=np.zeros(len(rest), dtype=bool),
+        changed=np.zeros(len(rest), dtype=bool), roots=np.zeros(rest.shape))
 
 
 def track_frame(model, chains, options, state, report, markers, step):
@@ -293,7 +299,7 @@ def follow_fingers(model, options, state, markers, seen, learning, step):
         markers[3:], seen[3:], state.digits, state.rotation, state.position, model.rest,
         state.habits, model.prior, state.shares, state.pushed, step, noise, options.smoothing,
         options.inertia, options.transdigital_memory, learning, options.max_prediction_time,
-        options.relax_time)
+        options.relax_time if state.placed[0] else AT_ONCE)
 
 
 @jit
@@ -302,12 +308,16 @@ def solve_angles(model, chains, options, state, seen, step):
     model, chains, options, state = model[0], chains[0], options[0], state[0]
     # A fist at the first frame has no history: it settles.
     for _ in range(0 if state.placed[0] else SETTLE):
-        solve_digits(chains, state.roots, state.digits.mean, state.angles, False, 0., 0)
+        solve_digits(chains, state.roots, state.digits.mean, state.angles, FRAME, False, 0., 0)
     iterations = solve_digits(
-        chains, state.roots, state.digits.mean, state.angles, options.by_fabrik,
+        chains, state.roots, state.digits.mean, state.angles, step, options.by_fabrik,
         options.fabrik_tolerance, options.fabrik_iterations)
     keep_near_neighbours(
         state.angles, seen[3:], model.bounds, state.apart, chains.lower, chains.upper)
+    for i in range(5):
+        if chains.measured[i] != state.measured[i]:
+            state.measured[i] = chains.measured[i]
+            state.changed[i] = True
     if not state.placed[0]:
         state.placed[0] = True
         state.changed[:] = False

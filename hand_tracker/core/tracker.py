@@ -10,7 +10,7 @@ import numpy as np
 from .capsules import capsules
 from .clock import Clock
 from .digit import chains, with_measured
-from .hand import JOINTS, Hand
+from .hand import Hand
 from .identity import hand_bounds
 from .interdependence import prior_of
 from .jit import another, packed, parts
@@ -134,7 +134,8 @@ class HandTracker:
         self._chains = chains(right, mounting)
         self._right_table, self._right_mounting = joint_table(right), mounting
         self._template = mounting.position[:PALM].copy()
-        self._rest = self._on_right_hand(np.zeros(len(JOINTS)))
+        self._relaxed = right.relaxed()
+        self._rest = self._on_right_hand(self._relaxed)
 
         # Where the kernels read it
         self._choices, _ = packed(choices(options))
@@ -167,7 +168,7 @@ class HandTracker:
 
     def _forget(self):
         self._kept, self._state = packed(blank_state(
-            self._template, self._rest, self.options.marker_noise))
+            self._template, self._rest, self._relaxed, self.options.marker_noise))
 
     def update(self, markers, time=None, distal_flexion=None):
         """Return the hand for the next frame of markers.
