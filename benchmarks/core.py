@@ -9,16 +9,17 @@ are named as in `core/sequence.py`.
 
 import argparse
 import json
-import os
-import platform
 import subprocess
 import sys
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from time import perf_counter_ns
 
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
 import numpy as np
 
+from benchmarks.common import add_json_option, environ, environment, write_rows
 from hand_tracker.core import sequence
 from hand_tracker.core.hand import Hand
 from hand_tracker.core.jit import COMPILED
@@ -103,25 +104,8 @@ def elsewhere(switch, count):
     """Return the rows of a process of its own, with the kernels compiled or plain."""
     command = [sys.executable, '-m', 'benchmarks.core', '--here', '--frames', str(count)]
     found = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True,
-                           env={**os.environ, 'HAND_TRACKER_JIT': switch})
+                           env=environ(HAND_TRACKER_JIT=switch))
     return json.loads(found.stdout)
-
-
-def environment():
-    """Return versions and hardware."""
-    info = Path('/proc/cpuinfo')
-    models = [line.split(':')[1].strip() for line in info.read_text().splitlines()
-              if line.startswith('model name')] if info.exists() else [platform.processor()]
-    return {'python': platform.python_version(), 'numpy': np.__version__,
-            'numba': _version('numba'), 'system': platform.platform(), 'cpu': models[0],
-            'cores': os.cpu_count(), 'load': round(os.getloadavg()[0], 2)}
-
-
-def _version(package):
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return 'not installed'
 
 
 def table(rows):
@@ -143,20 +127,19 @@ def main():
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--frames', type=int, default=4000, help='compiled; plain at most 600')
-    parser.add_argument('--json', type=Path, metavar='OUT', help='write the rows here')
+    add_json_option(parser)
     parser.add_argument('--here', action='store_true', help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.here:
         print(json.dumps(measure(options.frames)))
         return 0
 
-    print(*(f'{key}: {value}' for key, value in environment().items()), sep='\n')
+    print(environment())
     rows = elsewhere('0', min(options.frames, PLAIN_FRAMES))
     if COMPILED:
         rows = elsewhere('1', options.frames) + rows
     print(table(rows))
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=2) + '\n')
+    write_rows(options.json, rows)
     return 0
 
 

@@ -8,7 +8,6 @@ bytes, where a C compiler and the headers are found. All run at once, and are se
 """
 
 import argparse
-import json
 import os
 import shutil
 import subprocess
@@ -19,11 +18,17 @@ from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
 import numpy as np
+
+from benchmarks.common import (
+    MARK, add_json_option, environ, environment, put_stamps, stamp_places, write_rows)
 
 HANDS = 'right', 'left'
 START = 1_700_000_000  # [s] of the first stamp
-PATIENCE = 90.         # [s] for the first answer: kernels may have to be compiled
+PATIENCE = 300.        # [s] for the first answer: kernels may have to be compiled
 WARM = .5              # [s] before the measurement
 LAP = 2.               # [s] of a motion that is sent there and back
 REST = .2              # [s] for the last answers
@@ -31,6 +36,12 @@ ECHO = Path(__file__).with_name('echo.c')
 LIBRARIES = ('rcl', 'rmw', 'rcutils', 'rosidl_runtime_c', 'sensor_msgs__rosidl_typesupport_c',
              'visualization_msgs__rosidl_typesupport_c')
 NODES = 'hand_tracker', 'rclpy_echo', 'c_echo'
+
+
+def isolate():
+    """Keep to this machine, and apart from what else runs on it."""
+    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 
 def echo(args):
@@ -122,14 +133,14 @@ class Driver:
         self._sent, self._time = 0, START * 10**9
 
     def wait_for(self, name, process, frames):
-        """Send to a node until it answers; return whether it does."""
+        """Send to a node until it answers; return when it did [ns], None if it does not."""
         until = time.monotonic() + PATIENCE
         while not self._answers[name]:
             if process.poll() is not None or time.monotonic() > until:
-                return False
-            self._send([name], [frames], 60.)
-            self._spin_until(time.perf_counter_ns() + 50_000_000)
-        return True
+                return None
+            self._send([name], [frames], 100.)
+            self._spin_until(time.perf_counter_ns() + 10_000_000)
+        return min(self._answers[name].values())
 
     def measure(self, names, frames, rate, seconds):
         """Return the round trips to each node [ns], and the frames that were sent."""
@@ -149,12 +160,10 @@ class Driver:
         self._sent += 1
         # On from the last run: the trackers must not think that time jumps back.
         self._time += round(1e9 / rate)
-        stamp = np.array(divmod(self._time, 10**9), '<u4').tobytes()
         self._given = []
         for name, messages in zip(names, frames):
             data, places = messages[self._sent % len(messages)]
-            for at in places:
-                data[at:at + 8] = stamp
+            stamp = put_stamps(data, places, self._time)
             message = bytes(data)
             self._given.append(time.perf_counter_ns())
             self._publishers[name].publish(message)
@@ -174,7 +183,7 @@ def messages(side, rate):
     from hand_tracker.core.layout import MARKERS
     from hand_tracker.simulation.recording import demo_recording
 
-    mark = Time(sec=0x5a5a5a5a, nanosec=0x5a5a5a5a)
+    mark = Time(sec=MARK, nanosec=MARK)
     markers = MarkerArray(markers=[Marker(ns='leds', id=number, type=Marker.SPHERE)
                                    for number in range(len(MARKERS))])
     for marker in markers.markers:
@@ -187,11 +196,7 @@ def messages(side, rate):
             at = marker.pose.position
             at.x, at.y, at.z = position
         data = bytearray(serialize_message(markers))
-        places, at = [], data.find(b'ZZZZZZZZ')
-        while at >= 0:
-            places.append(at)
-            at = data.find(b'ZZZZZZZZ', at + 8)
-        found.append((data, places))
+        found.append((data, stamp_places(data)))
     return found
 
 
@@ -210,7 +215,7 @@ def start(stack, folder):
             name = f'{node}_{side}'
             process = stack.enter_context(subprocess.Popen(
                 [*map(str, commands[node]), '--ros-args', '-r', f'__ns:=/{name}', *more],
-                stderr=subprocess.DEVNULL))
+                stderr=subprocess.DEVNULL, env=environ()))
             stack.callback(process.terminate)
             processes[name] = process
     return processes
@@ -245,21 +250,16 @@ def main():
     parser.add_argument('--rates', type=float, nargs='+', default=[120., 480., 960.],
                         help='frames per second')
     parser.add_argument('--seconds', type=float, default=5., help='of each measurement')
-    parser.add_argument('--json', type=Path, metavar='OUT', help='write the rows here')
+    add_json_option(parser)
     parser.add_argument('--echo', action='store_true', help=argparse.SUPPRESS)
     options, ros_args = parser.parse_known_args()
     if options.echo:
         return echo(ros_args)
 
-    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    from hand_tracker.core.jit import COMPILED
-    from hand_tracker.evaluation.results import hardware, versions
+    isolate()
     from rclpy.utilities import get_rmw_implementation_identifier
-    print(*(f'{name} {number}' for name, number in versions().items()), sep=', ')
-    print(f'{get_rmw_implementation_identifier()}, kernels '
-          f"{'compiled' if COMPILED else 'in plain Python'}")
-    print(f'{hardware()}, load {os.getloadavg()[0]:.2f}')
+    print(environment())
+    print(get_rmw_implementation_identifier())
     rows = []
     with TemporaryDirectory() as folder, ExitStack() as stack:
         processes = start(stack, folder)
@@ -267,7 +267,7 @@ def main():
         driver = Driver(processes)
         for name, process in processes.items():
             side = name.rpartition('_')[2]
-            if not driver.wait_for(name, process, frames[options.rates[0]][side]):
+            if driver.wait_for(name, process, frames[options.rates[0]][side]) is None:
                 raise SystemExit(f'{name} does not answer')
         print(f"{'node':14}{'Hz':>6}{'hands':>7}{'median µs':>11}{'p99 µs':>9}{'CPU %':>7}"
               f"{'dropped %':>11}")
@@ -280,8 +280,7 @@ def main():
                                         options.seconds))
                     print('{node:14}{rate_hz:6g}{hands:7}{median_us:11.0f}{p99_us:9.0f}'
                           '{cpu_percent:7.1f}{dropped_percent:11.2f}'.format(**rows[-1]))
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=1) + '\n')
+    write_rows(options.json, rows)
     return 0
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.offline import measure_one
 from hand_tracker import marker_frame
 from hand_tracker.core.hand import JOINTS, Hand, preset_coupling, preset_limits
 from hand_tracker.core.layout import MARKERS, MarkerLayout
@@ -268,12 +269,9 @@ def test_frames_stream(recording):
 
 
 def test_memory_stays_flat():
-    code = ('import sys, benchmarks.long_recording as b; b.OUTPUTS = ("csv",); '
-            'print(*(b.measure(30., s, sys.argv[1])[0]["peak_mb"] for s in (5., 100.)))')
     with TemporaryDirectory() as folder:
-        done = subprocess.run([sys.executable, '-c', code, folder], cwd=ROOT, check=True,
-                              stdout=subprocess.PIPE, text=True)
-    short, long = map(float, done.stdout.split())
+        short, long = (row['peak_mb'] for seconds in (5., 100.)
+                       for row in measure_one(30., seconds, folder, ['csv']))
     # Twenty times the frames; what is kept of each would be 1 kB and more.
     assert long < short + 5.
 

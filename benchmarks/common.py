@@ -1,0 +1,68 @@
+"""What every benchmark does: say what it ran on, and write its rows."""
+
+import json
+import os
+from pathlib import Path
+
+from hand_tracker.core.jit import COMPILED
+from hand_tracker.evaluation.results import hardware, versions
+
+ROOT = Path(__file__).resolve().parent.parent
+MARK = 0x5a5a5a5a    # seconds and nanoseconds of a stamp that is to be found
+
+
+def environment(**more):
+    """Return versions and hardware as lines of text.
+
+    Parameters
+    ----------
+    **more : str
+        Versions of what else was measured, by name.
+    """
+    made = ', '.join(f'{name} {number}' for name, number in {**versions(), **more}.items())
+    return (f"{made}; kernels {'compiled' if COMPILED else 'in plain Python'}\n"
+            f'{hardware()}, load {os.getloadavg()[0]:.2f}')
+
+
+def environ(**more):
+    """Return the environment for a process that has to find this package."""
+    paths = str(ROOT), *filter(None, [os.environ.get('PYTHONPATH')])
+    return {**os.environ, 'PYTHONPATH': os.pathsep.join(paths), **more}
+
+
+def add_json_option(parser):
+    """Add to a command line the file for the rows."""
+    parser.add_argument('--json', metavar='OUT', help='write the rows here')
+
+
+def write_rows(path, rows):
+    """Write rows as a JSON list, if there is a path.
+
+    Parameters
+    ----------
+    path : str or None
+    rows : list of dict
+    """
+    if path:
+        with open(path, 'w', encoding='utf-8') as file:
+            json.dump(rows, file, indent=1)
+            file.write('\n')
+
+
+def stamp_places(data):
+    """Return where a message has stamps whose seconds and nanoseconds are `MARK`."""
+    places, mark = [], 2 * MARK.to_bytes(4, 'little')
+    at = data.find(mark)
+    while at >= 0:
+        places.append(at)
+        at = data.find(mark, at + len(mark))
+    return places
+
+
+def put_stamps(data, places, time):
+    """Put a time [ns] where a message has its stamps."""
+    seconds, nanoseconds = divmod(time, 10**9)
+    stamp = seconds.to_bytes(4, 'little') + nanoseconds.to_bytes(4, 'little')
+    for at in places:
+        data[at:at + len(stamp)] = stamp
+    return stamp

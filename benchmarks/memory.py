@@ -1,0 +1,113 @@
+"""Measure what memory grows by over an hour's worth of frames, in the core and in the node.
+
+    python -m benchmarks.memory [--frames 432000] [--json OUT]
+
+The core is `HandTracker.update`; the node takes messages as bytes and publishes, and its timers run.
+`slope` is of a line through the resident memory of the second half; `blocks` is by how many Python's
+own memory grew in that half; `collections` are those of the garbage collector.
+"""
+
+import argparse
+import gc
+import sys
+import time
+from pathlib import Path
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import numpy as np
+import psutil
+
+from benchmarks.common import add_json_option, environment, put_stamps, write_rows
+from benchmarks.round_trip import isolate, messages
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.simulation.recording import START_NS, demo_recording
+
+HOUR = 432_000    # frames at 120 Hz
+RATE = 120.
+SAMPLES = 200
+TIMERS_EVERY = 30  # frames
+
+
+def core_frames():
+    """Return a function of a frame's number that tracks it: the demonstration, again and again."""
+    tracker, lap = HandTracker(), demo_recording().markers
+    return lambda i: tracker.update(lap[i % len(lap)], i / RATE)
+
+
+def node_frames():
+    """Return a function of a frame's number that gives the frame to a node."""
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from hand_tracker.nodes.tracker import TrackerNode
+    rclpy.init()
+    node, executor = TrackerNode(), SingleThreadedExecutor()
+    executor.add_node(node)
+    lap = messages('right', RATE)
+    subscription, = (one for one in node.subscriptions if one.topic_name == '/markers')
+
+    def frame(i):
+        data, places = lap[i % len(lap)]
+        put_stamps(data, places, START_NS + round(i * 1e9 / RATE))
+        subscription.callback(bytes(data))
+        if i % TIMERS_EVERY == 0:
+            executor.spin_once(0.)
+
+    return frame
+
+
+def measure(what, frame, frames):
+    """Return the row of what frames are given to."""
+    process = psutil.Process()
+    every = max(frames // SAMPLES, 1)
+    # Before the first sample: what is found at first use.
+    for i in range(every):
+        frame(i)
+    gc.collect()
+    resident, blocks = np.zeros(SAMPLES), np.zeros(SAMPLES)
+    before, start = _collections(), time.monotonic()
+    for sample in range(SAMPLES):
+        for i in range((sample + 1) * every, (sample + 2) * every):
+            frame(i)
+        resident[sample], blocks[sample] = process.memory_info().rss, sys.getallocatedblocks()
+    seconds = time.monotonic() - start
+    half = SAMPLES // 2
+    slope = np.polyfit(np.arange(half) * every, resident[half:], 1)[0]
+    return {'what': what, 'frames': SAMPLES * every, 'resident_mb': round(resident[-1] / 1e6, 1),
+            'grown_mb': round((resident[-1] - resident[half]) / 1e6, 3),
+            'slope_bytes_per_frame': round(float(slope), 3),
+            'blocks': int(blocks[-1] - blocks[half]),
+            'collections': [int(count) for count in _collections() - before],
+            'seconds': round(seconds, 1)}
+
+
+def _collections():
+    """Return how often the collector has run, generation by generation."""
+    return np.array([generation['collections'] for generation in gc.get_stats()])
+
+
+def main():
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--frames', type=int, default=HOUR, help='rounded to 200s')
+    add_json_option(parser)
+    options = parser.parse_args()
+    isolate()
+    print(environment())
+    rows = []
+    for what, frames in (('core', core_frames), ('node', node_frames)):
+        try:
+            rows.append(measure(what, frames(), options.frames))
+        except ImportError as error:
+            print(f'{what}: left out ({error})')
+            continue
+        print('{what}: {frames} frames, {resident_mb} MB, in the second half {grown_mb} MB more '
+              '({slope_bytes_per_frame} bytes a frame) and {blocks} blocks; collections of '
+              'each generation {collections}'.format(**rows[-1]), flush=True)
+    write_rows(options.json, rows)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

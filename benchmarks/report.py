@@ -1,0 +1,56 @@
+"""Put the rows of the benchmarks into one document.
+
+    python -m benchmarks.report FOLDER [-o docs/benchmarks.md]
+
+FOLDER has what `python -m benchmarks.NAME --json FOLDER/NAME.json` wrote, on this machine.
+"""
+
+import argparse
+import json
+import sys
+from importlib import import_module
+from pathlib import Path
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from benchmarks.common import environment
+from hand_tracker.evaluation.report import Table
+
+NAMES = 'core', 'round_trip', 'peers', 'offline', 'startup', 'memory'
+
+
+def section(name, rows):
+    """Return the heading, what was measured and the table of a benchmark."""
+    what, _, rest = import_module(f'benchmarks.{name}').__doc__.partition('\n')
+    command, _, rest = rest.strip().partition('\n')
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    lines = [[_text(row.get(column)) for column in columns] for row in rows]
+    return [f'## {name}', what, f'`{command}`', rest.strip(),
+            Table(f'{len(rows)} rows', tuple(columns), lines).text()]
+
+
+def _text(value):
+    return '' if value is None else f'{value:g}' if isinstance(value, float) else str(value)
+
+
+def main():
+    """Write the document."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('folder', type=Path, help='of NAME.json')
+    parser.add_argument('-o', '--output', type=Path, default=Path('docs/benchmarks.md'))
+    options = parser.parse_args()
+    parts = ['# Benchmarks', 'Made by `python -m benchmarks.report`, not by hand.', environment()]
+    for name in NAMES:
+        path = options.folder / f'{name}.json'
+        if path.exists():
+            parts += section(name, json.loads(path.read_text(encoding='utf-8')))
+        else:
+            print(f'{path}: not there, left out', file=sys.stderr)
+    options.output.write_text('\n\n'.join(part for part in parts if part) + '\n',
+                              encoding='utf-8')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
