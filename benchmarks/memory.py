@@ -2,9 +2,10 @@
 
     python -m benchmarks.memory [--frames 432000] [--json OUT]
 
-The core is `HandTracker.update`; the node takes messages as bytes and publishes, and its timers run.
-`slope` is of a line through the resident memory of the second half; `blocks` is by how many Python's
-own memory grew in that half; `collections` are those of the garbage collector.
+The core is `HandTracker.update`; the node takes messages as bytes and publishes, and its timers
+run. The slope is of a line through the resident memory of the second half; `blocks` is by how
+many Python's own memory grew in that half, where the node notes latencies until it tells of them;
+`collections` are those of the garbage collector.
 """
 
 import argparse

@@ -4,8 +4,8 @@
 
 Tracks ten seconds and then the long recording, each in a process of its own, to a table and
 to a recording: memory is flat where both peak alike. Then the long recording's minutes as many
-recordings, side by side. `frames_per_s_core` counts the seconds of processors, start-up among them,
-and does not mind what else runs; `frames_per_s` counts those of the clock.
+recordings, side by side. `frames_per_s` counts the seconds of the clock, `frames_per_s_core`
+those of processors, which minds less what else runs; start-up is among both.
 """
 
 import argparse

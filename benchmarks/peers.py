@@ -4,8 +4,8 @@
 
 The demonstration's motion at 120 Hz, all markers seen. Every peer has the same URDF with a
 frame at each marker's place, begins where its last frame ended, keeps to the limits of the
-joints, and is timed from the markers to the angles. The wrist is solved by the peer, or given: then
-the markers are brought into the frame of the true wrist before, which is not timed.
+joints, and is timed from the markers to the angles. The wrist is solved by the peer, or given:
+then the markers are brought into the frame of the true wrist before, which is not timed.
 `mean_mm` is how far the markers are from their places on the pose found, `joints_mm` how far all
 joints and tips are from the truth, and `degrees` the angles. Of the last joints of the fingers
 and two of the thumb no marker tells: there the tracker knows how hands are, and a peer does not.
@@ -356,7 +356,8 @@ class Scipy:
             pose = forward(self._scene.table, angles, rotation, position)
             axes = np.einsum('nij,nj->ni', pose.rotation, self._scene.table.axis)
             places = self._scene.places(angles, rotation, position)[:, None]
-            columns = (self._moves * np.cross(axes, places - pose.position))[:, self._scene.movable]
+            columns = self._moves * np.cross(axes, places - pose.position)
+            columns = columns[:, self._scene.movable]
             if self._free:
                 turns = np.cross(np.eye(3), places - position)
                 shifts = np.broadcast_to(np.eye(3), turns.shape)
