@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .hand import DIGITS, FINGERS, LINKS
-from .jit import jit, packed
+from .jit import indexed, jit, packed
 from .kinematics import joint_table, place_links
 from .vectors import add, clamp, dot, scale, subtract, vector
 
@@ -153,15 +153,16 @@ def place_frames(capsules, angles, rotations, positions, ends):
     place_links(capsules.parent, capsules.rotation, capsules.translation, capsules.axis,
                 angles.reshape((1, 25)), np.eye(3).reshape((1, 3, 3)), np.zeros((1, 3)),
                 rotations, positions)
+    turns, origins, found = indexed(rotations), indexed(positions), indexed(ends)
+    links, start, end = (
+        indexed(capsules.link), indexed(capsules.start), indexed(capsules.end))
     for row in range(capsules.link.size):
-        link = capsules.link[row]
+        link = links[row]
         for i in range(3):
-            turn = rotations[0, link, i]
-            at = positions[0, link, i]
-            a = capsules.start[row]
-            b = capsules.end[row]
-            ends[row, 0, i] = at + turn[0] * a[0] + turn[1] * a[1] + turn[2] * a[2]
-            ends[row, 1, i] = at + turn[0] * b[0] + turn[1] * b[1] + turn[2] * b[2]
+            x, y, z = turns[0, link, i, 0], turns[0, link, i, 1], turns[0, link, i, 2]
+            at = origins[0, link, i]
+            found[row, 0, i] = at + x * start[row, 0] + y * start[row, 1] + z * start[row, 2]
+            found[row, 1, i] = at + x * end[row, 0] + y * end[row, 1] + z * end[row, 2]
 
 
 @jit
@@ -180,15 +181,32 @@ def place_capsules(capsules, angles, ends):
 
 
 @jit
-def far_apart(capsules, pair, ends, gap):
-    """Return whether a pair is apart by more than a gap, judged by the axes' middles."""
-    first = ends[capsules.first[pair]]
-    second = ends[capsules.second[pair]]
-    reach = 2.0 * (capsules.reach[pair] + gap)
-    x = first[0, 0] + first[1, 0] - second[0, 0] - second[1, 0]
-    y = first[0, 1] + first[1, 1] - second[0, 1] - second[1, 1]
-    z = first[0, 2] + first[1, 2] - second[0, 2] - second[1, 2]
-    return x * x + y * y + z * z > reach * reach
+def close_pairs(capsules, ends, gap):
+    """Return the pairs that may be nearer than a gap, judged by the axes' middles.
+
+    Parameters
+    ----------
+    capsules : Capsules
+    ends : ndarray, shape (c, 2, 3)
+        As of `place_capsules` [m].
+    gap : float
+        Of the surfaces [m].
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+    """
+    middles = ends[:, 0] + ends[:, 1]
+    between = middles[capsules.first] - middles[capsules.second]
+    reach = 2.0 * (capsules.reach + gap)
+    return np.flatnonzero((between * between).sum(axis=1) <= reach * reach)
+
+
+@jit
+def axis_of(ends, row):
+    """Return start and end of a capsule's axis as vectors [m]."""
+    return ((ends[row, 0, 0], ends[row, 0, 1], ends[row, 0, 2]),
+            (ends[row, 1, 0], ends[row, 1, 1], ends[row, 1, 2]))
 
 
 @jit
@@ -199,7 +217,7 @@ def nearest_points(first, second):
 
     Parameters
     ----------
-    first, second : ndarray, shape (2, 3)
+    first, second : pair of vectors, or ndarray, shape (2, 3)
         Start and end [m].
 
     Returns

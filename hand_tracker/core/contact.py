@@ -5,9 +5,9 @@ Both stages work on a right hand in the wrist's frame, after its digits are solv
 
 import numpy as np
 
-from .capsules import PALM, far_apart, nearest_points, place_frames
+from .capsules import PALM, axis_of, close_pairs, nearest_points, place_frames
 from .digit import ABDUCTION, FLEXION
-from .jit import jit
+from .jit import indexed, jit
 from .vectors import add, clamp, cross, dot, scale, subtract, unit, vector
 
 PENETRATION = .001   # [m] that flesh gives way
@@ -87,69 +87,78 @@ def _settle(capsules, angles, lower, upper, slope, mobility, aim, climb, rounds,
     count = capsules.first.size
     before = angles.copy()
     # Digit by digit, abduction, first and second flexion; the palm's row stays zero.
-    least = np.zeros((6, 3))
-    most = np.zeros((6, 3))
-    ready = np.zeros(6)
+    least = indexed(np.zeros((6, 3)))
+    most = indexed(np.zeros((6, 3)))
+    ready = indexed(np.zeros(6))
     for digit in range(5):
         ready[digit] = mobility[digit]
         for i in range(3):
             joint = _joint(digit, i)
             least[digit, i] = max(lower[joint] - before[joint], -FARTHEST)
             most[digit, i] = min(upper[joint] - before[joint], FARTHEST)
-    change = np.zeros((6, 3))
-    pushed = np.zeros((6, 3))
-    goal = np.zeros((6, 3))
-    lever = np.zeros((count, 2, 3))
-    force = np.zeros(count)
-    bound = np.empty(count)
-    stiff = np.empty(count)
-    active = np.empty(count, dtype=np.int64)
+    change = indexed(np.zeros((6, 3)))
+    pushed = indexed(np.zeros((6, 3)))
+    goal = indexed(np.zeros((6, 3)))
+    lines = indexed(np.empty((25, 2, 3)))
+    # Contact by contact
+    lever = indexed(np.empty((count, 2, 3)))
+    digits = indexed(np.empty((count, 2), dtype=np.int64))
+    force = indexed(np.empty(count))
+    bound = indexed(np.empty(count))
+    stiff = indexed(np.empty(count))
+    pairs = indexed(np.empty(count, dtype=np.int64))
+    last_force = np.zeros(count)
     for number in range(rounds):
+        _place_lines(capsules, rotations, positions, lines)
         used = 0
-        pushed[:] = 0.0
-        for pair in range(count):
-            overlap = _linearise(capsules, pair, angles, lower, upper, slope, rotations,
-                                 positions, ends, lever[pair])
+        for digit in range(5):
+            for i in range(3):
+                pushed[digit, i] = 0.0
+        for pair in close_pairs(capsules, ends, NEAR):
+            overlap = _linearise(capsules, pair, angles, lower, upper, slope, lines, ends, used,
+                                 lever)
             if overlap < -NEAR:
-                force[pair] = 0.0
                 continue
+            force[used] = last_force[pair]
             size = 0.0
             past = 0.0
             for end in range(2):
-                digit = capsules.digits[pair, end]
+                digit = digits[used, end] = capsules.digits[pair, end]
                 for i in range(3):
-                    size += ready[digit] * lever[pair, end, i] ** 2
-                    past += lever[pair, end, i] * change[digit, i]
-                    pushed[digit, i] += ready[digit] * force[pair] * lever[pair, end, i]
-            bound[pair] = min(overlap - aim, climb) + past
-            stiff[pair] = size + SOFT
-            active[used] = pair
+                    size += ready[digit] * lever[used, end, i] ** 2
+                    past += lever[used, end, i] * change[digit, i]
+                    pushed[digit, i] += ready[digit] * force[used] * lever[used, end, i]
+            bound[used] = min(overlap - aim, climb) + past
+            stiff[used] = size + SOFT
+            pairs[used] = pair
             used += 1
-        for digit in range(6):
+        for digit in range(5):
             for i in range(3):
                 goal[digit, i] = clamp(pushed[digit, i], least[digit, i], most[digit, i])
         for _ in range(SWEEPS):
             moved = 0.0
             for k in range(used):
-                pair = active[k]
-                gained = SOFT * force[pair]
+                gained = SOFT * force[k]
                 for end in range(2):
-                    digit = capsules.digits[pair, end]
+                    digit = digits[k, end]
                     for i in range(3):
-                        gained += lever[pair, end, i] * goal[digit, i]
-                more = max((bound[pair] - gained) / stiff[pair], -force[pair])
+                        gained += lever[k, end, i] * goal[digit, i]
+                more = max((bound[k] - gained) / stiff[k], -force[k])
                 if more == 0.0:
                     continue
-                force[pair] += more
-                moved = max(moved, abs(more) * stiff[pair])
+                force[k] += more
+                moved = max(moved, abs(more) * stiff[k])
                 for end in range(2):
-                    digit = capsules.digits[pair, end]
+                    digit = digits[k, end]
                     for i in range(3):
-                        pushed[digit, i] += ready[digit] * more * lever[pair, end, i]
+                        pushed[digit, i] += ready[digit] * more * lever[k, end, i]
                         goal[digit, i] = clamp(
                             pushed[digit, i], least[digit, i], most[digit, i])
             if moved < EXACT:
                 break
+        last_force[:] = 0.0
+        for k in range(used):
+            last_force[pairs[k]] = force[k]
         moved = 0.0
         for digit in range(5):
             for i in range(3):
@@ -158,7 +167,7 @@ def _settle(capsules, angles, lower, upper, slope, mobility, aim, climb, rounds,
                 step = share * clamp(goal[digit, i] - change[digit, i], -STEP, STEP)
                 change[digit, i] += step
                 moved = max(moved, abs(step))
-            _move(before, lower, upper, slope, digit, change[digit], angles)
+            _move(before, lower, upper, slope, digit, change, angles)
         if moved < SETTLED:
             return number + 1
         place_frames(capsules, angles, rotations, positions, ends)
@@ -178,19 +187,20 @@ def _move(before, lower, upper, slope, digit, change, angles):
     """Write a digit's angles, its third flexion following the second."""
     for i in range(3):
         joint = _joint(digit, i)
-        angles[joint] = clamp(before[joint] + change[i], lower[joint], upper[joint])
+        angles[joint] = clamp(before[joint] + change[digit, i], lower[joint], upper[joint])
     joint = FLEXION[digit, 2]
     angles[joint] = clamp(
-        before[joint] + slope[digit] * change[2], lower[joint], upper[joint])
+        before[joint] + slope[digit] * change[digit, 2], lower[joint], upper[joint])
 
 
 @jit
 def _overlaps(capsules, ends, tolerance):
     """Return whether any pair overlaps by more than the tolerance."""
-    for pair in range(capsules.first.size):
-        if far_apart(capsules, pair, ends, 0.0):
-            continue
-        distance = nearest_points(ends[capsules.first[pair]], ends[capsules.second[pair]])[2]
+    close = close_pairs(capsules, ends, 0.0)
+    ends = indexed(ends)
+    for pair in close:
+        distance = nearest_points(
+            axis_of(ends, capsules.first[pair]), axis_of(ends, capsules.second[pair]))[2]
         if capsules.apart[pair] - distance > tolerance:
             return True
     return False
@@ -198,68 +208,79 @@ def _overlaps(capsules, ends, tolerance):
 
 @jit
 def _along(segment, share):
-    """Return the point at a share of a segment (2, 3)."""
-    start = vector(segment[0])
-    return add(start, scale(subtract(vector(segment[1]), start), share))
+    """Return the point at a share of a segment, a pair of vectors."""
+    start, end = segment
+    return add(start, scale(subtract(end, start), share))
 
 
 @jit
-def _linearise(capsules, pair, angles, lower, upper, slope, rotations, positions, ends, lever):
+def _place_lines(capsules, rotations, positions, lines):
+    """Write the joints' axes as lines, shape (25, 2, 3): directions, and moments [m]."""
+    rotations, positions, axes = indexed(rotations), indexed(positions), indexed(capsules.axis)
+    for joint in range(25):
+        x, y, z = axes[joint, 0], axes[joint, 1], axes[joint, 2]
+        for i in range(3):
+            lines[joint, 0, i] = (rotations[0, joint, i, 0] * x + rotations[0, joint, i, 1] * y
+                                  + rotations[0, joint, i, 2] * z)
+        moment = cross(
+            (positions[0, joint, 0], positions[0, joint, 1], positions[0, joint, 2]),
+            (lines[joint, 0, 0], lines[joint, 0, 1], lines[joint, 0, 2]))
+        for i in range(3):
+            lines[joint, 1, i] = moment[i]
+
+
+@jit
+def _linearise(capsules, pair, angles, lower, upper, slope, lines, ends, row, lever):
     """Write the change of a pair's distance by its digits' free angles; return its overlap.
 
-    lever : ndarray, shape (2, 3), replaced [m/rad]
+    lever : ndarray, shape (p, 2, 3), a row replaced [m/rad]
     """
-    first = capsules.first[pair]
-    second = capsules.second[pair]
-    if far_apart(capsules, pair, ends, NEAR):
-        return -2.0 * NEAR
-    s, t, distance = nearest_points(ends[first], ends[second])
-    lever[:] = 0.0
-    overlap = capsules.apart[pair] - distance
+    ends = indexed(ends)
+    first = axis_of(ends, capsules.first[pair])
+    second = axis_of(ends, capsules.second[pair])
+    s, t, distance = nearest_points(first, second)
+    overlap = float(capsules.apart[pair]) - distance
     if overlap < -NEAR:
         return overlap
-    a = _along(ends[first], s)
-    b = _along(ends[second], t)
+    a = _along(first, s)
+    b = _along(second, t)
     way = subtract(a, b)
     side = vector(capsules.side[pair])
     normal = unit(way)
     if distance < 1e-9:
-        normal = unit(cross(subtract(_along(ends[first], 1.0), _along(ends[first], 0.0)),
-                            subtract(_along(ends[second], 1.0), _along(ends[second], 0.0))))
+        normal = unit(cross(subtract(first[1], first[0]), subtract(second[1], second[0])))
         if dot(normal, side) < 0.0:
             normal = scale(normal, -1.0)
     elif dot(way, side) < 0.0:
         # Gone through each other: back to where they belong.
         normal = scale(normal, -1.0)
-        overlap = capsules.apart[pair] + distance
+        overlap = float(capsules.apart[pair]) + distance
     for end in range(2):
+        for i in range(3):
+            lever[row, end, i] = 0.0
         digit = capsules.digits[pair, end]
         if digit == PALM:
             continue
-        link = capsules.link[first if end == 0 else second]
-        point = a if end == 0 else b
-        sign = 1.0 if end == 0 else -1.0
+        link = capsules.link[capsules.first[pair] if end == 0 else capsules.second[pair]]
+        # The line along which the pair pushes the digit: direction and moment
+        push = normal if end == 0 else scale(normal, -1.0)
+        moment = cross(a if end == 0 else b, push)
         for i in range(3):
             joint = _joint(digit, i)
             if joint <= link:
-                lever[end, i] = sign * _turning(
-                    capsules, joint, rotations, positions, point, normal)
+                lever[row, end, i] = _turning(lines, joint, push, moment)
         third = FLEXION[digit, 2]
         if third <= link and lower[third] < angles[third] < upper[third]:
-            lever[end, 2] += sign * slope[digit] * _turning(
-                capsules, third, rotations, positions, point, normal)
+            lever[row, end, 2] += float(slope[digit]) * _turning(lines, third, push, moment)
     return overlap
 
 
 @jit
-def _turning(capsules, joint, rotations, positions, point, normal):
-    """Return how fast a joint moves a point along a direction [m/rad]."""
-    x, y, z = vector(capsules.axis[joint])
-    turn = rotations[0, joint]
-    axis = (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z,
-            turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z,
-            turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z)
-    return dot(cross(axis, subtract(point, vector(positions[0, joint]))), normal)
+def _turning(lines, joint, push, moment):
+    """Return how fast a joint moves along a line what is on it [m/rad]: their moment."""
+    return (lines[joint, 0, 0] * moment[0] + lines[joint, 0, 1] * moment[1]
+            + lines[joint, 0, 2] * moment[2] + lines[joint, 1, 0] * push[0]
+            + lines[joint, 1, 1] * push[1] + lines[joint, 1, 2] * push[2])
 
 
 @jit
@@ -287,12 +308,11 @@ def carry(capsules, before, after, hidden, gap, friction, displacement):
     """
     displacement[:] = 0.0
     weights = np.zeros(6)
-    for pair in range(capsules.first.size):
-        if far_apart(capsules, pair, before, gap):
-            continue
+    for pair in close_pairs(capsules, before, gap):
         first = capsules.first[pair]
         second = capsules.second[pair]
-        s, t, distance = nearest_points(before[first], before[second])
+        was_first, was_second = axis_of(before, first), axis_of(before, second)
+        s, t, distance = nearest_points(was_first, was_second)
         weight = min(1.0 - (distance - capsules.apart[pair]) / gap, 1.0)
         if weight <= 0.0:
             continue
@@ -303,9 +323,10 @@ def carry(capsules, before, after, hidden, gap, friction, displacement):
                 continue
             row = second if end == 0 else first
             share = t if end == 0 else s
-            moved = subtract(_along(after[row], share), _along(before[row], share))
+            moved = subtract(_along(axis_of(after, row), share),
+                             _along(axis_of(before, row), share))
             # From the neighbour into the hidden digit.
-            normal = unit(scale(subtract(_along(before[first], s), _along(before[second], t)),
+            normal = unit(scale(subtract(_along(was_first, s), _along(was_second, t)),
                                 1.0 - 2.0 * end))
             inward = dot(moved, normal)
             moved = add(scale(subtract(moved, scale(normal, inward)), friction),

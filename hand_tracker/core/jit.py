@@ -57,6 +57,16 @@ def jit(kernel):
     return kernel
 
 
+if COMPILED:
+    @jit
+    def indexed(array):
+        """Return an array as what a kernel reads and writes single numbers of."""
+        return array
+else:
+    # Plain Python gets floats of it, twice as fast as numpy's numbers, which are slow themselves.
+    indexed = memoryview
+
+
 def packed(values):
     """Return nested named tuples of arrays as what a kernel takes in one piece.
 
