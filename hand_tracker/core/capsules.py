@@ -196,10 +196,13 @@ def close_pairs(capsules, ends, gap):
     -------
     ndarray of int, shape (n,)
     """
-    middles = ends[:, 0] + ends[:, 1]
-    between = middles[capsules.first] - middles[capsules.second]
-    reach = 2.0 * (capsules.reach + gap)
-    return np.flatnonzero((between * between).sum(axis=1) <= reach * reach)
+    # Axis by axis numba compiles it fast.
+    squares = -4.0 * (capsules.reach + gap) ** 2
+    for i in range(3):
+        middles = ends[:, 0, i] + ends[:, 1, i]
+        between = middles[capsules.first] - middles[capsules.second]
+        squares += between * between
+    return (squares <= 0.0).nonzero()[0]
 
 
 @jit
