@@ -3,12 +3,13 @@
 The published pose is always this function of the published angles.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from .hand import DIGITS, FINGERS, FINGER_JOINTS, JOINTS, LINKS, THUMB_JOINTS
-from .jit import jit
+from .jit import indexed, jit
 
 X, Y, Z = np.eye(3)
 # Abduction leads away from the middle finger (the middle finger's: towards the thumb).
@@ -143,11 +144,15 @@ def place_links(parent, rotation, translation, axis, angles, wrist_rotation, wri
 
     All but the table have a leading dimension n.
     """
+    parent, rotation, translation, axis = (
+        indexed(parent), indexed(rotation), indexed(translation), indexed(axis))
+    angles, rotations, positions = indexed(angles), indexed(rotations), indexed(positions)
+    wrist_rotation, wrist_position = indexed(wrist_rotation), indexed(wrist_position)
     for frame in range(angles.shape[0]):
         for joint in range(25):
-            x, y, z = axis[joint]
-            s = np.sin(angles[frame, joint])
-            c = np.cos(angles[frame, joint])
+            x, y, z = axis[joint, 0], axis[joint, 1], axis[joint, 2]
+            s = math.sin(angles[frame, joint])
+            c = math.cos(angles[frame, joint])
             v = 1. - c
             turn = (
                 (c + v * x * x, v * x * y - s * z, v * x * z + s * y),
@@ -165,12 +170,15 @@ def place_links(parent, rotation, translation, axis, angles, wrist_rotation, wri
                     b = rotations[frame, up, i, 1]
                     d = rotations[frame, up, i, 2]
                     at = positions[frame, up, i]
-                t = translation[joint]
-                positions[frame, joint, i] = at + a * t[0] + b * t[1] + d * t[2]
-                r = rotation[joint]
-                e = a * r[0, 0] + b * r[1, 0] + d * r[2, 0]
-                f = a * r[0, 1] + b * r[1, 1] + d * r[2, 1]
-                g = a * r[0, 2] + b * r[1, 2] + d * r[2, 2]
+                positions[frame, joint, i] = (
+                    at + a * translation[joint, 0] + b * translation[joint, 1]
+                    + d * translation[joint, 2])
+                e = (a * rotation[joint, 0, 0] + b * rotation[joint, 1, 0]
+                     + d * rotation[joint, 2, 0])
+                f = (a * rotation[joint, 0, 1] + b * rotation[joint, 1, 1]
+                     + d * rotation[joint, 2, 1])
+                g = (a * rotation[joint, 0, 2] + b * rotation[joint, 1, 2]
+                     + d * rotation[joint, 2, 2])
                 for k in range(3):
                     rotations[frame, joint, i, k] = (
                         e * turn[0][k] + f * turn[1][k] + g * turn[2][k])
