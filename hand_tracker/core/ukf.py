@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from .jit import jit
+from .jit import indexed, jit
 from .vectors import add, clamp, cross, dot, scale, subtract
 
 SIZE = 9
@@ -125,15 +125,16 @@ def predict(mean, covariance, step, jerk_noise):
     """
     if not step > 0.:
         return
+    mean, covariance = indexed(mean), indexed(covariance)
     velocity = (mean[3], mean[4], mean[5])
     acceleration = (mean[6], mean[7], mean[8])
     uncertainty = covariance[3, 3] + covariance[4, 4] + covariance[5, 5]
     shift, moved, pulled = turn_motion(velocity, acceleration, step, uncertainty)
-    root = np.empty((SIZE, SIZE))
+    root = indexed(np.empty((SIZE, SIZE)))
     _square_root(covariance, root)
 
-    change = np.zeros(SIZE)
-    deviation = np.empty(SIZE)
+    change = indexed(np.zeros(SIZE))
+    deviation = indexed(np.empty(SIZE))
     for i in range(SIZE):
         for j in range(i + 1):
             covariance[i, j] = 0.
@@ -210,11 +211,12 @@ def correct(mean, covariance, observed, noise_sd):
     float
         The normalised innovation squared, of 3 degrees of freedom.
     """
-    noise = max(noise_sd * noise_sd, LEAST_VARIANCE)
+    mean, covariance = indexed(mean), indexed(covariance)
+    noise = max(float(noise_sd) ** 2, LEAST_VARIANCE)
     consistency = 0.
-    cross_covariance = np.empty(SIZE)
+    cross_covariance = indexed(np.empty(SIZE))
     for k in range(3):
-        innovation = observed[k] - mean[k]
+        innovation = float(observed[k]) - mean[k]
         total = covariance[k, k] + noise
         consistency += innovation * innovation / total
         for i in range(SIZE):
@@ -246,6 +248,7 @@ def fade(mean, covariance, share):
     share : float
         Above 0, to 1.
     """
+    covariance = indexed(covariance)
     for i in range(3, SIZE):
         _scale(covariance, i, share)
         mean[i] *= share
