@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from .core.hand import DIGITS, JOINTS, LINKS, ROOT
-from .core.quaternion import quaternion
+from .core.quaternion import tell_transforms
 
 
 class Names(NamedTuple):
@@ -119,42 +119,21 @@ def new_transforms(frames):
     return messages
 
 
-def fill_transforms(messages, stamp, rotation, position):
+def fill_transforms(messages, stamp, numbers):
     """Fill transforms in place: building them anew costs ten times as much.
 
     Parameters
     ----------
     messages : list of TransformStamped, length n
     stamp : Time
-    rotation : ndarray, shape (n, 3, 3)
-        From each child's frame to its parent's.
-    position : ndarray, shape (n, 3)
-        Each child's origin in its parent's frame [m].
+    numbers : ndarray, shape (n, 7)
+        As of `transform_numbers`.
     """
-    for message, turned, at in zip(messages, rotation.tolist(), position.tolist()):
+    for message, row in zip(messages, numbers.tolist()):
         message.header.stamp = stamp
         transform = message.transform
         to, turn = transform.translation, transform.rotation
-        to.x, to.y, to.z = at
-        turn.x, turn.y, turn.z, turn.w = quaternion(turned)
-
-
-def pose_numbers(rotation, position):
-    """Return poses as the numbers that a TFMessage has of them.
-
-    Parameters
-    ----------
-    rotation : ndarray, shape (n, 3, 3)
-    position : ndarray, shape (n, 3)
-        [m]
-
-    Returns
-    -------
-    list of float, length 7 n
-        x, y, z of the translation and x, y, z, w of the rotation of each.
-    """
-    return [number for turned, at in zip(rotation.tolist(), position.tolist())
-            for number in (*at, *quaternion(turned))]
+        to.x, to.y, to.z, turn.x, turn.y, turn.z, turn.w = row
 
 
 def wrist_frames(names, frame_id):
@@ -173,24 +152,23 @@ def tip_frames(names):
     return tuple((f'{names.prefix}{digit}_distal', tip) for digit, tip in zip(DIGITS, names.tips))
 
 
-def relative_pose(table, state):
-    """Return the 25 links' frames in their parents'.
+def transform_numbers(table, state, count=1 + len(LINKS)):
+    """Return the wrist, and the links in their parents, as the numbers that TF has of them.
 
     Parameters
     ----------
     table : JointTable
         Of the tracked hand.
     state : HandState
+    count : int, optional
+        1 for the wrist alone.
 
     Returns
     -------
-    rotation : ndarray, shape (25, 3, 3)
-    position : ndarray, shape (25, 3)
-        [m]
+    ndarray, shape (count, 7)
+        x, y, z of the translation and x, y, z, w of the rotation of each [m].
     """
-    # Link -1, the wrist, is the last row.
-    rotation = np.concatenate((state.pose.rotation, state.wrist_rotation[None]))
-    position = np.concatenate((state.pose.position, state.wrist_position[None]))
-    to_parent = rotation[table.parent].swapaxes(-1, -2)
-    moved = state.pose.position - position[table.parent]
-    return to_parent @ state.pose.rotation, (to_parent @ moved[..., None])[..., 0]
+    numbers = np.empty((count, 7))
+    tell_transforms(table.parent, *state.pose, state.wrist_rotation, state.wrist_position,
+                    numbers)
+    return numbers

@@ -26,7 +26,7 @@ from hand_tracker.codec import (  # noqa: E402
 from hand_tracker.core.quaternion import quaternion  # noqa: E402
 from hand_tracker.labels import LabelMap  # noqa: E402
 from hand_tracker.marker_frame import markers_from_message  # noqa: E402
-from hand_tracker.messages import joint_state, pose_numbers, prefixed_names  # noqa: E402
+from hand_tracker.messages import joint_state, prefixed_names  # noqa: E402
 from hand_tracker.nodes import wire  # noqa: E402
 
 LABELS = LabelMap(['0', '1', 'leds/2', '3', 'b/*', '5', '', 'leds/7'])
@@ -313,18 +313,17 @@ def test_published_bytes_are_no_longer_changed():
 def test_transforms_are_the_messages(stamp, rows):
     kind = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs').TFMessage
     turn = np.array(((0., -1., 0.), (1., 0., 0.), (0., 0., 1.)))
-    rotation = np.broadcast_to(turn, (len(rows), 3, 3))
-    position = np.array([at for _, _, at in rows]).reshape(-1, 3)
+    numbers = np.array([(*at, *quaternion(turn)) for _, _, at in rows])
     template = transforms_template([row[:2] for row in rows])
     message = deserialize_message(
-        template.fill(stamp, pose_numbers(rotation, position)), kind)
+        template.fill(stamp, numbers.ravel()), kind)
     assert len(message.transforms) == len(rows)
     for sent, (parent, child, at) in zip(message.transforms, rows):
         assert (sent.header.frame_id, sent.child_frame_id) == (parent, child)
         assert (sent.header.stamp.sec, sent.header.stamp.nanosec) == stamp
         to, q = sent.transform.translation, sent.transform.rotation
         assert np.array_equal((to.x, to.y, to.z), at, equal_nan=True)
-        assert (q.x, q.y, q.z, q.w) == quaternion(turn.tolist())
+        assert (q.x, q.y, q.z, q.w) == quaternion(turn)
 
 
 # --- the choice

@@ -9,6 +9,7 @@ from hypothesis.extra.numpy import arrays
 from hand_tracker.core.hand import JOINTS, LINKS, Hand
 from hand_tracker.core.kinematics import forward, joint_table, tip_offsets
 from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.quaternion import quaternion
 from hand_tracker.core.tracker import HandTracker, MarkerState
 from hand_tracker.labels import InvalidLabel, LabelMap
 
@@ -22,7 +23,7 @@ from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 from hand_tracker.marker_frame import markers_from_message  # noqa: E402
 from hand_tracker.messages import (  # noqa: E402
     diagnostics, fill_transforms, joint_state, link_frames, new_transforms, prefixed_names,
-    quaternion, relative_pose, tip_frames)
+    tip_frames, transform_numbers)
 from hand_tracker.nodes.diagnosis import Level, Status  # noqa: E402
 from hand_tracker.visuals import (  # noqa: E402
     BLUISH_GREEN, COLOURS, FADED, ORANGE, hand_markers)
@@ -367,7 +368,7 @@ def test_chained_transforms_are_the_pose(side):
     state = rest_state(side=side)._replace(pose=pose, wrist_rotation=turn, wrist_position=at)
     names = prefixed_names('r_', 'base')
     messages = new_transforms(link_frames(names, table))
-    fill_transforms(messages, STAMP, *relative_pose(table, state))
+    fill_transforms(messages, STAMP, transform_numbers(table, state)[1:])
     frames = {'base': (turn, at)}
     for message in messages:
         rotation, position = frames[message.header.frame_id]

@@ -1,5 +1,6 @@
 """What every node of the package does alike: declare parameters, run, end."""
 
+import gc
 import re
 import signal
 from difflib import get_close_matches
@@ -107,6 +108,9 @@ def spin(node):
     # An exception that a signal raises inside EventsExecutor comes out as another one.
     for number in INTERRUPTS:
         signal.signal(number, lambda *interrupt: interrupts.append(interrupt))
+    # What has been made stays: else a collection among the frames would go through all of it.
+    gc.collect()
+    gc.freeze()
     try:
         # Not spin(): EventsExecutor's overflows its wait in some releases.
         while rclpy.ok() and not interrupts:

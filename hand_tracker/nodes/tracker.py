@@ -20,8 +20,8 @@ from ..core.layout import marker_positions
 from ..core.tracker import HandTracker
 from ..marker_frame import seconds
 from ..messages import (
-    diagnostics, fill_transforms, link_frames, new_transforms, relative_pose,
-    time_message, tip_frames, wrist_frames)
+    diagnostics, fill_transforms, link_frames, new_transforms, time_message, tip_frames,
+    transform_numbers, wrist_frames)
 from ..visuals import hand_markers
 from .common import declare, names_of, run
 from .diagnosis import PERIOD, Diagnosis
@@ -98,9 +98,11 @@ class TrackerNode(Node):
         """Have the kernels compiled before the first frame waits for it."""
         self.get_logger().info('preparing; the very first start compiles for half a minute')
         start = time.monotonic()
-        rest = forward(joint_table(self._hand), np.zeros(len(JOINTS)))
-        HandTracker(self._hand, layout, self._settings.options).update(
+        table = joint_table(self._hand)
+        rest = forward(table, np.zeros(len(JOINTS)))
+        state = HandTracker(self._hand, layout, self._settings.options).update(
             marker_positions(layout.mounting(self._hand), rest))
+        transform_numbers(table, state)
         self.get_logger().info(f'ready after {time.monotonic() - start:.1f} s')
 
     def _open_tf(self, broadcast):
@@ -116,8 +118,8 @@ class TrackerNode(Node):
         self._tf = self.create_publisher(TFMessage, '/tf', TF_DEPTH)
         if self._every_frame:
             tips = new_transforms(tip_frames(self._names))
-            fill_transforms(tips, self._now(),
-                            np.broadcast_to(np.eye(3), (len(tips), 3, 3)), self._tips)
+            fill_transforms(tips, self._now(), np.hstack(
+                (self._tips, np.tile((0., 0., 0., 1.), (len(tips), 1)))))
             self._static_broadcaster = StaticTransformBroadcaster(self)
             self._static_broadcaster.sendTransform(tips)
 
@@ -191,11 +193,9 @@ class TrackerNode(Node):
             self._transforms_frame = frame_id
             links = link_frames(self._names, self._joints) if self._every_frame else ()
             self._transforms = self._wire.transforms(wrist_frames(self._names, frame_id) + links)
-        rotation, position = state.wrist_rotation[None], state.wrist_position[None]
-        if self._every_frame:
-            links = relative_pose(self._joints, state)
-            rotation, position = map(np.concatenate, ((rotation, links[0]), (position, links[1])))
-        self._tf.publish(self._transforms(stamp, rotation, position))
+            self._broadcast_count = 1 + len(links)
+        self._tf.publish(self._transforms(
+            stamp, transform_numbers(self._joints, state, self._broadcast_count)))
 
     def _stamp(self, frame):
         if frame.stamp.sec or frame.stamp.nanosec:

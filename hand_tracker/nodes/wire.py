@@ -15,7 +15,7 @@ from ..codec import (
 from ..labels import LabelMap
 from ..marker_frame import markers_from_message
 from ..messages import (
-    fill_transforms, joint_state, new_transforms, pose_numbers, prefixed_names, time_message)
+    fill_transforms, joint_state, new_transforms, prefixed_names, time_message)
 from ..visuals import LIFETIME, SKIN_COLOUR, SKIN_OPACITY, hand_skin
 
 try:
@@ -64,7 +64,7 @@ class Wire:
         return lambda stamp, numbers: joint_state(stamp, self._names, numbers)
 
     def transforms(self, frames):
-        """Return a function of a stamp, rotations and positions, whose result can be published.
+        """Return a function of a stamp and numbers (n, 7), whose result can be published.
 
         Parameters
         ----------
@@ -73,11 +73,11 @@ class Wire:
         """
         if self.raw:
             template = transforms_template(frames)
-            return lambda stamp, *poses: template.fill(stamp, pose_numbers(*poses))
+            return lambda stamp, numbers: template.fill(stamp, numbers.ravel())
         messages = new_transforms(frames)
 
-        def filled(stamp, *poses):
-            fill_transforms(messages, stamp, *poses)
+        def filled(stamp, numbers):
+            fill_transforms(messages, stamp, numbers)
             return TFMessage(transforms=messages)
 
         return filled
@@ -148,11 +148,10 @@ def _writes_alike():
         return False
     if TFMessage is None:
         return True
-    messages = new_transforms((('mocap', 'a'), ('wrist', 'bone')))
-    poses = np.stack([np.eye(3)] * 2), np.arange(6.).reshape(2, 3)
-    fill_transforms(messages, time_message(STAMP), *poses)
-    data = transforms_template((('mocap', 'a'), ('wrist', 'bone'))).fill(
-        STAMP, pose_numbers(*poses))
+    frames, numbers = (('mocap', 'a'), ('wrist', 'bone')), np.arange(14.).reshape(2, 7)
+    messages = new_transforms(frames)
+    fill_transforms(messages, time_message(STAMP), numbers)
+    data = transforms_template(frames).fill(STAMP, numbers.ravel())
     return _says(data, TFMessage(transforms=messages))
 
 
