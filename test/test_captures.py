@@ -8,8 +8,10 @@ import pytest
 from captures import capture_path
 
 from hand_tracker.calibration import fit_hand, landmark_positions
-from hand_tracker.core.hand import preset_coupling, preset_limits
+from hand_tracker.core.hand import Hand, preset_coupling, preset_limits
 from hand_tracker.core.kinematics import Pose
+from hand_tracker.core.layout import MarkerLayout
+from hand_tracker.core.likeness import exchange_clearly_wrong, usual_places
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.evaluation.captures import load_capture
 from scipy.spatial.transform import Rotation
@@ -138,3 +140,27 @@ def test_finger_tips_meet_their_targets_with_the_usual_and_with_the_fitted_coupl
         found = class_errors(track(worn, judged)[1], judged)
         report(name, f'coupling {what}', {'tip': found['tip']})
         assert found['tip'].mean() <= most
+
+
+@pytest.mark.parametrize('name', CAPTURES)
+def test_right_labels_are_kept_with_nothing_but_a_mean_hand_to_go_by(name):
+    markers = np.ascontiguousarray(whole_frames(name)[1].right().markers[::20])
+    hand = Hand.scaled()
+    usual = usual_places(hand, MarkerLayout().mounting(hand))
+    for frame in markers:
+        rows = np.arange(8)
+        exchange_clearly_wrong(frame, np.ones(8, dtype=bool), usual, rows)
+        np.testing.assert_array_equal(rows, np.arange(8))
+
+
+@pytest.mark.parametrize('name', MANIPNET)
+def test_exchanged_labels_of_the_palm_are_put_right_with_nothing_but_a_mean_hand(name):
+    markers = np.ascontiguousarray(whole_frames(name)[1].right().markers[::20])
+    hand = Hand.scaled()
+    usual = usual_places(hand, MarkerLayout().mounting(hand))
+    for exchanged in ([1, 0, 2], [2, 1, 0], [0, 2, 1]):
+        order = np.array(exchanged + [3, 4, 5, 6, 7])
+        for frame in markers:
+            rows = np.arange(8)
+            exchange_clearly_wrong(frame[order], np.ones(8, dtype=bool), usual, rows)
+            np.testing.assert_array_equal(rows, order)

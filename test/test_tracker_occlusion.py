@@ -108,6 +108,49 @@ def test_swapped_labels_are_put_right_within_three_frames_and_reported(one, othe
         np.testing.assert_allclose(swapped[frame].markers, plain[frame].markers, atol=2e-3)
 
 
+def exchange(pair, start, end):
+    """Return a change that exchanges two labels in some frames."""
+    def change(frame, markers):
+        if start <= frame < end:
+            markers[list(pair)] = markers[list(pair[::-1])]
+    return change
+
+
+def assert_right(states, start, reported=()):
+    """Check that markers are where they are from a frame on, and which are reported."""
+    for frame in range(start, len(states)):
+        np.testing.assert_allclose(states[frame].markers, markers_at(frame), atol=2e-3)
+        swapped = np.flatnonzero(states[frame].marker_states == MarkerState.SWAPPED)
+        assert swapped.tolist() == list(reported)
+
+
+@pytest.mark.parametrize('pair', [(1, 2), (0, 1), (0, 2), (2, 7), (3, 6)])
+def test_labels_that_are_exchanged_from_the_first_frame_on_are_put_right(pair):
+    assert_right(track(120, exchange(pair, 0, 120), EXACT), 0, pair)
+    # And are believed when the source mends.
+    assert_right(track(200, exchange(pair, 0, 60), EXACT), 60)
+
+
+@pytest.mark.parametrize('pair', [(3, 4), (3, 7), (4, 7), (6, 7)])
+def test_labels_that_begin_exchanged_are_not_held_when_the_source_mends(pair):
+    assert_right(track(320, exchange(pair, 0, 60), EXACT), 200)
+
+
+@pytest.mark.parametrize('pair', [(3, 4), (3, 7), (4, 7), (5, 7), (6, 7)])
+def test_labels_that_come_back_exchanged_are_not_held_when_the_source_mends(pair):
+    def change(frame, markers):
+        hide(pair, 100, 340)(frame, markers)
+        exchange(pair, 340, 370)(frame, markers)
+    assert_right(track(600, change, EXACT), 510)
+
+
+def test_a_palm_that_is_exchanged_before_digits_are_seen_is_put_right_with_them():
+    def change(frame, markers):
+        exchange((1, 2), 0, 400)(frame, markers)
+        hide(range(3, 8), 0, 60)(frame, markers)
+    assert_right(track(240, change, EXACT), 160, (1, 2))
+
+
 @pytest.mark.parametrize('row', range(8))
 def test_an_outlier_is_rejected_and_predicted(row):
     def stray(frame, markers):

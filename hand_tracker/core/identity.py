@@ -3,7 +3,8 @@
 The palm is rigid, so its three markers are judged by their distances from each other,
 whatever the hand as a whole does; the digits' markers are judged in the palm's frame, by what
 is expected of them there and by their reach. Labels are right until another reading of
-the frame is clearly better: a reading says which row belongs to which marker.
+the frame is clearly better: a reading says which row belongs to which marker. A reading that
+is held against the labels given has to go on being more like a hand than they are.
 """
 
 import itertools
@@ -13,11 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from .jit import jit
+from .likeness import (
+    CLEARLY, DISORDER, EXCHANGES, OUT_OF_ORDER, Usual, exchange, exchange_clearly_wrong,
+    spans_plane, unlikeness)
 from .occlusion import FARTHEST
 from .palm import rigid_palm
 from .palm_markers import carry_palm
 from .report import REJECTED, SEEN, SWAPPED
-from .vectors import clamp, components, cross, distance, dot, scale, store, subtract, vector
+from .vectors import clamp, components, distance, scale, store, subtract, vector
 
 ACCEPTED = SEEN
 
@@ -42,8 +46,6 @@ DROPPED = 1.2    # [1] times the cost of the gate: refusing a marker costs more 
 RELABELLED = 1.  # cost of each marker that takes another's label; ours
 TAKEN_OVER = .01   # [m] how near a label must lie that is given to a marker thought hidden; ours
 DRIFT, STRAY = 6., .006  # [m/s], [m] of a refused place that is the same; ours
-OUT_OF_ORDER = .004    # [m] by which fingers lie on the wrong sides of each other; ours
-DISORDER = 9.    # its cost for two neighbours, in variances: fingers seldom cross; ours
 WANDER = .05     # [m/s] by which a hidden digit may stray; 5 times that is twice ManipNet's p95
 FOUND = .012     # [s] in which it is forgotten that a marker was not seen; ours
 ROLL = .15       # [m/s] by which a palm carried by two markers turns away unseen; ours
@@ -74,11 +76,13 @@ class HandBounds(NamedTuple):
         First joints of the digits in the wrist's frame [m].
     reach : ndarray, shape (5,)
         Greatest distance of each digit's marker from its root [m].
+    usual : Usual
     """
 
     template: np.ndarray
     roots: np.ndarray
     reach: np.ndarray
+    usual: Usual
 
 
 class Reading(NamedTuple):
@@ -126,7 +130,9 @@ class Memory(NamedTuple):
     sides : ndarray, shape (3,)
         Learned distances of palm markers r p, p q and q r; 0 before the first [m].
     doubt : ndarray, shape (1,)
-        For how long labels have been exchanged that leave fingers out of order [s].
+        For how long another labelling has been more like a hand than the one held [s].
+    rival : ndarray of int, shape (1,)
+        Which of `EXCHANGES` that is, of labels as given.
     carried : ndarray, shape (1,)
         For how long the palm has not been whole [s].
     unseen : ndarray, shape (8,)
@@ -139,6 +145,7 @@ class Memory(NamedTuple):
     place: np.ndarray
     sides: np.ndarray
     doubt: np.ndarray
+    rival: np.ndarray
     carried: np.ndarray
     unseen: np.ndarray
     reading: Reading
@@ -147,7 +154,8 @@ class Memory(NamedTuple):
 def blank_memory():
     """Return the memory before the first frame."""
     return Memory(waited=np.zeros(8), place=np.zeros((8, 3)), sides=np.zeros(3),
-                  doubt=np.zeros(1), carried=np.zeros(1), unseen=np.zeros(8),
+                  doubt=np.zeros(1), rival=np.zeros(1, dtype=np.int64),
+                  carried=np.zeros(1), unseen=np.zeros(8),
                   reading=Reading(
                       markers=np.zeros((8, 3)), expected=np.zeros((8, 3)),
                       seen=np.zeros(8, dtype=bool), sure=np.zeros(8, dtype=bool),
@@ -156,7 +164,7 @@ def blank_memory():
                       gated=np.zeros(1, dtype=bool)))
 
 
-def hand_bounds(template, chains):
+def hand_bounds(template, chains, usual):
     """Return what a hand allows its markers.
 
     Parameters
@@ -164,6 +172,7 @@ def hand_bounds(template, chains):
     template : ndarray, shape (3, 3)
         The palm markers in the wrist's frame [m].
     chains : Chains
+    usual : Usual
         Of the same hand.
 
     Returns
@@ -172,7 +181,7 @@ def hand_bounds(template, chains):
     """
     counted = np.arange(3) < chains.hinges[:, None]
     reach = np.hypot((chains.bones * counted).sum(axis=1), chains.lateral)
-    return HandBounds(template.copy(), chains.root.copy(), reach)
+    return HandBounds(template.copy(), chains.root.copy(), reach, usual)
 
 
 @jit
@@ -212,24 +221,22 @@ def identify(markers, seen, expected, spread, known, step, bounds, memory, gate,
         return
     reading, template = memory.reading, bounds.template
     _measure(reading, markers, seen, memory.sides, gate > 0.0)
-    anew = memory.doubt[0] >= patience
+    slipped = False
     for i in range(3):
-        anew = anew or memory.waited[i] >= patience
+        slipped = slipped or memory.waited[i] >= patience
     # What persists and makes no palm is still none.
-    anew = anew and patience > 0.0 and not _in_another_order(reading.gaps, memory.sides) and (
+    slipped = slipped and not _in_another_order(reading.gaps, memory.sides) and (
         _like_before(reading.gaps, memory.sides) or _like_hand(reading.gaps, template))
+    anew = patience > 0.0 and (slipped or memory.doubt[0] >= patience)
+    rows = np.arange(8)
     if anew or not _expect(reading, expected, spread, known):
-        # Labels begin as they come: a hand that is not calibrated fits no better exchanged.
-        plausible = _like_hand(reading.gaps, template)
-        memory.doubt[0] = 0.0
-        for i in range(8):
-            memory.waited[i] = 0.0
-        for i in range(3):
-            memory.sides[i] = reading.gaps[i, (i + 1) % 3] if plausible else 0.0
+        if margin > 0.0:
+            exchange_clearly_wrong(reading.markers, reading.seen, bounds.usual, rows)
+        _begin(reading, bounds, memory, rows, verdict)
+        _put_in_order(reading, rows, markers, seen, verdict)
         return
 
     _settle_limits(reading, memory, spread, template, step, gate)
-    rows = np.arange(8)
     costs = np.zeros(8)
     local = np.zeros((8, 3))
     kept = (seen[0], seen[1], seen[2])
@@ -242,9 +249,34 @@ def identify(markers, seen, expected, spread, known, step, bounds, memory, gate,
             memory.waited[i] = 0.0
         return
     _conclude(reading, bounds, kept, rows, local, memory, step, patience, verdict)
+    if margin > 0.0:
+        _doubt(reading, bounds, memory, rows, step)
+    _put_in_order(reading, rows, markers, seen, verdict)
+
+
+@jit
+def _put_in_order(reading, rows, markers, seen, verdict):
+    """Write measurements by their markers."""
     for i in range(8):
         store(markers, i, vector(reading.markers[rows[i]]))
         seen[i] = reading.seen[rows[i]] and verdict[i] != REJECTED
+
+
+@jit
+def _begin(reading, bounds, memory, rows, verdict):
+    """Believe the frame as it is read, and remember it."""
+    memory.doubt[0] = 0.0
+    for i in range(8):
+        memory.waited[i] = 0.0
+        if rows[i] != i and reading.seen[rows[i]]:
+            verdict[i] = SWAPPED
+    gaps = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            gaps[i, j] = reading.gaps[rows[i], rows[j]]
+    plausible = _like_hand(gaps, bounds.template)
+    for i in range(3):
+        memory.sides[i] = gaps[i, (i + 1) % 3] if plausible else 0.0
 
 
 @jit
@@ -274,7 +306,7 @@ def _expect(reading, expected, spread, known):
         reading.sure[i] = sure
         store(reading.expected, i, vector(expected[i]))
     return (reading.sure[0] and reading.sure[1] and reading.sure[2]
-            and _triangle(reading.expected))
+            and spans_plane(vector(expected[0]), vector(expected[1]), vector(expected[2])))
 
 
 @jit
@@ -299,17 +331,6 @@ def _settle_limits(reading, memory, spread, template, step, gate):
         store(reading.home, i, home)
         reading.sigma[i] = sigma
         reading.limit[i] = limit
-
-
-@jit
-def _triangle(points):
-    """Return whether the first three points span a triangle that has a plane."""
-    r, p, q = vector(points[0]), vector(points[1]), vector(points[2])
-    a = subtract(p, r)
-    b = subtract(q, r)
-    normal = cross(a, b)
-    # False for NaN
-    return dot(normal, normal) > 1e-3 * dot(a, a) * dot(b, b) > 1e-20
 
 
 @jit
@@ -409,10 +430,7 @@ def _read(reading, bounds, kept, margin, bar, rows, costs, local):
             r, p, q = carry_palm((r, p, q), before, kept)
         else:
             r, p, q = before
-    a = subtract(p, r)
-    b = subtract(q, r)
-    normal = cross(a, b)
-    if not dot(normal, normal) > 1e-3 * dot(a, a) * dot(b, b):
+    if not spans_plane(r, p, q):
         return IMPOSSIBLE
     axes, origin = rigid_palm(r, p, q, vector(bounds.template[0]), vector(bounds.template[1]),
                               vector(bounds.template[2]))
@@ -690,7 +708,6 @@ def _conclude(reading, bounds, kept, rows, local, memory, step, patience, verdic
         memory.carried[0] = min(memory.carried[0] + max(step, 0.0), ROLL_MOST / ROLL)
 
     believed = not _most_astray(reading, rows, local)
-    misplaced = False
     for i in range(8):
         row = rows[i]
         if not seen[row]:
@@ -704,7 +721,6 @@ def _conclude(reading, bounds, kept, rows, local, memory, step, patience, verdic
             wrong = not kept[i]
         elif sure[i] and believed:
             wrong = wrong or distance(vector(local[row]), vector(home[i])) > limit[i]
-        misplaced = misplaced or row != i and not reachable
         if not (wrong and reading.gated[0]):
             memory.waited[i] = 0.0
             memory.unseen[i] *= math.exp(-max(step, 0.0) / FOUND)
@@ -720,15 +736,30 @@ def _conclude(reading, bounds, kept, rows, local, memory, step, patience, verdic
             continue
         verdict[i] = REJECTED
 
-    swapped = False
+
+@jit
+def _doubt(reading, bounds, memory, rows, step):
+    """Note for how long another labelling has been more like a hand than the one held.
+
+    The rival of exchanged labels are those given, which need not be better; the rivals of
+    labels as given are their exchanges, one after the other, which have to be so clearly.
+    """
+    rival = np.arange(8)
+    own = True
     for i in range(8):
-        swapped = swapped or verdict[i] == SWAPPED
-    if misplaced or _out_of_order(rows, seen, local, bounds):
+        own = own and (rows[i] == i or not reading.seen[rows[i]])
+    if own:
+        exchange(rival, memory.rival[0])
+    held = unlikeness(reading.markers, reading.seen, rows, bounds.usual)
+    better = held - unlikeness(reading.markers, reading.seen, rival, bounds.usual)
+    if not abs(better) < math.inf:
+        return
+    if better >= (CLEARLY if own else 0.0):
         memory.doubt[0] += max(step, 0.0)
-    elif swapped:
-        memory.doubt[0] = max(memory.doubt[0] - max(step, 0.0), 0.0)
     else:
-        memory.doubt[0] = 0.0
+        memory.doubt[0] = max(memory.doubt[0] - max(step, 0.0), 0.0)
+        if memory.doubt[0] == 0.0:
+            memory.rival[0] = (memory.rival[0] + 1) % len(EXCHANGES)
 
 
 @jit
@@ -741,21 +772,3 @@ def _most_astray(reading, rows, local):
             off = distance(vector(local[rows[i]]), vector(home[i]))
             astray += 1 if off > limit[i] else -1
     return astray > 0
-
-
-@jit
-def _out_of_order(rows, seen, local, bounds):
-    """Return whether exchanged labels leave fingers on the wrong sides of each other.
-
-    Fingers do cross, but seldom: when labels are exchanged and the fingers are out of
-    order for it, the labels were more likely right and what was expected wrong.
-    """
-    for i in range(4):
-        j = rows[3 + i] - 3
-        if i == j or not 0 <= j < 4 or not (seen[rows[3 + i]] and seen[rows[3 + j]]):
-            continue
-        apart = local[rows[3 + i], 1] - local[rows[3 + j], 1]
-        order = math.copysign(1.0, bounds.roots[i, 1] - bounds.roots[j, 1])
-        if apart * order < -OUT_OF_ORDER:
-            return True
-    return False

@@ -17,6 +17,7 @@ from .jit import another, packed, parts
 from .kinematics import Pose, forward, joint_table
 from .layout import (
     MARKERS, PALM_MARKERS, MarkerLayout, marker_positions, require_solvable)
+from .likeness import usual_places
 from .options import TrackerOptions
 from .palm import PalmState
 from .report import MarkerState, blank_report
@@ -146,7 +147,7 @@ class HandTracker:
                      options.link_ring_little),
             np.array((options.bound_index_middle, options.bound_middle_ring,
                       options.bound_ring_little)),
-            hand_bounds(self._template, self._chains), capsules(right), joint_table(hand),
+            hand_bounds(self._template, self._chains, usual_places(right, mounting)), capsules(right), joint_table(hand),
             layout.mounting(hand), MIRROR if self._left else np.ones(3)))
 
     def _on_right_hand(self, angles):
