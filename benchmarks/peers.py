@@ -14,6 +14,7 @@ Install the peers with `pip install -r requirements/peers.in`; those that are mi
 """
 
 import argparse
+import os
 import sys
 import time
 from importlib.metadata import PackageNotFoundError, version
@@ -21,12 +22,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
 
-import numpy as np
-
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+# Threads would only wait for each other: the matrices are small.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
+import numpy as np
 
 from benchmarks.common import add_json_option, environment, write_rows
+from hand_tracker.calibration.landmarks import landmark_positions
 from hand_tracker.core.digit import chains, solve_digits
 from hand_tracker.core.hand import JOINTS, LINKS, ROOT, Hand
 from hand_tracker.core.jit import jit, packed
@@ -35,7 +39,6 @@ from hand_tracker.core.layout import MARKERS, PALM_MARKERS, MarkerLayout, marker
 from hand_tracker.core.palm import place_palm
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.core.vectors import components, frame, subtract, vector
-from hand_tracker.calibration.landmarks import landmark_positions
 from hand_tracker.simulation.motions import motion_named
 from hand_tracker.urdf import urdf
 
@@ -123,7 +126,7 @@ class Scene:
 @jit
 def solve_fingers(chains, roots, markers, angles):
     """Solve the digits, of markers in the frame of the wrist."""
-    solve_digits(chains[0], roots, markers[3:], angles, False, 0., 0)
+    solve_digits(chains[0], roots, markers[3:], angles, 1. / RATE, False, 0., 0)
 
 
 @jit
@@ -136,7 +139,7 @@ def solve_hand(chains, template, first_joints, markers, angles, rotation, positi
         local = components(axes, subtract(vector(markers[3 + i]), origin))
         for k in range(3):
             digits[i, k] = local[k]
-    solve_digits(chains[0], roots, digits, angles, False, 0., 0)
+    solve_digits(chains[0], roots, digits, angles, 1. / RATE, False, 0., 0)
 
 
 class Ours:
@@ -392,8 +395,10 @@ class DexRetargeting:
         self._found = np.zeros(len(scene.names))
 
     def solve(self, markers):
+        # What it returns is rounded, perhaps past a limit, where it would not start from.
+        start = np.clip(self._found, self._scene.lower, self._scene.upper)
         self._found = self._optimizer.retarget(
-            markers[PALM:].astype(np.float32), np.empty(0), self._found)
+            markers[PALM:].astype(np.float32), np.empty(0), start)
 
     @property
     def pose(self):
@@ -455,6 +460,7 @@ def measure(name, kind, method, arguments, given, scene):
     peer = kind(scene, given, **arguments)
     markers = scene.local if given else scene.markers
     times, poses = [], []
+    peer.solve(markers[0])  # kernels may have to be compiled
     end = time.monotonic() + BUDGET
     for row in markers:
         start = time.perf_counter()
