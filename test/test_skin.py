@@ -54,6 +54,14 @@ def test_skin_is_one_closed_mesh_of_a_hands_size(skin):
     assert np.degrees(found.face_angles.min()) > 5.
 
 
+@pytest.mark.parametrize('hand', [
+    Hand.scaled(.17, .12), Hand.scaled(radii=np.full((5, 3), .002), palm_radius=.003)])
+def test_broad_and_bony_hands_have_no_holes(hand):
+    found = trimesh.Trimesh(*load.model_arrays(hand)[:2], process=False)
+    assert found.is_watertight
+    assert (found.body_count, found.euler_number) == (1, 2)
+
+
 def test_bones_are_inside(skin):
     assert [LINKS[link] for link in skin.links[:4]] == [
         'index_metacarpal', 'index_proximal', 'index_middle', 'index_distal']

@@ -14,6 +14,8 @@ from ..core.skeleton import CHAINS, skeleton_points
 
 # [degrees] abduction at which the skin is made: side by side, digits would grow together.
 SPREAD_DEG = {'index': 13., 'middle': 0., 'ring': 11., 'little': 19.}
+# [mm of the mean hand] Calibrated radii may be thinner than any flesh: postures must be free.
+THINNEST, THIN_PALM = 4.5, 8.
 
 
 class Flesh(NamedTuple):
@@ -49,7 +51,8 @@ def flesh_of(hand):
     pose = forward(joint_table(right), angles)
     size = .001 * np.linalg.norm(hand.finger_mcp[1]) / (MCP_OF_LENGTH[1] * MEAN_LENGTH)
     return Flesh(skeleton_points(tip_offsets(right), pose, np.zeros(3)), pose,
-                 hand.radii, hand.palm_radius, size)
+                 np.maximum(hand.radii, THINNEST * size), max(hand.palm_radius, THIN_PALM * size),
+                 size)
 
 
 def distance(flesh, at):
@@ -87,8 +90,8 @@ def finger(flesh, digit, at):
                               .95 * first, .9 * first), 5. * mm)
     found = union(found, tube(at, pip, dip + .3 * mm * down, second + .4 * mm,
                               third + .2 * mm, -.3 * mm), 2. * mm)
-    found = union(found, tube(at, pip + .4 * (dip - pip) + 1. * mm * down,
-                              pip + .6 * (dip - pip) + 1. * mm * down,
+    found = union(found, tube(at, pip + .4 * (dip - pip) + mm * down,
+                              pip + .6 * (dip - pip) + mm * down,
                               .9 * second, .88 * second), 5. * mm)
     return union(found, tube(at, dip + .3 * mm * down, end + .8 * mm * down,
                              third, .9 * third, .3 * mm, down, .9), 2. * mm)
@@ -106,7 +109,7 @@ def thumb(flesh, at):
     # The ball of the thumb: thick over the near half of the metacarpal.
     ball = np.array((24., 8., -15.)) * mm
     found = union(found, tube(at, ball, cmc + .75 * (mcp - cmc) + (0., -3. * mm, -2. * mm),
-                              1.25 * first, 1. * first), 8. * mm)
+                              1.25 * first, first), 8. * mm)
     found = union(found, tube(at, mcp, ip, 1.02 * first, .98 * second, -.5 * mm), 4. * mm)
     found = union(found, tube(at, ip + .3 * mm * down, end + .6 * mm * down, 1.02 * second,
                               .92 * third, .2 * mm, down, .84), 3. * mm)
@@ -122,7 +125,7 @@ def palm(flesh, at):
     found = None
     for digit in range(len(FINGERS)):
         cmc, mcp = flesh.points[list(CHAINS[digit][:2])]
-        part = tube(at, cmc + (0., 0., -2.5 * mm), mcp + (0., 0., -1.2 * mm), 1. * radius,
+        part = tube(at, cmc + (0., 0., -2.5 * mm), mcp + (0., 0., -1.2 * mm), radius,
                     max(1.15 * flesh.radii[digit, 0], .9 * radius))
         found = part if found is None else union(found, part, 8. * mm)
     cmc, mcp = flesh.points[list(CHAINS[3][:2])]
@@ -130,13 +133,14 @@ def palm(flesh, at):
     found = union(found, tube(at, np.array((16., -15., -8.)) * mm,
                               cmc + .75 * (mcp - cmc) + np.array((0., -2., -5.)) * mm,
                               1.15 * radius, .95 * radius), 9. * mm)
+    down = np.array((0., 0., -2. * mm))
     for a, b in zip(CHAINS[:3], CHAINS[1:4]):
-        first, second = flesh.points[[a[1], b[1]]]
-        ahead = first + .30 * (flesh.points[a[2]] - first), second + .30 * (
+        (near, first), (far, second) = flesh.points[[[a[0], a[1]], [b[0], b[1]]]]
+        found = union(found, quadrilateral(at - 1.5 * down, near, far, first, second,
+                                           .7 * radius), 4. * mm)
+        ahead = first + .3 * (flesh.points[a[2]] - first), second + .3 * (
             flesh.points[b[2]] - second)
-        down = np.array((0., 0., -2. * mm))
-        for corners in ((first, second, ahead[0]), (second, ahead[0], ahead[1])):
-            found = union(found, triangle(at, *(c + down for c in corners), 5. * mm), 4. * mm)
+        found = union(found, quadrilateral(at - down, first, second, *ahead, 5. * mm), 4. * mm)
     return _cut(union(found, _stump(flesh, at), 12. * mm), at, -24. * mm, 7. * mm)
 
 
@@ -184,6 +188,11 @@ def tube(at, start, end, first, second, belly=0., flat_along=None, flat=1.):
         off = off + (off @ flat_along * (1. / flat - 1.))[:, None] * flat_along
     return (np.sqrt(np.einsum('ni,ni->n', off, off)) - first - t * (second - first)
             - 4. * belly * t * (1. - t))
+
+
+def quadrilateral(at, a, b, c, d, thickness):
+    """Return the signed distance to the triangles a b c and b c d, see `triangle`."""
+    return np.minimum(triangle(at, a, b, c, thickness), triangle(at, b, c, d, thickness))
 
 
 def triangle(at, a, b, c, thickness):

@@ -83,14 +83,14 @@ def own_arrays(hand, mesh):
     own, faces = read_mesh(mesh)
     model = load_skin(hand).vertices
     vertices, apart = laid_upon(own, model)
-    if laid_upon(own, model * MIRROR)[1] < apart:
-        other = SIDES[1 - SIDES.index(hand.side)]
-        raise InvalidMesh(f'{mesh}: it fits a {other} hand, expected is a {hand.side} one')
     if apart > FARTHEST:
         raise InvalidMesh(
             f'{mesh}: laid upon the {hand.side} hand it is off by {1000. * apart:.0f} mm in the '
             f'mean; expected is a hand with straight joints and without forearm, within '
             f'{1000. * FARTHEST:.0f} mm')
+    if laid_upon(own, model * MIRROR)[1] < apart:
+        other = SIDES[1 - SIDES.index(hand.side)]
+        raise InvalidMesh(f'{mesh}: it fits a {other} hand, expected is a {hand.side} one')
     points = skeleton_points(tip_offsets(hand), _rest(hand), np.zeros(3))
     return vertices, faces, _weights(vertices, faces, points)
 
