@@ -317,23 +317,6 @@ def test_live_markers(watch):
 
 
 @launches
-def test_skin_is_published_and_where_its_libraries_lack_all_else_goes_on(watch, short, tmp_path):
-    states = watch.collect(JointState, 'joint_states')
-    skins = watch.collect(Marker, 'hand_skin', 1)
-    with Launch({'XDG_CACHE_HOME': str(tmp_path)}, recording=short, skin='true') as process:
-        process.wait_for_line(
-            'a skin of' if find_spec('skimage') else 'needs scikit-image', FIRST_START)
-        before = len(states)
-        watch.spin_until(lambda: len(states) > before + RATE, FIRST_START)
-        if find_spec('skimage'):
-            watch.spin_until(lambda: skins)
-            assert skins[0].ns == 'right_skin'
-        assert process.interrupt() is not None
-        assert process.output.count('needs scikit-image') == (find_spec('skimage') is None)
-    assert 'Traceback' not in process.output
-
-
-@launches
 def test_robot_state_publisher_is_used_where_installed(watch, short, tmp_path):
     index = tmp_path / 'share/ament_index/resource_index/packages'
     index.mkdir(parents=True)
