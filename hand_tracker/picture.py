@@ -12,12 +12,10 @@ from PIL import Image
 
 from .core.hand import DIGITS
 from .core.skeleton import BONES, CHAINS, PALM_BONES, bone_radii
+from .palette import DIGIT_COLOURS, INK, VERMILLION
 
-# The colour-blind-safe palette of Okabe and Ito (2008).
-DIGIT_COLOURS = ('#56B4E9', '#0072B2', '#009E73', '#CC79A7', '#E69F00')
 PALM_COLOUR = '#B9C0C7'
-SEEN_COLOUR, HIDDEN_COLOUR = '#111111', '#D55E00'
-INK = '#333333'
+SEEN_COLOUR, HIDDEN_COLOUR = '#111111', VERMILLION
 # What each view shows [m]: left, right, bottom, top, with the wrist at the origin.
 VIEWS = {'from above': (-.105, .105, -.03, .205), 'from the thumb': (-.205, .03, -.125, .045)}
 GIF_RATE = 10.       # [Hz] the format counts in hundredths of a second

@@ -23,7 +23,7 @@ from .core.hand import DIGITS, JOINTS
 from .core.layout import MARKERS, PALM_MARKERS
 from .core.tracker import MarkerState
 from .offline import add_recording_options, run_command, tracked_recording
-from .palette import ANGLE, GRID, INK, MARKER_COLOURS, MUTED, PAPER
+from .palette import ANGLE, GRID, INK, MARKER_COLOURS, MUTED, PAPER, VERMILLION
 
 PDF, PNG = '.pdf', '.png'
 FARTHER = 3.     # usual steps of time after which frames are missing
@@ -33,6 +33,7 @@ HEADER, FOOTER = .75, .5
 LEFT, RIGHT = .95, .25
 BETWEEN = .14
 DPI = 120
+DASHED = (0, (4, 3))
 MARGIN = .07     # shown beyond a limit, of the range within
 LEAST_MM = 1.    # of the scale of residuals
 
@@ -158,7 +159,7 @@ def require_output(path):
     return path
 
 
-def page(tracked, hand, digit, title=''):
+def page(tracked, hand, digit, title='', truth=None):
     """Return the page of a digit.
 
     Parameters
@@ -168,6 +169,8 @@ def page(tracked, hand, digit, title=''):
     digit : str
         One of `DIGITS`.
     title : str, optional
+    truth : ndarray, shape (n, 25), optional
+        Angles to draw beside those tracked [rad].
 
     Returns
     -------
@@ -199,6 +202,9 @@ def page(tracked, hand, digit, title=''):
     own = MARKERS.index(digit)
     for ax, joint in zip(axes[1:], joints):
         _shade(ax, spans[0])
+        if truth is not None:
+            ax.plot(_with_gaps(times, missing), _with_gaps(
+                np.degrees(truth[:, joint]), missing), color=VERMILLION, linewidth=1.1)
         _draw_angle(ax, _with_gaps(times, missing),
                     _with_gaps(np.degrees(tracked.angles[:, joint]), missing),
                     np.degrees(hand.limits[joint]))
@@ -208,7 +214,9 @@ def page(tracked, hand, digit, title=''):
                    _with_gaps(1e3 * tracked.residuals[:, own], missing))
     axes[-1].set_xlabel('time [s]')
     figure.align_ylabels(axes)
-    _head(figure, height, digit, title, tracked.marker_states[:, markers])
+    lines = [('angle', ANGLE, '-')] + [('truth', VERMILLION, '-')] * (truth is not None) + [
+        ('limit', INK, DASHED)]
+    _head(figure, height, digit, title, tracked.marker_states[:, markers], lines)
     return figure
 
 
@@ -272,9 +280,9 @@ def _draw_angle(ax, times, angles, limits):
     ax.set_ylim(shown)
     for limit, end in zip(limits, shown):
         ax.axhspan(limit, end, color=GRID, linewidth=0, zorder=.4)
-        ax.axhline(limit, color=INK, linewidth=.9, linestyle=(0, (4, 3)))
+        ax.axhline(limit, color=INK, linewidth=.9, linestyle=DASHED)
     ax.plot(times, angles, color=ANGLE, linewidth=1.3)
-    ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
+    ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 1.5, 3, 6, 10]))
 
 
 def _draw_residual(ax, times, residuals):
@@ -285,7 +293,7 @@ def _draw_residual(ax, times, residuals):
     ax.set_ylabel('residual\n[mm]')
 
 
-def _head(figure, height, digit, title, states):
+def _head(figure, height, digit, title, states, lines):
     """Write digit, title, how long its marker had which state, and the legend."""
     name = digit if digit == 'thumb' else f'{digit} finger'
     figure.text(.2 / WIDTH, 1. - .16 / height, name.capitalize(), color=INK, fontsize=14,
@@ -295,8 +303,8 @@ def _head(figure, height, digit, title, states):
                      for state, share in shares if share)
     figure.text(.2 / WIDTH, 1. - .47 / height, ' · '.join(filter(None, (
         title, f'its marker: {said}'))), color=MUTED, fontsize=8.5, va='top')
-    handles = [Line2D([], [], color=ANGLE, linewidth=1.6, label='angle'),
-               Line2D([], [], color=INK, linewidth=.9, linestyle=(0, (4, 3)), label='limit')]
+    handles = [Line2D([], [], color=colour, linewidth=1.3, linestyle=style, label=label)
+               for label, colour, style in lines]
     handles += [Patch(color=MARKER_COLOURS[state], label=f'{state.name.lower()}')
                 for state in MarkerState if (states == state).any()]
     figure.legend(handles=handles, loc='upper right', ncols=len(handles), frameon=False,

@@ -181,3 +181,11 @@ def test_says_what_is_wrong_and_writes_nothing(arguments, said, tmp_path, monkey
     assert main(list(arguments)) == 1
     assert re.search(said, capsys.readouterr().err)
     assert sorted(tmp_path.rglob('*')) == before
+
+
+def test_truth_is_drawn_beside(made):
+    truth = made.angles + .1
+    _, panel, *_ = page(made, Hand.scaled(), 'index', truth=truth).axes
+    curves = [line.get_ydata() for line in panel.lines if len(line.get_xdata()) == 100]
+    column = JOINTS.index('index_mcp_abduction')
+    np.testing.assert_allclose(curves, np.degrees([truth[:, column], made.angles[:, column]]))

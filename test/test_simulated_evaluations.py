@@ -104,6 +104,18 @@ def test_what_is_without_a_constraint_lacks_only_that():
         TrackerOptions(**change.options)
 
 
+def test_without_any_constraint_all_are_off():
+    change, hand = ablation.without_any(), Hand.scaled()
+    options = TrackerOptions(**change.options)
+    assert not (options.smoothing or options.rigidity or options.palm_from_fingers)
+    assert options.inertia == options.transdigital_memory == options.outlier_gate == 0.
+    assert options.friction == TrackerOptions().friction == 0.
+    bare = change.hand(hand)
+    wider = np.ptp(bare.limits, axis=1) > np.ptp(hand.limits, axis=1)
+    assert wider[hand.limits[:, 1] > 0.].all()
+    assert not bare.coupling.any()
+
+
 def test_an_option_is_a_change(one):
     change = ablation.Change({'palm_method': 'spheres'})
     markers = one.measured(hidden=False)

@@ -93,6 +93,18 @@ VARIANTS = {
 }
 
 
+def without_any():
+    """Return the change that takes every constraint off at once."""
+    off = [change for name, change in VARIANTS.items() if name != 'friction']
+
+    def bare(hand):
+        for change in off:
+            hand = change.hand(hand)
+        return hand
+
+    return Change({name: value for change in off for name, value in change.options.items()}, bare)
+
+
 def evaluate(options):
     """Yield a row for each motion, condition and variant."""
     tasks = [(motion, options.seed + i) for i, motion in enumerate(MOTIONS)]
@@ -188,15 +200,18 @@ def losses(rows):
 
 def pictures(rows, folder):
     """Draw the errors, and the hands where each variant is worst."""
-    figure, axes = figure_with(len(CONDITIONS), width=max(5., .6 * len(VARIANTS)))
+    figure, axes = figure_with(
+        len(CONDITIONS), width=max(5., .6 * len(VARIANTS)), height=2.4, stacked=True)
     for ax, condition in zip(axes, CONDITIONS):
         for i, motion in enumerate(MOTIONS):
             mine = {row['method']: row['true_deg'] for row in rows
                     if (row['condition'], row['recording']) == (condition, motion)}
             ax.bar(np.arange(len(VARIANTS)) + .16 * (i - 2), [mine[name] for name in VARIANTS],
                    width=.15, color=COLOURS[i], label=motion)
-        ax.set_xticks(range(len(VARIANTS)), [fill(name, 11) for name in VARIANTS], fontsize=6)
-        ax.set_ylabel(f'{condition}: from the truth [degrees a joint]', fontsize=8)
+        ax.set_xlim(-.5, len(VARIANTS) - .5)
+        ax.set_xticks(range(len(VARIANTS)), [fill(name, 10, break_long_words=False)
+                                             for name in VARIANTS], fontsize=7)
+        ax.set_ylabel(f'{condition}: from the\ntruth [degrees a joint]', fontsize=8)
     top = max(ax.get_ylim()[1] for ax in axes)
     for ax in axes:
         ax.set_ylim(0., top)

@@ -5,9 +5,11 @@ from typing import NamedTuple
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-# The colour-blind-safe palette of Okabe and Ito (2008): ours first, then what it is beside.
-COLOURS = ('#0072B2', '#E69F00', '#009E73', '#CC79A7', '#56B4E9', '#D55E00', '#555555')
-INK = '#333333'
+from ..palette import (
+    BLUE, BLUISH_GREEN, GRID, INK, ORANGE, REDDISH_PURPLE, SKY_BLUE, VERMILLION)
+
+# Ours first, then what it is beside.
+COLOURS = (BLUE, ORANGE, BLUISH_GREEN, REDDISH_PURPLE, SKY_BLUE, VERMILLION, '#555555')
 
 
 class Table(NamedTuple):
@@ -67,30 +69,34 @@ def mean_and_p95(row, digits=2):
     return f'{number(row["mean_mm"], digits)} ({number(row["p95_mm"], max(digits - 1, 0))})'
 
 
-def figure_with(columns, width=4., height=3.2, legend_height=.45):
-    """Return a figure and a row of plain axes in it, with room for a legend above.
+def figure_with(count, width=4., height=3.2, legend_height=.45, stacked=False):
+    """Return a figure and plain axes in it, in a row or stacked, with room for a legend above.
 
     Parameters
     ----------
-    columns : int
+    count : int
+        Of pairs of axes.
     width, height, legend_height : float
         Of one pair of axes, and of the legend [inches].
+    stacked : bool
+        Whether they stand in a column.
 
     Returns
     -------
     figure : matplotlib.figure.Figure
     axes : list of matplotlib.axes.Axes
     """
-    whole = height + legend_height
+    rows, columns = (count, 1) if stacked else (1, count)
+    whole = rows * height + legend_height
     figure = Figure(figsize=(columns * width, whole), dpi=120, layout='constrained')
     FigureCanvasAgg(figure)
-    figure.get_layout_engine().set(rect=(0., 0., 1., height / whole))
-    axes = list(figure.subplots(1, columns, squeeze=False)[0])
+    figure.get_layout_engine().set(rect=(0., 0., 1., rows * height / whole))
+    axes = list(figure.subplots(rows, columns, squeeze=False).flat)
     for ax in axes:
         for spine in ('top', 'right'):
             ax.spines[spine].set_visible(False)
         ax.tick_params(colors=INK, labelsize=8)
-        ax.grid(axis='y', color='#E3E6E9', linewidth=.7)
+        ax.grid(axis='y', color=GRID, linewidth=.7)
         ax.set_axisbelow(True)
     return figure, axes
 

@@ -25,16 +25,19 @@ def versions():
     return found
 
 
-def hardware():
-    """Return processor, its cores and the system in words."""
-    processor = platform.processor() or platform.machine()
+def processor():
+    """Return the name of the processor."""
     try:
         lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
-        processor = next(line.partition(':')[2].strip() for line in lines
-                         if line.startswith('model name'))
+        return next(line.partition(':')[2].strip() for line in lines
+                    if line.startswith('model name'))
     except (OSError, StopIteration):
-        pass  # not Linux, or a processor without a name
-    return f'{processor}, {os.cpu_count()} cores, {platform.system()} {platform.machine()}'
+        return platform.processor() or platform.machine()  # not Linux, or one without a name
+
+
+def hardware():
+    """Return processor, its cores and the system in words."""
+    return f'{processor()}, {os.cpu_count()} cores, {platform.system()} {platform.machine()}'
 
 
 def command_line(name, files, options, path):

@@ -1,0 +1,367 @@
+"""Make the pictures of the README: `python -m docs.pictures [NAME ...]`.
+
+The hands are what the tracker says of simulated recordings, in its skin. All but the histogram
+come out the same each time.
+"""
+
+import argparse
+from functools import cache
+from pathlib import Path
+from time import thread_time_ns
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse, FancyBboxPatch
+from PIL import Image
+
+from benchmarks import core
+from hand_tracker.core.hand import JOINTS, Hand
+from hand_tracker.core.jit import COMPILED
+from hand_tracker.core.kinematics import Pose, forward, joint_table, tip_offsets
+from hand_tracker.core.layout import MARKERS, MarkerLayout
+from hand_tracker.core.skeleton import CHAINS, PALM_BONES, POINTS, skeleton_points
+from hand_tracker.core.tracker import HandTracker, MarkerState
+from hand_tracker.evaluation import ablation
+from hand_tracker.evaluation.results import processor
+from hand_tracker.evaluation.simulated import trial
+from hand_tracker.evaluation.tracking import tracked_joints
+from hand_tracker.palette import DIGIT_COLOURS, ORANGE, REDDISH_PURPLE, SKY_BLUE, VERMILLION
+from hand_tracker.plot import history, page
+from hand_tracker.render import Mesh, ball, bone, looking, render
+from hand_tracker.simulation.recording import RATE, demo_recording
+from hand_tracker.skin import deform, load_skin
+
+FOLDER = Path(__file__).resolve().parent / 'pictures'
+DPI = 100
+GIF_RATE, GIF_COLOURS = 10., 80  # [Hz]
+SEED = 1                 # as that of the evaluations
+MISS = .025              # [m] off the truth where skin is wholly vermillion
+FARTHEST_MM = 60.        # in the mean: what is farther off is not in the picture
+FRAMES, ROUNDS = 6000, 5  # of the histogram
+SHOWN_US, TICKS_US = (18., 250.), (20, 30, 50, 100, 200)
+CARD, CARD_INK, CARD_MUTED = '#151C26', '#F2F4F7', '#9AA7B5'
+FLESH, BALL, GREY = (.90, .72, .60), (.95, .95, .95), (.72, .75, .79)
+MARKER = .0040     # [m] radius of a marker, with which it rests on the skin
+OBLIQUE = (.35, .5, .75), (1., 0., 0.)  # to the eye and upwards, in the wrist's frame
+
+
+@cache
+def demo():
+    """Return hand and states of the demo motion, seen by markers on the skin."""
+    hand = Hand.scaled()
+    layout = resting_layout(hand)
+    recording = demo_recording(hand, layout)
+    return hand, [state for _, state in tracked_from(recording, hand, layout)]
+
+
+def tracked_from(recording, hand, layout):
+    """Yield time [s] and state of each frame of a recording."""
+    tracker = HandTracker(hand, layout)
+    for stamp, markers in zip(recording.stamps - recording.stamps[0], recording.markers):
+        yield 1e-9 * stamp, tracker.update(markers, 1e-9 * stamp)
+
+
+def resting_layout(hand):
+    """Return the paper's markers as balls that rest on the skin, dorsal of their joints."""
+    rest = forward(joint_table(hand), np.zeros(len(JOINTS)))
+    vertices = deform(load_skin(hand), rest)
+    bare = MarkerLayout().mounting(hand)
+    offsets = np.zeros((len(MARKERS), 3))
+    for offset, link, place in zip(offsets, bare.link, bare.position):
+        # Link -1 is the wrist, whose frame all is in.
+        turned = np.eye(3) if link < 0 else rest.rotation[link]
+        above = (vertices - (0. if link < 0 else rest.position[link])) @ turned - place
+        near = np.hypot(above[:, 0], above[:, 1]) < .7 * MARKER
+        offset[2] = above[near, 2].max() + .8 * MARKER
+    return MarkerLayout(offsets=offsets)
+
+
+def local(state):
+    """Return the markers and the pose of a state in its wrist's frame."""
+    markers = (state.markers - state.wrist_position) @ state.wrist_rotation
+    return markers, Pose(state.wrist_rotation.T @ state.pose.rotation,
+                         (state.pose.position - state.wrist_position) @ state.wrist_rotation)
+
+
+def flesh(hand, pose, colours=FLESH):
+    """Return the skin in a pose."""
+    skin = load_skin(hand)
+    vertices = deform(skin, pose)
+    return Mesh(vertices, skin.faces, np.broadcast_to(colours, vertices.shape))
+
+
+def balls(markers, states=None):
+    """Return the markers, those not seen in orange."""
+    states = np.zeros(len(markers)) if states is None else states
+    # Those not seen are larger, as they may well be predicted into the skin.
+    return [ball(place, MARKER, BALL) if state == MarkerState.SEEN
+            else ball(place, 1.4 * MARKER, to_rgb(ORANGE))
+            for place, state in zip(markers, states)]
+
+
+def bones(hand, pose):
+    """Return the skeleton: each digit in its colour."""
+    points = skeleton_points(tip_offsets(hand), pose, np.zeros(3))
+    found = [bone(points[a], points[b], .0028, .0028, GREY) for a, b in PALM_BONES]
+    found += [ball(points[POINTS.index('wrist')], .005, GREY)]
+    for chain, colour in zip(CHAINS, DIGIT_COLOURS):
+        for a, b in zip(chain, chain[1:]):
+            found += [bone(points[a], points[b], .0034, .0026, to_rgb(colour)),
+                      ball(points[a], .0052, to_rgb(colour))]
+        found.append(ball(points[chain[-1]], .004, to_rgb(colour)))
+    return found
+
+
+def card(width, height):
+    """Return a figure of so many picture elements with a dark card on it."""
+    figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI, facecolor='none')
+    FigureCanvasAgg(figure)
+    across = height / width
+    figure.add_artist(FancyBboxPatch(
+        (0., 0.), 1., 1., boxstyle='round,pad=0,rounding_size=.02', mutation_aspect=1. / across,
+        facecolor=CARD, linewidth=0, zorder=-1))
+    return figure
+
+
+def place(figure, image, left, top):
+    """Put a picture onto a card, by its upper left corner [picture elements]."""
+    height, width = image.shape[:2]
+    across, down = figure.get_size_inches() * DPI
+    axes = figure.add_axes((left / across, 1. - (top + height) / down,
+                            width / across, height / down))
+    axes.imshow(image, interpolation='none', aspect='auto')
+    axes.set_axis_off()
+
+
+def write(figure, x, y, text, size, colour=CARD_INK, **more):
+    """Write onto a card, at picture elements from its upper left corner; size is in those too."""
+    across, down = figure.get_size_inches() * DPI
+    figure.text(x / across, 1. - y / down, text, color=colour, fontsize=72. * size / DPI,
+                **{'ha': 'center', 'va': 'center', **more})
+
+
+def save(figure, name):
+    """Write a card with round corners; fewer colours than the eye can tell make it small."""
+    FOLDER.mkdir(exist_ok=True)
+    figure.canvas.draw()
+    image = Image.fromarray(np.asarray(figure.canvas.buffer_rgba()))
+    image.save(FOLDER / name, optimize=True)
+    print(f'{FOLDER / name}: {image.width} x {image.height}, '
+          f'{(FOLDER / name).stat().st_size / 1e3:.0f} kB', flush=True)
+
+
+def hero(seconds=16.86):
+    """Draw what goes in and what comes out: markers, joints, skin."""
+    hand, states = demo()
+    state = states[round(seconds * RATE)]
+    markers, pose = local(state)
+    figure = card(1600, 700)
+    size = 500, 560
+    camera = looking(*OBLIQUE, (.082, .0, -.012), .235)
+    whole = flesh(hand, pose)
+    ghost = render([whole], camera, size)
+    ghost[..., :3] = 255
+    ghost[..., 3] = ghost[..., 3] * .06
+    stages = (([ghost, render(balls(markers), camera, size)], '8 markers'),
+              ([ghost, render(bones(hand, pose), camera, size)], '25 joint angles'),
+              ([render([whole, *balls(markers)], camera, size)], 'one whole hand'))
+    for column, (images, what) in enumerate(stages):
+        left = 25 + 525 * column
+        for image in images:
+            place(figure, image, left, 40)
+        write(figure, left + .5 * size[0], 640, what, 40, weight='bold')
+        if column:
+            write(figure, left - 12, 350, '→', 64, CARD_MUTED)
+    save(figure, 'hero.png')
+
+
+def motion():
+    """Draw the demo motion: markers as they come, and the hand that is tracked from them."""
+    hand, states = demo()
+    width, height, size = 680, 372, (330, 310)
+    camera = looking(*OBLIQUE, (.08, 0., -.012), .235)
+    turned = states[0].wrist_rotation.T
+    back = card(width, height)
+    write(back, 170, 346, 'markers measured', 17)
+    write(back, 510, 346, 'hand tracked from them', 17)
+    for x, colour, text in ((24, BALL, 'seen'), (92, ORANGE, 'hidden, predicted')):
+        back.add_artist(Ellipse((x / width, 1. - 24 / height), 13 / width, 13 / height,
+                                color=colour))
+        write(back, x + 14, 24, text, 15, CARD_MUTED, ha='left')
+    back.canvas.draw()
+    base = Image.new('RGBA', (width, height), CARD)
+    base.alpha_composite(Image.fromarray(np.asarray(back.canvas.buffer_rgba())))
+    images = []
+    for frame in range(0, len(states), round(RATE / GIF_RATE)):
+        markers, pose = local(states[frame])
+        # The wrist sways about its place as it does, and stays in the picture.
+        sway = turned @ states[frame].wrist_rotation
+        markers, pose = markers @ sway.T, Pose(sway @ pose.rotation, pose.position @ sway.T)
+        kinds = states[frame].marker_states
+        image = base.copy()
+        seen = balls(markers[kinds == MarkerState.SEEN])
+        image.alpha_composite(Image.fromarray(render(seen, camera, size, 2)), (5, 22))
+        image.alpha_composite(Image.fromarray(render(
+            [flesh(hand, pose), *balls(markers, kinds)], camera, size, 2)), (345, 22))
+        images.append(image.convert('RGB'))
+    FOLDER.mkdir(exist_ok=True)
+    save_gif(FOLDER / 'motion.gif', images)
+
+
+def save_gif(path, images):
+    """Write an animation with one palette, so that nothing flickers."""
+    # Beside frames in time a patch of the colour that is rare, so that it has its place.
+    several = Image.new('RGB', (images[0].width, 5 * images[0].height + 99), ORANGE)
+    for i in range(5):
+        several.paste(images[i * (len(images) - 1) // 4], (0, i * images[0].height))
+    palette = several.quantize(GIF_COLOURS)
+    frames = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    frames[0].save(path, save_all=True, append_images=frames[1:], loop=0,
+                   duration=round(1000. / GIF_RATE), optimize=False)
+    print(f'{path}: {len(frames)} frames, {path.stat().st_size / 1e6:.2f} MB', flush=True)
+
+
+def constraints():
+    """Draw truth, tracked with and without constraints, where the constraints help most."""
+    size, head, step = (470, 380), 120, 470
+    figure = card(1600, head + 2 * step)
+    for x, title in zip((390, 860, 1330), ('the truth', 'with constraints', 'without')):
+        write(figure, x, 66, title, 40, weight='bold')
+    rows = (('occluded', 'markers\nhidden', 'the frame in which\nconstraints help most'),
+            ('wrong', 'labels\nswapped,\nreflections',
+             f'orange skin: off by\n{1e3 * MISS:.0f} mm and more'))
+    for row, (condition, what, note) in enumerate(rows):
+        one, markers, frame, poses, errors = _helped_most(condition)
+        seen = np.isfinite(markers).all(axis=1)
+        top = head + step * row
+        write(figure, 40, top + .5 * size[1], what, 30, CARD_MUTED, ha='left', linespacing=1.3)
+        back = one.rotation[frame].T
+        skins = [deform(load_skin(one.hand), forward(
+            joint_table(one.hand), angles, back @ turn, back @ (at - one.position[frame])))
+            for angles, turn, at in poses]
+        camera = looking(*OBLIQUE, (.074, 0., -.012), .225)
+        places = balls((markers[seen] - one.position[frame]) @ back.T)
+        for column, vertices in enumerate(skins):
+            left = 155 + step * column
+            share = np.clip(np.linalg.norm(vertices - skins[0], axis=1) / MISS, 0., 1.)[:, None]
+            whole = Mesh(vertices, load_skin(one.hand).faces,
+                         (1. - share) * FLESH + share * to_rgb(VERMILLION))
+            place(figure, render([whole, *places], camera, size), left, top)
+            middle, below = left + .5 * size[0], top + size[1]
+            if column:
+                here, mean = errors[column - 1]
+                write(figure, middle, below + 22, f'{here:.1f} mm', 34)
+                write(figure, middle, below + 60, f'mean of all frames: {mean:.1f} mm', 22,
+                      CARD_MUTED)
+            else:
+                write(figure, middle, below + 41, note, 22, CARD_MUTED, linespacing=1.4)
+    save(figure, 'constraints.png')
+
+
+def _helped_most(condition):
+    """Return the frame of all motions at which the ratio of errors without and with is largest.
+
+    Trial, markers, frame, its three poses, and the errors (there, in the mean) of both [mm].
+    """
+    found, means = [], []
+    for number, name in enumerate(ablation.MOTIONS):
+        one = trial(name, SEED + number, ablation.RATE, ablation.DURATION)
+        markers = ablation.markers_of(one, condition, SEED + number)
+        tracked, off = [], []
+        for change in (ablation.VARIANTS[ablation.ALL], ablation.without_any()):
+            hand, each = ablation.tracked_with(one, change, markers)
+            tracked.append(each)
+            off.append(1e3 * np.linalg.norm(
+                tracked_joints(hand, each) - one.joints, axis=2).mean(axis=1))
+        means.append([each.mean() for each in off])
+        frame = int(np.argmax(np.where(off[1] < FARTHEST_MM, off[1] / off[0], 0.)))
+        poses = [(one.angles[frame], one.rotation[frame], one.position[frame])] + [
+            (each.angles[frame], each.wrist_rotation[frame], each.wrist_position[frame])
+            for each in tracked]
+        found.append((one, markers[frame], frame, poses, [each[frame] for each in off]))
+    *best, errors = max(found, key=lambda each: each[-1][1] / each[-1][0])
+    return *best, list(zip(errors, np.mean(means, axis=0)))
+
+
+def angles():
+    """Draw the plot of a finger from the packaged recording, with the truth beside."""
+    hand, recording = Hand.scaled(), demo_recording()
+    tracked = history(tracked_from(recording, hand, MarkerLayout()))
+    figure = page(tracked, hand, 'index', 'demo.mcap, right hand', truth=recording.angles)
+    FOLDER.mkdir(exist_ok=True)
+    figure.savefig(FOLDER / 'angles.png')
+
+
+def speed():
+    """Draw how much processor time a frame takes in the core."""
+    hand = Hand.scaled()
+    figure = card(1600, 640)
+    width, height = figure.get_size_inches() * DPI
+    axes = figure.add_axes((90 / width, 110 / height, 1420 / width, 380 / height))
+    axes.set_facecolor('none')
+    axes.set_xscale('log')
+    edges = np.geomspace(*SHOWN_US, 141)
+    for (hidden, names), colour in zip(core.HIDDEN.items(), (SKY_BLUE, ORANGE, REDDISH_PURPLE)):
+        taken = _processor_time(hand, *core.frames(FRAMES, names, hand))
+        median, p99 = np.percentile(taken, (50, 99))
+        print(f'{hidden} hidden: median {median:.1f}, p99 {p99:.1f} µs, {len(taken)} frames')
+        shares = np.histogram(taken, edges)[0] / len(taken)
+        label = f'{hidden} hidden' if hidden else 'all markers seen'
+        axes.stairs(shares, edges, fill=True, color=colour, alpha=.35)
+        axes.stairs(shares, edges, color=colour, linewidth=2.5,
+                    label=f'{label}: median {median:.0f} µs, p99 {p99:.0f} µs')
+    axes.set_xlim(SHOWN_US)
+    axes.set_xticks(TICKS_US, [f'{tick} µs' for tick in TICKS_US])
+    axes.set_xticks([], minor=True)
+    axes.set_yticks([])
+    axes.tick_params(colors=CARD_MUTED, labelsize=18, length=0, pad=10)
+    for name, spine in axes.spines.items():
+        spine.set(visible=name == 'bottom', color=CARD_MUTED)
+    for x, y, text in ((32.5, .86, 'nothing\ntouches'),
+                       (68., .58, 'digits that touch are parted')):
+        axes.text(x, y, text, transform=axes.get_xaxis_transform(), color=CARD_MUTED,
+                  fontsize=18, va='center')
+    axes.legend(loc='upper right', frameon=False, labelcolor=CARD_INK, fontsize=18)
+    write(figure, 90, 56, 'Processor time of a frame', 40, weight='bold', ha='left')
+    write(figure, 90, 100, 'HandTracker.update: markers in, 25 angles out, all constraints on',
+          25, CARD_MUTED, ha='left')
+    how = 'compiled by numba' if COMPILED else 'plain Python'
+    write(figure, 90, 606, f'{len(taken)} frames and more of the demo motion, the least of '
+          f'{ROUNDS} rounds, {how}, {processor()}. At 960 Hz a frame lasts 1042 µs.',
+          21, CARD_MUTED, ha='left')
+    save(figure, 'speed.png')
+
+
+def _processor_time(hand, markers, counted):
+    """Return the processor time of the frames that count, the least of some rounds [µs].
+
+    What else runs on the machine adds little to it.
+    """
+    taken = np.zeros((ROUNDS, len(markers)))
+    for times in taken:
+        tracker = HandTracker(hand)
+        for i, frame in enumerate(markers):
+            start = thread_time_ns()
+            tracker.update(frame)
+            times[i] = 1e-3 * (thread_time_ns() - start)
+    return taken.min(axis=0)[counted]
+
+
+PICTURES = {'hero': hero, 'motion': motion, 'constraints': constraints, 'angles': angles,
+            'speed': speed}
+
+
+def main():
+    """Make all pictures, or those named."""
+    parser = argparse.ArgumentParser(prog='python -m docs.pictures',
+                                     description=__doc__.split('\n', maxsplit=1)[0])
+    parser.add_argument('names', nargs='*', choices=(*PICTURES, []), metavar='NAME',
+                        help=', '.join(PICTURES))
+    for name in parser.parse_args().names or PICTURES:
+        PICTURES[name]()
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,45 @@
+"""The pictures of the README: made of what the tracker says, legible on any page."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from hand_tracker.core.hand import JOINTS, Hand
+from hand_tracker.core.jit import COMPILED
+from hand_tracker.core.kinematics import forward, joint_table
+from hand_tracker.core.layout import marker_positions
+
+pytest.importorskip('skimage', reason='scikit-image, which makes the skin, is not installed')
+
+from docs import pictures  # noqa: E402  needs the skin
+
+
+def test_markers_rest_on_the_skin():
+    hand = Hand.scaled()
+    rest = forward(joint_table(hand), np.zeros(len(JOINTS)))
+    markers = marker_positions(pictures.resting_layout(hand).mounting(hand), rest)
+    skin = pictures.flesh(hand, rest).vertices
+    gaps = np.linalg.norm(markers[:, None] - skin, axis=2).min(axis=1)
+    assert (gaps > .4 * pictures.MARKER).all() and (gaps < 1.4 * pictures.MARKER).all()
+
+
+def test_hidden_markers_are_larger_and_of_another_colour():
+    seen, hidden = pictures.balls(np.zeros((2, 3)), [0, 1])
+    assert np.ptp(hidden.vertices) > 1.2 * np.ptp(seen.vertices)
+    assert not np.allclose(seen.colours[0], hidden.colours[0])
+
+
+@pytest.mark.skipif(not COMPILED, reason='takes minutes in plain Python')
+def test_hero_is_a_whole_card_with_three_stages(tmp_path, monkeypatch):
+    monkeypatch.setattr(pictures, 'FOLDER', tmp_path)
+    pictures.hero()
+    with Image.open(tmp_path / 'hero.png') as image:
+        pixels = np.asarray(image.convert('RGBA')).astype(int)
+    # Round corners, and no hole but them.
+    assert pixels[0, 0, 3] == 0 and (pixels[..., 3] == 255).mean() > .995
+    rows = pixels[40:600]
+    drawn = np.abs(rows[..., :3] - rows[0, 0, :3]).max(axis=2) > 8
+    for stage in np.array_split(drawn, 3, axis=1):
+        assert .02 < stage.mean() < .6
+    # Nothing is cut off.
+    assert not drawn[:, :20].any() and not drawn[:, -20:].any() and not drawn[:5].any()
