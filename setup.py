@@ -52,6 +52,7 @@ setup(
             'filterpy',
             'hypothesis',
             'pin',
+            'playwright',
             'psutil',
             'pytest',
             'pytest-cov',
@@ -61,6 +62,7 @@ setup(
         'view': [
             'scikit-image',
             'trimesh',
+            'viser',
         ],
     },
     entry_points={
@@ -70,6 +72,7 @@ setup(
             'simulate = hand_tracker.nodes.entry:simulate',
             'skin = hand_tracker.nodes.entry:skin',
             'tracker = hand_tracker.nodes.entry:tracker',
+            'viewer = hand_tracker.nodes.entry:viewer',
         ],
     },
 )

@@ -10,6 +10,7 @@ COMMANDS = {
     'track': ('hand_tracker.offline', 'track a recording; write a table or a recording of angles'),
     'plot': ('hand_tracker.plot', 'track a recording; plot the angles of each digit over time'),
     'skin': ('hand_tracker.skin.command', 'draw the skin of a hand, its weights and blending'),
+    'view': ('hand_tracker.viewer.command', 'show a recording in the browser'),
     'urdf': ('hand_tracker.urdf', 'print or write the URDF of a hand'),
     'evaluate': ('hand_tracker.evaluation.command', 'measure the tracker, each table in turn'),
     'simulate': ('hand_tracker.simulation.simulate', 'record a simulated hand seen by cameras'),

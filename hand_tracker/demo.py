@@ -29,6 +29,8 @@ from .labels import DEFAULT_LABELS, LabelMap
 from .marker_frame import markers_from_message
 from .picture import Track, save_animation, save_sheet
 from .share import packaged_recording
+from .viewer.command import add_page_options, view
+from .viewer.recording import Recording
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -231,6 +233,9 @@ def _parse(args):
     parser.add_argument('--rate', type=float, default=1., help='speed of the replay (default: 1)')
     parser.add_argument('--output', type=Path, default=Path('demo_output'),
                         help='folder for the pictures and the table (default: demo_output)')
+    parser.add_argument('--view', action='store_true',
+                        help='instead of all that, show the hand in the browser')
+    add_page_options(parser)
     return parser.parse_args(args)
 
 
@@ -242,6 +247,10 @@ def main(args=None):
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         hand, layout = choose_hand(options.hand, options.side, options.limits, options.coupling)
+        if options.view:
+            view(Recording(options.recording or packaged_recording(hand.side), hand, layout),
+                 options)
+            return 0
         rclpy.init()
         node = rclpy.create_node('demo')
         listener = Listener(node)

@@ -233,7 +233,8 @@ class Job:
             self._progress.say(f'at {1e-9 * (now - self._bag.start):.2f} s: {line}')
 
 
-def _label_map(texts):
+def label_map(texts):
+    """Return the labels of a command line's MARKER=LABEL texts; ids 0 to 7 where none is given."""
     labels = dict(zip(MARKERS, DEFAULT_LABELS))
     for text in texts:
         marker, given, label = text.partition('=')
@@ -272,7 +273,7 @@ def tracked_recording(options, interrupted, progress=Progress):
     frames : iterator of TrackedFrame
     """
     hand, layout = choose_hand(options.hand, options.side, options.limits, options.coupling)
-    labels = _label_map(options.label)
+    labels = label_map(options.label)
     with open_bag(options.recording) as bag:
         job = Job(bag, marker_topic(bag, options.topic), labels, interrupted, progress)
         yield hand, job, job.frames(

@@ -1,5 +1,5 @@
 # shellcheck shell=bash
-# Sourced by demo and test. `prepare demo|test` leaves in $python an interpreter that has ROS 2 and hand_tracker:
+# Sourced by demo and test. `prepare demo|view|test` leaves in $python an interpreter that has ROS 2 and hand_tracker:
 # that of a sourced ROS 2, else one in .venv made from requirements/ and overlay/.
 
 root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -15,6 +15,7 @@ prepare() {
     install_requirements "$1"
     install_overlay
     install_package
+    [[ $1 != view ]] || warm_up
     unlock
     python=$venv/bin/python
     export PATH=$venv/bin:$PATH AMENT_PREFIX_PATH=$venv
@@ -41,7 +42,7 @@ ros_is_sourced() {
 use_sourced_ros() {
   # Without tf2_ros and rosbag2_interfaces all works but /tf and the replay's services.
   local modules=(matplotlib numpy PIL rosbags scipy yaml)
-  [[ $1 == demo ]] || modules+=(hypothesis pytest pytest_timeout)
+  [[ $1 != test ]] || modules+=(hypothesis pytest pytest_timeout)
   python=python3
   # The checkout comes before an installed hand_tracker, so that edits take effect.
   export PYTHONPATH=$root${PYTHONPATH:+:$PYTHONPATH}
@@ -97,19 +98,19 @@ step() {
 }
 
 install_requirements() {
-  local demo test
+  local demo wanted
   demo=$(fingerprint "$root/requirements/demo.txt")
-  test=$(fingerprint "$root/requirements/test.txt")
+  wanted=$(fingerprint "$root/requirements/$1.txt")
   if ! is_done demo "$demo" || [[ -e $venv/unfinished ]] || ! "$venv/bin/python" -c 'import rclpy' 2>/dev/null; then
     make_venv
   fi
-  is_done "$1" "${!1}" && return
+  is_done "$1" "$wanted" && return
   touch "$venv/unfinished"
   # Python compiles at first import what is used; compiling all here takes longer.
   step "installing requirements/$1.txt" "$venv/bin/python" -m pip --disable-pip-version-check --retries 2 \
     install --no-deps --no-compile -r "$root/requirements/$1.txt" || explain_pip
   mark_done demo "$demo"
-  [[ $1 == demo ]] || mark_done test "$test"
+  mark_done "$1" "$wanted"
   rm "$venv/unfinished"
 }
 
@@ -184,6 +185,16 @@ install_package() {
   step "installing hand_tracker (editable)" "$venv/bin/python" -m pip --disable-pip-version-check \
     install --no-deps --no-build-isolation -e "$root" || fail "see $log"
   mark_done package "$sources"
+}
+
+# So that the hand moves as soon as the page is there.
+warm_up() {
+  local sources
+  sources=$(fingerprint "$root"/hand_tracker/{core,skin}/*.py)
+  is_done view_ready "$sources" && return
+  step "compiling the kernels and making a skin" "$venv/bin/python" -c \
+    'from hand_tracker.viewer.command import warm_up; warm_up()' || fail "see $log"
+  mark_done view_ready "$sources"
 }
 
 # --- both ---------------------------------------------------------------------------------------------------------

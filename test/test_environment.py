@@ -30,6 +30,7 @@ case "$*" in
     {pip}
     touch "$(dirname "$0")/packages" ;;
   *'-m pip'*) echo 'pip package' >> calls ;;
+  *warm_up*) echo 'warm up' >> calls ;;
   *) echo "ran: $*" ;;
 esac
 """
@@ -46,6 +47,9 @@ class Machine:
             shutil.copytree(ROOT / name, self.checkout / name)
         for name in ('package.xml', 'setup.py', 'setup.cfg'):
             shutil.copy(ROOT / name, self.checkout)
+        for name in ('core', 'skin'):
+            (self.checkout / 'hand_tracker' / name).mkdir(parents=True)
+            (self.checkout / 'hand_tracker' / name / '__init__.py').touch()
         for tool in (*TOOLS, 'chmod'):
             (self.bin / tool).symlink_to(shutil.which(tool))
         self.give('c++', 'exit 0')
@@ -101,6 +105,18 @@ def test_first_run_sets_up_and_the_second_only_starts(machine):
     assert machine.calls() == ['pip requirements', 'overlay', 'pip package']
     second = machine.run()
     assert (second.returncode, second.stderr) == (0, '')
+    assert machine.calls() == []
+
+
+def test_view_adds_its_requirements_and_gets_ready_before_it_starts(machine):
+    machine.python()
+    machine.run('demo')
+    machine.calls()
+    result = machine.run('demo', '--view', '--port', '9')
+    assert result.stdout == 'ran: -m hand_tracker demo --view --port 9\n'
+    assert machine.calls() == ['pip requirements', 'warm up']
+    machine.run('demo', '--view')
+    machine.run('demo')
     assert machine.calls() == []
 
 

@@ -6,14 +6,14 @@ last joints stay straight.
 """
 
 from textwrap import fill
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..core.hand import JOINTS, preset_limits
+from ..constraints import ABDUCTION, FLEXION, UNBOUND, UNCOUPLED, Change, free
+from ..core.hand import preset_limits
 from ..core.kinematics import forward, joint_table, tip_offsets
 from ..core.layout import marker_positions
 from ..core.metrics import limit_violations
@@ -31,15 +31,11 @@ DURATION = 15.                 # [s]
 MOTIONS = ('demo', 'spelling', 'power_grasp', 'typing', 'shaking')
 OCCLUDED_CAMERAS = (0, 2, 4, 6)
 DROPOUTS = 2.                  # [1/s]
-FREE = np.radians(170.)        # a limit that is none
 TOLERANCE = np.radians(.01)    # beyond a limit
 
 WRONG = Faults(swaps=1., ghosts=1.)  # [1/s]
 
 CONDITIONS = ('all seen', 'occluded', 'wrong')
-FLEXION = np.array(['flexion' in joint and not (
-    joint.endswith('cmc_flexion') and not joint.startswith('thumb')) for joint in JOINTS])
-ABDUCTION = np.array(['abduction' in joint for joint in JOINTS])
 SHOWN = 10.                    # [degrees] over all joints, from which a difference is drawn
 LINES = 6                      # of drawn hands
 SCALE = .5                     # of the drawn hands
@@ -47,43 +43,19 @@ MARGIN = .1                    # [inches] around them
 WHY = ('A limit or a coupling that is only nearly right keeps a joint from where the markers, a '
        'little off themselves, would put it.')
 
-
-class Change(NamedTuple):
-    """What is changed to take a constraint off.
-
-    Attributes
-    ----------
-    options : dict
-        Fields of `TrackerOptions`.
-    hand : callable
-        Returns the hand that lacks it, of one that has it.
-    """
-
-    options: dict = {}
-    hand: object = lambda hand: hand
-
-
-def free(joints):
-    """Return the change to a hand without limits of some joints, a mask of `JOINTS`."""
-    return Change(hand=lambda hand: hand.replace(
-        limits=np.where(joints[:, None], (-FREE, FREE), hand.limits)))
-
-
 ALL = 'all constraints'
 VARIANTS = {
     ALL: Change(),
     'no flexion limits': free(FLEXION),
     'no abduction limits': free(ABDUCTION),
     'no limits': free(FLEXION | ABDUCTION),
-    'no DIP and IP coupling': Change(
-        hand=lambda hand: hand.replace(coupling=np.zeros_like(hand.coupling))),
+    'no DIP and IP coupling': UNCOUPLED,
     'no smoothing': Change({'smoothing': False}),
     'no inertia': Change({'inertia': 0.}),
     'no transdigital correlation': Change({'transdigital_memory': 0.}),
     'no links before learning': Change({
         'link_index_middle': 0., 'link_middle_ring': 0., 'link_ring_little': 0.}),
-    'no candidate space': Change({
-        'bound_index_middle': np.pi, 'bound_middle_ring': np.pi, 'bound_ring_little': np.pi}),
+    'no candidate space': UNBOUND,
     'friction': Change({'friction': .5}),
     'no rigidity': Change({'rigidity': False}),
     'palm without fingers': Change({'palm_from_fingers': False}),

@@ -3,6 +3,8 @@
 import gc
 import re
 import signal
+from contextlib import contextmanager
+from threading import Thread
 from difflib import get_close_matches
 
 import rclpy
@@ -117,6 +119,27 @@ def spin(node):
             executor.spin_once(POLL)
     finally:
         executor.shutdown()
+
+
+@contextmanager
+def spinning(node):
+    """Serve a node's callbacks in a thread of their own."""
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+
+    def spin():
+        try:
+            executor.spin()
+        except ExternalShutdownException:
+            pass
+
+    thread = Thread(target=spin, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        executor.shutdown()
+        thread.join()
 
 
 def run(make_node, work=spin, args=None, name='hand_tracker'):

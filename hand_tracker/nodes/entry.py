@@ -53,7 +53,13 @@ def tracker():
     return _run('tracker')
 
 
-NODES = {'replay': replay, 'simulate': simulate, 'skin': skin, 'tracker': tracker}
+def viewer():
+    """Run the viewer of a running tracker; return its exit code."""
+    return _run('viewer')
+
+
+NODES = {'replay': replay, 'simulate': simulate, 'skin': skin, 'tracker': tracker,
+         'viewer': viewer}
 
 if __name__ == '__main__':
     if sys.argv[1:2] == [] or sys.argv[1] not in NODES:

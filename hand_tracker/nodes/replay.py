@@ -9,16 +9,14 @@ Its exit code is 0 then and when interrupted, 1 when the recording cannot be pla
 import struct
 import sys
 import time
-from contextlib import closing, contextmanager
+from contextlib import closing
 from importlib import import_module
 from itertools import count
-from threading import Thread
 from types import SimpleNamespace
 from typing import NamedTuple
 
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -27,7 +25,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from ..files.bags import MARKER_ARRAY, BagError, open_bag
 from ..files.stamps import header_stamp, marker_stamps, restamp
 from ..share import packaged_recording
-from .common import declare, run
+from .common import declare, run, spinning
 from .parameter import Parameter
 from .playback import Playback, read_ahead
 
@@ -108,7 +106,7 @@ class ReplayNode(Node):
             lap = bag.start + bag.duration - start + (interval or LONE)
             playback = Playback(start, options.rate, options.start_paused)
             self._serve(playback)
-            with _spinning(self), closing(playback):
+            with spinning(self), closing(playback):
                 if not options.start_paused:
                     self._wait_for_subscribers([outputs[topic].publisher for topic in markers])
                 if options.clock:
@@ -226,27 +224,6 @@ class ReplayNode(Node):
         service(srv.SetRate, 'set_rate',
                 lambda request: {'success': playback.set_rate(request.rate)})
         service(srv.PlayNext, 'play_next', lambda request: {'success': playback.play_next()})
-
-
-@contextmanager
-def _spinning(node):
-    """Serve a node's callbacks in a thread of their own."""
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-
-    def spin():
-        try:
-            executor.spin()
-        except ExternalShutdownException:
-            pass
-
-    thread = Thread(target=spin, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        executor.shutdown()
-        thread.join()
 
 
 def _subscribers(number):

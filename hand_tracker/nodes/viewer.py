@@ -1,0 +1,239 @@
+"""The viewer node: the hand that a running tracker publishes, in the browser.
+
+Before --ros-args it takes --host ADDRESS and --port PORT; the parameter `tracker` names the
+tracker's node, whose constraints it switches.
+"""
+
+import argparse
+import sys
+from collections import deque
+from contextlib import suppress
+from dataclasses import asdict
+from queue import Empty, Queue
+from typing import NamedTuple
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rclpy.utilities import remove_ros_args
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
+
+from ..constraints import CONSTRAINTS, constrained
+from ..core.hand import JOINTS
+from ..core.kinematics import Pose, forward, joint_table, tip_offsets
+from ..core.layout import MARKERS
+from ..core.palm import PalmState, place_palm
+from ..core.skeleton import POINTS, skeleton_points
+from ..core.tracker import HandTracker, MarkerState, TrackerOptions
+from ..marker_frame import seconds
+from ..viewer.command import add_page_options, view
+from ..visuals import COLOURS, FADED, JOINTS_SHOWN
+from .common import names_of, run, spinning
+from .tracker_parameters import START, live_settings, live_table, starting_hand
+from .wire import Wire
+
+POLL = .1            # [s]
+KEPT = 100           # joint states that may wait for the markers of their stamp
+# In bytes: behind the encapsulation, and there behind the number of markers.
+JOINTS_STAMP, MARKERS_STAMP = slice(4, 12), slice(8, 16)
+ANSWER = 1.          # [s] after which the tracker is asked again
+# Of the palm, within which no joint moves: they tell where the wrist is.
+PALM_POINTS = [POINTS.index(name) for name in ('wrist', 'index_proximal', 'little_proximal')]
+PALM_SHOWN = [JOINTS_SHOWN.index(point) for point in PALM_POINTS]
+KINDS, TONES = tuple(COLOURS), np.array(tuple(COLOURS.values()))
+LATEST = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+NUMBERS = {'rate': ('rate [Hz]', 'Hz'), 'latency': ('latency p50 [ms]', 'ms'),
+           'residual': ('mean residual [mm]', 'mm')}
+
+
+class Frame(NamedTuple):
+    """A hand as it is published, with the fields of a `HandState`."""
+
+    palm: PalmState
+    angles: np.ndarray
+    wrist_rotation: np.ndarray
+    wrist_position: np.ndarray
+    pose: Pose
+    markers: np.ndarray
+    marker_states: np.ndarray
+
+
+class Live:
+    """A running tracker as a source of the viewer.
+
+    Parameters
+    ----------
+    node : Node
+    tracker : str, optional
+        The tracker's node.
+
+    Attributes
+    ----------
+    hand, constraints, playhead
+        As a `Recording` has them; the playhead is None.
+    """
+
+    playhead = None
+
+    def __init__(self, node, tracker='hand_tracker'):
+        self._node, self._tracker = node, tracker
+        self._joint_states, self._hand_markers = deque(maxlen=KEPT), deque(maxlen=1)
+        self._state = None
+        self._numbers = {}
+        self._bare = self._bare_state = self._bare_subscription = None
+
+    def prepare(self, say):
+        """Wait for the tracker, and ask it whose hand it tracks, and how.
+
+        Parameters
+        ----------
+        say : callable
+            Told in a line what it waits for.
+        """
+        self._get = self._node.create_client(GetParameters, f'{self._tracker}/get_parameters')
+        self._set = self._node.create_client(SetParameters, f'{self._tracker}/set_parameters')
+        say(f'Waiting for the tracker {self._tracker}')
+        while not self._get.wait_for_service(POLL):
+            pass
+        start = self._values(row.name for row in START)
+        self.hand, self._layout = starting_hand(start)
+        values = self._values(row.name for row in live_table(self.hand))
+        self._settings = live_settings(self.hand, values)
+        self._changes = {name: self._change(name) for name in CONSTRAINTS}
+        self.constraints = frozenset(
+            name for name, (_, off) in self._changes.items()
+            if any(values[parameter] != value for parameter, value in off.items()))
+        self._names = names_of(self.hand, start['prefix'], start['wrist_frame'])
+        self._read = Wire(self._names).markers(self._settings, start['mocap_frame'])
+        self._template = self._points(np.zeros(len(JOINTS)))[PALM_POINTS]
+        for kind, topic, heard in ((JointState, 'joint_states', self._joint_states),
+                                   (MarkerArray, 'hand_markers', self._hand_markers)):
+            # As bytes: of most messages nothing is ever looked at.
+            self._node.create_subscription(
+                kind, topic, lambda data, heard=heard: heard.append(data), LATEST, raw=True)
+        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        say('Waiting for the hand: markers come in, and the palm is seen?')
+
+    def _points(self, angles):
+        """Return where the skeleton is, in the wrist's frame."""
+        return skeleton_points(
+            tip_offsets(self.hand), forward(joint_table(self.hand), angles), np.zeros(3))
+
+    def _values(self, names):
+        """Return the values of the tracker's parameters by name."""
+        names = list(names)
+        response = self._answer(self._get, GetParameters.Request(names=names))
+        return {name: parameter_value_to_python(value)
+                for name, value in zip(names, response.values)}
+
+    def _answer(self, client, request):
+        answers = Queue()
+        # An answer can be lost while the tracker has not discovered who asks.
+        while True:
+            client.call_async(request).add_done_callback(
+                lambda future: answers.put(future.result()))
+            with suppress(Empty):
+                return answers.get(timeout=ANSWER)
+
+    def _change(self, name):
+        """Return the parameters of a constraint, with their values while it is on and off."""
+        on, off = (self._parameters(constraints) for constraints in (
+            CONSTRAINTS.keys(), CONSTRAINTS.keys() - {name}))
+        changed = [parameter for parameter in on if on[parameter] != off[parameter]]
+        return ({parameter: on[parameter] for parameter in changed},
+                {parameter: off[parameter] for parameter in changed})
+
+    def _parameters(self, constraints):
+        hand, options = constrained(self.hand, TrackerOptions(), constraints)
+        values = {row.name: row.default for row in live_table(hand)}
+        return {**values, **asdict(options)}
+
+    def constrain(self, constraints):
+        """Have the tracker track with these constraints from now on."""
+        for name in self.constraints ^ frozenset(constraints):
+            values = self._changes[name][0 if name in constraints else 1]
+            self._set.call_async(SetParameters.Request(parameters=[
+                Parameter(key, value=value).to_parameter_msg() for key, value in values.items()]))
+        self.constraints = frozenset(constraints)
+
+    def state(self):
+        """Return the hand as it was published last; None before the first frame."""
+        for markers in tuple(self._hand_markers):
+            stamp = markers[MARKERS_STAMP]
+            for joints in reversed(tuple(self._joint_states)):
+                if joints[JOINTS_STAMP] == stamp:
+                    self._state = self._frame(joints, markers)
+                    break
+        return self._state
+
+    def _frame(self, joint_state, hand_markers):
+        angles = np.array(deserialize_message(joint_state, JointState).position)
+        shown = {marker.ns.removeprefix(self._names.prefix): marker for marker in
+                 deserialize_message(hand_markers, MarkerArray).markers}
+        joints = shown['joints']
+        rotation, position = np.empty((3, 3)), np.empty(3)
+        place_palm(_array(joints.points)[PALM_SHOWN], self._template, False, rotation, position,
+                   np.zeros((5, 3)))
+        markers = np.tile(position, (len(MARKERS), 1))
+        states = np.full(len(MARKERS), int(MarkerState.ABSENT))
+        known = shown['markers']
+        if known.points:
+            markers[:len(known.points)] = _array(known.points)
+            colours = np.array([(tone.r, tone.g, tone.b) for tone in known.colors])
+            nearest = np.abs(colours[:, None] - TONES).sum(axis=2).argmin(axis=1)
+            states[:len(nearest)] = [KINDS[i] for i in nearest]
+        found = joints.color.a > .5 * (1. + FADED)
+        return Frame(PalmState.TRACKED if found else PalmState.LOST, angles, rotation, position,
+                     forward(joint_table(self.hand), angles, rotation, position), markers, states)
+
+    def bare_state(self):
+        """Return the hand tracked here without any constraint; None before the first frame."""
+        if self._bare_subscription is None:
+            hand, options = constrained(self._settings.hand, self._settings.options, ())
+            self._bare = HandTracker(hand, self._layout, options)
+            self._bare_subscription = self._node.create_subscription(
+                MarkerArray, 'markers', self._on_markers, 100, raw=True)
+        return self._bare_state
+
+    def _on_markers(self, data):
+        frame = self._read(data)
+        if frame.stamp is not None:
+            state = self._bare.update(frame.positions, seconds(frame.stamp))
+            if self._bare.placed:
+                self._bare_state = state
+
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            if status.name.startswith(f'{self._tracker}:'):
+                self._numbers = {value.key: value.value for value in status.values}
+
+    def numbers(self, state):
+        """Return what the tracker tells of itself, as texts by name."""
+        return {name: f'{float(text):.3g} {unit}' if (text := self._numbers.get(key)) else '–'
+                for name, (key, unit) in NUMBERS.items()}
+
+
+def _array(points):
+    return np.array([(point.x, point.y, point.z) for point in points])
+
+
+def main(args=None):
+    """Serve the page until interrupted; return the exit code."""
+    parser = argparse.ArgumentParser(prog='viewer', description=__doc__.split('\n')[0])
+    add_page_options(parser)
+    options = parser.parse_args(remove_ros_args(args)[1:] if args is None else args)
+
+    def work(node):
+        with spinning(node):
+            view(Live(node, node.declare_parameter('tracker', 'hand_tracker').value), options)
+
+    return run(lambda: Node('viewer'), work, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

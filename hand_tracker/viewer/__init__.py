@@ -1,0 +1,1 @@
+"""A hand in the browser: skin, skeleton, markers, angles; no ROS but in `nodes/viewer.py`."""

@@ -1,0 +1,90 @@
+"""Show a recording in the browser: `hand_tracker view RECORDING`."""
+
+import argparse
+import signal
+import sys
+
+from ..core.errors import HandTrackerError
+from ..files.hand_file import choose_hand
+from ..offline import add_recording_options, label_map
+from ..share import packaged_recording
+from .recording import Recording
+from .viewer import LOCALHOST, PORT, Viewer
+
+NEEDED = 'pip install "hand_tracker[view]"'
+
+
+def add_page_options(parser):
+    """Add the options of the page, which the node has too."""
+    parser.add_argument('--host', default=LOCALHOST, metavar='ADDRESS',
+                        help='where to listen: 0.0.0.0 for the whole network, which anybody in it '
+                        'can then see and steer (default: this machine alone)')
+    parser.add_argument('--port', type=int, default=PORT,
+                        help=f'first port that is tried (default: {PORT})')
+
+
+def view(source, options):
+    """Serve a page that shows a source, until interrupted.
+
+    Parameters
+    ----------
+    source : Recording or Live
+    options : argparse.Namespace
+        Those of `add_page_options`.
+
+    Raises
+    ------
+    HandTrackerError
+        If it cannot listen there, or viser is not installed.
+    """
+    try:
+        viewer = Viewer(options.host, options.port)
+    except ModuleNotFoundError as error:
+        raise HandTrackerError(f'{error}; the viewer needs {NEEDED}') from None
+    try:
+        print(f'The hand is at {viewer.address} (Ctrl-C ends it)', flush=True)
+        source.prepare(viewer.say)
+        viewer.show(source, skin_of(source.hand))
+    except KeyboardInterrupt:
+        print()
+    finally:
+        viewer.stop()
+
+
+def warm_up():
+    """Compile the kernels and make the mean hand's skin, both of which are kept."""
+    hand, layout = choose_hand()
+    Recording(packaged_recording(), hand, layout).prepare(print)
+    skin_of(hand)
+
+
+def skin_of(hand):
+    """Return the hand's skin; None, and say why, where its libraries are missing."""
+    try:
+        from ..skin import load_skin
+
+        return load_skin(hand)
+    except ImportError as error:
+        print(f'No skin, the skeleton alone: {error}', file=sys.stderr)
+        return None
+
+
+def _parse(args):
+    parser = argparse.ArgumentParser(prog='hand_tracker view', description=main.__doc__)
+    add_recording_options(parser)
+    add_page_options(parser)
+    return parser.parse_args(args)
+
+
+def main(args=None):
+    """Track a recording and show the hand in the browser, with controls to play it."""
+    options = _parse(args)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        hand, layout = choose_hand(options.hand, options.side, options.limits, options.coupling)
+        view(Recording(options.recording, hand, layout, options.topic, label_map(options.label),
+                       options.frame, options.unit_scale, not options.keep_zeros), options)
+    except (HandTrackerError, OSError) as error:
+        print(f'hand_tracker view: {error}', file=sys.stderr)
+        return 1
+    return 0

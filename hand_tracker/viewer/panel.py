@@ -1,0 +1,121 @@
+"""The panel of the viewer: numbers, playback, what is shown, constraints, angles."""
+
+import io
+import time
+
+import numpy as np
+from PIL import Image
+
+from ..constraints import CONSTRAINTS
+from ..core.tracker import MarkerState
+from .angles import angle_bars
+
+SPEEDS = {'0.1 ×': .1, '0.25 ×': .25, '0.5 ×': .5, '1 ×': 1., '2 ×': 2.}
+TOLD_EVERY = .1     # [s] between two updates of numbers, bars and slider
+HANDS_OFF = .5      # [s] in which the slider is left to whoever moves it
+PNG_SIZE = 2000     # [pixels] of the longer edge at most
+PATIENCE = 20.      # [s] for a browser to draw its picture
+
+
+class Panel:
+    """What a person sees and turns besides the hand.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+    source : Recording or Live
+    has_skin : bool
+    """
+
+    def __init__(self, server, source, has_skin):
+        self._source = source
+        self._told = self._scrubbed = -np.inf
+        gui = server.gui
+        self._numbers = gui.add_html('')
+        self._time = None
+        if source.playhead is not None:
+            self._add_playback(gui)
+        with gui.add_folder('Show'):
+            self.skin = gui.add_checkbox('Skin', has_skin, disabled=not has_skin)
+            self.skeleton = gui.add_checkbox('Skeleton', True, disabled=not has_skin)
+            self.markers = gui.add_checkbox('Markers', True)
+            self.held = gui.add_checkbox(
+                'Hold the wrist', True, hint='The fingers move, the hand stays where it is')
+            self.compared = gui.add_checkbox(
+                'Side by side', False,
+                hint='A second hand beside it, from the same markers without any constraint')
+            picture = gui.add_button('Save PNG')
+            picture.on_click(save_picture)
+        with gui.add_folder('Constraints', expand_by_default=True):
+            for name, constraint in CONSTRAINTS.items():
+                switch = gui.add_checkbox(name, name in source.constraints, hint=constraint.about)
+                switch.on_update(lambda event, name=name: self._switch(name, event))
+        angles = gui.add_panel()
+        with angles.add_tab('Angles'):
+            self._angles = gui.add_html('')
+        angles.dock_left()
+        angles.set_width(230)
+
+    def _add_playback(self, gui):
+        head = self._source.playhead
+        self._time = gui.add_slider('Time [s]', 0., round(head.duration, 2), .01, 0.)
+        self._time.on_update(self._scrub)
+        speed = gui.add_dropdown('Speed', tuple(SPEEDS), initial_value='1 ×')
+        speed.on_update(lambda event: head.set_rate(SPEEDS[event.target.value]))
+        play = gui.add_button('Pause')
+
+        def toggle(event):
+            head.toggle()
+            play.label = 'Pause' if head.playing else 'Play'
+
+        play.on_click(toggle)
+
+    def _scrub(self, event):
+        # What this program itself sets has no client.
+        if event.client is not None:
+            self._scrubbed = time.monotonic()
+            self._source.playhead.seek(event.target.value)
+
+    def _switch(self, name, event):
+        if event.client is not None:
+            change = self._source.constraints.union if event.target.value \
+                else self._source.constraints.difference
+            self._source.constrain(change({name}))
+
+    def tell(self, state):
+        """Show the numbers of a frame, when it is time."""
+        now = time.monotonic()
+        if now - self._told < TOLD_EVERY:
+            return
+        self._told = now
+        self._numbers.content = numbers(self._source.numbers(state), state)
+        self._angles.content = angle_bars(state.angles, self._source.hand.limits)
+        if self._time is not None and now - self._scrubbed > HANDS_OFF:
+            self._time.value = round(self._source.playhead.now(), 2)
+
+    def say(self, text):
+        """Show a line in place of the numbers."""
+        self._numbers.content = f'<p style="margin:6px 12px">{text}</p>'
+
+
+def numbers(texts, state):
+    """Return a page's part with the live numbers."""
+    seen = np.isin(state.marker_states, (MarkerState.SEEN, MarkerState.SWAPPED)).sum()
+    texts = {**texts, 'markers': f'{seen} of {len(state.marker_states)}'}
+    cells = ''.join(f'<div><div style="opacity:.6">{name}</div><b>{text}</b></div>'
+                    for name, text in texts.items())
+    return ('<div style="display:grid;grid-template-columns:repeat(4,auto);gap:4px;'
+            'padding:6px 12px;font:12px/1.35 system-ui,sans-serif;'
+            f'font-variant-numeric:tabular-nums">{cells}</div>')
+
+
+def save_picture(event):
+    """Have the browser that asks draw its view, and give it to it as a PNG."""
+    camera = event.client.camera
+    scale = min(1., PNG_SIZE / max(camera.image_height, camera.image_width))
+    drawn = event.client.get_render(
+        round(scale * camera.image_height), round(scale * camera.image_width),
+        transport_format='png', timeout=PATIENCE)
+    file = io.BytesIO()
+    Image.fromarray(drawn).save(file, 'PNG')
+    event.client.send_file_download('hand.png', file.getvalue(), save_immediately=True)

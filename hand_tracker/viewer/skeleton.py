@@ -1,0 +1,46 @@
+"""The skeleton as a mesh that follows the links, as the skin does: the browser moves it."""
+
+import numpy as np
+
+from ..core.hand import JOINTS, LINKS
+from ..core.kinematics import Pose, forward, joint_table, tip_offsets
+from ..core.skeleton import BONES, PALM_BONES, skeleton_points
+from ..skin.blend import Skin
+
+BONE_RADIUS, JOINT_RADIUS = .0018, .0034  # [m]
+SIDES = 10
+# The joints between palm and metacarpals are locked: any metacarpal carries the palm.
+PALM = LINKS.index('index_metacarpal')
+
+
+def skeleton_mesh(hand):
+    """Return the bones of a hand, a tube each with a ball where it begins.
+
+    Parameters
+    ----------
+    hand : Hand
+
+    Returns
+    -------
+    Skin
+    """
+    from trimesh.creation import cylinder, icosphere
+
+    rest = forward(joint_table(hand), np.zeros(len(JOINTS)))
+    points = skeleton_points(tip_offsets(hand), rest, np.zeros(3))
+    meshes, carriers = [], []
+    for bone in BONES:
+        carrier = PALM if bone in PALM_BONES else bone[0]
+        ends = points[list(bone)]
+        ball = icosphere(subdivisions=2, radius=JOINT_RADIUS)
+        ball.apply_translation(ends[0])
+        meshes += [cylinder(BONE_RADIUS, segment=ends, sections=SIDES), ball]
+        carriers += 2 * [carrier]
+    links = tuple(sorted(set(carriers)))
+    sizes = [len(mesh.vertices) for mesh in meshes]
+    starts = np.concatenate(([0], np.cumsum(sizes)[:-1]))
+    columns = np.repeat([links.index(carrier) for carrier in carriers], sizes)
+    return Skin(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([start + mesh.faces for start, mesh in zip(starts, meshes)]),
+        np.eye(len(links))[columns], links, Pose(*(part[list(links)] for part in rest)))

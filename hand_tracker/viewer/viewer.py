@@ -1,0 +1,131 @@
+"""The viewer: a page that shows a source's hand thirty times a second."""
+
+import contextlib
+import io
+import socket
+import time
+
+from ..core.errors import HandTrackerError
+from .panel import Panel
+from .scene import APART, HandScene, light, place_camera, wrist_pose
+
+RATE = 30.       # [Hz]
+PORT = 8080
+PORTS = 100      # that are tried from the first on
+LOCALHOST = '127.0.0.1'
+
+
+class Viewer:
+    """A page with one hand, or two.
+
+    Parameters
+    ----------
+    host : str
+        Address of this machine at which it listens.
+    port : int
+        The first that is tried.
+
+    Raises
+    ------
+    HandTrackerError
+        If it cannot listen there.
+    """
+
+    def __init__(self, host=LOCALHOST, port=PORT):
+        import viser
+
+        # Its own banner names every address "localhost"; ours is printed by the command.
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server = viser.ViserServer(host, free_port(host, port), verbose=False)
+        self._server.gui.configure_theme(show_logo=False, show_share_button=False)
+        self._server.gui.set_panel_label('hand_tracker')
+        self._server.gui.main_panel.dock_right()
+        self._server.gui.main_panel.set_width(300)
+        light(self._server.scene)
+        self._hands = 1
+        # Not the server's initial camera: a browser may take that after this one.
+        self._server.on_client_connect(self._frame_hands)
+        self._waiting = self._server.gui.add_markdown('')
+
+    @property
+    def address(self):
+        """The page's address."""
+        host = self._server.get_host()
+        host = 'localhost' if host in ('0.0.0.0', '::', LOCALHOST) else host
+        return f'http://{host}:{self._server.get_port()}'
+
+    def _frame_hands(self, client):
+        place_camera(client.camera, self._hands, client.camera.aspect)
+
+    def say(self, text):
+        """Show a line while there is no hand yet."""
+        self._waiting.content = text
+
+    def show(self, source, skin):
+        """Show a source's hand until interrupted.
+
+        Parameters
+        ----------
+        source : Recording or Live
+            Prepared.
+        skin : Skin or None
+        """
+        self._waiting.remove()
+        scene = self._server.scene
+        panel = Panel(self._server, source, skin is not None)
+        hand = HandScene(scene, '/hand', source.hand, skin, 'with constraints')
+        bare = HandScene(scene, '/bare', source.hand, skin, 'without')
+        bare.visible = False
+        anchor = None
+        due = time.monotonic()
+        while True:
+            # Nobody looks: nothing is worked out.
+            state = source.state() if self._server.get_clients() else None
+            if state is not None:
+                if panel.held.value or anchor is None:
+                    anchor = wrist_pose(state)
+                compared = panel.compared.value
+                other = source.bare_state() if compared else None
+                self._set_hands(1 + compared)
+                with self._server.atomic():
+                    for one in (hand, bare):
+                        one.show(panel.skin.value, panel.skeleton.value, panel.markers.value)
+                    hand.draw(state, anchor, .5 * APART * compared)
+                    bare.visible = hand.caption.visible = bare.caption.visible = \
+                        other is not None
+                    if other is not None:
+                        bare.draw(other, anchor, -.5 * APART)
+                    panel.tell(state)
+            due = max(due + 1. / RATE, time.monotonic())
+            time.sleep(max(0., due - time.monotonic()))
+
+    def _set_hands(self, hands):
+        if hands != self._hands:
+            self._hands = hands
+            for client in self._server.get_clients().values():
+                self._frame_hands(client)
+
+    def stop(self):
+        """Close the page."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
+
+
+def free_port(host, port):
+    """Return the first port from `port` on at which a host can listen.
+
+    Raises
+    ------
+    HandTrackerError
+        If there is none, or the host is none of this machine.
+    """
+    for candidate in range(port, min(port + PORTS, 2**16)):
+        try:
+            with socket.create_server((host, candidate)):
+                return candidate
+        except socket.gaierror as error:
+            raise HandTrackerError(f'--host {host}: {error.strerror}') from None
+        except OSError as error:
+            lack = error.strerror
+    raise HandTrackerError(f'--host {host} --port {port}: cannot listen there or at the next '
+                           f'{PORTS} ports: {lack}')

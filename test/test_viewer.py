@@ -1,0 +1,138 @@
+"""The viewer without a browser: its sources, meshes and panel."""
+
+import socket
+
+import numpy as np
+import pytest
+
+from hand_tracker.constraints import CONSTRAINTS, DEFAULT, constrained
+from hand_tracker.core.errors import HandTrackerError
+from hand_tracker.core.hand import JOINTS, Hand
+from hand_tracker.core.kinematics import forward, joint_table, tip_offsets
+from hand_tracker.core.layout import MarkerLayout
+from hand_tracker.core.skeleton import POINTS, skeleton_points
+from hand_tracker.core.tracker import TrackerOptions
+from hand_tracker.share import packaged_recording
+from hand_tracker.viewer.angles import angle_bars
+from hand_tracker.viewer.recording import Playhead, Recording
+from hand_tracker.viewer.scene import strongest
+from hand_tracker.viewer.viewer import LOCALHOST, free_port
+
+DIP = JOINTS.index('index_dip_flexion')
+
+
+@pytest.fixture(scope='module')
+def recording():
+    recording = Recording(packaged_recording(), Hand.scaled(), MarkerLayout())
+    recording.prepare(print)
+    recording.playhead.toggle()
+    return recording
+
+
+@pytest.mark.parametrize('name', CONSTRAINTS)
+def test_each_constraint_changes_hand_or_options(name):
+    before = constrained(Hand.scaled(), TrackerOptions(), DEFAULT)
+    hand, options = constrained(Hand.scaled(), TrackerOptions(), DEFAULT ^ {name})
+    assert options != before[1] or not (np.array_equal(hand.limits, before[0].limits)
+                                        and np.array_equal(hand.coupling, before[0].coupling))
+
+
+def test_the_default_constraints_are_the_default_tracker():
+    hand = Hand.scaled()
+    assert constrained(hand, TrackerOptions(), DEFAULT) == (hand, TrackerOptions())
+
+
+def test_a_switched_recording_stays_at_its_place(recording):
+    recording.playhead.seek(2.)
+    bent = recording.state()
+    recording.constrain(DEFAULT - {'DIP coupling'})
+    straight = recording.state()
+    recording.constrain(DEFAULT)
+    assert bent.angles[DIP] > .1
+    assert straight.angles[DIP] == 0.
+    assert np.array_equal(recording.state().angles, bent.angles)
+    np.testing.assert_allclose(straight.wrist_position, bent.wrist_position, atol=1e-12)
+
+
+def test_without_any_constraint_limits_are_passed(recording):
+    lower, upper = recording.hand.limits.T
+    passed = []
+    for second in np.arange(0., recording.playhead.duration, .1):
+        recording.playhead.seek(second)
+        assert (lower <= recording.state().angles).all()
+        assert (recording.state().angles <= upper).all()
+        angles = recording.bare_state().angles
+        passed.append((angles < lower - 1e-3) | (angles > upper + 1e-3))
+    assert np.any(passed)
+
+
+def test_numbers_are_those_of_the_recording(recording):
+    recording.playhead.seek(1.)
+    numbers = recording.numbers(recording.state())
+    assert numbers['rate'] == '120 Hz'
+    assert 0. < float(numbers['residual'].split()[0]) < 5.
+
+
+def test_a_playhead_runs_stops_and_begins_again(monkeypatch):
+    now = [10.]
+    monkeypatch.setattr('hand_tracker.viewer.recording.time.monotonic', lambda: now[0])
+    head = Playhead(4.)
+    now[0] += 1.5
+    assert head.now() == 1.5
+    head.set_rate(.5)
+    now[0] += 1.
+    assert head.now() == 2.
+    head.toggle()
+    now[0] += 9.
+    assert head.now() == 2.
+    head.toggle()
+    now[0] += 5.
+    assert head.now() == .5
+    head.seek(3.)
+    assert head.now() == 3.
+
+
+def test_a_recording_without_a_palm_is_refused(tmp_path):
+    with pytest.raises(HandTrackerError, match='no such file'):
+        Recording(tmp_path / 'none.mcap', Hand.scaled(), MarkerLayout())
+
+
+@pytest.mark.parametrize('side', ['right', 'left'])
+def test_the_mesh_of_the_skeleton_follows_the_links(side):
+    pytest.importorskip('trimesh', reason='trimesh is not installed')
+    from hand_tracker.skin import deform
+    from hand_tracker.viewer.skeleton import JOINT_RADIUS, skeleton_mesh
+
+    hand = Hand.scaled(side=side)
+    lower, upper = hand.limits.T
+    pose = forward(joint_table(hand), lower + .8 * (upper - lower))
+    vertices = deform(skeleton_mesh(hand), pose)
+    for name, point in zip(POINTS, skeleton_points(tip_offsets(hand), pose, np.zeros(3))):
+        nearest = np.linalg.norm(vertices - point, axis=1).min()
+        assert nearest < 1.01 * JOINT_RADIUS, name
+
+
+def test_the_strongest_weights_are_few_and_sum_to_one():
+    weights = np.random.RandomState(1).dirichlet(np.ones(19), 50)
+    kept = strongest(weights)
+    assert ((kept > 0.).sum(axis=1) == 4).all()
+    np.testing.assert_allclose(kept.sum(axis=1), 1.)
+    assert (kept.argmax(axis=1) == weights.argmax(axis=1)).all()
+
+
+def test_bars_tell_angles_and_which_are_at_a_limit():
+    hand = Hand.scaled()
+    angles = np.zeros(25)
+    angles[DIP] = hand.limits[DIP, 1]
+    page = angle_bars(angles, hand.limits)
+    assert page.count('class="at"') == 1
+    assert f'{np.degrees(hand.limits[DIP, 1]):.0f}°' in page
+    assert page.count('<div') == 25
+
+
+def test_a_taken_port_is_passed_over_and_a_foreign_host_refused():
+    with socket.create_server((LOCALHOST, 0)) as taken:
+        port = taken.getsockname()[1]
+        assert free_port(LOCALHOST, port) > port
+    with pytest.raises(HandTrackerError, match='--host 192.0.2.1'):
+        free_port('192.0.2.1', 8080)

@@ -1,0 +1,182 @@
+"""The viewer in a real browser: pixels, playback, switches, the PNG, a phone.
+
+Nothing is installed here: without playwright, a Chromium or viser the tests are skipped.
+"""
+
+import io
+import re
+import shutil
+import sys
+import time
+
+import numpy as np
+import pytest
+
+sync_api = pytest.importorskip('playwright.sync_api', reason='playwright is not installed')
+pytest.importorskip('viser', reason='viser is not installed')
+pytest.importorskip('skimage', reason='scikit-image, which makes the skin, is not installed')
+
+from PIL import Image  # noqa: E402
+from ros_process import Process  # noqa: E402
+
+from hand_tracker.share import packaged_recording  # noqa: E402
+from hand_tracker.viewer.command import warm_up  # noqa: E402
+
+BROWSER = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))),
+               None)
+pytestmark = [
+    pytest.mark.skipif(BROWSER is None, reason='no Chromium is installed'),
+    # Software draws a frame a second on a loaded machine.
+    pytest.mark.timeout(300)]
+
+SOFTWARE = ('--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader')
+PATIENCE = 120.     # [s]
+DESKTOP, PHONE = (900, 480), (390, 844)
+HAND = 2000         # [pixels] that are skin, at least
+MOVED = .003        # share of the pixels that change when a finger moves
+SEEN = 12           # [0 to 255] by which a changed pixel changes
+NARROW = 20         # [pixels] between the parts of one hand
+FIST = '2'          # [s] of the recording: all fingers are bent
+
+
+@pytest.fixture(scope='module')
+def address():
+    # What is compiled here for the first time is not what is waited for below.
+    warm_up()
+    with Process([sys.executable, '-m', 'hand_tracker', 'view', str(packaged_recording()),
+                  '--port', '8300']) as viewer:
+        viewer.wait_for_line('http://', PATIENCE)
+        yield re.search(r'http://\S+', viewer.output).group()
+        assert not viewer.ended, viewer.output
+        assert viewer.interrupt() == 0
+        assert 'Traceback' not in viewer.output
+
+
+@pytest.fixture(scope='module')
+def browser():
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=BROWSER, args=SOFTWARE)
+        yield browser
+        browser.close()
+
+
+class Page:
+    """The viewer's page once the hand is there."""
+
+    def __init__(self, browser, address, size, **more):
+        self.page = browser.new_page(
+            viewport={'width': size[0], 'height': size[1]}, accept_downloads=True, **more)
+        self.page.set_default_timeout(1e3 * PATIENCE)
+        self.errors = []
+        self.page.on('pageerror', lambda error: self.errors.append(str(error)))
+        self.page.on('console', lambda message: self.errors.append(message.text)
+                     if message.type == 'error' else None)
+        self.page.goto(address)
+        self.until(lambda: is_skin(self.picture()).sum() > HAND, 'a hand')
+
+    def picture(self):
+        """Return what the scene shows, as it is on the screen."""
+        box = self.page.locator('canvas').last.bounding_box()
+        return pixels(self.page.screenshot(clip=box))
+
+    def settled(self):
+        """Return the picture when it no longer changes."""
+        found = [self.picture()]
+
+        def still():
+            found.append(self.picture())
+            return changed(*found[-2:]) < .1 * MOVED
+
+        self.until(still, 'a still picture')
+        return found[-1]
+
+    def until(self, condition, what):
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < end, f'no {what} in {PATIENCE:g} s; {self.errors}'
+
+    def pause_at(self, seconds):
+        self.page.get_by_text('Pause', exact=True).click()
+        time_box = self.page.get_by_role('textbox').first
+        time_box.fill(seconds)
+        time_box.press('Enter')
+
+    def angle(self, joint):
+        """Return an angle of the index finger as the panel tells it [degrees]."""
+        row = self.page.locator('section div', has_text=joint).first
+        return int(re.search(r'(-?\d+)°', row.inner_text()).group(1))
+
+
+def pixels(png):
+    return np.asarray(Image.open(io.BytesIO(png)).convert('RGB')).astype(int)
+
+
+def is_skin(picture):
+    red, green, blue = np.moveaxis(picture, -1, 0)
+    return (red > 150) & (red - green > 8) & (green > blue) & (abs(red - blue - 78) < 52)
+
+
+def changed(first, second):
+    return (np.abs(first - second).max(axis=-1) > SEEN).mean()
+
+
+@pytest.fixture(scope='module')
+def desktop(address, browser):
+    page = Page(browser, address, DESKTOP)
+    yield page
+    assert page.errors == []
+
+
+def test_the_hand_moves_while_the_recording_plays(desktop):
+    before = desktop.picture()
+    desktop.until(lambda: changed(before, desktop.picture()) > MOVED, 'motion')
+
+
+def test_a_paused_hand_stands_still_where_it_was_sent(desktop):
+    desktop.pause_at(FIST)
+    desktop.until(lambda: desktop.angle('PIP flexion') > 40, 'fist')
+    settled = desktop.settled()
+    assert is_skin(settled).sum() > HAND
+    assert changed(settled, desktop.picture()) < .1 * MOVED
+
+
+def test_a_constraint_switch_changes_the_pose_and_back(desktop):
+    coupled = desktop.settled()
+    assert desktop.angle('DIP flexion') > 10
+    switch = desktop.page.get_by_label('DIP coupling', exact=True)
+    switch.click()
+    desktop.until(lambda: desktop.angle('DIP flexion') == 0, 'straight last joint')
+    desktop.until(lambda: changed(coupled, desktop.picture()) > MOVED, 'changed pose')
+    switch.click()
+    desktop.until(lambda: desktop.angle('DIP flexion') > 10, 'bent last joint')
+    desktop.until(lambda: changed(coupled, desktop.picture()) < MOVED, 'the same pose again')
+
+
+def test_the_button_saves_a_picture_of_the_hand(desktop, tmp_path):
+    with desktop.page.expect_download() as download:
+        desktop.page.get_by_text('Save PNG', exact=True).click()
+    assert download.value.suggested_filename == 'hand.png'
+    download.value.save_as(tmp_path / 'hand.png')
+    data = (tmp_path / 'hand.png').read_bytes()
+    assert data.startswith(b'\x89PNG')
+    assert is_skin(pixels(data)).sum() > HAND
+
+
+def test_side_by_side_shows_a_second_hand(desktop):
+    def gap():
+        """Return the widest gap between columns with skin [pixels]."""
+        return np.diff(np.flatnonzero(is_skin(desktop.picture()).any(axis=0))).max()
+
+    assert gap() < NARROW
+    desktop.page.get_by_label('Side by side', exact=True).click()
+    desktop.until(lambda: gap() > 2 * NARROW, 'second hand')
+    desktop.page.get_by_label('Side by side', exact=True).click()
+    desktop.until(lambda: gap() < NARROW, 'single hand')
+
+
+def test_a_phone_shows_the_whole_hand_above_the_panel(address, browser):
+    phone = Page(browser, address, PHONE, is_mobile=True, has_touch=True)
+    panel = phone.page.get_by_text('hand_tracker', exact=True).bounding_box()
+    picture = phone.picture()
+    assert is_skin(picture[:int(panel['y'])]).sum() > HAND
+    assert phone.errors == []

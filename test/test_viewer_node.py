@@ -1,0 +1,65 @@
+"""The viewer beside a running tracker: what it hears, and what its switches do there."""
+
+import time
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+
+from ros_process import NodeProcess  # noqa: E402
+
+from hand_tracker.core.hand import JOINTS  # noqa: E402
+from hand_tracker.core.tracker import MarkerState  # noqa: E402
+from hand_tracker.nodes.common import spinning  # noqa: E402
+from hand_tracker.nodes.viewer import Live  # noqa: E402
+from hand_tracker.share import packaged_recording  # noqa: E402
+
+DIP = JOINTS.index('index_dip_flexion')
+
+
+def wait(condition, timeout=60.):
+    until = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < until, f'not in {timeout:g} s'
+        time.sleep(.02)
+
+
+def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
+    rclpy.init()
+    node = rclpy.create_node('viewer')
+    try:
+        with NodeProcess('hand_tracker.nodes.tracker', {'side': 'left'}), NodeProcess(
+                'hand_tracker.nodes.replay', {
+                    'recording': str(packaged_recording('left')), 'loop': True}), spinning(node):
+            live = Live(node)
+            live.prepare(print)
+            assert live.hand.side == 'left'
+            assert 'DIP coupling' in live.constraints
+            assert 'Friction' not in live.constraints
+            wait(lambda: live.state() is not None)
+            state = live.state()
+            np.testing.assert_allclose(state.wrist_rotation @ state.wrist_rotation.T, np.eye(3),
+                                       atol=1e-5)
+            # Markers are at the joints of this hand, so that they tell whether it is in its place.
+            seen = np.flatnonzero(state.marker_states == MarkerState.SEEN)
+            assert len(seen) >= 3
+            nearest = np.linalg.norm(
+                state.markers[seen, None] - np.concatenate(
+                    (state.pose.position, state.wrist_position[None])), axis=2).min(axis=1)
+            assert np.median(nearest) < .002
+
+            wait(lambda: live.bare_state() is not None)
+            wait(lambda: 'Hz' in live.numbers(state)['rate'])
+            wait(lambda: live.state().angles[DIP] > .05)
+            live.constrain(live.constraints - {'DIP coupling'})
+            wait(lambda: live.state().angles[DIP] == 0.)
+            live.constrain(live.constraints | {'DIP coupling'})
+            wait(lambda: live.state().angles[DIP] > .05)
+            # Who comes later finds the switches as they are.
+            live.constrain(live.constraints - {'Rigidity'})
+            later = Live(node)
+            wait(lambda: 'Rigidity' not in (later.prepare(print), later.constraints)[1])
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
