@@ -234,3 +234,30 @@ def seconds(stamp):
         [s]
     """
     return stamp.sec + 1e-9 * stamp.nanosec or None
+
+
+class FrameTime:
+    """The time that a tracker goes by: that of the stamps, and of receipt until one has come."""
+
+    def __init__(self):
+        self._stamped = False
+
+    def of(self, stamp, received):
+        """Return the time of the next frame.
+
+        Parameters
+        ----------
+        stamp : Time
+            Of the message.
+        received : float or None
+            [s]
+
+        Returns
+        -------
+        float or None
+            None, not known, when this frame alone has no stamp: it may be of another clock
+            than the time of receipt [s].
+        """
+        time = seconds(stamp)
+        self._stamped = self._stamped or time is not None
+        return time if self._stamped else received

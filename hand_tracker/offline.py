@@ -24,7 +24,7 @@ from .files.bags import (
     JOINT_STATE, MARKER_ARRAY, STORAGE, TF, BagError, BagMessage, open_bag, write_bag)
 from .files.hand_file import add_hand_options, choose_hand
 from .labels import DEFAULT_LABELS, InvalidLabel, LabelMap
-from .marker_frame import seconds
+from .marker_frame import FrameTime
 from .nodes.watch import Watch
 from .progress import Progress
 from .side_by_side import listen_for_interruption, side_by_side
@@ -120,6 +120,7 @@ def track(messages, tracker, labels=None, frame_id='', scale=1., zero_is_missing
     """
     reader = MarkerReader(LabelMap() if labels is None else labels, frame_id, scale,
                           zero_is_missing)
+    time = FrameTime()
     for message in messages:
         try:
             frame = reader.read(message.data)
@@ -130,7 +131,8 @@ def track(messages, tracker, labels=None, frame_id='', scale=1., zero_is_missing
             watch.received(1e-9 * message.time, frame)
         if frame.stamp is None:
             continue
-        state = tracker.update(frame.positions, seconds(frame.stamp) or 1e-9 * message.time)
+        state = tracker.update(
+            frame.positions, time.of(frame.stamp, 1e-9 * message.time))
         if watch is not None:
             watch.tracked(1e-9 * message.time, state)
             if tracker.restarted:

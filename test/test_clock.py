@@ -48,19 +48,72 @@ def test_smallest_numbers_take_no_time():
     assert clock_at(0.).step(5e-324) == (0., False, False)
 
 
-def test_time_that_jumps_back_begins_anew():
+@pytest.mark.parametrize('back', [1.01 * BACKWARD, 3., 1e9])
+@pytest.mark.parametrize('later', [0., .01, 2.])
+def test_time_that_jumps_back_and_goes_on_there_begins_anew(back, later):
     clock = clock_at(10., 10.01)
-    step, paused, restarted = clock.step(10.01 - 1.01 * BACKWARD)
+    if later >= .5 * back:
+        return
+    step, paused, restarted = clock.step(10.01 - back)
+    assert 0. < step < .1 and not paused and not restarted
+    step, paused, restarted = clock.step(10.01 - back + later)
     assert 0. < step < .1 and not paused and restarted
-    assert clock.step(10.02 - 1.01 * BACKWARD) == (pytest.approx(.01), False, False)
+    assert clock.step(10.02 - back + later) == (pytest.approx(.01, abs=1e-6), False, False)
 
 
-def test_a_long_gap_is_a_pause():
+def test_a_long_gap_is_a_pause_as_soon_as_time_goes_on_after_it():
     clock = clock_at(0.)
-    assert clock.step(1.01 * LONGEST) == (1.01 * LONGEST, True, False)
-    assert clock.step(1e3) == (pytest.approx(1e3 - 1.01 * LONGEST), True, False)
-    assert clock.step(1e300) == (FARTHEST, True, False)
-    assert clock_at(-1e308).step(1e308) == (FARTHEST, True, False)
+    assert clock.step(1.01 * LONGEST) == (USUAL_STEP, False, False)
+    step, paused, restarted = clock.step(1.02 * LONGEST)
+    assert step == pytest.approx(1.02 * LONGEST - USUAL_STEP) and paused and not restarted
+    assert clock.step(1.03 * LONGEST) == (pytest.approx(.01), False, False)
+    assert clock_at(0., 1e300).step(1e300) == (FARTHEST, True, False)
+    assert clock_at(-1e308, 1e308).step(1e308) == (FARTHEST, True, False)
+
+
+def test_frames_that_are_always_far_apart_take_their_time():
+    clock = clock_at(0.)
+    times = 2. * LONGEST * np.arange(1, 101)
+    steps, paused, restarted = zip(*(clock.step(time) for time in times))
+    assert sum(steps) == pytest.approx(times[-1]) and sum(paused) == 50 and not any(restarted)
+
+
+@pytest.mark.parametrize('stray', [0., 9., 12., 1e9, 1e300, -1e300, None, np.nan])
+def test_a_stray_stamp_takes_a_usual_step_and_is_forgotten(stray):
+    times = 10. + np.arange(200) / 50.
+    clock = clock_at(*times[:100])
+    assert clock.step(stray) == (pytest.approx(.02, rel=1e-3), False, False)
+    # The frames after it come as if it had had its own time.
+    for time in times[101:]:
+        assert clock.step(time) == (pytest.approx(.02, rel=1e-3), False, False)
+
+
+def test_stray_stamps_all_over_take_usual_steps():
+    rng = np.random.default_rng(1)
+    clock, last, total = Clock(), None, 0.
+    for frame in range(3000):
+        stray = frame > 0 and last != 'stray' and rng.random() < .2
+        last = 'stray' if stray else 'good'
+        step, paused, restarted = clock.step(
+            rng.uniform(-1e6, 1e6) if stray else 100. + frame / 120.)
+        assert not paused and not restarted
+        total += step
+    assert total == pytest.approx(3000. / 120., rel=1e-3)
+
+
+def test_frames_without_time_count_when_the_next_has_one():
+    clock = clock_at(0., 1. / 120.)
+    steps = [clock.step(None)[0] for _ in range(300)]
+    step, paused, restarted = clock.step(302. / 120.)
+    assert sum(steps) + step == pytest.approx(301. / 120.) and not paused and not restarted
+
+
+def test_two_clocks_in_turns_are_neither_a_pause_nor_a_beginning():
+    clock = clock_at(10., 500.)
+    for frame in range(1, 200):
+        for time in (10. + frame / 60., 500. + frame / 60.):
+            step, paused, restarted = clock.step(time)
+            assert 0. < step < .02 and not paused and not restarted
 
 
 def test_the_usual_step_follows_the_rate_and_not_the_gaps():

@@ -188,14 +188,36 @@ def test_time_that_jumps_back_begins_anew():
         markers = markers_at(frame) + rng.normal(scale=3e-4, size=(8, 3))
         hide((4, 1), 250, 300)(frame, markers)
         tracker.update(markers, 100. + frame * STEP)
-    for frame in range(60):
+    tracker.update(markers_at(0), 1.)
+    for frame in range(1, 60):
         markers = markers_at(frame) + rng.normal(scale=3e-4, size=(8, 3))
         hide((3,), 30, 50)(frame, markers)
         again = tracker.update(markers, 1. + frame * STEP)
+        assert tracker.restarted == (frame == 1)
         first = fresh.update(markers, 1. + frame * STEP)
         for name in ('angles', 'markers', 'marker_states', 'hidden_for', 'confidence',
                      'wrist_position', 'wrist_rotation'):
             np.testing.assert_array_equal(getattr(again, name), getattr(first, name), name)
+
+
+@pytest.mark.parametrize('stray', [0., 1e9, None])
+def test_a_stray_stamp_changes_nothing(stray):
+    even, disturbed = HandTracker(), HandTracker()
+    rng = np.random.default_rng(1)
+    for frame in range(500):
+        markers = markers_at(frame) + rng.normal(scale=3e-4, size=(8, 3))
+        hide((MIDDLE, 0), 450, 480)(frame, markers)
+        time = 100. + frame * STEP
+        expected = even.update(markers, time)
+        found = disturbed.update(markers, stray if frame in (200, 400, 460) else time)
+        assert not disturbed.restarted
+        np.testing.assert_allclose(found.angles, expected.angles, atol=1e-4)
+        np.testing.assert_array_equal(found.marker_states, expected.marker_states)
+    for name in ('weight', 'first', 'second', 'motion'):
+        np.testing.assert_allclose(getattr(disturbed._state.habits, name),
+                                   getattr(even._state.habits, name), rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(disturbed._state.noise.deviation, even._state.noise.deviation,
+                               rtol=1e-3)
 
 
 def test_it_is_forgotten_as_fast_at_any_rate_that_a_marker_was_not_seen():
@@ -216,7 +238,9 @@ def test_after_a_pause_hidden_markers_are_where_they_were():
         last = tracker.update(markers_at(frame), frame * STEP)
     markers = markers_at(199)
     markers[INDEX] = np.nan
-    state = tracker.update(markers, 199 * STEP + 1.5)
+    for frame in range(2):
+        state = tracker.update(markers, (199 + frame) * STEP + 1.5)
+    assert state.hidden_for[INDEX] > 1.5
     np.testing.assert_allclose(state.angles, last.angles, atol=np.radians(2.))
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from hand_tracker.core.palm import PalmState
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.marker_frame import seconds
+from hand_tracker.marker_frame import FrameTime, seconds
 from hand_tracker.simulation.recording import demo_recording
 
 WHOLE = demo_recording(rate=30.).markers[0]
@@ -18,6 +18,15 @@ PALMLESS = np.where(np.arange(8)[:, None] == 1, np.nan, WHOLE)
     (0, 0, None), (0, 1, 1e-9), (12, 500_000_000, 12.5), (1_800_000_000, 0, 1.8e9)])
 def test_a_zero_stamp_is_no_time(sec, nanosec, expected):
     assert seconds(SimpleNamespace(sec=sec, nanosec=nanosec)) == expected
+
+
+def test_time_of_receipt_counts_until_a_stamp_has_come():
+    time, none, some = FrameTime(), SimpleNamespace(sec=0, nanosec=0), SimpleNamespace(
+        sec=3, nanosec=0)
+    assert time.of(none, 100.) == 100. and time.of(none, None) is None
+    assert time.of(some, 101.) == 3.
+    assert time.of(none, 102.) is None
+    assert time.of(some, 103.) == 3.
 
 
 def test_what_comes_out_is_a_hand_from_the_first_palm_on():
@@ -39,14 +48,15 @@ def test_what_comes_out_is_what_the_tracker_says():
 def test_a_hand_is_waited_for_again_when_time_jumps_back():
     stream = HandTracker()
     stream.update(WHOLE, 10.)
-    assert stream.update(PALMLESS, 1.).palm is PalmState.WAITING
+    assert stream.update(PALMLESS, 1.).palm is PalmState.CARRIED
+    assert stream.update(PALMLESS, 1.01).palm is PalmState.WAITING
     assert stream.restarted and not stream.placed
     stream.update(WHOLE, 1.1)
     assert not stream.restarted and stream.placed
 
 
-@pytest.mark.parametrize('time', [10., 9.9, None, 1e6])
-def test_repeated_missing_and_later_times_go_on(time):
+@pytest.mark.parametrize('time', [10., 9.9, None, 1e6, 0.])
+def test_repeated_missing_and_stray_times_go_on(time):
     stream = HandTracker()
     stream.update(WHOLE, 10.)
     stream.update(PALMLESS, time)

@@ -14,11 +14,15 @@ class Clock:
     """The owner of time: turns stamps into steps.
 
     A frame without a time comes one usual step after the last; one that repeats the last
-    time, but for rounding, or is a little older comes with it.
+    time, but for rounding, or is a little older comes with it. A time that jumps is believed
+    when the next one goes on from there, and until then is none: a single stray stamp, past
+    or future, is forgotten.
     """
 
     def __init__(self):
         self._last = None
+        self._doubted = None
+        self._ahead = 0.  # since the last time, given to frames without one that is believed
         self._usual = USUAL_STEP
 
     def step(self, time):
@@ -39,17 +43,28 @@ class Clock:
             Whether time jumped back, as where a recording begins again.
         """
         if time is None or not math.isfinite(time):
+            return self._guess()
+        if self._last is None:
+            self._last, self._ahead = time, 0.
             return self._usual, False, False
-        last, self._last = self._last, time
-        if last is None:
-            return self._usual, False, False
-        step = time - last
-        if step < -BACKWARD:
+        step = time - self._last
+        doubted, self._doubted = self._doubted, None
+        believed = doubted is not None and (
+            time >= doubted - BACKWARD and abs(time - doubted) < abs(step))
+        if believed and step < 0.:
+            self._last, self._ahead = time, 0.
             return self._usual, False, True
+        if not believed and not -BACKWARD <= step <= LONGEST + self._ahead:
+            self._doubted = time
+            return self._guess()
         if step < SHORTEST:
-            self._last = last
             return 0., False, False
-        if step > LONGEST:
-            return min(step, FARTHEST), True, False
-        self._usual += SHARE * (step - self._usual)
-        return step, False, False
+        ahead, self._last, self._ahead = self._ahead, time, 0.
+        if ahead == 0. and step <= LONGEST:
+            self._usual += SHARE * (step - self._usual)
+        step = max(step - ahead, min(step, self._usual))
+        return min(step, FARTHEST), step > LONGEST, False
+
+    def _guess(self):
+        self._ahead += self._usual
+        return self._usual, False, False

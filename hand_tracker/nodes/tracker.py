@@ -18,7 +18,7 @@ from ..core.hand import JOINTS
 from ..core.kinematics import forward, joint_table, tip_offsets
 from ..core.layout import marker_positions
 from ..core.tracker import HandTracker
-from ..marker_frame import seconds
+from ..marker_frame import FrameTime, seconds
 from ..messages import (
     diagnostics, fill_transforms, link_frames, new_transforms, time_message, tip_frames,
     transform_numbers, wrist_frames)
@@ -55,6 +55,7 @@ class TrackerNode(Node):
         self._mocap_frame = start['mocap_frame']
         self._tracker = HandTracker(self._settings.hand, layout, self._settings.options)
         self._compile(layout)
+        self._time = FrameTime()
 
         self._joints = joint_table(self._hand)
         self._tips = tip_offsets(self._hand)
@@ -140,13 +141,13 @@ class TrackerNode(Node):
 
     def _track(self, received, frame):
         stamp, frame_id = self._stamp(frame), self._frame_id(frame)
-        time_of_stamp = seconds(stamp)
-        state = self._tracker.update(frame.positions, time_of_stamp, **self._measured())
+        time_of_frame = self._time.of(frame.stamp, seconds(stamp))
+        state = self._tracker.update(frame.positions, time_of_frame, **self._measured())
         if self._tracker.placed:
             self._publish(stamp, frame_id, state)
         now = time.monotonic()
         # All that can wait comes after the publishing.
-        self._diagnosis.published(received, now, time_of_stamp)
+        self._diagnosis.published(received, now, time_of_frame)
         self._watch.received(received, frame)
         if self._tracker.restarted:
             self._watch.restarted()
