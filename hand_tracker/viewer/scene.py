@@ -10,16 +10,16 @@ from ..core.tracker import MarkerState
 from ..palette import MARKER_COLOURS
 from .skeleton import skeleton_mesh
 
-SKIN_COLOUR, BONE_COLOUR = (226, 170, 136), (104, 112, 120)
+SKIN_COLOUR, BONE_COLOUR = (218, 150, 114), (88, 96, 104)
 MARKER_RADIUS = .0055    # [m]
-SEEN_THROUGH = .7        # opacity of a skin that shows what is inside,
+SEEN_THROUGH = .62       # opacity of a skin that shows what is inside,
 FADED = .25              # and of a hand whose palm is not found
 INFLUENCES = 4           # bones that the browser lets move a vertex at most
 FLOOR = -.10             # [m] below the wrist
 EYE = np.array((-.16, 0., .40))   # [m] from the wrist: above the hand, a little behind it
-LOOK_AT = np.array((.085, 0., 0.))
+LOOK_AT = np.array((.08, 0., 0.))
 FIELD_OF_VIEW = np.radians(35.)
-HAND_WIDTH, HAND_LENGTH = .22, .26   # [m] that are seen at least
+HAND_WIDTH, HAND_LENGTH = .22, .27   # [m] that are seen at least
 CAPTION_AT = -.05, 0., 0.
 APART = .22              # [m] between two hands
 PHONE, PHONE_FREE = .7, .4   # width by height of a phone, and the share above its panel
