@@ -37,6 +37,15 @@ def view(source, options):
     HandTrackerError
         If it cannot listen there, or viser is not installed.
     """
+    interrupts = []
+
+    def interrupt(number, frame):
+        # Extension code may swallow an exception raised in it: the list remembers.
+        interrupts.append(number)
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, interrupt)
     try:
         viewer = Viewer(options.host, options.port)
     except ModuleNotFoundError as error:
@@ -44,7 +53,7 @@ def view(source, options):
     try:
         print(f'The hand is at {viewer.address} (Ctrl-C ends it)', flush=True)
         source.prepare(viewer.say)
-        viewer.show(source, skin_of(source.hand))
+        viewer.show(source, skin_of(source.hand), lambda: not interrupts)
     except KeyboardInterrupt:
         print()
     finally:
@@ -79,7 +88,6 @@ def _parse(args):
 def main(args=None):
     """Track a recording and show the hand in the browser, with controls to play it."""
     options = _parse(args)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         hand, layout = choose_hand(options.hand, options.side, options.limits, options.coupling)
         view(Recording(options.recording, hand, layout, options.topic, label_map(options.label),
@@ -87,4 +95,6 @@ def main(args=None):
     except (HandTrackerError, OSError) as error:
         print(f'hand_tracker view: {error}', file=sys.stderr)
         return 1
+    except KeyboardInterrupt:
+        return 130
     return 0

@@ -61,14 +61,16 @@ class Viewer:
         """Show a line while there is no hand yet."""
         self._waiting.content = text
 
-    def show(self, source, skin):
-        """Show a source's hand until interrupted.
+    def show(self, source, skin, running):
+        """Show a source's hand until told otherwise.
 
         Parameters
         ----------
         source : Recording or Live
             Prepared.
         skin : Skin or None
+        running : callable
+            Returns whether to go on.
         """
         self._waiting.remove()
         scene = self._server.scene
@@ -78,7 +80,7 @@ class Viewer:
         bare.visible = False
         anchor = None
         due = time.monotonic()
-        while True:
+        while running():
             # Nobody looks: nothing is worked out.
             state = source.state() if self._server.get_clients() else None
             if state is not None:
