@@ -228,11 +228,16 @@ def main(args=None):
     add_page_options(parser)
     options = parser.parse_args(remove_ros_args(args)[1:] if args is None else args)
 
+    def make():
+        node = Node('viewer')
+        node.declare_parameter('tracker', 'hand_tracker')
+        return node
+
     def work(node):
         with spinning(node):
-            view(Live(node, node.declare_parameter('tracker', 'hand_tracker').value), options)
+            view(Live(node, node.get_parameter('tracker').value), options)
 
-    return run(lambda: Node('viewer'), work, args)
+    return run(make, work, args)
 
 
 if __name__ == '__main__':
