@@ -42,7 +42,8 @@ def test_no_two_points_of_segments_are_nearer(pair):
     s, t, distance = nearest_points(*pair)
     assert 0. <= s <= 1. and 0. <= t <= 1.
     np.testing.assert_allclose(distance_at(pair, s, t), distance, atol=1e-12)
-    np.testing.assert_allclose(distance, by_search(pair), atol=2e-6)
+    # The search itself may stop early, where segments nearly cross.
+    assert distance <= by_search(pair) + 2e-6
 
 
 @given(pair=segments)
