@@ -7,11 +7,18 @@ BLUE, VERMILLION, REDDISH_PURPLE = '#0072B2', '#D55E00', '#CC79A7'
 
 PAPER = '#FFFFFF'   # opaque, so that ink is legible on a dark page too
 INK, MUTED, GRID = '#333333', '#6B737B', '#E9ECEF'
+LIGHT_GREY, GREY = '#D9D9D9', '#737373'
 
 ANGLE = BLUE
+FLESH = '#E6B899'
 MARKER_COLOURS = {
     MarkerState.SEEN: BLUISH_GREEN, MarkerState.PREDICTED: ORANGE,
-    MarkerState.ABSENT: '#D9D9D9', MarkerState.REJECTED: VERMILLION,
-    MarkerState.SWAPPED: SKY_BLUE, MarkerState.STALE: '#737373'}
+    MarkerState.ABSENT: LIGHT_GREY, MarkerState.REJECTED: VERMILLION,
+    MarkerState.SWAPPED: SKY_BLUE, MarkerState.STALE: GREY}
 # In the order of `DIGITS`
 DIGIT_COLOURS = (SKY_BLUE, BLUE, BLUISH_GREEN, REDDISH_PURPLE, ORANGE)
+
+
+def rgb(colour):
+    """Return red, green and blue of a colour, 0 to 1."""
+    return tuple(int(colour[i:i + 2], 16) / 255. for i in (1, 3, 5))

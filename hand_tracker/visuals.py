@@ -9,16 +9,12 @@ from visualization_msgs.msg import Marker, MarkerArray
 from .core.palm import PalmState
 from .core.skeleton import BONES, skeleton_points
 from .core.tracker import MarkerState
+from .palette import FLESH, LIGHT_GREY, MARKER_COLOURS, rgb
 
 JOINTS_SHOWN = sorted({end for bone in BONES for end in bone})
-# From the colour-blind-safe palette of Okabe and Ito (2008), red, green, blue.
-BLUISH_GREEN, ORANGE = (0., .62, .45), (.90, .62, 0.)
-VERMILLION, SKY_BLUE = (.84, .37, 0.), (.34, .71, .91)
-LIGHT_GREY, GREY = (.85, .85, .85), (.45, .45, .45)
-COLOURS = {MarkerState.SEEN: BLUISH_GREEN, MarkerState.PREDICTED: ORANGE,
-           MarkerState.REJECTED: VERMILLION, MarkerState.SWAPPED: SKY_BLUE,
-           MarkerState.STALE: GREY}
-SKIN_COLOUR, SKIN_OPACITY = (.89, .71, .59), .6  # that shows what is under it
+COLOURS = {kind: rgb(colour) for kind, colour in MARKER_COLOURS.items()
+           if kind != MarkerState.ABSENT}
+SKIN_COLOUR, SKIN_OPACITY = rgb(FLESH), .6  # that shows what is under it
 FADED = .3             # opacity of a pose that is kept for want of a palm
 LINE_WIDTH = .004      # [m]
 JOINT_DIAMETER = .008  # [m]
@@ -48,9 +44,9 @@ def hand_markers(stamp, frame_id, names, tips, state):
     MarkerArray
     """
     points = _points(skeleton_points(tips, state.pose, state.wrist_position))
-    grey = _colour(LIGHT_GREY, 1. if state.palm <= PalmState.CARRIED else FADED)
+    grey = _colour(rgb(LIGHT_GREY), 1. if state.palm <= PalmState.CARRIED else FADED)
     known = np.flatnonzero(state.marker_states != MarkerState.ABSENT)
-    colours = {kind: _colour(rgb) for kind, rgb in COLOURS.items()}
+    colours = {kind: _colour(tone) for kind, tone in COLOURS.items()}
     header = Header(stamp=stamp, frame_id=frame_id)
     return MarkerArray(markers=[
         _marker(header, names.prefix + 'bones', Marker.LINE_LIST, LINE_WIDTH, grey,
@@ -86,8 +82,8 @@ def _points(positions):
     return [Point(x=x, y=y, z=z) for x, y, z in positions.tolist()]
 
 
-def _colour(rgb, opacity=1.):
-    return ColorRGBA(r=rgb[0], g=rgb[1], b=rgb[2], a=opacity)
+def _colour(tone, opacity=1.):
+    return ColorRGBA(r=tone[0], g=tone[1], b=tone[2], a=opacity)
 
 
 def _marker(header, namespace, kind, size, colour, points, colours=()):

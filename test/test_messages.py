@@ -20,15 +20,16 @@ from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
 from geometry_msgs.msg import Point  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
+from hand_tracker import palette  # noqa: E402
 from hand_tracker.marker_frame import markers_from_message  # noqa: E402
 from hand_tracker.messages import (  # noqa: E402
     diagnostics, fill_transforms, joint_state, link_frames, new_transforms, prefixed_names,
     tip_frames, transform_numbers)
 from hand_tracker.nodes.diagnosis import Level, Status  # noqa: E402
-from hand_tracker.visuals import (  # noqa: E402
-    BLUISH_GREEN, COLOURS, FADED, ORANGE, hand_markers)
+from hand_tracker.visuals import COLOURS, FADED, hand_markers  # noqa: E402
 
 STAMP = Time(sec=12, nanosec=345)
+SEEN, PREDICTED = palette.rgb(palette.BLUISH_GREEN), palette.rgb(palette.ORANGE)
 AXES = np.arange(24.).reshape(8, 3) / 100. + .01
 
 
@@ -412,7 +413,7 @@ def test_picture_of_a_seen_hand():
         assert part.lifetime.sec + part.lifetime.nanosec > 0
     points = [(p.x, p.y, p.z) for p in parts['r_markers'].points]
     assert np.array_equal(points, state.markers)
-    assert all(BLUISH_GREEN == rgb(colour) for colour in parts['r_markers'].colors)
+    assert all(SEEN == rgb(colour) for colour in parts['r_markers'].colors)
 
 
 def test_bones_have_the_lengths_of_the_hand():
@@ -435,7 +436,7 @@ def test_picture_tells_seen_held_and_absent_apart():
     places[5] = np.nan
     part = picture(tracker.update(places))['r_markers']
     assert len(part.points) == len(part.colors) == 7
-    assert [ORANGE == rgb(colour) for colour in part.colors] == [i == 5 for i in range(7)]
+    assert [PREDICTED == rgb(colour) for colour in part.colors] == [i == 5 for i in range(7)]
 
 
 def test_picture_has_a_colour_for_every_state_of_a_marker():
@@ -453,4 +454,4 @@ def test_picture_fades_when_the_palm_is_lost():
     tracker.update(rest_state().markers)
     parts = picture(tracker.update(np.full((8, 3), np.nan)))
     assert parts['r_bones'].color.a == pytest.approx(FADED)
-    assert all(ORANGE == rgb(colour) for colour in parts['r_markers'].colors)
+    assert all(PREDICTED == rgb(colour) for colour in parts['r_markers'].colors)

@@ -7,10 +7,12 @@ from ..core.layout import MARKERS
 from ..core.palm import PalmState
 from ..core.quaternion import quaternion
 from ..core.tracker import MarkerState
-from ..palette import MARKER_COLOURS
+from ..palette import MARKER_COLOURS, rgb
 from .skeleton import skeleton_mesh
 
 SKIN_COLOUR, BONE_COLOUR = (218, 150, 114), (88, 96, 104)
+COLOURS = {int(kind): tuple(round(255. * share) for share in rgb(colour))
+           for kind, colour in MARKER_COLOURS.items()}
 MARKER_RADIUS = .0055    # [m]
 SEEN_THROUGH = .62       # opacity of a skin that shows what is inside,
 FADED = .25              # and of a hand whose palm is not found
@@ -132,13 +134,6 @@ def strongest(weights):
     least = np.sort(weights, axis=1)[:, -INFLUENCES, None]
     kept = np.where(weights >= least, weights, 0.)
     return kept / kept.sum(axis=1, keepdims=True)
-
-
-def _rgb(colour):
-    return tuple(int(colour[i:i + 2], 16) for i in (1, 3, 5))
-
-
-COLOURS = {int(kind): _rgb(colour) for kind, colour in MARKER_COLOURS.items()}
 
 
 def wrist_pose(state):
