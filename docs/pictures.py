@@ -10,9 +10,6 @@ from pathlib import Path
 from time import thread_time_ns
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, FancyBboxPatch
 from PIL import Image
 
@@ -27,14 +24,15 @@ from hand_tracker.evaluation import ablation
 from hand_tracker.evaluation.results import processor
 from hand_tracker.evaluation.simulated import trial
 from hand_tracker.evaluation.tracking import tracked_joints
-from hand_tracker.palette import DIGIT_COLOURS, ORANGE, REDDISH_PURPLE, SKY_BLUE, VERMILLION
+from hand_tracker.images import blank, drawn, place, save_gif, write
+from hand_tracker.palette import (
+    DIGIT_COLOURS, FLESH, ORANGE, REDDISH_PURPLE, SKY_BLUE, VERMILLION, rgb)
 from hand_tracker.plot import history, page
-from hand_tracker.render import Mesh, ball, bone, looking, render
+from hand_tracker.render import Camera, Mesh, ball, bone, render, view_axes
 from hand_tracker.simulation.recording import RATE, demo_recording
 from hand_tracker.skin import deform, load_skin
 
 FOLDER = Path(__file__).resolve().parent / 'pictures'
-DPI = 100
 GIF_RATE, GIF_COLOURS = 10., 80  # [Hz]
 SEED = 1                 # as that of the evaluations
 MISS = .025              # [m] off the truth where skin is wholly vermillion
@@ -42,9 +40,8 @@ FARTHEST_MM = 60.        # in the mean: what is farther off is not in the pictur
 FRAMES, ROUNDS = 6000, 5  # of the histogram
 SHOWN_US, TICKS_US = (18., 250.), (20, 30, 50, 100, 200)
 CARD, CARD_INK, CARD_MUTED = '#151C26', '#F2F4F7', '#9AA7B5'
-FLESH, BALL, GREY = (.90, .72, .60), (.95, .95, .95), (.72, .75, .79)
+BALL, GREY = (.95, .95, .95), (.72, .75, .79)
 MARKER = .0040     # [m] radius of a marker, with which it rests on the skin
-OBLIQUE = (.35, .5, .75), (1., 0., 0.)  # to the eye and upwards, in the wrist's frame
 
 
 @cache
@@ -85,11 +82,10 @@ def local(state):
                          (state.pose.position - state.wrist_position) @ state.wrist_rotation)
 
 
-def flesh(hand, pose, colours=FLESH):
+def flesh(hand, pose):
     """Return the skin in a pose."""
     skin = load_skin(hand)
-    vertices = deform(skin, pose)
-    return Mesh(vertices, skin.faces, np.broadcast_to(colours, vertices.shape))
+    return Mesh(deform(skin, pose), skin.faces, rgb(FLESH))
 
 
 def balls(markers, states=None):
@@ -97,7 +93,7 @@ def balls(markers, states=None):
     states = np.zeros(len(markers)) if states is None else states
     # Those not seen are larger, as they may well be predicted into the skin.
     return [ball(place, MARKER, BALL) if state == MarkerState.SEEN
-            else ball(place, 1.4 * MARKER, to_rgb(ORANGE))
+            else ball(place, 1.4 * MARKER, rgb(ORANGE))
             for place, state in zip(markers, states)]
 
 
@@ -108,45 +104,25 @@ def bones(hand, pose):
     found += [ball(points[POINTS.index('wrist')], .005, GREY)]
     for chain, colour in zip(CHAINS, DIGIT_COLOURS):
         for a, b in zip(chain, chain[1:]):
-            found += [bone(points[a], points[b], .0034, .0026, to_rgb(colour)),
-                      ball(points[a], .0052, to_rgb(colour))]
-        found.append(ball(points[chain[-1]], .004, to_rgb(colour)))
+            found += [bone(points[a], points[b], .0034, .0026, rgb(colour)),
+                      ball(points[a], .0052, rgb(colour))]
+        found.append(ball(points[chain[-1]], .004, rgb(colour)))
     return found
 
 
 def card(width, height):
     """Return a figure of so many picture elements with a dark card on it."""
-    figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI, facecolor='none')
-    FigureCanvasAgg(figure)
-    across = height / width
+    figure = blank(width, height, facecolor='none')
     figure.add_artist(FancyBboxPatch(
-        (0., 0.), 1., 1., boxstyle='round,pad=0,rounding_size=.02', mutation_aspect=1. / across,
-        facecolor=CARD, linewidth=0, zorder=-1))
+        (0., 0.), 1., 1., boxstyle='round,pad=0,rounding_size=.02',
+        mutation_aspect=width / height, facecolor=CARD, linewidth=0, zorder=-1))
     return figure
-
-
-def place(figure, image, left, top):
-    """Put a picture onto a card, by its upper left corner [picture elements]."""
-    height, width = image.shape[:2]
-    across, down = figure.get_size_inches() * DPI
-    axes = figure.add_axes((left / across, 1. - (top + height) / down,
-                            width / across, height / down))
-    axes.imshow(image, interpolation='none', aspect='auto')
-    axes.set_axis_off()
-
-
-def write(figure, x, y, text, size, colour=CARD_INK, **more):
-    """Write onto a card, at picture elements from its upper left corner; size is in those too."""
-    across, down = figure.get_size_inches() * DPI
-    figure.text(x / across, 1. - y / down, text, color=colour, fontsize=72. * size / DPI,
-                **{'ha': 'center', 'va': 'center', **more})
 
 
 def save(figure, name):
     """Write a card with round corners; fewer colours than the eye can tell make it small."""
     FOLDER.mkdir(exist_ok=True)
-    figure.canvas.draw()
-    image = Image.fromarray(np.asarray(figure.canvas.buffer_rgba()))
+    image = drawn(figure)
     image.save(FOLDER / name, optimize=True)
     print(f'{FOLDER / name}: {image.width} x {image.height}, '
           f'{(FOLDER / name).stat().st_size / 1e3:.0f} kB', flush=True)
@@ -159,7 +135,7 @@ def hero(seconds=16.86):
     markers, pose = local(state)
     figure = card(1600, 700)
     size = 500, 560
-    camera = looking(*OBLIQUE, (.082, .0, -.012), .235)
+    camera = Camera(view_axes('aslant', 'right'), (.082, .0, -.012), .235)
     whole = flesh(hand, pose)
     ghost = render([whole], camera, size)
     ghost[..., :3] = 255
@@ -171,7 +147,7 @@ def hero(seconds=16.86):
         left = 25 + 525 * column
         for image in images:
             place(figure, image, left, 40)
-        write(figure, left + .5 * size[0], 640, what, 40, weight='bold')
+        write(figure, left + .5 * size[0], 640, what, 40, CARD_INK, weight='bold')
         if column:
             write(figure, left - 12, 350, '→', 64, CARD_MUTED)
     save(figure, 'hero.png')
@@ -181,18 +157,17 @@ def motion():
     """Draw the demo motion: markers as they come, and the hand that is tracked from them."""
     hand, states = demo()
     width, height, size = 680, 372, (330, 310)
-    camera = looking(*OBLIQUE, (.08, 0., -.012), .235)
+    camera = Camera(view_axes('aslant', 'right'), (.08, 0., -.012), .235)
     turned = states[0].wrist_rotation.T
     back = card(width, height)
-    write(back, 170, 346, 'markers measured', 17)
-    write(back, 510, 346, 'hand tracked from them', 17)
+    write(back, 170, 346, 'markers measured', 17, CARD_INK)
+    write(back, 510, 346, 'hand tracked from them', 17, CARD_INK)
     for x, colour, text in ((24, BALL, 'seen'), (92, ORANGE, 'hidden, predicted')):
         back.add_artist(Ellipse((x / width, 1. - 24 / height), 13 / width, 13 / height,
                                 color=colour))
         write(back, x + 14, 24, text, 15, CARD_MUTED, ha='left')
-    back.canvas.draw()
     base = Image.new('RGBA', (width, height), CARD)
-    base.alpha_composite(Image.fromarray(np.asarray(back.canvas.buffer_rgba())))
+    base.alpha_composite(drawn(back))
     images = []
     for frame in range(0, len(states), round(RATE / GIF_RATE)):
         markers, pose = local(states[frame])
@@ -207,20 +182,9 @@ def motion():
             [flesh(hand, pose), *balls(markers, kinds)], camera, size, 2)), (345, 22))
         images.append(image.convert('RGB'))
     FOLDER.mkdir(exist_ok=True)
-    save_gif(FOLDER / 'motion.gif', images)
-
-
-def save_gif(path, images):
-    """Write an animation with one palette, so that nothing flickers."""
-    # Beside frames in time a patch of the colour that is rare, so that it has its place.
-    several = Image.new('RGB', (images[0].width, 5 * images[0].height + 99), ORANGE)
-    for i in range(5):
-        several.paste(images[i * (len(images) - 1) // 4], (0, i * images[0].height))
-    palette = several.quantize(GIF_COLOURS)
-    frames = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
-    frames[0].save(path, save_all=True, append_images=frames[1:], loop=0,
-                   duration=round(1000. / GIF_RATE), optimize=False)
-    print(f'{path}: {len(frames)} frames, {path.stat().st_size / 1e6:.2f} MB', flush=True)
+    path = FOLDER / 'motion.gif'
+    save_gif(path, images, GIF_RATE, GIF_COLOURS, (ORANGE,))
+    print(f'{path}: {len(images)} frames, {path.stat().st_size / 1e6:.2f} MB', flush=True)
 
 
 def constraints():
@@ -228,7 +192,7 @@ def constraints():
     size, head, step = (470, 380), 120, 470
     figure = card(1600, head + 2 * step)
     for x, title in zip((390, 860, 1330), ('the truth', 'with constraints', 'without')):
-        write(figure, x, 66, title, 40, weight='bold')
+        write(figure, x, 66, title, 40, CARD_INK, weight='bold')
     rows = (('occluded', 'markers\nhidden', 'the frame in which\nconstraints help most'),
             ('wrong', 'labels\nswapped,\nreflections',
              f'orange skin: off by\n{1e3 * MISS:.0f} mm and more'))
@@ -241,18 +205,18 @@ def constraints():
         skins = [deform(load_skin(one.hand), forward(
             joint_table(one.hand), angles, back @ turn, back @ (at - one.position[frame])))
             for angles, turn, at in poses]
-        camera = looking(*OBLIQUE, (.074, 0., -.012), .225)
+        camera = Camera(view_axes('aslant', 'right'), (.074, 0., -.012), .225)
         places = balls((markers[seen] - one.position[frame]) @ back.T)
         for column, vertices in enumerate(skins):
             left = 155 + step * column
             share = np.clip(np.linalg.norm(vertices - skins[0], axis=1) / MISS, 0., 1.)[:, None]
             whole = Mesh(vertices, load_skin(one.hand).faces,
-                         (1. - share) * FLESH + share * to_rgb(VERMILLION))
+                         (1. - share) * rgb(FLESH) + share * rgb(VERMILLION))
             place(figure, render([whole, *places], camera, size), left, top)
             middle, below = left + .5 * size[0], top + size[1]
             if column:
                 here, mean = errors[column - 1]
-                write(figure, middle, below + 22, f'{here:.1f} mm', 34)
+                write(figure, middle, below + 22, f'{here:.1f} mm', 34, CARD_INK)
                 write(figure, middle, below + 60, f'mean of all frames: {mean:.1f} mm', 22,
                       CARD_MUTED)
             else:
@@ -298,7 +262,7 @@ def speed():
     """Draw how much processor time a frame takes in the core."""
     hand = Hand.scaled()
     figure = card(1600, 640)
-    width, height = figure.get_size_inches() * DPI
+    width, height = figure.bbox.size
     axes = figure.add_axes((90 / width, 110 / height, 1420 / width, 380 / height))
     axes.set_facecolor('none')
     axes.set_xscale('log')
@@ -324,7 +288,8 @@ def speed():
         axes.text(x, y, text, transform=axes.get_xaxis_transform(), color=CARD_MUTED,
                   fontsize=18, va='center')
     axes.legend(loc='upper right', frameon=False, labelcolor=CARD_INK, fontsize=18)
-    write(figure, 90, 56, 'Processor time of a frame', 40, weight='bold', ha='left')
+    write(figure, 90, 56, 'Processor time of a frame', 40, CARD_INK, weight='bold',
+          ha='left')
     write(figure, 90, 100, 'HandTracker.update: markers in, 25 angles out, all constraints on',
           25, CARD_MUTED, ha='left')
     how = 'compiled by numba' if COMPILED else 'plain Python'

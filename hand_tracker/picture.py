@@ -3,22 +3,21 @@
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from PIL import Image
 
 from .core.hand import DIGITS
 from .core.skeleton import BONES, CHAINS, PALM_BONES, bone_radii
-from .palette import DIGIT_COLOURS, INK, VERMILLION
+from .images import drawn, save_gif
+from .palette import DIGIT_COLOURS, INK, VERMILLION, rgb
+from .render import view_axes
 
 PALM_COLOUR = '#B9C0C7'
 SEEN_COLOUR, HIDDEN_COLOUR = '#111111', VERMILLION
 # What each view shows [m]: left, right, bottom, top, with the wrist at the origin.
 VIEWS = {'from above': (-.105, .105, -.03, .205), 'from the thumb': (-.205, .03, -.125, .045)}
-GIF_RATE = 10.       # [Hz] the format counts in hundredths of a second
+GIF_RATE = 10.       # [Hz]
 GIF_COLOURS = 256
 INCH = .055          # [m] of hand on an inch of picture
 HEADER = .45         # [inches]
@@ -43,26 +42,6 @@ class Track(NamedTuple):
     points: np.ndarray
     markers: np.ndarray
     seen: np.ndarray
-
-
-def view_axes(view, side):
-    """Return the directions that run right, up and to the eye in a view.
-
-    Parameters
-    ----------
-    view : str
-        One of `VIEWS`.
-    side : {'right', 'left'}
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        Rows, in the wrist's frame.
-    """
-    if view == 'from above':
-        return np.array(((0., -1., 0.), (1., 0., 0.), (0., 0., 1.)))
-    thumb = 1. if side == 'right' else -1.
-    return np.array(((-thumb, 0., 0.), (0., 0., 1.), (0., thumb, 0.)))
 
 
 class View:
@@ -93,8 +72,8 @@ class View:
         axes.set_axis_off()
         self.widths = 2. * bone_radii(hand) * 72. * scale / INCH
         digits = [digit for digit, chain in enumerate(CHAINS) for _ in chain[1:]]
-        self.colours = np.array([to_rgb(PALM_COLOUR)] * len(PALM_BONES)
-                                + [to_rgb(DIGIT_COLOURS[digit]) for digit in digits])
+        self.colours = np.array([rgb(PALM_COLOUR)] * len(PALM_BONES)
+                                + [rgb(DIGIT_COLOURS[digit]) for digit in digits])
         self.bones = LineCollection([], capstyle='round')
         axes.add_collection(self.bones)
         self.bones.set_clip_on(False)
@@ -138,39 +117,21 @@ def save_animation(path, track, hand, title=''):
     """
     (width, height), (second_width, second_height) = (view_size(view) for view in VIEWS)
     figure = Figure(figsize=(width + second_width, height + HEADER), dpi=80)
-    canvas = FigureCanvasAgg(figure)
     corners = ((0., 0.), (width, .5 * (height - second_height)))
     views = [View(figure, corner, view, hand) for corner, view in zip(corners, VIEWS)]
     for share, view in zip((.25, .75), VIEWS):
         figure.text(share, .02, view, ha='center', color=INK, fontsize=9)
     _header(figure, title)
     clock = figure.text(.985, .02, '', ha='right', color=INK, fontsize=9)
-    images, palette = [], None
+    images = []
     for frame in _frames_at(track.times, np.arange(
             track.times[0], track.times[-1], 1. / GIF_RATE)):
         for view in views:
             view.draw(track.points[frame], track.markers[frame], track.seen[frame])
         clock.set_text(f'{track.times[frame] - track.times[0]:.1f} s')
-        canvas.draw()
-        image = Image.fromarray(np.asarray(canvas.buffer_rgba())[:, :, :3].copy())
-        # One palette for all, so that nothing flickers.
-        palette = palette or _palette(image)
-        images.append(image.quantize(palette=palette, dither=Image.Dither.NONE))
-    images[0].save(path, save_all=True, append_images=images[1:], loop=0,
-                   duration=round(1000. / GIF_RATE))
-
-
-def _palette(image):
-    """Return the palette of an image in which every colour of ours has its place."""
-    colours = (*DIGIT_COLOURS, PALM_COLOUR, SEEN_COLOUR, HIDDEN_COLOUR)
-    width, height = image.size
-    with_swatches = Image.new('RGB', (width, 2 * height))
-    with_swatches.paste(image)
-    for i, colour in enumerate(colours):
-        with_swatches.paste(
-            colour, (i * width // len(colours), height, (i + 1) * width // len(colours),
-                     2 * height))
-    return with_swatches.quantize(GIF_COLOURS)
+        images.append(drawn(figure).convert('RGB'))
+    save_gif(path, images, GIF_RATE, GIF_COLOURS,
+             (*DIGIT_COLOURS, PALM_COLOUR, SEEN_COLOUR, HIDDEN_COLOUR))
 
 
 def save_sheet(path, track, hand, title=''):

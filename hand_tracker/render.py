@@ -5,7 +5,13 @@ from typing import NamedTuple
 import numpy as np
 
 from .core.jit import jit
+from .mesh import normals
 
+# Directions to the eye and up, of a right hand in the wrist's frame.
+EYES = {'from above': ((0., 0., 1.), (1., 0., 0.)), 'the palm': ((0., 0., -1.), (1., 0., 0.)),
+        'from the thumb': ((0., 1., 0.), (0., 0., 1.)),
+        'aslant': ((.35, .5, .75), (1., 0., 0.))}
+DISTANCE, AIR = .9, .006               # [m] of the eye, and around what fits a picture
 KEY = np.array((-.38, .48, .80))       # where the light comes from: left, above, the eye's side
 AMBIENT, DIRECT, SHEEN, RIM = .40, .66, .10, .16  # shares of light
 SHINE = 24.                            # exponent of the sheen
@@ -25,8 +31,8 @@ class Mesh(NamedTuple):
         [m]
     faces : ndarray of int, shape (f, 3)
         Anticlockwise seen from outside.
-    colours : ndarray, shape (n, 3)
-        Of the vertices: red, green, blue, 0 to 1.
+    colours : array_like, shape (n, 3) or (3,)
+        Of the vertices, or one for all: red, green, blue, 0 to 1.
     """
 
     vertices: np.ndarray
@@ -52,7 +58,7 @@ class Camera(NamedTuple):
     axes: np.ndarray
     centre: np.ndarray
     height: float
-    distance: float = .9
+    distance: float = DISTANCE
 
     def project(self, points, size):
         """Return where points are in a picture.
@@ -75,23 +81,61 @@ class Camera(NamedTuple):
                          .5 * size[1] - scale * seen[..., 1], seen[..., 2]), axis=-1)
 
 
-def looking(towards_eye, up, centre, height):
-    """Return a camera by the direction of its eye and one that is upright in the picture.
+def facing(towards_eye, up):
+    """Return the axes of a camera: directions that run right, up and to the eye.
 
     Parameters
     ----------
     towards_eye, up : array_like, shape (3,)
         Of any length.
-    centre, height
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        Rows.
+    """
+    eye = _unit(np.asarray(towards_eye, dtype=float))
+    right = _unit(np.cross(up, eye))
+    return np.array((right, np.cross(eye, right), eye))
+
+
+def view_axes(view, side):
+    """Return the axes of a camera that sees a hand in one of the usual ways.
+
+    Parameters
+    ----------
+    view : str
+        One of `EYES`.
+    side : {'right', 'left'}
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        As from `facing`, in the wrist's frame.
+    """
+    mirror = (1., 1. if side == 'right' else -1., 1.)
+    return facing(*np.multiply(EYES[view], mirror))
+
+
+def fitted(axes, points):
+    """Return a camera whose square pictures have all of some points in them, and air around.
+
+    Parameters
+    ----------
+    axes
         See `Camera`.
+    points : ndarray, shape (n, 3)
+        [m]
 
     Returns
     -------
     Camera
     """
-    eye = _unit(np.asarray(towards_eye, dtype=float))
-    right = _unit(np.cross(up, eye))
-    return Camera(np.array((right, np.cross(eye, right), eye)), np.asarray(centre), height)
+    seen = points @ axes.T
+    middle = .5 * (seen.min(axis=0) + seen.max(axis=0))
+    across, depth = np.abs(seen - middle)[:, :2].max(axis=1), (seen - middle)[:, 2]
+    height = 2. * (across / (1. - depth / DISTANCE)).max()
+    return Camera(axes, middle @ axes, height + 2. * AIR)
 
 
 def render(meshes, camera, size, finer=3):
@@ -113,7 +157,7 @@ def render(meshes, camera, size, finer=3):
     """
     mesh = joined(meshes)
     fine = finer * size[0], finer * size[1]
-    attributes = np.hstack((mesh.vertices, vertex_normals(mesh), mesh.colours))
+    attributes = np.hstack((mesh.vertices, normals(mesh.vertices, mesh.faces), mesh.colours))
     shown = rasterized(camera.project(mesh.vertices, fine), mesh.faces, attributes, fine)
     there = np.isfinite(shown[..., 0])
     place, normal, colour = np.split(shown[there], 3, axis=1)
@@ -145,7 +189,7 @@ def _lightness(mesh, light, place, normal):
     """Return how much of a light reaches places: 0 in the shadow to 1, soft at its edge."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     across = 1.05 * np.linalg.norm(high - low)
-    sun = looking(light, (.3, .5, .8), .5 * (low + high), across)._replace(distance=np.inf)
+    sun = Camera(facing(light, (.3, .5, .8)), .5 * (low + high), across, np.inf)
     size = SHADOW_PIXELS, SHADOW_PIXELS
     seen = sun.project(mesh.vertices, size)
     depth = rasterized(seen, mesh.faces, seen[:, 2:], size)[..., 0]
@@ -220,16 +264,8 @@ def joined(meshes):
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
     return Mesh(np.vstack([mesh.vertices for mesh in meshes]),
                 np.vstack([mesh.faces + start for mesh, start in zip(meshes, starts)]),
-                np.vstack([mesh.colours for mesh in meshes]))
-
-
-def vertex_normals(mesh):
-    """Return the directions outwards at the vertices, shape (n, 3)."""
-    corners = mesh.vertices[mesh.faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.stack([np.bincount(mesh.faces.ravel(), np.repeat(along, 3),
-                                    len(mesh.vertices)) for along in across.T], axis=1)
-    return _unit(normals)
+                np.vstack([np.broadcast_to(mesh.colours, mesh.vertices.shape)
+                           for mesh in meshes]))
 
 
 def bone(start, end, radius, end_radius, colour):
@@ -266,7 +302,7 @@ def bone(start, end, radius, end_radius, colour):
                             np.stack((beside, beside + ROUND, here + ROUND),
                                      axis=-1).reshape(-1, 3)))
     vertices = start + local.reshape(-1, 3) @ frame
-    return Mesh(vertices, faces, np.tile(colour, (len(vertices), 1)))
+    return Mesh(vertices, faces, colour)
 
 
 def ball(centre, radius, colour):

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from hand_tracker.render import Camera, ball, bone, joined, looking, render, vertex_normals
+from hand_tracker.core.hand import SIDES
+from hand_tracker.mesh import normals
+from hand_tracker.render import (
+    EYES, Camera, ball, bone, facing, fitted, joined, render, view_axes)
 
 RED, BLUE = (1., 0., 0.), (0., 0., 1.)
 FRONT = Camera(np.eye(3), np.zeros(3), .1)  # a picture element is a millimetre
@@ -27,7 +30,7 @@ def test_bone_is_closed_and_faces_outwards(length):
     # The poles are rings of no size: but for theirs every edge has two faces.
     counts = np.unique(edges, axis=0, return_counts=True)[1]
     assert (counts == 2).mean() > .9
-    outwards = np.einsum('ni,ni->n', vertex_normals(mesh), mesh.vertices - .5 * end)
+    outwards = np.einsum('ni,ni->n', normals(mesh.vertices, mesh.faces), mesh.vertices - .5 * end)
     assert (outwards > -1e-9).all()
 
 
@@ -70,10 +73,33 @@ def test_light_comes_from_above_and_throws_shadows():
 
 
 def test_camera_looks_where_it_is_told():
-    camera = looking((0., 0., 2.), (0., 3., 0.), (.1, .2, .3), .1)
+    camera = Camera(facing((0., 0., 2.), (0., 3., 0.)), (.1, .2, .3), .1)
     np.testing.assert_allclose(camera.axes, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(camera.project(np.array((.1, .2, .3)), SIZE), (50., 50., 0.))
     np.testing.assert_allclose(camera.project(np.array((.12, .21, .3)), SIZE), (70., 40., 0.))
+
+
+@pytest.mark.parametrize('view', EYES)
+def test_left_hands_are_seen_as_right_ones_in_a_mirror(view):
+    point = np.array((.1, .02, .03))
+    right, up, depth = view_axes(view, 'right') @ point
+    np.testing.assert_allclose(view_axes(view, 'left') @ (point * (1., -1., 1.)),
+                               (-right, up, depth))
+
+
+@pytest.mark.parametrize('side', SIDES)
+def test_views_are_right_handed_and_the_thumb_is_near_in_its_view(side):
+    for view in EYES:
+        right, up, eye = view_axes(view, side)
+        np.testing.assert_allclose(np.cross(right, up), eye)
+    assert view_axes('from the thumb', side)[2] @ (0., 1. if side == 'right' else -1., 0.) == 1.
+
+
+def test_fitted_camera_has_all_points_in_its_picture_and_little_air():
+    points = np.random.default_rng(1).normal((.3, -.2, .1), (.1, .03, .05), (500, 3))
+    for view in EYES:
+        places = fitted(view_axes(view, 'right'), points).project(points, SIZE)[:, :2]
+        assert 0. < places.min() < 20. and 80. < places.max() < 100.
 
 
 def test_joined_meshes_keep_their_faces():
@@ -81,3 +107,4 @@ def test_joined_meshes_keep_their_faces():
     both = joined([first, second])
     corners = both.vertices[both.faces[len(first.faces):]]
     np.testing.assert_array_equal(corners, second.vertices[second.faces])
+    np.testing.assert_array_equal(both.colours[[0, -1]], (RED, BLUE))

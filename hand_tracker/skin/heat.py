@@ -11,7 +11,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from .surface import neighbours, normals
+from ..mesh import normals
+from .surface import neighbours
 
 HEAT = 3.            # c; 1 in the paper, which leaves bent fingers thin
 EQUALLY_NEAR = 1e-4  # share by which bones at one distance may differ

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..core.jit import jit
 from ..core.vectors import cross, dot, subtract, vector
-from .surface import normals
+from ..mesh import normals
 
 OUTSIDE = 2e-4  # [m] off the skin, where it is looked whether there is flesh
 EVERY = 3       # vertex is looked at

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.sparse import coo_matrix
 
+from ..mesh import normals
 from .errors import MissingLibrary
 from .flesh import distance
 
@@ -50,16 +51,6 @@ def neighbours(faces, count):
     joined = joined + joined.T
     joined.data[:] = 1.
     return joined
-
-
-def normals(vertices, faces):
-    """Return the unit normals of the vertices, outwards, shape (V, 3)."""
-    a, b, c = vertices[faces].swapaxes(0, 1)
-    of_faces = np.cross(b - a, c - a)
-    found = np.zeros_like(vertices)
-    for corner in range(3):
-        np.add.at(found, faces[:, corner], of_faces)
-    return found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-30)
 
 
 def _spread(vertices, faces):
