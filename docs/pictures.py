@@ -66,10 +66,10 @@ def resting_layout(hand):
     vertices = deform(load_skin(hand), rest)
     bare = MarkerLayout().mounting(hand)
     offsets = np.zeros((len(MARKERS), 3))
-    for offset, link, place in zip(offsets, bare.link, bare.position):
+    for offset, link, centre in zip(offsets, bare.link, bare.position):
         # Link -1 is the wrist, whose frame all is in.
         turned = np.eye(3) if link < 0 else rest.rotation[link]
-        above = (vertices - (0. if link < 0 else rest.position[link])) @ turned - place
+        above = (vertices - (0. if link < 0 else rest.position[link])) @ turned - centre
         near = np.hypot(above[:, 0], above[:, 1]) < .7 * MARKER
         offset[2] = above[near, 2].max() + .8 * MARKER
     return MarkerLayout(offsets=offsets)
@@ -92,9 +92,9 @@ def balls(markers, states=None):
     """Return the markers, those not seen in orange."""
     states = np.zeros(len(markers)) if states is None else states
     # Those not seen are larger, as they may well be predicted into the skin.
-    return [ball(place, MARKER, BALL) if state == MarkerState.SEEN
-            else ball(place, 1.4 * MARKER, rgb(ORANGE))
-            for place, state in zip(markers, states)]
+    return [ball(centre, MARKER, BALL) if state == MarkerState.SEEN
+            else ball(centre, 1.4 * MARKER, rgb(ORANGE))
+            for centre, state in zip(markers, states)]
 
 
 def bones(hand, pose):

@@ -73,7 +73,8 @@ def hand_skin(stamp, names, corners):
     Marker
     """
     marker = _marker(Header(stamp=stamp, frame_id=names.wrist), names.prefix + 'skin',
-                     Marker.TRIANGLE_LIST, 1., _colour(SKIN_COLOUR, SKIN_OPACITY), _points(corners))
+                     Marker.TRIANGLE_LIST, 1., _colour(SKIN_COLOUR, SKIN_OPACITY),
+                     _points(corners))
     marker.frame_locked = True
     return marker
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import random
 import re
 import shutil
 import signal
@@ -314,6 +315,33 @@ def test_live_markers(watch):
         watch.spin_until(lambda: len(states) > 20)
         check_clean(process, process.interrupt(), *STARTED - {'replay'})
     assert list(states[0].name) == list(JOINTS)
+
+
+@launches
+@pytest.mark.skipif(find_spec('skimage') is None, reason='scikit-image is not installed')
+def test_skin_is_published(watch, short):
+    skins = watch.collect(Marker, 'hand_skin', 1)
+    with Launch(recording=short, skin='true') as process:
+        watch.spin_until(lambda: skins, FIRST_START)
+        check_clean(process, process.interrupt(), *STARTED, 'skin')
+    assert (skins[0].ns, skins[0].header.frame_id) == ('right_skin', 'right_wrist')
+
+
+@launches
+def test_all_else_goes_on_without_the_libraries_of_the_skin(watch, short, tmp_path):
+    # A skin that was made before needs none.
+    save_hand(tmp_path / 'new.yaml', Hand.scaled(random.uniform(.15, .2)), MarkerLayout())
+    (tmp_path / 'skimage.py').write_text('raise ImportError')
+    path = os.pathsep.join((str(tmp_path), os.environ.get('PYTHONPATH', '')))
+    states = watch.collect(JointState, 'joint_states')
+    with Launch({'PYTHONPATH': path}, recording=short, skin='true',
+                hand=tmp_path / 'new.yaml') as process:
+        process.wait_for_line('process has died', FIRST_START)
+        before = len(states)
+        watch.spin_until(lambda: len(states) > before + RATE, FIRST_START)
+        assert process.interrupt() == 0, process.output
+    assert process.output.count('making the skin of a hand needs scikit-image') == 1
+    assert 'Traceback' not in process.output
 
 
 @launches

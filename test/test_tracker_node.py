@@ -358,9 +358,11 @@ def test_a_misspelt_parameter_is_named_and_help_starts_no_node():
                               "did you mean 'hand_length'?")
         assert process.interrupt() == 0
     assert 'rigidity' not in process.output
-    with Process([sys.executable, '-m', 'hand_tracker.nodes.entry', 'tracker', '--help']) as shown:
-        assert shown.wait() == 0
-    assert 'usage: ros2 run hand_tracker tracker' in shown.output
+    for node, command in (('tracker', False), ('skin', True)):
+        with Process([sys.executable, '-m', 'hand_tracker.nodes.entry', node, '--help']) as shown:
+            assert shown.wait() == 0
+        assert f'usage: ros2 run hand_tracker {node}' in shown.output
+        assert (f'hand_tracker {node} --help' in shown.output) == command
 
 
 def test_the_documented_parameter_file_changes_nothing_and_all_is_described(tmp_path):

@@ -14,12 +14,14 @@ HELP = """
 usage: ros2 run hand_tracker {node} [--ros-args -p PARAMETER:=VALUE -r markers:=/topic ...]
 `ros2 param list` and `ros2 param describe` tell of the parameters while it runs, the README
 of what they mean."""
+ASKS = {'-h', '--help'}
+
 
 def _run(node):
     for interrupt in (signal.SIGINT, signal.SIGTERM):
         signal.signal(interrupt, lambda *_: os._exit(0))
     module = import_module(f'.{node}', __package__)
-    if {'-h', '--help'} & set(sys.argv[1:]):
+    if ASKS & set(sys.argv[1:]):
         print(module.__doc__.strip(), HELP.format(node=node), sep='\n')
         return 0
     return module.main()
@@ -28,9 +30,12 @@ def _run(node):
 def _run_or_command(name):
     """Run a node, or the command of its name when the arguments are not those of a node."""
     arguments = sys.argv[1:]
-    if arguments and arguments[0] != '--ros-args':
+    if arguments and arguments[0] not in ('--ros-args', *ASKS):
         return main([name, *arguments])
-    return _run(name)
+    code = _run(name)
+    if ASKS & set(arguments):
+        print(f'Other arguments are those of the command: hand_tracker {name} --help')
+    return code
 
 
 def replay():

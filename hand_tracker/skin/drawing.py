@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..core.hand import DIGITS, JOINTS, LINKS
+from ..core.hand import DIGITS, LINKS
 from ..core.kinematics import forward, joint_table
 from ..images import blank, drawn, place, write
 from ..palette import DIGIT_COLOURS, FLESH, INK, PAPER, rgb
@@ -73,7 +73,7 @@ def save_poses(path, hand, skin):
 
 
 def link_colours(skin):
-    """Return a colour for each link of a skin: the palm grey, phalanges in those of their digit."""
+    """Return a colour for each link of a skin: grey for the palm's, else its digit's."""
     colours = []
     for link in skin.links:
         digit, bone = LINKS[link].split('_')
