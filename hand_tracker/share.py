@@ -49,4 +49,5 @@ def _share_directory(code):
         installed = prefix / 'share' / PACKAGE
         if (installed / 'package.xml').is_file():
             return installed
-    raise FileNotFoundError(f'no share/{PACKAGE} in any folder above {code}: install the package again')
+    raise FileNotFoundError(
+        f'no share/{PACKAGE} in any folder above {code}: install the package again')

@@ -222,7 +222,8 @@ def test_a_relaxed_hand_is_bent_more_from_index_to_little_within_its_limits(pres
     hand = Hand.scaled(limits=preset_limits(preset))
     angles = hand.relaxed().reshape(5, 5)
     # The preset forbids none of it.
-    assert (hand.limits[:, 0] <= hand.relaxed()).all() and (hand.relaxed() <= hand.limits[:, 1]).all()
+    lower, upper = hand.limits.T
+    assert (lower <= hand.relaxed()).all() and (hand.relaxed() <= upper).all()
     np.testing.assert_allclose(np.degrees(angles[4, :4]), RELAXED_THUMB)
     np.testing.assert_allclose(np.degrees(angles[:4, 2:4]), RELAXED)
     assert (np.diff(angles[:4, 2:4].sum(axis=1)) > 0.).all()

@@ -143,7 +143,8 @@ def test_dual_quaternions_move_rigidly_what_is_rigid(skin):
     # Where one link has all the weight, both ways are the same.
     alone = skin.weights.max(axis=1) > .995
     assert alone.sum() > 20
-    np.testing.assert_allclose(still[alone], deform(skin, posed(HAND, 'fist'))[alone], rtol=0., atol=1e-3)
+    np.testing.assert_allclose(
+        still[alone], deform(skin, posed(HAND, 'fist'))[alone], rtol=0., atol=1e-3)
     zero = forward(joint_table(HAND), np.zeros(len(JOINTS)))
     np.testing.assert_allclose(deform(skin, zero, True), skin.vertices, rtol=0., atol=1e-12)
 
@@ -194,7 +195,8 @@ def test_a_mesh_of_ones_own_is_laid_upon_the_hand(skin, tmp_path, suffix):
 
 def test_a_mesh_of_the_other_side_or_of_something_else_is_refused(skin, tmp_path):
     mesh(skin, skin.vertices).export(tmp_path / 'right.ply')
-    with pytest.raises(InvalidMesh, match=r'right\.ply: it fits a right hand, expected is a left one'):
+    with pytest.raises(InvalidMesh,
+                       match=r'right\.ply: it fits a right hand, expected is a left one'):
         load_skin(HAND.mirrored(), tmp_path / 'right.ply')
     trimesh.creation.icosphere(3).export(tmp_path / 'ball.stl')
     with pytest.raises(InvalidMesh, match='ball.stl: laid upon'):

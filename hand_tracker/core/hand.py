@@ -235,7 +235,7 @@ class Hand:
         triangle = np.cross(self.finger_mcp[0], self.finger_mcp[3])
         if triangle[2] > -1e-5:
             raise InvalidHand(
-                'finger_mcp: the index MCP must lie on the thumb side (greater y) of the little MCP, '
+                'finger_mcp: the index MCP must lie on the thumb side (greater y) of the little, '
                 f'both distal of the wrist; got {self.finger_mcp[0]} and {self.finger_mcp[3]}')
 
     @classmethod

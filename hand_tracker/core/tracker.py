@@ -147,8 +147,9 @@ class HandTracker:
                      options.link_ring_little),
             np.array((options.bound_index_middle, options.bound_middle_ring,
                       options.bound_ring_little)),
-            hand_bounds(self._template, self._chains, usual_places(right, mounting)), capsules(right), joint_table(hand),
-            layout.mounting(hand), MIRROR if self._left else np.ones(3)))
+            hand_bounds(self._template, self._chains, usual_places(right, mounting)),
+            capsules(right), joint_table(hand), layout.mounting(hand),
+            MIRROR if self._left else np.ones(3)))
 
     def _on_right_hand(self, angles):
         """Return the digits' markers in the wrist's frame of the right hand, shape (5, 3)."""
@@ -157,7 +158,7 @@ class HandTracker:
 
     @property
     def placed(self):
-        """Return whether the palm was seen since all began; before, the pose is none to publish."""
+        """Whether the palm was seen since all began; before, the pose is none to publish."""
         return bool(self._state.placed[0])
 
     def reset(self):

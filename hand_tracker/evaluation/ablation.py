@@ -262,4 +262,3 @@ def _tracked(one, variant, markers):
     hand, tracked = tracked_with(one, VARIANTS[variant], markers)
     return hand, one.layout, (
         tracked.angles[-1], tracked.wrist_rotation[-1], tracked.wrist_position[-1])
-

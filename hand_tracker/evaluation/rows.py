@@ -29,5 +29,3 @@ def mean_of(rows):
     if not known:
         return None
     return {key: sum(row[key] for row in known) / len(known) for key in ('mean_mm', 'p95_mm')}
-
-
