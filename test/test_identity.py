@@ -146,6 +146,12 @@ def test_right_labels_of_a_first_frame_are_kept_on_other_hands(motion, length, b
         assert (Frames(known=False).give(markers)[2] == ACCEPTED).all()
 
 
+@pytest.mark.parametrize('marker', range(8))
+@pytest.mark.parametrize('by', [(1., 0., 0.), (0., -1., .5), (-.5, .2, -.5)])
+def test_a_marker_of_no_hand_has_no_labels_exchanged_in_a_first_frame(marker, by):
+    assert (Frames(known=False).give(shifted(marker, by))[2] != SWAPPED).all()
+
+
 @pytest.mark.parametrize('pair', PAIRS, ids=lambda pair: '-'.join(MARKERS[i] for i in pair))
 def test_labels_held_against_those_given_are_let_go_when_these_are_more_like_a_hand(pair):
     frames = followed(exchanged(pair))

@@ -23,6 +23,8 @@ LEVELS = (.1, .3, .5, .7, .9)  # of each joint's range that are sampled
 # By how much a hand that nobody calibrated may differ from its template; ours
 SPREAD = .02     # [m] of a digit's marker
 SHAPE = .1       # of a side of the palm, as a share of it
+SIZES = .3, 2.5  # of the palm, as a share of the template: those of hands, and of labels exchanged
+ASTRAY = 50.     # cost of a digit at most: a marker of no hand tells nothing; ours
 OUT_OF_ORDER = .004  # [m] by which fingers lie on the wrong sides of each other; ours
 DISORDER = 9.    # its cost for two neighbours, in variances: fingers seldom cross; ours
 # By how much two exchanged rows have to be more like a hand, with nothing else to go by, in
@@ -108,7 +110,8 @@ def unlikeness(markers, seen, rows, usual):
     Returns
     -------
     float
-        In variances, up to a constant of the frame; infinite without a whole palm.
+        In variances, up to a constant of the frame; infinite without a whole palm of a size
+        that hands have.
     """
     if not (seen[rows[0]] and seen[rows[1]] and seen[rows[2]]):
         return math.inf
@@ -120,6 +123,8 @@ def unlikeness(markers, seen, rows, usual):
              distance(p, q) / distance(vector(template[1]), vector(template[2])),
              distance(q, r) / distance(vector(template[2]), vector(template[0])))
     size = (ratio[0] + ratio[1] + ratio[2]) / 3.0
+    if not SIZES[0] <= size <= SIZES[1]:
+        return math.inf
     grown = 1.0 / size  # the hand as large as the template
     axes, origin = rigid_palm(
         scale(r, grown), scale(p, grown), scale(q, grown),
@@ -135,9 +140,10 @@ def unlikeness(markers, seen, rows, usual):
             continue
         place = components(axes, subtract(scale(vector(markers[row]), grown), origin))
         off = subtract(place, vector(usual.center[i]))
-        cost += usual.width[i]
+        far = 0.0
         for j in range(3):
-            cost += off[j] * dot(vector(usual.weight[i, j]), off)
+            far += off[j] * dot(vector(usual.weight[i, j]), off)
+        cost += usual.width[i] + min(far, ASTRAY)
         if i < 4:
             if place[1] > nearest + OUT_OF_ORDER:
                 cost += DISORDER
