@@ -1,6 +1,7 @@
 """The skin node: triangles where the joint states put the hand, only while somebody looks."""
 
 import os
+import sys
 import time
 
 import numpy as np
@@ -10,11 +11,11 @@ pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('skimage', reason='scikit-image is not installed')
 
 from builtin_interfaces.msg import Time  # noqa: E402
-from ros_process import NodeProcess, watching_node  # noqa: E402
+from ros_process import NodeProcess, Process, watching_node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from visualization_msgs.msg import Marker  # noqa: E402
 
-from hand_tracker.core.hand import Hand  # noqa: E402
+from hand_tracker.core.hand import JOINTS, Hand  # noqa: E402
 from hand_tracker.core.kinematics import forward, joint_table  # noqa: E402
 from hand_tracker.messages import joint_state, prefixed_names  # noqa: E402
 from hand_tracker.simulation.poses import pose_angles  # noqa: E402
@@ -69,6 +70,20 @@ def test_triangles_are_the_deformed_skin_while_somebody_looks(cache):
         node.spin_until(lambda: publisher.get_subscription_count() == 0)
         assert process.interrupt() == 0, process.output
     assert 'Traceback' not in process.output
+
+
+def test_it_takes_a_small_part_of_a_core(cache):
+    command = [sys.executable, '-m', 'hand_tracker.nodes.entry', 'skin']
+    with Process(command) as process, watching_node() as node:
+        publisher = node.create_publisher(JointState, 'joint_states', 10)
+        names, angles = prefixed_names('right_'), np.zeros(len(JOINTS))
+        node.create_timer(1. / RATE, lambda: publisher.publish(joint_state(Time(), names, angles)))
+        heard = []
+        node.create_subscription(Marker, 'hand_skin', heard.append, 1, raw=True)
+        node.spin_until(lambda: len(heard) > 5)
+        before = process.processor_time
+        node.spin_for(2.)
+        assert process.processor_time - before < 1.
 
 
 def test_without_its_libraries_it_says_what_is_missing(tmp_path):

@@ -21,6 +21,8 @@ ASKS = {'-h', '--help'}
 def _run(node):
     for interrupt in (signal.SIGINT, signal.SIGTERM):
         signal.signal(interrupt, lambda *_: os._exit(0))
+    # Another thread of BLAS would spin from frame to frame, and take a core from the trackers.
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     module = import_module(f'.{node}', __package__)
     if ASKS & set(sys.argv[1:]):
         print(module.__doc__.strip(), HELP.format(node=node), sep='\n')
