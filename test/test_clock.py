@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hand_tracker.core.clock import BACKWARD, FARTHEST, LONGEST, SHORTEST, USUAL_STEP, Clock
+from hand_tracker.core.clock import (
+    BACKWARD, FARTHEST, LONGEST, REPEATS, SHORTEST, USUAL_STEP, Clock)
 
 
 def clock_at(*times):
@@ -37,11 +38,21 @@ def test_a_repeated_or_somewhat_older_stamp_takes_no_time(back):
     assert clock.step(3.01) == (pytest.approx(.01), False, False)
 
 
-def test_many_steps_that_are_too_short_add_up():
-    clock = clock_at(0.)
-    steps = [clock.step(i * SHORTEST / 8.)[0] for i in range(1, 65)]
-    assert sum(steps) == pytest.approx(8. * SHORTEST, abs=SHORTEST)
-    assert all(step == 0. or step >= SHORTEST for step in steps)
+@pytest.mark.parametrize('progress', [0., SHORTEST / 1000., -.001])
+def test_frames_of_a_clock_that_stands_come_evenly(progress):
+    clock = clock_at(*(np.arange(300) / 50.))
+    last = 299. / 50.
+    steps = [clock.step(last + i * progress) for i in range(1, 65)]
+    assert steps[:REPEATS] == REPEATS * [(0., False, False)]
+    assert steps[REPEATS:] == (64 - REPEATS) * [(pytest.approx(.02), False, False)]
+    assert clock.step(last + .02) == (pytest.approx(.02), False, False), 'goes on'
+
+
+def test_a_clock_set_back_takes_no_time_from_the_frames():
+    clock = clock_at(*(np.arange(300) / 50.))
+    steps = [clock.step(i / 50. - .3)[0] for i in range(300, 400)]
+    assert steps[:REPEATS] == REPEATS * [0.]
+    assert steps[REPEATS:] == pytest.approx([.02] * (100 - REPEATS))
 
 
 def test_smallest_numbers_take_no_time():

@@ -1,5 +1,7 @@
 """A tracker fed with stamped frames tells when it has a hand, whatever the time does."""
 
+import copy
+import pickle
 from types import SimpleNamespace
 
 import numpy as np
@@ -43,6 +45,35 @@ def test_what_comes_out_is_what_the_tracker_says():
     for time, markers in enumerate(demo_recording(rate=30.).markers[:30]):
         state = stream.update(markers, time / 30.)
         assert np.array_equal(state.angles, tracker.update(markers, time / 30.).angles)
+
+
+@pytest.mark.parametrize('progress', [0., 1e-9])
+def test_stamps_that_stand_do_not_freeze_the_hand(progress):
+    tracker, true = HandTracker(), HandTracker()
+    for frame, markers in enumerate(demo_recording(rate=120.).markers[:600]):
+        state = tracker.update(markers, 5. + frame * progress)
+        expected = true.update(markers, 5. + frame / 120.)
+        np.testing.assert_array_equal(state.marker_states, expected.marker_states)
+        np.testing.assert_allclose(state.markers, expected.markers, atol=2e-3)
+
+
+@pytest.mark.parametrize('copied', [
+    copy.deepcopy, lambda tracker: pickle.loads(pickle.dumps(tracker))], ids=['copy', 'pickle'])
+def test_a_copy_goes_on_by_itself(copied):
+    frames = demo_recording(rate=120.).markers
+    tracker = HandTracker()
+    for time, markers in enumerate(frames[:100]):
+        tracker.update(markers, time / 120.)
+    other = copied(tracker)
+    assert other.placed
+    expected = [tracker.update(markers, 3. + time / 120.)
+                for time, markers in enumerate(frames[100:300])]
+    for time, markers in enumerate(frames[100:300]):
+        np.testing.assert_array_equal(
+            other.update(markers, 3. + time / 120.).angles, expected[time].angles)
+    for time in (0., .01):
+        other.update(PALMLESS, time)
+    assert other.restarted and not other.placed and tracker.placed
 
 
 def test_a_hand_is_waited_for_again_when_time_jumps_back():

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hand_tracker.codec import Stamp
 from hand_tracker.core.hand import JOINTS, Hand
 from hand_tracker.core.kinematics import forward, joint_table
 from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
@@ -13,7 +14,7 @@ from hand_tracker.core.palm import PalmState
 from hand_tracker.core.tracker import HandTracker, MarkerState, TrackerOptions
 from hand_tracker.labels import LabelMap
 from hand_tracker.nodes.marker_news import BACK, CHANGES, WINDOW
-from hand_tracker.nodes.watch import CAUSES, OFF_FOR, SILENT, Watch, who_publishes
+from hand_tracker.nodes.watch import CAUSES, OFF_FOR, SILENT, STANDING, Watch, who_publishes
 from hand_tracker.simulation.recording import demo_recording
 
 SEEN = marker_positions(
@@ -21,7 +22,7 @@ SEEN = marker_positions(
     forward(joint_table(Hand.scaled()), np.zeros(len(JOINTS))))
 
 
-def frame(positions=SEEN, stamp=True, unknown=(), foreign=(), doubled=()):
+def frame(positions=SEEN, stamp=Stamp(0, 0), unknown=(), foreign=(), doubled=()):
     """Return what a message held."""
     return SimpleNamespace(positions=np.asarray(positions), stamp=stamp or None, frame_id='mocap',
                            unknown=unknown, foreign=foreign, doubled=doubled)
@@ -300,6 +301,21 @@ def test_does_not_name_markers_while_the_palm_is_lost_or_nothing_comes():
     assert not any('as expected' in line for line in hand.said(8.))
     hand.fare(9.)
     assert "seen again as expected: '3' (index)" in hand.said(9.)
+
+
+def test_says_once_that_the_stamps_stand():
+    hand = Input()
+    hand.feed(.1)
+    hand.said(.1)
+    for _ in range(2 * STANDING):
+        hand.watch.received(.2, frame(stamp=Stamp(0, 0)))
+    for i in range(2 * STANDING):
+        hand.watch.received(.2, frame(stamp=Stamp(1, i)))
+    assert hand.said(.2) == []
+    for _ in range(3 * STANDING):
+        hand.watch.received(.3, frame(stamp=Stamp(2, 3)))
+    assert hand.said(.3) == ['the stamps stand still: frames are taken to come evenly']
+    assert hand.said(.4) == []
 
 
 def test_says_once_that_time_jumped_back():

@@ -7,6 +7,7 @@ LONGEST = 1.            # [s] between frames after which motion is not carried o
 SHORTEST = 1e-6         # [s] between frames; less is none, and makes no velocity
 FARTHEST = 1e6          # [s] that a gap counts at most
 BACKWARD = .5           # [s] that frames of one recording may be out of order
+REPEATS = 2             # frames in a row that take no time; more are of a clock that stands
 SHARE = .1              # of a new step in the usual one
 
 
@@ -14,15 +15,16 @@ class Clock:
     """The owner of time: turns stamps into steps.
 
     A frame without a time comes one usual step after the last; one that repeats the last
-    time, but for rounding, or is a little older comes with it. A time that jumps is believed
-    when the next one goes on from there, and until then is none: a single stray stamp, past
-    or future, is forgotten.
+    time, but for rounding, or is a little older comes with it, unless time seems to stand. A
+    time that jumps is believed when the next one goes on from there, and until then is none: a
+    single stray stamp, past or future, is forgotten.
     """
 
     def __init__(self):
         self._last = None
         self._doubted = None
         self._ahead = 0.  # since the last time, given to frames without one that is believed
+        self._repeats = 0
         self._usual = USUAL_STEP
 
     def step(self, time):
@@ -58,7 +60,9 @@ class Clock:
             self._doubted = time
             return self._guess()
         if step < SHORTEST:
-            return 0., False, False
+            self._repeats += 1
+            return self._guess() if self._repeats > REPEATS else (0., False, False)
+        self._repeats = 0
         ahead, self._last, self._ahead = self._ahead, time, 0.
         if ahead == 0. and step <= LONGEST:
             self._usual += SHARE * (step - self._usual)

@@ -96,42 +96,46 @@ def chains(hand, mounting):
     bones[np.arange(5), np.where(third, 2, 1)] = np.hypot(markers[:, 0], markers[:, 2])
     droop = np.arctan2(-markers[:, 2], markers[:, 0])
     lower, upper = hand.limits.T.copy()
+    start = np.array([_start(digit, bones, droop, hand.coupling, lower, upper)
+                      for digit in range(5)])
     return Chains(root, base, tilt, np.where(third, 3, 2), bones, droop,
-                  markers[:, 1].copy(), _starts(bones, droop, hand.coupling, lower, upper),
-                  np.array(ABDUCTION_SIGN),
+                  markers[:, 1].copy(), start, np.array(ABDUCTION_SIGN),
                   lower, upper, hand.coupling.copy(), np.zeros(5, dtype=bool))
 
 
-def with_measured(chains, distal_flexion):
-    """Return the digits with measured flexions of last joints in place of their couplings.
+@jit
+def measure(chains, distal_flexion, measured):
+    """Take measured flexions of last joints in place of their couplings.
 
     Parameters
     ----------
-    chains : Chains
+    chains : packed Chains
     distal_flexion : ndarray, shape (5,)
-        NaN where not measured [rad].
-
-    Returns
-    -------
-    Chains
-        Its limits of those joints hold.
+        NaN where not measured; the limits of those joints hold [rad].
+    measured : packed Chains
+        Those, but for `coupling`, `measured` and `start`, which are replaced.
     """
-    measured = np.isfinite(distal_flexion)
-    last = FLEXION[:, 2]
-    flexion = np.clip(np.where(measured, distal_flexion, 0.),
-                      chains.lower[last], chains.upper[last])
-    coupling = np.where(measured[:, None], np.stack((0. * flexion, flexion), axis=1),
-                        chains.coupling)
-    return chains._replace(coupling=coupling, measured=measured, start=_starts(
-        chains.bones, chains.droop, coupling, chains.lower, chains.upper))
+    chains, measured = chains[0], measured[0]
+    for digit in range(5):
+        last = FLEXION[digit, 2]
+        slope, offset = chains.coupling[digit, 0], chains.coupling[digit, 1]
+        known = math.isfinite(distal_flexion[digit])
+        if known:
+            slope = 0.
+            offset = clamp(distal_flexion[digit], chains.lower[last], chains.upper[last])
+        measured.measured[digit] = known
+        measured.coupling[digit, 0] = slope
+        measured.coupling[digit, 1] = offset
+        measured.start[digit] = _start(
+            digit, chains.bones, chains.droop, measured.coupling, chains.lower, chains.upper)
 
 
-def _starts(bones, droop, coupling, lower, upper):
-    return np.array([
-        straightest(*bones[d], droop[d], *coupling[d],
-                    lower[FLEXION[d, 1]], upper[FLEXION[d, 1]],
-                    lower[FLEXION[d, 2]], upper[FLEXION[d, 2]])
-        for d in range(5)])
+@jit
+def _start(digit, bones, droop, coupling, lower, upper):
+    second, third = FLEXION[digit, 1], FLEXION[digit, 2]
+    return straightest(
+        bones[digit, 0], bones[digit, 1], bones[digit, 2], droop[digit], coupling[digit, 0],
+        coupling[digit, 1], lower[second], upper[second], lower[third], upper[third])
 
 
 @jit

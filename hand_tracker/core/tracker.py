@@ -3,14 +3,15 @@
 `HandTracker` owns all state and checks what comes in; the sequence is `track_frame`.
 """
 
+from copy import deepcopy
 from typing import NamedTuple
 
 import numpy as np
 
 from .capsules import capsules
 from .clock import Clock
-from .digit import chains, with_measured
-from .hand import Hand
+from .digit import chains, measure
+from .hand import DIGITS, Hand
 from .identity import hand_bounds
 from .interdependence import prior_of
 from .jit import another, packed, parts
@@ -132,7 +133,7 @@ class HandTracker:
         require_solvable(mounting)
         self.hand, self.layout, self.options = hand, layout, options
         self._left = hand.side == 'left'
-        self._chains = chains(right, mounting)
+        digits = chains(right, mounting)
         self._right_table, self._right_mounting = joint_table(right), mounting
         self._template = mounting.position[:PALM].copy()
         self._relaxed = right.relaxed()
@@ -140,14 +141,15 @@ class HandTracker:
 
         # Where the kernels read it
         self._choices, _ = packed(choices(options))
-        self._digits, _ = packed(self._chains)
+        self._digits, _ = packed(digits)
+        self._measured_digits, _ = packed(deepcopy(digits))
         self._model, _ = packed(Model(
             self._template, self._rest, levers(self._template, self._rest),
             prior_of(options.link_index_middle, options.link_middle_ring,
                      options.link_ring_little),
             np.array((options.bound_index_middle, options.bound_middle_ring,
                       options.bound_ring_little)),
-            hand_bounds(self._template, self._chains, usual_places(right, mounting)),
+            hand_bounds(self._template, digits, usual_places(right, mounting)),
             capsules(right), joint_table(hand), layout.mounting(hand),
             MIRROR if self._left else np.ones(3)))
 
@@ -220,5 +222,19 @@ class HandTracker:
     def _chains_with(self, distal_flexion):
         if distal_flexion is None:
             return self._digits
-        measured = with_measured(self._chains, np.asarray(distal_flexion, dtype=float))
-        return packed(measured)[0]
+        distal_flexion = np.array(distal_flexion, dtype=float)
+        if distal_flexion.shape != (len(DIGITS),):
+            raise ValueError(f'distal_flexion: shape {distal_flexion.shape}; '
+                             f'expected {(len(DIGITS),)}')
+        measure(self._digits, distal_flexion, self._measured_digits)
+        return self._measured_digits
+
+    def __getstate__(self):
+        return self.hand, self.layout, self.options, self._clock, self.restarted, self._state
+
+    def __setstate__(self, kept):
+        hand, layout, options, self._clock, self.restarted, state = kept
+        self._wear(hand, layout, options)
+        self._report, _ = packed(blank_report())
+        # Of a copy, too, the state is what the kernels write into.
+        self._kept, self._state = packed(state)

@@ -17,6 +17,7 @@ SILENT = 3.   # [s] without markers before that is said
 NEVER = 5.    # [s] of tracking before a marker that was never seen is named
 OFF = .015    # [m] that the seen markers may be off the hand on average
 OFF_FOR = 2.  # [s] before more than that is said
+STANDING = 10  # frames in a row with one stamp before that is said
 CAUSES = 32   # distinct causes that are said at most
 
 MARKER_ARRAY = 'visualization_msgs/msg/MarkerArray'
@@ -53,6 +54,7 @@ class Watch:
         self._off_for = 0.
         self._announced = None
         self._has_tracked = False
+        self._stamp, self._standing = None, 0
         self._budget = Budget()
         self._markers = MarkerNews()
         self._causes = set()
@@ -69,6 +71,7 @@ class Watch:
         self._received, self._frame = now, frame
         if frame.stamp is not None:
             self._labelled = now
+            self._watch_time(frame.stamp.sec, frame.stamp.nanosec)
         for name in frame.foreign:
             self.once(('frame', name), f"markers in frame '{name}' are left out, as those of "
                       f"frame '{frame.frame_id}' are tracked (mocap_frame)")
@@ -77,6 +80,12 @@ class Watch:
             self.once(('doubled', slot), 'several markers of one message answer to the label '
                       f"'{self.labels.labels[slot]}' of {marker}; the last one counts. "
                       f'A more precise labels.{marker} tells them apart')
+
+    def _watch_time(self, *stamp):
+        self._standing = self._standing + 1 if stamp == self._stamp and any(stamp) else 0
+        self._stamp = stamp
+        if self._standing == STANDING:
+            self.once('standing', 'the stamps stand still: frames are taken to come evenly')
 
     def tracked(self, now, state):
         """Note what the tracker made of a frame.
