@@ -84,3 +84,10 @@ def test_a_slow_target_never_makes_the_chain_jump(slope):
 def test_singular_targets_are_finite_and_inside_the_limits(target):
     found = solve(target, 1., 0.)
     assert ((LIMITS[:, 0] <= found) & (found <= LIMITS[:, 1])).all()
+
+
+@pytest.mark.parametrize('offset, droop', [(0., 0.), (.3, 0.), (1.2, .2), (-.1, -.2)])
+def test_rigid_behind_the_second_hinge_is_straightest_where_the_search_finds_it(offset, droop):
+    rigid = straightest(*BONES, droop, 0., offset, *LIMITS[1], *LIMITS[2])
+    searched = straightest(*BONES, droop, 1e-12, offset, *LIMITS[1], *LIMITS[2])
+    assert rigid == pytest.approx(searched, abs=np.ptp(LIMITS[1]) / 1000.)

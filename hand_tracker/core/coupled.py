@@ -35,6 +35,11 @@ def straightest(bone, middle, third, droop, slope, offset, lower2, upper2, lower
 
     From there on the distance of its end falls, which makes `coupled_form` unique.
     """
+    if slope == 0.0:
+        # Rigid behind the second hinge: its end in line with the first bone
+        bent = coupled_angle(0.0, 0.0, offset, lower3, upper3) + droop
+        return clamp(-math.atan2(third * math.sin(bent), middle + third * math.cos(bent)),
+                     lower2, upper2)
     best = 0.0
     farthest = -1.0
     for step in range(1001):
