@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from hand_tracker.core.occlusion import reject_frozen, visible
+from scipy.spatial.transform import Rotation
 
 
 @pytest.mark.parametrize('row, expected', [
@@ -15,16 +16,23 @@ def test_only_finite_places_on_earth_are_measurements(row, expected):
     assert (seen == expected).all()
 
 
-def frozen_after(move, patience=3, frames=6):
-    """Return in which frames each marker counts as seen, when `move` says how all move."""
-    markers = np.random.default_rng(1).normal(size=(8, 3))
+def states(given, patience=3):
+    """Return in which frames each marker counts as seen, shape (n, 8)."""
     last, still = np.full((8, 3), np.nan), np.zeros(8, dtype=np.int64)
+    stood = np.full((3, 3), np.nan)
     rows = []
-    for frame in range(frames):
-        seen = np.ones(8, dtype=bool)
-        reject_frozen(markers + frame * move, seen, last, still, patience)
+    for markers in given:
+        seen = np.empty(8, dtype=bool)
+        visible(markers, seen)
+        reject_frozen(markers, seen, last, still, stood, patience)
         rows.append(seen)
     return np.array(rows)
+
+
+def frozen_after(move, patience=3, frames=6):
+    """Return the same, when `move` says how all move in a frame."""
+    markers = np.random.default_rng(1).normal(size=(8, 3))
+    return states([markers + frame * move for frame in range(frames)], patience)
 
 
 def test_a_marker_that_repeats_while_the_palm_moves_counts_as_lost():
@@ -36,10 +44,31 @@ def test_a_marker_that_repeats_while_the_palm_moves_counts_as_lost():
     assert frozen_after(move, patience=0).all(), 'switched off'
 
 
-def test_a_wrist_may_rest_while_the_hand_turns_about_it():
-    move = np.full((8, 3), .001)
-    move[0] = 0.
-    assert frozen_after(move).all()
+@pytest.mark.parametrize('marker', range(3))
+def test_a_palm_marker_that_repeats_is_frozen_once_the_palm_has_left_it(marker):
+    markers = np.diag((.09, .07, .05))[[0, 1, 2] + [0] * 5]
+    away = markers[marker] - markers[(marker + 1) % 3]
+    move = np.tile(.0007 * away / np.linalg.norm(away), (8, 1))
+    move[marker] = 0.
+    given = [markers + frame * move for frame in range(12)]
+    seen = states(given)
+    assert np.flatnonzero(~seen[:, marker]).tolist() == list(range(5, 12)), 'beyond 3 mm'
+    assert np.delete(seen, marker, axis=1).all()
+    assert states(given, patience=0).all(), 'switched off'
+    for frame in range(3, 12):
+        given[frame] = given[3]
+    assert states(given).all(), 'the palm stopped within 3 mm'
+
+
+@pytest.mark.parametrize('marker', range(3))
+def test_a_palm_marker_may_rest_while_the_hand_turns_about_it(marker):
+    markers = np.random.default_rng(1).normal(scale=.1, size=(8, 3))
+    given = []
+    for angle in np.linspace(0., 2., 50):
+        turned = (markers - markers[marker]) @ Rotation.from_rotvec((0., 0., angle)).as_matrix()
+        given.append(turned + markers[marker])
+        given[-1][marker] = markers[marker]
+    assert states(given).all()
 
 
 def test_a_hand_at_rest_is_not_frozen():
@@ -51,10 +80,7 @@ def test_a_hand_at_rest_is_not_frozen():
 
 def test_a_marker_that_moves_again_is_seen_again():
     markers = np.random.default_rng(2).normal(size=(8, 3))
-    last, still = np.full((8, 3), np.nan), np.zeros(8, dtype=np.int64)
+    given = [markers + .001 * frame for frame in range(9)]
     for frame in range(9):
-        seen = np.ones(8, dtype=bool)
-        frozen = markers + .001 * frame
-        frozen[5] = markers[5] + (.5 if frame >= 6 else 0.)
-        reject_frozen(frozen, seen, last, still, 3)
-        assert seen[5] == (frame < 3 or frame in (6, 7, 8))
+        given[frame][5] = markers[5] + (.5 if frame >= 6 else 0.)
+    assert states(given)[:, 5].tolist() == [True] * 3 + [False] * 3 + [True] * 3

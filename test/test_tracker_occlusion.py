@@ -167,6 +167,18 @@ def test_an_outlier_is_rejected_and_predicted(row):
     assert (found[212:] == MarkerState.SEEN).all()
 
 
+@pytest.mark.parametrize('row', range(3))
+def test_a_palm_marker_that_repeats_is_not_believed_for_long(row):
+    def repeat(frame, markers):
+        if frame >= 240:
+            markers[row] = stuck[row]
+
+    stuck = markers_at(240)
+    states = track(480, repeat, noise=3e-4)
+    believed = [state.marker_states[row] == MarkerState.SEEN for state in states[240:]]
+    assert not any(believed[30:])
+
+
 def test_a_hand_that_is_elsewhere_at_once_is_followed_at_once():
     def teleport(frame, markers):
         if frame >= 200:

@@ -1,8 +1,12 @@
 """Which markers are seen: what is no measurement counts as hidden."""
 
+import math
+
 from .jit import jit
+from .vectors import distance, vector
 
 FARTHEST = 1e3  # [m] a coordinate beyond this is no measurement
+PARTED = .003   # [m] more than skin lets the palm's markers part; ours
 
 
 @jit
@@ -24,13 +28,13 @@ def visible(markers, seen):
 
 
 @jit
-def reject_frozen(markers, seen, last, still, patience):
+def reject_frozen(markers, seen, last, still, stood, patience):
     """Take markers that some drivers repeat when they lost them for not seen.
 
-    A digit's marker is frozen when it stays in place to the last bit while at least two
-    markers of the palm move. The palm's own may rest on a table while the hand turns about
-    them: whether they fit the others is judged by their distances (`identify`). One at the
-    origin is left to whoever reads the messages.
+    A marker is frozen when it stays in place to the last bit while at least two markers of the
+    palm move. The palm's own may rest on a table while the hand turns about them: they are
+    frozen once another has come nearer or gone away. One at the origin is left to whoever
+    reads the messages.
 
     Parameters
     ----------
@@ -42,6 +46,9 @@ def reject_frozen(markers, seen, last, still, patience):
         The markers of the last frame, replaced [m].
     still : ndarray of int, shape (8,)
         Frames for which each marker has repeated its place, replaced.
+    stood : ndarray, shape (3, 3)
+        Distances of the palm's markers (columns) from each when it began to repeat its
+        place, NaN of those not seen then, replaced [m].
     patience : int
         Frames after which it counts as frozen; 0 is never.
     """
@@ -54,12 +61,31 @@ def reject_frozen(markers, seen, last, still, patience):
             continue
         if not _same(markers[i], last[i]) or _same(markers[i], (0., 0., 0.)):
             still[i] = 0
-        elif moved >= 2:
+            for j in range(3 if i < 3 else 0):
+                stood[i, j] = _gap(markers, seen, i, j)
+        elif moved >= 2 and (
+                i >= 3 or still[i] + 1 != patience or _parted(markers, seen, stood, i)):
             still[i] += 1
         for k in range(3):
             last[i, k] = markers[i, k]
-        if i >= 3 and 0 < patience <= still[i]:
+    for i in range(markers.shape[0]):
+        if 0 < patience <= still[i]:
             seen[i] = False
+
+
+@jit
+def _gap(markers, seen, i, j):
+    return distance(vector(markers[i]), vector(markers[j])) if seen[i] and seen[j] else math.nan
+
+
+@jit
+def _parted(markers, seen, stood, i):
+    """Return whether a marker of the palm is no longer where it stood among the others."""
+    parted = False
+    for j in range(3):
+        # False where one was not seen
+        parted = parted or abs(_gap(markers, seen, i, j) - stood[i, j]) > PARTED
+    return parted
 
 
 @jit

@@ -126,7 +126,7 @@ class State(NamedTuple):
         Of `keep_near_neighbours` [rad].
     pushed : ndarray, shape (5, 3)
         By how much contact carries the hidden digits' markers [m].
-    last, still : ndarray, shape (8, 3) and (8,)
+    last, still, stood : ndarray, shape (8, 3), (8,) and (3, 3)
         Of `reject_frozen`.
     expected, spread, known, verdict : ndarray, shape (8, 3), and (8,)
         Of this frame, of `identify`.
@@ -156,6 +156,7 @@ class State(NamedTuple):
     pushed: np.ndarray
     last: np.ndarray
     still: np.ndarray
+    stood: np.ndarray
     expected: np.ndarray
     spread: np.ndarray
     known: np.ndarray
@@ -189,8 +190,8 @@ def blank_state(template, rest, relaxed, marker_noise):
         eased=relaxed.copy(), offset=np.zeros(len(relaxed)), touched=relaxed.copy(),
         parted=np.zeros(len(relaxed)),
         apart=np.zeros(3), pushed=np.zeros(rest.shape), last=np.full((count, 3), np.nan),
-        still=np.zeros(count, dtype=np.int64), expected=np.zeros((count, 3)),
-        spread=np.zeros(count), known=np.zeros(count, dtype=bool),
+        still=np.zeros(count, dtype=np.int64), stood=np.full((3, 3), np.nan),
+        expected=np.zeros((count, 3)), spread=np.zeros(count), known=np.zeros(count, dtype=bool),
         verdict=np.zeros(count, dtype=np.int64), measured=np.zeros(len(rest), dtype=bool),
         changed=np.zeros(len(rest), dtype=bool), roots=np.zeros(rest.shape))
 
@@ -243,7 +244,8 @@ def judge_markers(model, options, state, markers, seen, step):
     model, options, state = model[0], options[0], state[0]
     palm, digits = state.palm, state.digits
     visible(markers, seen)
-    reject_frozen(markers, seen, state.last, state.still, options.frozen_frames)
+    reject_frozen(markers, seen, state.last, state.still, state.stood,
+                  options.frozen_frames)
     expected_markers(palm, digits, model.template, step, state.expected)
     for i in range(8):
         state.spread[i] = deviation(palm.covariance[i] if i < 3 else digits.covariance[i - 3])
