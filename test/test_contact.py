@@ -8,7 +8,7 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hand_tracker.core.capsules import capsules, pair_gaps, place_capsules
-from hand_tracker.core.contact import AIM, FRICTION, GAP, PENETRATION, carry, separate
+from hand_tracker.core.contact import AIM, GAP, PENETRATION, carry, separate
 from hand_tracker.core.digit import ABDUCTION, FLEXION
 from hand_tracker.core.hand import JOINTS, Hand, preset_limits
 from hand_tracker.simulation.gestures import GRASPS, LETTERS, grasp_shape, shape_angles
@@ -25,6 +25,7 @@ HAND = Hand.scaled()
 WIDE = Hand.scaled(limits=preset_limits('wide'))
 BODIES = {id(hand): capsules(hand) for hand in (HAND, WIDE)}
 ALIKE = np.ones(5)
+FRICTION = .5
 INDEX, MIDDLE, RING, LITTLE, THUMB = range(5)
 FREE = np.column_stack((ABDUCTION, FLEXION[:, :2]))
 shares = arrays(float, 25, elements=st.floats(0., 1.))

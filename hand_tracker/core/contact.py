@@ -10,7 +10,7 @@ from .digit import ABDUCTION, FLEXION
 from .jit import indexed, jit
 from .vectors import add, clamp, cross, dot, scale, subtract, unit, vector
 
-PENETRATION = .001   # [m] that flesh gives way
+PENETRATION = .001   # [m] that flesh gives way; ours
 # Solved to this share of the tolerance: iteration ends with a small rest.
 AIM = .95
 ROUNDS = 48          # of linearising the distances
@@ -27,7 +27,6 @@ SOFT = 1e-7          # [m^2/rad^2] of contacts that limits or their lever leave 
 
 # Unsourced.
 GAP = .0015          # [m] below which surfaces touch
-FRICTION = .5        # share of the neighbour's movement along the skin
 
 
 @jit

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, fields
 
+from .contact import PENETRATION
 from .errors import InvalidOption
 
 
@@ -79,7 +80,8 @@ class TrackerOptions:
     rigidity: bool = _option(
         True, 'Whether digits that are in each other or in the palm are moved apart')
     penetration: float = _option(
-        1e-3, 'Overlap that rigidity leaves, as flesh gives way', unit='m', range=(1e-4, 1e-2))
+        PENETRATION, 'Overlap that rigidity leaves, as flesh gives way', unit='m',
+        range=(1e-4, 1e-2))
     outlier_gate: float = _option(
         5., 'Standard deviations from its prediction beyond which a marker is refused, when no '
         'hand can move so; 0 is off', range=(0., 100.))
