@@ -238,9 +238,9 @@ def test_a_subset_keeps_places():
 
 def test_faults_come_at_their_rates_and_pick_every_marker():
     random = np.random.RandomState(1)
-    faults = Faults(swaps=.5, ghosts=1., dropouts=2.)
+    faults = Faults(swaps=.5, ghosts=1., dropouts=2., frozen=.7)
     events = fault_events(faults, 1000., 8, random)
-    for kind, rate in (('swap', .5), ('ghost', 1.), ('dropout', 2.)):
+    for kind, rate in (('swap', .5), ('ghost', 1.), ('dropout', 2.), ('frozen', .7)):
         mine = [event for event in events if event.kind == kind]
         # Poisson: a standard deviation is the root of the number.
         assert abs(len(mine) - 1000. * rate) < 4. * np.sqrt(1000. * rate)
@@ -274,3 +274,16 @@ def test_faults_do_to_a_marker_what_they_say():
                                       measured[[0, 1, 2, 6, 7, 8, 9]])
         np.testing.assert_array_equal(result[:, 2], measured[:, 2])
     np.testing.assert_array_equal(measured, kept)
+
+
+def test_a_frozen_marker_stays_where_it_was_also_in_the_next_part_of_a_recording():
+    times = np.arange(10) / 10.
+    truth = np.arange(90.).reshape(10, 3, 3)
+    events, held = [Event('frozen', 1, .25, .75)], {}
+    whole = with_faults(truth, truth, times, events)
+    expected = truth.copy()
+    expected[3:8, 1] = truth[3, 1]
+    np.testing.assert_array_equal(whole, expected)
+    np.testing.assert_array_equal(whole, np.concatenate([
+        with_faults(truth[part], truth[part], times[part], events, held)
+        for part in (slice(0, 5), slice(5, 10))]))

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from hand_tracker.core.capsules import capsules, pair_gaps
 from hand_tracker.core.hand import JOINTS, Hand
 from hand_tracker.core.tracker import TrackerOptions
 from hand_tracker.evaluation import ablation, cameras, rates
 from hand_tracker.evaluation.options import Options
+from hand_tracker.evaluation.overlap import deepest_overlaps
 from hand_tracker.evaluation.simulated import distances, mean_max, tasks, trial
 from hand_tracker.simulation.motions import MOTIONS
 
@@ -77,12 +79,15 @@ def test_rows_and_pictures_of_the_ablation(quick, monkeypatch, tmp_path):
     monkeypatch.setattr(ablation, 'MOTIONS', ('demo', 'shaking'))
     rows = list(ablation.evaluate(Options(quiet=True)))
     assert len(rows) == 2 * len(ablation.CONDITIONS) * len(ablation.VARIANTS)
+    assert all(row['overlap_pct'] == 0. for row in rows
+               if row['condition'] == 'all seen' and row['method'] != 'no rigidity')
     assert all(row['beyond_limits_pct'] == 0. for row in rows
                if row['method'] in (ablation.ALL, 'no DIP and IP coupling'))
     by = {(row['recording'], row['condition'], row['method']): row['true_squared'] for row in rows}
     for motion in ablation.MOTIONS:
         assert by[motion, 'all seen', 'no DIP and IP coupling'] > by[motion, 'all seen',
                                                                     ablation.ALL]
+        assert by[motion, 'all seen', ablation.MEASURED] < by[motion, 'all seen', ablation.ALL]
     assert [len(table.lines) for table in ablation.tables(rows)] == (
         [len(ablation.VARIANTS)] * len(ablation.CONDITIONS))
     for picture in ablation.pictures(rows, tmp_path):
@@ -114,6 +119,25 @@ def test_without_any_constraint_all_are_off():
     wider = np.ptp(bare.limits, axis=1) > np.ptp(hand.limits, axis=1)
     assert wider[hand.limits[:, 1] > 0.].all()
     assert not bare.coupling.any()
+
+
+def test_overlaps_are_those_that_rigidity_takes_away():
+    hand = Hand.scaled()
+    angles = np.zeros((2, 25))
+    angles[1, JOINTS.index('index_mcp_abduction')] = hand.limits[1, 0]
+    overlaps = deepest_overlaps(hand, angles)
+    assert overlaps[0] == pytest.approx(0., abs=1e-9)
+    assert overlaps[1] == pytest.approx(-pair_gaps(capsules(hand), angles[1]).min())
+    assert overlaps[1] > 1e-3
+
+
+def test_jitter_is_what_the_truth_does_not_do_at_rest():
+    true = np.zeros((9, 25))
+    true[5:, 0] = np.radians(10.) * np.arange(4)   # fast: no rest
+    found = true.copy()
+    found[1::2, ablation.PIP] = np.radians(.5)
+    assert ablation._jitter(found, true) == pytest.approx(.5)
+    assert np.isnan(ablation._jitter(found, np.radians(9.) * np.arange(9)[:, None] + true))
 
 
 def test_an_option_is_a_change(one):

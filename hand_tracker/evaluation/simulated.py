@@ -94,10 +94,10 @@ class Trial(NamedTuple):
             seen = seen & np.isin(np.arange(seen.shape[-1]), cameras)
         return triangulate(self.rig, self.sight.truth, seen, self.noise).positions
 
-    def track(self, markers, rate=None, hand=None, options=None):
+    def track(self, markers, rate=None, hand=None, options=None, flexion=None):
         """Return what the tracker says of markers, with the calibrated hand if no other."""
         tracker = HandTracker(self.worn if hand is None else hand, self.layout, options)
-        return track(tracker, markers, self.rate if rate is None else rate)
+        return track(tracker, markers, self.rate if rate is None else rate, flexion=flexion)
 
     def errors(self, tracked: Tracked, every=1, hand=None):
         """Return `mean_mm` and `p95_mm` of all joints of every so many frames."""

@@ -32,15 +32,15 @@ class Tracked(NamedTuple):
     iterations: np.ndarray
 
 
-def advance(tracker, frame, index, rate):
+def advance(tracker, frame, index, rate, flexion=None):
     """Return the state after one more frame, the `index`-th at `rate` [Hz].
 
     The one place where evaluations call the tracker.
     """
-    return tracker.update(frame, index / rate)
+    return tracker.update(frame, index / rate, flexion)
 
 
-def track(tracker, markers, rate, first=0):
+def track(tracker, markers, rate, first=0, flexion=None):
     """Return what a tracker says of frames.
 
     Parameters
@@ -52,12 +52,15 @@ def track(tracker, markers, rate, first=0):
         [Hz]
     first : int
         Index of the first frame, for its time.
+    flexion : ndarray, shape (n, 5), optional
+        Measured flexion of the last joints [rad].
 
     Returns
     -------
     Tracked
     """
-    states = [advance(tracker, frame, first + i, rate) for i, frame in enumerate(markers)]
+    states = [advance(tracker, frame, first + i, rate, None if flexion is None else flexion[i])
+              for i, frame in enumerate(markers)]
     return Tracked(
         np.array([state.angles for state in states]),
         np.array([state.wrist_rotation for state in states]),

@@ -50,6 +50,7 @@ PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('swaps', 0., 'Labels of neighbours exchanged [1/s]', FAULT_RANGE),
     Parameter('ghosts', 0., 'Reflections taken for markers [1/s]', FAULT_RANGE),
     Parameter('dropouts', 0., 'Labels lost [1/s]', FAULT_RANGE),
+    Parameter('frozen', 0., 'Markers repeated where they were [1/s]', FAULT_RANGE),
     Parameter('truth', False, 'Publish the truth: joint_states_truth, wrist_truth, markers_truth'),
 ))
 
@@ -75,7 +76,7 @@ class SimulateNode(Node):
         self._simulation = Simulation(
             values['motion'], hand, layout, CameraRig.ring(values['cameras']), values['rate'],
             values['seed'], values['duration'],
-            Faults(values['swaps'], values['ghosts'], values['dropouts']))
+            Faults(*(values[kind] for kind in Faults._fields)))
         # As drivers do: a late frame is worth nothing.
         quick = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._markers = self.create_publisher(MarkerArray, MARKER_TOPIC.lstrip('/'), quick)

@@ -1,4 +1,4 @@
-"""What goes wrong between camera system and tracker: swaps, ghosts and drop-outs of labels.
+"""What goes wrong between camera system and tracker: labels swap, drop out, freeze, find ghosts.
 
 Events are drawn in seconds: the same happens at whatever rate the hand is sampled.
 """
@@ -13,6 +13,7 @@ from ..core.errors import HandTrackerError
 SWAP_LENGTH = (.05, .5)
 GHOST_LENGTH = (.02, .2)
 DROPOUT_LENGTH = (.03, .3)
+FROZEN_LENGTH = (.1, 1.)
 MIRROR_HEIGHT = .80   # [m] of the table that reflects the lights
 RATE_RANGE = (0., 50.)
 
@@ -32,15 +33,18 @@ class Faults(NamedTuple):
         A marker's reflection in the table is taken for it [1/s].
     dropouts : float
         A marker is not reported though it is seen [1/s].
+    frozen : float
+        A marker is reported where it was, to the last bit [1/s].
     """
 
     swaps: float = 0.
     ghosts: float = 0.
     dropouts: float = 0.
+    frozen: float = 0.
 
 
 class Event(NamedTuple):
-    """What happens to one marker for a while: 'swap', 'ghost' or 'dropout'; times in [s]."""
+    """What befalls one marker for a while: 'swap', 'ghost', 'dropout', 'frozen'; times in [s]."""
 
     kind: str
     marker: int
@@ -70,7 +74,8 @@ def fault_events(faults, duration, markers, random):
     """
     events = []
     for name, kind, lengths in (('swaps', 'swap', SWAP_LENGTH), ('ghosts', 'ghost', GHOST_LENGTH),
-                                ('dropouts', 'dropout', DROPOUT_LENGTH)):
+                                ('dropouts', 'dropout', DROPOUT_LENGTH),
+                                ('frozen', 'frozen', FROZEN_LENGTH)):
         rate = getattr(faults, name)
         if not RATE_RANGE[0] <= rate <= RATE_RANGE[1]:
             raise InvalidFaults(f'{name}: {rate!r} per second; allowed is '
@@ -81,7 +86,7 @@ def fault_events(faults, duration, markers, random):
     return events
 
 
-def with_faults(positions, truth, times, events):
+def with_faults(positions, truth, times, events, held=None):
     """Return what is reported of measured markers.
 
     Parameters
@@ -93,14 +98,19 @@ def with_faults(positions, truth, times, events):
     times : ndarray, shape (n,)
         [s]
     events : sequence of Event
+    held : dict, optional
+        Where frozen markers are, by their events: what one part of a recording hands on to the
+        next [m].
 
     Returns
     -------
     ndarray, shape (n, m, 3)
         [m]
     """
+    held = {} if held is None else held
     reported = positions.copy()
-    for kind, marker, start, end in events:
+    for event in events:
+        kind, marker, start, end = event
         first, last = np.searchsorted(times, (start, end))
         if first == last:
             continue
@@ -116,6 +126,8 @@ def with_faults(positions, truth, times, events):
             image[:, 2] = 2. * MIRROR_HEIGHT - image[:, 2]
             error = positions[part, marker] - truth[part, marker]
             reported[part, marker] = image + np.where(np.isfinite(error), error, 0.)
+        elif kind == 'frozen':
+            reported[part, marker] = held.setdefault(event, reported[first, marker].copy())
         else:
             reported[part, marker] = np.nan
     return reported

@@ -120,6 +120,7 @@ class Simulation:
         random = np.random.RandomState((self.seed, 1))
         events = fault_events(self.faults, self.moving.duration, len(MARKERS),
                               np.random.RandomState((self.seed, 2)))
+        held = {}
         frames = np.arange(self.frames)
         step = max(1, round(BLOCK * self.rate))
         for first in range(0, len(frames), step):
@@ -128,7 +129,7 @@ class Simulation:
             angles, rotation, position = self.moving.sample(times)
             noise = random.standard_normal((len(part), len(MARKERS), len(self.rig.positions), 2))
             sight = look(self.rig, self.hand, self.layout, angles, rotation, position, noise)
-            markers = with_faults(sight.positions, sight.truth, times, events)
+            markers = with_faults(sight.positions, sight.truth, times, events, held)
             stamps = START_NS + np.round(part * (1e9 / self.rate)).astype(np.int64)
             yield Simulated(stamps, np.round(markers, DECIMALS), np.round(angles, DECIMALS) + 0.,
                             rotation, position, sight.truth)
@@ -255,7 +256,8 @@ def _parse(arguments):
     parser.add_argument('--side', choices=SIDES, help='of the hand')
     for kind, what in (('swaps', 'labels of neighbours exchanged'),
                        ('ghosts', 'reflections taken for markers'),
-                       ('dropouts', 'labels lost')):
+                       ('dropouts', 'labels lost'),
+                       ('frozen', 'markers repeated where they were')):
         parser.add_argument(f'--{kind}', type=float, default=0., help=f'{what} [1/s]')
     parser.add_argument('--calibration', type=Path, metavar='HAND.yaml',
                         help='also write the hand as a calibration would find it')
@@ -273,7 +275,7 @@ def main(arguments=None):
         hand, layout = simulated_hand(chosen.hand, chosen.side)
         simulation = Simulation(
             chosen.motion, hand, layout, CameraRig.ring(chosen.cameras), chosen.rate, chosen.seed,
-            chosen.duration, Faults(chosen.swaps, chosen.ghosts, chosen.dropouts))
+            chosen.duration, Faults(chosen.swaps, chosen.ghosts, chosen.dropouts, chosen.frozen))
         frames = Progress(simulation.frames, 'frames').over(_frames(simulation, count))
         write_bag(chosen.output, (message for frame in frames for message in frame))
         if chosen.calibration:
