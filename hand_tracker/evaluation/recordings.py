@@ -2,8 +2,12 @@
 
 Both hands are fitted on the first fifth of a recording and judged on the rest, where all
 eight markers are captured: one set of frames for all methods. The tracker runs from the first
-frame on. `hand_tracker` wears a hand with the limits `wide`; the limits of a hand that says
-nothing else are `paper`. Joints that a recording lacks are not judged.
+frame on. Joints that a recording lacks are not judged.
+
+`hand_tracker` wears a hand fitted in all, with the limits `wide`. The others differ in what they
+are named after and in nothing else: the limits `paper`, which a hand has that says nothing else
+and which captured hands pass; the coupling `natural` (usual) or `paper` instead of the fitted
+one; or both.
 """
 
 from functools import cache, partial
@@ -30,8 +34,13 @@ WHY = ('The DIP carries the marker: both hands meet it unless a limit forbids. T
 # Presets of limits and of the fingers' coupling that each variant of ours wears; None: as fitted.
 VARIANTS = {'hand_tracker': ('wide', None),
             'hand_tracker_usual_coupling': ('wide', 'natural'),
-            'hand_tracker_paper_limits': ('paper', 'paper')}
+            'hand_tracker_paper_coupling': ('wide', 'paper'),
+            'hand_tracker_paper_limits': ('paper', None),
+            'hand_tracker_paper_limits_usual_coupling': ('paper', 'natural'),
+            'hand_tracker_paper_limits_and_coupling': ('paper', 'paper')}
 METHODS = (*VARIANTS, 'plain')
+# In the picture
+SHOWN = ('hand_tracker', 'hand_tracker_usual_coupling', 'hand_tracker_paper_limits', 'plain')
 
 
 def evaluate(options):
@@ -48,18 +57,24 @@ def judge(capture):
     judged = capture.whole & (np.arange(len(capture.joints)) >= capture.split)
     true, right = capture.joints[judged], capture.right()
     rows = []
-    fitted = cache(partial(fitted_hand, capture))
-    for method, (limits, coupling) in VARIANTS.items():
-        hand = fitted(limits)
-        if coupling:
-            hand = hand.replace(coupling=np.vstack((
-                preset_coupling(coupling)[:len(FINGERS)], hand.coupling[len(FINGERS):])))
+    for method, hand in _hands(capture):
         tracked = track(HandTracker(hand), capture.markers, capture.rate)
         share, _ = limit_violations(tracked.angles[judged], hand.limits)
         rows += _rows(capture, method, tracked_joints(hand, tracked)[judged], true)
         rows[-1]['within_limits_pct'] = 100. * (1. - share)
     found = plain_joints(fitted_plain(capture), right.markers[judged])
     return rows + _rows(capture, 'plain', found, right.joints[judged])
+
+
+def _hands(capture):
+    """Yield the name and the hand of each variant of ours."""
+    fitted = cache(partial(fitted_hand, capture))
+    for method, (limits, coupling) in VARIANTS.items():
+        hand = fitted(limits)
+        if coupling:
+            hand = hand.replace(coupling=np.vstack((
+                preset_coupling(coupling)[:len(FINGERS)], hand.coupling[len(FINGERS):])))
+        yield method, hand
 
 
 def _rows(capture, method, found, true):
@@ -111,7 +126,7 @@ def pictures(rows, folder):
     figure, axes = figure_with(len(recordings), width=3.4)
     find = partial(_find, rows)
     for ax, recording in zip(axes, recordings):
-        for i, method in enumerate(METHODS):
+        for i, method in enumerate(SHOWN):
             place = np.arange(len(JOINT_CLASSES)) + .2 * (i - 1.5)
             means = [find(recording, method, name)['mean_mm'] for name in JOINT_CLASSES]
             ax.bar(place, [np.nan if mean is None else mean for mean in means],
