@@ -10,6 +10,7 @@ from hand_tracker.core.hand import FINGERS, JOINTS, Hand
 from hand_tracker.core.kinematics import forward, joint_table
 from hand_tracker.core.layout import MARKERS, PAPER_PLACES, MarkerLayout, marker_positions
 from hand_tracker.core.tracker import HandTracker, MarkerState, PalmState, TrackerOptions
+from hand_tracker.simulation.motions import motion_named
 from scipy.spatial.transform import Rotation
 
 RATE = 120.
@@ -142,6 +143,21 @@ def test_labels_that_come_back_exchanged_are_not_held_when_the_source_mends(pair
         hide(pair, 100, 340)(frame, markers)
         exchange(pair, 340, 370)(frame, markers)
     assert_right(track(600, change, EXACT), 510)
+
+
+@pytest.mark.parametrize('motion, start, digit', [('spelling', 336, 3), ('demo', 336, 3)])
+def test_labels_that_stay_exchanged_are_not_given_in_to(motion, start, digit):
+    frames = np.arange(start + 300)
+    angles, rotation, position = motion_named(motion, HAND, 3, 8.).sample(frames * STEP)
+    true = marker_positions(MarkerLayout().mounting(HAND), forward(
+        joint_table(HAND), angles, rotation, position), rotation, position)
+    tracker, change = HandTracker(), exchange((digit, 7), start, len(frames))
+    for frame, markers in enumerate(true + np.random.default_rng(3).normal(
+            scale=3e-4, size=true.shape)):
+        change(frame, markers)
+        state = tracker.update(markers, frame * STEP)
+        if frame >= start + 3:
+            assert np.linalg.norm(state.markers - true[frame], axis=1).max() < .012
 
 
 def test_a_palm_that_is_exchanged_before_digits_are_seen_is_put_right_with_them():

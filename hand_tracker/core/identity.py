@@ -15,8 +15,8 @@ import numpy as np
 
 from .jit import jit
 from .likeness import (
-    CLEARLY, DISORDER, EXCHANGES, OUT_OF_ORDER, Usual, exchange, exchange_clearly_wrong,
-    spans_plane, unlikeness)
+    CLEARLY, DISORDER, EXCHANGES, OUT_OF_ORDER, Usual, exchange,
+    exchange_between, exchange_clearly_wrong, spans_plane, unlikeness)
 from .occlusion import FARTHEST
 from .palm import rigid_palm
 from .palm_markers import carry_palm
@@ -51,6 +51,7 @@ FOUND = .012     # [s] in which it is forgotten that a marker was not seen; ours
 ROLL = .15       # [m/s] by which a palm carried by two markers turns away unseen; ours
 ROLL_MOST = .03  # [m]
 SETTLING = 4.    # by how much faster that is forgotten when the palm is whole; ours
+TRIED = 2.       # [s] over which labels prove themselves more like a hand than others; ours
 WITNESSES = 2    # digits in place that vouch for a palm which moved farther than hands do; ours
 RIGID = 3.       # cost of a palm that is as rigid as any, in variances; ours
 READINGS = 16    # of the palm that are looked into: bounds the time
@@ -133,6 +134,9 @@ class Memory(NamedTuple):
         For how long another labelling has been more like a hand than the one held [s].
     rival : ndarray of int, shape (1,)
         Which of `EXCHANGES` that is, of labels as given.
+    ahead : ndarray, shape (28,)
+        By how much more the labelling held has been like a hand than each of its `EXCHANGES`,
+        in the mean over `TRIED`, in variances.
     carried : ndarray, shape (1,)
         For how long the palm has not been whole [s].
     unseen : ndarray, shape (8,)
@@ -146,6 +150,7 @@ class Memory(NamedTuple):
     sides: np.ndarray
     doubt: np.ndarray
     rival: np.ndarray
+    ahead: np.ndarray
     carried: np.ndarray
     unseen: np.ndarray
     reading: Reading
@@ -155,7 +160,7 @@ def blank_memory():
     """Return the memory before the first frame."""
     return Memory(waited=np.zeros(8), place=np.zeros((8, 3)), sides=np.zeros(3),
                   doubt=np.zeros(1), rival=np.zeros(1, dtype=np.int64),
-                  carried=np.zeros(1), unseen=np.zeros(8),
+                  ahead=np.zeros(len(EXCHANGES)), carried=np.zeros(1), unseen=np.zeros(8),
                   reading=Reading(
                       markers=np.zeros((8, 3)), expected=np.zeros((8, 3)),
                       seen=np.zeros(8, dtype=bool), sure=np.zeros(8, dtype=bool),
@@ -266,6 +271,7 @@ def _put_in_order(reading, rows, markers, seen, verdict):
 def _begin(reading, bounds, memory, rows, verdict):
     """Believe the frame as it is read, and remember it."""
     memory.doubt[0] = 0.0
+    memory.ahead[:] = 0.0
     for i in range(8):
         memory.waited[i] = 0.0
         if rows[i] != i and reading.seen[rows[i]]:
@@ -741,20 +747,28 @@ def _conclude(reading, bounds, kept, rows, local, memory, step, patience, verdic
 def _doubt(reading, bounds, memory, rows, step):
     """Note for how long another labelling has been more like a hand than the one held.
 
-    The rival of exchanged labels are those given, which need not be better; the rivals of
-    labels as given are their exchanges, one after the other, which have to be so clearly.
+    The rival of exchanged labels are those given, which need not be better now, if the ones
+    held were not so before; the rivals of labels as given are their exchanges, one after the
+    other, which have to be so clearly.
     """
+    seen, ahead = reading.seen, memory.ahead
     rival = np.arange(8)
     own = True
     for i in range(8):
-        own = own and (rows[i] == i or not reading.seen[rows[i]])
+        own = own and (rows[i] == i or not seen[rows[i]])
+    n = memory.rival[0] if own else exchange_between(rows)
     if own:
-        exchange(rival, memory.rival[0])
-    held = unlikeness(reading.markers, reading.seen, rows, bounds.usual)
-    better = held - unlikeness(reading.markers, reading.seen, rival, bounds.usual)
+        exchange(rival, n)
+    held = unlikeness(reading.markers, seen, rows, bounds.usual)
+    better = held - unlikeness(reading.markers, seen, rival, bounds.usual)
     if not abs(better) < math.inf:
         return
-    if better >= (CLEARLY if own else 0.0):
+    if n >= 0:
+        # Rivals of labels as given have their turn one frame in so many.
+        share = step * (len(EXCHANGES) if own and memory.doubt[0] == 0.0 else 1) / TRIED
+        tried = seen[EXCHANGES[n, 0]] and seen[EXCHANGES[n, 1]]
+        ahead[n] -= clamp(share, 0.0, 1.0) * ((better if tried else 0.0) + ahead[n])
+    if better >= CLEARLY if own else better >= 0.0 and (n < 0 or ahead[n] <= 0.0):
         memory.doubt[0] += max(step, 0.0)
     else:
         memory.doubt[0] = max(memory.doubt[0] - max(step, 0.0), 0.0)

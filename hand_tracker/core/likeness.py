@@ -159,6 +159,20 @@ def exchange(rows, n):
 
 
 @jit
+def exchange_between(rows):
+    """Return which pair of markers has its rows exchanged, -1 for none or for more."""
+    found = -1
+    moved = 0
+    for i in range(8):
+        moved += 1 if rows[i] != i else 0
+    for n in range(len(EXCHANGES)):
+        one, other = EXCHANGES[n]
+        if moved == 2 and rows[one] == other and rows[other] == one:
+            found = n
+    return found
+
+
+@jit
 def exchange_clearly_wrong(markers, seen, usual, rows):
     """Exchange the two rows that are clearly more like a hand exchanged, if there are two.
 
