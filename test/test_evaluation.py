@@ -9,6 +9,7 @@ from captures import capture_path
 
 from hand_tracker.__main__ import main
 from hand_tracker.calibration import LANDMARKS, fit_hand
+from hand_tracker.core.hand import FINGERS, JOINTS
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.evaluation import (
     baselines, command, fitting, noise, occlusion, plain_hand, recordings, results, simulated,
@@ -168,7 +169,7 @@ def test_neither_tracker_nor_baselines_see_what_is_hidden_or_to_come(
     unknown[start:start + length, hidden] = np.nan
     results = []
     for markers in (moving.markers, lies, unknown):
-        places, _ = occlusion.predicted(tracker, markers, start, length, hidden, RATE)
+        places, _ = occlusion.predicted(tracker, markers, start, [length], hidden, RATE)
         poses = plain_hand.palm_poses(markers[:, :3], template)
         guesses = baselines.predictions(markers, poses, start, length, hidden, RATE, template)
         results.append(np.array([places, *guesses.values()]))
@@ -276,6 +277,45 @@ def test_what_loses_is_told_from_the_rows():
             for method, mean in (('hand_tracker', 2. if name == 'dip' else 1.), ('plain', 1.5))]
     assert recordings.losses(rows) == [
         'dip: the plain hand is nearer on a 2.00 mm against 1.50']
+
+
+def test_hidden_markers_lose_by_recording():
+    rows = [{'recording': recording, 'hidden': 'palm', 'hidden_s': .1, 'method': method,
+             'mean_mm': mean} for recording, method, mean in (
+        ('a', 'hand_tracker', 1.), ('a', 'hold_last', 6.),
+        ('b', 'hand_tracker', 3.), ('b', 'hold_last', 2.))]
+    assert occlusion.losses(rows) == [
+        'b, a palm marker hidden for 0.1 s (3.00 mm against 2.00 of hold_last)']
+
+
+def test_captured_bends_are_the_flexions_of_a_hand_that_only_flexes():
+    frames = demo_frames()
+    bends = occlusion.captured_bends(frames.joints)
+    assert bends.shape == (len(frames.joints), 5, 3)
+    fingers = [[JOINTS.index(f'{finger}_{joint}_flexion') for joint in ('pip', 'dip')]
+               for finger in FINGERS]
+    np.testing.assert_allclose(bends[:, :4, 1:], frames.angles[:, fingers], atol=1e-6)
+    assert np.isnan(occlusion.captured_bends(np.full((2, 21, 3), np.nan))).all()
+
+
+def test_a_leap_in_any_frame_of_a_window_or_after_it_is_a_step(moving, few_windows, fitted_once,
+                                                              monkeypatch):
+    mean = {row['hidden_s']: row['step_deg'] for row in occlusion.judge(moving, 1)
+            if row['method'] == 'hand_tracker' and row['hidden'] == 'one'}
+    plain = occlusion.advance
+    start = min(occlusion.windows(moving, 1)[0])
+
+    def leaping(tracker, frame, index, rate):
+        state = plain(tracker, frame, index, rate)
+        within = np.isnan(frame).any() and index == start + 10
+        return state._replace(angles=state.angles + 2.) if within else state
+    monkeypatch.setattr(occlusion, 'advance', leaping)
+    for row in occlusion.judge(moving, 1):
+        if row['method'] == 'hand_tracker' and row['hidden'] == 'one':
+            if row['hidden_s'] == .1:
+                assert row['step_deg'] == mean[.1] < 90.
+            else:
+                assert row['step_deg'] > 90.
 
 
 def test_the_tracked_hand_is_not_the_moving_one():

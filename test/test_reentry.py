@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hand_tracker.core.digit import ABDUCTION, FLEXION
+from hand_tracker.core.digit import ABDUCTION, DIGIT_OF_JOINT, FLEXION
 from hand_tracker.core.reentry import ease
 
 LOWER, UPPER = np.full(25, -1.), np.full(25, 2.)
@@ -12,12 +12,13 @@ INDEX = np.array((True, False, False, False, False))
 OF_INDEX = np.array((ABDUCTION[0], *FLEXION[0]))
 
 
-def eased_path(solved, changes, step=STEP, rate=RATE):
+def eased_path(solved, changes, step=STEP, rate=RATE, predicted=NONE):
     """Return the eased angles of frames (n, 25), with what `changes` has in some of them."""
     eased, offset = solved[0].copy(), np.zeros(25)
     path = []
     for frame, angles in enumerate(solved):
-        ease(angles, eased, offset, changes.get(frame, NONE), step, rate, LOWER, UPPER)
+        ease(angles, eased, offset, changes.get(frame, NONE), predicted, step, rate,
+             LOWER, UPPER)
         path.append(eased.copy())
     return np.array(path)
 
@@ -46,13 +47,27 @@ def test_a_change_fades_in_at_the_rate_and_then_is_gone(by):
 
 def test_the_true_motion_is_neither_delayed_nor_slowed():
     solved = jump(1.)
-    motion = .3 * np.sin(.5 * np.arange(30))
-    path = eased_path(solved + motion[:, None], {5: INDEX})[5:]
-    added = np.diff(path, axis=0) - np.diff(motion[5:])[:, None]
-    # The offset goes at its rate, then there is the motion alone.
+    # Flexing at first, up to twice as fast as what corrects
+    motion = .6 * np.sin(.5 * np.arange(-5, 25))
+    path = eased_path(solved + motion[:, None], {5: INDEX})[5:, OF_INDEX]
+    true = np.diff(motion[5:])[:, None]
+    added = np.diff(path, axis=0) - true
     assert (added > -1e-12).all() and (added < RATE * STEP + 1e-12).all()
-    assert (added[:3, OF_INDEX] > .99 * RATE * STEP).all()
-    np.testing.assert_allclose(added[9:], 0., atol=1e-12)
+    # It goes no faster than the one or the other, and in the end there is the motion alone.
+    fastest = np.maximum(abs(true), RATE * STEP)
+    assert (abs(np.diff(path, axis=0)) <= fastest + 1e-12).all()
+    assert (added.sum(axis=0) > .8).all()
+    np.testing.assert_allclose(added[20:], 0., atol=1e-12)
+
+
+def test_a_predicted_digit_turns_at_the_rate_at_most_and_a_seen_one_as_it_is_seen():
+    solved = jump(1.)
+    solved[15:] = -.5
+    others = DIGIT_OF_JOINT != 0
+    path = eased_path(solved, {}, predicted=INDEX)
+    assert abs(np.diff(path[:, OF_INDEX], axis=0)).max() <= RATE * STEP + 1e-12
+    np.testing.assert_array_equal(path[[14, -1]], solved[[14, -1]])
+    np.testing.assert_array_equal(path[:, others], solved[:, others])
 
 
 def test_other_digits_are_left_alone():

@@ -25,6 +25,7 @@ ABDUCTION = np.array([JOINTS.index(
 FLEXION = np.array([[JOINTS.index(f'{digit}_{joint}_flexion') for joint in (
     ('cmc', 'mcp', 'ip') if digit == 'thumb' else ('mcp', 'pip', 'dip'))]
     for digit in DIGITS])
+DIGIT_OF_JOINT = np.array([DIGITS.index(joint.split('_')[0]) for joint in JOINTS])
 
 
 class Chains(NamedTuple):

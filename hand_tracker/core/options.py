@@ -99,8 +99,9 @@ class TrackerOptions:
         1., 'Time in which a stale digit goes two thirds of the way to relax', unit='s',
         range=(0.05, 60.))
     reentry_rate: float = _option(
-        5., 'Angular rate at most with which a marker that comes back or vanishes corrects an '
-        'angle, on top of its motion', unit='rad/s', range=(0.1, 1000.))
+        5., 'Angular rate at most of an angle that is predicted, or corrected where a marker '
+        'comes back or vanishes, unless what is seen turns it faster', unit='rad/s',
+        range=(0.1, 1000.))
 
     def __post_init__(self):
         for option in fields(self):

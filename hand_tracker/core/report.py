@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .hand import DIGITS, JOINTS
+from .digit import DIGIT_OF_JOINT
 from .jit import jit
 from .kinematics import place_links
 from .vectors import add, clamp, distance, frame, mix, vector
 
 UNSURE = .01  # [m] standard deviation of a marker at which confidence is a third
-DIGIT_OF_JOINT = np.array([DIGITS.index(joint.split('_')[0]) for joint in JOINTS])
+ASTRAY = .2    # [rad] that an angle is off its solution at which it is a third: UNSURE on a digit
 
 
 class MarkerState(enum.IntEnum):
@@ -166,12 +166,14 @@ def _place(mounting, marker, report):
 
 
 @jit
-def tell_confidence(palm, digits, placed, report):
-    """Write how sure the angles are: by the spread of the digit's marker and of the palm's.
+def tell_confidence(palm, digits, offset, placed, report):
+    """Write how sure the angles are: by the spread of markers, and what is still to be corrected.
 
     Parameters
     ----------
     palm, digits : Tracks
+    offset : ndarray, shape (25,)
+        Of the angles from those solved [rad].
     placed : bool
         Whether the palm was seen yet.
     report : Report
@@ -183,5 +185,8 @@ def tell_confidence(palm, digits, placed, report):
     for joint in range(len(report.confidence)):
         digit = DIGIT_OF_JOINT[joint]
         variance = deviation(digits.covariance[digit]) ** 2 + of_palm ** 2
+        # Where a digit is hidden, what is solved is no truth to be off.
+        astray = offset[joint] if digits.seen[digit] else 0.
+        known = placed and digits.known[digit]
         report.confidence[joint] = math.exp(
-            -variance / UNSURE ** 2) if placed and digits.known[digit] else 0.
+            -variance / UNSURE ** 2 - (astray / ASTRAY) ** 2) if known else 0.

@@ -325,8 +325,11 @@ def solve_angles(model, chains, options, state, seen, step):
         state.changed[:] = False
         for joint in range(25):
             state.eased[joint] = state.angles[joint]
-    ease(state.angles, state.eased, state.offset, state.changed, step, options.reentry_rate,
-         chains.lower, chains.upper)
+    predicted = ~seen[3:]
+    if not seen[:3].all():
+        predicted[:] = True
+    ease(state.angles, state.eased, state.offset, state.changed, predicted, step,
+         options.reentry_rate, chains.lower, chains.upper)
     return iterations
 
 
@@ -369,4 +372,4 @@ def tell(model, chains, options, state, markers, seen, report):
     tell_markers(markers, seen, state.verdict, state.palm, state.digits, model.mounting,
                  state.rotation, state.position, model.mirror, options.max_prediction_time,
                  report)
-    tell_confidence(state.palm, state.digits, state.placed[0] > 0, report)
+    tell_confidence(state.palm, state.digits, state.offset, state.placed[0] > 0, report)

@@ -16,6 +16,7 @@ from itertools import combinations
 
 import numpy as np
 
+from ..calibration.landmarks import FINGER_ROWS, THUMB_ROWS
 from ..core.layout import MARKERS, PALM_MARKERS
 from ..core.metrics import availability
 from ..core.tracker import HandTracker
@@ -25,7 +26,7 @@ from .fitting import fitted_hand, fitted_plain
 from .plain_hand import PALM, palm_poses
 from .report import COLOURS, Picture, Table, figure_with, mean_and_p95, number, save
 from .rows import mean_of, spread
-from .tracking import advance
+from .tracking import advance, track
 
 TITLE = 'Hidden markers'
 NEEDS_FILES = True
@@ -34,12 +35,15 @@ LENGTHS = (.1, .25, .5, 1.)  # [s]
 WINDOWS = 48                 # in a recording
 SETS = 3                     # of two and of three hidden markers in a window, drawn
 USABLE = .5                  # share of a window's frames that have all markers
+AFTER = 15                   # frames after a window in which steps count
 AVAILABLE = .01              # [m] within which a place can be used; ours, unsourced
 LIMITS = 'wide'
 METHODS = ('hand_tracker', *BASELINES)
 WHY = ('A baseline predicts where a marker goes and nothing else; the tracker\'s prediction keeps '
        'limits and bones, and must not jump when the marker comes back. A regression over the '
        'last ten seconds knows habits of this one recording.')
+# Landmarks from the wrist to the tip of each digit
+BONES = np.pad(np.vstack((FINGER_ROWS, THUMB_ROWS)), ((0, 0), (1, 0)))
 DIGITS = range(len(PALM_MARKERS), len(MARKERS))
 HIDDEN = {'one': 'a finger marker or the thumb\'s', 'palm': 'a palm marker',
           'two': 'two of fingers and thumb', 'three': 'three of fingers and thumb'}
@@ -49,9 +53,10 @@ def evaluate(options):
     """Yield a row for each recording, method, kind of hidden markers and length of window.
 
     Errors are those of all hidden markers in all judged frames of the windows;
-    `available_pct` is the share of them within 10 mm. Our rows of the longest window also
-    have `step_deg`, the largest step of an angle when markers vanish or come back, and
-    `fastest_deg`, the largest step of an angle with all markers seen.
+    `available_pct` is the share of them within 10 mm. Our rows also have the largest step of
+    an angle from frame to frame: `step_deg` in the windows and the 15 frames after each, and
+    in the whole recording `seen_deg` with nothing hidden and `captured_deg` of the captured
+    bones.
     """
     yield from judge_each(partial(judge, seed=options.seed), options)
 
@@ -104,7 +109,7 @@ def hidden_sets(seed, start):
         yield from ((kind, sets[i]) for i in random.permutation(len(sets))[:SETS])
 
 
-def predicted(tracker, markers, start, length, hidden, rate):
+def predicted(tracker, markers, start, lengths, hidden, rate):
     """Return what a copy of the tracker says while markers are hidden.
 
     Parameters
@@ -113,45 +118,79 @@ def predicted(tracker, markers, start, length, hidden, rate):
         After the frame before the window; it is not changed.
     markers : ndarray, shape (T, 8, 3)
         Hidden rows are not read in the window [m].
-    start, length : int
+    start : int
         Of the window [frames].
+    lengths : sequence of int
+        Times after which they come back, each in a copy of its own [frames].
     hidden : sequence of int
     rate : float
         [Hz]
 
     Returns
     -------
-    places : ndarray, shape (length, len(hidden), 3)
+    places : ndarray, shape (max(lengths), len(hidden), 3)
         Of the hidden markers [m].
-    angles : ndarray, shape (length + 1, 25)
-        In the window and in the frame after it [rad].
+    angles : list of ndarray, shape (length + AFTER, 25)
+        In the window of each length and in the frames after it, as far as there are [rad].
     """
     tracker = copy.deepcopy(tracker)
-    window = np.array(markers[start:start + length + 1])
-    window[:length, hidden] = np.nan
-    states = [advance(tracker, frame, start + i, rate) for i, frame in enumerate(window)]
-    return (np.array([state.markers[list(hidden)] for state in states[:length]]),
-            np.array([state.angles for state in states]))
+    window = np.array(markers[start:start + max(lengths)])
+    window[:, hidden] = np.nan
+    states, after = [], {}
+    for i, frame in enumerate(window):
+        states.append(advance(tracker, frame, start + i, rate))
+        if i + 1 in lengths:
+            end = start + i + 1
+            after[i + 1] = track(
+                copy.deepcopy(tracker), markers[end:end + AFTER], rate, end).angles
+    angles = np.array([state.angles for state in states])
+    return (np.array([state.markers[list(hidden)] for state in states]),
+            [np.concatenate((angles[:length], after[length])) for length in lengths])
+
+
+def largest_step(angles):
+    """Return the largest change from one frame to the next, over the first axis."""
+    return np.nanmax(np.abs(np.diff(angles, axis=0)), initial=0.)
+
+
+def captured_bends(joints):
+    """Return the angles between captured bones, three a digit.
+
+    Parameters
+    ----------
+    joints : ndarray, shape (T, 21, 3)
+        In the order of `LANDMARKS` [m].
+
+    Returns
+    -------
+    ndarray, shape (T, 5, 3)
+        NaN where not captured [rad].
+    """
+    bones = np.diff(joints[:, BONES], axis=2)
+    bones = bones / np.linalg.norm(bones, axis=3, keepdims=True)
+    before, after = bones[:, :, :-1], bones[:, :, 1:]
+    return 2. * np.arctan2(np.linalg.norm(after - before, axis=3),
+                           np.linalg.norm(after + before, axis=3))
 
 
 def judge(capture, seed):
     """Return the rows of one capture."""
     rate, markers, right = capture.rate, capture.markers, capture.right()
     starts, lengths = windows(capture, seed)
-    starts, frames = set(starts.tolist()), max(lengths.values())
+    starts, ends = set(starts.tolist()), list(lengths.values())
+    frames = max(ends)
     template = fitted_plain(capture).template[PALM]
     poses = palm_poses(right.markers[:, :3], template)
     tracker = HandTracker(fitted_hand(capture, LIMITS))
     errors = {(kind, method): [] for kind in HIDDEN for method in METHODS}
     steps = {kind: [] for kind in HIDDEN}
-    fastest, before = 0., None
+    seen, before = 0., None
     for frame in range(len(markers)):
         if frame in starts:
             for kind, hidden in hidden_sets(seed, frame):
                 hidden = list(hidden)
-                places, angles = predicted(tracker, markers, frame, frames, hidden, rate)
-                steps[kind] += [np.abs(angles[0] - before).max(),
-                                np.abs(angles[-1] - angles[-2]).max()]
+                places, angles = predicted(tracker, markers, frame, ends, hidden, rate)
+                steps[kind].append([largest_step(np.vstack((before, path))) for path in angles])
                 guesses = predictions(
                     right.markers, poses, frame, frames, hidden, rate, template)
                 part = slice(frame, frame + frames)
@@ -164,18 +203,20 @@ def judge(capture, seed):
                         np.linalg.norm(guess - true, axis=2) + judged)
         state = advance(tracker, markers[frame], frame, rate)
         if before is not None:
-            fastest = max(fastest, np.abs(state.angles - before).max())
+            seen = max(seen, largest_step(np.stack((before, state.angles))))
         before = state.angles
+    captured = largest_step(captured_bends(capture.joints))
     rows = []
     for kind in HIDDEN:
         for method in METHODS:
             found = np.array(errors[kind, method])
-            rows += [_row(capture, kind, method, seconds, found[:, :count])
-                     for seconds, count in lengths.items()]
+            mine = [_row(capture, kind, method, seconds, found[:, :count])
+                    for seconds, count in lengths.items()]
             if method == 'hand_tracker':
-                # Every window comes back after the longest time.
-                rows[-1].update(step_deg=round(float(np.degrees(max(steps[kind]))), 3),
-                                fastest_deg=round(float(np.degrees(fastest)), 3))
+                for row, step in zip(mine, np.max(steps[kind], axis=0)):
+                    row.update({key: round(float(np.degrees(angle)), 3) for key, angle in (
+                        ('step_deg', step), ('seen_deg', seen), ('captured_deg', captured))})
+            rows += mine
     return rows
 
 
@@ -211,13 +252,23 @@ def tables(rows):
     if len(recordings) > 1:
         tables.append(Table(f'{caption}, each recording',
                             ('recording', 'hidden', 'method', *header), every))
-    steps = [row for row in rows if row.get('step_deg') is not None]
     tables.append(Table(
-        'Largest step of an angle from frame to frame, degrees',
-        ('recording', 'hidden', 'markers vanish or come back', 'all markers seen'),
-        [(row['recording'], row['hidden'], f'{row["step_deg"]:.1f}', f'{row["fastest_deg"]:.1f}')
-         for row in steps]))
+        'Largest step of an angle from frame to frame, degrees: while markers are hidden and in '
+        f'{AFTER} frames after, with all seen, and captured',
+        ('recording', 'hidden', *header, 'all seen', 'captured'),
+        [_steps(recording, kind, rows) for recording in recordings for kind in HIDDEN]))
     return tables
+
+
+def _steps(recording, kind, rows):
+    """Return a line of the largest steps."""
+    mine = {row['hidden_s']: row for row in rows if row.get('step_deg') is not None
+            and (row['recording'], row['hidden']) == (recording, kind)}
+    last = list(mine.values())[-1]
+    return (recording, kind,
+            *(number(mine[seconds]['step_deg'] if seconds in mine else None, 1)
+              for seconds in LENGTHS),
+            number(last['seen_deg'], 1), number(last['captured_deg'], 1))
 
 
 def _available(rows, kind, method):
@@ -228,20 +279,23 @@ def _available(rows, kind, method):
 
 
 def losses(rows):
-    """Return for which markers and times a baseline is nearer, in the mean of recordings."""
+    """Return for which recordings, markers and times a baseline is nearer."""
     lines = []
-    for kind, words in HIDDEN.items():
-        worse = []
-        for seconds in LENGTHS:
-            means = {method: mean['mean_mm'] for method in METHODS
-                     if (mean := mean_of(_find(rows, kind, method, seconds)))}
-            best = min(means, key=means.get, default='hand_tracker')
-            # Not by what the last digit of a table does not show.
-            if means and means['hand_tracker'] > means[best] + .005:
-                worse.append(f'{seconds:g} s ({means["hand_tracker"]:.2f} mm against '
-                             f'{means[best]:.2f} of {best})')
-        if worse:
-            lines.append(f'{words} hidden for ' + ', '.join(worse))
+    for recording in dict.fromkeys(row['recording'] for row in rows):
+        own = [row for row in rows if row['recording'] == recording]
+        for kind, words in HIDDEN.items():
+            worse = []
+            for seconds in LENGTHS:
+                means = {row['method']: row['mean_mm']
+                         for row in own if (row['hidden'], row['hidden_s']) == (kind, seconds)
+                         and row['mean_mm'] is not None}
+                best = min(means, key=means.get, default='hand_tracker')
+                # Not by what the last digit of a table does not show.
+                if means and means['hand_tracker'] > means[best] + .005:
+                    worse.append(f'{seconds:g} s ({means["hand_tracker"]:.2f} mm against '
+                                 f'{means[best]:.2f} of {best})')
+            if worse:
+                lines.append(f'{recording}, {words} hidden for ' + ', '.join(worse))
     return lines
 
 
