@@ -12,8 +12,8 @@ from hand_tracker.calibration import LANDMARKS, fit_hand
 from hand_tracker.core.hand import FINGERS, JOINTS
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.evaluation import (
-    baselines, command, fitting, noise, occlusion, plain_hand, recordings, results, simulated,
-    solvers)
+    baselines, command, fitting, noise, noise_pip, occlusion, plain_hand, recordings, results,
+    simulated, solvers)
 from hand_tracker.evaluation.captures import Capture, InvalidCapture, load_capture
 from hand_tracker.evaluation.demo_frames import demo_frames, tracked_hand
 from hand_tracker.evaluation.options import Options
@@ -253,6 +253,8 @@ def test_every_evaluation_has_rows_of_the_same_keys(
     short = demo_frames()
     short = short._replace(**{field: getattr(short, field)[:200] for field in (
         'angles', 'wrist_rotation', 'wrist_position', 'markers', 'joints')})
+    monkeypatch.setattr(noise_pip, 'DRAWS', 1)
+    monkeypatch.setattr(noise_pip, 'SECONDS', 3.)
     for module_of_demo in (noise, solvers):
         monkeypatch.setattr(module_of_demo, 'demo_frames', lambda: short)
     rows = command.run(name, Options((moving,), quiet=True))
@@ -316,6 +318,22 @@ def test_a_leap_in_any_frame_of_a_window_or_after_it_is_a_step(moving, few_windo
                 assert row['step_deg'] == mean[.1] < 90.
             else:
                 assert row['step_deg'] > 90.
+
+
+def test_smoothing_is_judged_beside_the_raw_solve(monkeypatch):
+    monkeypatch.setattr(noise_pip, 'DRAWS', 1)
+    still, swaying, swing = (noise_pip.judge(task, 1) for task in (
+        (30., 0., 0.), (30., 0., noise_pip.SWAY), (30., 10., 0.)))
+    # 0.3 mm turn a PIP of 30 degrees by 2 to 3: two bones and the noise of both their ends.
+    assert 2. < still['raw_jitter_degrees'] < 3.
+    assert 10. * still['smoothed_jitter_degrees'] < still['raw_jitter_degrees']
+    assert still['smoothed_jitter_degrees'] < swaying['smoothed_jitter_degrees']
+    assert swing['raw_gain'] == pytest.approx(1., abs=.05)
+    assert abs(swing['raw_lag_ms']) < 1.
+    monkeypatch.setattr(noise_pip, 'NOISE', 0.)
+    clean = noise_pip.judge((30., 10., 0.), 1)
+    assert clean['raw_gain'] == pytest.approx(1., abs=1e-3)
+    assert clean['raw_lag_ms'] == pytest.approx(0., abs=.01)
 
 
 def test_the_tracked_hand_is_not_the_moving_one():
