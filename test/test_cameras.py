@@ -287,16 +287,3 @@ def test_a_frozen_marker_stays_where_it_was_also_in_the_next_part_of_a_recording
     np.testing.assert_array_equal(whole, np.concatenate([
         with_faults(truth[part], truth[part], times[part], events, held)
         for part in (slice(0, 5), slice(5, 10))]))
-
-
-def test_a_frozen_marker_stays_where_it_was_also_in_the_next_part_of_a_recording():
-    times = np.arange(10) / 10.
-    truth = np.arange(90.).reshape(10, 3, 3)
-    events, held = [Event('frozen', 1, .25, .75)], {}
-    whole = with_faults(truth, truth, times, events)
-    expected = truth.copy()
-    expected[3:8, 1] = truth[3, 1]
-    np.testing.assert_array_equal(whole, expected)
-    np.testing.assert_array_equal(whole, np.concatenate([
-        with_faults(truth[part], truth[part], times[part], events, held)
-        for part in (slice(0, 5), slice(5, 10))]))

@@ -51,7 +51,6 @@ PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('ghosts', 0., 'Reflections taken for markers [1/s]', FAULT_RANGE),
     Parameter('dropouts', 0., 'Labels lost [1/s]', FAULT_RANGE),
     Parameter('frozen', 0., 'Markers repeated where they were [1/s]', FAULT_RANGE),
-    Parameter('frozen', 0., 'Markers repeated where they were [1/s]', FAULT_RANGE),
     Parameter('truth', False, 'Publish the truth: joint_states_truth, wrist_truth, markers_truth'),
 ))
 

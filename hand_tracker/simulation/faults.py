@@ -14,7 +14,6 @@ SWAP_LENGTH = (.05, .5)
 GHOST_LENGTH = (.02, .2)
 DROPOUT_LENGTH = (.03, .3)
 FROZEN_LENGTH = (.1, 1.)
-FROZEN_LENGTH = (.1, 1.)
 MIRROR_HEIGHT = .80   # [m] of the table that reflects the lights
 RATE_RANGE = (0., 50.)
 
@@ -127,8 +126,6 @@ def with_faults(positions, truth, times, events, held=None):
             image[:, 2] = 2. * MIRROR_HEIGHT - image[:, 2]
             error = positions[part, marker] - truth[part, marker]
             reported[part, marker] = image + np.where(np.isfinite(error), error, 0.)
-        elif kind == 'frozen':
-            reported[part, marker] = held.setdefault(event, reported[first, marker].copy())
         elif kind == 'frozen':
             reported[part, marker] = held.setdefault(event, reported[first, marker].copy())
         else:
