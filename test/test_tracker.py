@@ -5,7 +5,7 @@ from dataclasses import replace
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hand_tracker.core.digit import ABDUCTION, FLEXION
+from hand_tracker.core.digit import ABDUCTION, FLEXION, chains
 from hand_tracker.core.errors import InvalidLayout, InvalidOption
 from hand_tracker.core.hand import JOINTS, SIDES, Hand, preset_limits
 from hand_tracker.core.kinematics import forward, joint_table
@@ -55,10 +55,10 @@ def in_fist(hand, angles, layout=None):
     """Return which digits have their marker so little in front of the joint that it is blended."""
     tracker = HandTracker(hand.replace(side='right'), layout)
     state = tracker.update(markers_of(tracker.hand, angles, layout))
-    chains = tracker._chains
-    local = (state.markers[3:] - chains.root)
-    ahead = np.einsum('dji,dj->di', chains.base, local)[:, 0]
-    return abs(ahead) < FIST_FAR * chains.bones.sum(axis=1)
+    digits = chains(tracker.hand, tracker.layout.mounting(tracker.hand))
+    local = (state.markers[3:] - digits.root)
+    ahead = np.einsum('dji,dj->di', digits.base, local)[:, 0]
+    return abs(ahead) < FIST_FAR * digits.bones.sum(axis=1)
 
 
 def random_pose(where):

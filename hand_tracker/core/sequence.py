@@ -293,6 +293,8 @@ def follow_wrist(model, options, state, markers, seen, step):
 def follow_fingers(model, options, state, markers, seen, learning, step):
     """Follow the digits' markers in the palm's frame."""
     model, options, state = model[0], options[0], state[0]
+    # Doubtful labels teach nothing.
+    learning = learning and state.memory.doubt[0] == 0.
     noise = np.empty(5)
     for i in range(5):
         noise[i] = noise_on_palm(

@@ -230,11 +230,9 @@ class HandTracker:
         return self._measured_digits
 
     def __getstate__(self):
-        return self.hand, self.layout, self.options, self._clock, self.restarted, self._state
+        return {name: value for name, value in self.__dict__.items() if name != '_kept'}
 
     def __setstate__(self, kept):
-        hand, layout, options, self._clock, self.restarted, state = kept
-        self._wear(hand, layout, options)
-        self._report, _ = packed(blank_report())
+        self.__dict__.update(kept)
         # Of a copy, too, the state is what the kernels write into.
-        self._kept, self._state = packed(state)
+        self._kept, self._state = packed(self._state)
