@@ -7,7 +7,10 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 
+from rclpy.serialization import serialize_message  # noqa: E402
 from ros_process import NodeProcess  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from hand_tracker.core.hand import JOINTS  # noqa: E402
 from hand_tracker.core.tracker import MarkerState  # noqa: E402
@@ -25,6 +28,12 @@ def wait(condition, timeout=60.):
         time.sleep(.02)
 
 
+def heard(node):
+    """Return the topics of the hand that a node listens to."""
+    return {topic for topic, _ in node.get_subscriber_names_and_types_by_node(
+        node.get_name(), node.get_namespace())} & {'/joint_states', '/hand_markers', '/markers'}
+
+
 def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
     rclpy.init()
     node = rclpy.create_node('viewer')
@@ -37,6 +46,8 @@ def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
             assert live.hand.side == 'left'
             assert 'DIP coupling' in live.constraints
             assert 'Friction' not in live.constraints
+            assert not heard(node)
+            live.attend(looked_at=True, compared=False)
             wait(lambda: live.state() is not None)
             state = live.state()
             np.testing.assert_allclose(state.wrist_rotation @ state.wrist_rotation.T, np.eye(3),
@@ -48,14 +59,27 @@ def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
                 state.markers[seen, None] - np.concatenate(
                     (state.pose.position, state.wrist_position[None])), axis=2).min(axis=1)
             assert np.median(nearest) < .002
+            joints, markers = live._joint_states[-1], live._hand_markers[-1]
+            assert live._frame(joints, markers) is not None
+            assert live._frame(joints, serialize_message(MarkerArray())) is None
+            assert live._frame(serialize_message(JointState()), markers) is None
 
+            live.attend(looked_at=True, compared=True)
             wait(lambda: live.bare_state() is not None)
+            live.attend(looked_at=True, compared=False)
+            assert live.bare_state() is None
+            wait(lambda: heard(node) == {'/joint_states', '/hand_markers'})
             wait(lambda: 'Hz' in live.numbers(state)['rate'])
             wait(lambda: live.state().angles[DIP] > .05)
             live.constrain(live.constraints - {'DIP coupling'})
             wait(lambda: live.state().angles[DIP] == 0.)
             live.constrain(live.constraints | {'DIP coupling'})
             wait(lambda: live.state().angles[DIP] > .05)
+            # What the tracker refuses is not shown as switched.
+            before = live.constraints
+            live._changes['Friction'] = {'no_such_parameter': 1.}, {}
+            live.constrain(before | {'Friction'})
+            wait(lambda: live.constraints == before)
             # Who comes later finds the switches as they are.
             live.constrain(live.constraints - {'Rigidity'})
             later = Live(node)

@@ -3,9 +3,9 @@
 import gc
 import re
 import signal
-from contextlib import contextmanager
-from threading import Thread
+from contextlib import contextmanager, suppress
 from difflib import get_close_matches
+from threading import Event, Thread
 
 import rclpy
 from rcl_interfaces.msg import (
@@ -100,12 +100,7 @@ def spin(node):
     ----------
     node : rclpy.node.Node
     """
-    try:
-        from rclpy.experimental.events_executor import EventsExecutor as Executor
-    except ImportError:
-        Executor = SingleThreadedExecutor
-    executor = Executor()
-    executor.add_node(node)
+    executor = _fastest_executor(node)
     interrupts = []
     # An exception that a signal raises inside EventsExecutor comes out as another one.
     for number in INTERRUPTS:
@@ -124,22 +119,32 @@ def spin(node):
 @contextmanager
 def spinning(node):
     """Serve a node's callbacks in a thread of their own."""
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
+    executor = _fastest_executor(node)
+    ended = Event()
 
-    def spin():
-        try:
-            executor.spin()
-        except ExternalShutdownException:
-            pass
+    def serve():
+        with suppress(ExternalShutdownException):
+            while rclpy.ok() and not ended.is_set():
+                executor.spin_once(POLL)
 
-    thread = Thread(target=spin, daemon=True)
+    thread = Thread(target=serve, daemon=True)
     thread.start()
     try:
         yield
     finally:
-        executor.shutdown()
+        ended.set()
         thread.join()
+        executor.shutdown()
+
+
+def _fastest_executor(node):
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor as Executor
+    except ImportError:
+        Executor = SingleThreadedExecutor
+    executor = Executor()
+    executor.add_node(node)
+    return executor
 
 
 def run(make_node, work=spin, args=None, name='hand_tracker'):

@@ -9,12 +9,13 @@ import sys
 from collections import deque
 from contextlib import suppress
 from dataclasses import asdict
+from functools import partial
 from queue import Empty, Queue
 from typing import NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.srv import GetParameters, SetParameters
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -85,7 +86,8 @@ class Live:
         self._joint_states, self._hand_markers = deque(maxlen=KEPT), deque(maxlen=1)
         self._state = None
         self._numbers = {}
-        self._bare = self._bare_state = self._bare_subscription = None
+        self._bare_state = None
+        self._subscriptions = {}
 
     def prepare(self, say):
         """Wait for the tracker, and ask it whose hand it tracks, and how.
@@ -96,7 +98,8 @@ class Live:
             Told in a line what it waits for.
         """
         self._get = self._node.create_client(GetParameters, f'{self._tracker}/get_parameters')
-        self._set = self._node.create_client(SetParameters, f'{self._tracker}/set_parameters')
+        self._set = self._node.create_client(
+            SetParametersAtomically, f'{self._tracker}/set_parameters_atomically')
         say(f'Waiting for the tracker {self._tracker}')
         while not self._get.wait_for_service(POLL):
             pass
@@ -111,11 +114,6 @@ class Live:
         self._names = names_of(self.hand, start['prefix'], start['wrist_frame'])
         self._read = Wire(self._names).markers(self._settings, start['mocap_frame'])
         self._template = self._points(np.zeros(len(JOINTS)))[PALM_POINTS]
-        for kind, topic, heard in ((JointState, 'joint_states', self._joint_states),
-                                   (MarkerArray, 'hand_markers', self._hand_markers)):
-            # As bytes: of most messages nothing is ever looked at.
-            self._node.create_subscription(
-                kind, topic, lambda data, heard=heard: heard.append(data), LATEST, raw=True)
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         say('Waiting for the hand: markers come in, and the palm is seen?')
 
@@ -153,13 +151,57 @@ class Live:
         values = {row.name: row.default for row in live_table(hand)}
         return {**values, **asdict(options)}
 
+    def attend(self, looked_at, compared):
+        """Hear what is shown, and nothing else.
+
+        Parameters
+        ----------
+        looked_at : bool
+        compared : bool
+            Whether `bare_state` is to be told.
+        """
+        wanted = set()
+        if looked_at:
+            wanted |= {'joint_states', 'hand_markers'}
+        if compared:
+            wanted |= {'markers'}
+        for topic in self._subscriptions.keys() - wanted:
+            self._node.destroy_subscription(self._subscriptions.pop(topic))
+        for topic in wanted - self._subscriptions.keys():
+            self._subscriptions[topic] = self._subscribe(topic)
+        if not compared:
+            self._bare_state = None
+
+    def _subscribe(self, topic):
+        if topic == 'markers':
+            hand, options = constrained(self._settings.hand, self._settings.options, ())
+            kind, quality = MarkerArray, 100
+            hear = partial(self._on_markers, HandTracker(hand, self._layout, options))
+        else:
+            kind, heard = (JointState, self._joint_states) if topic == 'joint_states' else (
+                MarkerArray, self._hand_markers)
+            quality, hear = LATEST, lambda data: heard.append(data)
+        # As bytes: of most messages nothing is ever looked at.
+        return self._node.create_subscription(kind, topic, hear, quality, raw=True)
+
     def constrain(self, constraints):
-        """Have the tracker track with these constraints from now on."""
+        """Have the tracker track with these constraints from now on.
+
+        What the tracker refuses is as before in `constraints` again, once it has answered.
+        """
         for name in self.constraints ^ frozenset(constraints):
             values = self._changes[name][0 if name in constraints else 1]
-            self._set.call_async(SetParameters.Request(parameters=[
-                Parameter(key, value=value).to_parameter_msg() for key, value in values.items()]))
+            request = SetParametersAtomically.Request(parameters=[
+                Parameter(key, value=value).to_parameter_msg() for key, value in values.items()])
+            self._set.call_async(request).add_done_callback(partial(self._on_answer, name))
         self.constraints = frozenset(constraints)
+
+    def _on_answer(self, name, future):
+        result = future.result().result
+        if not result.successful:
+            self.constraints ^= {name}
+            self._node.get_logger().warning(
+                f"{self._tracker} does not switch '{name}': {result.reason}")
 
     def state(self):
         """Return the hand as it was published last; None before the first frame."""
@@ -167,21 +209,25 @@ class Live:
             stamp = markers[MARKERS_STAMP]
             for joints in reversed(tuple(self._joint_states)):
                 if joints[JOINTS_STAMP] == stamp:
-                    self._state = self._frame(joints, markers)
+                    self._state = self._frame(joints, markers) or self._state
                     break
         return self._state
 
     def _frame(self, joint_state, hand_markers):
+        """Return the hand of two messages; None if they are not this tracker's."""
         angles = np.array(deserialize_message(joint_state, JointState).position)
         shown = {marker.ns.removeprefix(self._names.prefix): marker for marker in
                  deserialize_message(hand_markers, MarkerArray).markers}
-        joints = shown['joints']
+        if not {'joints', 'markers'} <= shown.keys() or len(angles) != len(JOINTS):
+            return None
+        joints, known = shown['joints'], shown['markers']
+        if len(joints.points) != len(JOINTS_SHOWN) or len(known.points) > len(MARKERS):
+            return None
         rotation, position = np.empty((3, 3)), np.empty(3)
         place_palm(_array(joints.points)[PALM_SHOWN], self._template, False, rotation, position,
                    np.zeros((5, 3)))
         markers = np.tile(position, (len(MARKERS), 1))
         states = np.full(len(MARKERS), int(MarkerState.ABSENT))
-        known = shown['markers']
         if known.points:
             markers[:len(known.points)] = _array(known.points)
             colours = np.array([(tone.r, tone.g, tone.b) for tone in known.colors])
@@ -193,18 +239,13 @@ class Live:
 
     def bare_state(self):
         """Return the hand tracked here without any constraint; None before the first frame."""
-        if self._bare_subscription is None:
-            hand, options = constrained(self._settings.hand, self._settings.options, ())
-            self._bare = HandTracker(hand, self._layout, options)
-            self._bare_subscription = self._node.create_subscription(
-                MarkerArray, 'markers', self._on_markers, 100, raw=True)
         return self._bare_state
 
-    def _on_markers(self, data):
+    def _on_markers(self, tracker, data):
         frame = self._read(data)
         if frame.stamp is not None:
-            state = self._bare.update(frame.positions, seconds(frame.stamp))
-            if self._bare.placed:
+            state = tracker.update(frame.positions, seconds(frame.stamp))
+            if tracker.placed:
                 self._bare_state = state
 
     def _on_diagnostics(self, message):

@@ -47,8 +47,10 @@ class Panel:
             picture = gui.add_button('Save PNG')
             picture.on_click(save_picture)
         with gui.add_folder('Constraints', expand_by_default=True):
+            self._switches = {}
             for name, constraint in CONSTRAINTS.items():
-                switch = gui.add_checkbox(name, name in source.constraints, hint=constraint.about)
+                switch = self._switches[name] = gui.add_checkbox(
+                    name, name in source.constraints, hint=constraint.about)
                 switch.on_update(lambda event, name=name: self._switch(name, event))
         angles = gui.add_panel()
         with angles.add_tab('Angles'):
@@ -82,12 +84,18 @@ class Panel:
                 else self._source.constraints.difference
             self._source.constrain(change({name}))
 
+    def _show_refused(self):
+        for name, switch in self._switches.items():
+            if switch.value != (name in self._source.constraints):
+                switch.value = not switch.value
+
     def tell(self, state):
         """Show the numbers of a frame, when it is time."""
         now = time.monotonic()
         if now - self._told < TOLD_EVERY:
             return
         self._told = now
+        self._show_refused()
         self._numbers.content = numbers(self._source.numbers(state), state)
         self._angles.content = angle_bars(state.angles, self._source.hand.limits)
         if self._time is not None and now - self._scrubbed > HANDS_OFF:

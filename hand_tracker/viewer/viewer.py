@@ -82,11 +82,13 @@ class Viewer:
         due = time.monotonic()
         while running():
             # Nobody looks: nothing is worked out.
-            state = source.state() if self._server.get_clients() else None
+            looked_at = bool(self._server.get_clients())
+            compared = looked_at and panel.compared.value
+            source.attend(looked_at, compared)
+            state = source.state() if looked_at else None
             if state is not None:
                 if panel.held.value or anchor is None:
                     anchor = wrist_pose(state)
-                compared = panel.compared.value
                 other = source.bare_state() if compared else None
                 self._set_hands(1 + compared)
                 with self._server.atomic():
