@@ -19,6 +19,7 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from .core.errors import HandTrackerError
+from .core.jit import COMPILED
 from .core.kinematics import forward, joint_table, tip_offsets
 from .core.layout import PALM_MARKERS, marker_positions
 from .core.palm import place_palm
@@ -163,7 +164,8 @@ def _play(node, listener, hand, layout, options, processes):
     """Run both nodes until the recording ends."""
     presets = {f'{name}.preset': value for name, value in (
         ('limits', options.limits), ('coupling', options.coupling)) if value}
-    print('Starting the tracker (the first time its kernels are compiled) ...', flush=True)
+    first = ' (the first time its kernels are compiled)' if COMPILED else ''
+    print(f'Starting the tracker{first} ...', flush=True)
     tracker = _start('tracker', hand_file=options.hand, side=options.side, broadcast='all',
                      **presets)
     processes.append(tracker)

@@ -1,5 +1,6 @@
 """The viewer without a browser: its sources, meshes and panel."""
 
+import itertools
 import socket
 
 import numpy as np
@@ -71,6 +72,20 @@ def test_numbers_are_those_of_the_recording(recording):
     numbers = recording.numbers(recording.state())
     assert numbers['rate'] == '120 Hz'
     assert 0. < float(numbers['residual'].split()[0]) < 5.
+
+
+def test_the_tracking_time_is_the_median_of_the_shown_constraints(monkeypatch):
+    recording = Recording(packaged_recording(), Hand.scaled(), MarkerLayout())
+    # Each update takes 30 µs, and the very first a second: it compiled the kernels.
+    clock = itertools.accumulate(itertools.chain([0., 1.], itertools.repeat(30e-6)))
+    monkeypatch.setattr('hand_tracker.viewer.recording.time.perf_counter', lambda: next(clock))
+    recording.prepare(print)
+    assert recording.numbers(recording.state())['tracking time'] == '30 µs'
+    clock = itertools.accumulate(itertools.repeat(70e-6))
+    recording.bare_state()
+    assert recording.numbers(recording.state())['tracking time'] == '30 µs'
+    recording.constrain(())
+    assert recording.numbers(recording.state())['tracking time'] == '70 µs'
 
 
 def test_a_playhead_runs_stops_and_begins_again(monkeypatch):

@@ -2,13 +2,16 @@
 
 import time
 from bisect import bisect_right
+from statistics import median
 from threading import Lock
+from typing import NamedTuple
 
 import numpy as np
 
 from ..codec import MarkerReader
 from ..constraints import DEFAULT, constrained
 from ..core.errors import HandTrackerError
+from ..core.jit import COMPILED
 from ..core.tracker import HandTracker, TrackerOptions
 from ..files.bags import open_bag
 from ..labels import LabelMap
@@ -64,6 +67,14 @@ class Playhead:
         self.playing = not self.playing
 
 
+class Tracked(NamedTuple):
+    """A recording tracked with some constraints: times [s], states, cost of an update [s]."""
+
+    times: list
+    states: list
+    cost: float
+
+
 class Recording:
     """A recording of markers.
 
@@ -98,7 +109,7 @@ class Recording:
         self._how = (LabelMap() if labels is None else labels), frame_id, scale, zero_is_missing
 
     def prepare(self, say):
-        """Read and track the recording; the very first time, kernels are compiled.
+        """Read and track the recording; the very first time, kernels may be compiled.
 
         Parameters
         ----------
@@ -110,12 +121,13 @@ class Recording:
         HandTrackerError
             If nothing can be tracked in it.
         """
-        say('Preparing; the very first time kernels are compiled for about a minute')
+        say('Preparing; the very first time kernels are compiled for about a minute' if COMPILED
+            else 'Preparing')
         read = MarkerReader(*self._how).read
         frames = [(1e-9 * message.time, read(message.data)) for message in self._messages]
         self._frames = [(received, seconds(frame.stamp) or received, frame.positions)
                         for received, frame in frames if frame.stamp is not None]
-        times, _ = self._track(self.constraints)
+        times = self._track(self.constraints).times
         if len(times) < 2 or times[-1] <= times[0]:
             raise HandTrackerError(f'{self._path}: nothing to show; expected frames in which the '
                                    "palm's three markers are seen together")
@@ -123,22 +135,26 @@ class Recording:
         self._rate = (len(times) - 1) / self.playhead.duration
 
     def _track(self, constraints):
-        """Return times [s] and states of all frames, tracked with some constraints."""
+        """Return the recording tracked with some constraints."""
         if constraints not in self._tracked:
             if len(self._tracked) == KEPT:
                 del self._tracked[next(iter(self._tracked))]
             hand, options = constrained(self.hand, TrackerOptions(), constraints)
             tracker = HandTracker(hand, self._layout, options)
-            times, states = [], []
-            start = time.perf_counter()
+            times, states, costs = [], [], []
             for received, stamp, markers in self._frames:
+                start = time.perf_counter()
                 state = tracker.update(markers, stamp)
+                costs.append(time.perf_counter() - start)
                 if tracker.placed:
                     times.append(received)
                     states.append(state)
-            self._cost = (time.perf_counter() - start) / max(1, len(self._frames))
-            self._tracked[constraints] = times, states
+            # The median: the first update may have compiled the kernels.
+            self._tracked[constraints] = Tracked(times, states, median(costs or [0.]))
         return self._tracked[constraints]
+
+    def attend(self, looked_at, compared):
+        """Do nothing: a recording is at hand as it is."""
 
     def constrain(self, constraints):
         """Track with these constraints from now on."""
@@ -153,12 +169,13 @@ class Recording:
         return self._at(frozenset())
 
     def _at(self, constraints):
-        times, states = self._track(constraints)
+        times, states, _ = self._track(constraints)
         return states[bisect_right(times, times[0] + self.playhead.now()) - 1]
 
     def numbers(self, state):
         """Return what is measured, as texts by name."""
         residuals = state.residuals[np.isfinite(state.residuals)]
         return {
-            'rate': f'{self._rate:.0f} Hz', 'latency': f'{1e6 * self._cost:.0f} µs',
+            'rate': f'{self._rate:.0f} Hz',
+            'tracking time': f'{1e6 * self._track(self.constraints).cost:.0f} µs',
             'residual': f'{1e3 * residuals.mean():.2f} mm' if residuals.size else '–'}
