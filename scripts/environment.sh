@@ -4,7 +4,8 @@
 
 root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 venv=$root/.venv
-log=$venv/setup.log
+stamps=$venv
+log=$stamps/setup.log
 
 prepare() {
   if ros_is_sourced; then
@@ -15,11 +16,11 @@ prepare() {
     install_requirements "$1"
     install_overlay
     install_package
-    [[ $1 != view ]] || warm_up
-    unlock
     python=$venv/bin/python
     export PATH=$venv/bin:$PATH AMENT_PREFIX_PATH=$venv
   fi
+  [[ $1 != view ]] || warm_up
+  unlock
   isolate_discovery
 }
 
@@ -42,11 +43,17 @@ ros_is_sourced() {
 use_sourced_ros() {
   # Without tf2_ros and rosbag2_interfaces all works but /tf and the replay's services.
   local modules=(matplotlib numpy PIL rosbags scipy yaml)
-  [[ $1 != test ]] || modules+=(hypothesis pytest pytest_timeout)
+  case $1 in
+    view) modules+=(skimage trimesh viser) ;;
+    test) modules+=(hypothesis pytest pytest_timeout) ;;
+  esac
   python=python3
+  # Nothing is set up in the checkout: kernels and skin are kept in the user's cache.
+  stamps=${XDG_CACHE_HOME:-${HOME:-~}/.cache}/hand_tracker
+  log=$stamps/setup.log
   # The checkout comes before an installed hand_tracker, so that edits take effect.
   export PYTHONPATH=$root${PYTHONPATH:+:$PYTHONPATH}
-  local missing
+  local missing viser=
   missing=$("$python" - "${modules[@]}" <<'PYTHON'
 import importlib.util
 import sys
@@ -54,8 +61,11 @@ import sys
 print(*[name for name in sys.argv[1:] if importlib.util.find_spec(name) is None])
 PYTHON
   )
+  # It has no rosdep key.
+  [[ $missing != *viser* ]] || viser='
+  python3 -m pip install viser'
   [[ -z $missing ]] || fail "Python modules are missing: $missing. Get them with
-  rosdep install --from-paths '$root' --ignore-src -y"
+  rosdep install --from-paths '$root' --ignore-src -y$viser"
 }
 
 # --- without ROS 2 ------------------------------------------------------------------------------------------------
@@ -81,8 +91,8 @@ unlock() {
 
 # A step that was done leaves a stamp with the fingerprint of all that it was made from.
 fingerprint() { { printf '%s\n' "$root" "${PYTHON:-}" && cat -- "$@"; } | sha256sum | cut -c -32; }
-is_done() { [[ -e $venv/$1.stamp && $(<"$venv/$1.stamp") == "$2" ]]; }
-mark_done() { printf '%s\n' "$2" > "$venv/$1.stamp"; }
+is_done() { [[ -e $stamps/$1.stamp && $(<"$stamps/$1.stamp") == "$2" ]]; }
+mark_done() { printf '%s\n' "$2" > "$stamps/$1.stamp"; }
 
 # Runs a command with its output in the log.
 step() {
@@ -192,7 +202,8 @@ warm_up() {
   local sources
   sources=$(fingerprint "$root"/hand_tracker/{core,skin}/*.py)
   is_done view_ready "$sources" && return
-  step "compiling the kernels and making a skin" "$venv/bin/python" -c \
+  mkdir -p "$stamps"
+  step "compiling the kernels and making a skin" "$python" -c \
     'from hand_tracker.viewer.command import warm_up; warm_up()' || fail "see $log"
   mark_done view_ready "$sources"
 }

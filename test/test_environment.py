@@ -257,6 +257,7 @@ SOURCED_PYTHON = """
 case "$*" in
   *'import rclpy'*) exit {rclpy} ;;
   '- '*) echo "$@" > asked; echo '{missing}' ;;
+  *warm_up*) echo 'warm up' >> calls ;;
   *) echo "ran: $* with $PYTHONPATH in $ROS_DOMAIN_ID" ;;
 esac"""
 
@@ -280,7 +281,29 @@ def test_sourced_ros_without_a_dependency(machine):
     result = machine.run(ROS_DISTRO='jazzy')
     assert result.returncode == 1
     assert 'missing: rosbags' in result.stderr
-    assert 'rosdep install' in result.stderr
+    assert 'rosdep install' in result.stderr and 'pip install' not in result.stderr
+
+
+def test_sourced_ros_gets_the_view_ready_once(machine, tmp_path):
+    machine.give('python3', SOURCED_PYTHON.format(rclpy=0, missing=''))
+    for calls in (['warm up'], []):
+        result = machine.run('demo', '--view', ROS_DISTRO='jazzy', ROS_DOMAIN_ID='7',
+                             XDG_CACHE_HOME=str(tmp_path / 'my cache'))
+        assert result.stdout.startswith('ran: -m hand_tracker demo --view with ')
+        assert machine.calls() == calls
+    asked = (machine.checkout / 'asked').read_text().split()[1:]
+    assert asked == ['matplotlib', 'numpy', 'PIL', 'rosbags', 'scipy', 'yaml',
+                     'skimage', 'trimesh', 'viser']
+    assert not (machine.checkout / '.venv').exists()
+
+
+def test_sourced_ros_without_the_library_of_the_view(machine):
+    machine.give('python3', SOURCED_PYTHON.format(rclpy=0, missing='trimesh viser'))
+    result = machine.run('demo', '--view', ROS_DISTRO='jazzy')
+    assert result.returncode == 1
+    assert 'missing: trimesh viser' in result.stderr
+    assert 'rosdep install' in result.stderr and 'pip install viser' in result.stderr
+    assert machine.calls() == []
 
 
 def test_sourced_ros_of_another_python_is_left_alone(machine):
