@@ -23,6 +23,7 @@ from .core.hand import DIGITS, JOINTS
 from .core.layout import MARKERS, PALM_MARKERS
 from .core.tracker import MarkerState
 from .offline import add_recording_options, run_command, tracked_recording
+from .nodes.tracker_parameters import STILL
 from .palette import ANGLE, GRID, INK, MARKER_COLOURS, MUTED, PAPER, VERMILLION
 
 PDF, PNG = '.pdf', '.png'
@@ -176,9 +177,9 @@ def page(tracked, hand, digit, title='', truth=None):
     -------
     matplotlib.figure.Figure
     """
-    # A joint whose limits are one has no angle to plot.
-    joints = [i for i, joint in enumerate(JOINTS)
-              if joint.startswith(digit) and np.ptp(hand.limits[i]) > 0.]
+    # A joint that is still, or whose limits are one, has no angle to plot.
+    joints = [i for i, joint in enumerate(JOINTS) if joint.startswith(digit)
+              and joint not in STILL and np.ptp(hand.limits[i]) > 0.]
     markers = [MARKERS.index(marker) for marker in (digit, *PALM_MARKERS)]
     heights = [STRIP] + [PANEL] * (len(joints) + 1)
     height = HEADER + sum(heights) + BETWEEN * len(joints + [0]) + FOOTER
