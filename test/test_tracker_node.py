@@ -707,6 +707,25 @@ def test_a_wrong_start_ends_with_one_line_and_exit_code_1(tmp_path):
             assert re.search(said, line), line
 
 
+def test_a_lack_of_numba_is_told_in_one_line(tmp_path):
+    (tmp_path / 'numba.py').write_text('raise ImportError')
+    path = os.pathsep.join((str(tmp_path), os.environ.get('PYTHONPATH', '')))
+    with NodeProcess(MODULE, environment={'PYTHONPATH': path}) as process:
+        process.wait_for_line('listening')
+        warning, = lines(process, 'slower')
+        assert '[WARN]' in warning and 'numba is not installed' in warning
+        assert 'pip install numba' in warning and 'compiles' not in process.output
+
+
+def test_numba_turned_off_is_told_in_one_line():
+    pytest.importorskip('numba', reason='numba is not installed: there is nothing to turn off')
+    with NodeProcess(MODULE, environment={'HAND_TRACKER_JIT': '0'}) as process:
+        process.wait_for_line('listening')
+        warning, = lines(process, 'slower')
+        assert '[WARN]' in warning and 'HAND_TRACKER_JIT=0' in warning
+        assert 'pip install' not in warning and 'compiles' not in process.output
+
+
 @pytest.mark.parametrize('rule', [
     ('-r', 'a b'), ('-r', '__node:=a-b'), ('--params-file', '/nowhere.yaml'), ('--bogus',)])
 def test_a_wrong_command_line_ends_with_one_line_and_exit_code_1(rule):

@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from ..codec import MalformedMessage
+from ..core import jit
 from ..core.errors import HandTrackerError
 from ..core.hand import JOINTS
 from ..core.kinematics import forward, joint_table, tip_offsets
@@ -54,7 +55,13 @@ class TrackerNode(Node):
         self._changed = False
         self._mocap_frame = start['mocap_frame']
         self._tracker = HandTracker(self._settings.hand, layout, self._settings.options)
-        self._compile(layout)
+        if jit.COMPILED:
+            self._compile(layout)
+        else:
+            cause, cure = (('numba is not installed', 'pip install numba') if jit.numba is None
+                           else ('HAND_TRACKER_JIT=0 turns numba off', 'unset it'))
+            self.get_logger().warning(
+                f'{cause}: the tracker is some hundred times slower; {cure}')
         self._time = FrameTime()
 
         self._joints = joint_table(self._hand)
