@@ -514,6 +514,7 @@ def main():
             else:
                 continue
             break
+    print('pyroki: left out (not on PyPI)')
     write_rows(options.json, rows)
     return 0
 
