@@ -1,5 +1,6 @@
 """Track a hand: replay or live driver, tracker, robot_state_publisher and, if asked, RViz."""
 
+import tempfile
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
@@ -73,6 +74,7 @@ ARGUMENTS = (
 
 NONE = 'none'  # as `ros2 launch` takes no empty value
 FIRST_START = 120.  # [s] that the tracker may take to compile its kernels, once
+FOLLOWED = 'Target Frame: {}middle_knuckle'  # by RViz's view: amid the hand, still in the palm
 # A recording may hold these from an earlier run; two publishers of a frame fight.
 PUBLISHED_HERE = ('tf tf_static joint_states joint_confidence hand_markers hand_skin '
                   'robot_description diagnostics')
@@ -131,11 +133,21 @@ def start(context):
         actions.append(node('skin', [{
             name: hand_parameters[name] for name in ('hand_file', 'side', 'thumb', 'prefix')}]))
     if given['rviz'] == 'true':
-        config = Path(get_package_share_directory('hand_tracker')) / 'config' / 'hand_tracker.rviz'
         actions.append(node(
             'rviz2', [], package='rviz2',
-            arguments=['-d', str(config), '-f', given['fixed_frame']]))
+            arguments=['-d', str(rviz_config(prefix)), '-f', given['fixed_frame']]))
     return actions
+
+
+def rviz_config(prefix):
+    """Return RViz's configuration, which follows the hand: a copy for other frame names."""
+    path = Path(get_package_share_directory('hand_tracker')) / 'config' / 'hand_tracker.rviz'
+    packaged = path.read_text(encoding='utf-8')
+    config = packaged.replace(FOLLOWED.format('right_'), FOLLOWED.format(prefix))
+    if config != packaged:
+        path = Path(tempfile.mkdtemp(prefix='hand_tracker_'), path.name)
+        path.write_text(config, encoding='utf-8')
+    return path
 
 
 def number(given, name):

@@ -63,16 +63,17 @@ VIEWS = {f'rviz_default_plugins/{name}' for name in (
 PANELS = {f'rviz_common/{name}' for name in (
     'Displays', 'Help', 'Selection', 'Time', 'Tool Properties', 'Transformation', 'Views')}
 
-# Says what it was given, and waits for its end.
-FAKE_PUBLISHER = """#!{python}
-import json, os, signal, sys, yaml
-signal.signal(signal.SIGINT, lambda *_: os._exit(0))
+# Says what it was given, and waits for its end. As nodes do it takes a moment to end: launch, about
+# to signal a process that has just ended, may take its exit code for 255.
+FAKE_PROGRAM = """#!{python}
+import json, os, signal, sys, time, yaml
+signal.signal(signal.SIGINT, lambda *_: (time.sleep(1.), os._exit(0)))
 given = {{}}
 for option, file in zip(sys.argv, sys.argv[1:]):
     if option == '--params-file':
         for node in yaml.safe_load(open(file)).values():
             given.update(node['ros__parameters'])
-print('GIVEN ' + json.dumps(given), flush=True)
+print('GIVEN ' + json.dumps({{'arguments': sys.argv[1:], **given}}), flush=True)
 signal.pause()
 """
 
@@ -346,16 +347,8 @@ def test_all_else_goes_on_without_the_libraries_of_the_skin(watch, short, tmp_pa
 
 @launches
 def test_robot_state_publisher_is_used_where_installed(watch, short, tmp_path):
-    index = tmp_path / 'share/ament_index/resource_index/packages'
-    index.mkdir(parents=True)
-    (index / 'robot_state_publisher').touch()
-    program = tmp_path / 'lib/robot_state_publisher/robot_state_publisher'
-    program.parent.mkdir(parents=True)
-    program.write_text(FAKE_PUBLISHER.format(python=sys.executable))
-    program.chmod(0o755)
-    prefixes = f"{tmp_path}{os.pathsep}{os.environ['AMENT_PREFIX_PATH']}"
     transforms = watch.collect(TFMessage, '/tf')
-    with Launch({'AMENT_PREFIX_PATH': prefixes}, recording=short, publish_frequency='480.0',
+    with Launch(fake_package(tmp_path, 'robot_state_publisher'), recording=short, publish_frequency='480.0',
                 limits='wide') as process:
         process.wait_for_line('GIVEN')
         watch.spin_until(lambda: len(transforms) > 20, FIRST_START)
@@ -367,6 +360,41 @@ def test_robot_state_publisher_is_used_where_installed(watch, short, tmp_path):
     assert given['publish_frequency'] == 480.
     expected = urdf(Hand.scaled().replace(limits=preset_limits('wide')), 'right_')
     assert canonical(given['robot_description']) == canonical(expected)
+
+
+@launches
+@pytest.mark.parametrize('given, prefix', [('auto', 'right_'), ('none', ''), ('my_', 'my_')])
+def test_the_view_of_rviz_follows_the_hand(watch, short, tmp_path, given, prefix):
+    transforms = watch.collect(TFMessage, '/tf')
+    environment = {**fake_package(tmp_path, 'rviz2'), 'TMPDIR': str(tmp_path)}
+    with Launch(environment, recording=short, rviz='true', skin='false',
+                fixed_frame='world', prefix=given) as process:
+        process.wait_for_line('GIVEN')
+        watch.spin_until(lambda: f'{prefix}middle_knuckle' in frames(transforms), FIRST_START)
+        check_clean(process, process.interrupt(), *STARTED, 'rviz2')
+    options = json.loads(re.search('GIVEN (.*)', process.output)[1])['arguments']
+    assert options[options.index('-f') + 1] == 'world'
+    config = Path(options[options.index('-d') + 1])
+    expected = yaml.safe_load(RVIZ.read_text())
+    view(expected)['Target Frame'] = f'{prefix}middle_knuckle'
+    assert yaml.safe_load(config.read_text()) == expected
+
+
+def view(config):
+    """Return the view of a configuration of RViz."""
+    return config['Visualization Manager']['Views']['Current']
+
+
+def fake_package(folder, name):
+    """Install a package whose program says what it was given; return the environment."""
+    index = folder / 'share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    (index / name).touch()
+    program = folder / 'lib' / name / name
+    program.parent.mkdir(parents=True)
+    program.write_text(FAKE_PROGRAM.format(python=sys.executable))
+    program.chmod(0o755)
+    return {'AMENT_PREFIX_PATH': f"{folder}{os.pathsep}{os.environ['AMENT_PREFIX_PATH']}"}
 
 
 def canonical(xml):
@@ -407,7 +435,9 @@ def test_rviz_configuration():
     displays = manager['Displays'] + [shown for group in groups for shown in group['Displays']]
     assert classes(displays) <= DISPLAYS
     assert classes(manager['Tools']) <= TOOLS
-    assert classes([manager['Views']['Current']]) <= VIEWS
+    assert classes([view(config)]) <= VIEWS
+    assert view(config)['Target Frame'] in named('right_', LINKS)
+    assert set(view(config)['Focal Point'].values()) == {0.}
     assert classes(config['Panels']) <= PANELS
     topics = [[(shown['Class'], shown[key]['Value']) for shown in group['Displays']
                for key in ('Topic', 'Description Topic') if key in shown] for group in groups]
