@@ -9,7 +9,7 @@ import numpy as np
 
 from .poses import (
     AWAITING, FIST, FREE, FOUR, ONE, RELAXED, SPREAD, STRAIGHT, THREE, THUMB_OUT,
-    THUMB_READY, THUMB_RELAXED, TWO, couple, limits_of)
+    THUMB_READY, THUMB_RELAXED, TWO, apart, limits_of)
 
 HOOKED = ((2, 10, 82), (0, 12, 84), (-1, 12, 84), (-2, 12, 80))
 ROUND = ((2, 38, 42), (0, 40, 44), (-1, 40, 44), (-2, 40, 42))
@@ -67,7 +67,7 @@ def shape_angles(shape, hand):
     fingers, thumb = shape
     lower, upper = limits_of(hand)
     free = np.radians(np.concatenate((np.ravel(fingers), thumb)).astype(float))
-    return couple(hand, np.clip(free, lower[FREE], upper[FREE]), lower, upper)
+    return apart(hand, np.clip(free, lower[FREE], upper[FREE]), lower, upper)
 
 
 def grasp_shape(kind, size):

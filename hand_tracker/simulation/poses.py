@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
+from ..core.capsules import capsules
+from ..core.contact import separate
 from ..core.hand import DIGITS, FINGERS, JOINTS, LINKS, preset_limits
 from ..core.kinematics import forward, joint_table, tip_offsets
 
@@ -34,6 +36,8 @@ THUMB_READY = (24, 0, 0, 12)
 TOUCHING = (0, 45, 45)     # [degrees] from which a finger reaches for the thumb
 POSTURE_SPREAD = np.radians(20.)
 CONTACT_SPREAD = .001      # [m]
+MOBILITY = np.array((.05, .05, .05, .05, 1.))  # of digits in each other: the thumb gives way
+OVERLAP = .0005            # [m] that is left to them
 STEP = .1                  # [degrees] solved angles are rounded to: the same on any machine
 
 
@@ -99,7 +103,29 @@ def pose_angles(name, hand):
     free = np.clip(free, lower[FREE], upper[FREE])
     if touch:
         free = _reach(hand, touch, free, lower, upper)
-    return couple(hand, free, lower, upper)
+    return apart(hand, free, lower, upper)
+
+
+def apart(hand, free, lower, upper):
+    """Return all 25 angles, the thumb moved out of the fingers and these out of each other [rad].
+
+    Parameters
+    ----------
+    hand : Hand
+    free : ndarray, shape (16,)
+        [rad]
+    lower, upper : ndarray, shape (25,)
+        Limits [rad].
+    """
+    angles = couple(hand, free, lower, upper)
+    separate(capsules(hand.replace(side='right')), angles, lower, upper,
+             hand.coupling[:, 0].copy(), MOBILITY, OVERLAP)
+    return couple(hand, np.clip(rounded(angles[FREE]), lower[FREE], upper[FREE]), lower, upper)
+
+
+def rounded(angles):
+    """Return angles as they are on any machine [rad]."""
+    return np.radians(np.round(np.degrees(angles) / STEP) * STEP)
 
 
 def couple(hand, free, lower, upper):
@@ -168,5 +194,4 @@ def _reach(hand, touch, natural, lower, upper):
     low, high = lower[FREE[moving]], upper[FREE[moving]]
     solved = least_squares(residuals, natural[moving], bounds=(low, high),
                            xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=300)
-    rounded = np.radians(np.round(np.degrees(solved.x) / STEP) * STEP)
-    return with_moved(np.clip(rounded, low, high))
+    return with_moved(np.clip(rounded(solved.x), low, high))
