@@ -288,6 +288,9 @@ def main(arguments=None):
     share = 100. * count['lost'] / (count['frames'] * len(MARKERS))
     print(f'{chosen.output}: {count["frames"]} frames at {chosen.rate:g} Hz, '
           f'{share:.1f} % of the markers lost')
+    print('Its markers are on the skin: track it with --hand '
+          + (f'{chosen.calibration}' if chosen.calibration else
+             'HAND.yaml, which --calibration HAND.yaml writes'))
     return 0
 
 
