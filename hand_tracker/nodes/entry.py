@@ -17,7 +17,6 @@ of what they mean."""
 ASKS = {'-h', '--help'}
 
 
-
 def _run(node):
     for interrupt in (signal.SIGINT, signal.SIGTERM):
         signal.signal(interrupt, lambda *_: os._exit(0))
