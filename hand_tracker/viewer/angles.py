@@ -12,7 +12,7 @@ STYLE = f'''<style>
 .ht {{font: 11px/1.35 system-ui, sans-serif; padding: 2px 10px 8px}}
 .ht h4 {{margin: 6px 0 1px; font-size: 11px; text-transform: capitalize}}
 .ht div {{display: grid; grid-template-columns: 92px 1fr 38px; gap: 6px; align-items: center}}
-.ht i {{height: 7px; border-radius: 3px; background: #dfe4e8}}
+.ht i {{height: 7px; border-radius: 3px; background: #8884}}
 .ht i {{position: relative; overflow: hidden}}
 .ht b {{position: absolute; top: 0; bottom: 0; background: {BLUE}}}
 .ht .at b {{background: {VERMILLION}}}

@@ -2,6 +2,7 @@
 
 import io
 import time
+from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -14,6 +15,9 @@ SPEEDS = {'0.1 ×': .1, '0.25 ×': .25, '0.5 ×': .5, '1 ×': 1., '2 ×': 2.}
 TOLD_EVERY = .1     # [s] between two updates of numbers, bars and slider
 HANDS_OFF = .5      # [s] in which the slider is left to whoever moves it
 PNG_SIZE = 2000     # [pixels] of the longer edge at most
+ANGLES_WIDTH = 230  # [pixels]
+WIDE, HIGH = 720, 450   # [pixels] of a picture that has room for the angles at its side
+SLACK = 200         # [pixels] by which it may shrink before they go
 PATIENCE = 20.      # [s] for a browser to draw its picture
 
 
@@ -28,7 +32,8 @@ class Panel:
     """
 
     def __init__(self, server, source, has_skin):
-        self._source = source
+        self._server, self._source = server, source
+        self._angles = {}
         self._told = self._scrubbed = -np.inf
         gui = server.gui
         self._numbers = gui.add_html('')
@@ -52,11 +57,6 @@ class Panel:
                 switch = self._switches[name] = gui.add_checkbox(
                     name, name in source.constraints, hint=constraint.about)
                 switch.on_update(lambda event, name=name: self._switch(name, event))
-        angles = gui.add_panel()
-        with angles.add_tab('Angles'):
-            self._angles = gui.add_html('')
-        angles.dock_left()
-        angles.set_width(230)
 
     def _add_playback(self, gui):
         head = self._source.playhead
@@ -97,13 +97,55 @@ class Panel:
         self._told = now
         self._show_refused()
         self._numbers.content = numbers(self._source.numbers(state), state)
-        self._angles.content = angle_bars(state.angles, self._source.hand.limits)
+        self._show_angles(angle_bars(state.angles, self._source.hand.limits))
         if self._time is not None and now - self._scrubbed > HANDS_OFF:
             self._time.value = round(self._source.playhead.now(), 2)
+
+    def _show_angles(self, page):
+        """Show the angles in each browser: where it has room for them, in a panel of their own."""
+        clients = self._server.get_clients()
+        for gone in self._angles.keys() - clients.keys():
+            del self._angles[gone]
+        for number, client in clients.items():
+            angles = self._angles.get(number)
+            docked = has_room(client.camera, angles is not None and angles.docked)
+            if angles is None or angles.docked != docked:
+                if angles is not None:
+                    angles.place.remove()
+                angles = self._angles[number] = Angles.add(client.gui, docked)
+            angles.bars.content = page
 
     def say(self, text):
         """Show a line in place of the numbers."""
         self._numbers.content = f'<p style="margin:6px 12px">{text}</p>'
+
+
+class Angles(NamedTuple):
+    """Where a browser shows the angles."""
+
+    docked: bool
+    place: object
+    bars: object
+
+    @classmethod
+    def add(cls, gui, docked):
+        """Add bars to a browser's page, in a panel at its left or folded in the main one."""
+        if not docked:
+            place = gui.add_folder('Angles', expand_by_default=False)
+            with place:
+                return cls(docked, place, gui.add_html(''))
+        place = gui.add_panel()
+        with place.add_tab('Angles'):
+            bars = gui.add_html('')
+        place.dock_left()
+        place.set_width(ANGLES_WIDTH)
+        return cls(docked, place, bars)
+
+
+def has_room(camera, docked):
+    """Return whether a picture leaves room for the angles beside it, or does while they are."""
+    least = WIDE - ANGLES_WIDTH - SLACK if docked else WIDE
+    return camera.image_width >= least and camera.image_height >= HIGH
 
 
 def numbers(texts, state):

@@ -1,5 +1,7 @@
 """The scene of the viewer: skin, skeleton and markers of one hand, and the light on them."""
 
+from collections import deque
+
 import numpy as np
 
 from ..core.kinematics import Pose
@@ -10,11 +12,12 @@ from ..core.tracker import MarkerState
 from ..palette import MARKER_COLOURS, rgb
 from .skeleton import skeleton_mesh
 
-SKIN_COLOUR, BONE_COLOUR = (218, 150, 114), (88, 96, 104)
+SKIN_COLOUR, BONE_COLOUR = (228, 136, 84), (128, 134, 142)
 COLOURS = {int(kind): tuple(round(255. * share) for share in rgb(colour))
            for kind, colour in MARKER_COLOURS.items()}
-MARKER_RADIUS = .0055    # [m]
-SEEN_THROUGH = .62       # opacity of a skin that shows what is inside,
+GROUND = 21, 28, 38      # the dark cards of the README
+MARKER_RADIUS = .0065    # [m]
+SEEN_THROUGH = .6       # opacity of a skin that shows what is inside,
 FADED = .25              # and of a hand whose palm is not found
 INFLUENCES = 4           # bones that the browser lets move a vertex at most
 FLOOR = -.10             # [m] below the wrist
@@ -23,8 +26,37 @@ LOOK_AT = np.array((.08, 0., 0.))
 FIELD_OF_VIEW = np.radians(35.)
 HAND_WIDTH, HAND_LENGTH = .22, .27   # [m] that are seen at least
 CAPTION_AT = -.05, 0., 0.
+REMEMBERED = 16          # places of a camera
 APART = .22              # [m] between two hands
 PHONE, PHONE_FREE = .7, .4   # width by height of a phone, and the share above its panel
+
+
+class Framing:
+    """What keeps the hands in a browser's picture, until a person moves the camera.
+
+    Parameters
+    ----------
+    camera : viser.CameraHandle
+    hands : int
+    """
+
+    def __init__(self, camera, hands):
+        self._camera = camera
+        # What a browser sends while it is told of a place is still an earlier one.
+        self._placed = deque(maxlen=REMEMBERED)
+        self.frame(hands)
+        camera.on_update(self._on_update)
+
+    def frame(self, hands):
+        """Look at one or two hands."""
+        self._hands, self._aspect = hands, self._camera.aspect
+        place_camera(self._camera, hands, self._aspect)
+        self._placed.append(self._camera.position)
+
+    def _on_update(self, camera):
+        if camera.aspect != self._aspect and any(
+                np.allclose(camera.position, place, atol=1e-4) for place in self._placed):
+            self.frame(self._hands)
 
 
 class HandScene:
@@ -155,14 +187,15 @@ def _wxyz(rotation):
 
 def light(scene):
     """Light the scene, and put a floor under the hand."""
+    scene.set_background_image(np.full((2, 2, 3), GROUND, dtype=np.uint8), format='png')
     scene.configure_default_lights(enabled=False)
     scene.add_light_hemisphere('/light/sky', sky_color=(255, 250, 244),
-                               ground_color=(150, 140, 150), intensity=1.1)
-    scene.add_light_directional('/light/key', intensity=1.6, position=(.1, .5, .8),
+                               ground_color=(150, 140, 150), intensity=.7)
+    scene.add_light_directional('/light/key', intensity=1.2, position=(.1, .5, .8),
                                 cast_shadow=True)
     scene.add_grid('/floor', plane='xy', infinite_grid=True, position=(0., 0., FLOOR),
-                   cell_size=.02, section_size=.1, cell_color=(238, 240, 242),
-                   section_color=(226, 230, 233), fade_distance=1.5, shadow_opacity=.13)
+                   cell_size=.02, section_size=.1, cell_color=(34, 43, 56),
+                   section_color=(46, 57, 73), fade_distance=1.5, shadow_opacity=.3)
 
 
 def place_camera(camera, hands, aspect):

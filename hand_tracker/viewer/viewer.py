@@ -7,7 +7,7 @@ import time
 
 from ..core.errors import HandTrackerError
 from .panel import Panel
-from .scene import APART, HandScene, light, place_camera, wrist_pose
+from .scene import APART, Framing, HandScene, light, wrist_pose
 
 RATE = 30.       # [Hz]
 PORT = 8080
@@ -37,14 +37,17 @@ class Viewer:
         # Its own banner names every address "localhost"; ours is printed by the command.
         with contextlib.redirect_stdout(io.StringIO()):
             self._server = viser.ViserServer(host, free_port(host, port), verbose=False)
-        self._server.gui.configure_theme(show_logo=False, show_share_button=False)
+        self._server.gui.configure_theme(
+            dark_mode=True, show_logo=False, show_share_button=False)
         self._server.gui.set_panel_label('hand_tracker')
         self._server.gui.main_panel.dock_right()
         self._server.gui.main_panel.set_width(300)
         light(self._server.scene)
-        self._hands = 1
+        self._hands, self._framings = 1, {}
         # Not the server's initial camera: a browser may take that after this one.
-        self._server.on_client_connect(self._frame_hands)
+        self._server.on_client_connect(self._on_connect)
+        self._server.on_client_disconnect(
+            lambda client: self._framings.pop(client.client_id, None))
         self._waiting = self._server.gui.add_markdown('')
 
     @property
@@ -54,8 +57,8 @@ class Viewer:
         host = 'localhost' if host in ('0.0.0.0', '::', LOCALHOST) else host
         return f'http://{host}:{self._server.get_port()}'
 
-    def _frame_hands(self, client):
-        place_camera(client.camera, self._hands, client.camera.aspect)
+    def _on_connect(self, client):
+        self._framings[client.client_id] = Framing(client.camera, self._hands)
 
     def say(self, text):
         """Show a line while there is no hand yet."""
@@ -106,8 +109,8 @@ class Viewer:
     def _set_hands(self, hands):
         if hands != self._hands:
             self._hands = hands
-            for client in self._server.get_clients().values():
-                self._frame_hands(client)
+            for framing in tuple(self._framings.values()):
+                framing.frame(hands)
 
     def stop(self):
         """Close the page."""
