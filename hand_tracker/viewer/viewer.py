@@ -1,5 +1,6 @@
 """The viewer: a page that shows a source's hand thirty times a second."""
 
+import asyncio
 import contextlib
 import io
 import socket
@@ -94,15 +95,20 @@ class Viewer:
                     anchor = wrist_pose(state)
                 other = source.bare_state() if compared else None
                 self._set_hands(1 + compared)
-                with self._server.atomic():
-                    for one in (hand, bare):
-                        one.show(panel.skin.value, panel.skeleton.value, panel.markers.value)
-                    hand.draw(state, anchor, .5 * APART * compared)
-                    bare.visible = hand.caption.visible = bare.caption.visible = \
-                        other is not None
-                    if other is not None:
-                        bare.draw(other, anchor, -.5 * APART)
-                    panel.tell(state)
+
+                async def draw():
+                    with self._server.atomic():
+                        for one in (hand, bare):
+                            one.show(panel.skin.value, panel.skeleton.value, panel.markers.value)
+                        hand.draw(state, anchor, .5 * APART * compared)
+                        bare.visible = hand.caption.visible = bare.caption.visible = \
+                            other is not None
+                        if other is not None:
+                            bare.draw(other, anchor, -.5 * APART)
+                        panel.tell(state)
+
+                # In viser's own thread: a message from another may find its queue changing.
+                asyncio.run_coroutine_threadsafe(draw(), self._server.get_event_loop()).result()
             due = max(due + 1. / RATE, time.monotonic())
             time.sleep(max(0., due - time.monotonic()))
 
