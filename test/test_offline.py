@@ -34,6 +34,7 @@ from hand_tracker.simulation.recording import demo_recording, recording_messages
 
 ROOT = Path(__file__).resolve().parent.parent
 FRAMES = 150
+PERIOD = 10_000_000  # [ns]
 ROS = ('builtin_interfaces', 'geometry_msgs', 'rclpy', 'sensor_msgs', 'std_msgs', 'tf2_msgs',
        'tf2_ros', 'visualization_msgs')
 RUN = 'import sys; from hand_tracker.__main__ import main; sys.exit(main(sys.argv[1:]))'
@@ -195,11 +196,11 @@ def test_nothing_comes_out_before_the_palm_was_seen_and_of_other_markers(recordi
     lost = palmless.copy()
     lost[:3] = 0.
     messages = [
-        message_of(palmless, 1), message_of(whole, 2),
-        message_of(np.vstack((np.full((8, 3), np.nan), whole)), 3, numbers=['x'] * 16),
-        message_of(palmless, 4), message_of(lost, 5)]
+        message_of(palmless, PERIOD), message_of(whole, 2 * PERIOD),
+        message_of(np.vstack((np.full((8, 3), np.nan), whole)), 3 * PERIOD, numbers=['x'] * 16),
+        message_of(palmless, 4 * PERIOD), message_of(lost, 5 * PERIOD)]
     frames = list(track(messages, HandTracker()))
-    assert [frame.stamp for frame in frames] == [2, 4, 5]
+    assert [frame.stamp for frame in frames] == [2 * PERIOD, 4 * PERIOD, 5 * PERIOD]
     tracker = HandTracker()
     lost[:3] = np.nan
     for frame, markers in zip(frames, (whole, palmless, lost)):
