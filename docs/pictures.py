@@ -284,7 +284,7 @@ def speed():
     for name, spine in axes.spines.items():
         spine.set(visible=name == 'bottom', color=CARD_MUTED)
     for x, y, text in ((32.5, .86, 'nothing\ntouches'),
-                       (68., .58, 'digits that touch are parted')):
+                       (38., .34, 'digits that touch are parted')):
         axes.text(x, y, text, transform=axes.get_xaxis_transform(), color=CARD_MUTED,
                   fontsize=18, va='center')
     axes.legend(loc='upper right', frameon=False, labelcolor=CARD_INK, fontsize=18)
