@@ -15,7 +15,7 @@ from ..core.jit import COMPILED
 from ..core.tracker import HandTracker, TrackerOptions
 from ..files.bags import open_bag
 from ..labels import LabelMap
-from ..marker_frame import seconds
+from ..marker_frame import FrameTime
 from ..offline import marker_topic
 
 KEPT = 4  # variants that stay tracked
@@ -123,9 +123,9 @@ class Recording:
         """
         say('Preparing; the very first time kernels are compiled for about a minute' if COMPILED
             else 'Preparing')
-        read = MarkerReader(*self._how).read
+        read, clock = MarkerReader(*self._how).read, FrameTime()
         frames = [(1e-9 * message.time, read(message.data)) for message in self._messages]
-        self._frames = [(received, seconds(frame.stamp) or received, frame.positions)
+        self._frames = [(received, clock.of(frame.stamp, received), frame.positions)
                         for received, frame in frames if frame.stamp is not None]
         times = self._track(self.constraints).times
         if len(times) < 2 or times[-1] <= times[0]:
