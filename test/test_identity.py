@@ -24,8 +24,7 @@ GATE, MARGIN, PATIENCE = 5., 1.5, .3
 STEP = 1. / 120.
 HAND = Hand.scaled()
 MOUNTING = MarkerLayout().mounting(HAND)
-BOUNDS = hand_bounds(
-    MOUNTING.position[:3], chains(HAND, MOUNTING), usual_places(HAND, MOUNTING))
+BOUNDS = hand_bounds(chains(HAND, MOUNTING), usual_places(HAND, MOUNTING))
 PLACES = marker_positions(MOUNTING, forward(joint_table(HAND), np.radians(
     (0, 0, 20, 30, 24) * 4 + (0, 10, 0, 10, 10))))
 PAIRS = [(i, j) for j in range(8) for i in range(j)]

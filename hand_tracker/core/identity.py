@@ -71,8 +71,6 @@ class HandBounds(NamedTuple):
 
     Attributes
     ----------
-    template : ndarray, shape (3, 3)
-        The palm markers in the wrist's frame [m].
     roots : ndarray, shape (5, 3)
         First joints of the digits in the wrist's frame [m].
     reach : ndarray, shape (5,)
@@ -80,7 +78,6 @@ class HandBounds(NamedTuple):
     usual : Usual
     """
 
-    template: np.ndarray
     roots: np.ndarray
     reach: np.ndarray
     usual: Usual
@@ -169,13 +166,11 @@ def blank_memory():
                       gated=np.zeros(1, dtype=bool)))
 
 
-def hand_bounds(template, chains, usual):
+def hand_bounds(chains, usual):
     """Return what a hand allows its markers.
 
     Parameters
     ----------
-    template : ndarray, shape (3, 3)
-        The palm markers in the wrist's frame [m].
     chains : Chains
     usual : Usual
         Of the same hand.
@@ -186,7 +181,7 @@ def hand_bounds(template, chains, usual):
     """
     counted = np.arange(3) < chains.hinges[:, None]
     reach = np.hypot((chains.bones * counted).sum(axis=1), chains.lateral)
-    return HandBounds(template.copy(), chains.root.copy(), reach, usual)
+    return HandBounds(chains.root.copy(), reach, usual)
 
 
 @jit
@@ -224,7 +219,7 @@ def identify(markers, seen, expected, spread, known, step, bounds, memory, gate,
     verdict[:] = ACCEPTED
     if gate <= 0.0 and margin <= 0.0:
         return
-    reading, template = memory.reading, bounds.template
+    reading, template = memory.reading, bounds.usual.template
     _measure(reading, markers, seen, memory.sides, gate > 0.0)
     slipped = False
     for i in range(3):
@@ -280,7 +275,7 @@ def _begin(reading, bounds, memory, rows, verdict):
     for i in range(3):
         for j in range(3):
             gaps[i, j] = reading.gaps[rows[i], rows[j]]
-    plausible = _like_hand(gaps, bounds.template)
+    plausible = _like_hand(gaps, bounds.usual.template)
     for i in range(3):
         memory.sides[i] = gaps[i, (i + 1) % 3] if plausible else 0.0
 
@@ -438,8 +433,9 @@ def _read(reading, bounds, kept, margin, bar, rows, costs, local):
             r, p, q = before
     if not spans_plane(r, p, q):
         return IMPOSSIBLE
-    axes, origin = rigid_palm(r, p, q, vector(bounds.template[0]), vector(bounds.template[1]),
-                              vector(bounds.template[2]))
+    template = bounds.usual.template
+    axes, origin = rigid_palm(
+        r, p, q, vector(template[0]), vector(template[1]), vector(template[2]))
     for i in range(8):
         if seen[i]:
             store(local, i, components(axes, subtract(vector(markers[i]), origin)))
@@ -456,7 +452,7 @@ def _read(reading, bounds, kept, margin, bar, rows, costs, local):
 
     if total >= bar:
         return IMPOSSIBLE
-    size = _size(gaps, sides, bounds.template, rows, kept)
+    size = _size(gaps, sides, bounds.usual.template, rows, kept)
     table = np.empty((5, 5))
     for i in range(5):
         for j in range(5):
@@ -549,7 +545,7 @@ def _as_expected(reading, bounds, local):
     """Return whether every label is right beyond doubt: nearer to its own than to any other."""
     markers, seen, expected = reading.markers, reading.seen, reading.expected
     sure, home, limit = reading.sure, reading.home, reading.limit
-    size = _size(reading.gaps, reading.sides, bounds.template, np.arange(8),
+    size = _size(reading.gaps, reading.sides, bounds.usual.template, np.arange(8),
                  (seen[0] > 0, seen[1] > 0, seen[2] > 0))
     witnesses = 0
     for i in range(3, 8):
@@ -703,7 +699,7 @@ def _conclude(reading, bounds, kept, rows, local, memory, step, patience, verdic
     """Refuse what is beyond its gate, and remember."""
     seen, sure, home, limit = reading.seen, reading.sure, reading.home, reading.limit
     gaps, sides = reading.gaps, memory.sides
-    size = _size(gaps, sides, bounds.template, rows, kept)
+    size = _size(gaps, sides, bounds.usual.template, rows, kept)
     if kept[0] and kept[1] and kept[2]:
         share = min(max(step, 0.0) / SIDE_MEMORY, 1.0)
         for i in range(3):

@@ -149,7 +149,7 @@ class HandTracker:
                      options.link_ring_little),
             np.array((options.bound_index_middle, options.bound_middle_ring,
                       options.bound_ring_little)),
-            hand_bounds(self._template, digits, usual_places(right, mounting)),
+            hand_bounds(digits, usual_places(right, mounting)),
             capsules(right), joint_table(hand), layout.mounting(hand),
             MIRROR if self._left else np.ones(3)))
 
