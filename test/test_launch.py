@@ -45,10 +45,9 @@ CHOICES = {
 FREE = {'recording', 'rate', 'markers', 'hand', 'prefix', 'namespace', 'parameters',
         'publish_frequency', 'fixed_frame'}
 
-# Those that humble, jazzy and rolling (October 2024; Lyrical was made of a later one) share, from
-# rviz_default_plugins/plugins_description.xml of github.com/ros2/rviz at 9b354826, 591594ee and
-# f7112b1a; Group and the panels are built into rviz_common (display_factory.cpp,
-# panel_factory.cpp).
+# Those that RViz of humble (11.2.27), jazzy (14.1.22) and lyrical (15.2.4) share, from
+# plugins_description.xml in the releases of rviz_default_plugins, github.com/ros2-gbp/rviz-release;
+# Group and the panels are built into rviz_common (display_factory.cpp, panel_factory.cpp).
 DISPLAYS = {f'rviz_default_plugins/{name}' for name in (
     'AccelStamped', 'Axes', 'Camera', 'DepthCloud', 'Effort', 'FluidPressure', 'Grid',
     'GridCells', 'Illuminance', 'Image', 'InteractiveMarkers', 'LaserScan', 'Map', 'Marker',
@@ -57,9 +56,22 @@ DISPLAYS = {f'rviz_default_plugins/{name}' for name in (
     'Temperature', 'TwistStamped', 'Wrench')} | {
     'rviz_common/Group'}
 TOOLS = {f'rviz_default_plugins/{name}' for name in (
-    'FocusCamera', 'Interact', 'Measure', 'MoveCamera', 'PublishPoint', 'Select')}
+    'FocusCamera', 'Interact', 'Measure', 'MoveCamera', 'PublishPoint', 'Select', 'SetGoal',
+    'SetInitialPose')}
 VIEWS = {f'rviz_default_plugins/{name}' for name in (
-    'FPS', 'Orbit', 'ThirdPersonFollower', 'TopDownOrtho', 'XYOrbit')}
+    'FPS', 'FrameAligned', 'Orbit', 'ThirdPersonFollower', 'TopDownOrtho', 'XYOrbit')}
+# Properties of the classes in use, from the same releases: RViz ignores others without a word.
+TOPIC = {'Value', 'Depth', 'Durability Policy', 'Reliability Policy'}
+PROPERTIES = {
+    'rviz_common/Group': {'Displays'},
+    'rviz_default_plugins/Grid': {'Cell Size', 'Plane Cell Count', 'Color', 'Alpha'},
+    'rviz_default_plugins/Marker': {'Topic'},
+    'rviz_default_plugins/MarkerArray': {'Topic'},
+    'rviz_default_plugins/Orbit': {'Distance', 'Focal Point', 'Pitch', 'Yaw', 'Target Frame'},
+    'rviz_default_plugins/RobotModel': {'Description Source', 'Description Topic',
+                                        'Visual Enabled', 'Collision Enabled'},
+    'rviz_default_plugins/TF': {'Marker Scale', 'Show Arrows', 'Show Names'},
+}
 PANELS = {f'rviz_common/{name}' for name in (
     'Displays', 'Help', 'Selection', 'Time', 'Tool Properties', 'Transformation', 'Views')}
 
@@ -439,6 +451,10 @@ def test_rviz_configuration():
     assert view(config)['Target Frame'] in named('right_', LINKS)
     assert set(view(config)['Focal Point'].values()) == {0.}
     assert classes(config['Panels']) <= PANELS
+    for entry in (*displays, view(config)):
+        assert set(entry) - {'Class', 'Name', 'Enabled'} <= PROPERTIES[entry['Class']]
+        for key in {'Topic', 'Description Topic'} & set(entry):
+            assert set(entry[key]) <= TOPIC
     topics = [[(shown['Class'], shown[key]['Value']) for shown in group['Displays']
                for key in ('Topic', 'Description Topic') if key in shown] for group in groups]
     kinds = {f'rviz_default_plugins/{kind}': topic for kind, topic in (
