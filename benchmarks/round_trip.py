@@ -1,6 +1,6 @@
 """Measure the round trip of markers: published here, tracked there, joint states back here.
 
-    python -m benchmarks.round_trip [--rates 120 480 960] [--seconds 5] [--json OUT]
+    python -m benchmarks.round_trip [--rates 120 480 960] [--seconds 5] [--json OUT] [--samples OUT]
 
 Beside the tracker node with all that is on by default: an echo in plain rclpy, that does
 nothing but take a MarkerArray and give a JointState, and the same in C on rcl with messages as
@@ -229,7 +229,7 @@ def cpu_time(process):
 
 
 def measure(driver, processes, node, frames, rate, hands, seconds):
-    """Return one row of the table."""
+    """Return one row of the table, and all round trips [µs], NaN for those that were dropped."""
     names = [f'{node}_{side}' for side in HANDS[:hands]]
     frames = [frames[side] for side in HANDS[:hands]]
     driver.measure(names, frames, rate, WARM)
@@ -239,9 +239,10 @@ def measure(driver, processes, node, frames, rate, hands, seconds):
     used = sum(cpu_time(processes[name]) for name in names) - sum(before)
     answered = np.concatenate(trips) * 1e-3
     median, p99 = np.percentile(answered, (50, 99)) if answered.size else (np.nan,) * 2
-    return {'node': node, 'rate_hz': rate, 'hands': hands, 'median_us': round(float(median), 1),
+    row = {'node': node, 'rate_hz': rate, 'hands': hands, 'median_us': round(float(median), 1),
             'p99_us': round(float(p99), 1), 'cpu_percent': round(100. * used / took, 1),
             'dropped_percent': round(100. * (1. - answered.size / (sent * hands)), 3)}
+    return row, np.pad(answered, (0, sent * hands - answered.size), constant_values=np.nan)
 
 
 def main():
@@ -251,6 +252,8 @@ def main():
                         help='frames per second')
     parser.add_argument('--seconds', type=float, default=5., help='of each measurement')
     add_json_option(parser)
+    parser.add_argument('--samples', metavar='OUT', help='write every round trip [µs] here, NaN if '
+                        'dropped: an NPZ archive with an array NODE_HZ_HANDS for each row')
     parser.add_argument('--echo', action='store_true', help=argparse.SUPPRESS)
     options, ros_args = parser.parse_known_args()
     if options.echo:
@@ -260,7 +263,7 @@ def main():
     from rclpy.utilities import get_rmw_implementation_identifier
     print(environment())
     print(get_rmw_implementation_identifier())
-    rows = []
+    rows, samples = [], {}
     with TemporaryDirectory() as folder, ExitStack() as stack:
         processes = start(stack, folder)
         frames = {rate: {side: messages(side, rate) for side in HANDS} for rate in options.rates}
@@ -276,11 +279,14 @@ def main():
                 for node in NODES:
                     if f'{node}_right' not in processes:
                         continue
-                    rows.append(measure(driver, processes, node, frames[rate], rate, hands,
-                                        options.seconds))
+                    row, samples[f'{node}_{rate:g}_{hands}'] = measure(
+                        driver, processes, node, frames[rate], rate, hands, options.seconds)
+                    rows.append(row)
                     print('{node:14}{rate_hz:6g}{hands:7}{median_us:11.0f}{p99_us:9.0f}'
-                          '{cpu_percent:7.1f}{dropped_percent:11.2f}'.format(**rows[-1]))
+                          '{cpu_percent:7.1f}{dropped_percent:11.2f}'.format(**row))
     write_rows(options.json, rows)
+    if options.samples:
+        np.savez_compressed(options.samples, **samples)
     return 0
 
 

@@ -1,27 +1,28 @@
 """Make the pictures of the README: `python -m docs.pictures [NAME ...]`.
 
-The hands are what the tracker says of simulated recordings, in its skin. All but the histogram
-come out the same each time.
+The hands are what the tracker says of simulated recordings, in its skin. All but the round
+trips, which are measured, come out the same each time.
 """
 
 import argparse
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
-from time import thread_time_ns
+from tempfile import TemporaryDirectory
 
 import numpy as np
+from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, FancyBboxPatch
 from PIL import Image
 
-from benchmarks import core
 from hand_tracker.core.hand import JOINTS, Hand
-from hand_tracker.core.jit import COMPILED
 from hand_tracker.core.kinematics import Pose, forward, joint_table, tip_offsets
 from hand_tracker.core.layout import MARKERS, MarkerLayout
 from hand_tracker.core.skeleton import CHAINS, PALM_BONES, POINTS, skeleton_points
 from hand_tracker.core.tracker import HandTracker, MarkerState
 from hand_tracker.evaluation import ablation
-from hand_tracker.evaluation.results import processor
+from hand_tracker.evaluation.results import hardware
 from hand_tracker.evaluation.simulated import trial
 from hand_tracker.evaluation.tracking import tracked_joints
 from hand_tracker.images import blank, drawn, place, save_gif, write
@@ -37,8 +38,11 @@ GIF_RATE, GIF_COLOURS = 10., 80  # [Hz]
 SEED = 1                 # as that of the evaluations
 MISS = .025              # [m] off the truth where skin is wholly vermillion
 FARTHEST_MM = 60.        # in the mean: what is farther off is not in the picture
-FRAMES, ROUNDS = 6000, 5  # of the histogram
-SHOWN_US, TICKS_US = (18., 250.), (20, 30, 50, 100, 200)
+TRIP_RATE, TRIP_SECONDS = 480, 10.  # [Hz], [s] of the round trips
+SHOWN_MS, TICKS_MS = (.08, 12.), (.1, .2, .5, 1, 2, 5, 10)
+NODES = {'hand_tracker': ('hand_tracker', 'tracks the whole hand', SKY_BLUE),
+         'rclpy_echo': ('echo in rclpy', 'tracks nothing', ORANGE),
+         'c_echo': ('echo in C', 'tracks nothing', REDDISH_PURPLE)}
 CARD, CARD_INK, CARD_MUTED = '#151C26', '#F2F4F7', '#9AA7B5'
 BALL, GREY = (.95, .95, .95), (.72, .75, .79)
 MARKER = .0040     # [m] radius of a marker, with which it rests on the skin
@@ -258,64 +262,69 @@ def angles():
     figure.savefig(FOLDER / 'angles.png')
 
 
-def speed():
-    """Draw how much processor time a frame takes in the core."""
-    hand = Hand.scaled()
-    figure = card(1600, 640)
+def latency(samples=None):
+    """Draw how long markers take to come back as joint states, beside nodes that only echo."""
+    with TemporaryDirectory() as folder:
+        if samples is None:
+            samples = Path(folder, 'samples.npz')
+            subprocess.run([sys.executable, '-m', 'benchmarks.round_trip', '--rates', f'{TRIP_RATE}',
+                            '--seconds', f'{TRIP_SECONDS}', '--samples', samples], check=True)
+        with np.load(samples) as found:
+            trips = {node: 1e-3 * found[key] for node in NODES
+                     if (key := f'{node}_{TRIP_RATE}_1') in found}
+    row, left, top, right = 128, 420, 190, 1540
+    figure = card(1600, top + row * len(trips) + 120)
     width, height = figure.bbox.size
-    axes = figure.add_axes((90 / width, 110 / height, 1420 / width, 380 / height))
+    bottom = top + row * len(trips)
+    write(figure, 60, 56, f'Round trip at {TRIP_RATE} Hz', 40, CARD_INK, weight='bold', ha='left')
+    write(figure, 60, 104, 'from markers published to joint states received, between processes',
+          25, CARD_MUTED, ha='left')
+    edges = np.geomspace(*SHOWN_MS, 121)
+    shares = {node: np.histogram(each, edges)[0] / len(each) for node, each in trips.items()}
+    highest = max(share.max() for share in shares.values())
+    for number, (node, share) in enumerate(shares.items()):
+        axes = figure.add_axes((left / width, 1. - (top + row * (number + 1)) / height,
+                                (right - left) / width, .88 * row / height))
+        _log_axis(axes, number + 1 == len(trips))
+        axes.set_ylim(0., 1.05 * highest)
+        what, note, colour = NODES[node]
+        axes.stairs(share, edges, fill=True, color=colour, alpha=.35)
+        axes.stairs(share, edges, color=colour, linewidth=2.5)
+        lost = np.isnan(trips[node]).mean()
+        median, p99 = np.nanpercentile(trips[node], (50, 99))
+        write(figure, 60, top + row * number + 26, what, 28, colour, weight='bold', ha='left')
+        write(figure, 60, top + row * number + 58, note + (f', lost {lost:.2%}' if lost else ''),
+              20, CARD_MUTED, ha='left')
+        write(figure, 60, top + row * number + 92, f'median {median:.2f} ms, p99 {p99:.2f} ms',
+              20, CARD_INK, ha='left')
+        print(f'{node}: median {1e3 * median:.0f}, p99 {1e3 * p99:.0f} µs, lost {lost:.2%}')
+    for rate in (120, TRIP_RATE):
+        x = left + (right - left) * np.log(1e3 / rate / SHOWN_MS[0]) / np.log(
+            SHOWN_MS[1] / SHOWN_MS[0])
+        figure.add_artist(Line2D((x / width,) * 2, (1. - top / height, 1. - bottom / height),
+                                 color=CARD_INK, linestyle=(0, (4, 4)), linewidth=1.5))
+        write(figure, x, top - 34, f'{1e3 / rate:.1f} ms:\na frame at {rate} Hz', 20, CARD_INK,
+              linespacing=1.3)
+    write(figure, 60, bottom + 84, f'{len(next(iter(trips.values())))} frames each, one hand, all '
+          f'constraints on; {hardware()}', 20, CARD_MUTED, ha='left')
+    save(figure, 'latency.png')
+
+
+def _log_axis(axes, is_lowest):
+    """Make axes with times [ms] along a line, that only the lowest row tells."""
     axes.set_facecolor('none')
     axes.set_xscale('log')
-    edges = np.geomspace(*SHOWN_US, 141)
-    for (hidden, names), colour in zip(core.HIDDEN.items(), (SKY_BLUE, ORANGE, REDDISH_PURPLE)):
-        taken = _processor_time(hand, *core.frames(FRAMES, names, hand))
-        median, p99 = np.percentile(taken, (50, 99))
-        print(f'{hidden} hidden: median {median:.1f}, p99 {p99:.1f} µs, {len(taken)} frames')
-        shares = np.histogram(taken, edges)[0] / len(taken)
-        label = f'{hidden} hidden' if hidden else 'all markers seen'
-        axes.stairs(shares, edges, fill=True, color=colour, alpha=.35)
-        axes.stairs(shares, edges, color=colour, linewidth=2.5,
-                    label=f'{label}: median {median:.0f} µs, p99 {p99:.0f} µs')
-    axes.set_xlim(SHOWN_US)
-    axes.set_xticks(TICKS_US, [f'{tick} µs' for tick in TICKS_US])
+    axes.set_xlim(SHOWN_MS)
+    axes.set_xticks(TICKS_MS, [f'{tick:g} ms' for tick in TICKS_MS] if is_lowest else [])
     axes.set_xticks([], minor=True)
     axes.set_yticks([])
-    axes.tick_params(colors=CARD_MUTED, labelsize=18, length=0, pad=10)
+    axes.tick_params(colors=CARD_MUTED, labelsize=16, length=0, pad=10)
     for name, spine in axes.spines.items():
         spine.set(visible=name == 'bottom', color=CARD_MUTED)
-    for x, y, text in ((32.5, .86, 'nothing\ntouches'),
-                       (38., .34, 'digits that touch are parted')):
-        axes.text(x, y, text, transform=axes.get_xaxis_transform(), color=CARD_MUTED,
-                  fontsize=18, va='center')
-    axes.legend(loc='upper right', frameon=False, labelcolor=CARD_INK, fontsize=18)
-    write(figure, 90, 56, 'Processor time of a frame', 40, CARD_INK, weight='bold',
-          ha='left')
-    write(figure, 90, 100, 'HandTracker.update: markers in, 25 angles out, all constraints on',
-          25, CARD_MUTED, ha='left')
-    how = 'compiled by numba' if COMPILED else 'plain Python'
-    write(figure, 90, 606, f'{len(taken)} frames and more of the demo motion, the least of '
-          f'{ROUNDS} rounds, {how}, {processor()}. At 960 Hz a frame lasts 1042 µs.',
-          21, CARD_MUTED, ha='left')
-    save(figure, 'speed.png')
-
-
-def _processor_time(hand, markers, counted):
-    """Return the processor time of the frames that count, the least of some rounds [µs].
-
-    What else runs on the machine adds little to it.
-    """
-    taken = np.zeros((ROUNDS, len(markers)))
-    for times in taken:
-        tracker = HandTracker(hand)
-        for i, frame in enumerate(markers):
-            start = thread_time_ns()
-            tracker.update(frame)
-            times[i] = 1e-3 * (thread_time_ns() - start)
-    return taken.min(axis=0)[counted]
 
 
 PICTURES = {'hero': hero, 'motion': motion, 'constraints': constraints, 'angles': angles,
-            'speed': speed}
+            'latency': latency}
 
 
 def main():

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks import peers, report
@@ -67,6 +68,21 @@ def test_nothing_grows_in_a_few_frames(tmp_path):
     assert [row['what'] for row in rows] == ['core', 'node']
     assert all(row['frames'] == 400 for row in rows)
     assert all(row['grown_mb'] < 1. for row in rows)
+
+
+@pytest.mark.ros
+def test_every_round_trip_is_kept(tmp_path):
+    pytest.importorskip('rclpy')
+    rows = run('round_trip', '--rates', 100, '--seconds', .5, '--samples', tmp_path / 'trips.npz',
+               folder=tmp_path)
+    assert {row['node'] for row in rows} >= {'hand_tracker', 'rclpy_echo'}
+    with np.load(tmp_path / 'trips.npz') as trips:
+        assert len(trips.files) == len(rows)
+        for row in rows:
+            taken = trips[f"{row['node']}_100_{row['hands']}"]
+            assert len(taken) == 50 * row['hands']
+            assert np.isnan(taken).mean() == pytest.approx(.01 * row['dropped_percent'], abs=1e-5)
+            assert row['median_us'] == pytest.approx(np.nanmedian(taken), abs=.06)
 
 
 def test_the_document_has_every_row(tmp_path, monkeypatch):

@@ -29,6 +29,27 @@ def test_hidden_markers_are_larger_and_of_another_colour():
     assert not np.allclose(seen.colours, hidden.colours)
 
 
+def test_round_trips_are_drawn_where_they_are_on_the_axis(tmp_path, monkeypatch):
+    monkeypatch.setattr(pictures, 'FOLDER', tmp_path)
+    centres = {'hand_tracker': .3, 'rclpy_echo': 1., 'c_echo': .1}  # [ms]
+    spread = np.append(np.geomspace(.9, 1.1, 99), np.nan)
+    np.savez(tmp_path / 'trips.npz', **{
+        f'{node}_{pictures.TRIP_RATE}_1': 1e3 * centre * spread
+        for node, centre in centres.items()})
+    pictures.latency(tmp_path / 'trips.npz')
+    with Image.open(tmp_path / 'latency.png') as image:
+        pixels = np.asarray(image.convert('RGB')).astype(int)[:, 440:]
+    means = {}
+    for node, (_, _, colour) in pictures.NODES.items():
+        off = np.abs(pixels - 255. * np.array(pictures.rgb(colour))).max(axis=2)
+        # Of the outline, not of its foot that runs along the whole axis.
+        here = (off < 8.).sum(axis=0)
+        means[node] = np.flatnonzero(here > 5).mean()
+    decade = means['rclpy_echo'] - means['c_echo']
+    assert decade > 400.
+    assert means['hand_tracker'] - means['c_echo'] == pytest.approx(np.log10(3.) * decade, abs=9.)
+
+
 @pytest.mark.skipif(not COMPILED, reason='takes minutes in plain Python')
 def test_hero_is_a_whole_card_with_three_stages(tmp_path, monkeypatch):
     monkeypatch.setattr(pictures, 'FOLDER', tmp_path)
