@@ -99,3 +99,13 @@ def constrained(hand, options, wanted):
             change = constraint.off if constraint.default else constraint.on
             hand, options = change.hand(hand), replace(options, **change.options)
     return hand, options
+
+
+def in_words(wanted):
+    """Return what a person reads of some of the constraints, as 'without Rigidity'."""
+    off = [name for name in CONSTRAINTS if name in DEFAULT - set(wanted)]
+    if not wanted:
+        return 'without any constraint'
+    if len(off) > 2:
+        return f'with {len(wanted)} of {len(CONSTRAINTS)} constraints'
+    return f'without {" and ".join(off)}' if off else 'with constraints'

@@ -2,22 +2,23 @@
 
 import itertools
 import socket
+import urllib.request
 
 import numpy as np
 import pytest
 
-from hand_tracker.constraints import CONSTRAINTS, DEFAULT, constrained
+from hand_tracker.constraints import CONSTRAINTS, DEFAULT, constrained, in_words
 from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.hand import JOINTS, Hand
 from hand_tracker.core.kinematics import forward, joint_table, tip_offsets
 from hand_tracker.core.layout import MarkerLayout
-from hand_tracker.core.skeleton import POINTS, skeleton_points
+from hand_tracker.core.skeleton import CHAINS, POINTS, TIPS, skeleton_points
 from hand_tracker.core.tracker import TrackerOptions
 from hand_tracker.share import packaged_recording
 from hand_tracker.viewer.angles import angle_bars
 from hand_tracker.viewer.recording import Playhead, Recording
 from hand_tracker.viewer.scene import strongest
-from hand_tracker.viewer.viewer import LOCALHOST, free_port
+from hand_tracker.viewer.viewer import LOCALHOST, Viewer, free_port
 
 DIP = JOINTS.index('index_dip_flexion')
 
@@ -121,10 +122,18 @@ def test_the_mesh_of_the_skeleton_follows_the_links(side):
     hand = Hand.scaled(side=side)
     lower, upper = hand.limits.T
     pose = forward(joint_table(hand), lower + .8 * (upper - lower))
-    vertices = deform(skeleton_mesh(hand), pose)
-    for name, point in zip(POINTS, skeleton_points(tip_offsets(hand), pose, np.zeros(3))):
+    mesh = skeleton_mesh(hand)
+    vertices = deform(mesh, pose)
+    points = skeleton_points(tip_offsets(hand), pose, np.zeros(3))
+    for name, point in zip(POINTS, points):
         nearest = np.linalg.norm(vertices - point, axis=1).min()
-        assert nearest < 1.01 * JOINT_RADIUS, name
+        assert name in TIPS or nearest < 1.01 * JOINT_RADIUS, name
+    # The last bones end within the flesh.
+    for chain, radii in zip(CHAINS, hand.radii):
+        last, tip = points[chain[-2]], points[chain[-1]]
+        bone = vertices[mesh.weights[:, mesh.links.index(chain[-2])] == 1.]
+        beyond = (bone - tip) @ (tip - last) / np.linalg.norm(tip - last)
+        assert -radii[-1] < beyond.max() < -.5 * radii[-1]
 
 
 def test_the_strongest_weights_are_few_and_sum_to_one():
@@ -143,6 +152,29 @@ def test_bars_tell_angles_and_which_are_at_a_limit():
     assert page.count('class="at"') == 1
     assert f'{np.degrees(hand.limits[DIP, 1]):.0f}°' in page
     assert page.count('<div') == 25
+    low, high = np.degrees(hand.limits[DIP])
+    assert f'<s>{low:.0f}</s>' in page and f'<s>{high:.0f}</s>' in page
+
+
+def test_a_hand_tells_which_constraints_are_off():
+    assert in_words(DEFAULT) == 'with constraints'
+    assert in_words(DEFAULT - {'Rigidity'}) == 'without Rigidity'
+    assert in_words(DEFAULT - {'Rigidity', 'Inertia'}) == 'without Rigidity and Inertia'
+    assert in_words({'Rigidity'}) == f'with 1 of {len(CONSTRAINTS)} constraints'
+    assert in_words(()) == 'without any constraint'
+
+
+def test_the_addresses_lead_to_the_page():
+    pytest.importorskip('viser', reason='viser is not installed')
+    viewer = Viewer('0.0.0.0', 8390)
+    try:
+        here, *elsewhere = viewer.addresses
+        assert here.startswith('http://localhost:')
+        for address in viewer.addresses:
+            assert b'<html' in urllib.request.urlopen(address, timeout=10.).read(200)
+        assert len(elsewhere) <= 1
+    finally:
+        viewer.stop()
 
 
 def test_a_taken_port_is_passed_over_and_a_foreign_host_refused():

@@ -34,6 +34,7 @@ PATIENCE = 120.     # [s]
 DESKTOP, PHONE = (1100, 500), (390, 844)
 LYING, SMALL = (844, 390), (700, 500)
 HAND = 2000         # [pixels] that are skin, at least
+MARKERS = 500       # [pixels] that are markers that are seen, at least
 MOVED = .003        # share of the pixels that change when a finger moves
 SEEN = 12           # [0 to 255] by which a changed pixel changes
 NARROW = 20         # [pixels] between the parts of one hand
@@ -119,6 +120,11 @@ def is_skin(picture):
     return (red > 100) & (red - green > 8) & (green > blue) & (abs(red - blue - 72) < 58)
 
 
+def is_seen_marker(picture):
+    red, green, blue = np.moveaxis(picture, -1, 0)
+    return green - np.maximum(red, blue) > 30
+
+
 def changed(first, second):
     return (np.abs(first - second).max(axis=-1) > SEEN).mean()
 
@@ -133,6 +139,10 @@ def desktop(address, browser):
 def test_the_hand_moves_while_the_recording_plays(desktop):
     before = desktop.picture()
     desktop.until(lambda: changed(before, desktop.picture()) > MOVED, 'motion')
+
+
+def test_markers_show_through_the_skin(desktop):
+    desktop.until(lambda: is_seen_marker(desktop.picture()).sum() > MARKERS, 'markers')
 
 
 def test_a_paused_hand_stands_still_where_it_was_sent(desktop):
@@ -178,9 +188,16 @@ def test_side_by_side_shows_a_second_hand(desktop):
 
 def test_a_phone_shows_the_whole_hand_above_the_panel(address, browser):
     phone = Page(browser, address, PHONE, is_mobile=True, has_touch=True)
-    panel = phone.page.get_by_text('hand_tracker', exact=True).bounding_box()
-    picture = phone.picture()
-    assert is_skin(picture[:int(panel['y'])]).sum() > HAND
+
+    def top():
+        """Return where the panel begins [pixels]."""
+        return phone.page.get_by_text('hand_tracker', exact=True).bounding_box()['y']
+
+    phone.until(lambda: top() > .55 * PHONE[1], 'folded panel')
+    assert is_skin(phone.picture()[:int(top())]).sum() > HAND
+    assert not phone.page.get_by_label('Rigidity', exact=True).is_visible()
+    phone.page.get_by_text('Constraints', exact=False).click()
+    phone.until(phone.page.get_by_label('Rigidity', exact=True).is_visible, 'switch')
     assert phone.errors == []
 
 

@@ -11,13 +11,15 @@ NAMES = [f'{joint.upper()} {motion}' for _, joint, motion in (name.split('_') fo
 STYLE = f'''<style>
 .ht {{font: 11px/1.35 system-ui, sans-serif; padding: 2px 10px 8px}}
 .ht h4 {{margin: 6px 0 1px; font-size: 11px; text-transform: capitalize}}
-.ht div {{display: grid; grid-template-columns: 92px 1fr 38px; gap: 6px; align-items: center}}
-.ht i {{height: 7px; border-radius: 3px; background: #8884}}
-.ht i {{position: relative; overflow: hidden}}
+.ht div {{display: grid; grid-template-columns: 86px 22px 1fr 18px 34px; gap: 4px}}
+.ht div {{align-items: center; font-variant-numeric: tabular-nums}}
+.ht i {{height: 7px; border-radius: 3px; background: #8884; position: relative; overflow: hidden}}
 .ht b {{position: absolute; top: 0; bottom: 0; background: {BLUE}}}
 .ht .at b {{background: {VERMILLION}}}
 .ht u {{position: absolute; top: 0; bottom: 0; width: 1px; background: #6b737b}}
-.ht span:last-child {{text-align: right; font-variant-numeric: tabular-nums}}
+.ht s {{font-size: 9px; text-decoration: none; opacity: .6; text-align: right}}
+.ht i + s {{text-align: left}}
+.ht span:last-child {{text-align: right}}
 .ht .locked {{opacity: .45}}
 </style>'''
 
@@ -25,7 +27,8 @@ STYLE = f'''<style>
 def angle_bars(angles, limits):
     """Return a page's part with a bar for each joint, from its lower limit to its upper.
 
-    A bar runs from zero to the angle, in another colour at a limit.
+    A bar runs from zero to the angle, in another colour at a limit; the limits stand at its
+    ends, in degrees.
 
     Parameters
     ----------
@@ -42,19 +45,21 @@ def angle_bars(angles, limits):
     span = np.maximum(upper - lower, 1e-9)
     zero, here = (np.clip(100. * (value - lower) / span, 0., 100.) for value in (0., angles))
     at_limit = (angles < lower + AT_LIMIT) | (angles > upper - AT_LIMIT)
-    degrees = np.degrees(angles)
+    degrees, ends = np.degrees(angles), np.degrees(limits)
     parts = [STYLE, '<section class="ht">']
     for joint, name in enumerate(NAMES):
         if joint % 5 == 0:
             parts.append(f'<h4>{DIGITS[joint // 5]}</h4>')
         if upper[joint] == lower[joint]:
-            parts.append(f'<div class="locked"><span>{name}</span><i></i><span>fixed</span></div>')
+            parts.append(f'<div class="locked"><span>{name}</span><s></s><i></i><s></s>'
+                         '<span>fixed</span></div>')
             continue
         left, right = sorted((zero[joint], here[joint]))
+        least, most, now = map(round, (*ends[joint], degrees[joint]))
         kind = ' class="at"' if at_limit[joint] else ''
         parts.append(
-            f'<div{kind}><span>{name}</span><i><b style="left:{left:.0f}%;width:'
-            f'{right - left:.0f}%"></b><u style="left:{zero[joint]:.0f}%"></u></i>'
-            f'<span>{round(degrees[joint])}°</span></div>')
+            f'<div{kind}><span>{name}</span><s>{least}</s><i><b style="left:{left:.0f}%;width:'
+            f'{right - left:.0f}%"></b><u style="left:{zero[joint]:.0f}%"></u></i><s>{most}</s>'
+            f'<span>{now}°</span></div>')
     parts.append('</section>')
     return ''.join(parts)

@@ -11,7 +11,7 @@ from ..share import packaged_recording
 from .recording import Recording
 from .viewer import LOCALHOST, PORT, Viewer
 
-NEEDED = 'pip install "hand_tracker[view]"'
+NEEDED = 'pip install ".[fast,view]"'
 
 
 def add_page_options(parser):
@@ -49,9 +49,9 @@ def view(source, options):
     try:
         viewer = Viewer(options.host, options.port)
     except ModuleNotFoundError as error:
-        raise HandTrackerError(f'{error}; the viewer needs {NEEDED}') from None
+        raise HandTrackerError(f'{error}; in the checkout: {NEEDED}') from None
     try:
-        print(f'The hand is at {viewer.address} (Ctrl-C ends it)', flush=True)
+        print(f'The hand is at {" and ".join(viewer.addresses)} (Ctrl-C ends it)', flush=True)
         source.prepare(viewer.say)
         viewer.show(source, skin_of(source.hand), lambda: not interrupts)
     except KeyboardInterrupt:

@@ -2,23 +2,26 @@
 
 import io
 import time
-from typing import NamedTuple
+from collections import Counter
 
 import numpy as np
 from PIL import Image
 
 from ..constraints import CONSTRAINTS
 from ..core.tracker import MarkerState
+from ..palette import MARKER_COLOURS
 from .angles import angle_bars
 
 SPEEDS = {'0.1 ×': .1, '0.25 ×': .25, '0.5 ×': .5, '1 ×': 1., '2 ×': 2.}
 TOLD_EVERY = .1     # [s] between two updates of numbers, bars and slider
 HANDS_OFF = .5      # [s] in which the slider is left to whoever moves it
 PNG_SIZE = 2000     # [pixels] of the longer edge at most
-ANGLES_WIDTH = 230  # [pixels]
+ANGLES_WIDTH = 260  # [pixels]
 WIDE, HIGH = 720, 450   # [pixels] of a picture that has room for the angles at its side
 SLACK = 200         # [pixels] by which it may shrink before they go
 PATIENCE = 20.      # [s] for a browser to draw its picture
+FONT = ('padding:6px 12px;font:12px/1.5 system-ui,sans-serif;'
+        'font-variant-numeric:tabular-nums')
 
 
 class Panel:
@@ -40,23 +43,26 @@ class Panel:
         self._time = None
         if source.playhead is not None:
             self._add_playback(gui)
-        with gui.add_folder('Show'):
-            self.skin = gui.add_checkbox('Skin', has_skin, disabled=not has_skin)
-            self.skeleton = gui.add_checkbox('Skeleton', True, disabled=not has_skin)
-            self.markers = gui.add_checkbox('Markers', True)
-            self.held = gui.add_checkbox(
-                'Hold the wrist', True, hint='The fingers move, the hand stays where it is')
+        picture = gui.add_button('Save PNG')
+        picture.on_click(save_picture)
+        # A panel of its own: on a phone it is folded until somebody asks for it.
+        switches = gui.add_panel()
+        with switches.add_tab('Constraints'):
             self.compared = gui.add_checkbox(
                 'Side by side', False,
                 hint='A second hand beside it, from the same markers without any constraint')
-            picture = gui.add_button('Save PNG')
-            picture.on_click(save_picture)
-        with gui.add_folder('Constraints', expand_by_default=True):
             self._switches = {}
             for name, constraint in CONSTRAINTS.items():
                 switch = self._switches[name] = gui.add_checkbox(
                     name, name in source.constraints, hint=constraint.about)
                 switch.on_update(lambda event, name=name: self._switch(name, event))
+        with switches.add_tab('Show'):
+            self.skin = gui.add_checkbox('Skin', has_skin, disabled=not has_skin)
+            self.skeleton = gui.add_checkbox('Skeleton', True, disabled=not has_skin)
+            self.markers = gui.add_checkbox('Markers', True)
+            self.held = gui.add_checkbox(
+                'Hold the wrist', True, hint='The fingers move, the hand stays where it is')
+        switches.dock_below(gui.main_panel)
 
     def _add_playback(self, gui):
         head = self._source.playhead
@@ -102,61 +108,53 @@ class Panel:
             self._time.value = round(self._source.playhead.now(), 2)
 
     def _show_angles(self, page):
-        """Show the angles in each browser: where it has room for them, in a panel of their own."""
+        """Show the angles in each browser, in a panel that is open where it has room for them."""
         clients = self._server.get_clients()
         for gone in self._angles.keys() - clients.keys():
             del self._angles[gone]
         for number, client in clients.items():
-            angles = self._angles.get(number)
-            docked = has_room(client.camera, angles is not None and angles.docked)
-            if angles is None or angles.docked != docked:
-                if angles is not None:
-                    angles.place.remove()
-                angles = self._angles[number] = Angles.add(client.gui, docked)
-            angles.bars.content = page
-
-    def say(self, text):
-        """Show a line in place of the numbers."""
-        self._numbers.content = f'<p style="margin:6px 12px">{text}</p>'
+            if number not in self._angles:
+                self._angles[number] = Angles(client.gui)
+            self._angles[number].show(page, client.camera)
 
 
-class Angles(NamedTuple):
-    """Where a browser shows the angles."""
+class Angles:
+    """A panel of a browser with the angles, at the left of the hand.
 
-    docked: bool
-    place: object
-    bars: object
+    Parameters
+    ----------
+    gui : viser.GuiApi
+        Of the browser.
+    """
 
-    @classmethod
-    def add(cls, gui, docked):
-        """Add bars to a browser's page, in a panel at its left or folded in the main one."""
-        if not docked:
-            place = gui.add_folder('Angles', expand_by_default=False)
-            with place:
-                return cls(docked, place, gui.add_html(''))
-        place = gui.add_panel()
-        with place.add_tab('Angles'):
-            bars = gui.add_html('')
-        place.dock_left()
-        place.set_width(ANGLES_WIDTH)
-        return cls(docked, place, bars)
+    def __init__(self, gui):
+        self._panel = gui.add_panel()
+        with self._panel.add_tab('Angles'):
+            self._bars = gui.add_html('')
+        self._panel.dock_left()
+        self._panel.set_width(ANGLES_WIDTH)
+        self._open = True
 
-
-def has_room(camera, docked):
-    """Return whether a picture leaves room for the angles beside it, or does while they are."""
-    least = WIDE - ANGLES_WIDTH - SLACK if docked else WIDE
-    return camera.image_width >= least and camera.image_height >= HIGH
+    def show(self, page, camera):
+        """Show bars, and fold or unfold the panel where the room that a camera has changed."""
+        self._bars.content = page
+        least = WIDE - ANGLES_WIDTH - SLACK if self._open else WIDE
+        room = camera.image_width >= least and camera.image_height >= HIGH
+        if room != self._open:
+            self._open = room
+            (self._panel.expand if room else self._panel.minimize)()
 
 
 def numbers(texts, state):
-    """Return a page's part with the live numbers."""
-    seen = np.isin(state.marker_states, (MarkerState.SEEN, MarkerState.SWAPPED)).sum()
-    texts = {**texts, 'markers': f'{seen} of {len(state.marker_states)}'}
+    """Return a page's part with the live numbers, and how many markers are in which state."""
     cells = ''.join(f'<div><div style="opacity:.6">{name}</div><b>{text}</b></div>'
                     for name, text in texts.items())
-    return ('<div style="display:grid;grid-template-columns:repeat(4,auto);gap:4px;'
-            'padding:6px 12px;font:12px/1.35 system-ui,sans-serif;'
-            f'font-variant-numeric:tabular-nums">{cells}</div>')
+    counts = Counter(state.marker_states.tolist())
+    kinds = '&ensp;'.join(
+        f'<span style="color:{MARKER_COLOURS[kind]}">●</span> {counts[kind]} {kind.name.lower()}'
+        for kind in MarkerState if counts[kind])
+    return (f'<div style="{FONT}"><div style="display:grid;grid-template-columns:repeat(3,auto)">'
+            f'{cells}</div>{kinds}</div>')
 
 
 def save_picture(event):

@@ -12,23 +12,23 @@ from ..core.tracker import MarkerState
 from ..palette import MARKER_COLOURS, rgb
 from .skeleton import skeleton_mesh
 
-SKIN_COLOUR, BONE_COLOUR = (228, 136, 84), (128, 134, 142)
+SKIN_COLOUR, BONE_COLOUR = (255, 158, 104), (214, 214, 208)
 COLOURS = {int(kind): tuple(round(255. * share) for share in rgb(colour))
            for kind, colour in MARKER_COLOURS.items()}
 GROUND = 21, 28, 38      # the dark cards of the README
-MARKER_RADIUS = .0065    # [m]
-SEEN_THROUGH = .6       # opacity of a skin that shows what is inside,
+MARKER_RADIUS = .006     # [m]
+SEEN_THROUGH = .35       # opacity of each wall of a skin that shows what is inside,
 FADED = .25              # and of a hand whose palm is not found
 INFLUENCES = 4           # bones that the browser lets move a vertex at most
 FLOOR = -.10             # [m] below the wrist
-EYE = np.array((-.16, 0., .40))   # [m] from the wrist: above the hand, a little behind it
-LOOK_AT = np.array((.08, 0., 0.))
+EYE = np.array((-.20, 0., .37))   # [m] from the wrist: above the hand, a little behind it
+LOOK_AT = np.array((.076, 0., 0.))
 FIELD_OF_VIEW = np.radians(35.)
-HAND_WIDTH, HAND_LENGTH = .22, .27   # [m] that are seen at least
-CAPTION_AT = -.05, 0., 0.
+HAND_WIDTH, HAND_LENGTH = .19, .255   # [m] that are seen at least
+CAPTION_AT = -.03, 0., 0.
 REMEMBERED = 16          # places of a camera
-APART = .22              # [m] between two hands
-PHONE, PHONE_FREE = .7, .4   # width by height of a phone, and the share above its panel
+APART = .18              # [m] between two hands
+PHONE, PHONE_FREE = .7, .6   # width by height of a phone, and the share above its panel
 
 
 class Framing:
@@ -70,19 +70,19 @@ class HandScene:
     hand : Hand
     skin : Skin or None
         None where there is none: the skeleton stands alone.
-    caption : str
-        Under the hand, while there are two.
     """
 
-    def __init__(self, scene, name, hand, skin, caption):
+    def __init__(self, scene, name, hand, skin):
         self._node = scene.add_frame(name, show_axes=False)
         self._skin = skin and Mesh(scene, f'{name}/skin', skin, SKIN_COLOUR)
         self._bones = Mesh(scene, f'{name}/bones', skeleton_mesh(hand), BONE_COLOUR)
-        self._markers = [scene.add_icosphere(f'{name}/markers/{marker}', MARKER_RADIUS)
+        self._markers = [scene.add_icosphere(f'{name}/markers/{marker}', MARKER_RADIUS,
+                                             receive_shadow=False)
                          for marker in MARKERS]
         self._kinds = [None] * len(MARKERS)
-        self.caption = scene.add_label(f'{name}/caption', caption, position=CAPTION_AT,
-                                       anchor='top-center', visible=False)
+        self._caption = scene.add_label(f'{name}/caption', '', position=CAPTION_AT,
+                                        anchor='top-center', visible=False,
+                                        font_screen_scale=1.3)
         self.show(skin=True, skeleton=True, markers=True)
 
     def show(self, skin, skeleton, markers):
@@ -100,6 +100,12 @@ class HandScene:
     @visible.setter
     def visible(self, visible):
         self._node.visible = visible
+
+    def caption(self, text):
+        """Write a line under the hand; none if it is empty."""
+        self._caption.visible = bool(text)
+        if text:
+            self._caption.text = text
 
     def draw(self, state, anchor, beside=0.):
         """Show a hand.
@@ -146,6 +152,8 @@ class Mesh:
         self._links = skin.links
         self.node = scene.add_mesh_skinned(
             name, skin.vertices, skin.faces, skin_weights=strongest(skin.weights), color=colour,
+            # The far wall behind what is inside lets the near one be clear.
+            side='double', receive_shadow=False,
             bone_wxyzs=np.array([_wxyz(rotation) for rotation in skin.rest.rotation]),
             bone_positions=skin.rest.position)
 
@@ -186,13 +194,17 @@ def _wxyz(rotation):
 
 
 def light(scene):
-    """Light the scene, and put a floor under the hand."""
+    """Light the scene from the side, so that fingers look round; put a floor under the hand."""
     scene.set_background_image(np.full((2, 2, 3), GROUND, dtype=np.uint8), format='png')
+    # The surroundings that viser reflects by default light all sides alike.
+    scene.configure_environment_map(hdri=None)
     scene.configure_default_lights(enabled=False)
     scene.add_light_hemisphere('/light/sky', sky_color=(255, 250, 244),
-                               ground_color=(150, 140, 150), intensity=.7)
-    scene.add_light_directional('/light/key', intensity=1.2, position=(.1, .5, .8),
+                               ground_color=(120, 110, 130), intensity=1.)
+    scene.add_light_directional('/light/key', intensity=3., position=(.2, .8, .6),
                                 cast_shadow=True)
+    scene.add_light_directional('/light/rim', color=(190, 215, 255), intensity=1.2,
+                                position=(-.2, -.9, .35))
     scene.add_grid('/floor', plane='xy', infinite_grid=True, position=(0., 0., FLOOR),
                    cell_size=.02, section_size=.1, cell_color=(34, 43, 56),
                    section_color=(46, 57, 73), fade_distance=1.5, shadow_opacity=.3)

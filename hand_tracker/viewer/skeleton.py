@@ -4,10 +4,11 @@ import numpy as np
 
 from ..core.hand import JOINTS, LINKS
 from ..core.kinematics import Pose, forward, joint_table, tip_offsets
-from ..core.skeleton import BONES, PALM_BONES, skeleton_points
+from ..core.skeleton import BONES, PALM_BONES, POINTS, TIPS, skeleton_points
 from ..skin.blend import Skin
 
 BONE_RADIUS, JOINT_RADIUS = .0018, .0034  # [m]
+FIRST_TIP = POINTS.index(TIPS[0])
 SIDES = 10
 # The joints between palm and metacarpals are locked: any metacarpal carries the palm.
 PALM = LINKS.index('index_metacarpal')
@@ -15,6 +16,8 @@ PALM = LINKS.index('index_metacarpal')
 
 def skeleton_mesh(hand):
     """Return the bones of a hand, a tube each with a ball where it begins.
+
+    The last ones end where the pulp begins, as bones do: the tip is the skin's.
 
     Parameters
     ----------
@@ -29,13 +32,24 @@ def skeleton_mesh(hand):
     rest = forward(joint_table(hand), np.zeros(len(JOINTS)))
     points = skeleton_points(tip_offsets(hand), rest, np.zeros(3))
     meshes, carriers = [], []
+
+    def add(mesh, carrier):
+        meshes.append(mesh)
+        carriers.append(carrier)
+
+    def add_ball(place, radius, carrier):
+        ball = icosphere(subdivisions=2, radius=radius)
+        ball.apply_translation(place)
+        add(ball, carrier)
+
     for bone in BONES:
         carrier = PALM if bone in PALM_BONES else bone[0]
-        ends = points[list(bone)]
-        ball = icosphere(subdivisions=2, radius=JOINT_RADIUS)
-        ball.apply_translation(ends[0])
-        meshes += [cylinder(BONE_RADIUS, segment=ends, sections=SIDES), ball]
-        carriers += 2 * [carrier]
+        start, end = points[list(bone)]
+        if (digit := bone[1] - FIRST_TIP) >= 0:
+            end = end - hand.radii[digit, -1] * (end - start) / np.linalg.norm(end - start)
+            add_ball(end, BONE_RADIUS, carrier)
+        add(cylinder(BONE_RADIUS, segment=(start, end), sections=SIDES), carrier)
+        add_ball(start, JOINT_RADIUS, carrier)
     links = tuple(sorted(set(carriers)))
     sizes = [len(mesh.vertices) for mesh in meshes]
     starts = np.concatenate(([0], np.cumsum(sizes)[:-1]))

@@ -6,6 +6,7 @@ import io
 import socket
 import time
 
+from ..constraints import DEFAULT, in_words
 from ..core.errors import HandTrackerError
 from .panel import Panel
 from .scene import APART, Framing, HandScene, light, wrist_pose
@@ -13,7 +14,8 @@ from .scene import APART, Framing, HandScene, light, wrist_pose
 RATE = 30.       # [Hz]
 PORT = 8080
 PORTS = 100      # that are tried from the first on
-LOCALHOST = '127.0.0.1'
+LOCALHOST, EVERYWHERE = '127.0.0.1', '0.0.0.0'
+REMOTE = '192.0.2.1', 9    # an address for documentation (RFC 5737): nothing is sent there
 
 
 class Viewer:
@@ -52,11 +54,11 @@ class Viewer:
         self._waiting = self._server.gui.add_markdown('')
 
     @property
-    def address(self):
-        """The page's address."""
+    def addresses(self):
+        """Where a browser finds the page: on this machine, and from elsewhere in the network."""
         host = self._server.get_host()
-        host = 'localhost' if host in ('0.0.0.0', '::', LOCALHOST) else host
-        return f'http://{host}:{self._server.get_port()}'
+        hosts = {LOCALHOST: ['localhost'], EVERYWHERE: ['localhost', *network_address()]}
+        return [f'http://{name}:{self._server.get_port()}' for name in hosts.get(host, [host])]
 
     def _on_connect(self, client):
         self._framings[client.client_id] = Framing(client.camera, self._hands)
@@ -79,8 +81,8 @@ class Viewer:
         self._waiting.remove()
         scene = self._server.scene
         panel = Panel(self._server, source, skin is not None)
-        hand = HandScene(scene, '/hand', source.hand, skin, 'with constraints')
-        bare = HandScene(scene, '/bare', source.hand, skin, 'without')
+        hand = HandScene(scene, '/hand', source.hand, skin)
+        bare = HandScene(scene, '/bare', source.hand, skin)
         bare.visible = False
         anchor = None
         due = time.monotonic()
@@ -101,10 +103,12 @@ class Viewer:
                         for one in (hand, bare):
                             one.show(panel.skin.value, panel.skeleton.value, panel.markers.value)
                         hand.draw(state, anchor, .5 * APART * compared)
-                        bare.visible = hand.caption.visible = bare.caption.visible = \
-                            other is not None
+                        hand.caption(in_words(source.constraints) if compared
+                                     or not source.constraints >= DEFAULT else '')
+                        bare.visible = other is not None
                         if other is not None:
                             bare.draw(other, anchor, -.5 * APART)
+                            bare.caption(in_words(()))
                         panel.tell(state)
 
                 # In viser's own thread: a message from another may find its queue changing.
@@ -142,3 +146,11 @@ def free_port(host, port):
             lack = error.strerror
     raise HandTrackerError(f'--host {host} --port {port}: cannot listen there or at the next '
                            f'{PORTS} ports: {lack}')
+
+
+def network_address():
+    """Return this machine's address in the network, in a list that is empty if it has none."""
+    with contextlib.suppress(OSError), socket.socket(type=socket.SOCK_DGRAM) as probe:
+        probe.connect(REMOTE)
+        return [probe.getsockname()[0]]
+    return []
