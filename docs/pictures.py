@@ -34,8 +34,10 @@ from hand_tracker.simulation.recording import RATE, demo_recording
 from hand_tracker.skin import deform, load_skin
 
 FOLDER = Path(__file__).resolve().parent / 'pictures'
-GIF_RATE, GIF_COLOURS = 10., 80  # [Hz]
+GIF_RATE, GIF_COLOURS, GIF_TOLERANCE = 20., 40, 13  # [Hz], and shades of 256
 SEED = 1                 # as that of the evaluations
+CONDITIONS = {'occluded': 'markers hidden', 'wrong': 'labels exchanged, reflections'}
+WRONG = .01               # [m] from its true place
 MISS = .025              # [m] off the truth where skin is wholly vermillion
 FARTHEST_MM = 60.        # in the mean: what is farther off is not in the picture
 TRIP_RATE, TRIP_SECONDS = 480, 10.  # [Hz], [s] of the round trips
@@ -50,11 +52,18 @@ MARKER = .0040     # [m] radius of a marker, with which it rests on the skin
 
 @cache
 def demo():
-    """Return hand and states of the demo motion, seen by markers on the skin."""
+    """Return hand and states of the demo motion, seen by markers on the skin.
+
+    They are those of its second round, which goes on where the first ended, as does a third.
+    """
     hand = Hand.scaled()
     layout = resting_layout(hand)
     recording = demo_recording(hand, layout)
-    return hand, [state for _, state in tracked_from(recording, hand, layout)]
+    stamps, step = recording.stamps, recording.stamps[1] - recording.stamps[0]
+    twice = recording._replace(
+        stamps=np.append(stamps, stamps + stamps[-1] - stamps[0] + step),
+        markers=np.tile(recording.markers, (2, 1, 1)))
+    return hand, [state for _, state in tracked_from(twice, hand, layout)][len(stamps):]
 
 
 def tracked_from(recording, hand, layout):
@@ -65,17 +74,18 @@ def tracked_from(recording, hand, layout):
 
 
 def resting_layout(hand):
-    """Return the paper's markers as balls that rest on the skin, dorsal of their joints."""
+    """Return the paper's markers as balls that rest on the skin: dorsal, the thumb's at its tip."""
     rest = forward(joint_table(hand), np.zeros(len(JOINTS)))
     vertices = deform(load_skin(hand), rest)
     bare = MarkerLayout().mounting(hand)
     offsets = np.zeros((len(MARKERS), 3))
-    for offset, link, centre in zip(offsets, bare.link, bare.position):
+    for marker, offset, link, centre in zip(MARKERS, offsets, bare.link, bare.position):
         # Link -1 is the wrist, whose frame all is in.
         turned = np.eye(3) if link < 0 else rest.rotation[link]
         above = (vertices - (0. if link < 0 else rest.position[link])) @ turned - centre
-        near = np.hypot(above[:, 0], above[:, 1]) < .7 * MARKER
-        offset[2] = above[near, 2].max() + .8 * MARKER
+        axis = 0 if marker == 'thumb' else 2
+        near = np.linalg.norm(np.delete(above, axis, axis=1), axis=1) < .7 * MARKER
+        offset[axis] = above[near, axis].max() + .8 * MARKER
     return MarkerLayout(offsets=offsets)
 
 
@@ -104,13 +114,17 @@ def balls(markers, states=None):
 def bones(hand, pose):
     """Return the skeleton: each digit in its colour."""
     points = skeleton_points(tip_offsets(hand), pose, np.zeros(3))
+    ends = [chain[-1] for chain in CHAINS]
+    last = points[ends] - points[[chain[-2] for chain in CHAINS]]
+    # Their round ends are within the skin, which ends at the tips.
+    points[ends] -= .005 * last / np.linalg.norm(last, axis=1)[:, None]
     found = [bone(points[a], points[b], .0028, .0028, GREY) for a, b in PALM_BONES]
     found += [ball(points[POINTS.index('wrist')], .005, GREY)]
     for chain, colour in zip(CHAINS, DIGIT_COLOURS):
         for a, b in zip(chain, chain[1:]):
             found += [bone(points[a], points[b], .0034, .0026, rgb(colour)),
                       ball(points[a], .0052, rgb(colour))]
-        found.append(ball(points[chain[-1]], .004, rgb(colour)))
+        found.append(ball(points[chain[-1]], .0026, rgb(colour)))
     return found
 
 
@@ -132,44 +146,44 @@ def save(figure, name):
           f'{(FOLDER / name).stat().st_size / 1e3:.0f} kB', flush=True)
 
 
-def hero(seconds=16.86):
+def hero(seconds=16.8):
     """Draw what goes in and what comes out: markers, joints, skin."""
     hand, states = demo()
     state = states[round(seconds * RATE)]
     markers, pose = local(state)
-    figure = card(1600, 700)
-    size = 500, 560
-    camera = Camera(view_axes('aslant', 'right'), (.082, .0, -.012), .235)
+    figure = card(1600, 680)
+    size = 500, 570
+    camera = Camera(view_axes('aslant', 'right'), (.081, .014, -.012), .212)
     whole = flesh(hand, pose)
     ghost = render([whole], camera, size)
     ghost[..., :3] = 255
-    ghost[..., 3] = ghost[..., 3] * .06
-    stages = (([ghost, render(balls(markers), camera, size)], '8 markers'),
+    ghost[..., 3] = ghost[..., 3] * .08
+    stages = (([ghost, render(balls(markers), camera, size, shadows=False)], '8 markers'),
               ([ghost, render(bones(hand, pose), camera, size)], '25 joint angles'),
               ([render([whole, *balls(markers)], camera, size)], 'one whole hand'))
     for column, (images, what) in enumerate(stages):
         left = 25 + 525 * column
         for image in images:
-            place(figure, image, left, 40)
-        write(figure, left + .5 * size[0], 640, what, 40, CARD_INK, weight='bold')
+            place(figure, image, left, 22)
+        write(figure, left + .5 * size[0], 630, what, 40, CARD_INK, weight='bold')
         if column:
-            write(figure, left - 12, 350, '→', 64, CARD_MUTED)
+            write(figure, left - 12, 320, '→', 64, CARD_MUTED)
     save(figure, 'hero.png')
 
 
 def motion():
     """Draw the demo motion: markers as they come, and the hand that is tracked from them."""
     hand, states = demo()
-    width, height, size = 680, 372, (330, 310)
-    camera = Camera(view_axes('aslant', 'right'), (.08, 0., -.012), .235)
+    width, height, size = 640, 336, (310, 280)
+    camera = Camera(view_axes('aslant', 'right'), (.08, .006, -.012), .222)
     turned = states[0].wrist_rotation.T
     back = card(width, height)
-    write(back, 170, 346, 'markers measured', 17, CARD_INK)
-    write(back, 510, 346, 'hand tracked from them', 17, CARD_INK)
+    for x, what in ((165, 'markers measured'), (475, 'hand tracked from them')):
+        write(back, x, 314, what, 17, CARD_INK)
     for x, colour, text in ((24, BALL, 'seen'), (92, ORANGE, 'hidden, predicted')):
-        back.add_artist(Ellipse((x / width, 1. - 24 / height), 13 / width, 13 / height,
+        back.add_artist(Ellipse((x / width, 1. - 22 / height), 13 / width, 13 / height,
                                 color=colour))
-        write(back, x + 14, 24, text, 15, CARD_MUTED, ha='left')
+        write(back, x + 14, 22, text, 15, CARD_MUTED, ha='left')
     base = Image.new('RGBA', (width, height), CARD)
     base.alpha_composite(drawn(back))
     images = []
@@ -181,51 +195,78 @@ def motion():
         kinds = states[frame].marker_states
         image = base.copy()
         seen = balls(markers[kinds == MarkerState.SEEN])
-        image.alpha_composite(Image.fromarray(render(seen, camera, size, 2)), (5, 22))
-        image.alpha_composite(Image.fromarray(render(
-            [flesh(hand, pose), *balls(markers, kinds)], camera, size, 2)), (345, 22))
+        for left, meshes, shadows in ((10, seen, False),
+                                      (320, [flesh(hand, pose), *balls(markers, kinds)], True)):
+            image.alpha_composite(Image.fromarray(
+                render(meshes, camera, size, 2, shadows)), (left, 18))
         images.append(image.convert('RGB'))
     FOLDER.mkdir(exist_ok=True)
     path = FOLDER / 'motion.gif'
-    save_gif(path, images, GIF_RATE, GIF_COLOURS, (ORANGE,))
+    save_gif(path, images, GIF_RATE, GIF_COLOURS, (ORANGE,), GIF_TOLERANCE)
     print(f'{path}: {len(images)} frames, {path.stat().st_size / 1e6:.2f} MB', flush=True)
 
 
 def constraints():
     """Draw truth, tracked with and without constraints, where the constraints help most."""
-    size, head, step = (470, 380), 120, 470
-    figure = card(1600, head + 2 * step)
-    for x, title in zip((390, 860, 1330), ('the truth', 'with constraints', 'without')):
-        write(figure, x, 66, title, 40, CARD_INK, weight='bold')
-    rows = (('occluded', 'markers\nhidden', 'the frame in which\nconstraints help most'),
-            ('wrong', 'labels\nswapped,\nreflections',
-             f'orange skin: off by\n{1e3 * MISS:.0f} mm and more'))
-    for row, (condition, what, note) in enumerate(rows):
+    size, left, step, head, row = (480, 400), 60, 500, 110, 530
+    figure = card(1600, head + 2 * row + 70)
+    for column, title in enumerate(('the truth', 'tracked with constraints', 'without')):
+        write(figure, left + step * column + .5 * size[0], 62, title, 36, CARD_INK, weight='bold')
+    for number, (condition, what) in enumerate(CONDITIONS.items()):
         one, markers, frame, poses, errors = _helped_most(condition)
-        seen = np.isfinite(markers).all(axis=1)
-        top = head + step * row
-        write(figure, 40, top + .5 * size[1], what, 30, CARD_MUTED, ha='left', linespacing=1.3)
+        top = head + row * number
+        figure.add_artist(Line2D((left / figure.bbox.width, 1. - left / figure.bbox.width),
+                                 (1. - top / figure.bbox.height,) * 2, color=CARD_MUTED, alpha=.4))
+        write(figure, left, top + 30, what, 26, CARD_MUTED, ha='left')
         back = one.rotation[frame].T
         skins = [deform(load_skin(one.hand), forward(
             joint_table(one.hand), angles, back @ turn, back @ (at - one.position[frame])))
             for angles, turn, at in poses]
-        camera = Camera(view_axes('aslant', 'right'), (.074, 0., -.012), .225)
-        places = balls((markers[seen] - one.position[frame]) @ back.T)
+        camera = Camera(view_axes('aslant', 'right'), (.078, 0., -.012), .2)
+        measured, true = ((places - one.position[frame]) @ back.T
+                          for places in (markers, one.sight.truth[frame]))
         for column, vertices in enumerate(skins):
-            left = 155 + step * column
             share = np.clip(np.linalg.norm(vertices - skins[0], axis=1) / MISS, 0., 1.)[:, None]
             whole = Mesh(vertices, load_skin(one.hand).faces,
                          (1. - share) * rgb(FLESH) + share * rgb(VERMILLION))
-            place(figure, render([whole, *places], camera, size), left, top)
-            middle, below = left + .5 * size[0], top + size[1]
+            x, y = left + step * column, top + 42
+            place(figure, render([whole, *_judged(measured, None if column else true)], camera,
+                                 size), x, y)
+            middle, below = x + .5 * size[0], y + size[1]
             if column:
                 here, mean = errors[column - 1]
-                write(figure, middle, below + 22, f'{here:.1f} mm', 34, CARD_INK)
-                write(figure, middle, below + 60, f'mean of all frames: {mean:.1f} mm', 22,
-                      CARD_MUTED)
+                write(figure, middle, below + 22, f'{here:.1f} mm off', 32, CARD_INK)
+                write(figure, middle, below + 58, f'all frames: {mean:.1f} mm', 22, CARD_MUTED)
             else:
-                write(figure, middle, below + 41, note, 22, CARD_MUTED, linespacing=1.4)
+                write(figure, middle, below + 40, 'the frame in which\nconstraints help most', 22,
+                      CARD_MUTED, linespacing=1.4)
+    _constraints_legend(figure)
     save(figure, 'constraints.png')
+
+
+def _judged(measured, true):
+    """Return measured markers; where the truth is given, also hidden ones, and which are wrong."""
+    found = [(at, BALL) for at in measured]
+    if true is not None:
+        off = np.linalg.norm(measured - true, axis=1)
+        found = [(at, rgb(SKY_BLUE) if miss > WRONG else BALL) for at, miss in zip(measured, off)]
+        found += [(at, rgb(ORANGE)) for at, miss in zip(true, off) if np.isnan(miss)]
+    return [ball(at, MARKER, colour) for at, colour in found if np.isfinite(at).all()]
+
+
+def _constraints_legend(figure):
+    """Write what the colours mean along the lower edge."""
+    width, height = figure.bbox.size
+    y = height - 40
+    for x, colour, text in ((72, BALL, 'marker measured'), (312, ORANGE, 'hidden'),
+                            (442, SKY_BLUE, 'measured with a wrong label, or a reflection')):
+        figure.add_artist(Ellipse((x / width, 1. - y / height), 18 / width, 18 / height,
+                                  color=colour))
+        write(figure, x + 20, y, text, 22, CARD_MUTED, ha='left')
+    shades = np.linspace(rgb(FLESH), rgb(VERMILLION), 160)
+    place(figure, np.tile(np.round(255. * shades).astype(np.uint8), (18, 1, 1)), 1130, y - 9)
+    write(figure, 1120, y, 'skin off by 0', 22, CARD_MUTED, ha='right')
+    write(figure, 1300, y, f'to {1e3 * MISS:.0f} mm and more', 22, CARD_MUTED, ha='left')
 
 
 def _helped_most(condition):
@@ -233,9 +274,9 @@ def _helped_most(condition):
 
     Trial, markers, frame, its three poses, and the errors (there, in the mean) of both [mm].
     """
-    found, means = [], []
+    found, means, layout = [], [], resting_layout(Hand.scaled())
     for number, name in enumerate(ablation.MOTIONS):
-        one = trial(name, SEED + number, ablation.RATE, ablation.DURATION)
+        one = trial(name, SEED + number, ablation.RATE, ablation.DURATION, layout)
         markers = ablation.markers_of(one, condition, SEED + number)
         tracked, off = [], []
         for change in (ablation.VARIANTS[ablation.ALL], ablation.without_any()):
@@ -267,8 +308,9 @@ def latency(samples=None):
     with TemporaryDirectory() as folder:
         if samples is None:
             samples = Path(folder, 'samples.npz')
-            subprocess.run([sys.executable, '-m', 'benchmarks.round_trip', '--rates', f'{TRIP_RATE}',
-                            '--seconds', f'{TRIP_SECONDS}', '--samples', samples], check=True)
+            subprocess.run([
+                sys.executable, '-m', 'benchmarks.round_trip', '--rates', f'{TRIP_RATE}',
+                '--seconds', f'{TRIP_SECONDS}', '--samples', samples], check=True)
         with np.load(samples) as found:
             trips = {node: 1e-3 * found[key] for node in NODES
                      if (key := f'{node}_{TRIP_RATE}_1') in found}

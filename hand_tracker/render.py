@@ -12,7 +12,7 @@ EYES = {'from above': ((0., 0., 1.), (1., 0., 0.)), 'the palm': ((0., 0., -1.), 
         'from the thumb': ((0., 1., 0.), (0., 0., 1.)),
         'aslant': ((.35, .5, .75), (1., 0., 0.))}
 DISTANCE, AIR = .9, .006               # [m] of the eye, and around what fits a picture
-KEY = np.array((-.38, .48, .80))       # where the light comes from: left, above, the eye's side
+KEY = np.array((-.15, .40, .90))       # where the light comes from: left, above, the eye's side
 AMBIENT, DIRECT, SHEEN, RIM = .40, .66, .10, .16  # shares of light
 SHINE = 24.                            # exponent of the sheen
 SHADOW_PIXELS = 900                    # of the map of what the light sees, across
@@ -138,7 +138,7 @@ def fitted(axes, points):
     return Camera(axes, middle @ axes, height + 2. * AIR)
 
 
-def render(meshes, camera, size, finer=3):
+def render(meshes, camera, size, finer=3, shadows=True):
     """Return a picture of meshes on nothing.
 
     Parameters
@@ -149,6 +149,8 @@ def render(meshes, camera, size, finer=3):
         Width and height [picture elements].
     finer : int
         Picture elements drawn for one that is shown, across.
+    shadows : bool
+        Whether meshes throw them.
 
     Returns
     -------
@@ -162,7 +164,7 @@ def render(meshes, camera, size, finer=3):
     there = np.isfinite(shown[..., 0])
     place, normal, colour = np.split(shown[there], 3, axis=1)
     image = np.zeros((*there.shape, 4))
-    image[there, :3] = _lit(mesh, camera, place, _unit(normal), colour)
+    image[there, :3] = _lit(mesh, camera, place, _unit(normal), colour, shadows)
     image[there, 3] = 1.
     image = image.reshape(size[1], finer, size[0], finer, 4).mean(axis=(1, 3))
     # Colour that is mixed with nothing keeps its own.
@@ -170,13 +172,15 @@ def render(meshes, camera, size, finer=3):
     return np.round(255. * np.clip(image, 0., 1.)).astype(np.uint8)
 
 
-def _lit(mesh, camera, place, normal, colour):
+def _lit(mesh, camera, place, normal, colour, shadows):
     """Return the colours that a camera sees at places, shape (n, 3)."""
     light = _unit(KEY @ camera.axes)
     eye = camera.axes[2]
     facing = normal @ light
     # Flesh lets light through: it darkens late, and not at once.
-    direct = np.clip((facing + .25) / 1.25, 0., 1.) * _lightness(mesh, light, place, normal)
+    direct = np.clip((facing + .25) / 1.25, 0., 1.)
+    if shadows:
+        direct *= _lightness(mesh, light, place, normal)
     half = np.clip(normal @ _unit(light + eye), 0., 1.)
     sky = .5 + .5 * normal @ camera.axes[1]
     edge = (1. - np.clip(normal @ eye, 0., 1.)) ** 3

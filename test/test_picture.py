@@ -15,6 +15,7 @@ from hand_tracker.core.kinematics import forward, joint_table, tip_offsets
 from hand_tracker.core.layout import MarkerLayout, marker_positions
 from hand_tracker.core.skeleton import BONES, POINTS, bone_radii, skeleton_points
 from hand_tracker.files.bags import write_bag
+from hand_tracker.images import save_gif
 from hand_tracker.picture import (
     DIGIT_COLOURS, GIF_RATE, HIDDEN_COLOUR, Track, save_animation, save_sheet)
 from hand_tracker.simulation.recording import demo_recording, recording_messages
@@ -74,6 +75,20 @@ def test_animation_moves_and_has_every_colour(side, tmp_path):
     assert changed[:, :half].mean() > .02 and changed[:, half:].mean() > .02
     for colour in (*DIGIT_COLOURS, HIDDEN_COLOUR):
         assert min(np.abs(np.subtract(rgb(colour), pixel)).max() for pixel in seen) <= 6, colour
+
+
+def test_small_changes_of_an_animation_are_not_drawn_unless_it_is_dark(tmp_path):
+    size = 6, 4
+    images = [Image.new('RGB', size, colour) for colour in (
+        '#E0C0A0', '#D8B898', '#A08060', '#101010', '#181818')]
+    save_gif(tmp_path / 'all.gif', images, 10., 16, (), 12)
+    shown = []
+    with Image.open(tmp_path / 'all.gif') as image:
+        for frame in range(image.n_frames):
+            image.seek(frame)
+            # Frames that are alike become one that lasts.
+            shown += [image.convert('RGB').getpixel((1, 1))] * (image.info['duration'] // 100)
+    assert shown == [(0xE0, 0xC0, 0xA0)] * 2 + [(0xA0, 0x80, 0x60)] + [(0x10,) * 3, (0x18,) * 3]
 
 
 def test_sheet_shows_poses_in_time(tmp_path):

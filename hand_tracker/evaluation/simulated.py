@@ -105,7 +105,7 @@ class Trial(NamedTuple):
         return {'joint_class': 'all', **spread(joint_errors(found, self.joints[::every])['all'])}
 
 
-def trial(motion, seed, rate, duration):
+def trial(motion, seed, rate, duration, layout=None):
     """Return a trial.
 
     Parameters
@@ -118,13 +118,15 @@ def trial(motion, seed, rate, duration):
         [Hz]
     duration : float
         At most; not more than the motion has [s].
+    layout : MarkerLayout, optional
+        Where the markers are; on the skin of capsules when left out.
 
     Returns
     -------
     Trial
     """
     hand, rig = Hand.scaled(), CameraRig.ring()
-    layout = skin_layout(hand)
+    layout = skin_layout(hand) if layout is None else layout
     moving = motion_named(motion, hand, seed, duration)
     times = np.arange(int(min(duration, moving.duration) * rate)) / rate
     angles, rotation, position = truth = moving.sample(times)
