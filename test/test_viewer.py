@@ -13,10 +13,13 @@ from hand_tracker.core.hand import JOINTS, Hand
 from hand_tracker.core.kinematics import forward, joint_table, tip_offsets
 from hand_tracker.core.layout import MarkerLayout
 from hand_tracker.core.skeleton import CHAINS, POINTS, TIPS, skeleton_points
-from hand_tracker.core.tracker import TrackerOptions
+from hand_tracker.core.tracker import HandTracker, TrackerOptions
+from hand_tracker.files.bags import bag_message, marker_array_message, open_bag, write_bag
+from hand_tracker.labels import DEFAULT_LABELS
+from hand_tracker.offline import track
 from hand_tracker.share import packaged_recording
 from hand_tracker.viewer.angles import angle_bars
-from hand_tracker.viewer.recording import Playhead, Recording
+from hand_tracker.viewer.recording import WARM_UP, Playhead, Recording
 from hand_tracker.viewer.scene import strongest
 from hand_tracker.viewer.viewer import LOCALHOST, Viewer, free_port
 
@@ -77,16 +80,49 @@ def test_numbers_are_those_of_the_recording(recording):
 
 def test_the_tracking_time_is_the_median_of_the_shown_constraints(monkeypatch):
     recording = Recording(packaged_recording(), Hand.scaled(), MarkerLayout())
+    recording.prepare(print)
+    recording.playhead.toggle()
+    recording.playhead.seek(1.)
     # Each update takes 30 µs, and the very first a second: it compiled the kernels.
     clock = itertools.accumulate(itertools.chain([0., 1.], itertools.repeat(30e-6)))
     monkeypatch.setattr('hand_tracker.viewer.recording.time.perf_counter', lambda: next(clock))
-    recording.prepare(print)
     assert recording.numbers(recording.state())['tracking time'] == '30 µs'
     clock = itertools.accumulate(itertools.repeat(70e-6))
     recording.bare_state()
     assert recording.numbers(recording.state())['tracking time'] == '30 µs'
     recording.constrain(())
     assert recording.numbers(recording.state())['tracking time'] == '70 µs'
+
+
+def test_what_plays_is_what_is_tracked_from_the_start(recording):
+    hand, layout = Hand.scaled(), MarkerLayout()
+    with open_bag(packaged_recording()) as bag:
+        frames = list(track(bag.messages(['/markers']), HandTracker(hand, layout)))
+    start = frames[0].time
+    for second in np.arange(0., recording.playhead.duration, .5):
+        recording.playhead.seek(second)
+        before = [frame for frame in frames if frame.time <= start + round(1e9 * second)]
+        assert np.array_equal(recording.state().angles, before[-1].state.angles), second
+
+
+def test_a_leap_tracks_no_more_than_the_warm_up(recording, monkeypatch):
+    updates = []
+    update = HandTracker.update
+    monkeypatch.setattr(HandTracker, 'update', lambda self, *args: (
+        updates.append(args), update(self, *args))[1])
+    recording.playhead.seek(20.)
+    recording.constrain(DEFAULT - {'Inertia'})
+    recording.state()
+    assert len(updates) == pytest.approx(120. * WARM_UP, abs=3.)
+    updates.clear()
+    recording.playhead.seek(21.)
+    recording.state()
+    assert len(updates) == pytest.approx(120., abs=2.)
+    updates.clear()
+    recording.playhead.seek(0.)
+    recording.state()
+    assert len(updates) <= 2
+    recording.constrain(DEFAULT)
 
 
 def test_a_playhead_runs_stops_and_begins_again(monkeypatch):
@@ -109,6 +145,13 @@ def test_a_playhead_runs_stops_and_begins_again(monkeypatch):
 
 
 def test_a_recording_without_a_palm_is_refused(tmp_path):
+    positions = np.full((8, 3), np.nan)
+    positions[3:] = .1
+    path = tmp_path / 'palmless.mcap'
+    write_bag(path, (bag_message('/markers', second * 10**9, marker_array_message(
+        second * 10**9, 'mocap', DEFAULT_LABELS, positions)) for second in range(3)))
+    with pytest.raises(HandTrackerError, match='nothing to show'):
+        Recording(path, Hand.scaled(), MarkerLayout()).prepare(print)
     with pytest.raises(HandTrackerError, match='no such file'):
         Recording(tmp_path / 'none.mcap', Hand.scaled(), MarkerLayout())
 

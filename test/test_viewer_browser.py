@@ -8,6 +8,7 @@ import re
 import shutil
 import sys
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -129,11 +130,25 @@ def changed(first, second):
     return (np.abs(first - second).max(axis=-1) > SEEN).mean()
 
 
+@contextmanager
+def opened(browser, address, size, **more):
+    """Yield a page that has no error; then close it, as the others are drawn by software too."""
+    page = Page(browser, address, size, **more)
+    yield page
+    page.page.close()
+    assert page.errors == []
+
+
 @pytest.fixture(scope='module')
 def desktop(address, browser):
-    page = Page(browser, address, DESKTOP)
-    yield page
-    assert page.errors == []
+    with opened(browser, address, DESKTOP) as page:
+        yield page
+
+
+@pytest.fixture
+def phone(address, browser):
+    with opened(browser, address, PHONE, is_mobile=True, has_touch=True) as page:
+        yield page
 
 
 def test_the_hand_moves_while_the_recording_plays(desktop):
@@ -186,9 +201,7 @@ def test_side_by_side_shows_a_second_hand(desktop):
     desktop.until(lambda: gap() < NARROW, 'single hand')
 
 
-def test_a_phone_shows_the_whole_hand_above_the_panel(address, browser):
-    phone = Page(browser, address, PHONE, is_mobile=True, has_touch=True)
-
+def test_a_phone_shows_the_whole_hand_above_the_panel(phone):
     def top():
         """Return where the panel begins [pixels]."""
         return phone.page.get_by_text('hand_tracker', exact=True).bounding_box()['y']
@@ -198,7 +211,6 @@ def test_a_phone_shows_the_whole_hand_above_the_panel(address, browser):
     assert not phone.page.get_by_label('Rigidity', exact=True).is_visible()
     phone.page.get_by_text('Constraints', exact=False).click()
     phone.until(phone.page.get_by_label('Rigidity', exact=True).is_visible, 'switch')
-    assert phone.errors == []
 
 
 def shows_the_whole_hand(page):
@@ -210,13 +222,10 @@ def shows_the_whole_hand(page):
 
 
 def test_a_small_window_shows_the_whole_hand(address, browser):
-    small = Page(browser, address, SMALL)
-    small.until(lambda: shows_the_whole_hand(small), 'whole hand')
-    assert small.errors == []
+    with opened(browser, address, SMALL) as small:
+        small.until(lambda: shows_the_whole_hand(small), 'whole hand')
 
 
-def test_a_phone_that_is_turned_shows_the_whole_hand(address, browser):
-    phone = Page(browser, address, PHONE, is_mobile=True, has_touch=True)
+def test_a_phone_that_is_turned_shows_the_whole_hand(phone):
     phone.page.set_viewport_size({'width': LYING[0], 'height': LYING[1]})
     phone.until(lambda: shows_the_whole_hand(phone), 'whole hand')
-    assert phone.errors == []

@@ -90,8 +90,9 @@ def main(args=None):
     options = _parse(args)
     try:
         hand, layout = choose_hand(options.hand, options.side, options.limits, options.coupling)
-        view(Recording(options.recording, hand, layout, options.topic, label_map(options.label),
-                       options.frame, options.unit_scale, not options.keep_zeros), options)
+        view(Recording(options.recording, hand, layout, options.topic,
+                       labels=label_map(options.label), frame_id=options.frame,
+                       scale=options.unit_scale, zero_is_missing=not options.keep_zeros), options)
     except (HandTrackerError, OSError) as error:
         print(f'hand_tracker view: {error}', file=sys.stderr)
         return 1

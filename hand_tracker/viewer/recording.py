@@ -1,24 +1,21 @@
-"""A recording as a source of the viewer: tracked whole, so that any instant is at hand."""
+"""A recording as a source of the viewer: read and tracked as it plays, however long it is."""
 
 import time
-from bisect import bisect_right
+from collections import deque
 from statistics import median
 from threading import Lock
-from typing import NamedTuple
 
 import numpy as np
 
-from ..codec import MarkerReader
 from ..constraints import DEFAULT, constrained
 from ..core.errors import HandTrackerError
 from ..core.jit import COMPILED
 from ..core.tracker import HandTracker, TrackerOptions
 from ..files.bags import open_bag
-from ..labels import LabelMap
-from ..marker_frame import FrameTime
-from ..offline import marker_topic
+from ..offline import marker_topic, track
 
-KEPT = 4  # variants that stay tracked
+WARM_UP = 10.   # [s] that the tracker has seen of the recording before it is looked at
+TIMED = 500     # updates of which the median is told
 
 
 class Playhead:
@@ -67,16 +64,60 @@ class Playhead:
         self.playing = not self.playing
 
 
-class Tracked(NamedTuple):
-    """A recording tracked with some constraints: times [s], states, cost of an update [s]."""
+class TimedTracker(HandTracker):
+    """A tracker that keeps how long its last updates took, `costs` [s]."""
 
-    times: list
-    states: list
-    cost: float
+    def __init__(self, *args):
+        super().__init__(*args)
+        self.costs = deque(maxlen=TIMED)
+
+    def update(self, *args):
+        """Return the hand for the next frame of markers."""
+        start = time.perf_counter()
+        state = super().update(*args)
+        self.costs.append(time.perf_counter() - start)
+        return state
+
+
+class Stream:
+    """A recording that is tracked on and on.
+
+    Parameters
+    ----------
+    constraints : frozenset of str
+        With which it is tracked.
+    tracker : TimedTracker
+    frames : iterator of TrackedFrame
+        Of the tracker.
+
+    Attributes
+    ----------
+    constraints : frozenset of str
+    tracker : TimedTracker
+    state : HandState or None
+        None before the palm is seen.
+    """
+
+    def __init__(self, constraints, tracker, frames):
+        self.constraints, self.tracker, self.state = constraints, tracker, None
+        self._frames, self._next = frames, next(frames, None)
+        self._now = None
+
+    def reaches(self, time):
+        """Return whether it comes to a time [ns] at once: later, but not by much."""
+        return 0 <= time - self._now <= 1e9 * WARM_UP
+
+    def go(self, time):
+        """Go on to a time [ns]."""
+        self._now = time
+        while self._next is not None and self._next.time <= time:
+            self.state, self._next = self._next.state, next(self._frames, None)
 
 
 class Recording:
     """A recording of markers.
+
+    Of the time before an instant the tracker knows the last `WARM_UP`, or what was played.
 
     Parameters
     ----------
@@ -84,9 +125,8 @@ class Recording:
     hand : Hand
     layout : MarkerLayout
     topic : str, optional
-    labels : LabelMap, optional
-    frame_id, scale, zero_is_missing
-        See `markers_from_message`.
+    **reading
+        Of `track`: labels, frame_id, scale, zero_is_missing.
 
     Attributes
     ----------
@@ -97,19 +137,19 @@ class Recording:
         Once it is prepared.
     """
 
-    def __init__(self, path, hand, layout, topic=None, labels=None, frame_id='', scale=1.,
-                 zero_is_missing=True):
+    def __init__(self, path, hand, layout, topic=None, **reading):
         self.hand, self._layout = hand, layout
         self.constraints = DEFAULT
         self.playhead = None
-        self._tracked = {}
+        self._path, self._reading = path, reading
+        self._shown = self._bare = None
         with open_bag(path) as bag:
-            self._path = bag.path
-            self._messages = list(bag.messages([marker_topic(bag, topic)]))
-        self._how = (LabelMap() if labels is None else labels), frame_id, scale, zero_is_missing
+            self._topic = marker_topic(bag, topic)
+            self._start, self._end = bag.start, bag.start + bag.duration
+            self._rate = (bag.counts[self._topic] - 1) / max(1e-9 * bag.duration, 1e-9)
 
     def prepare(self, say):
-        """Read and track the recording; the very first time, kernels may be compiled.
+        """Find the hand in the recording; the very first time, kernels may be compiled.
 
         Parameters
         ----------
@@ -123,35 +163,20 @@ class Recording:
         """
         say('Preparing; the very first time kernels are compiled for about a minute' if COMPILED
             else 'Preparing')
-        read, clock = MarkerReader(*self._how).read, FrameTime()
-        frames = [(1e-9 * message.time, read(message.data)) for message in self._messages]
-        self._frames = [(received, clock.of(frame.stamp, received), frame.positions)
-                        for received, frame in frames if frame.stamp is not None]
-        times = self._track(self.constraints).times
-        if len(times) < 2 or times[-1] <= times[0]:
+        first = next(self._track(self._tracker(DEFAULT), self._start), None)
+        if first is None or first.time >= self._end:
             raise HandTrackerError(f'{self._path}: nothing to show; expected frames in which the '
                                    "palm's three markers are seen together")
-        self.playhead = Playhead(times[-1] - times[0])
-        self._rate = (len(times) - 1) / self.playhead.duration
+        self._start = first.time
+        self.playhead = Playhead(1e-9 * (self._end - self._start))
 
-    def _track(self, constraints):
-        """Return the recording tracked with some constraints."""
-        if constraints not in self._tracked:
-            if len(self._tracked) == KEPT:
-                del self._tracked[next(iter(self._tracked))]
-            hand, options = constrained(self.hand, TrackerOptions(), constraints)
-            tracker = HandTracker(hand, self._layout, options)
-            times, states, costs = [], [], []
-            for received, stamp, markers in self._frames:
-                start = time.perf_counter()
-                state = tracker.update(markers, stamp)
-                costs.append(time.perf_counter() - start)
-                if tracker.placed:
-                    times.append(received)
-                    states.append(state)
-            # The median: the first update may have compiled the kernels.
-            self._tracked[constraints] = Tracked(times, states, median(costs or [0.]))
-        return self._tracked[constraints]
+    def _tracker(self, constraints):
+        hand, options = constrained(self.hand, TrackerOptions(), constraints)
+        return TimedTracker(hand, self._layout, options)
+
+    def _track(self, tracker, start):
+        with open_bag(self._path) as bag:
+            yield from track(bag.messages([self._topic], start), tracker, **self._reading)
 
     def attend(self, looked_at, compared):
         """Do nothing: a recording is at hand as it is."""
@@ -161,21 +186,29 @@ class Recording:
         self.constraints = frozenset(constraints)
 
     def state(self):
-        """Return the hand as it is now."""
-        return self._at(self.constraints)
+        """Return the hand as it is now; None while the palm was not seen for `WARM_UP`."""
+        self._shown = self._stream(self._shown, self.constraints)
+        return self._shown.state
 
     def bare_state(self):
-        """Return the hand as it is now without any constraint."""
-        return self._at(frozenset())
+        """Return the hand as it is now without any constraint, or None as `state`."""
+        self._bare = self._stream(self._bare, frozenset())
+        return self._bare.state
 
-    def _at(self, constraints):
-        times, states, _ = self._track(constraints)
-        return states[bisect_right(times, times[0] + self.playhead.now()) - 1]
+    def _stream(self, stream, constraints):
+        """Return what is tracked up to now: the given stream, unless it does not lead there."""
+        now = self._start + round(1e9 * self.playhead.now())
+        if stream is None or stream.constraints != constraints or not stream.reaches(now):
+            tracker = self._tracker(constraints)
+            start = max(self._start, now - round(1e9 * WARM_UP))
+            stream = Stream(constraints, tracker, self._track(tracker, start))
+        stream.go(now)
+        return stream
 
     def numbers(self, state):
         """Return what is measured, as texts by name."""
         residuals = state.residuals[np.isfinite(state.residuals)]
         return {
             'rate': f'{self._rate:.0f} Hz',
-            'tracking time': f'{1e6 * self._track(self.constraints).cost:.0f} µs',
+            'tracking time': f'{1e6 * median(self._shown.tracker.costs):.0f} µs',
             'residual': f'{1e3 * residuals.mean():.2f} mm' if residuals.size else '–'}
