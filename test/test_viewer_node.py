@@ -8,7 +8,7 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 
 from rclpy.serialization import serialize_message  # noqa: E402
-from ros_process import NodeProcess  # noqa: E402
+from ros_process import NodeProcess, watching_node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
@@ -87,3 +87,44 @@ def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
     finally:
         node.destroy_node()
         rclpy.shutdown()
+
+
+def test_it_pauses_and_slows_the_player():
+    srv = pytest.importorskip('rosbag2_interfaces.srv', reason='needs rosbag2_interfaces')
+    with watching_node('viewer') as node:
+        live = Live(node)
+        head = live.playhead
+        frames = node.collect(MarkerArray, 'markers')
+
+        def rate(duration=2.):
+            """Return how many frames come in a second."""
+            frames.clear()
+            node.spin_for(duration)
+            return len(frames) / duration
+
+        def look():
+            head.look()
+            return head.there
+
+        assert not look()
+        with NodeProcess('hand_tracker.nodes.replay', {'loop': True}):
+            node.spin_until(look)
+            assert head.playing
+            node.spin_until(lambda: frames)
+            assert rate() > 90.
+            head.set_rate(.25)
+            node.spin_for(.5)
+            assert 20. < rate() < 40.
+            head.toggle()
+            node.spin_for(.5)
+            assert rate(1.) == 0.
+            node.spin_until(lambda: look() and not head.playing)
+            # Another lets it go on.
+            node.call(srv.Resume, '/replay/resume')
+            node.spin_until(lambda: look() and head.playing)
+            assert rate() > 20.
+            head.toggle()
+            head.toggle()
+            node.spin_for(.5)
+            assert head.playing and rate() > 20.
+        node.spin_until(lambda: not look())

@@ -1,17 +1,18 @@
 """The viewer node: the hand that a running tracker publishes, in the browser.
 
 Before --ros-args it takes --host ADDRESS and --port PORT; the parameter `tracker` names the
-tracker's node, whose constraints it switches.
+tracker's node, whose constraints it switches, and `player` that of the recording's player,
+which it pauses and speeds up by rosbag2's services, where there is one.
 """
 
 import argparse
 import sys
+import time
 from collections import deque
 from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
 from queue import Empty, Queue
-from typing import NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -26,11 +27,11 @@ from visualization_msgs.msg import MarkerArray
 
 from ..constraints import CONSTRAINTS, constrained
 from ..core.hand import JOINTS
-from ..core.kinematics import Pose, forward, joint_table, tip_offsets
+from ..core.kinematics import forward, joint_table, tip_offsets
 from ..core.layout import MARKERS
 from ..core.palm import PalmState, place_palm
 from ..core.skeleton import POINTS, skeleton_points
-from ..core.tracker import HandTracker, MarkerState, TrackerOptions
+from ..core.tracker import HandState, HandTracker, MarkerState, TrackerOptions
 from ..marker_frame import seconds
 from ..viewer.command import add_page_options, view
 from ..visuals import COLOURS, FADED, JOINTS_SHOWN
@@ -38,7 +39,13 @@ from .common import names_of, run, spinning
 from .tracker_parameters import START, live_settings, live_table, starting_hand
 from .wire import Wire
 
+try:
+    from rosbag2_interfaces import srv
+except ImportError:
+    srv = None
+
 POLL = .1            # [s]
+ASKED_EVERY = 1.     # [s] whether the player is paused: others may pause it too
 KEPT = 100           # joint states that may wait for the markers of their stamp
 # In bytes: behind the encapsulation, and there behind the number of markers.
 JOINTS_STAMP, MARKERS_STAMP = slice(4, 12), slice(8, 16)
@@ -52,16 +59,60 @@ NUMBERS = {'rate': ('rate [Hz]', 'Hz'), 'latency': ('latency p50 [ms]', 'ms'),
            'residual': ('mean residual [mm]', 'mm')}
 
 
-class Frame(NamedTuple):
-    """A hand as it is published, with the fields of a `HandState`."""
+class Player:
+    """The node that plays the recording, as the viewer's playhead: that of rosbag2, or replay.
 
-    palm: PalmState
-    angles: np.ndarray
-    wrist_rotation: np.ndarray
-    wrist_position: np.ndarray
-    pose: Pose
-    markers: np.ndarray
-    marker_states: np.ndarray
+    Where it is in the recording it does not tell.
+
+    Parameters
+    ----------
+    node : Node
+    name : str
+        Of the player.
+
+    Attributes
+    ----------
+    duration : None
+    playing : bool
+    there : bool
+        Whether the player answers.
+    """
+
+    duration = None
+
+    def __init__(self, node, name):
+        self._is_paused, self._pause, self._resume, self._set_rate = (
+            node.create_client(kind, f'{name}/{service}') for kind, service in (
+                (srv.IsPaused, 'is_paused'), (srv.Pause, 'pause'), (srv.Resume, 'resume'),
+                (srv.SetRate, 'set_rate')))
+        self.playing, self.there = True, False
+        self._asked = -np.inf
+
+    def look(self):
+        """Ask whether it is there and plays, when it is time."""
+        now = time.monotonic()
+        if now - self._asked < ASKED_EVERY:
+            return
+        self._asked = now
+        if self._is_paused.service_is_ready():
+            self._is_paused.call_async(srv.IsPaused.Request()).add_done_callback(self._on_answer)
+        else:
+            self.there = False
+
+    def _on_answer(self, future):
+        self.playing, self.there = not future.result().paused, True
+
+    def toggle(self):
+        """Pause or go on."""
+        if self.playing:
+            self._pause.call_async(srv.Pause.Request())
+        else:
+            self._resume.call_async(srv.Resume.Request())
+        self.playing = not self.playing
+
+    def set_rate(self, rate):
+        """Play so many times as fast as recorded."""
+        self._set_rate.call_async(srv.SetRate.Request(rate=rate))
 
 
 class Live:
@@ -70,19 +121,20 @@ class Live:
     Parameters
     ----------
     node : Node
-    tracker : str, optional
-        The tracker's node.
+    tracker, player : str, optional
+        Nodes of the tracker and of what plays a recording to it.
 
     Attributes
     ----------
-    hand, constraints, playhead
-        As a `Recording` has them; the playhead is None.
+    hand, constraints
+        As a `Recording` has them.
+    playhead : Player or None
+        None without rosbag2_interfaces.
     """
 
-    playhead = None
-
-    def __init__(self, node, tracker='hand_tracker'):
+    def __init__(self, node, tracker='hand_tracker', player='replay'):
         self._node, self._tracker = node, tracker
+        self.playhead = Player(node, player) if srv else None
         self._joint_states, self._hand_markers = deque(maxlen=KEPT), deque(maxlen=1)
         self._state = None
         self._numbers = {}
@@ -161,6 +213,8 @@ class Live:
             Whether `bare_state` is to be told.
         """
         wanted = set()
+        if looked_at and self.playhead is not None:
+            self.playhead.look()
         if looked_at:
             wanted |= {'joint_states', 'hand_markers'}
         if compared:
@@ -214,7 +268,10 @@ class Live:
         return self._state
 
     def _frame(self, joint_state, hand_markers):
-        """Return the hand of two messages; None if they are not this tracker's."""
+        """Return the hand of two messages, as far as they tell it.
+
+        None if they are not this tracker's.
+        """
         angles = np.array(deserialize_message(joint_state, JointState).position)
         shown = {marker.ns.removeprefix(self._names.prefix): marker for marker in
                  deserialize_message(hand_markers, MarkerArray).markers}
@@ -234,8 +291,10 @@ class Live:
             nearest = np.abs(colours[:, None] - TONES).sum(axis=2).argmin(axis=1)
             states[:len(nearest)] = [KINDS[i] for i in nearest]
         found = joints.color.a > .5 * (1. + FADED)
-        return Frame(PalmState.TRACKED if found else PalmState.LOST, angles, rotation, position,
-                     forward(joint_table(self.hand), angles, rotation, position), markers, states)
+        return HandState(
+            PalmState.TRACKED if found else PalmState.LOST, angles, rotation, position,
+            forward(joint_table(self.hand), angles, rotation, position), markers, states,
+            hidden_for=None, confidence=None, residuals=None, iterations=None)
 
     def bare_state(self):
         """Return the hand tracked here without any constraint; None before the first frame."""
@@ -272,11 +331,13 @@ def main(args=None):
     def make():
         node = Node('viewer')
         node.declare_parameter('tracker', 'hand_tracker')
+        node.declare_parameter('player', 'replay')
         return node
 
     def work(node):
         with spinning(node):
-            view(Live(node, node.get_parameter('tracker').value), options)
+            view(Live(node, *(node.get_parameter(name).value for name in ('tracker', 'player'))),
+                 options)
 
     return run(make, work, args)
 

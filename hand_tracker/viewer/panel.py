@@ -13,6 +13,7 @@ from ..palette import MARKER_COLOURS
 from .angles import angle_bars
 
 SPEEDS = {'0.1 ×': .1, '0.25 ×': .25, '0.5 ×': .5, '1 ×': 1., '2 ×': 2.}
+PAUSE, PLAY = 'Pause', 'Play'
 TOLD_EVERY = .1     # [s] between two updates of numbers, bars and slider
 HANDS_OFF = .5      # [s] in which the slider is left to whoever moves it
 PNG_SIZE = 2000     # [pixels] of the longer edge at most
@@ -37,12 +38,10 @@ class Panel:
     def __init__(self, server, source, has_skin):
         self._server, self._source = server, source
         self._angles = {}
-        self._told = self._scrubbed = -np.inf
+        self._told = -np.inf
         gui = server.gui
         self._numbers = gui.add_html('')
-        self._time = None
-        if source.playhead is not None:
-            self._add_playback(gui)
+        self._playback = Playback(gui, source.playhead) if source.playhead else None
         picture = gui.add_button('Save PNG')
         picture.on_click(save_picture)
         # A panel of its own: on a phone it is folded until somebody asks for it.
@@ -64,26 +63,6 @@ class Panel:
                 'Hold the wrist', True, hint='The fingers move, the hand stays where it is')
         switches.dock_below(gui.main_panel)
 
-    def _add_playback(self, gui):
-        head = self._source.playhead
-        self._time = gui.add_slider('Time [s]', 0., round(head.duration, 2), .01, 0.)
-        self._time.on_update(self._scrub)
-        speed = gui.add_dropdown('Speed', tuple(SPEEDS), initial_value='1 ×')
-        speed.on_update(lambda event: head.set_rate(SPEEDS[event.target.value]))
-        play = gui.add_button('Pause')
-
-        def toggle(event):
-            head.toggle()
-            play.label = 'Pause' if head.playing else 'Play'
-
-        play.on_click(toggle)
-
-    def _scrub(self, event):
-        # What this program itself sets has no client.
-        if event.client is not None:
-            self._scrubbed = time.monotonic()
-            self._source.playhead.seek(event.target.value)
-
     def _switch(self, name, event):
         if event.client is not None:
             change = self._source.constraints.union if event.target.value \
@@ -104,8 +83,8 @@ class Panel:
         self._show_refused()
         self._numbers.content = numbers(self._source.numbers(state), state)
         self._show_angles(angle_bars(state.angles, self._source.hand.limits))
-        if self._time is not None and now - self._scrubbed > HANDS_OFF:
-            self._time.value = round(self._source.playhead.now(), 2)
+        if self._playback is not None:
+            self._playback.tell(now)
 
     def _show_angles(self, page):
         """Show the angles in each browser, in a panel that is open where it has room for them."""
@@ -116,6 +95,52 @@ class Panel:
             if number not in self._angles:
                 self._angles[number] = Angles(client.gui)
             self._angles[number].show(page, client.camera)
+
+
+class Playback:
+    """What steers a playhead: its place, where it knows that, its speed, pause.
+
+    Parameters
+    ----------
+    gui : viser.GuiApi
+    head : Playhead or Player
+    """
+
+    def __init__(self, gui, head):
+        self._head, self._scrubbed = head, -np.inf
+        self._folder = gui.add_folder(None, visible=head.there)
+        with self._folder:
+            self._time = None
+            if head.duration is not None:
+                self._time = gui.add_slider('Time [s]', 0., round(head.duration, 2), .01, 0.)
+                self._time.on_update(self._scrub)
+            speed = gui.add_dropdown('Speed', tuple(SPEEDS), initial_value='1 ×')
+            speed.on_update(lambda event: head.set_rate(SPEEDS[event.target.value]))
+            self._play = gui.add_button(PAUSE)
+            self._play.on_click(self._toggle)
+
+    def _scrub(self, event):
+        # What this program itself sets has no client.
+        if event.client is not None:
+            self._scrubbed = time.monotonic()
+            self._head.seek(event.target.value)
+
+    def _toggle(self, event):
+        self._head.toggle()
+        self._show_playing()
+
+    def _show_playing(self):
+        label = PAUSE if self._head.playing else PLAY
+        if self._play.label != label:
+            self._play.label = label
+
+    def tell(self, now):
+        """Show where the playhead is now [s of the monotonic clock]."""
+        if self._folder.visible != self._head.there:
+            self._folder.visible = self._head.there
+        self._show_playing()
+        if self._time is not None and now - self._scrubbed > HANDS_OFF:
+            self._time.value = round(self._head.now(), 2)
 
 
 class Angles:

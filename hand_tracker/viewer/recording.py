@@ -28,8 +28,13 @@ class Playhead:
 
     Attributes
     ----------
+    duration : float
     playing : bool
+    there : bool
+        That there is something to steer.
     """
+
+    there = True
 
     def __init__(self, duration):
         self.duration = duration
