@@ -74,7 +74,7 @@ def tracked_from(recording, hand, layout):
 
 
 def resting_layout(hand):
-    """Return the paper's markers as balls that rest on the skin: dorsal, the thumb's at its tip."""
+    """Return the paper's markers as balls on the skin: dorsal, the thumb's at its tip."""
     rest = forward(joint_table(hand), np.zeros(len(JOINTS)))
     vertices = deform(load_skin(hand), rest)
     bare = MarkerLayout().mounting(hand)

@@ -17,7 +17,7 @@ from hand_tracker.evaluation import (
 from hand_tracker.evaluation.captures import Capture, InvalidCapture, load_capture
 from hand_tracker.evaluation.demo_frames import demo_frames, tracked_hand
 from hand_tracker.evaluation.options import Options
-from hand_tracker.evaluation.report import Table
+from hand_tracker.evaluation.report import Table, words
 from hand_tracker.evaluation.results import versions
 
 RATE = 60.
@@ -60,6 +60,13 @@ def local_markers(frames=240):
     local = np.tile(random.uniform(-.1, .1, (8, 3)), (frames, 1, 1))
     local[:, 3:] += random.normal(0., .01, (frames, 5, 3))
     return local
+
+
+def test_pictures_name_things_as_people_do():
+    assert words('thumb_cmc') == 'thumb CMC'
+    assert words('manipnet__cup1_leftHand') == 'manipnet cup1 leftHand'
+    assert words('spheres + fabrik') == 'spheres + FABRIK'
+    assert words('tip') == 'tip'
 
 
 def test_hold_last_stays_where_the_marker_was():

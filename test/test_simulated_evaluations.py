@@ -1,5 +1,7 @@
 """The evaluations on simulated hands: what they compare, and that the tracker sees no truth."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
@@ -90,6 +92,11 @@ def test_rows_and_pictures_of_the_ablation(quick, monkeypatch, tmp_path):
         assert by[motion, 'all seen', ablation.MEASURED] < by[motion, 'all seen', ablation.ALL]
     assert [len(table.lines) for table in ablation.tables(rows)] == (
         [len(ablation.VARIANTS)] * len(ablation.CONDITIONS))
+    drawn = ablation._missed_most(rows)
+    assert drawn and len({row['method'] for row in drawn}) == len(drawn)
+    for one, other in combinations(drawn, 2):
+        assert (one['recording'] != other['recording']
+                or abs(one['shown_frame'] - other['shown_frame']) >= ablation.RATE)
     for picture in ablation.pictures(rows, tmp_path):
         assert (tmp_path / picture.file).stat().st_size > 10_000
 

@@ -17,10 +17,9 @@ never makes), and jitter: the median step of the PIPs that is not the truth's ow
 truly moves faster than 5 degrees a second.
 """
 
-from textwrap import fill
-
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -32,11 +31,12 @@ from ..core.layout import MARKERS, PALM_MARKERS, marker_positions
 from ..core.metrics import limit_violations
 from ..core.skeleton import skeleton_points
 from ..core.tracker import TrackerOptions
+from ..palette import ORANGE, PAPER, SKY_BLUE
 from ..picture import HIDDEN_COLOUR, SEEN_COLOUR, VIEWS, View, view_size
 from ..simulation.faults import Event, Faults, fault_events, with_faults
 from ..simulation.sight import skin_layout
 from .overlap import deepest_overlaps
-from .report import COLOURS, INK, Picture, Table, figure_with, number, save
+from .report import INK, Picture, Table, figure_with, number, save, words
 from .simulated import distances, mean_max, trial
 
 TITLE = 'Without each constraint (Fig. 13)'
@@ -55,8 +55,12 @@ JUMP = np.radians(10.)        # from frame to frame
 STILL = np.radians(5.)         # [rad/s] below which a hand is at rest
 PIP = [JOINTS.index(joint) for joint in JOINTS if 'pip' in joint]
 
-CONDITIONS = ('all seen', 'occluded', 'wrong')
+CONDITIONS = {'all seen': 'all markers seen', 'occluded': 'occluded',
+              'wrong': 'some labels and places wrong'}
 SHOWN = 10.                    # [degrees] over all joints, from which a difference is drawn
+APART = 1.                     # [s] of drawn frames of a motion
+FULL = 6.                    # [degrees] more or less that have the full colour
+LOSS_AND_GAIN = LinearSegmentedColormap.from_list('', (SKY_BLUE, PAPER, ORANGE))
 LINES = 6                      # of drawn hands
 SCALE = .5                     # of the drawn hands
 MARGIN = .1                    # [inches] around them
@@ -256,36 +260,41 @@ def losses(rows):
 
 
 def pictures(rows, folder):
-    """Draw the errors, and the hands where each variant is worst."""
-    figure, axes = figure_with(
-        len(CONDITIONS), width=max(5., .6 * len(VARIANTS)), height=2.4, stacked=True)
-    for ax, condition in zip(axes, CONDITIONS):
-        for i, motion in enumerate(MOTIONS):
-            mine = {row['method']: row['true_deg'] for row in rows
-                    if (row['condition'], row['recording']) == (condition, motion)}
-            ax.bar(np.arange(len(VARIANTS)) + .16 * (i - 2), [mine[name] for name in VARIANTS],
-                   width=.15, color=COLOURS[i], label=motion)
-        ax.set_xlim(-.5, len(VARIANTS) - .5)
-        ax.set_xticks(range(len(VARIANTS)), [fill(name, 10, break_long_words=False)
-                                             for name in VARIANTS], fontsize=7)
-        ax.set_ylabel(f'{condition}: from the\ntruth [degrees a joint]', fontsize=8)
-    top = max(ax.get_ylim()[1] for ax in axes)
-    for ax in axes:
-        ax.set_ylim(0., top)
-    save(figure, folder / 'ablation.png', axes[0])
+    """Draw what each variant changes, and the hands where each is worst."""
+    figure, axes = figure_with(len(CONDITIONS), width=3.9, height=.24 * len(VARIANTS) + .6)
+    for ax, (condition, what) in zip(axes, CONDITIONS.items()):
+        means = {(row['recording'], row['method']): row['true_deg'] for row in rows
+                 if row['condition'] == condition}
+        found = np.array([[means[motion, variant] for motion in MOTIONS] for variant in VARIANTS])
+        more = found - found[0]
+        ax.imshow(more, LOSS_AND_GAIN, aspect='auto', vmin=-FULL, vmax=FULL)
+        for (line, column), change in np.ndenumerate(more):
+            text = f'{change:+.1f}' if line else f'{found[0, column]:.1f}'
+            ax.text(column, line, '·' if text in ('+0.0', '-0.0') else text, fontsize=8,
+                    color=INK, ha='center', va='center', weight='normal' if line else 'bold')
+        ax.set_title(what, fontsize=9)
+        ax.set_xticks(range(len(MOTIONS)), [words(motion).replace(' ', '\n')
+                                            for motion in MOTIONS])
+        ax.set_yticks(range(len(VARIANTS)), map(words, VARIANTS) if ax is axes[0] else [])
+        ax.grid(False)
+        ax.tick_params(length=0)
+        ax.axhline(.5, color=INK, linewidth=.7)
+        ax.spines[:].set_visible(False)
+    figure.text(.5, .985, 'distance from the truth with all constraints [degrees a joint], and '
+                'how much more or less without each, or with another choice', ha='center',
+                va='top', fontsize=9, color=INK)
+    save(figure, folder / 'ablation.png')
     _draw_hands(rows, folder / 'ablation_hands.png')
-    return [Picture('ablation.png', 'Error without each constraint, each motion'),
+    return [Picture('ablation.png', 'Error with all constraints, and what each changes, in each '
+                    'motion'),
             Picture('ablation_hands.png', 'The truth, the tracked hand with all constraints and '
-                    'without one, occluded, at the frame where that one is missed most; only '
+                    'without one, occluded, at a frame where that one is missed most; only '
                     'constraints that are missed')]
 
 
 def _draw_hands(rows, path):
     """Draw truth, all constraints and one less side by side, a line for each that is missed."""
-    # Where a variant never differs there is nothing to see.
-    shown = sorted((row for variant in list(VARIANTS)[1:]
-                    if (row := _missed_most(rows, variant))),
-                   key=lambda row: -row['shown_deg'])[:LINES]
+    shown = _missed_most(rows)[:LINES]
     sizes = [view_size(view, SCALE) for view in VIEWS]
     width = sum(size[0] for size in sizes) + 3. * MARGIN
     height, legend = max(size[1] for size in sizes) + .35, .35
@@ -318,10 +327,10 @@ def _draw_hands(rows, path):
                     np.where(seen[:, None], local, places), seen)
                 left += size[0] + MARGIN
             figure.text((1.1 + (column + .5) * width) / across, (bottom + height - .1) / up,
-                        name, ha='center', va='top', color=INK, fontsize=9,
+                        words(name), ha='center', va='top', color=INK, fontsize=9,
                         weight='bold' if column == 2 else 'normal')
         figure.text(.1 / across, (bottom + .5 * height) / up,
-                    f'{motion}\n{frame / RATE:.2f} s', color=INK, fontsize=8, va='center')
+                    f'{words(motion)}\n{frame / RATE:.2f} s', color=INK, fontsize=8, va='center')
     figure.legend(handles=[
         Line2D([], [], marker='o', linestyle='', markersize=5, color=colour, label=label)
         for colour, label in ((SEEN_COLOUR, 'marker, measured'),
@@ -330,12 +339,19 @@ def _draw_hands(rows, path):
     save(figure, path)
 
 
-def _missed_most(rows, variant):
-    """Return the occluded row of a variant with the frame it is missed most in; None if never."""
-    row = max((row for row in rows
-               if (row['condition'], row['method']) == ('occluded', variant)),
-              key=lambda row: row['shown_deg'])
-    return row if row['shown_deg'] > SHOWN else None
+def _missed_most(rows):
+    """Return an occluded row of each variant that is missed, the most missed first.
+
+    None of a frame near one of another's, where there would be the same to see.
+    """
+    found = []
+    for row in sorted(rows, key=lambda row: -row['shown_deg']):
+        if (row['condition'] == 'occluded' and row['shown_deg'] > SHOWN and not any(
+                row['method'] == other['method'] or row['recording'] == other['recording']
+                and abs(row['shown_frame'] - other['shown_frame']) < APART * RATE
+                for other in found)):
+            found.append(row)
+    return found
 
 
 def _true(one, frame):

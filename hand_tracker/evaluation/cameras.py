@@ -5,7 +5,7 @@ The fewer cameras are some of the eight, with the very noise they had among them
 
 import numpy as np
 
-from .report import COLOURS, Picture, Table, figure_with, save
+from .report import Picture, Table, figure_with, plot_motions, save
 from .simulated import distances, mean_max, paper_losses, tasks, trial
 
 TITLE = 'Fewer cameras (Table 2a)'
@@ -83,18 +83,15 @@ def losses(rows):
 def pictures(rows, folder):
     """Draw the distance of each number of cameras from eight, and from the truth."""
     figure, axes = figure_with(2, width=5.)
-    motions = list(dict.fromkeys(row['recording'] for row in rows))
-    for ax, key, counts, title in (
-            (axes[0], 'against_8_squared', tuple(SUBSETS), 'Dist² from 8 cameras [rad²]'),
-            (axes[1], 'true_deg', (8, *SUBSETS), 'from the truth [degrees a joint]')):
-        for i, motion in enumerate(motions):
-            mine = {row['cameras']: row[key] for row in rows if row['recording'] == motion}
-            ax.plot([str(count) for count in counts], [mine[count] for count in counts],
-                    marker='osD^v<>PX'[i], color=COLOURS[i % len(COLOURS)],
-                    markersize=4, linewidth=1.2, linestyle='-' if i < len(COLOURS) else '--',
-                    label=motion)
-        ax.set_ylim(0.)
+    for ax, shown, value, title in (
+            (axes[0], [row for row in rows if row['cameras'] in SUBSETS], 'against_8_squared',
+             'Dist² from 8 cameras [rad²]'),
+            (axes[1], rows, 'true_deg', 'from the truth [degrees a joint]')):
+        plot_motions(ax, shown, 'cameras', value)
         ax.set_xlabel('cameras', fontsize=8)
         ax.set_ylabel(title, fontsize=8)
+    # A motion that is hard to see would flatten the others.
+    axes[0].set_yscale('log')
+    axes[1].set_ylim(0.)
     save(figure, folder / 'cameras.png', axes[0])
     return [Picture('cameras.png', 'Distance of poses by number of cameras, each motion')]

@@ -24,7 +24,8 @@ from .baselines import BASELINES, predictions
 from .captures import InvalidCapture, judge_each
 from .fitting import fitted_hand, fitted_plain
 from .plain_hand import PALM, palm_poses
-from .report import COLOURS, Picture, Table, figure_with, mean_and_p95, number, save
+from .report import (
+    COLOURS, Picture, Table, figure_with, mean_and_p95, number, save, share_top, words)
 from .rows import mean_of, spread
 from .tracking import advance, track
 
@@ -301,17 +302,18 @@ def losses(rows):
 
 def pictures(rows, folder):
     """Draw the mean error over the length of the windows, one pair of axes a kind."""
-    figure, axes = figure_with(len(HIDDEN), width=3.)
-    for ax, kind in zip(axes, HIDDEN):
+    figure, axes = figure_with(len(HIDDEN), height=2.6, columns=2)
+    for ax, (kind, hidden) in zip(axes, HIDDEN.items()):
         for i, method in enumerate(METHODS):
             found = [mean_of(_find(rows, kind, method, seconds)) for seconds in LENGTHS]
             # Ours on top, so that no baseline of the same values hides it.
             ax.plot(LENGTHS, [row['mean_mm'] if row else np.nan for row in found],
-                    marker='osD^'[i], markersize=4, color=COLOURS[i], label=method,
+                    marker='osD^'[i], markersize=4, color=COLOURS[i],
+                    label=words(method) if i else method,
                     linewidth=2.4 if i else 1.4, zorder=3 - .1 * i)
-        ax.set_title(f'{kind} hidden', fontsize=9)
+        ax.set_title(f'hidden: {hidden}', fontsize=9)
         ax.set_xlabel('hidden for [s]', fontsize=8)
-        ax.set_ylim(bottom=0.)
-    axes[0].set_ylabel('mean error [mm]', fontsize=8)
+        ax.set_ylabel('mean error [mm]', fontsize=8)
+    share_top(axes)
     save(figure, folder / 'occlusion.png', axes[0])
     return [Picture('occlusion.png', 'Error of hidden markers, mean of the recordings')]

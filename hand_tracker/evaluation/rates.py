@@ -7,7 +7,7 @@ joined by straight lines: what is missed between frames then counts too.
 
 import numpy as np
 
-from .report import COLOURS, Picture, Table, figure_with, save
+from .report import Picture, Table, figure_with, plot_motions, save
 from .simulated import distances, mean_max, paper_losses, tasks, trial
 
 TITLE = 'Lower rates (Table 2b)'
@@ -85,20 +85,15 @@ def losses(rows):
 
 
 def pictures(rows, folder):
-    """Draw the distance from 480 Hz of each rate, in both readings."""
+    """Draw the distance of each rate from 480 Hz, at the same instants, and from the truth."""
     figure, axes = figure_with(2, width=5.)
-    motions = list(dict.fromkeys(row['recording'] for row in rows))
-    for ax, (reading, what) in zip(axes, READINGS.items()):
-        for i, motion in enumerate(motions):
-            mine = {row['rate_hz']: row for row in rows if row['recording'] == motion}
-            ax.plot([str(rate) for rate in EVERY],
-                    [mine[rate][f'{reading}_squared'] for rate in EVERY],
-                    marker='osD^v<>PX'[i], color=COLOURS[i % len(COLOURS)],
-                    markersize=4, linewidth=1.2, linestyle='-' if i < len(COLOURS) else '--',
-                    label=motion)
-        # A motion that is hard to follow would flatten the others.
-        ax.set_yscale('symlog', linthresh=1e-4)
+    for ax, value, what in zip(axes, ('common_squared', 'true_deg'), (
+            'Dist² from 480 Hz, same instants [rad²]', 'from the truth [degrees a joint]')):
+        plot_motions(ax, rows, 'rate_hz', value)
         ax.set_xlabel('rate [Hz]', fontsize=8)
-        ax.set_ylabel(f'Dist² from 480 Hz, {what} [rad²]', fontsize=8)
+        ax.set_ylabel(what, fontsize=8)
+    # A motion that is hard to follow would flatten the others.
+    axes[0].set_yscale('log')
+    axes[1].set_ylim(0.)
     save(figure, folder / 'rates.png', axes[0])
     return [Picture('rates.png', 'Distance of poses by rate, each motion')]

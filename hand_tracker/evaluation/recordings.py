@@ -20,7 +20,8 @@ from ..core.tracker import HandTracker
 from .captures import judge_each
 from .fitting import fitted_hand, fitted_plain
 from .plain_hand import plain_joints
-from .report import COLOURS, Picture, Table, figure_with, mean_and_p95, save
+from .report import (
+    COLOURS, Picture, Table, figure_with, mean_and_p95, save, share_top, words)
 from .rows import mean_of, spread
 from .tracking import track, tracked_joints
 
@@ -40,7 +41,9 @@ VARIANTS = {'hand_tracker': ('wide', None),
             'hand_tracker_paper_limits_and_coupling': ('paper', 'paper')}
 METHODS = (*VARIANTS, 'plain')
 # In the picture
-SHOWN = ('hand_tracker', 'hand_tracker_usual_coupling', 'hand_tracker_paper_limits', 'plain')
+SHOWN = {'hand_tracker': 'hand_tracker',
+         'hand_tracker_usual_coupling': 'coupling not fitted',
+         'hand_tracker_paper_limits': 'within the paper\'s limits', 'plain': 'plain hand'}
 
 
 def evaluate(options):
@@ -123,16 +126,18 @@ def _find(rows, recording, method, name):
 def pictures(rows, folder):
     """Draw the mean errors of ours and of the plain hand, one pair of axes a recording."""
     recordings = list(dict.fromkeys(row['recording'] for row in rows))
-    figure, axes = figure_with(len(recordings), width=3.4)
+    figure, axes = figure_with(len(recordings), width=4.6, height=2.4, columns=2)
     find = partial(_find, rows)
     for ax, recording in zip(axes, recordings):
-        for i, method in enumerate(SHOWN):
+        for i, (method, label) in enumerate(SHOWN.items()):
             place = np.arange(len(JOINT_CLASSES)) + .2 * (i - 1.5)
             means = [find(recording, method, name)['mean_mm'] for name in JOINT_CLASSES]
             ax.bar(place, [np.nan if mean is None else mean for mean in means],
-                   width=.19, color=COLOURS[(0, 4, 2, 1)[i]], label=method)
-        ax.set_title(recording, fontsize=8)
-        ax.set_xticks(range(len(JOINT_CLASSES)), JOINT_CLASSES, rotation=45, ha='right')
+                   width=.19, color=COLOURS[(0, 4, 2, 1)[i]], label=label)
+        ax.set_title(words(recording), fontsize=9)
+        ax.set_xticks(range(len(JOINT_CLASSES)), [
+            words(name).replace(' ', '\n') for name in JOINT_CLASSES])
         ax.set_ylabel('mean error [mm]', fontsize=8)
+    share_top(axes)
     save(figure, folder / 'recordings.png', axes[0])
     return [Picture('recordings.png', 'Mean error of each class of joint')]

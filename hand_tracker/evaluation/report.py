@@ -1,5 +1,6 @@
 """Tables and pictures in which evaluations show their rows."""
 
+import re
 from typing import NamedTuple
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -10,6 +11,7 @@ from ..palette import (
 
 # Ours first, then what it is beside.
 COLOURS = (BLUE, ORANGE, BLUISH_GREEN, REDDISH_PURPLE, SKY_BLUE, VERMILLION, '#555555')
+ABBREVIATIONS = 'cmc', 'mcp', 'pip', 'dip', 'ip', 'fabrik'
 
 
 class Table(NamedTuple):
@@ -69,8 +71,14 @@ def mean_and_p95(row, digits=2):
     return f'{number(row["mean_mm"], digits)} ({number(row["p95_mm"], max(digits - 1, 0))})'
 
 
-def figure_with(count, width=4., height=3.2, legend_height=.45, stacked=False):
-    """Return a figure and plain axes in it, in a row or stacked, with room for a legend above.
+def words(name):
+    """Return a name of the program as people write it."""
+    plain = ' '.join(name.replace('_', ' ').split())
+    return re.sub(rf"\b({'|'.join(ABBREVIATIONS)})\b", lambda found: found[0].upper(), plain)
+
+
+def figure_with(count, width=4., height=3.2, legend_height=.45, columns=None):
+    """Return a figure and plain axes in it, with room for a legend above.
 
     Parameters
     ----------
@@ -78,27 +86,46 @@ def figure_with(count, width=4., height=3.2, legend_height=.45, stacked=False):
         Of pairs of axes.
     width, height, legend_height : float
         Of one pair of axes, and of the legend [inches].
-    stacked : bool
-        Whether they stand in a column.
+    columns : int, optional
+        All stand in a row when left out.
 
     Returns
     -------
     figure : matplotlib.figure.Figure
     axes : list of matplotlib.axes.Axes
     """
-    rows, columns = (count, 1) if stacked else (1, count)
+    columns = columns or count
+    rows = -(-count // columns)
     whole = rows * height + legend_height
     figure = Figure(figsize=(columns * width, whole), dpi=120, layout='constrained')
     FigureCanvasAgg(figure)
     figure.get_layout_engine().set(rect=(0., 0., 1., rows * height / whole))
     axes = list(figure.subplots(rows, columns, squeeze=False).flat)
-    for ax in axes:
+    for ax in axes[count:]:
+        ax.remove()
+    for ax in axes[:count]:
         for spine in ('top', 'right'):
             ax.spines[spine].set_visible(False)
         ax.tick_params(colors=INK, labelsize=8)
         ax.grid(axis='y', color=GRID, linewidth=.7)
         ax.set_axisbelow(True)
-    return figure, axes
+    return figure, axes[:count]
+
+
+def plot_motions(ax, rows, key, value):
+    """Plot a line for each motion: one value of its rows over another, which is named as it is."""
+    for i, motion in enumerate(dict.fromkeys(row['recording'] for row in rows)):
+        mine = [row for row in rows if row['recording'] == motion]
+        ax.plot([str(row[key]) for row in mine], [row[value] for row in mine],
+                marker='osD^v<>PX'[i], color=COLOURS[i % len(COLOURS)], markersize=4,
+                linewidth=1.2, linestyle='-' if i < len(COLOURS) else '--', label=words(motion))
+
+
+def share_top(axes):
+    """Let axes begin at zero and end alike."""
+    top = max(ax.get_ylim()[1] for ax in axes)
+    for ax in axes:
+        ax.set_ylim(0., top)
 
 
 def save(figure, path, legend_of=None):

@@ -13,7 +13,8 @@ import numpy as np
 from ..core.metrics import JOINT_CLASSES, joint_errors
 from ..core.tracker import HandTracker, TrackerOptions
 from .demo_frames import RATE, demo_frames, tracked_hand
-from .report import COLOURS, INK, Picture, Table, figure_with, mean_and_p95, number, save
+from .report import (
+    COLOURS, INK, Picture, Table, figure_with, mean_and_p95, number, save, words)
 from .rows import spread
 from .simulated import moving_distance
 from .tracking import track, tracked_joints
@@ -107,8 +108,8 @@ def pictures(rows, folder):
     for i, method in enumerate(_methods(rows)):
         found = {row['joint_class']: row['mean_mm'] for row in rows if row['method'] == method}
         ax.bar(np.arange(len(CLASSES)) + .2 * (i - 1.5), [found[name] for name in CLASSES],
-               width=.19, color=COLOURS[i], label=method)
-    ax.set_xticks(range(len(CLASSES)), CLASSES)
+               width=.19, color=COLOURS[i], label=words(method))
+    ax.set_xticks(range(len(CLASSES)), map(words, CLASSES))
     ax.set_ylabel('mean error [mm]', fontsize=8, color=INK)
     save(figure, folder / 'solvers.png', ax)
     return [Picture('solvers.png', 'Mean error of each class of joint by the solvers')]
