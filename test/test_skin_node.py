@@ -11,6 +11,7 @@ pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('skimage', reason='scikit-image is not installed')
 
 from builtin_interfaces.msg import Time  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from ros_process import NodeProcess, Process, watching_node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from visualization_msgs.msg import Marker  # noqa: E402
@@ -25,6 +26,9 @@ MODULE = 'hand_tracker.nodes.skin'
 LEFT = Hand.scaled(side='left')
 RATE = 100.     # of the joint states [Hz]
 PERIOD = 1. / 30.
+# What a Marker display of RViz asks for, unless told otherwise.
+RVIZ = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE,
+                  durability=DurabilityPolicy.VOLATILE)
 
 pytestmark = pytest.mark.ros
 
@@ -55,7 +59,7 @@ def test_triangles_are_the_deformed_skin_while_somebody_looks(cache):
         assert publisher.get_subscription_count() == 0
         heard = []
         looking = node.create_subscription(
-            Marker, 'hand_skin', lambda marker: heard.append((time.monotonic(), marker)), 1)
+            Marker, 'hand_skin', lambda marker: heard.append((time.monotonic(), marker)), RVIZ)
         node.spin_until(lambda: len(heard) > 30)
         times, markers = zip(*heard)
         assert (times[-1] - times[0]) / (len(times) - 1) > .9 * PERIOD

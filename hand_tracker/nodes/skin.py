@@ -21,6 +21,8 @@ from .parameter import Parameter
 from .tracker_parameters import START, starting_hand
 from .wire import Wire
 
+# What a network lost of a skin is asked for when the next ones come: it must still be there.
+DEPTH = 5
 # The hand must be the tracker's; its limits and coupling do not shape it.
 SHARED = ('hand_file', 'side', 'hand_length', 'hand_breadth', 'thumb', 'prefix', 'wrist_frame')
 PARAMETERS = tuple(row for row in START if row.name in SHARED) + tuple(
@@ -48,7 +50,7 @@ class SkinNode(Node):
         self._triangles = Wire(self._names).skin(self._skin.faces.size)
         self._own = self._names.joints[0].encode()
         self._subscription = self._data = None
-        self._publisher = self.create_publisher(Marker, 'hand_skin', 1)
+        self._publisher = self.create_publisher(Marker, 'hand_skin', DEPTH)
         self.create_timer(1. / values['rate'], self._show,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.get_logger().info(
