@@ -10,6 +10,7 @@ from .mesh import normals
 # Directions to the eye and up, of a right hand in the wrist's frame.
 EYES = {'from above': ((0., 0., 1.), (1., 0., 0.)), 'the palm': ((0., 0., -1.), (1., 0., 0.)),
         'from the thumb': ((0., 1., 0.), (0., 0., 1.)),
+        'from the front': ((1., .3, .5), (0., 0., 1.)),
         'aslant': ((.35, .5, .75), (1., 0., 0.))}
 DISTANCE, AIR = .9, .006               # [m] of the eye, and around what fits a picture
 KEY = np.array((-.15, .40, .90))       # where the light comes from: left, above, the eye's side

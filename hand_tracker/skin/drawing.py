@@ -5,8 +5,8 @@ import numpy as np
 from ..core.hand import DIGITS, LINKS
 from ..core.kinematics import forward, joint_table
 from ..images import blank, drawn, place, write
-from ..palette import DIGIT_COLOURS, FLESH, INK, PAPER, rgb
-from ..render import Mesh, fitted, render, view_axes
+from ..palette import DIGIT_COLOURS, FLESH, INK, PAPER, VERMILLION, rgb
+from ..render import Camera, Mesh, fitted, render, view_axes
 from ..simulation.poses import pose_angles
 from .blend import deform
 
@@ -16,6 +16,11 @@ WEIGHTS_SHOWN = ('index_metacarpal', 'index_proximal', 'index_middle', 'thumb_me
 SIDE, HEADER = 286, 38   # [picture elements] of a mesh, and of titles
 LETTERS = 15             # [picture elements]
 FINER = 2                # see `render`
+# What is in the middle of a fist's pictures from each side, and how high they are [m].
+KNUCKLES = {'from the thumb': ('index', ('proximal', 'middle', 'distal'), .096),
+            'from above': ('middle', ('proximal',), .09),
+            'from the front': ('middle', ('proximal', 'middle'), .1)}
+APART = .003             # [m] from which two ways of blending have the full colour
 
 
 def seen(hand, vertices, faces, view, colours=rgb(FLESH)):
@@ -62,13 +67,11 @@ def sheet(path, rows, titles, names=()):
     drawn(figure).convert('RGB').save(path, optimize=True)
 
 
-def _posed(hand, skin, name, dual_quaternions=False):
-    return deform(skin, forward(joint_table(hand), pose_angles(name, hand)), dual_quaternions)
-
-
 def save_poses(path, hand, skin):
     """Write the skin in poses, each from two sides."""
-    sheet(path, [[seen(hand, _posed(hand, skin, name), skin.faces, view) for name in POSES]
+    table = joint_table(hand)
+    posed = [deform(skin, forward(table, pose_angles(name, hand))) for name in POSES]
+    sheet(path, [[seen(hand, vertices, skin.faces, view) for vertices in posed]
                  for view in ('aslant', 'the palm')], POSES)
 
 
@@ -97,8 +100,16 @@ def save_weights(path, hand, skin):
 
 
 def save_blending(path, hand, skin):
-    """Write linear and dual-quaternion blending of bent fingers, one above the other."""
-    shown = [(name, view) for name in ('rolled', 'fist') for view in ('from the thumb', 'aslant')]
-    sheet(path, [[seen(hand, _posed(hand, skin, name, dual), skin.faces, view)
-                  for name, view in shown] for dual in (False, True)],
-          [f'{name}, {view}' for name, view in shown], ('linear', 'dual quaternions'))
+    """Write linear and dual-quaternion blending of a fist's knuckles, and how they differ."""
+    pose = forward(joint_table(hand), pose_angles('fist', hand))
+    linear, dual = (deform(skin, pose, quaternions) for quaternions in (False, True))
+    share = np.clip(np.linalg.norm(dual - linear, axis=1) / APART, 0., 1.)[:, None]
+    marked = (1. - share) * rgb(FLESH) + share * rgb(VERMILLION)
+    cameras = [Camera(view_axes(view, hand.side), pose.position[[
+        LINKS.index(f'{finger}_{bone}') for bone in bones]].mean(axis=0), height)
+        for view, (finger, bones, height) in KNUCKLES.items()]
+    sheet(path, [[render([Mesh(vertices, skin.faces, colours)], camera, (SIDE, SIDE), FINER)
+                  for camera in cameras] for vertices, colours in (
+                      (linear, rgb(FLESH)), (dual, rgb(FLESH)), (dual, marked))],
+          [f'fist, {view}' for view in KNUCKLES],
+          ('linear', 'dual quaternions', f'orange: {1e3 * APART:.0f} mm apart'))
