@@ -5,7 +5,6 @@ Nothing is installed here: without playwright, a Chromium or viser the tests are
 
 import io
 import re
-import shutil
 import sys
 import time
 from contextlib import contextmanager
@@ -20,18 +19,17 @@ pytest.importorskip('skimage', reason='scikit-image, which makes the skin, is no
 from PIL import Image  # noqa: E402
 from ros_process import Process  # noqa: E402
 
+from docs.viewer import BROWSER, SOFTWARE  # noqa: E402
 from hand_tracker.share import packaged_recording  # noqa: E402
 from hand_tracker.viewer.command import warm_up  # noqa: E402
 
-BROWSER = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))),
-               None)
 pytestmark = [
     pytest.mark.skipif(BROWSER is None, reason='no Chromium is installed'),
     # Software draws a frame a second on a loaded machine.
     pytest.mark.timeout(300)]
 
-SOFTWARE = ('--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader')
 PATIENCE = 120.     # [s]
+SETTLED = 2e3       # [ms]
 DESKTOP, PHONE = (1100, 500), (390, 844)
 LYING, SMALL = (844, 390), (700, 500)
 HAND = 2000         # [pixels] that are skin, at least
@@ -102,6 +100,9 @@ class Page:
 
     def pause_at(self, seconds):
         self.page.get_by_text('Pause', exact=True).click()
+        self.page.get_by_text('Play', exact=True).wait_for()
+        # The last place that was played may still be on its way, and would replace this one.
+        self.page.wait_for_timeout(SETTLED)
         time_box = self.page.get_by_role('textbox').first
         time_box.fill(seconds)
         time_box.press('Enter')
