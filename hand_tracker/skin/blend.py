@@ -73,8 +73,9 @@ def deform(skin, pose, dual_quaternions=False):
 
 
 def _linear(skin, rotation, position):
-    frames = np.concatenate((rotation.swapaxes(1, 2), position[:, None]), axis=1)  # (B, 4, 3)
-    return skin.blend @ frames.reshape(-1, 3)
+    frames = np.concatenate((rotation, position[:, :, None]), axis=2).swapaxes(0, 1)  # (3, B, 4)
+    # Not a product of matrices: for that BLAS sets all its threads going.
+    return np.einsum('vk,ck->vc', skin.blend, frames.reshape(3, -1))
 
 
 def _dual_quaternions(skin, rotation, position):
