@@ -159,7 +159,7 @@ def watching_node(name='test'):
     executor = SingleThreadedExecutor(context=context)
 
     class WatchingNode(Node):
-        def collect(self, kind, topic, qos=100):
+        def collect(self, kind, topic, qos=1000):
             """Return a list that grows with each message of a topic."""
             messages = []
             self.create_subscription(kind, topic, messages.append, qos)

@@ -36,7 +36,7 @@ except ImportError:
 
 SERVICES = 'pause, resume, toggle_paused, is_paused, set_rate, play_next'
 GLOBAL_TOPICS = ('/tf', '/tf_static', '/clock', '/rosout', '/parameter_events')
-DEPTH = 10
+DEPTH = 1000            # messages: a slow listener gets a second at 960 Hz after all
 AHEAD = 500             # messages read in advance
 SWITCH_INTERVAL = 5e-4  # reading ahead gives way to playing after this [s]
 DISCOVERY_POLL = .02    # [s]
@@ -253,13 +253,13 @@ def _qos(offers):
     qos = QoSProfile(depth=DEPTH)
     if len({(offer.reliability, offer.durability) for offer in offers}) == 1:
         offer = offers[0]
-        qos.depth = offer.depth or DEPTH
         if offer.history.name == 'KEEP_ALL':
             qos.history = HistoryPolicy.KEEP_ALL
         if offer.reliability.name == 'BEST_EFFORT':
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
         if offer.durability.name == 'TRANSIENT_LOCAL':
             qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
+            qos.depth = offer.depth or DEPTH  # what those get who come late
     return qos
 
 
