@@ -297,9 +297,10 @@ class Template:
         self._data = octets[:len(data)]
         self._data[:] = np.frombuffer(data, np.uint8)
         self._seconds = body.view('<u4')
-        self._stamps = (np.array(stamps, int) + ENCAPSULATION) // 4
+        stamps = (np.array(stamps, int) + ENCAPSULATION) // 4
+        self._stamps, self._nanoseconds = _at(stamps), _at(stamps + 1)
         self._doubles = body.view('<f8')
-        self._numbers = (np.array(numbers, int) + ENCAPSULATION) // 8
+        self._numbers = _at((np.array(numbers, int) + ENCAPSULATION) // 8)
 
     def fill(self, stamp, numbers):
         """Return the message with a stamp and with numbers.
@@ -314,9 +315,15 @@ class Template:
         bytes
         """
         self._seconds[self._stamps] = stamp.sec & 0xffffffff
-        self._seconds[self._stamps + 1] = stamp.nanosec
+        self._seconds[self._nanoseconds] = stamp.nanosec
         self._doubles[self._numbers] = numbers
         return self._data.tobytes()
+
+
+def _at(places):
+    """Return an index of places; of those in a row a slice, five times as fast."""
+    in_a_row = len(places) > 0 and (np.diff(places) == 1).all()
+    return slice(places[0], places[-1] + 1) if in_a_row else places
 
 
 class _Writer:

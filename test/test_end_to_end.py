@@ -24,8 +24,8 @@ from hand_tracker.evaluation.captures import load_capture  # noqa: E402
 from hand_tracker.files.bags import write_bag  # noqa: E402
 from hand_tracker.files.hand_file import load_hand, save_hand  # noqa: E402
 
-RATES = {'manipnet__cup1_leftHand': 2., 'manipnet__cup1_rightHand': 2.,
-         'dexret__human_joint_right': 4.}  # times as fast as captured
+RATES = {'manipnet__cup1_leftHand': 4., 'manipnet__cup1_rightHand': 4.,
+         'dexret__human_joint_right': 8.}  # times as fast as captured
 CALIBRATION = .2
 
 

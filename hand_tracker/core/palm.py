@@ -27,7 +27,8 @@ class PalmState(enum.IntEnum):
     TOO_CLOSE = 7       # all palm markers are closer together than on this hand
 
 
-# Kernels return plain integers.
+# Kernels return plain integers; to call PalmState takes ten times as long.
+PALM_STATES = tuple(PalmState)
 TRACKED = int(PalmState.TRACKED)
 CARRIED = int(PalmState.CARRIED)
 LOST = int(PalmState.LOST)

@@ -196,10 +196,9 @@ def blank_state(template, rest, relaxed, marker_noise):
         changed=np.zeros(len(rest), dtype=bool), roots=np.zeros(rest.shape))
 
 
+@jit
 def track_frame(model, chains, options, state, report, markers, step):
     """Bring the state to the next frame, and tell of it.
-
-    Each stage is a kernel: one of them all would be slower, and take longer to compile.
 
     Parameters
     ----------
@@ -217,7 +216,7 @@ def track_frame(model, chains, options, state, report, markers, step):
         `PalmState` of what is wrong with the palm markers, TRACKED for nothing, and of the
         palm; iterations of FABRIK.
     """
-    seen = np.empty(len(MARKERS), dtype=bool)
+    seen = np.empty(8, dtype=np.bool_)
     iterations = 0
     # 1 occlusion: what is no measurement
     fault = judge_markers(model, options, state, markers, seen, step)

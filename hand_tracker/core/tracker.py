@@ -20,7 +20,7 @@ from .layout import (
     MARKERS, PALM_MARKERS, MarkerLayout, marker_positions, require_solvable)
 from .likeness import usual_places
 from .options import TrackerOptions
-from .palm import PalmState
+from .palm import PALM_STATES, PalmState
 from .report import MarkerState, blank_report
 from .sequence import Model, blank_state, choices, track_frame
 from .smoothing import levers
@@ -216,7 +216,7 @@ class HandTracker:
             self._model, self._chains_with(distal_flexion), self._choices, self._kept,
             report, markers, step)
         angles, rotation, position, rotations, positions, *known = parts(report)
-        return HandState(PalmState(fault or palm), angles, rotation, position,
+        return HandState(PALM_STATES[fault or palm], angles, rotation, position,
                          Pose(rotations, positions), *known, iterations)
 
     def _chains_with(self, distal_flexion):

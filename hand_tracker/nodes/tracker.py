@@ -82,6 +82,7 @@ class TrackerNode(Node):
             MarkerArray, 'hand_markers', qos['hand_markers'])
         self._joint_confidence = self.create_publisher(
             JointState, 'joint_confidence', qos['joint_confidence'])
+        self._confidence_wanted = False
         self._diagnostics = self.create_publisher(
             DiagnosticArray, '/diagnostics', DIAGNOSTICS_DEPTH)
         self._open_tf(start['broadcast'])
@@ -183,7 +184,7 @@ class TrackerNode(Node):
         self._joint_states.publish(self._numbered(stamp, state.angles))
         if self._tf is not None:
             self._broadcast(stamp, frame_id, state)
-        if self._joint_confidence.get_subscription_count():
+        if self._confidence_wanted:
             self._joint_confidence.publish(self._numbered(stamp, state.confidence))
 
     def _show(self, stamp, frame_id, state):
@@ -241,6 +242,8 @@ class TrackerNode(Node):
         return {row.name: self.get_parameter(row.name).value for row in self._live}
 
     def _report(self):
+        # To ask in each frame would cost more than filling the message.
+        self._confidence_wanted = self._joint_confidence.get_subscription_count() > 0
         for is_warning, line in self._watch.report(time.monotonic(), self._who_publishes):
             if is_warning:
                 self.get_logger().warning(line)
