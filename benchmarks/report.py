@@ -17,7 +17,7 @@ if not __package__:
 from benchmarks.common import environment
 from hand_tracker.evaluation.report import Table
 
-NAMES = 'core', 'round_trip', 'peers', 'offline', 'startup', 'memory'
+NAMES = 'core', 'instructions', 'round_trip', 'peers', 'offline', 'startup', 'memory'
 
 
 def section(name, rows):

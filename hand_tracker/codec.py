@@ -57,6 +57,7 @@ class MarkerReader:
     def _reserve(self, size):
         self._numbers = np.zeros(size // 8 + 1)
         self._octets = self._numbers.view(np.uint8)
+        self._memory = memoryview(self._octets)
         self._words = self._numbers.view(np.int32)
         markers = size // SMALLEST_MARKER + 1
         self._heads = np.zeros((markers, 5), np.int32)
@@ -107,7 +108,7 @@ class MarkerReader:
         if size > self._strings.size:
             self._reserve(2 * size)
         # In memory of its own the message is aligned, as the kernels are compiled for.
-        self._octets[:size] = np.frombuffer(data, np.uint8, offset=ENCAPSULATION)
+        self._memory[:size] = memoryview(data)[ENCAPSULATION:]
         if order == sys.byteorder:
             return self._words, self._numbers, size
         return self._words.byteswap(), self._numbers.byteswap(), size
