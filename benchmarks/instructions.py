@@ -56,7 +56,8 @@ def main():
         track(*options.here)
         return 0
     if shutil.which(COUNTER[0]) is None:
-        raise SystemExit('valgrind is not installed. On Debian and Ubuntu: sudo apt install valgrind')
+        raise SystemExit(
+            'valgrind is not installed. On Debian and Ubuntu: sudo apt install valgrind')
 
     print(environment())
     rows = []
@@ -66,7 +67,7 @@ def main():
             more = counted(number, options.frames, cache) - none
             rows.append({'stage': 'all', 'markers_hidden': number,
                          'instructions': round(more / options.frames)})
-            print('{markers_hidden} hidden: {instructions} instructions a frame'.format(**rows[-1]))
+            print('{markers_hidden} hidden: {instructions} a frame'.format(**rows[-1]))
     write_rows(options.json, rows)
     return 0
 

@@ -1,5 +1,6 @@
 """Nodes in processes of their own, and a node to watch them with, on a DDS domain of their own."""
 
+import gc
 import json
 import os
 import random
@@ -189,9 +190,12 @@ def watching_node(name='test'):
 
     node = WatchingNode(name, context=context)
     executor.add_node(node)
+    # To collect what a long run of tests has made takes a second, in which messages are lost.
+    gc.freeze()
     try:
         yield node
     finally:
+        gc.unfreeze()
         executor.shutdown()
         node.destroy_node()
         context.try_shutdown()

@@ -256,6 +256,7 @@ def test_two_runs_at_once_set_up_once(machine):
 SOURCED_PYTHON = """
 case "$*" in
   *'import rclpy'*) exit {rclpy} ;;
+  *'import xdist'*) exit 1 ;;
   '- '*) echo "$@" > asked; echo '{missing}' ;;
   *warm_up*) echo 'warm up' >> calls ;;
   *) echo "ran: $* with $PYTHONPATH in $ROS_DOMAIN_ID" ;;
