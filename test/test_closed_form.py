@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
-from hand_tracker.core.closed_form import closed_form, miss_distance
+from hand_tracker.core.closed_form import FASTEST, closed_form, miss_distance, one_bend
 
 LOWER, UPPER = np.radians((-10., -10.)), np.radians((85., 95.))
 BONES = (.045, .026)
+NATURAL = 1.5
+ON_SKIN = np.radians(-25.)  # droop of a marker on the dorsal skin
 
 
 def end(first, second, droop=0., bones=BONES):
@@ -14,9 +16,9 @@ def end(first, second, droop=0., bones=BONES):
             -bones[0] * np.sin(first) - bones[1] * np.sin(bent))
 
 
-def solve(along, height, droop=0., previous=0.):
-    return closed_form(along, height, *BONES, droop,
-                       LOWER[0], UPPER[0], LOWER[1], UPPER[1], previous)
+def solve(along, height, droop=0., previous=0., step=1.):
+    return closed_form(along, height, *BONES, droop, NATURAL,
+                       LOWER[0], UPPER[0], LOWER[1], UPPER[1], previous, step)
 
 
 def test_angles_come_back():
@@ -34,12 +36,40 @@ def test_hyperextension_begins_without_a_jump_where_flexion_would_break_a_limit(
     assert np.abs(np.diff(found, axis=0)).max() < np.radians(.5)
 
 
-def test_marker_offset_from_the_bone_is_exact_and_follows_the_previous_pose():
+def test_marker_on_the_skin_is_met_whichever_bend_is_taken():
     rng = np.random.default_rng(2)
-    droop = np.radians(-15.)  # a marker on the dorsal skin
     for first, second in rng.uniform((0., 0.), UPPER, size=(500, 2)):
-        found = solve(*end(first, second, droop), droop, previous=second)
-        assert found == pytest.approx((first, second), abs=1e-8)
+        place = end(first, second, ON_SKIN)
+        found = solve(*place, ON_SKIN, previous=second)
+        assert end(*found, ON_SKIN) == pytest.approx(place, abs=1e-9)
+
+
+def test_of_two_bends_that_fit_alike_the_natural_one_is_taken_and_kept():
+    for first in np.radians((2., 10., 30., 50.)):
+        truth = first, NATURAL * first
+        other = -2. * ON_SKIN - truth[1]
+        for previous in (truth[1], other):
+            assert solve(*end(*truth, ON_SKIN), ON_SKIN, previous) == pytest.approx(truth)
+    # Between the one and the other nature is silent: the previous one tells.
+    straight = -ON_SKIN / NATURAL
+    for bend in np.radians((-15., 15.)):
+        truth = straight - .4 * bend, -ON_SKIN + bend
+        assert solve(*end(*truth, ON_SKIN), ON_SKIN, truth[1]) == pytest.approx(truth)
+
+
+def test_a_bend_that_hardly_misses_is_not_left_for_a_far_one_that_fits():
+    # A straight finger, seen a little nearer to its root than its hyperextension allows.
+    x, z = end(0., LOWER[1], ON_SKIN)
+    _, second = solve(.995 * x, .995 * z, ON_SKIN, previous=LOWER[1])
+    assert second == pytest.approx(LOWER[1])
+
+
+def test_straight_fingers_with_skin_markers_turn_no_faster_than_fingers_do():
+    truth = np.radians((30., 45.))
+    place = end(*truth, ON_SKIN)
+    _, straight = solve(*place, ON_SKIN, previous=-ON_SKIN, step=.01)
+    assert straight == pytest.approx(-ON_SKIN + .01 * FASTEST)
+    assert solve(*place, ON_SKIN, previous=-ON_SKIN, step=.1) == pytest.approx(truth)
 
 
 @pytest.mark.parametrize('droop', [0., -.2, .2])
@@ -48,10 +78,16 @@ def test_nothing_in_the_box_is_nearer(droop):
     grid = np.stack(np.meshgrid(*(
         np.linspace(low, high, 161) for low, high in zip(LOWER, UPPER)), indexing='ij'), axis=-1)
     ends = np.stack(end(grid[..., 0], grid[..., 1], droop), axis=-1)
+    sides = [(1., LOWER[1], UPPER[1])] if droop >= 0. else [
+        (1., -droop, UPPER[1]), (-1., LOWER[1], -droop)]
     for target in rng.uniform(-.1, .1, size=(200, 2)):
         found = solve(*target, droop)
         assert (LOWER <= found).all() and (found <= UPPER).all()
-        miss = miss_distance(*target, *BONES, droop, *found)
+        bends = [one_bend(*target, *BONES, droop, sign, LOWER[0], UPPER[0], low, high)
+                 for sign, low, high in sides]
+        assert found in [bend[:2] for bend in bends]
+        first, second, miss = min(bends, key=lambda bend: bend[2])
+        assert miss == miss_distance(*target, *BONES, droop, first, second)
         # Hyperextension on both sides of the limit is the one thing not searched.
         assert miss <= np.linalg.norm(ends - target, axis=-1).min() + 5e-4
 

@@ -23,7 +23,8 @@ def test_agrees_with_the_closed_form():
     rng = np.random.default_rng(1)
     for truth in rng.uniform((LOWER[0], np.radians(10.)), UPPER, size=(300, 2)):
         found, _ = solve(end(truth), start=rng.uniform(LOWER, UPPER))
-        exact = closed_form(*end(truth), *BONES, 0., LOWER[0], UPPER[0], LOWER[1], UPPER[1], 0.)
+        exact = closed_form(*end(truth), *BONES, 0., 0., LOWER[0], UPPER[0], LOWER[1], UPPER[1],
+                            0., 0.)
         np.testing.assert_allclose(found, exact, atol=np.radians(.2))
 
 

@@ -12,6 +12,8 @@ from hand_tracker.core.kinematics import forward, joint_table
 from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.plane import FIST_FAR
 from hand_tracker.core.tracker import HandTracker, MarkerState, PalmState, TrackerOptions
+from hand_tracker.simulation.sight import skin_layout
+from hand_tracker.simulation.simulate import calibrated
 from hypothesis import assume, given, settings
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
@@ -19,6 +21,7 @@ from scipy.spatial.transform import Rotation
 MIRROR = np.array((1., -1., 1.))
 # What is measured is what comes out: no filter, nothing moved apart.
 EXACT = TrackerOptions(smoothing=False, rigidity=False)
+UNCROWDED = TrackerOptions(rigidity=False)
 # And no frame is too far from the last.
 UNGATED = replace(EXACT, outlier_gate=0., swap_margin=0.)
 TIPS = MarkerLayout(places=('wrist', 'index_mcp', 'little_mcp', 'index_tip', 'middle_tip',
@@ -335,11 +338,33 @@ def test_marker_offsets_on_the_skin_are_taken_off():
     offsets[3] = (.002, .003, .006)
     layout = MarkerLayout(offsets=offsets)
     tracker = HandTracker(hand, layout, EXACT)
-    # Continuity tells the two flexions apart that offset markers leave open.
+    # Nature and continuity tell the two flexions apart that offset markers leave open.
     for bend in np.linspace(.3, .6, 40):
         angles = observable(hand, np.full(25, bend))
         state = tracker.update(markers_of(hand, angles, layout))
     np.testing.assert_allclose(state.angles, angles, atol=1e-6)
+
+
+@pytest.mark.parametrize('limits', ['paper', 'wide'])
+@pytest.mark.parametrize('seed', range(3))
+def test_fingers_with_markers_on_the_skin_open_and_close_without_a_jump(limits, seed):
+    hand = Hand.scaled(limits=preset_limits(limits))
+    layout = skin_layout(hand)
+    # From a fist to straight fingers and back twice, resting at each; worn is a calibrated hand.
+    rise = .5 - .5 * np.cos(np.linspace(0., np.pi, 60))
+    share = np.tile(np.concatenate((np.ones(60), rise[::-1], np.zeros(60), rise)), 2)
+    angles = np.zeros((len(share), 25))
+    first, second, third = FLEXION[:4].T
+    angles[:, first] = np.radians(3. + 77. * share)[:, None]
+    angles[:, second] = np.radians(5. + 88. * share)[:, None]
+    angles[:, third] = hand.coupling[:4, 0] * angles[:, second]
+    markers = markers_of(hand, angles, layout)
+    markers += np.random.default_rng(seed).normal(scale=2e-4, size=markers.shape)
+    tracker = HandTracker(*calibrated(hand, layout, seed), UNCROWDED)
+    found = np.array([tracker.update(frame, i / 120.).angles for i, frame in enumerate(markers)])
+    assert np.degrees(np.abs(np.diff(found[:, second], axis=0))).max() < 10.
+    straight = share == 0.
+    assert np.degrees(np.abs(found - angles)[straight][:, second]).mean() < 15.
 
 
 def test_new_limits_act_on_the_next_frame():

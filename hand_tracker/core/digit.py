@@ -12,7 +12,7 @@ import numpy as np
 from .closed_form import closed_form
 from .coupled import coupled_angle, coupled_form, straightest
 from .fabrik import fabrik
-from .hand import DIGITS, JOINTS
+from .hand import DIGITS, JOINTS, RELAXED, RELAXED_THUMB
 from .jit import jit
 from .kinematics import ABDUCTION_SIGN, digit_base
 from .layout import MARKERS
@@ -25,6 +25,8 @@ ABDUCTION = np.array([JOINTS.index(
 FLEXION = np.array([[JOINTS.index(f'{digit}_{joint}_flexion') for joint in (
     ('cmc', 'mcp', 'ip') if digit == 'thumb' else ('mcp', 'pip', 'dip'))]
     for digit in DIGITS])
+# Second flexion for one of the first, between the straight and the relaxed hand.
+NATURAL = np.array([second / first for first, second in (*RELAXED, RELAXED_THUMB[1::2])])
 DIGIT_OF_JOINT = np.array([DIGITS.index(joint.split('_')[0]) for joint in JOINTS])
 
 
@@ -205,8 +207,8 @@ def solve_digit(chains, digit, target, angles, step, by_fabrik, tolerance, itera
             angles[joints[i]] = bends[i]
     elif hinges == 2:
         angles[first], angles[second] = closed_form(
-            along, height, bones[0], bones[1], droop, lower[first], upper[first],
-            lower[second], upper[second], angles[second])
+            along, height, bones[0], bones[1], droop, NATURAL[digit], lower[first],
+            upper[first], lower[second], upper[second], angles[second], step)
     else:
         angles[first], angles[second], angles[third] = coupled_form(
             along, height, bones[0], bones[1], bones[2], droop, slope, offset,
