@@ -16,9 +16,8 @@ DURATION = 10.                   # [s]
 EVERY = {240: 2, 120: 4, 60: 8, 30: 16}
 PAPER = {240: '0.006 (0.008)', 120: '0.007 (0.011)', 60: '0.009 (0.012)', 30: '0.010 (0.015)'}
 WHY = ('The motions are not the paper\'s, which it does not describe in numbers. At the same '
-       'instants only what the tracker remembers differs: predictions of lost markers, and which '
-       'of two bends that fit a marker alike it follows. One such choice that falls otherwise '
-       'for seconds makes most of a motion\'s distance.')
+       'instants only what the tracker remembers differs: mostly predictions of lost markers, and '
+       'for moments which of two bends that fit a marker alike it is in.')
 READINGS = {'common': 'same instants', 'between': 'all instants'}
 
 
