@@ -41,7 +41,7 @@ WRONG = .01               # [m] from its true place
 MISS = .025              # [m] off the truth where skin is wholly vermillion
 FARTHEST_MM = 60.        # in the mean: what is farther off is not in the picture
 TRIP_RATE, TRIP_SECONDS = 480, 10.  # [Hz], [s] of the round trips
-SHOWN_MS, TICKS_MS = (.08, 12.), (.1, .2, .5, 1, 2, 5, 10)
+SHOWN_MS, TICKS_MS = (.06, 12.), (.1, .2, .5, 1, 2, 5, 10)
 NODES = {'hand_tracker': ('hand_tracker', 'tracks the whole hand', SKY_BLUE),
          'rclpy_echo': ('echo in rclpy', 'tracks nothing', ORANGE),
          'c_echo': ('echo in C', 'tracks nothing', REDDISH_PURPLE)}
@@ -375,8 +375,11 @@ def main():
                                      description=__doc__.split('\n', maxsplit=1)[0])
     parser.add_argument('names', nargs='*', choices=(*PICTURES, []), metavar='NAME',
                         help=', '.join(PICTURES))
-    for name in parser.parse_args().names or PICTURES:
-        PICTURES[name]()
+    parser.add_argument('--samples', metavar='FILE.npz', help='of benchmarks.round_trip, for '
+                        'latency; measured when left out')
+    chosen = parser.parse_args()
+    for name in chosen.names or PICTURES:
+        PICTURES[name](*([chosen.samples] if name == 'latency' else ()))
 
 
 if __name__ == '__main__':
