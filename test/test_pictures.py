@@ -29,6 +29,14 @@ def test_hidden_markers_are_larger_and_of_another_colour():
     assert not np.allclose(seen.colours, hidden.colours)
 
 
+def test_the_motion_of_the_readme_is_smooth_and_small():
+    path = pictures.FOLDER / 'motion.gif'
+    assert path.stat().st_size <= 3e6
+    with Image.open(path) as image:
+        assert image.info['loop'] == 0 and image.info['duration'] <= 50  # [ms]
+        assert image.n_frames * image.info['duration'] > 20_000
+
+
 @pytest.mark.skipif(not COMPILED, reason='takes minutes in plain Python')
 def test_the_demo_ends_as_it_begins():
     _, states = pictures.demo()
