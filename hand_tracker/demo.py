@@ -163,7 +163,7 @@ def _play(node, listener, hand, layout, options, processes):
     """Run both nodes until the recording ends."""
     presets = {f'{name}.preset': value for name, value in (
         ('limits', options.limits), ('coupling', options.coupling)) if value}
-    first = ' (the first time its kernels are compiled)' if COMPILED else ''
+    first = ' (the first time its kernels are compiled, for about a minute)' if COMPILED else ''
     print(f'Starting the tracker{first} ...', flush=True)
     tracker = _start('tracker', hand_file=options.hand, side=options.side, broadcast='all',
                      **presets)

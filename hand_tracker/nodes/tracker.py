@@ -105,7 +105,7 @@ class TrackerNode(Node):
 
     def _compile(self, layout):
         """Have the kernels compiled before the first frame waits for it."""
-        self.get_logger().info('preparing; the very first start compiles for half a minute')
+        self.get_logger().info('preparing; the very first start compiles for about a minute')
         start = time.monotonic()
         table = joint_table(self._hand)
         rest = forward(table, np.zeros(len(JOINTS)))
