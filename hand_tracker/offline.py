@@ -304,6 +304,9 @@ def _track_into_folder(options, interrupted):
         **vars(options), 'recording': recording,
         'output': options.output / f'{_name(recording)}.{options.format or TABLE[1:]}'})
         for recording in options.recordings]
+    if options.output.suffix in KINDS:
+        raise BagError(f'{options.output}: several recordings, or --format, fill a folder; '
+                       f'expected a name without {options.output.suffix}')
     outputs = [task.output for task in tasks]
     for output in outputs:
         if outputs.count(output) > 1:

@@ -457,6 +457,14 @@ def test_recordings_of_one_name_are_refused(bag, tmp_path, capsys):
     assert not (tmp_path / 'out').exists()
 
 
+@pytest.mark.parametrize('arguments', [('more.mcap',), ('--format', 'mcap')])
+def test_a_folder_with_the_name_of_a_file_is_refused(bag, arguments, tmp_path, capsys):
+    output = tmp_path / 'many.csv'
+    assert main([str(bag), *arguments, '-o', str(output)]) == 1
+    assert 'many.csv: several recordings, or --format, fill a folder' in capsys.readouterr().err
+    assert not output.exists()
+
+
 def test_an_interruption_of_several_leaves_whole_files_alone(bag, tmp_path):
     with open_bag(bag) as source:
         frames = list(source.messages(['/markers']))
