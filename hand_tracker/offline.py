@@ -213,7 +213,7 @@ class Job:
             expected = ', '.join(f"'{label}' ({marker})" for marker, label in zip(
                 PALM_MARKERS, self._labels.labels))
             raise BagError(f'{self._bag.path}: no frame of {self._topic} shows the palm; '
-                           f'expected are the labels {expected}')
+                           f'expected are the labels {expected}; {self._watch.others()}')
 
     def _looked_at(self):
         due = self._bag.start
@@ -228,6 +228,7 @@ class Job:
                 due = now + int(1e9 * LOOK_EVERY)
                 self._report(now)
         if now is not None:
+            self._watch.ended()
             self._report(now)
 
     def _report(self, now):

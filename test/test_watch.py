@@ -1,5 +1,6 @@
 """What the tracker says of its input: changes in time, each cause once, never too much."""
 
+import re
 from functools import cache
 from types import SimpleNamespace
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from hand_tracker.codec import Stamp
-from hand_tracker.core.hand import JOINTS, Hand
+from hand_tracker.core.hand import JOINTS, MEAN_BREADTH, MEAN_LENGTH, Hand
 from hand_tracker.core.kinematics import forward, joint_table
 from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.palm import PalmState
@@ -16,6 +17,8 @@ from hand_tracker.labels import LabelMap
 from hand_tracker.nodes.marker_news import BACK, CHANGES, WINDOW
 from hand_tracker.nodes.watch import CAUSES, OFF_FOR, SILENT, STANDING, Watch, who_publishes
 from hand_tracker.simulation.recording import demo_recording
+from hand_tracker.simulation.sight import skin_layout
+from hand_tracker.simulation.simulate import calibrated
 
 SEEN = marker_positions(
     MarkerLayout().mounting(Hand.scaled()),
@@ -166,6 +169,56 @@ def test_says_that_a_right_hand_is_no_left_one():
         hand.feed(i / 30., positions)
         lines += hand.said(i / 30.)
     assert any('wrong side' in line for line in lines)
+
+
+def said_of_the_demo(hand, layout, known_hand, known_layout, seconds=None):
+    """Return what is said of the fit when the demo's hand is tracked as another."""
+    rate = 60.
+    entry = Input()
+    entry.tracker = HandTracker(known_hand, known_layout)
+    lines = []
+    markers = demo_recording(hand, layout, rate).markers
+    for i, positions in enumerate(markers[:None if seconds is None else round(rate * seconds)]):
+        entry.feed(i / rate, positions)
+        lines += entry.said(i / rate)
+    entry.watch.ended()
+    lines += entry.said(len(markers) / rate)
+    return [line for line in lines if 'expected is a hand file' in line]
+
+
+@pytest.mark.parametrize('seconds', [None, 9.])
+def test_says_once_that_markers_on_the_skin_need_a_hand_file(seconds):
+    hand = Hand.scaled()
+    line, = said_of_the_demo(hand, skin_layout(hand), hand, MarkerLayout(), seconds)
+    miss, = re.findall(r'on average ([\d.]+) mm', line)
+    assert 5. < float(miss) < 8.
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+def test_a_calibrated_hand_fits(seed):
+    hand = Hand.scaled()
+    layout = skin_layout(hand)
+    assert not said_of_the_demo(hand, layout, *calibrated(hand, layout, seed))
+
+
+@pytest.mark.parametrize('size, fits', [(.9, True), (.95, True), (1.05, True), (1.15, False)])
+def test_a_hand_of_about_the_mean_size_fits(size, fits):
+    hand = Hand.scaled(size * MEAN_LENGTH, size * MEAN_BREADTH)
+    said = said_of_the_demo(hand, MarkerLayout(), Hand.scaled(), MarkerLayout())
+    assert len(said) == (not fits)
+
+
+def test_a_moment_tells_nothing_of_the_fit():
+    hand = Hand.scaled()
+    assert not said_of_the_demo(hand, skin_layout(hand), hand, MarkerLayout(), 1.5)
+
+
+def test_names_the_never_seen_at_the_end_of_a_short_recording():
+    hand = Input()
+    hand.feed(.1, hidden(7), unknown=(('daumen', 0),))
+    assert hand.said(.1) == ['tracking']
+    hand.watch.ended()
+    assert hand.said(.1) == ["never seen so far: '7' (thumb); there are 'daumen/0'"]
 
 
 def test_says_what_the_palm_waits_for():

@@ -11,12 +11,17 @@ import numpy as np
 from ..core.layout import MARKERS, PALM_MARKERS
 from ..core.palm import PalmState
 from ..core.tracker import MarkerState
+from .fit import Fit
 from .marker_news import Budget, MarkerNews
 
 SILENT = 3.   # [s] without markers before that is said
 NEVER = 5.    # [s] of tracking before a marker that was never seen is named
 OFF = .015    # [m] that the seen markers may be off the hand on average
 OFF_FOR = 2.  # [s] before more than that is said
+# Fitted hands: 0 to 2.4 mm; 5 % too long or short: up to 3.3; markers on the skin: 5 to 8.
+UNFIT = .005  # [m] that seen markers are off a hand which fits badly, on average over
+FIT_FOR = 10.  # [s] of tracking, or in a recording that ends at least
+FIT_LEAST = 2.  # [s]
 STANDING = 10  # frames in a row with one stamp before that is said
 CAUSES = 32   # distinct causes that are said at most
 
@@ -54,6 +59,7 @@ class Watch:
         self._off_for = 0.
         self._announced = None
         self._has_tracked = False
+        self._fit = Fit()
         self._stamp, self._standing = None, 0
         self._budget = Budget()
         self._markers = MarkerNews()
@@ -109,7 +115,14 @@ class Watch:
         elif self._off_since is None:
             self._off_since = now
         self._off_for = 0. if self._off_since is None else now - self._off_since
+        if palm is PalmState.TRACKED:
+            self._fit.tracked(now, self._miss)
         self._markers.tracked(now, state, palm is PalmState.TRACKED)
+
+    def ended(self):
+        """Note that nothing more comes: what waits to be sure is said now."""
+        self._name_the_never_seen()
+        self._judge_fit(FIT_LEAST)
 
     def restarted(self):
         """Note that time jumped back."""
@@ -143,7 +156,9 @@ class Watch:
         list of (bool, str)
             Whether it is a warning, and the line.
         """
-        self._name_the_never_seen(now)
+        if self._started is not None and now - self._started >= NEVER:
+            self._name_the_never_seen()
+        self._judge_fit(FIT_FOR)
         lines = [(True, text) for text in self._pending]
         self._pending = []
         situation = self.situation(now)
@@ -198,7 +213,7 @@ class Watch:
             return f'no markers on {self._topic} for {now - self._received:.0f} s: {publishers()}'
         if situation == 'unlabelled':
             return (f'messages on {self._topic} have held no marker of the hand for '
-                    f'{now - self._labelled:.0f} s: {self._others()}; '
+                    f'{now - self._labelled:.0f} s: {self.others()}; '
                     f'expected are the labels {self._expected(range(len(MARKERS)))}')
         if situation == 'off':
             return (f'the markers are on average {1e3 * self._miss:.0f} mm off the hand: '
@@ -208,10 +223,10 @@ class Watch:
         if situation is PalmState.WAITING:
             hidden = np.flatnonzero(np.isnan(self._frame.positions[:len(PALM_MARKERS), 0]))
             return (f'waiting for the palm: not seen yet {self._expected(hidden)}; '
-                    f'{self._others()}')
+                    f'{self.others()}')
         return f'{FAULTS[situation]}; since {now - self._since:.1f} s, the last pose is kept'
 
-    def _others(self):
+    def others(self):
         """Say which markers the last message held that are none of the hand's."""
         if self._frame.foreign:
             return f"there are markers in frame {', '.join(map(repr, self._frame.foreign))}"
@@ -222,13 +237,22 @@ class Watch:
     def _expected(self, slots):
         return ', '.join(f"'{self.labels.labels[slot]}' ({MARKERS[slot]})" for slot in slots)
 
-    def _name_the_never_seen(self, now):
-        if self._started is None or now - self._started < NEVER:
+    def _judge_fit(self, least):
+        miss = self._fit.mean(least)
+        # What is farther off is another's hand, or mislabelled, and said as such.
+        if miss is not None and UNFIT < miss <= OFF:
+            self.once('fit', f'the markers are on average {1e3 * miss:.1f} mm off the hand (1 to 2 mm '
+                      'off one that was measured), its fingers may stay too straight: expected '
+                      'is a hand file (hand_file, hand:=, --hand) with the lengths of your hand '
+                      "and the markers' offsets on the skin, as config/hand.yaml explains")
+
+    def _name_the_never_seen(self):
+        if self._started is None:
             return
         never = [slot for slot in np.flatnonzero(self._state.marker_states == MarkerState.ABSENT)
                  if self.labels.labels[slot]]
         if never:
-            self.once('never', f'never seen so far: {self._expected(never)}; {self._others()}')
+            self.once('never', f'never seen so far: {self._expected(never)}; {self.others()}')
 
 
 def who_publishes(endpoints, reliability):
