@@ -16,7 +16,7 @@ from .codec import (
     MalformedMessage, MarkerReader, Stamp, joint_state_template, transforms_template)
 from .core.errors import HandTrackerError
 from .core.hand import JOINTS, ROOT
-from .core.layout import MARKERS, PALM_MARKERS
+from .core.layout import MARKERS
 from .core.quaternion import quaternion
 from .core.tracker import HandState, HandTracker
 from .files.angle_table import write_angle_table
@@ -210,10 +210,8 @@ class Job:
             self.tracked += 1
             yield frame
         if not self.tracked:
-            expected = ', '.join(f"'{label}' ({marker})" for marker, label in zip(
-                PALM_MARKERS, self._labels.labels))
-            raise BagError(f'{self._bag.path}: no frame of {self._topic} shows the palm; '
-                           f'expected are the labels {expected}; {self._watch.others()}')
+            raise BagError(f'{self._bag.path}: no frame of {self._topic} shows the palm: '
+                           f'{self._watch.why_never()}')
 
     def _looked_at(self):
         due = self._bag.start

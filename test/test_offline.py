@@ -329,6 +329,15 @@ def no_palm(path):
     write_bag(path, [message_of(np.vstack((np.full((3, 3), np.nan), np.ones((5, 3)))))])
 
 
+def no_hand(path):
+    write_bag(path, [message_of(np.vstack((np.full((8, 3), np.nan), np.ones((1, 3)))),
+                                numbers=['x'] * 9)])
+
+
+def hand_at_rest(path):
+    write_bag(path, [message_of(demo_recording(rate=1.).markers[0] + (.1, 0., 0.))])
+
+
 def damaged(path):
     write_bag(path, [BagMessage('/markers', MARKER_ARRAY, 5, b'\0\1\0\0\7\0\0\0')])
 
@@ -344,7 +353,11 @@ def cut_off(path):
      r'it has /joint_states \(sensor_msgs'),
     (two_topics, (), 'choose one of /left, /right'),
     (two_topics, ('--topic', '/up'), r'no topic /up of .*; it has /left \(visual'),
-    (no_palm, (), r"no frame of /markers shows the palm; expected are the labels '0' \(wrist\)"),
+    (no_palm, (), r"no frame of /markers shows the palm: .* not seen yet '0' \(wrist\)"),
+    (no_hand, (), r"shows the palm: expected are the labels '0' \(wrist\).*; there are 'hand/8'"),
+    (hand_at_rest, ('--unit-scale', '.001'), 'shows the palm: .* too close together .* unit_scale'),
+    (hand_at_rest, ('--unit-scale', '10'), 'shows the palm: .* too far apart .* unit_scale'),
+    (hand_at_rest, ('--unit-scale', '1e5'), 'shows the palm: .* a kilometre away; .* unit_scale'),
     (damaged, (), '/markers: the message of 5 ns is no whole visualization_msgs/msg/MarkerArray'),
     (cut_off, (), 'in.mcap: cannot be read'),
     (two_topics, ('--label', 'nose=3'), "label: 'nose=3'; expected MARKER=LABEL, .* wrist, "),

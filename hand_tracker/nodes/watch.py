@@ -26,14 +26,14 @@ STANDING = 10  # frames in a row with one stamp before that is said
 CAUSES = 32   # distinct causes that are said at most
 
 MARKER_ARRAY = 'visualization_msgs/msg/MarkerArray'
+CHECK = ('check unit_scale (1 for metres, 0.001 for millimetres), the size of the hand and '
+         'labels.*')
 FAULTS = {
     PalmState.LOST: 'the palm is lost: none of its markers is seen',
     PalmState.COINCIDENT: 'palm markers coincide',
     PalmState.COLLINEAR: 'the palm markers lie on one line',
-    PalmState.TOO_FAR_APART: 'the palm markers are too far apart for this hand: '
-                             'check unit_scale, the size of the hand and labels.*',
-    PalmState.TOO_CLOSE: 'the palm markers are too close together for this hand: '
-                         'check unit_scale, the size of the hand and labels.*',
+    PalmState.TOO_FAR_APART: f'the palm markers are too far apart for this hand: {CHECK}',
+    PalmState.TOO_CLOSE: f'the palm markers are too close together for this hand: {CHECK}',
 }
 
 
@@ -53,7 +53,7 @@ class Watch:
         self.labels = labels
         self._topic = topic
         self._received = self._labelled = self._since = now
-        self._palm = self._frame = self._state = self._started = None
+        self._palm = self._frame = self._state = self._started = self._fault = None
         self._miss = 0.  # [m]
         self._off_since = None
         self._off_for = 0.
@@ -105,6 +105,7 @@ class Watch:
         palm = PalmState.TRACKED if state.palm is PalmState.CARRIED else state.palm
         if palm is not self._palm:
             self._palm, self._since = palm, now
+            self._fault = FAULTS.get(palm, self._fault)
         if self._started is None and palm is PalmState.TRACKED:
             self._started = now
         # As floats: numpy would take five times as long for eight.
@@ -213,21 +214,39 @@ class Watch:
             return f'no markers on {self._topic} for {now - self._received:.0f} s: {publishers()}'
         if situation == 'unlabelled':
             return (f'messages on {self._topic} have held no marker of the hand for '
-                    f'{now - self._labelled:.0f} s: {self.others()}; '
+                    f'{now - self._labelled:.0f} s: {self._others()}; '
                     f'expected are the labels {self._expected(range(len(MARKERS)))}')
         if situation == 'off':
             return (f'the markers are on average {1e3 * self._miss:.0f} mm off the hand: '
-                    'wrong side, labels, hand size or unit?')
+                    'wrong side, labels or hand size?')
         if situation is PalmState.TRACKED:
             return 'tracking'
         if situation is PalmState.WAITING:
             hidden = np.flatnonzero(np.isnan(self._frame.positions[:len(PALM_MARKERS), 0]))
+            if not hidden.size:
+                return f'waiting for the palm: its markers are more than a kilometre away; {CHECK}'
             return (f'waiting for the palm: not seen yet {self._expected(hidden)}; '
-                    f'{self.others()}')
+                    f'{self._others()}')
         return f'{FAULTS[situation]}; since {now - self._since:.1f} s, the last pose is kept'
 
-    def others(self):
+    def why_never(self):
+        """Say why no frame of all was tracked.
+
+        Returns
+        -------
+        str
+        """
+        if self._fault is not None:
+            return self._fault
+        if self._palm is PalmState.WAITING:
+            return self.describe(self._since, self._palm, str)
+        return (f'expected are the labels {self._expected(range(len(PALM_MARKERS)))}; '
+                f'{self._others()}')
+
+    def _others(self):
         """Say which markers the last message held that are none of the hand's."""
+        if self._frame is None:
+            return 'no message came'
         if self._frame.foreign:
             return f"there are markers in frame {', '.join(map(repr, self._frame.foreign))}"
         if self._frame.unknown:
@@ -252,7 +271,7 @@ class Watch:
         never = [slot for slot in np.flatnonzero(self._state.marker_states == MarkerState.ABSENT)
                  if self.labels.labels[slot]]
         if never:
-            self.once('never', f'never seen so far: {self._expected(never)}; {self.others()}')
+            self.once('never', f'never seen so far: {self._expected(never)}; {self._others()}')
 
 
 def who_publishes(endpoints, reliability):
