@@ -25,9 +25,11 @@ from .core.layout import PALM_MARKERS, marker_positions
 from .core.palm import place_palm
 from .core.skeleton import skeleton_points
 from .files.angle_table import write_angle_table
+from .files.bags import open_bag
 from .files.hand_file import add_hand_options, choose_hand
 from .labels import DEFAULT_LABELS, LabelMap
 from .marker_frame import markers_from_message
+from .offline import USUAL_TOPIC, marker_topic
 from .picture import Track, save_animation, save_sheet
 from .share import packaged_recording
 from .viewer.command import add_page_options, view
@@ -159,7 +161,7 @@ def _stop(process):
         return process.wait()
 
 
-def _play(node, listener, hand, layout, options, processes):
+def _play(node, listener, hand, layout, recording, options, processes):
     """Run both nodes until the recording ends."""
     presets = {f'{name}.preset': value for name, value in (
         ('limits', options.limits), ('coupling', options.coupling)) if value}
@@ -178,8 +180,7 @@ def _play(node, listener, hand, layout, options, processes):
     rest = marker_positions(mounting, forward(joint_table(hand), np.zeros(25)))
     place_palm(rest[:PALM], rest[:PALM], False, np.eye(3), np.zeros(3), np.zeros((5, 3)))
     # Two are to hear the first frame: the tracker and this listener.
-    replay = _start('replay', recording=options.recording or packaged_recording(hand.side),
-                    rate=float(options.rate), subscribers=2)
+    replay = _start('replay', recording=recording, rate=float(options.rate), subscribers=2)
     processes.append(replay)
     due = time.monotonic()
     end = None
@@ -226,7 +227,7 @@ def _save(listener, hand, layout, output):
 
 
 def _parse(args):
-    parser = argparse.ArgumentParser(prog='demo', description=__doc__.split('\n')[0])
+    parser = argparse.ArgumentParser(prog='hand_tracker demo', description=__doc__.split('\n')[0])
     parser.add_argument('--recording',
                         help='rosbag2 recording to play, with markers of ids 0 to 7 on /markers '
                         '(default: the packaged one of the side)')
@@ -248,20 +249,23 @@ def main(args=None):
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         hand, layout = choose_hand(options.hand, options.side, options.limits, options.coupling)
+        recording = options.recording or packaged_recording(hand.side)
         if options.view:
-            view(Recording(options.recording or packaged_recording(hand.side), hand, layout),
-                 options)
+            view(Recording(recording, hand, layout), options)
             return 0
+        # Before the tracker compiles.
+        with open_bag(recording) as bag:
+            marker_topic(bag, USUAL_TOPIC)
         rclpy.init()
         node = rclpy.create_node('demo')
         listener = Listener(node)
-        _play(node, listener, hand, layout, options, processes)
+        _play(node, listener, hand, layout, recording, options, processes)
         codes = [_stop(process) for process in processes]
         _save(listener, hand, layout, options.output)
         if any(codes):
             raise HandTrackerError(f'tracker and replay ended with exit codes {codes}')
-    except HandTrackerError as error:
-        print(f'demo: {error}', file=sys.stderr)
+    except (HandTrackerError, OSError) as error:
+        print(f'hand_tracker demo: {error}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print()

@@ -108,6 +108,18 @@ def test_first_run_sets_up_and_the_second_only_starts(machine):
     assert machine.calls() == []
 
 
+@pytest.mark.parametrize('option', ['--recording', '--hand'])
+def test_a_file_that_is_not_there_is_said_before_the_set_up(machine, option):
+    machine.python()
+    result = machine.run('demo', '--view', option, 'absent.mcap')
+    assert result.returncode == 1
+    assert result.stderr == (
+        f'hand_tracker demo: {option} absent.mcap: no such file or folder\n')
+    assert machine.calls() == []
+    (machine.checkout / 'absent.mcap').touch()
+    assert machine.run('demo', option, 'absent.mcap').returncode == 0
+
+
 def test_view_adds_its_requirements_and_gets_ready_before_it_starts(machine):
     machine.python()
     machine.run('demo')

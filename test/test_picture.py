@@ -143,10 +143,11 @@ def test_demo_runs_both_nodes_and_leaves_pictures_and_a_table(ros, tmp_path):
 
 @pytest.mark.parametrize('arguments, message', [
     (('--recording', 'absent.mcap'), 'absent.mcap'),
+    (('--recording', __file__), "unknown extension '.py'"),
     (('--hand', 'absent.yaml'), 'absent.yaml')])
-def test_demo_says_what_is_wrong_and_fails(ros, arguments, message, tmp_path):
+def test_demo_says_what_is_wrong_before_it_starts(ros, arguments, message, tmp_path):
     done = run_demo(*arguments, '--output', tmp_path)
     assert done.returncode == 1
-    assert message in done.stdout + done.stderr
+    assert message in done.stderr and 'Starting' not in done.stdout
     assert 'Traceback' not in done.stderr
     assert not list(tmp_path.iterdir())

@@ -260,10 +260,11 @@ class Watch:
         miss = self._fit.mean(least)
         # What is farther off is another's hand, or mislabelled, and said as such.
         if miss is not None and UNFIT < miss <= OFF:
-            self.once('fit', f'the markers are on average {1e3 * miss:.1f} mm off the hand (1 to 2 mm '
-                      'off one that was measured), its fingers may stay too straight: expected '
-                      'is a hand file (hand_file, hand:=, --hand) with the lengths of your hand '
-                      "and the markers' offsets on the skin, as config/hand.yaml explains")
+            self.once('fit', f'the markers are on average {1e3 * miss:.1f} mm off the hand, where '
+                      '1 to 2 mm are usual for one that was measured: its fingers may stay too '
+                      'straight; expected is a hand file (hand_file, hand:=, --hand) with the '
+                      "lengths of your hand and the markers' offsets on the skin, as "
+                      'config/hand.yaml explains')
 
     def _name_the_never_seen(self):
         if self._started is None:
