@@ -1,6 +1,6 @@
 """The URDF of a hand: 25 revolute joints and five fixed tips, from the hand's own tables.
 
-Command: ``python -m hand_tracker.urdf --side left --prefix left_ -o hand_left.urdf``.
+Command: ``hand_tracker urdf --side left --prefix left_ -o hand_left.urdf``.
 """
 
 import argparse
@@ -167,7 +167,7 @@ def main(args=None):
         Exit code: 0, or 1 when the hand or the file is refused.
     """
     parser = argparse.ArgumentParser(
-        prog='python -m hand_tracker.urdf', description='Write the URDF of a hand.')
+        prog='hand_tracker urdf', description='Write the URDF of a hand.')
     parser.add_argument('--hand', metavar='FILE', help='hand file; the mean hand when left out')
     parser.add_argument('--side', choices=SIDES, help="instead of the hand file's")
     parser.add_argument('--limits', choices=LIMIT_PRESETS, help="instead of the hand file's")
@@ -182,7 +182,7 @@ def main(args=None):
         else:
             sys.stdout.write(text)
     except (HandTrackerError, OSError) as error:
-        print(f'hand_tracker.urdf: {error}', file=sys.stderr)
+        print(f'{parser.prog}: {error}', file=sys.stderr)
         return 1
     return 0
 

@@ -276,7 +276,7 @@ def test_every_evaluation_has_rows_of_the_same_keys(
     results.write_results(tmp_path / 'results.md', rows, {name: module},
                           Options((moving,)), 'hand_tracker evaluate')
     document = (tmp_path / 'results.md').read_text()
-    assert '## Where it loses' in document
+    assert ('## Where it loses' in document) == hasattr(module, 'losses')
     assert ('2 %' in document) == (not getattr(module, 'NEEDS_FILES', False))
 
 
@@ -376,8 +376,13 @@ def test_captures_of_odd_shapes_are_refused(tmp_path, moving, fields, message):
 def test_files_that_are_no_captures_are_refused(tmp_path):
     (tmp_path / 'text.npz').write_text('no capture')
     np.savez(tmp_path / 'other.npz', positions=np.zeros((3, 21, 3)))
-    for name, message in (('text.npz', 'can be read'), ('other.npz', 'joints'),
-                          ('none.npz', 'No such file')):
+    np.savez(tmp_path / 'objects.npz', positions=np.array([None]))
+    np.save(tmp_path / 'alone.npy', np.zeros(3))
+    (tmp_path / 'cut.npz').write_bytes((tmp_path / 'other.npz').read_bytes()[:200])
+    unread = 'can be read; expected plain arrays, as numpy.savez writes them$'
+    for name, message in (('text.npz', unread), ('objects.npz', unread), ('alone.npy', unread),
+                          ('cut.npz', unread), ('other.npz', 'joints'),
+                          ('none.npz', r'can be read \(No such file or directory\); expected')):
         with pytest.raises(InvalidCapture, match=message):
             load_capture(tmp_path / name)
 

@@ -206,7 +206,7 @@ def test_command_takes_a_hand_file(tmp_path, capsys):
 def test_command_says_what_is_wrong(tmp_path, capsys):
     missing = tmp_path / 'none.yaml'
     assert main(['--hand', str(missing)]) == 1
-    assert capsys.readouterr().err == f'hand_tracker.urdf: {missing}: No such file or directory\n'
+    assert capsys.readouterr().err == f'hand_tracker urdf: {missing}: No such file or directory\n'
     assert main(['-o', str(tmp_path / 'no' / 'folder.urdf')]) == 1
     assert 'No such file or directory' in capsys.readouterr().err
     with pytest.raises(SystemExit) as stopped:

@@ -102,8 +102,12 @@ def load_capture(path):
     except KeyError as error:
         raise InvalidCapture(f'{path}: {error.args[0]}; expected positions, joints, side '
                              'and rate_hz') from None
-    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise InvalidCapture(f'{path}: no npz file that can be read: {error}') from None
+    # An array alone is no context: TypeError, before Python 3.11 AttributeError.
+    except (OSError, ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
+        reason = getattr(error, 'strerror', None)
+        raise InvalidCapture(f'{path}: no npz file that can be read'
+                             + (f' ({reason})' if reason else '')
+                             + '; expected plain arrays, as numpy.savez writes them') from None
     names = [str(name) for name in np.atleast_1d(fields['joints'])]
     positions = fields['positions']
     if sorted(names) != sorted(LANDMARKS):

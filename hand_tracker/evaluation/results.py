@@ -92,9 +92,12 @@ def write_results(path, rows, modules, options, command):
 
 def _losses(rows, modules):
     """Return where the tracker loses to the paper, to a baseline or to itself with less."""
+    judging = {name: module for name, module in modules.items() if hasattr(module, 'losses')}
+    if not judging:
+        return []
     parts = ['## Where it loses']
-    for name, module in modules.items():
-        lines = module.losses(rows[name]) if hasattr(module, 'losses') else []
+    for name, module in judging.items():
+        lines = module.losses(rows[name])
         if lines:
             parts += [f'{module.TITLE}:', '\n'.join(f'- {line}.' for line in lines), module.WHY]
     return parts if len(parts) > 1 else [*parts, 'Nowhere in what was evaluated.']

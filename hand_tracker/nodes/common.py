@@ -180,7 +180,7 @@ def run(make_node, work=spin, args=None, name='hand_tracker'):
         pass
     except (HandTrackerError, ParameterException) as error:
         logger = node.get_logger() if node else rclpy.logging.get_logger(name)
-        logger.error(str(error))
+        logger.error(_in_words(error))
         return 1
     finally:
         # Python's end would leave a handler of its own to the system, which kills the process.
@@ -189,6 +189,12 @@ def run(make_node, work=spin, args=None, name='hand_tracker'):
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _in_words(error):
+    """Return an error as a line; around a parameter's reason rclpy puts its name and a frame."""
+    reason = re.sub(r'^Invalid parameter value .* for parameter\. Reason: ', '', str(error))
+    return re.sub(r'^(.*\b([\w.]+)\b.*): \2$', r'\1', reason)
 
 
 def _init(args):

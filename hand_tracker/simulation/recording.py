@@ -1,7 +1,7 @@
 """The packaged recordings: markers of the demo motion as a camera system might give them.
 
-`python -m hand_tracker.simulation.recording` makes them again, byte for byte: that of the right
-hand, and with `--side left` that of a left hand in the same motion.
+`hand_tracker record` makes them again, byte for byte: that of the right hand, and with
+`--side left` that of a left hand in the same motion.
 """
 
 import argparse
@@ -134,8 +134,7 @@ def recording_messages(recording, side):
 
 def main(arguments=None):
     """Make a packaged recording again."""
-    parser = argparse.ArgumentParser(prog='python -m hand_tracker.simulation.recording',
-                                     description=main.__doc__)
+    parser = argparse.ArgumentParser(prog='hand_tracker record', description=main.__doc__)
     parser.add_argument('--side', choices=SIDES, default='right',
                         help='of the hand (default: %(default)s)')
     parser.add_argument('-o', '--output', type=Path, metavar='OUT',
