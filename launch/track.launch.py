@@ -1,6 +1,8 @@
 """Track a hand: replay or live driver, tracker, robot_state_publisher and, if asked, RViz."""
 
+import sys
 import tempfile
+from difflib import get_close_matches
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
@@ -83,6 +85,9 @@ PUBLISHED_HERE = ('tf tf_static joint_states joint_confidence hand_markers hand_
 def start(context):
     """Return the nodes for the arguments given."""
     given = context.launch_configurations
+    check_names()
+    if given['parameters'] and not Path(given['parameters']).is_file():
+        raise RuntimeError(f"parameters: {given['parameters']}: no such file")
     if given['rviz'] == 'true' and not installed('rviz2'):
         # Found out later, nodes that have been started are left behind.
         raise RuntimeError('rviz: rviz2 is not installed')
@@ -137,6 +142,23 @@ def start(context):
             'rviz2', [], package='rviz2',
             arguments=['-d', str(rviz_config(prefix)), '-f', given['fixed_frame']]))
     return actions
+
+
+def check_names():
+    """Refuse arguments of the command line that there are none of: launch drops them."""
+    words = sys.argv[1:]
+    # Included by another file, what was given is that file's.
+    if 'hand_tracker' not in words and Path(__file__).resolve() not in [
+            Path(word).resolve() for word in words]:
+        return
+    known = [argument.name for argument in ARGUMENTS]
+    given = [word.partition(':=')[0] for word in words if ':=' in word]
+    for name in filter(str.isidentifier, given):
+        if name not in known:
+            alike = get_close_matches(name, known, 1)
+            raise RuntimeError(f"there is no argument '{name}'"
+                               + (f", did you mean '{alike[0]}'?" if alike else '')
+                               + f'; expected are {", ".join(known)}')
 
 
 def rviz_config(prefix):

@@ -127,9 +127,9 @@ if LACK is None:
     class Launch(Process):
         """`ros2 launch` in a process group of its own, as in a terminal."""
 
-        def __init__(self, environment=None, **arguments):
+        def __init__(self, environment=None, file=LAUNCH, **arguments):
             super().__init__(
-                ['ros2', 'launch', str(LAUNCH),
+                ['ros2', 'launch', str(file),
                  *(f'{name}:={value}' for name, value in arguments.items())],
                 environment, start_new_session=True)
 
@@ -242,6 +242,38 @@ def test_a_left_hand_in_a_namespace_loops(watch, short):
     steps = np.diff(joint_stamps(states))
     assert (steps > 0).all()
     assert abs(np.median(steps) * 1e-9 - 1 / RATE) < 1e-4
+
+
+@launches
+@pytest.mark.parametrize('arguments, said', [
+    ({'parameters': 'absent.yaml'}, 'parameters: absent.yaml: no such file'),
+    ({'sied': 'left'}, "there is no argument 'sied', did you mean 'side'?; expected are source"),
+    ({'loops': 'true', 'side': 'left'}, "there is no argument 'loops', did you mean 'loop'?")])
+def test_what_would_be_left_out_silently_is_refused(arguments, said):
+    with Launch(**arguments) as process:
+        assert process.wait() == 1
+        assert said in process.output
+        assert 'process started' not in process.output
+
+
+@launches
+def test_another_file_that_includes_this_one_has_arguments_of_its_own(short, tmp_path):
+    (tmp_path / 'mine.launch.py').write_text(f'''
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+
+def generate_launch_description():
+    return LaunchDescription([
+        DeclareLaunchArgument('robot'),
+        IncludeLaunchDescription(
+            PythonLaunchDescriptionSource({str(LAUNCH)!r}),
+            launch_arguments=[('recording', {str(short)!r}), ('loop', 'false')])])
+''')
+    with Launch(file=tmp_path / 'mine.launch.py', robot='arm') as process:
+        check_clean(process, process.wait(FIRST_START), *STARTED)
+        assert 'Played to the end' in process.output
 
 
 @launches
