@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,35 @@ def test_compiled_and_plain_kernels_agree(tmp_path):
 
 def test_the_switch_turns_numba_off(tmp_path):
     assert np.isfinite(rows(tmp_path, '0')).all()
+
+
+@pytest.mark.skipif(not COMPILED, reason='nothing is kept without numba')
+def test_kernels_of_other_sources_go_when_unused_for_a_month(tmp_path):
+    caches = tmp_path / 'hand_tracker'
+    environment = {**os.environ, 'XDG_CACHE_HOME': str(tmp_path), 'PYTHONPATH': str(ROOT)}
+    environment.pop('NUMBA_CACHE_DIR', None)
+
+    def old(name, days):
+        folder = caches / name
+        (folder / 'core').mkdir(parents=True, exist_ok=True)
+        (folder / 'core' / 'kernel.nbi').touch()
+        os.utime(folder, (time.time() - 86400. * days,) * 2)
+        return folder
+
+    def start():
+        subprocess.run([sys.executable, '-c', 'import hand_tracker.core.jit'], check=True,
+                       env=environment)
+        return {path.name for path in caches.iterdir()}
+
+    old('kernels-unused', 31.)
+    old('kernels-used', 29.)
+    old('skin', 31.)
+    own, = start() - {'kernels-used', 'skin'}
+    # Its own are used, and nothing is looked for while they are there.
+    old(own, 31.)
+    old('kernels-unused', 31.)
+    assert start() == {own, 'kernels-unused', 'kernels-used', 'skin'}
+    assert time.time() - (caches / own).stat().st_mtime < 3600.
 
 
 def test_packed_values_are_those_given():

@@ -1,11 +1,15 @@
 """One switch: the same kernels, compiled by numba or as plain Python.
 
 Numba is used when it is importable; ``HAND_TRACKER_JIT=0`` turns it off. Compiled kernels
-are kept on disk, in a folder that is named after their sources.
+are kept on disk, in a folder that is named after their sources; those of other sources go
+when none has used them for a month and new ones come.
 """
 
 import hashlib
 import os
+import shutil
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +18,8 @@ try:
     import numba
 except ImportError:
     numba = None
+
+UNUSED = 30 * 86400.  # [s] after which kernels of other sources may go
 
 COMPILED = numba is not None and os.environ.get('HAND_TRACKER_JIT', '1') != '0'
 
@@ -26,10 +32,21 @@ def _cache_folder():
     caches = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
     folder = caches / 'hand_tracker' / f'kernels-{digest.hexdigest()[:16]}'
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        if not folder.is_dir():
+            _remove_unused(folder.parent)
+            folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
     except OSError:
         return None
     return folder if os.access(folder, os.W_OK) else None
+
+
+def _remove_unused(caches):
+    for folder in caches.glob('kernels-*'):
+        # Another process may be at it.
+        with suppress(OSError):
+            if time.time() - folder.stat().st_mtime > UNUSED:
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 CACHED = False
