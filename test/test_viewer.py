@@ -1,8 +1,11 @@
 """The viewer without a browser: its sources, meshes and panel."""
 
+import asyncio
 import itertools
 import socket
 import urllib.request
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
 
 import numpy as np
 import pytest
@@ -19,6 +22,7 @@ from hand_tracker.labels import DEFAULT_LABELS
 from hand_tracker.offline import track
 from hand_tracker.share import packaged_recording
 from hand_tracker.viewer.angles import angle_bars
+from hand_tracker.viewer.panel import Panel
 from hand_tracker.viewer.recording import WARM_UP, Playhead, Recording
 from hand_tracker.viewer.scene import strongest
 from hand_tracker.viewer.viewer import LOCALHOST, Viewer, free_port
@@ -185,6 +189,36 @@ def test_the_strongest_weights_are_few_and_sum_to_one():
     assert ((kept > 0.).sum(axis=1) == 4).all()
     np.testing.assert_allclose(kept.sum(axis=1), 1.)
     assert (kept.argmax(axis=1) == weights.argmax(axis=1)).all()
+
+
+def test_a_switch_is_not_taken_back_by_what_is_told_meanwhile(recording, monkeypatch):
+    messages = pytest.importorskip('viser._messages', reason='viser is not installed')
+    viewer = Viewer(port=8390)
+    server, busy, idle = viewer._server, ThreadPoolExecutor(1), Event()
+    try:
+        panel = Panel(server, recording, has_skin=False)
+        switch = panel._switches['Rigidity']
+        # A person clicks while viser's other threads are busy.
+        busy.submit(idle.wait)
+        monkeypatch.setattr(server.gui, '_thread_executor', busy)
+        monkeypatch.setattr(server.gui, '_resolve_client', lambda _: server)
+        recording.playhead.seek(1.)
+        state = recording.state()
+
+        async def click():
+            await server.gui._handle_gui_updates(
+                0, messages.GuiUpdateMessage(switch._impl.uuid, {'value': False}))
+            panel.tell(state)
+
+        asyncio.run_coroutine_threadsafe(click(), server.get_event_loop()).result()
+        idle.set()
+        busy.shutdown()
+        assert not switch.value
+        assert recording.constraints == DEFAULT - {'Rigidity'}
+    finally:
+        idle.set()
+        recording.constrain(DEFAULT)
+        viewer.stop()
 
 
 def test_bars_tell_angles_and_which_are_at_a_limit():

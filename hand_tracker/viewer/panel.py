@@ -3,6 +3,7 @@
 import io
 import time
 from collections import Counter
+from functools import partial
 
 import numpy as np
 from PIL import Image
@@ -16,10 +17,10 @@ SPEEDS = {'0.1 ×': .1, '0.25 ×': .25, '0.5 ×': .5, '1 ×': 1., '2 ×': 2.}
 PAUSE, PLAY = 'Pause', 'Play'
 TOLD_EVERY = .1     # [s] between two updates of numbers, bars and slider
 HANDS_OFF = .5      # [s] in which the slider is left to whoever moves it
-PNG_SIZE = 2000     # [pixels] of the longer edge at most
+PNG_SIZE = 1600     # [pixels] of the longer edge, whatever the screen
 ANGLES_WIDTH = 260  # [pixels]
 WIDE, HIGH = 720, 450   # [pixels] of a picture that has room for the angles at its side
-SLACK = 200         # [pixels] by which it may shrink before they go
+SLACK = 60          # [pixels] by which it may shrink before they go
 PATIENCE = 20.      # [s] for a browser to draw its picture
 FONT = ('padding:6px 12px;font:12px/1.5 system-ui,sans-serif;'
         'font-variant-numeric:tabular-nums')
@@ -42,19 +43,19 @@ class Panel:
         gui = server.gui
         self._numbers = gui.add_html('')
         self._playback = Playback(gui, source.playhead) if source.playhead else None
+        self.compared = gui.add_checkbox(
+            'Side by side', False,
+            hint='A second hand beside it, from the same markers without any constraint')
         picture = gui.add_button('Save PNG')
         picture.on_click(save_picture)
         # A panel of its own: on a phone it is folded until somebody asks for it.
         switches = gui.add_panel()
         with switches.add_tab('Constraints'):
-            self.compared = gui.add_checkbox(
-                'Side by side', False,
-                hint='A second hand beside it, from the same markers without any constraint')
             self._switches = {}
             for name, constraint in CONSTRAINTS.items():
                 switch = self._switches[name] = gui.add_checkbox(
                     name, name in source.constraints, hint=constraint.about)
-                switch.on_update(lambda event, name=name: self._switch(name, event))
+                switch.on_update(partial(self._switch, name))
         with switches.add_tab('Show'):
             self.skin = gui.add_checkbox('Skin', has_skin, disabled=not has_skin)
             self.skeleton = gui.add_checkbox('Skeleton', True, disabled=not has_skin)
@@ -63,7 +64,8 @@ class Panel:
                 'Hold the wrist', True, hint='The fingers move, the hand stays where it is')
         switches.dock_below(gui.main_panel)
 
-    def _switch(self, name, event):
+    async def _switch(self, name, event):
+        # In viser's own thread, at once: `tell` would take a switch that has no effect yet back.
         if event.client is not None:
             change = self._source.constraints.union if event.target.value \
                 else self._source.constraints.difference
@@ -119,8 +121,8 @@ class Playback:
             self._play = gui.add_button(PAUSE)
             self._play.on_click(self._toggle)
 
-    def _scrub(self, event):
-        # What this program itself sets has no client.
+    async def _scrub(self, event):
+        # As `_switch`. What this program itself sets has no client.
         if event.client is not None:
             self._scrubbed = time.monotonic()
             self._head.seek(event.target.value)
@@ -185,7 +187,7 @@ def numbers(texts, state):
 def save_picture(event):
     """Have the browser that asks draw its view, and give it to it as a PNG."""
     camera = event.client.camera
-    scale = min(1., PNG_SIZE / max(camera.image_height, camera.image_width))
+    scale = PNG_SIZE / max(camera.image_height, camera.image_width)
     drawn = event.client.get_render(
         round(scale * camera.image_height), round(scale * camera.image_width),
         transport_format='png', timeout=PATIENCE)
