@@ -12,12 +12,12 @@ from ..core.tracker import MarkerState
 from ..palette import MARKER_COLOURS, rgb
 from .skeleton import skeleton_mesh
 
-SKIN_COLOUR, BONE_COLOUR = (255, 158, 104), (214, 214, 208)
+SKIN_COLOUR, BONE_COLOUR = (255, 158, 104), (240, 240, 235)
 COLOURS = {int(kind): tuple(round(255. * share) for share in rgb(colour))
            for kind, colour in MARKER_COLOURS.items()}
 GROUND = 21, 28, 38      # the dark cards of the README
 MARKER_RADIUS = .006     # [m]
-SEEN_THROUGH = .35       # opacity of each wall of a skin that shows what is inside,
+SEEN_THROUGH = .48       # opacity of each wall of a skin that shows what is inside,
 FADED = .25              # and of a hand whose palm is not found
 INFLUENCES = 4           # bones that the browser lets move a vertex at most
 FLOOR = -.10             # [m] below the wrist
