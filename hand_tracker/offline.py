@@ -318,7 +318,8 @@ def _track_into_folder(options, interrupted):
     for task, (is_tracked, lines) in zip(tasks, progress.over(results)):
         tracked += is_tracked
         for line in lines:
-            progress.say(f'{task.recording.name}: {line}')
+            named = line.startswith(str(task.recording))
+            progress.say(line if named else f'{task.recording.name}: {line}')
     if tracked < count:
         raise BagError(f'{options.output}: only {tracked} of {count} recordings tracked')
     return f'{options.output}: {count} recordings tracked'

@@ -5,6 +5,7 @@ import tempfile
 from difflib import get_close_matches
 from pathlib import Path
 
+import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutdown
@@ -86,8 +87,8 @@ def start(context):
     """Return the nodes for the arguments given."""
     given = context.launch_configurations
     check_names()
-    if given['parameters'] and not Path(given['parameters']).is_file():
-        raise RuntimeError(f"parameters: {given['parameters']}: no such file")
+    if given['parameters']:
+        check_parameters(given['parameters'])
     if given['rviz'] == 'true' and not installed('rviz2'):
         # Found out later, nodes that have been started are left behind.
         raise RuntimeError('rviz: rviz2 is not installed')
@@ -159,6 +160,29 @@ def check_names():
             raise RuntimeError(f"there is no argument '{name}'"
                                + (f", did you mean '{alike[0]}'?" if alike else '')
                                + f'; expected are {", ".join(known)}')
+
+
+def check_parameters(path):
+    """Refuse a parameter file that is none, or that has nothing for the tracker."""
+    try:
+        tree = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        reason = ' '.join(str(getattr(error, 'strerror', error)).split())
+        raise RuntimeError(f'parameters: {path}: {reason}') from None
+    nodes = list(nodes_of(tree))
+    if not any(name.rpartition('/')[2] in ('hand_tracker', '*', '**') for name in nodes):
+        raise RuntimeError(f'parameters: {path}: for {", ".join(nodes) or "no node"}; expected '
+                           "'/**' or 'hand_tracker', and 'ros__parameters' below it")
+
+
+def nodes_of(tree, name=''):
+    """Yield the names of the nodes that the tree of a parameter file is for."""
+    if isinstance(tree, dict):
+        if 'ros__parameters' in tree:
+            yield name
+        for key, branch in tree.items():
+            if key != 'ros__parameters':
+                yield from nodes_of(branch, str(key))
 
 
 def rviz_config(prefix):

@@ -314,6 +314,12 @@ def test_the_lines_of_the_readme_do_the_same(recording, tmp_path, monkeypatch):
     assert np.allclose(written, np.degrees(names['angles']), rtol=0, atol=1e-9)
 
 
+def test_says_at_the_end_which_label_never_came(bag, tmp_path, capsys):
+    assert main([str(bag), '-o', str(tmp_path / 'out.csv'), '--label', 'thumb=leds/9']) == 0
+    said = capsys.readouterr().err
+    assert said.count("never seen so far: 'leds/9' (thumb); there are 'hand/7'") == 1
+
+
 # --- what goes wrong
 
 def joint_states_only(path):
@@ -459,7 +465,8 @@ def test_what_is_wrong_with_one_recording_leaves_the_others_alone(bag, tmp_path,
     assert main([*recordings, '-o', str(tmp_path / 'out'), '--format', 'db3']) == 1
     lines = capsys.readouterr().err
     assert 'only 1 of 3 recordings tracked' in lines
-    assert 'bad.mcap: cannot be read' in lines and 'absent.mcap: no such file' in lines
+    assert 'bad.mcap: cannot be read' in lines and lines.count('bad.mcap') == 1
+    assert 'absent.mcap: no such file' in lines
     assert [path.name for path in (tmp_path / 'out').iterdir()] == ['good.db3']
 
 
