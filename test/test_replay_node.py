@@ -104,10 +104,10 @@ def frames_of(messages):
     return [frame_of(message) for message in messages]
 
 
-def clean(process, code=0):
+def clean(process, ended, code=0):
     """Check how a process ended."""
     assert 'Traceback' not in process.output
-    assert code == 0, process.output
+    assert ended == code, process.output
 
 
 @pytest.mark.parametrize('name', ['hand.mcap', 'hand.db3', 'hand'])
@@ -277,29 +277,17 @@ ERRORS = {
 }
 
 
-@pytest.fixture(scope='module')
-def failures(bags):
-    """Exit code and output of each faulty start; they run side by side."""
-    processes = {
-        name: replay(bags / parameters['recording'],
-                     **{k: v for k, v in parameters.items() if k != 'recording'})
-        for name, (parameters, _) in ERRORS.items()}
-    ends = {}
-    for name, process in processes.items():
-        with process:
-            ends[name] = process.wait(60.), process.output
-    return ends
-
-
 @pytest.mark.parametrize('name', ERRORS)
-def test_error(failures, bags, name):
+def test_error(bags, name):
     parameters, message = ERRORS[name]
-    code, output = failures[name]
-    assert code == 1
+    recording = bags / parameters['recording']
+    with replay(**{**parameters, 'recording': recording}) as process:
+        clean(process, process.wait(), code=1)
+        output = process.output
     errors = [line for line in output.splitlines() if 'ERROR' in line]
     assert len(errors) == 1 and message in errors[0]
-    assert 'rate' in name or str(bags / parameters['recording']) in errors[0]
-    assert 'Traceback' not in output and 'Played' not in output
+    assert 'rate' in name or str(recording) in errors[0]
+    assert 'Played' not in output
 
 
 @pytest.fixture(scope='module')
