@@ -24,7 +24,7 @@ from hand_tracker.share import packaged_recording
 from hand_tracker.viewer.angles import angle_bars
 from hand_tracker.viewer.panel import Panel
 from hand_tracker.viewer.recording import WARM_UP, Playhead, Recording
-from hand_tracker.viewer.scene import strongest
+from hand_tracker.viewer.scene import ROAM, kept_near, strongest, wrist_pose
 from hand_tracker.viewer.viewer import LOCALHOST, Viewer, free_port
 
 DIP = JOINTS.index('index_dip_flexion')
@@ -189,6 +189,18 @@ def test_the_strongest_weights_are_few_and_sum_to_one():
     assert ((kept > 0.).sum(axis=1) == 4).all()
     np.testing.assert_allclose(kept.sum(axis=1), 1.)
     assert (kept.argmax(axis=1) == weights.argmax(axis=1)).all()
+
+
+def test_a_hand_that_roams_stays_in_view(recording):
+    recording.playhead.seek(1.)
+    state = recording.state()
+    anchor = wrist_pose(state)
+    near, far = (state._replace(wrist_position=anchor.position + (off, 0., 0.))
+                 for off in (.9 * ROAM, 3. * ROAM))
+    np.testing.assert_array_equal(kept_near(anchor, near).position, anchor.position)
+    moved = kept_near(anchor, far)
+    np.testing.assert_allclose(moved.position, anchor.position + (2. * ROAM, 0., 0.))
+    assert moved.rotation is anchor.rotation
 
 
 def test_a_switch_is_not_taken_back_by_what_is_told_meanwhile(recording, monkeypatch):

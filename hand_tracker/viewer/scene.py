@@ -28,6 +28,7 @@ HAND_WIDTH, HAND_LENGTH = .19, .255   # [m] that are seen at least
 CAPTION_AT = -.03, 0., 0.
 REMEMBERED = 16          # places of a camera
 APART = .18              # [m] between two hands
+ROAM = .03               # [m] that a hand whose wrist is not held goes from the middle at most
 PHONE, PHONE_FREE = .7, .6   # width by height of a phone, and the share above its panel
 
 
@@ -179,6 +180,24 @@ def strongest(weights):
 def wrist_pose(state):
     """Return the wrist's pose of a state."""
     return Pose(state.wrist_rotation, state.wrist_position)
+
+
+def kept_near(anchor, state):
+    """Return an anchor from which the wrist is not far, turned as before: nothing leaves the view.
+
+    Parameters
+    ----------
+    anchor : Pose
+        As of `HandScene.draw`.
+    state : HandState
+
+    Returns
+    -------
+    Pose
+    """
+    off = state.wrist_position - anchor.position
+    share = ROAM / max(np.linalg.norm(off), ROAM)
+    return anchor._replace(position=state.wrist_position - share * off)
 
 
 def in_wrist(state):

@@ -9,7 +9,7 @@ import time
 from ..constraints import DEFAULT, in_words
 from ..core.errors import HandTrackerError
 from .panel import Panel
-from .scene import APART, Framing, HandScene, light, wrist_pose
+from .scene import APART, Framing, HandScene, kept_near, light, wrist_pose
 
 RATE = 30.       # [Hz]
 PORT = 8080
@@ -93,8 +93,8 @@ class Viewer:
             source.attend(looked_at, compared)
             state = source.state() if looked_at else None
             if state is not None:
-                if panel.held.value or anchor is None:
-                    anchor = wrist_pose(state)
+                held = panel.held.value or anchor is None
+                anchor = wrist_pose(state) if held else kept_near(anchor, state)
                 other = source.bare_state() if compared else None
                 self._set_hands(1 + compared)
 
