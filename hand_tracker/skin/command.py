@@ -35,6 +35,7 @@ def main(arguments=None):
     options = parser.parse_args(arguments)
     try:
         hand, _ = choose_hand(options.hand, options.side, options.limits, options.coupling)
+        print('Making the skin and drawing it ...', flush=True)
         skin = load_skin(hand, options.mesh)
         options.output.mkdir(parents=True, exist_ok=True)
         for name, save in PICTURES.items():
