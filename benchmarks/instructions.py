@@ -1,10 +1,10 @@
 """Count the instructions that a frame costs the core, where times are too noisy.
 
-    python -m benchmarks.instructions [--frames 1000] [--json OUT]
+    python -m benchmarks.instructions [--frames 10000] [--json OUT]
 
 The frames of `benchmarks.core`, markers hidden in half of each second, under valgrind's
 cachegrind, compiled for a processor that it knows: what a longer run takes more than a shorter
-one, by frame.
+one, by frame. Starts differ by tens of millions: about a hundredth of what so many frames take.
 """
 
 import argparse
@@ -48,7 +48,7 @@ def counted(number, count, cache):
 def main():
     """Count and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--frames', type=int, default=1000)
+    parser.add_argument('--frames', type=int, default=10_000)
     add_json_option(parser)
     parser.add_argument('--here', type=int, nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()

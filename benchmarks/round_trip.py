@@ -1,6 +1,6 @@
 """Measure the round trip of markers: published here, tracked there, joint states back here.
 
-    python -m benchmarks.round_trip [--rates 120 480 960] [--seconds 5] [--json OUT] [--samples OUT]
+    python -m benchmarks.round_trip [--rates 120 480] [--seconds 5] [--json OUT] [--samples OUT]
 
 Beside the tracker node with all that is on by default: an echo in plain rclpy, that does
 nothing but take a MarkerArray and give a JointState, and the same in C on rcl with messages as
@@ -244,8 +244,8 @@ def measure(driver, processes, node, frames, rate, hands, seconds):
     answered = np.concatenate(trips) * 1e-3
     median, p99 = np.percentile(answered, (50, 99)) if answered.size else (np.nan,) * 2
     row = {'node': node, 'rate_hz': rate, 'hands': hands, 'median_us': round(float(median), 1),
-            'p99_us': round(float(p99), 1), 'cpu_percent': round(100. * used / took, 1),
-            'dropped_percent': round(100. * (1. - answered.size / (sent * hands)), 3)}
+           'p99_us': round(float(p99), 1), 'cpu_percent': round(100. * used / took, 1),
+           'dropped_percent': round(100. * (1. - answered.size / (sent * hands)), 3)}
     return row, np.pad(answered, (0, sent * hands - answered.size), constant_values=np.nan)
 
 
@@ -256,8 +256,8 @@ def main():
                         help='frames per second')
     parser.add_argument('--seconds', type=float, default=5., help='of each measurement')
     add_json_option(parser)
-    parser.add_argument('--samples', metavar='OUT', help='write every round trip [µs] here, NaN if '
-                        'dropped: an NPZ archive with an array NODE_HZ_HANDS for each row')
+    parser.add_argument('--samples', metavar='OUT', help='write every round trip [µs] here, NaN '
+                        'if dropped: an NPZ archive with an array NODE_HZ_HANDS for each row')
     parser.add_argument('--echo', action='store_true', help=argparse.SUPPRESS)
     options, ros_args = parser.parse_known_args()
     if options.echo:

@@ -394,8 +394,8 @@ def test_all_else_goes_on_without_the_libraries_of_the_skin(watch, short, tmp_pa
 @launches
 def test_robot_state_publisher_is_used_where_installed(watch, short, tmp_path):
     transforms = watch.collect(TFMessage, '/tf')
-    with Launch(fake_package(tmp_path, 'robot_state_publisher'), recording=short, publish_frequency='480.0',
-                limits='wide') as process:
+    with Launch(fake_package(tmp_path, 'robot_state_publisher'), recording=short,
+                publish_frequency='480.0', limits='wide') as process:
         process.wait_for_line('GIVEN')
         watch.spin_until(lambda: len(transforms) > 20, FIRST_START)
         check_clean(process, process.interrupt(),

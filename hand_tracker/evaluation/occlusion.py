@@ -284,7 +284,7 @@ def losses(rows):
     lines = []
     for recording in dict.fromkeys(row['recording'] for row in rows):
         own = [row for row in rows if row['recording'] == recording]
-        for kind, words in HIDDEN.items():
+        for kind, hidden in HIDDEN.items():
             worse = []
             for seconds in LENGTHS:
                 means = {row['method']: row['mean_mm']
@@ -296,7 +296,7 @@ def losses(rows):
                     worse.append(f'{seconds:g} s ({means["hand_tracker"]:.2f} mm against '
                                  f'{means[best]:.2f} of {best})')
             if worse:
-                lines.append(f'{recording}, {words} hidden for ' + ', '.join(worse))
+                lines.append(f'{recording}, {hidden} hidden for ' + ', '.join(worse))
     return lines
 
 

@@ -138,8 +138,8 @@ def main(arguments=None):
     parser.add_argument('--side', choices=SIDES, default='right',
                         help='of the hand (default: %(default)s)')
     parser.add_argument('-o', '--output', type=Path, metavar='OUT',
-                        help='file to write, .mcap or .db3 (default: the packaged one of the side, '
-                        'below the current folder)')
+                        help='file to write, .mcap or .db3 (default: the packaged one of the '
+                        'side, below the current folder)')
     chosen = parser.parse_args(arguments)
     output = chosen.output or Path(RECORDINGS[chosen.side])
     hand = Hand.scaled(side=chosen.side)

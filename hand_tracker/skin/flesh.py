@@ -158,7 +158,7 @@ def _cut(found, at, x, k):
 
 
 def union(a, b, k):
-    """Return the smooth union of two signed distances, blended where they differ by less than k."""
+    """Return the smooth union of two signed distances, blended where they differ by < k."""
     near = np.maximum(k - np.abs(a - b), 0.) / k
     return np.minimum(a, b) - .25 * k * near * near
 

@@ -47,7 +47,8 @@ def read_mesh(path):
         mesh = trimesh.load_mesh(path, process=True)
         if isinstance(mesh, trimesh.Scene):
             mesh = mesh.to_geometry()
-        vertices, faces = np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.int64)
+        vertices = np.array(mesh.vertices, dtype=float)
+        faces = np.array(mesh.faces, dtype=np.int64)
     except OSError as error:
         raise InvalidMesh(f'{path}: {error.strerror or error}') from None
     # Readers of broken files raise whatever they stumble over.
