@@ -37,11 +37,11 @@ def counted(number, count, cache):
     """Return the instructions of a process that tracks, its kernels kept in `cache`."""
     command = [sys.executable, '-m', 'benchmarks.instructions', '--here', str(number), str(count)]
     # All processes start alike.
-    environment = environ(**PROCESSOR, NUMBA_CACHE_DIR=str(cache), PYTHONHASHSEED='0')
-    subprocess.run(command, check=True, env=environment)
+    variables = environ(**PROCESSOR, NUMBA_CACHE_DIR=str(cache), PYTHONHASHSEED='0')
+    subprocess.run(command, check=True, env=variables)
     told = subprocess.run(
         [*COUNTER, f'--cachegrind-out-file={cache}/%p.out', *command], check=True,
-        stderr=subprocess.PIPE, text=True, env=environment).stderr
+        stderr=subprocess.PIPE, text=True, env=variables).stderr
     return max(int(found.replace(',', '')) for found in re.findall(r'I\s+refs:\s+([\d,]+)', told))
 
 

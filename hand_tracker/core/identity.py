@@ -452,7 +452,7 @@ def _read(reading, bounds, kept, margin, bar, rows, costs, local):
 
     if total >= bar:
         return IMPOSSIBLE
-    size = _size(gaps, sides, bounds.usual.template, rows, kept)
+    size = _size(gaps, sides, template, rows, kept)
     table = np.empty((5, 5))
     for i in range(5):
         for j in range(5):

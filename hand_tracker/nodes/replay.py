@@ -37,6 +37,7 @@ except ImportError:
 SERVICES = 'pause, resume, toggle_paused, is_paused, set_rate, play_next'
 GLOBAL_TOPICS = ('/tf', '/tf_static', '/clock', '/rosout', '/parameter_events')
 DEPTH = 1000            # messages: a slow listener gets a second at 960 Hz after all
+CLOCK_DEPTH = 10        # old times help nobody
 AHEAD = 500             # messages read in advance
 SWITCH_INTERVAL = 5e-4  # reading ahead gives way to playing after this [s]
 DISCOVERY_POLL = .02    # [s]
@@ -193,7 +194,7 @@ class ReplayNode(Node):
             time.sleep(SETTLE)
 
     def _tick(self, recorded_time):
-        publisher = self.create_publisher(ClockMessage, '/clock', DEPTH)
+        publisher = self.create_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
 
         def tick():
             message = ClockMessage()
