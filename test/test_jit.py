@@ -4,11 +4,12 @@ import os
 import subprocess
 import sys
 import time
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hand_tracker.core.jit import COMPILED, another, packed, parts
+from hand_tracker.core.jit import COMPILED, copied, overwrite, packed, parts
 from hand_tracker.core.report import blank_report
 from hand_tracker.core.sequence import blank_state
 
@@ -114,9 +115,23 @@ def test_packed_values_are_those_given():
     assert pack[0]['position' if COMPILED else state._fields.index('position')][1] == 7.
 
 
-def test_another_pack_is_apart():
+def test_a_copy_of_a_pack_is_apart():
     pack, values = packed(blank_report())
-    copy = another(pack)
-    parts(copy)[0][:] = 1.
-    assert (values.angles == 0.).all()
+    values.angles[3] = 7.
+    copy = copied(pack)
+    assert parts(copy)[values._fields.index('angles')][3] == 7.
+    parts(copy)[values._fields.index('angles')][:] = 1.
+    assert values.angles[3] == 7. and values.angles.sum() == 7.
     assert [part.shape for part in parts(copy)] == [part.shape for part in values]
+
+
+def test_a_pack_is_overwritten_with_all_that_another_holds():
+    blank = blank_state(np.eye(3), np.ones((5, 3)), np.ones(25), 1e-4)
+    pack, values = packed(deepcopy(blank))
+    other, _ = packed(blank)
+    values.digits.mean[:], values.placed[0], values.memory.doubt[0] = 3., True, 2.
+    overwrite(pack, other)
+    assert (values.digits.mean == blank.digits.mean).all()
+    assert not values.placed[0] and values.memory.doubt[0] == blank.memory.doubt[0]
+    values.digits.mean[:] = 4.
+    assert (blank.digits.mean != 4.).all()

@@ -1,6 +1,11 @@
 """Time between frames, whatever their stamps say."""
 
 import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .jit import jit
 
 USUAL_STEP = 1. / 120.  # [s] before two frames have told
 LONGEST = 1.            # [s] between frames after which motion is not carried on
@@ -11,64 +16,91 @@ REPEATS = 2             # frames in a row that take no time; more are of a clock
 SHARE = .1              # of a new step in the usual one
 
 
-class Clock:
-    """The owner of time: turns stamps into steps.
+class Clock(NamedTuple):
+    """What is kept of time, shape (1,) each; NaN where there is none.
+
+    Attributes
+    ----------
+    last : ndarray
+        Time that was believed [s].
+    doubted : ndarray
+        Time of the last frame, when it jumped [s].
+    ahead : ndarray
+        Since the last time, given to frames without one that is believed [s].
+    usual : ndarray
+        Step [s].
+    repeats : ndarray of int
+        Frames in a row that took no time.
+    """
+
+    last: np.ndarray
+    doubted: np.ndarray
+    ahead: np.ndarray
+    usual: np.ndarray
+    repeats: np.ndarray
+
+
+def new_clock():
+    """Return the `Clock` before the first frame."""
+    return Clock(np.full(1, np.nan), np.full(1, np.nan), np.zeros(1), np.full(1, USUAL_STEP),
+                 np.zeros(1, dtype=np.int64))
+
+
+@jit
+def step_to(clock, time):
+    """Return the time since the last frame, and whether all begins anew.
 
     A frame without a time comes one usual step after the last; one that repeats the last
     time, but for rounding, or is a little older comes with it, unless time seems to stand. A
     time that jumps is believed when the next one goes on from there, and until then is none: a
     single stray stamp, past or future, is forgotten.
+
+    Parameters
+    ----------
+    clock : Clock
+        Changed.
+    time : float
+        Of the frame; a number that is not finite is not known [s].
+
+    Returns
+    -------
+    step : float
+        0, or from `SHORTEST` [s] to `FARTHEST`.
+    paused : bool
+        Whether frames were missing for longer: motion is not to be carried on.
+    restarted : bool
+        Whether time jumped back, as where a recording begins again.
     """
+    if not math.isfinite(time):
+        return _guess(clock), False, False
+    last, doubted, ahead, usual = (
+        clock.last[0], clock.doubted[0], clock.ahead[0], clock.usual[0])
+    if math.isnan(last):
+        clock.last[0], clock.ahead[0] = time, 0.
+        return usual, False, False
+    step = time - last
+    clock.doubted[0] = math.nan
+    # No comparison with NaN is true.
+    believed = time >= doubted - BACKWARD and abs(time - doubted) < abs(step)
+    if believed and step < 0.:
+        clock.last[0], clock.ahead[0] = time, 0.
+        return usual, False, True
+    if not believed and not -BACKWARD <= step <= LONGEST + ahead:
+        clock.doubted[0] = time
+        return _guess(clock), False, False
+    if step < SHORTEST:
+        clock.repeats[0] += 1
+        return _guess(clock) if clock.repeats[0] > REPEATS else 0., False, False
+    clock.repeats[0] = 0
+    clock.last[0], clock.ahead[0] = time, 0.
+    if ahead == 0. and step <= LONGEST:
+        usual += SHARE * (step - usual)
+        clock.usual[0] = usual
+    step = max(step - ahead, min(step, usual))
+    return min(step, FARTHEST), step > LONGEST, False
 
-    def __init__(self):
-        self._last = None
-        self._doubted = None
-        self._ahead = 0.  # since the last time, given to frames without one that is believed
-        self._repeats = 0
-        self._usual = USUAL_STEP
 
-    def step(self, time):
-        """Return the time since the last frame, and whether all begins anew.
-
-        Parameters
-        ----------
-        time : float or None
-            Of the frame [s]; None, or a number that is not finite, is not known.
-
-        Returns
-        -------
-        step : float
-            0, or from `SHORTEST` [s] to `FARTHEST`.
-        paused : bool
-            Whether frames were missing for longer: motion is not to be carried on.
-        restarted : bool
-            Whether time jumped back, as where a recording begins again.
-        """
-        if time is None or not math.isfinite(time):
-            return self._guess()
-        if self._last is None:
-            self._last, self._ahead = time, 0.
-            return self._usual, False, False
-        step = time - self._last
-        doubted, self._doubted = self._doubted, None
-        believed = doubted is not None and (
-            time >= doubted - BACKWARD and abs(time - doubted) < abs(step))
-        if believed and step < 0.:
-            self._last, self._ahead = time, 0.
-            return self._usual, False, True
-        if not believed and not -BACKWARD <= step <= LONGEST + self._ahead:
-            self._doubted = time
-            return self._guess()
-        if step < SHORTEST:
-            self._repeats += 1
-            return self._guess() if self._repeats > REPEATS else (0., False, False)
-        self._repeats = 0
-        ahead, self._last, self._ahead = self._ahead, time, 0.
-        if ahead == 0. and step <= LONGEST:
-            self._usual += SHARE * (step - self._usual)
-        step = max(step - ahead, min(step, self._usual))
-        return min(step, FARTHEST), step > LONGEST, False
-
-    def _guess(self):
-        self._ahead += self._usual
-        return self._usual, False, False
+@jit
+def _guess(clock):
+    clock.ahead[0] += clock.usual[0]
+    return clock.usual[0]

@@ -80,9 +80,22 @@ if COMPILED:
     def indexed(array):
         """Return an array as what a kernel reads and writes single numbers of."""
         return array
+
+    @jit
+    def overwrite(pack, other):
+        """Put into a pack what another one of its kind holds."""
+        pack[0] = other[0]
 else:
     # Plain Python gets floats of it, twice as fast as numpy's numbers, which are slow themselves.
     indexed = memoryview
+
+    def overwrite(pack, other):
+        """Put into a pack what another one of its kind holds."""
+        for part, new in zip(pack[0], other[0]):
+            if hasattr(part, '_fields'):
+                overwrite((part,), (new,))
+            else:
+                part[...] = new
 
 
 def packed(values):
@@ -112,11 +125,11 @@ def packed(values):
     return record, _filled(record[0], values)
 
 
-def another(pack):
-    """Return a pack like this one, with nothing in it yet."""
+def copied(pack):
+    """Return a copy of a pack."""
     if COMPILED:
-        return np.empty_like(pack)
-    return (type(pack[0])(*(np.empty_like(part) for part in pack[0])),)
+        return pack.copy()
+    return (type(pack[0])(*(part.copy() for part in pack[0])),)
 
 
 def parts(pack):

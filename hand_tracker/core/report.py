@@ -40,6 +40,8 @@ class Report(NamedTuple):
 
     Attributes
     ----------
+    palm : ndarray of int, shape (1,)
+        `PalmState`.
     angles : ndarray, shape (25,)
     wrist_rotation, wrist_position : ndarray, shape (3, 3) and (3,)
     link_rotations, link_positions : ndarray, shape (25, 3, 3) and (25, 3)
@@ -48,8 +50,10 @@ class Report(NamedTuple):
     hidden_for : ndarray, shape (8,)
     confidence : ndarray, shape (25,)
     residuals : ndarray, shape (8,)
+    iterations : ndarray of int, shape (1,)
     """
 
+    palm: np.ndarray
     angles: np.ndarray
     wrist_rotation: np.ndarray
     wrist_position: np.ndarray
@@ -60,13 +64,15 @@ class Report(NamedTuple):
     hidden_for: np.ndarray
     confidence: np.ndarray
     residuals: np.ndarray
+    iterations: np.ndarray
 
 
 def blank_report():
     """Return a `Report` to be written to."""
-    return Report(np.zeros(25), np.zeros((3, 3)), np.zeros(3), np.zeros((25, 3, 3)),
-                  np.zeros((25, 3)), np.zeros((8, 3)), np.zeros(8, dtype=np.int64), np.zeros(8),
-                  np.zeros(25), np.zeros(8))
+    return Report(np.zeros(1, dtype=np.int64), np.zeros(25), np.zeros((3, 3)), np.zeros(3),
+                  np.zeros((25, 3, 3)), np.zeros((25, 3)), np.zeros((8, 3)),
+                  np.zeros(8, dtype=np.int64), np.zeros(8), np.zeros(25), np.zeros(8),
+                  np.zeros(1, dtype=np.int64))
 
 
 @jit

@@ -1,4 +1,4 @@
-"""The sequence of the paper, one frame of a right hand: `track_frame`.
+"""The sequence of the paper, one frame of a hand: `track_frame`.
 
 What it works on comes in one piece each (`packed`): the model of the hand, the choices of
 method, what is kept from frame to frame, and what is told of the frame.
@@ -10,12 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from .capsules import Capsules, place_capsules
+from .clock import step_to
 from .contact import GAP, carry, separate
 from .digit import solve_digits
 from .digit_markers import follow_digits
 from .identity import HandBounds, Memory, blank_memory, identify
 from .interdependence import Habits, keep_near_neighbours, no_habits
-from .jit import jit
+from .jit import jit, overwrite
 from .kinematics import JointTable
 from .layout import MARKERS, Mounting
 from .noise import Noise, learn_noise, unknown_noise
@@ -26,7 +27,7 @@ from .plane import FRAME
 from .reentry import ease
 from .report import deviation, tell_confidence, tell_markers, tell_pose
 from .smoothing import noise_on_palm
-from .tracks import Tracks, no_tracks
+from .tracks import Tracks, forget_motion, no_tracks
 from .vectors import clamp
 
 AT_ONCE = 1e-9     # [s] in which digits that were never seen relax in the first frame
@@ -197,25 +198,36 @@ def blank_state(template, rest, relaxed, marker_noise):
 
 
 @jit
-def track_frame(model, chains, options, state, report, markers, step):
+def track_frame(model, chains, options, clock, blank, state, report, markers, time):
     """Bring the state to the next frame, and tell of it.
 
     Parameters
     ----------
     model, chains, options : packed Model, Chains and Choices
+    clock : packed Clock
+        Changed.
+    blank : packed State
+        Of the beginning.
     state, report : packed State and Report
         Changed.
     markers : ndarray, shape (8, 3)
-        As if of a right hand; changed [m].
-    step : float
-        Since the last frame [s].
+        Changed [m].
+    time : float
+        Of the frame, NaN where it is not known [s].
 
     Returns
     -------
-    fault, palm, iterations : int
-        `PalmState` of what is wrong with the palm markers, TRACKED for nothing, and of the
-        palm; iterations of FABRIK.
+    restarted : bool
+        Whether time jumped back, so that all began anew.
     """
+    step, paused, restarted = step_to(clock[0], time)
+    if restarted:
+        overwrite(state, blank)
+    if paused:
+        forget_motion(state[0].palm)
+        forget_motion(state[0].digits)
+    # The method is worked out for a right hand; a left one is mirrored at the door.
+    reflect(markers, model[0].mirror)
     seen = np.empty(8, dtype=np.bool_)
     iterations = 0
     # 1 occlusion: what is no measurement
@@ -234,7 +246,17 @@ def track_frame(model, chains, options, state, report, markers, step):
         touch(model, chains, options, state, seen, step)
     # 5 angles: the pose is their forward kinematics
     tell(model, chains, options, state, markers, seen, report)
-    return fault, palm, iterations
+    report[0].palm[0] = fault if fault else palm
+    report[0].iterations[0] = iterations
+    return restarted
+
+
+@jit
+def reflect(markers, mirror):
+    """Turn markers, shape (n, 3), into those of a right hand."""
+    for i in range(len(markers)):
+        for k in range(3):
+            markers[i, k] *= mirror[k]
 
 
 @jit

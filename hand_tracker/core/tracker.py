@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from .capsules import capsules
-from .clock import Clock
+from .clock import new_clock
 from .digit import chains, measure
 from .hand import DIGITS, Hand
 from .identity import hand_bounds
 from .interdependence import prior_of
-from .jit import another, packed, parts
+from .jit import copied, packed, parts
 from .kinematics import Pose, forward, joint_table
 from .layout import (
     MARKERS, PALM_MARKERS, MarkerLayout, marker_positions, require_solvable)
@@ -24,7 +24,6 @@ from .palm import PALM_STATES, PalmState
 from .report import MarkerState, blank_report
 from .sequence import Model, blank_state, choices, track_frame
 from .smoothing import levers
-from .tracks import forget_motion
 
 __all__ = ['HandState', 'HandTracker', 'MarkerState', 'PalmState', 'TrackerOptions']
 
@@ -127,12 +126,10 @@ class HandTracker:
             self._state.digits.mean[:, :3] = self._on_right_hand(self._state.angles)
 
     def _wear(self, hand, layout, options):
-        # The method is worked out for a right hand; a left one is mirrored at the door.
         right = hand.replace(side='right')
         mounting = layout.mounting(right)
         require_solvable(mounting)
         self.hand, self.layout, self.options = hand, layout, options
-        self._left = hand.side == 'left'
         digits = chains(right, mounting)
         self._right_table, self._right_mounting = joint_table(right), mounting
         self._template = mounting.position[:PALM].copy()
@@ -151,7 +148,12 @@ class HandTracker:
                       options.bound_ring_little)),
             hand_bounds(digits, usual_places(right, mounting)),
             capsules(right), joint_table(hand), layout.mounting(hand),
-            MIRROR if self._left else np.ones(3)))
+            MIRROR if hand.side == 'left' else np.ones(3)))
+        self._blank, _ = packed(self._beginning())
+
+    def _beginning(self):
+        return blank_state(
+            self._template, self._rest, self._relaxed, self.options.marker_noise)
 
     def _on_right_hand(self, angles):
         """Return the digits' markers in the wrist's frame of the right hand, shape (5, 3)."""
@@ -165,14 +167,10 @@ class HandTracker:
 
     def reset(self):
         """Return to the state before the first frame."""
-        self._clock = Clock()
         self.restarted = False
+        self._clock, _ = packed(new_clock())
         self._report, _ = packed(blank_report())
-        self._forget()
-
-    def _forget(self):
-        self._kept, self._state = packed(blank_state(
-            self._template, self._rest, self._relaxed, self.options.marker_noise))
+        self._kept, self._state = packed(self._beginning())
 
     def update(self, markers, time=None, distal_flexion=None):
         """Return the hand for the next frame of markers.
@@ -203,21 +201,33 @@ class HandTracker:
         markers = np.array(markers, dtype=float)
         if markers.shape != (len(MARKERS), 3):
             raise ValueError(f'markers: shape {markers.shape}; expected {(len(MARKERS), 3)}')
-        if self._left:
-            markers *= MIRROR
-        step, paused, self.restarted = self._clock.step(time)
-        if self.restarted:
-            self._forget()
-        if paused:
-            forget_motion(self._state.palm)
-            forget_motion(self._state.digits)
-        report = another(self._report)
-        fault, palm, iterations = track_frame(
-            self._model, self._chains_with(distal_flexion), self._choices, self._kept,
-            report, markers, step)
-        angles, rotation, position, rotations, positions, *known = parts(report)
-        return HandState(PALM_STATES[fault or palm], angles, rotation, position,
-                         Pose(rotations, positions), *known, iterations)
+        self.restarted = bool(track_frame(
+            *self.kernel_arguments(distal_flexion), markers,
+            np.nan if time is None else float(time)))
+        return self.told(copied(self._report))
+
+    def kernel_arguments(self, distal_flexion=None):
+        """Return what `track_frame` takes before the markers; it stays until `configure`.
+
+        Parameters
+        ----------
+        distal_flexion : ndarray, shape (5,), optional
+            As for `update`.
+
+        Returns
+        -------
+        tuple of packs
+        """
+        return (self._model, self._chains_with(distal_flexion), self._choices, self._clock,
+                self._blank, self._kept, self._report)
+
+    @staticmethod
+    def told(report):
+        """Return the `HandState` of a packed `Report`, whose arrays it takes."""
+        (palm,), angles, rotation, position, rotations, positions, *known, (iterations,) = (
+            parts(report))
+        return HandState(PALM_STATES[palm], angles, rotation, position,
+                         Pose(rotations, positions), *known, int(iterations))
 
     def _chains_with(self, distal_flexion):
         if distal_flexion is None:

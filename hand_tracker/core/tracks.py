@@ -135,6 +135,7 @@ def _keep_pace(tracks, row, before, step):
             (tracks.mean[row, k] - before[k]) / step - tracks.pace[row, k])
 
 
+@jit
 def forget_motion(tracks):
     """Keep places, but not how they moved: after a pause.
 
