@@ -17,7 +17,7 @@ from .core.jit import COMPILED, jit
 from .core.layout import MARKERS
 from .marker_frame import (
     ADD, CUBE, CUBE_LIST, CYLINDER, POINTS, SPHERE, SPHERE_LIST, TRIANGLE_LIST, Head,
-    MarkerFrame, find_sources, placed, scaled)
+    MarkerFrame, Sources, find_sources, placed, scaled)
 
 ENCAPSULATION = 4  # [bytes] before the message proper, from which on alignment counts
 LITTLE_ENDIAN = b'\0\1\0\0'
@@ -39,6 +39,23 @@ class Stamp(NamedTuple):
     nanosec: int
 
 
+class Kind(NamedTuple):
+    """What tells messages of markers apart that are read alike.
+
+    Attributes
+    ----------
+    heads : ndarray of int32, shape (n, 5)
+    strings : ndarray of uint8, shape (m,)
+        As of `walk`.
+    sources : Sources
+        Where they have what they say.
+    """
+
+    heads: np.ndarray
+    strings: np.ndarray
+    sources: Sources
+
+
 class MarkerReader:
     """Read MarkerArrays.
 
@@ -53,6 +70,7 @@ class MarkerReader:
         self._scale, self._zero_is_missing = float(scale), bool(zero_is_missing)
         self._kinds = {}
         self._reserve(ROOM)
+        self._read = None
 
     def _reserve(self, size):
         self._numbers = np.zeros(size // 8 + 1)
@@ -87,6 +105,7 @@ class MarkerReader:
             raise MalformedMessage(f'{len(data)} bytes that are no MarkerArray')
         kind = self._heads[:count].tobytes() + self._strings[:used].tobytes()
         sources = self._kinds.get(kind) or self._learn(kind, count)
+        self._read = count, used, sources
         rows = np.empty((len(MARKERS), 3))
         gather(_indexed(numbers), self._places, sources.slots, sources.markers, self._scale,
                self._zero_is_missing, rows)
@@ -98,6 +117,12 @@ class MarkerReader:
             stamp = Stamp(int(words[at]), int(words[at + 1]) & 0xffffffff)
         return MarkerFrame(stamp, sources.frame_id, rows, sources.unknown, sources.foreign,
                            sources.doubled)
+
+    @property
+    def kind(self):
+        """The `Kind` of the last message."""
+        count, used, sources = self._read
+        return Kind(self._heads[:count], self._strings[:used], sources)
 
     def _take(self, data):
         """Return a message by four bytes as integers and by eight as floats, and its size."""
@@ -289,19 +314,27 @@ class Template:
         Where the stamps are, in bytes.
     numbers : sequence of int
         Where the numbers are, in bytes.
+
+    Attributes
+    ----------
+    body : ndarray
+        The message after half a double, so that all behind its encapsulation is aligned.
+    size : int
+        Of the message, in bytes.
+    stamps, numbers : ndarray of int
+        Where they are in the body, by four bytes and by eight.
     """
 
     def __init__(self, data, stamps, numbers):
-        body = np.zeros(-(-len(data) // 8) + 1)
-        # The encapsulation in the last half of the first double: all behind it is aligned.
-        octets = body.view(np.uint8)[ENCAPSULATION:]
-        self._data = octets[:len(data)]
+        self.body = np.zeros(-(-len(data) // 8) + 1)
+        self.size = len(data)
+        self.stamps = (np.array(stamps, int) + ENCAPSULATION) // 4
+        self.numbers = (np.array(numbers, int) + ENCAPSULATION) // 8
+        self._data = self.body.view(np.uint8)[ENCAPSULATION:][:self.size]
         self._data[:] = np.frombuffer(data, np.uint8)
-        self._seconds = body.view('<u4')
-        stamps = (np.array(stamps, int) + ENCAPSULATION) // 4
-        self._stamps, self._nanoseconds = _at(stamps), _at(stamps + 1)
-        self._doubles = body.view('<f8')
-        self._numbers = _at((np.array(numbers, int) + ENCAPSULATION) // 8)
+        self._seconds, self._doubles = self.body.view('<u4'), self.body.view('<f8')
+        self._seconds_at, self._nanoseconds_at = _at(self.stamps), _at(self.stamps + 1)
+        self._numbers_at = _at(self.numbers)
 
     def fill(self, stamp, numbers):
         """Return the message with a stamp and with numbers.
@@ -309,15 +342,15 @@ class Template:
         Parameters
         ----------
         stamp : Stamp or Time
-        numbers : ndarray, shape (n,)
+        numbers : ndarray, n of any shape
 
         Returns
         -------
         bytes
         """
-        self._seconds[self._stamps] = stamp.sec & 0xffffffff
-        self._seconds[self._nanoseconds] = stamp.nanosec
-        self._doubles[self._numbers] = numbers
+        self._seconds[self._seconds_at] = stamp.sec & 0xffffffff
+        self._seconds[self._nanoseconds_at] = stamp.nanosec
+        self._doubles[self._numbers_at] = np.ravel(numbers)
         return self._data.tobytes()
 
 

@@ -27,8 +27,10 @@ COMPILED = numba is not None and os.environ.get('HAND_TRACKER_JIT', '1') != '0'
 def _cache_folder():
     """Return a writable folder of the user's for the kernels of just these sources, or None."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in sorted(Path(__file__).parent.glob('*.py')):
-        digest.update(source.read_bytes())
+    for path in sorted(Path(__file__).parents[1].rglob('*.py')):
+        source = path.read_bytes()
+        if b'jit' in source:
+            digest.update(source)
     caches = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
     folder = caches / 'hand_tracker' / f'kernels-{digest.hexdigest()[:16]}'
     try:

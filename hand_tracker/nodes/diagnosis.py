@@ -62,20 +62,22 @@ class Diagnosis:
         self._timing = self._latency.summary()
         self._told, self._told_at = None, -np.inf
 
-    def tracked(self, now, state):
-        """Note what the tracker made of a frame.
+    def tracked(self, now, state, frames=1):
+        """Note what the tracker made of frames.
 
         Parameters
         ----------
         now : float
         state : HandState
+        frames : int, optional
+            Of which this is the last.
 
         Returns
         -------
         bool
             Whether something changed that is to be told at once.
         """
-        self._frames += 1
+        self._frames += frames
         self._state = state
         return now - self._told_at >= GAP and self._summary(now) != self._told
 

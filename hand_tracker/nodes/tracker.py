@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from ..codec import MalformedMessage
+from ..codec import MalformedMessage, Stamp
 from ..core import jit
 from ..core.errors import HandTrackerError
 from ..core.hand import JOINTS
@@ -23,9 +23,11 @@ from ..marker_frame import FrameTime, seconds
 from ..messages import (
     diagnostics, fill_transforms, link_frames, new_transforms, time_message, tip_frames,
     transform_numbers, wrist_frames)
+from ..passage import ANGLES, CONFIDENCE, TRANSFORMS
 from ..visuals import hand_markers
 from .common import declare, names_of, run
 from .diagnosis import PERIOD, Diagnosis
+from .direct import Direct, Unavailable
 from .distal_flexion import DISTAL_JOINTS, DistalFlexion
 from .throttle import Throttle
 from .tracker_parameters import START, TOPICS, live_settings, live_table, starting_hand
@@ -38,6 +40,7 @@ except ImportError:
     StaticTransformBroadcaster = None
 
 WATCH_PERIOD = .25      # [s]
+LOOK_RATE = 10.         # at which frames of the short way are looked at, at least [Hz]
 NAMELESS = 'world'      # frame of markers that have none, as TF needs one
 DIAGNOSTICS_DEPTH = 10
 TF_DEPTH = 100          # that of tf2_ros
@@ -55,8 +58,9 @@ class TrackerNode(Node):
         self._changed = False
         self._mocap_frame = start['mocap_frame']
         self._tracker = HandTracker(self._settings.hand, layout, self._settings.options)
+        self._direct = None
         if jit.COMPILED:
-            self._compile(layout)
+            self._compile(layout, start['direct'])
         else:
             cause, cure = (('numba is not installed', 'pip install numba') if jit.numba is None
                            else ('HAND_TRACKER_JIT=0 turns numba off', 'unset it'))
@@ -69,10 +73,11 @@ class TrackerNode(Node):
         self._names = names_of(self._hand, start['prefix'], start['wrist_frame'])
         self._wire = Wire(self._names)
         if not self._wire.raw:
+            self._direct = None
             self.get_logger().warning(
                 'rclpy lays messages out in a way that the codec does not know: slower')
-        self._read = self._wire.markers(self._settings, self._mocap_frame)
-        self._numbered = self._wire.joint_states()
+        self._reader = self._wire.markers(self._settings, self._mocap_frame)
+        self._angles, self._confidences = self._wire.joint_states(), self._wire.joint_states()
         self._display = Throttle()
 
         qos = {topic: _qos(start, topic) for topic in TOPICS}
@@ -100,10 +105,14 @@ class TrackerNode(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(WATCH_PERIOD, self._report, clock=steady)
         self.create_timer(PERIOD, self._diagnose, clock=steady)
+        self._latest = None
+        if self._direct is not None:
+            self._look_timer = self.create_timer(1. / LOOK_RATE, self._look, clock=steady)
+            self._direct.open(self, self._subscription, self._look, self._on_markers)
         self.get_logger().info(
             f'{self._hand.side} hand: listening for markers on {self._topic}')
 
-    def _compile(self, layout):
+    def _compile(self, layout, direct):
         """Have the kernels compiled before the first frame waits for it."""
         self.get_logger().info('preparing; the very first start compiles for about a minute')
         start = time.monotonic()
@@ -112,6 +121,11 @@ class TrackerNode(Node):
         state = HandTracker(self._hand, layout, self._settings.options).update(
             marker_positions(layout.mounting(self._hand), rest))
         transform_numbers(table, state)
+        if direct:
+            try:
+                self._direct = Direct(self._tracker)
+            except Unavailable as error:
+                self.get_logger().info(f'frames take the long way, which is slower: {error}')
         self.get_logger().info(f'ready after {time.monotonic() - start:.1f} s')
 
     def _open_tf(self, broadcast):
@@ -132,12 +146,25 @@ class TrackerNode(Node):
             self._static_broadcaster = StaticTransformBroadcaster(self)
             self._static_broadcaster.sendTransform(tips)
 
+    @property
+    def subscriptions(self):
+        """Those that executors serve: not the one whose messages take the short way."""
+        return (subscription for subscription in super().subscriptions
+                if self._direct is None or subscription is not self._subscription)
+
+    def destroy_node(self):
+        """Destroy the node, after the frame that is on its way."""
+        if self._direct is not None:
+            self._direct.close()
+            self._direct = None
+        super().destroy_node()
+
     def _on_markers(self, message):
         received = time.monotonic()
         if self._changed:
             self._configure()
         try:
-            frame = self._read(message)
+            frame = self._reader.read(message)
         except MalformedMessage as error:
             self._watch.once('malformed', f'left out is what is no message of markers: {error}')
             return
@@ -162,12 +189,45 @@ class TrackerNode(Node):
         self._watch.tracked(now, state)
         if self._diagnosis.tracked(now, state):
             self._diagnose()
-        if self._tracker.placed and self._display.due(now, self._settings.display_rate):
-            self._show(stamp, frame_id, state)
+        self._latest = stamp, frame_id, state
+        if self._tracker.placed:
+            self._show(now)
+            if self._direct is not None and stamp is frame.stamp and not self._distal_flexion.heard:
+                self._teach()
+
+    def _teach(self):
+        """Let frames like this one take the short way."""
+        answers = {ANGLES: (self._joint_states, self._angles)}
+        if self._tf is not None:
+            answers[TRANSFORMS] = self._tf, self._transforms
+        if self._confidence_wanted:
+            answers[CONFIDENCE] = self._joint_confidence, self._confidences
+        self._direct.teach(self._reader.kind, self._settings.unit_scale,
+                           self._settings.zero_is_missing, answers)
+
+    def _look(self):
+        """Hear of the frames that took the short way."""
+        frames = self._direct.frames()
+        if frames is None:
+            return
+        stamp = Stamp(*frames.stamp)
+        now = frames.published[-1]
+        self._broadcast_stamp = stamp
+        self._latest = stamp, self._latest[1], frames.state
+        for times in zip(frames.received, frames.published, frames.times):
+            self._diagnosis.published(*times)
+        self._watch.passed(frames.received[-1])
+        for at, glimpse in frames.glimpses:
+            self._watch.tracked(at, glimpse)
+        if self._diagnosis.tracked(now, frames.state, frames.count):
+            self._diagnose()
+        self._show(now)
 
     def _on_distal_flexion(self, message):
         unknown = self._distal_flexion.received(
             seconds(self._now()) or 0., message.name, message.position)
+        if self._direct is not None:
+            self._direct.shut()
         if unknown:
             self._watch.once(
                 'distal_flexion', f"distal_flexion: left out is '{unknown[0]}', expected are "
@@ -181,29 +241,31 @@ class TrackerNode(Node):
         return {} if flexion is None else {'distal_flexion': flexion}
 
     def _publish(self, stamp, frame_id, state):
-        self._joint_states.publish(self._numbered(stamp, state.angles))
+        self._joint_states.publish(self._angles.fill(stamp, state.angles))
         if self._tf is not None:
             self._broadcast(stamp, frame_id, state)
         if self._confidence_wanted:
-            self._joint_confidence.publish(self._numbered(stamp, state.confidence))
+            self._joint_confidence.publish(self._confidences.fill(stamp, state.confidence))
 
-    def _show(self, stamp, frame_id, state):
-        if self._hand_markers.get_subscription_count():
+    def _show(self, now):
+        stamp, frame_id, state = self._latest
+        if (self._display.due(now, self._settings.display_rate)
+                and self._hand_markers.get_subscription_count()):
             self._hand_markers.publish(hand_markers(
                 time_message(stamp), frame_id, self._names, self._tips, state))
 
     def _broadcast(self, stamp, frame_id, state):
-        # Listeners of TF refuse a second transform of one stamp, each with a warning.
-        if stamp == self._broadcast_stamp:
-            self._watch.once('repeated', 'stamps repeat: /tf has each stamp only once')
-            return
-        self._broadcast_stamp = stamp
         if frame_id != self._transforms_frame:
             self._transforms_frame = frame_id
             links = link_frames(self._names, self._joints) if self._every_frame else ()
             self._transforms = self._wire.transforms(wrist_frames(self._names, frame_id) + links)
             self._broadcast_count = 1 + len(links)
-        self._tf.publish(self._transforms(
+        # Listeners of TF refuse a second transform of one stamp, each with a warning.
+        if stamp == self._broadcast_stamp:
+            self._watch.once('repeated', 'stamps repeat: /tf has each stamp only once')
+            return
+        self._broadcast_stamp = stamp
+        self._tf.publish(self._transforms.fill(
             stamp, transform_numbers(self._joints, state, self._broadcast_count)))
 
     def _stamp(self, frame):
@@ -229,13 +291,15 @@ class TrackerNode(Node):
             return SetParametersResult(successful=False, reason=str(error))
         # Not applied yet: another callback may still refuse the whole set.
         self._changed = True
+        if self._direct is not None:
+            self._direct.shut()
         return SetParametersResult(successful=True)
 
     def _configure(self):
         self._changed = False
         self._settings = live_settings(self._hand, self._live_values())
         self._tracker.configure(hand=self._settings.hand, options=self._settings.options)
-        self._read = self._wire.markers(self._settings, self._mocap_frame)
+        self._reader = self._wire.markers(self._settings, self._mocap_frame)
         self._watch.labels = self._settings.labels
 
     def _live_values(self):
@@ -243,7 +307,13 @@ class TrackerNode(Node):
 
     def _report(self):
         # To ask in each frame would cost more than filling the message.
-        self._confidence_wanted = self._joint_confidence.get_subscription_count() > 0
+        wanted = self._joint_confidence.get_subscription_count() > 0
+        if self._direct is not None:
+            if wanted != self._confidence_wanted:
+                self._direct.shut()
+            rate = self._settings.display_rate if self._hand_markers.get_subscription_count() else 0.
+            self._look_timer.timer_period_ns = round(1e9 / max(rate, LOOK_RATE))
+        self._confidence_wanted = wanted
         for is_warning, line in self._watch.report(time.monotonic(), self._who_publishes):
             if is_warning:
                 self.get_logger().warning(line)

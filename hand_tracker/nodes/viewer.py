@@ -164,7 +164,7 @@ class Live:
             name for name, (_, off) in self._changes.items()
             if any(values[parameter] != value for parameter, value in off.items()))
         self._names = names_of(self.hand, start['prefix'], start['wrist_frame'])
-        self._read = Wire(self._names).markers(self._settings, start['mocap_frame'])
+        self._reader = Wire(self._names).markers(self._settings, start['mocap_frame'])
         self._template = self._points(np.zeros(len(JOINTS)))[PALM_POINTS]
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         say('Waiting for the hand: markers come in, and the palm is seen?')
@@ -301,7 +301,7 @@ class Live:
         return self._bare_state
 
     def _on_markers(self, tracker, data):
-        frame = self._read(data)
+        frame = self._reader.read(data)
         if frame.stamp is not None:
             state = tracker.update(frame.positions, seconds(frame.stamp))
             if tracker.placed:

@@ -87,6 +87,16 @@ class Watch:
                       f"'{self.labels.labels[slot]}' of {marker}; the last one counts. "
                       f'A more precise labels.{marker} tells them apart')
 
+    def passed(self, now):
+        """Note that messages like the last one came.
+
+        Parameters
+        ----------
+        now : float
+            When the last of them did.
+        """
+        self._received = self._labelled = now
+
     def _watch_time(self, *stamp):
         self._standing = self._standing + 1 if stamp == self._stamp and any(stamp) else 0
         self._stamp = stamp
@@ -99,7 +109,7 @@ class Watch:
         Parameters
         ----------
         now : float
-        state : HandState
+        state : HandState or Glimpse
         """
         self._state = state
         palm = PalmState.TRACKED if state.palm is PalmState.CARRIED else state.palm

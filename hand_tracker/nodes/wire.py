@@ -4,6 +4,9 @@ The codec is faster, but knows one layout of each message. Where rclpy's own ser
 another one, messages go the normal way.
 """
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 from geometry_msgs.msg import Point
 from rclpy.serialization import deserialize_message, serialize_message
@@ -44,7 +47,7 @@ class Wire:
         self._names = names
 
     def markers(self, settings, frame_id):
-        """Return a function of a message of markers, whose result is a MarkerFrame.
+        """Return what reads markers: its `read` makes a MarkerFrame of a message.
 
         Parameters
         ----------
@@ -54,17 +57,17 @@ class Wire:
         """
         how = settings.labels, frame_id, settings.unit_scale, settings.zero_is_missing
         if self.raw:
-            return MarkerReader(*how).read
-        return lambda message: markers_from_message(message, *how)
+            return MarkerReader(*how)
+        return _ObjectReader(lambda message: markers_from_message(message, *how))
 
     def joint_states(self):
-        """Return a function of a stamp and 25 numbers, whose result can be published."""
+        """Return a template: its `fill` makes what is published of a stamp and 25 numbers."""
         if self.raw:
-            return joint_state_template(self._names.joints).fill
-        return lambda stamp, numbers: joint_state(stamp, self._names, numbers)
+            return joint_state_template(self._names.joints)
+        return _ObjectTemplate(lambda stamp, numbers: joint_state(stamp, self._names, numbers))
 
     def transforms(self, frames):
-        """Return a function of a stamp and numbers (n, 7), whose result can be published.
+        """Return a template: its `fill` makes what is published of a stamp and numbers (n, 7).
 
         Parameters
         ----------
@@ -72,18 +75,17 @@ class Wire:
             Parent and child of each transform.
         """
         if self.raw:
-            template = transforms_template(frames)
-            return lambda stamp, numbers: template.fill(stamp, numbers.ravel())
+            return transforms_template(frames)
         messages = new_transforms(frames)
 
         def filled(stamp, numbers):
             fill_transforms(messages, stamp, numbers)
             return TFMessage(transforms=messages)
 
-        return filled
+        return _ObjectTemplate(filled)
 
     def skin(self, corners):
-        """Return a function of a stamp and corners (3 F, 3), whose result can be published.
+        """Return a template: its `fill` makes what is published of a stamp and corners (3 F, 3).
 
         Parameters
         ----------
@@ -91,9 +93,21 @@ class Wire:
             Three for each triangle.
         """
         if self.raw:
-            template = _skin_template(self._names, corners)
-            return lambda stamp, places: template.fill(stamp, places.ravel())
-        return lambda stamp, places: hand_skin(time_message(stamp), self._names, places)
+            return _skin_template(self._names, corners)
+        return _ObjectTemplate(
+            lambda stamp, places: hand_skin(time_message(stamp), self._names, places))
+
+
+class _ObjectReader(NamedTuple):
+    """Reads messages as `MarkerReader` does, of objects."""
+
+    read: Callable
+
+
+class _ObjectTemplate(NamedTuple):
+    """Fills messages as `Template` does, as objects."""
+
+    fill: Callable
 
 
 def _skin_template(names, corners):
