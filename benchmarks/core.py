@@ -35,7 +35,8 @@ NOISE = 1e-4          # [m]
 HIDDEN = {0: (), 1: ('middle',), 3: ('index_mcp', 'middle', 'little')}
 SEEN_FIRST = 240      # frames in which all are seen, which are not counted
 PLAIN_FRAMES = 600
-STAGES = ('judge_markers', 'follow_wrist', 'follow_fingers', 'solve_angles', 'touch', 'tell')
+STAGES = ('begin_frame', 'judge_markers', 'follow_wrist', 'follow_fingers', 'solve_angles',
+          'touch', 'tell')
 
 
 def frames(count, hidden, hand):

@@ -115,7 +115,7 @@ def new_passage():
         states=np.zeros((KEPT, count), np.int8))
 
 
-def teach_kind(passage, kind, scale, zero_is_missing):
+def teach_kind(passage, kind, stamp, scale, zero_is_missing):
     """Let messages of a kind pass.
 
     Parameters
@@ -124,6 +124,8 @@ def teach_kind(passage, kind, scale, zero_is_missing):
         Changed.
     kind : Kind
         Of a message that the long way has read.
+    stamp : Stamp
+        That it had.
     scale, zero_is_missing
         See `markers_from_message`.
 
@@ -142,6 +144,7 @@ def teach_kind(passage, kind, scale, zero_is_missing):
     passage.known[:] = len(heads), len(strings)
     passage.known_heads[:len(heads)], passage.known_strings[:len(strings)] = heads, strings
     passage.first[0], passage.count[0] = sources.first, count
+    passage.stamp[:] = stamp.sec, stamp.nanosec
     passage.slots[:count], passage.markers[:count] = sources.slots, sources.markers
     passage.scale[0], passage.zero_is_missing[0] = scale, zero_is_missing
     return True
@@ -233,7 +236,7 @@ def pass_message(passages, model, chains, options, clock, blank, state, report, 
     time = seconds + 1e-9 * nanoseconds
     if not time > clock[0].last[0] or time == 0.:
         return False
-    # One that passed though it was doubted may come again, which listeners of TF refuse.
+    # One that time did not believe may come again, which listeners of TF refuse.
     if seconds == passage.stamp[0] and nanoseconds == passage.stamp[1]:
         return False
     count = passage.count[0]

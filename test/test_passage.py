@@ -16,7 +16,7 @@ from test_messages import marker  # noqa: E402
 from visualization_msgs.msg import Marker  # noqa: E402
 
 from hand_tracker.codec import (  # noqa: E402
-    ENCAPSULATION, MarkerReader, joint_state_template, transforms_template)
+    ENCAPSULATION, MarkerReader, Stamp, joint_state_template, transforms_template)
 from hand_tracker.core.hand import JOINTS, Hand  # noqa: E402
 from hand_tracker.core.jit import copied, packed  # noqa: E402
 from hand_tracker.core.kinematics import joint_table  # noqa: E402
@@ -64,7 +64,7 @@ class Ways:
         frame = self.reader.read(data)
         for tracker in self.long, self.short:
             state = tracker.update(frame.positions, seconds(frame.stamp))
-        assert teach_kind(self.passage, self.reader.kind, SCALE, True)
+        assert teach_kind(self.passage, self.reader.kind, frame.stamp, SCALE, True)
         for number, template in self.templates.items():
             assert teach_answer(self.passage, number, template)
         return state
@@ -166,10 +166,13 @@ def test_what_is_not_alike_is_refused_with_nothing_done(ways, data):
 
 
 def test_the_last_stamp_passes_once_even_if_time_does_not_believe_it(ways):
-    stray = data_of([marker(number, DEMO['right'][1][number], 'leds', 'mocap', Marker.SPHERE, 0,
-                            Time(sec=1000)) for number in range(8)])
-    assert ways.go(stray)
-    assert not ways.go(stray)
+    strays = [data_of([marker(number, DEMO['right'][1][number], 'leds', 'mocap', Marker.SPHERE, 0,
+                              Time(sec=sec)) for number in range(8)]) for sec in (1000, 5000)]
+    assert ways.go(strays[0])
+    assert not ways.go(strays[0])
+    # As one that came the long way.
+    ways.teach(strays[1])
+    assert not ways.go(strays[1])
 
 
 def test_nothing_passes_before_the_palm_was_seen():
@@ -185,7 +188,7 @@ def test_points_of_lists_and_messages_of_others_are_not_taught(ways):
                     [tuple(at) for at in DEMO['right'][0]])
     for data in data_of([points]), data_of([marker(99, (0., 0., 1.), 'x', 'mocap')]), data_of([]):
         ways.reader.read(data)
-        assert not teach_kind(ways.passage, ways.reader.kind, SCALE, True)
+        assert not teach_kind(ways.passage, ways.reader.kind, Stamp(6, 0), SCALE, True)
     assert ways.go(data_of(markers_of(DEMO['right'][1], 1)))
 
 

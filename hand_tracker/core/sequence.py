@@ -220,14 +220,7 @@ def track_frame(model, chains, options, clock, blank, state, report, markers, ti
     restarted : bool
         Whether time jumped back, so that all began anew.
     """
-    step, paused, restarted = step_to(clock[0], time)
-    if restarted:
-        overwrite(state, blank)
-    if paused:
-        forget_motion(state[0].palm)
-        forget_motion(state[0].digits)
-    # The method is worked out for a right hand; a left one is mirrored at the door.
-    reflect(markers, model[0].mirror)
+    step, restarted = begin_frame(model, clock, blank, state, markers, time)
     seen = np.empty(8, dtype=np.bool_)
     iterations = 0
     # 1 occlusion: what is no measurement
@@ -245,18 +238,25 @@ def track_frame(model, chains, options, clock, blank, state, report, markers, ti
         # 1 rigidity, friction: digits touch, and carry hidden ones
         touch(model, chains, options, state, seen, step)
     # 5 angles: the pose is their forward kinematics
-    tell(model, chains, options, state, markers, seen, report)
-    report[0].palm[0] = fault if fault else palm
-    report[0].iterations[0] = iterations
+    tell(model, chains, options, state, markers, seen, fault if fault else palm, iterations,
+         report)
     return restarted
 
 
 @jit
-def reflect(markers, mirror):
-    """Turn markers, shape (n, 3), into those of a right hand."""
-    for i in range(len(markers)):
+def begin_frame(model, clock, blank, state, markers, time):
+    """Turn the markers into a right hand's; return the time that passed, and if all is new."""
+    step, paused, restarted = step_to(clock[0], time)
+    if restarted:
+        overwrite(state, blank)
+    if paused:
+        forget_motion(state[0].palm)
+        forget_motion(state[0].digits)
+    # The method is worked out for a right hand; a left one is mirrored at the door.
+    for i in range(8):
         for k in range(3):
-            markers[i, k] *= mirror[k]
+            markers[i, k] *= model[0].mirror[k]
+    return step, restarted
 
 
 @jit
@@ -387,7 +387,7 @@ def touch(model, chains, options, state, seen, step):
 
 
 @jit
-def tell(model, chains, options, state, markers, seen, report):
+def tell(model, chains, options, state, markers, seen, palm, iterations, report):
     """Write the frame's `Report`."""
     model, chains, options, state, report = model[0], chains[0], options[0], state[0], report[0]
     tell_pose(model.table, state.touched, chains.lower, chains.upper, state.rotation,
@@ -396,3 +396,4 @@ def tell(model, chains, options, state, markers, seen, report):
                  state.rotation, state.position, model.mirror, options.max_prediction_time,
                  report)
     tell_confidence(state.palm, state.digits, state.offset, state.placed[0] > 0, report)
+    report.palm[0], report.iterations[0] = palm, iterations

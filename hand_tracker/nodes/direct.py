@@ -183,17 +183,17 @@ class Direct:
         self._is_taught = False
         _shut(self._lines)
 
-    def teach(self, kind, scale, zero_is_missing, answers):
+    def teach(self, kind, stamp, scale, zero_is_missing, answers):
         """Let messages like the last one, which came the long way, pass from the next one on.
 
         Parameters
         ----------
-        kind, scale, zero_is_missing
+        kind, stamp, scale, zero_is_missing
             Of `teach_kind`.
         answers : dict of int to (rclpy.publisher.Publisher, Template)
             What is published, by the number that the passage has for it.
         """
-        if not teach_kind(self._passage, kind, scale, zero_is_missing):
+        if not teach_kind(self._passage, kind, stamp, scale, zero_is_missing):
             return
         for number in range(ANSWERS):
             publisher, template = answers.get(number, (None, None))

@@ -193,16 +193,16 @@ class TrackerNode(Node):
         if self._tracker.placed:
             self._show(now)
             if self._direct is not None and stamp is frame.stamp and not self._distal_flexion.heard:
-                self._teach()
+                self._teach(stamp)
 
-    def _teach(self):
+    def _teach(self, stamp):
         """Let frames like this one take the short way."""
         answers = {ANGLES: (self._joint_states, self._angles)}
         if self._tf is not None:
             answers[TRANSFORMS] = self._tf, self._transforms
         if self._confidence_wanted:
             answers[CONFIDENCE] = self._joint_confidence, self._confidences
-        self._direct.teach(self._reader.kind, self._settings.unit_scale,
+        self._direct.teach(self._reader.kind, stamp, self._settings.unit_scale,
                            self._settings.zero_is_missing, answers)
 
     def _look(self):
