@@ -18,13 +18,14 @@ from .core.palm import PALM_STATES, PalmState
 from .core.quaternion import tell_transforms
 from .core.sequence import track_frame
 
-ROOM = 2**14         # [bytes] of a message of markers,
-ANSWER_ROOM = 2**13  # and of an answer
+MESSAGE_ROOM = 2**14  # [bytes] of a message of markers,
+ANSWER_ROOM = 2**13   # and of an answer
 STAMPS, NUMBERS = 32, 256  # in an answer
-KEPT = 1024          # frames until they are looked at
+KEPT = 1024           # frames until they are looked at
 ANGLES, TRANSFORMS, CONFIDENCE = range(3)  # the answers
 ANSWERS = 3
-RECEIVED, PUBLISHED, TIME, MISS, PALM = range(5)
+RECEIVED, PUBLISHED, TIME, MISS, PALM = range(5)  # the columns of the log
+LOGGED = 5
 
 
 class Passage(NamedTuple):
@@ -32,7 +33,7 @@ class Passage(NamedTuple):
 
     Attributes
     ----------
-    message : ndarray, shape (ROOM // 8,)
+    message : ndarray, shape (MESSAGE_ROOM // 8,)
         The message without its encapsulation, which so is aligned.
     heads, places, strings : ndarray
         Of `walk`.
@@ -100,18 +101,18 @@ def new_passage():
     def integers(*shape):
         return np.zeros(shape, np.int64)
 
-    most, count = ROOM // SMALLEST_MARKER + 1, len(MARKERS)
+    most, count = MESSAGE_ROOM // SMALLEST_MARKER + 1, len(MARKERS)
     return Passage(
-        message=np.zeros(ROOM // 8), heads=np.zeros((most, 5), np.int32),
-        places=integers(most, 3), strings=np.zeros(ROOM, np.uint8),
-        known_heads=np.zeros((most, 5), np.int32), known_strings=np.zeros(ROOM, np.uint8),
+        message=np.zeros(MESSAGE_ROOM // 8), heads=np.zeros((most, 5), np.int32),
+        places=integers(most, 3), strings=np.zeros(MESSAGE_ROOM, np.uint8),
+        known_heads=np.zeros((most, 5), np.int32), known_strings=np.zeros(MESSAGE_ROOM, np.uint8),
         known=np.array((-1, 0)), first=integers(1), count=integers(1), slots=integers(count),
         markers=integers(count), rows=np.zeros((count, 3)), scale=np.ones(1),
         zero_is_missing=integers(1), stamp=integers(2), time=np.zeros(1),
         wanted=integers(ANSWERS), answers=np.zeros((ANSWERS, ANSWER_ROOM // 8)),
         stamps_at=integers(ANSWERS, STAMPS), numbers_at=integers(ANSWERS, NUMBERS),
         stamps=integers(ANSWERS), numbers=integers(ANSWERS), transforms=np.zeros((26, 7)),
-        frames=integers(1), looked_at=integers(1), log=np.zeros((KEPT, 5)),
+        frames=integers(1), looked_at=integers(1), log=np.zeros((KEPT, LOGGED)),
         states=np.zeros((KEPT, count), np.int8))
 
 
@@ -181,7 +182,9 @@ def teach_answer(passage, number, template):
 def take_in(passage, octets):
     """Bring a message where it is worked on; return its size, -1 where it cannot pass."""
     size = len(octets) - ENCAPSULATION
-    if size < 0 or size > ROOM or octets[0] != LITTLE_ENDIAN[0] or octets[1] != LITTLE_ENDIAN[1]:
+    if not 0 <= size <= MESSAGE_ROOM:
+        return -1
+    if octets[0] != LITTLE_ENDIAN[0] or octets[1] != LITTLE_ENDIAN[1]:
         return -1
     message = passage.message.view(np.uint8)
     for i in range(size):
@@ -323,10 +326,8 @@ def look(passages, reports, log, states, seen):
     kept = min(frames, KEPT)
     for i in range(kept):
         at = (passage.frames[0] - kept + i) % KEPT
-        for k in range(5):
-            log[i, k] = passage.log[at, k]
-        for k in range(8):
-            states[i, k] = passage.states[at, k]
+        log[i] = passage.log[at]
+        states[i] = passage.states[at]
     passage.looked_at[0] = passage.frames[0]
     if kept:
         overwrite(seen, reports)
@@ -350,7 +351,7 @@ class Glimpse(NamedTuple):
 
 
 def glimpses(log, states):
-    """Return what is noted of frames: what stays the same once.
+    """Return what is noted of frames, by runs in which it stays the same.
 
     Parameters
     ----------
@@ -360,11 +361,12 @@ def glimpses(log, states):
     Returns
     -------
     list of (float, Glimpse)
-        When the last frame of each run was published [s].
+        When the first frame of each run was published, and the last [s].
     """
     is_new = (states[1:] != states[:-1]).any(axis=1) | (log[1:, PALM] != log[:-1, PALM])
-    ends = [*np.flatnonzero(is_new), len(log) - 1]
-    begins = [0, *(end + 1 for end in ends[:-1])]
-    return [(float(log[end, PUBLISHED]), Glimpse(
-        PALM_STATES[int(log[end, PALM])], states[end],
-        log[begin:end + 1, MISS].mean(keepdims=True))) for begin, end in zip(begins, ends)]
+    found = []
+    for run in np.split(np.arange(len(log)), np.flatnonzero(is_new) + 1):
+        glimpse = Glimpse(PALM_STATES[int(log[run[0], PALM])], states[run[0]],
+                          log[run, MISS].mean(keepdims=True))
+        found += [(at, glimpse) for at in np.unique(log[run[[0, -1]], PUBLISHED]).tolist()]
+    return found

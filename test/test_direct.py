@@ -112,8 +112,8 @@ def test_both_ways_answer_the_same_whatever_comes(pair):
             pair.send(message(frame, number, ns='others', frame='elsewhere'))
     # All are counted, and what became of them.
     pair.node.spin_for(1.5)
-    told = {array.status[0].hardware_id: {value.key: value.value for value
-                in array.status[0].values} for array in pair.diagnostics}
+    told = {status.hardware_id: {value.key: value.value for value in status.values}
+            for array in pair.diagnostics for status in array.status}
     short, long = told['/short/markers'], told['/long/markers']
     # The first ones may have missed them until all were connected.
     assert min(int(short['frames']), int(long['frames'])) >= len(frames)

@@ -28,8 +28,8 @@ from hand_tracker.marker_frame import seconds  # noqa: E402
 from hand_tracker.messages import (  # noqa: E402
     link_frames, prefixed_names, transform_numbers, wrist_frames)
 from hand_tracker.passage import (  # noqa: E402
-    ANGLES, ANSWER_ROOM, ANSWERS, CONFIDENCE, KEPT, ROOM, TRANSFORMS, glimpses, look, new_passage,
-    note, pass_message, teach_answer, teach_kind)
+    ANGLES, ANSWER_ROOM, ANSWERS, CONFIDENCE, KEPT, LOGGED, MESSAGE_ROOM, TRANSFORMS, glimpses,
+    look, new_passage, note, pass_message, teach_answer, teach_kind)
 from hand_tracker.simulation.recording import demo_recording  # noqa: E402
 
 NAMES = prefixed_names('right_')
@@ -54,8 +54,10 @@ class Ways:
         self.reader = MarkerReader(LabelMap(), scale=SCALE)
         self.long, self.short = HandTracker(hand), HandTracker(hand)
         self.templates = {
-            ANGLES: joint_state_template(NAMES.joints), CONFIDENCE: joint_state_template(NAMES.joints),
-            TRANSFORMS: transforms_template(wrist_frames(NAMES, 'mocap') + link_frames(NAMES, table))}
+            ANGLES: joint_state_template(NAMES.joints),
+            CONFIDENCE: joint_state_template(NAMES.joints),
+            TRANSFORMS: transforms_template(
+                wrist_frames(NAMES, 'mocap') + link_frames(NAMES, table))}
         self.passages, self.passage = packed(new_passage())
         self.table = table
 
@@ -146,7 +148,8 @@ ZERO, BEFORE, AGAIN = Time(), Time(sec=4), Time(sec=5)
     data_of(markers_of(DEMO['right'][1], 1, (1, 0, *range(2, 8)))),
     data_of(markers_of(DEMO['right'][1], 1) + markers_of(DEMO['right'][1], 1, [3])),
     data_of(markers_of(DEMO['right'][1], 1))[:-40],
-    big_endian(markers_of(DEMO['right'][1], 1)), b'', b'\0\1', b'\0\1\0\0', bytes(ROOM + 5),
+    big_endian(markers_of(DEMO['right'][1], 1)), b'', b'\0\1', b'\0\1\0\0',
+    b'\0\1' + bytes(MESSAGE_ROOM + 5),
     data_of(markers_of(DEMO['right'][0], 0)),
     data_of([marker(number, (1., 2., number), 'leds', 'mocap', Marker.SPHERE, 0, stamp)
              for stamp in [ZERO] for number in range(8)]),
@@ -232,7 +235,8 @@ def test_hostile_messages_are_survived(changes, end):
 
 def seen(passages, reports):
     """Look, and return what is new."""
-    log, states, report = np.zeros((KEPT, 5)), np.zeros((KEPT, len(MARKERS)), np.int8), copied(reports)
+    log, states = np.zeros((KEPT, LOGGED)), np.zeros((KEPT, len(MARKERS)), np.int8)
+    report = copied(reports)
     kept, frames = look(passages, reports, log, states, report)
     return log[:kept], states[:kept], frames, report
 
@@ -252,14 +256,15 @@ def test_what_was_noted_is_looked_at_once(ways, count):
         assert (states == MarkerState.SEEN).all()
 
 
-def test_what_stays_the_same_is_one_glimpse():
-    log, states = np.zeros((6, 5)), np.zeros((6, 8), np.int8)
+def test_what_stays_the_same_is_glimpsed_when_it_begins_and_ends():
+    log, states = np.zeros((6, LOGGED)), np.zeros((6, 8), np.int8)
     log[:, 1], log[:, 3] = np.arange(6), np.arange(6) * 1e-3
     states[2:4, 5] = MarkerState.PREDICTED
     log[5:, 4] = PalmState.LOST
     found = glimpses(log, states)
-    assert [at for at, _ in found] == [1., 3., 4., 5.]
-    assert [glimpse.palm for _, glimpse in found] == [PalmState.TRACKED] * 3 + [PalmState.LOST]
-    assert [glimpse.marker_states[5] for _, glimpse in found] == [0, 1, 0, 0]
+    assert [at for at, _ in found] == [0., 1., 2., 3., 4., 5.]
+    assert [glimpse.palm for _, glimpse in found] == [PalmState.TRACKED] * 5 + [PalmState.LOST]
+    assert [glimpse.marker_states[5] for _, glimpse in found] == [0, 0, 1, 1, 0, 0]
     assert np.allclose([glimpse.residuals for _, glimpse in found],
-                       [[.0005], [.0025], [.004], [.005]])
+                       [[.0005], [.0005], [.0025], [.0025], [.004], [.005]])
+    assert len(glimpses(log[:1], states[:1])) == 1

@@ -27,10 +27,9 @@ COMPILED = numba is not None and os.environ.get('HAND_TRACKER_JIT', '1') != '0'
 def _cache_folder():
     """Return a writable folder of the user's for the kernels of just these sources, or None."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for path in sorted(Path(__file__).parents[1].rglob('*.py')):
-        source = path.read_bytes()
-        if b'jit' in source:
-            digest.update(source)
+    package = Path(__file__).parents[1]
+    for path in sorted(package.rglob('*.py')):
+        digest.update(f'{path.relative_to(package)}\n'.encode() + path.read_bytes())
     caches = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
     folder = caches / 'hand_tracker' / f'kernels-{digest.hexdigest()[:16]}'
     try:
@@ -61,7 +60,7 @@ if COMPILED:
         numba.config.CACHE_DIR = str(folder)
 
 
-def jit(kernel):
+def jit(kernel, **options):
     """Return `kernel` compiled when the switch is on, else unchanged.
 
     Parameters
@@ -69,11 +68,14 @@ def jit(kernel):
     kernel : callable
         Pure function of scalars, tuples of floats and fixed-size arrays.
         It may call other kernels; the caller checks its arguments.
+    **options
+        Of `numba.njit`, in addition.
     """
     if COMPILED:
         # Nothing calls them from C, which would cost as much compiling as from Python. What
         # numba would do to raise where it divides by zero is a tenth of the code.
-        return numba.njit(kernel, cache=CACHED, no_cfunc_wrapper=True, error_model='numpy')
+        return numba.njit(
+            kernel, cache=CACHED, no_cfunc_wrapper=True, error_model='numpy', **options)
     return kernel
 
 

@@ -3,7 +3,7 @@
 import gc
 import re
 import signal
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from difflib import get_close_matches
 from threading import Event, Thread
 
@@ -100,26 +100,22 @@ def spin(node):
     ----------
     node : rclpy.node.Node
     """
-    executor = _fastest_executor(node)
     interrupts = []
-    # An exception that a signal raises inside EventsExecutor comes out as another one.
-    for number in INTERRUPTS:
-        signal.signal(number, lambda *interrupt: interrupts.append(interrupt))
-    # What has been made stays: else a collection among the frames would go through all of it.
-    gc.collect()
-    gc.freeze()
-    try:
+    with _served(node) as executor:
+        # An exception that a signal raises inside EventsExecutor comes out as another one.
+        for number in INTERRUPTS:
+            signal.signal(number, lambda *interrupt: interrupts.append(interrupt))
+        # What has been made stays: else a collection among the frames would go through all of it.
+        gc.collect()
+        gc.freeze()
         # Not spin(): EventsExecutor's overflows its wait in some releases.
         while rclpy.ok() and not interrupts:
             executor.spin_once(POLL)
-    finally:
-        executor.shutdown()
 
 
 @contextmanager
 def spinning(node):
     """Serve a node's callbacks in a thread of their own."""
-    executor = _fastest_executor(node)
     ended = Event()
 
     def serve():
@@ -127,24 +123,31 @@ def spinning(node):
             while rclpy.ok() and not ended.is_set():
                 executor.spin_once(POLL)
 
-    thread = Thread(target=serve, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
-        executor.shutdown()
+    with _served(node) as executor:
+        thread = Thread(target=serve, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
 
 
-def _fastest_executor(node):
+@contextmanager
+def _served(node):
+    """Yield the fastest executor there is, for a node, which may know a `short_way` past it."""
     try:
-        from rclpy.experimental.events_executor import EventsExecutor as Executor
+        from rclpy.experimental.events_executor import EventsExecutor
     except ImportError:
-        Executor = SingleThreadedExecutor
-    executor = Executor()
-    executor.add_node(node)
-    return executor
+        executor, way = SingleThreadedExecutor(), nullcontext
+    else:
+        executor, way = EventsExecutor(), getattr(node, 'short_way', nullcontext)
+    try:
+        with way():
+            executor.add_node(node)
+            yield executor
+    finally:
+        executor.shutdown()
 
 
 def run(make_node, work=spin, args=None, name='hand_tracker'):

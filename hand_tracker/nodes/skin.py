@@ -81,7 +81,8 @@ class SkinNode(Node):
         if not np.isfinite(angles).all():
             return
         vertices = deform(self._skin, forward(self._joints, angles), self._dual_quaternions)
-        self._publisher.publish(self._triangles.fill(message.header.stamp, vertices[self._skin.faces]))
+        self._publisher.publish(
+            self._triangles.fill(message.header.stamp, vertices[self._skin.faces]))
 
 
 def main(args=None):

@@ -2,6 +2,7 @@
 
 import sys
 import time
+from contextlib import contextmanager
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -27,8 +28,9 @@ from ..passage import ANGLES, CONFIDENCE, TRANSFORMS
 from ..visuals import hand_markers
 from .common import declare, names_of, run
 from .diagnosis import PERIOD, Diagnosis
-from .direct import Direct, Unavailable
+from .direct import Direct
 from .distal_flexion import DISTAL_JOINTS, DistalFlexion
+from .rcl import Unavailable
 from .throttle import Throttle
 from .tracker_parameters import START, TOPICS, live_settings, live_table, starting_hand
 from .watch import Watch, who_publishes
@@ -41,6 +43,8 @@ except ImportError:
 
 WATCH_PERIOD = .25      # [s]
 LOOK_RATE = 10.         # at which frames of the short way are looked at, at least [Hz]
+# Timers of ROS time would stand still without /clock.
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 NAMELESS = 'world'      # frame of markers that have none, as TF needs one
 DIAGNOSTICS_DEPTH = 10
 TF_DEPTH = 100          # that of tf2_ros
@@ -48,6 +52,8 @@ TF_DEPTH = 100          # that of tf2_ros
 
 class TrackerNode(Node):
     """Track one hand."""
+
+    _is_direct = False
 
     def __init__(self):
         super().__init__('hand_tracker')
@@ -101,14 +107,9 @@ class TrackerNode(Node):
         self._watch = Watch(time.monotonic(), self._topic, self._settings.labels)
         self._diagnosis = Diagnosis(time.monotonic(), self._watch)
         self.add_on_set_parameters_callback(self._on_set)
-        # Timers of ROS time would stand still without /clock.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(WATCH_PERIOD, self._report, clock=steady)
-        self.create_timer(PERIOD, self._diagnose, clock=steady)
+        self.create_timer(WATCH_PERIOD, self._report, clock=STEADY)
+        self.create_timer(PERIOD, self._diagnose, clock=STEADY)
         self._latest = None
-        if self._direct is not None:
-            self._look_timer = self.create_timer(1. / LOOK_RATE, self._look, clock=steady)
-            self._direct.open(self, self._subscription, self._look, self._on_markers)
         self.get_logger().info(
             f'{self._hand.side} hand: listening for markers on {self._topic}')
 
@@ -146,18 +147,28 @@ class TrackerNode(Node):
             self._static_broadcaster = StaticTransformBroadcaster(self)
             self._static_broadcaster.sendTransform(tips)
 
+    @contextmanager
+    def short_way(self):
+        """Let regular frames pass an EventsExecutor, to which the node is added meanwhile."""
+        if self._direct is None:
+            yield
+            return
+        self._is_direct = True
+        self._look_timer = self.create_timer(1. / LOOK_RATE, self._look, clock=STEADY)
+        self._direct.open(self, self._subscription, self._look, self._on_markers)
+        try:
+            yield
+        finally:
+            self._direct.close()
+            self._look()
+            self.destroy_timer(self._look_timer)
+            self._is_direct = False
+
     @property
     def subscriptions(self):
         """Those that executors serve: not the one whose messages take the short way."""
         return (subscription for subscription in super().subscriptions
-                if self._direct is None or subscription is not self._subscription)
-
-    def destroy_node(self):
-        """Destroy the node, after the frame that is on its way."""
-        if self._direct is not None:
-            self._direct.close()
-            self._direct = None
-        super().destroy_node()
+                if not self._is_direct or subscription is not self._subscription)
 
     def _on_markers(self, message):
         received = time.monotonic()
@@ -177,7 +188,8 @@ class TrackerNode(Node):
     def _track(self, received, frame):
         stamp, frame_id = self._stamp(frame), self._frame_id(frame)
         time_of_frame = self._time.of(frame.stamp, seconds(stamp))
-        state = self._tracker.update(frame.positions, time_of_frame, **self._measured())
+        measured = self._measured()
+        state = self._tracker.update(frame.positions, time_of_frame, **measured)
         if self._tracker.placed:
             self._publish(stamp, frame_id, state)
         now = time.monotonic()
@@ -188,11 +200,11 @@ class TrackerNode(Node):
             self._watch.restarted()
         self._watch.tracked(now, state)
         if self._diagnosis.tracked(now, state):
-            self._diagnose()
+            self._tell()
         self._latest = stamp, frame_id, state
         if self._tracker.placed:
             self._show(now)
-            if self._direct is not None and stamp is frame.stamp and not self._distal_flexion.heard:
+            if self._is_direct and stamp is frame.stamp and not measured:
                 self._teach(stamp)
 
     def _teach(self, stamp):
@@ -207,7 +219,7 @@ class TrackerNode(Node):
 
     def _look(self):
         """Hear of the frames that took the short way."""
-        frames = self._direct.frames()
+        frames = self._direct.frames() if self._is_direct else None
         if frames is None:
             return
         stamp = Stamp(*frames.stamp)
@@ -216,17 +228,17 @@ class TrackerNode(Node):
         self._latest = stamp, self._latest[1], frames.state
         for times in zip(frames.received, frames.published, frames.times):
             self._diagnosis.published(*times)
-        self._watch.passed(frames.received[-1])
+        self._watch.passed(frames.received[-1], stamp)
         for at, glimpse in frames.glimpses:
             self._watch.tracked(at, glimpse)
         if self._diagnosis.tracked(now, frames.state, frames.count):
-            self._diagnose()
+            self._tell()
         self._show(now)
 
     def _on_distal_flexion(self, message):
         unknown = self._distal_flexion.received(
             seconds(self._now()) or 0., message.name, message.position)
-        if self._direct is not None:
+        if self._is_direct:
             self._direct.shut()
         if unknown:
             self._watch.once(
@@ -291,7 +303,7 @@ class TrackerNode(Node):
             return SetParametersResult(successful=False, reason=str(error))
         # Not applied yet: another callback may still refuse the whole set.
         self._changed = True
-        if self._direct is not None:
+        if self._is_direct:
             self._direct.shut()
         return SetParametersResult(successful=True)
 
@@ -306,21 +318,30 @@ class TrackerNode(Node):
         return {row.name: self.get_parameter(row.name).value for row in self._live}
 
     def _report(self):
-        # To ask in each frame would cost more than filling the message.
-        wanted = self._joint_confidence.get_subscription_count() > 0
-        if self._direct is not None:
-            if wanted != self._confidence_wanted:
-                self._direct.shut()
-            rate = self._settings.display_rate if self._hand_markers.get_subscription_count() else 0.
-            self._look_timer.timer_period_ns = round(1e9 / max(rate, LOOK_RATE))
-        self._confidence_wanted = wanted
+        self._look()
+        self._count_listeners()
         for is_warning, line in self._watch.report(time.monotonic(), self._who_publishes):
             if is_warning:
                 self.get_logger().warning(line)
             else:
                 self.get_logger().info(line)
 
+    def _count_listeners(self):
+        # To ask in each frame would cost more than filling the message.
+        wanted = self._joint_confidence.get_subscription_count() > 0
+        if self._is_direct:
+            if wanted != self._confidence_wanted:
+                self._direct.shut()
+            is_shown = self._hand_markers.get_subscription_count() > 0
+            rate = max(LOOK_RATE, self._settings.display_rate if is_shown else 0.)
+            self._look_timer.timer_period_ns = round(1e9 / rate)
+        self._confidence_wanted = wanted
+
     def _diagnose(self):
+        self._look()
+        self._tell()
+
+    def _tell(self):
         status = self._diagnosis.status(time.monotonic(), self._who_publishes)
         self._diagnostics.publish(diagnostics(
             self._now(), f'{self.get_name()}: {self._hand.side} hand', self._topic, status))

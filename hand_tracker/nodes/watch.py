@@ -87,15 +87,18 @@ class Watch:
                       f"'{self.labels.labels[slot]}' of {marker}; the last one counts. "
                       f'A more precise labels.{marker} tells them apart')
 
-    def passed(self, now):
+    def passed(self, now, stamp):
         """Note that messages like the last one came.
 
         Parameters
         ----------
         now : float
             When the last of them did.
+        stamp : Stamp
+            Of that one.
         """
         self._received = self._labelled = now
+        self._watch_time(*stamp)
 
     def _watch_time(self, *stamp):
         self._standing = self._standing + 1 if stamp == self._stamp and any(stamp) else 0
