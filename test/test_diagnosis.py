@@ -48,7 +48,8 @@ def test_a_tracked_hand():
     level, text, values = hand.status(1.)
     assert (level, text) == (Level.OK, 'tracking')
     assert values == {
-        'palm': 'tracked', 'rate [Hz]': '121.0', 'frames': '121', 'mean residual [mm]': '0.00',
+        'palm': 'tracked', 'rate [Hz]': '121.0', 'frames': '121', 'frames direct': '0',
+        'mean residual [mm]': '0.00',
         'latency p50 [ms]': '', 'latency p99 [ms]': '', 'latency max [ms]': '',
         'frames late': '0', 'frames dropped': '0',
         **{f'{marker} marker': 'seen' for marker in MARKERS}}
@@ -129,6 +130,14 @@ def test_latency_is_told_for_each_period():
     values = hand.status(2.).values
     assert values['latency p99 [ms]'] == '20.000'
     assert hand.status(3.).values['latency p50 [ms]'] == ''
+
+
+def test_frames_that_took_the_short_way_count():
+    hand = Hand()
+    hand.feed(0., state_of())
+    hand.diagnosis.tracked(.5, state_of(), 48)
+    values = hand.status(1.).values
+    assert (values['frames'], values['frames direct'], values['rate [Hz]']) == ('49', '48', '49.0')
 
 
 def test_changes_are_told_at_once_and_only_changes():

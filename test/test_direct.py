@@ -12,6 +12,7 @@ pytest.importorskip('rclpy', reason='needs ROS 2')
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from geometry_msgs.msg import Point  # noqa: E402
 import rclpy  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from ros_process import NodeProcess, watching_node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -24,6 +25,9 @@ from hand_tracker.core.jit import COMPILED  # noqa: E402
 from hand_tracker.nodes import direct  # noqa: E402
 
 WAYS = {'short': True, 'long': False}
+# Nothing that was sent is lost.
+DEEP = {'qos.markers.reliability': 'reliable', 'qos.markers.depth': 1000,
+        'qos.joint_states.depth': 1000}
 
 pytestmark = pytest.mark.skipif(
     not COMPILED or not sys.platform.startswith('linux'), reason='there is no short way here')
@@ -76,8 +80,7 @@ def pair():
         try:
             for way, value in WAYS.items():
                 processes[way] = NodeProcess(
-                    MODULE, {'direct': value, 'qos.markers.reliability': 'reliable',
-                             'qos.markers.depth': 1000, 'qos.joint_states.depth': 1000},
+                    MODULE, {'direct': value, **DEEP},
                     {'__ns': f'/{way}', 'markers': f'/{way}/markers'})
             yield Pair(node, processes)
             assert all(process.interrupt() == 0 for process in processes.values())
@@ -117,8 +120,9 @@ def test_both_ways_answer_the_same_whatever_comes(pair):
     short, long = told['/short/markers'], told['/long/markers']
     # The first ones may have missed them until all were connected.
     assert min(int(short['frames']), int(long['frames'])) >= len(frames)
+    assert int(short['frames direct']) > .3 * len(frames) and long['frames direct'] == '0'
     untimed = [key for key in short if 'latency' not in key and key not in (
-        'rate [Hz]', 'frames', 'frames late', 'frames dropped')]
+        'rate [Hz]', 'frames', 'frames direct', 'frames late', 'frames dropped')]
     assert {key: short[key] for key in untimed} == {key: long[key] for key in untimed}
     said = {way: sorted(line.split(']: ', 1)[1].replace(f'/{way}/', '/')
                         for line in lines(process, 'WARN')
@@ -144,7 +148,7 @@ def test_nothing_of_a_burst_is_lost_or_out_of_order(pair):
 @contextmanager
 def bench_of(node):
     """Yield a bench of a tracker that takes the short way."""
-    with NodeProcess(MODULE, {'qos.markers.reliability': 'reliable'}) as process:
+    with NodeProcess(MODULE, DEEP) as process:
         bench = Bench(process, node, 100, 'hand_tracker')
         process.wait_for_line('listening')
         node.spin_until(lambda: bench.publisher.get_subscription_count() > 0)
@@ -170,6 +174,25 @@ def test_a_parameter_acts_from_the_next_frame_on():
             bench.answer(hand_at())
         node.spin_until(lambda: confidence[-1].header.stamp == bench.joint_states[-1].header.stamp)
         assert 0. <= confidence[-1].position[joint] < 1.
+
+
+def test_no_frame_is_lost_while_a_glove_tells_of_last_joints():
+    with watching_node() as node, bench_of(node) as bench:
+        glove = node.create_publisher(JointState, 'distal_flexion', 10)
+        node.spin_until(lambda: glove.get_subscription_count() > 0)
+        bench.answer(hand_at())
+        bench.joint_states.clear()
+        first = bench.number
+        for number in range(300):
+            positions = hand_at()
+            if number % 3:
+                positions[number % 5 + 3] = np.nan  # now sent, now left out: of another kind
+            bench.send(positions)
+            glove.publish(JointState(name=['index_dip_flexion'], position=[.3]))
+            node.spin_for(.001)
+        node.spin_until(lambda: len(bench.joint_states) == bench.number - first)
+        stamps = [answer.header.stamp for answer in bench.joint_states]
+        assert stamps == [stamp_of(number) for number in range(first + 1, bench.number + 1)]
 
 
 @contextmanager
@@ -203,6 +226,29 @@ def test_a_driver_in_the_same_process_is_heard():
             publisher.publish(message(hand_at(), number))
         node.spin_until(lambda: answers[-1].header.stamp == stamp_of(number))
         assert tracker._direct._passage.frames[0] >= 300
+
+
+def test_an_executor_that_waits_for_conditions_serves_the_long_way():
+    from hand_tracker.nodes.tracker import TrackerNode
+    rclpy.init()
+    tracker, executor = TrackerNode(), SingleThreadedExecutor()
+    try:
+        assert tracker._direct is not None and tracker._subscription in list(tracker.subscriptions)
+        executor.add_node(tracker)
+        with watching_node() as node:
+            publisher = node.create_publisher(MarkerArray, 'markers', 10)
+            answers = node.collect(JointState, 'joint_states')
+            for number in range(1, 500):
+                publisher.publish(message(hand_at(), number))
+                executor.spin_once(.01)
+                node.spin_for(.01)
+                if len(answers) > 9:
+                    break
+        assert len(answers) > 9
+    finally:
+        executor.shutdown()
+        tracker.destroy_node()
+        rclpy.shutdown()
 
 
 def test_a_middleware_that_was_not_tried_takes_the_long_way(monkeypatch):

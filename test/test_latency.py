@@ -40,6 +40,13 @@ def test_a_pause_repeated_stamps_and_a_jump_back_are_no_loss():
     assert latency.summary().dropped == 0
 
 
+def test_frames_of_which_nothing_is_known_any_more_are_no_loss():
+    latency = Latency()
+    for stamp in (1., 1. + STEP, 1. + 2. * STEP, np.nan, 1. + 50. * STEP, 1. + 51. * STEP):
+        latency.published(1e-4, stamp)
+    assert latency.summary().dropped == 0
+
+
 def test_frames_that_take_longer_than_the_time_between_two_are_late():
     latency = Latency()
     for i in range(100):

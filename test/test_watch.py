@@ -371,6 +371,16 @@ def test_says_once_that_the_stamps_stand():
     assert hand.said(.4) == []
 
 
+def test_stamps_that_passed_in_between_do_not_stand():
+    hand = Input()
+    hand.feed(.1)
+    hand.said(.1)
+    for i in range(3 * STANDING):
+        hand.watch.received(.2, frame(stamp=Stamp(2, 3)))
+        hand.watch.passed(.2, Stamp(4, i))
+    assert hand.said(.2) == []
+
+
 def test_says_once_that_time_jumped_back():
     hand = Input()
     for i in range(10):

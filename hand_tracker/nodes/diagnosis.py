@@ -55,29 +55,30 @@ class Diagnosis:
     def __init__(self, now, watch):
         self._watch = watch
         self._state = None
-        self._frames = self._counted = 0
+        self._frames = self._counted = self._passed = 0
         self._since = now
         self._rate = 0.  # [Hz]
         self._latency = Latency()
         self._timing = self._latency.summary()
         self._told, self._told_at = None, -np.inf
 
-    def tracked(self, now, state, frames=1):
+    def tracked(self, now, state, passed=0):
         """Note what the tracker made of frames.
 
         Parameters
         ----------
         now : float
         state : HandState
-        frames : int, optional
-            Of which this is the last.
+        passed : int, optional
+            Frames that took the short way, of which this is the last; 0 for one that did not.
 
         Returns
         -------
         bool
             Whether something changed that is to be told at once.
         """
-        self._frames += frames
+        self._frames += passed or 1
+        self._passed += passed
         self._state = state
         return now - self._told_at >= GAP and self._summary(now) != self._told
 
@@ -114,7 +115,8 @@ class Diagnosis:
         worn = [bool(label) for label in watch.labels.labels]
         level, text = self._judge(now, publishers, worn)
         values = {'palm': 'not seen yet', 'rate [Hz]': f'{self._rate:.1f}',
-                  'frames': str(self._frames), 'mean residual [mm]': '',
+                  'frames': str(self._frames), 'frames direct': str(self._passed),
+                  'mean residual [mm]': '',
                   **_timing(self._timing)}
         if state is not None:
             seen = state.residuals[np.isfinite(state.residuals)]
