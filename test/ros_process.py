@@ -38,7 +38,7 @@ os.environ['ROS_DOMAIN_ID'] = str(DOMAIN)
 os.environ.update({'ROS_LOCALHOST_ONLY': '1'} if os.environ.get('ROS_DISTRO') == 'humble'
                   else {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'})
 
-PATIENCE = 60.  # [s]
+PATIENCE = 120.  # [s], as kernels may have to be compiled
 
 
 class Process:

@@ -1,0 +1,26 @@
+"""What comes before the tests."""
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+UPDATE = """
+from hand_tracker.core.tracker import HandTracker
+tracker = HandTracker()
+tracker.update([[0.] * 3] * 8)
+"""
+DIRECT = UPDATE + """
+from hand_tracker.nodes.direct import Direct
+from hand_tracker.nodes.wire import codec_agrees
+codec_agrees()
+Direct(tracker)
+"""
+
+
+def pytest_configure(config):
+    """Compile the kernels once, where several processes would do so side by side."""
+    if getattr(config.option, 'numprocesses', None) and not hasattr(config, 'workerinput'):
+        program = DIRECT if importlib.util.find_spec('rclpy') else UPDATE
+        subprocess.run([sys.executable, '-c', program], cwd=Path(__file__).parents[1],
+                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
