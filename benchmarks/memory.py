@@ -1,9 +1,9 @@
-"""Measure what memory grows by over an hour's worth of frames, in the core and in the node.
+"""Measure what memory grows by over an hour's worth of frames, in core and node.
 
     python -m benchmarks.memory [--frames 432000] [--json OUT]
 
-The core is `HandTracker.update`; the node takes messages as bytes and publishes, and its timers
-run. The slope is of a line through the resident memory of the second half; `blocks` is by how
+The core is `HandTracker.update`; the node takes messages as bytes the long way and publishes, and
+its timers run; the short way is its compiled part. The slope is of a line through the resident memory of the second half; `blocks` is by how
 many Python's own memory grew in that half, where the node notes latencies until it tells of them;
 `collections` are those of the garbage collector.
 """
@@ -22,7 +22,15 @@ import psutil
 
 from benchmarks.common import add_json_option, environment, put_stamps, write_rows
 from benchmarks.round_trip import isolate, messages
+from hand_tracker.codec import MarkerReader, joint_state_template
+from hand_tracker.core.hand import JOINTS
+from hand_tracker.core.jit import copied, packed
+from hand_tracker.core.layout import MARKERS
 from hand_tracker.core.tracker import HandTracker
+from hand_tracker.labels import LabelMap
+from hand_tracker.marker_frame import seconds
+from hand_tracker.passage import (
+    ANGLES, KEPT, LOGGED, look, new_passage, note, pass_message, teach_answer, teach_kind)
 from hand_tracker.simulation.recording import START_NS, demo_recording
 
 HOUR = 432_000    # frames at 120 Hz
@@ -35,6 +43,33 @@ def core_frames():
     """Return a function of a frame's number that tracks it: the demonstration, again and again."""
     tracker, lap = HandTracker(), demo_recording().markers
     return lambda i: tracker.update(lap[i % len(lap)], i / RATE)
+
+
+def short_way_frames():
+    """Return a function of a frame's number that lets its message pass."""
+    tracker, reader = HandTracker(), MarkerReader(LabelMap())
+    passages, passage = packed(new_passage())
+    lap, answer = messages('right', RATE), joint_state_template(JOINTS)
+    arguments = tracker.kernel_arguments()
+    reports = arguments[-1]
+    seen = np.zeros((KEPT, LOGGED)), np.zeros((KEPT, len(MARKERS)), np.int8), copied(reports)
+
+    def frame(i):
+        data, places = lap[i % len(lap)]
+        put_stamps(data, places, START_NS + round(i * 1e9 / RATE))
+        if i == 0:
+            first = reader.read(bytes(data))
+            tracker.update(first.positions, seconds(first.stamp))
+            teach_kind(passage, reader.kind, first.stamp, 1., True)
+            teach_answer(passage, ANGLES, answer)
+            return
+        if not pass_message(passages, *arguments, np.frombuffer(data, np.uint8)):
+            raise RuntimeError(f'frame {i} does not pass')
+        note(passage, reports[0], 0., 0.)
+        if i % TIMERS_EVERY == 0:
+            look(passages, reports, *seen)
+
+    return frame
 
 
 def node_frames():
@@ -97,7 +132,8 @@ def main():
     isolate()
     print(environment())
     rows = []
-    for what, frames in (('core', core_frames), ('node', node_frames)):
+    for what, frames in (('core', core_frames), ('short way', short_way_frames),
+                         ('node', node_frames)):
         try:
             rows.append(measure(what, frames(), options.frames))
         except ImportError as error:
