@@ -3,9 +3,10 @@
     python -m benchmarks.memory [--frames 432000] [--json OUT]
 
 The core is `HandTracker.update`; the node takes messages as bytes the long way and publishes, and
-its timers run; the short way is its compiled part. The slope is of a line through the resident memory of the second half; `blocks` is by how
-many Python's own memory grew in that half, where the node notes latencies until it tells of them;
-`collections` are those of the garbage collector.
+its timers run; of the short way it is the compiled part, without rcl. The slope is of a line
+through the resident memory of the second half; `blocks` is by how many Python's own memory grew in
+that half, where the node notes latencies until it tells of them; `collections` are those of the
+garbage collector.
 """
 
 import argparse

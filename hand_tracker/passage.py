@@ -6,12 +6,12 @@ though: what one of them was like, and what answers it, is taught to a `Passage`
 way (`codec`, `HandTracker.update`). What is like it goes through here, and gives the same.
 """
 
-import sys
 from typing import NamedTuple
 
 import numpy as np
 
 from .codec import ENCAPSULATION, LITTLE_ENDIAN, SMALLEST_MARKER, gather, walk
+from .core.hand import JOINTS
 from .core.jit import jit, overwrite
 from .core.layout import MARKERS
 from .core.palm import PALM_STATES, PalmState
@@ -109,9 +109,11 @@ def new_passage():
         known=np.array((-1, 0)), first=integers(1), count=integers(1), slots=integers(count),
         markers=integers(count), rows=np.zeros((count, 3)), scale=np.ones(1),
         zero_is_missing=integers(1), stamp=integers(2), time=np.zeros(1),
-        wanted=integers(ANSWERS), answers=np.zeros((ANSWERS, ANSWER_ROOM // 8)),
+        wanted=integers(ANSWERS),
+        answers=np.zeros((ANSWERS, ANSWER_ROOM // 8)),
         stamps_at=integers(ANSWERS, STAMPS), numbers_at=integers(ANSWERS, NUMBERS),
-        stamps=integers(ANSWERS), numbers=integers(ANSWERS), transforms=np.zeros((26, 7)),
+        stamps=integers(ANSWERS), numbers=integers(ANSWERS),
+        transforms=np.zeros((1 + len(JOINTS), 7)),
         frames=integers(1), looked_at=integers(1), log=np.zeros((KEPT, LOGGED)),
         states=np.zeros((KEPT, count), np.int8))
 
@@ -133,11 +135,10 @@ def teach_kind(passage, kind, stamp, scale, zero_is_missing):
     Returns
     -------
     bool
-        Whether it can be: not where the hand's markers are points of lists, nor where the
-        processor has its bytes the other way round.
+        Whether it can be: not where the hand's markers are points of lists.
     """
     heads, strings, sources = kind
-    if sources.first is None or sources.has_lists or sys.byteorder != 'little':
+    if sources.first is None or sources.has_lists:
         return False
     if len(heads) > len(passage.known_heads) or len(strings) > len(passage.known_strings):
         return False
@@ -292,7 +293,7 @@ def note(passage, report, received, published):
     log, states = passage.log, passage.states
     log[at, RECEIVED], log[at, PUBLISHED], log[at, TIME] = received, published, passage.time[0]
     total, seen = 0., 0
-    for i in range(8):
+    for i in range(len(report.residuals)):
         states[at, i] = report.marker_states[i]
         if report.residuals[i] >= 0.:
             total += report.residuals[i]

@@ -3,6 +3,7 @@
 import importlib.util
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 UPDATE = """
@@ -20,7 +21,10 @@ Direct(tracker)
 
 def pytest_configure(config):
     """Compile the kernels once, where several processes would do so side by side."""
-    if getattr(config.option, 'numprocesses', None) and not hasattr(config, 'workerinput'):
-        program = DIRECT if importlib.util.find_spec('rclpy') else UPDATE
-        subprocess.run([sys.executable, '-c', program], cwd=Path(__file__).parents[1],
-                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
+    if not getattr(config.option, 'numprocesses', None) or hasattr(config, 'workerinput'):
+        return
+    program = DIRECT if importlib.util.find_spec('rclpy') else UPDATE
+    done = subprocess.run([sys.executable, '-c', program], cwd=Path(__file__).parents[1],
+                          stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    if done.returncode:
+        warnings.warn(f'the kernels were not compiled: {done.stderr[-2000:]}')

@@ -1,6 +1,8 @@
 """The switch: kernels give the same numbers compiled and as plain Python."""
 
+import ast
 import os
+import re
 import subprocess
 import sys
 import time
@@ -9,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hand_tracker.core.jit import COMPILED, copied, overwrite, packed, parts
+from hand_tracker.core.jit import COMPILED, copied, kernel_sources, overwrite, packed, parts
 from hand_tracker.core.report import blank_report
 from hand_tracker.core.sequence import blank_state
 
@@ -101,6 +103,21 @@ def test_kernels_of_other_sources_go_when_unused_for_a_month(tmp_path):
     old('kernels-unused', 31.)
     assert start() == {own, 'kernels-unused', 'kernels-used', 'skin'}
     assert time.time() - (caches / own).stat().st_mtime < 3600.
+
+
+def test_a_change_of_any_kernel_or_of_its_constants_makes_new_ones():
+    package, sources = ROOT / 'hand_tracker', kernel_sources()
+    for path in package.rglob('*.py'):
+        text = path.read_text(encoding='utf-8')
+        if not re.search(r'^ *@(partial\()?jit', text, re.M):
+            continue
+        assert path in sources
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.ImportFrom) and node.level:
+                folder = path.parents[node.level - 1]
+                module = folder.joinpath(*(node.module or '').split('.')).with_suffix('.py')
+                assert module in sources or not any(
+                    name.name.isupper() for name in node.names), (path, module)
 
 
 def test_packed_values_are_those_given():

@@ -32,7 +32,7 @@ ROSDEP_KEYS = {
 # Started, not imported.
 STARTED_ONLY = {'ros2launch'}
 # Imported only where it is found, and without a package on some supported platforms.
-OPTIONAL = {'numba', 'viser'}
+OPTIONAL = {'numba', 'llvmlite', 'viser'}
 
 FORBIDDEN_IN_CORE = {'PIL', 'matplotlib', 'rclpy', 'rosbags', 'scipy', 'skimage', 'tf2_ros',
                      'trimesh', 'yaml'}

@@ -18,7 +18,7 @@ from visualization_msgs.msg import Marker  # noqa: E402
 from hand_tracker.codec import (  # noqa: E402
     ENCAPSULATION, MarkerReader, Stamp, joint_state_template, transforms_template)
 from hand_tracker.core.hand import JOINTS, Hand  # noqa: E402
-from hand_tracker.core.jit import copied, packed  # noqa: E402
+from hand_tracker.core.jit import copied, packed, parts  # noqa: E402
 from hand_tracker.core.kinematics import joint_table  # noqa: E402
 from hand_tracker.core.layout import MARKERS  # noqa: E402
 from hand_tracker.core.palm import PalmState  # noqa: E402
@@ -104,6 +104,13 @@ def ways():
     return found
 
 
+def alike(part, other):
+    """Return whether two parts of a state are the same."""
+    if isinstance(part, tuple):
+        return all(map(alike, part, other))
+    return np.array_equal(part, other, equal_nan=np.ndim(part) > 0)
+
+
 @pytest.mark.parametrize('side', ['right', 'left'])
 def test_what_passes_is_answered_as_the_long_way_does(side):
     ways, frames = Ways(side), DEMO[side].copy()
@@ -119,10 +126,7 @@ def test_what_passes_is_answered_as_the_long_way_does(side):
         assert ways.go(data)
         state, answers = ways.expected(data)
         assert ways.answers() == answers
-        for part, other in zip(ways.told(), state):
-            assert all(map(lambda a, b: np.array_equal(a, b, equal_nan=True), part, other)
-                       if isinstance(part, tuple) else [
-                           np.array_equal(part, other, equal_nan=np.ndim(part) > 0)])
+        assert all(map(alike, ways.told(), state))
         palms.add(state.palm)
         states.update(state.marker_states.tolist())
     assert {PalmState.TRACKED, PalmState.LOST} <= palms
@@ -244,16 +248,18 @@ def seen(passages, reports):
 @pytest.mark.parametrize('count', [0, 1, 7, KEPT, KEPT + 30])
 def test_what_was_noted_is_looked_at_once(ways, count):
     reports = ways.short.kernel_arguments()[-1]
-    for round in range(2):
+    for lap in range(2):
         for i in range(count):
             ways.passage.time[0] = i
-            note(ways.passage, reports[0], round + 1e-3 * i, round + 1e-3 * i + 1e-4)
+            note(ways.passage, reports[0], lap + 1e-3 * i, lap + 1e-3 * i + 1e-4)
         log, states, frames, report = seen(ways.passages, reports)
         assert frames == count and len(log) == min(count, KEPT)
         numbers = np.arange(count)[-KEPT:]
-        assert np.array_equal(log[:, 0], round + 1e-3 * numbers)
+        assert np.array_equal(log[:, 0], lap + 1e-3 * numbers)
         assert np.array_equal(log[:, 2], numbers)
         assert (states == MarkerState.SEEN).all()
+        if count:
+            assert all(map(alike, parts(report), parts(reports)))
 
 
 def test_what_stays_the_same_is_glimpsed_when_it_begins_and_ends():

@@ -21,15 +21,23 @@ except ImportError:
 
 UNUSED = 30 * 86400.  # [s] after which kernels of other sources may go
 
+CONSTANTS = 'marker_frame.py',  # files without kernels of their own
+
 COMPILED = numba is not None and os.environ.get('HAND_TRACKER_JIT', '1') != '0'
+
+
+def kernel_sources():
+    """Return the files that kernels are in, or constants that are compiled into them."""
+    core = Path(__file__).parent
+    return [path for path in sorted(core.parent.rglob('*.py'))
+            if path.parent == core or path.name in CONSTANTS or b'jit' in path.read_bytes()]
 
 
 def _cache_folder():
     """Return a writable folder of the user's for the kernels of just these sources, or None."""
     digest = hashlib.sha256(numba.__version__.encode())
-    package = Path(__file__).parents[1]
-    for path in sorted(package.rglob('*.py')):
-        digest.update(f'{path.relative_to(package)}\n'.encode() + path.read_bytes())
+    for path in kernel_sources():
+        digest.update(f'{path.name}\n'.encode() + path.read_bytes())
     caches = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
     folder = caches / 'hand_tracker' / f'kernels-{digest.hexdigest()[:16]}'
     try:

@@ -14,6 +14,11 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
+try:
+    from rclpy.experimental.events_executor import EventsExecutor
+except ImportError:  # before Jazzy
+    EventsExecutor = None
+
 from ..core.errors import HandTrackerError
 from ..messages import prefixed_names
 from .tracker_parameters import AUTO
@@ -136,9 +141,7 @@ def spinning(node):
 @contextmanager
 def _served(node):
     """Yield the fastest executor there is, for a node, which may know a `short_way` past it."""
-    try:
-        from rclpy.experimental.events_executor import EventsExecutor
-    except ImportError:
+    if EventsExecutor is None:
         executor, way = SingleThreadedExecutor(), nullcontext
     else:
         executor, way = EventsExecutor(), getattr(node, 'short_way', nullcontext)

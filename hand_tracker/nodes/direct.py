@@ -22,8 +22,9 @@ from ..codec import ENCAPSULATION
 from ..core.jit import CACHED, COMPILED, copied, jit, packed
 from ..core.layout import MARKERS
 from ..passage import (
-    ANSWERS, KEPT, LOGGED, glimpses, look, new_passage, note, pass_message, teach_answer,
-    teach_kind)
+    ANSWERS, KEPT, LOGGED, PUBLISHED, RECEIVED, TIME, glimpses, look, new_passage, note,
+    pass_message, teach_answer, teach_kind)
+from .common import EventsExecutor
 from .rcl import Rcl, Unavailable, address
 
 if COMPILED:
@@ -123,6 +124,8 @@ class Direct:
     def __init__(self, tracker):
         if not COMPILED:
             raise Unavailable('the kernels are not compiled')
+        if EventsExecutor is None:
+            raise Unavailable('rclpy has no EventsExecutor')
         if get_rmw_implementation_identifier() not in MIDDLEWARES:
             raise Unavailable(f'it was not tried with {get_rmw_implementation_identifier()}')
         self._rcl = Rcl()
@@ -132,6 +135,7 @@ class Direct:
         self._templates = {}
         self._passages, self._passage = packed(new_passage())
         self._log, self._states = np.zeros((KEPT, LOGGED)), np.zeros((KEPT, len(MARKERS)), np.int8)
+        self._report = copied(self._kept[-1])
         self._incoming = self._rcl.octets(LONGEST)
         self._outgoing = [self._rcl.octets() for _ in range(ANSWERS)]
         self._mutex = self._rcl.mutex()
@@ -150,11 +154,6 @@ class Direct:
         self.frames()
         _open(self._lines)
         _shut(self._lines)
-
-    @property
-    def frame_count(self):
-        """How many frames passed, that were looked at."""
-        return int(self._passage.looked_at[0])
 
     def open(self, node, subscription, on_pause, on_message):
         """Let messages come as soon as the node is served, to go the long way at first.
@@ -182,7 +181,7 @@ class Direct:
 
     def close(self):
         """Let none come any more, while the executor is still there."""
-        if self._subscription is None:
+        if not self.is_used:
             return
         atexit.unregister(self.close)
         self.shut()
@@ -195,9 +194,18 @@ class Direct:
         self._rcl.listen(
             self._subscription.handle.pointer, callback, self._lines.ctypes.data)
 
+    @property
+    def is_used(self):
+        """Whether it is between `open` and `close`."""
+        return self._subscription is not None
+
+    def forget(self):
+        """Note that what was taught holds no more; the way is shut already."""
+        self._is_taught = False
+
     def shut(self):
         """Let the next message go the long way."""
-        self._is_taught = False
+        self.forget()
         _shut(self._lines)
 
     def teach(self, kind, stamp, scale, zero_is_missing, answers):
@@ -237,23 +245,22 @@ class Direct:
         Frames or None
             None where there were none.
         """
-        reports = self._kept[-1]
-        seen = copied(reports)
         kept, count, seconds, nanoseconds = _look(
-            self._lines, self._passages, reports, self._log, self._states, seen)
+            self._lines, self._passages, self._kept[-1], self._log, self._states, self._report)
         if not kept:
             return None
         log = self._log[:kept]
-        received, published, times = log[:, :3].T.tolist()
+        received, published, times = log[:, (RECEIVED, PUBLISHED, TIME)].T.tolist()
         if kept < count:
             times[0] = np.nan
-        return Frames(count, (seconds, nanoseconds), self._tracker.told(seen), received,
-                      published, times, glimpses(log, self._states[:kept].copy()))
+        # Glimpses and the state keep what they are given.
+        return Frames(count, (seconds, nanoseconds), self._tracker.told(copied(self._report)),
+                      received, published, times, glimpses(log, self._states[:kept].copy()))
 
     def _serve(self):
         """Let what did not pass go the long way."""
         self._timer.cancel()
-        if self._subscription is None:
+        if not self.is_used:
             return
         if not self._is_heard:
             # Not before: the timer must be the executor's when the middleware resets it.
@@ -269,7 +276,6 @@ class Direct:
                 if self._is_taught:
                     _open(self._lines)
                 return
-            self._is_taught = False
             self._on_message(data)
         self._rcl.reset_timer(self._timer.handle.pointer)
 

@@ -47,8 +47,8 @@ class Rcl:
     """
 
     def __init__(self):
-        if LOADED is None or sys.maxsize < 2**32:
-            raise Unavailable('it was not tried on this system')
+        if LOADED is None or sys.maxsize < 2**32 or sys.byteorder != 'little':
+            raise Unavailable('it was not tried on such a system')
         try:
             rcl = ctypes.CDLL('librcl.so', mode=LOADED)
             self._rcutils = rcutils = ctypes.CDLL('librcutils.so', mode=LOADED)

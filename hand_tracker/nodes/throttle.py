@@ -22,3 +22,8 @@ class Throttle:
         # From when it was due, not from now: else half of the rate may be lost.
         self._next = max(self._next, now - 1. / rate) + 1. / rate
         return True
+
+
+def period_ns(rate):
+    """Return the nanoseconds between things that come at a rate [Hz]."""
+    return round(1e9 / rate)

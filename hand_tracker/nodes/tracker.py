@@ -31,7 +31,7 @@ from .diagnosis import PERIOD, Diagnosis
 from .direct import Direct
 from .distal_flexion import DISTAL_JOINTS, DistalFlexion
 from .rcl import Unavailable
-from .throttle import Throttle
+from .throttle import Throttle, period_ns
 from .tracker_parameters import START, TOPICS, live_settings, live_table, starting_hand
 from .watch import Watch, who_publishes
 from .wire import TFMessage, Wire
@@ -53,7 +53,7 @@ TF_DEPTH = 100          # that of tf2_ros
 class TrackerNode(Node):
     """Track one hand."""
 
-    _is_direct = False
+    _direct = None
 
     def __init__(self):
         super().__init__('hand_tracker')
@@ -64,7 +64,6 @@ class TrackerNode(Node):
         self._changed = False
         self._mocap_frame = start['mocap_frame']
         self._tracker = HandTracker(self._settings.hand, layout, self._settings.options)
-        self._direct = None
         if jit.COMPILED:
             self._compile(layout, start['direct'])
         else:
@@ -153,16 +152,17 @@ class TrackerNode(Node):
         if self._direct is None:
             yield
             return
-        self._is_direct = True
         self._look_timer = self.create_timer(1. / LOOK_RATE, self._look, clock=STEADY)
         self._direct.open(self, self._subscription, self._look, self._on_markers)
         try:
             yield
         finally:
             self._direct.close()
-            self._look()
             self.destroy_timer(self._look_timer)
-            self._is_direct = False
+
+    @property
+    def _is_direct(self):
+        return self._direct is not None and self._direct.is_used
 
     @property
     def subscriptions(self):
@@ -189,6 +189,8 @@ class TrackerNode(Node):
         stamp, frame_id = self._stamp(frame), self._frame_id(frame)
         time_of_frame = self._time.of(frame.stamp, seconds(stamp))
         measured = self._measured()
+        if self._is_direct:
+            self._direct.forget()
         state = self._tracker.update(frame.positions, time_of_frame, **measured)
         if self._tracker.placed:
             self._publish(stamp, frame_id, state)
@@ -319,22 +321,22 @@ class TrackerNode(Node):
 
     def _report(self):
         self._look()
-        self._count_listeners()
+        self._heed_listeners()
         for is_warning, line in self._watch.report(time.monotonic(), self._who_publishes):
             if is_warning:
                 self.get_logger().warning(line)
             else:
                 self.get_logger().info(line)
 
-    def _count_listeners(self):
+    def _heed_listeners(self):
         # To ask in each frame would cost more than filling the message.
         wanted = self._joint_confidence.get_subscription_count() > 0
         if self._is_direct:
             if wanted != self._confidence_wanted:
                 self._direct.shut()
             is_shown = self._hand_markers.get_subscription_count() > 0
-            rate = max(LOOK_RATE, self._settings.display_rate if is_shown else 0.)
-            self._look_timer.timer_period_ns = round(1e9 / rate)
+            self._look_timer.timer_period_ns = period_ns(
+                max(LOOK_RATE, self._settings.display_rate) if is_shown else LOOK_RATE)
         self._confidence_wanted = wanted
 
     def _diagnose(self):
