@@ -25,7 +25,7 @@ from benchmarks.common import add_json_option, environment, put_stamps, write_ro
 from benchmarks.round_trip import isolate, messages
 from hand_tracker.codec import MarkerReader, joint_state_template
 from hand_tracker.core.hand import JOINTS
-from hand_tracker.core.jit import copied, packed
+from hand_tracker.core.jit import another, packed
 from hand_tracker.core.layout import MARKERS
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.labels import LabelMap
@@ -53,7 +53,7 @@ def short_way_frames():
     lap, answer = messages('right', RATE), joint_state_template(JOINTS)
     arguments = tracker.kernel_arguments()
     reports = arguments[-1]
-    seen = np.zeros((KEPT, LOGGED)), np.zeros((KEPT, len(MARKERS)), np.int8), copied(reports)
+    seen = np.zeros((KEPT, LOGGED)), np.zeros((KEPT, len(MARKERS)), np.int8), another(reports)
 
     def frame(i):
         data, places = lap[i % len(lap)]

@@ -18,7 +18,7 @@ from visualization_msgs.msg import Marker  # noqa: E402
 from hand_tracker.codec import (  # noqa: E402
     ENCAPSULATION, MarkerReader, Stamp, joint_state_template, transforms_template)
 from hand_tracker.core.hand import JOINTS, Hand  # noqa: E402
-from hand_tracker.core.jit import copied, packed, parts  # noqa: E402
+from hand_tracker.core.jit import another, overwrite, packed, parts  # noqa: E402
 from hand_tracker.core.kinematics import joint_table  # noqa: E402
 from hand_tracker.core.layout import MARKERS  # noqa: E402
 from hand_tracker.core.palm import PalmState  # noqa: E402
@@ -78,7 +78,10 @@ class Ways:
 
     def told(self):
         """Return the state after the last frame of the short way."""
-        return self.short.told(copied(self.short.kernel_arguments()[-1]))
+        reports = self.short.kernel_arguments()[-1]
+        copy = another(reports)
+        overwrite(copy, reports)
+        return self.short.told(copy)
 
     def answers(self):
         """Return what the short way answers, as bytes."""
@@ -240,7 +243,7 @@ def test_hostile_messages_are_survived(changes, end):
 def seen(passages, reports):
     """Look, and return what is new."""
     log, states = np.zeros((KEPT, LOGGED)), np.zeros((KEPT, len(MARKERS)), np.int8)
-    report = copied(reports)
+    report = another(reports)
     kept, frames = look(passages, reports, log, states, report)
     return log[:kept], states[:kept], frames, report
 

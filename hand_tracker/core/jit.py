@@ -137,11 +137,11 @@ def packed(values):
     return record, _filled(record[0], values)
 
 
-def copied(pack):
-    """Return a copy of a pack."""
+def another(pack):
+    """Return a pack like this one, with nothing in it yet."""
     if COMPILED:
-        return pack.copy()
-    return (type(pack[0])(*(part.copy() for part in pack[0])),)
+        return np.empty_like(pack)
+    return (type(pack[0])(*(np.empty_like(part) for part in pack[0])),)
 
 
 def parts(pack):

@@ -14,7 +14,7 @@ from .digit import chains, measure
 from .hand import DIGITS, Hand
 from .identity import hand_bounds
 from .interdependence import prior_of
-from .jit import copied, packed, parts
+from .jit import another, packed, parts
 from .kinematics import Pose, forward, joint_table
 from .layout import (
     MARKERS, PALM_MARKERS, MarkerLayout, marker_positions, require_solvable)
@@ -201,10 +201,11 @@ class HandTracker:
         markers = np.array(markers, dtype=float)
         if markers.shape != (len(MARKERS), 3):
             raise ValueError(f'markers: shape {markers.shape}; expected {(len(MARKERS), 3)}')
+        report = another(self._report)
         self.restarted = bool(track_frame(
-            *self.kernel_arguments(distal_flexion), markers,
+            *self.kernel_arguments(distal_flexion)[:-1], report, markers,
             np.nan if time is None else float(time)))
-        return self.told(copied(self._report))
+        return self.told(report)
 
     def kernel_arguments(self, distal_flexion=None):
         """Return what `track_frame` takes before the markers; it stays until `configure`.

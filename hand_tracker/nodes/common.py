@@ -1,6 +1,7 @@
 """What every node of the package does alike: declare parameters, run, end."""
 
 import gc
+import os
 import re
 import signal
 from contextlib import contextmanager, nullcontext, suppress
@@ -108,8 +109,7 @@ def spin(node):
     interrupts = []
     with _served(node) as executor:
         # An exception that a signal raises inside EventsExecutor comes out as another one.
-        for number in INTERRUPTS:
-            signal.signal(number, lambda *interrupt: interrupts.append(interrupt))
+        _handle_interrupts(lambda *interrupt: interrupts.append(interrupt))
         # What has been made stays: else a collection among the frames would go through all of it.
         gc.collect()
         gc.freeze()
@@ -174,12 +174,12 @@ def run(make_node, work=spin, args=None, name='hand_tracker'):
         an error of the user's input, which is logged in one line.
     """
     # rclpy's own handlers end the context from another thread, in the middle of a publish.
-    for number in INTERRUPTS:
-        signal.signal(number, _interrupt)
+    _handle_interrupts(_leave)
     node = None
     try:
         _init(args)
         node = make_node()
+        _handle_interrupts(_interrupt)
         _warn_of_unknown(node)
         work(node)
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -190,7 +190,7 @@ def run(make_node, work=spin, args=None, name='hand_tracker'):
         return 1
     finally:
         # Python's end would leave a handler of its own to the system, which kills the process.
-        _ignore_interrupts()
+        _handle_interrupts(signal.SIG_IGN)
         if node:
             node.destroy_node()
         rclpy.try_shutdown()
@@ -222,12 +222,17 @@ def _warn_of_unknown(node):
                                       + (f"; did you mean '{alike[0]}'?" if alike else ''))
 
 
+def _leave(number, frame):
+    # An exception in the middle of a compilation breaks it, and nothing is to be ended yet.
+    os._exit(0)
+
+
 def _interrupt(number, frame):
     # A second Ctrl-C must not cut the way out short.
-    _ignore_interrupts()
+    _handle_interrupts(signal.SIG_IGN)
     raise KeyboardInterrupt
 
 
-def _ignore_interrupts():
+def _handle_interrupts(handler):
     for number in INTERRUPTS:
-        signal.signal(number, signal.SIG_IGN)
+        signal.signal(number, handler)

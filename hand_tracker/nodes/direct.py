@@ -19,7 +19,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from ..codec import ENCAPSULATION
-from ..core.jit import CACHED, COMPILED, copied, jit, packed
+from ..core.jit import CACHED, COMPILED, another, jit, packed
 from ..core.layout import MARKERS
 from ..passage import (
     ANSWERS, KEPT, LOGGED, PUBLISHED, RECEIVED, TIME, glimpses, look, new_passage, note,
@@ -135,7 +135,6 @@ class Direct:
         self._templates = {}
         self._passages, self._passage = packed(new_passage())
         self._log, self._states = np.zeros((KEPT, LOGGED)), np.zeros((KEPT, len(MARKERS)), np.int8)
-        self._report = copied(self._kept[-1])
         self._incoming = self._rcl.octets(LONGEST)
         self._outgoing = [self._rcl.octets() for _ in range(ANSWERS)]
         self._mutex = self._rcl.mutex()
@@ -245,16 +244,17 @@ class Direct:
         Frames or None
             None where there were none.
         """
+        seen = another(self._kept[-1])
         kept, count, seconds, nanoseconds = _look(
-            self._lines, self._passages, self._kept[-1], self._log, self._states, self._report)
+            self._lines, self._passages, self._kept[-1], self._log, self._states, seen)
         if not kept:
             return None
         log = self._log[:kept]
         received, published, times = log[:, (RECEIVED, PUBLISHED, TIME)].T.tolist()
         if kept < count:
             times[0] = np.nan
-        # Glimpses and the state keep what they are given.
-        return Frames(count, (seconds, nanoseconds), self._tracker.told(copied(self._report)),
+        # Glimpses keep what they are given.
+        return Frames(count, (seconds, nanoseconds), self._tracker.told(seen),
                       received, published, times, glimpses(log, self._states[:kept].copy()))
 
     def _serve(self):

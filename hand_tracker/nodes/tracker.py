@@ -42,7 +42,6 @@ except ImportError:
     StaticTransformBroadcaster = None
 
 WATCH_PERIOD = .25      # [s]
-LOOK_RATE = 10.         # at which frames of the short way are looked at, at least [Hz]
 # Timers of ROS time would stand still without /clock.
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 NAMELESS = 'world'      # frame of markers that have none, as TF needs one
@@ -152,7 +151,8 @@ class TrackerNode(Node):
         if self._direct is None:
             yield
             return
-        self._look_timer = self.create_timer(1. / LOOK_RATE, self._look, clock=STEADY)
+        self._look_timer = self.create_timer(WATCH_PERIOD, self._look, clock=STEADY)
+        self._look_timer.cancel()
         self._direct.open(self, self._subscription, self._look, self._on_markers)
         try:
             yield
@@ -334,10 +334,16 @@ class TrackerNode(Node):
         if self._is_direct:
             if wanted != self._confidence_wanted:
                 self._direct.shut()
-            is_shown = self._hand_markers.get_subscription_count() > 0
-            self._look_timer.timer_period_ns = period_ns(
-                max(LOOK_RATE, self._settings.display_rate) if is_shown else LOOK_RATE)
+            self._heed_viewers()
         self._confidence_wanted = wanted
+
+    def _heed_viewers(self):
+        if not self._hand_markers.get_subscription_count():
+            self._look_timer.cancel()
+            return
+        self._look_timer.timer_period_ns = period_ns(self._settings.display_rate)
+        if self._look_timer.is_canceled():
+            self._look_timer.reset()
 
     def _diagnose(self):
         self._look()
