@@ -739,7 +739,7 @@ def test_a_wrong_command_line_ends_with_one_line_and_exit_code_1(rule):
     assert 'Traceback' not in process.output
 
 
-@pytest.mark.parametrize('delay', [.2, .35, .5])
+@pytest.mark.parametrize('delay', [.2, .35, .5, .7, .9])
 def test_an_interrupt_while_importing_is_quiet(delay):
     # Python tells of each module: the time counts from the entry on, however slow its own start.
     with Process([sys.executable, '-X', 'importtime', '-m', 'hand_tracker.nodes.entry', 'tracker'],

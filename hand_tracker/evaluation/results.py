@@ -71,7 +71,7 @@ def write_results(path, rows, modules, options, command):
     made = ', '.join(f'{name} {number}' for name, number in versions().items())
     parts = ['# Results', 'Made by a command, not by hand; the same seed gives the same '
              'numbers, but for times measured by the clock. Speed, start-up and memory have '
-             'commands of their own, and tables in docs/benchmarks.md.',
+             'commands of their own, and tables in [benchmarks.md](benchmarks.md).',
              f'```\n{command}\n```',
              *(['`CAPTURES` is the folder of the recordings.'] if '$' in command else []),
              f'- Versions: {made}; kernels {"compiled" if COMPILED else "not compiled"}.\n'
