@@ -22,7 +22,7 @@ except ImportError:
 
 UNUSED = 30 * 86400.  # [s] after which kernels of other sources may go
 
-CONSTANTS = 'marker_frame.py',  # files without kernels of their own
+COMPILED_IN = 'marker_frame.py', 'rcl.py'  # files without kernels of their own
 KERNEL = re.compile(rb'@(partial\()?jit\b')
 
 COMPILED = numba is not None and os.environ.get('HAND_TRACKER_JIT', '1') != '0'
@@ -32,7 +32,7 @@ def kernel_sources():
     """Return the files that kernels are in, or constants that are compiled into them."""
     core = Path(__file__).parent
     return [path for path in sorted(core.parent.rglob('*.py'))
-            if path.parent == core or path.name in CONSTANTS or KERNEL.search(path.read_bytes())]
+            if path.parent == core or path.name in COMPILED_IN or KERNEL.search(path.read_bytes())]
 
 
 def _cache_folder():
