@@ -10,6 +10,7 @@ UPDATE = """
 from hand_tracker.core.tracker import HandTracker
 tracker = HandTracker()
 tracker.update([[0.] * 3] * 8)
+tracker.update([[0.] * 3] * 8, distal_flexion=[0.] * 5)
 """
 DIRECT = UPDATE + """
 from hand_tracker.nodes.direct import Direct

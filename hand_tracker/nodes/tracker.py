@@ -16,7 +16,7 @@ from visualization_msgs.msg import MarkerArray
 from ..codec import MalformedMessage, Stamp
 from ..core import jit
 from ..core.errors import HandTrackerError
-from ..core.hand import JOINTS
+from ..core.hand import DIGITS, JOINTS
 from ..core.kinematics import forward, joint_table, tip_offsets
 from ..core.layout import marker_positions
 from ..core.tracker import HandTracker
@@ -117,8 +117,10 @@ class TrackerNode(Node):
         start = time.monotonic()
         table = joint_table(self._hand)
         rest = forward(table, np.zeros(len(JOINTS)))
-        state = HandTracker(self._hand, layout, self._settings.options).update(
-            marker_positions(layout.mounting(self._hand), rest))
+        tracker = HandTracker(self._hand, layout, self._settings.options)
+        for measured in None, np.full(len(DIGITS), np.nan):
+            state = tracker.update(
+                marker_positions(layout.mounting(self._hand), rest), distal_flexion=measured)
         transform_numbers(table, state)
         if direct:
             try:
