@@ -151,8 +151,7 @@ class Direct:
             self._lines.dtype, self._passages.dtype, *(pack.dtype for pack in self._kept))
         # Compiled before the first frame waits for them.
         self.frames()
-        _open(self._lines)
-        _shut(self._lines)
+        _set_open(self._lines, False)
 
     def open(self, node, subscription, on_pause, on_message):
         """Let messages come as soon as the node is served, to go the long way at first.
@@ -205,7 +204,7 @@ class Direct:
     def shut(self):
         """Let the next message go the long way."""
         self.forget()
-        _shut(self._lines)
+        _set_open(self._lines, False)
 
     def teach(self, kind, stamp, scale, zero_is_missing, answers):
         """Let messages like the last one, which came the long way, pass from the next one on.
@@ -268,13 +267,13 @@ class Direct:
             # Else the middleware might still call what Python has taken down.
             atexit.register(self.close)
             self._listen(self._callback.address)
-        _shut(self._lines)
+        _set_open(self._lines, False)
         self._on_pause()
         for _ in range(TURN):
             data = self._next()
             if data is None:
                 if self._is_taught:
-                    _open(self._lines)
+                    _set_open(self._lines, True)
                 return
             self._on_message(data)
         self._rcl.reset_timer(self._timer.handle.pointer)
@@ -292,19 +291,11 @@ class Direct:
 
 # Whoever waits here lets others have the interpreter.
 @partial(jit, nogil=True)
-def _shut(lines):
-    """Shut the short way, when no message is on it."""
+def _set_open(lines, is_open):
+    """Open or shut the short way, when no message is on it."""
     line = lines[0]
     call(line.lock, line.mutex, 0, 0, 0)
-    line.is_open[0] = 0
-    call(line.unlock, line.mutex, 0, 0, 0)
-
-
-@partial(jit, nogil=True)
-def _open(lines):
-    line = lines[0]
-    call(line.lock, line.mutex, 0, 0, 0)
-    line.is_open[0] = 1
+    line.is_open[0] = is_open
     call(line.unlock, line.mutex, 0, 0, 0)
 
 
