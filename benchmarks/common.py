@@ -4,7 +4,7 @@ import json
 import os
 from pathlib import Path
 
-from hand_tracker.core.jit import COMPILED
+from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.evaluation.results import hardware, versions
 
 ROOT = Path(__file__).resolve().parent.parent

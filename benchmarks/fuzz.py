@@ -6,18 +6,18 @@ are mixed with nonsense and with live changes of hand, layout and options:
 """
 
 import argparse
+import time
 from collections import Counter
 from dataclasses import fields
-import time
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.errors import InvalidLayout
 from hand_tracker.core.hand import Hand, preset_coupling, preset_limits
 from hand_tracker.core.kinematics import forward, joint_table
 from hand_tracker.core.layout import PAPER_PLACES, MarkerLayout, marker_positions
 from hand_tracker.core.tracker import HandTracker, MarkerState, TrackerOptions
-from scipy.spatial.transform import Rotation
 
 WILD = np.array((0., -0., np.nan, np.inf, -np.inf, 1e30, -1e30, 1e308, 5e-324, 1e-300, 1e3, -1e3,
                  1e-3, .1))

@@ -25,13 +25,22 @@ from benchmarks.common import add_json_option, environment, put_stamps, write_ro
 from benchmarks.round_trip import isolate, messages
 from hand_tracker.codec import MarkerReader, joint_state_template
 from hand_tracker.core.hand import JOINTS
-from hand_tracker.core.jit import another, packed
 from hand_tracker.core.layout import MARKERS
+from hand_tracker.core.numerics.jit import another, packed
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.labels import LabelMap
 from hand_tracker.marker_frame import seconds
 from hand_tracker.passage import (
-    ANGLES, KEPT, LOGGED, look, new_passage, note, pass_message, teach_answer, teach_kind)
+    ANGLES,
+    KEPT,
+    LOGGED,
+    look,
+    new_passage,
+    note,
+    pass_message,
+    teach_answer,
+    teach_kind,
+)
 from hand_tracker.simulation.recording import START_NS, demo_recording
 
 HOUR = 432_000    # frames at 120 Hz
@@ -77,6 +86,7 @@ def node_frames():
     """Return a function of a frame's number that gives the frame to a node."""
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
+
     from hand_tracker.nodes.tracker import TrackerNode
     rclpy.init()
     node, executor = TrackerNode(), SingleThreadedExecutor()

@@ -22,7 +22,14 @@ if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.common import (
-    MARK, add_json_option, environ, environment, put_stamps, stamp_places, write_rows)
+    MARK,
+    add_json_option,
+    environ,
+    environment,
+    put_stamps,
+    stamp_places,
+    write_rows,
+)
 
 SHORT = 10.  # [s]
 OUTPUTS = 'csv', 'mcap'

@@ -33,12 +33,12 @@ from benchmarks.common import add_json_option, environment, write_rows
 from hand_tracker.calibration.landmarks import landmark_positions
 from hand_tracker.core.digit import chains, solve_digits
 from hand_tracker.core.hand import JOINTS, LINKS, ROOT, Hand
-from hand_tracker.core.jit import jit, packed
 from hand_tracker.core.kinematics import forward, joint_table
 from hand_tracker.core.layout import MARKERS, PALM_MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.numerics.jit import jit, packed
+from hand_tracker.core.numerics.vectors import components, frame, subtract, vector
 from hand_tracker.core.palm import place_palm
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.core.vectors import components, frame, subtract, vector
 from hand_tracker.simulation.motions import motion_named
 from hand_tracker.urdf import urdf
 
@@ -229,8 +229,8 @@ class Pink(Programmes):
     """Frame tasks on positions, limits of joints, DAQP."""
 
     def __init__(self, scene, given, rounds):
-        import pinocchio
         import pink
+        import pinocchio
         super().__init__(rounds)
         self._scene, self._pink, self._pinocchio = scene, pink, pinocchio
         floating = () if given else (pinocchio.JointModelFreeFlyer(),)

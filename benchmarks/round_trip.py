@@ -26,7 +26,14 @@ if not __package__:
 import numpy as np
 
 from benchmarks.common import (
-    MARK, add_json_option, environ, environment, put_stamps, stamp_places, write_rows)
+    MARK,
+    add_json_option,
+    environ,
+    environment,
+    put_stamps,
+    stamp_places,
+    write_rows,
+)
 
 HANDS = 'right', 'left'
 START = 1_700_000_000  # [s] of the first stamp
@@ -55,6 +62,7 @@ def echo(args):
     from rclpy.qos import QoSProfile, ReliabilityPolicy
     from sensor_msgs.msg import JointState
     from visualization_msgs.msg import MarkerArray
+
     from hand_tracker.core.hand import JOINTS
 
     rclpy.init(args=args)
@@ -182,6 +190,7 @@ def messages(side, rate):
     from builtin_interfaces.msg import Time
     from rclpy.serialization import serialize_message
     from visualization_msgs.msg import Marker, MarkerArray
+
     from hand_tracker.core.hand import Hand
     from hand_tracker.core.layout import MARKERS
     from hand_tracker.simulation.recording import demo_recording

@@ -27,7 +27,14 @@ from hand_tracker.evaluation.simulated import trial
 from hand_tracker.evaluation.tracking import tracked_joints
 from hand_tracker.images import blank, drawn, place, save_gif, write
 from hand_tracker.palette import (
-    DIGIT_COLOURS, FLESH, ORANGE, REDDISH_PURPLE, SKY_BLUE, VERMILLION, rgb)
+    DIGIT_COLOURS,
+    FLESH,
+    ORANGE,
+    REDDISH_PURPLE,
+    SKY_BLUE,
+    VERMILLION,
+    rgb,
+)
 from hand_tracker.plot import history, page
 from hand_tracker.render import Camera, Mesh, ball, bone, render, view_axes
 from hand_tracker.simulation.recording import RATE, demo_recording

@@ -13,11 +13,24 @@ from typing import NamedTuple
 import numpy as np
 
 from .core.errors import HandTrackerError
-from .core.jit import COMPILED, jit
 from .core.layout import MARKERS
+from .core.numerics.jit import COMPILED, jit
 from .marker_frame import (
-    ADD, CUBE, CUBE_LIST, CYLINDER, POINTS, SPHERE, SPHERE_LIST, TRIANGLE_LIST, Head,
-    MarkerFrame, Sources, find_sources, placed, scaled)
+    ADD,
+    CUBE,
+    CUBE_LIST,
+    CYLINDER,
+    POINTS,
+    SPHERE,
+    SPHERE_LIST,
+    TRIANGLE_LIST,
+    Head,
+    MarkerFrame,
+    Sources,
+    find_sources,
+    placed,
+    scaled,
+)
 
 ENCAPSULATION = 4  # [bytes] before the message proper, from which on alignment counts
 LITTLE_ENDIAN = b'\0\1\0\0'

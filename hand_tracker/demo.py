@@ -19,9 +19,9 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from .core.errors import HandTrackerError
-from .core.jit import COMPILED
 from .core.kinematics import forward, joint_table, tip_offsets
 from .core.layout import PALM_MARKERS, marker_positions
+from .core.numerics.jit import COMPILED
 from .core.palm import place_palm
 from .core.skeleton import skeleton_points
 from .files.angle_table import write_angle_table

@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from .core.hand import DIGITS, JOINTS, LINKS, ROOT
-from .core.quaternion import tell_transforms
+from .core.numerics.quaternion import tell_transforms
 
 
 class Names(NamedTuple):

@@ -12,16 +12,23 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from .codec import (
-    MalformedMessage, MarkerReader, Stamp, joint_state_template, transforms_template)
+from .codec import MalformedMessage, MarkerReader, Stamp, joint_state_template, transforms_template
 from .core.errors import HandTrackerError
 from .core.hand import JOINTS, ROOT
 from .core.layout import MARKERS
-from .core.quaternion import quaternion
+from .core.numerics.quaternion import quaternion
 from .core.tracker import HandState, HandTracker
 from .files.angle_table import write_angle_table
 from .files.bags import (
-    JOINT_STATE, MARKER_ARRAY, STORAGE, TF, BagError, BagMessage, open_bag, write_bag)
+    JOINT_STATE,
+    MARKER_ARRAY,
+    STORAGE,
+    TF,
+    BagError,
+    BagMessage,
+    open_bag,
+    write_bag,
+)
 from .files.hand_file import add_hand_options, choose_hand
 from .labels import DEFAULT_LABELS, InvalidLabel, LabelMap
 from .marker_frame import FrameTime

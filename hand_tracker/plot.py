@@ -22,8 +22,8 @@ from .core.errors import HandTrackerError
 from .core.hand import DIGITS, JOINTS
 from .core.layout import MARKERS, PALM_MARKERS
 from .core.tracker import MarkerState
-from .offline import add_recording_options, run_command, tracked_recording
 from .nodes.tracker_parameters import STILL
+from .offline import add_recording_options, run_command, tracked_recording
 from .palette import ANGLE, GRID, INK, MARKER_COLOURS, MUTED, PAPER, VERMILLION
 
 PDF, PNG = '.pdf', '.png'

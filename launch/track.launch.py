@@ -7,7 +7,6 @@ from pathlib import Path
 
 import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -15,6 +14,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from hand_tracker.nodes.tracker_parameters import AUTO, START, starting_hand
 from hand_tracker.share import packaged_recording
 from hand_tracker.urdf import urdf
+from launch import LaunchDescription
 
 ARGUMENTS = (
     DeclareLaunchArgument(

@@ -6,12 +6,27 @@ from itertools import islice
 import numpy as np
 import pytest
 from rosbags.interfaces import (
-    Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime)
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from hand_tracker.files.bags import (
-    JOINT_STATE, MARKER_ARRAY, TYPES, BagError, BagMessage, bag_message, joint_state_message,
-    marker_array_message, open_bag, write_bag)
+    JOINT_STATE,
+    MARKER_ARRAY,
+    TYPES,
+    BagError,
+    BagMessage,
+    bag_message,
+    joint_state_message,
+    marker_array_message,
+    open_bag,
+    write_bag,
+)
 
 START = 1_700_000_000_000_000_000
 PERIOD = 8_333_333

@@ -9,9 +9,21 @@ from hand_tracker.core.layout import MARKERS, marker_positions
 from hand_tracker.core.skeleton import BONES, bone_radii, skeleton_points
 from hand_tracker.simulation.cameras import RING_CENTRE, CameraRig, InvalidRig, looking_at
 from hand_tracker.simulation.faults import (
-    MIRROR_HEIGHT, Event, Faults, InvalidFaults, fault_events, with_faults)
+    MIRROR_HEIGHT,
+    Event,
+    Faults,
+    InvalidFaults,
+    fault_events,
+    with_faults,
+)
 from hand_tracker.simulation.sight import (
-    MARKER_RADIUS, in_view, look, skin_layout, triangulate, unobstructed)
+    MARKER_RADIUS,
+    in_view,
+    look,
+    skin_layout,
+    triangulate,
+    unobstructed,
+)
 
 HAND = Hand.scaled()
 LAYOUT = skin_layout(HAND)

@@ -3,14 +3,22 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hand_tracker.core.capsules import (
-    PALM, WEB, capsules, close_pairs, nearest_points, pair_gaps, place_capsules)
-from hand_tracker.core.hand import DIGITS, FINGERS, LINKS, SIDES, Hand, preset_limits
-from hand_tracker.core.jit import packed
-from hand_tracker.core.kinematics import forward, joint_table, tip_offsets
 from hypothesis import given, settings
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import minimize
+
+from hand_tracker.core.capsules import (
+    PALM,
+    WEB,
+    capsules,
+    close_pairs,
+    nearest_points,
+    pair_gaps,
+    place_capsules,
+)
+from hand_tracker.core.hand import DIGITS, FINGERS, LINKS, SIDES, Hand, preset_limits
+from hand_tracker.core.kinematics import forward, joint_table, tip_offsets
+from hand_tracker.core.numerics.jit import packed
 
 settings.register_profile('capsules', deadline=None, max_examples=100, derandomize=True)
 settings.load_profile('capsules')

@@ -6,6 +6,7 @@
 import numpy as np
 import pytest
 from captures import capture_path
+from scipy.spatial.transform import Rotation
 
 from hand_tracker.calibration import fit_hand, landmark_positions
 from hand_tracker.core.hand import Hand, preset_coupling, preset_limits
@@ -14,7 +15,6 @@ from hand_tracker.core.layout import MarkerLayout
 from hand_tracker.core.likeness import exchange_clearly_wrong, usual_places
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.evaluation.captures import load_capture
-from scipy.spatial.transform import Rotation
 
 MANIPNET = tuple(f'manipnet__{take}_{side}Hand' for take in ('cup1', 'cyl_med3')
                  for side in ('left', 'right'))

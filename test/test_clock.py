@@ -2,9 +2,18 @@
 
 import numpy as np
 import pytest
+
 from hand_tracker.core.clock import (
-    BACKWARD, FARTHEST, LONGEST, REPEATS, SHORTEST, USUAL_STEP, new_clock, step_to)
-from hand_tracker.core.jit import packed
+    BACKWARD,
+    FARTHEST,
+    LONGEST,
+    REPEATS,
+    SHORTEST,
+    USUAL_STEP,
+    new_clock,
+    step_to,
+)
+from hand_tracker.core.numerics.jit import packed
 
 
 class Clock:

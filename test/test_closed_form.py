@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from hand_tracker.core.closed_form import FASTEST, closed_form, miss_distance, one_bend
 
 LOWER, UPPER = np.radians((-10., -10.)), np.radians((85., 95.))

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 pytest.importorskip('visualization_msgs.msg', reason='needs the ROS 2 messages')
 pytest.importorskip('rclpy', reason='needs ROS 2')
 
-from builtin_interfaces.msg import Time  # noqa: E402
 import rclpy  # noqa: E402
+from builtin_interfaces.msg import Time  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import ColorRGBA  # noqa: E402
@@ -21,9 +21,16 @@ from visualization_msgs.msg import Marker, MarkerArray, UVCoordinate  # noqa: E4
 
 from hand_tracker import codec  # noqa: E402
 from hand_tracker.codec import (  # noqa: E402
-    ENCAPSULATION, KINDS, MalformedMessage, MarkerReader, Stamp, joint_state_template,
-    transforms_template, walk)
-from hand_tracker.core.quaternion import quaternion  # noqa: E402
+    ENCAPSULATION,
+    KINDS,
+    MalformedMessage,
+    MarkerReader,
+    Stamp,
+    joint_state_template,
+    transforms_template,
+    walk,
+)
+from hand_tracker.core.numerics.quaternion import quaternion  # noqa: E402
 from hand_tracker.labels import LabelMap  # noqa: E402
 from hand_tracker.marker_frame import markers_from_message  # noqa: E402
 from hand_tracker.messages import joint_state, prefixed_names  # noqa: E402
@@ -374,8 +381,9 @@ def test_a_node_publishes_the_same_either_way(monkeypatch, agrees):
 
 
 def _hand():
-    from hand_tracker.core.tracker import HandTracker
     from test_messages import rest_state
+
+    from hand_tracker.core.tracker import HandTracker
     markers = rest_state().markers + 1.  # none at zero, which is a lost one
     return markers, HandTracker().update(markers).angles
 

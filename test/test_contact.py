@@ -7,6 +7,10 @@ import sys
 import hypothesis.strategies as st
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis.extra.numpy import arrays
+from scipy.optimize import minimize
+
 from hand_tracker.core.capsules import capsules, pair_gaps, place_capsules
 from hand_tracker.core.contact import AIM, GAP, PENETRATION, carry, separate
 from hand_tracker.core.digit import ABDUCTION, FLEXION
@@ -14,9 +18,6 @@ from hand_tracker.core.hand import JOINTS, Hand, preset_limits
 from hand_tracker.simulation.gestures import GRASPS, LETTERS, grasp_shape, shape_angles
 from hand_tracker.simulation.motions import MOTIONS, motion_named
 from hand_tracker.simulation.poses import POSES, pose_angles
-from hypothesis import given, settings
-from hypothesis.extra.numpy import arrays
-from scipy.optimize import minimize
 
 settings.register_profile('contact', deadline=None, max_examples=100, derandomize=True)
 settings.load_profile('contact')

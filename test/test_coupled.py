@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from hand_tracker.core.coupled import coupled_angle, coupled_end, coupled_form, straightest
 
 BONES = (.046, .036, .029)

@@ -12,19 +12,18 @@ import pytest
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
 
+import rclpy  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from geometry_msgs.msg import Point  # noqa: E402
-import rclpy  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from ros_process import NodeProcess, watching_node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
-from test_tracker_node import (  # noqa: E402
-    LATE, MODULE, RIGHT, Bench, hand_at, lines, message, motion, stamp_of)
+from test_tracker_node import LATE, MODULE, RIGHT, Bench, hand_at, lines, message, motion, stamp_of  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
 from hand_tracker.core.hand import JOINTS  # noqa: E402
-from hand_tracker.core.jit import COMPILED  # noqa: E402
+from hand_tracker.core.numerics.jit import COMPILED  # noqa: E402
 from hand_tracker.nodes import direct  # noqa: E402
 from hand_tracker.nodes.common import INTERRUPTS, run  # noqa: E402
 

@@ -1,10 +1,10 @@
 """The set-up scripts: a failure says what is missing and how to get it. Nothing is downloaded."""
 
 import os
-from pathlib import Path
 import shutil
 import subprocess
 import time
+from pathlib import Path
 
 import pytest
 

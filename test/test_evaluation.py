@@ -12,8 +12,18 @@ from hand_tracker.calibration import LANDMARKS, fit_hand
 from hand_tracker.core.hand import FINGERS, JOINTS
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.evaluation import (
-    baselines, command, fitting, noise, noise_pip, occlusion, plain_hand, recordings, results,
-    simulated, solvers)
+    baselines,
+    command,
+    fitting,
+    noise,
+    noise_pip,
+    occlusion,
+    plain_hand,
+    recordings,
+    results,
+    simulated,
+    solvers,
+)
 from hand_tracker.evaluation.captures import Capture, InvalidCapture, load_capture
 from hand_tracker.evaluation.demo_frames import demo_frames, tracked_hand
 from hand_tracker.evaluation.options import Options

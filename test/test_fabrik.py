@@ -1,6 +1,7 @@
 """FABRIK with hinge limits: agrees with the closed form, and survives its known traps."""
 
 import numpy as np
+
 from hand_tracker.core.closed_form import closed_form
 from hand_tracker.core.fabrik import fabrik
 

@@ -8,8 +8,17 @@ import pytest
 
 from hand_tracker.core.errors import HandTrackerError, InvalidHand
 from hand_tracker.core.hand import (
-    DIGITS, FINGERS, JOINTS, LINKS, RELAXED, RELAXED_THUMB, Hand, joint_kind, preset_coupling,
-    preset_limits)
+    DIGITS,
+    FINGERS,
+    JOINTS,
+    LINKS,
+    RELAXED,
+    RELAXED_THUMB,
+    Hand,
+    joint_kind,
+    preset_coupling,
+    preset_limits,
+)
 from hand_tracker.core.kinematics import forward, joint_table
 
 # Table 1 of the paper: extension θ1, flexion θ3, abduction θ2, adduction θ4 [degrees].

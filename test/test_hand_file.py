@@ -12,8 +12,18 @@ from hand_tracker.core.errors import HandTrackerError, InvalidHand
 from hand_tracker.core.hand import JOINTS, SIDES, Hand, preset_coupling, preset_limits
 from hand_tracker.core.layout import MARKERS, PAPER_PLACES, MarkerLayout
 from hand_tracker.files.hand_file import (
-    BREADTH, COUPLING_OFFSET, KEYS, LENGTH, RADIUS, SPLAY, THUMB, InvalidHandFile, choose_hand,
-    load_hand, save_hand)
+    BREADTH,
+    COUPLING_OFFSET,
+    KEYS,
+    LENGTH,
+    RADIUS,
+    SPLAY,
+    THUMB,
+    InvalidHandFile,
+    choose_hand,
+    load_hand,
+    save_hand,
+)
 
 EXAMPLE = Path(__file__).parents[1] / 'config' / 'hand.yaml'
 

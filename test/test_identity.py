@@ -7,18 +7,25 @@ import sys
 import hypothesis.strategies as st
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from scipy.spatial.transform import Rotation
+
 from hand_tracker.core.digit import chains
 from hand_tracker.core.hand import Hand
 from hand_tracker.core.identity import (
-    ACCEPTED, REJECTED, SWAPPED, blank_memory, hand_bounds, identify)
+    ACCEPTED,
+    REJECTED,
+    SWAPPED,
+    blank_memory,
+    hand_bounds,
+    identify,
+)
 from hand_tracker.core.kinematics import forward, joint_table
 from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.likeness import usual_places
 from hand_tracker.core.occlusion import visible
 from hand_tracker.core.tracker import MarkerState
 from hand_tracker.simulation.motions import motion_named
-from hypothesis import given, settings
-from scipy.spatial.transform import Rotation
 
 GATE, MARGIN, PATIENCE = 5., 1.5, .3
 STEP = 1. / 120.

@@ -2,9 +2,15 @@
 
 import numpy as np
 import pytest
+
 from hand_tracker.core.hand import JOINTS, Hand
 from hand_tracker.core.interdependence import (
-    keep_near_neighbours, learn, no_habits, prior_of, shares_of)
+    keep_near_neighbours,
+    learn,
+    no_habits,
+    prior_of,
+    shares_of,
+)
 
 LINKS = .6, .8, .7
 SPREAD, HORIZON, FLOOR = .03, .3, .003

@@ -11,7 +11,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hand_tracker.core.jit import COMPILED, another, kernel_sources, overwrite, packed, parts
+
+from hand_tracker.core.numerics.jit import (
+    COMPILED,
+    another,
+    kernel_sources,
+    overwrite,
+    packed,
+    parts,
+)
 from hand_tracker.core.report import blank_report
 from hand_tracker.core.sequence import blank_state
 
@@ -90,7 +98,7 @@ def test_kernels_of_other_sources_go_when_unused_for_a_month(tmp_path):
         return folder
 
     def start():
-        subprocess.run([sys.executable, '-c', 'import hand_tracker.core.jit'], check=True,
+        subprocess.run([sys.executable, '-c', 'import hand_tracker.core.numerics.jit'], check=True,
                        env=environment)
         return {path.name for path in caches.iterdir()}
 

@@ -17,8 +17,16 @@ import pytest
 import yaml
 
 from hand_tracker.core.hand import (
-    COUPLING_PRESETS, DIGITS, JOINTS, LIMIT_PRESETS, LINKS, MEAN_LENGTH, SIDES, Hand,
-    preset_limits)
+    COUPLING_PRESETS,
+    DIGITS,
+    JOINTS,
+    LIMIT_PRESETS,
+    LINKS,
+    MEAN_LENGTH,
+    SIDES,
+    Hand,
+    preset_limits,
+)
 from hand_tracker.core.layout import MarkerLayout
 from hand_tracker.files.bags import bag_message, joint_state_message, open_bag, write_bag
 from hand_tracker.files.hand_file import save_hand

@@ -12,13 +12,14 @@ if LACK is not None:
 
 launch_testing = pytest.importorskip('launch_testing')
 
-from launch import LaunchDescription  # noqa: E402
 from launch.actions import IncludeLaunchDescription  # noqa: E402
 from launch.launch_description_sources import PythonLaunchDescriptionSource  # noqa: E402
 from launch_testing.actions import ReadyToTest  # noqa: E402
 from launch_testing.asserts import assertExitCodes  # noqa: E402
 from ros_process import watching_node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
+
+from launch import LaunchDescription  # noqa: E402
 
 
 @pytest.mark.launch_test

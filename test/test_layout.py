@@ -9,8 +9,14 @@ from hand_tracker.core.errors import HandTrackerError, InvalidLayout
 from hand_tracker.core.hand import FINGERS, JOINTS, LINKS, Hand
 from hand_tracker.core.kinematics import forward, joint_table
 from hand_tracker.core.layout import (
-    DIGIT_LANDMARKS, MARKERS, PALM_LANDMARKS, PALM_MARKERS, PAPER_PLACES, MarkerLayout,
-    marker_positions)
+    DIGIT_LANDMARKS,
+    MARKERS,
+    PALM_LANDMARKS,
+    PALM_MARKERS,
+    PAPER_PLACES,
+    MarkerLayout,
+    marker_positions,
+)
 
 ZERO = np.zeros(25)
 

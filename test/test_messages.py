@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from hand_tracker.core.hand import JOINTS, LINKS, Hand
 from hand_tracker.core.kinematics import forward, joint_table, tip_offsets
 from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
-from hand_tracker.core.quaternion import quaternion
+from hand_tracker.core.numerics.quaternion import quaternion
 from hand_tracker.core.tracker import HandTracker, MarkerState
 from hand_tracker.labels import InvalidLabel, LabelMap
 
@@ -23,8 +23,15 @@ from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 from hand_tracker import palette  # noqa: E402
 from hand_tracker.marker_frame import markers_from_message  # noqa: E402
 from hand_tracker.messages import (  # noqa: E402
-    diagnostics, fill_transforms, joint_state, link_frames, new_transforms, prefixed_names,
-    tip_frames, transform_numbers)
+    diagnostics,
+    fill_transforms,
+    joint_state,
+    link_frames,
+    new_transforms,
+    prefixed_names,
+    tip_frames,
+    transform_numbers,
+)
 from hand_tracker.nodes.diagnosis import Level, Status  # noqa: E402
 from hand_tracker.visuals import COLOURS, FADED, hand_markers  # noqa: E402
 

@@ -8,7 +8,12 @@ from hand_tracker.simulation.gestures import GRASPS, LETTERS, grasp_shape, shape
 from hand_tracker.simulation.layers import ENSLAVING, Strokes, Tremor, finger_stroke
 from hand_tracker.simulation.motion import demo_motion
 from hand_tracker.simulation.motions import (
-    DURATION_RANGE, MOTIONS, TREMOR_RATE, UnknownMotion, motion_named)
+    DURATION_RANGE,
+    MOTIONS,
+    TREMOR_RATE,
+    UnknownMotion,
+    motion_named,
+)
 
 HAND = Hand.scaled()
 HANDS = {'mean': HAND, 'small left': Hand.scaled(.16, .07, side='left'),

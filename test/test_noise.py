@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from hand_tracker.core.noise import LEAST, learn_noise, unknown_noise
 
 RATE = 120.

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hand_tracker.core.occlusion import reject_frozen, visible
 from scipy.spatial.transform import Rotation
+
+from hand_tracker.core.occlusion import reject_frozen, visible
 
 
 @pytest.mark.parametrize('row, expected', [

@@ -23,8 +23,16 @@ from hand_tracker.core.layout import MARKERS, MarkerLayout
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.angle_table import WRIST_COLUMNS
 from hand_tracker.files.bags import (
-    MARKER_ARRAY, TYPES, BagError, BagMessage, bag_message, joint_state_message,
-    marker_array_message, open_bag, write_bag)
+    MARKER_ARRAY,
+    TYPES,
+    BagError,
+    BagMessage,
+    bag_message,
+    joint_state_message,
+    marker_array_message,
+    open_bag,
+    write_bag,
+)
 from hand_tracker.files.hand_file import save_hand
 from hand_tracker.labels import LabelMap
 from hand_tracker.nodes.watch import Watch

@@ -1,18 +1,19 @@
 """The package as a whole: what it declares, what it installs, and what its core may import."""
 
 import ast
-from pathlib import Path
 import re
 import shutil
 import signal
 import subprocess
 import sys
+from pathlib import Path
 from xml.etree import ElementTree
 from zipfile import ZipFile
 
+import pytest
+
 import hand_tracker
 from hand_tracker import share
-import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA_FOLDERS = ('config', 'launch', 'recordings', 'urdf')
@@ -36,7 +37,7 @@ OPTIONAL = {'numba', 'llvmlite', 'viser'}
 
 FORBIDDEN_IN_CORE = {'PIL', 'matplotlib', 'rclpy', 'rosbags', 'scipy', 'skimage', 'tf2_ros',
                      'trimesh', 'yaml'}
-CORE = sorted((ROOT / 'hand_tracker' / 'core').glob('*.py'))
+CORE = sorted((ROOT / 'hand_tracker' / 'core').rglob('*.py'))
 
 
 def imported_modules(tree):
@@ -137,7 +138,7 @@ def test_entry_points_lead_to_functions():
         assert function in names, path
 
 
-@pytest.mark.parametrize('path', CORE, ids=lambda path: path.name)
+@pytest.mark.parametrize('path', CORE, ids=lambda path: str(path.relative_to(ROOT)))
 def test_core_needs_no_ros_no_files_and_no_plots(path):
     tree = parse(path)
     imported = set(imported_modules(tree))
@@ -148,7 +149,8 @@ def test_core_needs_no_ros_no_files_and_no_plots(path):
 
 
 def test_core_imports_nothing_of_the_rooms_around_it():
-    imports = ''.join(f'import hand_tracker.core.{path.stem}; ' for path in CORE)
+    names = ('.'.join(path.relative_to(ROOT).with_suffix('').parts) for path in CORE)
+    imports = ''.join(f'import {name.removesuffix(".__init__")}; ' for name in names)
     modules = set(run_python(f'{imports}import sys; print(*sys.modules)', cwd=ROOT).split())
     ours = {name for name in modules if name.startswith('hand_tracker.')}
     assert {name for name in ours if not re.match(r'hand_tracker\.core\b', name)} == set()

@@ -3,11 +3,19 @@
 import conformal
 import numpy as np
 import pytest
-from hand_tracker.core.palm import (
-    PalmState, palm_fault, place_palm, rigid_palm, spheres_and_plane, spheres_joint, triad,
-    triad_palm)
-from hand_tracker.core.vectors import vector
 from scipy.spatial.transform import Rotation
+
+from hand_tracker.core.numerics.vectors import vector
+from hand_tracker.core.palm import (
+    PalmState,
+    palm_fault,
+    place_palm,
+    rigid_palm,
+    spheres_and_plane,
+    spheres_joint,
+    triad,
+    triad_palm,
+)
 
 TEMPLATE = np.array(((0., 0., 0.), (.083, .021, -.003), (.068, -.034, -.006)))
 SOUND = (1.5, 0.3, 0.2)  # stretch, shrink, flatness

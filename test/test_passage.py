@@ -16,20 +16,38 @@ from test_messages import marker  # noqa: E402
 from visualization_msgs.msg import Marker  # noqa: E402
 
 from hand_tracker.codec import (  # noqa: E402
-    ENCAPSULATION, MarkerReader, Stamp, joint_state_template, transforms_template)
+    ENCAPSULATION,
+    MarkerReader,
+    Stamp,
+    joint_state_template,
+    transforms_template,
+)
 from hand_tracker.core.hand import JOINTS, Hand  # noqa: E402
-from hand_tracker.core.jit import another, overwrite, packed, parts  # noqa: E402
 from hand_tracker.core.kinematics import joint_table  # noqa: E402
 from hand_tracker.core.layout import MARKERS  # noqa: E402
+from hand_tracker.core.numerics.jit import another, overwrite, packed, parts  # noqa: E402
 from hand_tracker.core.palm import PalmState  # noqa: E402
 from hand_tracker.core.tracker import HandTracker, MarkerState  # noqa: E402
 from hand_tracker.labels import LabelMap  # noqa: E402
 from hand_tracker.marker_frame import seconds  # noqa: E402
-from hand_tracker.messages import (  # noqa: E402
-    link_frames, prefixed_names, transform_numbers, wrist_frames)
+from hand_tracker.messages import link_frames, prefixed_names, transform_numbers, wrist_frames  # noqa: E402
 from hand_tracker.passage import (  # noqa: E402
-    ANGLES, ANSWER_ROOM, ANSWERS, CONFIDENCE, KEPT, LOGGED, MESSAGE_ROOM, TRANSFORMS, glimpses,
-    look, new_passage, note, pass_message, teach_answer, teach_kind)
+    ANGLES,
+    ANSWER_ROOM,
+    ANSWERS,
+    CONFIDENCE,
+    KEPT,
+    LOGGED,
+    MESSAGE_ROOM,
+    TRANSFORMS,
+    glimpses,
+    look,
+    new_passage,
+    note,
+    pass_message,
+    teach_answer,
+    teach_kind,
+)
 from hand_tracker.simulation.recording import demo_recording  # noqa: E402
 
 NAMES = prefixed_names('right_')

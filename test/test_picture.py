@@ -17,7 +17,13 @@ from hand_tracker.core.skeleton import BONES, POINTS, bone_radii, skeleton_point
 from hand_tracker.files.bags import write_bag
 from hand_tracker.images import save_gif
 from hand_tracker.picture import (
-    DIGIT_COLOURS, GIF_RATE, HIDDEN_COLOUR, Track, save_animation, save_sheet)
+    DIGIT_COLOURS,
+    GIF_RATE,
+    HIDDEN_COLOUR,
+    Track,
+    save_animation,
+    save_sheet,
+)
 from hand_tracker.simulation.recording import demo_recording, recording_messages
 
 ROOT = Path(__file__).resolve().parents[1]

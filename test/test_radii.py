@@ -1,6 +1,7 @@
 """Calibration makes digits so thin that they pass through the recorded postures."""
 
 import numpy as np
+
 from hand_tracker.calibration import landmark_positions
 from hand_tracker.calibration.radii import THIN, fit_radii
 from hand_tracker.core.capsules import capsules, pair_gaps

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from hand_tracker.core.digit import ABDUCTION, DIGIT_OF_JOINT, FLEXION
 from hand_tracker.core.reentry import ease
 

@@ -5,8 +5,7 @@ import pytest
 
 from hand_tracker.core.hand import SIDES
 from hand_tracker.mesh import normals
-from hand_tracker.render import (
-    EYES, Camera, ball, bone, facing, fitted, joined, render, view_axes)
+from hand_tracker.render import EYES, Camera, ball, bone, facing, fitted, joined, render, view_axes
 
 RED, BLUE = (1., 0., 0.), (0., 0., 1.)
 FRONT = Camera(np.eye(3), np.zeros(3), .1)  # a picture element is a millimetre

@@ -7,11 +7,23 @@ import time
 import numpy as np
 import pytest
 from rosbags.interfaces import (
-    Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime)
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from hand_tracker.files.bags import (
-    MARKER_ARRAY, TYPES, bag_message, joint_state_message, marker_array_message, write_bag)
+    MARKER_ARRAY,
+    TYPES,
+    bag_message,
+    joint_state_message,
+    marker_array_message,
+    write_bag,
+)
 
 rclpy = pytest.importorskip('rclpy')
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.errors import InvalidLayout
 from hand_tracker.core.hand import FINGERS, JOINTS, Hand
@@ -21,9 +22,16 @@ from hand_tracker.simulation.faults import Faults
 from hand_tracker.simulation.motions import motion_named
 from hand_tracker.simulation.sight import skin_layout
 from hand_tracker.simulation.simulate import (
-    COUPLING_ERROR, LENGTH_ERROR, OFFSET_ERROR, SLOPE_ERROR, InvalidRate, Simulation, calibrated,
-    main, simulated_hand)
-from scipy.spatial.transform import Rotation
+    COUPLING_ERROR,
+    LENGTH_ERROR,
+    OFFSET_ERROR,
+    SLOPE_ERROR,
+    InvalidRate,
+    Simulation,
+    calibrated,
+    main,
+    simulated_hand,
+)
 
 ROOT = Path(__file__).resolve().parent.parent
 HAND = Hand.scaled()
@@ -214,8 +222,8 @@ def test_the_command_says_what_is_wrong_in_one_line(tmp_path, capsys, arguments,
 @pytest.mark.parametrize('rate', [480.])
 def test_the_node_publishes_at_its_rate_and_ends_cleanly(rate):
     pytest.importorskip('rclpy')
-    from ros_process import NodeProcess, watching_node
     from rclpy.qos import qos_profile_sensor_data
+    from ros_process import NodeProcess, watching_node
     from sensor_msgs.msg import JointState
     from visualization_msgs.msg import MarkerArray
 

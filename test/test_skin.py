@@ -8,12 +8,16 @@ from scipy.spatial.transform import Rotation
 trimesh = pytest.importorskip('trimesh', reason='trimesh is not installed')
 pytest.importorskip('skimage', reason='scikit-image is not installed')
 
-from hand_tracker.core.jit import COMPILED  # noqa: E402
 from hand_tracker.core.hand import JOINTS, LINKS, Hand  # noqa: E402
 from hand_tracker.core.kinematics import forward, joint_table  # noqa: E402
+from hand_tracker.core.numerics.jit import COMPILED  # noqa: E402
 from hand_tracker.simulation.poses import pose_angles  # noqa: E402
-from hand_tracker.skin import InvalidMesh, deform, load_skin  # noqa: E402
-from hand_tracker.skin import load  # noqa: E402
+from hand_tracker.skin import (  # noqa: E402
+    InvalidMesh,
+    deform,
+    load,  # noqa: E402
+    load_skin,
+)
 from hand_tracker.skin.command import main  # noqa: E402
 from hand_tracker.skin.measure import buried_share, volume, winding_numbers  # noqa: E402
 

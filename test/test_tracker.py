@@ -5,6 +5,10 @@ from dataclasses import replace
 import hypothesis.strategies as st
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
+
 from hand_tracker.core.digit import ABDUCTION, FLEXION, chains
 from hand_tracker.core.errors import InvalidLayout, InvalidOption
 from hand_tracker.core.hand import JOINTS, SIDES, Hand, preset_limits
@@ -14,9 +18,6 @@ from hand_tracker.core.plane import FIST_FAR
 from hand_tracker.core.tracker import HandTracker, MarkerState, PalmState, TrackerOptions
 from hand_tracker.simulation.sight import skin_layout
 from hand_tracker.simulation.simulate import calibrated
-from hypothesis import assume, given, settings
-from hypothesis.extra.numpy import arrays
-from scipy.spatial.transform import Rotation
 
 MIRROR = np.array((1., -1., 1.))
 # What is measured is what comes out: no filter, nothing moved apart.

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+
 from hand_tracker.core.capsules import capsules, pair_gaps
 from hand_tracker.core.digit import FLEXION
 from hand_tracker.core.hand import FINGERS, JOINTS, Hand
@@ -12,7 +14,6 @@ from hand_tracker.core.kinematics import forward, joint_table
 from hand_tracker.core.layout import MARKERS, PAPER_PLACES, MarkerLayout, marker_positions
 from hand_tracker.core.tracker import HandTracker, MarkerState, PalmState, TrackerOptions
 from hand_tracker.simulation.motions import motion_named
-from scipy.spatial.transform import Rotation
 
 RATE = 120.
 STEP = 1. / RATE

@@ -1,8 +1,8 @@
 """The tracker's parameters and the hand and options that they stand for, without ROS."""
 
+import re
 from dataclasses import fields
 from pathlib import Path
-import re
 
 import numpy as np
 import pytest
@@ -14,7 +14,12 @@ from hand_tracker.core.layout import MARKERS, PAPER_PLACES, MarkerLayout
 from hand_tracker.core.tracker import HandTracker, TrackerOptions
 from hand_tracker.files.hand_file import save_hand
 from hand_tracker.nodes.tracker_parameters import (
-    START, STILL, live_settings, live_table, starting_hand)
+    START,
+    STILL,
+    live_settings,
+    live_table,
+    starting_hand,
+)
 from hand_tracker.simulation.recording import demo_recording
 
 CONFIG = Path(__file__).parents[1] / 'config' / 'tracker.yaml'

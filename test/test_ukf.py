@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hand_tracker.core import jit, ukf
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+
+from hand_tracker.core import ukf
+from hand_tracker.core.numerics import jit
 
 ROOT = Path(__file__).resolve().parents[1]
 NOISE = 3e-4  # [m]

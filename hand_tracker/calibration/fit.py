@@ -4,7 +4,14 @@ import numpy as np
 
 from ..core.errors import InvalidHand
 from ..core.hand import (
-    CMC_OF_LENGTH, CMC_OF_MCP_BREADTH, FINGERS, MCP_OF_LENGTH, SIDES, Hand, preset_limits)
+    CMC_OF_LENGTH,
+    CMC_OF_MCP_BREADTH,
+    FINGERS,
+    MCP_OF_LENGTH,
+    SIDES,
+    Hand,
+    preset_limits,
+)
 from .fingers import fit_fingers
 from .landmarks import FINGER_ROWS, INDEX_MCP, LANDMARKS, LITTLE_MCP, MIDDLE_MCP, THUMB_ROWS
 from .palm import median_lengths, palm_areas, palm_coordinates

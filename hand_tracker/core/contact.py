@@ -7,8 +7,8 @@ import numpy as np
 
 from .capsules import PALM, axis_of, close_pairs, nearest_points, place_frames
 from .digit import ABDUCTION, FLEXION
-from .jit import indexed, jit
-from .vectors import add, clamp, cross, dot, scale, subtract, unit, vector
+from .numerics.jit import indexed, jit
+from .numerics.vectors import add, clamp, cross, dot, scale, subtract, unit, vector
 
 PENETRATION = .001   # [m] that flesh gives way; ours
 # Solved to this share of the tolerance: iteration ends with a small rest.

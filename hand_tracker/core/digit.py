@@ -13,11 +13,11 @@ from .closed_form import closed_form
 from .coupled import coupled_angle, coupled_form, straightest
 from .fabrik import fabrik
 from .hand import DIGITS, JOINTS, RELAXED, RELAXED_THUMB
-from .jit import jit
 from .kinematics import ABDUCTION_SIGN, digit_base
 from .layout import MARKERS
+from .numerics.jit import jit
+from .numerics.vectors import clamp, components, frame, vector
 from .plane import plane_abduction
-from .vectors import clamp, components, frame, vector
 
 ABDUCTION = np.array([JOINTS.index(
     'thumb_cmc_abduction' if digit == 'thumb' else f'{digit}_mcp_abduction')

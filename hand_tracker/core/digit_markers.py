@@ -5,9 +5,9 @@ import math
 import numpy as np
 
 from .interdependence import learn, shares_of
-from .jit import jit
+from .numerics.jit import jit
+from .numerics.vectors import add, components, dot, frame, length, scale, subtract, vector
 from .tracks import carry, follow
-from .vectors import add, components, dot, frame, length, scale, subtract, vector
 
 # From captures.
 HORIZON = .3           # [s] over which a velocity counts as a move

@@ -11,8 +11,8 @@ import math
 import numpy as np
 
 from .closed_form import flexion_of
-from .jit import jit
-from .vectors import clamp, clamp_angle
+from .numerics.jit import jit
+from .numerics.vectors import clamp, clamp_angle
 
 NUDGE = 0.1        # [rad] least flexion of the inner hinges at the start
 STAGNATION = 1e-3  # share of the error that eight iterations must gain

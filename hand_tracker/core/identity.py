@@ -13,15 +13,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .jit import jit
 from .likeness import (
-    CLEARLY, DISORDER, EXCHANGES, OUT_OF_ORDER, Usual, exchange,
-    exchange_between, exchange_clearly_wrong, spans_plane, unlikeness)
+    CLEARLY,
+    DISORDER,
+    EXCHANGES,
+    OUT_OF_ORDER,
+    Usual,
+    exchange,
+    exchange_between,
+    exchange_clearly_wrong,
+    spans_plane,
+    unlikeness,
+)
+from .numerics.jit import jit
+from .numerics.vectors import clamp, components, distance, scale, store, subtract, vector
 from .occlusion import FARTHEST
 from .palm import rigid_palm
 from .palm_markers import carry_palm
 from .report import REJECTED, SEEN, SWAPPED
-from .vectors import clamp, components, distance, scale, store, subtract, vector
 
 ACCEPTED = SEEN
 

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from .digit import FLEXION
-from .jit import jit
-from .vectors import clamp
+from .numerics.jit import jit
+from .numerics.vectors import clamp
 
 DIGITS = 5
 SIZE = 3 * DIGITS

@@ -13,11 +13,11 @@ import numpy as np
 
 from .digit import ABDUCTION, FLEXION
 from .hand import preset_limits
-from .jit import jit
 from .kinematics import forward, joint_table
 from .layout import PALM_MARKERS, marker_positions
+from .numerics.jit import jit
+from .numerics.vectors import components, cross, distance, dot, scale, subtract, vector
 from .palm import rigid_palm
-from .vectors import components, cross, distance, dot, scale, subtract, vector
 
 LEVELS = (.1, .3, .5, .7, .9)  # of each joint's range that are sampled
 # By how much a hand that nobody calibrated may differ from its template; ours

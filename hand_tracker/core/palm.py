@@ -8,10 +8,22 @@ conformal algebra; chirality settles its ±, so that the first frame needs no hi
 import enum
 import math
 
-from .jit import jit
-from .vectors import (
-    add, components, compose, cross, distance, dot, inverse, length, mix, scale, subtract,
-    unit, vector)
+from .numerics.jit import jit
+from .numerics.vectors import (
+    add,
+    components,
+    compose,
+    cross,
+    distance,
+    dot,
+    inverse,
+    length,
+    mix,
+    scale,
+    subtract,
+    unit,
+    vector,
+)
 
 
 class PalmState(enum.IntEnum):

@@ -8,11 +8,23 @@ import math
 
 import numpy as np
 
-from .jit import jit
+from .numerics.jit import jit
+from .numerics.vectors import (
+    add,
+    cross,
+    dot,
+    frame,
+    length,
+    mix,
+    scale,
+    store,
+    subtract,
+    turn,
+    unit,
+    vector,
+)
 from .palm import CARRIED, LOST, TRACKED, WAITING, palm_fault, rigid_palm
 from .tracks import carry, follow
-from .vectors import (
-    add, cross, dot, frame, length, mix, scale, store, subtract, turn, unit, vector)
 
 # Weights in the rigid fit against that of a finger's marker; of predicted ones with none, one
 # and two of the palm's seen; from captures.

@@ -3,8 +3,8 @@
 import math
 
 from .clock import USUAL_STEP
-from .jit import jit
-from .vectors import clamp
+from .numerics.jit import jit
+from .numerics.vectors import clamp
 
 # Shares of the digit's reach in front of the joint between which the direction of the
 # marker gradually loses its say on abduction: below the first it has none. Ours.

@@ -7,8 +7,8 @@ reach, where the solution leaps.
 """
 
 from .digit import DIGIT_OF_JOINT
-from .jit import jit
-from .vectors import clamp
+from .numerics.jit import jit
+from .numerics.vectors import clamp
 
 
 @jit

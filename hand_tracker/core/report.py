@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .digit import DIGIT_OF_JOINT
-from .jit import jit
 from .kinematics import place_links
-from .vectors import add, clamp, distance, frame, mix, vector
+from .numerics.jit import jit
+from .numerics.vectors import add, clamp, distance, frame, mix, vector
 
 UNSURE = .01  # [m] standard deviation of a marker at which confidence is a third
 ASTRAY = .2    # [rad] that an angle is off its solution at which it is a third: UNSURE on a digit

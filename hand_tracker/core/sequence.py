@@ -16,10 +16,11 @@ from .digit import solve_digits
 from .digit_markers import follow_digits
 from .identity import HandBounds, Memory, blank_memory, identify
 from .interdependence import Habits, keep_near_neighbours, no_habits
-from .jit import jit, overwrite
 from .kinematics import JointTable
 from .layout import MARKERS, Mounting
 from .noise import Noise, learn_noise, unknown_noise
+from .numerics.jit import jit, overwrite
+from .numerics.vectors import clamp
 from .occlusion import reject_frozen, visible
 from .palm import LOST, TRACKED, WAITING, place_palm
 from .palm_markers import check_palm, expected_markers, follow_palm
@@ -28,7 +29,6 @@ from .reentry import ease
 from .report import deviation, tell_confidence, tell_markers, tell_pose
 from .smoothing import noise_on_palm
 from .tracks import Tracks, forget_motion, no_tracks
-from .vectors import clamp
 
 AT_ONCE = 1e-9     # [s] in which digits that were never seen relax in the first frame
 SETTLE = 150        # times that the first frame is solved

@@ -14,11 +14,10 @@ from .digit import chains, measure
 from .hand import DIGITS, Hand
 from .identity import hand_bounds
 from .interdependence import prior_of
-from .jit import another, packed, parts
 from .kinematics import Pose, forward, joint_table
-from .layout import (
-    MARKERS, PALM_MARKERS, MarkerLayout, marker_positions, require_solvable)
+from .layout import MARKERS, PALM_MARKERS, MarkerLayout, marker_positions, require_solvable
 from .likeness import usual_places
+from .numerics.jit import another, packed, parts
 from .options import TrackerOptions
 from .palm import PALM_STATES, PalmState
 from .report import MarkerState, blank_report

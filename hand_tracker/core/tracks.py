@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .jit import jit
+from .numerics.jit import jit
+from .numerics.vectors import store, vector
 from .smoothing import ACTIVITY, advance
 from .ukf import SIZE
-from .vectors import store, vector
 
 RECENT = .02   # [s] over which the pace is taken; from captures
 RESTART = .1   # [s] hidden, after which a marker's old motion says nothing of its new one

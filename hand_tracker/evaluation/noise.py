@@ -12,7 +12,12 @@ import numpy as np
 
 from ..core.hand import JOINTS
 from ..core.metrics import (
-    angle_distance, high_frequency_energy, jerk, joint_errors, palm_pose_error)
+    angle_distance,
+    high_frequency_energy,
+    jerk,
+    joint_errors,
+    palm_pose_error,
+)
 from ..core.tracker import HandTracker, TrackerOptions
 from . import noise_pip
 from .demo_frames import RATE, demo_frames, tracked_hand

@@ -25,7 +25,16 @@ from .captures import InvalidCapture, judge_each
 from .fitting import fitted_hand, fitted_plain
 from .plain_hand import PALM, palm_poses
 from .report import (
-    COLOURS, Picture, Table, figure_with, mean_and_p95, number, save, share_top, words)
+    COLOURS,
+    Picture,
+    Table,
+    figure_with,
+    mean_and_p95,
+    number,
+    save,
+    share_top,
+    words,
+)
 from .rows import mean_of, spread
 from .tracking import advance, track
 

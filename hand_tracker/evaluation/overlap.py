@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..core.capsules import axis_of, capsules, close_pairs, nearest_points, place_capsules
-from ..core.jit import indexed, jit, packed
+from ..core.numerics.jit import indexed, jit, packed
 
 
 def deepest_overlaps(hand, angles):

@@ -20,8 +20,7 @@ from ..core.tracker import HandTracker
 from .captures import judge_each
 from .fitting import fitted_hand, fitted_plain
 from .plain_hand import plain_joints
-from .report import (
-    COLOURS, Picture, Table, figure_with, mean_and_p95, save, share_top, words)
+from .report import COLOURS, Picture, Table, figure_with, mean_and_p95, save, share_top, words
 from .rows import mean_of, spread
 from .tracking import track, tracked_joints
 

@@ -6,8 +6,7 @@ from typing import NamedTuple
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..palette import (
-    BLUE, BLUISH_GREEN, GRID, INK, ORANGE, REDDISH_PURPLE, SKY_BLUE, VERMILLION)
+from ..palette import BLUE, BLUISH_GREEN, GRID, INK, ORANGE, REDDISH_PURPLE, SKY_BLUE, VERMILLION
 
 # Ours first, then what it is beside.
 COLOURS = (BLUE, ORANGE, BLUISH_GREEN, REDDISH_PURPLE, SKY_BLUE, VERMILLION, '#555555')

@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from .. import __version__
-from ..core.jit import COMPILED
+from ..core.numerics.jit import COMPILED
 from . import simulated
 from .report import Table
 

@@ -13,8 +13,7 @@ import numpy as np
 from ..core.metrics import JOINT_CLASSES, joint_errors
 from ..core.tracker import HandTracker, TrackerOptions
 from .demo_frames import RATE, demo_frames, tracked_hand
-from .report import (
-    COLOURS, INK, Picture, Table, figure_with, mean_and_p95, number, save, words)
+from .report import COLOURS, INK, Picture, Table, figure_with, mean_and_p95, number, save, words
 from .rows import spread
 from .simulated import moving_distance
 from .tracking import track, tracked_joints

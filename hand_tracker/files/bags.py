@@ -15,7 +15,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.typesys import Stores, get_typestore
 
 from ..core.errors import HandTrackerError
-from ..core.quaternion import quaternion
+from ..core.numerics.quaternion import quaternion
 
 MARKER_ARRAY = 'visualization_msgs/msg/MarkerArray'
 JOINT_STATE = 'sensor_msgs/msg/JointState'

@@ -14,8 +14,20 @@ import yaml
 
 from ..core.errors import HandTrackerError
 from ..core.hand import (
-    ANGLE_RANGE, COUPLING_PRESETS, DIGITS, FINGERS, JOINTS, LENGTH_RANGE, LIMIT_PRESETS,
-    POSITION_RANGE, SIDES, SLOPE_RANGE, Hand, preset_coupling, preset_limits)
+    ANGLE_RANGE,
+    COUPLING_PRESETS,
+    DIGITS,
+    FINGERS,
+    JOINTS,
+    LENGTH_RANGE,
+    LIMIT_PRESETS,
+    POSITION_RANGE,
+    SIDES,
+    SLOPE_RANGE,
+    Hand,
+    preset_coupling,
+    preset_limits,
+)
 from ..core.layout import MARKERS, OFFSET_RANGE, PAPER_PLACES, MarkerLayout
 
 

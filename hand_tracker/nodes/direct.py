@@ -19,11 +19,23 @@ from rclpy.clock import Clock, ClockType
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from ..codec import ENCAPSULATION
-from ..core.jit import CACHED, COMPILED, another, jit, packed
 from ..core.layout import MARKERS
+from ..core.numerics.jit import CACHED, COMPILED, another, jit, packed
 from ..passage import (
-    ANSWERS, KEPT, LOGGED, PUBLISHED, RECEIVED, TIME, glimpses, look, new_passage, note,
-    pass_message, teach_answer, teach_kind)
+    ANSWERS,
+    KEPT,
+    LOGGED,
+    PUBLISHED,
+    RECEIVED,
+    TIME,
+    glimpses,
+    look,
+    new_passage,
+    note,
+    pass_message,
+    teach_answer,
+    teach_kind,
+)
 from .common import EventsExecutor
 from .rcl import Rcl, Unavailable, address
 

@@ -27,7 +27,12 @@ from ..simulation.faults import Faults
 from ..simulation.motions import DURATION, DURATION_RANGE, MOTIONS, RATE_RANGE
 from ..simulation.recording import FRAME_ID, MARKER_TOPIC, TRUTH_TOPIC
 from ..simulation.simulate import (
-    PLACES_TOPIC, WRIST_TOPIC, Simulation, frame_messages, simulated_hand)
+    PLACES_TOPIC,
+    WRIST_TOPIC,
+    Simulation,
+    frame_messages,
+    simulated_hand,
+)
 from .common import declare, run, spin
 from .parameter import Parameter
 from .playback import read_ahead

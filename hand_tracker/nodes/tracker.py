@@ -14,16 +14,23 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from ..codec import MalformedMessage, Stamp
-from ..core import jit
 from ..core.errors import HandTrackerError
 from ..core.hand import DIGITS, JOINTS
 from ..core.kinematics import forward, joint_table, tip_offsets
 from ..core.layout import marker_positions
+from ..core.numerics import jit
 from ..core.tracker import HandTracker
 from ..marker_frame import FrameTime, seconds
 from ..messages import (
-    diagnostics, fill_transforms, link_frames, new_transforms, time_message, tip_frames,
-    transform_numbers, wrist_frames)
+    diagnostics,
+    fill_transforms,
+    link_frames,
+    new_transforms,
+    time_message,
+    tip_frames,
+    transform_numbers,
+    wrist_frames,
+)
 from ..passage import ANGLES, CONFIDENCE, TRANSFORMS
 from ..visuals import hand_markers
 from .common import declare, names_of, run

@@ -12,8 +12,18 @@ import numpy as np
 
 from ..core.errors import HandTrackerError
 from ..core.hand import (
-    ANGLE_RANGE, COUPLING_PRESETS, DIGITS, FINGERS, JOINTS, LIMIT_PRESETS, MEAN_BREADTH,
-    MEAN_LENGTH, SIDES, SLOPE_RANGE, Hand)
+    ANGLE_RANGE,
+    COUPLING_PRESETS,
+    DIGITS,
+    FINGERS,
+    JOINTS,
+    LIMIT_PRESETS,
+    MEAN_BREADTH,
+    MEAN_LENGTH,
+    SIDES,
+    SLOPE_RANGE,
+    Hand,
+)
 from ..core.layout import MARKERS
 from ..core.tracker import TrackerOptions
 from ..files.hand_file import InvalidHandFile, choose_hand

@@ -14,11 +14,15 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray, UVCoordinate
 
 from ..codec import (
-    MarkerReader, Stamp, joint_state_template, transforms_template, triangles_template)
+    MarkerReader,
+    Stamp,
+    joint_state_template,
+    transforms_template,
+    triangles_template,
+)
 from ..labels import LabelMap
 from ..marker_frame import markers_from_message
-from ..messages import (
-    fill_transforms, joint_state, new_transforms, prefixed_names, time_message)
+from ..messages import fill_transforms, joint_state, new_transforms, prefixed_names, time_message
 from ..visuals import LIFETIME, SKIN_COLOUR, SKIN_OPACITY, hand_skin
 
 try:

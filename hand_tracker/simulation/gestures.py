@@ -8,8 +8,22 @@ the bounds on how far neighbouring fingers differ.
 import numpy as np
 
 from .poses import (
-    AWAITING, FIST, FREE, FOUR, ONE, RELAXED, SPREAD, STRAIGHT, THREE, THUMB_OUT,
-    THUMB_READY, THUMB_RELAXED, TWO, apart, limits_of)
+    AWAITING,
+    FIST,
+    FOUR,
+    FREE,
+    ONE,
+    RELAXED,
+    SPREAD,
+    STRAIGHT,
+    THREE,
+    THUMB_OUT,
+    THUMB_READY,
+    THUMB_RELAXED,
+    TWO,
+    apart,
+    limits_of,
+)
 
 HOOKED = ((2, 10, 82), (0, 12, 84), (-1, 12, 84), (-2, 12, 80))
 ROUND = ((2, 38, 42), (0, 40, 44), (-1, 40, 44), (-2, 40, 42))

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from ..core.jit import jit
-from ..core.vectors import cross, dot, subtract, vector
+from ..core.numerics.jit import jit
+from ..core.numerics.vectors import cross, dot, subtract, vector
 from ..mesh import normals
 
 OUTSIDE = 2e-4  # [m] off the skin, where it is looked whether there is flesh

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..constraints import DEFAULT, constrained
 from ..core.errors import HandTrackerError
-from ..core.jit import COMPILED
+from ..core.numerics.jit import COMPILED
 from ..core.tracker import HandTracker, TrackerOptions
 from ..files.bags import open_bag
 from ..offline import marker_topic, track

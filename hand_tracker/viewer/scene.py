@@ -6,8 +6,8 @@ import numpy as np
 
 from ..core.kinematics import Pose
 from ..core.layout import MARKERS
+from ..core.numerics.quaternion import quaternion
 from ..core.palm import PalmState
-from ..core.quaternion import quaternion
 from ..core.tracker import MarkerState
 from ..palette import MARKER_COLOURS, rgb
 from .skeleton import skeleton_mesh

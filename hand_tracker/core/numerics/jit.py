@@ -22,6 +22,7 @@ except ImportError:
 
 UNUSED = 30 * 86400.  # [s] after which kernels of other sources may go
 
+PACKAGE = Path(__file__).parents[2]
 COMPILED_IN = 'marker_frame.py', 'rcl.py'  # files without kernels of their own
 KERNEL = re.compile(rb'@(partial\()?jit\b')
 
@@ -30,16 +31,17 @@ COMPILED = numba is not None and os.environ.get('HAND_TRACKER_JIT', '1') != '0'
 
 def kernel_sources():
     """Return the files that kernels are in, or constants that are compiled into them."""
-    core = Path(__file__).parent
-    return [path for path in sorted(core.parent.rglob('*.py'))
-            if path.parent == core or path.name in COMPILED_IN or KERNEL.search(path.read_bytes())]
+    return [path for path in sorted(PACKAGE.rglob('*.py'))
+            if path.is_relative_to(PACKAGE / 'core') or path.name in COMPILED_IN
+            or KERNEL.search(path.read_bytes())]
 
 
 def _cache_folder():
     """Return a writable folder of the user's for the kernels of just these sources, or None."""
     digest = hashlib.sha256(numba.__version__.encode())
     for path in kernel_sources():
-        digest.update(f'{path.name}\n'.encode() + path.read_bytes())
+        place = path.relative_to(PACKAGE).as_posix()
+        digest.update(f'{place}\n'.encode() + path.read_bytes())
     caches = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
     folder = caches / 'hand_tracker' / f'kernels-{digest.hexdigest()[:16]}'
     try:

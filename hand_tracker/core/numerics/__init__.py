@@ -1,0 +1,1 @@
+"""Numerics below the method: the compiler switch, vectors, quaternions."""
