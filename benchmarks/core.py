@@ -24,9 +24,9 @@ import numpy as np
 
 from benchmarks.common import add_json_option, environ, environment, write_rows
 from hand_tracker.core import sequence, tracker
-from hand_tracker.core.hand import Hand
-from hand_tracker.core.kinematics import forward, joint_table
-from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.simulation.motions import motion_named
 

@@ -14,10 +14,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.errors import InvalidLayout
-from hand_tracker.core.hand import Hand, preset_coupling, preset_limits
-from hand_tracker.core.kinematics import forward, joint_table
-from hand_tracker.core.layout import PAPER_PLACES, MarkerLayout, marker_positions
-from hand_tracker.core.tracker import HandTracker, MarkerState, TrackerOptions
+from hand_tracker.core.model.hand import Hand, preset_coupling, preset_limits
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import PAPER_PLACES, MarkerLayout, marker_positions
+from hand_tracker.core.model.states import MarkerState
+from hand_tracker.core.options import TrackerOptions
+from hand_tracker.core.tracker import HandTracker
 
 WILD = np.array((0., -0., np.nan, np.inf, -np.inf, 1e30, -1e30, 1e308, 5e-324, 1e-300, 1e3, -1e3,
                  1e-3, .1))

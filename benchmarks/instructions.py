@@ -20,7 +20,7 @@ if not __package__:
 
 from benchmarks.common import add_json_option, environ, environment, write_rows
 from benchmarks.core import HIDDEN, SEEN_FIRST, frames, measure_all
-from hand_tracker.core.hand import Hand
+from hand_tracker.core.model.hand import Hand
 
 COUNTER = 'valgrind', '--tool=cachegrind', '--cache-sim=no', '--trace-children=yes'
 # Without the instructions that valgrind has not learned.

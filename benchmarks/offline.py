@@ -38,7 +38,7 @@ OUTPUTS = 'csv', 'mcap'
 def record(path, rate, seconds):
     """Write the demo motion, again and again, and return the number of frames."""
     # Not above: the tracking process would pay for them.
-    from hand_tracker.core.layout import MARKERS
+    from hand_tracker.core.model.marker_layout import MARKERS
     from hand_tracker.files.bags import bag_message, marker_array_message, write_bag
     from hand_tracker.simulation.recording import START_NS, demo_recording
     mark = MARK * 10**9 + MARK

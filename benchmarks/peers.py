@@ -32,9 +32,14 @@ import numpy as np
 from benchmarks.common import add_json_option, environment, write_rows
 from hand_tracker.calibration.landmarks import landmark_positions
 from hand_tracker.core.digit import chains, solve_digits
-from hand_tracker.core.hand import JOINTS, LINKS, ROOT, Hand
-from hand_tracker.core.kinematics import forward, joint_table
-from hand_tracker.core.layout import MARKERS, PALM_MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.model.hand import JOINTS, LINKS, ROOT, Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import (
+    MARKERS,
+    PALM_MARKERS,
+    MarkerLayout,
+    marker_positions,
+)
 from hand_tracker.core.numerics.jit import jit, packed
 from hand_tracker.core.numerics.vectors import components, frame, subtract, vector
 from hand_tracker.core.palm import place_palm

@@ -24,7 +24,7 @@ from rclpy.node import Node
 from rclpy.utilities import get_rmw_implementation_identifier
 from visualization_msgs.msg import MarkerArray
 
-from hand_tracker.core.layout import MARKERS
+from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.files.bags import bag_message, marker_array_message, write_bag
 from hand_tracker.nodes import replay
 from hand_tracker.nodes.common import run

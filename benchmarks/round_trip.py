@@ -63,7 +63,7 @@ def echo(args):
     from sensor_msgs.msg import JointState
     from visualization_msgs.msg import MarkerArray
 
-    from hand_tracker.core.hand import JOINTS
+    from hand_tracker.core.model.hand import JOINTS
 
     rclpy.init(args=args)
     node = Node('echo')
@@ -85,7 +85,7 @@ def echo(args):
 def compiled_echo(folder):
     """Return the C echo's command, or None where it cannot be made."""
     from hand_tracker.codec import Stamp, joint_state_template
-    from hand_tracker.core.hand import JOINTS
+    from hand_tracker.core.model.hand import JOINTS
     prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
     prefix = next((Path(prefix) for prefix in prefixes
                    if prefix and Path(prefix, 'include/rcl').is_dir()), None)
@@ -191,8 +191,8 @@ def messages(side, rate):
     from rclpy.serialization import serialize_message
     from visualization_msgs.msg import Marker, MarkerArray
 
-    from hand_tracker.core.hand import Hand
-    from hand_tracker.core.layout import MARKERS
+    from hand_tracker.core.model.hand import Hand
+    from hand_tracker.core.model.marker_layout import MARKERS
     from hand_tracker.simulation.recording import demo_recording
 
     mark = Time(sec=MARK, nanosec=MARK)

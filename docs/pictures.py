@@ -16,11 +16,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, FancyBboxPatch
 from PIL import Image
 
-from hand_tracker.core.hand import JOINTS, Hand
-from hand_tracker.core.kinematics import Pose, forward, joint_table, tip_offsets
-from hand_tracker.core.layout import MARKERS, MarkerLayout
-from hand_tracker.core.skeleton import CHAINS, PALM_BONES, POINTS, skeleton_points
-from hand_tracker.core.tracker import HandTracker, MarkerState
+from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.model.kinematics import Pose, forward, joint_table, tip_offsets
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
+from hand_tracker.core.model.skeleton import CHAINS, PALM_BONES, POINTS, skeleton_points
+from hand_tracker.core.model.states import MarkerState
+from hand_tracker.core.tracker import HandTracker
 from hand_tracker.evaluation import ablation
 from hand_tracker.evaluation.results import hardware
 from hand_tracker.evaluation.simulated import trial

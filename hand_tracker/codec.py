@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .core.errors import HandTrackerError
-from .core.layout import MARKERS
+from .core.model.marker_layout import MARKERS
 from .core.numerics.jit import COMPILED, jit
 from .marker_frame import (
     ADD,

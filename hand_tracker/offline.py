@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 from .codec import MalformedMessage, MarkerReader, Stamp, joint_state_template, transforms_template
 from .core.errors import HandTrackerError
-from .core.hand import JOINTS, ROOT
-from .core.layout import MARKERS
+from .core.model.hand import JOINTS, ROOT
+from .core.model.marker_layout import MARKERS
 from .core.numerics.quaternion import quaternion
 from .core.tracker import HandState, HandTracker
 from .files.angle_table import write_angle_table

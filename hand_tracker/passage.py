@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from .codec import ENCAPSULATION, LITTLE_ENDIAN, SMALLEST_MARKER, gather, walk
-from .core.hand import JOINTS
-from .core.layout import MARKERS
+from .core.model.hand import JOINTS
+from .core.model.marker_layout import MARKERS
+from .core.model.states import PALM_STATES, PalmState
 from .core.numerics.jit import jit, overwrite
 from .core.numerics.quaternion import tell_transforms
-from .core.palm import PALM_STATES, PalmState
 from .core.sequence import track_frame
 
 MESSAGE_ROOM = 2**14  # [bytes] of a message of markers,

@@ -19,9 +19,9 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from .core.errors import HandTrackerError
-from .core.hand import DIGITS, JOINTS
-from .core.layout import MARKERS, PALM_MARKERS
-from .core.tracker import MarkerState
+from .core.model.hand import DIGITS, JOINTS
+from .core.model.marker_layout import MARKERS, PALM_MARKERS
+from .core.model.states import MarkerState
 from .nodes.tracker_parameters import STILL
 from .offline import add_recording_options, run_command, tracked_recording
 from .palette import ANGLE, GRID, INK, MARKER_COLOURS, MUTED, PAPER, VERMILLION

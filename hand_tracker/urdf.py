@@ -10,10 +10,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from .core.capsules import capsule_lengths
 from .core.errors import HandTrackerError
-from .core.hand import DIGITS, FINGERS, JOINTS, LIMIT_PRESETS, LINKS, ROOT, SIDES
-from .core.kinematics import joint_table, tip_offsets
+from .core.model.capsules import capsule_lengths
+from .core.model.hand import DIGITS, FINGERS, JOINTS, LIMIT_PRESETS, LINKS, ROOT, SIDES
+from .core.model.kinematics import joint_table, tip_offsets
 from .files.hand_file import choose_hand
 
 # Unsourced: URDF demands both numbers; a brisk finger stays below them.

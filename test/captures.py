@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hand_tracker.core.layout import MARKERS
+from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.evaluation.captures import load_capture
 from hand_tracker.files.bags import bag_message, marker_array_message, write_bag
 

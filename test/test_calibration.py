@@ -11,9 +11,10 @@ from hand_tracker.calibration.fingers import USUAL_SLOPE_WORTH
 from hand_tracker.calibration.palm import median_lengths
 from hand_tracker.calibration.thumb import Saddle, solve_thumb
 from hand_tracker.core.errors import InvalidHand
-from hand_tracker.core.hand import FINGERS, JOINTS, Hand, preset_coupling, preset_limits
-from hand_tracker.core.kinematics import forward, joint_table
-from hand_tracker.core.tracker import HandTracker, TrackerOptions
+from hand_tracker.core.model.hand import FINGERS, JOINTS, Hand, preset_coupling, preset_limits
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.options import TrackerOptions
+from hand_tracker.core.tracker import HandTracker
 
 FRAMES = 200
 # Each frame is by itself: no motion leads from one to the next.

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.hand import JOINTS, LINKS, Hand
-from hand_tracker.core.kinematics import forward, joint_table, tip_offsets
-from hand_tracker.core.layout import MARKERS, marker_positions
-from hand_tracker.core.skeleton import BONES, bone_radii, skeleton_points
+from hand_tracker.core.model.hand import JOINTS, LINKS, Hand
+from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
+from hand_tracker.core.model.marker_layout import MARKERS, marker_positions
+from hand_tracker.core.model.skeleton import BONES, bone_radii, skeleton_points
 from hand_tracker.simulation.cameras import RING_CENTRE, CameraRig, InvalidRig, looking_at
 from hand_tracker.simulation.faults import (
     MIRROR_HEIGHT,

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import minimize
 
-from hand_tracker.core.capsules import (
+from hand_tracker.core.model.capsules import (
     PALM,
     WEB,
     capsules,
@@ -16,8 +16,8 @@ from hand_tracker.core.capsules import (
     pair_gaps,
     place_capsules,
 )
-from hand_tracker.core.hand import DIGITS, FINGERS, LINKS, SIDES, Hand, preset_limits
-from hand_tracker.core.kinematics import forward, joint_table, tip_offsets
+from hand_tracker.core.model.hand import DIGITS, FINGERS, LINKS, SIDES, Hand, preset_limits
+from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
 from hand_tracker.core.numerics.jit import packed
 
 settings.register_profile('capsules', deadline=None, max_examples=100, derandomize=True)

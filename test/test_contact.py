@@ -11,10 +11,9 @@ from hypothesis import given, settings
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import minimize
 
-from hand_tracker.core.capsules import capsules, pair_gaps, place_capsules
 from hand_tracker.core.contact import AIM, GAP, PENETRATION, carry, separate
-from hand_tracker.core.digit import ABDUCTION, FLEXION
-from hand_tracker.core.hand import JOINTS, Hand, preset_limits
+from hand_tracker.core.model.capsules import capsules, pair_gaps, place_capsules
+from hand_tracker.core.model.hand import ABDUCTION, FLEXION, JOINTS, Hand, preset_limits
 from hand_tracker.simulation.gestures import GRASPS, LETTERS, grasp_shape, shape_angles
 from hand_tracker.simulation.motions import MOTIONS, motion_named
 from hand_tracker.simulation.poses import POSES, pose_angles
@@ -299,7 +298,7 @@ PLAIN = '''
 import sys
 import numpy as np
 sys.path.insert(0, sys.argv[2])
-from hand_tracker.core import jit
+from hand_tracker.core.numerics import jit
 assert jit.COMPILED == (sys.argv[1] == '1'), jit.COMPILED
 from test_contact import HAND, MIDDLE, apart, carried, mixed, natural, touching, turned
 rows = [apart(HAND, angles)[0] for angles in natural(HAND)[::6] + list(mixed(HAND, 5, 3))]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from test_watch import SEEN, frame, hidden, state_of
 
-from hand_tracker.core.layout import MARKERS
-from hand_tracker.core.palm import PalmState
-from hand_tracker.core.tracker import HandTracker, MarkerState
+from hand_tracker.core.model.marker_layout import MARKERS
+from hand_tracker.core.model.states import MarkerState, PalmState
+from hand_tracker.core.tracker import HandTracker
 from hand_tracker.labels import LabelMap
 from hand_tracker.nodes.diagnosis import GAP, Diagnosis, Level
 from hand_tracker.nodes.watch import OFF_FOR, SILENT, Watch

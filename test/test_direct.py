@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from test_tracker_node import LATE, MODULE, RIGHT, Bench, hand_at, lines, message, motion, stamp_of  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
-from hand_tracker.core.hand import JOINTS  # noqa: E402
+from hand_tracker.core.model.hand import JOINTS  # noqa: E402
 from hand_tracker.core.numerics.jit import COMPILED  # noqa: E402
 from hand_tracker.nodes import direct  # noqa: E402
 from hand_tracker.nodes.common import INTERRUPTS, run  # noqa: E402

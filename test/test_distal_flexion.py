@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from hand_tracker.core.hand import DIGITS
+from hand_tracker.core.model.hand import DIGITS
 from hand_tracker.nodes.distal_flexion import DISTAL_JOINTS, DistalFlexion
 
 TIMEOUT = .5

@@ -16,9 +16,9 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from test_captures import class_errors, plain_pip_errors  # noqa: E402
 
 from hand_tracker.calibration import fit_hand, landmark_positions  # noqa: E402
-from hand_tracker.core.hand import JOINTS, preset_limits  # noqa: E402
-from hand_tracker.core.kinematics import forward, joint_table  # noqa: E402
-from hand_tracker.core.layout import MarkerLayout  # noqa: E402
+from hand_tracker.core.model.hand import JOINTS, preset_limits  # noqa: E402
+from hand_tracker.core.model.kinematics import forward, joint_table  # noqa: E402
+from hand_tracker.core.model.marker_layout import MarkerLayout  # noqa: E402
 from hand_tracker.core.tracker import HandTracker  # noqa: E402
 from hand_tracker.evaluation.captures import load_capture  # noqa: E402
 from hand_tracker.files.bags import write_bag  # noqa: E402

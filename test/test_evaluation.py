@@ -9,7 +9,7 @@ from captures import capture_path
 
 from hand_tracker.__main__ import main
 from hand_tracker.calibration import LANDMARKS, fit_hand
-from hand_tracker.core.hand import FINGERS, JOINTS
+from hand_tracker.core.model.hand import FINGERS, JOINTS
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.evaluation import (
     baselines,

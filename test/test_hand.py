@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.errors import HandTrackerError, InvalidHand
-from hand_tracker.core.hand import (
+from hand_tracker.core.model.hand import (
     DIGITS,
     FINGERS,
     JOINTS,
@@ -19,7 +19,7 @@ from hand_tracker.core.hand import (
     preset_coupling,
     preset_limits,
 )
-from hand_tracker.core.kinematics import forward, joint_table
+from hand_tracker.core.model.kinematics import forward, joint_table
 
 # Table 1 of the paper: extension θ1, flexion θ3, abduction θ2, adduction θ4 [degrees].
 TABLE_1 = {

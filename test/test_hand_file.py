@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from hand_tracker.core.errors import HandTrackerError, InvalidHand
-from hand_tracker.core.hand import JOINTS, SIDES, Hand, preset_coupling, preset_limits
-from hand_tracker.core.layout import MARKERS, PAPER_PLACES, MarkerLayout
+from hand_tracker.core.model.hand import JOINTS, SIDES, Hand, preset_coupling, preset_limits
+from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
 from hand_tracker.files.hand_file import (
     BREADTH,
     COUPLING_OFFSET,

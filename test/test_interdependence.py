@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.hand import JOINTS, Hand
 from hand_tracker.core.interdependence import (
     keep_near_neighbours,
     learn,
@@ -11,6 +10,7 @@ from hand_tracker.core.interdependence import (
     prior_of,
     shares_of,
 )
+from hand_tracker.core.model.hand import JOINTS, Hand
 
 LINKS = .6, .8, .7
 SPREAD, HORIZON, FLOOR = .03, .3, .003

@@ -27,10 +27,10 @@ ROOT = Path(__file__).resolve().parents[1]
 PROGRAM = """
 import sys
 import numpy as np
-from hand_tracker.core import jit
-from hand_tracker.core.hand import Hand
-from hand_tracker.core.kinematics import forward, joint_table
-from hand_tracker.core.layout import MarkerLayout, marker_positions
+from hand_tracker.core.numerics import jit
+from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
 from hand_tracker.core.tracker import HandTracker, TrackerOptions
 
 assert jit.COMPILED == (sys.argv[1] == '1'), jit.COMPILED

@@ -5,8 +5,8 @@ import io
 import numpy as np
 import pytest
 
-from hand_tracker.core.hand import DIGITS, FINGERS, JOINTS, LINKS, Hand, preset_limits
-from hand_tracker.core.kinematics import digit_base, forward, joint_table, tip_offsets
+from hand_tracker.core.model.hand import DIGITS, FINGERS, JOINTS, LINKS, Hand, preset_limits
+from hand_tracker.core.model.kinematics import digit_base, forward, joint_table, tip_offsets
 from hand_tracker.urdf import urdf
 
 MIRROR = np.diag((1., -1., 1.))

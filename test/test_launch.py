@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import yaml
 
-from hand_tracker.core.hand import (
+from hand_tracker.core.model.hand import (
     COUPLING_PRESETS,
     DIGITS,
     JOINTS,
@@ -27,7 +27,7 @@ from hand_tracker.core.hand import (
     Hand,
     preset_limits,
 )
-from hand_tracker.core.layout import MarkerLayout
+from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.files.bags import bag_message, joint_state_message, open_bag, write_bag
 from hand_tracker.files.hand_file import save_hand
 from hand_tracker.urdf import urdf

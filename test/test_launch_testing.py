@@ -5,7 +5,7 @@ import unittest
 import pytest
 from test_launch import FIRST_START, LACK, LAUNCH, RATE, named
 
-from hand_tracker.core.hand import JOINTS
+from hand_tracker.core.model.hand import JOINTS
 
 if LACK is not None:
     pytest.skip(LACK, allow_module_level=True)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.errors import HandTrackerError, InvalidLayout
-from hand_tracker.core.hand import FINGERS, JOINTS, LINKS, Hand
-from hand_tracker.core.kinematics import forward, joint_table
-from hand_tracker.core.layout import (
+from hand_tracker.core.model.hand import FINGERS, JOINTS, LINKS, Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import (
     DIGIT_LANDMARKS,
     MARKERS,
     PALM_LANDMARKS,

@@ -6,11 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from hand_tracker.core.hand import JOINTS, LINKS, Hand
-from hand_tracker.core.kinematics import forward, joint_table, tip_offsets
-from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.model.hand import JOINTS, LINKS, Hand
+from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.model.states import MarkerState
 from hand_tracker.core.numerics.quaternion import quaternion
-from hand_tracker.core.tracker import HandTracker, MarkerState
+from hand_tracker.core.tracker import HandTracker
 from hand_tracker.labels import InvalidLabel, LabelMap
 
 pytest.importorskip('visualization_msgs.msg', reason='needs the ROS 2 messages')

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.hand import FINGERS, JOINTS, Hand, preset_limits
+from hand_tracker.core.model.hand import FINGERS, JOINTS, Hand, preset_limits
 from hand_tracker.simulation.gestures import GRASPS, LETTERS, grasp_shape, shape_angles
 from hand_tracker.simulation.layers import ENSLAVING, Strokes, Tremor, finger_stroke
 from hand_tracker.simulation.motion import demo_motion

@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.offline import measure_one
 from hand_tracker import marker_frame
-from hand_tracker.core.hand import JOINTS, Hand, preset_coupling, preset_limits
-from hand_tracker.core.layout import MARKERS, MarkerLayout
+from hand_tracker.core.model.hand import JOINTS, Hand, preset_coupling, preset_limits
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.angle_table import WRIST_COLUMNS
 from hand_tracker.files.bags import (

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.numerics.vectors import vector
 from hand_tracker.core.palm import (
-    PalmState,
     palm_fault,
     place_palm,
     rigid_palm,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.palm import PalmState
+from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.palm_markers import carry_palm, check_palm, expected_markers, follow_palm
 from hand_tracker.core.tracks import no_tracks
 

@@ -22,12 +22,15 @@ from hand_tracker.codec import (  # noqa: E402
     joint_state_template,
     transforms_template,
 )
-from hand_tracker.core.hand import JOINTS, Hand  # noqa: E402
-from hand_tracker.core.kinematics import joint_table  # noqa: E402
-from hand_tracker.core.layout import MARKERS  # noqa: E402
+from hand_tracker.core.model.hand import JOINTS, Hand  # noqa: E402
+from hand_tracker.core.model.kinematics import joint_table  # noqa: E402
+from hand_tracker.core.model.marker_layout import MARKERS  # noqa: E402
+from hand_tracker.core.model.states import (
+    MarkerState,  # noqa: E402
+    PalmState,  # noqa: E402
+)
 from hand_tracker.core.numerics.jit import another, overwrite, packed, parts  # noqa: E402
-from hand_tracker.core.palm import PalmState  # noqa: E402
-from hand_tracker.core.tracker import HandTracker, MarkerState  # noqa: E402
+from hand_tracker.core.tracker import HandTracker  # noqa: E402
 from hand_tracker.labels import LabelMap  # noqa: E402
 from hand_tracker.marker_frame import seconds  # noqa: E402
 from hand_tracker.messages import link_frames, prefixed_names, transform_numbers, wrist_frames  # noqa: E402

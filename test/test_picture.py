@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hand_tracker.core.hand import JOINTS, SIDES, Hand
-from hand_tracker.core.kinematics import forward, joint_table, tip_offsets
-from hand_tracker.core.layout import MarkerLayout, marker_positions
-from hand_tracker.core.skeleton import BONES, POINTS, bone_radii, skeleton_points
+from hand_tracker.core.model.hand import JOINTS, SIDES, Hand
+from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
+from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
+from hand_tracker.core.model.skeleton import BONES, POINTS, bone_radii, skeleton_points
 from hand_tracker.files.bags import write_bag
 from hand_tracker.images import save_gif
 from hand_tracker.picture import (

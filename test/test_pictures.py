@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hand_tracker.core.hand import JOINTS, Hand
-from hand_tracker.core.kinematics import forward, joint_table
-from hand_tracker.core.layout import marker_positions
+from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import marker_positions
 from hand_tracker.core.numerics.jit import COMPILED
 
 pytest.importorskip('skimage', reason='scikit-image, which makes the skin, is not installed')

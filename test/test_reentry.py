@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.digit import ABDUCTION, DIGIT_OF_JOINT, FLEXION
+from hand_tracker.core.model.hand import ABDUCTION, DIGIT_OF_JOINT, FLEXION
 from hand_tracker.core.reentry import ease
 
 LOWER, UPPER = np.full(25, -1.), np.full(25, 2.)

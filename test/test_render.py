@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.hand import SIDES
+from hand_tracker.core.model.hand import SIDES
 from hand_tracker.mesh import normals
 from hand_tracker.render import EYES, Camera, ball, bone, facing, fitted, joined, render, view_axes
 

@@ -11,9 +11,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.errors import InvalidLayout
-from hand_tracker.core.hand import FINGERS, JOINTS, Hand
-from hand_tracker.core.kinematics import forward, joint_table
-from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.model.hand import FINGERS, JOINTS, Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.bags import JOINT_STATE, MARKER_ARRAY, POSE, TYPES, open_bag
 from hand_tracker.files.hand_file import load_hand, save_hand

@@ -5,9 +5,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from hand_tracker.core.capsules import capsules, pair_gaps
-from hand_tracker.core.hand import JOINTS, Hand
-from hand_tracker.core.tracker import TrackerOptions
+from hand_tracker.core.model.capsules import capsules, pair_gaps
+from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.options import TrackerOptions
 from hand_tracker.evaluation import ablation, cameras, rates
 from hand_tracker.evaluation.options import Options
 from hand_tracker.evaluation.overlap import deepest_overlaps

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from hand_tracker.calibration import LANDMARKS, landmark_positions
-from hand_tracker.core.hand import FINGERS, JOINTS, SIDES, Hand, preset_limits
-from hand_tracker.core.kinematics import forward, joint_table
-from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.model.hand import FINGERS, JOINTS, SIDES, Hand, preset_limits
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.evaluation.overlap import deepest_overlaps
 from hand_tracker.files.bags import TYPES, open_bag

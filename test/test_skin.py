@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 trimesh = pytest.importorskip('trimesh', reason='trimesh is not installed')
 pytest.importorskip('skimage', reason='scikit-image is not installed')
 
-from hand_tracker.core.hand import JOINTS, LINKS, Hand  # noqa: E402
-from hand_tracker.core.kinematics import forward, joint_table  # noqa: E402
+from hand_tracker.core.model.hand import JOINTS, LINKS, Hand  # noqa: E402
+from hand_tracker.core.model.kinematics import forward, joint_table  # noqa: E402
 from hand_tracker.core.numerics.jit import COMPILED  # noqa: E402
 from hand_tracker.simulation.poses import pose_angles  # noqa: E402
 from hand_tracker.skin import (  # noqa: E402

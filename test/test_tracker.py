@@ -9,13 +9,15 @@ from hypothesis import assume, given, settings
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.digit import ABDUCTION, FLEXION, chains
+from hand_tracker.core.digit import chains
 from hand_tracker.core.errors import InvalidLayout, InvalidOption
-from hand_tracker.core.hand import JOINTS, SIDES, Hand, preset_limits
-from hand_tracker.core.kinematics import forward, joint_table
-from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.model.hand import ABDUCTION, FLEXION, JOINTS, SIDES, Hand, preset_limits
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.model.states import MarkerState, PalmState
+from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.plane import FIST_FAR
-from hand_tracker.core.tracker import HandTracker, MarkerState, PalmState, TrackerOptions
+from hand_tracker.core.tracker import HandTracker
 from hand_tracker.simulation.sight import skin_layout
 from hand_tracker.simulation.simulate import calibrated
 

@@ -33,10 +33,10 @@ from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
-from hand_tracker.core.hand import DIGITS, JOINTS, LINKS, Hand, preset_limits  # noqa: E402
-from hand_tracker.core.kinematics import forward, joint_table, tip_offsets  # noqa: E402
-from hand_tracker.core.layout import MARKERS, MarkerLayout, marker_positions  # noqa: E402
-from hand_tracker.core.palm import PalmState  # noqa: E402
+from hand_tracker.core.model.hand import DIGITS, JOINTS, LINKS, Hand, preset_limits  # noqa: E402
+from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets  # noqa: E402
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions  # noqa: E402
+from hand_tracker.core.model.states import PalmState  # noqa: E402
 from hand_tracker.core.tracker import HandTracker  # noqa: E402
 from hand_tracker.files.hand_file import load_hand, save_hand  # noqa: E402
 from hand_tracker.marker_frame import seconds  # noqa: E402

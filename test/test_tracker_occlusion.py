@@ -7,12 +7,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.capsules import capsules, pair_gaps
-from hand_tracker.core.digit import FLEXION
-from hand_tracker.core.hand import FINGERS, JOINTS, Hand
-from hand_tracker.core.kinematics import forward, joint_table
-from hand_tracker.core.layout import MARKERS, PAPER_PLACES, MarkerLayout, marker_positions
-from hand_tracker.core.tracker import HandTracker, MarkerState, PalmState, TrackerOptions
+from hand_tracker.core.model.capsules import capsules, pair_gaps
+from hand_tracker.core.model.hand import FINGERS, FLEXION, JOINTS, Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import (
+    MARKERS,
+    PAPER_PLACES,
+    MarkerLayout,
+    marker_positions,
+)
+from hand_tracker.core.model.states import MarkerState, PalmState
+from hand_tracker.core.options import TrackerOptions
+from hand_tracker.core.tracker import HandTracker
 from hand_tracker.simulation.motions import motion_named
 
 RATE = 120.

@@ -9,9 +9,10 @@ import pytest
 import yaml
 
 from hand_tracker.core.errors import HandTrackerError
-from hand_tracker.core.hand import JOINTS, Hand, preset_coupling, preset_limits
-from hand_tracker.core.layout import MARKERS, PAPER_PLACES, MarkerLayout
-from hand_tracker.core.tracker import HandTracker, TrackerOptions
+from hand_tracker.core.model.hand import JOINTS, Hand, preset_coupling, preset_limits
+from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
+from hand_tracker.core.options import TrackerOptions
+from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.hand_file import save_hand
 from hand_tracker.nodes.tracker_parameters import (
     START,

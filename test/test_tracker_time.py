@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hand_tracker.core.palm import PalmState
+from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.marker_frame import FrameTime, seconds
 from hand_tracker.simulation.recording import demo_recording

@@ -11,9 +11,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from hand_tracker.core.hand import DIGITS, FINGERS, JOINTS, LINKS, SIDES, Hand, preset_limits
-from hand_tracker.core.kinematics import joint_table
-from hand_tracker.core.layout import MarkerLayout
+from hand_tracker.core.model.hand import DIGITS, FINGERS, JOINTS, LINKS, SIDES, Hand, preset_limits
+from hand_tracker.core.model.kinematics import joint_table
+from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.files.hand_file import save_hand
 from hand_tracker.urdf import main, urdf
 

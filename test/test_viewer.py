@@ -12,11 +12,12 @@ import pytest
 
 from hand_tracker.constraints import CONSTRAINTS, DEFAULT, constrained, in_words
 from hand_tracker.core.errors import HandTrackerError
-from hand_tracker.core.hand import JOINTS, Hand
-from hand_tracker.core.kinematics import forward, joint_table, tip_offsets
-from hand_tracker.core.layout import MarkerLayout
-from hand_tracker.core.skeleton import CHAINS, POINTS, TIPS, skeleton_points
-from hand_tracker.core.tracker import HandTracker, TrackerOptions
+from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
+from hand_tracker.core.model.marker_layout import MarkerLayout
+from hand_tracker.core.model.skeleton import CHAINS, POINTS, TIPS, skeleton_points
+from hand_tracker.core.options import TrackerOptions
+from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.bags import bag_message, marker_array_message, open_bag, write_bag
 from hand_tracker.labels import DEFAULT_LABELS
 from hand_tracker.offline import track

@@ -12,8 +12,8 @@ from ros_process import NodeProcess, watching_node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
-from hand_tracker.core.hand import JOINTS  # noqa: E402
-from hand_tracker.core.tracker import MarkerState  # noqa: E402
+from hand_tracker.core.model.hand import JOINTS  # noqa: E402
+from hand_tracker.core.model.states import MarkerState  # noqa: E402
 from hand_tracker.nodes.common import spinning  # noqa: E402
 from hand_tracker.nodes.viewer import Live  # noqa: E402
 from hand_tracker.share import packaged_recording  # noqa: E402

@@ -5,8 +5,8 @@ The axes are fitted so that the plane through MCP, DIP and axis holds the record
 
 import numpy as np
 
-from ..core.hand import COUPLING_OFFSET_RANGE, FINGERS, SLOPE_RANGE
-from ..core.kinematics import digit_base
+from ..core.model.hand import COUPLING_OFFSET_RANGE, FINGERS, SLOPE_RANGE
+from ..core.model.kinematics import digit_base
 from .regularised import regularised_fit
 
 FIT_FRAMES = 400  # spread over the recording

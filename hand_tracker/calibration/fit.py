@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..core.errors import InvalidHand
-from ..core.hand import (
+from ..core.model.hand import (
     CMC_OF_LENGTH,
     CMC_OF_MCP_BREADTH,
     FINGERS,

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..core.hand import FINGERS, LINKS
-from ..core.kinematics import tip_offsets
+from ..core.model.hand import FINGERS, LINKS
+from ..core.model.kinematics import tip_offsets
 
 # The wrist, then each digit from its root to its tip, the thumb first.
 LANDMARKS = ('wrist', 'thumb_cmc', 'thumb_mcp', 'thumb_ip', 'thumb_tip') + tuple(

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from ..core.capsules import capsules, pair_gaps
 from ..core.contact import PENETRATION
 from ..core.digit import chains, solve_digits
-from ..core.hand import DIGITS, FINGERS, JOINTS
-from ..core.layout import MARKERS, PAPER_PLACES, MarkerLayout
+from ..core.model.capsules import capsules, pair_gaps
+from ..core.model.hand import DIGITS, FINGERS, JOINTS
+from ..core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
 from ..core.plane import FRAME
 from .landmarks import LANDMARKS
 

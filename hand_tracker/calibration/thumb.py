@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.hand import DIGITS, JOINTS, THUMB_ABDUCTION_AXIS, THUMB_COUPLING
-from ..core.kinematics import digit_base
+from ..core.model.hand import DIGITS, JOINTS, THUMB_ABDUCTION_AXIS, THUMB_COUPLING
+from ..core.model.kinematics import digit_base
 from .fingers import SEEN
 from .regularised import regularised_fit
 

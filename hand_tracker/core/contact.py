@@ -5,8 +5,8 @@ Both stages work on a right hand in the wrist's frame, after its digits are solv
 
 import numpy as np
 
-from .capsules import PALM, axis_of, close_pairs, nearest_points, place_frames
-from .digit import ABDUCTION, FLEXION
+from .model.capsules import PALM, axis_of, close_pairs, nearest_points, place_frames
+from .model.hand import ABDUCTION, FLEXION
 from .numerics.jit import indexed, jit
 from .numerics.vectors import add, clamp, cross, dot, scale, subtract, unit, vector
 

@@ -12,22 +12,15 @@ import numpy as np
 from .closed_form import closed_form
 from .coupled import coupled_angle, coupled_form, straightest
 from .fabrik import fabrik
-from .hand import DIGITS, JOINTS, RELAXED, RELAXED_THUMB
-from .kinematics import ABDUCTION_SIGN, digit_base
-from .layout import MARKERS
+from .model.hand import ABDUCTION, FLEXION, RELAXED, RELAXED_THUMB
+from .model.kinematics import ABDUCTION_SIGN, digit_base
+from .model.marker_layout import MARKERS
 from .numerics.jit import jit
 from .numerics.vectors import clamp, components, frame, vector
 from .plane import plane_abduction
 
-ABDUCTION = np.array([JOINTS.index(
-    'thumb_cmc_abduction' if digit == 'thumb' else f'{digit}_mcp_abduction')
-    for digit in DIGITS])
-FLEXION = np.array([[JOINTS.index(f'{digit}_{joint}_flexion') for joint in (
-    ('cmc', 'mcp', 'ip') if digit == 'thumb' else ('mcp', 'pip', 'dip'))]
-    for digit in DIGITS])
 # Second flexion for one of the first, between the straight and the relaxed hand.
 NATURAL = np.array([second / first for first, second in (*RELAXED, RELAXED_THUMB[1::2])])
-DIGIT_OF_JOINT = np.array([DIGITS.index(joint.split('_')[0]) for joint in JOINTS])
 
 
 class Chains(NamedTuple):

@@ -25,12 +25,12 @@ from .likeness import (
     spans_plane,
     unlikeness,
 )
+from .model.states import REJECTED, SEEN, SWAPPED
 from .numerics.jit import jit
 from .numerics.vectors import clamp, components, distance, scale, store, subtract, vector
 from .occlusion import FARTHEST
 from .palm import rigid_palm
 from .palm_markers import carry_palm
-from .report import REJECTED, SEEN, SWAPPED
 
 ACCEPTED = SEEN
 

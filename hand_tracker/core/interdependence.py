@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .digit import FLEXION
+from .model.hand import FLEXION
 from .numerics.jit import jit
 from .numerics.vectors import clamp
 

@@ -11,10 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .digit import ABDUCTION, FLEXION
-from .hand import preset_limits
-from .kinematics import forward, joint_table
-from .layout import PALM_MARKERS, marker_positions
+from .model.hand import ABDUCTION, FLEXION, preset_limits
+from .model.kinematics import forward, joint_table
+from .model.marker_layout import PALM_MARKERS, marker_positions
 from .numerics.jit import jit
 from .numerics.vectors import components, cross, distance, dot, scale, subtract, vector
 from .palm import rigid_palm

@@ -5,9 +5,9 @@ Two constructions: a rigid fit of the palm to its three markers, and the paper's
 conformal algebra; chirality settles its ±, so that the first frame needs no history.
 """
 
-import enum
 import math
 
+from .model.states import COINCIDENT, COLLINEAR, TOO_CLOSE, TOO_FAR_APART, TRACKED
 from .numerics.jit import jit
 from .numerics.vectors import (
     add,
@@ -24,31 +24,6 @@ from .numerics.vectors import (
     unit,
     vector,
 )
-
-
-class PalmState(enum.IntEnum):
-    """What is known of the palm; from LOST on it is predicted, if it was seen before."""
-
-    TRACKED = 0
-    CARRIED = 1         # a palm marker is hidden, its place is carried by the others
-    LOST = 2            # no palm marker is seen
-    COINCIDENT = 3      # two palm markers lie in one place
-    COLLINEAR = 4       # the palm markers lie on one line
-    TOO_FAR_APART = 5   # the palm markers are farther apart than on this hand
-    WAITING = 6         # the three palm markers have not been seen together yet
-    TOO_CLOSE = 7       # all palm markers are closer together than on this hand
-
-
-# Kernels return plain integers; to call PalmState takes ten times as long.
-PALM_STATES = tuple(PalmState)
-TRACKED = int(PalmState.TRACKED)
-CARRIED = int(PalmState.CARRIED)
-LOST = int(PalmState.LOST)
-COINCIDENT = int(PalmState.COINCIDENT)
-COLLINEAR = int(PalmState.COLLINEAR)
-TOO_FAR_APART = int(PalmState.TOO_FAR_APART)
-WAITING = int(PalmState.WAITING)
-TOO_CLOSE = int(PalmState.TOO_CLOSE)
 
 ROUNDING = 1e-12  # below this share of the whole a difference is rounding
 

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from .model.states import CARRIED, LOST, TRACKED, WAITING
 from .numerics.jit import jit
 from .numerics.vectors import (
     add,
@@ -23,7 +24,7 @@ from .numerics.vectors import (
     unit,
     vector,
 )
-from .palm import CARRIED, LOST, TRACKED, WAITING, palm_fault, rigid_palm
+from .palm import palm_fault, rigid_palm
 from .tracks import carry, follow
 
 # Weights in the rigid fit against that of a finger's marker; of predicted ones with none, one

@@ -6,7 +6,7 @@ smoothed. A predicted digit turns no faster than that: its marker may leave what
 reach, where the solution leaps.
 """
 
-from .digit import DIGIT_OF_JOINT
+from .model.hand import DIGIT_OF_JOINT
 from .numerics.jit import jit
 from .numerics.vectors import clamp
 

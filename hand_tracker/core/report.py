@@ -1,38 +1,18 @@
 """What a frame tells: the pose, where its markers are, and how sure all that is."""
 
-import enum
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from .digit import DIGIT_OF_JOINT
-from .kinematics import place_links
+from .model.hand import DIGIT_OF_JOINT
+from .model.kinematics import place_links
+from .model.states import ABSENT, PREDICTED, REJECTED, SEEN, STALE
 from .numerics.jit import jit
 from .numerics.vectors import add, clamp, distance, frame, mix, vector
 
 UNSURE = .01  # [m] standard deviation of a marker at which confidence is a third
 ASTRAY = .2    # [rad] that an angle is off its solution at which it is a third: UNSURE on a digit
-
-
-class MarkerState(enum.IntEnum):
-    """What is known of a marker."""
-
-    SEEN = 0
-    PREDICTED = 1  # hidden
-    ABSENT = 2     # not seen since the start: where it usually is with the others
-    REJECTED = 3   # seen where it cannot be, and predicted instead
-    SWAPPED = 4    # seen under another marker's label, and put right
-    STALE = 5      # hidden for longer than a prediction holds
-
-
-# Kernels store plain integers.
-SEEN = int(MarkerState.SEEN)
-PREDICTED = int(MarkerState.PREDICTED)
-ABSENT = int(MarkerState.ABSENT)
-REJECTED = int(MarkerState.REJECTED)
-SWAPPED = int(MarkerState.SWAPPED)
-STALE = int(MarkerState.STALE)
 
 
 class Report(NamedTuple):

@@ -9,20 +9,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .capsules import Capsules, place_capsules
 from .clock import step_to
 from .contact import GAP, carry, separate
 from .digit import solve_digits
 from .digit_markers import follow_digits
 from .identity import HandBounds, Memory, blank_memory, identify
 from .interdependence import Habits, keep_near_neighbours, no_habits
-from .kinematics import JointTable
-from .layout import MARKERS, Mounting
+from .model.capsules import Capsules, place_capsules
+from .model.kinematics import JointTable
+from .model.marker_layout import MARKERS, Mounting
+from .model.states import LOST, TRACKED, WAITING
 from .noise import Noise, learn_noise, unknown_noise
 from .numerics.jit import jit, overwrite
 from .numerics.vectors import clamp
 from .occlusion import reject_frozen, visible
-from .palm import LOST, TRACKED, WAITING, place_palm
+from .palm import place_palm
 from .palm_markers import check_palm, expected_markers, follow_palm
 from .plane import FRAME
 from .reentry import ease

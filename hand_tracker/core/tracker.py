@@ -8,19 +8,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .capsules import capsules
 from .clock import new_clock
 from .digit import chains, measure
-from .hand import DIGITS, Hand
 from .identity import hand_bounds
 from .interdependence import prior_of
-from .kinematics import Pose, forward, joint_table
-from .layout import MARKERS, PALM_MARKERS, MarkerLayout, marker_positions, require_solvable
 from .likeness import usual_places
+from .model.capsules import capsules
+from .model.hand import DIGITS, Hand
+from .model.kinematics import Pose, forward, joint_table
+from .model.marker_layout import (
+    MARKERS,
+    PALM_MARKERS,
+    MarkerLayout,
+    marker_positions,
+    require_solvable,
+)
+from .model.states import PALM_STATES, MarkerState, PalmState
 from .numerics.jit import another, packed, parts
 from .options import TrackerOptions
-from .palm import PALM_STATES, PalmState
-from .report import MarkerState, blank_report
+from .report import blank_report
 from .sequence import Model, blank_state, choices, track_frame
 from .smoothing import levers
 

@@ -24,13 +24,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..constraints import ABDUCTION, FLEXION, UNBOUND, UNCOUPLED, Change, free
-from ..core.digit import FLEXION as DIGIT_FLEXION
-from ..core.hand import JOINTS, preset_coupling, preset_limits
-from ..core.kinematics import forward, joint_table, tip_offsets
-from ..core.layout import MARKERS, PALM_MARKERS, marker_positions
 from ..core.metrics import limit_violations
-from ..core.skeleton import skeleton_points
-from ..core.tracker import TrackerOptions
+from ..core.model.hand import FLEXION as DIGIT_FLEXION
+from ..core.model.hand import JOINTS, preset_coupling, preset_limits
+from ..core.model.kinematics import forward, joint_table, tip_offsets
+from ..core.model.marker_layout import MARKERS, PALM_MARKERS, marker_positions
+from ..core.model.skeleton import skeleton_points
+from ..core.options import TrackerOptions
 from ..palette import ORANGE, PAPER, SKY_BLUE
 from ..picture import HIDDEN_COLOUR, SEEN_COLOUR, VIEWS, View, view_size
 from ..simulation.faults import Event, Faults, fault_events, with_faults

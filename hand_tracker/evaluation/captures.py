@@ -9,8 +9,8 @@ import numpy as np
 
 from ..calibration import LANDMARKS
 from ..core.errors import HandTrackerError
-from ..core.hand import SIDES
-from ..core.layout import PAPER_PLACES
+from ..core.model.hand import SIDES
+from ..core.model.marker_layout import PAPER_PLACES
 
 ASSUMED_RATE = 30.  # [Hz] of captures that do not say theirs
 RATE_RANGE = (5., 2000.)  # [Hz]

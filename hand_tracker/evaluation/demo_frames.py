@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..calibration import landmark_positions
-from ..core.hand import Hand, preset_limits
-from ..core.kinematics import Pose, forward, joint_table
-from ..core.layout import MarkerLayout, marker_positions
+from ..core.model.hand import Hand, preset_limits
+from ..core.model.kinematics import Pose, forward, joint_table
+from ..core.model.marker_layout import MarkerLayout, marker_positions
 from ..simulation.motion import demo_motion
 from ..simulation.simulate import calibrated
 

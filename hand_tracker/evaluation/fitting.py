@@ -3,8 +3,9 @@
 import numpy as np
 
 from ..calibration import LANDMARKS, fit_hand
-from ..core.hand import FINGERS, MCP_OF_LENGTH, Hand, preset_limits
-from ..core.tracker import HandTracker, TrackerOptions
+from ..core.model.hand import FINGERS, MCP_OF_LENGTH, Hand, preset_limits
+from ..core.options import TrackerOptions
+from ..core.tracker import HandTracker
 from .plain_hand import fit_plain
 from .tracking import track, tracked_joints
 

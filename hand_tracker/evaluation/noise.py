@@ -10,7 +10,6 @@ from functools import partial
 
 import numpy as np
 
-from ..core.hand import JOINTS
 from ..core.metrics import (
     angle_distance,
     high_frequency_energy,
@@ -18,7 +17,9 @@ from ..core.metrics import (
     joint_errors,
     palm_pose_error,
 )
-from ..core.tracker import HandTracker, TrackerOptions
+from ..core.model.hand import JOINTS
+from ..core.options import TrackerOptions
+from ..core.tracker import HandTracker
 from . import noise_pip
 from .demo_frames import RATE, demo_frames, tracked_hand
 from .report import COLOURS, INK, Picture, Table, figure_with, number, save

@@ -17,8 +17,8 @@ from itertools import combinations
 import numpy as np
 
 from ..calibration.landmarks import FINGER_ROWS, THUMB_ROWS
-from ..core.layout import MARKERS, PALM_MARKERS
 from ..core.metrics import availability
+from ..core.model.marker_layout import MARKERS, PALM_MARKERS
 from ..core.tracker import HandTracker
 from .baselines import BASELINES, predictions
 from .captures import InvalidCapture, judge_each

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..core.capsules import axis_of, capsules, close_pairs, nearest_points, place_capsules
+from ..core.model.capsules import axis_of, capsules, close_pairs, nearest_points, place_capsules
 from ..core.numerics.jit import indexed, jit, packed
 
 

@@ -14,8 +14,8 @@ from functools import cache, partial
 
 import numpy as np
 
-from ..core.hand import FINGERS, preset_coupling
 from ..core.metrics import JOINT_CLASSES, joint_errors, limit_violations
+from ..core.model.hand import FINGERS, preset_coupling
 from ..core.tracker import HandTracker
 from .captures import judge_each
 from .fitting import fitted_hand, fitted_plain

@@ -19,10 +19,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..calibration import landmark_positions
-from ..core.hand import Hand, preset_limits
-from ..core.kinematics import forward, joint_table
-from ..core.layout import MarkerLayout
 from ..core.metrics import angle_distance, joint_errors
+from ..core.model.hand import Hand, preset_limits
+from ..core.model.kinematics import forward, joint_table
+from ..core.model.marker_layout import MarkerLayout
 from ..core.tracker import HandTracker
 from ..simulation.cameras import CameraRig
 from ..simulation.motions import MOTIONS, motion_named

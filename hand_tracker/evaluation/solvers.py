@@ -11,7 +11,8 @@ from functools import partial
 import numpy as np
 
 from ..core.metrics import JOINT_CLASSES, joint_errors
-from ..core.tracker import HandTracker, TrackerOptions
+from ..core.options import TrackerOptions
+from ..core.tracker import HandTracker
 from .demo_frames import RATE, demo_frames, tracked_hand
 from .report import COLOURS, INK, Picture, Table, figure_with, mean_and_p95, number, save, words
 from .rows import spread

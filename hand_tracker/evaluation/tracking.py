@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..calibration import landmark_positions
-from ..core.kinematics import Pose
+from ..core.model.kinematics import Pose
 
 
 class Tracked(NamedTuple):

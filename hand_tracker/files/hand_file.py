@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from ..core.errors import HandTrackerError
-from ..core.hand import (
+from ..core.model.hand import (
     ANGLE_RANGE,
     COUPLING_PRESETS,
     DIGITS,
@@ -28,7 +28,7 @@ from ..core.hand import (
     preset_coupling,
     preset_limits,
 )
-from ..core.layout import MARKERS, OFFSET_RANGE, PAPER_PLACES, MarkerLayout
+from ..core.model.marker_layout import MARKERS, OFFSET_RANGE, PAPER_PLACES, MarkerLayout
 
 
 class InvalidHandFile(HandTrackerError, ValueError):

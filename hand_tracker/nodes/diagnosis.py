@@ -5,9 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.layout import MARKERS
-from ..core.palm import PalmState
-from ..core.tracker import MarkerState
+from ..core.model.marker_layout import MARKERS
+from ..core.model.states import MarkerState, PalmState
 from .latency import Latency
 
 PERIOD = 1.  # [s] over which the rate is counted

@@ -19,7 +19,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from ..codec import ENCAPSULATION
-from ..core.layout import MARKERS
+from ..core.model.marker_layout import MARKERS
 from ..core.numerics.jit import CACHED, COMPILED, another, jit, packed
 from ..passage import (
     ANSWERS,

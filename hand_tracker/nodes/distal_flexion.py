@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..core.hand import DIGITS, JOINTS
+from ..core.model.hand import DIGITS, JOINTS
 
 DISTAL_JOINTS = JOINTS[4::5]  # of each digit
 

@@ -4,8 +4,8 @@ from collections import deque
 
 import numpy as np
 
-from ..core.layout import MARKERS
-from ..core.tracker import MarkerState
+from ..core.model.marker_layout import MARKERS
+from ..core.model.states import MarkerState
 
 BACK = 1.     # [s] as expected before that is said
 WINDOW = 10.  # [s] in which at most

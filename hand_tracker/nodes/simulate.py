@@ -18,7 +18,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from ..core.hand import SIDES
+from ..core.model.hand import SIDES
 from ..files.bags import MARKER_ARRAY
 from ..files.stamps import header_stamp, marker_stamps, restamp
 from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig

@@ -14,7 +14,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker
 
-from ..core.kinematics import forward, joint_table
+from ..core.model.kinematics import forward, joint_table
 from ..skin import deform, load_skin
 from .common import declare, names_of, run
 from .parameter import Parameter

@@ -15,9 +15,9 @@ from visualization_msgs.msg import MarkerArray
 
 from ..codec import MalformedMessage, Stamp
 from ..core.errors import HandTrackerError
-from ..core.hand import DIGITS, JOINTS
-from ..core.kinematics import forward, joint_table, tip_offsets
-from ..core.layout import marker_positions
+from ..core.model.hand import DIGITS, JOINTS
+from ..core.model.kinematics import forward, joint_table, tip_offsets
+from ..core.model.marker_layout import marker_positions
 from ..core.numerics import jit
 from ..core.tracker import HandTracker
 from ..marker_frame import FrameTime, seconds

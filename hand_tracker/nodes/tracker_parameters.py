@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.errors import HandTrackerError
-from ..core.hand import (
+from ..core.model.hand import (
     ANGLE_RANGE,
     COUPLING_PRESETS,
     DIGITS,
@@ -24,8 +24,8 @@ from ..core.hand import (
     SLOPE_RANGE,
     Hand,
 )
-from ..core.layout import MARKERS
-from ..core.tracker import TrackerOptions
+from ..core.model.marker_layout import MARKERS
+from ..core.options import TrackerOptions
 from ..files.hand_file import InvalidHandFile, choose_hand
 from ..labels import DEFAULT_LABELS, LabelMap
 from .parameter import Parameter

@@ -8,9 +8,8 @@ import math
 
 import numpy as np
 
-from ..core.layout import MARKERS, PALM_MARKERS
-from ..core.palm import PalmState
-from ..core.tracker import MarkerState
+from ..core.model.marker_layout import MARKERS, PALM_MARKERS
+from ..core.model.states import MarkerState, PalmState
 from .fit import Fit
 from .marker_news import Budget, MarkerNews
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.hand import DIGITS, FINGERS, JOINTS, Hand
+from ..core.model.hand import DIGITS, FINGERS, JOINTS, Hand
 from .motion import Motion, minimum_jerk
 from .poses import LEADERS
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.hand import DIGITS, FINGERS
+from ..core.model.hand import DIGITS, FINGERS
 from .poses import pose_angles
 
 JOINTS_OF_DIGIT = 5

@@ -7,7 +7,7 @@ speed of single fingers, shaking in speed of the whole hand, rest in calm.
 import numpy as np
 
 from ..core.errors import HandTrackerError
-from ..core.hand import DIGITS, JOINTS
+from ..core.model.hand import DIGITS, JOINTS
 from .gestures import GRASPS, LETTERS, REST, grasp_shape, shape_angles
 from .layers import LayeredMotion, Strokes, Tremor, finger_stroke
 from .motion import Motion, Sway, demo_motion

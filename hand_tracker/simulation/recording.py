@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.errors import HandTrackerError
-from ..core.hand import JOINTS, SIDES, Hand
-from ..core.kinematics import forward, joint_table
-from ..core.layout import MARKERS, MarkerLayout, marker_positions
+from ..core.model.hand import JOINTS, SIDES, Hand
+from ..core.model.kinematics import forward, joint_table
+from ..core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from ..files.bags import bag_message, joint_state_message, marker_array_message, write_bag
 from ..share import RECORDINGS
 from .motion import demo_motion

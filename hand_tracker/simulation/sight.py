@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.hand import DIGITS, JOINTS
-from ..core.kinematics import forward, joint_table, tip_offsets
-from ..core.layout import MarkerLayout, marker_positions
-from ..core.skeleton import BONES, bone_radii, skeleton_points
+from ..core.model.hand import DIGITS, JOINTS
+from ..core.model.kinematics import forward, joint_table, tip_offsets
+from ..core.model.marker_layout import MarkerLayout, marker_positions
+from ..core.model.skeleton import BONES, bone_radii, skeleton_points
 from .cameras import camera_coordinates
 
 MARKER_RADIUS = .004  # [m]

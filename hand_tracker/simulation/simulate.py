@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.errors import HandTrackerError, InvalidLayout
-from ..core.hand import SIDES, Hand
-from ..core.layout import MARKERS, MarkerLayout
+from ..core.model.hand import SIDES, Hand
+from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..files.bags import bag_message, marker_array_message, pose_message, write_bag
 from ..files.hand_file import choose_hand, save_hand
 from ..progress import Progress

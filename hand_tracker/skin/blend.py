@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..core.hand import DIGITS, LINKS
-from ..core.kinematics import Pose
+from ..core.model.hand import DIGITS, LINKS
+from ..core.model.kinematics import Pose
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import HandTrackerError
-from ..core.kinematics import forward, joint_table
+from ..core.model.kinematics import forward, joint_table
 from ..files.hand_file import add_hand_options, choose_hand
 from ..simulation.poses import pose_angles
 from .blend import deform

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..core.hand import DIGITS, LINKS
-from ..core.kinematics import forward, joint_table
+from ..core.model.hand import DIGITS, LINKS
+from ..core.model.kinematics import forward, joint_table
 from ..images import blank, drawn, place, write
 from ..palette import DIGIT_COLOURS, FLESH, INK, PAPER, VERMILLION, rgb
 from ..render import Camera, Mesh, fitted, render, view_axes

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.hand import FINGERS, JOINTS, LINKS, MCP_OF_LENGTH, MEAN_LENGTH
-from ..core.kinematics import forward, joint_table, tip_offsets
-from ..core.skeleton import CHAINS, skeleton_points
+from ..core.model.hand import FINGERS, JOINTS, LINKS, MCP_OF_LENGTH, MEAN_LENGTH
+from ..core.model.kinematics import forward, joint_table, tip_offsets
+from ..core.model.skeleton import CHAINS, skeleton_points
 
 # [degrees] abduction at which the skin is made: side by side, digits would grow together.
 SPREAD_DEG = {'index': 13., 'middle': 0., 'ring': 11., 'little': 19.}

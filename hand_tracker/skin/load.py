@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.hand import JOINTS, SIDES
-from ..core.kinematics import Pose, forward, joint_table, tip_offsets
-from ..core.skeleton import CHAINS, PALM_BONES, skeleton_points
+from ..core.model.hand import JOINTS, SIDES
+from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
+from ..core.model.skeleton import CHAINS, PALM_BONES, skeleton_points
 from .blend import Skin, deform
 from .errors import InvalidMesh
 from .flesh import flesh_of

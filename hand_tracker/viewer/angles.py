@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..core.hand import DIGITS, JOINTS
+from ..core.model.hand import DIGITS, JOINTS
 from ..palette import BLUE, VERMILLION
 
 AT_LIMIT = np.radians(.5)

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from ..constraints import CONSTRAINTS
-from ..core.tracker import MarkerState
+from ..core.model.states import MarkerState
 from ..palette import MARKER_COLOURS
 from .angles import angle_bars
 

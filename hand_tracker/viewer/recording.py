@@ -10,7 +10,8 @@ import numpy as np
 from ..constraints import DEFAULT, constrained
 from ..core.errors import HandTrackerError
 from ..core.numerics.jit import COMPILED
-from ..core.tracker import HandTracker, TrackerOptions
+from ..core.options import TrackerOptions
+from ..core.tracker import HandTracker
 from ..files.bags import open_bag
 from ..offline import marker_topic, track
 

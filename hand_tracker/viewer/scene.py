@@ -4,11 +4,10 @@ from collections import deque
 
 import numpy as np
 
-from ..core.kinematics import Pose
-from ..core.layout import MARKERS
+from ..core.model.kinematics import Pose
+from ..core.model.marker_layout import MARKERS
+from ..core.model.states import MarkerState, PalmState
 from ..core.numerics.quaternion import quaternion
-from ..core.palm import PalmState
-from ..core.tracker import MarkerState
 from ..palette import MARKER_COLOURS, rgb
 from .skeleton import skeleton_mesh
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .errors import InvalidLayout
+from ..errors import InvalidLayout
 from .hand import DIGITS, FINGERS, LINKS
 
 MARKERS = ('wrist', 'index_mcp', 'little_mcp', 'index', 'middle', 'ring', 'little', 'thumb')

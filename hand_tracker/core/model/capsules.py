@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..numerics.jit import indexed, jit, packed
+from ..numerics.vectors import add, clamp, dot, scale, subtract, vector
 from .hand import DIGITS, FINGERS, LINKS
 from .kinematics import joint_table, place_links
-from .numerics.jit import indexed, jit, packed
-from .numerics.vectors import add, clamp, dot, scale, subtract, vector
 
 BONES = 3
 PALM = len(DIGITS)  # stands for the palm where digits are numbered

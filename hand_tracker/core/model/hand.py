@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .errors import InvalidHand
+from ..errors import InvalidHand
 
 FINGERS = ('index', 'middle', 'ring', 'little')
 DIGITS = FINGERS + ('thumb',)
@@ -29,6 +29,16 @@ JOINTS = tuple(f'{finger}_{joint}' for finger in FINGERS for joint in FINGER_JOI
 LINKS = tuple(f'{finger}_{link}' for finger in FINGERS for link in FINGER_LINKS) + tuple(
     f'thumb_{link}' for link in THUMB_LINKS)
 ROOT = 'wrist'
+
+# Rows of `JOINTS`: of each digit its abduction, (5,), and its three flexions, (5, 3); and the
+# digit of each joint, (25,).
+ABDUCTION = np.array([JOINTS.index(
+    'thumb_cmc_abduction' if digit == 'thumb' else f'{digit}_mcp_abduction')
+    for digit in DIGITS])
+FLEXION = np.array([[JOINTS.index(f'{digit}_{joint}_flexion') for joint in (
+    ('cmc', 'mcp', 'ip') if digit == 'thumb' else ('mcp', 'pip', 'dip'))]
+    for digit in DIGITS])
+DIGIT_OF_JOINT = np.array([DIGITS.index(joint.split('_')[0]) for joint in JOINTS])
 
 # [degrees] (extension, flexion) and (adduction, abduction) of each kind of joint.
 # paper: Table 1. The finger CMC's have no entry there: the paper's palm is flat.

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..numerics.jit import indexed, jit
 from .hand import DIGITS, FINGER_JOINTS, FINGERS, JOINTS, LINKS, THUMB_JOINTS
-from .numerics.jit import indexed, jit
 
 X, Y, Z = np.eye(3)
 # Abduction leads away from the middle finger (the middle finger's: towards the thumb).

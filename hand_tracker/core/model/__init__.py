@@ -1,0 +1,1 @@
+"""The model of the hand: joints, markers, states, kinematics, capsules."""
