@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.clock import (
+from hand_tracker.core.filtering.frame_clock import (
     BACKWARD,
     FARTHEST,
     LONGEST,

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.digit_markers import follow_digits
+from hand_tracker.core.filtering.tracks import no_tracks
 from hand_tracker.core.interdependence import no_habits, prior_of
-from hand_tracker.core.tracks import no_tracks
 
 REST = np.array(((.15, .025, 0.), (.16, .005, 0.), (.15, -.015, 0.), (.13, -.035, 0.),
                  (.09, .06, -.02)))

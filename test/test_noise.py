@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.noise import LEAST, learn_noise, unknown_noise
+from hand_tracker.core.filtering.noise_estimate import LEAST, learn_noise, unknown_noise
 
 RATE = 120.
 MOST = 2e-3

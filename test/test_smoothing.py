@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hand_tracker.core.filtering.smoothing import ACTIVITY, advance, levers, noise_on_palm
 from hand_tracker.core.numerics import jit
-from hand_tracker.core.smoothing import ACTIVITY, advance, levers, noise_on_palm
 
 NOISE = 3e-4     # [m]
 FADING = .07     # [s]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from hand_tracker.core.filtering.tracks import RECENT, carry, follow, forget_motion, no_tracks
 from hand_tracker.core.report import deviation
-from hand_tracker.core.tracks import RECENT, carry, follow, forget_motion, no_tracks
 
 STEP, NOISE, FADING = 1. / 120., 1e-4, .1
 NOWHERE = (0., 0., 0.)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from hand_tracker.core import ukf
+from hand_tracker.core.filtering import ukf
 from hand_tracker.core.numerics import jit
 
 ROOT = Path(__file__).resolve().parents[1]

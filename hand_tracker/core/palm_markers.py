@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from .filtering.tracks import carry, follow
 from .model.states import CARRIED, LOST, TRACKED, WAITING
 from .numerics.jit import jit
 from .numerics.vectors import (
@@ -25,7 +26,6 @@ from .numerics.vectors import (
     vector,
 )
 from .palm import palm_fault, rigid_palm
-from .tracks import carry, follow
 
 # Weights in the rigid fit against that of a finger's marker; of predicted ones with none, one
 # and two of the palm's seen; from captures.

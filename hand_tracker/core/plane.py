@@ -2,7 +2,7 @@
 
 import math
 
-from .clock import USUAL_STEP
+from .filtering.frame_clock import USUAL_STEP
 from .numerics.jit import jit
 from .numerics.vectors import clamp
 

@@ -9,17 +9,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .clock import step_to
 from .contact import GAP, carry, separate
 from .digit import solve_digits
 from .digit_markers import follow_digits
+from .filtering.frame_clock import step_to
+from .filtering.noise_estimate import Noise, learn_noise, unknown_noise
+from .filtering.smoothing import noise_on_palm
+from .filtering.tracks import Tracks, forget_motion, no_tracks
 from .identity import HandBounds, Memory, blank_memory, identify
 from .interdependence import Habits, keep_near_neighbours, no_habits
 from .model.capsules import Capsules, place_capsules
 from .model.kinematics import JointTable
 from .model.marker_layout import MARKERS, Mounting
 from .model.states import LOST, TRACKED, WAITING
-from .noise import Noise, learn_noise, unknown_noise
 from .numerics.jit import jit, overwrite
 from .numerics.vectors import clamp
 from .occlusion import reject_frozen, visible
@@ -28,8 +30,6 @@ from .palm_markers import check_palm, expected_markers, follow_palm
 from .plane import FRAME
 from .reentry import ease
 from .report import deviation, tell_confidence, tell_markers, tell_pose
-from .smoothing import noise_on_palm
-from .tracks import Tracks, forget_motion, no_tracks
 
 AT_ONCE = 1e-9     # [s] in which digits that were never seen relax in the first frame
 SETTLE = 150        # times that the first frame is solved

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .clock import new_clock
 from .digit import chains, measure
+from .filtering.frame_clock import new_clock
+from .filtering.smoothing import levers
 from .identity import hand_bounds
 from .interdependence import prior_of
 from .likeness import usual_places
@@ -28,7 +29,6 @@ from .numerics.jit import another, packed, parts
 from .options import TrackerOptions
 from .report import blank_report
 from .sequence import Model, blank_state, choices, track_frame
-from .smoothing import levers
 
 __all__ = ['HandState', 'HandTracker', 'MarkerState', 'PalmState', 'TrackerOptions']
 

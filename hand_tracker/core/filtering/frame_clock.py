@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .numerics.jit import jit
+from ..numerics.jit import jit
 
 USUAL_STEP = 1. / 120.  # [s] before two frames have told
 LONGEST = 1.            # [s] between frames after which motion is not carried on

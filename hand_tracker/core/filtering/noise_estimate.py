@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .numerics.jit import jit
-from .numerics.vectors import clamp
+from ..numerics.jit import jit
+from ..numerics.vectors import clamp
 
 QUANTILE = .25
 OF_CHI_SQUARE = 1.213   # that quantile of a χ² of 3 degrees of freedom

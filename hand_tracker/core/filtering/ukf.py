@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from .numerics.jit import indexed, jit
-from .numerics.vectors import add, clamp, cross, dot, scale, subtract
+from ..numerics.jit import indexed, jit
+from ..numerics.vectors import add, clamp, cross, dot, scale, subtract
 
 SIZE = 9
 ALPHA = 1e-3

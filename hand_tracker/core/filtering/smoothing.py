@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from .numerics.jit import jit
+from ..numerics.jit import jit
 from .ukf import add_jerk, correct, fade, predict, start
 
 # A marker's row of activity: the expected jerk noise, then the two means of innovations [m].

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .numerics.jit import jit
-from .numerics.vectors import store, vector
+from ..numerics.jit import jit
+from ..numerics.vectors import store, vector
 from .smoothing import ACTIVITY, advance
 from .ukf import SIZE
 

@@ -1,0 +1,1 @@
+"""Filtering: time between frames, noise, the VTM-UKF, smoothing of seen markers."""
