@@ -9,7 +9,7 @@ from captures import capture_path
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.calibration import fit_hand, landmark_positions
-from hand_tracker.core.likeness import exchange_clearly_wrong, usual_places
+from hand_tracker.core.labelling.plausibility import exchange_clearly_wrong, usual_places
 from hand_tracker.core.model.hand import Hand, preset_coupling, preset_limits
 from hand_tracker.core.model.kinematics import Pose
 from hand_tracker.core.model.marker_layout import MarkerLayout

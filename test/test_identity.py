@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.digit import chains
-from hand_tracker.core.identity import (
+from hand_tracker.core.labelling.association import (
     ACCEPTED,
     REJECTED,
     SWAPPED,
@@ -19,12 +19,12 @@ from hand_tracker.core.identity import (
     hand_bounds,
     identify,
 )
-from hand_tracker.core.likeness import usual_places
+from hand_tracker.core.labelling.plausibility import usual_places
+from hand_tracker.core.labelling.validity import visible
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.model.states import MarkerState
-from hand_tracker.core.occlusion import visible
 from hand_tracker.simulation.motions import motion_named
 
 GATE, MARGIN, PATIENCE = 5., 1.5, .3

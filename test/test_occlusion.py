@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.occlusion import reject_frozen, visible
+from hand_tracker.core.labelling.validity import reject_frozen, visible
 
 
 @pytest.mark.parametrize('row, expected', [

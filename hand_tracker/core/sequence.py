@@ -16,15 +16,15 @@ from .filtering.frame_clock import step_to
 from .filtering.noise_estimate import Noise, learn_noise, unknown_noise
 from .filtering.smoothing import noise_on_palm
 from .filtering.tracks import Tracks, forget_motion, no_tracks
-from .identity import HandBounds, Memory, blank_memory, identify
 from .interdependence import Habits, keep_near_neighbours, no_habits
+from .labelling.association import HandBounds, Memory, blank_memory, identify
+from .labelling.validity import reject_frozen, visible
 from .model.capsules import Capsules, place_capsules
 from .model.kinematics import JointTable
 from .model.marker_layout import MARKERS, Mounting
 from .model.states import LOST, TRACKED, WAITING
 from .numerics.jit import jit, overwrite
 from .numerics.vectors import clamp
-from .occlusion import reject_frozen, visible
 from .palm import place_palm
 from .palm_markers import check_palm, expected_markers, follow_palm
 from .plane import FRAME

@@ -11,9 +11,9 @@ import numpy as np
 from .digit import chains, measure
 from .filtering.frame_clock import new_clock
 from .filtering.smoothing import levers
-from .identity import hand_bounds
 from .interdependence import prior_of
-from .likeness import usual_places
+from .labelling.association import hand_bounds
+from .labelling.plausibility import usual_places
 from .model.capsules import capsules
 from .model.hand import DIGITS, Hand
 from .model.kinematics import Pose, forward, joint_table

@@ -13,7 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .likeness import (
+from ..model.states import REJECTED, SEEN, SWAPPED
+from ..numerics.jit import jit
+from ..numerics.vectors import clamp, components, distance, scale, store, subtract, vector
+from ..palm import rigid_palm
+from ..palm_markers import carry_palm
+from .plausibility import (
     CLEARLY,
     DISORDER,
     EXCHANGES,
@@ -25,12 +30,7 @@ from .likeness import (
     spans_plane,
     unlikeness,
 )
-from .model.states import REJECTED, SEEN, SWAPPED
-from .numerics.jit import jit
-from .numerics.vectors import clamp, components, distance, scale, store, subtract, vector
-from .occlusion import FARTHEST
-from .palm import rigid_palm
-from .palm_markers import carry_palm
+from .validity import FARTHEST
 
 ACCEPTED = SEEN
 

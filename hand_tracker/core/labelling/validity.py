@@ -2,8 +2,8 @@
 
 import math
 
-from .numerics.jit import jit
-from .numerics.vectors import distance, vector
+from ..numerics.jit import jit
+from ..numerics.vectors import distance, vector
 
 FARTHEST = 1e3  # [m] a coordinate beyond this is no measurement
 PARTED = .003   # [m] more than skin lets the palm's markers part; ours

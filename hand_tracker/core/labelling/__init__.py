@@ -1,0 +1,1 @@
+"""Labelling: which measurement is which marker, and which is none."""
