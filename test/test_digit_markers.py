@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.digit_markers import follow_digits
 from hand_tracker.core.filtering.tracks import no_tracks
-from hand_tracker.core.interdependence import no_habits, prior_of
+from hand_tracker.core.occlusion.digit_markers import follow_digits
+from hand_tracker.core.occlusion.transdigital import no_habits, prior_of
 
 REST = np.array(((.15, .025, 0.), (.16, .005, 0.), (.15, -.015, 0.), (.13, -.035, 0.),
                  (.09, .06, -.02)))

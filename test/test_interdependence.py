@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.interdependence import (
+from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.occlusion.transdigital import (
     keep_near_neighbours,
     learn,
     no_habits,
     prior_of,
     shares_of,
 )
-from hand_tracker.core.model.hand import JOINTS, Hand
 
 LINKS = .6, .8, .7
 SPREAD, HORIZON, FLOOR = .03, .3, .003

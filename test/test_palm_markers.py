@@ -6,7 +6,12 @@ from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.filtering.tracks import no_tracks
 from hand_tracker.core.model.states import PalmState
-from hand_tracker.core.palm_markers import carry_palm, check_palm, expected_markers, follow_palm
+from hand_tracker.core.occlusion.palm_markers import (
+    carry_palm,
+    check_palm,
+    expected_markers,
+    follow_palm,
+)
 
 TEMPLATE = np.array(((0., 0., 0.), (.083, .021, -.003), (.068, -.034, -.006)))
 FINGERS = np.array(((.15, .025, -.02), (.16, .005, -.02), (.15, -.015, -.02), (.13, -.035, -.02),

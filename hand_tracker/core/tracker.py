@@ -11,7 +11,6 @@ import numpy as np
 from .digit import chains, measure
 from .filtering.frame_clock import new_clock
 from .filtering.smoothing import levers
-from .interdependence import prior_of
 from .labelling.association import hand_bounds
 from .labelling.plausibility import usual_places
 from .model.capsules import capsules
@@ -26,6 +25,7 @@ from .model.marker_layout import (
 )
 from .model.states import PALM_STATES, MarkerState, PalmState
 from .numerics.jit import another, packed, parts
+from .occlusion.transdigital import prior_of
 from .options import TrackerOptions
 from .report import blank_report
 from .sequence import Model, blank_state, choices, track_frame

@@ -16,8 +16,8 @@ import numpy as np
 from ..model.states import REJECTED, SEEN, SWAPPED
 from ..numerics.jit import jit
 from ..numerics.vectors import clamp, components, distance, scale, store, subtract, vector
+from ..occlusion.palm_markers import carry_palm
 from ..palm import rigid_palm
-from ..palm_markers import carry_palm
 from .plausibility import (
     CLEARLY,
     DISORDER,

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from .filtering.tracks import carry, follow
-from .interdependence import learn, shares_of
-from .numerics.jit import jit
-from .numerics.vectors import add, components, dot, frame, length, scale, subtract, vector
+from ..filtering.tracks import carry, follow
+from ..numerics.jit import jit
+from ..numerics.vectors import add, components, dot, frame, length, scale, subtract, vector
+from .transdigital import learn, shares_of
 
 # From captures.
 HORIZON = .3           # [s] over which a velocity counts as a move

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .model.hand import FLEXION
-from .numerics.jit import jit
-from .numerics.vectors import clamp
+from ..model.hand import FLEXION
+from ..numerics.jit import jit
+from ..numerics.vectors import clamp
 
 DIGITS = 5
 SIZE = 3 * DIGITS

@@ -1,0 +1,1 @@
+"""Occlusion: hidden markers of palm and digits are predicted."""
