@@ -31,7 +31,8 @@ import numpy as np
 
 from benchmarks.common import add_json_option, environment, write_rows
 from hand_tracker.calibration.landmarks import landmark_positions
-from hand_tracker.core.digit import chains, solve_digits
+from hand_tracker.core.inverse_kinematics.digit import chains, solve_digits
+from hand_tracker.core.inverse_kinematics.palm import place_palm
 from hand_tracker.core.model.hand import JOINTS, LINKS, ROOT, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import (
@@ -42,7 +43,6 @@ from hand_tracker.core.model.marker_layout import (
 )
 from hand_tracker.core.numerics.jit import jit, packed
 from hand_tracker.core.numerics.vectors import components, frame, subtract, vector
-from hand_tracker.core.palm import place_palm
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.simulation.motions import motion_named
 from hand_tracker.urdf import urdf

@@ -19,11 +19,11 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from .core.errors import HandTrackerError
+from .core.inverse_kinematics.palm import place_palm
 from .core.model.kinematics import forward, joint_table, tip_offsets
 from .core.model.marker_layout import PALM_MARKERS, marker_positions
 from .core.model.skeleton import skeleton_points
 from .core.numerics.jit import COMPILED
-from .core.palm import place_palm
 from .files.angle_table import write_angle_table
 from .files.bags import open_bag
 from .files.hand_file import add_hand_options, choose_hand

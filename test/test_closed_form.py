@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.closed_form import FASTEST, closed_form, miss_distance, one_bend
+from hand_tracker.core.inverse_kinematics.two_bone import (
+    FASTEST,
+    closed_form,
+    miss_distance,
+    one_bend,
+)
 
 LOWER, UPPER = np.radians((-10., -10.)), np.radians((85., 95.))
 BONES = (.045, .026)

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.coupled import coupled_angle, coupled_end, coupled_form, straightest
+from hand_tracker.core.inverse_kinematics.three_bone import (
+    coupled_angle,
+    coupled_end,
+    coupled_form,
+    straightest,
+)
 
 BONES = (.046, .036, .029)
 LIMITS = np.radians(((-20., 20.), (-5., 30.), (-10., 95.)))

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from hand_tracker.core.closed_form import closed_form
-from hand_tracker.core.fabrik import fabrik
+from hand_tracker.core.inverse_kinematics.fabrik import fabrik
+from hand_tracker.core.inverse_kinematics.two_bone import closed_form
 
 BONES = np.array((.045, .026))
 LOWER, UPPER = np.radians((-10., -10.)), np.radians((85., 95.))

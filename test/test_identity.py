@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.digit import chains
+from hand_tracker.core.inverse_kinematics.digit import chains
 from hand_tracker.core.labelling.association import (
     ACCEPTED,
     REJECTED,

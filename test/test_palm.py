@@ -5,9 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.model.states import PalmState
-from hand_tracker.core.numerics.vectors import vector
-from hand_tracker.core.palm import (
+from hand_tracker.core.inverse_kinematics.palm import (
     palm_fault,
     place_palm,
     rigid_palm,
@@ -16,6 +14,8 @@ from hand_tracker.core.palm import (
     triad,
     triad_palm,
 )
+from hand_tracker.core.model.states import PalmState
+from hand_tracker.core.numerics.vectors import vector
 
 TEMPLATE = np.array(((0., 0., 0.), (.083, .021, -.003), (.068, -.034, -.006)))
 SOUND = (1.5, 0.3, 0.2)  # stretch, shrink, flatness

@@ -4,7 +4,13 @@ import conformal
 import numpy as np
 import pytest
 
-from hand_tracker.core.plane import BEHIND, FIST_FAR, FIST_NEAR, FRAME, plane_abduction
+from hand_tracker.core.inverse_kinematics.abduction_plane import (
+    BEHIND,
+    FIST_FAR,
+    FIST_NEAR,
+    FRAME,
+    plane_abduction,
+)
 
 FREE = (-np.pi / 2, np.pi / 2)
 

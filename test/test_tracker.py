@@ -9,14 +9,14 @@ from hypothesis import assume, given, settings
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.digit import chains
 from hand_tracker.core.errors import InvalidLayout, InvalidOption
+from hand_tracker.core.inverse_kinematics.abduction_plane import FIST_FAR
+from hand_tracker.core.inverse_kinematics.digit import chains
 from hand_tracker.core.model.hand import ABDUCTION, FLEXION, JOINTS, SIDES, Hand, preset_limits
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.options import TrackerOptions
-from hand_tracker.core.plane import FIST_FAR
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.simulation.sight import skin_layout
 from hand_tracker.simulation.simulate import calibrated

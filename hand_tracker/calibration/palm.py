@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from ..core.inverse_kinematics.palm import rigid_palm
 from ..core.numerics.vectors import vector
-from ..core.palm import rigid_palm
 from .landmarks import INDEX_MCP, LITTLE_MCP, MIDDLE_MCP, WRIST
 
 

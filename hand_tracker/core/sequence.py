@@ -10,11 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from .contact import GAP, carry, separate
-from .digit import solve_digits
 from .filtering.frame_clock import step_to
 from .filtering.noise_estimate import Noise, learn_noise, unknown_noise
 from .filtering.smoothing import noise_on_palm
 from .filtering.tracks import Tracks, forget_motion, no_tracks
+from .inverse_kinematics.abduction_plane import FRAME
+from .inverse_kinematics.digit import solve_digits
+from .inverse_kinematics.palm import place_palm
 from .labelling.association import HandBounds, Memory, blank_memory, identify
 from .labelling.validity import reject_frozen, visible
 from .model.capsules import Capsules, place_capsules
@@ -26,8 +28,6 @@ from .numerics.vectors import clamp
 from .occlusion.digit_markers import follow_digits
 from .occlusion.palm_markers import check_palm, expected_markers, follow_palm
 from .occlusion.transdigital import Habits, keep_near_neighbours, no_habits
-from .palm import place_palm
-from .plane import FRAME
 from .reentry import ease
 from .report import deviation, tell_confidence, tell_markers, tell_pose
 

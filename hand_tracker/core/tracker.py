@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .digit import chains, measure
 from .filtering.frame_clock import new_clock
 from .filtering.smoothing import levers
+from .inverse_kinematics.digit import chains, measure
 from .labelling.association import hand_bounds
 from .labelling.plausibility import usual_places
 from .model.capsules import capsules

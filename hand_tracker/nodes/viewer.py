@@ -26,13 +26,13 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from ..constraints import CONSTRAINTS, constrained
+from ..core.inverse_kinematics.palm import place_palm
 from ..core.model.hand import JOINTS
 from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.marker_layout import MARKERS
 from ..core.model.skeleton import POINTS, skeleton_points
 from ..core.model.states import MarkerState, PalmState
 from ..core.options import TrackerOptions
-from ..core.palm import place_palm
 from ..core.tracker import HandState, HandTracker
 from ..marker_frame import seconds
 from ..viewer.command import add_page_options, view

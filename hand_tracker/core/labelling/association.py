@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..inverse_kinematics.palm import rigid_palm
 from ..model.states import REJECTED, SEEN, SWAPPED
 from ..numerics.jit import jit
 from ..numerics.vectors import clamp, components, distance, scale, store, subtract, vector
 from ..occlusion.palm_markers import carry_palm
-from ..palm import rigid_palm
 from .plausibility import (
     CLEARLY,
     DISORDER,

@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..inverse_kinematics.palm import rigid_palm
 from ..model.hand import ABDUCTION, FLEXION, preset_limits
 from ..model.kinematics import forward, joint_table
 from ..model.marker_layout import PALM_MARKERS, marker_positions
 from ..numerics.jit import jit
 from ..numerics.vectors import components, cross, distance, dot, scale, subtract, vector
-from ..palm import rigid_palm
 
 LEVELS = (.1, .3, .5, .7, .9)  # of each joint's range that are sampled
 # By how much a hand that nobody calibrated may differ from its template; ours

@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from ..filtering.tracks import carry, follow
+from ..inverse_kinematics.palm import palm_fault, rigid_palm
 from ..model.states import CARRIED, LOST, TRACKED, WAITING
 from ..numerics.jit import jit
 from ..numerics.vectors import (
@@ -25,7 +26,6 @@ from ..numerics.vectors import (
     unit,
     vector,
 )
-from ..palm import palm_fault, rigid_palm
 
 # Weights in the rigid fit against that of a finger's marker; of predicted ones with none, one
 # and two of the palm's seen; from captures.

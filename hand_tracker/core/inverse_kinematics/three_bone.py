@@ -7,9 +7,9 @@ redundant one.
 
 import math
 
-from .closed_form import flexion_of
-from .numerics.jit import jit
-from .numerics.vectors import clamp, clamp_angle, wrap
+from ..numerics.jit import jit
+from ..numerics.vectors import clamp, clamp_angle, wrap
+from .two_bone import flexion_of
 
 SEARCH_STEPS = 40
 FIRST_STEP, LAST_STEP = 0.1, 1e-8  # [rad] of going downhill

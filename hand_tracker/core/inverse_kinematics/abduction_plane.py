@@ -2,9 +2,9 @@
 
 import math
 
-from .filtering.frame_clock import USUAL_STEP
-from .numerics.jit import jit
-from .numerics.vectors import clamp
+from ..filtering.frame_clock import USUAL_STEP
+from ..numerics.jit import jit
+from ..numerics.vectors import clamp
 
 # Shares of the digit's reach in front of the joint between which the direction of the
 # marker gradually loses its say on abduction: below the first it has none. Ours.

@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
-from .closed_form import flexion_of
-from .numerics.jit import jit
-from .numerics.vectors import clamp, clamp_angle
+from ..numerics.jit import jit
+from ..numerics.vectors import clamp, clamp_angle
+from .two_bone import flexion_of
 
 NUDGE = 0.1        # [rad] least flexion of the inner hinges at the start
 STAGNATION = 1e-3  # share of the error that eight iterations must gain

@@ -5,8 +5,8 @@ Angles of flexion count from x towards -z.
 
 import math
 
-from .numerics.jit import jit
-from .numerics.vectors import clamp, clamp_angle, wrap
+from ..numerics.jit import jit
+from ..numerics.vectors import clamp, clamp_angle, wrap
 
 # What chooses between two bends that fit alike, against a turn of the second hinge. Ours.
 UNNATURAL = 3.0       # of its distance from what is natural with the first

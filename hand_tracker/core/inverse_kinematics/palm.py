@@ -7,9 +7,9 @@ conformal algebra; chirality settles its ±, so that the first frame needs no hi
 
 import math
 
-from .model.states import COINCIDENT, COLLINEAR, TOO_CLOSE, TOO_FAR_APART, TRACKED
-from .numerics.jit import jit
-from .numerics.vectors import (
+from ..model.states import COINCIDENT, COLLINEAR, TOO_CLOSE, TOO_FAR_APART, TRACKED
+from ..numerics.jit import jit
+from ..numerics.vectors import (
     add,
     components,
     compose,

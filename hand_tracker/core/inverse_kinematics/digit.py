@@ -9,15 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .closed_form import closed_form
-from .coupled import coupled_angle, coupled_form, straightest
+from ..model.hand import ABDUCTION, FLEXION, RELAXED, RELAXED_THUMB
+from ..model.kinematics import ABDUCTION_SIGN, digit_base
+from ..model.marker_layout import MARKERS
+from ..numerics.jit import jit
+from ..numerics.vectors import clamp, components, frame, vector
+from .abduction_plane import plane_abduction
 from .fabrik import fabrik
-from .model.hand import ABDUCTION, FLEXION, RELAXED, RELAXED_THUMB
-from .model.kinematics import ABDUCTION_SIGN, digit_base
-from .model.marker_layout import MARKERS
-from .numerics.jit import jit
-from .numerics.vectors import clamp, components, frame, vector
-from .plane import plane_abduction
+from .three_bone import coupled_angle, coupled_form, straightest
+from .two_bone import closed_form
 
 # Second flexion for one of the first, between the straight and the relaxed hand.
 NATURAL = np.array([second / first for first, second in (*RELAXED, RELAXED_THUMB[1::2])])

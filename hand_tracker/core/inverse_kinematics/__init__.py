@@ -1,0 +1,1 @@
+"""Inverse kinematics: the palm from its markers, each digit from its own."""
