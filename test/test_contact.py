@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import minimize
 
-from hand_tracker.core.contact import AIM, GAP, PENETRATION, carry, separate
 from hand_tracker.core.model.capsules import capsules, pair_gaps, place_capsules
 from hand_tracker.core.model.hand import ABDUCTION, FLEXION, JOINTS, Hand, preset_limits
+from hand_tracker.core.pose.contact import AIM, GAP, PENETRATION, carry, separate
 from hand_tracker.simulation.gestures import GRASPS, LETTERS, grasp_shape, shape_angles
 from hand_tracker.simulation.motions import MOTIONS, motion_named
 from hand_tracker.simulation.poses import POSES, pose_angles

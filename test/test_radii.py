@@ -4,10 +4,10 @@ import numpy as np
 
 from hand_tracker.calibration import landmark_positions
 from hand_tracker.calibration.radii import THIN, fit_radii
-from hand_tracker.core.contact import PENETRATION
 from hand_tracker.core.model.capsules import capsules, pair_gaps
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.pose.contact import PENETRATION
 
 HAND = Hand.scaled()
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.model.hand import ABDUCTION, DIGIT_OF_JOINT, FLEXION
-from hand_tracker.core.reentry import ease
+from hand_tracker.core.pose.continuity import ease
 
 LOWER, UPPER = np.full(25, -1.), np.full(25, 2.)
 STEP, RATE = .01, 15.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.filtering.tracks import RECENT, carry, follow, forget_motion, no_tracks
-from hand_tracker.core.report import deviation
+from hand_tracker.core.pose.report import deviation
 
 STEP, NOISE, FADING = 1. / 120., 1e-4, .1
 NOWHERE = (0., 0., 0.)

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from ..core.contact import PENETRATION
 from ..core.inverse_kinematics.abduction_plane import FRAME
 from ..core.inverse_kinematics.digit import chains, solve_digits
 from ..core.model.capsules import capsules, pair_gaps
 from ..core.model.hand import DIGITS, FINGERS, JOINTS
 from ..core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
+from ..core.pose.contact import PENETRATION
 from .landmarks import LANDMARKS
 
 FIT_FRAMES = 300   # spread over the recording

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field, fields
 
-from .contact import PENETRATION
 from .errors import InvalidOption
+from .pose.contact import PENETRATION
 
 
 def _option(default, description, **limits):

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .contact import GAP, carry, separate
 from .filtering.frame_clock import step_to
 from .filtering.noise_estimate import Noise, learn_noise, unknown_noise
 from .filtering.smoothing import noise_on_palm
@@ -28,8 +27,9 @@ from .numerics.vectors import clamp
 from .occlusion.digit_markers import follow_digits
 from .occlusion.palm_markers import check_palm, expected_markers, follow_palm
 from .occlusion.transdigital import Habits, keep_near_neighbours, no_habits
-from .reentry import ease
-from .report import deviation, tell_confidence, tell_markers, tell_pose
+from .pose.contact import GAP, carry, separate
+from .pose.continuity import ease
+from .pose.report import deviation, tell_confidence, tell_markers, tell_pose
 
 AT_ONCE = 1e-9     # [s] in which digits that were never seen relax in the first frame
 SETTLE = 150        # times that the first frame is solved

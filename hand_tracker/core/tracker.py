@@ -27,7 +27,7 @@ from .model.states import PALM_STATES, MarkerState, PalmState
 from .numerics.jit import another, packed, parts
 from .occlusion.transdigital import prior_of
 from .options import TrackerOptions
-from .report import blank_report
+from .pose.report import blank_report
 from .sequence import Model, blank_state, choices, track_frame
 
 __all__ = ['HandState', 'HandTracker', 'MarkerState', 'PalmState', 'TrackerOptions']

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from ..core.contact import separate
 from ..core.model.capsules import capsules
 from ..core.model.hand import DIGITS, FINGERS, JOINTS, LINKS, preset_limits
 from ..core.model.kinematics import forward, joint_table, tip_offsets
+from ..core.pose.contact import separate
 
 # [degrees] (MCP abduction, MCP flexion, PIP flexion); the DIP follows the PIP.
 STRAIGHT = ((3, 4, 5), (0, 3, 5), (2, 3, 5), (4, 4, 5))

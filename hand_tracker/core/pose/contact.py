@@ -5,10 +5,10 @@ Both stages work on a right hand in the wrist's frame, after its digits are solv
 
 import numpy as np
 
-from .model.capsules import PALM, axis_of, close_pairs, nearest_points, place_frames
-from .model.hand import ABDUCTION, FLEXION
-from .numerics.jit import indexed, jit
-from .numerics.vectors import add, clamp, cross, dot, scale, subtract, unit, vector
+from ..model.capsules import PALM, axis_of, close_pairs, nearest_points, place_frames
+from ..model.hand import ABDUCTION, FLEXION
+from ..numerics.jit import indexed, jit
+from ..numerics.vectors import add, clamp, cross, dot, scale, subtract, unit, vector
 
 PENETRATION = .001   # [m] that flesh gives way; ours
 # Solved to this share of the tolerance: iteration ends with a small rest.

@@ -6,9 +6,9 @@ smoothed. A predicted digit turns no faster than that: its marker may leave what
 reach, where the solution leaps.
 """
 
-from .model.hand import DIGIT_OF_JOINT
-from .numerics.jit import jit
-from .numerics.vectors import clamp
+from ..model.hand import DIGIT_OF_JOINT
+from ..numerics.jit import jit
+from ..numerics.vectors import clamp
 
 
 @jit

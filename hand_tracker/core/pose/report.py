@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .model.hand import DIGIT_OF_JOINT
-from .model.kinematics import place_links
-from .model.states import ABSENT, PREDICTED, REJECTED, SEEN, STALE
-from .numerics.jit import jit
-from .numerics.vectors import add, clamp, distance, frame, mix, vector
+from ..model.hand import DIGIT_OF_JOINT
+from ..model.kinematics import place_links
+from ..model.states import ABSENT, PREDICTED, REJECTED, SEEN, STALE
+from ..numerics.jit import jit
+from ..numerics.vectors import add, clamp, distance, frame, mix, vector
 
 UNSURE = .01  # [m] standard deviation of a marker at which confidence is a third
 ASTRAY = .2    # [rad] that an angle is off its solution at which it is a third: UNSURE on a digit

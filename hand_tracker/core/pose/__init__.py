@@ -1,0 +1,1 @@
+"""The pose: angles without jumps, digits that touch, what is reported."""
