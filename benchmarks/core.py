@@ -23,7 +23,7 @@ if not __package__:
 import numpy as np
 
 from benchmarks.common import add_json_option, environ, environment, write_rows
-from hand_tracker.core import sequence, tracker
+from hand_tracker.core import tracker
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions

@@ -16,7 +16,7 @@ from .core.model.marker_layout import MARKERS
 from .core.model.states import PALM_STATES, PalmState
 from .core.numerics.jit import jit, overwrite
 from .core.numerics.quaternion import tell_transforms
-from .core.sequence import track_frame
+from .core.pipeline import track_frame
 
 MESSAGE_ROOM = 2**14  # [bytes] of a message of markers,
 ANSWER_ROOM = 2**13   # and of an answer

@@ -20,8 +20,8 @@ from hand_tracker.core.numerics.jit import (
     packed,
     parts,
 )
+from hand_tracker.core.pipeline import blank_state
 from hand_tracker.core.pose.report import blank_report
-from hand_tracker.core.sequence import blank_state
 
 ROOT = Path(__file__).resolve().parents[1]
 PROGRAM = """

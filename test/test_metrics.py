@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.calibration import LANDMARKS
-from hand_tracker.core import metrics
+from hand_tracker.evaluation import metrics
 
 
 def quaternion(axis, degrees):

@@ -10,7 +10,7 @@ from threading import Event
 import numpy as np
 import pytest
 
-from hand_tracker.constraints import CONSTRAINTS, DEFAULT, constrained, in_words
+from hand_tracker.core.constraints import CONSTRAINTS, DEFAULT, constrained, in_words
 from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets

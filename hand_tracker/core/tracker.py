@@ -27,8 +27,8 @@ from .model.states import PALM_STATES, MarkerState, PalmState
 from .numerics.jit import another, packed, parts
 from .occlusion.transdigital import prior_of
 from .options import TrackerOptions
+from .pipeline import Model, blank_state, choices, track_frame
 from .pose.report import blank_report
-from .sequence import Model, blank_state, choices, track_frame
 
 __all__ = ['HandState', 'HandTracker', 'MarkerState', 'PalmState', 'TrackerOptions']
 

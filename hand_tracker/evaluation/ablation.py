@@ -23,8 +23,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..constraints import ABDUCTION, FLEXION, UNBOUND, UNCOUPLED, Change, free
-from ..core.metrics import limit_violations
+from ..core.constraints import ABDUCTION, FLEXION, UNBOUND, UNCOUPLED, Change, free
 from ..core.model.hand import FLEXION as DIGIT_FLEXION
 from ..core.model.hand import JOINTS, preset_coupling, preset_limits
 from ..core.model.kinematics import forward, joint_table, tip_offsets
@@ -35,6 +34,7 @@ from ..palette import ORANGE, PAPER, SKY_BLUE
 from ..picture import HIDDEN_COLOUR, SEEN_COLOUR, VIEWS, View, view_size
 from ..simulation.faults import Event, Faults, fault_events, with_faults
 from ..simulation.sight import skin_layout
+from .metrics import limit_violations
 from .overlap import deepest_overlaps
 from .report import INK, Picture, Table, figure_with, number, save, words
 from .simulated import distances, mean_max, trial

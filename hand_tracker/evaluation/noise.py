@@ -10,18 +10,12 @@ from functools import partial
 
 import numpy as np
 
-from ..core.metrics import (
-    angle_distance,
-    high_frequency_energy,
-    jerk,
-    joint_errors,
-    palm_pose_error,
-)
 from ..core.model.hand import JOINTS
 from ..core.options import TrackerOptions
 from ..core.tracker import HandTracker
 from . import noise_pip
 from .demo_frames import RATE, demo_frames, tracked_hand
+from .metrics import angle_distance, high_frequency_energy, jerk, joint_errors, palm_pose_error
 from .report import COLOURS, INK, Picture, Table, figure_with, number, save
 from .rows import spread
 from .simulated import moving_distance

@@ -9,12 +9,12 @@ noise are judged: they differ much where the hand sways or swings little.
 import numpy as np
 
 from ..calibration import landmark_positions
-from ..core.metrics import joint_errors
 from ..core.model.hand import FLEXION, JOINTS, Hand
 from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import MarkerLayout, marker_positions
 from ..core.options import TrackerOptions
 from ..core.tracker import HandTracker
+from .metrics import joint_errors
 from .report import Table, number
 from .rows import spread
 from .tracking import track, tracked_joints

@@ -17,12 +17,12 @@ from itertools import combinations
 import numpy as np
 
 from ..calibration.landmarks import FINGER_ROWS, THUMB_ROWS
-from ..core.metrics import availability
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS
 from ..core.tracker import HandTracker
 from .baselines import BASELINES, predictions
 from .captures import InvalidCapture, judge_each
 from .fitting import fitted_hand, fitted_plain
+from .metrics import availability
 from .plain_hand import PALM, palm_poses
 from .report import (
     COLOURS,

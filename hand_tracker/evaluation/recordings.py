@@ -14,11 +14,11 @@ from functools import cache, partial
 
 import numpy as np
 
-from ..core.metrics import JOINT_CLASSES, joint_errors, limit_violations
 from ..core.model.hand import FINGERS, preset_coupling
 from ..core.tracker import HandTracker
 from .captures import judge_each
 from .fitting import fitted_hand, fitted_plain
+from .metrics import JOINT_CLASSES, joint_errors, limit_violations
 from .plain_hand import plain_joints
 from .report import COLOURS, Picture, Table, figure_with, mean_and_p95, save, share_top, words
 from .rows import mean_of, spread

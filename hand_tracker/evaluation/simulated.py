@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..calibration import landmark_positions
-from ..core.metrics import angle_distance, joint_errors
 from ..core.model.hand import Hand, preset_limits
 from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import MarkerLayout
@@ -28,6 +27,7 @@ from ..simulation.cameras import CameraRig
 from ..simulation.motions import MOTIONS, motion_named
 from ..simulation.sight import Sight, look, skin_layout, triangulate
 from ..simulation.simulate import calibrated
+from .metrics import angle_distance, joint_errors
 from .rows import spread
 from .tracking import Tracked, track, tracked_joints
 

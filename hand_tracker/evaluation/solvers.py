@@ -10,10 +10,10 @@ from functools import partial
 
 import numpy as np
 
-from ..core.metrics import JOINT_CLASSES, joint_errors
 from ..core.options import TrackerOptions
 from ..core.tracker import HandTracker
 from .demo_frames import RATE, demo_frames, tracked_hand
+from .metrics import JOINT_CLASSES, joint_errors
 from .report import COLOURS, INK, Picture, Table, figure_with, mean_and_p95, number, save, words
 from .rows import spread
 from .simulated import moving_distance

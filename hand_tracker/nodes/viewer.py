@@ -25,7 +25,7 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from ..constraints import CONSTRAINTS, constrained
+from ..core.constraints import CONSTRAINTS, constrained
 from ..core.inverse_kinematics.palm import place_palm
 from ..core.model.hand import JOINTS
 from ..core.model.kinematics import forward, joint_table, tip_offsets

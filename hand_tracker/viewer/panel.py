@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from PIL import Image
 
-from ..constraints import CONSTRAINTS
+from ..core.constraints import CONSTRAINTS
 from ..core.model.states import MarkerState
 from ..palette import MARKER_COLOURS
 from .angles import angle_bars

@@ -7,7 +7,7 @@ from threading import Lock
 
 import numpy as np
 
-from ..constraints import DEFAULT, constrained
+from ..core.constraints import DEFAULT, constrained
 from ..core.errors import HandTrackerError
 from ..core.numerics.jit import COMPILED
 from ..core.options import TrackerOptions

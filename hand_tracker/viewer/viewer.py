@@ -6,7 +6,7 @@ import io
 import socket
 import time
 
-from ..constraints import DEFAULT, in_words
+from ..core.constraints import DEFAULT, in_words
 from ..core.errors import HandTrackerError
 from .panel import Panel
 from .scene import APART, Framing, HandScene, kept_near, light, wrist_pose

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .core.model.hand import JOINTS
+from .model.hand import JOINTS
 
 FREE = np.radians(170.)        # a limit that is none
 FLEXION = np.array(['flexion' in joint and not (
