@@ -23,13 +23,13 @@ import psutil
 
 from benchmarks.common import add_json_option, environment, put_stamps, write_rows
 from benchmarks.round_trip import isolate, messages
-from hand_tracker.codec import MarkerReader, joint_state_template
 from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.numerics.jit import another, packed
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.labels import LabelMap
-from hand_tracker.marker_frame import seconds
+from hand_tracker.messages.cdr import MarkerReader, joint_state_template
+from hand_tracker.messages.labels import LabelMap
+from hand_tracker.messages.marker_array import seconds
 from hand_tracker.passage import (
     ANGLES,
     KEPT,

@@ -27,8 +27,8 @@ from .core.numerics.jit import COMPILED
 from .files.angle_table import write_angle_table
 from .files.bags import open_bag
 from .files.hand_file import add_hand_options, choose_hand
-from .labels import DEFAULT_LABELS, LabelMap
-from .marker_frame import markers_from_message
+from .messages.labels import DEFAULT_LABELS, LabelMap
+from .messages.marker_array import markers_from_message
 from .offline import USUAL_TOPIC, marker_topic
 from .picture import Track, save_animation, save_sheet
 from .share import packaged_recording

@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from .codec import MalformedMessage, MarkerReader, Stamp, joint_state_template, transforms_template
 from .core.errors import HandTrackerError
 from .core.model.hand import JOINTS, ROOT
 from .core.model.marker_layout import MARKERS
@@ -30,8 +29,15 @@ from .files.bags import (
     write_bag,
 )
 from .files.hand_file import add_hand_options, choose_hand
-from .labels import DEFAULT_LABELS, InvalidLabel, LabelMap
-from .marker_frame import FrameTime
+from .messages.cdr import (
+    MalformedMessage,
+    MarkerReader,
+    Stamp,
+    joint_state_template,
+    transforms_template,
+)
+from .messages.labels import DEFAULT_LABELS, InvalidLabel, LabelMap
+from .messages.marker_array import FrameTime
 from .nodes.watch import Watch
 from .progress import Progress
 from .side_by_side import listen_for_interruption, side_by_side

@@ -19,8 +19,9 @@ from std_msgs.msg import ColorRGBA  # noqa: E402
 from test_messages import AXES, STAMP, eight, marker  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray, UVCoordinate  # noqa: E402
 
-from hand_tracker import codec  # noqa: E402
-from hand_tracker.codec import (  # noqa: E402
+from hand_tracker.core.numerics.quaternion import quaternion  # noqa: E402
+from hand_tracker.messages.builders import joint_state, prefixed_names  # noqa: E402
+from hand_tracker.messages.cdr import (
     ENCAPSULATION,
     KINDS,
     MalformedMessage,
@@ -30,10 +31,8 @@ from hand_tracker.codec import (  # noqa: E402
     transforms_template,
     walk,
 )
-from hand_tracker.core.numerics.quaternion import quaternion  # noqa: E402
-from hand_tracker.labels import LabelMap  # noqa: E402
-from hand_tracker.marker_frame import markers_from_message  # noqa: E402
-from hand_tracker.messages import joint_state, prefixed_names  # noqa: E402
+from hand_tracker.messages.labels import LabelMap  # noqa: E402
+from hand_tracker.messages.marker_array import markers_from_message  # noqa: E402
 from hand_tracker.nodes import wire  # noqa: E402
 
 LABELS = LabelMap(['0', '1', 'leds/2', '3', 'b/*', '5', '', 'leds/7'])

@@ -7,7 +7,7 @@ from test_watch import SEEN, frame, hidden, state_of
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.labels import LabelMap
+from hand_tracker.messages.labels import LabelMap
 from hand_tracker.nodes.diagnosis import GAP, Diagnosis, Level
 from hand_tracker.nodes.watch import OFF_FOR, SILENT, Watch
 

@@ -12,7 +12,7 @@ from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_
 from hand_tracker.core.model.states import MarkerState
 from hand_tracker.core.numerics.quaternion import quaternion
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.labels import InvalidLabel, LabelMap
+from hand_tracker.messages.labels import InvalidLabel, LabelMap
 
 pytest.importorskip('visualization_msgs.msg', reason='needs the ROS 2 messages')
 
@@ -22,8 +22,7 @@ from geometry_msgs.msg import Point  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
 from hand_tracker import palette  # noqa: E402
-from hand_tracker.marker_frame import markers_from_message  # noqa: E402
-from hand_tracker.messages import (  # noqa: E402
+from hand_tracker.messages.builders import (
     diagnostics,
     fill_transforms,
     joint_state,
@@ -33,8 +32,9 @@ from hand_tracker.messages import (  # noqa: E402
     tip_frames,
     transform_numbers,
 )
+from hand_tracker.messages.marker_array import markers_from_message  # noqa: E402
+from hand_tracker.messages.rviz_markers import COLOURS, FADED, hand_markers  # noqa: E402
 from hand_tracker.nodes.diagnosis import Level, Status  # noqa: E402
-from hand_tracker.visuals import COLOURS, FADED, hand_markers  # noqa: E402
 
 STAMP = Time(sec=12, nanosec=345)
 SEEN, PREDICTED = palette.rgb(palette.BLUISH_GREEN), palette.rgb(palette.ORANGE)

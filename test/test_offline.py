@@ -17,7 +17,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.offline import measure_one
-from hand_tracker import marker_frame
 from hand_tracker.core.model.hand import JOINTS, Hand, preset_coupling, preset_limits
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
 from hand_tracker.core.tracker import HandTracker
@@ -34,7 +33,7 @@ from hand_tracker.files.bags import (
     write_bag,
 )
 from hand_tracker.files.hand_file import save_hand
-from hand_tracker.labels import LabelMap
+from hand_tracker.messages.labels import LabelMap
 from hand_tracker.nodes.watch import Watch
 from hand_tracker.offline import main, track
 from hand_tracker.progress import Progress

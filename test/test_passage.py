@@ -15,13 +15,6 @@ from test_codec import big_endian, data_of  # noqa: E402
 from test_messages import marker  # noqa: E402
 from visualization_msgs.msg import Marker  # noqa: E402
 
-from hand_tracker.codec import (  # noqa: E402
-    ENCAPSULATION,
-    MarkerReader,
-    Stamp,
-    joint_state_template,
-    transforms_template,
-)
 from hand_tracker.core.model.hand import JOINTS, Hand  # noqa: E402
 from hand_tracker.core.model.kinematics import joint_table  # noqa: E402
 from hand_tracker.core.model.marker_layout import MARKERS  # noqa: E402
@@ -31,9 +24,21 @@ from hand_tracker.core.model.states import (
 )
 from hand_tracker.core.numerics.jit import another, overwrite, packed, parts  # noqa: E402
 from hand_tracker.core.tracker import HandTracker  # noqa: E402
-from hand_tracker.labels import LabelMap  # noqa: E402
-from hand_tracker.marker_frame import seconds  # noqa: E402
-from hand_tracker.messages import link_frames, prefixed_names, transform_numbers, wrist_frames  # noqa: E402
+from hand_tracker.messages.builders import (  # noqa: E402
+    link_frames,
+    prefixed_names,
+    transform_numbers,
+    wrist_frames,
+)
+from hand_tracker.messages.cdr import (
+    ENCAPSULATION,
+    MarkerReader,
+    Stamp,
+    joint_state_template,
+    transforms_template,
+)
+from hand_tracker.messages.labels import LabelMap  # noqa: E402
+from hand_tracker.messages.marker_array import seconds  # noqa: E402
 from hand_tracker.passage import (  # noqa: E402
     ANGLES,
     ANSWER_ROOM,

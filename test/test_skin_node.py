@@ -18,7 +18,7 @@ from visualization_msgs.msg import Marker  # noqa: E402
 
 from hand_tracker.core.model.hand import JOINTS, Hand  # noqa: E402
 from hand_tracker.core.model.kinematics import forward, joint_table  # noqa: E402
-from hand_tracker.messages import joint_state, prefixed_names  # noqa: E402
+from hand_tracker.messages.builders import joint_state, prefixed_names  # noqa: E402
 from hand_tracker.simulation.poses import pose_angles  # noqa: E402
 from hand_tracker.skin import deform, load_skin  # noqa: E402
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hand_tracker.files.bags import MARKER_ARRAY, TYPES, bag_message, joint_state_message
-from hand_tracker.files.stamps import header_stamp, marker_stamps, restamp
+from hand_tracker.messages.stamps import header_stamp, marker_stamps, restamp
 
 LATEST = 2**31 * 10**9  # an int32 of seconds [ns]
 

@@ -7,14 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hand_tracker.codec import Stamp
 from hand_tracker.core.model.hand import JOINTS, MEAN_BREADTH, MEAN_LENGTH, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.labels import LabelMap
+from hand_tracker.messages.cdr import Stamp
+from hand_tracker.messages.labels import LabelMap
 from hand_tracker.nodes.marker_news import BACK, CHANGES, WINDOW
 from hand_tracker.nodes.watch import CAUSES, OFF_FOR, SILENT, STANDING, Watch, who_publishes
 from hand_tracker.simulation.recording import demo_recording

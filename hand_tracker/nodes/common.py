@@ -25,7 +25,7 @@ except ImportError:  # before Jazzy
     EventsExecutor = None
 
 from ..core.errors import HandTrackerError
-from ..messages import prefixed_names
+from ..messages.builders import prefixed_names
 from .tracker_parameters import AUTO
 
 POLL = .1  # [s]

@@ -18,9 +18,9 @@ import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.utilities import get_rmw_implementation_identifier
 
-from ..codec import ENCAPSULATION
 from ..core.model.marker_layout import MARKERS
 from ..core.numerics.jit import CACHED, COMPILED, another, jit, packed
+from ..messages.cdr import ENCAPSULATION
 from ..passage import (
     ANSWERS,
     KEPT,

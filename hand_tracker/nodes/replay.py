@@ -23,7 +23,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from ..files.bags import MARKER_ARRAY, BagError, open_bag
-from ..files.stamps import header_stamp, marker_stamps, restamp
+from ..messages.stamps import header_stamp, marker_stamps, restamp
 from ..share import packaged_recording
 from .common import declare, run, spinning
 from .parameter import Parameter

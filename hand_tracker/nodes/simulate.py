@@ -20,7 +20,7 @@ from visualization_msgs.msg import MarkerArray
 
 from ..core.model.hand import SIDES
 from ..files.bags import MARKER_ARRAY
-from ..files.stamps import header_stamp, marker_stamps, restamp
+from ..messages.stamps import header_stamp, marker_stamps, restamp
 from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
 from ..simulation.faults import RATE_RANGE as FAULT_RANGE
 from ..simulation.faults import Faults

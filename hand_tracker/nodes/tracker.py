@@ -13,15 +13,13 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from ..codec import MalformedMessage, Stamp
 from ..core.errors import HandTrackerError
 from ..core.model.hand import DIGITS, JOINTS
 from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.marker_layout import marker_positions
 from ..core.numerics import jit
 from ..core.tracker import HandTracker
-from ..marker_frame import FrameTime, seconds
-from ..messages import (
+from ..messages.builders import (
     diagnostics,
     fill_transforms,
     link_frames,
@@ -31,8 +29,10 @@ from ..messages import (
     transform_numbers,
     wrist_frames,
 )
+from ..messages.cdr import MalformedMessage, Stamp
+from ..messages.marker_array import FrameTime, seconds
+from ..messages.rviz_markers import hand_markers
 from ..passage import ANGLES, CONFIDENCE, TRANSFORMS
-from ..visuals import hand_markers
 from .common import declare, names_of, run
 from .diagnosis import PERIOD, Diagnosis
 from .direct import Direct

@@ -27,7 +27,7 @@ from ..core.model.hand import (
 from ..core.model.marker_layout import MARKERS
 from ..core.options import TrackerOptions
 from ..files.hand_file import InvalidHandFile, choose_hand
-from ..labels import DEFAULT_LABELS, LabelMap
+from ..messages.labels import DEFAULT_LABELS, LabelMap
 from .parameter import Parameter
 
 AUTO = 'auto'

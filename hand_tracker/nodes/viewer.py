@@ -34,9 +34,9 @@ from ..core.model.skeleton import POINTS, skeleton_points
 from ..core.model.states import MarkerState, PalmState
 from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
-from ..marker_frame import seconds
+from ..messages.marker_array import seconds
+from ..messages.rviz_markers import COLOURS, FADED, JOINTS_SHOWN
 from ..viewer.command import add_page_options, view
-from ..visuals import COLOURS, FADED, JOINTS_SHOWN
 from .common import names_of, run, spinning
 from .tracker_parameters import START, live_settings, live_table, starting_hand
 from .wire import Wire

@@ -13,17 +13,23 @@ from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray, UVCoordinate
 
-from ..codec import (
+from ..messages.builders import (
+    fill_transforms,
+    joint_state,
+    new_transforms,
+    prefixed_names,
+    time_message,
+)
+from ..messages.cdr import (
     MarkerReader,
     Stamp,
     joint_state_template,
     transforms_template,
     triangles_template,
 )
-from ..labels import LabelMap
-from ..marker_frame import markers_from_message
-from ..messages import fill_transforms, joint_state, new_transforms, prefixed_names, time_message
-from ..visuals import LIFETIME, SKIN_COLOUR, SKIN_OPACITY, hand_skin
+from ..messages.labels import LabelMap
+from ..messages.marker_array import markers_from_message
+from ..messages.rviz_markers import LIFETIME, SKIN_COLOUR, SKIN_OPACITY, hand_skin
 
 try:
     from tf2_msgs.msg import TFMessage

@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .core.errors import HandTrackerError
-from .core.model.marker_layout import MARKERS
-from .core.numerics.jit import COMPILED, jit
-from .marker_frame import (
+from ..core.errors import HandTrackerError
+from ..core.model.marker_layout import MARKERS
+from ..core.numerics.jit import COMPILED, jit
+from .marker_array import (
     ADD,
     CUBE,
     CUBE_LIST,

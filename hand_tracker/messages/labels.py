@@ -1,7 +1,7 @@
 """Labels of markers: which `ns` and `id` of a MarkerArray is which marker of the hand."""
 
-from .core.errors import HandTrackerError
-from .core.model.marker_layout import MARKERS
+from ..core.errors import HandTrackerError
+from ..core.model.marker_layout import MARKERS
 
 DEFAULT_LABELS = tuple(str(slot) for slot in range(len(MARKERS)))
 ID_RANGE = (-2**31, 2**31 - 1)

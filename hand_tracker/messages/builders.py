@@ -10,8 +10,8 @@ from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from .core.model.hand import DIGITS, JOINTS, LINKS, ROOT
-from .core.numerics.quaternion import tell_transforms
+from ..core.model.hand import DIGITS, JOINTS, LINKS, ROOT
+from ..core.numerics.quaternion import tell_transforms
 
 
 class Names(NamedTuple):

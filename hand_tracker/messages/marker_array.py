@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .core.model.marker_layout import MARKERS
+from ..core.model.marker_layout import MARKERS
 
 # Constants of visualization_msgs/msg/Marker.
 ADD = 0

@@ -6,9 +6,9 @@ from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from .core.model.skeleton import BONES, skeleton_points
-from .core.model.states import MarkerState, PalmState
-from .palette import FLESH, LIGHT_GREY, MARKER_COLOURS, rgb
+from ..core.model.skeleton import BONES, skeleton_points
+from ..core.model.states import MarkerState, PalmState
+from ..palette import FLESH, LIGHT_GREY, MARKER_COLOURS, rgb
 
 JOINTS_SHOWN = sorted({end for bone in BONES for end in bone})
 COLOURS = {kind: rgb(colour) for kind, colour in MARKER_COLOURS.items()
