@@ -7,7 +7,7 @@ from importlib import import_module
 
 COMMANDS = {
     'demo': ('hand_tracker.demo', 'replay a recording through the tracker and draw the hand'),
-    'track': ('hand_tracker.offline', 'track a recording; write a table or a recording of angles'),
+    'track': ('hand_tracker.tracking.recording', 'track a recording; write a table or a recording of angles'),
     'plot': ('hand_tracker.plot', 'track a recording; plot the angles of each digit over time'),
     'skin': ('hand_tracker.skin.command', 'draw the skin of a hand, its weights and blending'),
     'view': ('hand_tracker.viewer.command', 'show a recording in the browser'),

@@ -29,9 +29,9 @@ from .files.bags import open_bag
 from .files.hand_file import add_hand_options, choose_hand
 from .messages.labels import DEFAULT_LABELS, LabelMap
 from .messages.marker_array import markers_from_message
-from .offline import USUAL_TOPIC, marker_topic
 from .picture import Track, save_animation, save_sheet
 from .share import packaged_recording
+from .tracking.recording import USUAL_TOPIC, marker_topic
 from .viewer.command import add_page_options, view
 from .viewer.recording import Recording
 

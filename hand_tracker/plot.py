@@ -23,8 +23,8 @@ from .core.model.hand import DIGITS, JOINTS
 from .core.model.marker_layout import MARKERS, PALM_MARKERS
 from .core.model.states import MarkerState
 from .nodes.tracker_parameters import STILL
-from .offline import add_recording_options, run_command, tracked_recording
 from .palette import ANGLE, GRID, INK, MARKER_COLOURS, MUTED, PAPER, VERMILLION
+from .tracking.recording import add_recording_options, run_command, tracked_recording
 
 PDF, PNG = '.pdf', '.png'
 FARTHER = 3.     # usual steps of time after which frames are missing

@@ -8,8 +8,8 @@ from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.labels import LabelMap
-from hand_tracker.nodes.diagnosis import GAP, Diagnosis, Level
-from hand_tracker.nodes.watch import OFF_FOR, SILENT, Watch
+from hand_tracker.tracking.diagnostics import GAP, Diagnosis, Level
+from hand_tracker.tracking.input_monitor import OFF_FOR, SILENT, Watch
 
 
 class Hand:

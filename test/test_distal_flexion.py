@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from hand_tracker.core.model.hand import DIGITS
-from hand_tracker.nodes.distal_flexion import DISTAL_JOINTS, DistalFlexion
+from hand_tracker.tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 
 TIMEOUT = .5
 

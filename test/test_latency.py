@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hand_tracker.nodes.latency import LONGEST, Latency
-from hand_tracker.nodes.throttle import Throttle
+from hand_tracker.tracking.rate_limit import Throttle
+from hand_tracker.tracking.statistics import LONGEST, Latency
 
 STEP = 1. / 128.  # [s], exact in binary
 

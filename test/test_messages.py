@@ -34,7 +34,7 @@ from hand_tracker.messages.builders import (
 )
 from hand_tracker.messages.marker_array import markers_from_message  # noqa: E402
 from hand_tracker.messages.rviz_markers import COLOURS, FADED, hand_markers  # noqa: E402
-from hand_tracker.nodes.diagnosis import Level, Status  # noqa: E402
+from hand_tracker.tracking.diagnostics import Level, Status  # noqa: E402
 
 STAMP = Time(sec=12, nanosec=345)
 SEEN, PREDICTED = palette.rgb(palette.BLUISH_GREEN), palette.rgb(palette.ORANGE)

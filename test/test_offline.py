@@ -34,10 +34,10 @@ from hand_tracker.files.bags import (
 )
 from hand_tracker.files.hand_file import save_hand
 from hand_tracker.messages.labels import LabelMap
-from hand_tracker.nodes.watch import Watch
-from hand_tracker.offline import main, track
 from hand_tracker.progress import Progress
 from hand_tracker.simulation.recording import demo_recording, recording_messages
+from hand_tracker.tracking.input_monitor import Watch
+from hand_tracker.tracking.recording import main, track
 
 ROOT = Path(__file__).resolve().parent.parent
 FRAMES = 150

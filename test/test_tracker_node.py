@@ -40,7 +40,7 @@ from hand_tracker.core.model.states import PalmState  # noqa: E402
 from hand_tracker.core.tracker import HandTracker  # noqa: E402
 from hand_tracker.files.hand_file import load_hand, save_hand  # noqa: E402
 from hand_tracker.messages.marker_array import seconds  # noqa: E402
-from hand_tracker.nodes.distal_flexion import DISTAL_JOINTS  # noqa: E402
+from hand_tracker.tracking.distal_flexion import DISTAL_JOINTS  # noqa: E402
 
 MODULE = 'hand_tracker.nodes.tracker'
 CONFIG = Path(__file__).parents[1] / 'config' / 'tracker.yaml'

@@ -20,8 +20,8 @@ from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.bags import bag_message, marker_array_message, open_bag, write_bag
 from hand_tracker.messages.labels import DEFAULT_LABELS
-from hand_tracker.offline import track
 from hand_tracker.share import packaged_recording
+from hand_tracker.tracking.recording import track
 from hand_tracker.viewer.angles import angle_bars
 from hand_tracker.viewer.panel import Panel
 from hand_tracker.viewer.recording import WARM_UP, Playhead, Recording

@@ -15,11 +15,18 @@ from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.cdr import Stamp
 from hand_tracker.messages.labels import LabelMap
-from hand_tracker.nodes.marker_news import BACK, CHANGES, WINDOW
-from hand_tracker.nodes.watch import CAUSES, OFF_FOR, SILENT, STANDING, Watch, who_publishes
 from hand_tracker.simulation.recording import demo_recording
 from hand_tracker.simulation.sight import skin_layout
 from hand_tracker.simulation.simulate import calibrated
+from hand_tracker.tracking.input_monitor import (
+    CAUSES,
+    OFF_FOR,
+    SILENT,
+    STANDING,
+    Watch,
+    who_publishes,
+)
+from hand_tracker.tracking.marker_events import BACK, CHANGES, WINDOW
 
 SEEN = marker_positions(
     MarkerLayout().mounting(Hand.scaled()),

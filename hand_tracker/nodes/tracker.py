@@ -33,14 +33,14 @@ from ..messages.cdr import MalformedMessage, Stamp
 from ..messages.marker_array import FrameTime, seconds
 from ..messages.rviz_markers import hand_markers
 from ..passage import ANGLES, CONFIDENCE, TRANSFORMS
+from ..tracking.diagnostics import PERIOD, Diagnosis
+from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
+from ..tracking.input_monitor import Watch, who_publishes
+from ..tracking.rate_limit import Throttle, period_ns
 from .common import declare, names_of, run
-from .diagnosis import PERIOD, Diagnosis
 from .direct import Direct
-from .distal_flexion import DISTAL_JOINTS, DistalFlexion
 from .rcl import Unavailable
-from .throttle import Throttle, period_ns
 from .tracker_parameters import START, TOPICS, live_settings, live_table, starting_hand
-from .watch import Watch, who_publishes
 from .wire import TFMessage, Wire
 
 try:

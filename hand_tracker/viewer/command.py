@@ -6,8 +6,8 @@ import sys
 
 from ..core.errors import HandTrackerError
 from ..files.hand_file import choose_hand
-from ..offline import add_recording_options, label_map
 from ..share import packaged_recording
+from ..tracking.recording import add_recording_options, label_map
 from .recording import Recording
 from .viewer import LOCALHOST, PORT, Viewer
 

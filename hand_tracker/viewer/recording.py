@@ -13,7 +13,7 @@ from ..core.numerics.jit import COMPILED
 from ..core.options import TrackerOptions
 from ..core.tracker import HandTracker
 from ..files.bags import open_bag
-from ..offline import marker_topic, track
+from ..tracking.recording import marker_topic, track
 
 WARM_UP = 10.   # [s] that the tracker has seen of the recording before it is looked at
 TIMED = 500     # updates of which the median is told

@@ -12,13 +12,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from .core.errors import HandTrackerError
-from .core.model.hand import JOINTS, ROOT
-from .core.model.marker_layout import MARKERS
-from .core.numerics.quaternion import quaternion
-from .core.tracker import HandState, HandTracker
-from .files.angle_table import write_angle_table
-from .files.bags import (
+from ..core.errors import HandTrackerError
+from ..core.model.hand import JOINTS, ROOT
+from ..core.model.marker_layout import MARKERS
+from ..core.numerics.quaternion import quaternion
+from ..core.tracker import HandState, HandTracker
+from ..files.angle_table import write_angle_table
+from ..files.bags import (
     JOINT_STATE,
     MARKER_ARRAY,
     STORAGE,
@@ -28,19 +28,19 @@ from .files.bags import (
     open_bag,
     write_bag,
 )
-from .files.hand_file import add_hand_options, choose_hand
-from .messages.cdr import (
+from ..files.hand_file import add_hand_options, choose_hand
+from ..messages.cdr import (
     MalformedMessage,
     MarkerReader,
     Stamp,
     joint_state_template,
     transforms_template,
 )
-from .messages.labels import DEFAULT_LABELS, InvalidLabel, LabelMap
-from .messages.marker_array import FrameTime
-from .nodes.watch import Watch
-from .progress import Progress
-from .side_by_side import listen_for_interruption, side_by_side
+from ..messages.labels import DEFAULT_LABELS, InvalidLabel, LabelMap
+from ..messages.marker_array import FrameTime
+from ..progress import Progress
+from ..side_by_side import listen_for_interruption, side_by_side
+from .input_monitor import Watch
 
 USUAL_TOPIC = '/markers'
 NAMELESS = 'world'   # frame of markers that have none, as TF needs one

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..core.model.marker_layout import MARKERS
 from ..core.model.states import MarkerState, PalmState
-from .latency import Latency
+from .statistics import Latency
 
 PERIOD = 1.  # [s] over which the rate is counted
 GAP = .1     # [s] at least between two changes that are told

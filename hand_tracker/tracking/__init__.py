@@ -1,0 +1,1 @@
+"""A stream of frames, live or recorded: tracked and monitored, without ROS."""
