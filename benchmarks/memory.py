@@ -87,7 +87,7 @@ def node_frames():
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
 
-    from hand_tracker.nodes.tracker import TrackerNode
+    from hand_tracker.nodes.tracker_node import TrackerNode
     rclpy.init()
     node, executor = TrackerNode(), SingleThreadedExecutor()
     executor.add_node(node)

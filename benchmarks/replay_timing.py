@@ -26,8 +26,7 @@ from visualization_msgs.msg import MarkerArray
 
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.files.bags import bag_message, marker_array_message, write_bag
-from hand_tracker.nodes import replay
-from hand_tracker.nodes.common import run
+from hand_tracker.nodes.runner import run
 
 START = 1_700_000_000 * 10**9
 

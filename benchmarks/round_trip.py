@@ -214,7 +214,7 @@ def messages(side, rate):
 
 def start(stack, folder):
     """Start every node; return their processes by namespace."""
-    commands = {'hand_tracker': [sys.executable, '-m', 'hand_tracker.nodes.tracker'],
+    commands = {'hand_tracker': [sys.executable, '-m', 'hand_tracker.nodes.tracker_node'],
                 'rclpy_echo': [sys.executable, '-m', 'benchmarks.round_trip', '--echo'],
                 'c_echo': compiled_echo(folder)}
     processes = {}

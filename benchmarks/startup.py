@@ -28,7 +28,7 @@ def start(driver, name, frames, cache):
     """Return the time until the first JointState of a new node, and its processor time [s]."""
     began = time.perf_counter_ns()
     with subprocess.Popen(
-            [sys.executable, '-m', 'hand_tracker.nodes.tracker', '--ros-args', '-r',
+            [sys.executable, '-m', 'hand_tracker.nodes.tracker_node', '--ros-args', '-r',
              f'__ns:=/{name}'], env=environ(NUMBA_CACHE_DIR=str(cache)),
             stderr=subprocess.DEVNULL) as process:
         try:

@@ -16,7 +16,7 @@ DIRECT = UPDATE + """
 from contextlib import suppress
 from hand_tracker.nodes.direct import Direct
 from hand_tracker.nodes.rcl import Unavailable
-from hand_tracker.nodes.wire import codec_agrees
+from hand_tracker.nodes.serialization import codec_agrees
 codec_agrees()
 with suppress(Unavailable):
     Direct(tracker)

@@ -128,7 +128,7 @@ class NodeProcess(Process):
     Parameters
     ----------
     module : str
-        Python module that is run, as 'hand_tracker.nodes.replay'.
+        Python module that is run, as 'hand_tracker.nodes.replay_node'.
     parameters : dict, optional
     remaps : dict of str to str, optional
     environment : dict of str to str, optional

@@ -33,7 +33,6 @@ from hand_tracker.messages.cdr import (
 )
 from hand_tracker.messages.labels import LabelMap  # noqa: E402
 from hand_tracker.messages.marker_array import markers_from_message  # noqa: E402
-from hand_tracker.nodes import wire  # noqa: E402
 
 LABELS = LabelMap(['0', '1', 'leds/2', '3', 'b/*', '5', '', 'leds/7'])
 PLAIN_WALK = getattr(walk, 'py_func', walk)
@@ -356,7 +355,7 @@ def test_another_layout_of_what_goes_out_is_noticed(monkeypatch):
 
 @pytest.mark.parametrize('agrees', [True, False])
 def test_a_node_publishes_the_same_either_way(monkeypatch, agrees):
-    from hand_tracker.nodes.tracker import TrackerNode
+    from hand_tracker.nodes.tracker_node import TrackerNode
     warnings, published = [], []
     monkeypatch.setattr(wire, 'codec_agrees', lambda: agrees)
     rclpy.init()

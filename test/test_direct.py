@@ -25,7 +25,7 @@ from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 from hand_tracker.core.model.hand import JOINTS  # noqa: E402
 from hand_tracker.core.numerics.jit import COMPILED  # noqa: E402
 from hand_tracker.nodes import direct  # noqa: E402
-from hand_tracker.nodes.common import INTERRUPTS, run  # noqa: E402
+from hand_tracker.nodes.runner import INTERRUPTS, run  # noqa: E402
 
 WAYS = {'short': True, 'long': False}
 # Nothing that was sent is lost.
@@ -211,8 +211,8 @@ def test_no_frame_is_lost_while_a_glove_tells_of_last_joints():
 @contextmanager
 def own_node():
     """Yield a tracker in this very process."""
-    from hand_tracker.nodes.common import spinning
-    from hand_tracker.nodes.tracker import TrackerNode
+    from hand_tracker.nodes.runner import spinning
+    from hand_tracker.nodes.tracker_node import TrackerNode
     rclpy.init(args=['--ros-args', '-p', 'qos.markers.reliability:=reliable',
                      '-p', 'qos.markers.depth:=1000'])
     node = TrackerNode()
@@ -243,7 +243,6 @@ def test_a_driver_in_the_same_process_is_heard():
 
 
 def test_the_end_of_ros_is_the_end_of_the_node():
-    from hand_tracker.nodes import tracker
     with watching_node() as node:
         publisher = node.create_publisher(MarkerArray, 'markers', 10)
         ended = Event()
@@ -271,7 +270,7 @@ def test_the_end_of_ros_is_the_end_of_the_node():
 
 
 def test_an_executor_that_waits_for_conditions_serves_the_long_way():
-    from hand_tracker.nodes.tracker import TrackerNode
+    from hand_tracker.nodes.tracker_node import TrackerNode
     rclpy.init()
     tracker, executor = TrackerNode(), SingleThreadedExecutor()
     try:

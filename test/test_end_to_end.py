@@ -40,14 +40,14 @@ def test_a_captured_hand_goes_through_replay_and_tracker(name, preset, tmp_path)
     write_bag(tmp_path / 'capture.mcap', capture_messages(judged))
 
     with watching_node() as watcher, NodeProcess(
-            'hand_tracker.nodes.tracker', {
+            'hand_tracker.nodes.tracker_node', {
                 # One capture has its wrist at the origin of each frame.
                 'hand_file': str(tmp_path / 'hand.yaml'), 'zero_is_missing': False,
                 # Every frame counts here, on a machine of any load.
                 'qos.markers.reliability': 'reliable', 'qos.markers.depth': 1000}) as tracker:
         states = watcher.collect(JointState, 'joint_states', 1000)
         tracker.wait_for_line('listening')
-        with NodeProcess('hand_tracker.nodes.replay', {
+        with NodeProcess('hand_tracker.nodes.replay_node', {
                 'recording': str(tmp_path / 'capture.mcap'), 'rate': RATES[name],
                 'restamp': False}) as replay:
             length = len(judged.joints) / judged.rate / RATES[name]

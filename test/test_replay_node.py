@@ -34,7 +34,7 @@ from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 pytestmark = pytest.mark.ros
 
-MODULE = 'hand_tracker.nodes.replay'
+MODULE = 'hand_tracker.nodes.replay_node'
 START = 1_700_000_000 * 10**9
 PERIOD = 8_333_333  # [ns]
 FRAMES = 60

@@ -228,7 +228,7 @@ def test_the_node_publishes_at_its_rate_and_ends_cleanly(rate):
     from visualization_msgs.msg import MarkerArray
 
     with watching_node() as watch, NodeProcess(
-            'hand_tracker.nodes.simulate',
+            'hand_tracker.nodes.simulate_node',
             {'motion': 'typing', 'rate': rate, 'duration': 1., 'truth': True}) as process:
         frames = watch.collect(MarkerArray, 'markers', qos_profile_sensor_data)
         truth = watch.collect(JointState, 'joint_states_truth')
@@ -257,7 +257,7 @@ def test_the_node_tells_the_whole_truth_and_when_it_begins_again():
     from visualization_msgs.msg import MarkerArray
 
     with watching_node() as watch, NodeProcess(
-            'hand_tracker.nodes.simulate',
+            'hand_tracker.nodes.simulate_node',
             {'motion': 'tremor', 'rate': 30., 'duration': 1., 'truth': True}) as process:
         wrists = watch.collect(PoseStamped, 'wrist_truth')
         places = watch.collect(MarkerArray, 'markers_truth')
@@ -276,7 +276,7 @@ def test_the_node_says_what_is_wrong():
 
     for parameters, message in (({'motion': 'clapping'}, 'clapping'),
                                 ({'hand_file': 'none.yaml'}, 'none.yaml: No such file')):
-        with NodeProcess('hand_tracker.nodes.simulate', parameters) as process:
+        with NodeProcess('hand_tracker.nodes.simulate_node', parameters) as process:
             assert process.wait() == 1
             assert message in process.output and 'Traceback' not in process.output
             assert '[simulate]' in process.output

@@ -22,7 +22,7 @@ from hand_tracker.messages.builders import joint_state, prefixed_names  # noqa: 
 from hand_tracker.simulation.poses import pose_angles  # noqa: E402
 from hand_tracker.skin import deform, load_skin  # noqa: E402
 
-MODULE = 'hand_tracker.nodes.skin'
+MODULE = 'hand_tracker.nodes.skin_node'
 LEFT = Hand.scaled(side='left')
 RATE = 100.     # of the joint states [Hz]
 PERIOD = 1. / 30.

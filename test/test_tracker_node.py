@@ -42,7 +42,7 @@ from hand_tracker.files.hand_file import load_hand, save_hand  # noqa: E402
 from hand_tracker.messages.marker_array import seconds  # noqa: E402
 from hand_tracker.tracking.distal_flexion import DISTAL_JOINTS  # noqa: E402
 
-MODULE = 'hand_tracker.nodes.tracker'
+MODULE = 'hand_tracker.nodes.tracker_node'
 CONFIG = Path(__file__).parents[1] / 'config' / 'tracker.yaml'
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -601,7 +601,7 @@ def test_a_looped_recording_on_its_own_clock():
     replayed = {'loop': True, 'clock': 100., 'start_offset': 21.5, 'topics': '/markers'}
     with tracking({'use_sim_time': True}) as bench:
         bench.process.wait_for_line('listening')
-        with NodeProcess('hand_tracker.nodes.replay', replayed) as replay:
+        with NodeProcess('hand_tracker.nodes.replay_node', replayed) as replay:
             bench.process.wait_for_line('jumped back')
             del bench.joint_states[:]
             bench.node.spin_for(2.5)

@@ -14,8 +14,8 @@ from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from hand_tracker.core.model.hand import JOINTS  # noqa: E402
 from hand_tracker.core.model.states import MarkerState  # noqa: E402
-from hand_tracker.nodes.common import spinning  # noqa: E402
-from hand_tracker.nodes.viewer import Live  # noqa: E402
+from hand_tracker.nodes.runner import spinning  # noqa: E402
+from hand_tracker.nodes.viewer_node import Live  # noqa: E402
 from hand_tracker.share import packaged_recording  # noqa: E402
 
 DIP = JOINTS.index('index_dip_flexion')
@@ -38,8 +38,8 @@ def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
     rclpy.init()
     node = rclpy.create_node('viewer')
     try:
-        with NodeProcess('hand_tracker.nodes.tracker', {'side': 'left'}), NodeProcess(
-                'hand_tracker.nodes.replay', {
+        with NodeProcess('hand_tracker.nodes.tracker_node', {'side': 'left'}), NodeProcess(
+                'hand_tracker.nodes.replay_node', {
                     'recording': str(packaged_recording('left')), 'loop': True}), spinning(node):
             live = Live(node)
             live.prepare(print)
@@ -107,7 +107,7 @@ def test_it_pauses_and_slows_the_player():
             return head.there
 
         assert not look()
-        with NodeProcess('hand_tracker.nodes.replay', {'loop': True}):
+        with NodeProcess('hand_tracker.nodes.replay_node', {'loop': True}):
             node.spin_until(look)
             assert head.playing
             node.spin_until(lambda: frames)

@@ -36,8 +36,8 @@ from ..passage import (
     teach_answer,
     teach_kind,
 )
-from .common import EventsExecutor
 from .rcl import Rcl, Unavailable, address
+from .runner import EventsExecutor
 
 if COMPILED:
     import numba

@@ -28,7 +28,7 @@ from ..core.model.marker_layout import MARKERS
 from ..core.options import TrackerOptions
 from ..files.hand_file import InvalidHandFile, choose_hand
 from ..messages.labels import DEFAULT_LABELS, LabelMap
-from .parameter import Parameter
+from .parameters import Parameter
 
 AUTO = 'auto'
 RELIABILITIES = ('best_effort', 'reliable')

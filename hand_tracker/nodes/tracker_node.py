@@ -37,11 +37,11 @@ from ..tracking.diagnostics import PERIOD, Diagnosis
 from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 from ..tracking.input_monitor import Watch, who_publishes
 from ..tracking.rate_limit import Throttle, period_ns
-from .common import declare, names_of, run
 from .direct import Direct
 from .rcl import Unavailable
+from .runner import declare, names_of, run
+from .serialization import TFMessage, Wire
 from .tracker_parameters import START, TOPICS, live_settings, live_table, starting_hand
-from .wire import TFMessage, Wire
 
 try:
     from tf2_ros import StaticTransformBroadcaster

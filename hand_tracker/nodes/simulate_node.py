@@ -33,9 +33,9 @@ from ..simulation.simulate import (
     frame_messages,
     simulated_hand,
 )
-from .common import declare, run, spin
-from .parameter import Parameter
+from .parameters import Parameter
 from .playback import read_ahead
+from .runner import declare, run, spin
 
 AHEAD = 2000   # messages simulated in advance
 DEPTH = 10

@@ -25,9 +25,9 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from ..files.bags import MARKER_ARRAY, BagError, open_bag
 from ..messages.stamps import header_stamp, marker_stamps, restamp
 from ..share import packaged_recording
-from .common import declare, run, spinning
-from .parameter import Parameter
+from .parameters import Parameter
 from .playback import Playback, read_ahead
+from .runner import declare, run, spinning
 
 try:
     from rosbag2_interfaces import srv

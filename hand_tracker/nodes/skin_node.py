@@ -16,10 +16,10 @@ from visualization_msgs.msg import Marker
 
 from ..core.model.kinematics import forward, joint_table
 from ..skin import deform, load_skin
-from .common import declare, names_of, run
-from .parameter import Parameter
+from .parameters import Parameter
+from .runner import declare, names_of, run
+from .serialization import Wire
 from .tracker_parameters import START, starting_hand
-from .wire import Wire
 
 # What a network lost of a skin is asked for when the next ones come: it must still be there.
 DEPTH = 5

@@ -37,9 +37,9 @@ from ..core.tracker import HandState, HandTracker
 from ..messages.marker_array import seconds
 from ..messages.rviz_markers import COLOURS, FADED, JOINTS_SHOWN
 from ..viewer.command import add_page_options, view
-from .common import names_of, run, spinning
+from .runner import names_of, run, spinning
+from .serialization import Wire
 from .tracker_parameters import START, live_settings, live_table, starting_hand
-from .wire import Wire
 
 try:
     from rosbag2_interfaces import srv
