@@ -30,7 +30,7 @@ from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.cdr import MarkerReader, joint_state_template
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.messages.marker_array import seconds
-from hand_tracker.passage import (
+from hand_tracker.nodes.fast_path.kernel import (
     ANGLES,
     KEPT,
     LOGGED,

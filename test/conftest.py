@@ -14,8 +14,8 @@ tracker.update([[0.] * 3] * 8, distal_flexion=[0.] * 5)
 """
 DIRECT = UPDATE + """
 from contextlib import suppress
-from hand_tracker.nodes.direct import Direct
-from hand_tracker.nodes.rcl import Unavailable
+from hand_tracker.nodes.fast_path.middleware import Direct
+from hand_tracker.nodes.fast_path.rcl import Unavailable
 from hand_tracker.nodes.serialization import codec_agrees
 codec_agrees()
 with suppress(Unavailable):

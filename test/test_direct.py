@@ -24,7 +24,6 @@ from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
 from hand_tracker.core.model.hand import JOINTS  # noqa: E402
 from hand_tracker.core.numerics.jit import COMPILED  # noqa: E402
-from hand_tracker.nodes import direct  # noqa: E402
 from hand_tracker.nodes.runner import INTERRUPTS, run  # noqa: E402
 
 WAYS = {'short': True, 'long': False}

@@ -39,7 +39,7 @@ from hand_tracker.messages.cdr import (
 )
 from hand_tracker.messages.labels import LabelMap  # noqa: E402
 from hand_tracker.messages.marker_array import seconds  # noqa: E402
-from hand_tracker.passage import (  # noqa: E402
+from hand_tracker.nodes.fast_path.kernel import (
     ANGLES,
     ANSWER_ROOM,
     ANSWERS,

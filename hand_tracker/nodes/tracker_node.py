@@ -32,13 +32,13 @@ from ..messages.builders import (
 from ..messages.cdr import MalformedMessage, Stamp
 from ..messages.marker_array import FrameTime, seconds
 from ..messages.rviz_markers import hand_markers
-from ..passage import ANGLES, CONFIDENCE, TRANSFORMS
 from ..tracking.diagnostics import PERIOD, Diagnosis
 from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 from ..tracking.input_monitor import Watch, who_publishes
 from ..tracking.rate_limit import Throttle, period_ns
-from .direct import Direct
-from .rcl import Unavailable
+from .fast_path.kernel import ANGLES, CONFIDENCE, TRANSFORMS
+from .fast_path.middleware import Direct
+from .fast_path.rcl import Unavailable
 from .runner import declare, names_of, run
 from .serialization import TFMessage, Wire
 from .tracker_parameters import START, TOPICS, live_settings, live_table, starting_hand

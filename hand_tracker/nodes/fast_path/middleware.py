@@ -18,10 +18,11 @@ import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.utilities import get_rmw_implementation_identifier
 
-from ..core.model.marker_layout import MARKERS
-from ..core.numerics.jit import CACHED, COMPILED, another, jit, packed
-from ..messages.cdr import ENCAPSULATION
-from ..passage import (
+from ...core.model.marker_layout import MARKERS
+from ...core.numerics.jit import CACHED, COMPILED, another, jit, packed
+from ...messages.cdr import ENCAPSULATION
+from ..runner import EventsExecutor
+from .kernel import (
     ANSWERS,
     KEPT,
     LOGGED,
@@ -37,7 +38,6 @@ from ..passage import (
     teach_kind,
 )
 from .rcl import Rcl, Unavailable, address
-from .runner import EventsExecutor
 
 if COMPILED:
     import numba

@@ -4,7 +4,7 @@ import ctypes
 import os
 import sys
 
-from ..core.numerics.jit import COMPILED
+from ...core.numerics.jit import COMPILED
 
 if COMPILED:
     import numba

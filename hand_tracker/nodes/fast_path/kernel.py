@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .core.model.hand import JOINTS
-from .core.model.marker_layout import MARKERS
-from .core.model.states import PALM_STATES, PalmState
-from .core.numerics.jit import jit, overwrite
-from .core.numerics.quaternion import tell_transforms
-from .core.pipeline import track_frame
-from .messages.cdr import ENCAPSULATION, LITTLE_ENDIAN, SMALLEST_MARKER, gather, walk
+from ...core.model.hand import JOINTS
+from ...core.model.marker_layout import MARKERS
+from ...core.model.states import PALM_STATES, PalmState
+from ...core.numerics.jit import jit, overwrite
+from ...core.numerics.quaternion import tell_transforms
+from ...core.pipeline import track_frame
+from ...messages.cdr import ENCAPSULATION, LITTLE_ENDIAN, SMALLEST_MARKER, gather, walk
 
 MESSAGE_ROOM = 2**14  # [bytes] of a message of markers,
 ANSWER_ROOM = 2**13   # and of an answer

@@ -1,0 +1,1 @@
+"""The fast path of regular frames, from middleware to middleware in compiled code."""
