@@ -44,8 +44,8 @@ from hand_tracker.core.model.marker_layout import (
 from hand_tracker.core.numerics.jit import jit, packed
 from hand_tracker.core.numerics.vectors import components, frame, subtract, vector
 from hand_tracker.core.tracker import HandTracker
+from hand_tracker.files.urdf_file import urdf
 from hand_tracker.simulation.motions import motion_named
-from hand_tracker.urdf import urdf
 
 RATE = 120.
 WARM_UP = 20         # frames that are not counted

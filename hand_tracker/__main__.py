@@ -11,7 +11,7 @@ COMMANDS = {
     'plot': ('hand_tracker.plot', 'track a recording; plot the angles of each digit over time'),
     'skin': ('hand_tracker.skin.command', 'draw the skin of a hand, its weights and blending'),
     'view': ('hand_tracker.viewer.command', 'show a recording in the browser'),
-    'urdf': ('hand_tracker.urdf', 'print or write the URDF of a hand'),
+    'urdf': ('hand_tracker.files.urdf_file', 'print or write the URDF of a hand'),
     'evaluate': ('hand_tracker.evaluation.command', 'measure the tracker, each table in turn'),
     'simulate': ('hand_tracker.simulation.simulate', 'record a simulated hand seen by cameras'),
     'record': ('hand_tracker.simulation.recording', 'make a packaged recording again'),

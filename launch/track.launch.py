@@ -11,9 +11,9 @@ from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutd
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+from hand_tracker.files.urdf_file import urdf
 from hand_tracker.nodes.tracker_parameters import AUTO, START, starting_hand
 from hand_tracker.share import packaged_recording
-from hand_tracker.urdf import urdf
 from launch import LaunchDescription
 
 ARGUMENTS = (

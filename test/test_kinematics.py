@@ -7,7 +7,7 @@ import pytest
 
 from hand_tracker.core.model.hand import DIGITS, FINGERS, JOINTS, LINKS, Hand, preset_limits
 from hand_tracker.core.model.kinematics import digit_base, forward, joint_table, tip_offsets
-from hand_tracker.urdf import urdf
+from hand_tracker.files.urdf_file import urdf
 
 MIRROR = np.diag((1., -1., 1.))
 CLOSE = 1e-6  # [m], [rad]: the URDF's nine decimals

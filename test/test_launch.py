@@ -30,7 +30,7 @@ from hand_tracker.core.model.hand import (
 from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.files.bags import bag_message, joint_state_message, open_bag, write_bag
 from hand_tracker.files.hand_file import save_hand
-from hand_tracker.urdf import urdf
+from hand_tracker.files.urdf_file import urdf
 
 ROOT = Path(__file__).resolve().parent.parent
 LAUNCH = ROOT / 'launch' / 'track.launch.py'

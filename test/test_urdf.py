@@ -15,7 +15,7 @@ from hand_tracker.core.model.hand import DIGITS, FINGERS, JOINTS, LINKS, SIDES, 
 from hand_tracker.core.model.kinematics import joint_table
 from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.files.hand_file import save_hand
-from hand_tracker.urdf import main, urdf
+from hand_tracker.files.urdf_file import main, urdf
 
 SHIPPED = Path(__file__).parents[1] / 'urdf'
 ODD_HANDS = {
@@ -141,7 +141,7 @@ def test_shipped_files_are_what_the_command_writes(side, tmp_path):
     assert main(['--side', side, '--prefix', f'{side}_', '-o', str(made)]) == 0
     shipped = SHIPPED / f'hand_{side}.urdf'
     assert shipped.read_text(encoding='utf-8') == made.read_text(encoding='utf-8'), (
-        f'remake it: python -m hand_tracker.urdf --side {side} --prefix {side}_ -o {shipped.name}')
+        f'remake it: python -m hand_tracker.files.urdf_file --side {side} --prefix {side}_ -o {shipped.name}')
 
 
 def test_yourdfpy_loads_it_in_silence(hand, caplog, capfd):

@@ -10,11 +10,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from .core.errors import HandTrackerError
-from .core.model.capsules import capsule_lengths
-from .core.model.hand import DIGITS, FINGERS, JOINTS, LIMIT_PRESETS, LINKS, ROOT, SIDES
-from .core.model.kinematics import joint_table, tip_offsets
-from .files.hand_file import choose_hand
+from ..core.errors import HandTrackerError
+from ..core.model.capsules import capsule_lengths
+from ..core.model.hand import DIGITS, FINGERS, JOINTS, LIMIT_PRESETS, LINKS, ROOT, SIDES
+from ..core.model.kinematics import joint_table, tip_offsets
+from .hand_file import choose_hand
 
 # Unsourced: URDF demands both numbers; a brisk finger stays below them.
 EFFORT = 1.     # [N m]
