@@ -22,12 +22,9 @@ from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
 from hand_tracker.core.model.skeleton import CHAINS, PALM_BONES, POINTS, skeleton_points
 from hand_tracker.core.model.states import MarkerState
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.evaluation import ablation
-from hand_tracker.evaluation.results import hardware
-from hand_tracker.evaluation.simulated import trial
-from hand_tracker.evaluation.tracking import tracked_joints
-from hand_tracker.images import blank, drawn, place, save_gif, write
-from hand_tracker.palette import (
+from hand_tracker.drawing.angle_plots import history, page
+from hand_tracker.drawing.images import blank, drawn, place, save_gif, write
+from hand_tracker.drawing.palette import (
     DIGIT_COLOURS,
     FLESH,
     ORANGE,
@@ -36,8 +33,11 @@ from hand_tracker.palette import (
     VERMILLION,
     rgb,
 )
-from hand_tracker.plot import history, page
-from hand_tracker.render import Camera, Mesh, ball, bone, render, view_axes
+from hand_tracker.drawing.render import Camera, Mesh, ball, bone, render, view_axes
+from hand_tracker.evaluation import ablation
+from hand_tracker.evaluation.results import hardware
+from hand_tracker.evaluation.simulated import trial
+from hand_tracker.evaluation.tracking import tracked_joints
 from hand_tracker.simulation.recording import RATE, demo_recording
 from hand_tracker.skin import deform, load_skin
 

@@ -8,7 +8,7 @@ from importlib import import_module
 COMMANDS = {
     'demo': ('hand_tracker.demo', 'replay a recording through the tracker and draw the hand'),
     'track': ('hand_tracker.tracking.recording', 'track a recording; write a table or a recording of angles'),
-    'plot': ('hand_tracker.plot', 'track a recording; plot the angles of each digit over time'),
+    'plot': ('hand_tracker.drawing.angle_plots', 'track a recording; plot the angles of each digit over time'),
     'skin': ('hand_tracker.skin.command', 'draw the skin of a hand, its weights and blending'),
     'view': ('hand_tracker.viewer.command', 'show a recording in the browser'),
     'urdf': ('hand_tracker.files.urdf_file', 'print or write the URDF of a hand'),

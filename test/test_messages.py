@@ -21,7 +21,7 @@ from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
 from geometry_msgs.msg import Point  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
-from hand_tracker import palette  # noqa: E402
+from hand_tracker.drawing import palette  # noqa: E402
 from hand_tracker.messages.builders import (
     diagnostics,
     fill_transforms,

@@ -14,9 +14,7 @@ from hand_tracker.core.model.hand import JOINTS, SIDES, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
 from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
 from hand_tracker.core.model.skeleton import BONES, POINTS, bone_radii, skeleton_points
-from hand_tracker.files.bags import write_bag
-from hand_tracker.images import save_gif
-from hand_tracker.picture import (
+from hand_tracker.drawing.animation import (
     DIGIT_COLOURS,
     GIF_RATE,
     HIDDEN_COLOUR,
@@ -24,6 +22,8 @@ from hand_tracker.picture import (
     save_animation,
     save_sheet,
 )
+from hand_tracker.drawing.images import save_gif
+from hand_tracker.files.bags import write_bag
 from hand_tracker.simulation.recording import demo_recording, recording_messages
 
 ROOT = Path(__file__).resolve().parents[1]

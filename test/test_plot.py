@@ -8,14 +8,13 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from hand_tracker import plot
 from hand_tracker.core.model.hand import DIGITS, JOINTS, Hand, preset_limits
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.model.states import MarkerState
 from hand_tracker.core.tracker import HandTracker
+from hand_tracker.drawing.angle_plots import History, PlotError, history, main, page, save_pages
+from hand_tracker.drawing.palette import MARKER_COLOURS
 from hand_tracker.files.bags import bag_message, joint_state_message, write_bag
-from hand_tracker.palette import MARKER_COLOURS
-from hand_tracker.plot import History, PlotError, history, main, page, save_pages
 from hand_tracker.simulation.recording import demo_recording, recording_messages
 
 STEP = .01  # [s]

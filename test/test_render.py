@@ -4,8 +4,18 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.model.hand import SIDES
-from hand_tracker.mesh import normals
-from hand_tracker.render import EYES, Camera, ball, bone, facing, fitted, joined, render, view_axes
+from hand_tracker.drawing.mesh import normals
+from hand_tracker.drawing.render import (
+    EYES,
+    Camera,
+    ball,
+    bone,
+    facing,
+    fitted,
+    joined,
+    render,
+    view_axes,
+)
 
 RED, BLUE = (1., 0., 0.), (0., 0., 1.)
 FRONT = Camera(np.eye(3), np.zeros(3), .1)  # a picture element is a millimetre

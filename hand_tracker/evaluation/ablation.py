@@ -30,8 +30,8 @@ from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS, marker_positions
 from ..core.model.skeleton import skeleton_points
 from ..core.options import TrackerOptions
-from ..palette import ORANGE, PAPER, SKY_BLUE
-from ..picture import HIDDEN_COLOUR, SEEN_COLOUR, VIEWS, View, view_size
+from ..drawing.animation import HIDDEN_COLOUR, SEEN_COLOUR, VIEWS, View, view_size
+from ..drawing.palette import ORANGE, PAPER, SKY_BLUE
 from ..simulation.faults import Event, Faults, fault_events, with_faults
 from ..simulation.sight import skin_layout
 from .metrics import limit_violations

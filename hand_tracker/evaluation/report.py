@@ -6,7 +6,16 @@ from typing import NamedTuple
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..palette import BLUE, BLUISH_GREEN, GRID, INK, ORANGE, REDDISH_PURPLE, SKY_BLUE, VERMILLION
+from ..drawing.palette import (
+    BLUE,
+    BLUISH_GREEN,
+    GRID,
+    INK,
+    ORANGE,
+    REDDISH_PURPLE,
+    SKY_BLUE,
+    VERMILLION,
+)
 
 # Ours first, then what it is beside.
 COLOURS = (BLUE, ORANGE, BLUISH_GREEN, REDDISH_PURPLE, SKY_BLUE, VERMILLION, '#555555')

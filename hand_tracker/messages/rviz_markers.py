@@ -8,7 +8,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ..core.model.skeleton import BONES, skeleton_points
 from ..core.model.states import MarkerState, PalmState
-from ..palette import FLESH, LIGHT_GREY, MARKER_COLOURS, rgb
+from ..drawing.palette import FLESH, LIGHT_GREY, MARKER_COLOURS, rgb
 
 JOINTS_SHOWN = sorted({end for bone in BONES for end in bone})
 COLOURS = {kind: rgb(colour) for kind, colour in MARKER_COLOURS.items()

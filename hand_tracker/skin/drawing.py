@@ -4,9 +4,9 @@ import numpy as np
 
 from ..core.model.hand import DIGITS, LINKS
 from ..core.model.kinematics import forward, joint_table
-from ..images import blank, drawn, place, write
-from ..palette import DIGIT_COLOURS, FLESH, INK, PAPER, VERMILLION, rgb
-from ..render import Camera, Mesh, fitted, render, view_axes
+from ..drawing.images import blank, drawn, place, write
+from ..drawing.palette import DIGIT_COLOURS, FLESH, INK, PAPER, VERMILLION, rgb
+from ..drawing.render import Camera, Mesh, fitted, render, view_axes
 from ..simulation.poses import pose_angles
 from .blend import deform
 

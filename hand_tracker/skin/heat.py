@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from ..mesh import normals
+from ..drawing.mesh import normals
 from .surface import neighbours
 
 HEAT = 3.            # c; 1 in the paper, which leaves bent fingers thin

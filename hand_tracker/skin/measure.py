@@ -6,7 +6,7 @@ import numpy as np
 
 from ..core.numerics.jit import jit
 from ..core.numerics.vectors import cross, dot, subtract, vector
-from ..mesh import normals
+from ..drawing.mesh import normals
 
 OUTSIDE = 2e-4  # [m] off the skin, where it is looked whether there is flesh
 EVERY = 3       # vertex is looked at

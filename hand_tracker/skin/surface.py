@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.sparse import coo_matrix
 
-from ..mesh import normals
+from ..drawing.mesh import normals
 from .errors import MissingLibrary
 from .flesh import distance
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..core.model.hand import DIGITS, JOINTS
-from ..palette import BLUE, VERMILLION
+from ..drawing.palette import BLUE, VERMILLION
 
 AT_LIMIT = np.radians(.5)
 # 'index_mcp_flexion' is told as 'MCP flexion', below its digit.

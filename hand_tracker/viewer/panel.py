@@ -10,7 +10,7 @@ from PIL import Image
 
 from ..core.constraints import CONSTRAINTS
 from ..core.model.states import MarkerState
-from ..palette import MARKER_COLOURS
+from ..drawing.palette import MARKER_COLOURS
 from .angles import angle_bars
 
 SPEEDS = {'0.1 ×': .1, '0.25 ×': .25, '0.5 ×': .5, '1 ×': 1., '2 ×': 2.}

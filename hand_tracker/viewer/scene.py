@@ -8,7 +8,7 @@ from ..core.model.kinematics import Pose
 from ..core.model.marker_layout import MARKERS
 from ..core.model.states import MarkerState, PalmState
 from ..core.numerics.quaternion import quaternion
-from ..palette import MARKER_COLOURS, rgb
+from ..drawing.palette import MARKER_COLOURS, rgb
 from .skeleton import skeleton_mesh
 
 SKIN_COLOUR, BONE_COLOUR = (255, 158, 104), (240, 240, 235)

@@ -7,8 +7,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from .core.model.hand import DIGITS
-from .core.model.skeleton import BONES, CHAINS, PALM_BONES, bone_radii
+from ..core.model.hand import DIGITS
+from ..core.model.skeleton import BONES, CHAINS, PALM_BONES, bone_radii
 from .images import drawn, save_gif
 from .palette import DIGIT_COLOURS, INK, VERMILLION, rgb
 from .render import view_axes

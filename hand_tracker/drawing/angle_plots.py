@@ -18,13 +18,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from .core.errors import HandTrackerError
-from .core.model.hand import DIGITS, JOINTS
-from .core.model.marker_layout import MARKERS, PALM_MARKERS
-from .core.model.states import MarkerState
-from .nodes.tracker_parameters import STILL
+from ..core.errors import HandTrackerError
+from ..core.model.hand import DIGITS, JOINTS
+from ..core.model.marker_layout import MARKERS, PALM_MARKERS
+from ..core.model.states import MarkerState
+from ..nodes.tracker_parameters import STILL
+from ..tracking.recording import add_recording_options, run_command, tracked_recording
 from .palette import ANGLE, GRID, INK, MARKER_COLOURS, MUTED, PAPER, VERMILLION
-from .tracking.recording import add_recording_options, run_command, tracked_recording
 
 PDF, PNG = '.pdf', '.png'
 FARTHER = 3.     # usual steps of time after which frames are missing

@@ -1,6 +1,6 @@
 """The colours of pictures: the colour-blind-safe palette of Okabe and Ito (2008), and greys."""
 
-from .core.model.states import MarkerState
+from ..core.model.states import MarkerState
 
 ORANGE, SKY_BLUE, BLUISH_GREEN = '#E69F00', '#56B4E9', '#009E73'
 BLUE, VERMILLION, REDDISH_PURPLE = '#0072B2', '#D55E00', '#CC79A7'

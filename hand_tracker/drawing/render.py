@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .core.numerics.jit import jit
+from ..core.numerics.jit import jit
 from .mesh import normals
 
 # Directions to the eye and up, of a right hand in the wrist's frame.

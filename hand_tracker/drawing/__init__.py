@@ -1,0 +1,1 @@
+"""Pictures: meshes, figures, animations and plots."""
