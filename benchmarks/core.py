@@ -23,7 +23,7 @@ if not __package__:
 import numpy as np
 
 from benchmarks.common import add_json_option, environ, environment, write_rows
-from hand_tracker.core import tracker
+from hand_tracker.core import pipeline, tracker
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
@@ -69,12 +69,12 @@ def measure_stages(markers, hand):
     """Return the times of each stage [ns]: kernels of their own, that Python calls in turn."""
     times = {name: [] for name in STAGES}
     with ExitStack() as stack:
-        whole = sequence.track_frame
+        whole = pipeline.track_frame
         stack.enter_context(
             mock.patch.object(tracker, 'track_frame', getattr(whole, 'py_func', whole)))
         for name, found in times.items():
-            stage = getattr(sequence, name)
-            stack.enter_context(mock.patch.object(sequence, name, timed(stage, found)))
+            stage = getattr(pipeline, name)
+            stack.enter_context(mock.patch.object(pipeline, name, timed(stage, found)))
         measure_all(markers, hand)
     return {name: np.array(found) for name, found in times.items()}
 

@@ -41,7 +41,7 @@ from hand_tracker.nodes.fast_path.kernel import (
     teach_answer,
     teach_kind,
 )
-from hand_tracker.simulation.recording import START_NS, demo_recording
+from hand_tracker.simulation.packaged_recordings import START_NS, demo_recording
 
 HOUR = 432_000    # frames at 120 Hz
 RATE = 120.

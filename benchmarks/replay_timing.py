@@ -26,12 +26,13 @@ from visualization_msgs.msg import MarkerArray
 
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.files.bags import bag_message, marker_array_message, write_bag
+from hand_tracker.nodes import replay_node
 from hand_tracker.nodes.runner import run
 
 START = 1_700_000_000 * 10**9
 
 
-class TimedReplay(replay.ReplayNode):
+class TimedReplay(replay_node.ReplayNode):
     """A replay node that notes how late it publishes."""
 
     def __init__(self):
@@ -45,7 +46,7 @@ class TimedReplay(replay.ReplayNode):
 
 def play(out):
     """Play in this process; write lateness [ns] and the share of a core it took."""
-    sys.setswitchinterval(replay.SWITCH_INTERVAL)
+    sys.setswitchinterval(replay_node.SWITCH_INTERVAL)
 
     def work(node):
         before, start = time.process_time(), time.monotonic()

@@ -15,7 +15,7 @@ if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.common import environment
-from hand_tracker.evaluation.report import Table
+from hand_tracker.evaluation.tables import Table
 
 NAMES = 'core', 'instructions', 'round_trip', 'peers', 'offline', 'startup', 'memory'
 

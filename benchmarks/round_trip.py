@@ -193,7 +193,7 @@ def messages(side, rate):
 
     from hand_tracker.core.model.hand import Hand
     from hand_tracker.core.model.marker_layout import MARKERS
-    from hand_tracker.simulation.recording import demo_recording
+    from hand_tracker.simulation.packaged_recordings import demo_recording
 
     mark = Time(sec=MARK, nanosec=MARK)
     markers = MarkerArray(markers=[Marker(ns='leds', id=number, type=Marker.SPHERE)

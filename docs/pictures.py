@@ -35,10 +35,10 @@ from hand_tracker.drawing.palette import (
 )
 from hand_tracker.drawing.render import Camera, Mesh, ball, bone, render, view_axes
 from hand_tracker.evaluation import ablation
+from hand_tracker.evaluation.capture_tracking import tracked_joints
 from hand_tracker.evaluation.results import hardware
 from hand_tracker.evaluation.simulated import trial
-from hand_tracker.evaluation.tracking import tracked_joints
-from hand_tracker.simulation.recording import RATE, demo_recording
+from hand_tracker.simulation.packaged_recordings import RATE, demo_recording
 from hand_tracker.skin import deform, load_skin
 
 FOLDER = Path(__file__).resolve().parent / 'pictures'

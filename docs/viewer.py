@@ -8,7 +8,7 @@ from pathlib import Path
 
 from playwright.sync_api import sync_playwright
 
-from hand_tracker.share import packaged_recording
+from hand_tracker.package_data import packaged_recording
 
 FOLDER = Path(__file__).resolve().parent / 'pictures'
 BROWSER = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))),

@@ -6,15 +6,15 @@ import sys
 from importlib import import_module
 
 COMMANDS = {
-    'demo': ('hand_tracker.demo', 'replay a recording through the tracker and draw the hand'),
+    'demo': ('hand_tracker.cli.demo', 'replay a recording through the tracker and draw the hand'),
     'track': ('hand_tracker.tracking.recording', 'track a recording; write a table or a recording of angles'),
     'plot': ('hand_tracker.drawing.angle_plots', 'track a recording; plot the angles of each digit over time'),
-    'skin': ('hand_tracker.skin.command', 'draw the skin of a hand, its weights and blending'),
-    'view': ('hand_tracker.viewer.command', 'show a recording in the browser'),
+    'skin': ('hand_tracker.cli.skin', 'draw the skin of a hand, its weights and blending'),
+    'view': ('hand_tracker.cli.view', 'show a recording in the browser'),
     'urdf': ('hand_tracker.files.urdf_file', 'print or write the URDF of a hand'),
-    'evaluate': ('hand_tracker.evaluation.command', 'measure the tracker, each table in turn'),
-    'simulate': ('hand_tracker.simulation.simulate', 'record a simulated hand seen by cameras'),
-    'record': ('hand_tracker.simulation.recording', 'make a packaged recording again'),
+    'evaluate': ('hand_tracker.cli.evaluate', 'measure the tracker, each table in turn'),
+    'simulate': ('hand_tracker.simulation.simulator', 'record a simulated hand seen by cameras'),
+    'record': ('hand_tracker.simulation.packaged_recordings', 'make a packaged recording again'),
 }
 
 INTERRUPTED = 130

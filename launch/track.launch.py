@@ -13,7 +13,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.nodes.tracker_parameters import AUTO, START, starting_hand
-from hand_tracker.share import packaged_recording
+from hand_tracker.package_data import packaged_recording
 from launch import LaunchDescription
 
 ARGUMENTS = (

@@ -204,7 +204,7 @@ warm_up() {
   is_done view_ready "$sources" && return
   mkdir -p "$stamps"
   step "compiling the kernels and making a skin" "$python" -c \
-    'from hand_tracker.viewer.command import warm_up; warm_up()' || fail "see $log"
+    'from hand_tracker.cli.view import warm_up; warm_up()' || fail "see $log"
   mark_done view_ready "$sources"
 }
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from hand_tracker.calibration import LANDMARKS, fit_hand, landmark_positions
 from hand_tracker.calibration.fingers import USUAL_SLOPE_WORTH
-from hand_tracker.calibration.palm import median_lengths
+from hand_tracker.calibration.palm_frame import median_lengths
 from hand_tracker.calibration.thumb import Saddle, solve_thumb
 from hand_tracker.core.errors import InvalidHand
 from hand_tracker.core.model.hand import FINGERS, JOINTS, Hand, preset_coupling, preset_limits

@@ -16,7 +16,7 @@ from hand_tracker.simulation.faults import (
     fault_events,
     with_faults,
 )
-from hand_tracker.simulation.sight import (
+from hand_tracker.simulation.visibility import (
     MARKER_RADIUS,
     in_view,
     look,

@@ -20,6 +20,7 @@ from test_messages import AXES, STAMP, eight, marker  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray, UVCoordinate  # noqa: E402
 
 from hand_tracker.core.numerics.quaternion import quaternion  # noqa: E402
+from hand_tracker.messages import cdr  # noqa: E402
 from hand_tracker.messages.builders import joint_state, prefixed_names  # noqa: E402
 from hand_tracker.messages.cdr import (
     ENCAPSULATION,
@@ -33,6 +34,7 @@ from hand_tracker.messages.cdr import (
 )
 from hand_tracker.messages.labels import LabelMap  # noqa: E402
 from hand_tracker.messages.marker_array import markers_from_message  # noqa: E402
+from hand_tracker.nodes import serialization  # noqa: E402
 
 LABELS = LabelMap(['0', '1', 'leds/2', '3', 'b/*', '5', '', 'leds/7'])
 PLAIN_WALK = getattr(walk, 'py_func', walk)
@@ -205,7 +207,7 @@ def walk_plainly(data):
     size = len(data) - ENCAPSULATION
     octets = np.frombuffer(data, np.uint8, offset=ENCAPSULATION)
     words = memoryview(np.frombuffer(data, np.int32, size // 4, ENCAPSULATION))
-    room = size // codec.SMALLEST_MARKER + 1
+    room = size // cdr.SMALLEST_MARKER + 1
     return PLAIN_WALK(octets, words, size, np.zeros((room, 5), np.int32),
                       np.zeros((room, 3), np.int64), np.zeros(size, np.uint8))
 
@@ -225,7 +227,7 @@ def survive(data):
 
 def whole_message():
     """Return the bytes of a message that leaves no sequence empty."""
-    return serialize_message(wire._sample_markers())
+    return serialize_message(serialization._sample_markers())
 
 
 def test_every_truncation_is_refused():
@@ -334,7 +336,7 @@ def test_transforms_are_the_messages(stamp, rows):
 # --- the choice
 
 def test_the_codec_agrees_with_rclpy_here():
-    assert wire.codec_agrees()
+    assert serialization.codec_agrees()
 
 
 @pytest.mark.parametrize('at', [4, 60, 200])
@@ -343,21 +345,21 @@ def test_another_layout_is_noticed(monkeypatch, at):
         data = serialize_message(message)
         return data[:at] + bytes(8) + data[at:]
 
-    monkeypatch.setattr(wire, 'serialize_message', other)
-    assert not wire.codec_agrees()
+    monkeypatch.setattr(serialization, 'serialize_message', other)
+    assert not serialization.codec_agrees()
 
 
 def test_another_layout_of_what_goes_out_is_noticed(monkeypatch):
     monkeypatch.setattr(
-        wire, 'joint_state_template', lambda names: joint_state_template(names[::-1]))
-    assert not wire.codec_agrees()
+        serialization, 'joint_state_template', lambda names: joint_state_template(names[::-1]))
+    assert not serialization.codec_agrees()
 
 
 @pytest.mark.parametrize('agrees', [True, False])
 def test_a_node_publishes_the_same_either_way(monkeypatch, agrees):
     from hand_tracker.nodes.tracker_node import TrackerNode
     warnings, published = [], []
-    monkeypatch.setattr(wire, 'codec_agrees', lambda: agrees)
+    monkeypatch.setattr(serialization, 'codec_agrees', lambda: agrees)
     rclpy.init()
     monkeypatch.setattr('rclpy.impl.rcutils_logger.RcutilsLogger.warning',
                         lambda self, text, **_: warnings.append(text) or True)

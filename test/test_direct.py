@@ -24,6 +24,8 @@ from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
 from hand_tracker.core.model.hand import JOINTS  # noqa: E402
 from hand_tracker.core.numerics.jit import COMPILED  # noqa: E402
+from hand_tracker.nodes import tracker_node  # noqa: E402
+from hand_tracker.nodes.fast_path import middleware  # noqa: E402
 from hand_tracker.nodes.runner import INTERRUPTS, run  # noqa: E402
 
 WAYS = {'short': True, 'long': False}
@@ -259,7 +261,7 @@ def test_the_end_of_ros_is_the_end_of_the_node():
         thread = Thread(target=drive)
         thread.start()
         try:
-            assert run(tracker.TrackerNode, args=[]) == 0
+            assert run(tracker_node.TrackerNode, args=[]) == 0
         finally:
             ended.set()
             thread.join()
@@ -292,7 +294,7 @@ def test_an_executor_that_waits_for_conditions_serves_the_long_way():
 
 
 def test_a_middleware_that_was_not_tried_takes_the_long_way(monkeypatch):
-    monkeypatch.setattr(direct, 'MIDDLEWARES', ())
+    monkeypatch.setattr(middleware, 'MIDDLEWARES', ())
     with own_node() as tracker:
         assert tracker._direct is None
         assert tracker._subscription in list(tracker.subscriptions)

@@ -9,26 +9,26 @@ from captures import capture_path
 
 from hand_tracker.__main__ import main
 from hand_tracker.calibration import LANDMARKS, fit_hand
+from hand_tracker.cli import evaluate
 from hand_tracker.core.model.hand import FINGERS, JOINTS
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.evaluation import (
     baselines,
-    command,
-    fitting,
-    noise,
+    capture_fit,
+    captured_hands,
+    hidden_markers,
     noise_pip,
-    occlusion,
+    noise_sensitivity,
     plain_hand,
-    recordings,
     results,
     simulated,
     solvers,
 )
 from hand_tracker.evaluation.captures import Capture, InvalidCapture, load_capture
 from hand_tracker.evaluation.demo_frames import demo_frames, tracked_hand
-from hand_tracker.evaluation.options import Options
-from hand_tracker.evaluation.report import Table, words
+from hand_tracker.evaluation.evaluation_options import Options
 from hand_tracker.evaluation.results import versions
+from hand_tracker.evaluation.tables import Table, words
 
 RATE = 60.
 
@@ -60,7 +60,7 @@ def fitted_hand(moving):
 @pytest.fixture
 def fitted_once(fitted_hand, monkeypatch):
     """Fit the one hand of these tests once: that takes most of the time."""
-    monkeypatch.setattr(fitting, 'fit_hand', lambda joints, side, limits: fitted_hand.replace(
+    monkeypatch.setattr(capture_fit, 'fit_hand', lambda joints, side, limits: fitted_hand.replace(
         side=side, limits=limits))
 
 
@@ -137,36 +137,36 @@ def test_the_plain_hand_is_right_about_a_hand_as_plain_as_itself():
 
 
 def test_recordings_give_rows_of_every_class_and_method(moving, fitted_once):
-    rows = recordings.judge(moving)
-    assert {row['method'] for row in rows} == set(recordings.METHODS)
+    rows = captured_hands.judge(moving)
+    assert {row['method'] for row in rows} == set(captured_hands.METHODS)
     for row in rows:
         assert {'evaluation', 'recording', 'method', 'joint_class', 'mean_mm', 'p95_mm',
                 'frames'} <= row.keys()
         assert row['frames'] == 560
     assert [row['within_limits_pct'] for row in rows if 'within_limits_pct' in row] == (
-        [100.] * (len(recordings.METHODS) - 1))
+        [100.] * (len(captured_hands.METHODS) - 1))
 
 
 def test_a_left_hand_is_judged_as_the_right_hand_it_mirrors(moving, fitted_once):
     left = moving._replace(joints=moving.joints * (1., -1., 1.), side='left')
-    for ours, mirrored in zip(recordings.judge(moving), recordings.judge(left)):
+    for ours, mirrored in zip(captured_hands.judge(moving), captured_hands.judge(left)):
         assert mirrored['mean_mm'] == pytest.approx(ours['mean_mm'], abs=1e-3)
 
 
 @pytest.fixture
 def few_windows(monkeypatch):
-    monkeypatch.setattr(occlusion, 'WINDOWS', 4)
-    monkeypatch.setattr(occlusion, 'SETS', 1)
+    monkeypatch.setattr(hidden_markers, 'WINDOWS', 4)
+    monkeypatch.setattr(hidden_markers, 'SETS', 1)
 
 
 def test_occlusion_is_the_same_again_and_another_with_another_seed(
         moving, few_windows, fitted_once):
-    first, again, other = (occlusion.judge(moving, seed) for seed in (1, 1, 2))
+    first, again, other = (hidden_markers.judge(moving, seed) for seed in (1, 1, 2))
     assert first == again
     assert first != other
     assert {(row['hidden'], row['hidden_s'], row['method']) for row in first} == {
         (kind, seconds, method) for kind in ('one', 'palm', 'two', 'three')
-        for seconds in (.1, .25, .5, 1.) for method in occlusion.METHODS}
+        for seconds in (.1, .25, .5, 1.) for method in hidden_markers.METHODS}
 
 
 @pytest.mark.parametrize('hidden', [[4], [7], [1], [3, 6, 7]])
@@ -186,7 +186,7 @@ def test_neither_tracker_nor_baselines_see_what_is_hidden_or_to_come(
     unknown[start:start + length, hidden] = np.nan
     results = []
     for markers in (moving.markers, lies, unknown):
-        places, _ = occlusion.predicted(tracker, markers, start, [length], hidden, RATE)
+        places, _ = hidden_markers.predicted(tracker, markers, start, [length], hidden, RATE)
         poses = plain_hand.palm_poses(markers[:, :3], template)
         guesses = baselines.predictions(markers, poses, start, length, hidden, RATE, template)
         results.append(np.array([places, *guesses.values()]))
@@ -198,18 +198,18 @@ def test_neither_tracker_nor_baselines_see_what_is_hidden_or_to_come(
 def test_windows_begin_after_all_markers_and_have_them_in_half_of_the_frames(moving):
     joints = moving.joints.copy()
     joints[300:400, 0] = np.nan
-    starts, lengths = occlusion.windows(moving._replace(joints=joints), 1)
+    starts, lengths = hidden_markers.windows(moving._replace(joints=joints), 1)
     assert (starts >= moving.split).all() and max(lengths) == 1.
     whole = np.isfinite(joints[:, 0]).all(axis=1)
     assert all(whole[start - 1] and whole[start:start + 60].sum() >= 30 for start in starts)
     joints[::2, 0] = np.nan
     joints[1::3, 0] = np.nan
     with pytest.raises(InvalidCapture, match='no 0.1 s with all eight markers'):
-        occlusion.windows(moving._replace(joints=joints), 1)
+        hidden_markers.windows(moving._replace(joints=joints), 1)
 
 
 def test_short_recordings_have_short_windows(moving):
-    _, lengths = occlusion.windows(moving._replace(joints=moving.joints[:70]), 1)
+    _, lengths = hidden_markers.windows(moving._replace(joints=moving.joints[:70]), 1)
     assert lengths == {.1: 6, .25: 15, .5: 30}
 
 
@@ -223,10 +223,10 @@ def test_all_methods_are_judged_on_the_same_frames(moving, few_windows, fitted_o
     gaps = with_gaps(moving)
     judged = int(gaps.whole[gaps.split:].sum())
     assert judged < 500
-    assert {row['frames'] for row in recordings.judge(gaps)} == {judged}
-    rows = occlusion.judge(gaps, 1)
-    for kind in occlusion.HIDDEN:
-        for seconds in occlusion.LENGTHS:
+    assert {row['frames'] for row in captured_hands.judge(gaps)} == {judged}
+    rows = hidden_markers.judge(gaps, 1)
+    for kind in hidden_markers.HIDDEN:
+        for seconds in hidden_markers.LENGTHS:
             assert len({row['frames'] for row in rows if (row['hidden'], row['hidden_s']) == (
                 kind, seconds)}) == 1
     assert all(np.isfinite(row['mean_mm']) and row['frames'] > 0 for row in rows)
@@ -236,7 +236,7 @@ def test_frames_before_the_palm_is_seen_are_not_judged(moving, fitted_once):
     """A cold start at the split would judge the pose of rest at the origin."""
     joints = moving.joints.copy()
     joints[moving.split - 20:moving.split + 30, 0] = np.nan
-    rows = recordings.judge(moving._replace(joints=joints))
+    rows = captured_hands.judge(moving._replace(joints=joints))
     assert {row['frames'] for row in rows} == {530}
     assert max(row['p95_mm'] for row in rows if row['joint_class'] == 'mcp') < 5.
 
@@ -247,7 +247,7 @@ def test_a_joint_that_is_never_captured_is_not_judged(moving, tmp_path):
     save(tmp_path / 'gap.npz', moving, positions=joints)
     capture = load_capture(tmp_path / 'gap.npz')
     assert capture.missing == ['little_pip']
-    filled = fitting.fitting_joints(capture)
+    filled = capture_fit.fitting_joints(capture)
     assert np.isfinite(filled).all()
     np.testing.assert_array_equal(filled[:, :18], joints[:capture.split, :18])
     # The place of a mean hand, of the capture's size.
@@ -258,10 +258,10 @@ def test_a_joint_that_is_never_captured_is_not_judged(moving, tmp_path):
 KEYS = {'evaluation', 'recording', 'method', 'mean_mm', 'p95_mm', 'frames'}
 
 
-@pytest.mark.parametrize('name', command.EVALUATIONS)
+@pytest.mark.parametrize('name', evaluate.EVALUATIONS)
 def test_every_evaluation_has_rows_of_the_same_keys(
         name, moving, few_windows, fitted_once, monkeypatch, tmp_path):
-    module = command.module_of(name)
+    module = evaluate.module_of(name)
     for short, value in (('DURATION', 1.), ('MOTIONS', ('demo',)), ('NOISES', (.3,)),
                          ('SIZE_ERRORS', (0.,))):
         if hasattr(module, short):
@@ -272,9 +272,9 @@ def test_every_evaluation_has_rows_of_the_same_keys(
         'angles', 'wrist_rotation', 'wrist_position', 'markers', 'joints')})
     monkeypatch.setattr(noise_pip, 'DRAWS', 1)
     monkeypatch.setattr(noise_pip, 'SECONDS', 3.)
-    for module_of_demo in (noise, solvers):
+    for module_of_demo in (noise_sensitivity, solvers):
         monkeypatch.setattr(module_of_demo, 'demo_frames', lambda: short)
-    rows = command.run(name, Options((moving,), quiet=True))
+    rows = evaluate.run(name, Options((moving,), quiet=True))
     for row in rows:
         assert KEYS <= row.keys()
         assert ('hidden' in row and 'hidden_s' in row) != ('joint_class' in row)
@@ -292,9 +292,9 @@ def test_every_evaluation_has_rows_of_the_same_keys(
 
 def test_what_loses_is_told_from_the_rows():
     rows = [{'recording': 'a', 'joint_class': name, 'method': method, 'mean_mm': mean}
-            for name in recordings.JOINT_CLASSES
+            for name in captured_hands.JOINT_CLASSES
             for method, mean in (('hand_tracker', 2. if name == 'dip' else 1.), ('plain', 1.5))]
-    assert recordings.losses(rows) == [
+    assert captured_hands.losses(rows) == [
         'dip: the plain hand is nearer on a 2.00 mm against 1.50']
 
 
@@ -303,33 +303,33 @@ def test_hidden_markers_lose_by_recording():
              'mean_mm': mean} for recording, method, mean in (
         ('a', 'hand_tracker', 1.), ('a', 'hold_last', 6.),
         ('b', 'hand_tracker', 3.), ('b', 'hold_last', 2.))]
-    assert occlusion.losses(rows) == [
+    assert hidden_markers.losses(rows) == [
         'b, a palm marker hidden for 0.1 s (3.00 mm against 2.00 of hold_last)']
 
 
 def test_captured_bends_are_the_flexions_of_a_hand_that_only_flexes():
     frames = demo_frames()
-    bends = occlusion.captured_bends(frames.joints)
+    bends = hidden_markers.captured_bends(frames.joints)
     assert bends.shape == (len(frames.joints), 5, 3)
     fingers = [[JOINTS.index(f'{finger}_{joint}_flexion') for joint in ('pip', 'dip')]
                for finger in FINGERS]
     np.testing.assert_allclose(bends[:, :4, 1:], frames.angles[:, fingers], atol=1e-6)
-    assert np.isnan(occlusion.captured_bends(np.full((2, 21, 3), np.nan))).all()
+    assert np.isnan(hidden_markers.captured_bends(np.full((2, 21, 3), np.nan))).all()
 
 
 def test_a_leap_in_any_frame_of_a_window_or_after_it_is_a_step(moving, few_windows, fitted_once,
                                                               monkeypatch):
-    mean = {row['hidden_s']: row['step_deg'] for row in occlusion.judge(moving, 1)
+    mean = {row['hidden_s']: row['step_deg'] for row in hidden_markers.judge(moving, 1)
             if row['method'] == 'hand_tracker' and row['hidden'] == 'one'}
-    plain = occlusion.advance
-    start = min(occlusion.windows(moving, 1)[0])
+    plain = hidden_markers.advance
+    start = min(hidden_markers.windows(moving, 1)[0])
 
     def leaping(tracker, frame, index, rate):
         state = plain(tracker, frame, index, rate)
         within = np.isnan(frame).any() and index == start + 10
         return state._replace(angles=state.angles + 2.) if within else state
-    monkeypatch.setattr(occlusion, 'advance', leaping)
-    for row in occlusion.judge(moving, 1):
+    monkeypatch.setattr(hidden_markers, 'advance', leaping)
+    for row in hidden_markers.judge(moving, 1):
         if row['method'] == 'hand_tracker' and row['hidden'] == 'one':
             if row['hidden_s'] == .1:
                 assert row['step_deg'] == mean[.1] < 90.
@@ -434,14 +434,14 @@ def test_the_command_writes_rows_table_picture_and_document(
 
 def test_the_command_says_what_it_needs(tmp_path, capsys):
     with pytest.raises(SystemExit):
-        command.main(['occlusion'])
+        evaluate.main(['occlusion'])
     assert 'name at least one npz file' in capsys.readouterr().err
     for arguments, message in ((['--seed', '-1'], '-1; allowed is 0 to 2147483647'),
                                (['--json', str(tmp_path)], 'is a folder; expected a file')):
         with pytest.raises(SystemExit):
-            command.main(['noise', *arguments])
+            evaluate.main(['noise', *arguments])
         assert message in capsys.readouterr().err
-    assert command.main(['recordings', str(tmp_path / 'none.npz')]) == 1
+    assert evaluate.main(['recordings', str(tmp_path / 'none.npz')]) == 1
     assert 'No such file' in capsys.readouterr().err
 
 
@@ -466,8 +466,8 @@ def test_an_evaluation_that_fails_leaves_the_others_rows(
     def fails(options):
         raise InvalidCapture('no luck')
 
-    monkeypatch.setattr(command, 'EVALUATIONS', {'recordings': '', 'occlusion': ''})
-    monkeypatch.setattr(occlusion, 'evaluate', fails)
+    monkeypatch.setattr(evaluate, 'EVALUATIONS', {'recordings': '', 'occlusion': ''})
+    monkeypatch.setattr(hidden_markers, 'evaluate', fails)
     rows = tmp_path / 'rows.json'
     assert main(['evaluate', 'all', str(capture_file), '--json', str(rows)]) == 1
     assert 'occlusion: no luck' in capsys.readouterr().err
@@ -475,9 +475,9 @@ def test_an_evaluation_that_fails_leaves_the_others_rows(
 
 
 def test_rows_are_plain_json():
-    assert command.plain(np.float64(1.5)) == 1.5
-    assert command.plain(float('nan')) is None
-    assert command.plain('x') == 'x'
+    assert evaluate.plain(np.float64(1.5)) == 1.5
+    assert evaluate.plain(float('nan')) is None
+    assert evaluate.plain('x') == 'x'
 
 
 def test_work_comes_back_in_order_from_any_number_of_jobs():

@@ -33,9 +33,10 @@ from hand_tracker.files.bags import (
     write_bag,
 )
 from hand_tracker.files.hand_file import save_hand
+from hand_tracker.messages import marker_array
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.progress import Progress
-from hand_tracker.simulation.recording import demo_recording, recording_messages
+from hand_tracker.simulation.packaged_recordings import demo_recording, recording_messages
 from hand_tracker.tracking.input_monitor import Watch
 from hand_tracker.tracking.recording import main, track
 
@@ -193,7 +194,7 @@ def test_topic_frame_labels_and_units_are_those_asked_for(recording, tmp_path):
 def test_constants_are_those_of_the_message():
     marker = TYPES.types['visualization_msgs/msg/Marker']
     for name in ('ADD', 'CUBE', 'SPHERE', 'CYLINDER', 'CUBE_LIST', 'SPHERE_LIST', 'POINTS'):
-        assert getattr(marker_frame, name) == getattr(marker, name)
+        assert getattr(marker_array, name) == getattr(marker, name)
 
 
 def test_nothing_comes_out_before_the_palm_was_seen_and_of_other_markers(recording):

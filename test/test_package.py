@@ -13,7 +13,7 @@ from zipfile import ZipFile
 import pytest
 
 import hand_tracker
-from hand_tracker import share
+from hand_tracker import package_data
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA_FOLDERS = ('config', 'launch', 'recordings', 'urdf')
@@ -158,9 +158,9 @@ def test_core_imports_nothing_of_the_rooms_around_it():
 
 
 def test_checkout_is_its_own_share_directory():
-    if not Path(share.__file__).resolve().is_relative_to(ROOT):
+    if not Path(package_data.__file__).resolve().is_relative_to(ROOT):
         pytest.skip('an installed hand_tracker is under test, not the checkout')
-    assert share.share_directory() == ROOT
+    assert package_data.share_directory() == ROOT
 
 
 @pytest.mark.parametrize(
@@ -172,12 +172,12 @@ def test_share_directory_of_an_installed_package(tmp_path, libraries):
     code.mkdir(parents=True)
     data.mkdir(parents=True)
     (data / 'package.xml').touch()
-    assert share._share_directory(code) == data
+    assert package_data._share_directory(code) == data
 
 
 def test_share_directory_says_what_is_wrong(tmp_path):
     with pytest.raises(FileNotFoundError, match='share/hand_tracker'):
-        share._share_directory(tmp_path / 'hand_tracker')
+        package_data._share_directory(tmp_path / 'hand_tracker')
 
 
 def test_wheel_holds_the_data_files(wheel):
@@ -198,8 +198,8 @@ def test_wheel_holds_the_data_files(wheel):
 
 def test_installed_wheel_finds_its_data(wheel, tmp_path):
     run_pip('install', '--prefix', tmp_path, '--ignore-installed', wheel)
-    (code,) = tmp_path.rglob('hand_tracker/share.py')
-    ask = 'from hand_tracker.share import share_directory; print(share_directory())'
+    (code,) = tmp_path.rglob('hand_tracker/package_data.py')
+    ask = 'from hand_tracker.package_data import share_directory; print(share_directory())'
     found = Path(run_python(ask, cwd=code.parent.parent).strip())
     assert found.is_relative_to(tmp_path.resolve())
     assert (found / 'package.xml').is_file()

@@ -56,7 +56,7 @@ from hand_tracker.nodes.fast_path.kernel import (
     teach_answer,
     teach_kind,
 )
-from hand_tracker.simulation.recording import demo_recording  # noqa: E402
+from hand_tracker.simulation.packaged_recordings import demo_recording  # noqa: E402
 
 NAMES = prefixed_names('right_')
 SCALE = .001

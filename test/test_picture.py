@@ -24,7 +24,7 @@ from hand_tracker.drawing.animation import (
 )
 from hand_tracker.drawing.images import save_gif
 from hand_tracker.files.bags import write_bag
-from hand_tracker.simulation.recording import demo_recording, recording_messages
+from hand_tracker.simulation.packaged_recordings import demo_recording, recording_messages
 
 ROOT = Path(__file__).resolve().parents[1]
 

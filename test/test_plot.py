@@ -12,10 +12,11 @@ from hand_tracker.core.model.hand import DIGITS, JOINTS, Hand, preset_limits
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.model.states import MarkerState
 from hand_tracker.core.tracker import HandTracker
+from hand_tracker.drawing import angle_plots
 from hand_tracker.drawing.angle_plots import History, PlotError, history, main, page, save_pages
 from hand_tracker.drawing.palette import MARKER_COLOURS
 from hand_tracker.files.bags import bag_message, joint_state_message, write_bag
-from hand_tracker.simulation.recording import demo_recording, recording_messages
+from hand_tracker.simulation.packaged_recordings import demo_recording, recording_messages
 
 STEP = .01  # [s]
 INDEX = MARKERS.index('index')
@@ -103,7 +104,7 @@ def test_nothing_is_drawn_where_frames_are_missing(made):
     assert np.isnan(times).sum() == np.isnan(values).sum() == 1
     assert times[np.flatnonzero(np.isnan(times)) - 1] == pytest.approx(.39)
     ends = bands(strip, MarkerState.SEEN)[:, 1]
-    assert not ((ends > .39 + plot.FARTHER * STEP + 1e-9) & (ends < .6)).any()
+    assert not ((ends > .39 + angle_plots.FARTHER * STEP + 1e-9) & (ends < .6)).any()
 
 
 def test_a_single_frame_and_a_clock_that_stands_are_drawn(made):
@@ -137,7 +138,7 @@ def test_command_plots_what_the_tracker_says_of_the_arrays(
         drawn.append((tracked, hand, title))
         return save_pages(path, tracked, hand, title)
 
-    monkeypatch.setattr(plot, 'save_pages', note)
+    monkeypatch.setattr(angle_plots, 'save_pages', note)
     monkeypatch.chdir(tmp_path)
     assert main(['in.mcap', '--limits', 'wide']) == 0
     assert f'in.pdf: {len(recording.stamps)} of' in capsys.readouterr().out

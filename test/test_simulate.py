@@ -20,8 +20,7 @@ from hand_tracker.files.hand_file import load_hand, save_hand
 from hand_tracker.simulation.cameras import CameraRig
 from hand_tracker.simulation.faults import Faults
 from hand_tracker.simulation.motions import motion_named
-from hand_tracker.simulation.sight import skin_layout
-from hand_tracker.simulation.simulate import (
+from hand_tracker.simulation.simulator import (
     COUPLING_ERROR,
     LENGTH_ERROR,
     OFFSET_ERROR,
@@ -32,6 +31,7 @@ from hand_tracker.simulation.simulate import (
     main,
     simulated_hand,
 )
+from hand_tracker.simulation.visibility import skin_layout
 
 ROOT = Path(__file__).resolve().parent.parent
 HAND = Hand.scaled()

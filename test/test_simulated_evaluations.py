@@ -8,8 +8,8 @@ import pytest
 from hand_tracker.core.model.capsules import capsules, pair_gaps
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.options import TrackerOptions
-from hand_tracker.evaluation import ablation, cameras, rates
-from hand_tracker.evaluation.options import Options
+from hand_tracker.evaluation import ablation, camera_count, frame_rates
+from hand_tracker.evaluation.evaluation_options import Options
 from hand_tracker.evaluation.overlap import deepest_overlaps
 from hand_tracker.evaluation.simulated import distances, mean_max, tasks, trial
 from hand_tracker.simulation.motions import MOTIONS
@@ -24,7 +24,7 @@ def one():
 
 @pytest.fixture
 def quick(monkeypatch):
-    for module in (ablation, cameras, rates):
+    for module in (ablation, camera_count, frame_rates):
         monkeypatch.setattr(module, 'DURATION', SHORT)
 
 
@@ -44,7 +44,7 @@ def test_fewer_cameras_are_some_of_the_eight_with_their_noise(one):
     np.testing.assert_array_equal(one.measured(), one.sight.positions)
     lost = [np.isnan(one.measured(subset)).mean() for subset in (None, (0, 2), (0,))]
     assert lost[0] <= lost[1] < lost[2] == 1.
-    for count, subset in cameras.SUBSETS.items():
+    for count, subset in camera_count.SUBSETS.items():
         assert len(set(subset)) == count and max(subset) < 8
 
 
@@ -61,20 +61,20 @@ def test_distances_are_those_of_equation_11():
 
 
 def test_rows_of_cameras(quick):
-    rows = cameras.judge(('spelling', 2))
+    rows = camera_count.judge(('spelling', 2))
     assert [row['cameras'] for row in rows] == [8, 6, 4, 2]
     assert rows[0]['against_8_squared_max'] == 0. < rows[0]['true_squared']
-    assert rows == cameras.judge(('spelling', 2))
-    assert [line[1] for line in cameras.tables(rows)[0].lines] == ['–', *cameras.PAPER.values()]
+    assert rows == camera_count.judge(('spelling', 2))
+    assert [line[1] for line in camera_count.tables(rows)[0].lines] == ['–', *camera_count.PAPER.values()]
 
 
 def test_rows_of_rates(quick):
-    rows = rates.judge(('spelling', 2))
+    rows = frame_rates.judge(('spelling', 2))
     assert [row['rate_hz'] for row in rows] == [240, 120, 60, 30]
     assert [row['frames'] for row in rows] == [240, 120, 60, 30]
     # At the lowest rate what is missed between frames comes on top.
     assert rows[-1]['between_dist'] > rows[-1]['common_dist'] > 0.
-    assert len(rates.tables(rows)[0].lines) == 4
+    assert len(frame_rates.tables(rows)[0].lines) == 4
 
 
 def test_rows_and_pictures_of_the_ablation(quick, monkeypatch, tmp_path):
@@ -160,7 +160,7 @@ def test_an_option_is_a_change(one):
 def test_what_is_above_the_paper_is_told():
     rows = [{'cameras': count, 'against_8_squared': mean, 'against_8_squared_max': top}
             for count, mean, top in ((6, .08, .3), (4, .1, 1.2), (2, .1, .2))]
-    assert cameras.losses(rows) == [
+    assert camera_count.losses(rows) == [
         '6 cameras: mean Dist² 0.080 rad² against 0.07 in the paper',
         '4 cameras: maximum Dist² 1.200 rad² against 1.12 in the paper']
 

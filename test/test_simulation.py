@@ -16,8 +16,8 @@ from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.evaluation.overlap import deepest_overlaps
 from hand_tracker.files.bags import TYPES, open_bag
-from hand_tracker.share import RECORDINGS, packaged_recording
-from hand_tracker.simulation import recording as made
+from hand_tracker.package_data import RECORDINGS, packaged_recording
+from hand_tracker.simulation import packaged_recordings as made
 from hand_tracker.simulation.gestures import GRASPS, LETTERS, grasp_shape, shape_angles
 from hand_tracker.simulation.motion import DEMO_STEPS, demo_motion, minimum_jerk
 from hand_tracker.simulation.poses import POSES, Touch, pose_angles, thumb_gap
@@ -295,7 +295,7 @@ def test_packaged_recording_is_small_and_holds_what_was_made(recording):
 
 def test_command_says_why_it_cannot_write(tmp_path):
     run = subprocess.run(
-        [sys.executable, '-m', 'hand_tracker.simulation.recording', '-o', tmp_path / 'demo.txt'],
+        [sys.executable, '-m', 'hand_tracker.simulation.packaged_recordings', '-o', tmp_path / 'demo.txt'],
         cwd=ROOT, capture_output=True, text=True)
     assert run.returncode == 1
     assert "unknown extension '.txt'" in run.stderr

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 trimesh = pytest.importorskip('trimesh', reason='trimesh is not installed')
 pytest.importorskip('skimage', reason='scikit-image is not installed')
 
+from hand_tracker.cli.skin import main  # noqa: E402
 from hand_tracker.core.model.hand import JOINTS, LINKS, Hand  # noqa: E402
 from hand_tracker.core.model.kinematics import forward, joint_table  # noqa: E402
 from hand_tracker.core.numerics.jit import COMPILED  # noqa: E402
@@ -18,7 +19,6 @@ from hand_tracker.skin import (  # noqa: E402
     load,  # noqa: E402
     load_skin,
 )
-from hand_tracker.skin.command import main  # noqa: E402
 from hand_tracker.skin.measure import buried_share, volume, winding_numbers  # noqa: E402
 
 HAND = Hand.scaled()

@@ -18,8 +18,8 @@ from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.simulation.sight import skin_layout
-from hand_tracker.simulation.simulate import calibrated
+from hand_tracker.simulation.simulator import calibrated
+from hand_tracker.simulation.visibility import skin_layout
 
 MIRROR = np.array((1., -1., 1.))
 # What is measured is what comes out: no filter, nothing moved apart.

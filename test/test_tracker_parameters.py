@@ -21,7 +21,7 @@ from hand_tracker.nodes.tracker_parameters import (
     live_table,
     starting_hand,
 )
-from hand_tracker.simulation.recording import demo_recording
+from hand_tracker.simulation.packaged_recordings import demo_recording
 
 CONFIG = Path(__file__).parents[1] / 'config' / 'tracker.yaml'
 

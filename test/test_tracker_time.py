@@ -10,7 +10,7 @@ import pytest
 from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.marker_array import FrameTime, seconds
-from hand_tracker.simulation.recording import demo_recording
+from hand_tracker.simulation.packaged_recordings import demo_recording
 
 WHOLE = demo_recording(rate=30.).markers[0]
 PALMLESS = np.where(np.arange(8)[:, None] == 1, np.nan, WHOLE)

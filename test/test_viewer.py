@@ -20,13 +20,13 @@ from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.bags import bag_message, marker_array_message, open_bag, write_bag
 from hand_tracker.messages.labels import DEFAULT_LABELS
-from hand_tracker.share import packaged_recording
+from hand_tracker.package_data import packaged_recording
 from hand_tracker.tracking.recording import track
-from hand_tracker.viewer.angles import angle_bars
+from hand_tracker.viewer.angle_bars import angle_bars
+from hand_tracker.viewer.page import LOCALHOST, Viewer, free_port
 from hand_tracker.viewer.panel import Panel
-from hand_tracker.viewer.recording import WARM_UP, Playhead, Recording
+from hand_tracker.viewer.recording_source import WARM_UP, Playhead, Recording
 from hand_tracker.viewer.scene import ROAM, kept_near, strongest, wrist_pose
-from hand_tracker.viewer.viewer import LOCALHOST, Viewer, free_port
 
 DIP = JOINTS.index('index_dip_flexion')
 
@@ -90,7 +90,7 @@ def test_the_tracking_time_is_the_median_of_the_shown_constraints(monkeypatch):
     recording.playhead.seek(1.)
     # Each update takes 30 µs, and the very first a second: it compiled the kernels.
     clock = itertools.accumulate(itertools.chain([0., 1.], itertools.repeat(30e-6)))
-    monkeypatch.setattr('hand_tracker.viewer.recording.time.perf_counter', lambda: next(clock))
+    monkeypatch.setattr('hand_tracker.viewer.recording_source.time.perf_counter', lambda: next(clock))
     assert recording.numbers(recording.state())['tracking time'] == '30 µs'
     clock = itertools.accumulate(itertools.repeat(70e-6))
     recording.bare_state()
@@ -132,7 +132,7 @@ def test_a_leap_tracks_no_more_than_the_warm_up(recording, monkeypatch):
 
 def test_a_playhead_runs_stops_and_begins_again(monkeypatch):
     now = [10.]
-    monkeypatch.setattr('hand_tracker.viewer.recording.time.monotonic', lambda: now[0])
+    monkeypatch.setattr('hand_tracker.viewer.recording_source.time.monotonic', lambda: now[0])
     head = Playhead(4.)
     now[0] += 1.5
     assert head.now() == 1.5
@@ -165,7 +165,7 @@ def test_a_recording_without_a_palm_is_refused(tmp_path):
 def test_the_mesh_of_the_skeleton_follows_the_links(side):
     pytest.importorskip('trimesh', reason='trimesh is not installed')
     from hand_tracker.skin import deform
-    from hand_tracker.viewer.skeleton import JOINT_RADIUS, skeleton_mesh
+    from hand_tracker.viewer.skeleton_mesh import JOINT_RADIUS, skeleton_mesh
 
     hand = Hand.scaled(side=side)
     lower, upper = hand.limits.T

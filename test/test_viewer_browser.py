@@ -20,8 +20,8 @@ from PIL import Image  # noqa: E402
 from ros_process import Process  # noqa: E402
 
 from docs.viewer import BROWSER, SOFTWARE  # noqa: E402
-from hand_tracker.share import packaged_recording  # noqa: E402
-from hand_tracker.viewer.command import warm_up  # noqa: E402
+from hand_tracker.cli.view import warm_up  # noqa: E402
+from hand_tracker.package_data import packaged_recording  # noqa: E402
 
 pytestmark = [
     pytest.mark.skipif(BROWSER is None, reason='no Chromium is installed'),

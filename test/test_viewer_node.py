@@ -16,7 +16,7 @@ from hand_tracker.core.model.hand import JOINTS  # noqa: E402
 from hand_tracker.core.model.states import MarkerState  # noqa: E402
 from hand_tracker.nodes.runner import spinning  # noqa: E402
 from hand_tracker.nodes.viewer_node import Live  # noqa: E402
-from hand_tracker.share import packaged_recording  # noqa: E402
+from hand_tracker.package_data import packaged_recording  # noqa: E402
 
 DIP = JOINTS.index('index_dip_flexion')
 

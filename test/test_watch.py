@@ -15,9 +15,9 @@ from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.cdr import Stamp
 from hand_tracker.messages.labels import LabelMap
-from hand_tracker.simulation.recording import demo_recording
-from hand_tracker.simulation.sight import skin_layout
-from hand_tracker.simulation.simulate import calibrated
+from hand_tracker.simulation.packaged_recordings import demo_recording
+from hand_tracker.simulation.simulator import calibrated
+from hand_tracker.simulation.visibility import skin_layout
 from hand_tracker.tracking.input_monitor import (
     CAUSES,
     OFF_FOR,

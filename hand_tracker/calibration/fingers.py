@@ -7,7 +7,7 @@ import numpy as np
 
 from ..core.model.hand import COUPLING_OFFSET_RANGE, FINGERS, SLOPE_RANGE
 from ..core.model.kinematics import digit_base
-from .regularised import regularised_fit
+from .least_squares import regularised_fit
 
 FIT_FRAMES = 400  # spread over the recording
 STRONG_FLEXION = np.radians(60.)  # above it a finger's direction says little of its abduction

@@ -14,7 +14,7 @@ from ..core.model.hand import (
 )
 from .fingers import fit_fingers
 from .landmarks import FINGER_ROWS, INDEX_MCP, LANDMARKS, LITTLE_MCP, MIDDLE_MCP, THUMB_ROWS
-from .palm import median_lengths, palm_areas, palm_coordinates
+from .palm_frame import median_lengths, palm_areas, palm_coordinates
 from .radii import fit_radii
 from .thumb import fit_thumb
 

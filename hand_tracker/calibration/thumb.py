@@ -10,7 +10,7 @@ import numpy as np
 from ..core.model.hand import DIGITS, JOINTS, THUMB_ABDUCTION_AXIS, THUMB_COUPLING
 from ..core.model.kinematics import digit_base
 from .fingers import SEEN
-from .regularised import regularised_fit
+from .least_squares import regularised_fit
 
 THUMB = DIGITS.index('thumb')
 FIT_FRAMES = 250                  # spread over the recording

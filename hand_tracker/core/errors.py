@@ -15,3 +15,11 @@ class InvalidLayout(HandTrackerError, ValueError):
 
 class InvalidOption(HandTrackerError, ValueError):
     """A tracker option has a value that is not among those it allows."""
+
+
+class InvalidMesh(HandTrackerError, ValueError):
+    """A file holds no mesh that a hand can have."""
+
+
+class MissingLibrary(HandTrackerError, ImportError):
+    """A library is not installed that makes or reads meshes."""

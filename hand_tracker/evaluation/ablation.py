@@ -33,11 +33,11 @@ from ..core.options import TrackerOptions
 from ..drawing.animation import HIDDEN_COLOUR, SEEN_COLOUR, VIEWS, View, view_size
 from ..drawing.palette import ORANGE, PAPER, SKY_BLUE
 from ..simulation.faults import Event, Faults, fault_events, with_faults
-from ..simulation.sight import skin_layout
+from ..simulation.visibility import skin_layout
 from .metrics import limit_violations
 from .overlap import deepest_overlaps
-from .report import INK, Picture, Table, figure_with, number, save, words
 from .simulated import distances, mean_max, trial
+from .tables import INK, Picture, Table, figure_with, number, save, words
 
 TITLE = 'Without each constraint (Fig. 13)'
 RATE = 120.                    # [Hz]

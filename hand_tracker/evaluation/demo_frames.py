@@ -13,7 +13,7 @@ from ..core.model.hand import Hand, preset_limits
 from ..core.model.kinematics import Pose, forward, joint_table
 from ..core.model.marker_layout import MarkerLayout, marker_positions
 from ..simulation.motion import demo_motion
-from ..simulation.simulate import calibrated
+from ..simulation.simulator import calibrated
 
 RATE = 120.  # [Hz]
 

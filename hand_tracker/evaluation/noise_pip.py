@@ -14,10 +14,10 @@ from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import MarkerLayout, marker_positions
 from ..core.options import TrackerOptions
 from ..core.tracker import HandTracker
+from .capture_tracking import track, tracked_joints
 from .metrics import joint_errors
-from .report import Table, number
 from .rows import spread
-from .tracking import track, tracked_joints
+from .tables import Table, number
 
 RATE = 120.             # [Hz]
 SECONDS, LEARNING = 8., 2.

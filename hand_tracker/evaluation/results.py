@@ -9,7 +9,7 @@ from pathlib import Path
 from .. import __version__
 from ..core.numerics.jit import COMPILED
 from . import simulated
-from .report import Table
+from .tables import Table
 
 LIBRARIES = ('numpy', 'scipy', 'matplotlib', 'numba')
 

@@ -25,11 +25,11 @@ from ..core.model.marker_layout import MarkerLayout
 from ..core.tracker import HandTracker
 from ..simulation.cameras import CameraRig
 from ..simulation.motions import MOTIONS, motion_named
-from ..simulation.sight import Sight, look, skin_layout, triangulate
-from ..simulation.simulate import calibrated
+from ..simulation.simulator import calibrated
+from ..simulation.visibility import Sight, look, skin_layout, triangulate
+from .capture_tracking import Tracked, track, tracked_joints
 from .metrics import angle_distance, joint_errors
 from .rows import spread
-from .tracking import Tracked, track, tracked_joints
 
 DECIMALS = 6  # of stored distances and degrees
 MOVING = np.ptp(preset_limits('paper'), axis=1) > 0.

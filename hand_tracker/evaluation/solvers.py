@@ -12,12 +12,12 @@ import numpy as np
 
 from ..core.options import TrackerOptions
 from ..core.tracker import HandTracker
+from .capture_tracking import track, tracked_joints
 from .demo_frames import RATE, demo_frames, tracked_hand
 from .metrics import JOINT_CLASSES, joint_errors
-from .report import COLOURS, INK, Picture, Table, figure_with, mean_and_p95, number, save, words
 from .rows import spread
 from .simulated import moving_distance
-from .tracking import track, tracked_joints
+from .tables import COLOURS, INK, Picture, Table, figure_with, mean_and_p95, number, save, words
 
 TITLE = 'Solvers'
 

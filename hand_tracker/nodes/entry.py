@@ -22,7 +22,7 @@ def _run(node):
         signal.signal(interrupt, lambda *_: os._exit(0))
     # Another thread of BLAS would spin from frame to frame, and take a core from the trackers.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-    module = import_module(f'.{node}', __package__)
+    module = import_module(f'.{node}_node', __package__)
     if ASKS & set(sys.argv[1:]):
         print(module.__doc__.strip(), HELP.format(node=node), sep='\n')
         return 0

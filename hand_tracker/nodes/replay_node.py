@@ -24,7 +24,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from ..files.bags import MARKER_ARRAY, BagError, open_bag
 from ..messages.stamps import header_stamp, marker_stamps, restamp
-from ..share import packaged_recording
+from ..package_data import packaged_recording
 from .parameters import Parameter
 from .playback import Playback, read_ahead
 from .runner import declare, run, spinning

@@ -25,8 +25,8 @@ from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
 from ..simulation.faults import RATE_RANGE as FAULT_RANGE
 from ..simulation.faults import Faults
 from ..simulation.motions import DURATION, DURATION_RANGE, MOTIONS, RATE_RANGE
-from ..simulation.recording import FRAME_ID, MARKER_TOPIC, TRUTH_TOPIC
-from ..simulation.simulate import (
+from ..simulation.packaged_recordings import FRAME_ID, MARKER_TOPIC, TRUTH_TOPIC
+from ..simulation.simulator import (
     PLACES_TOPIC,
     WRIST_TOPIC,
     Simulation,

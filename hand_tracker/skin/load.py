@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.errors import InvalidMesh
 from ..core.model.hand import JOINTS, SIDES
 from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
 from ..core.model.skeleton import CHAINS, PALM_BONES, skeleton_points
-from .blend import Skin, deform
-from .errors import InvalidMesh
-from .flesh import flesh_of
-from .heat import bone_weights
+from .bone_heat import bone_weights
 from .own_mesh import FARTHEST, laid_upon, read_mesh
+from .signed_distance import flesh_of
+from .skinning import Skin, deform
 from .surface import surface
 
 # The thumb moves on its root, the way there is the palm's.

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from .errors import InvalidMesh, MissingLibrary
+from ..core.errors import InvalidMesh, MissingLibrary
 
 FORMATS = ('.obj', '.ply', '.stl')
 VERTICES = (200, 200_000)  # fewest and most

@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.sparse import coo_matrix
 
+from ..core.errors import MissingLibrary
 from ..drawing.mesh import normals
-from .errors import MissingLibrary
-from .flesh import distance
+from .signed_distance import distance
 
 SPACING = 3.1   # [mm of the mean hand] of the grid
 MARGIN = 20.    # [mm of the mean hand] around the skeleton

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS
 from ..core.model.states import MarkerState, PalmState
-from ..nodes.fit import Fit
 from .marker_events import Budget, MarkerNews
+from .statistics import Fit
 
 SILENT = 3.   # [s] without markers before that is said
 NEVER = 5.    # [s] of tracking before a marker that was never seen is named

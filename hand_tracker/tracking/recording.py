@@ -38,8 +38,8 @@ from ..messages.cdr import (
 )
 from ..messages.labels import DEFAULT_LABELS, InvalidLabel, LabelMap
 from ..messages.marker_array import FrameTime
+from ..parallel import listen_for_interruption, side_by_side
 from ..progress import Progress
-from ..side_by_side import listen_for_interruption, side_by_side
 from .input_monitor import Watch
 
 USUAL_TOPIC = '/markers'

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 LONGEST = 10_000  # frames that are kept between two summaries
+FIT_STEP = .1     # [s] that a frame counts for at most in a fit: a pause tells nothing of it
 PAUSE = 1.        # [s] between two stamps that is no loss of frames
 
 
@@ -71,3 +72,49 @@ class Latency:
         p50, p99, longest = (np.percentile(taken, (50, 99, 100)).tolist() if taken.size
                              else (np.nan,) * 3)
         return Timing(p50, p99, longest, self._late, self._dropped)
+
+
+class Fit:
+    """The mean distance of the seen markers from the hand."""
+
+    def __init__(self):
+        self._last = None
+        self._begin()
+
+    def _begin(self):
+        self._seconds = self._total = 0.
+
+    def tracked(self, now, miss):
+        """Note a frame.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        miss : float
+            Mean distance of its markers from the hand [m].
+        """
+        if self._last is not None:
+            step = min(now - self._last, FIT_STEP)
+            self._seconds += step
+            self._total += step * miss
+        self._last = now
+
+    def mean(self, least):
+        """Return the mean once so much was tracked, and begin anew.
+
+        Parameters
+        ----------
+        least : float
+            [s]
+
+        Returns
+        -------
+        float or None
+            [m]
+        """
+        if self._seconds < least:
+            return None
+        mean = self._total / self._seconds
+        self._begin()
+        return mean

@@ -11,7 +11,7 @@ from PIL import Image
 from ..core.constraints import CONSTRAINTS
 from ..core.model.states import MarkerState
 from ..drawing.palette import MARKER_COLOURS
-from .angles import angle_bars
+from .angle_bars import angle_bars
 
 SPEEDS = {'0.1 ×': .1, '0.25 ×': .25, '0.5 ×': .5, '1 ×': 1., '2 ×': 2.}
 PAUSE, PLAY = 'Pause', 'Play'

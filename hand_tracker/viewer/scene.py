@@ -9,7 +9,7 @@ from ..core.model.marker_layout import MARKERS
 from ..core.model.states import MarkerState, PalmState
 from ..core.numerics.quaternion import quaternion
 from ..drawing.palette import MARKER_COLOURS, rgb
-from .skeleton import skeleton_mesh
+from .skeleton_mesh import skeleton_mesh
 
 SKIN_COLOUR, BONE_COLOUR = (255, 158, 104), (240, 240, 235)
 COLOURS = {int(kind): tuple(round(255. * share) for share in rgb(colour))

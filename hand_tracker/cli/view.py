@@ -6,10 +6,10 @@ import sys
 
 from ..core.errors import HandTrackerError
 from ..files.hand_file import choose_hand
-from ..share import packaged_recording
+from ..package_data import packaged_recording
 from ..tracking.recording import add_recording_options, label_map
-from .recording import Recording
-from .viewer import LOCALHOST, PORT, Viewer
+from ..viewer.page import LOCALHOST, PORT, Viewer
+from ..viewer.recording_source import Recording
 
 NEEDED = 'pip install ".[fast,view]"'
 

@@ -5,8 +5,8 @@ The fewer cameras are some of the eight, with the very noise they had among them
 
 import numpy as np
 
-from .report import Picture, Table, figure_with, plot_motions, save
 from .simulated import distances, mean_max, paper_losses, tasks, trial
+from .tables import Picture, Table, figure_with, plot_motions, save
 
 TITLE = 'Fewer cameras (Table 2a)'
 RATE = 120.       # [Hz]

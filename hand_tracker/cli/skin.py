@@ -10,10 +10,10 @@ from ..core.errors import HandTrackerError
 from ..core.model.kinematics import forward, joint_table
 from ..files.hand_file import add_hand_options, choose_hand
 from ..simulation.poses import pose_angles
-from .blend import deform
-from .drawing import POSES, save_blending, save_poses, save_weights
-from .load import load_skin
-from .measure import buried_share, volume
+from ..skin.load import load_skin
+from ..skin.measure import buried_share, volume
+from ..skin.pictures import POSES, save_blending, save_poses, save_weights
+from ..skin.skinning import deform
 
 PICTURES = {'poses.png': save_poses, 'weights.png': save_weights, 'blending.png': save_blending}
 

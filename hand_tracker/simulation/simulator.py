@@ -22,8 +22,8 @@ from ..progress import Progress
 from .cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
 from .faults import Faults, fault_events, with_faults
 from .motions import DURATION, MOTIONS, RATE_RANGE, motion_named
-from .recording import DECIMALS, FRAME_ID, START_NS, recording_messages
-from .sight import look, markers_inside, skin_layout
+from .packaged_recordings import DECIMALS, FRAME_ID, START_NS, recording_messages
+from .visibility import look, markers_inside, skin_layout
 
 WRIST_TOPIC, PLACES_TOPIC = '/wrist_truth', '/markers_truth'
 

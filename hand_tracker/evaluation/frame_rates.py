@@ -7,8 +7,8 @@ joined by straight lines: what is missed between frames then counts too.
 
 import numpy as np
 
-from .report import Picture, Table, figure_with, plot_motions, save
 from .simulated import distances, mean_max, paper_losses, tasks, trial
+from .tables import Picture, Table, figure_with, plot_motions, save
 
 TITLE = 'Lower rates (Table 2b)'
 RATE = 480.                      # [Hz]

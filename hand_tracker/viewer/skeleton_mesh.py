@@ -5,7 +5,7 @@ import numpy as np
 from ..core.model.hand import JOINTS, LINKS
 from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
 from ..core.model.skeleton import BONES, PALM_BONES, POINTS, TIPS, skeleton_points
-from ..skin.blend import Skin
+from ..skin.skinning import Skin
 
 BONE_RADIUS, JOINT_RADIUS = .0018, .0034  # [m]
 FIRST_TIP = POINTS.index(TIPS[0])

@@ -8,7 +8,7 @@ from ..drawing.images import blank, drawn, place, write
 from ..drawing.palette import DIGIT_COLOURS, FLESH, INK, PAPER, VERMILLION, rgb
 from ..drawing.render import Camera, Mesh, fitted, render, view_axes
 from ..simulation.poses import pose_angles
-from .blend import deform
+from .skinning import deform
 
 PALM = (.80, .81, .83)
 POSES = ('open', 'spread', 'pinch', 'rolled', 'fist')

@@ -22,9 +22,9 @@ from importlib import import_module
 from pathlib import Path
 
 from ..core.errors import HandTrackerError
-from .captures import InvalidCapture, load_captures
-from .options import Options
-from .results import command_line, write_results
+from ..evaluation.captures import InvalidCapture, load_captures
+from ..evaluation.evaluation_options import Options
+from ..evaluation.results import command_line, write_results
 
 EVALUATIONS = {
     'cameras': 'Table 2a: 8 cameras against 6, 4 and 2',
@@ -36,12 +36,18 @@ EVALUATIONS = {
     'solvers': 'palm and finger solvers against each other',
 }
 
+# Modules of `evaluation`, where they are named otherwise.
+MODULES = {
+    'cameras': 'camera_count', 'rates': 'frame_rates', 'recordings': 'captured_hands',
+    'occlusion': 'hidden_markers', 'noise': 'noise_sensitivity',
+}
+
 SEEDS = 2**31 - 1  # at most: each motion has a seed of its own above it
 
 
 def module_of(name):
     """Return the module of an evaluation."""
-    return import_module(f'.{name}', __package__)
+    return import_module(f'hand_tracker.evaluation.{MODULES.get(name, name)}')
 
 
 def plain(value):

@@ -14,12 +14,12 @@ from ..core.model.hand import JOINTS
 from ..core.options import TrackerOptions
 from ..core.tracker import HandTracker
 from . import noise_pip
+from .capture_tracking import track, tracked_joints
 from .demo_frames import RATE, demo_frames, tracked_hand
 from .metrics import angle_distance, high_frequency_energy, jerk, joint_errors, palm_pose_error
-from .report import COLOURS, INK, Picture, Table, figure_with, number, save
 from .rows import spread
 from .simulated import moving_distance
-from .tracking import track, tracked_joints
+from .tables import COLOURS, INK, Picture, Table, figure_with, number, save
 
 TITLE = 'Marker noise and size of the hand'
 

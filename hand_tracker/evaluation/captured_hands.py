@@ -16,13 +16,13 @@ import numpy as np
 
 from ..core.model.hand import FINGERS, preset_coupling
 from ..core.tracker import HandTracker
+from .capture_fit import fitted_hand, fitted_plain
+from .capture_tracking import track, tracked_joints
 from .captures import judge_each
-from .fitting import fitted_hand, fitted_plain
 from .metrics import JOINT_CLASSES, joint_errors, limit_violations
 from .plain_hand import plain_joints
-from .report import COLOURS, Picture, Table, figure_with, mean_and_p95, save, share_top, words
 from .rows import mean_of, spread
-from .tracking import track, tracked_joints
+from .tables import COLOURS, Picture, Table, figure_with, mean_and_p95, save, share_top, words
 
 TITLE = 'Captured hands'
 NEEDS_FILES = True

@@ -20,11 +20,13 @@ from ..calibration.landmarks import FINGER_ROWS, THUMB_ROWS
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS
 from ..core.tracker import HandTracker
 from .baselines import BASELINES, predictions
+from .capture_fit import fitted_hand, fitted_plain
+from .capture_tracking import advance, track
 from .captures import InvalidCapture, judge_each
-from .fitting import fitted_hand, fitted_plain
 from .metrics import availability
 from .plain_hand import PALM, palm_poses
-from .report import (
+from .rows import mean_of, spread
+from .tables import (
     COLOURS,
     Picture,
     Table,
@@ -35,8 +37,6 @@ from .report import (
     share_top,
     words,
 )
-from .rows import mean_of, spread
-from .tracking import advance, track
 
 TITLE = 'Hidden markers'
 NEEDS_FILES = True

@@ -15,7 +15,7 @@ from ..core.model.hand import JOINTS, SIDES, Hand
 from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from ..files.bags import bag_message, joint_state_message, marker_array_message, write_bag
-from ..share import RECORDINGS
+from ..package_data import RECORDINGS
 from .motion import demo_motion
 
 RATE = 120.                  # [Hz]

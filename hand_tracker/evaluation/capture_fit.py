@@ -6,8 +6,8 @@ from ..calibration import LANDMARKS, fit_hand
 from ..core.model.hand import FINGERS, MCP_OF_LENGTH, Hand, preset_limits
 from ..core.options import TrackerOptions
 from ..core.tracker import HandTracker
+from .capture_tracking import track, tracked_joints
 from .plain_hand import fit_plain
-from .tracking import track, tracked_joints
 
 
 def fitting_joints(capture):

@@ -18,22 +18,22 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from .core.errors import HandTrackerError
-from .core.inverse_kinematics.palm import place_palm
-from .core.model.kinematics import forward, joint_table, tip_offsets
-from .core.model.marker_layout import PALM_MARKERS, marker_positions
-from .core.model.skeleton import skeleton_points
-from .core.numerics.jit import COMPILED
-from .drawing.animation import Track, save_animation, save_sheet
-from .files.angle_table import write_angle_table
-from .files.bags import open_bag
-from .files.hand_file import add_hand_options, choose_hand
-from .messages.labels import DEFAULT_LABELS, LabelMap
-from .messages.marker_array import markers_from_message
-from .share import packaged_recording
-from .tracking.recording import USUAL_TOPIC, marker_topic
-from .viewer.command import add_page_options, view
-from .viewer.recording import Recording
+from ..core.errors import HandTrackerError
+from ..core.inverse_kinematics.palm import place_palm
+from ..core.model.kinematics import forward, joint_table, tip_offsets
+from ..core.model.marker_layout import PALM_MARKERS, marker_positions
+from ..core.model.skeleton import skeleton_points
+from ..core.numerics.jit import COMPILED
+from ..drawing.animation import Track, save_animation, save_sheet
+from ..files.angle_table import write_angle_table
+from ..files.bags import open_bag
+from ..files.hand_file import add_hand_options, choose_hand
+from ..messages.labels import DEFAULT_LABELS, LabelMap
+from ..messages.marker_array import markers_from_message
+from ..package_data import packaged_recording
+from ..tracking.recording import USUAL_TOPIC, marker_topic
+from ..viewer.recording_source import Recording
+from .view import add_page_options, view
 
 try:
     from tf2_msgs.msg import TFMessage

@@ -1,0 +1,1 @@
+"""The commands: a file for each, `hand_tracker COMMAND --help` tells of its options."""
