@@ -5,16 +5,17 @@ import signal
 import sys
 from importlib import import_module
 
+# Name: what it does; each is a module of `cli`.
 COMMANDS = {
-    'demo': ('hand_tracker.cli.demo', 'replay a recording through the tracker and draw the hand'),
-    'track': ('hand_tracker.tracking.recording', 'track a recording; write a table or a recording of angles'),
-    'plot': ('hand_tracker.drawing.angle_plots', 'track a recording; plot the angles of each digit over time'),
-    'skin': ('hand_tracker.cli.skin', 'draw the skin of a hand, its weights and blending'),
-    'view': ('hand_tracker.cli.view', 'show a recording in the browser'),
-    'urdf': ('hand_tracker.files.urdf_file', 'print or write the URDF of a hand'),
-    'evaluate': ('hand_tracker.cli.evaluate', 'measure the tracker, each table in turn'),
-    'simulate': ('hand_tracker.simulation.simulator', 'record a simulated hand seen by cameras'),
-    'record': ('hand_tracker.simulation.packaged_recordings', 'make a packaged recording again'),
+    'demo': 'replay a recording through the tracker and draw the hand',
+    'track': 'track a recording; write a table or a recording of angles',
+    'plot': 'track a recording; plot the angles of each digit over time',
+    'skin': 'draw the skin of a hand, its weights and blending',
+    'view': 'show a recording in the browser',
+    'urdf': 'print or write the URDF of a hand',
+    'evaluate': 'measure the tracker, each table in turn',
+    'simulate': 'record a simulated hand seen by cameras',
+    'record': 'make a packaged recording again',
 }
 
 INTERRUPTED = 130
@@ -25,9 +26,9 @@ def main(arguments=None):
     arguments = sys.argv[1:] if arguments is None else arguments
     name = arguments[0] if arguments else '--help'
     if name in COMMANDS:
-        return _imported(COMMANDS[name][0]).main(arguments[1:])
+        return _imported(f'hand_tracker.cli.{name}').main(arguments[1:])
     usage = 'usage: hand_tracker COMMAND [--help] ...\n\n' + '\n'.join(
-        f'  {command:8s} {what}' for command, (_, what) in COMMANDS.items())
+        f'  {command:8s} {what}' for command, what in COMMANDS.items())
     if name in ('-h', '--help'):
         print(f'{__doc__}\n\n{usage}')
         return 0

@@ -27,13 +27,14 @@ from ..core.numerics.jit import COMPILED
 from ..drawing.animation import Track, save_animation, save_sheet
 from ..files.angle_table import write_angle_table
 from ..files.bags import open_bag
-from ..files.hand_file import add_hand_options, choose_hand
+from ..files.hand_file import choose_hand
 from ..messages.labels import DEFAULT_LABELS, LabelMap
 from ..messages.marker_array import markers_from_message
 from ..package_data import packaged_recording
 from ..tracking.recording import USUAL_TOPIC, marker_topic
 from ..viewer.recording_source import Recording
-from .view import add_page_options, view
+from ..viewer.serve import add_page_options, view
+from .recording_options import add_hand_options
 
 try:
     from tf2_msgs.msg import TFMessage

@@ -8,12 +8,13 @@ import numpy as np
 
 from ..core.errors import HandTrackerError
 from ..core.model.kinematics import forward, joint_table
-from ..files.hand_file import add_hand_options, choose_hand
+from ..files.hand_file import choose_hand
 from ..simulation.poses import pose_angles
 from ..skin.load import load_skin
 from ..skin.measure import buried_share, volume
 from ..skin.pictures import POSES, save_blending, save_poses, save_weights
 from ..skin.skinning import deform
+from .recording_options import add_hand_options
 
 PICTURES = {'poses.png': save_poses, 'weights.png': save_weights, 'blending.png': save_blending}
 

@@ -3,9 +3,7 @@
 Command: ``hand_tracker plot RECORDING -o OUT.pdf``; `save_pages` draws the same from arrays.
 """
 
-import argparse
 import os
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -19,11 +17,9 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from ..core.errors import HandTrackerError
-from ..core.model.hand import DIGITS, JOINTS
+from ..core.model.hand import DIGITS, JOINTS, UNOBSERVED_JOINTS
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS
 from ..core.model.states import MarkerState
-from ..nodes.tracker_parameters import STILL
-from ..tracking.recording import add_recording_options, run_command, tracked_recording
 from .palette import ANGLE, GRID, INK, MARKER_COLOURS, MUTED, PAPER, VERMILLION
 
 PDF, PNG = '.pdf', '.png'
@@ -179,7 +175,7 @@ def page(tracked, hand, digit, title='', truth=None):
     """
     # A joint that is still, or whose limits are one, has no angle to plot.
     joints = [i for i, joint in enumerate(JOINTS) if joint.startswith(digit)
-              and joint not in STILL and np.ptp(hand.limits[i]) > 0.]
+              and joint not in UNOBSERVED_JOINTS and np.ptp(hand.limits[i]) > 0.]
     markers = [MARKERS.index(marker) for marker in (digit, *PALM_MARKERS)]
     heights = [STRIP] + [PANEL] * (len(joints) + 1)
     height = HEADER + sum(heights) + BETWEEN * len(joints + [0]) + FOOTER
@@ -312,33 +308,3 @@ def _head(figure, height, digit, title, states, lines):
                   bbox_to_anchor=(1. - (RIGHT - .1) / WIDTH, 1. - .06 / height),
                   fontsize=8.5, labelcolor=INK, handlelength=1.3, columnspacing=1.1,
                   handletextpad=.5)
-
-
-def _plot_file(options, interrupted):
-    """Do what the command line asks for; return what to say at the end."""
-    output = require_output(options.output or Path(options.recording.stem + PDF))
-    with tracked_recording(options, interrupted) as (hand, job, frames):
-        tracked = history((1e-9 * frame.time, frame.state) for frame in frames)
-    title = f'{options.recording.name}, {hand.side} hand'
-    names = save_pages(output, tracked, hand, title)
-    return (f'{names[0] if len(names) == 1 else ", ".join(map(str, names))}: '
-            f'{job.tracked} of {job.read} frames tracked')
-
-
-def _parse(args):
-    parser = argparse.ArgumentParser(prog='hand_tracker plot', description=main.__doc__)
-    add_recording_options(parser)
-    parser.add_argument('-o', '--output', type=Path, metavar='OUT',
-                        help='.pdf with a page for each digit, .png for a picture of each '
-                        "(OUT_index.png, ...) or a folder for them; default: the recording's "
-                        'name with .pdf')
-    return parser.parse_args(args)
-
-
-def main(args=None):
-    """Track a recording without ROS, and plot the angles of each digit over time."""
-    return run_command('hand_tracker plot', _plot_file, _parse(args))
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -162,21 +162,6 @@ def choose_hand(path=None, side=None, limits=None, coupling=None, **size):
     return hand.replace(**asked), layout
 
 
-def add_hand_options(parser):
-    """Add the options of a command line that `choose_hand` takes: hand, side, limits, coupling.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-    """
-    parser.add_argument('--hand', metavar='FILE', help='hand file (YAML); default: the mean hand')
-    parser.add_argument('--side', choices=SIDES, help="default: the hand file's, else right")
-    parser.add_argument('--limits', choices=tuple(LIMIT_PRESETS),
-                        help="default: the hand file's, else paper")
-    parser.add_argument('--coupling', choices=tuple(COUPLING_PRESETS),
-                        help="of DIP to PIP; default: the hand file's, else natural")
-
-
 def save_hand(path, hand, layout):
     """Write a hand file that `load_hand` reads back to the same hand and layout.
 

@@ -3,18 +3,13 @@
 Command: ``hand_tracker urdf --side left --prefix left_ -o hand_left.urdf``.
 """
 
-import argparse
-import sys
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 
-from ..core.errors import HandTrackerError
 from ..core.model.capsules import capsule_lengths
-from ..core.model.hand import DIGITS, FINGERS, JOINTS, LIMIT_PRESETS, LINKS, ROOT, SIDES
+from ..core.model.hand import DIGITS, FINGERS, JOINTS, LINKS, ROOT
 from ..core.model.kinematics import joint_table, tip_offsets
-from .hand_file import choose_hand
 
 # Unsourced: URDF demands both numbers; a brisk finger stays below them.
 EFFORT = 1.     # [N m]
@@ -151,41 +146,3 @@ def _numbers(values):
     # Adding zero turns -0 into 0.
     return ' '.join(f'{round(float(value), DECIMALS) + 0.:.{DECIMALS}f}'.rstrip('0').rstrip('.')
                     for value in values)
-
-
-def main(args=None):
-    """Write the URDF of a hand: the command line.
-
-    Parameters
-    ----------
-    args : list of str, optional
-        The command line's arguments when left out.
-
-    Returns
-    -------
-    int
-        Exit code: 0, or 1 when the hand or the file is refused.
-    """
-    parser = argparse.ArgumentParser(
-        prog='hand_tracker urdf', description='Write the URDF of a hand.')
-    parser.add_argument('--hand', metavar='FILE', help='hand file; the mean hand when left out')
-    parser.add_argument('--side', choices=SIDES, help="instead of the hand file's")
-    parser.add_argument('--limits', choices=LIMIT_PRESETS, help="instead of the hand file's")
-    parser.add_argument('--prefix', default='', help='put before every joint and link')
-    parser.add_argument('-o', '--output', metavar='FILE', help='standard output when left out')
-    options = parser.parse_args(args)
-    try:
-        hand, _ = choose_hand(options.hand, options.side, options.limits)
-        text = urdf(hand, options.prefix)
-        if options.output:
-            Path(options.output).write_text(text, encoding='utf-8')
-        else:
-            sys.stdout.write(text)
-    except (HandTrackerError, OSError) as error:
-        print(f'{parser.prog}: {error}', file=sys.stderr)
-        return 1
-    return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())

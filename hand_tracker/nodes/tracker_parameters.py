@@ -15,13 +15,13 @@ from ..core.model.hand import (
     ANGLE_RANGE,
     COUPLING_PRESETS,
     DIGITS,
-    FINGERS,
     JOINTS,
     LIMIT_PRESETS,
     MEAN_BREADTH,
     MEAN_LENGTH,
     SIDES,
     SLOPE_RANGE,
+    UNOBSERVED_JOINTS,
     Hand,
 )
 from ..core.model.marker_layout import MARKERS
@@ -36,8 +36,6 @@ TOPICS = {'markers': ('best_effort', 5), 'joint_states': ('reliable', 10),
           'hand_markers': ('reliable', 5), 'joint_confidence': ('reliable', 10),
           'distal_flexion': ('best_effort', 10)}
 DEGREES = float(np.degrees(ANGLE_RANGE))
-# Eight markers do not show these: they stay at zero.
-STILL = *(f'{finger}_cmc_flexion' for finger in FINGERS), 'thumb_mcp_abduction'
 DECIMALS = 12  # of degrees, so that 85 degrees come back from radians as 85
 
 
@@ -150,7 +148,7 @@ def live_table(hand):
                 f'limits.{joint}.{bound}_deg', default,
                 f'{bound.capitalize()} limit of {joint} [degrees]'
                 + ('; does nothing yet: eight markers do not show this joint, it stays at zero'
-                   if joint in STILL else ''), allowed))
+                   if joint in UNOBSERVED_JOINTS else ''), allowed))
     for digit, (slope, offset) in zip(DIGITS, hand.coupling.tolist()):
         rule = 'IP = slope MCP + offset' if digit == 'thumb' else 'DIP = slope PIP + offset'
         rows.append(Parameter(f'coupling.{digit}.slope', slope,

@@ -25,7 +25,6 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from ..cli.view import add_page_options, view
 from ..core.constraints import CONSTRAINTS, constrained
 from ..core.inverse_kinematics.palm import place_palm
 from ..core.model.hand import JOINTS
@@ -37,6 +36,7 @@ from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
 from ..messages.marker_array import seconds
 from ..messages.rviz_markers import COLOURS, FADED, JOINTS_SHOWN
+from ..viewer.serve import add_page_options, view
 from .runner import names_of, run, spinning
 from .serialization import Wire
 from .tracker_parameters import START, live_settings, live_table, starting_hand

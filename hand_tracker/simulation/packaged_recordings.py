@@ -4,18 +4,14 @@
 `--side left` that of a left hand in the same motion.
 """
 
-import argparse
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from ..core.errors import HandTrackerError
-from ..core.model.hand import JOINTS, SIDES, Hand
+from ..core.model.hand import JOINTS, Hand
 from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
-from ..files.bags import bag_message, joint_state_message, marker_array_message, write_bag
-from ..package_data import RECORDINGS
+from ..files.bags import bag_message, joint_state_message, marker_array_message
 from .motion import demo_motion
 
 RATE = 120.                  # [Hz]
@@ -130,29 +126,3 @@ def recording_messages(recording, side):
             stamp, FRAME_ID, MARKERS, markers))
         yield bag_message(TRUTH_TOPIC, stamp, joint_state_message(
             stamp, names, angles, FRAME_ID))
-
-
-def main(arguments=None):
-    """Make a packaged recording again."""
-    parser = argparse.ArgumentParser(prog='hand_tracker record', description=main.__doc__)
-    parser.add_argument('--side', choices=SIDES, default='right',
-                        help='of the hand (default: %(default)s)')
-    parser.add_argument('-o', '--output', type=Path, metavar='OUT',
-                        help='file to write, .mcap or .db3 (default: the packaged one of the '
-                        'side, below the current folder)')
-    chosen = parser.parse_args(arguments)
-    output = chosen.output or Path(RECORDINGS[chosen.side])
-    hand = Hand.scaled(side=chosen.side)
-    recording = demo_recording(hand)
-    try:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        write_bag(output, recording_messages(recording, hand.side))
-    except (OSError, HandTrackerError) as error:
-        parser.exit(1, f'{parser.prog}: {error}\n')
-    lost = np.isnan(recording.markers).any(axis=2).mean()
-    print(f'{output}: {len(recording.stamps)} frames at {RATE:g} Hz, '
-          f'{100 * lost:.1f} % of the markers lost')
-
-
-if __name__ == '__main__':
-    main()

@@ -30,6 +30,9 @@ LINKS = tuple(f'{finger}_{link}' for finger in FINGERS for link in FINGER_LINKS)
     f'thumb_{link}' for link in THUMB_LINKS)
 ROOT = 'wrist'
 
+# Joints that eight markers do not show: they stay at zero.
+UNOBSERVED_JOINTS = *(f'{finger}_cmc_flexion' for finger in FINGERS), 'thumb_mcp_abduction'
+
 # Rows of `JOINTS`: of each digit its abduction, (5,), and its three flexions, (5, 3); and the
 # digit of each joint, (25,).
 ABDUCTION = np.array([JOINTS.index(

@@ -1,0 +1,38 @@
+"""`hand_tracker plot`: track a recording and plot the angles of each digit over time."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from ..drawing.angle_plots import PDF, history, require_output, save_pages
+from .recording_options import add_recording_options, run_command, tracked_recording
+
+
+def _plot_file(options, interrupted):
+    """Do what the command line asks for; return what to say at the end."""
+    output = require_output(options.output or Path(options.recording.stem + PDF))
+    with tracked_recording(options, interrupted) as (hand, job, frames):
+        tracked = history((1e-9 * frame.time, frame.state) for frame in frames)
+    title = f'{options.recording.name}, {hand.side} hand'
+    names = save_pages(output, tracked, hand, title)
+    return (f'{names[0] if len(names) == 1 else ", ".join(map(str, names))}: '
+            f'{job.tracked} of {job.read} frames tracked')
+
+
+def _parse(args):
+    parser = argparse.ArgumentParser(prog='hand_tracker plot', description=main.__doc__)
+    add_recording_options(parser)
+    parser.add_argument('-o', '--output', type=Path, metavar='OUT',
+                        help='.pdf with a page for each digit, .png for a picture of each '
+                        "(OUT_index.png, ...) or a folder for them; default: the recording's "
+                        'name with .pdf')
+    return parser.parse_args(args)
+
+
+def main(args=None):
+    """Track a recording without ROS, and plot the angles of each digit over time."""
+    return run_command('hand_tracker plot', _plot_file, _parse(args))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,38 @@
+"""`hand_tracker record`: make a packaged recording again."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from ..core.errors import HandTrackerError
+from ..core.model.hand import SIDES, Hand
+from ..files.bags import write_bag
+from ..package_data import RECORDINGS
+from ..simulation.packaged_recordings import RATE, demo_recording, recording_messages
+
+
+def main(arguments=None):
+    """Make a packaged recording again."""
+    parser = argparse.ArgumentParser(prog='hand_tracker record', description=main.__doc__)
+    parser.add_argument('--side', choices=SIDES, default='right',
+                        help='of the hand (default: %(default)s)')
+    parser.add_argument('-o', '--output', type=Path, metavar='OUT',
+                        help='file to write, .mcap or .db3 (default: the packaged one of the '
+                        'side, below the current folder)')
+    chosen = parser.parse_args(arguments)
+    output = chosen.output or Path(RECORDINGS[chosen.side])
+    hand = Hand.scaled(side=chosen.side)
+    recording = demo_recording(hand)
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        write_bag(output, recording_messages(recording, hand.side))
+    except (OSError, HandTrackerError) as error:
+        parser.exit(1, f'{parser.prog}: {error}\n')
+    lost = np.isnan(recording.markers).any(axis=2).mean()
+    print(f'{output}: {len(recording.stamps)} frames at {RATE:g} Hz, '
+          f'{100 * lost:.1f} % of the markers lost')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,86 @@
+"""`hand_tracker simulate`: record a simulated hand, seen by a ring of cameras, with the truth."""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from ..core.errors import HandTrackerError
+from ..core.model.hand import SIDES
+from ..core.model.marker_layout import MARKERS
+from ..files.bags import write_bag
+from ..files.hand_file import save_hand
+from ..progress import Progress
+from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
+from ..simulation.faults import Faults
+from ..simulation.motions import DURATION, MOTIONS
+from ..simulation.simulator import RATE, Simulation, calibrated, frame_messages, simulated_hand
+
+
+def _frames(simulation, count):
+    """Yield the messages of each frame; count frames and lost markers in `count`."""
+    for part in simulation.blocks():
+        count['frames'] += len(part.stamps)
+        count['lost'] += int(np.isnan(part.markers[..., 0]).sum())
+        yield from frame_messages(part, simulation.hand.side)
+
+
+def _parse(arguments):
+    parser = argparse.ArgumentParser(
+        prog='hand_tracker simulate', description=__doc__.split('\n')[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    parser.add_argument('motion', choices=tuple(MOTIONS), metavar='MOTION',
+                        help=', '.join(MOTIONS))
+    parser.add_argument('-o', '--output', type=Path, required=True, metavar='OUT',
+                        help='recording to write, .mcap or .db3')
+    parser.add_argument('--cameras', type=int, default=PAPER_CAMERAS,
+                        help='in the ring, {} to {}'.format(*CAMERAS_RANGE))
+    parser.add_argument('--rate', type=float, default=RATE, help='frames per second [Hz]')
+    parser.add_argument('--duration', type=float, default=DURATION,
+                        help='at least so long [s]; the demo has its own')
+    parser.add_argument('--seed', type=int, default=1, help='of all that is drawn')
+    parser.add_argument('--hand', type=Path, help='hand file (YAML) of the simulated hand')
+    parser.add_argument('--side', choices=SIDES, help='of the hand')
+    for kind, what in (('swaps', 'labels of neighbours exchanged'),
+                       ('ghosts', 'reflections taken for markers'),
+                       ('dropouts', 'labels lost'),
+                       ('frozen', 'markers repeated where they were')):
+        parser.add_argument(f'--{kind}', type=float, default=0., help=f'{what} [1/s]')
+    parser.add_argument('--calibration', type=Path, metavar='HAND.yaml',
+                        help='also write the hand as a calibration would find it')
+    chosen = parser.parse_args(arguments)
+    if chosen.seed < 0:
+        parser.error(f'--seed: {chosen.seed} is below 0')
+    return parser, chosen
+
+
+def main(arguments=None):
+    """Run the command; return its exit code."""
+    parser, chosen = _parse(arguments)
+    count = {'frames': 0, 'lost': 0}
+    try:
+        hand, layout = simulated_hand(chosen.hand, chosen.side)
+        simulation = Simulation(
+            chosen.motion, hand, layout, CameraRig.ring(chosen.cameras), chosen.rate, chosen.seed,
+            chosen.duration, Faults(chosen.swaps, chosen.ghosts, chosen.dropouts, chosen.frozen))
+        frames = Progress(simulation.frames, 'frames').over(_frames(simulation, count))
+        write_bag(chosen.output, (message for frame in frames for message in frame))
+        if chosen.calibration:
+            save_hand(chosen.calibration, *calibrated(hand, layout, chosen.seed))
+    except (HandTrackerError, OSError) as error:
+        print(f'{parser.prog}: {error}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    share = 100. * count['lost'] / (count['frames'] * len(MARKERS))
+    print(f'{chosen.output}: {count["frames"]} frames at {chosen.rate:g} Hz, '
+          f'{share:.1f} % of the markers lost')
+    print('Its markers are on the skin: track it with --hand '
+          + (f'{chosen.calibration}' if chosen.calibration else
+             'HAND.yaml, which --calibration HAND.yaml writes'))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,103 @@
+"""`hand_tracker track`: track recordings without ROS; write a table or a recording of angles."""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+from ..files.bags import STORAGE, BagError
+from ..parallel import side_by_side
+from ..progress import Progress
+from ..tracking.recording import KINDS, TABLE, save
+from .recording_options import add_recording_options, run_command, tracked_recording
+
+
+def _refuse_to_replace(recording, output):
+    sources = recording.iterdir() if recording.is_dir() else (recording,)
+    there = output.exists() and recording.exists()
+    if output.is_dir() or there and any(map(output.samefile, sources)):
+        raise BagError(f'{output}: would replace the recording or a folder; '
+                       'expected another name for the output')
+
+
+def _track_file(options, interrupted, progress=Progress):
+    """Do what the command line asks for; return what to say at the end."""
+    output = options.output
+    if output.suffix not in KINDS:
+        raise BagError(f'{output}: unknown extension {output.suffix!r}; '
+                       f'expected {", ".join(KINDS)}')
+    start = time.monotonic()
+    _refuse_to_replace(options.recording, output)
+    with tracked_recording(options, interrupted, progress) as (hand, job, frames):
+        save(output, frames, f'{hand.side}_', options.wrist)
+    elapsed = time.monotonic() - start
+    return (f'{output}: {job.tracked} of {job.read} frames tracked, '
+            f'{job.read / elapsed:.0f} a second')
+
+
+def _track_into_folder(options, interrupted):
+    """Track several recordings, a file for each; return what to say at the end."""
+    tasks = [argparse.Namespace(**{
+        **vars(options), 'recording': recording,
+        'output': options.output / f'{_name(recording)}.{options.format or TABLE[1:]}'})
+        for recording in options.recordings]
+    if options.output.suffix in KINDS:
+        raise BagError(f'{options.output}: several recordings, or --format, fill a folder; '
+                       f'expected a name without {options.output.suffix}')
+    outputs = [task.output for task in tasks]
+    for output in outputs:
+        if outputs.count(output) > 1:
+            raise BagError(f'{output}: several recordings have this name; '
+                           'expected different names, or a command for each')
+    options.output.mkdir(parents=True, exist_ok=True)
+    count, tracked = len(tasks), 0
+    progress = Progress(count, 'recordings')
+    results = side_by_side(_track_file, tasks, options.jobs)
+    for task, (is_tracked, lines) in zip(tasks, progress.over(results)):
+        tracked += is_tracked
+        for line in lines:
+            named = line.startswith(str(task.recording))
+            progress.say(line if named else f'{task.recording.name}: {line}')
+    if tracked < count:
+        raise BagError(f'{options.output}: only {tracked} of {count} recordings tracked')
+    return f'{options.output}: {count} recordings tracked'
+
+
+def _name(recording):
+    # A folder's name may have dots.
+    recording = recording.resolve()
+    return recording.stem if recording.suffix in STORAGE else recording.name
+
+
+def _jobs(text):
+    if not text.isdecimal() or not int(text):
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a number from 1 on")
+    return int(text)
+
+
+def _parse(args):
+    parser = argparse.ArgumentParser(prog='hand_tracker track', description=main.__doc__)
+    add_recording_options(parser, several=True)
+    parser.add_argument('-o', '--output', type=Path, required=True, metavar='OUT',
+                        help='table (.csv) or recording of /joint_states (.mcap, .db3); '
+                        'for several recordings the folder of such')
+    parser.add_argument('--format', choices=[kind[1:] for kind in KINDS],
+                        help='of the files in a folder OUT, for one recording too; default: csv')
+    parser.add_argument('--jobs', type=_jobs, default=1, metavar='N',
+                        help='processes for several recordings; default: 1')
+    parser.add_argument('--wrist', action='store_true', help="write the wrist's pose too: as "
+                        'columns of the table, or as /tf')
+    return parser.parse_args(args)
+
+
+def main(args=None):
+    """Track recordings without ROS, and write the angles of every frame."""
+    options = _parse(args)
+    if len(options.recordings) > 1 or options.format:
+        return run_command('hand_tracker track', _track_into_folder, options)
+    options.recording, = options.recordings
+    return run_command('hand_tracker track', _track_file, options)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

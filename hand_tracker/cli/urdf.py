@@ -1,0 +1,48 @@
+"""`hand_tracker urdf`: print or write the URDF of a hand."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from ..core.errors import HandTrackerError
+from ..core.model.hand import LIMIT_PRESETS, SIDES
+from ..files.hand_file import choose_hand
+from ..files.urdf_file import urdf
+
+
+def main(args=None):
+    """Write the URDF of a hand: the command line.
+
+    Parameters
+    ----------
+    args : list of str, optional
+        The command line's arguments when left out.
+
+    Returns
+    -------
+    int
+        Exit code: 0, or 1 when the hand or the file is refused.
+    """
+    parser = argparse.ArgumentParser(
+        prog='hand_tracker urdf', description='Write the URDF of a hand.')
+    parser.add_argument('--hand', metavar='FILE', help='hand file; the mean hand when left out')
+    parser.add_argument('--side', choices=SIDES, help="instead of the hand file's")
+    parser.add_argument('--limits', choices=LIMIT_PRESETS, help="instead of the hand file's")
+    parser.add_argument('--prefix', default='', help='put before every joint and link')
+    parser.add_argument('-o', '--output', metavar='FILE', help='standard output when left out')
+    options = parser.parse_args(args)
+    try:
+        hand, _ = choose_hand(options.hand, options.side, options.limits)
+        text = urdf(hand, options.prefix)
+        if options.output:
+            Path(options.output).write_text(text, encoding='utf-8')
+        else:
+            sys.stdout.write(text)
+    except (HandTrackerError, OSError) as error:
+        print(f'{parser.prog}: {error}', file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

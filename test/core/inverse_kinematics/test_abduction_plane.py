@@ -1,0 +1,109 @@
+"""The plane of a digit: conformal algebra as oracle, and the fist."""
+
+import numpy as np
+import pytest
+from helpers import conformal
+
+from hand_tracker.core.inverse_kinematics.abduction_plane import (
+    BEHIND,
+    FIST_FAR,
+    FIST_NEAR,
+    FRAME,
+    plane_abduction,
+)
+
+FREE = (-np.pi / 2, np.pi / 2)
+
+
+def turn_of(target, lateral=0., reach=.07, limits=FREE, previous=0., step=FRAME):
+    return plane_abduction(tuple(target), lateral, reach, *limits, previous, step)
+
+
+def test_plane_is_the_conformal_plane_through_joint_marker_and_normal():
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        target = rng.uniform((.02, -.05, -.05), (.07, .05, .02))
+        normal, _, _ = conformal.plane_through(np.zeros(3), target, (0., 0., 1.))
+        turn, along, height = turn_of(target)
+        assert abs(normal @ (-np.sin(turn), np.cos(turn), 0.)) == pytest.approx(1., abs=1e-9)
+        assert (along, height) == pytest.approx((np.hypot(*target[:2]), target[2]))
+
+
+def test_a_degenerate_conformal_plane_leaves_abduction_as_it_was():
+    # Joint, marker and normal on one line span no plane: F ∧ M ∧ n̂ ∧ n vanishes.
+    joint, marker, normal = np.zeros(3), np.array((0., 0., -.03)), np.array((0., 0., 1.))
+    points = [conformal.up(conformal.to_multivector(point)) for point in (joint, marker, normal)]
+    plane = points[0] ^ points[1] ^ points[2] ^ conformal.einf
+    assert abs(plane) < 1e-12
+    assert turn_of(marker, previous=.07)[0] == .07
+
+
+def test_lateral_offset_keeps_the_marker_beside_the_plane():
+    rng = np.random.default_rng(2)
+    for _ in range(200):
+        target = rng.uniform((.03, -.02, -.05), (.07, .02, .02))
+        turn, along, _ = turn_of(target, lateral=.004)
+        beside = -target[0] * np.sin(turn) + target[1] * np.cos(turn)
+        assert beside == pytest.approx(.004, abs=1e-12)
+        assert along > 0.
+
+
+def test_past_a_fist_the_plane_does_not_flip():
+    # The marker has passed under the joint: the projected direction points backwards.
+    turn, along, _ = turn_of((-.03, .003, -.02))
+    assert turn == pytest.approx(-.1 * BEHIND, abs=1e-3)
+    for _ in range(100):
+        turn, along, _ = turn_of((-.03, .003, -.02), previous=turn)
+    assert turn == pytest.approx(-.1, abs=1e-3)
+    assert along < 0.
+
+
+@pytest.mark.parametrize('target', [(-.03, .003, -.02), (.009, .003, -.02)])
+def test_in_a_fist_it_follows_as_fast_at_any_rate_of_frames(target):
+    def after(frames, step):
+        turn = 0.
+        for _ in range(frames):
+            turn, _, _ = turn_of(target, previous=turn, step=step)
+        return turn
+
+    assert after(8, FRAME / 4.) == pytest.approx(after(2, FRAME))
+    assert after(1, 2. * FRAME) == pytest.approx(after(2, FRAME))
+    # None of it while no time passes, and all of it where it is not in a fist.
+    assert after(1, 0.) == 0.
+    assert turn_of((.03, .003, -.02), step=0.)[0] == pytest.approx(np.arctan2(.003, .03))
+
+
+def test_a_marker_under_the_joint_leaves_abduction_as_it_was():
+    turn, along, height = turn_of((.0, .0, -.03), previous=.1)
+    assert (turn, along, height) == (.1, 0., -.03)
+    near = FIST_NEAR * .07 * .99
+    assert turn_of((near * .6, near * .8, -.03), previous=.1)[0] == .1
+
+
+def test_abduction_gains_its_say_gradually_and_has_all_of_it_beyond():
+    shares = np.linspace(FIST_NEAR, FIST_FAR, 50)
+    turns = [turn_of((.07 * share, .07 * share, -.03), previous=0.)[0] for share in shares]
+    assert (np.diff(turns) >= 0.).all()
+    assert max(np.diff(turns)) < .05
+    assert turns[-1] == pytest.approx(np.pi / 4)
+
+
+def test_noise_in_a_fist_does_not_shake_abduction():
+    # 60/95 degrees of flexion bring the marker right under the MCP.
+    rng = np.random.default_rng(3)
+    l1, l2 = .045, .026
+    target = np.array((l1 * np.cos(np.radians(60)) + l2 * np.cos(np.radians(155)), 0.,
+                       -l1 * np.sin(np.radians(60)) - l2 * np.sin(np.radians(155))))
+    previous, turns = 0., []
+    for _ in range(500):
+        previous, _, _ = turn_of(
+            target + rng.normal(scale=.0003, size=3), reach=l1 + l2,
+            limits=np.radians((-15, 15)), previous=previous)
+        turns.append(previous)
+    assert np.degrees(np.abs(turns)).max() < 1.
+
+
+def test_limits_hold():
+    limits = np.radians((-15., 15.))
+    assert turn_of((.05, .05, 0.), limits=limits)[0] == limits[1]
+    assert turn_of((.05, -.05, 0.), limits=limits)[0] == limits[0]

@@ -1,0 +1,164 @@
+"""The switch: kernels give the same numbers compiled and as plain Python."""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import time
+from copy import deepcopy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hand_tracker.core.numerics.jit import (
+    COMPILED,
+    another,
+    kernel_sources,
+    overwrite,
+    packed,
+    parts,
+)
+from hand_tracker.core.pipeline import blank_state
+from hand_tracker.core.pose.report import blank_report
+
+ROOT = Path(__file__).resolve().parents[3]
+PROGRAM = """
+import sys
+import numpy as np
+from hand_tracker.core.numerics import jit
+from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
+from hand_tracker.core.tracker import HandTracker, TrackerOptions
+
+assert jit.COMPILED == (sys.argv[1] == '1'), jit.COMPILED
+rng = np.random.default_rng(1)
+hand = Hand.scaled(side='left')
+mounting = MarkerLayout().mounting(hand)
+rows = []
+for options in (TrackerOptions(), TrackerOptions('spheres', 'fabrik'),
+                TrackerOptions(friction=.5)):
+    tracker = HandTracker(hand, options=options)
+    lower, upper = hand.limits.T
+    phase = rng.uniform(0., 6., 25)
+    for frame in range(90):
+        angles = lower + (upper - lower) * (.5 + .3 * np.sin(phase + .1 * frame))
+        markers = marker_positions(mounting, forward(joint_table(hand), angles))
+        markers += rng.normal(scale=.0005, size=(8, 3))
+        if 20 <= frame < 50:
+            markers[[0, 4, 6][:frame // 10 - 1]] = np.nan
+        if frame in (15, 35):
+            markers[[3, 5]] = markers[[5, 3]]
+        if frame == 55:
+            markers[7] += .1
+        if 60 <= frame < 75:
+            markers[[0, 1, 2, 3, 7][:frame // 3 - 19]] = np.nan
+        if 70 <= frame < 80:
+            markers[[1, 2]] = markers[[2, 1]]
+        measured = np.full(5, .3) if frame >= 80 else None
+        state = tracker.update(markers, distal_flexion=measured)
+        rows.append(np.concatenate((state.angles, state.confidence, state.marker_states,
+                                    state.wrist_position, state.pose.position.ravel())))
+np.save(sys.argv[2], rows)
+"""
+
+
+def rows(tmp_path, switch):
+    out = tmp_path / f'{switch}.npy'
+    environment = {**os.environ, 'HAND_TRACKER_JIT': switch, 'PYTHONPATH': os.pathsep.join(
+        [str(ROOT), os.environ.get('PYTHONPATH', '')])}
+    subprocess.run([sys.executable, '-c', PROGRAM, switch, str(out)], check=True, env=environment)
+    return np.load(out)
+
+
+def test_compiled_and_plain_kernels_agree(tmp_path):
+    pytest.importorskip('numba', reason='numba is not installed: there is only plain Python')
+    compiled, plain = rows(tmp_path, '1'), rows(tmp_path, '0')
+    # What feeds back, FABRIK and separating, makes rounding grow, and a straight finger does.
+    np.testing.assert_allclose(compiled, plain, atol=1e-6)
+
+
+def test_the_switch_turns_numba_off(tmp_path):
+    assert np.isfinite(rows(tmp_path, '0')).all()
+
+
+@pytest.mark.skipif(not COMPILED, reason='nothing is kept without numba')
+def test_kernels_of_other_sources_go_when_unused_for_a_month(tmp_path):
+    caches = tmp_path / 'hand_tracker'
+    environment = {**os.environ, 'XDG_CACHE_HOME': str(tmp_path), 'PYTHONPATH': str(ROOT)}
+    environment.pop('NUMBA_CACHE_DIR', None)
+
+    def old(name, days):
+        folder = caches / name
+        (folder / 'core').mkdir(parents=True, exist_ok=True)
+        (folder / 'core' / 'kernel.nbi').touch()
+        os.utime(folder, (time.time() - 86400. * days,) * 2)
+        return folder
+
+    def start():
+        subprocess.run([sys.executable, '-c', 'import hand_tracker.core.numerics.jit'], check=True,
+                       env=environment)
+        return {path.name for path in caches.iterdir()}
+
+    old('kernels-unused', 31.)
+    old('kernels-used', 29.)
+    old('skin', 31.)
+    own, = start() - {'kernels-used', 'skin'}
+    # Its own are used, and nothing is looked for while they are there.
+    old(own, 31.)
+    old('kernels-unused', 31.)
+    assert start() == {own, 'kernels-unused', 'kernels-used', 'skin'}
+    assert time.time() - (caches / own).stat().st_mtime < 3600.
+
+
+def test_a_change_of_any_kernel_or_of_its_constants_makes_new_ones():
+    package, sources = ROOT / 'hand_tracker', kernel_sources()
+    for path in package.rglob('*.py'):
+        text = path.read_text(encoding='utf-8')
+        if not re.search(r'^ *@(partial\()?jit', text, re.M):
+            continue
+        assert path in sources
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.ImportFrom) and node.level:
+                folder = path.parents[node.level - 1]
+                module = folder.joinpath(*(node.module or '').split('.')).with_suffix('.py')
+                assert module in sources or not any(
+                    name.name.isupper() for name in node.names), (path, module)
+
+
+def test_packed_values_are_those_given():
+    state = blank_state(np.eye(3), np.ones((5, 3)), np.ones(25), 1e-4)
+    state.placed[0] = True
+    pack, values = packed(state)
+    assert type(values) is type(state) and type(values.palm) is type(state.palm)
+    np.testing.assert_array_equal(values.digits.mean, state.digits.mean)
+    assert values.placed.dtype == bool and values.placed[0]
+    # The arrays are those of the pack, whichever side writes.
+    values.position[1] = 7.
+    assert pack[0]['position' if COMPILED else state._fields.index('position')][1] == 7.
+
+
+def test_another_pack_is_apart():
+    pack, values = packed(blank_report())
+    values.angles[3] = 7.
+    other = another(pack)
+    overwrite(other, pack)
+    angles = parts(other)[values._fields.index('angles')]
+    assert angles[3] == 7.
+    angles[:] = 1.
+    assert values.angles[3] == 7. and values.angles.sum() == 7.
+    assert [part.shape for part in parts(other)] == [part.shape for part in values]
+
+
+def test_a_pack_is_overwritten_with_all_that_another_holds():
+    blank = blank_state(np.eye(3), np.ones((5, 3)), np.ones(25), 1e-4)
+    pack, values = packed(deepcopy(blank))
+    other, _ = packed(blank)
+    values.digits.mean[:], values.placed[0], values.memory.doubt[0] = 3., True, 2.
+    overwrite(pack, other)
+    assert (values.digits.mean == blank.digits.mean).all()
+    assert not values.placed[0] and values.memory.doubt[0] == blank.memory.doubt[0]
+    values.digits.mean[:] = 4.
+    assert (blank.digits.mean != 4.).all()

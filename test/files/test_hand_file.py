@@ -1,0 +1,270 @@
+"""Hand files: what people write is read, what is saved comes back, mistakes are named."""
+
+import re
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from hand_tracker.core.errors import HandTrackerError, InvalidHand
+from hand_tracker.core.model.hand import JOINTS, SIDES, Hand, preset_coupling, preset_limits
+from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
+from hand_tracker.files.hand_file import (
+    BREADTH,
+    COUPLING_OFFSET,
+    KEYS,
+    LENGTH,
+    RADIUS,
+    SPLAY,
+    THUMB,
+    InvalidHandFile,
+    choose_hand,
+    load_hand,
+    save_hand,
+)
+
+EXAMPLE = Path(__file__).parents[2] / 'config' / 'hand.yaml'
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Return a function that writes a hand file and returns its path."""
+    def write_text(text):
+        path = tmp_path / 'mine.yaml'
+        path.write_text(text, encoding='utf-8')
+        return path
+    return write_text
+
+
+def assert_same(hand, other, close=1e-12):
+    for field in fields(Hand):
+        a, b = getattr(hand, field.name), getattr(other, field.name)
+        if field.name == 'side':
+            assert a == b
+        else:
+            assert a == pytest.approx(np.asarray(b), rel=0., abs=close), field.name
+
+
+def random_hand(rng):
+    """Return a hand in which no number is round and none is a default."""
+    mean = Hand.scaled(rng.uniform(.15, .22), rng.uniform(.07, .1))
+    noise = {field.name: getattr(mean, field.name) * rng.uniform(.9, 1.1, np.shape(
+        getattr(mean, field.name))) for field in fields(Hand) if field.name != 'side'}
+    noise['finger_mcp'] = noise['finger_mcp'] + rng.uniform(-.002, .002, (4, 3))
+    noise['finger_abduction_axes'] = (0., 0., 1.) + rng.uniform(-.3, .3, (4, 3))
+    noise['splay'] = rng.uniform(-.2, .2, 4)
+    noise['coupling'] = noise['coupling'] + rng.uniform(0., .3, (5, 2))
+    return mean.replace(**noise, side=str(rng.choice(SIDES)))
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_saved_hand_comes_back(seed, tmp_path):
+    rng = np.random.default_rng(seed)
+    hand = random_hand(rng)
+    places = ('thumb_cmc', 'ring_mcp', 'little_cmc', 'index_tip', 'middle_dip', 'ring_tip',
+              'little_dip', 'thumb_ip')
+    layout = MarkerLayout(places, rng.uniform(-.06, .06, (8, 3)))
+    save_hand(tmp_path / 'mine.yaml', hand, layout)
+    read, read_layout = load_hand(tmp_path / 'mine.yaml')
+    assert_same(read, hand, 1e-9)
+    assert read_layout.places == layout.places
+    assert read_layout.offsets == pytest.approx(layout.offsets, abs=1e-9)
+
+
+def test_values_on_the_edge_of_what_is_allowed_come_back(tmp_path):
+    limits = np.tile((-np.pi, np.pi), (25, 1))
+    hand = Hand.scaled(
+        limits=limits, splay=(np.pi / 4, -np.pi / 4, 0., 0.), palm_radius=.05,
+        finger_bones=np.full((4, 3), .2), thumb_bones=(.005,) * 3,
+        coupling=((0., -np.pi / 2), (5., np.pi / 2)) + ((.8, 0.),) * 3)
+    layout = MarkerLayout(offsets=np.full((8, 3), -.06))
+    save_hand(tmp_path / 'mine.yaml', hand, layout)
+    assert_same(load_hand(tmp_path / 'mine.yaml')[0], hand)
+
+
+def test_example_is_the_default_hand():
+    hand, layout = load_hand(EXAMPLE)
+    assert_same(hand, Hand.scaled())
+    assert layout.places == PAPER_PLACES
+    assert (layout.offsets == 0.).all()
+
+
+def test_example_shows_and_explains_every_key():
+    text = EXAMPLE.read_text(encoding='utf-8')
+    tree = yaml.safe_load(text)
+    assert set(tree) == set(KEYS)
+    for paragraph in text.split('\n\n'):
+        assert re.search(r'^ *# \w', paragraph, re.MULTILINE), paragraph
+    assert set(tree['markers']) == set(MARKERS)
+    assert set(tree['thumb']) == set(THUMB)
+
+
+@pytest.mark.parametrize('text', [
+    '', '# nothing\n', '{}', 'limits: paper', 'coupling: natural', 'coupling:\n', 'markers:\n'])
+def test_what_is_left_out_is_the_default(write, text):
+    hand, layout = load_hand(write(text))
+    assert_same(hand, Hand.scaled())
+    assert layout.places == PAPER_PLACES
+
+
+def test_hand_written_file(write):
+    hand, layout = load_hand(write("""
+        side: left
+        length_mm: 200
+        breadth_mm: 90
+        finger_bones_mm: {index: [50, 30, 20]}
+        splay_deg: {little: -10}
+        thumb: {bones_mm: [45, 35, 27], rest_direction: [1, 0, 0]}
+        coupling: {ring: {slope: 0.7}, thumb: {offset_deg: 5}}
+        limits: {preset: wide, index_pip_flexion_deg: [-5, 105.5]}
+        radii_mm: {thumb: [12, 11, 10]}
+        palm_radius_mm: 12.5
+        markers:
+          index: {place: index_tip, offset_mm: [0, 0, 6]}
+          thumb: {offset_mm: [-4, 0, 8.5]}
+    """))
+    bones = np.array(Hand.scaled(.2, .09).finger_bones)
+    bones[0] = .05, .03, .02
+    limits = preset_limits('wide')
+    limits[JOINTS.index('index_pip_flexion')] = np.radians((-5., 105.5))
+    radii = np.array(Hand.scaled(.2, .09).radii)
+    radii[4] = .012, .011, .010
+    coupling = ((.4, 0.), (.4, 0.), (.7, 0.), (.4, 0.), (1., np.radians(5.)))
+    assert_same(hand, Hand.scaled(
+        .2, .09, side='left', finger_bones=bones, splay=(0., 0., 0., np.radians(-10.)),
+        thumb_bones=(.045, .035, .027), thumb_rest_direction=(1., 0., 0.), coupling=coupling,
+        limits=limits, radii=radii, palm_radius=.0125))
+    assert layout.places == PAPER_PLACES[:3] + ('index_tip',) + PAPER_PLACES[4:]
+    assert layout.offsets[3] == pytest.approx((0., 0., .006))
+    assert layout.offsets[7] == pytest.approx((-.004, 0., .0085))
+
+
+def test_coupling_of_a_preset_and_of_single_digits(write):
+    hand, _ = load_hand(write('coupling: paper'))
+    assert_same(hand, Hand.scaled(coupling=preset_coupling('paper')))
+    hand, _ = load_hand(write('coupling: {preset: paper, ring: {offset_deg: 5}}'))
+    coupling = preset_coupling('paper')
+    coupling[2, 1] = np.radians(5.)
+    assert_same(hand, Hand.scaled(coupling=coupling))
+
+
+@pytest.mark.parametrize('text, message', [
+    ('lenght_mm: 180', "lenght_mm: unknown key; did you mean 'length_mm'?"),
+    ('length: 180', "length: unknown key; did you mean 'length_mm'?"),
+    ('zzz: 1', 'zzz: unknown key; allowed are side, length_mm, breadth_mm'),
+    ('1: 2', '1: unknown key; allowed are side'),
+    ('finger_bones_mm: {pinky: [1, 2, 3]}',
+     'finger_bones_mm.pinky: unknown key; allowed are index, middle, ring, little'),
+    ('thumb: {cmc: [1, 2, 3]}', "thumb.cmc: unknown key; did you mean 'cmc_mm'?"),
+    ('limits: {index_pip_flexion: [0, 90]}',
+     "limits.index_pip_flexion: unknown key; did you mean 'index_pip_flexion_deg'?"),
+    ('markers: {index: {offset: [0, 0, 0]}}',
+     "markers.index.offset: unknown key; did you mean 'offset_mm'?"),
+    ('side: Left', "side: 'Left'; allowed are right, left"),
+    ('limits: narrow', "limits: 'narrow'; allowed are paper, wide"),
+    ('limits: [0, 1]', 'limits: [0, 1]; allowed are paper, wide'),
+    ('limits: {preset: none}', "limits.preset: 'none'; allowed are paper, wide"),
+    ('limits: {ring_dip_flexion_deg: [5, 90]}',
+     'limits.ring_dip_flexion_deg[0]: 5; allowed is -180 to 0 degrees'),
+    ('limits: {ring_dip_flexion_deg: [-5, 190]}',
+     'limits.ring_dip_flexion_deg[1]: 190; allowed is 0 to 180 degrees'),
+    ('limits: {ring_dip_flexion_deg: 90}',
+     'limits.ring_dip_flexion_deg: 90; expected a list of 2 numbers'),
+    ('length_mm: 18.5', 'length_mm: 18.5; allowed is 100 to 260 mm'),
+    ('breadth_mm: long', "breadth_mm: 'long'; expected a number"),
+    ('breadth_mm: true', 'breadth_mm: True; expected a number'),
+    ('breadth_mm: [85]', 'breadth_mm: [85]; expected a number'),
+    ('breadth_mm: .nan', 'breadth_mm: nan; allowed is 40 to 140 mm'),
+    ('palm_radius_mm: .inf', 'palm_radius_mm: inf; allowed is 1 to 50 mm'),
+    ('finger_bones_mm: {ring: [45, 0.026, 19]}',
+     'finger_bones_mm.ring[1]: 0.026; allowed is 5 to 200 mm'),
+    ('finger_bones_mm: {ring: [45, 26]}',
+     'finger_bones_mm.ring: [45, 26]; expected a list of 3 numbers'),
+    ('finger_bones_mm: [45, 26]',
+     'finger_bones_mm: [45, 26]; expected a mapping of index, middle, ring, little'),
+    ('finger_mcp_mm: {index: [900, 20, 0]}',
+     'finger_mcp_mm.index[0]: 900; allowed is -300 to 300 mm'),
+    ('splay_deg: {index: 60}', 'splay_deg.index: 60; allowed is -45 to 45 degrees'),
+    ('radii_mm: {thumb: [11, 10, 90]}', 'radii_mm.thumb[2]: 90; allowed is 1 to 50 mm'),
+    ('coupling: {index: {slope: -1}}', 'coupling.index.slope: -1; allowed is 0 to 5'),
+    ('coupling: {index: {offset_deg: 91}}',
+     'coupling.index.offset_deg: 91; allowed is -90 to 90 degrees'),
+    ('coupling: strict', "coupling: 'strict'; allowed are natural, paper"),
+    ('coupling: {preset: 0.8}', 'coupling.preset: 0.8; allowed are natural, paper'),
+    ('coupling: {pinky: {slope: 1}}', 'coupling.pinky: unknown key'),
+    ('coupling: {index: 0.8}', 'coupling.index: 0.8; expected a mapping of slope, offset_deg'),
+    ('thumb: {abduction_axis: [0, 0, 0]}', 'thumb_abduction_axis: [0. 0. 0.] has no direction'),
+    ('finger_mcp_mm: {index: [80, -60, 0]}',
+     'finger_mcp: the index MCP must lie on the thumb side'),
+    ('abduction_axes: {ring: [0, 0, -1]}', 'finger_abduction_axes of ring: [ 0.  0. -1.] is more'),
+    ('markers: {index: {place: index_pip}}',
+     "marker index: place 'index_pip' is not one of index_dip, index_tip"),
+    ('markers: {index: {offset_mm: [0, 0, 200]}}',
+     'markers.index.offset_mm[2]: 200; allowed is -60 to 60 mm'),
+    ('just words', "the file: 'just words'; expected a mapping of side, length_mm"),
+])
+def test_mistakes_are_named_with_file_field_and_what_is_allowed(write, text, message):
+    path = write(text)
+    with pytest.raises(InvalidHandFile, match=re.escape(f'{path}: {message}')):
+        load_hand(path)
+
+
+@pytest.mark.parametrize('text, message', [
+    ('side: right\nlength_mm: [1, 2\nbreadth_mm: 3', ":3:11: expected ',' or ']', but got ':'"),
+    ('side: right\n\tlength_mm: 180', ':2:1: '),
+    ('length_mm: 180\nside: left\nlength_mm: 190', ":3:1: key 'length_mm' stands twice"),
+    ('thumb:\n  cmc_mm: [1, 2, 3]\n  cmc_mm: [1, 2, 3]', ":3:3: key 'cmc_mm' stands twice"),
+    ('? [1]\n: 2', ':1:3: found unhashable key'),
+    ('side: !!python/name:os.system', ':1:7: could not determine a constructor'),
+])
+def test_wrong_yaml_gives_file_line_and_column(write, text, message):
+    path = write(text)
+    with pytest.raises(InvalidHandFile, match=re.escape(f'{path}{message}')):
+        load_hand(path)
+
+
+def test_files_that_are_no_text_are_refused(tmp_path):
+    binary = tmp_path / 'binary.yaml'
+    binary.write_bytes(b'\xff\xfe\x00\xd8')
+    for path, message in ((tmp_path / 'none.yaml', 'No such file or directory'),
+                          (tmp_path, 'Is a directory'), (binary, 'no YAML text')):
+        with pytest.raises(InvalidHandFile, match=re.escape(f'{path}: {message}')) as refused:
+            load_hand(path)
+        assert isinstance(refused.value, HandTrackerError)
+
+
+@pytest.mark.parametrize('quantity, accept', [
+    (LENGTH, lambda v: Hand.scaled(length=v)),
+    (BREADTH, lambda v: Hand.scaled(breadth=v)),
+    (RADIUS, lambda v: Hand.scaled(palm_radius=v)),
+    (RADIUS, lambda v: Hand.scaled(radii=np.full((5, 3), v))),
+    (SPLAY, lambda v: Hand.scaled(splay=(v,) * 4)),
+    (COUPLING_OFFSET, lambda v: Hand.scaled(coupling=((.8, v),) * 5)),
+])
+def test_ranges_in_human_units_are_the_hands(quantity, accept):
+    for edge, beyond in ((quantity.lower[0], -1.), (quantity.upper[0], 1.)):
+        accept(quantity.to_si(edge))
+        with pytest.raises(InvalidHand, match='allowed is'):
+            accept(quantity.to_si(edge + .001 * beyond))
+
+
+# --- the hand that somebody chooses
+
+def test_chosen_hand_is_the_mean_one_of_the_size_asked_for():
+    hand, layout = choose_hand(length=.2, breadth=.09)
+    assert_same(hand, Hand.scaled(.2, .09))
+    assert layout.places == MarkerLayout().places
+    assert_same(choose_hand()[0], Hand.scaled())
+
+
+def test_chosen_hand_is_that_of_the_file_with_what_is_asked_for_in_its_place(write):
+    path = write('{side: left, limits: wide, coupling: paper, markers: {thumb: {place: thumb_ip}}}')
+    hand, layout = choose_hand(path)
+    assert_same(hand, load_hand(path)[0])
+    assert layout.places[MARKERS.index('thumb')] == 'thumb_ip'
+    asked = {'side': 'right', 'limits': preset_limits('paper'),
+             'coupling': preset_coupling('natural')}
+    for (name, value), preset in zip(asked.items(), ('right', 'paper', 'natural')):
+        assert_same(choose_hand(path, **{name: preset})[0], hand.replace(**{name: value}))

@@ -1,0 +1,305 @@
+"""The short way: the same as the long way, or refused with nothing done."""
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+pytest.importorskip('visualization_msgs.msg', reason='needs the ROS 2 messages')
+pytest.importorskip('rclpy', reason='needs ROS 2')
+
+from builtin_interfaces.msg import Time  # noqa: E402
+from test_builders import marker  # noqa: E402
+from test_cdr import big_endian, data_of  # noqa: E402
+from visualization_msgs.msg import Marker  # noqa: E402
+
+from hand_tracker.core.model.hand import JOINTS, Hand  # noqa: E402
+from hand_tracker.core.model.kinematics import joint_table  # noqa: E402
+from hand_tracker.core.model.marker_layout import MARKERS  # noqa: E402
+from hand_tracker.core.model.states import (
+    MarkerState,  # noqa: E402
+    PalmState,  # noqa: E402
+)
+from hand_tracker.core.numerics.jit import another, overwrite, packed, parts  # noqa: E402
+from hand_tracker.core.tracker import HandTracker  # noqa: E402
+from hand_tracker.messages.builders import (  # noqa: E402
+    link_frames,
+    prefixed_names,
+    transform_numbers,
+    wrist_frames,
+)
+from hand_tracker.messages.cdr import (
+    ENCAPSULATION,
+    MarkerReader,
+    Stamp,
+    joint_state_template,
+    transforms_template,
+)
+from hand_tracker.messages.labels import LabelMap  # noqa: E402
+from hand_tracker.messages.marker_array import seconds  # noqa: E402
+from hand_tracker.nodes.fast_path.kernel import (
+    ANGLES,
+    ANSWER_ROOM,
+    ANSWERS,
+    CONFIDENCE,
+    KEPT,
+    LOGGED,
+    MESSAGE_ROOM,
+    TRANSFORMS,
+    glimpses,
+    look,
+    new_passage,
+    note,
+    pass_message,
+    teach_answer,
+    teach_kind,
+)
+from hand_tracker.simulation.packaged_recordings import demo_recording  # noqa: E402
+
+NAMES = prefixed_names('right_')
+SCALE = .001
+DEMO = {side: 1e3 * demo_recording(Hand.scaled(side=side), rate=100.).markers[:200]
+        for side in ('right', 'left')}  # [mm]
+
+
+def markers_of(positions, frame, labels=range(8)):
+    """Return the markers of a frame [mm]; those not seen are at zero."""
+    at = Time(sec=5, nanosec=10_000_000 * frame)
+    return [marker(number, np.nan_to_num(positions[number]), 'leds', 'mocap', Marker.SPHERE, 0, at)
+            for number in labels]
+
+
+class Ways:
+    """A hand that is tracked both ways."""
+
+    def __init__(self, side='right'):
+        hand = Hand.scaled(side=side)
+        table = joint_table(hand)
+        self.reader = MarkerReader(LabelMap(), scale=SCALE)
+        self.long, self.short = HandTracker(hand), HandTracker(hand)
+        self.templates = {
+            ANGLES: joint_state_template(NAMES.joints),
+            CONFIDENCE: joint_state_template(NAMES.joints),
+            TRANSFORMS: transforms_template(
+                wrist_frames(NAMES, 'mocap') + link_frames(NAMES, table))}
+        self.passages, self.passage = packed(new_passage())
+        self.table = table
+
+    def teach(self, data):
+        """Track a message the long way both times, and teach what it is like."""
+        frame = self.reader.read(data)
+        for tracker in self.long, self.short:
+            state = tracker.update(frame.positions, seconds(frame.stamp))
+        assert teach_kind(self.passage, self.reader.kind, frame.stamp, SCALE, True)
+        for number, template in self.templates.items():
+            assert teach_answer(self.passage, number, template)
+        return state
+
+    def go(self, data):
+        """Return whether a message passes."""
+        return pass_message(self.passages, *self.short.kernel_arguments(),
+                            np.frombuffer(data, np.uint8))
+
+    def told(self):
+        """Return the state after the last frame of the short way."""
+        reports = self.short.kernel_arguments()[-1]
+        copy = another(reports)
+        overwrite(copy, reports)
+        return self.short.told(copy)
+
+    def answers(self):
+        """Return what the short way answers, as bytes."""
+        return {number: self.passage.answers[number].view(np.uint8)[
+            ENCAPSULATION:ENCAPSULATION + template.size].tobytes()
+            for number, template in self.templates.items()}
+
+    def expected(self, data):
+        """Return what the long way answers."""
+        frame = self.reader.read(data)
+        state = self.long.update(frame.positions, seconds(frame.stamp))
+        numbers = {ANGLES: state.angles, CONFIDENCE: state.confidence,
+                   TRANSFORMS: transform_numbers(self.table, state)}
+        return state, {number: template.fill(frame.stamp, numbers[number])
+                       for number, template in self.templates.items()}
+
+
+@pytest.fixture
+def ways():
+    """Return a hand that was seen once, the long way."""
+    found = Ways()
+    found.teach(data_of(markers_of(DEMO['right'][0], 0)))
+    return found
+
+
+def alike(part, other):
+    """Return whether two parts of a state are the same."""
+    if isinstance(part, tuple):
+        return all(map(alike, part, other))
+    return np.array_equal(part, other, equal_nan=np.ndim(part) > 0)
+
+
+@pytest.mark.parametrize('side', ['right', 'left'])
+def test_what_passes_is_answered_as_the_long_way_does(side):
+    ways, frames = Ways(side), DEMO[side].copy()
+    rng = np.random.default_rng(3)
+    frames[40:60, rng.integers(0, 8)] = np.nan
+    frames[80:90, :3] = np.nan
+    frames[100:110, [4, 5]] = frames[100:110, [5, 4]]
+    frames[120] += 1e4
+    ways.teach(data_of(markers_of(frames[0], 0)))
+    palms, states = set(), set()
+    for number in range(1, len(frames)):
+        data = data_of(markers_of(frames[number], number))
+        assert ways.go(data)
+        state, answers = ways.expected(data)
+        assert ways.answers() == answers
+        assert all(map(alike, ways.told(), state))
+        palms.add(state.palm)
+        states.update(state.marker_states.tolist())
+    assert {PalmState.TRACKED, PalmState.LOST} <= palms
+    assert {MarkerState.SEEN, MarkerState.PREDICTED} < states
+
+
+def changed(number=1, **fields):
+    """Return a frame in which one marker is another."""
+    markers = markers_of(DEMO['right'][number], number)
+    for name, value in fields.items():
+        part = markers[3].header if name in ('frame_id', 'stamp') else markers[3]
+        setattr(part, name, value)
+    return data_of(markers)
+
+
+ZERO, BEFORE, AGAIN = Time(), Time(sec=4), Time(sec=5)
+
+
+@pytest.mark.parametrize('data', [
+    changed(ns='other'), changed(ns=''), changed(id=9), changed(type=Marker.CUBE),
+    changed(type=Marker.ARROW), changed(action=Marker.DELETE), changed(frame_id='base'),
+    data_of(markers_of(DEMO['right'][1], 1, range(7))),
+    data_of(markers_of(DEMO['right'][1], 1, (1, 0, *range(2, 8)))),
+    data_of(markers_of(DEMO['right'][1], 1) + markers_of(DEMO['right'][1], 1, [3])),
+    data_of(markers_of(DEMO['right'][1], 1))[:-40],
+    big_endian(markers_of(DEMO['right'][1], 1)), b'', b'\0\1', b'\0\1\0\0',
+    b'\0\1' + bytes(MESSAGE_ROOM + 5),
+    data_of(markers_of(DEMO['right'][0], 0)),
+    data_of([marker(number, (1., 2., number), 'leds', 'mocap', Marker.SPHERE, 0, stamp)
+             for stamp in [ZERO] for number in range(8)]),
+    data_of([marker(number, (1., 2., number), 'leds', 'mocap', Marker.SPHERE, 0, stamp)
+             for stamp in [BEFORE] for number in range(8)]),
+], ids=['namespace', 'no namespace', 'id', 'type', 'no point', 'deleted', 'frame', 'one less',
+        'another order', 'one more', 'cut off', 'big-endian', 'nothing', 'half a head', 'head',
+        'too long', 'repeated', 'no stamp', 'earlier'])
+def test_what_is_not_alike_is_refused_with_nothing_done(ways, data):
+    before = ways.told()
+    assert not ways.go(data)
+    assert np.array_equal(ways.told().angles, before.angles)
+    # The next one goes on as if nothing had come.
+    data = data_of(markers_of(DEMO['right'][2], 2))
+    assert ways.go(data)
+    assert ways.answers() == ways.expected(data)[1]
+
+
+def test_the_last_stamp_passes_once_even_if_time_does_not_believe_it(ways):
+    strays = [data_of([marker(number, DEMO['right'][1][number], 'leds', 'mocap', Marker.SPHERE, 0,
+                              Time(sec=sec)) for number in range(8)]) for sec in (1000, 5000)]
+    assert ways.go(strays[0])
+    assert not ways.go(strays[0])
+    # As one that came the long way.
+    ways.teach(strays[1])
+    assert not ways.go(strays[1])
+
+
+def test_nothing_passes_before_the_palm_was_seen():
+    ways = Ways()
+    hidden = DEMO['right'][0].copy()
+    hidden[0] = 0.
+    ways.teach(data_of(markers_of(hidden, 0)))
+    assert not ways.go(data_of(markers_of(DEMO['right'][1], 1)))
+
+
+def test_points_of_lists_and_messages_of_others_are_not_taught(ways):
+    points = marker(0, (0., 0., 0.), 'leds', 'mocap', Marker.POINTS, 0, Time(sec=6),
+                    [tuple(at) for at in DEMO['right'][0]])
+    for data in data_of([points]), data_of([marker(99, (0., 0., 1.), 'x', 'mocap')]), data_of([]):
+        ways.reader.read(data)
+        assert not teach_kind(ways.passage, ways.reader.kind, Stamp(6, 0), SCALE, True)
+    assert ways.go(data_of(markers_of(DEMO['right'][1], 1)))
+
+
+def test_an_answer_that_has_no_room_is_not_taught(ways):
+    long = joint_state_template([f'{joint}{"x" * (ANSWER_ROOM // 25)}' for joint in JOINTS])
+    assert not teach_answer(ways.passage, ANGLES, long)
+    assert not teach_answer(ways.passage, ANGLES, joint_state_template(['x'] * 300))
+    assert not teach_answer(
+        ways.passage, TRANSFORMS, transforms_template([('mocap', f'l{i}') for i in range(33)]))
+    data = data_of(markers_of(DEMO['right'][1], 1))
+    assert ways.go(data)
+    assert ways.answers() == ways.expected(data)[1]
+
+
+def test_only_what_is_wanted_is_filled(ways):
+    ways.passage.wanted[CONFIDENCE] = 0
+    before = ways.answers()
+    assert ways.go(data_of(markers_of(DEMO['right'][1], 1)))
+    after = ways.answers()
+    assert [after[number] != before[number] for number in range(ANSWERS)] == [True, True, False]
+
+
+HOSTILE = Ways()
+HOSTILE.teach(data_of(markers_of(DEMO['right'][0], 0)))
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 400), st.one_of(
+    st.sampled_from([-1, -2**31, 2**31 - 1, 2**30, 2**16, 1000, 25, 5, 1, 0]),
+    st.integers(-2**31, 2**31 - 1))), min_size=1, max_size=5), st.integers(0, 2000))
+def test_hostile_messages_are_survived(changes, end):
+    data = bytearray(data_of(markers_of(DEMO['right'][1], 1)))
+    for at, value in changes:
+        at = 4 * (at % (len(data) // 4 - 1)) + ENCAPSULATION
+        if at + 4 <= len(data):
+            data[at:at + 4] = struct.pack('<i', value)
+    HOSTILE.go(bytes(data[:end] if end < 300 else data))
+    told = HOSTILE.told()
+    assert np.isfinite(told.angles).all() and np.isfinite(told.pose.position).all()
+
+
+def seen(passages, reports):
+    """Look, and return what is new."""
+    log, states = np.zeros((KEPT, LOGGED)), np.zeros((KEPT, len(MARKERS)), np.int8)
+    report = another(reports)
+    kept, frames = look(passages, reports, log, states, report)
+    return log[:kept], states[:kept], frames, report
+
+
+@pytest.mark.parametrize('count', [0, 1, 7, KEPT, KEPT + 30])
+def test_what_was_noted_is_looked_at_once(ways, count):
+    reports = ways.short.kernel_arguments()[-1]
+    for lap in range(2):
+        for i in range(count):
+            ways.passage.time[0] = i
+            note(ways.passage, reports[0], lap + 1e-3 * i, lap + 1e-3 * i + 1e-4)
+        log, states, frames, report = seen(ways.passages, reports)
+        assert frames == count and len(log) == min(count, KEPT)
+        numbers = np.arange(count)[-KEPT:]
+        assert np.array_equal(log[:, 0], lap + 1e-3 * numbers)
+        assert np.array_equal(log[:, 2], numbers)
+        assert (states == MarkerState.SEEN).all()
+        if count:
+            assert all(map(alike, parts(report), parts(reports)))
+
+
+def test_what_stays_the_same_is_glimpsed_when_it_begins_and_ends():
+    log, states = np.zeros((6, LOGGED)), np.zeros((6, 8), np.int8)
+    log[:, 1], log[:, 3] = np.arange(6), np.arange(6) * 1e-3
+    states[2:4, 5] = MarkerState.PREDICTED
+    log[5:, 4] = PalmState.LOST
+    found = glimpses(log, states)
+    assert [at for at, _ in found] == [0., 1., 2., 3., 4., 5.]
+    assert [glimpse.palm for _, glimpse in found] == [PalmState.TRACKED] * 5 + [PalmState.LOST]
+    assert [glimpse.marker_states[5] for _, glimpse in found] == [0, 0, 1, 1, 0, 0]
+    assert np.allclose([glimpse.residuals for _, glimpse in found],
+                       [[.0005], [.0005], [.0025], [.0025], [.004], [.005]])
+    assert len(glimpses(log[:1], states[:1])) == 1

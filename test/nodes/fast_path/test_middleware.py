@@ -1,0 +1,300 @@
+"""The short way in a node: the same as the long way, whatever comes in between."""
+
+import gc
+import signal
+import sys
+import time
+from contextlib import contextmanager
+from threading import Event, Thread
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+
+import rclpy  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from geometry_msgs.msg import Point  # noqa: E402
+from helpers.ros_process import NodeProcess, watching_node  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from test_tracker_node import LATE, MODULE, RIGHT, Bench, hand_at, lines, message, motion, stamp_of  # noqa: E402
+from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
+
+from hand_tracker.core.model.hand import JOINTS  # noqa: E402
+from hand_tracker.core.numerics.jit import COMPILED  # noqa: E402
+from hand_tracker.nodes import tracker_node  # noqa: E402
+from hand_tracker.nodes.fast_path import middleware  # noqa: E402
+from hand_tracker.nodes.runner import INTERRUPTS, run  # noqa: E402
+
+WAYS = {'short': True, 'long': False}
+# Nothing that was sent is lost.
+DEEP = {'qos.markers.reliability': 'reliable', 'qos.markers.depth': 1000,
+        'qos.joint_states.depth': 1000}
+
+pytestmark = pytest.mark.skipif(
+    not COMPILED or not sys.platform.startswith('linux'), reason='there is no short way here')
+
+
+class Pair:
+    """Two trackers that are sent the same, of which one knows the long way alone."""
+
+    def __init__(self, node, processes):
+        self.node, self.processes = node, processes
+        self._publishers = {way: node.create_publisher(MarkerArray, f'{way}/markers', 1000)
+                            for way in WAYS}
+        self.answers = {way: node.collect(JointState, f'{way}/joint_states') for way in WAYS}
+        self.diagnostics = node.collect(DiagnosticArray, '/diagnostics')
+        for process in processes.values():
+            process.wait_for_line('listening')
+        node.spin_until(lambda: all(publisher.get_subscription_count()
+                                    for publisher in self._publishers.values()))
+
+    def send(self, data):
+        """Send a message, or bytes, to both."""
+        for publisher in self._publishers.values():
+            publisher.publish(data)
+
+    def answer(self, number, data):
+        """Send what is answered; return both answers."""
+        self.send(data)
+        self.node.spin_until(lambda: all(
+            found and found[-1].header.stamp == stamp_of(number)
+            for found in self.answers.values()))
+        return [found[-1] for found in self.answers.values()]
+
+    def meet(self):
+        """Send frames until both are heard, then begin anew; return the next number."""
+        number = LATE
+        while not all(self.answers.values()):
+            number += 1
+            self.send(message(hand_at(), number))
+            self.node.spin_for(.05)
+        for number in 1, 2:
+            self.answer(number, message(hand_at(), number))
+        return 3
+
+
+@pytest.fixture
+def pair():
+    """Yield a pair that ends well."""
+    with watching_node() as node:
+        processes = {}
+        try:
+            for way, value in WAYS.items():
+                processes[way] = NodeProcess(
+                    MODULE, {'direct': value, **DEEP},
+                    {'__ns': f'/{way}', 'markers': f'/{way}/markers'})
+            yield Pair(node, processes)
+            assert all(process.interrupt() == 0 for process in processes.values())
+            assert not any('Traceback' in process.output for process in processes.values())
+        finally:
+            for process in processes.values():
+                process.__exit__()
+
+
+def points(positions, number):
+    """Return a frame as one marker of points, which the short way does not take."""
+    marker = Marker(ns='leds', type=Marker.POINTS)
+    marker.header.frame_id, marker.header.stamp = 'mocap', stamp_of(number)
+    marker.points = [Point(x=x, y=y, z=z) for x, y, z in np.nan_to_num(positions).tolist()]
+    return MarkerArray(markers=[marker])
+
+
+def test_both_ways_answer_the_same_whatever_comes(pair):
+    start = pair.meet()
+    rng = np.random.default_rng(5)
+    frames = motion(RIGHT, 400)
+    for number, frame in enumerate(frames, start):
+        if number % 50 == 20:
+            frame = frame[[0, 1, 2, 4, 3, 5, 6, 7]]
+        if rng.random() < .1:
+            frame = np.where(rng.random(8)[:, None] < .3, np.nan, frame)
+        data = points(frame, number) if number % 40 == 10 else message(frame, number)
+        short, long = pair.answer(number, data)
+        assert short == long, number
+        if number % 30 == 7:  # one that is no message, and one of others
+            pair.send(serialize_message(data)[:-60])
+            pair.send(message(frame, number, ns='others', frame='elsewhere'))
+    # All are counted, and what became of them.
+    pair.node.spin_for(1.5)
+    found = told(pair.diagnostics)
+    short, long = found['/short/markers'], found['/long/markers']
+    # The first ones may have missed them until all were connected.
+    assert min(int(short['frames']), int(long['frames'])) >= len(frames)
+    assert int(short['frames direct']) > .3 * len(frames) and long['frames direct'] == '0'
+    untimed = [key for key in short if 'latency' not in key and key not in (
+        'rate [Hz]', 'frames', 'frames direct', 'frames late', 'frames dropped')]
+    assert {key: short[key] for key in untimed} == {key: long[key] for key in untimed}
+    said = {way: {line.split(']: ', 1)[1] for line in lines(process, 'left out')}
+            for way, process in pair.processes.items()}
+    assert said['short'] == said['long'] and len(said['short']) == 1
+
+
+def test_nothing_of_a_burst_is_lost_or_out_of_order(pair):
+    number = pair.meet()
+    for found in pair.answers.values():
+        found.clear()
+    frames = [serialize_message(message(hand_at(offset=(.0001 * i, 0., 1.)), 2 * i))
+              for i in range(number, number + 500)]  # of one kind, as their numbers are even
+    thread = Thread(target=lambda: [pair.send(frame) for frame in frames])
+    thread.start()
+    pair.node.spin_until(lambda: len(pair.answers['short']) == len(frames))
+    thread.join()
+    stamps = [answer.header.stamp for answer in pair.answers['short']]
+    assert stamps == [stamp_of(2 * i) for i in range(number, number + 500)]
+    pair.node.spin_until(lambda: int(told(pair.diagnostics)['/short/markers']['frames direct'])
+                         > 250)
+
+
+def told(diagnostics):
+    """Return the values that were told last of each tracker, by its topic."""
+    return {status.hardware_id: {value.key: value.value for value in status.values}
+            for array in diagnostics for status in array.status}
+
+
+@contextmanager
+def bench_of(node):
+    """Yield a bench of a tracker that takes the short way."""
+    with NodeProcess(MODULE, DEEP) as process:
+        bench = Bench(process, node, 100, 'hand_tracker')
+        process.wait_for_line('listening')
+        node.spin_until(lambda: bench.publisher.get_subscription_count() > 0)
+        bench.meet(hand_at())
+        diagnostics = node.collect(DiagnosticArray, '/diagnostics')
+        yield bench
+        for _ in range(20):
+            bench.answer(hand_at())
+        node.spin_until(lambda: diagnostics and int(
+            told(diagnostics)['/markers']['frames direct']) > 0)
+
+
+def test_a_parameter_acts_from_the_next_frame_on():
+    with watching_node() as node, bench_of(node) as bench:
+        for _ in range(20):
+            before = bench.angles(hand_at())
+        joint = JOINTS.index('index_pip_flexion')
+        limit = np.degrees(before[joint]) - 5.
+        assert bench.set({'limits.index_pip_flexion.upper_deg': limit}).successful
+        assert bench.angles(hand_at())[joint] == pytest.approx(np.radians(limit))
+        assert not bench.set({'limits.index_pip_flexion.upper_deg': -400.}).successful
+        assert bench.angles(hand_at())[joint] == pytest.approx(np.radians(limit))
+        assert bench.set({'labels.index': ''}).successful
+        bench.answer(hand_at())
+        # Who comes later hears too.
+        confidence = node.collect(JointState, 'joint_confidence')
+        while not confidence:
+            bench.answer(hand_at())
+        node.spin_until(lambda: confidence[-1].header.stamp == bench.joint_states[-1].header.stamp)
+        assert 0. <= confidence[-1].position[joint] < 1.
+
+
+def test_no_frame_is_lost_while_a_glove_tells_of_last_joints():
+    with watching_node() as node, bench_of(node) as bench:
+        glove = node.create_publisher(JointState, 'distal_flexion', 10)
+        node.spin_until(lambda: glove.get_subscription_count() > 0)
+        bench.answer(hand_at())
+        bench.joint_states.clear()
+        first = bench.number
+        for number in range(300):
+            positions = hand_at()
+            if number % 3:
+                positions[number % 5 + 3] = np.nan  # now sent, now left out: of another kind
+            bench.send(positions)
+            glove.publish(JointState(name=['index_dip_flexion'], position=[.3]))
+            node.spin_for(.001)
+        node.spin_until(lambda: len(bench.joint_states) == bench.number - first)
+        stamps = [answer.header.stamp for answer in bench.joint_states]
+        assert stamps == [stamp_of(number) for number in range(first + 1, bench.number + 1)]
+
+
+@contextmanager
+def own_node():
+    """Yield a tracker in this very process."""
+    from hand_tracker.nodes.runner import spinning
+    from hand_tracker.nodes.tracker_node import TrackerNode
+    rclpy.init(args=['--ros-args', '-p', 'qos.markers.reliability:=reliable',
+                     '-p', 'qos.markers.depth:=1000'])
+    node = TrackerNode()
+    try:
+        with spinning(node):
+            yield node
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+def test_a_driver_in_the_same_process_is_heard():
+    with own_node() as tracker, watching_node() as node:
+        assert tracker._subscription not in list(tracker.subscriptions)
+        publisher = node.create_publisher(MarkerArray, 'markers', 1000)
+        answers = node.collect(JointState, 'joint_states')
+        node.spin_until(lambda: publisher.get_subscription_count() > 0)
+        number = 0
+        while not answers:
+            number += 2
+            publisher.publish(message(hand_at(), number))
+            node.spin_for(.05)
+        for _ in range(300):
+            number += 2
+            publisher.publish(message(hand_at(), number))
+        node.spin_until(lambda: answers[-1].header.stamp == stamp_of(number))
+        assert tracker._direct._passage.frames[0] > 250
+
+
+def test_the_end_of_ros_is_the_end_of_the_node():
+    with watching_node() as node:
+        publisher = node.create_publisher(MarkerArray, 'markers', 10)
+        ended = Event()
+
+        def drive():
+            number = 0
+            until = time.monotonic() + 2.
+            while not ended.wait(.002):
+                number += 2
+                publisher.publish(message(hand_at(), number))
+                if time.monotonic() > until and rclpy.ok():
+                    rclpy.shutdown()
+
+        handlers = {number: signal.getsignal(number) for number in INTERRUPTS}
+        thread = Thread(target=drive)
+        thread.start()
+        try:
+            assert run(tracker_node.TrackerNode, args=[]) == 0
+        finally:
+            ended.set()
+            thread.join()
+            gc.unfreeze()
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+
+
+def test_an_executor_that_waits_for_conditions_serves_the_long_way():
+    from hand_tracker.nodes.tracker_node import TrackerNode
+    rclpy.init()
+    tracker, executor = TrackerNode(), SingleThreadedExecutor()
+    try:
+        assert tracker._direct is not None and tracker._subscription in list(tracker.subscriptions)
+        executor.add_node(tracker)
+        with watching_node() as node:
+            publisher = node.create_publisher(MarkerArray, 'markers', 10)
+            answers = node.collect(JointState, 'joint_states')
+            for number in range(1, 500):
+                publisher.publish(message(hand_at(), number))
+                executor.spin_once(.01)
+                node.spin_for(.01)
+                if len(answers) > 9:
+                    break
+        assert len(answers) > 9
+    finally:
+        executor.shutdown()
+        tracker.destroy_node()
+        rclpy.shutdown()
+
+
+def test_a_middleware_that_was_not_tried_takes_the_long_way(monkeypatch):
+    monkeypatch.setattr(middleware, 'MIDDLEWARES', ())
+    with own_node() as tracker:
+        assert tracker._direct is None
+        assert tracker._subscription in list(tracker.subscriptions)

@@ -1,0 +1,383 @@
+"""The replay node over real DDS, in a process of its own."""
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from hand_tracker.files.bags import (
+    MARKER_ARRAY,
+    TYPES,
+    bag_message,
+    joint_state_message,
+    marker_array_message,
+    write_bag,
+)
+
+rclpy = pytest.importorskip('rclpy')
+
+from helpers.ros_process import NodeProcess, watching_node  # noqa: E402
+from rosgraph_msgs.msg import Clock  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
+
+pytestmark = pytest.mark.ros
+
+MODULE = 'hand_tracker.nodes.replay_node'
+START = 1_700_000_000 * 10**9
+PERIOD = 8_333_333  # [ns]
+FRAMES = 60
+LABELS = ('wrist', 'index', 'thumb')
+
+
+def frames(count=FRAMES, start=START):
+    for frame in range(count):
+        stamp = start + frame * PERIOD
+        yield bag_message('/markers', stamp, marker_array_message(
+            stamp, 'mocap', LABELS, np.full((3, 3), float(frame))))
+        yield bag_message('/truth', stamp, joint_state_message(stamp, ['a'], [float(frame)]))
+
+
+def write_folder(path, messages=(), offers=(), storage=StoragePlugin.SQLITE3, foreign=False):
+    with Writer(path, version=8, storage_plugin=storage) as writer:
+        connections = {}
+        if foreign:
+            nothing = writer.add_connection('/foreign', 'no_such_msgs/msg/Nothing',
+                                            msgdef='int32 a', rihs01=f'RIHS01_{"0" * 64}')
+            writer.write(nothing, START, b'\0\1\0\0\1\0\0\0')
+        for topic, kind, stamp, data in messages:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(
+                    topic, kind, typestore=TYPES, offered_qos_profiles=offers)
+            writer.write(connections[topic], stamp, data)
+
+
+@pytest.fixture(scope='module')
+def bags(tmp_path_factory):
+    """Recordings by name, half a second each; `long` lasts a minute."""
+    folder = tmp_path_factory.mktemp('bags')
+    write_bag(folder / 'hand.mcap', frames())
+    write_bag(folder / 'hand.db3', frames())
+    write_bag(folder / 'long.mcap', frames(7200))
+    write_bag(folder / 'truth.mcap', (m for m in frames() if m.topic == '/truth'))
+    write_folder(folder / 'hand', frames(), storage=StoragePlugin.MCAP)
+    write_folder(folder / 'no_messages')
+    offer = Qos(QosHistory.KEEP_LAST, 7, QosReliability.BEST_EFFORT, QosDurability.VOLATILE,
+                QosTime(0, 0), QosTime(0, 0), QosLiveliness.AUTOMATIC, QosTime(0, 0), False)
+    write_folder(folder / 'mixed', frames(), offers=[offer], foreign=True)
+    data = (folder / 'hand.mcap').read_bytes()
+    (folder / 'truncated.mcap').write_bytes(data[:len(data) // 2])
+    (folder / 'damaged.mcap').write_bytes(data[:500] + bytes(100) + data[600:])
+    data = (folder / 'hand.db3').read_bytes()
+    (folder / 'truncated.db3').write_bytes(data[:len(data) // 2])
+    (folder / 'no_bytes.mcap').touch()
+    (folder / 'hand.bag').write_bytes(b'#ROSBAG V2.0')
+    (folder / 'folder').mkdir()
+    return folder
+
+
+@pytest.fixture
+def watch():
+    with watching_node() as node:
+        yield node
+
+
+def replay(recording, remaps=None, **parameters):
+    return NodeProcess(MODULE, {'recording': str(recording), **parameters}, remaps)
+
+
+def stamp_of(message):
+    """Return a message's stamp [ns]; all markers must have the same."""
+    holders = message.markers if isinstance(message, MarkerArray) else [message]
+    stamps = {holder.header.stamp.sec * 10**9 + holder.header.stamp.nanosec for holder in holders}
+    assert len(stamps) == 1
+    return stamps.pop()
+
+
+def frame_of(message):
+    """Return the number of the recorded frame."""
+    if isinstance(message, MarkerArray):
+        return int(message.markers[0].pose.position.x)
+    return int(message.position[0])
+
+
+def frames_of(messages):
+    return [frame_of(message) for message in messages]
+
+
+def clean(process, ended, code=0):
+    """Check how a process ended."""
+    assert 'Traceback' not in process.output
+    assert ended == code, process.output
+
+
+@pytest.mark.parametrize('name', ['hand.mcap', 'hand.db3', 'hand'])
+def test_plays_all_as_recorded(bags, watch, name):
+    truth = watch.collect(JointState, 'truth')
+    markers = watch.collect(MarkerArray, 'markers')
+    with replay(bags / name, restamp=False) as process:
+        watch.spin_until(lambda: len(markers) == FRAMES and frames_of(truth)[-1:] == [FRAMES - 1])
+        clean(process, process.wait())
+    assert frames_of(markers) == list(range(FRAMES))
+    assert [stamp_of(m) for m in markers] == [START + i * PERIOD for i in range(FRAMES)]
+    assert [marker.text for marker in markers[0].markers] == list(LABELS)
+    assert [stamp_of(m) for m in truth] == [START + i * PERIOD for i in frames_of(truth)]
+
+
+def test_rate_and_restamp(bags, watch):
+    truth = watch.collect(JointState, 'truth')
+    ages = []
+    watch.create_subscription(
+        MarkerArray, 'markers', lambda m: ages.append((stamp_of(m), time.time_ns())), 100)
+    with replay(bags / 'hand.mcap', rate=0.5) as process:
+        watch.spin_until(lambda: len(ages) == FRAMES and frames_of(truth)[-1:] == [FRAMES - 1])
+        clean(process, process.wait())
+    stamps, received = np.array(ages).T
+    assert np.abs(np.diff(stamps) - 2 * PERIOD).max() <= 1
+    assert (received >= stamps).all(), 'never before it is due'
+    # Half as fast: the last cannot come before its time on any machine.
+    assert received[-1] - stamps[0] >= 2 * PERIOD * (FRAMES - 1)
+    # Recorded at the same time, stamped the same.
+    assert {frame: stamps[frame] for frame in frames_of(truth)} == {
+        frame_of(message): stamp_of(message) for message in truth}
+
+
+def test_loop_goes_on_with_rising_stamps_and_is_interrupted(bags, watch):
+    markers = watch.collect(MarkerArray, 'markers')
+    offset = 30 * PERIOD * 1e-9
+    with replay(bags / 'hand.mcap', loop=True, rate=4.0, start_offset=offset) as process:
+        watch.spin_until(lambda: len(markers) > 80)
+        clean(process, process.interrupt())
+    lap = range(30, FRAMES)
+    assert frames_of(markers)[:80] == [*lap, *lap, *lap][:80]
+    intervals = np.diff([stamp_of(message) for message in markers])
+    assert np.abs(intervals - PERIOD / 4).max() <= 2  # at the seam as well
+
+
+def test_clock_and_recorded_stamps(bags, watch):
+    clock = watch.collect(Clock, '/clock')
+    markers = watch.collect(MarkerArray, 'markers')
+    with replay(bags / 'hand.mcap', clock=200.0, start_offset=0.099) as process:
+        watch.spin_until(lambda: frames_of(markers)[-1:] == [FRAMES - 1])
+        clean(process, process.wait())
+    assert stamp_of(markers[0]) == START + 12 * PERIOD
+    times = np.array([message.clock.sec * 10**9 + message.clock.nanosec for message in clock])
+    assert (np.diff(times) > 0).all()
+    assert times[0] >= START + 99 * 10**6 and times[-1] <= START + (FRAMES + 1) * PERIOD
+    assert 10 < len(times) < 100
+
+
+def test_topics_remaps_and_late_subscriber(bags, watch):
+    with replay(bags / 'hand.mcap', {'markers': '/left/leds'}, topics='/markers') as process:
+        watch.spin_until(lambda: watch.count_publishers('/left/leds'))
+        markers = watch.collect(MarkerArray, '/left/leds')
+        watch.spin_until(lambda: len(markers) == FRAMES)
+        assert watch.count_publishers('/markers') == watch.count_publishers('/truth') == 0
+        clean(process, process.wait())
+    assert frames_of(markers) == list(range(FRAMES))
+
+
+def test_excluded_topics_are_left_out_unless_named(bags, watch, tmp_path):
+    def earlier_run():
+        for message in frames():
+            yield message
+            yield message._replace(
+                topic='/left/hand_markers' if message.type == MARKER_ARRAY else '/joint_states')
+
+    write_bag(tmp_path / 'run.mcap', earlier_run())
+    excluded = 'joint_states hand_markers tf'
+    pictures = watch.collect(MarkerArray, '/left/hand_markers')
+    states = watch.collect(JointState, '/joint_states')
+    markers = watch.collect(MarkerArray, '/markers')
+    truth = watch.collect(JointState, '/truth')
+    with replay(tmp_path / 'run.mcap', exclude_topics=excluded) as process:
+        watch.spin_until(lambda: len(markers) == FRAMES and truth)
+        clean(process, process.wait())
+    assert not pictures and not states
+    assert process.output.count(
+        'Not played (exclude_topics): /left/hand_markers, /joint_states') == 1
+    with replay(tmp_path / 'run.mcap', exclude_topics=excluded,
+                topics='/markers /joint_states') as process:
+        watch.spin_until(lambda: len(states) == FRAMES)
+        clean(process, process.wait())
+    assert not pictures and 'Not played' not in process.output
+
+
+def test_namespace_moves_topics(bags, watch):
+    truth = watch.collect(JointState, '/left/truth')
+    markers = watch.collect(MarkerArray, '/left/markers')
+    with replay(bags / 'hand.mcap', {'__ns': '/left'}) as process:
+        watch.spin_until(lambda: len(markers) == FRAMES and truth)
+        clean(process, process.wait())
+
+
+def test_plays_the_packaged_recording():
+    with NodeProcess(MODULE, {'rate': 100.0, 'wait_for_subscriber': 0.0}) as process:
+        clean(process, process.wait())
+        assert '/demo.mcap' in process.output and 'Played to the end' in process.output
+
+
+def test_plays_alone_after_waiting(bags):
+    with replay(bags / 'hand.mcap', wait_for_subscriber=0.2) as process:
+        clean(process, process.wait())
+        assert 'no subscribers of /markers after 0.2 s' in process.output
+        assert 'Played to the end' in process.output
+
+
+def test_offered_qos_and_types_that_are_not_installed(bags, watch):
+    with replay(bags / 'mixed', wait_for_subscriber=60.0) as process:
+        watch.spin_until(lambda: watch.get_publishers_info_by_topic('/markers'))
+        qos = watch.get_publishers_info_by_topic('/markers')[0].qos_profile
+        assert qos.reliability == rclpy.qos.ReliabilityPolicy.BEST_EFFORT
+        markers = watch.collect(MarkerArray, 'markers', rclpy.qos.qos_profile_sensor_data)
+        watch.spin_until(lambda: FRAMES - 1 in frames_of(markers))
+        clean(process, process.wait())
+    assert process.output.count('/foreign: not played, no_such_msgs/msg/Nothing is not') == 1
+
+
+def test_reliable_where_the_recording_offers_nothing(bags, watch):
+    with replay(bags / 'hand.mcap', wait_for_subscriber=60.0) as process:
+        watch.spin_until(lambda: watch.get_publishers_info_by_topic('/markers'))
+        qos = watch.get_publishers_info_by_topic('/markers')[0].qos_profile
+        assert qos.reliability == rclpy.qos.ReliabilityPolicy.RELIABLE
+        process.wait_for_line('Replay waits for 1 subscriber of /markers')
+        clean(process, process.interrupt(signal.SIGTERM))
+
+
+@pytest.mark.parametrize('state', ['playing', 'paused', 'waiting'])
+def test_interrupt(bags, state):
+    parameters = {'playing': {'wait_for_subscriber': 0.0}, 'paused': {'start_paused': True},
+                  'waiting': {'wait_for_subscriber': 60.0}}[state]
+    line = 'Replay waits' if state == 'waiting' else 'Playing'
+    with replay(bags / 'long.mcap', **parameters) as process:
+        process.wait_for_line(line)
+        clean(process, process.interrupt(times=2))  # as impatient users do
+
+
+ERRORS = {
+    'missing': ({'recording': 'none.mcap'}, 'no such file or folder; expected a rosbag2 folder'),
+    'extension': ({'recording': 'hand.bag'}, "unknown extension '.bag'; expected"),
+    'folder': ({'recording': 'folder'}, 'a folder without metadata.yaml; expected'),
+    'no bytes': ({'recording': 'no_bytes.mcap'}, 'the file has no bytes; expected'),
+    'no messages': ({'recording': 'no_messages'}, 'a recording without messages; expected'),
+    'truncated mcap': ({'recording': 'truncated.mcap'}, 'expected a complete recording'),
+    'truncated db3': ({'recording': 'truncated.db3'}, 'expected a complete recording'),
+    'damaged': ({'recording': 'damaged.mcap', 'wait_for_subscriber': 0.0},
+                'expected a complete recording'),
+    'wrong type': ({'recording': 'truth.mcap'},
+                   f'no markers in /truth (sensor_msgs/msg/JointState); expected a topic of '
+                   f'{MARKER_ARRAY}'),
+    'all excluded': ({'recording': 'hand.mcap', 'exclude_topics': 'markers truth'},
+                     f'no markers in what is not excluded; expected a topic of {MARKER_ARRAY}'),
+    'topic': ({'recording': 'hand.mcap', 'topics': '/leds'},
+              'no topic /leds; expected topics among /markers, /truth'),
+    'offset': ({'recording': 'hand.mcap', 'start_offset': 2.0, 'loop': True,
+                'wait_for_subscriber': 0.0}, 'no message after start_offset 2 s; expected'),
+    'rate': ({'recording': 'hand.mcap', 'rate': 0.0}, 'rate out of range'),
+    'rate type': ({'recording': 'hand.mcap', 'rate': 'fast'}, "expecting type 'DOUBLE'"),
+}
+
+
+@pytest.mark.parametrize('name', ERRORS)
+def test_error(bags, name):
+    parameters, message = ERRORS[name]
+    recording = bags / parameters['recording']
+    with replay(**{**parameters, 'recording': recording}) as process:
+        clean(process, process.wait(), code=1)
+        output = process.output
+    errors = [line for line in output.splitlines() if 'ERROR' in line]
+    assert len(errors) == 1 and message in errors[0]
+    assert 'rate' in name or str(recording) in errors[0]
+    assert 'Played' not in output
+
+
+@pytest.fixture(scope='module')
+def srv():
+    """Services as ros2 bag play names them."""
+    return pytest.importorskip(
+        'rosbag2_interfaces.srv', reason='rosbag2_interfaces is not installed')
+
+
+def test_services_step_resume_pause_rate(bags, watch, srv):
+    def paused():
+        return watch.call(srv.IsPaused, '/replay/is_paused').paused
+
+    markers = watch.collect(MarkerArray, 'markers')
+    with replay(bags / 'long.mcap', start_paused=True, topics='/markers') as process:
+        process.wait_for_line('paused')
+        watch.spin_until(lambda: watch.count_publishers('/markers'))
+        assert paused()
+        for count in (1, 2, 3):
+            assert watch.call(srv.PlayNext, '/replay/play_next').success
+            watch.spin_until(lambda: len(markers) == count)
+        watch.spin_for(.1)
+        assert frames_of(markers) == [0, 1, 2]
+
+        watch.call(srv.Resume, '/replay/resume')
+        assert not paused()
+        assert not watch.call(srv.PlayNext, '/replay/play_next').success
+        watch.spin_until(lambda: len(markers) > 20)
+
+        watch.call(srv.Pause, '/replay/pause')
+        watch.spin_for(.1)
+        count = len(markers)
+        watch.spin_for(.2)
+        assert len(markers) == count and paused()
+
+        watch.call(srv.TogglePaused, '/replay/toggle_paused')
+        watch.spin_until(lambda: len(markers) > count + 20)
+        assert np.median(np.diff([stamp_of(m) for m in markers[-15:]])) == pytest.approx(
+            PERIOD, abs=2)
+
+        set_rate = srv.SetRate.Request
+        assert not watch.call(srv.SetRate, '/replay/set_rate', set_rate(rate=0.0)).success
+        assert watch.call(srv.SetRate, '/replay/set_rate', set_rate(rate=200.0)).success
+        watch.spin_until(lambda: frames_of(markers[-1:]) == [7199])
+        clean(process, process.wait())
+    # The queues hold fewer messages than come at 200 times the rate; in order they are.
+    assert (np.diff(frames_of(markers)) > 0).all()
+
+
+def test_a_pause_while_waiting_for_subscribers_skips_nothing(bags, watch, srv):
+    with replay(bags / 'hand.mcap', wait_for_subscriber=60.0, topics='/markers') as process:
+        process.wait_for_line('Replay waits')
+        watch.spin_for(1.)
+        watch.call(srv.Pause, '/replay/pause')
+        watch.call(srv.SetRate, '/replay/set_rate', srv.SetRate.Request(rate=2.))
+        watch.call(srv.Resume, '/replay/resume')
+        markers = watch.collect(MarkerArray, 'markers')
+        watch.spin_until(lambda: len(markers) == FRAMES)
+        clean(process, process.wait())
+    stamps = np.array([stamp_of(message) for message in markers])
+    assert np.abs(np.diff(stamps) - PERIOD / 2).max() <= 2
+
+
+def test_interrupt_while_a_step_waits_for_its_turn(bags, watch, srv):
+    with replay(bags / 'long.mcap', wait_for_subscriber=60.0) as process:
+        process.wait_for_line('Replay waits')
+        watch.call(srv.Pause, '/replay/pause')
+        client = watch.create_client(srv.PlayNext, '/replay/play_next')
+        assert client.wait_for_service(10.)
+        client.call_async(srv.PlayNext.Request())
+        watch.spin_for(.3)
+        clean(process, process.interrupt())
+
+
+def test_says_that_services_are_missing(bags, tmp_path):
+    (tmp_path / 'rosbag2_interfaces.py').write_text('raise ImportError')
+    path = os.pathsep.join([str(tmp_path), os.environ.get('PYTHONPATH', '')])
+    with NodeProcess(MODULE, {'recording': str(bags / 'hand.mcap'), 'wait_for_subscriber': 0.0},
+                     environment={'PYTHONPATH': path}) as process:
+        clean(process, process.wait())
+    assert process.output.count('rosbag2_interfaces is not installed: playing without') == 1

@@ -1,0 +1,108 @@
+"""The skin node: triangles where the joint states put the hand, only while somebody looks."""
+
+import os
+import sys
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('skimage', reason='scikit-image is not installed')
+
+from builtin_interfaces.msg import Time  # noqa: E402
+from helpers.ros_process import NodeProcess, Process, watching_node  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from visualization_msgs.msg import Marker  # noqa: E402
+
+from hand_tracker.core.model.hand import JOINTS, Hand  # noqa: E402
+from hand_tracker.core.model.kinematics import forward, joint_table  # noqa: E402
+from hand_tracker.messages.builders import joint_state, prefixed_names  # noqa: E402
+from hand_tracker.simulation.poses import pose_angles  # noqa: E402
+from hand_tracker.skin import deform, load_skin  # noqa: E402
+
+MODULE = 'hand_tracker.nodes.skin_node'
+LEFT = Hand.scaled(side='left')
+RATE = 100.     # of the joint states [Hz]
+PERIOD = 1. / 30.
+# What a Marker display of RViz asks for, unless told otherwise.
+RVIZ = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE,
+                  durability=DurabilityPolicy.VOLATILE)
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture(scope='module')
+def cache(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv('XDG_CACHE_HOME', str(tmp_path_factory.mktemp('cache')))
+        yield
+
+
+def test_triangles_are_the_deformed_skin_while_somebody_looks(cache):
+    skin = load_skin(LEFT)
+    names, angles = prefixed_names('left_'), pose_angles('pinch', LEFT)
+    expected = deform(skin, forward(joint_table(LEFT), angles))[skin.faces].reshape(-1, 3)
+    with NodeProcess(MODULE, {'side': 'left'}) as process, watching_node() as node:
+        publisher = node.create_publisher(JointState, 'joint_states', 10)
+        process.wait_for_line('a skin of')
+        sent = []
+
+        def send():
+            sent.append(Time(sec=1 + len(sent)))
+            publisher.publish(joint_state(sent[-1], names, angles))
+            publisher.publish(JointState(name=['wheel'], position=[1.]))
+
+        node.create_timer(1. / RATE, send)
+        node.spin_for(1.)
+        assert publisher.get_subscription_count() == 0
+        heard = []
+        looking = node.create_subscription(
+            Marker, 'hand_skin', lambda marker: heard.append((time.monotonic(), marker)), RVIZ)
+        node.spin_until(lambda: len(heard) > 30)
+        times, markers = zip(*heard)
+        assert (times[-1] - times[0]) / (len(times) - 1) > .9 * PERIOD
+        marker = markers[-1]
+        assert marker.type == Marker.TRIANGLE_LIST
+        assert (marker.ns, marker.header.frame_id, marker.frame_locked) == (
+            'left_skin', 'left_wrist', True)
+        assert marker.header.stamp in sent
+        places = np.array([(point.x, point.y, point.z) for point in marker.points])
+        np.testing.assert_allclose(places, expected, rtol=0., atol=1e-9)
+        node.destroy_subscription(looking)
+        node.spin_until(lambda: publisher.get_subscription_count() == 0)
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output
+
+
+def test_it_takes_a_small_part_of_a_core(cache):
+    command = [sys.executable, '-m', 'hand_tracker.nodes.entry', 'skin']
+    with Process(command) as process, watching_node() as node:
+        publisher = node.create_publisher(JointState, 'joint_states', 10)
+        names, angles = prefixed_names('right_'), np.zeros(len(JOINTS))
+        node.create_timer(1. / RATE, lambda: publisher.publish(joint_state(Time(), names, angles)))
+        heard = []
+        node.create_subscription(Marker, 'hand_skin', heard.append, 1, raw=True)
+        node.spin_until(lambda: len(heard) > 5)
+        before = process.processor_time
+        node.spin_for(2.)
+        assert process.processor_time - before < 1.
+
+
+def test_without_its_libraries_it_says_what_is_missing(tmp_path):
+    (tmp_path / 'skimage').mkdir()
+    (tmp_path / 'skimage' / '__init__.py').write_text('raise ImportError')
+    path = os.pathsep.join((str(tmp_path), os.environ.get('PYTHONPATH', '')))
+    missing = {'PYTHONPATH': path, 'XDG_CACHE_HOME': str(tmp_path)}
+    with NodeProcess(MODULE, environment=missing) as process:
+        assert process.wait() == 1
+    assert process.output.count('making the skin of a hand needs scikit-image') == 1
+    assert 'Traceback' not in process.output
+
+
+def test_a_mesh_that_is_none_ends_it_with_one_line(tmp_path):
+    with NodeProcess(MODULE, {'mesh': str(tmp_path / 'none.obj')}) as process:
+        assert process.wait() == 1
+    assert 'none.obj: No such file' in process.output
+    assert 'Traceback' not in process.output

@@ -1,0 +1,756 @@
+"""The tracker node over DDS, in a process of its own."""
+
+import inspect
+import os
+import re
+import sys
+import time
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from threading import Event, Thread
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+
+import rclpy.time  # noqa: E402
+from builtin_interfaces.msg import Time  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
+from geometry_msgs.msg import Point, Pose  # noqa: E402
+from helpers.ros_process import NodeProcess, Process, watching_node  # noqa: E402
+from rcl_interfaces.msg import ParameterType  # noqa: E402
+from rcl_interfaces.srv import (  # noqa: E402
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
+from rosgraph_msgs.msg import Clock  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
+
+from hand_tracker.core.model.hand import DIGITS, JOINTS, LINKS, Hand, preset_limits  # noqa: E402
+from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets  # noqa: E402
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions  # noqa: E402
+from hand_tracker.core.model.states import PalmState  # noqa: E402
+from hand_tracker.core.tracker import HandTracker  # noqa: E402
+from hand_tracker.files.hand_file import load_hand, save_hand  # noqa: E402
+from hand_tracker.messages.marker_array import seconds  # noqa: E402
+from hand_tracker.tracking.distal_flexion import DISTAL_JOINTS  # noqa: E402
+
+MODULE = 'hand_tracker.nodes.tracker_node'
+CONFIG = Path(__file__).parents[2] / 'config' / 'tracker.yaml'
+BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+PERIOD = 8_333_333  # of the frames [ns]
+LATE = 120_000      # number of a frame long after those of a test
+# Bent well away from the singular poses, so that seeing it twice changes nothing; of the
+# thumb's angles, one marker tells some combinations only.
+BENT = np.array(((0., .05, .5, .8, .32),) * 4 + ((.1, -.1, .05, .2, .2),)).ravel()
+RIGHT = Hand.scaled()
+
+
+def hand_at(angles=BENT, hand=RIGHT, layout=MarkerLayout(), offset=(0., 0., 1.), turn=0.):
+    """Return the eight markers of a hand in a pose."""
+    c, s = np.cos(turn), np.sin(turn)
+    at = np.array(((c, -s, 0.), (s, c, 0.), (0., 0., 1.))), np.array(offset)
+    return marker_positions(
+        layout.mounting(hand), forward(joint_table(hand), angles, *at), *at)
+
+
+@pytest.fixture(scope='module', autouse=True)
+def solved():
+    """Return what the tracker finds of that hand; compiles before nodes are waited for."""
+    angles = HandTracker().update(hand_at()).angles
+    assert np.allclose(angles[:20], BENT[:20], rtol=0, atol=1e-9)
+    return angles
+
+
+def motion(hand, count=40):
+    """Return frames of a moving hand that loses markers in every known way."""
+    frames = []
+    for t in np.linspace(0., 2., count):
+        angles = np.clip(BENT * (1. + .4 * np.sin(3. * t)), *hand.limits.T)
+        frames.append(hand_at(angles, hand, offset=(.1 * t, .05, 1.), turn=.5 * t))
+    frames[10][4] = np.nan
+    frames[11][4] = frames[12][6] = 0.
+    frames[15][1] = np.nan
+    frames[20][:3] = np.nan
+    frames[25][3] = 1e300
+    return frames
+
+
+def stamp_of(number):
+    """Return the stamp of a frame; that of frame 0 is zero."""
+    sec, nanosec = divmod(number * PERIOD, 10**9)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def message(positions, number, frame='mocap', ns='leds'):
+    """Return the MarkerArray of a frame; rows of NaN are left out every other time."""
+    array = MarkerArray()
+    for slot, position in enumerate(positions):
+        if number % 2 and np.isnan(position).all():
+            continue
+        marker = Marker(ns=ns, id=slot, type=Marker.SPHERE)
+        marker.header.frame_id = frame
+        marker.header.stamp = stamp_of(number)
+        at = marker.pose.position
+        at.x, at.y, at.z = map(float, position)
+        array.markers.append(marker)
+    return array
+
+
+def begun_anew(tracker, frame):
+    """Return a tracker for which time is to jump back, as for that of a bench."""
+    for number in (LATE, LATE + 1, 1):
+        tracker.update(frame, seconds(stamp_of(number)))
+    return tracker
+
+
+class Bench:
+    """A tracker node and one that sends it markers and sees what comes of them."""
+
+    def __init__(self, process, node, qos, name):
+        self.process, self.node, self._name = process, node, name
+        self.publisher = node.create_publisher(MarkerArray, 'markers', qos)
+        self.joint_states = node.collect(JointState, 'joint_states')
+        self.number = 0
+
+    def send(self, positions, **fields):
+        """Send a frame; return the stamp that it has."""
+        self.number += 1
+        self.publisher.publish(message(positions, self.number, **fields))
+        return stamp_of(self.number)
+
+    def answer(self, positions, **fields):
+        """Send a frame; return the JointState of its stamp."""
+        stamp = self.send(positions, **fields)
+        self.node.spin_until(lambda: self.joint_states and (
+            self.joint_states[-1].header.stamp == stamp))
+        return self.joint_states[-1]
+
+    def angles(self, positions, **fields):
+        """Send a frame; return the angles of its JointState."""
+        return np.array(self.answer(positions, **fields).position)
+
+    def meet(self, positions, heard=(), **fields):
+        """Send a frame until all that is to be heard is heard; then time jumps back."""
+        self.process.wait_for_line('listening')
+        self.node.spin_until(lambda: self.publisher.get_subscription_count() > 0)
+        self.number = max(self.number, LATE)
+        while not (self.joint_states and all(heard)):
+            self.send(positions, **fields)
+            self.node.spin_for(.05)
+        self.jump_back(positions, **fields)
+
+    def jump_back(self, positions, **fields):
+        """Send an early frame, which may have a stray stamp; time jumps back with the next."""
+        self.number = 0
+        self.send(positions, **fields)
+
+    def parameters(self, kind, service, **request):
+        """Call one of the node's parameter services."""
+        return self.node.call(kind, f'{self._name}/{service}', kind.Request(**request))
+
+    def set(self, values):
+        """Set parameters all at once; return the result."""
+        return self.parameters(SetParametersAtomically, 'set_parameters_atomically',
+                               parameters=messages(values)).result
+
+
+def messages(values):
+    """Return parameters as messages."""
+    return [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+
+
+@contextmanager
+def tracking(parameters=None, qos=10, remaps=None):
+    """Yield a bench that loses nothing; its node must end well in the middle of its work."""
+    parameters = {'qos.markers.reliability': 'reliable', **(parameters or {})}
+    with NodeProcess(MODULE, parameters, remaps) as process, watching_node() as node:
+        bench = Bench(process, node, qos, 'hand_tracker')
+        yield bench
+        process.wait_for_line('listening')
+        with sending(bench):
+            assert process.interrupt(timeout=5.) == 0, process.output
+        assert 'Traceback' not in process.output
+
+
+@contextmanager
+def sending(bench):
+    """Send frames all the while."""
+    ended, array = Event(), message(hand_at(), 1)
+
+    def send():
+        while not ended.wait(.0005):
+            bench.publisher.publish(array)
+
+    thread = Thread(target=send)
+    thread.start()
+    try:
+        bench.node.spin_for(.05)
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def lines(process, text):
+    """Return the lines of a process's output that have a text."""
+    return [line for line in process.output.splitlines() if text in line]
+
+
+def matrix(transform):
+    """Return a transform as a homogeneous matrix."""
+    q, at = transform.rotation, transform.translation
+    x, y, z, w = q.x, q.y, q.z, q.w
+    return np.array((
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), at.x),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), at.y),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), at.z),
+        (0., 0., 0., 1.)))
+
+
+def test_joint_states_are_those_of_the_core():
+    frames = motion(RIGHT)
+    tracker = begun_anew(HandTracker(), frames[0])
+    with tracking() as bench:
+        bench.meet(frames[0])
+        for frame in frames:
+            heard = bench.answer(frame)
+            state = tracker.update(np.where(frame.any(axis=1)[:, None], frame, np.nan),
+                                   seconds(heard.header.stamp))
+            assert list(heard.name) == [f'right_{joint}' for joint in JOINTS]
+            assert np.array_equal(heard.position, state.angles)
+        assert bench.node.count_subscribers('hand_markers') == 0
+        check_picture(bench, state.palm)
+        bench.process.wait_for_line(': tracking')
+        assert len(lines(bench.process, ': tracking')) == 1
+
+
+def check_picture(bench, palm):
+    """Check that the hand's picture is made once someone looks."""
+    assert palm == PalmState.TRACKED
+    pictures = bench.node.collect(MarkerArray, 'hand_markers')
+    bench.meet(hand_at(), heard=(pictures,))
+    stamp = bench.answer(hand_at()).header.stamp
+    bench.node.spin_until(lambda: pictures[-1].markers[0].header.stamp == stamp)
+    parts = {part.ns: part for part in pictures[-1].markers}
+    assert set(parts) == {'right_bones', 'right_joints', 'right_markers'}
+    assert all(part.header.frame_id == 'mocap' for part in parts.values())
+    shown = [(p.x, p.y, p.z) for p in parts['right_markers'].points]
+    assert np.array_equal(shown, hand_at())
+    assert bench.set({'display_rate': 5.}).successful
+    bench.answer(hand_at())
+    del pictures[:]
+    before = time.monotonic()
+    while time.monotonic() < before + 1.:
+        bench.answer(hand_at())
+    bench.node.spin_for(.1)
+    assert 3 <= len(pictures) <= 5. * (time.monotonic() - before) + 2.
+
+
+def test_transforms_of_every_frame_are_those_of_the_core():
+    kind = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs and tf2_ros').TFMessage
+    hand = RIGHT.mirrored()
+    frames = motion(hand, 30)
+    tracker = begun_anew(HandTracker(hand), frames[0])
+    with tracking({'side': 'left', 'broadcast': 'all'}) as bench:
+        moving, static = bench.node.collect(kind, '/tf'), bench.node.collect(
+            kind, '/tf_static', LATCHED)
+        bench.meet(frames[0], heard=(moving, static))
+        for frame in frames:
+            stamp = bench.answer(frame).header.stamp
+            state = tracker.update(np.where(frame.any(axis=1)[:, None], frame, np.nan),
+                                   seconds(stamp))
+            bench.node.spin_until(
+                lambda stamp=stamp: moving[-1].transforms[0].header.stamp == stamp)
+            world = {'mocap': np.eye(4)}
+            for sent in moving[-1].transforms:
+                assert sent.header.stamp == stamp
+                world[sent.child_frame_id] = (
+                    world[sent.header.frame_id] @ matrix(sent.transform))
+            assert len(world) == 2 + len(LINKS)
+            wrist = world['left_wrist']
+            assert np.allclose(wrist[:3, :3], state.wrist_rotation, rtol=0, atol=1e-12)
+            assert np.allclose(wrist[:3, 3], state.wrist_position, rtol=0, atol=1e-12)
+            for i, link in enumerate(LINKS):
+                pose = world[f'left_{link}']
+                assert np.allclose(pose[:3, :3], state.pose.rotation[i], rtol=0, atol=1e-12)
+                assert np.allclose(pose[:3, 3], state.pose.position[i], rtol=0, atol=1e-12)
+        tips = {sent.child_frame_id: sent for sent in static[0].transforms}
+        for digit, offset in zip(DIGITS, tip_offsets(hand)):
+            sent = tips[f'left_{digit}_tip']
+            assert sent.header.frame_id == f'left_{digit}_distal'
+            assert np.array_equal(matrix(sent.transform)[:3, 3], offset)
+
+
+def test_wrist_alone_with_a_hand_file_and_names_of_ones_own(tmp_path):
+    kind = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs and tf2_ros').TFMessage
+    hand = Hand.scaled(.2, .095, side='left', limits=preset_limits('wide'))
+    layout = MarkerLayout(offsets=np.full((8, 3), .004))
+    save_hand(tmp_path / 'hand.yaml', hand, layout)
+    tracker = HandTracker(hand, layout)
+    angles = BENT * np.where([joint.endswith('pip_flexion') for joint in JOINTS], 2.3, 1.)
+    frame = hand_at(angles, hand, layout)
+    state = tracker.update(frame)
+    assert np.degrees(state.angles).max() > 100.
+    with tracking({'hand_file': str(tmp_path / 'hand.yaml'), 'prefix': 'me/',
+                   'wrist_frame': 'strap'}) as bench:
+        moving, static = bench.node.collect(kind, '/tf'), bench.node.collect(
+            kind, '/tf_static', LATCHED)
+        bench.meet(frame, heard=(moving,))
+        heard = bench.answer(frame)
+        bench.node.spin_until(lambda: moving[-1].transforms[0].header.stamp == heard.header.stamp)
+        assert not static
+        assert list(heard.name) == [f'me/{joint}' for joint in JOINTS]
+        assert np.allclose(heard.position, state.angles, rtol=0, atol=1e-9)
+        sent, = moving[-1].transforms
+        assert (sent.header.frame_id, sent.child_frame_id) == ('mocap', 'strap')
+        assert np.allclose(matrix(sent.transform)[:3, 3], state.wrist_position, rtol=0, atol=1e-9)
+
+
+def test_parameters_at_run_time(solved):
+    pip = JOINTS.index('index_pip_flexion')
+    upper, lower = (f'limits.index_pip_flexion.{bound}_deg' for bound in ('upper', 'lower'))
+    frame = hand_at()
+    with tracking() as bench:
+        bench.meet(frame)
+        assert bench.angles(frame)[pip] == pytest.approx(BENT[pip])
+        assert bench.set({upper: 20.}).successful
+        assert bench.angles(frame)[pip] == np.radians(20.)
+
+        for values, reason in (
+                ({upper: 30., lower: 5.}, rf'{lower} out of range.*Min: -180.*Max: 0.*value: 5'),
+                ({upper: 30., 'finger_ik': 'magic'},
+                 "finger_ik: 'magic' is not one of closed_form, fabrik"),
+                ({upper: 30., 'side': 'left'}, 'read-only parameter: side'),
+                ({upper: 30., 'labels.wrist': 7}, "labels.thumb: '7' is already wrist's"),
+                ({upper: 30., 'labels.wrist': 'led'}, "labels.wrist: 'led'; expected an id"),
+                ({upper: 30., 'unit_scale': 0.}, 'unit_scale out of range'),
+                ({upper: float('nan')}, f'{upper} out of range'),
+                ({upper: 30}, 'DOUBLE.*INTEGER')):
+            result = bench.set(values)
+            assert not result.successful
+            assert re.search(reason, result.reason), result.reason
+            assert bench.angles(frame)[pip] == np.radians(20.)
+
+        one_by_one = bench.parameters(
+            SetParameters, 'set_parameters', parameters=messages({upper: 30., lower: 5.})).results
+        assert [result.successful for result in one_by_one] == [True, False]
+        assert bench.angles(frame)[pip] == np.radians(30.)
+
+        # Two sets in one go, and one that needs the other.
+        assert bench.set({upper: 95., 'labels.wrist': 90}).successful
+        assert bench.set({'labels.thumb': '0', 'labels.wrist': 'leds/7'}).successful
+        swapped = frame[[7, *range(1, 7), 0]]
+        assert np.allclose(bench.angles(swapped), solved, rtol=0, atol=1e-6)
+
+        assert bench.set({'coupling.index.slope': .5, 'finger_ik': 'fabrik'}).successful
+        angles = bench.angles(swapped)
+        assert angles[JOINTS.index('index_dip_flexion')] == pytest.approx(.5 * angles[pip])
+        assert angles[pip] == pytest.approx(BENT[pip], abs=1e-3)
+
+
+def test_a_misspelt_parameter_is_named_and_help_starts_no_node():
+    with NodeProcess(MODULE, {'hand_lenght': .19, 'rigidity': False}) as process:
+        process.wait_for_line("there is no parameter 'hand_lenght': left out; "
+                              "did you mean 'hand_length'?")
+        assert process.interrupt() == 0
+    assert 'rigidity' not in process.output
+    for node, command in (('tracker', False), ('skin', True)):
+        with Process([sys.executable, '-m', 'hand_tracker.nodes.entry', node, '--help']) as shown:
+            assert shown.wait() == 0
+        assert f'usage: ros2 run hand_tracker {node}' in shown.output
+        assert (f'hand_tracker {node} --help' in shown.output) == command
+
+
+def test_the_documented_parameter_file_changes_nothing_and_all_is_described(tmp_path):
+    file = tmp_path / 'hand.yaml'
+    save_hand(file, Hand.scaled(
+        .2, .1, side='left', limits=.5 * preset_limits('wide'),
+        coupling=((.7, np.radians(3.)),) * 5).with_paper_thumb(), MarkerLayout())
+    with NodeProcess(MODULE, {'hand_file': str(file)}) as process, watching_node() as node:
+        plain = described(Bench(process, node, 10, 'hand_tracker'))
+        assert process.interrupt() == 0
+    with NodeProcess(MODULE, files=[CONFIG], parameters={'hand_file': str(file)}) as process, \
+            watching_node() as node:
+        bench = Bench(process, node, 10, 'hand_tracker')
+        assert described(bench) == plain
+        bench.meet(hand_at(hand=load_hand(file)[0]))
+        assert process.interrupt() == 0
+    for joint in JOINTS:
+        assert {f'limits.{joint}.lower_deg', f'limits.{joint}.upper_deg'} <= set(plain)
+    for name, (value, about) in plain.items():
+        assert about.description, name
+        if value.type in (ParameterType.PARAMETER_INTEGER, ParameterType.PARAMETER_DOUBLE):
+            assert len(about.integer_range) + len(about.floating_point_range) == 1, name
+
+
+def described(bench):
+    """Return value and description of every parameter of ours, by name."""
+    names = [name for name in bench.parameters(ListParameters, 'list_parameters').result.names
+             if name != 'use_sim_time' and not name.startswith('start_type_description')]
+    return dict(zip(names, zip(
+        bench.parameters(GetParameters, 'get_parameters', names=names).values,
+        bench.parameters(DescribeParameters, 'describe_parameters', names=names).descriptors)))
+
+
+def test_phasespace_messages_in_millimetres(solved):
+    frame = hand_at()
+    parameters = {'unit_scale': .001, 'mocap_frame': 'mocap'}
+    parameters.update({f'labels.{marker}': f'leds/{10 + i}' for i, marker in enumerate(MARKERS)})
+
+    def phasespace(number):
+        array = message(1000. * frame, number)
+        for marker in array.markers[:]:
+            marker.id += 10
+            text = Marker(header=marker.header, ns='ids', id=marker.id,
+                          type=Marker.TEXT_VIEW_FACING, pose=Pose())
+            at = marker.pose.position
+            text.pose.position = Point(x=at.x, y=at.y, z=at.z + 40.)
+            array.markers.append(text)
+        array.markers.insert(0, Marker(action=Marker.DELETEALL))
+        return array
+
+    with tracking(parameters, remaps={'markers': 'phase_space_markers'}) as bench:
+        bench.publisher = bench.node.create_publisher(MarkerArray, 'phase_space_markers', 10)
+        bench.process.wait_for_line('listening for markers on /phase_space_markers')
+        bench.node.spin_until(lambda: bench.publisher.get_subscription_count() > 0)
+        number = 0
+        while not bench.joint_states:
+            number += 1
+            bench.publisher.publish(phasespace(number))
+            bench.node.spin_for(.05)
+        assert np.allclose(bench.joint_states[-1].position, solved, rtol=0, atol=1e-6)
+
+
+def test_junk_is_survived_and_logged_within_bounds(solved):
+    rng = np.random.default_rng(3)
+    frame = hand_at()
+    junk = [MarkerArray(), MarkerArray(markers=[Marker(action=Marker.DELETEALL)])]
+    for i in range(10):
+        junk += [
+            message(rng.standard_normal((8, 3)) * 10.**rng.uniform(-300, 300), 1, frame=f'{i}'),
+            message(rng.choice((np.nan, np.inf, 0., 1e300), (8, 3)), 0),
+            message(np.zeros((8, 3)), 0, ns=''),
+            message(np.repeat(frame[:1], 8, axis=0), 1),
+            message(frame[[0, 0, 1, 1, 4, 4, 7, 7]], 1),
+            message(frame, 0, frame=''),
+            MarkerArray(markers=message(frame, 1).markers * 20),
+            MarkerArray(markers=message(frame, 1).markers[:4]
+                        + message(frame, 1, frame=f'{i}').markers[4:]),
+            MarkerArray(markers=[Marker(id=j, type=j, action=j % 4, ns=f'{i}', points=[Point()])
+                                 for j in range(13)]),
+            message(frame, 1, ns='x' * 1000)]
+    with tracking({'qos.markers.depth': 1000}, 1000) as bench:
+        bench.meet(frame)
+        for i in range(1000):
+            bench.publisher.publish(junk[i % len(junk)])
+        bench.publisher.publish(message(frame, 0))
+        bench.number = LATE
+        for _ in range(2):
+            bench.send(frame)
+        bench.jump_back(frame)
+        assert np.allclose(bench.angles(frame), solved, rtol=0, atol=1e-6)
+        for heard in bench.joint_states:
+            assert np.isfinite(heard.position).all()
+            assert (heard.position >= RIGHT.limits[:, 0]).all()
+            assert (heard.position <= RIGHT.limits[:, 1]).all()
+        assert len(bench.process.output.splitlines()) < 60
+
+
+def test_markers_without_stamp_or_frame_from_a_best_effort_publisher():
+    with tracking({'qos.markers.reliability': 'best_effort'}, BEST_EFFORT) as bench:
+        bench.meet(hand_at())
+        del bench.joint_states[:]
+        before = bench.node.get_clock().now()
+        array = message(hand_at(), 0, frame='')
+        while len(bench.joint_states) < 5:
+            bench.publisher.publish(array)
+            bench.node.spin_for(.02)
+        stamp = rclpy.time.Time.from_msg(bench.joint_states[-1].header.stamp)
+        assert before <= stamp <= bench.node.get_clock().now()
+        bench.process.wait_for_line('have no frame')
+        assert len(lines(bench.process, 'have no stamp')) == 1
+        assert len(lines(bench.process, 'have no frame')) == 1
+
+
+def test_stamps_of_any_kind_and_what_is_told_of_the_state():
+    whole = hand_at()
+    without_index, palmless = whole.copy(), whole.copy()
+    without_index[3] = palmless[0] = np.nan
+    with tracking() as bench:
+        told = bench.node.collect(DiagnosticArray, '/diagnostics')
+        confidence = bench.node.collect(JointState, 'joint_confidence')
+        bench.meet(whole, heard=(told, confidence))
+        check_stamps(bench, whole, palmless)
+        check_confidence(bench, whole, without_index, confidence)
+        check_diagnostics(bench, whole, without_index, told)
+
+
+def check_stamps(bench, whole, palmless):
+    """Check that repeated stamps are served, and that all begins anew where they jump back."""
+    stamp = bench.answer(whole).header.stamp
+    del bench.joint_states[:]
+    for _ in range(5):
+        bench.number -= 1
+        assert bench.send(whole) == stamp
+    bench.node.spin_until(lambda: len(bench.joint_states) == 5)
+    assert all(heard.header.stamp == stamp for heard in bench.joint_states)
+    bench.number = LATE
+    for _ in range(2):
+        bench.answer(whole)
+    bench.number = 0
+    del bench.joint_states[:]
+    # Until the next goes on from it, the stamp is a stray one.
+    first = bench.answer(palmless).header.stamp
+    for _ in range(3):
+        bench.send(palmless)
+    stamp = bench.answer(whole).header.stamp
+    assert [heard.header.stamp for heard in bench.joint_states] == [first, stamp]
+    bench.process.wait_for_line('jumped back')
+    assert len(lines(bench.process, 'jumped back')) == 1
+
+
+def check_confidence(bench, whole, without_index, confidence):
+    """Check that the confidence is that of the core, with the stamp of the joint states."""
+    bench.number = LATE
+    for _ in range(2):
+        bench.answer(whole)
+    bench.jump_back(whole)
+    tracker = begun_anew(HandTracker(), whole)
+    for frame in (whole, without_index, without_index):
+        stamp = bench.answer(frame).header.stamp
+        bench.node.spin_until(lambda stamp=stamp: confidence[-1].header.stamp == stamp)
+        assert list(confidence[-1].name) == list(bench.joint_states[-1].name)
+        assert np.array_equal(
+            confidence[-1].position, tracker.update(frame, seconds(stamp)).confidence)
+
+
+def check_diagnostics(bench, whole, without_index, told):
+    """Check that changes are told at once, within bounds, and the state once a second."""
+    def until(positions, key, value):
+        def sent():
+            bench.send(positions)
+            bench.node.spin_for(.01)
+            return values(told[-1])[key].startswith(value)
+        bench.node.spin_until(sent)
+
+    until(whole, 'index marker', 'seen')
+    before = time.monotonic()
+    until(without_index, 'index marker', 'predicted for 0.')
+    assert time.monotonic() - before < .9
+    status, = told[-1].status
+    assert (status.name, status.hardware_id) == ('hand_tracker: right hand', '/markers')
+    assert (status.level, status.message) == (DiagnosticStatus.OK, 'tracking')
+    until(np.full((8, 3), 1e6), 'palm', 'lost')
+    assert told[-1].status[0].level == DiagnosticStatus.ERROR
+    until(whole, 'palm', 'tracked')
+    bench.node.spin_until(lambda: values(told[-1])['latency p50 [ms]'])
+    assert 0. < float(values(told[-1])['latency p50 [ms]']) <= float(
+        values(told[-1])['latency p99 [ms]']) <= float(values(told[-1])['latency max [ms]'])
+    assert values(told[-1])['frames dropped'].isdigit()
+
+    del told[:]
+    before = time.monotonic()
+    for i in range(200):
+        bench.send(without_index if i % 2 else whole)
+        bench.node.spin_for(.01)
+    assert 5 < len(told) <= (time.monotonic() - before) * (10 + 1) + 2
+    bench.node.spin_for(.2)
+    del told[:]
+    before = bench.node.get_clock().now()
+    bench.node.spin_for(3.2)
+    assert 2 <= len(told) <= 4
+    assert before < rclpy.time.Time.from_msg(told[-1].header.stamp) < bench.node.get_clock().now()
+    bench.node.spin_until(lambda: told[-1].status[0].level == DiagnosticStatus.STALE)
+    assert values(told[-1])['rate [Hz]'] == '0.0'
+
+
+def values(told):
+    """Return the values of a message of diagnostics by key."""
+    return {pair.key: pair.value for pair in told.status[0].values}
+
+
+def test_simulated_time():
+    whole = hand_at()
+    with tracking({'use_sim_time': True}) as bench:
+        clock = bench.node.create_publisher(Clock, '/clock', 1)
+        bench.process.wait_for_line('listening')
+        bench.node.spin_until(lambda: bench.publisher.get_subscription_count() > 0
+                              and clock.get_subscription_count() > 0)
+        # Backwards too, as where a recording begins again.
+        for now in (Time(sec=100), Time(sec=100, nanosec=10**7), Time(sec=5),
+                    Time(sec=5, nanosec=10**7)):
+            def heard(now=now):
+                clock.publish(Clock(clock=now))
+                bench.publisher.publish(message(whole, 0))
+                bench.node.spin_for(.02)
+                return bench.joint_states and bench.joint_states[-1].header.stamp == now
+            bench.node.spin_until(heard)
+        bench.process.wait_for_line('jumped back')
+
+
+def test_a_looped_recording_on_its_own_clock():
+    replayed = {'loop': True, 'clock': 100., 'start_offset': 21.5, 'topics': '/markers'}
+    with tracking({'use_sim_time': True}) as bench:
+        bench.process.wait_for_line('listening')
+        with NodeProcess('hand_tracker.nodes.replay_node', replayed) as replay:
+            bench.process.wait_for_line('jumped back')
+            del bench.joint_states[:]
+            bench.node.spin_for(2.5)
+            times = [seconds(heard.header.stamp) for heard in bench.joint_states]
+            assert replay.interrupt() == 0
+    steps = np.diff(times)
+    assert len(times) > 200
+    assert 1 <= (steps < 0.).sum() <= 3
+    assert steps[steps > 0.].max() < .5 and not (steps == 0.).any()
+    assert len(lines(bench.process, 'jumped back')) == 1
+
+
+@pytest.mark.skipif('distal_flexion' not in inspect.signature(HandTracker.update).parameters,
+                    reason='the core takes no measured flexion yet')
+def test_measured_flexion_of_a_last_joint_replaces_its_coupling_while_it_is_fresh():
+    dip = JOINTS.index(DISTAL_JOINTS[0])
+    measured = JointState(name=['right_index_dip_flexion', 'nose', 'thumb_ip_flexion'],
+                          position=[.4, .1, float('nan')])
+    with tracking({'distal_flexion_timeout': 1.}) as bench:
+        flexion = bench.node.create_publisher(JointState, 'distal_flexion', 10)
+        bench.meet(hand_at())
+        coupled = bench.angles(hand_at())
+        bench.node.spin_until(lambda: flexion.get_subscription_count() > 0)
+
+        def follows():
+            flexion.publish(measured)
+            angles = bench.angles(hand_at())
+            return abs(angles[dip] - .4) < 1e-3 and np.allclose(
+                np.delete(angles, dip), np.delete(coupled, dip), rtol=0, atol=1e-3)
+
+        bench.node.spin_until(follows)
+        bench.node.spin_until(
+            lambda: np.allclose(bench.angles(hand_at()), coupled, rtol=0, atol=1e-3))
+        bench.process.wait_for_line("left out is 'nose'")
+        assert len(lines(bench.process, 'left out is')) == 1
+
+
+def test_says_once_when_no_label_matches():
+    with tracking({'labels.wrist': 'hand/0'}) as bench:
+        bench.process.wait_for_line('listening')
+        array = message(hand_at(), 1)
+        for marker in array.markers:
+            marker.id += 100
+
+        def keep_sending():
+            bench.publisher.publish(array)
+            return 'have held no marker of the hand' in bench.process.output
+
+        bench.node.spin_until(keep_sending)
+        for _ in range(20):
+            keep_sending()
+            bench.node.spin_for(.02)
+        line, = lines(bench.process, 'have held no marker of the hand')
+        assert "'leds/100'" in line and "'hand/0' (wrist)" in line
+        assert not bench.joint_states
+
+
+def test_says_when_nothing_can_come_even_without_a_clock():
+    with tracking({'use_sim_time': True}, BEST_EFFORT) as bench:
+        bench.process.wait_for_line('no markers on /markers for 3 s: /test publishes with best '
+                                    'effort')
+
+
+def test_says_when_the_palm_is_lost_and_found_even_without_tf2_ros(
+        tmp_path, monkeypatch, solved):
+    (tmp_path / 'tf2_ros.py').write_text('raise ImportError')
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path), prepend=os.pathsep)
+    frame = hand_at()
+    lost = frame.copy()
+    lost[:3] = np.nan
+    with tracking({'stale': 'hold'}) as bench:
+        bench.process.wait_for_line('listening')
+        bench.node.spin_until(lambda: bench.publisher.get_subscription_count() > 0)
+
+        def until(positions, said):
+            def sent():
+                bench.send(positions)
+                return said in bench.process.output
+            bench.node.spin_until(sent)
+
+        until(lost, 'waiting for the palm')
+        assert not bench.joint_states
+        until(frame, ': tracking')
+        until(lost, 'the palm is lost')
+        # The digits keep their places in the palm.
+        assert np.allclose(bench.angles(lost), solved, rtol=0, atol=np.radians(2.))
+        until(frame, 'tracking again')
+        assert len(lines(bench.process, 'tf2_ros is not installed')) == 1
+
+
+def test_a_wrong_start_ends_with_one_line_and_exit_code_1(tmp_path):
+    bad = tmp_path / 'hand.yaml'
+    bad.write_text('finger_bones_mm: {index: [45, 26, 900]}')
+    cases = (
+        ({'side': 'middle'}, r"\]: side: 'middle' is not one of auto, right, left$"),
+        ({'hand_breadth': 1}, "'hand_breadth'.*expecting type 'DOUBLE'$"),
+        ({'limits.ring_mcp_flexion.upper_deg': -1.}, 'ring_mcp_flexion.upper_deg out of range'),
+        ({'labels.thumb': '0'}, "labels.thumb: '0' is already wrist's"),
+        ({'hand_file': str(bad)}, r'hand_file: .*hand.yaml: finger_bones_mm.index.*900'))
+    with ExitStack() as stack:
+        started = [(stack.enter_context(NodeProcess(
+            MODULE, parameters, environment={'HAND_TRACKER_JIT': '0'})), said)
+            for parameters, said in cases]
+        for process, said in started:
+            assert process.wait() == 1, process.output
+            line, = process.output.splitlines()
+            assert '[ERROR]' in line
+            assert re.search(said, line), line
+
+
+def test_a_lack_of_numba_is_told_in_one_line(tmp_path):
+    (tmp_path / 'numba.py').write_text('raise ImportError')
+    path = os.pathsep.join((str(tmp_path), os.environ.get('PYTHONPATH', '')))
+    with NodeProcess(MODULE, environment={'PYTHONPATH': path}) as process:
+        process.wait_for_line('listening')
+        warning, = lines(process, 'slower')
+        assert '[WARN]' in warning and 'numba is not installed' in warning
+        assert 'pip install numba' in warning and 'compiles' not in process.output
+
+
+def test_numba_turned_off_is_told_in_one_line():
+    pytest.importorskip('numba', reason='numba is not installed: there is nothing to turn off')
+    with NodeProcess(MODULE, environment={'HAND_TRACKER_JIT': '0'}) as process:
+        process.wait_for_line('listening')
+        warning, = lines(process, 'slower')
+        assert '[WARN]' in warning and 'HAND_TRACKER_JIT=0' in warning
+        assert 'pip install' not in warning and 'compiles' not in process.output
+
+
+@pytest.mark.parametrize('rule', [
+    ('-r', 'a b'), ('-r', '__node:=a-b'), ('--params-file', '/nowhere.yaml'), ('--bogus',)])
+def test_a_wrong_command_line_ends_with_one_line_and_exit_code_1(rule):
+    with Process([sys.executable, '-m', MODULE, '--ros-args', *rule],
+                 {'HAND_TRACKER_JIT': '0'}) as process:
+        assert process.wait() == 1, process.output
+    # rcl says a line of its own before.
+    line, = [line for line in process.output.splitlines() if '[rcl]' not in line]
+    assert '[ERROR]' in line and '[hand_tracker]' in line
+    assert rule[-1] in line and 'arguments.c' not in line
+    assert 'Traceback' not in process.output
+
+
+@pytest.mark.parametrize('delay', [.2, .35, .5, .7, .9])
+def test_an_interrupt_while_importing_is_quiet(delay):
+    # Python tells of each module: the time counts from the entry on, however slow its own start.
+    with Process([sys.executable, '-X', 'importtime', '-m', 'hand_tracker.nodes.entry', 'tracker'],
+                 ) as process:
+        process.wait_for_line('hand_tracker.nodes')
+        time.sleep(delay)
+        assert not process.ended, process.output
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output and 'KeyboardInterrupt' not in process.output

@@ -1,0 +1,130 @@
+"""The viewer beside a running tracker: what it hears, and what its switches do there."""
+
+import time
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+
+from helpers.ros_process import NodeProcess, watching_node  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
+
+from hand_tracker.core.model.hand import JOINTS  # noqa: E402
+from hand_tracker.core.model.states import MarkerState  # noqa: E402
+from hand_tracker.nodes.runner import spinning  # noqa: E402
+from hand_tracker.nodes.viewer_node import Live  # noqa: E402
+from hand_tracker.package_data import packaged_recording  # noqa: E402
+
+DIP = JOINTS.index('index_dip_flexion')
+
+
+def wait(condition, timeout=60.):
+    until = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < until, f'not in {timeout:g} s'
+        time.sleep(.02)
+
+
+def heard(node):
+    """Return the topics of the hand that a node listens to."""
+    return {topic for topic, _ in node.get_subscriber_names_and_types_by_node(
+        node.get_name(), node.get_namespace())} & {'/joint_states', '/hand_markers', '/markers'}
+
+
+def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
+    rclpy.init()
+    node = rclpy.create_node('viewer')
+    try:
+        with NodeProcess('hand_tracker.nodes.tracker_node', {'side': 'left'}), NodeProcess(
+                'hand_tracker.nodes.replay_node', {
+                    'recording': str(packaged_recording('left')), 'loop': True}), spinning(node):
+            live = Live(node)
+            live.prepare(print)
+            assert live.hand.side == 'left'
+            assert 'DIP coupling' in live.constraints
+            assert 'Friction' not in live.constraints
+            assert not heard(node)
+            live.attend(looked_at=True, compared=False)
+            wait(lambda: live.state() is not None)
+            state = live.state()
+            np.testing.assert_allclose(state.wrist_rotation @ state.wrist_rotation.T, np.eye(3),
+                                       atol=1e-5)
+            # Markers are at the joints of this hand, so that they tell whether it is in its place.
+            seen = np.flatnonzero(state.marker_states == MarkerState.SEEN)
+            assert len(seen) >= 3
+            nearest = np.linalg.norm(
+                state.markers[seen, None] - np.concatenate(
+                    (state.pose.position, state.wrist_position[None])), axis=2).min(axis=1)
+            assert np.median(nearest) < .002
+            joints, markers = live._joint_states[-1], live._hand_markers[-1]
+            assert live._frame(joints, markers) is not None
+            assert live._frame(joints, serialize_message(MarkerArray())) is None
+            assert live._frame(serialize_message(JointState()), markers) is None
+
+            live.attend(looked_at=True, compared=True)
+            wait(lambda: live.bare_state() is not None)
+            live.attend(looked_at=True, compared=False)
+            assert live.bare_state() is None
+            wait(lambda: heard(node) == {'/joint_states', '/hand_markers'})
+            wait(lambda: 'Hz' in live.numbers(state)['rate'])
+            wait(lambda: live.state().angles[DIP] > .05)
+            live.constrain(live.constraints - {'DIP coupling'})
+            wait(lambda: live.state().angles[DIP] == 0.)
+            live.constrain(live.constraints | {'DIP coupling'})
+            wait(lambda: live.state().angles[DIP] > .05)
+            # What the tracker refuses is not shown as switched.
+            before = live.constraints
+            live._changes['Friction'] = {'no_such_parameter': 1.}, {}
+            live.constrain(before | {'Friction'})
+            wait(lambda: live.constraints == before)
+            # Who comes later finds the switches as they are.
+            live.constrain(live.constraints - {'Rigidity'})
+            later = Live(node)
+            wait(lambda: 'Rigidity' not in (later.prepare(print), later.constraints)[1])
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+def test_it_pauses_and_slows_the_player():
+    srv = pytest.importorskip('rosbag2_interfaces.srv', reason='needs rosbag2_interfaces')
+    with watching_node('viewer') as node:
+        live = Live(node)
+        head = live.playhead
+        frames = node.collect(MarkerArray, 'markers')
+
+        def rate(duration=2.):
+            """Return how many frames come in a second."""
+            frames.clear()
+            node.spin_for(duration)
+            return len(frames) / duration
+
+        def look():
+            head.look()
+            return head.there
+
+        assert not look()
+        with NodeProcess('hand_tracker.nodes.replay_node', {'loop': True}):
+            node.spin_until(look)
+            assert head.playing
+            node.spin_until(lambda: frames)
+            assert rate() > 90.
+            head.set_rate(.25)
+            node.spin_for(.5)
+            assert 20. < rate() < 40.
+            head.toggle()
+            node.spin_for(.5)
+            assert rate(1.) == 0.
+            node.spin_until(lambda: look() and not head.playing)
+            # Another lets it go on.
+            node.call(srv.Resume, '/replay/resume')
+            node.spin_until(lambda: look() and head.playing)
+            assert rate() > 20.
+            head.toggle()
+            head.toggle()
+            node.spin_for(.5)
+            assert head.playing and rate() > 20.
+        node.spin_until(lambda: not look())

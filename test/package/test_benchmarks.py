@@ -1,0 +1,98 @@
+"""The commands of `benchmarks/` run, in short, and write the rows that they promise."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import peers, report
+from benchmarks.offline import measure_many
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run(name, *arguments, folder):
+    """Return the rows of a benchmark that runs as a file, in another folder."""
+    out = folder / f'{name}.json'
+    subprocess.run([sys.executable, ROOT / 'benchmarks' / f'{name}.py', *map(str, arguments),
+                    '--json', out], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+    return json.loads(out.read_text())
+
+
+def test_the_inverse_kinematics_alone_meets_the_markers(tmp_path):
+    rows = run('peers', '--frames', 50, '--peers', 'hand_tracker', folder=tmp_path)
+    assert [(row['method'], row['wrist']) for row in rows] == [
+        ('inverse kinematics alone', 'given'), ('inverse kinematics alone', 'solved'),
+        ('the whole core', 'solved')]
+    for row in rows[:2]:
+        assert row['frames'] == 50
+        assert row['mean_mm'] < .05
+        assert row['degrees'] < 1.
+        assert 0. < row['median_ms'] <= row['p99_ms']
+
+
+@pytest.mark.parametrize('given', [True, False])
+def test_peers_are_given_what_they_need_to_meet_the_markers(given):
+    scene = peers.Scene(30, 0.)
+    row = peers.measure('scipy', peers.Scipy, 'bounded', {}, given, scene)
+    assert row['mean_mm'] < .01
+    model = pytest.importorskip('pinocchio').buildModelFromXML(scene.urdf)
+    assert set(model.names) - {'universe'} == set(scene.names)
+    for marker in peers.MARKERS:
+        assert model.existFrame(f'marker_{marker}')
+
+
+@pytest.mark.parametrize('name, kind, module, given', [
+    ('placo', peers.Placo, 'placo', True), ('placo', peers.Placo, 'placo', False),
+    ('pink', peers.Pink, 'pink', False), ('mink', peers.Mink, 'mink', False)])
+def test_quadratic_programmes_converge_to_the_markers(name, kind, module, given):
+    pytest.importorskip(module, reason='only with requirements/peers.in')
+    row = peers.measure(name, kind, 'converged', peers.ALL, given, peers.Scene(30, 0.))
+    assert row['mean_mm'] < .001
+
+
+def test_recordings_are_tracked_side_by_side(tmp_path):
+    row = measure_many(50., 2., 2, 2, tmp_path)
+    assert (row['frames'], row['recordings'], row['jobs']) == (100, 2, 2)
+    assert len(list((tmp_path / 'angles').iterdir())) == 2
+    assert 0. < row['frames_per_s_core'] and 0. < row['peak_mb']
+
+
+@pytest.mark.ros
+def test_nothing_grows_in_a_few_frames(tmp_path):
+    pytest.importorskip('rclpy')
+    rows = run('memory', '--frames', 400, folder=tmp_path)
+    assert [row['what'] for row in rows] == ['core', 'short way', 'node']
+    assert all(row['frames'] == 400 for row in rows)
+    assert all(row['grown_mb'] < 1. for row in rows)
+
+
+@pytest.mark.ros
+def test_every_round_trip_is_kept(tmp_path):
+    pytest.importorskip('rclpy')
+    rows = run('round_trip', '--rates', 100, '--seconds', .5, '--samples', tmp_path / 'trips.npz',
+               folder=tmp_path)
+    assert {row['node'] for row in rows} >= {'hand_tracker', 'rclpy_echo'}
+    with np.load(tmp_path / 'trips.npz') as trips:
+        assert len(trips.files) == len(rows)
+        for row in rows:
+            taken = trips[f"{row['node']}_100_{row['hands']}"]
+            assert len(taken) == 50 * row['hands']
+            assert np.isnan(taken).mean() == pytest.approx(.01 * row['dropped_percent'], abs=1e-5)
+            assert row['median_us'] == pytest.approx(np.nanmedian(taken), abs=.06)
+
+
+def test_the_document_has_every_row(tmp_path, monkeypatch):
+    rows = [{'start': 'cold', 'seconds': 31.5}, {'start': 'warm', 'seconds': 1.25, 'starts': 3}]
+    (tmp_path / 'startup.json').write_text(json.dumps(rows))
+    monkeypatch.setattr(sys, 'argv', ['report', str(tmp_path), '-o', str(tmp_path / 'out.md')])
+    assert report.main() == 0
+    text = (tmp_path / 'out.md').read_text()
+    assert '## startup' in text and 'benchmarks.startup' in text
+    lines = [[cell.strip() for cell in line.strip('|').split('|')]
+             for line in text.splitlines() if line.startswith('|')]
+    assert ['start', 'seconds', 'starts'] in lines
+    assert ['cold', '31.5', ''] in lines and ['warm', '1.25', '3'] in lines

@@ -1,0 +1,104 @@
+"""Captured hands through the whole chain: a recording, the replay, the tracker, over DDS.
+
+`pytest -s test/test_end_to_end.py` prints what went in and what came out.
+"""
+
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+
+from helpers.captures import capture_messages, capture_path, capture_stamps  # noqa: E402
+from helpers.ros_process import NodeProcess, watching_node  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from test_captures import class_errors, plain_pip_errors  # noqa: E402
+
+from hand_tracker.calibration import fit_hand, landmark_positions  # noqa: E402
+from hand_tracker.core.model.hand import JOINTS, preset_limits  # noqa: E402
+from hand_tracker.core.model.kinematics import forward, joint_table  # noqa: E402
+from hand_tracker.core.model.marker_layout import MarkerLayout  # noqa: E402
+from hand_tracker.core.tracker import HandTracker  # noqa: E402
+from hand_tracker.evaluation.captures import load_capture  # noqa: E402
+from hand_tracker.files.bags import write_bag  # noqa: E402
+from hand_tracker.files.hand_file import load_hand, save_hand  # noqa: E402
+
+RATES = {'manipnet__cup1_leftHand': 4., 'manipnet__cup1_rightHand': 4.,
+         'dexret__human_joint_right': 8.}  # times as fast as captured
+CALIBRATION = .2
+
+
+@pytest.mark.parametrize('preset', ['paper', 'wide'])
+@pytest.mark.parametrize('name', RATES)
+def test_a_captured_hand_goes_through_replay_and_tracker(name, preset, tmp_path):
+    capture = load_capture(capture_path(name))
+    part = int(CALIBRATION * len(capture.joints))
+    hand = fit_hand(capture.joints[:part], capture.side, preset_limits(preset))
+    save_hand(tmp_path / 'hand.yaml', hand, MarkerLayout())
+    judged = capture._replace(joints=capture.joints[part:])
+    write_bag(tmp_path / 'capture.mcap', capture_messages(judged))
+
+    with watching_node() as watcher, NodeProcess(
+            'hand_tracker.nodes.tracker_node', {
+                # One capture has its wrist at the origin of each frame.
+                'hand_file': str(tmp_path / 'hand.yaml'), 'zero_is_missing': False,
+                # Every frame counts here, on a machine of any load.
+                'qos.markers.reliability': 'reliable', 'qos.markers.depth': 1000}) as tracker:
+        states = watcher.collect(JointState, 'joint_states', 1000)
+        tracker.wait_for_line('listening')
+        with NodeProcess('hand_tracker.nodes.replay_node', {
+                'recording': str(tmp_path / 'capture.mcap'), 'rate': RATES[name],
+                'restamp': False}) as replay:
+            length = len(judged.joints) / judged.rate / RATES[name]
+            watcher.spin_until(lambda: 'Played to the end' in replay.output, length + 20.)
+            assert replay.wait() == 0
+        # A loaded machine may still have frames waiting.
+        until = time.monotonic() + 20.
+        while len(states) < len(judged.joints) and time.monotonic() < until:
+            watcher.spin_for(.2)
+        assert tracker.interrupt() == 0
+
+    angles = np.array([state.position for state in states])
+    lower, upper = hand.limits.T
+    inside = ((lower <= angles) & (angles <= upper)).all(axis=1).mean()
+    print(f'{name}, {preset}: {len(judged.joints)} frames in, {len(states)} out, '
+          f'{100. * inside:.1f} % of them within the limits')
+    assert len(states) >= .99 * len(judged.joints)
+    assert inside == 1.
+    assert list(states[0].name) == [f'{capture.side}_{joint}' for joint in JOINTS]
+    # What came over DDS is what the core says of the same frames.
+    stamps = {stamp: i for i, stamp in enumerate(capture_stamps(judged).tolist())}
+    rows = [stamps[state.header.stamp.sec * 10**9 + state.header.stamp.nanosec]
+            for state in states]
+    assert rows == sorted(set(rows))
+    hand = load_hand(tmp_path / 'hand.yaml')[0]
+    core = HandTracker(hand)
+    tracked = [core.update(markers, 1e-9 * (stamp % 10**9) + stamp // 10**9)
+               for markers, stamp in zip(judged.markers, stamps)]
+    expected = np.array([state.angles for state in tracked])
+    first_lost = next((i for i, row in enumerate(rows) if row != i), len(rows))
+    np.testing.assert_allclose(angles[:first_lost], expected[:first_lost], rtol=0, atol=1e-9)
+    # A frame that was lost leaves its trace only in what is held.
+    assert np.median(np.abs(angles - expected[rows])) < 1e-9
+
+    # What came over DDS is as near to the hand as what anyone would try first. The joint states
+    # have no pose of the wrist: it is the core's, which is that of each frame's palm markers.
+    whole = [i for i, row in enumerate(rows) if np.isfinite(judged.joints[row]).all()]
+    wrists = [tracked[rows[i]] for i in whole]
+    rotation, position = (np.array([getattr(state, field) for state in wrists])
+                          for field in ('wrist_rotation', 'wrist_position'))
+    joints = landmark_positions(
+        hand, forward(joint_table(hand), angles[whole], rotation, position), position)
+    truth = judged._replace(joints=judged.joints[[rows[i] for i in whole]])
+    errors = class_errors(joints, truth)
+    plain = plain_pip_errors(capture._replace(joints=_whole(capture.joints[:part])), truth)
+    print(f'{first_lost} of {len(states)} before the first lost frame; mean errors [mm]: plain pip '
+          f'{1e3 * plain.mean():.2f}; ' + ', '.join(
+              f'{joint} {1e3 * error.mean():.2f}' for joint, error in errors.items()))
+    if preset == 'wide':
+        assert errors['pip'].mean() <= plain.mean()
+
+
+def _whole(joints):
+    return joints[np.isfinite(joints).all(axis=(1, 2))]

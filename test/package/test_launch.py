@@ -1,0 +1,514 @@
+"""The launch file as a user starts it, and RViz's configuration."""
+
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import sys
+from importlib.util import find_spec
+from itertools import islice
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import yaml
+
+from hand_tracker.core.model.hand import (
+    COUPLING_PRESETS,
+    DIGITS,
+    JOINTS,
+    LIMIT_PRESETS,
+    LINKS,
+    MEAN_LENGTH,
+    SIDES,
+    Hand,
+    preset_limits,
+)
+from hand_tracker.core.model.marker_layout import MarkerLayout
+from hand_tracker.files.bags import bag_message, joint_state_message, open_bag, write_bag
+from hand_tracker.files.hand_file import save_hand
+from hand_tracker.files.urdf_file import urdf
+
+ROOT = Path(__file__).resolve().parents[2]
+LAUNCH = ROOT / 'launch' / 'track.launch.py'
+RVIZ = ROOT / 'config' / 'hand_tracker.rviz'
+RECORDING = ROOT / 'recordings' / 'demo.mcap'
+RATE = 120.        # of the recording [Hz]
+FIRST_START = 90.  # [s], as kernels may have to be compiled
+
+CHOICES = {
+    'source': ['recording', 'live'],
+    'loop': ['true', 'false'],
+    'side': ['auto', *SIDES],
+    'limits': ['auto', *LIMIT_PRESETS],
+    'coupling': ['auto', *COUPLING_PRESETS],
+    'thumb': ['saddle', 'index_mcp'],
+    'rviz': ['true', 'false'],
+    'skin': ['auto', 'true', 'false'],
+    'use_sim_time': ['true', 'false'],
+}
+FREE = {'recording', 'rate', 'markers', 'hand', 'prefix', 'namespace', 'parameters',
+        'publish_frequency', 'fixed_frame'}
+
+# Those that RViz of humble (11.2.27), jazzy (14.1.22) and lyrical (15.2.4) share, from
+# plugins_description.xml in the releases of rviz_default_plugins, github.com/ros2-gbp/rviz-release;
+# Group and the panels are built into rviz_common (display_factory.cpp, panel_factory.cpp).
+DISPLAYS = {f'rviz_default_plugins/{name}' for name in (
+    'AccelStamped', 'Axes', 'Camera', 'DepthCloud', 'Effort', 'FluidPressure', 'Grid',
+    'GridCells', 'Illuminance', 'Image', 'InteractiveMarkers', 'LaserScan', 'Map', 'Marker',
+    'MarkerArray', 'Odometry', 'Path', 'PointCloud', 'PointCloud2', 'PointStamped', 'Polygon',
+    'Pose', 'PoseArray', 'PoseWithCovariance', 'Range', 'RelativeHumidity', 'RobotModel', 'TF',
+    'Temperature', 'TwistStamped', 'Wrench')} | {
+    'rviz_common/Group'}
+TOOLS = {f'rviz_default_plugins/{name}' for name in (
+    'FocusCamera', 'Interact', 'Measure', 'MoveCamera', 'PublishPoint', 'Select', 'SetGoal',
+    'SetInitialPose')}
+VIEWS = {f'rviz_default_plugins/{name}' for name in (
+    'FPS', 'FrameAligned', 'Orbit', 'ThirdPersonFollower', 'TopDownOrtho', 'XYOrbit')}
+# Properties of the classes in use, from the same releases: RViz ignores others without a word.
+TOPIC = {'Value', 'Depth', 'Durability Policy', 'Reliability Policy'}
+PROPERTIES = {
+    'rviz_common/Group': {'Displays'},
+    'rviz_default_plugins/Grid': {'Cell Size', 'Plane Cell Count', 'Color', 'Alpha'},
+    'rviz_default_plugins/Marker': {'Topic'},
+    'rviz_default_plugins/MarkerArray': {'Topic'},
+    'rviz_default_plugins/Orbit': {'Distance', 'Focal Point', 'Pitch', 'Yaw', 'Target Frame'},
+    'rviz_default_plugins/RobotModel': {'Description Source', 'Description Topic',
+                                        'Visual Enabled', 'Collision Enabled'},
+    'rviz_default_plugins/TF': {'Marker Scale', 'Show Arrows', 'Show Names'},
+}
+PANELS = {f'rviz_common/{name}' for name in (
+    'Displays', 'Help', 'Selection', 'Time', 'Tool Properties', 'Transformation', 'Views')}
+
+# Says what it was given, and waits for its end. As nodes do it takes a moment to end: launch, about
+# to signal a process that has just ended, may take its exit code for 255.
+FAKE_PROGRAM = """#!{python}
+import json, os, signal, sys, time, yaml
+signal.signal(signal.SIGINT, lambda *_: (time.sleep(1.), os._exit(0)))
+given = {{}}
+for option, file in zip(sys.argv, sys.argv[1:]):
+    if option == '--params-file':
+        for node in yaml.safe_load(open(file)).values():
+            given.update(node['ros__parameters'])
+print('GIVEN ' + json.dumps({{'arguments': sys.argv[1:], **given}}), flush=True)
+signal.pause()
+"""
+
+
+def installed(package):
+    """Return whether nodes of a package can be started."""
+    return any(Path(prefix, 'lib', package).is_dir()
+               for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
+
+
+def lack():
+    """Return what is missing to launch, or None."""
+    if missing := [name for name in ('launch', 'launch_ros', 'rclpy', 'tf2_ros')
+                   if find_spec(name) is None]:
+        return f"not installed: {', '.join(missing)}"
+    if shutil.which('ros2') is None:
+        return 'there is no ros2 command'
+    if not installed('hand_tracker'):
+        return 'hand_tracker is not installed by colcon, or its workspace is not sourced'
+
+
+LACK = lack()
+launches = pytest.mark.skipif(LACK is not None, reason=f'{LACK}')
+
+if LACK is None:
+    from helpers.ros_process import Process, watching_node
+    from launch.launch_description_sources import get_launch_description_from_python_launch_file
+    from rcl_interfaces.srv import GetParameters
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from sensor_msgs.msg import JointState
+    from tf2_msgs.msg import TFMessage
+    from visualization_msgs.msg import Marker, MarkerArray
+
+    STARTED = {'tracker', 'replay'}
+    if installed('robot_state_publisher'):
+        STARTED.add('robot_state_publisher')
+    LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+    class Launch(Process):
+        """`ros2 launch` in a process group of its own, as in a terminal."""
+
+        def __init__(self, environment=None, file=LAUNCH, **arguments):
+            super().__init__(
+                ['ros2', 'launch', str(file),
+                 *(f'{name}:={value}' for name, value in arguments.items())],
+                environment, start_new_session=True)
+
+        def interrupt(self):
+            """Interrupt all its processes as Ctrl-C does; return its exit code."""
+            os.killpg(self._process.pid, signal.SIGINT)
+            return self.wait()
+
+        def __exit__(self, *error):
+            try:
+                os.killpg(self._process.pid, signal.SIGKILL)
+            except ProcessLookupError:
+                pass
+            super().__exit__(*error)
+
+
+@pytest.fixture
+def watch():
+    with watching_node() as node:
+        yield node
+
+
+@pytest.fixture(scope='module')
+def short(tmp_path_factory):
+    """Return the first half second of the packaged recording."""
+    path = tmp_path_factory.mktemp('recording') / 'short.mcap'
+    with open_bag(RECORDING) as bag:
+        write_bag(path, islice(bag.messages(['/markers']), round(RATE / 2)))
+    return path
+
+
+def stamps(headers):
+    """Return the stamps of headers [ns]."""
+    return np.array([header.stamp.sec * 10**9 + header.stamp.nanosec for header in headers])
+
+
+def marker_stamps(messages):
+    return stamps(message.markers[0].header for message in messages)
+
+
+def joint_stamps(messages):
+    return stamps(message.header for message in messages)
+
+
+def frames(messages):
+    """Return the names of all frames that were broadcast."""
+    return {transform.child_frame_id for message in messages for transform in message.transforms}
+
+
+def named(prefix, names):
+    return [prefix + name for name in names]
+
+
+def check_clean(process, code, *started):
+    """Check that all nodes were started and ended without an error."""
+    assert code == 0, process.output
+    assert 'Traceback' not in process.output and 'process has died' not in process.output
+    for name in started:
+        assert re.search(rf'\[{name}-\d\]: process has finished cleanly', process.output)
+    assert process.output.count('process started') == len(started)
+
+
+@launches
+def test_arguments_are_described():
+    arguments = get_launch_description_from_python_launch_file(str(LAUNCH)).get_launch_arguments()
+    assert {argument.name for argument in arguments} == FREE | CHOICES.keys()
+    for argument in arguments:
+        assert argument.choices == CHOICES.get(argument.name), argument.name
+        assert argument.default_value is not None, argument.name
+        assert argument.description not in ('', 'no description given'), argument.name
+
+
+@launches
+def test_tracks_the_packaged_recording(watch):
+    markers = watch.collect(MarkerArray, 'markers')
+    states = watch.collect(JointState, 'joint_states')
+    transforms = watch.collect(TFMessage, '/tf')
+    static = watch.collect(TFMessage, '/tf_static', LATCHED)
+    with Launch() as process:
+        watch.spin_until(lambda: states, FIRST_START)
+        watch.spin_for(.5)
+        markers.clear()
+        states.clear()
+        transforms.clear()
+        watch.spin_for(2.)
+        check_clean(process, process.interrupt(), *STARTED)
+    seen, tracked = marker_stamps(markers), joint_stamps(states)
+    assert all(list(state.name) == named('right_', JOINTS) for state in states)
+    assert all(len(state.position) == len(JOINTS) for state in states)
+    assert (np.diff(tracked) > 0).all()
+    assert abs(np.median(np.diff(tracked)) * 1e-9 - 1 / RATE) < 1e-4
+    assert len(tracked) * 1e9 / np.ptp(tracked) > .7 * RATE
+    # The first and last few may be on their way.
+    assert np.isin(tracked[10:-10], seen).all()
+    assert frames(transforms) >= {'right_wrist', *named('right_', LINKS)}
+    wrist = [transform for message in transforms for transform in message.transforms
+             if transform.child_frame_id == 'right_wrist']
+    assert {transform.header.frame_id for transform in wrist} == {'mocap'}
+    assert np.isin(stamps(transform.header for transform in wrist)[10:-10], seen).all()
+    assert frames(static) >= {f'right_{digit}_tip' for digit in DIGITS}
+
+
+@launches
+def test_a_left_hand_in_a_namespace_loops(watch, short):
+    states = watch.collect(JointState, 'second/joint_states')
+    with Launch(recording=short, side='left', namespace='second') as process:
+        watch.spin_until(lambda: len(states) > 1.8 * RATE, FIRST_START)
+        check_clean(process, process.interrupt(), *STARTED)
+    assert all(list(state.name) == named('left_', JOINTS) for state in states)
+    steps = np.diff(joint_stamps(states))
+    assert (steps > 0).all()
+    assert abs(np.median(steps) * 1e-9 - 1 / RATE) < 1e-4
+
+
+@launches
+@pytest.mark.parametrize('arguments, said', [
+    ({'parameters': 'absent.yaml'}, 'parameters: absent.yaml: No such file'),
+    ({'parameters': RVIZ}, 'hand_tracker.rviz: for no node; expected'),
+    ({'parameters': __file__}, "test_launch.py: expected '<document start>'"),
+    ({'sied': 'left'}, "there is no argument 'sied', did you mean 'side'?; expected are source"),
+    ({'loops': 'true', 'side': 'left'}, "there is no argument 'loops', did you mean 'loop'?")])
+def test_what_would_be_left_out_silently_is_refused(arguments, said):
+    with Launch(**arguments) as process:
+        assert process.wait() == 1
+        assert said in process.output
+        assert 'process started' not in process.output
+
+
+@launches
+def test_another_file_that_includes_this_one_has_arguments_of_its_own(short, tmp_path):
+    (tmp_path / 'mine.launch.py').write_text(f'''
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+
+def generate_launch_description():
+    return LaunchDescription([
+        DeclareLaunchArgument('robot'),
+        IncludeLaunchDescription(
+            PythonLaunchDescriptionSource({str(LAUNCH)!r}),
+            launch_arguments=[('recording', {str(short)!r}), ('loop', 'false')])])
+''')
+    with Launch(file=tmp_path / 'mine.launch.py', robot='arm') as process:
+        check_clean(process, process.wait(FIRST_START), *STARTED)
+        assert 'Played to the end' in process.output
+
+
+@launches
+def test_ends_with_the_recording(short):
+    with Launch(recording=short, loop='false', rate='2') as process:
+        check_clean(process, process.wait(FIRST_START), *STARTED)
+        assert 'Played to the end' in process.output
+
+
+@launches
+def test_a_left_hand_has_a_recording_of_its_own(watch, tmp_path):
+    save_hand(tmp_path / 'hand.yaml', Hand.scaled(side='left'), MarkerLayout())
+    states = watch.collect(JointState, 'joint_states')
+    with Launch(hand=tmp_path / 'hand.yaml') as process:
+        watch.spin_until(lambda: len(states) > RATE, FIRST_START)
+        check_clean(process, process.interrupt(), *STARTED)
+        assert '/demo_left.mcap' in process.output
+        assert 'off the hand' not in process.output
+    assert list(states[0].name) == named('left_', JOINTS)
+
+
+@launches
+@pytest.mark.parametrize('node', ['/**', '/hand_tracker', 'hand_tracker'])
+def test_arguments_prevail_over_the_parameter_file_for_what_the_urdf_shares(
+        watch, short, tmp_path, node):
+    worn = Hand.scaled(.2, .095, limits=.5 * preset_limits('wide'))
+    save_hand(tmp_path / 'worn.yaml', worn, MarkerLayout())
+    save_hand(tmp_path / 'other.yaml', Hand.scaled(side='left'), MarkerLayout())
+    given = {'hand_file': str(tmp_path / 'other.yaml'), 'side': 'left', 'thumb': 'index_mcp',
+             'prefix': 'other_', 'limits.preset': 'wide', 'coupling.preset': 'paper',
+             'broadcast': 'none', 'hand_length': .17, 'finger_ik': 'fabrik'}
+    (tmp_path / 'mine.yaml').write_text(yaml.safe_dump({
+        '/**': {'ros__parameters': {'side': 'left'}}, node: {'ros__parameters': given}}))
+    states = watch.collect(JointState, 'joint_states')
+    with Launch(recording=short, hand=tmp_path / 'worn.yaml',
+                parameters=tmp_path / 'mine.yaml') as process:
+        watch.spin_until(lambda: states, FIRST_START)
+        values = watch.call(
+            GetParameters, '/hand_tracker/get_parameters',
+            GetParameters.Request(names=[*given, 'limits.index_pip_flexion.upper_deg'])).values
+        check_clean(process, process.interrupt(), *STARTED)
+    got = dict(zip([*given, 'upper'], (value.string_value or value.double_value
+                                       for value in values)))
+    broadcast = 'wrist' if 'robot_state_publisher' in STARTED else 'all'
+    upper = np.degrees(worn.limits[JOINTS.index('index_pip_flexion'), 1])
+    assert got == {
+        'hand_file': str(tmp_path / 'worn.yaml'), 'side': 'auto', 'thumb': 'saddle',
+        'prefix': 'auto', 'limits.preset': 'auto', 'coupling.preset': 'auto',
+        'broadcast': broadcast, 'hand_length': MEAN_LENGTH,
+        'finger_ik': 'fabrik', 'upper': pytest.approx(upper)}
+    assert list(states[0].name) == named('right_', JOINTS)
+
+
+@launches
+def test_what_an_earlier_run_recorded_is_not_replayed(watch, tmp_path):
+    def earlier_run():
+        for message in messages:
+            yield message
+            stamp = message.time
+            yield bag_message('/joint_states', stamp, joint_state_message(
+                stamp, named('right_', JOINTS), np.full(len(JOINTS), 9.)))
+            yield message._replace(topic='/hand_markers')
+
+    with open_bag(RECORDING) as bag:
+        messages = list(islice(bag.messages(['/markers']), round(RATE / 2)))
+    write_bag(tmp_path / 'run.mcap', earlier_run())
+    states = watch.collect(JointState, 'joint_states')
+    with Launch(recording=tmp_path / 'run.mcap') as process:
+        watch.spin_until(lambda: len(states) > RATE, FIRST_START)
+        check_clean(process, process.interrupt(), *STARTED)
+        assert process.output.count('Not played') == 1
+    assert (np.array([state.position for state in states]) < 9.).all()
+
+
+@launches
+def test_live_markers(watch):
+    with open_bag(RECORDING) as bag:
+        data = next(iter(bag.messages(['/markers']))).data
+    states = watch.collect(JointState, 'joint_states')
+    publisher = watch.create_publisher(MarkerArray, 'vicon/markers', 10)
+    with Launch(source='live', markers='vicon/markers', prefix='none') as process:
+        process.wait_for_line('listening for markers on /vicon/markers', FIRST_START)
+        watch.create_timer(.01, lambda: publisher.publish(bytes(data)))
+        watch.spin_until(lambda: len(states) > 20)
+        check_clean(process, process.interrupt(), *STARTED - {'replay'})
+    assert list(states[0].name) == list(JOINTS)
+
+
+@launches
+@pytest.mark.skipif(find_spec('skimage') is None, reason='scikit-image is not installed')
+def test_skin_is_published(watch, short):
+    skins = watch.collect(Marker, 'hand_skin', 1)
+    with Launch(recording=short, skin='true') as process:
+        watch.spin_until(lambda: skins, FIRST_START)
+        check_clean(process, process.interrupt(), *STARTED, 'skin')
+    assert (skins[0].ns, skins[0].header.frame_id) == ('right_skin', 'right_wrist')
+
+
+@launches
+def test_all_else_goes_on_without_the_libraries_of_the_skin(watch, short, tmp_path):
+    # A skin that was made before needs none.
+    save_hand(tmp_path / 'new.yaml', Hand.scaled(random.uniform(.15, .2)), MarkerLayout())
+    (tmp_path / 'skimage.py').write_text('raise ImportError')
+    path = os.pathsep.join((str(tmp_path), os.environ.get('PYTHONPATH', '')))
+    states = watch.collect(JointState, 'joint_states')
+    with Launch({'PYTHONPATH': path}, recording=short, skin='true',
+                hand=tmp_path / 'new.yaml') as process:
+        process.wait_for_line('process has died', FIRST_START)
+        before = len(states)
+        watch.spin_until(lambda: len(states) > before + RATE, FIRST_START)
+        assert process.interrupt() == 0, process.output
+    assert process.output.count('making the skin of a hand needs scikit-image') == 1
+    assert 'Traceback' not in process.output
+
+
+@launches
+def test_robot_state_publisher_is_used_where_installed(watch, short, tmp_path):
+    transforms = watch.collect(TFMessage, '/tf')
+    with Launch(fake_package(tmp_path, 'robot_state_publisher'), recording=short,
+                publish_frequency='480.0', limits='wide') as process:
+        process.wait_for_line('GIVEN')
+        watch.spin_until(lambda: len(transforms) > 20, FIRST_START)
+        check_clean(process, process.interrupt(),
+                    'tracker', 'robot_state_publisher', 'replay')
+        assert 'not installed' not in process.output
+        given = json.loads(re.search('GIVEN (.*)', process.output)[1])
+    assert frames(transforms) == {'right_wrist'}
+    assert given['publish_frequency'] == 480.
+    expected = urdf(Hand.scaled().replace(limits=preset_limits('wide')), 'right_')
+    assert canonical(given['robot_description']) == canonical(expected)
+
+
+@launches
+@pytest.mark.parametrize('given, prefix', [('auto', 'right_'), ('none', ''), ('my_', 'my_')])
+def test_the_view_of_rviz_follows_the_hand(watch, short, tmp_path, given, prefix):
+    transforms = watch.collect(TFMessage, '/tf')
+    environment = {**fake_package(tmp_path, 'rviz2'), 'TMPDIR': str(tmp_path)}
+    with Launch(environment, recording=short, rviz='true', skin='false',
+                fixed_frame='world', prefix=given) as process:
+        process.wait_for_line('GIVEN')
+        watch.spin_until(lambda: f'{prefix}middle_knuckle' in frames(transforms), FIRST_START)
+        check_clean(process, process.interrupt(), *STARTED, 'rviz2')
+    options = json.loads(re.search('GIVEN (.*)', process.output)[1])['arguments']
+    assert options[options.index('-f') + 1] == 'world'
+    config = Path(options[options.index('-d') + 1])
+    expected = yaml.safe_load(RVIZ.read_text())
+    view(expected)['Target Frame'] = f'{prefix}middle_knuckle'
+    assert yaml.safe_load(config.read_text()) == expected
+
+
+def view(config):
+    """Return the view of a configuration of RViz."""
+    return config['Visualization Manager']['Views']['Current']
+
+
+def fake_package(folder, name):
+    """Install a package whose program says what it was given; return the environment."""
+    index = folder / 'share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    (index / name).touch()
+    program = folder / 'lib' / name / name
+    program.parent.mkdir(parents=True)
+    program.write_text(FAKE_PROGRAM.format(python=sys.executable))
+    program.chmod(0o755)
+    return {'AMENT_PREFIX_PATH': f"{folder}{os.pathsep}{os.environ['AMENT_PREFIX_PATH']}"}
+
+
+def canonical(xml):
+    return ElementTree.canonicalize(xml, strip_text=True)
+
+
+@launches
+@pytest.mark.parametrize(('arguments', 'line'), [
+    ({'hand': '/nowhere/hand.yaml'}, 'hand_file: /nowhere/hand.yaml: No such file'),
+    ({'recording': '/nowhere/bag'}, '/nowhere/bag: no such file or folder'),
+    ({'rate': 'fast'}, "rate: 'fast'; expected a number"),
+    ({'side': 'upper'}, '"upper" is not valid'),
+])
+def test_errors_of_the_user(arguments, line):
+    with Launch(**arguments) as process:
+        assert process.wait() == 1
+        assert line in process.output
+        assert 'Traceback' not in process.output
+
+
+@launches
+@pytest.mark.skipif(installed('rviz2'), reason='rviz2 is installed')
+def test_rviz_is_not_installed():
+    with Launch(rviz='true') as process:
+        assert process.wait() == 1
+        assert 'rviz: rviz2 is not installed' in process.output
+        assert 'process started' not in process.output
+
+
+def test_rviz_configuration():
+    config = yaml.safe_load(RVIZ.read_text())
+    manager = config['Visualization Manager']
+
+    def classes(entries):
+        return {entry['Class'] for entry in entries}
+
+    groups = [entry for entry in manager['Displays'] if entry['Class'] == 'rviz_common/Group']
+    displays = manager['Displays'] + [shown for group in groups for shown in group['Displays']]
+    assert classes(displays) <= DISPLAYS
+    assert classes(manager['Tools']) <= TOOLS
+    assert classes([view(config)]) <= VIEWS
+    assert view(config)['Target Frame'] in named('right_', LINKS)
+    assert set(view(config)['Focal Point'].values()) == {0.}
+    assert classes(config['Panels']) <= PANELS
+    for entry in (*displays, view(config)):
+        assert set(entry) - {'Class', 'Name', 'Enabled'} <= PROPERTIES[entry['Class']]
+        for key in {'Topic', 'Description Topic'} & set(entry):
+            assert set(entry[key]) <= TOPIC
+    topics = [[(shown['Class'], shown[key]['Value']) for shown in group['Displays']
+               for key in ('Topic', 'Description Topic') if key in shown] for group in groups]
+    kinds = {f'rviz_default_plugins/{kind}': topic for kind, topic in (
+        ('RobotModel', 'robot_description'), ('MarkerArray', 'hand_markers'),
+        ('Marker', 'hand_skin'))}
+    assert topics == [[(kind, namespace + topic) for kind, topic in kinds.items()]
+                      for namespace in ('', 'left/')]
+
+
+def test_topics_of_the_rviz_configuration_are_published():
+    sources = '\n'.join(path.read_text() for path in (ROOT / 'hand_tracker/nodes').glob('*.py'))
+    published = dict((topic, kind) for kind, topic in re.findall(
+        r"create_publisher\(\s*(\w+), '(\w+)'", sources))
+    assert published['hand_markers'] == 'MarkerArray'
+    assert published['hand_skin'] == 'Marker'

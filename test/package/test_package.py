@@ -1,0 +1,205 @@
+"""The package as a whole: what it declares, what it installs, and what its core may import."""
+
+import ast
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+from zipfile import ZipFile
+
+import pytest
+
+import hand_tracker
+from hand_tracker import package_data
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA_FOLDERS = ('config', 'launch', 'recordings', 'urdf')
+
+# Import name -> rosdep key, where they differ.
+ROSDEP_KEYS = {
+    'PIL': 'python3-pil',
+    'matplotlib': 'python3-matplotlib',
+    'numpy': 'python3-numpy',
+    'rosbags': 'python3-rosbags-pip',
+    'scipy': 'python3-scipy',
+    'skimage': 'python3-skimage',
+    'tf2_ros': 'tf2_ros_py',
+    'trimesh': 'python3-trimesh-pip',
+    'yaml': 'python3-yaml',
+}
+# Started, not imported.
+STARTED_ONLY = {'ros2launch'}
+# Imported only where it is found, and without a package on some supported platforms.
+OPTIONAL = {'numba', 'llvmlite', 'viser'}
+
+FORBIDDEN_IN_CORE = {'PIL', 'matplotlib', 'rclpy', 'rosbags', 'scipy', 'skimage', 'tf2_ros',
+                     'trimesh', 'yaml'}
+CORE = sorted((ROOT / 'hand_tracker' / 'core').rglob('*.py'))
+
+
+def imported_modules(tree):
+    """Yield the top-level name of every absolute import anywhere in `tree`."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split('.')[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            yield node.module.split('.')[0]
+
+
+def parse(path):
+    return ast.parse(path.read_text(encoding='utf-8'), filename=str(path))
+
+
+@pytest.fixture(scope='module')
+def manifest():
+    return ElementTree.parse(ROOT / 'package.xml').getroot()
+
+
+@pytest.fixture(scope='module')
+def wheel(tmp_path_factory):
+    """Build a wheel from a copy of the checkout, as building writes into its sources."""
+    pytest.importorskip('pip', reason='pip, which builds the wheel, is not installed')
+    folder = tmp_path_factory.mktemp('wheel')
+    ignored = shutil.ignore_patterns('.*', '*.egg-info', 'build', 'install', 'log', '__pycache__')
+    shutil.copytree(ROOT, folder / 'checkout', ignore=ignored)
+    run_pip('wheel', '--no-build-isolation', '-w', folder, folder / 'checkout')
+    return next(folder.glob('*.whl'))
+
+
+def run_pip(command, *arguments):
+    subprocess.run(
+        [sys.executable, '-m', 'pip', command, '-q', '--no-deps', *map(str, arguments)], check=True
+    )
+
+
+def run_python(code, cwd):
+    """Run `code` in a Python of its own, and return what it prints."""
+    command = [sys.executable, '-c', code]
+    return subprocess.run(command, cwd=cwd, check=True, stdout=subprocess.PIPE, text=True).stdout
+
+
+def test_version_is_stated_alike(manifest):
+    assert manifest.findtext('version') == hand_tracker.__version__
+
+
+def test_manifest_is_a_format_3_ament_python_package(manifest):
+    assert manifest.get('format') == '3'
+    assert manifest.findtext('name') == 'hand_tracker'
+    assert manifest.findtext('export/build_type') == 'ament_python'
+
+
+def test_manifest_covers_every_import(manifest):
+    declared = {depend.text for depend in manifest.findall('exec_depend')}
+    sources = [*(ROOT / 'hand_tracker').rglob('*.py'), *(ROOT / 'launch').glob('*.py')]
+    imported = {name for path in sources for name in imported_modules(parse(path))}
+    foreign = imported - sys.stdlib_module_names - OPTIONAL - {'hand_tracker'}
+    assert {ROSDEP_KEYS.get(name, name) for name in foreign} - declared == set()
+
+
+def test_manifest_declares_nothing_that_is_not_used(manifest):
+    declared = {depend.text for depend in manifest.findall('exec_depend')}
+    sources = [*(ROOT / 'hand_tracker').rglob('*.py'), *(ROOT / 'launch').glob('*.py')]
+    text = '\n'.join(path.read_text() for path in sources)
+    names = {key: name for name, key in ROSDEP_KEYS.items()}
+    assert [depend for depend in declared - STARTED_ONLY
+            if not re.search(rf'\b{names.get(depend, depend)}\b', text)] == []
+
+
+def test_markers_of_pytest_are_used():
+    declared = re.findall(r'(?m)^    (\w+): ', (ROOT / 'setup.cfg').read_text())
+    tests = '\n'.join(path.read_text() for path in (ROOT / 'test').rglob('*.py'))
+    assert [name for name in declared if f'pytest.mark.{name}' not in tests] == []
+
+
+def test_an_interrupt_while_a_command_is_imported_is_quiet():
+    command = [sys.executable, '-X', 'importtime', '-m', 'hand_tracker', 'demo']
+    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
+    head = []
+    # What it needs next comes after its own imports.
+    while not head or 'matplotlib' not in head[-1]:
+        head.append(process.stderr.readline())
+        assert head[-1], ''.join(head)
+    process.send_signal(signal.SIGINT)
+    rest = process.communicate()[1]
+    assert process.returncode == 130
+    assert 'Traceback' not in rest
+
+
+def test_entry_points_lead_to_functions():
+    targets = re.findall(r"'\w+ = ([\w.]+):(\w+)'", (ROOT / 'setup.py').read_text())
+    assert len(targets) == 6
+    for module, function in targets:
+        path = ROOT / (module.replace('.', '/') + '.py')
+        assert path.is_file()
+        names = [node.name for node in parse(path).body if isinstance(node, ast.FunctionDef)]
+        assert function in names, path
+
+
+@pytest.mark.parametrize('path', CORE, ids=lambda path: str(path.relative_to(ROOT)))
+def test_core_needs_no_ros_no_files_and_no_plots(path):
+    tree = parse(path)
+    imported = set(imported_modules(tree))
+    assert imported & FORBIDDEN_IN_CORE == set()
+    assert [name for name in imported if name.endswith(('_msgs', '_interfaces'))] == []
+    calls = [node.func for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    assert [call for call in calls if isinstance(call, ast.Name) and call.id == 'open'] == []
+
+
+def test_core_imports_nothing_of_the_rooms_around_it():
+    names = ('.'.join(path.relative_to(ROOT).with_suffix('').parts) for path in CORE)
+    imports = ''.join(f'import {name.removesuffix(".__init__")}; ' for name in names)
+    modules = set(run_python(f'{imports}import sys; print(*sys.modules)', cwd=ROOT).split())
+    ours = {name for name in modules if name.startswith('hand_tracker.')}
+    assert {name for name in ours if not re.match(r'hand_tracker\.core\b', name)} == set()
+    assert modules & {'rclpy', 'matplotlib', 'rosbags'} == set()
+
+
+def test_checkout_is_its_own_share_directory():
+    if not Path(package_data.__file__).resolve().is_relative_to(ROOT):
+        pytest.skip('an installed hand_tracker is under test, not the checkout')
+    assert package_data.share_directory() == ROOT
+
+
+@pytest.mark.parametrize(
+    'libraries', ['lib/python3.12/site-packages', 'local/lib/python3.12/dist-packages', '.']
+)
+def test_share_directory_of_an_installed_package(tmp_path, libraries):
+    code = tmp_path / libraries / 'hand_tracker'
+    data = tmp_path / 'share' / 'hand_tracker'
+    code.mkdir(parents=True)
+    data.mkdir(parents=True)
+    (data / 'package.xml').touch()
+    assert package_data._share_directory(code) == data
+
+
+def test_share_directory_says_what_is_wrong(tmp_path):
+    with pytest.raises(FileNotFoundError, match='share/hand_tracker'):
+        package_data._share_directory(tmp_path / 'hand_tracker')
+
+
+def test_wheel_holds_the_data_files(wheel):
+    expected = {
+        f'{folder}/{path.name}'
+        for folder in DATA_FOLDERS
+        for path in (ROOT / folder).glob('[!.]*')
+        if path.is_file()
+    }
+    names = ZipFile(wheel).namelist()
+    prefix = f'hand_tracker-{hand_tracker.__version__}.data/data/share/'
+    shared = {name[len(prefix):] for name in names if name.startswith(prefix)}
+    assert shared >= {f'hand_tracker/{name}' for name in expected}
+    assert 'hand_tracker/package.xml' in shared
+    assert 'ament_index/resource_index/packages/hand_tracker' in shared
+    assert [name for name in names if name.startswith(('test/', 'overlay/', 'tf2_ros/'))] == []
+
+
+def test_installed_wheel_finds_its_data(wheel, tmp_path):
+    run_pip('install', '--prefix', tmp_path, '--ignore-installed', wheel)
+    (code,) = tmp_path.rglob('hand_tracker/package_data.py')
+    ask = 'from hand_tracker.package_data import share_directory; print(share_directory())'
+    found = Path(run_python(ask, cwd=code.parent.parent).strip())
+    assert found.is_relative_to(tmp_path.resolve())
+    assert (found / 'package.xml').is_file()

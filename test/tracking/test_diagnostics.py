@@ -1,0 +1,162 @@
+"""What diagnostics say of the tracking: levels, one line, values, told when they change."""
+
+import numpy as np
+import pytest
+from test_input_monitor import SEEN, frame, hidden, state_of
+
+from hand_tracker.core.model.marker_layout import MARKERS
+from hand_tracker.core.model.states import MarkerState, PalmState
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.messages.labels import LabelMap
+from hand_tracker.tracking.diagnostics import GAP, Diagnosis, Level
+from hand_tracker.tracking.input_monitor import OFF_FOR, SILENT, Watch
+
+
+class Hand:
+    """A watch and a diagnosis that hear the same."""
+
+    def __init__(self, labels=None):
+        self.watch = Watch(0., '/markers', labels or LabelMap())
+        self.diagnosis = Diagnosis(0., self.watch)
+
+    def feed(self, now, state, positions=SEEN):
+        """Take one tracked frame; return whether it is to be told."""
+        self.watch.received(now, frame(positions))
+        self.watch.tracked(now, state)
+        return self.diagnosis.tracked(now, state)
+
+    def status(self, now):
+        """Return what is told."""
+        return self.diagnosis.status(now, lambda: 'nobody is there')
+
+
+def test_nothing_came_yet():
+    hand = Hand()
+    level, text, values = hand.status(1.)
+    assert (level, text) == (Level.STALE, 'no markers on /markers yet')
+    assert values['palm'] == 'not seen yet'
+    assert all(values[f'{marker} marker'] == 'absent' for marker in MARKERS)
+    level, text, _ = hand.status(SILENT + 1.)
+    assert level is Level.STALE and 'for 4 s: nobody is there' in text
+
+
+def test_a_tracked_hand():
+    hand = Hand()
+    state = HandTracker().update(SEEN)
+    for i in range(121):
+        hand.feed(i / 120., state)
+    level, text, values = hand.status(1.)
+    assert (level, text) == (Level.OK, 'tracking')
+    assert values == {
+        'palm': 'tracked', 'rate [Hz]': '121.0', 'frames': '121', 'frames direct': '0',
+        'mean residual [mm]': '0.00',
+        'latency p50 [ms]': '', 'latency p99 [ms]': '', 'latency max [ms]': '',
+        'frames late': '0', 'frames dropped': '0',
+        **{f'{marker} marker': 'seen' for marker in MARKERS}}
+
+
+@pytest.mark.parametrize('state, level, said, value', [
+    (MarkerState.PREDICTED, Level.OK, 'tracking', 'predicted for 2.50 s'),
+    (MarkerState.REJECTED, Level.WARN, 'tracking; rejected: index, ring', 'rejected for 2.50 s'),
+    (MarkerState.SWAPPED, Level.WARN, 'tracking; swapped: index, ring', 'swapped for 2.50 s'),
+    (MarkerState.STALE, Level.WARN, 'tracking; stale: index, ring', 'stale for 2.50 s'),
+    (MarkerState.ABSENT, Level.WARN, 'tracking; never seen: index, ring', 'absent for 2.50 s')])
+def test_states_of_markers(state, level, said, value):
+    hand = Hand()
+    hand.feed(1., state_of(index=state, ring=state))
+    status = hand.status(1.)
+    assert (status.level, status.text) == (level, said)
+    assert status.values['index marker'] == status.values['ring marker'] == value
+    assert status.values['thumb marker'] == 'seen'
+
+
+def test_a_marker_that_is_not_worn_is_no_trouble():
+    hand = Hand(LabelMap([*'0123456', '']))
+    hand.feed(1., state_of(thumb=MarkerState.ABSENT))
+    status = hand.status(1.)
+    assert (status.level, status.text) == (Level.OK, 'tracking')
+    assert status.values['thumb marker'] == 'not worn'
+
+
+@pytest.mark.parametrize('palm, said', [
+    (PalmState.LOST, 'the palm is lost'), (PalmState.WAITING, 'waiting for the palm'),
+    (PalmState.TOO_FAR_APART, 'too far apart')])
+def test_without_a_palm_it_is_an_error(palm, said):
+    hand = Hand()
+    hand.feed(1., state_of(palm), hidden(0, 1, 2))
+    status = hand.status(1.)
+    assert status.level is Level.ERROR and said in status.text
+    assert status.values['palm'] == palm.name.lower().replace('_', ' ')
+
+
+def test_messages_without_a_marker_of_the_hand_are_an_error():
+    hand = Hand()
+    for i in range(10):
+        hand.watch.received(i / 2., frame(stamp=False))
+    status = hand.status(4.5)
+    assert status.level is Level.ERROR and 'have held no marker of the hand' in status.text
+
+
+def test_markers_off_the_hand_are_a_warning():
+    hand = Hand()
+    off = state_of()._replace(residuals=np.full(8, .03))
+    hand.feed(0., off)
+    hand.feed(OFF_FOR, off)
+    status = hand.status(OFF_FOR)
+    assert status.level is Level.WARN and '30 mm off the hand' in status.text
+    assert status.values['mean residual [mm]'] == '30.00'
+
+
+def test_the_rate_is_counted_anew_each_period_whatever_changed_meanwhile():
+    hand = Hand()
+    for i in range(10):
+        hand.feed(i / 10., state_of())
+    assert hand.status(.5).values['rate [Hz]'] == '0.0'
+    assert hand.status(1.).values['rate [Hz]'] == '10.0'
+    assert hand.status(1.5).values['rate [Hz]'] == '10.0'
+    assert hand.status(2.).values['rate [Hz]'] == '0.0'
+
+
+def test_latency_is_told_for_each_period():
+    hand = Hand()
+    for i in range(100):
+        hand.diagnosis.published(i / 100., i / 100. + 1e-3 * (1 + (i == 50)), 5. + i / 100.)
+    values = hand.status(1.).values
+    assert values['latency p50 [ms]'] == '1.000'
+    assert values['latency max [ms]'] == '2.000'
+    assert (values['frames late'], values['frames dropped']) == ('0', '0')
+    hand.diagnosis.published(1.5, 1.52, 6.03)
+    assert hand.status(1.5).values == values
+    values = hand.status(2.).values
+    assert values['latency p99 [ms]'] == '20.000'
+    assert hand.status(3.).values['latency p50 [ms]'] == ''
+
+
+def test_frames_that_took_the_short_way_count():
+    hand = Hand()
+    hand.feed(0., state_of())
+    hand.diagnosis.tracked(.5, state_of(), 48)
+    values = hand.status(1.).values
+    assert (values['frames'], values['frames direct'], values['rate [Hz]']) == ('49', '48', '49.0')
+
+
+def test_changes_are_told_at_once_and_only_changes():
+    hand = Hand()
+    assert hand.feed(1., state_of())
+    hand.status(1.)
+    assert not hand.feed(2., state_of())
+    assert hand.feed(2.1, state_of(index=MarkerState.PREDICTED))
+    hand.status(2.1)
+    assert not hand.feed(2.15, state_of())
+    assert hand.feed(2.1 + 2. * GAP, state_of())
+
+
+def test_flickering_is_told_at_a_bounded_rate():
+    hand = Hand()
+    told = 0
+    for i in range(1000):
+        state = state_of(index=MarkerState.PREDICTED) if i % 2 else state_of()
+        if hand.feed(i / 200., state):
+            hand.status(i / 200.)
+            told += 1
+    assert 20 < told <= 1. + 5. / GAP

@@ -1,0 +1,556 @@
+"""Recordings tracked offline: the same hand as from arrays, by the node's rules, without ROS."""
+
+import csv
+import io
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from itertools import count, islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from benchmarks.offline import measure_one
+from hand_tracker.cli.track import main
+from hand_tracker.core.model.hand import JOINTS, Hand, preset_coupling, preset_limits
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.files.angle_table import WRIST_COLUMNS
+from hand_tracker.files.bags import (
+    MARKER_ARRAY,
+    TYPES,
+    BagError,
+    BagMessage,
+    bag_message,
+    joint_state_message,
+    marker_array_message,
+    open_bag,
+    write_bag,
+)
+from hand_tracker.files.hand_file import save_hand
+from hand_tracker.messages import marker_array
+from hand_tracker.messages.labels import LabelMap
+from hand_tracker.progress import Progress
+from hand_tracker.simulation.packaged_recordings import demo_recording, recording_messages
+from hand_tracker.tracking.input_monitor import Watch
+from hand_tracker.tracking.recording import track
+
+ROOT = Path(__file__).resolve().parents[2]
+FRAMES = 150
+PERIOD = 10_000_000  # [ns]
+ROS = ('builtin_interfaces', 'geometry_msgs', 'rclpy', 'sensor_msgs', 'std_msgs', 'tf2_msgs',
+       'tf2_ros', 'visualization_msgs')
+RUN = 'import sys; from hand_tracker.__main__ import main; sys.exit(main(sys.argv[1:]))'
+HALF_MILLIDEGREE = .0005  # of rounding in a table
+
+
+@pytest.fixture(scope='module')
+def recording():
+    whole = demo_recording()
+    middle = slice(850, 850 + FRAMES)  # with drop-outs
+    part = whole._replace(stamps=whole.stamps[middle], markers=whole.markers[middle],
+                          angles=whole.angles[middle])
+    assert np.isnan(part.markers).any()
+    return part
+
+
+@pytest.fixture(scope='module')
+def bag(recording, tmp_path_factory):
+    path = tmp_path_factory.mktemp('bag') / 'in.mcap'
+    write_bag(path, recording_messages(recording, 'right'))
+    return path
+
+
+def states_of(recording, hand=None, layout=None, timed=True):
+    tracker = HandTracker(hand, layout)
+    return [tracker.update(markers, time_of(stamp) if timed else None)
+            for stamp, markers in zip(recording.stamps.tolist(), recording.markers)]
+
+
+def time_of(stamp):
+    """Return the time of a frame with a stamp, as the node has it."""
+    sec, nanosec = divmod(stamp, 10**9)
+    return sec + 1e-9 * nanosec
+
+
+def read_table(path):
+    with open(path, newline='', encoding='utf-8') as file:
+        header, *rows = csv.reader(file)
+    return header, np.array(rows, dtype=float)
+
+
+def message_of(positions, stamp=7 * 10**9, time=None, frame='mocap', numbers=MARKERS):
+    """Return one message of markers as recorded."""
+    return bag_message('/markers', stamp if time is None else time,
+                       marker_array_message(stamp, frame, numbers, positions))
+
+
+def run_in_process(*arguments, code=RUN):
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    return subprocess.Popen(
+        [sys.executable, '-c', code, 'track', *map(str, arguments)], env=environment,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+# --- what comes out
+
+@pytest.mark.parametrize('wrist', [False, True])
+def test_table_holds_what_the_tracker_says_of_the_arrays(recording, bag, wrist, tmp_path, capsys):
+    output = tmp_path / 'out.csv'
+    assert main([str(bag), '-o', str(output)] + ['--wrist'] * wrist) == 0
+    assert f'{FRAMES} of {FRAMES} frames tracked' in capsys.readouterr().out
+    header, table = read_table(output)
+    assert header == ['time_s', *(f'right_{joint}_deg' for joint in JOINTS),
+                      *(WRIST_COLUMNS if wrist else ())]
+    states = states_of(recording)
+    seconds = 1e-9 * (recording.stamps - recording.stamps[0])
+    assert np.allclose(table[:, 0], seconds, rtol=0, atol=.6e-6)
+    assert np.allclose(table[:, 1:26], np.degrees([state.angles for state in states]),
+                       rtol=0, atol=1.01 * HALF_MILLIDEGREE)
+    if wrist:
+        assert np.allclose(table[:, 26:29], [state.wrist_position for state in states],
+                           rtol=0, atol=.6e-6)
+        assert np.allclose(Rotation.from_quat(table[:, 29:]).as_matrix(),
+                           [state.wrist_rotation for state in states], rtol=0, atol=4e-6)
+    assert list(tmp_path.iterdir()) == [output]
+
+
+@pytest.mark.parametrize('extension', ['.mcap', '.db3'])
+def test_recording_holds_the_same_angles_with_the_markers_stamps(
+        recording, bag, extension, tmp_path):
+    output = tmp_path / f'out{extension}'
+    assert main([str(bag), '-o', str(output), '--wrist']) == 0
+    with open_bag(output) as written:
+        assert written.topics == {'/joint_states': 'sensor_msgs/msg/JointState',
+                                  '/tf': 'tf2_msgs/msg/TFMessage'}
+        messages = [(topic, time, TYPES.deserialize_cdr(data, kind))
+                    for topic, kind, time, data in written.messages()]
+    joints = [row for row in messages if row[0] == '/joint_states']
+    poses = [row for row in messages if row[0] == '/tf']
+    assert [time for _, time, _ in joints] == recording.stamps.tolist()
+    assert [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec
+            for _, _, m in joints] == recording.stamps.tolist()
+    states = states_of(recording)
+    for state, (*_, joint_state), (*_, tf) in zip(states, joints, poses, strict=True):
+        assert list(joint_state.name) == [f'right_{joint}' for joint in JOINTS]
+        assert np.array_equal(joint_state.position, state.angles)
+        transform, = tf.transforms
+        assert transform.header.stamp == joint_state.header.stamp
+        assert (transform.header.frame_id, transform.child_frame_id) == ('mocap', 'right_wrist')
+        at, turn = transform.transform.translation, transform.transform.rotation
+        assert np.array_equal((at.x, at.y, at.z), state.wrist_position)
+        assert np.allclose(Rotation.from_quat((turn.x, turn.y, turn.z, turn.w)).as_matrix(),
+                           state.wrist_rotation, rtol=0, atol=1e-14)
+
+
+def test_hand_side_limits_and_coupling_are_those_asked_for(recording, bag, tmp_path):
+    hand, layout = Hand.scaled(length=.2, breadth=.09), MarkerLayout()
+    save_hand(tmp_path / 'hand.yaml', hand, layout)
+    mirrored = recording._replace(markers=recording.markers * (1., -1., 1.))
+    write_bag(tmp_path / 'left.mcap', recording_messages(mirrored, 'left'))
+    assert main([str(tmp_path / 'left.mcap'), '-o', str(tmp_path / 'out.csv'), '--side', 'left',
+                 '--limits', 'wide', '--coupling', 'paper',
+                 '--hand', str(tmp_path / 'hand.yaml')]) == 0
+    header, table = read_table(tmp_path / 'out.csv')
+    assert header[1].startswith('left_')
+    asked = hand.replace(
+        side='left', limits=preset_limits('wide'), coupling=preset_coupling('paper'))
+    states = states_of(mirrored, asked, layout)
+    assert np.allclose(table[:, 1:], np.degrees([state.angles for state in states]),
+                       rtol=0, atol=1.01 * HALF_MILLIDEGREE)
+
+
+def test_topic_frame_labels_and_units_are_those_asked_for(recording, tmp_path):
+    positions = 1000. * recording.markers
+    others = [f'other{i}' for i in range(10)]
+
+    def messages():
+        for stamp, markers in zip(recording.stamps.tolist(), positions):
+            # Ids 2 to 9, and a second set of markers in another frame.
+            both = marker_array_message(stamp, 'mocap', others, np.vstack(
+                (np.full((2, 3), np.nan), markers)))
+            both.markers += marker_array_message(stamp, 'base', others, np.ones((10, 3))).markers
+            yield bag_message('/a/markers', stamp, both)
+            yield bag_message('/b/markers', stamp, marker_array_message(
+                stamp, 'mocap', others, np.zeros((10, 3))))
+
+    write_bag(tmp_path / 'in.mcap', messages())
+    labels = [word for i, marker in enumerate(MARKERS)
+              for word in ('--label', f'{marker}=hand/{i + 2}')]
+    assert main([str(tmp_path / 'in.mcap'), '-o', str(tmp_path / 'out.csv'), *labels, '--topic',
+                 'a/markers', '--frame', 'mocap', '--unit-scale', '.001']) == 0
+    _, table = read_table(tmp_path / 'out.csv')
+    assert np.allclose(table[:, 1:], np.degrees([state.angles for state in states_of(recording)]),
+                       rtol=0, atol=2. * HALF_MILLIDEGREE)
+
+
+# --- the node's rules
+
+def test_constants_are_those_of_the_message():
+    marker = TYPES.types['visualization_msgs/msg/Marker']
+    for name in ('ADD', 'CUBE', 'SPHERE', 'CYLINDER', 'CUBE_LIST', 'SPHERE_LIST', 'POINTS'):
+        assert getattr(marker_array, name) == getattr(marker, name)
+
+
+def test_nothing_comes_out_before_the_palm_was_seen_and_of_other_markers(recording):
+    whole = recording.markers[0]
+    palmless = whole.copy()
+    palmless[0] = np.nan
+    lost = palmless.copy()
+    lost[:3] = 0.
+    messages = [
+        message_of(palmless, PERIOD), message_of(whole, 2 * PERIOD),
+        message_of(np.vstack((np.full((8, 3), np.nan), whole)), 3 * PERIOD, numbers=['x'] * 16),
+        message_of(palmless, 4 * PERIOD), message_of(lost, 5 * PERIOD)]
+    frames = list(track(messages, HandTracker()))
+    assert [frame.stamp for frame in frames] == [2 * PERIOD, 4 * PERIOD, 5 * PERIOD]
+    tracker = HandTracker()
+    lost[:3] = np.nan
+    for frame, markers in zip(frames, (whole, palmless, lost)):
+        expected = tracker.update(markers, time_of(frame.stamp))
+        assert np.array_equal(frame.state.angles, expected.angles)
+        assert frame.state.palm is expected.palm
+
+
+def test_a_marker_at_zero_is_lost_unless_it_is_to_be_kept(recording):
+    markers = recording.markers[0].copy()
+    markers[7] = 0.
+    message = message_of(markers)
+    lost, = track([message], HandTracker())
+    kept, = track([message], HandTracker(), zero_is_missing=False)
+    assert np.isnan(lost.state.residuals[7])
+    assert np.isfinite(kept.state.residuals[7])
+
+
+def test_markers_without_stamp_and_frame_get_those_of_the_node(recording):
+    frame, = track([message_of(recording.markers[0], stamp=0, time=99, frame='')], HandTracker())
+    assert (frame.time, frame.stamp, frame.frame_id) == (99, 99, 'world')
+
+
+@pytest.mark.parametrize('stamped', [True, False])
+def test_time_is_that_of_the_stamps_else_of_the_recording(recording, stamped):
+    whole = recording.markers[0]
+    hidden = whole.copy()
+    hidden[4] = np.nan
+    times = (10**9, 1_100_000_000, 1_500_000_000, 1_500_000_000)
+    frames = list(track((message_of(markers, time if stamped else 0, 7 if stamped else time)
+                         for time, markers in zip(times, (whole, hidden, hidden, hidden))),
+                        HandTracker()))
+    assert [frame.stamp for frame in frames] == list(times)
+    assert np.allclose([frame.state.hidden_for[4] for frame in frames], (0., .1, .5, .5))
+
+
+def test_all_begins_anew_where_the_stamps_jump_back(recording):
+    whole = recording.markers[0]
+    palmless = whole.copy()
+    palmless[0] = np.nan
+    # The first that is earlier may be a stray one.
+    messages = [message_of(whole, 9 * 10**9), message_of(palmless, 10**9),
+                message_of(palmless, 11 * 10**8), message_of(whole, 2 * 10**9)]
+    watch = Watch(0., '/markers', LabelMap())
+    frames = list(track(messages, HandTracker(), watch=watch))
+    assert [frame.stamp for frame in frames] == [9 * 10**9, 10**9, 2 * 10**9]
+    said = [line for _, line in watch.report(1., str) if 'jumped back' in line]
+    assert len(said) == 1
+
+
+def test_points_of_a_list_count(recording):
+    message = marker_array_message(1, 'mocap', MARKERS, recording.markers[0])
+    cloud = message.markers[0]
+    cloud.points = [marker.pose.position for marker in message.markers]
+    point = TYPES.types['geometry_msgs/msg/Point']
+    cloud.type, cloud.pose.position = cloud.POINTS, point(0., 0., 0.)
+    message.markers = [cloud]
+    frame, = track([bag_message('/markers', 1, message)], HandTracker(), LabelMap())
+    expected = HandTracker().update(recording.markers[0])
+    assert np.array_equal(frame.state.angles, expected.angles)
+
+
+def test_frames_stream(recording):
+    taken = count()
+    endless = (message_of(recording.markers[next(taken) % FRAMES]) for _ in iter(int, 1))
+    assert len(list(islice(track(endless, HandTracker()), 5))) == 5
+    assert next(taken) == 5
+
+
+def test_memory_stays_flat():
+    with TemporaryDirectory() as folder:
+        short, long = (row['peak_mb'] for seconds in (5., 100.)
+                       for row in measure_one(30., seconds, folder, ['csv']))
+    # Twenty times the frames; what is kept of each would be 1 kB and more.
+    assert long < short + 5.
+
+
+def test_needs_no_ros(bag, tmp_path):
+    blocked = f'''
+import sys
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.split('.')[0] in {ROS}:
+            raise ModuleNotFoundError('blocked: ' + name)
+sys.meta_path.insert(0, Blocked())
+for name in list(sys.modules):
+    if name.split('.')[0] in {ROS}:
+        del sys.modules[name]
+''' + RUN
+    for output in (tmp_path / 'out.csv', tmp_path / 'out.mcap'):
+        process = run_in_process(bag, '-o', output, code=blocked)
+        _, errors = process.communicate(timeout=100.)
+        assert process.returncode == 0, errors
+        assert output.stat().st_size
+
+
+def test_the_lines_of_the_readme_do_the_same(recording, tmp_path, monkeypatch):
+    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    code, = (block for block in re.findall(r'```python\n(.*?)```', text, re.DOTALL)
+             if 'markers.npy' in block)
+    assert len([line for line in code.splitlines() if line]) <= 10
+    monkeypatch.chdir(tmp_path)
+    np.save('markers.npy', recording.markers)
+    names = {}
+    exec(code, names)
+    hand = Hand.scaled(length=.19, breadth=.09)
+    states = states_of(recording, hand, timed=False)
+    assert np.array_equal(names['angles'], [state.angles for state in states])
+    assert names['links'].shape == (FRAMES, 25, 3)
+    written = np.loadtxt('angles.csv', delimiter=',')
+    assert np.allclose(written, np.degrees(names['angles']), rtol=0, atol=1e-9)
+
+
+def test_says_at_the_end_which_label_never_came(bag, tmp_path, capsys):
+    assert main([str(bag), '-o', str(tmp_path / 'out.csv'), '--label', 'thumb=leds/9']) == 0
+    said = capsys.readouterr().err
+    assert said.count("never seen so far: 'leds/9' (thumb); there are 'hand/7'") == 1
+
+
+# --- what goes wrong
+
+def joint_states_only(path):
+    write_bag(path, [bag_message('/joint_states', 1, joint_state_message(1, ['a'], [0.]))])
+
+
+def two_topics(path):
+    message = marker_array_message(1, 'mocap', MARKERS, np.ones((8, 3)))
+    write_bag(path, [bag_message(topic, 1, message) for topic in ('/left', '/right')])
+
+
+def no_palm(path):
+    write_bag(path, [message_of(np.vstack((np.full((3, 3), np.nan), np.ones((5, 3)))))])
+
+
+def no_hand(path):
+    write_bag(path, [message_of(np.vstack((np.full((8, 3), np.nan), np.ones((1, 3)))),
+                                numbers=['x'] * 9)])
+
+
+def hand_at_rest(path):
+    write_bag(path, [message_of(demo_recording(rate=1.).markers[0] + (.1, 0., 0.))])
+
+
+def damaged(path):
+    write_bag(path, [BagMessage('/markers', MARKER_ARRAY, 5, b'\0\1\0\0\7\0\0\0')])
+
+
+def cut_off(path):
+    write_bag(path, [message_of(np.ones((8, 3)))])
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+@pytest.mark.parametrize('make, arguments, said', [
+    (None, (), 'in.mcap: no such file or folder'),
+    (joint_states_only, (), r'in.mcap: no topic of visualization_msgs/msg/MarkerArray; '
+     r'it has /joint_states \(sensor_msgs'),
+    (two_topics, (), 'choose one of /left, /right'),
+    (two_topics, ('--topic', '/up'), r'no topic /up of .*; it has /left \(visual'),
+    (no_palm, (), r"no frame of /markers shows the palm: .* not seen yet '0' \(wrist\)"),
+    (no_hand, (), r"the palm: expected are the labels '0' \(wrist\).*; there are 'hand/8'"),
+    (hand_at_rest, ('--unit-scale', '.001'), 'the palm: .* too close together .* unit_scale'),
+    (hand_at_rest, ('--unit-scale', '10'), 'shows the palm: .* too far apart .* unit_scale'),
+    (hand_at_rest, ('--unit-scale', '1e5'), 'shows the palm: .* a kilometre away; .* unit_scale'),
+    (damaged, (), '/markers: the message of 5 ns is no whole visualization_msgs/msg/MarkerArray'),
+    (cut_off, (), 'in.mcap: cannot be read'),
+    (two_topics, ('--label', 'nose=3'), "label: 'nose=3'; expected MARKER=LABEL, .* wrist, "),
+    (two_topics, ('--label', 'index=x'), "labels.index: 'x'; expected an id"),
+    (two_topics, ('--hand', 'absent.yaml'), 'absent.yaml: No such file'),
+    (two_topics, ('-o', 'out.txt'), "unknown extension '.txt'; expected .csv, .mcap, .db3"),
+    (two_topics, ('-o', 'in.mcap'), 'in.mcap: would replace the recording'),
+    (two_topics, ('--topic', 'left', '-o', 'absent/out.csv'), 'no folder absent'),
+    (two_topics, ('--topic', 'left', '-o', 'absent/out.mcap'), 'no folder absent')])
+def test_says_what_is_wrong_and_writes_nothing(
+        make, arguments, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    if make:
+        make(tmp_path / 'in.mcap')
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    for output in ('out.csv', 'out.mcap'):
+        assert main(['in.mcap', '-o', output, *arguments]) == 1
+        assert re.search(said, capsys.readouterr().err)
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize('arguments, said', [
+    (('-o', 'a.csv'), 'required: IN'),
+    (('in.mcap',), 'required: -o'),
+    (('in.mcap', '-o', 'a.csv', '--side', 'up'), "--side: invalid choice: 'up'"),
+    (('in.mcap', '-o', 'a.csv', '--unit-scale', '0'), "'0'; expected a positive number"),
+    (('in.mcap', '-o', 'a.csv', '--unit-scale', 'nan'), "'nan'; expected a positive number"),
+    (('in.mcap', '-o', 'a.csv', '--unit-scale', 'mm'), "'mm'; expected a positive number")])
+def test_refuses_a_wrong_command_line(arguments, said, capsys):
+    with pytest.raises(SystemExit, match='2'):
+        main(arguments)
+    assert said in capsys.readouterr().err
+
+
+def test_damage_in_the_middle_is_an_error(recording):
+    whole = message_of(recording.markers[0])
+    frames = track([whole, whole._replace(data=whole.data[:60])], HandTracker())
+    next(frames)
+    with pytest.raises(BagError, match='is no whole'):
+        next(frames)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('name', ['out.csv', 'out.mcap'])
+def test_an_interruption_leaves_what_was_there(bag, name, number, tmp_path):
+    with open_bag(bag) as source:
+        frames = list(source.messages(['/markers']))
+    span = frames[-1].time - frames[0].time + 10**7
+    (tmp_path / 'in').mkdir()
+    write_bag(tmp_path / 'in' / 'long.mcap', (
+        frame._replace(time=frame.time + turn * span) for turn in range(300) for frame in frames))
+    folder = tmp_path / 'out'
+    folder.mkdir()
+    output = folder / name
+    output.write_bytes(b'of yesterday')
+    process = run_in_process(tmp_path / 'in' / 'long.mcap', '-o', output)
+    try:
+        until = time.monotonic() + 60.
+        while len(list(folder.iterdir())) == 1 and process.poll() is None:
+            assert time.monotonic() < until
+            time.sleep(.01)
+        time.sleep(.3)
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=30.)
+    finally:
+        process.kill()
+    assert process.returncode == 130, errors
+    assert 'interrupted; no unfinished file is left' in errors
+    assert 'Traceback' not in errors
+    assert list(folder.iterdir()) == [output]
+    assert output.read_bytes() == b'of yesterday'
+
+
+# --- several recordings
+
+@pytest.mark.parametrize('jobs', [1, 2])
+def test_several_recordings_become_the_files_of_a_folder(bag, jobs, tmp_path, capsys):
+    (tmp_path / 'in').mkdir()
+    names = 'one', 'two', 'three'
+    recordings = [tmp_path / 'in' / f'{name}.mcap' for name in names]
+    for recording in recordings:
+        recording.write_bytes(bag.read_bytes())
+    main([str(bag), '-o', str(tmp_path / 'alone.csv')])
+    capsys.readouterr()
+    folder = tmp_path / 'new' / 'out'
+    assert main([*map(str, recordings), '-o', str(folder), '--jobs', str(jobs)]) == 0
+    said, lines = capsys.readouterr()
+    assert said == f'{folder}: 3 recordings tracked\n'
+    assert f'three.mcap: {folder / "three.csv"}: {FRAMES} of {FRAMES} frames tracked' in lines
+    assert {path.name for path in folder.iterdir()} == {f'{name}.csv' for name in names}
+    for path in folder.iterdir():
+        assert path.read_bytes() == (tmp_path / 'alone.csv').read_bytes()
+
+
+def test_what_is_wrong_with_one_recording_leaves_the_others_alone(bag, tmp_path, capsys):
+    cut_off(tmp_path / 'bad.mcap')
+    (tmp_path / 'good.mcap').write_bytes(bag.read_bytes())
+    recordings = [str(tmp_path / f'{name}.mcap') for name in ('bad', 'absent', 'good')]
+    assert main([*recordings, '-o', str(tmp_path / 'out'), '--format', 'db3']) == 1
+    lines = capsys.readouterr().err
+    assert 'only 1 of 3 recordings tracked' in lines
+    assert 'bad.mcap: cannot be read' in lines and lines.count('bad.mcap') == 1
+    assert 'absent.mcap: no such file' in lines
+    assert [path.name for path in (tmp_path / 'out').iterdir()] == ['good.db3']
+
+
+def test_recordings_of_one_name_are_refused(bag, tmp_path, capsys):
+    other = tmp_path / 'in.db3'
+    assert main([str(bag), str(other), '-o', str(tmp_path / 'out')]) == 1
+    assert 'in.csv: several recordings have this name' in capsys.readouterr().err
+    assert not (tmp_path / 'out').exists()
+
+
+@pytest.mark.parametrize('arguments', [('more.mcap',), ('--format', 'mcap')])
+def test_a_folder_with_the_name_of_a_file_is_refused(bag, arguments, tmp_path, capsys):
+    output = tmp_path / 'many.csv'
+    assert main([str(bag), *arguments, '-o', str(output)]) == 1
+    assert 'many.csv: several recordings, or --format, fill a folder' in capsys.readouterr().err
+    assert not output.exists()
+
+
+def test_an_interruption_of_several_leaves_whole_files_alone(bag, tmp_path):
+    with open_bag(bag) as source:
+        frames = list(source.messages(['/markers']))
+    span = frames[-1].time - frames[0].time + 10**7
+    write_bag(tmp_path / 'long.mcap', (
+        frame._replace(time=frame.time + turn * span) for turn in range(300) for frame in frames))
+    (tmp_path / 'longer.mcap').write_bytes((tmp_path / 'long.mcap').read_bytes())
+    folder = tmp_path / 'out'
+    process = run_in_process(tmp_path / 'long.mcap', tmp_path / 'longer.mcap', bag,
+                             '-o', folder, '--jobs', 2)
+    try:
+        until = time.monotonic() + 60.
+        while len(list(folder.glob('*'))) < 2 and process.poll() is None:
+            assert time.monotonic() < until
+            time.sleep(.01)
+        process.send_signal(signal.SIGTERM)
+        _, errors = process.communicate(timeout=30.)
+    finally:
+        process.kill()
+    assert process.returncode == 130, errors
+    assert 'Traceback' not in errors
+    assert not [path for path in folder.iterdir() if path.suffix != '.csv']
+    assert not (folder / 'long.csv').exists()
+
+
+# --- progress
+
+class Terminal(io.StringIO):
+    """A stream that says it is one."""
+
+    def isatty(self):
+        return True
+
+
+def test_bar_on_a_terminal():
+    stream = Terminal()
+    progress = Progress(4, 'frames', stream)
+    for item in progress.over(range(4)):
+        if item == 1:
+            progress.say('half')
+    assert '\r\x1b[Khalf\n' in stream.getvalue()
+    last = stream.getvalue().splitlines()[-1]
+    assert f'[{"#" * 24}] 100 %  4 of 4 frames' in last
+    assert last.endswith('0:00 left')
+
+
+def test_quick_work_says_nothing_elsewhere():
+    stream = io.StringIO()
+    assert list(Progress(4, 'frames', stream).over(range(4))) == [0, 1, 2, 3]
+    assert not stream.getvalue()
+
+
+def test_a_single_long_piece_does_not_fall_silent(monkeypatch):
+    monkeypatch.setattr('hand_tracker.progress.LINE_EVERY', .02)
+    stream = io.StringIO()
+    for _ in Progress(2, 'motions', stream).over(range(2)):
+        time.sleep(.1)
+    lines = stream.getvalue().splitlines()
+    assert len(lines) > 4
+    assert '0 %  0 of 2 motions' in lines[0] and '50 %  1 of 2 motions' in lines[-1]
