@@ -22,6 +22,9 @@ DECIMALS = 6                 # of stored metres and radians: hides last-bit diff
 FRAME_ID = 'mocap'
 MARKER_TOPIC, TRUTH_TOPIC = '/markers', '/joint_states_truth'
 
+# [m] between the hands of a person with the arms ahead; no phase of the motion makes them touch.
+LEFT_HAND_OFFSET = np.array((0., .4, 0.))
+
 DROPOUT_EVERY = .9           # [s] between drop-outs, on average
 DROPOUT_LENGTH = (.03, .3)   # [s]
 DROPOUT_FREE = 1.            # [s] at the beginning
@@ -47,7 +50,7 @@ class Recording(NamedTuple):
 
 
 def demo_recording(hand=None, layout=None, rate=RATE, noise=NOISE, seed=SEED):
-    """Return a recording of the demo motion.
+    """Return a recording of the demo motion, a left hand's 0.4 m to the left of a right one's.
 
     Parameters
     ----------
@@ -70,6 +73,8 @@ def demo_recording(hand=None, layout=None, rate=RATE, noise=NOISE, seed=SEED):
     motion = demo_motion(hand)
     frames = np.arange(int(np.floor(motion.duration * rate)) + 1)
     angles, rotation, position = motion.sample(frames / rate)
+    if hand.side == 'left':
+        position = position + LEFT_HAND_OFFSET
     pose = forward(joint_table(hand), angles, rotation, position)
     markers = marker_positions(layout.mounting(hand), pose, rotation, position)
     # RandomState's streams are frozen for good; those of default_rng may change with numpy.

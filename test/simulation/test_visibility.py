@@ -220,6 +220,14 @@ def test_left_recording_is_of_a_left_hand():
     assert np.linalg.det(a) * np.linalg.det(b) < 0.
 
 
+def test_the_hands_never_touch_whenever_their_recordings_start():
+    rightmost, leftmost = (
+        extreme(made.demo_recording(Hand.scaled(side=side)).markers[..., 1])
+        for side, extreme in (('left', np.nanmin), ('right', np.nanmax)))
+    flesh = .02
+    assert rightmost - leftmost > flesh
+
+
 @pytest.fixture(scope='module')
 def remade(tmp_path_factory):
     """Return the packaged recordings, made again, by side."""
@@ -295,7 +303,7 @@ def test_packaged_recording_is_small_and_holds_what_was_made(recording):
 
 def test_command_says_why_it_cannot_write(tmp_path):
     run = subprocess.run(
-        [sys.executable, '-m', 'hand_tracker.simulation.packaged_recordings', '-o', tmp_path / 'demo.txt'],
+        [sys.executable, '-m', 'hand_tracker', 'record', '-o', tmp_path / 'demo.txt'],
         cwd=ROOT, capture_output=True, text=True)
     assert run.returncode == 1
     assert "unknown extension '.txt'" in run.stderr
