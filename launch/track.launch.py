@@ -46,7 +46,8 @@ ARGUMENTS = (
                     "0.8 as in the paper; auto: the hand file's, else natural"),
     DeclareLaunchArgument(
         'thumb', default_value='saddle', choices=['saddle', 'index_mcp'],
-        description="Plane of the thumb: the hand's saddle joint, or the paper's through index MCP"),
+        description="Plane of the thumb: the hand's saddle joint, or the paper's through the "
+                    "index MCP"),
     DeclareLaunchArgument(
         'prefix', default_value='auto',
         description='Before all joint and frame names; auto: right_ or left_; none: no prefix'),

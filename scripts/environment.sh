@@ -112,6 +112,7 @@ install_requirements() {
   demo=$(fingerprint "$root/requirements/demo.txt")
   wanted=$(fingerprint "$root/requirements/$1.txt")
   if ! is_done demo "$demo" || [[ -e $venv/unfinished ]] || ! "$venv/bin/python" -c 'import rclpy' 2>/dev/null; then
+    say "No ROS 2 is sourced: setting up one of its own in $venv (once, about a minute)."
     make_venv
   fi
   is_done "$1" "$wanted" && return
@@ -130,10 +131,9 @@ make_venv() {
   [[ ! -e $venv || -e $log ]] || fail "$venv is not of this script's making, and is left as it is.
   Move it away, or delete it, and run this again."
   interpreter=$(find_python)
-  say "No ROS 2 is sourced: setting up one of its own in $venv (once, about a minute)."
   rm -rf "$venv"
   mkdir -p "$venv"
-  step "making .venv with $interpreter" "$interpreter" -m venv "$venv" || fail "see $log"
+  step "making ${venv#"$root/"} with $interpreter" "$interpreter" -m venv "$venv" || fail "see $log"
 }
 
 find_python() {
@@ -190,7 +190,7 @@ overlay_lacks() {
 
 install_package() {
   local sources
-  sources=$(fingerprint "$root/package.xml" "$root/setup.py" "$root/setup.cfg")
+  sources=$(fingerprint "$root/package.xml" "$root"/{pyproject.toml,setup.py,setup.cfg})
   is_done package "$sources" && return
   step "installing hand_tracker (editable)" "$venv/bin/python" -m pip --disable-pip-version-check \
     install --no-deps --no-build-isolation -e "$root" || fail "see $log"
@@ -206,6 +206,23 @@ warm_up() {
   step "compiling the kernels and making a skin" "$python" -c \
     'from hand_tracker.cli.view import warm_up; warm_up()' || fail "see $log"
   mark_done view_ready "$sources"
+}
+
+# --- tools that need neither ROS 2 nor the package -------------------------------------------------------------------
+
+# Leaves in $tools the folder of the programs of requirements/$1.txt, in an environment of their own.
+prepare_tools() {
+  venv=$root/.tools/$1
+  tools=$venv/bin
+  stamps=$venv
+  log=$venv/setup.log
+  local wanted
+  wanted=$(fingerprint "$root/requirements/$1.txt")
+  is_done "$1" "$wanted" && return
+  make_venv
+  step "installing requirements/$1.txt" "$tools/python" -m pip --disable-pip-version-check --retries 2 \
+    install --no-deps --no-compile -r "$root/requirements/$1.txt" || explain_pip
+  mark_done "$1" "$wanted"
 }
 
 # --- both ---------------------------------------------------------------------------------------------------------

@@ -31,4 +31,4 @@ def pytest_configure(config):
     done = subprocess.run([sys.executable, '-c', program], cwd=Path(__file__).parents[1],
                           stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     if done.returncode:
-        warnings.warn(f'the kernels were not compiled: {done.stderr[-2000:]}')
+        warnings.warn(f'the kernels were not compiled: {done.stderr[-2000:]}', stacklevel=1)

@@ -152,7 +152,10 @@ def tip_frames(names):
     return tuple((f'{names.prefix}{digit}_distal', tip) for digit, tip in zip(DIGITS, names.tips))
 
 
-def transform_numbers(table, state, count=1 + len(LINKS)):
+ALL_TRANSFORMS = 1 + len(LINKS)  # the wrist, and the links in their parents
+
+
+def transform_numbers(table, state, count=ALL_TRANSFORMS):
     """Return the wrist, and the links in their parents, as the numbers that TF has of them.
 
     Parameters

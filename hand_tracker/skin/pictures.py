@@ -20,10 +20,11 @@ FINER = 2                # see `render`
 KNUCKLES = {'from the thumb': ('index', ('proximal', 'middle', 'distal'), .096),
             'from above': ('middle', ('proximal',), .09),
             'from the front': ('middle', ('proximal', 'middle'), .1)}
+SKIN_COLOUR = rgb(FLESH)
 APART = .003             # [m] from which two ways of blending have the full colour
 
 
-def seen(hand, vertices, faces, view, colours=rgb(FLESH)):
+def seen(hand, vertices, faces, view, colours=SKIN_COLOUR):
     """Return a square picture of a mesh.
 
     Parameters

@@ -98,7 +98,7 @@ class Viewer:
                 other = source.bare_state() if compared else None
                 self._set_hands(1 + compared)
 
-                async def draw():
+                async def draw(state=state, other=other, anchor=anchor, compared=compared):
                     with self._server.atomic():
                         for one in (hand, bare):
                             one.show(panel.skin.value, panel.skeleton.value, panel.markers.value)

@@ -101,6 +101,7 @@ def test_no_angle_jumps_in_any_frame_of_an_occlusion(motion):
         joint_table(HAND), angles, rotation, position), rotation, position)
     fastest = abs(np.diff(angles, axis=0)).max()
     tracker = HandTracker(HAND, options=EXACT)
+    last = None
     for frame in range(540):
         if frame in (321, 435, 500):
             for row in range(8):

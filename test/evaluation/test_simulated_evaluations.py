@@ -65,7 +65,8 @@ def test_rows_of_cameras(quick):
     assert [row['cameras'] for row in rows] == [8, 6, 4, 2]
     assert rows[0]['against_8_squared_max'] == 0. < rows[0]['true_squared']
     assert rows == camera_count.judge(('spelling', 2))
-    assert [line[1] for line in camera_count.tables(rows)[0].lines] == ['–', *camera_count.PAPER.values()]
+    lines = camera_count.tables(rows)[0].lines
+    assert [line[1] for line in lines] == ['–', *camera_count.PAPER.values()]
 
 
 def test_rows_of_rates(quick):

@@ -142,7 +142,7 @@ def test_shipped_files_are_what_the_command_writes(side, tmp_path):
     assert main(['--side', side, '--prefix', f'{side}_', '-o', str(made)]) == 0
     shipped = SHIPPED / f'hand_{side}.urdf'
     assert shipped.read_text(encoding='utf-8') == made.read_text(encoding='utf-8'), (
-        f'remake it: python -m hand_tracker.files.urdf_file --side {side} --prefix {side}_ -o {shipped.name}')
+        f'remake it: python -m hand_tracker urdf --side {side} --prefix {side}_ -o {shipped.name}')
 
 
 def test_yourdfpy_loads_it_in_silence(hand, caplog, capfd):

@@ -320,7 +320,7 @@ def test_services_step_resume_pause_rate(bags, watch, srv):
         assert paused()
         for count in (1, 2, 3):
             assert watch.call(srv.PlayNext, '/replay/play_next').success
-            watch.spin_until(lambda: len(markers) == count)
+            watch.spin_until(lambda n=count: len(markers) == n)
         watch.spin_for(.1)
         assert frames_of(markers) == [0, 1, 2]
 

@@ -52,9 +52,10 @@ LATE = 120_000      # number of a frame long after those of a test
 # thumb's angles, one marker tells some combinations only.
 BENT = np.array(((0., .05, .5, .8, .32),) * 4 + ((.1, -.1, .05, .2, .2),)).ravel()
 RIGHT = Hand.scaled()
+LAYOUT = MarkerLayout()
 
 
-def hand_at(angles=BENT, hand=RIGHT, layout=MarkerLayout(), offset=(0., 0., 1.), turn=0.):
+def hand_at(angles=BENT, hand=RIGHT, layout=LAYOUT, offset=(0., 0., 1.), turn=0.):
     """Return the eight markers of a hand in a pose."""
     c, s = np.cos(turn), np.sin(turn)
     at = np.array(((c, -s, 0.), (s, c, 0.), (0., 0., 1.))), np.array(offset)

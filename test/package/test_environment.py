@@ -45,7 +45,7 @@ class Machine:
         self.bin.mkdir()
         for name in ('scripts', 'requirements', 'overlay'):
             shutil.copytree(ROOT / name, self.checkout / name)
-        for name in ('package.xml', 'setup.py', 'setup.cfg'):
+        for name in ('package.xml', 'pyproject.toml', 'setup.py', 'setup.cfg'):
             shutil.copy(ROOT / name, self.checkout)
         for name in ('core', 'skin'):
             (self.checkout / 'hand_tracker' / name).mkdir(parents=True)

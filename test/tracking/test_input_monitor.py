@@ -32,8 +32,10 @@ SEEN = marker_positions(
     MarkerLayout().mounting(Hand.scaled()),
     forward(joint_table(Hand.scaled()), np.zeros(len(JOINTS))))
 
+FIRST = Stamp(0, 0)
 
-def frame(positions=SEEN, stamp=Stamp(0, 0), unknown=(), foreign=(), doubled=()):
+
+def frame(positions=SEEN, stamp=FIRST, unknown=(), foreign=(), doubled=()):
     """Return what a message held."""
     return SimpleNamespace(positions=np.asarray(positions), stamp=stamp or None, frame_id='mocap',
                            unknown=unknown, foreign=foreign, doubled=doubled)
@@ -391,7 +393,7 @@ def test_stamps_that_passed_in_between_do_not_stand():
 
 def test_says_once_that_time_jumped_back():
     hand = Input()
-    for i in range(10):
+    for _ in range(10):
         hand.watch.restarted()
     line, = hand.said(1.)
     assert 'jumped back' in line and 'use_sim_time' in line

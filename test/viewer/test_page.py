@@ -90,7 +90,8 @@ def test_the_tracking_time_is_the_median_of_the_shown_constraints(monkeypatch):
     recording.playhead.seek(1.)
     # Each update takes 30 µs, and the very first a second: it compiled the kernels.
     clock = itertools.accumulate(itertools.chain([0., 1.], itertools.repeat(30e-6)))
-    monkeypatch.setattr('hand_tracker.viewer.recording_source.time.perf_counter', lambda: next(clock))
+    monkeypatch.setattr(
+        'hand_tracker.viewer.recording_source.time.perf_counter', lambda: next(clock))
     assert recording.numbers(recording.state())['tracking time'] == '30 µs'
     clock = itertools.accumulate(itertools.repeat(70e-6))
     recording.bare_state()

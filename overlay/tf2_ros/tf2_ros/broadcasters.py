@@ -16,7 +16,8 @@ class TransformBroadcaster:
     """
 
     def __init__(self, node, qos=None):
-        self.pub_tf = node.create_publisher(TFMessage, '/tf', QoSProfile(depth=100) if qos is None else qos)
+        qos = QoSProfile(depth=100) if qos is None else qos
+        self.pub_tf = node.create_publisher(TFMessage, '/tf', qos)
 
     def sendTransform(self, transform):
         """Send one TransformStamped, or several in one message."""
@@ -35,7 +36,8 @@ class StaticTransformBroadcaster:
 
     def __init__(self, node, qos=None):
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.pub_tf = node.create_publisher(TFMessage, '/tf_static', latched if qos is None else qos)
+        qos = latched if qos is None else qos
+        self.pub_tf = node.create_publisher(TFMessage, '/tf_static', qos)
         self._by_child_frame = {}
 
     def sendTransform(self, transform):

@@ -261,10 +261,10 @@ def test_fingers_that_lie_side_by_side_keep_their_labels():
 
 def test_each_part_is_switched_off_by_zero():
     outlier, swap = shifted(4, (0., 0., -.05)), exchanged((3, 4))
-    for gate, margin, given in ((0., 0., outlier), (0., 0., swap), (0., MARGIN, outlier),
+    for gate, margin, frame in ((0., 0., outlier), (0., 0., swap), (0., MARGIN, outlier),
                                 (GATE, 0., swap)):
-        markers, seen, verdict = settled().give(given, gate=gate, margin=margin)
-        np.testing.assert_array_equal(markers, given)
+        markers, seen, verdict = settled().give(frame, gate=gate, margin=margin)
+        np.testing.assert_array_equal(markers, frame)
         assert (verdict != SWAPPED).all() and (gate > 0. or seen.all())
     assert (settled().give(swap, gate=0.)[2][3:5] == SWAPPED).all()
 

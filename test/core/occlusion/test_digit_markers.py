@@ -134,7 +134,7 @@ def test_a_stale_digit_relaxes_or_holds(relaxing, share):
     digits = Digits(longest=.5, relaxing=relaxing)
     raised = REST + np.array((0., 0., .03)) * (np.arange(5) == 1)[:, None]
     # Usual is rest, where it was for long.
-    for frame in range(1200):
+    for _ in range(1200):
         digits.see(REST)
     for _ in range(60):
         digits.see(raised)
