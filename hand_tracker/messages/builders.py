@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from ..core.model.hand import DIGITS, JOINTS, LINKS, ROOT
-from ..core.numerics.quaternion import tell_transforms
+from ..core.numerics.quaternion import write_transforms
 
 
 class Names(NamedTuple):
@@ -172,6 +172,6 @@ def transform_numbers(table, state, count=ALL_TRANSFORMS):
         x, y, z of the translation and x, y, z, w of the rotation of each [m].
     """
     numbers = np.empty((count, 7))
-    tell_transforms(table.parent, *state.pose, state.wrist_rotation, state.wrist_position,
-                    numbers)
+    write_transforms(table.parent, *state.pose, state.wrist_rotation, state.wrist_position,
+                     numbers)
     return numbers

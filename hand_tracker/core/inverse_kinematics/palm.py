@@ -18,7 +18,7 @@ from ..numerics.vectors import (
     dot,
     inverse,
     length,
-    mix,
+    rotate,
     scale,
     subtract,
     unit,
@@ -89,7 +89,7 @@ def rigid_palm(r, p, q, template_r, template_p, template_q):
         add(scale(axes[1], c), scale(axes[0], -s)),
         axes[2])
     fitted = compose(turned, inverse(template_axes))
-    return fitted, subtract(center, mix(fitted, template_center))
+    return fitted, subtract(center, rotate(fitted, template_center))
 
 
 @jit
@@ -99,7 +99,7 @@ def triad_palm(r, p, q, template_r, template_p, template_q):
     Parameters and returns as for `rigid_palm`; noise of r moves the wrist in full.
     """
     axes = compose(triad(r, p, q), inverse(triad(template_r, template_p, template_q)))
-    return axes, subtract(r, mix(axes, template_r))
+    return axes, subtract(r, rotate(axes, template_r))
 
 
 @jit

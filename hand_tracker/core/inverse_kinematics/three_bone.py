@@ -8,7 +8,7 @@ redundant one.
 import math
 
 from ..numerics.jit import jit
-from ..numerics.vectors import clamp, clamp_angle, wrap
+from ..numerics.vectors import clamp, clamp_angle, wrap_angle
 from .two_bone import flexion_of
 
 SEARCH_STEPS = 40
@@ -120,7 +120,7 @@ def coupled_form(along, height, bone, middle, third, droop, slope, offset, start
     x, y = coupled_end(bone, middle, third, droop, angle2, angle3)
     ideal1 = aim - math.atan2(y, x)
     angle1 = clamp_angle(ideal1, lower1, upper1)
-    if abs(wrap(angle1 - ideal1)) > 1e-9:
+    if abs(wrap_angle(angle1 - ideal1)) > 1e-9:
         angle2, angle3 = _nearest(along, height, angle1, angle2, angle3, bone, middle, third,
                                   droop, slope, offset, start, upper2, lower3, upper3)
     return angle1, angle2, angle3

@@ -6,7 +6,7 @@ Angles of flexion count from x towards -z.
 import math
 
 from ..numerics.jit import jit
-from ..numerics.vectors import clamp, clamp_angle, wrap
+from ..numerics.vectors import clamp, clamp_angle, wrap_angle
 
 # What chooses between two bends that fit alike, against a turn of the second hinge. Ours.
 UNNATURAL = 3.0       # of its distance from what is natural with the first
@@ -114,8 +114,8 @@ def one_bend(along, height, bone, second, droop, sign, lower1, upper1, lower2, u
     cosine = clamp(
         (square - bone * bone - second * second) / (2.0 * bone * second), -1.0, 1.0)
     bend = sign * math.acos(cosine)
-    best2 = wrap(bend - droop)
-    best1 = wrap(aim - math.atan2(
+    best2 = wrap_angle(bend - droop)
+    best1 = wrap_angle(aim - math.atan2(
         second * math.sin(bend), bone + second * math.cos(bend)))
     if lower1 <= best1 <= upper1 and lower2 <= best2 <= upper2:
         return best1, best2, miss_distance(along, height, bone, second, droop, best1, best2)

@@ -20,11 +20,11 @@ def quaternion(rotation):
     tuple of float
         x, y, z, w of unit length, w not negative.
     """
-    return quaternion_of(frame(np.asarray(rotation, dtype=float)))
+    return quaternion_from_frame(frame(np.asarray(rotation, dtype=float)))
 
 
 @jit
-def quaternion_of(axes):
+def quaternion_from_frame(axes):
     """Return the quaternion of a frame; see `quaternion`."""
     (xx, yx, zx), (xy, yy, zy), (xz, yz, zz) = axes
     # Rows of 4 q qᵀ: that of the greatest diagonal is q times a number far from zero.
@@ -42,7 +42,7 @@ def quaternion_of(axes):
 
 
 @jit
-def tell_transforms(parent, link_rotations, link_positions, rotation, position, numbers):
+def write_transforms(parent, link_rotations, link_positions, rotation, position, numbers):
     """Write the wrist in its surroundings, and links in their parents, as TF has them.
 
     Parameters
@@ -58,21 +58,21 @@ def tell_transforms(parent, link_rotations, link_positions, rotation, position, 
         x, y, z, w of the rotation.
     """
     wrist, origin = frame(rotation), vector(position)
-    _tell_transform(wrist, origin, 0, numbers)
+    _write_transform(wrist, origin, 0, numbers)
     for link in range(len(numbers) - 1):
         up = parent[link]
         axes, at = wrist, origin
         if up >= 0:
             axes, at = frame(link_rotations[up]), vector(link_positions[up])
         x, y, z = frame(link_rotations[link])
-        _tell_transform(
+        _write_transform(
             (components(axes, x), components(axes, y), components(axes, z)),
             components(axes, subtract(vector(link_positions[link]), at)), link + 1, numbers)
 
 
 @jit
-def _tell_transform(axes, position, row, numbers):
-    turn = quaternion_of(axes)
+def _write_transform(axes, position, row, numbers):
+    turn = quaternion_from_frame(axes)
     for i in range(3):
         numbers[row, i] = position[i]
     for i in range(4):

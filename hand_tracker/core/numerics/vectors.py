@@ -88,7 +88,7 @@ def unit(a):
 
 
 @jit
-def mix(axes, v):
+def rotate(axes, v):
     """Return the surroundings' coordinates of `v`, given in the frame `axes`."""
     return (
         axes[0][0] * v[0] + axes[1][0] * v[1] + axes[2][0] * v[2],
@@ -106,7 +106,7 @@ def components(axes, v):
 @jit
 def compose(outer, inner):
     """Return the frame `inner`, given in `outer`, in the surroundings of `outer`."""
-    return (mix(outer, inner[0]), mix(outer, inner[1]), mix(outer, inner[2]))
+    return (rotate(outer, inner[0]), rotate(outer, inner[1]), rotate(outer, inner[2]))
 
 
 @jit
@@ -120,7 +120,7 @@ def inverse(axes):
 
 
 @jit
-def turn(axis, angle, v):
+def rotate_about(axis, angle, v):
     """Rotate `v` about the unit vector `axis` by `angle` [rad] (Rodrigues)."""
     c = math.cos(angle)
     along = scale(axis, (1.0 - c) * dot(axis, v))
@@ -134,7 +134,7 @@ def clamp(value, lower, upper):
 
 
 @jit
-def wrap(angle):
+def wrap_angle(angle):
     """Return the angle in [-pi, pi) that equals `angle` modulo a full turn [rad]."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
@@ -145,4 +145,4 @@ def clamp_angle(angle, lower, upper):
     middle = 0.5 * (lower + upper)
     half = 0.5 * (upper - lower)
     # Clamped twice: the sum's last rounding may step over a limit.
-    return clamp(middle + clamp(wrap(angle - middle), -half, half), lower, upper)
+    return clamp(middle + clamp(wrap_angle(angle - middle), -half, half), lower, upper)

@@ -18,11 +18,11 @@ from ..numerics.vectors import (
     dot,
     frame,
     length,
-    mix,
+    rotate,
+    rotate_about,
     scale,
     store,
     subtract,
-    turn,
     unit,
     vector,
 )
@@ -76,9 +76,9 @@ def _template_places(template, rotation, position):
     """Return where a pose has the palm's markers."""
     axes = frame(rotation)
     origin = vector(position)
-    return (add(origin, mix(axes, vector(template[0]))),
-            add(origin, mix(axes, vector(template[1]))),
-            add(origin, mix(axes, vector(template[2]))))
+    return (add(origin, rotate(axes, vector(template[0]))),
+            add(origin, rotate(axes, vector(template[1]))),
+            add(origin, rotate(axes, vector(template[2]))))
 
 
 @jit
@@ -165,7 +165,7 @@ def _fit_to_fingers(markers, seen, tracks, digits, template, count):
     for i in range(3, 8):
         # In a palm that is lost no digit is followed, and each keeps the place it had.
         if seen[i] and (digits.seen[i - 3] or count == 0 and digits.known[i - 3]):
-            expected = add(origin, mix(axes, vector(digits.mean[i - 3])))
+            expected = add(origin, rotate(axes, vector(digits.mean[i - 3])))
             weights[i] = 1.
             store(points, i, expected)
             store(aims, i, vector(markers[i]))
@@ -205,7 +205,7 @@ def _lay_on(points, aims, weights):
     axis, angle = unit(turned), length(turned)
     for i in range(len(weights)):
         arm = subtract(vector(points[i]), center)
-        store(points, i, add(turn(axis, angle, arm), add(shift, center)))
+        store(points, i, add(rotate_about(axis, angle, arm), add(shift, center)))
 
 
 @jit
@@ -265,7 +265,7 @@ def _carry(a, b, expected_a, expected_b, expected_c):
     middle = scale(add(a, b), 0.5)
     expected_middle = scale(add(expected_a, expected_b), 0.5)
     arm = subtract(expected_c, expected_middle)
-    return add(middle, turn(unit(axis), angle, arm))
+    return add(middle, rotate_about(unit(axis), angle, arm))
 
 
 @jit
@@ -287,7 +287,7 @@ def expected_markers(palm, digits, template, step, expected):
                               vector(template[1]), vector(template[2]))
     for i in range(8):
         store(expected, i, places[i] if i < 3 else add(
-            origin, mix(axes, _onward(digits, i - 3, step))))
+            origin, rotate(axes, _onward(digits, i - 3, step))))
 
 
 @jit

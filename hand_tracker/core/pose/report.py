@@ -9,7 +9,7 @@ from ..model.hand import DIGIT_OF_JOINT
 from ..model.kinematics import place_links
 from ..model.states import ABSENT, PREDICTED, REJECTED, SEEN, STALE
 from ..numerics.jit import jit
-from ..numerics.vectors import add, clamp, distance, frame, mix, vector
+from ..numerics.vectors import add, clamp, distance, frame, rotate, vector
 
 UNSURE = .01  # [m] standard deviation of a marker at which confidence is a third
 ASTRAY = .2    # [rad] that an angle is off its solution at which it is a third: UNSURE on a digit
@@ -121,7 +121,7 @@ def tell_markers(markers, seen, verdict, palm, digits, mounting, rotation, posit
             place = vector(palm.mean[i])
             known, hidden_for = palm.known[i], palm.hidden_for[i]
         else:
-            place = add(mix(axes, vector(digits.mean[i - 3])), origin)
+            place = add(rotate(axes, vector(digits.mean[i - 3])), origin)
             known, hidden_for = digits.known[i - 3], digits.hidden_for[i - 3]
         if seen[i]:
             place = vector(markers[i])
@@ -148,7 +148,7 @@ def _place(mounting, marker, report):
         axes, origin = frame(report.wrist_rotation), vector(report.wrist_position)
     else:
         axes, origin = frame(report.link_rotations[link]), vector(report.link_positions[link])
-    return add(origin, mix(axes, vector(mounting.position[marker])))
+    return add(origin, rotate(axes, vector(mounting.position[marker])))
 
 
 @jit

@@ -14,7 +14,7 @@ from ...core.model.hand import JOINTS
 from ...core.model.marker_layout import MARKERS
 from ...core.model.states import PALM_STATES, PalmState
 from ...core.numerics.jit import jit, overwrite
-from ...core.numerics.quaternion import tell_transforms
+from ...core.numerics.quaternion import write_transforms
 from ...core.pipeline import track_frame
 from ...messages.cdr import ENCAPSULATION, LITTLE_ENDIAN, SMALLEST_MARKER, gather, walk
 
@@ -58,7 +58,7 @@ class Passage(NamedTuple):
     stamps, numbers : ndarray of int, shape (3,)
         How many.
     transforms : ndarray, shape (26, 7)
-        Of `tell_transforms`.
+        Of `write_transforms`.
     frames, looked_at : ndarray of int, shape (1,)
         How many came, and how many of them were looked at.
     log : ndarray, shape (KEPT, 5)
@@ -259,8 +259,8 @@ def fill_answers(passage, parent, report):
         _fill(passage, ANGLES, report.angles)
     if passage.wanted[TRANSFORMS]:
         transforms = passage.transforms[:passage.numbers[TRANSFORMS] // 7]
-        tell_transforms(parent, report.link_rotations, report.link_positions,
-                        report.wrist_rotation, report.wrist_position, transforms)
+        write_transforms(parent, report.link_rotations, report.link_positions,
+                         report.wrist_rotation, report.wrist_position, transforms)
         _fill(passage, TRANSFORMS, transforms.reshape(transforms.size))
     if passage.wanted[CONFIDENCE]:
         _fill(passage, CONFIDENCE, report.confidence)
