@@ -19,7 +19,12 @@ from PIL import Image
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import Pose, forward, joint_table, tip_offsets
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
-from hand_tracker.core.model.skeleton import CHAINS, PALM_BONES, POINTS, skeleton_points
+from hand_tracker.core.model.skeleton import (
+    DIGIT_CHAINS,
+    PALM_BONES,
+    SKELETON_POINTS,
+    skeleton_points,
+)
 from hand_tracker.core.model.states import MarkerState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.drawing.angle_plots import history, page
@@ -122,13 +127,13 @@ def balls(markers, states=None):
 def bones(hand, pose):
     """Return the skeleton: each digit in its colour."""
     points = skeleton_points(tip_offsets(hand), pose, np.zeros(3))
-    ends = [chain[-1] for chain in CHAINS]
-    last = points[ends] - points[[chain[-2] for chain in CHAINS]]
+    ends = [chain[-1] for chain in DIGIT_CHAINS]
+    last = points[ends] - points[[chain[-2] for chain in DIGIT_CHAINS]]
     # Their round ends are within the skin, which ends at the tips.
     points[ends] -= .005 * last / np.linalg.norm(last, axis=1)[:, None]
     found = [bone(points[a], points[b], .0028, .0028, GREY) for a, b in PALM_BONES]
-    found += [ball(points[POINTS.index('wrist')], .005, GREY)]
-    for chain, colour in zip(CHAINS, DIGIT_COLOURS):
+    found += [ball(points[SKELETON_POINTS.index('wrist')], .005, GREY)]
+    for chain, colour in zip(DIGIT_CHAINS, DIGIT_COLOURS):
         for a, b in zip(chain, chain[1:]):
             found += [bone(points[a], points[b], .0034, .0026, rgb(colour)),
                       ball(points[a], .0052, rgb(colour))]

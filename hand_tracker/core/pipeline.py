@@ -9,15 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .filtering.frame_clock import step_to
-from .filtering.noise_estimate import Noise, learn_noise, unknown_noise
-from .filtering.smoothing import noise_on_palm
-from .filtering.tracks import Tracks, forget_motion, no_tracks
+from .filtering.frame_clock import advance_clock
+from .filtering.noise_estimate import NoiseEstimate, initial_noise, update_noise
+from .filtering.smoothing import noise_in_palm_frame
+from .filtering.tracks import Tracks, clear_motion, initial_tracks
 from .inverse_kinematics.abduction_plane import FRAME
 from .inverse_kinematics.digit import solve_digits
 from .inverse_kinematics.palm import place_palm
 from .labelling.association import HandBounds, Memory, blank_memory, identify
-from .labelling.validity import reject_frozen, visible
+from .labelling.validity import find_valid, reject_frozen
 from .model.capsules import Capsules, place_capsules
 from .model.kinematics import JointTable
 from .model.marker_layout import MARKERS, Mounting
@@ -142,7 +142,7 @@ class State(NamedTuple):
 
     palm: Tracks
     digits: Tracks
-    noise: Noise
+    noise: NoiseEstimate
     memory: Memory
     habits: Habits
     shares: np.ndarray
@@ -186,8 +186,8 @@ def blank_state(template, rest, relaxed, marker_noise):
     """
     count = len(MARKERS)
     return State(
-        no_tracks(template), no_tracks(rest), unknown_noise(count, marker_noise), blank_memory(),
-        no_habits(), shares=np.zeros((rest.size, rest.size)), rotation=np.eye(3),
+        initial_tracks(template), initial_tracks(rest), initial_noise(count, marker_noise),
+        blank_memory(), no_habits(), shares=np.zeros((rest.size, rest.size)), rotation=np.eye(3),
         position=np.zeros(3), placed=np.zeros(1, dtype=bool), angles=relaxed.copy(),
         eased=relaxed.copy(), offset=np.zeros(len(relaxed)), touched=relaxed.copy(),
         parted=np.zeros(len(relaxed)),
@@ -247,12 +247,12 @@ def track_frame(model, chains, options, clock, blank, state, report, markers, ti
 @jit
 def begin_frame(model, clock, blank, state, markers, time):
     """Turn the markers into a right hand's; return the time that passed, and if all is new."""
-    step, paused, restarted = step_to(clock[0], time)
+    step, paused, restarted = advance_clock(clock[0], time)
     if restarted:
         overwrite(state, blank)
     if paused:
-        forget_motion(state[0].palm)
-        forget_motion(state[0].digits)
+        clear_motion(state[0].palm)
+        clear_motion(state[0].digits)
     # The method is worked out for a right hand; a left one is mirrored at the door.
     for i in range(8):
         for k in range(3):
@@ -265,7 +265,7 @@ def judge_markers(model, options, state, markers, seen, step):
     """Put the measurements in order, and find which are none; return the palm's fault."""
     model, options, state = model[0], options[0], state[0]
     palm, digits = state.palm, state.digits
-    visible(markers, seen)
+    find_valid(markers, seen)
     reject_frozen(markers, seen, state.last, state.still, state.stood,
                   options.frozen_frames)
     expected_markers(palm, digits, model.template, step, state.expected)
@@ -275,7 +275,7 @@ def judge_markers(model, options, state, markers, seen, step):
     identify(markers, seen, state.expected, state.spread, state.known, step, model.hand_bounds,
              state.memory, options.outlier_gate, options.swap_margin, options.patience,
              state.verdict)
-    learn_noise(state.noise, markers, seen, step, options.marker_noise)
+    update_noise(state.noise, markers, seen, step, options.marker_noise)
     fault = check_palm(
         markers, seen, model.template, state.rotation, state.position, state.placed[0] > 0,
         options.palm_stretch, options.palm_shrink, options.palm_flatness)
@@ -319,7 +319,7 @@ def follow_fingers(model, options, state, markers, seen, learning, step):
     learning = learning and state.memory.doubt[0] == 0.
     noise = np.empty(5)
     for i in range(5):
-        noise[i] = noise_on_palm(
+        noise[i] = noise_in_palm_frame(
             state.noise.deviation[3 + i], state.palm.covariance, model.levers[i])
     follow_digits(
         markers[3:], seen[3:], state.digits, state.rotation, state.position, model.rest,

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .filtering.frame_clock import new_clock
-from .filtering.smoothing import levers
+from .filtering.frame_clock import initial_clock
+from .filtering.smoothing import noise_levers
 from .inverse_kinematics.digit import chains, measure
 from .labelling.association import hand_bounds
-from .labelling.plausibility import usual_places
+from .labelling.plausibility import typical_places
 from .model.capsules import capsules
 from .model.hand import DIGITS, Hand
 from .model.kinematics import Pose, forward, joint_table
@@ -146,12 +146,12 @@ class HandTracker:
         self._digits, _ = packed(digits)
         self._measured_digits, _ = packed(deepcopy(digits))
         self._model, _ = packed(Model(
-            self._template, self._rest, levers(self._template, self._rest),
+            self._template, self._rest, noise_levers(self._template, self._rest),
             prior_of(options.link_index_middle, options.link_middle_ring,
                      options.link_ring_little),
             np.array((options.bound_index_middle, options.bound_middle_ring,
                       options.bound_ring_little)),
-            hand_bounds(digits, usual_places(right, mounting)),
+            hand_bounds(digits, typical_places(right, mounting)),
             capsules(right), joint_table(hand), layout.mounting(hand),
             MIRROR if hand.side == 'left' else np.ones(3)))
         self._blank, _ = packed(self._beginning())
@@ -173,7 +173,7 @@ class HandTracker:
     def reset(self):
         """Return to the state before the first frame."""
         self.restarted = False
-        self._clock, _ = packed(new_clock())
+        self._clock, _ = packed(initial_clock())
         self._report, _ = packed(blank_report())
         self._kept, self._state = packed(self._beginning())
 

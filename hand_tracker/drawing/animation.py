@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..core.model.hand import DIGITS
-from ..core.model.skeleton import BONES, CHAINS, PALM_BONES, bone_radii
+from ..core.model.skeleton import DIGIT_CHAINS, PALM_BONES, SKELETON_BONES, bone_radii
 from .images import drawn, save_gif
 from .palette import DIGIT_COLOURS, INK, VERMILLION, rgb
 from .render import view_axes
@@ -71,7 +71,7 @@ class View:
         axes.set(xlim=(left, right), ylim=(bottom, top))
         axes.set_axis_off()
         self.widths = 2. * bone_radii(hand) * 72. * scale / INCH
-        digits = [digit for digit, chain in enumerate(CHAINS) for _ in chain[1:]]
+        digits = [digit for digit, chain in enumerate(DIGIT_CHAINS) for _ in chain[1:]]
         self.colours = np.array([rgb(PALM_COLOUR)] * len(PALM_BONES)
                                 + [rgb(DIGIT_COLOURS[digit]) for digit in digits])
         self.bones = LineCollection([], capstyle='round')
@@ -82,7 +82,7 @@ class View:
 
     def draw(self, points, markers, seen):
         """Draw one pose, far bones first."""
-        ends = (points @ self.axes.T)[np.array(BONES)]  # (bones, 2, 3)
+        ends = (points @ self.axes.T)[np.array(SKELETON_BONES)]  # (bones, 2, 3)
         depth = ends[:, :, 2].mean(axis=1)
         # The palm is one: which of its bones is nearer would change from pose to pose.
         near = np.append([depth[:len(PALM_BONES)].mean()] * len(PALM_BONES),

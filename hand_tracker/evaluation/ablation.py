@@ -24,8 +24,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..core.constraints import ABDUCTION, FLEXION, UNBOUND, UNCOUPLED, Change, free
-from ..core.model.hand import FLEXION as DIGIT_FLEXION
-from ..core.model.hand import JOINTS, preset_coupling, preset_limits
+from ..core.model.hand import FLEXION_JOINTS, JOINTS, preset_coupling, preset_limits
 from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS, marker_positions
 from ..core.model.skeleton import skeleton_points
@@ -203,7 +202,7 @@ def variant_tracked(one, variant, markers):
     """Return the hand of a variant, and what tracking so says of the first markers of a trial."""
     flexion = None
     if variant == MEASURED:
-        last = DIGIT_FLEXION[:, 2]
+        last = FLEXION_JOINTS[:, 2]
         error = FLEXION_ERROR * np.random.RandomState(0).normal(size=len(last))
         flexion = one.angles[:len(markers), last] + error
     return tracked_with(one, VARIANTS[variant], markers, flexion)

@@ -9,7 +9,7 @@ noise are judged: they differ much where the hand sways or swings little.
 import numpy as np
 
 from ..calibration import landmark_positions
-from ..core.model.hand import FLEXION, JOINTS, Hand
+from ..core.model.hand import FLEXION_JOINTS, JOINTS, Hand
 from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import MarkerLayout, marker_positions
 from ..core.options import TrackerOptions
@@ -88,10 +88,10 @@ def pip_of(pip, swing, sway, options, seed):
     hand, layout = Hand.scaled(), MarkerLayout()
     times = np.arange(round(SECONDS * RATE)) / RATE
     angles = np.zeros((len(times), len(JOINTS)))
-    angles[:, FLEXION[:, 1]] = np.radians(OTHERS)
+    angles[:, FLEXION_JOINTS[:, 1]] = np.radians(OTHERS)
     angles[:, PIP] = np.radians(pip + swing * np.sin(2. * np.pi * SWINGING * times))
-    angles[:, FLEXION[:, 2]] = (
-        hand.coupling[:, 0] * angles[:, FLEXION[:, 1]] + hand.coupling[:, 1])
+    angles[:, FLEXION_JOINTS[:, 2]] = (
+        hand.coupling[:, 0] * angles[:, FLEXION_JOINTS[:, 1]] + hand.coupling[:, 1])
     position = np.outer(sway * np.sin(2. * np.pi * SWAYING * times), (1., 0., 0.))
     rotation = np.tile(np.eye(3), (len(times), 1, 1))
     pose = forward(joint_table(hand), angles, rotation, position)

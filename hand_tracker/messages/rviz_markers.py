@@ -6,11 +6,11 @@ from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ..core.model.skeleton import BONES, skeleton_points
+from ..core.model.skeleton import SKELETON_BONES, skeleton_points
 from ..core.model.states import MarkerState, PalmState
 from ..drawing.palette import FLESH, LIGHT_GREY, MARKER_COLOURS, rgb
 
-JOINTS_SHOWN = sorted({end for bone in BONES for end in bone})
+JOINTS_SHOWN = sorted({end for bone in SKELETON_BONES for end in bone})
 COLOURS = {kind: rgb(colour) for kind, colour in MARKER_COLOURS.items()
            if kind != MarkerState.ABSENT}
 SKIN_COLOUR, SKIN_OPACITY = rgb(FLESH), .6  # that shows what is under it
@@ -49,7 +49,7 @@ def hand_markers(stamp, frame_id, names, tips, state):
     header = Header(stamp=stamp, frame_id=frame_id)
     return MarkerArray(markers=[
         _marker(header, names.prefix + 'bones', Marker.LINE_LIST, LINE_WIDTH, grey,
-                [points[i] for bone in BONES for i in bone]),
+                [points[i] for bone in SKELETON_BONES for i in bone]),
         _marker(header, names.prefix + 'joints', Marker.SPHERE_LIST, JOINT_DIAMETER, grey,
                 [points[i] for i in JOINTS_SHOWN]),
         _marker(header, names.prefix + 'markers', Marker.SPHERE_LIST, MARKER_DIAMETER,

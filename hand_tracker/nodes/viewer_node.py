@@ -30,7 +30,7 @@ from ..core.inverse_kinematics.palm import place_palm
 from ..core.model.hand import JOINTS
 from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.marker_layout import MARKERS
-from ..core.model.skeleton import POINTS, skeleton_points
+from ..core.model.skeleton import SKELETON_POINTS, skeleton_points
 from ..core.model.states import MarkerState, PalmState
 from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
@@ -53,7 +53,8 @@ KEPT = 100           # joint states that may wait for the markers of their stamp
 JOINTS_STAMP, MARKERS_STAMP = slice(4, 12), slice(8, 16)
 ANSWER = 1.          # [s] after which the tracker is asked again
 # Of the palm, within which no joint moves: they tell where the wrist is.
-PALM_POINTS = [POINTS.index(name) for name in ('wrist', 'index_proximal', 'little_proximal')]
+PALM_POINTS = [SKELETON_POINTS.index(name)
+               for name in ('wrist', 'index_proximal', 'little_proximal')]
 PALM_SHOWN = [JOINTS_SHOWN.index(point) for point in PALM_POINTS]
 KINDS, TONES = tuple(COLOURS), np.array(tuple(COLOURS.values()))
 LATEST = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -16,7 +16,7 @@ import numpy as np
 from ..core.model.hand import DIGITS, JOINTS
 from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.marker_layout import MarkerLayout, marker_positions
-from ..core.model.skeleton import BONES, bone_radii, skeleton_points
+from ..core.model.skeleton import SKELETON_BONES, bone_radii, skeleton_points
 from .cameras import camera_coordinates
 
 MARKER_RADIUS = .004  # [m]
@@ -107,7 +107,7 @@ def markers_inside(hand, layout):
     """
     pose = forward(joint_table(hand), np.zeros(len(JOINTS)))
     markers = marker_positions(layout.mounting(hand), pose)
-    start, end = skeleton_points(tip_offsets(hand), pose, np.zeros(3))[np.array(BONES).T]
+    start, end = skeleton_points(tip_offsets(hand), pose, np.zeros(3))[np.array(SKELETON_BONES).T]
     bone, apart = end - start, markers[:, None] - start
     along = np.clip((apart * bone).sum(axis=-1) / np.maximum(
         (bone ** 2).sum(axis=-1), 1e-12), 0., 1.)
@@ -133,14 +133,14 @@ def unobstructed(rig, markers, points, radii):
     points : ndarray, shape (n, 31, 3)
         From `skeleton_points` [m].
     radii : ndarray, shape (b,)
-        Of the capsules around `BONES` [m].
+        Of the capsules around `SKELETON_BONES` [m].
 
     Returns
     -------
     ndarray of bool, shape (n, m, c)
     """
     clear = np.empty((*markers.shape[:2], len(rig.positions)), dtype=bool)
-    bones = np.array(BONES)
+    bones = np.array(SKELETON_BONES)
     for first in range(0, len(markers), CHUNK):
         part = slice(first, first + CHUNK)
         ends = points[part][:, bones]  # (n, b, 2, 3)

@@ -12,7 +12,7 @@ import numpy as np
 from ..core.errors import InvalidMesh
 from ..core.model.hand import JOINTS, SIDES
 from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
-from ..core.model.skeleton import CHAINS, PALM_BONES, skeleton_points
+from ..core.model.skeleton import DIGIT_CHAINS, PALM_BONES, skeleton_points
 from .bone_heat import bone_weights
 from .own_mesh import FARTHEST, laid_upon, read_mesh
 from .signed_distance import flesh_of
@@ -20,10 +20,11 @@ from .skinning import Skin, deform
 from .surface import surface
 
 # The thumb moves on its root, the way there is the palm's.
-TO_THUMB = PALM_BONES[len(CHAINS) - 1]
-BONES = PALM_BONES[:len(CHAINS)] + tuple(
-    bone for chain in CHAINS for bone in zip(chain, chain[1:]))
-CARRIERS = tuple(CHAINS[0][0] if bone == TO_THUMB else bone[1] if bone in PALM_BONES else bone[0]
+TO_THUMB = PALM_BONES[len(DIGIT_CHAINS) - 1]
+BONES = PALM_BONES[:len(DIGIT_CHAINS)] + tuple(
+    bone for chain in DIGIT_CHAINS for bone in zip(chain, chain[1:]))
+CARRIERS = tuple(DIGIT_CHAINS[0][0] if bone == TO_THUMB
+                 else bone[1] if bone in PALM_BONES else bone[0]
                  for bone in BONES)
 SKIN_LINKS = tuple(sorted(set(CARRIERS)))
 MIRROR = (1., -1., 1.)

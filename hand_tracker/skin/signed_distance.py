@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.model.hand import FINGERS, JOINTS, LINKS, MCP_OF_LENGTH, MEAN_LENGTH
 from ..core.model.kinematics import forward, joint_table, tip_offsets
-from ..core.model.skeleton import CHAINS, skeleton_points
+from ..core.model.skeleton import DIGIT_CHAINS, skeleton_points
 
 # [degrees] abduction at which the skin is made: side by side, digits would grow together.
 SPREAD_DEG = {'index': 13., 'middle': 0., 'ring': 11., 'little': 19.}
@@ -79,7 +79,7 @@ def distance(flesh, at):
 def finger(flesh, digit, at):
     """Return the signed distance to a finger, from its knuckle to its tip."""
     mm = flesh.size
-    mcp, pip, dip, tip = flesh.points[list(CHAINS[digit][1:])]
+    mcp, pip, dip, tip = flesh.points[list(DIGIT_CHAINS[digit][1:])]
     first, second, third = flesh.radii[digit]
     down = -_dorsal(flesh, f'{FINGERS[digit]}_proximal')
     end = tip - 1.05 * third * _unit(tip - dip)
@@ -100,10 +100,10 @@ def finger(flesh, digit, at):
 def thumb(flesh, at):
     """Return the signed distance to the thumb, its ball and the web to the index finger."""
     mm = flesh.size
-    cmc, mcp, ip, tip = flesh.points[list(CHAINS[4])]
+    cmc, mcp, ip, tip = flesh.points[list(DIGIT_CHAINS[4])]
     first, second, third = flesh.radii[4]
     down = -_dorsal(flesh, 'thumb_proximal')
-    knuckle, root = flesh.points[CHAINS[0][1]], flesh.points[CHAINS[0][0]]
+    knuckle, root = flesh.points[DIGIT_CHAINS[0][1]], flesh.points[DIGIT_CHAINS[0][0]]
     end = tip - 1.05 * third * _unit(tip - ip)
     found = tube(at, cmc, mcp, 1.15 * first, 1.02 * first)
     # The ball of the thumb: thick over the near half of the metacarpal.
@@ -124,17 +124,17 @@ def palm(flesh, at):
     radius = flesh.palm_radius
     found = None
     for digit in range(len(FINGERS)):
-        cmc, mcp = flesh.points[list(CHAINS[digit][:2])]
+        cmc, mcp = flesh.points[list(DIGIT_CHAINS[digit][:2])]
         part = tube(at, cmc + (0., 0., -2.5 * mm), mcp + (0., 0., -1.2 * mm), radius,
                     max(1.15 * flesh.radii[digit, 0], .9 * radius))
         found = part if found is None else union(found, part, 8. * mm)
-    cmc, mcp = flesh.points[list(CHAINS[3][:2])]
+    cmc, mcp = flesh.points[list(DIGIT_CHAINS[3][:2])]
     # The ball of the little finger.
     found = union(found, tube(at, np.array((16., -15., -8.)) * mm,
                               cmc + .75 * (mcp - cmc) + np.array((0., -2., -5.)) * mm,
                               1.15 * radius, .95 * radius), 9. * mm)
     down = np.array((0., 0., -2. * mm))
-    for a, b in zip(CHAINS[:3], CHAINS[1:4]):
+    for a, b in zip(DIGIT_CHAINS[:3], DIGIT_CHAINS[1:4]):
         (near, first), (far, second) = flesh.points[[[a[0], a[1]], [b[0], b[1]]]]
         found = union(found, quadrilateral(at - 1.5 * down, near, far, first, second,
                                            .7 * radius), 4. * mm)

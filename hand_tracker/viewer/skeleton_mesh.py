@@ -4,11 +4,17 @@ import numpy as np
 
 from ..core.model.hand import JOINTS, LINKS
 from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
-from ..core.model.skeleton import BONES, PALM_BONES, POINTS, TIPS, skeleton_points
+from ..core.model.skeleton import (
+    DIGIT_TIPS,
+    PALM_BONES,
+    SKELETON_BONES,
+    SKELETON_POINTS,
+    skeleton_points,
+)
 from ..skin.skinning import Skin
 
 BONE_RADIUS, JOINT_RADIUS = .0018, .0034  # [m]
-FIRST_TIP = POINTS.index(TIPS[0])
+FIRST_TIP = SKELETON_POINTS.index(DIGIT_TIPS[0])
 SIDES = 10
 # The joints between palm and metacarpals are locked: any metacarpal carries the palm.
 PALM = LINKS.index('index_metacarpal')
@@ -42,7 +48,7 @@ def skeleton_mesh(hand):
         ball.apply_translation(place)
         add(ball, carrier)
 
-    for bone in BONES:
+    for bone in SKELETON_BONES:
         carrier = PALM if bone in PALM_BONES else bone[0]
         start, end = points[list(bone)]
         if (digit := bone[1] - FIRST_TIP) >= 0:

@@ -12,7 +12,14 @@ from scipy.spatial.transform import Rotation
 from hand_tracker.core.errors import InvalidLayout, InvalidOption
 from hand_tracker.core.inverse_kinematics.abduction_plane import FIST_FAR
 from hand_tracker.core.inverse_kinematics.digit import chains
-from hand_tracker.core.model.hand import ABDUCTION, FLEXION, JOINTS, SIDES, Hand, preset_limits
+from hand_tracker.core.model.hand import (
+    ABDUCTION_JOINTS,
+    FLEXION_JOINTS,
+    JOINTS,
+    SIDES,
+    Hand,
+    preset_limits,
+)
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.model.states import MarkerState, PalmState
@@ -41,9 +48,9 @@ def observable(hand, share):
     lower, upper = hand.limits.T
     angles = lower + share * (upper - lower)
     # Named singularity: a straight chain (PIP near 0) has no side to bend to.
-    bends = FLEXION[:, 1]
+    bends = FLEXION_JOINTS[:, 1]
     angles[bends] = np.radians(2.) + share[bends] * (upper[bends] - np.radians(2.))
-    follow = FLEXION[:, 2]
+    follow = FLEXION_JOINTS[:, 2]
     angles[follow] = np.clip(hand.coupling[:, 0] * angles[bends] + hand.coupling[:, 1],
                              lower[follow], upper[follow])
     for joint in ('thumb_mcp_abduction',):
@@ -97,7 +104,7 @@ def test_angles_come_back_at_the_first_frame(side, preset, layout, palm_method, 
 def test_in_a_fist_all_but_abduction_comes_back(share):
     hand = Hand.scaled()
     angles = observable(hand, .9 + .1 * share)
-    angles[ABDUCTION] = 0.
+    angles[ABDUCTION_JOINTS] = 0.
     state = HandTracker(hand, options=EXACT).update(markers_of(hand, angles))
     np.testing.assert_allclose(state.angles, angles, atol=2e-6)
 
@@ -234,7 +241,7 @@ def test_digits_keep_their_places_while_the_palm_is_lost(options):
     tracker = HandTracker(hand, options=options)
     share = np.full(25, .4)
     before = tracker.update(markers_of(hand, observable(hand, share)))
-    index = FLEXION[0, :2]
+    index = FLEXION_JOINTS[0, :2]
     for bend in np.linspace(.4, .6, 21)[1:]:
         share[index] = bend
         angles = observable(hand, share)
@@ -268,7 +275,7 @@ def never_seen(name, bends, options=None, side='right'):
     row, states = MARKERS.index(name), []
     for bend in bends:
         angles = hand.relaxed()
-        angles[FLEXION[:4]] = bend * hand.limits[FLEXION[:4], 1]
+        angles[FLEXION_JOINTS[:4]] = bend * hand.limits[FLEXION_JOINTS[:4], 1]
         markers = markers_of(hand, angles)
         markers[row] = np.nan
         states.append(tracker.update(markers))
@@ -293,8 +300,8 @@ def test_a_thumb_that_was_never_seen_is_relaxed(side, stale):
 def test_a_finger_that_was_never_seen_goes_along_with_its_neighbours(stale):
     open_to_shut = .1 + .6 * np.sin(np.linspace(0., 2. * np.pi, 1200)) ** 2
     hand, states = never_seen('ring', open_to_shut, TrackerOptions(stale=stale, rigidity=False))
-    flexion = np.array([state.angles[FLEXION[2, :2]].sum() for state in states])
-    others = open_to_shut * hand.limits[FLEXION[2, :2], 1].sum()
+    flexion = np.array([state.angles[FLEXION_JOINTS[2, :2]].sum() for state in states])
+    others = open_to_shut * hand.limits[FLEXION_JOINTS[2, :2], 1].sum()
     assert np.corrcoef(flexion, others)[0, 1] > .95
     assert np.ptp(flexion) > .5 * np.ptp(others)
     # From the first frame on, and after it has learned what it was itself taken for.
@@ -304,7 +311,7 @@ def test_a_finger_that_was_never_seen_goes_along_with_its_neighbours(stale):
 def test_a_finger_that_was_never_seen_stays_natural_however_long():
     hand, states = never_seen('ring', np.tile(.3 + .2 * np.sin(np.linspace(
         0., 2. * np.pi, 240, endpoint=False)), 40), TrackerOptions(rigidity=False))
-    first, last = (np.array([state.angles[FLEXION[2, :2]] for state in some])
+    first, last = (np.array([state.angles[FLEXION_JOINTS[2, :2]] for state in some])
                    for some in (states[240:480], states[-240:]))
     np.testing.assert_allclose(first, last, atol=np.radians(5.))
 
@@ -357,7 +364,7 @@ def test_fingers_with_markers_on_the_skin_open_and_close_without_a_jump(limits, 
     rise = .5 - .5 * np.cos(np.linspace(0., np.pi, 60))
     share = np.tile(np.concatenate((np.ones(60), rise[::-1], np.zeros(60), rise)), 2)
     angles = np.zeros((len(share), 25))
-    first, second, third = FLEXION[:4].T
+    first, second, third = FLEXION_JOINTS[:4].T
     angles[:, first] = np.radians(3. + 77. * share)[:, None]
     angles[:, second] = np.radians(5. + 88. * share)[:, None]
     angles[:, third] = hand.coupling[:4, 0] * angles[:, second]

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.model.capsules import capsules, pair_gaps
-from hand_tracker.core.model.hand import FINGERS, FLEXION, JOINTS, Hand
+from hand_tracker.core.model.hand import FINGERS, FLEXION_JOINTS, JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import (
     MARKERS,
@@ -35,7 +35,7 @@ def grasp(frame, hand=HAND):
     angles = np.zeros(25)
     for digit in range(5):
         bend = .5 - .35 * np.cos(2. * np.pi * .7 * frame * STEP - .25 * digit)
-        first, second, third = FLEXION[digit]
+        first, second, third = FLEXION_JOINTS[digit]
         angles[first], angles[second] = 1.1 * bend, 1.3 * bend
         angles[third] = hand.coupling[digit] @ (angles[second], 1.)
     return np.clip(angles, *hand.limits.T)
@@ -304,7 +304,7 @@ def test_after_a_pause_hidden_markers_are_where_they_were():
 
 def test_measured_distal_flexion_replaces_the_coupling_within_limits():
     tracker = HandTracker(options=EXACT)
-    dip = FLEXION[:, 2]
+    dip = FLEXION_JOINTS[:, 2]
     markers = markers_at(60)
     coupled = tracker.update(markers).angles
     for _ in range(120):
@@ -331,7 +331,7 @@ def test_no_angle_jumps_where_a_measured_flexion_comes_or_is_missed(places):
     steps = abs(np.diff(path, axis=0))
     assert steps.max() <= 3. * STEP + 1e-9
     # It is measured in the end, and coupled again.
-    last = FLEXION[[0, 2, 4], 2]
+    last = FLEXION_JOINTS[[0, 2, 4], 2]
     np.testing.assert_allclose(path[120][last], measured[[0, 2, 4]], atol=1e-9)
     np.testing.assert_allclose(path[-1], path[0], atol=1e-9)
 
@@ -343,7 +343,8 @@ def test_confidence_falls_while_a_marker_is_hidden_and_is_back_with_it():
     assert (confidence[200:300] > .98).all() and (confidence[661:] > .9).all()
     assert (np.diff(confidence[300:660], axis=0) <= 1e-12).all()
     assert (confidence[310] > .9).all() and (confidence[659] < .5).all()
-    others = [i for i in range(25) if i not in FLEXION[0] and not JOINTS[i].startswith('index')]
+    others = [i for i in range(25)
+              if i not in FLEXION_JOINTS[0] and not JOINTS[i].startswith('index')]
     assert (np.array([state.confidence[others] for state in states[100:]]) > .98).all()
     hidden_for = np.array([state.hidden_for[row] for state in states])
     np.testing.assert_allclose(hidden_for[300:660], STEP * np.arange(1, 361), atol=1e-9)
@@ -358,11 +359,11 @@ def test_confidence_tells_of_an_angle_that_still_goes_back_to_its_marker():
     def bent(frame):
         # It closes while nobody sees it.
         angles = np.zeros(25)
-        angles[FLEXION[:, 1]] = .3
-        angles[FLEXION[0, 1]] += 1. if frame >= 210 else 0.
-        angles[FLEXION[:, 2]] = HAND.coupling[:, 0] * angles[FLEXION[:, 1]]
+        angles[FLEXION_JOINTS[:, 1]] = .3
+        angles[FLEXION_JOINTS[0, 1]] += 1. if frame >= 210 else 0.
+        angles[FLEXION_JOINTS[:, 2]] = HAND.coupling[:, 0] * angles[FLEXION_JOINTS[:, 1]]
         return angles
-    tracker, pip = HandTracker(options=EXACT), FLEXION[0, 1]
+    tracker, pip = HandTracker(options=EXACT), FLEXION_JOINTS[0, 1]
     for frame in range(260):
         markers = markers_at(frame, angles=bent(frame))
         hide((INDEX,), 200, 220)(frame, markers)
@@ -370,7 +371,7 @@ def test_confidence_tells_of_an_angle_that_still_goes_back_to_its_marker():
         off = abs(state.angles[pip] - bent(frame)[pip])
         if frame in (220, 225):
             assert off > np.radians(25.) and state.confidence[pip] < .1
-            assert state.confidence[FLEXION[1, 1]] > .98
+            assert state.confidence[FLEXION_JOINTS[1, 1]] > .98
     assert off < 1e-3 and state.confidence[pip] > .98
 
 
@@ -427,10 +428,10 @@ def pip_of(motion, noise, options, seconds=6., middle=15., seed=5):
     found, true = [], []
     for frame in range(round(seconds * RATE)):
         angles = np.zeros(25)
-        angles[FLEXION[:, 1]] = np.radians(15.)
+        angles[FLEXION_JOINTS[:, 1]] = np.radians(15.)
         angles[pip] = np.radians(middle) + motion * np.sin(2. * np.pi * FREQUENCY * frame * STEP)
-        angles[FLEXION[:, 2]] = (HAND.coupling * np.column_stack(
-            (angles[FLEXION[:, 1]], np.ones(5)))).sum(axis=1)
+        angles[FLEXION_JOINTS[:, 2]] = (HAND.coupling * np.column_stack(
+            (angles[FLEXION_JOINTS[:, 1]], np.ones(5)))).sum(axis=1)
         pose = forward(joint_table(HAND), angles)
         markers = marker_positions(MarkerLayout().mounting(HAND), pose)
         state = tracker.update(markers + rng.normal(scale=noise, size=(8, 3)), frame * STEP)

@@ -13,7 +13,12 @@ from PIL import Image
 from hand_tracker.core.model.hand import JOINTS, SIDES, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
 from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
-from hand_tracker.core.model.skeleton import BONES, POINTS, bone_radii, skeleton_points
+from hand_tracker.core.model.skeleton import (
+    SKELETON_BONES,
+    SKELETON_POINTS,
+    bone_radii,
+    skeleton_points,
+)
 from hand_tracker.drawing.animation import (
     DIGIT_COLOURS,
     GIF_RATE,
@@ -54,15 +59,17 @@ def test_skeleton_has_the_bones_of_the_hand():
     hand = Hand.scaled()
     points = skeleton_points(
         tip_offsets(hand), forward(joint_table(hand), np.zeros(25)), np.zeros(3))
-    lengths = {frozenset((POINTS[a], POINTS[b])): np.linalg.norm(points[a] - points[b])
-               for a, b in BONES}
+    lengths = {
+        frozenset((SKELETON_POINTS[a], SKELETON_POINTS[b])): np.linalg.norm(points[a] - points[b])
+        for a, b in SKELETON_BONES}
     assert lengths[frozenset(('ring_middle', 'ring_distal'))] == pytest.approx(
         hand.finger_bones[2, 1])
     assert lengths[frozenset(('thumb_distal', 'thumb_tip'))] == pytest.approx(hand.thumb_bones[2])
     assert min(lengths.values()) > .005
     radii = bone_radii(hand)
-    assert radii.shape == (len(BONES),)
-    assert radii[BONES.index((POINTS.index('little_distal'), POINTS.index('little_tip')))] == \
+    assert radii.shape == (len(SKELETON_BONES),)
+    tip = SKELETON_POINTS.index('little_distal'), SKELETON_POINTS.index('little_tip')
+    assert radii[SKELETON_BONES.index(tip)] == \
         hand.radii[3, 2]
 
 

@@ -9,7 +9,7 @@ from helpers.captures import capture_path
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.calibration import fit_hand, landmark_positions
-from hand_tracker.core.labelling.plausibility import exchange_clearly_wrong, usual_places
+from hand_tracker.core.labelling.plausibility import correct_exchange, typical_places
 from hand_tracker.core.model.hand import Hand, preset_coupling, preset_limits
 from hand_tracker.core.model.kinematics import Pose
 from hand_tracker.core.model.marker_layout import MarkerLayout
@@ -146,10 +146,10 @@ def test_finger_tips_meet_their_targets_with_the_usual_and_with_the_fitted_coupl
 def test_right_labels_are_kept_with_nothing_but_a_mean_hand_to_go_by(name):
     markers = np.ascontiguousarray(whole_frames(name)[1].right().markers[::20])
     hand = Hand.scaled()
-    usual = usual_places(hand, MarkerLayout().mounting(hand))
+    usual = typical_places(hand, MarkerLayout().mounting(hand))
     for frame in markers:
         rows = np.arange(8)
-        exchange_clearly_wrong(frame, np.ones(8, dtype=bool), usual, rows)
+        correct_exchange(frame, np.ones(8, dtype=bool), usual, rows)
         np.testing.assert_array_equal(rows, np.arange(8))
 
 
@@ -157,10 +157,10 @@ def test_right_labels_are_kept_with_nothing_but_a_mean_hand_to_go_by(name):
 def test_exchanged_labels_of_the_palm_are_put_right_with_nothing_but_a_mean_hand(name):
     markers = np.ascontiguousarray(whole_frames(name)[1].right().markers[::20])
     hand = Hand.scaled()
-    usual = usual_places(hand, MarkerLayout().mounting(hand))
+    usual = typical_places(hand, MarkerLayout().mounting(hand))
     for exchanged in ([1, 0, 2], [2, 1, 0], [0, 2, 1]):
         order = np.array(exchanged + [3, 4, 5, 6, 7])
         for frame in markers:
             rows = np.arange(8)
-            exchange_clearly_wrong(frame[order], np.ones(8, dtype=bool), usual, rows)
+            correct_exchange(frame[order], np.ones(8, dtype=bool), usual, rows)
             np.testing.assert_array_equal(rows, order)

@@ -6,7 +6,7 @@ import pytest
 from hand_tracker.core.model.hand import JOINTS, LINKS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
 from hand_tracker.core.model.marker_layout import MARKERS, marker_positions
-from hand_tracker.core.model.skeleton import BONES, bone_radii, skeleton_points
+from hand_tracker.core.model.skeleton import SKELETON_BONES, bone_radii, skeleton_points
 from hand_tracker.simulation.cameras import RING_CENTRE, CameraRig, InvalidRig, looking_at
 from hand_tracker.simulation.faults import (
     MIRROR_HEIGHT,
@@ -81,10 +81,10 @@ def test_the_own_finger_hides_its_marker_from_palmar_only():
     assert height == pytest.approx(HAND.radii[0, 1] + MARKER_RADIUS)
     # The way grazes the capsule where its angle below the horizon has this sine.
     graze = np.arccos(HAND.radii[0, 1] / height)
-    ends = [tuple(b) for b in BONES]
+    ends = [tuple(b) for b in SKELETON_BONES]
     only = np.array([ends.index(bone) for bone in ends
                      if LINKS.index('index_distal') in bone])
-    radii = np.full(len(BONES), 1e-6)
+    radii = np.full(len(SKELETON_BONES), 1e-6)
     radii[only] = HAND.radii[0, 1]
     for angle, free in ((graze - .01, True), (graze + .01, False)):
         camera = marker[0, i] + (0., np.cos(angle), -np.sin(angle))
@@ -98,7 +98,7 @@ def test_obstruction_agrees_with_a_search_along_the_way(seed):
     markers, points = flat_hand(random.uniform(lower, upper))
     rig = CameraRig.ring(8, centre=(.05, 0., 0.))
     clear = unobstructed(rig, markers, points, bone_radii(HAND))[0]
-    ends = points[0][np.array(BONES)]
+    ends = points[0][np.array(SKELETON_BONES)]
     for m in range(8):
         for c in range(8):
             gap = clear_by_search(rig.positions[c], markers[0, m], ends, bone_radii(HAND))

@@ -15,7 +15,12 @@ from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
 from hand_tracker.core.model.marker_layout import MarkerLayout
-from hand_tracker.core.model.skeleton import CHAINS, POINTS, TIPS, skeleton_points
+from hand_tracker.core.model.skeleton import (
+    DIGIT_CHAINS,
+    DIGIT_TIPS,
+    SKELETON_POINTS,
+    skeleton_points,
+)
 from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.bags import bag_message, marker_array_message, open_bag, write_bag
@@ -174,11 +179,11 @@ def test_the_mesh_of_the_skeleton_follows_the_links(side):
     mesh = skeleton_mesh(hand)
     vertices = deform(mesh, pose)
     points = skeleton_points(tip_offsets(hand), pose, np.zeros(3))
-    for name, point in zip(POINTS, points):
+    for name, point in zip(SKELETON_POINTS, points):
         nearest = np.linalg.norm(vertices - point, axis=1).min()
-        assert name in TIPS or nearest < 1.01 * JOINT_RADIUS, name
+        assert name in DIGIT_TIPS or nearest < 1.01 * JOINT_RADIUS, name
     # The last bones end within the flesh.
-    for chain, radii in zip(CHAINS, hand.radii):
+    for chain, radii in zip(DIGIT_CHAINS, hand.radii):
         last, tip = points[chain[-2]], points[chain[-1]]
         bone = vertices[mesh.weights[:, mesh.links.index(chain[-2])] == 1.]
         beyond = (bone - tip) @ (tip - last) / np.linalg.norm(tip - last)

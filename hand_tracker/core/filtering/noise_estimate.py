@@ -12,14 +12,14 @@ import numpy as np
 from ..numerics.jit import jit
 from ..numerics.vectors import clamp
 
-QUANTILE = .25
-OF_CHI_SQUARE = 1.213   # that quantile of a χ² of 3 degrees of freedom
-GAIN = 20.              # variance of a third difference over that of the noise: 1 + 9 + 9 + 1
-MEMORY = .3             # [s]
-LEAST = 1e-5            # [m]
+VARIANCE_QUANTILE = .25
+CHI_SQUARE_QUANTILE = 1.213   # that quantile of a χ² of 3 degrees of freedom
+THIRD_DIFFERENCE_GAIN = 20.              # variance of a third difference over that of the noise: 1 + 9 + 9 + 1
+VARIANCE_TIME = .3             # [s]
+MIN_NOISE = 1e-5            # [m]
 
 
-class Noise(NamedTuple):
+class NoiseEstimate(NamedTuple):
     """What is known of the noise of n markers.
 
     Attributes
@@ -37,13 +37,13 @@ class Noise(NamedTuple):
     count: np.ndarray
 
 
-def unknown_noise(count, most):
-    """Return `Noise` of markers of which the worst is assumed: `most` [m]."""
-    return Noise(np.full(count, most), np.zeros((count, 3, 3)), np.zeros(count, dtype=np.int64))
+def initial_noise(count, most):
+    """Return `NoiseEstimate` of markers of which the worst is assumed: `most` [m]."""
+    return NoiseEstimate(np.full(count, most), np.zeros((count, 3, 3)), np.zeros(count, dtype=np.int64))
 
 
 @jit
-def learn_noise(noise, markers, seen, step, most):
+def update_noise(noise, markers, seen, step, most):
     """Learn from a frame.
 
     Parameters
@@ -69,9 +69,9 @@ def learn_noise(noise, markers, seen, step, most):
                 third = markers[i, k] - 3. * past[0, k] + 3. * past[1, k] - past[2, k]
                 square += third * third
             variance = noise.deviation[i] ** 2
-            above = square > OF_CHI_SQUARE * GAIN * variance
-            variance *= math.exp(min(step / MEMORY, 1.) * (QUANTILE if above else QUANTILE - 1.))
-            noise.deviation[i] = clamp(math.sqrt(variance), LEAST, most)
+            above = square > CHI_SQUARE_QUANTILE * THIRD_DIFFERENCE_GAIN * variance
+            variance *= math.exp(min(step / VARIANCE_TIME, 1.) * (VARIANCE_QUANTILE if above else VARIANCE_QUANTILE - 1.))
+            noise.deviation[i] = clamp(math.sqrt(variance), MIN_NOISE, most)
         noise.count[i] = min(noise.count[i] + 1, 3)
         for k in range(3):
             past[2, k] = past[1, k]

@@ -12,25 +12,25 @@ import math
 import numpy as np
 
 from ..numerics.jit import jit
-from .ukf import add_jerk, correct, fade, predict, start
+from .ukf import add_jerk, correct, damp, initialise, predict
 
 # A marker's row of activity: the expected jerk noise, then the two means of innovations [m].
-ACTIVITY = 7
+ACTIVITY_SIZE = 7
 
 # Spectral densities of jerk [m²/s⁵].
 REST_JERK = 3e-6
 HIDDEN_JERK = 10.            # a hidden marker may do anything usual
-MOST_JERK = 1e7              # what takes more is no motion, but another place
-CALMING = .025               # [s] in which the expected jerk noise falls to 1/e
-RESTING = .1                 # [s] in which velocity and acceleration fall to 1/e at rest
-WINDOWS = (.006, .08)        # [s] of the two means
-ONSETS = (.015, .08)         # [s] ago that what they notice began
-GATES = (22., 20.)           # on a χ² of 3 degrees of freedom: false alarms once in minutes
-CORRELATED = 3.              # variances of a smoothed palm, whose errors last
+MAX_JERK = 1e7              # what takes more is no motion, but another place
+JERK_DECAY_TIME = .025               # [s] in which the expected jerk noise falls to 1/e
+REST_DECAY_TIME = .1                 # [s] in which velocity and acceleration fall to 1/e at rest
+INNOVATION_WINDOWS = (.006, .08)        # [s] of the two means
+ONSET_TIMES = (.015, .08)         # [s] ago that what they notice began
+INNOVATION_GATES = (22., 20.)           # on a χ² of 3 degrees of freedom: false alarms once in minutes
+PALM_ERROR_INFLATION = 3.              # variances of a smoothed palm, whose errors last
 
 
 @jit
-def advance(mean, covariance, activity, observed, seen, step, noise_sd, fading):
+def update_filter(mean, covariance, activity, observed, seen, step, noise_sd, fading):
     """Move one marker on by a step and, when it is seen, correct it by what is observed.
 
     Parameters
@@ -51,24 +51,24 @@ def advance(mean, covariance, activity, observed, seen, step, noise_sd, fading):
     """
     if activity[0] == 0.:
         if seen:
-            start(mean, covariance, observed, noise_sd)
+            initialise(mean, covariance, observed, noise_sd)
             activity[0] = HIDDEN_JERK
         return
     activity[0] = max(REST_JERK if seen else HIDDEN_JERK,
-                      activity[0] * math.exp(-step / CALMING))
+                      activity[0] * math.exp(-step / JERK_DECAY_TIME))
     predict(mean, covariance, step, activity[0])
     # A marker at rest stays at rest: the velocity of noise is not carried on.
-    rate = math.sqrt(REST_JERK / activity[0]) / RESTING
+    rate = math.sqrt(REST_JERK / activity[0]) / REST_DECAY_TIME
     if not seen:
         rate += 1. / fading
-    fade(mean, covariance, math.exp(-step * rate))
+    damp(mean, covariance, math.exp(-step * rate))
     if seen:
-        _notice(mean, covariance, activity, observed, step, noise_sd)
+        _adapt_jerk(mean, covariance, activity, observed, step, noise_sd)
         correct(mean, covariance, observed, noise_sd)
 
 
 @jit
-def _notice(mean, covariance, activity, observed, step, noise_sd):
+def _adapt_jerk(mean, covariance, activity, observed, step, noise_sd):
     """Expect more jerk, now and for a while, where the means of innovations leave their noise."""
     if not step > 0.:
         # A frame that repeats the last time is no news of motion.
@@ -78,33 +78,33 @@ def _notice(mean, covariance, activity, observed, step, noise_sd):
     noticed = 0.
     since = 0.
     for i in range(2):
-        share = 1. - math.exp(-step / WINDOWS[i])
+        share = 1. - math.exp(-step / INNOVATION_WINDOWS[i])
         square = 0.
         for k in range(3):
             at = 1 + 3 * i + k
             activity[at] += share * (observed[k] - mean[k] - activity[at])
             square += activity[at] * activity[at]
         # A running mean of white noise has share / (2 − share) of its variance.
-        if square * (2. - share) > GATES[i] * variance * share:
+        if square * (2. - share) > INNOVATION_GATES[i] * variance * share:
             # White jerk for a time t leaves a variance of jerk noise × t⁵ / 20.
-            onset = max(ONSETS[i], step)
+            onset = max(ONSET_TIMES[i], step)
             jerk = 20. / 3. * square / onset ** 5
             if jerk > noticed:
                 noticed = jerk
                 since = onset
     if noticed == 0.:
         return
-    for i in range(1, ACTIVITY):
+    for i in range(1, ACTIVITY_SIZE):
         activity[i] = 0.
-    if noticed > MOST_JERK:
-        start(mean, covariance, observed, noise_sd)
+    if noticed > MAX_JERK:
+        initialise(mean, covariance, observed, noise_sd)
         activity[0] = HIDDEN_JERK
         return
     add_jerk(covariance, since, noticed)
     activity[0] = max(activity[0], noticed)
 
 
-def levers(template, places):
+def noise_levers(template, places):
     """Return how much noise of the palm's markers reaches places in its frame.
 
     Parameters
@@ -127,7 +127,7 @@ def levers(template, places):
 
 
 @jit
-def noise_on_palm(noise_sd, covariances, lever):
+def noise_in_palm_frame(noise_sd, covariances, lever):
     """Return the noise of a digit's marker in the frame of the smoothed palm.
 
     Parameters
@@ -137,7 +137,7 @@ def noise_on_palm(noise_sd, covariances, lever):
     covariances : ndarray, shape (3, 9, 9)
         Of the palm's markers after this frame's correction.
     lever : float
-        Of `levers`.
+        Of `noise_levers`.
 
     Returns
     -------
@@ -150,4 +150,4 @@ def noise_on_palm(noise_sd, covariances, lever):
             variance += covariances[i, k, k] / 9.
     noise = noise_sd * noise_sd
     # What smoothing adds to a still palm is not white: its variance alone says too little.
-    return math.sqrt(noise + lever * min(CORRELATED * variance, noise))
+    return math.sqrt(noise + lever * min(PALM_ERROR_INFLATION * variance, noise))

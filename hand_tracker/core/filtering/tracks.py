@@ -11,11 +11,11 @@ import numpy as np
 
 from ..numerics.jit import jit
 from ..numerics.vectors import store, vector
-from .smoothing import ACTIVITY, advance
-from .ukf import SIZE
+from .smoothing import ACTIVITY_SIZE, update_filter
+from .ukf import STATE_SIZE
 
-RECENT = .02   # [s] over which the pace is taken; from captures
-RESTART = .1   # [s] hidden, after which a marker's old motion says nothing of its new one
+PACE_TIME = .02   # [s] over which the pace is taken; from captures
+MAX_HIDDEN_TIME = .1   # [s] hidden, after which a marker's old motion says nothing of its new one
 
 
 class Tracks(NamedTuple):
@@ -48,17 +48,17 @@ class Tracks(NamedTuple):
     hidden_for: np.ndarray
 
 
-def no_tracks(positions):
+def initial_tracks(positions):
     """Return `Tracks` of markers that were never seen, shape (n, 3) [m]."""
     n = len(positions)
-    mean = np.zeros((n, SIZE))
+    mean = np.zeros((n, STATE_SIZE))
     mean[:, :3] = positions
-    return Tracks(mean, np.zeros((n, SIZE, SIZE)), np.zeros((n, ACTIVITY)),
+    return Tracks(mean, np.zeros((n, STATE_SIZE, STATE_SIZE)), np.zeros((n, ACTIVITY_SIZE)),
                   np.zeros((n, 3)), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool), np.zeros(n))
 
 
 @jit
-def follow(tracks, row, observed, step, noise, smooth):
+def update_track(tracks, row, observed, step, noise, smooth):
     """Take a seen marker's position into its track.
 
     Parameters
@@ -75,24 +75,24 @@ def follow(tracks, row, observed, step, noise, smooth):
     smooth : bool
         Whether the filter's position is taken, else the observed one.
     """
-    if tracks.hidden_for[row] > RESTART or not tracks.known[row]:
+    if tracks.hidden_for[row] > MAX_HIDDEN_TIME or not tracks.known[row]:
         tracks.activity[row, :] = 0.
     place = np.empty(3)
     before = vector(tracks.mean[row])
     for k in range(3):
         place[k] = observed[k]
-    advance(tracks.mean[row], tracks.covariance[row], tracks.activity[row], place, True,
-            step, noise, 1.)
+    update_filter(tracks.mean[row], tracks.covariance[row], tracks.activity[row], place, True,
+                  step, noise, 1.)
     if not smooth:
         store(tracks.mean, row, observed)
     if tracks.seen[row]:
-        _keep_pace(tracks, row, before, step)
+        _update_pace(tracks, row, before, step)
     tracks.known[row] = True
     tracks.hidden_for[row] = 0.
 
 
 @jit
-def carry(tracks, row, move, drift, step, fading):
+def predict_track(tracks, row, move, drift, step, fading):
     """Move a hidden marker on.
 
     Parameters
@@ -117,26 +117,26 @@ def carry(tracks, row, move, drift, step, fading):
         mean[6 + k] = 0.
         if fading <= 0.:
             mean[3 + k] = 0.
-    advance(mean, tracks.covariance[row], tracks.activity[row], mean[:3], False, step, 0.,
-            max(fading, 1e-9))
+    update_filter(mean, tracks.covariance[row], tracks.activity[row], mean[:3], False, step, 0.,
+                  max(fading, 1e-9))
     for k in range(3):
         mean[k] += move[k]
-    _keep_pace(tracks, row, before, step)
+    _update_pace(tracks, row, before, step)
     tracks.hidden_for[row] += step
 
 
 @jit
-def _keep_pace(tracks, row, before, step):
+def _update_pace(tracks, row, before, step):
     if step <= 0.:
         return
-    share = 1. - math.exp(-step / RECENT)
+    share = 1. - math.exp(-step / PACE_TIME)
     for k in range(3):
         tracks.pace[row, k] += share * (
             (tracks.mean[row, k] - before[k]) / step - tracks.pace[row, k])
 
 
 @jit
-def forget_motion(tracks):
+def clear_motion(tracks):
     """Keep places, but not how they moved: after a pause.
 
     Parameters

@@ -14,24 +14,24 @@ import numpy as np
 from ..numerics.jit import indexed, jit
 from ..numerics.vectors import add, clamp, cross, dot, scale, subtract
 
-SIZE = 9
-ALPHA = 1e-3
-BETA = 2.
-SPREAD = ALPHA * math.sqrt(SIZE)         # of the sigma points, in standard deviations
-WEIGHT = .5 / (ALPHA * ALPHA * SIZE)     # of each but the central one
+STATE_SIZE = 9
+UKF_ALPHA = 1e-3
+UKF_BETA = 2.
+SIGMA_SPREAD = UKF_ALPHA * math.sqrt(STATE_SIZE)         # of the sigma points, in standard deviations
+SIGMA_WEIGHT = .5 / (UKF_ALPHA * UKF_ALPHA * STATE_SIZE)     # of each but the central one
 
 # Unsourced. At this speed and below, direction, and with it a turn, fade out [m/s].
 STILL_SPEED = .01
-FASTEST_TURN = 60.                       # [rad/s] about ten turns a second
-WIDEST_TURN = 1.                         # [rad] in one step
-SERIES = 1e-4                            # [rad²] below it three terms are exact
+MAX_TURN_RATE = 60.                       # [rad/s] about ten turns a second
+MAX_TURN_ANGLE = 1.                         # [rad] in one step
+SERIES_LIMIT = 1e-4                            # [rad²] below it three terms are exact
 
-START_SPEED = 1.                         # [m/s] standard deviation at the start
-START_ACCELERATION = 30.                 # [m/s²]
+INITIAL_SPEED_SD = 1.                         # [m/s] standard deviation at the start
+INITIAL_ACCELERATION_SD = 30.                 # [m/s²]
 # Far beyond any hand: means and standard deviations stay within, and products finite.
-FARTHEST, FASTEST, HARDEST = 1e3, 1e2, 1e4  # [m, m/s, m/s²]
+POSITION_LIMIT, SPEED_LIMIT, ACCELERATION_LIMIT = 1e3, 1e2, 1e4  # [m, m/s, m/s²]
 
-PIVOT = 1e-13                            # least share of a variance that is its own
+MIN_PIVOT = 1e-13                            # least share of a variance that is its own
 LEAST_VARIANCE = 1e-30
 
 
@@ -60,12 +60,12 @@ def turn_motion(velocity, acceleration, step, uncertainty):
     normal = cross(velocity, acceleration)
     speed = dot(velocity, velocity) + uncertainty + STILL_SPEED * STILL_SPEED
     rate = dot(normal, normal) / (speed * speed)
-    rate = min(rate, FASTEST_TURN * FASTEST_TURN)
-    if rate * step * step > WIDEST_TURN * WIDEST_TURN:
-        rate = (WIDEST_TURN / step) ** 2
+    rate = min(rate, MAX_TURN_RATE * MAX_TURN_RATE)
+    if rate * step * step > MAX_TURN_ANGLE * MAX_TURN_ANGLE:
+        rate = (MAX_TURN_ANGLE / step) ** 2
     # Only even functions of the angle are needed: smooth in its square.
     square = rate * step * step
-    if square < SERIES:
+    if square < SERIES_LIMIT:
         cosine = 1. - square * (.5 - square / 24.)
         ratio = 1. - square * (1. - square / 20.) / 6.
         versed = .5 - square * (1. - square / 30.) / 24.
@@ -83,7 +83,7 @@ def turn_motion(velocity, acceleration, step, uncertainty):
 
 
 @jit
-def start(mean, covariance, position, noise_sd):
+def initialise(mean, covariance, position, noise_sd):
     """Begin at a position, with motion unknown.
 
     Parameters
@@ -95,15 +95,15 @@ def start(mean, covariance, position, noise_sd):
     noise_sd : float
         Standard deviation of each of its coordinates [m].
     """
-    for i in range(SIZE):
+    for i in range(STATE_SIZE):
         mean[i] = 0.
-        for j in range(SIZE):
+        for j in range(STATE_SIZE):
             covariance[i, j] = 0.
     for i in range(3):
         mean[i] = position[i]
         covariance[i, i] = noise_sd * noise_sd
-        covariance[3 + i, 3 + i] = START_SPEED * START_SPEED
-        covariance[6 + i, 6 + i] = START_ACCELERATION * START_ACCELERATION
+        covariance[3 + i, 3 + i] = INITIAL_SPEED_SD * INITIAL_SPEED_SD
+        covariance[6 + i, 6 + i] = INITIAL_ACCELERATION_SD * INITIAL_ACCELERATION_SD
 
 
 @jit
@@ -130,16 +130,16 @@ def predict(mean, covariance, step, jerk_noise):
     acceleration = (mean[6], mean[7], mean[8])
     uncertainty = covariance[3, 3] + covariance[4, 4] + covariance[5, 5]
     shift, moved, pulled = turn_motion(velocity, acceleration, step, uncertainty)
-    root = indexed(np.empty((SIZE, SIZE)))
-    _square_root(covariance, root)
+    root = indexed(np.empty((STATE_SIZE, STATE_SIZE)))
+    _cholesky(covariance, root)
 
-    change = indexed(np.zeros(SIZE))
-    deviation = indexed(np.empty(SIZE))
-    for i in range(SIZE):
+    change = indexed(np.zeros(STATE_SIZE))
+    deviation = indexed(np.empty(STATE_SIZE))
+    for i in range(STATE_SIZE):
         for j in range(i + 1):
             covariance[i, j] = 0.
-    for column in range(SIZE):
-        for side in (-SPREAD, SPREAD):
+    for column in range(STATE_SIZE):
+        for side in (-SIGMA_SPREAD, SIGMA_SPREAD):
             shift_there, moved_there, pulled_there = turn_motion(
                 add(velocity, (side * root[3, column], side * root[4, column],
                                side * root[5, column])),
@@ -150,22 +150,22 @@ def predict(mean, covariance, step, jerk_noise):
                 deviation[k] = side * root[k, column] + (shift_there[k] - shift[k])
                 deviation[3 + k] = moved_there[k] - moved[k]
                 deviation[6 + k] = pulled_there[k] - pulled[k]
-            for i in range(SIZE):
-                weighted = WEIGHT * deviation[i]
+            for i in range(STATE_SIZE):
+                weighted = SIGMA_WEIGHT * deviation[i]
                 change[i] += weighted
                 for j in range(i + 1):
                     covariance[i, j] += weighted * deviation[j]
 
-    for i in range(SIZE):
+    for i in range(STATE_SIZE):
         for j in range(i + 1):
-            covariance[i, j] += (BETA - ALPHA * ALPHA) * change[i] * change[j]
+            covariance[i, j] += (UKF_BETA - UKF_ALPHA * UKF_ALPHA) * change[i] * change[j]
             covariance[j, i] = covariance[i, j]
     for k in range(3):
         mean[k] += shift[k] + change[k]
         mean[3 + k] = moved[k] + change[3 + k]
         mean[6 + k] = pulled[k] + change[6 + k]
     add_jerk(covariance, step, jerk_noise)
-    _bound(mean, covariance)
+    _limit_state(mean, covariance)
 
 
 @jit
@@ -214,31 +214,31 @@ def correct(mean, covariance, observed, noise_sd):
     mean, covariance = indexed(mean), indexed(covariance)
     noise = max(float(noise_sd) ** 2, LEAST_VARIANCE)
     consistency = 0.
-    cross_covariance = indexed(np.empty(SIZE))
+    cross_covariance = indexed(np.empty(STATE_SIZE))
     for k in range(3):
         innovation = float(observed[k]) - mean[k]
         total = covariance[k, k] + noise
         consistency += innovation * innovation / total
-        for i in range(SIZE):
+        for i in range(STATE_SIZE):
             cross_covariance[i] = covariance[i, k]
-        for i in range(SIZE):
+        for i in range(STATE_SIZE):
             gain = cross_covariance[i] / total
             mean[i] += gain * innovation
             for j in range(i + 1):
                 covariance[i, j] -= gain * cross_covariance[j]
         # Where prediction tells nothing the difference would round to zero or below.
-        for i in range(SIZE):
+        for i in range(STATE_SIZE):
             rest = cross_covariance[i] * (noise / total)
             covariance[max(i, k), min(i, k)] = rest
-        for i in range(SIZE):
+        for i in range(STATE_SIZE):
             for j in range(i):
                 covariance[j, i] = covariance[i, j]
-    _bound(mean, covariance)
+    _limit_state(mean, covariance)
     return consistency
 
 
 @jit
-def fade(mean, covariance, share):
+def damp(mean, covariance, share):
     """Keep a share of velocity and acceleration, with their uncertainty.
 
     Parameters
@@ -249,46 +249,46 @@ def fade(mean, covariance, share):
         Above 0, to 1.
     """
     covariance = indexed(covariance)
-    for i in range(3, SIZE):
-        _scale(covariance, i, share)
+    for i in range(3, STATE_SIZE):
+        _scale_component(covariance, i, share)
         mean[i] *= share
 
 
 @jit
-def _scale(covariance, row, factor):
+def _scale_component(covariance, row, factor):
     """Multiply a component by `factor`, in its covariances."""
-    for j in range(SIZE):
+    for j in range(STATE_SIZE):
         covariance[row, j] *= factor
         covariance[j, row] = covariance[row, j]
     covariance[row, row] *= factor
 
 
 @jit
-def _bound(mean, covariance):
+def _limit_state(mean, covariance):
     """Keep velocity, acceleration and all standard deviations within those of this world."""
-    for i in range(SIZE):
-        bound = FARTHEST if i < 3 else FASTEST if i < 6 else HARDEST
+    for i in range(STATE_SIZE):
+        bound = POSITION_LIMIT if i < 3 else SPEED_LIMIT if i < 6 else ACCELERATION_LIMIT
         if i >= 3:
             mean[i] = clamp(mean[i], -bound, bound)
         if covariance[i, i] > bound * bound:
             # So little is known that what it goes along with is no knowledge either.
-            _scale(covariance, i, 0.)
+            _scale_component(covariance, i, 0.)
             covariance[i, i] = bound * bound
         elif covariance[i, i] < LEAST_VARIANCE:
             covariance[i, i] = LEAST_VARIANCE
 
 
 @jit
-def _square_root(covariance, root):
+def _cholesky(covariance, root):
     """Put the lower Cholesky factor into `root`; pivots lost to rounding get a floor."""
-    for j in range(SIZE):
+    for j in range(STATE_SIZE):
         for i in range(j):
             root[i, j] = 0.
         pivot = covariance[j, j]
         for k in range(j):
             pivot -= root[j, k] * root[j, k]
-        root[j, j] = math.sqrt(max(pivot, PIVOT * covariance[j, j], LEAST_VARIANCE))
-        for i in range(j + 1, SIZE):
+        root[j, j] = math.sqrt(max(pivot, MIN_PIVOT * covariance[j, j], LEAST_VARIANCE))
+        for i in range(j + 1, STATE_SIZE):
             part = covariance[i, j]
             for k in range(j):
                 part -= root[i, k] * root[j, k]

@@ -2,7 +2,7 @@
 
 import math
 
-from ..filtering.frame_clock import USUAL_STEP
+from ..filtering.frame_clock import DEFAULT_STEP
 from ..numerics.jit import jit
 from ..numerics.vectors import clamp
 
@@ -13,7 +13,7 @@ FIST_FAR = 0.20
 # What it has behind the joint, where model errors turn it round: it settles in a tenth of
 # a second, and never jumps. Ours.
 BEHIND = 0.1
-FRAME = USUAL_STEP  # [s] for which these shares of the way are meant
+FRAME = DEFAULT_STEP  # [s] for which these shares of the way are meant
 
 
 @jit

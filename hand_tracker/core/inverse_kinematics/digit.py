@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..model.hand import ABDUCTION, FLEXION, RELAXED, RELAXED_THUMB
+from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS, RELAXED_FINGERS, RELAXED_THUMB
 from ..model.kinematics import ABDUCTION_SIGN, digit_base
 from ..model.marker_layout import MARKERS
 from ..numerics.jit import jit
@@ -20,7 +20,7 @@ from .three_bone import coupled_angle, coupled_form, straightest
 from .two_bone import closed_form
 
 # Second flexion for one of the first, between the straight and the relaxed hand.
-NATURAL = np.array([second / first for first, second in (*RELAXED, RELAXED_THUMB[1::2])])
+NATURAL = np.array([second / first for first, second in (*RELAXED_FINGERS, RELAXED_THUMB[1::2])])
 
 
 class Chains(NamedTuple):
@@ -113,7 +113,7 @@ def measure(chains, distal_flexion, measured):
     """
     chains, measured = chains[0], measured[0]
     for digit in range(5):
-        last = FLEXION[digit, 2]
+        last = FLEXION_JOINTS[digit, 2]
         slope, offset = chains.coupling[digit, 0], chains.coupling[digit, 1]
         known = math.isfinite(distal_flexion[digit])
         if known:
@@ -128,7 +128,7 @@ def measure(chains, distal_flexion, measured):
 
 @jit
 def _start(digit, bones, droop, coupling, lower, upper):
-    second, third = FLEXION[digit, 1], FLEXION[digit, 2]
+    second, third = FLEXION_JOINTS[digit, 1], FLEXION_JOINTS[digit, 2]
     return straightest(
         bones[digit, 0], bones[digit, 1], bones[digit, 2], droop[digit], coupling[digit, 0],
         coupling[digit, 1], lower[second], upper[second], lower[third], upper[third])
@@ -159,8 +159,8 @@ def solve_digit(chains, digit, target, angles, step, by_fabrik, tolerance, itera
     int
         Iterations of FABRIK.
     """
-    abduction = ABDUCTION[digit]
-    first, second, third = FLEXION[digit]
+    abduction = ABDUCTION_JOINTS[digit]
+    first, second, third = FLEXION_JOINTS[digit]
     lower = chains.lower
     upper = chains.upper
     bones = chains.bones[digit]
@@ -187,7 +187,7 @@ def solve_digit(chains, digit, target, angles, step, by_fabrik, tolerance, itera
 
     used = 0
     if by_fabrik:
-        joints = FLEXION[digit][:hinges]
+        joints = FLEXION_JOINTS[digit][:hinges]
         lows = lower[joints]
         highs = upper[joints]
         bends = angles[joints]

@@ -19,18 +19,18 @@ from ..numerics.jit import jit
 from ..numerics.vectors import clamp, components, distance, scale, store, subtract, vector
 from ..occlusion.palm_markers import carry_palm
 from .plausibility import (
-    CLEARLY,
-    DISORDER,
+    DISORDER_COST,
+    EXCHANGE_MARGIN,
     EXCHANGES,
-    OUT_OF_ORDER,
-    Usual,
-    exchange,
-    exchange_between,
-    exchange_clearly_wrong,
+    ORDER_TOLERANCE,
+    TypicalPlaces,
+    apply_exchange,
+    correct_exchange,
+    find_exchange,
+    label_cost,
     spans_plane,
-    unlikeness,
 )
-from .validity import FARTHEST
+from .validity import COORDINATE_LIMIT
 
 ACCEPTED = SEEN
 
@@ -89,7 +89,7 @@ class HandBounds(NamedTuple):
 
     roots: np.ndarray
     reach: np.ndarray
-    usual: Usual
+    usual: TypicalPlaces
 
 
 class Reading(NamedTuple):
@@ -240,7 +240,7 @@ def identify(markers, seen, expected, spread, known, step, bounds, memory, gate,
     rows = np.arange(8)
     if anew or not _expect(reading, expected, spread, known):
         if margin > 0.0:
-            exchange_clearly_wrong(reading.markers, reading.seen, bounds.usual, rows)
+            correct_exchange(reading.markers, reading.seen, bounds.usual, rows)
         _begin(reading, bounds, memory, rows, verdict)
         _put_in_order(reading, rows, markers, seen, verdict)
         return
@@ -310,9 +310,9 @@ def _measure(reading, markers, seen, sides, gated):
 def _expect(reading, expected, spread, known):
     """Take what is expected into the reading; return whether that places the palm."""
     for i in range(8):
-        sure = known[i] and abs(spread[i]) <= FARTHEST
+        sure = known[i] and abs(spread[i]) <= COORDINATE_LIMIT
         for k in range(3):
-            sure = sure and abs(expected[i, k]) <= FARTHEST
+            sure = sure and abs(expected[i, k]) <= COORDINATE_LIMIT
         reading.sure[i] = sure
         store(reading.expected, i, vector(expected[i]))
     return (reading.sure[0] and reading.sure[1] and reading.sure[2]
@@ -470,8 +470,8 @@ def _read(reading, bounds, kept, margin, bar, rows, costs, local):
     for i in range(5):
         for j in range(5):
             if seen[rows[3 + i]] and seen[rows[3 + j]] and (
-                    local[rows[3 + i], 1] < local[rows[3 + j], 1] - OUT_OF_ORDER):
-                crossed[i, j] = DISORDER
+                    local[rows[3 + i], 1] < local[rows[3 + j], 1] - ORDER_TOLERANCE):
+                crossed[i, j] = DISORDER_COST
     best = 0
     least = np.inf
     for n in range(len(PERMUTATIONS) if margin > 0.0 else 1):
@@ -761,11 +761,11 @@ def _doubt(reading, bounds, memory, rows, step):
     own = True
     for i in range(8):
         own = own and (rows[i] == i or not seen[rows[i]])
-    n = memory.rival[0] if own else exchange_between(rows)
+    n = memory.rival[0] if own else find_exchange(rows)
     if own:
-        exchange(rival, n)
-    held = unlikeness(reading.markers, seen, rows, bounds.usual)
-    better = held - unlikeness(reading.markers, seen, rival, bounds.usual)
+        apply_exchange(rival, n)
+    held = label_cost(reading.markers, seen, rows, bounds.usual)
+    better = held - label_cost(reading.markers, seen, rival, bounds.usual)
     if not abs(better) < math.inf:
         return
     if n >= 0:
@@ -773,7 +773,7 @@ def _doubt(reading, bounds, memory, rows, step):
         share = step * (len(EXCHANGES) if own and memory.doubt[0] == 0.0 else 1) / TRIED
         tried = seen[EXCHANGES[n, 0]] and seen[EXCHANGES[n, 1]]
         ahead[n] -= clamp(share, 0.0, 1.0) * ((better if tried else 0.0) + ahead[n])
-    if better >= CLEARLY if own else better >= 0.0 and (n < 0 or ahead[n] <= 0.0):
+    if better >= EXCHANGE_MARGIN if own else better >= 0.0 and (n < 0 or ahead[n] <= 0.0):
         memory.doubt[0] += max(step, 0.0)
     else:
         memory.doubt[0] = max(memory.doubt[0] - max(step, 0.0), 0.0)

@@ -12,27 +12,27 @@ from typing import NamedTuple
 import numpy as np
 
 from ..inverse_kinematics.palm import rigid_palm
-from ..model.hand import ABDUCTION, FLEXION, preset_limits
+from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS, preset_limits
 from ..model.kinematics import forward, joint_table
 from ..model.marker_layout import PALM_MARKERS, marker_positions
 from ..numerics.jit import jit
 from ..numerics.vectors import components, cross, distance, dot, scale, subtract, vector
 
-LEVELS = (.1, .3, .5, .7, .9)  # of each joint's range that are sampled
+SAMPLED_SHARES = (.1, .3, .5, .7, .9)  # of each joint's range that are sampled
 # By how much a hand that nobody calibrated may differ from its template; ours
-SPREAD = .02     # [m] of a digit's marker
-SHAPE = .1       # of a side of the palm, as a share of it
-SIZES = .3, 2.5  # of the palm, as a share of the template: those of hands, and of labels exchanged
-ASTRAY = 50.     # cost of a digit at most: a marker of no hand tells nothing; ours
-OUT_OF_ORDER = .004  # [m] by which fingers lie on the wrong sides of each other; ours
-DISORDER = 9.    # its cost for two neighbours, in variances: fingers seldom cross; ours
+MARKER_SPREAD = .02     # [m] of a digit's marker
+SIDE_RATIO_SPREAD = .1       # of a side of the palm, as a share of it
+PALM_SIZE_RANGE = .3, 2.5  # of the palm, as a share of the template: those of hands, and of labels exchanged
+MAX_DIGIT_COST = 50.     # cost of a digit at most: a marker of no hand tells nothing; ours
+ORDER_TOLERANCE = .004  # [m] by which fingers lie on the wrong sides of each other; ours
+DISORDER_COST = 9.    # its cost for two neighbours, in variances: fingers seldom cross; ours
 # By how much two exchanged rows have to be more like a hand, with nothing else to go by, in
 # variances: on captures right labels are never worse by more than 9.
-CLEARLY = 20.
+EXCHANGE_MARGIN = 20.
 EXCHANGES = np.array(list(itertools.combinations(range(8), 2)))
 
 
-class Usual(NamedTuple):
+class TypicalPlaces(NamedTuple):
     """Where a hand has its markers, in the wrist's frame of a right hand.
 
     Attributes
@@ -53,7 +53,7 @@ class Usual(NamedTuple):
     width: np.ndarray
 
 
-def usual_places(hand, mounting):
+def typical_places(hand, mounting):
     """Return where a hand has its markers, over the widest ranges of motion.
 
     Parameters
@@ -68,20 +68,20 @@ def usual_places(hand, mounting):
     Usual
     """
     lower, upper = preset_limits('wide').T
-    moving = np.column_stack((ABDUCTION, FLEXION[:, :2]))
-    share = np.array(list(itertools.product(LEVELS, repeat=3)))[:, None]
+    moving = np.column_stack((ABDUCTION_JOINTS, FLEXION_JOINTS[:, :2]))
+    share = np.array(list(itertools.product(SAMPLED_SHARES, repeat=3)))[:, None]
     angles = np.zeros((len(share), len(lower)))
     angles[:, moving] = lower[moving] + share * (upper - lower)[moving]
-    last = FLEXION[:, 2]
+    last = FLEXION_JOINTS[:, 2]
     angles[:, last] = np.clip(
-        angles[:, FLEXION[:, 1]] * hand.coupling[:, 0] + hand.coupling[:, 1],
+        angles[:, FLEXION_JOINTS[:, 1]] * hand.coupling[:, 0] + hand.coupling[:, 1],
         lower[last], upper[last])
     places = marker_positions(mounting, forward(joint_table(hand), angles))[:, len(PALM_MARKERS):]
     center = places.mean(axis=0)
     off = places - center
-    covariance = np.einsum('nki,nkj->kij', off, off) / len(off) + SPREAD ** 2 * np.eye(3)
-    return Usual(mounting.position[:len(PALM_MARKERS)].copy(), center,
-                 np.linalg.inv(covariance), np.log(np.linalg.det(covariance)))
+    covariance = np.einsum('nki,nkj->kij', off, off) / len(off) + MARKER_SPREAD ** 2 * np.eye(3)
+    return TypicalPlaces(mounting.position[:len(PALM_MARKERS)].copy(), center,
+                         np.linalg.inv(covariance), np.log(np.linalg.det(covariance)))
 
 
 @jit
@@ -94,7 +94,7 @@ def spans_plane(r, p, q):
 
 
 @jit
-def unlikeness(markers, seen, rows, usual):
+def label_cost(markers, seen, rows, usual):
     """Return how unlike a hand a labelling is.
 
     Parameters
@@ -122,7 +122,7 @@ def unlikeness(markers, seen, rows, usual):
              distance(p, q) / distance(vector(template[1]), vector(template[2])),
              distance(q, r) / distance(vector(template[2]), vector(template[0])))
     size = (ratio[0] + ratio[1] + ratio[2]) / 3.0
-    if not SIZES[0] <= size <= SIZES[1]:
+    if not PALM_SIZE_RANGE[0] <= size <= PALM_SIZE_RANGE[1]:
         return math.inf
     grown = 1.0 / size  # the hand as large as the template
     axes, origin = rigid_palm(
@@ -130,7 +130,7 @@ def unlikeness(markers, seen, rows, usual):
         vector(template[0]), vector(template[1]), vector(template[2]))
     cost = 0.0
     for i in range(3):
-        cost += ((ratio[i] / size - 1.0) / SHAPE) ** 2
+        cost += ((ratio[i] / size - 1.0) / SIDE_RATIO_SPREAD) ** 2
     nearest = math.inf
     for i in range(5):
         row = rows[3 + i]
@@ -142,23 +142,23 @@ def unlikeness(markers, seen, rows, usual):
         far = 0.0
         for j in range(3):
             far += off[j] * dot(vector(usual.weight[i, j]), off)
-        cost += usual.width[i] + min(far, ASTRAY)
+        cost += usual.width[i] + min(far, MAX_DIGIT_COST)
         if i < 4:
-            if place[1] > nearest + OUT_OF_ORDER:
-                cost += DISORDER
+            if place[1] > nearest + ORDER_TOLERANCE:
+                cost += DISORDER_COST
             nearest = place[1]
     return cost
 
 
 @jit
-def exchange(rows, n):
+def apply_exchange(rows, n):
     """Exchange the rows of the n-th pair of markers."""
     one, other = EXCHANGES[n]
     rows[one], rows[other] = rows[other], rows[one]
 
 
 @jit
-def exchange_between(rows):
+def find_exchange(rows):
     """Return which pair of markers has its rows exchanged, -1 for none or for more."""
     found = -1
     moved = 0
@@ -172,27 +172,27 @@ def exchange_between(rows):
 
 
 @jit
-def exchange_clearly_wrong(markers, seen, usual, rows):
+def correct_exchange(markers, seen, usual, rows):
     """Exchange the two rows that are clearly more like a hand exchanged, if there are two.
 
     Parameters
     ----------
     markers, seen, usual
-        As for `unlikeness`.
+        As for `label_cost`.
     rows : ndarray of int, shape (8,)
         Row of each marker; two are exchanged.
     """
-    given = unlikeness(markers, seen, rows, usual)
+    given = label_cost(markers, seen, rows, usual)
     if given == math.inf:
         return
-    least = given - CLEARLY
+    least = given - EXCHANGE_MARGIN
     best = -1
     for n in range(len(EXCHANGES)):
-        exchange(rows, n)
-        cost = unlikeness(markers, seen, rows, usual)
-        exchange(rows, n)
+        apply_exchange(rows, n)
+        cost = label_cost(markers, seen, rows, usual)
+        apply_exchange(rows, n)
         if cost < least:
             least = cost
             best = n
     if best >= 0:
-        exchange(rows, best)
+        apply_exchange(rows, best)

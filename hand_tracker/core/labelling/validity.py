@@ -5,12 +5,12 @@ import math
 from ..numerics.jit import jit
 from ..numerics.vectors import distance, vector
 
-FARTHEST = 1e3  # [m] a coordinate beyond this is no measurement
-PARTED = .003   # [m] more than skin lets the palm's markers part; ours
+COORDINATE_LIMIT = 1e3  # [m] a coordinate beyond this is no measurement
+SKIN_STRETCH = .003   # [m] more than skin lets the palm's markers part; ours
 
 
 @jit
-def visible(markers, seen):
+def find_valid(markers, seen):
     """Mark in `seen` which rows are measurements.
 
     Parameters
@@ -23,7 +23,7 @@ def visible(markers, seen):
     for i in range(markers.shape[0]):
         good = True
         for k in range(3):
-            good = good and abs(markers[i, k]) <= FARTHEST  # false for NaN
+            good = good and abs(markers[i, k]) <= COORDINATE_LIMIT  # false for NaN
         seen[i] = good
 
 
@@ -54,17 +54,17 @@ def reject_frozen(markers, seen, last, still, stood, patience):
     """
     moved = 0
     for i in range(3):
-        if seen[i] and not _same(markers[i], last[i]):
+        if seen[i] and not _is_equal(markers[i], last[i]):
             moved += 1
     for i in range(markers.shape[0]):
         if not seen[i]:
             continue
-        if not _same(markers[i], last[i]) or _same(markers[i], (0., 0., 0.)):
+        if not _is_equal(markers[i], last[i]) or _is_equal(markers[i], (0., 0., 0.)):
             still[i] = 0
             for j in range(3 if i < 3 else 0):
                 stood[i, j] = _gap(markers, seen, i, j)
         elif moved >= 2 and (
-                i >= 3 or still[i] + 1 != patience or _parted(markers, seen, stood, i)):
+                i >= 3 or still[i] + 1 != patience or _has_moved_in_palm(markers, seen, stood, i)):
             still[i] += 1
         for k in range(3):
             last[i, k] = markers[i, k]
@@ -79,15 +79,15 @@ def _gap(markers, seen, i, j):
 
 
 @jit
-def _parted(markers, seen, stood, i):
+def _has_moved_in_palm(markers, seen, stood, i):
     """Return whether a marker of the palm is no longer where it stood among the others."""
     parted = False
     for j in range(3):
         # False where one was not seen
-        parted = parted or abs(_gap(markers, seen, i, j) - stood[i, j]) > PARTED
+        parted = parted or abs(_gap(markers, seen, i, j) - stood[i, j]) > SKIN_STRETCH
     return parted
 
 
 @jit
-def _same(a, b):
+def _is_equal(a, b):
     return a[0] == b[0] and a[1] == b[1] and a[2] == b[2]

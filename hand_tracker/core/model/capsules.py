@@ -14,11 +14,11 @@ from ..numerics.vectors import add, clamp, dot, scale, subtract, vector
 from .hand import DIGITS, FINGERS, LINKS
 from .kinematics import joint_table, place_links
 
-BONES = 3
-PALM = len(DIGITS)  # stands for the palm where digits are numbered
+BONES_PER_DIGIT = 3
+PALM_INDEX = len(DIGITS)  # stands for the palm where digits are numbered
 # Unsourced: skin joins neighbours from the knuckles to about here along the proximal phalanx.
-WEB = .4
-TINY = 1e-12        # [m^2] below which a segment is a point
+WEB_SHARE = .4
+MIN_SQUARED_LENGTH = 1e-12        # [m^2] below which a segment is a point
 
 
 class Capsules(NamedTuple):
@@ -36,7 +36,7 @@ class Capsules(NamedTuple):
     first, second : ndarray of int, shape (p,)
         The capsules of a pair; of a digit, and of a later digit or the palm.
     digits : ndarray of int, shape (p, 2)
-        Whose they are; `PALM` is the palm.
+        Whose they are; `PALM_INDEX` is the palm.
     apart : ndarray, shape (p,)
         Distance of the axes at which they touch [m].
     reach : ndarray, shape (p,)
@@ -90,14 +90,14 @@ def capsules(hand):
         else ('proximal', 'middle', 'distal'))]
     ends = np.outer(capsule_lengths(right).ravel(), (1., 0., 0.))
     knuckles = table.translation[[LINKS.index(f'{finger}_knuckle') for finger in FINGERS]]
-    proximal = [BONES * finger for finger in range(len(FINGERS))]
+    proximal = [BONES_PER_DIGIT * finger for finger in range(len(FINGERS))]
     webbed = dict(zip(proximal, range(len(links) + len(FINGERS), len(links) + 2 * len(FINGERS))))
-    start = np.concatenate((np.zeros((len(links) + len(FINGERS), 3)), WEB * ends[proximal]))
+    start = np.concatenate((np.zeros((len(links) + len(FINGERS), 3)), WEB_SHARE * ends[proximal]))
     radii = np.concatenate((right.radii.ravel(), np.full(len(FINGERS), right.palm_radius)))
 
     first, second, digits, apart, side = [], [], [], [], []
 
-    def meet(a, b, of, direction=(0., 0., 0.)):
+    def add_pair(a, b, of, direction=(0., 0., 0.)):
         joined = of[1] - of[0] == 1 and of[1] < len(FINGERS)
         first.append(webbed.get(a, a) if joined else a)
         second.append(webbed.get(b, b) if joined else b)
@@ -107,14 +107,14 @@ def capsules(hand):
 
     for i in range(len(DIGITS)):
         for j in range(i + 1, len(DIGITS)):
-            for a in range(BONES):
-                for b in range(BONES):
-                    meet(BONES * i + a, BONES * j + b, (i, j),
-                         (0., 1., 0.) if j < len(FINGERS) else (0., 0., 0.))
-        for a in range(1, BONES):
+            for a in range(BONES_PER_DIGIT):
+                for b in range(BONES_PER_DIGIT):
+                    add_pair(BONES_PER_DIGIT * i + a, BONES_PER_DIGIT * j + b, (i, j),
+                             (0., 1., 0.) if j < len(FINGERS) else (0., 0., 0.))
+        for a in range(1, BONES_PER_DIGIT):
             for metacarpal in range(len(FINGERS)):
-                meet(BONES * i + a, len(links) + metacarpal, (i, PALM),
-                     (0., 0., -1.) if i < len(FINGERS) else (0., 0., 0.))
+                add_pair(BONES_PER_DIGIT * i + a, len(links) + metacarpal, (i, PALM_INDEX),
+                         (0., 0., -1.) if i < len(FINGERS) else (0., 0., 0.))
 
     end = np.concatenate((ends, knuckles, ends[proximal]))
     halves = .5 * np.linalg.norm(end - start, axis=1)
@@ -240,10 +240,10 @@ def nearest_points(first, second):
     f = dot(v, w)
     s = 0.0
     t = 0.0
-    if a <= TINY:
-        if e > TINY:
+    if a <= MIN_SQUARED_LENGTH:
+        if e > MIN_SQUARED_LENGTH:
             t = clamp(f / e, 0.0, 1.0)
-    elif e <= TINY:
+    elif e <= MIN_SQUARED_LENGTH:
         s = clamp(-c / a, 0.0, 1.0)
     else:
         # Of parallel segments any point will do: the middle keeps both ends in view.

@@ -35,10 +35,10 @@ UNOBSERVED_JOINTS = *(f'{finger}_cmc_flexion' for finger in FINGERS), 'thumb_mcp
 
 # Rows of `JOINTS`: of each digit its abduction, (5,), and its three flexions, (5, 3); and the
 # digit of each joint, (25,).
-ABDUCTION = np.array([JOINTS.index(
+ABDUCTION_JOINTS = np.array([JOINTS.index(
     'thumb_cmc_abduction' if digit == 'thumb' else f'{digit}_mcp_abduction')
     for digit in DIGITS])
-FLEXION = np.array([[JOINTS.index(f'{digit}_{joint}_flexion') for joint in (
+FLEXION_JOINTS = np.array([[JOINTS.index(f'{digit}_{joint}_flexion') for joint in (
     ('cmc', 'mcp', 'ip') if digit == 'thumb' else ('mcp', 'pip', 'dip'))]
     for digit in DIGITS])
 DIGIT_OF_JOINT = np.array([DIGITS.index(joint.split('_')[0]) for joint in JOINTS])
@@ -80,8 +80,8 @@ THUMB_ABDUCTION_AXIS = (-.60, .79, .10)
 THUMB_REST_DIRECTION = (.82, .37, -.44)
 
 # Unsourced [m at a hand length of 185 mm]: capsule radii of the three bones.
-RADII = ((.009, .008, .007),) * 3 + ((.0075, .0065, .0055), (.011, .010, .009))
-PALM_RADIUS = .011
+CAPSULE_RADII = ((.009, .008, .007),) * 3 + ((.0075, .0065, .0055), (.011, .010, .009))
+PALM_CAPSULE_RADIUS = .011
 MEAN_LENGTH = .185
 MEAN_BREADTH = .085
 
@@ -97,7 +97,7 @@ THUMB_COUPLING = (1., 0.)      # IP against MCP, in each preset; ours
 # abduction and flexion of the thumb. Fingers flex in all joints, PIP most (Lee & Jung, Int. J.
 # Occup. Saf. Ergon. 20 (2014)), and more from index to little (Varghese et al., J. Clin. Diagn.
 # Res. 14 (2020)); how much, and the thumb, is ours, near the medians of captured hands.
-RELAXED = ((15, 25), (20, 30), (20, 35), (25, 35))
+RELAXED_FINGERS = ((15, 25), (20, 30), (20, 35), (25, 35))
 RELAXED_THUMB = (10, 5, 0, 10)
 
 LENGTH_RANGE = (.005, .2)      # [m] of one bone
@@ -200,8 +200,8 @@ class Hand:
     splay: np.ndarray = (0., 0., 0., 0.)
     limits: np.ndarray = field(default_factory=preset_limits)
     coupling: np.ndarray = field(default_factory=preset_coupling)
-    radii: np.ndarray = RADII
-    palm_radius: float = PALM_RADIUS
+    radii: np.ndarray = CAPSULE_RADII
+    palm_radius: float = PALM_CAPSULE_RADIUS
     side: str = 'right'
 
     def __post_init__(self):
@@ -276,8 +276,8 @@ class Hand:
             'finger_bones': np.multiply(BONES_OF_LENGTH, length),
             'thumb_cmc': np.multiply(THUMB_CMC_OF_LENGTH, length),
             'thumb_bones': np.multiply(THUMB_BONES_OF_LENGTH, length),
-            'radii': np.multiply(RADII, length / MEAN_LENGTH),
-            'palm_radius': PALM_RADIUS * length / MEAN_LENGTH,
+            'radii': np.multiply(CAPSULE_RADII, length / MEAN_LENGTH),
+            'palm_radius': PALM_CAPSULE_RADIUS * length / MEAN_LENGTH,
         }
         return cls(**{**defaults, **fields})
 
@@ -288,7 +288,7 @@ class Hand:
     def relaxed(self):
         """Return the angles of the hand at rest, within its limits, shape (25,) [rad]."""
         angles = np.zeros((len(DIGITS), len(FINGER_JOINTS)))
-        angles[:len(FINGERS), 2:4] = np.radians(RELAXED)
+        angles[:len(FINGERS), 2:4] = np.radians(RELAXED_FINGERS)
         angles[len(FINGERS), :4] = np.radians(RELAXED_THUMB)
         lower, upper = self.limits.T.reshape(2, *angles.shape)
         angles = np.clip(angles, lower, upper)

@@ -11,7 +11,7 @@ import numpy as np
 from ..numerics.jit import indexed, jit
 from .hand import DIGITS, FINGER_JOINTS, FINGERS, JOINTS, LINKS, THUMB_JOINTS
 
-X, Y, Z = np.eye(3)
+X_AXIS, Y_AXIS, Z_AXIS = np.eye(3)
 # Abduction leads away from the middle finger (the middle finger's: towards the thumb).
 ABDUCTION_SIGN = (1., 1., -1., -1., 1.)
 
@@ -105,17 +105,17 @@ def joint_table(hand):
             bones = hand.thumb_bones
             joints = THUMB_JOINTS
             rotations = (base, tilted, np.eye(3), np.eye(3), np.eye(3))
-            translations = (root, 0. * X, bones[0] * X, 0. * X, bones[1] * X)
+            translations = (root, 0. * X_AXIS, bones[0] * X_AXIS, 0. * X_AXIS, bones[1] * X_AXIS)
         else:
             bones = hand.finger_bones[digit]
             joints = FINGER_JOINTS
             cmc = hand.finger_cmc[digit]
             rotations = (np.eye(3), base, tilted, np.eye(3), np.eye(3))
-            translations = (cmc, root - cmc, 0. * X, bones[0] * X, bones[1] * X)
+            translations = (cmc, root - cmc, 0. * X_AXIS, bones[0] * X_AXIS, bones[1] * X_AXIS)
         parent += [-1] + [5 * digit + j for j in range(4)]
         rotation += rotations
         translation += translations
-        axis += [Y if 'flexion' in joint else ABDUCTION_SIGN[digit] * Z for joint in joints]
+        axis += [Y_AXIS if 'flexion' in joint else ABDUCTION_SIGN[digit] * Z_AXIS for joint in joints]
     table = JointTable(*(np.array(column) for column in (parent, rotation, translation, axis)))
     if hand.side == 'right':
         return table
@@ -134,7 +134,7 @@ def tip_offsets(hand):
     ndarray, shape (5, 3)
         [m]
     """
-    return np.append(hand.finger_bones[:, 2], hand.thumb_bones[2])[:, None] * X
+    return np.append(hand.finger_bones[:, 2], hand.thumb_bones[2])[:, None] * X_AXIS
 
 
 @jit

@@ -25,7 +25,7 @@ DIGIT_LANDMARKS = {
     'thumb': ('thumb_ip', 'thumb_tip'),
 }
 OFFSET_RANGE = .06  # [m]
-LEAST = .005        # [m] that a triangle must be high, a marker from its hinge
+MIN_LEVER = .005        # [m] that a triangle must be high, a marker from its hinge
 
 
 class Mounting(NamedTuple):
@@ -98,7 +98,7 @@ class MarkerLayout:
         -------
         Mounting
         """
-        links, positions = zip(*(_landmark(hand, place) for place in self.places))
+        links, positions = zip(*(_landmark_on_link(hand, place) for place in self.places))
         positions = np.array(positions) + self.offsets
         if hand.side == 'left':
             positions = positions * (1., -1., 1.)
@@ -120,19 +120,19 @@ def require_solvable(mounting):
     palm, digits = np.split(mounting.position, [len(PALM_MARKERS)])
     sides = np.roll(palm, -1, axis=0) - palm
     height = np.linalg.norm(np.cross(sides[0], sides[1])) / max(
-        np.linalg.norm(sides, axis=1).max(), LEAST)
-    if height < LEAST:
+        np.linalg.norm(sides, axis=1).max(), MIN_LEVER)
+    if height < MIN_LEVER:
         raise InvalidLayout(
             f'markers {", ".join(PALM_MARKERS)}: they lie within {1e3 * height:.1f} mm of one '
-            f'line on this hand; the palm needs a triangle at least {1e3 * LEAST:g} mm high')
+            f'line on this hand; the palm needs a triangle at least {1e3 * MIN_LEVER:g} mm high')
     for marker, (x, _, z) in zip(MARKERS[len(PALM_MARKERS):], digits):
-        if np.hypot(x, z) < LEAST:
+        if np.hypot(x, z) < MIN_LEVER:
             raise InvalidLayout(
-                f'marker {marker}: its offset puts it within {1e3 * LEAST:g} mm of the axis '
+                f'marker {marker}: its offset puts it within {1e3 * MIN_LEVER:g} mm of the axis '
                 'about which it turns')
 
 
-def _landmark(hand, place):
+def _landmark_on_link(hand, place):
     """Return (link, position in its frame) of a landmark on the right hand."""
     digit, _, joint = place.partition('_')
     if place == 'wrist':

@@ -4,26 +4,26 @@ import numpy as np
 
 from .hand import DIGITS, FINGERS, LINKS, ROOT
 
-TIPS = tuple(f'{digit}_tip' for digit in DIGITS)
-POINTS = LINKS + (ROOT,) + TIPS
+DIGIT_TIPS = tuple(f'{digit}_tip' for digit in DIGITS)
+SKELETON_POINTS = LINKS + (ROOT,) + DIGIT_TIPS
 
 
-def _chain(*names):
-    return tuple(POINTS.index(name) for name in names)
+def _point_rows(*names):
+    return tuple(SKELETON_POINTS.index(name) for name in names)
 
 
-CHAINS = tuple(
-    _chain(*(f'{finger}_{link}' for link in ('metacarpal', 'proximal', 'middle', 'distal')),
-           f'{finger}_tip') for finger in FINGERS) + (
-    _chain('thumb_metacarpal', 'thumb_proximal', 'thumb_distal', 'thumb_tip'),)
+DIGIT_CHAINS = tuple(
+    _point_rows(*(f'{finger}_{link}' for link in ('metacarpal', 'proximal', 'middle', 'distal')),
+                f'{finger}_tip') for finger in FINGERS) + (
+    _point_rows('thumb_metacarpal', 'thumb_proximal', 'thumb_distal', 'thumb_tip'),)
 # The palm: from the wrist to every CMC, and across the knuckles.
-PALM_BONES = tuple((POINTS.index(ROOT), chain[0]) for chain in CHAINS) + tuple(
-    (a[1], b[1]) for a, b in zip(CHAINS[:3], CHAINS[1:4]))
-BONES = PALM_BONES + tuple(bone for chain in CHAINS for bone in zip(chain, chain[1:]))
+PALM_BONES = tuple((SKELETON_POINTS.index(ROOT), chain[0]) for chain in DIGIT_CHAINS) + tuple(
+    (a[1], b[1]) for a, b in zip(DIGIT_CHAINS[:3], DIGIT_CHAINS[1:4]))
+SKELETON_BONES = PALM_BONES + tuple(bone for chain in DIGIT_CHAINS for bone in zip(chain, chain[1:]))
 
 
 def bone_radii(hand):
-    """Return the radius of the capsule around each of `BONES`.
+    """Return the radius of the capsule around each of `SKELETON_BONES`.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def bone_radii(hand):
 
 
 def skeleton_points(tips, pose, wrist_position):
-    """Return the places of `POINTS`.
+    """Return the places of `SKELETON_POINTS`.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..filtering.tracks import carry, follow
+from ..filtering.tracks import predict_track, update_track
 from ..numerics.jit import jit
 from ..numerics.vectors import add, components, dot, frame, length, scale, subtract, vector
 from .transdigital import learn, shares_of
@@ -42,7 +42,7 @@ def follow_digits(markers, seen, tracks, rotation, position, rest, habits, prior
     noise : ndarray, shape (5,)
         Of each marker on the palm, standard deviation on an axis [m].
     step, smooth, fading
-        See `follow` and `carry`.
+        See `update_track` and `predict_track`.
     memory : float
         Of the habits [s]; 0: there is no transdigital correlation.
     learning : bool
@@ -77,8 +77,8 @@ def follow_digits(markers, seen, tracks, rotation, position, rest, habits, prior
     for i in range(5):
         if seen[i]:
             learned = learned and steady[i]
-            follow(tracks, i, components(axes, subtract(vector(markers[i]), origin)),
-                   step, noise[i], smooth)
+            update_track(tracks, i, components(axes, subtract(vector(markers[i]), origin)),
+                         step, noise[i], smooth)
             for k in range(3):
                 moves[i, k] = tracks.mean[i, k] - before[i, k]
         elif tracks.known[i] and tracks.hidden_for[i] <= longest:
@@ -86,8 +86,8 @@ def follow_digits(markers, seen, tracks, rotation, position, rest, habits, prior
     for i in range(5):
         if not seen[i]:
             move = _share(shares, i, moves, steady)
-            carry(tracks, i, _pushed_on(move, vector(pushed[i])),
-                  _share(shares, i, pace, steady), step, fading)
+            predict_track(tracks, i, _pushed_on(move, vector(pushed[i])),
+                          _share(shares, i, pace, steady), step, fading)
             if relaxing > 0. and not (tracks.known[i] and tracks.hidden_for[i] <= longest):
                 _relax(tracks, i, seen, habits, rest, shares, 1. - math.exp(-step / relaxing))
         tracks.seen[i] = seen[i]

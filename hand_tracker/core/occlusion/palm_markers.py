@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from ..filtering.tracks import carry, follow
+from ..filtering.tracks import predict_track, update_track
 from ..inverse_kinematics.palm import palm_fault, rigid_palm
 from ..model.states import CARRIED, LOST, TRACKED, WAITING
 from ..numerics.jit import jit
@@ -102,7 +102,7 @@ def follow_palm(markers, seen, tracks, digits, rotation, position, template, pla
     noise : ndarray, shape (8,)
         Of each marker, standard deviation on an axis [m].
     step, smooth, fading
-        See `follow` and `carry`.
+        See `update_track` and `predict_track`.
     by_fingers : bool
         Whether the fingers' markers tell of a hidden one.
     longest : float
@@ -122,7 +122,7 @@ def follow_palm(markers, seen, tracks, digits, rotation, position, template, pla
     before = _template_places(template, rotation, position)
     for i in range(3):
         if seen[i]:
-            follow(tracks, i, vector(markers[i]), step, noise[i], smooth)
+            update_track(tracks, i, vector(markers[i]), step, noise[i], smooth)
     if count < 3:
         seen_palm = (seen[0], seen[1], seen[2])
         carried = carry_palm(_places(tracks, 0.), before, seen_palm)
@@ -130,8 +130,8 @@ def follow_palm(markers, seen, tracks, digits, rotation, position, template, pla
         for i in range(3):
             if not seen[i]:
                 start = vector(tracks.mean[i])
-                carry(tracks, i, subtract(carried[i], start),
-                      scale(subtract(ahead[i], carried[i]), 1. / INSTANT), step, fading)
+                predict_track(tracks, i, subtract(carried[i], start),
+                              scale(subtract(ahead[i], carried[i]), 1. / INSTANT), step, fading)
         hidden_for = min(tracks.hidden_for[0], tracks.hidden_for[1], tracks.hidden_for[2])
         if by_fingers and (count > 0 or hidden_for <= longest):
             _fit_to_fingers(markers, seen, tracks, digits, template, count)

@@ -12,13 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..model.hand import FLEXION
+from ..model.hand import FLEXION_JOINTS
 from ..numerics.jit import jit
 from ..numerics.vectors import clamp
 
 DIGITS = 5
 SIZE = 3 * DIGITS
-LEADERS = FLEXION[:4, 0].copy()
+LEADERS = FLEXION_JOINTS[:4, 0].copy()
 # Beyond a digit in the palm's frame, a captured one stays below .8 m/s: a marker has jumped, and
 # one jump would drown the rest.
 FARTHEST, FASTEST = 1., 1.  # [m], [m/s] on an axis

@@ -5,8 +5,8 @@ Both stages work on a right hand in the wrist's frame, after its digits are solv
 
 import numpy as np
 
-from ..model.capsules import PALM, axis_of, close_pairs, nearest_points, place_frames
-from ..model.hand import ABDUCTION, FLEXION
+from ..model.capsules import PALM_INDEX, axis_of, close_pairs, nearest_points, place_frames
+from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS
 from ..numerics.jit import indexed, jit
 from ..numerics.vectors import add, clamp, cross, dot, scale, subtract, unit, vector
 
@@ -177,8 +177,8 @@ def _settle(capsules, angles, lower, upper, slope, mobility, aim, climb, rounds,
 def _joint(digit, i):
     """Return a digit's abduction (0), first (1) or second (2) flexion as a joint."""
     if i == 0:
-        return ABDUCTION[digit]
-    return FLEXION[digit, i - 1]
+        return ABDUCTION_JOINTS[digit]
+    return FLEXION_JOINTS[digit, i - 1]
 
 
 @jit
@@ -187,7 +187,7 @@ def _move(before, lower, upper, slope, digit, change, angles):
     for i in range(3):
         joint = _joint(digit, i)
         angles[joint] = clamp(before[joint] + change[digit, i], lower[joint], upper[joint])
-    joint = FLEXION[digit, 2]
+    joint = FLEXION_JOINTS[digit, 2]
     angles[joint] = clamp(
         before[joint] + slope[digit] * change[digit, 2], lower[joint], upper[joint])
 
@@ -258,7 +258,7 @@ def _linearise(capsules, pair, angles, lower, upper, slope, lines, ends, row, le
         for i in range(3):
             lever[row, end, i] = 0.0
         digit = capsules.digits[pair, end]
-        if digit == PALM:
+        if digit == PALM_INDEX:
             continue
         link = capsules.link[capsules.first[pair] if end == 0 else capsules.second[pair]]
         # The line along which the pair pushes the digit: direction and moment
@@ -268,7 +268,7 @@ def _linearise(capsules, pair, angles, lower, upper, slope, lines, ends, row, le
             joint = _joint(digit, i)
             if joint <= link:
                 lever[row, end, i] = _turning(lines, joint, push, moment)
-        third = FLEXION[digit, 2]
+        third = FLEXION_JOINTS[digit, 2]
         if third <= link and lower[third] < angles[third] < upper[third]:
             lever[row, end, 2] += float(slope[digit]) * _turning(lines, third, push, moment)
     return overlap
@@ -318,7 +318,7 @@ def carry(capsules, before, after, hidden, gap, friction, displacement):
         for end in range(2):
             digit = capsules.digits[pair, end]
             other = capsules.digits[pair, 1 - end]
-            if digit == PALM or not hidden[digit] or (other != PALM and hidden[other]):
+            if digit == PALM_INDEX or not hidden[digit] or (other != PALM_INDEX and hidden[other]):
                 continue
             row = second if end == 0 else first
             share = t if end == 0 else s

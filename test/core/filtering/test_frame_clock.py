@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.filtering.frame_clock import (
-    BACKWARD,
-    FARTHEST,
-    LONGEST,
-    REPEATS,
-    SHORTEST,
-    USUAL_STEP,
-    new_clock,
-    step_to,
+    DEFAULT_STEP,
+    MAX_REPEATS,
+    MAX_STEP,
+    MIN_STEP,
+    PAUSE_LIMIT,
+    REORDER_LIMIT,
+    advance_clock,
+    initial_clock,
 )
 from hand_tracker.core.numerics.jit import packed
 
@@ -20,10 +20,10 @@ class Clock:
     """The kernel and what it keeps; None for a time that is not known."""
 
     def __init__(self):
-        self._kept, _ = packed(new_clock())
+        self._kept, _ = packed(initial_clock())
 
     def step(self, time):
-        return step_to(self._kept[0], np.nan if time is None else float(time))
+        return advance_clock(self._kept[0], np.nan if time is None else float(time))
 
 
 def clock_at(*times):
@@ -35,7 +35,7 @@ def clock_at(*times):
 
 @pytest.mark.parametrize('time', [None, np.nan, np.inf, -np.inf])
 def test_a_frame_without_time_comes_one_usual_step_later(time):
-    assert Clock().step(time) == (USUAL_STEP, False, False)
+    assert Clock().step(time) == (DEFAULT_STEP, False, False)
     clock = clock_at(*(np.arange(300) / 50.))
     assert clock.step(time) == (pytest.approx(.02), False, False)
     # It says nothing of when the next one comes.
@@ -45,41 +45,42 @@ def test_a_frame_without_time_comes_one_usual_step_later(time):
 @pytest.mark.parametrize('start', [0., -5., 1.7e9])
 def test_steps_are_those_of_the_stamps(start):
     clock = Clock()
-    assert clock.step(start) == (USUAL_STEP, False, False)
-    for step in (.01, .002, .5, LONGEST - .01):
+    assert clock.step(start) == (DEFAULT_STEP, False, False)
+    for step in (.01, .002, .5, PAUSE_LIMIT - .01):
         start += step
         assert clock.step(start) == (pytest.approx(step, abs=1e-6), False, False)
 
 
-@pytest.mark.parametrize('back', [0., SHORTEST / 2., .01, .49 * BACKWARD, .99 * BACKWARD])
+@pytest.mark.parametrize(
+    'back', [0., MIN_STEP / 2., .01, .49 * REORDER_LIMIT, .99 * REORDER_LIMIT])
 def test_a_repeated_or_somewhat_older_stamp_takes_no_time(back):
     clock = clock_at(3.)
     assert clock.step(3. - back) == (0., False, False)
     assert clock.step(3.01) == (pytest.approx(.01), False, False)
 
 
-@pytest.mark.parametrize('progress', [0., SHORTEST / 1000., -.001])
+@pytest.mark.parametrize('progress', [0., MIN_STEP / 1000., -.001])
 def test_frames_of_a_clock_that_stands_come_evenly(progress):
     clock = clock_at(*(np.arange(300) / 50.))
     last = 299. / 50.
     steps = [clock.step(last + i * progress) for i in range(1, 65)]
-    assert steps[:REPEATS] == REPEATS * [(0., False, False)]
-    assert steps[REPEATS:] == (64 - REPEATS) * [(pytest.approx(.02), False, False)]
+    assert steps[:MAX_REPEATS] == MAX_REPEATS * [(0., False, False)]
+    assert steps[MAX_REPEATS:] == (64 - MAX_REPEATS) * [(pytest.approx(.02), False, False)]
     assert clock.step(last + .02) == (pytest.approx(.02), False, False), 'goes on'
 
 
 def test_a_clock_set_back_takes_no_time_from_the_frames():
     clock = clock_at(*(np.arange(300) / 50.))
     steps = [clock.step(i / 50. - .3)[0] for i in range(300, 400)]
-    assert steps[:REPEATS] == REPEATS * [0.]
-    assert steps[REPEATS:] == pytest.approx([.02] * (100 - REPEATS))
+    assert steps[:MAX_REPEATS] == MAX_REPEATS * [0.]
+    assert steps[MAX_REPEATS:] == pytest.approx([.02] * (100 - MAX_REPEATS))
 
 
 def test_smallest_numbers_take_no_time():
     assert clock_at(0.).step(5e-324) == (0., False, False)
 
 
-@pytest.mark.parametrize('back', [1.01 * BACKWARD, 3., 1e9])
+@pytest.mark.parametrize('back', [1.01 * REORDER_LIMIT, 3., 1e9])
 @pytest.mark.parametrize('later', [0., .01, 2.])
 def test_time_that_jumps_back_and_goes_on_there_begins_anew(back, later):
     clock = clock_at(10., 10.01)
@@ -94,17 +95,17 @@ def test_time_that_jumps_back_and_goes_on_there_begins_anew(back, later):
 
 def test_a_long_gap_is_a_pause_as_soon_as_time_goes_on_after_it():
     clock = clock_at(0.)
-    assert clock.step(1.01 * LONGEST) == (USUAL_STEP, False, False)
-    step, paused, restarted = clock.step(1.02 * LONGEST)
-    assert step == pytest.approx(1.02 * LONGEST - USUAL_STEP) and paused and not restarted
-    assert clock.step(1.03 * LONGEST) == (pytest.approx(.01), False, False)
-    assert clock_at(0., 1e300).step(1e300) == (FARTHEST, True, False)
-    assert clock_at(-1e308, 1e308).step(1e308) == (FARTHEST, True, False)
+    assert clock.step(1.01 * PAUSE_LIMIT) == (DEFAULT_STEP, False, False)
+    step, paused, restarted = clock.step(1.02 * PAUSE_LIMIT)
+    assert step == pytest.approx(1.02 * PAUSE_LIMIT - DEFAULT_STEP) and paused and not restarted
+    assert clock.step(1.03 * PAUSE_LIMIT) == (pytest.approx(.01), False, False)
+    assert clock_at(0., 1e300).step(1e300) == (MAX_STEP, True, False)
+    assert clock_at(-1e308, 1e308).step(1e308) == (MAX_STEP, True, False)
 
 
 def test_frames_that_are_always_far_apart_take_their_time():
     clock = clock_at(0.)
-    times = 2. * LONGEST * np.arange(1, 101)
+    times = 2. * PAUSE_LIMIT * np.arange(1, 101)
     steps, paused, restarted = zip(*(clock.step(time) for time in times))
     assert sum(steps) == pytest.approx(times[-1]) and sum(paused) == 50 and not any(restarted)
 

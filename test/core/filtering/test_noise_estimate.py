@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.filtering.noise_estimate import LEAST, learn_noise, unknown_noise
+from hand_tracker.core.filtering.noise_estimate import MIN_NOISE, initial_noise, update_noise
 
 RATE = 120.
 MOST = 2e-3
@@ -12,12 +12,12 @@ MOST = 2e-3
 def learned(deviation, seconds=20., move=0., seen=1., most=MOST, seed=1, rate=RATE):
     """Return what is learned of eight markers, the mean over the last half, shape (8,)."""
     rng = np.random.default_rng(seed)
-    noise = unknown_noise(8, most)
+    noise = initial_noise(8, most)
     past = []
     for frame in range(round(seconds * rate)):
         markers = rng.normal(scale=deviation, size=(8, 3)) + move * np.sin(
             2. * np.pi * frame / rate * np.array((.5, .8, 1.1)))
-        learn_noise(noise, markers, rng.random(8) < seen, 1. / rate, most)
+        update_noise(noise, markers, rng.random(8) < seen, 1. / rate, most)
         past.append(noise.deviation.copy())
     assert (np.array(past) <= most).all()
     return np.array(past)[len(past) // 2:].mean(axis=0)
@@ -46,33 +46,33 @@ def test_it_is_never_more_than_said():
 
 
 def test_no_noise_is_the_least():
-    assert learned(0.) == pytest.approx(LEAST)
+    assert learned(0.) == pytest.approx(MIN_NOISE)
 
 
 def test_drop_outs_leave_it_as_it_is():
     assert learned(3e-4, seconds=120., seen=.8).mean() == pytest.approx(3e-4, rel=.15)
     # Of four that follow on each other hardly any are left: it stays as it was.
-    noise = unknown_noise(8, MOST)
+    noise = initial_noise(8, MOST)
     rng = np.random.default_rng(2)
     for frame in range(1000):
         markers = rng.normal(scale=1e-4, size=(8, 3))
         markers[frame % 3 == 0] = np.nan
-        learn_noise(noise, markers, np.full(8, frame % 3 > 0), 1. / RATE, MOST)
+        update_noise(noise, markers, np.full(8, frame % 3 > 0), 1. / RATE, MOST)
     assert (noise.deviation == MOST).all()
 
 
 def test_repeated_stamps_tell_nothing():
-    noise = unknown_noise(8, MOST)
+    noise = initial_noise(8, MOST)
     for _ in range(100):
-        learn_noise(noise, np.zeros((8, 3)), np.ones(8, dtype=bool), 0., MOST)
+        update_noise(noise, np.zeros((8, 3)), np.ones(8, dtype=bool), 0., MOST)
     assert (noise.deviation == MOST).all()
 
 
 def test_worse_noise_is_noticed_within_seconds():
-    noise = unknown_noise(1, MOST)
+    noise = initial_noise(1, MOST)
     rng = np.random.default_rng(3)
     for deviation in (1e-4, 1e-3):
         for _ in range(round(10. * RATE)):
-            learn_noise(noise, rng.normal(scale=deviation, size=(1, 3)), np.array((True,)),
-                        1. / RATE, MOST)
+            update_noise(noise, rng.normal(scale=deviation, size=(1, 3)), np.array((True,)),
+                         1. / RATE, MOST)
         assert noise.deviation[0] == pytest.approx(deviation, rel=.4)

@@ -5,7 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hand_tracker.core.filtering.smoothing import ACTIVITY, advance, levers, noise_on_palm
+from hand_tracker.core.filtering.smoothing import (
+    ACTIVITY_SIZE,
+    noise_in_palm_frame,
+    noise_levers,
+    update_filter,
+)
 from hand_tracker.core.numerics import jit
 
 NOISE = 3e-4     # [m]
@@ -18,11 +23,11 @@ class Marker:
 
     def __init__(self):
         self.mean, self.covariance = np.zeros(9), np.zeros((9, 9))
-        self.activity = np.zeros(ACTIVITY)
+        self.activity = np.zeros(ACTIVITY_SIZE)
 
     def advance(self, observed, step=1. / 120., seen=True, noise=NOISE):
-        advance(self.mean, self.covariance, self.activity, np.asarray(observed, dtype=float),
-                seen, step, noise, FADING)
+        update_filter(self.mean, self.covariance, self.activity, np.asarray(observed, dtype=float),
+                      seen, step, noise, FADING)
         return self.mean[:3].copy()
 
     def follow(self, places, rate, rng):
@@ -154,10 +159,10 @@ def test_levers_are_those_of_a_rigid_fit():
     turns = u * flip[:, None, :] @ vt
     carried = np.einsum('njk,pk->npj', turns, places - middle) + noisy.mean(axis=1)[:, None]
     np.testing.assert_allclose(
-        carried.var(axis=0).mean(axis=1) / 1e-10, levers(template, places), rtol=.1)
+        carried.var(axis=0).mean(axis=1) / 1e-10, noise_levers(template, places), rtol=.1)
 
 
 def test_a_still_palm_adds_little_noise_and_no_palm_more_than_its_markers():
     still, moving = np.zeros((3, 9, 9)), np.tile(np.eye(9), (3, 1, 1))
-    assert noise_on_palm(NOISE, still, 2.) == pytest.approx(NOISE)
-    assert noise_on_palm(NOISE, moving, 2.) == pytest.approx(np.sqrt(3.) * NOISE)
+    assert noise_in_palm_frame(NOISE, still, 2.) == pytest.approx(NOISE)
+    assert noise_in_palm_frame(NOISE, moving, 2.) == pytest.approx(np.sqrt(3.) * NOISE)

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.filtering.tracks import RECENT, carry, follow, forget_motion, no_tracks
+from hand_tracker.core.filtering.tracks import (
+    PACE_TIME,
+    clear_motion,
+    initial_tracks,
+    predict_track,
+    update_track,
+)
 from hand_tracker.core.pose.report import deviation
 
 STEP, NOISE, FADING = 1. / 120., 1e-4, .1
@@ -14,10 +20,11 @@ VELOCITY = np.array((.4, -.2, .1))
 def followed(frames=240, velocity=VELOCITY, smooth=True, noise=0., seed=1):
     """Return tracks of which the first marker was seen in even motion, and its last place."""
     rng = np.random.default_rng(seed)
-    tracks = no_tracks(np.zeros((2, 3)))
+    tracks = initial_tracks(np.zeros((2, 3)))
     for frame in range(frames):
         place = velocity * STEP * frame
-        follow(tracks, 0, tuple(place + rng.normal(scale=noise, size=3)), STEP, NOISE, smooth)
+        observed = tuple(place + rng.normal(scale=noise, size=3))
+        update_track(tracks, 0, observed, STEP, NOISE, smooth)
         tracks.seen[0] = True
     return tracks, place
 
@@ -26,14 +33,14 @@ def carried(tracks, frames, move=NOWHERE, drift=NOWHERE, fading=FADING):
     """Return the places of the first marker while it is hidden, shape (frames, 3)."""
     path = []
     for _ in range(frames):
-        carry(tracks, 0, move, drift, STEP, fading)
+        predict_track(tracks, 0, move, drift, STEP, fading)
         tracks.seen[0] = False
         path.append(tracks.mean[0, :3].copy())
     return np.array(path)
 
 
 def test_a_marker_never_seen_stays_where_it_is():
-    tracks = no_tracks(np.array(((.1, .2, .3), (0., 0., 0.))))
+    tracks = initial_tracks(np.array(((.1, .2, .3), (0., 0., 0.))))
     path = carried(tracks, 100)
     np.testing.assert_array_equal(path, np.tile((.1, .2, .3), (100, 1)))
     assert not tracks.known[0] and tracks.hidden_for[0] == pytest.approx(100. * STEP)
@@ -68,14 +75,14 @@ def test_pace_is_less_noisy_than_the_measurements_and_not_late():
     np.testing.assert_allclose(tracks.pace[0], VELOCITY, atol=.1)
     still, _ = followed(velocity=0. * VELOCITY, noise=NOISE)
     assert abs(still.pace[0]).max() < .3 * NOISE / STEP
-    assert RECENT < .05
+    assert PACE_TIME < .05
 
 
 def test_a_marker_back_after_long_is_where_it_is_seen():
     tracks, last = followed()
     carried(tracks, 120)
     place = last + (.2, .1, 0.)
-    follow(tracks, 0, tuple(place), STEP, NOISE, True)
+    update_track(tracks, 0, tuple(place), STEP, NOISE, True)
     np.testing.assert_allclose(tracks.mean[0, :3], place, atol=1e-9)
     assert tracks.hidden_for[0] == 0. and deviation(tracks.covariance[0]) == pytest.approx(NOISE)
 
@@ -84,7 +91,7 @@ def test_a_marker_back_after_long_is_where_it_is_seen():
 def test_smoothing_is_a_choice(smooth):
     tracks, last = followed(noise=10. * NOISE, smooth=smooth, velocity=0. * VELOCITY)
     place = last + 1e-4
-    follow(tracks, 0, tuple(place), STEP, NOISE, smooth)
+    update_track(tracks, 0, tuple(place), STEP, NOISE, smooth)
     assert np.array_equal(tracks.mean[0, :3], place) is not smooth
 
 
@@ -101,7 +108,7 @@ def test_no_time_moves_nothing():
     tracks, last = followed()
     pace = tracks.pace[0].copy()
     at = tracks.mean[0, :3].copy()
-    carry(tracks, 0, NOWHERE, NOWHERE, 0., FADING)
+    predict_track(tracks, 0, NOWHERE, NOWHERE, 0., FADING)
     np.testing.assert_array_equal(tracks.mean[0, :3], at)
     np.testing.assert_array_equal(tracks.pace[0], pace)
     assert tracks.hidden_for[0] == 0.
@@ -110,5 +117,5 @@ def test_no_time_moves_nothing():
 def test_after_a_pause_places_are_kept_and_motion_is_not():
     tracks, _ = followed()
     at = tracks.mean[0, :3].copy()
-    forget_motion(tracks)
+    clear_motion(tracks)
     np.testing.assert_array_equal(carried(tracks, 20), np.tile(at, (20, 1)))

@@ -34,7 +34,7 @@ def jerk_covariance(step, jerk_noise):
 
 def begun(position=(0., 0., 0.)):
     mean, covariance = np.empty(9), np.empty((9, 9))
-    ukf.start(mean, covariance, np.array(position), NOISE)
+    ukf.initialise(mean, covariance, np.array(position), NOISE)
     return mean, covariance
 
 
@@ -89,7 +89,7 @@ def test_no_motion_explodes(state, step, uncertainty):
     # A turn of a radian at most in a step, at 60 rad/s at most.
     assert np.abs(after[:3]).max() <= 2. * bound
     assert np.abs(after[3:6]).max() <= 2. * bound
-    assert np.abs(after[6:]).max() <= (1. + ukf.FASTEST_TURN) * bound
+    assert np.abs(after[6:]).max() <= (1. + ukf.MAX_TURN_RATE) * bound
 
 
 def test_a_marker_near_rest_does_not_spin():
@@ -137,7 +137,7 @@ def test_innovations_of_a_true_model_are_consistent():
     noise = np.linalg.cholesky(jerk_covariance(step, jerk_noise))
     for _ in range(20):
         state = np.zeros(9)
-        state[3:6] = rng.normal(scale=ukf.START_SPEED, size=3)
+        state[3:6] = rng.normal(scale=ukf.INITIAL_SPEED_SD, size=3)
         mean, covariance = begun(rng.normal(scale=NOISE, size=3))
         for _ in range(60):
             uncertainty = np.trace(covariance[3:6, 3:6])
@@ -154,7 +154,7 @@ def test_fading_is_a_change_of_units():
     ukf.predict(mean, covariance, .01, 10.)
     shares = np.array([1.] * 3 + [.5] * 6)
     expected = mean * shares, covariance * np.outer(shares, shares)
-    ukf.fade(mean, covariance, .5)
+    ukf.damp(mean, covariance, .5)
     np.testing.assert_allclose(mean, expected[0])
     np.testing.assert_allclose(covariance, expected[1])
 
@@ -168,7 +168,7 @@ def test_filterpy_agrees_over_a_track_with_drop_outs():
 
     oracle = kalman.UnscentedKalmanFilter(
         9, 3, 1., lambda state: state[:3], motion,
-        kalman.MerweScaledSigmaPoints(9, ukf.ALPHA, ukf.BETA, 0.))
+        kalman.MerweScaledSigmaPoints(9, ukf.UKF_ALPHA, ukf.UKF_BETA, 0.))
     mean, covariance = begun()
     oracle.x, oracle.P, oracle.R = mean.copy(), covariance.copy(), NOISE ** 2 * np.eye(3)
     for frame in range(300):

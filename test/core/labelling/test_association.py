@@ -19,8 +19,8 @@ from hand_tracker.core.labelling.association import (
     hand_bounds,
     identify,
 )
-from hand_tracker.core.labelling.plausibility import usual_places
-from hand_tracker.core.labelling.validity import visible
+from hand_tracker.core.labelling.plausibility import typical_places
+from hand_tracker.core.labelling.validity import find_valid
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
@@ -31,7 +31,7 @@ GATE, MARGIN, PATIENCE = 5., 1.5, .3
 STEP = 1. / 120.
 HAND = Hand.scaled()
 MOUNTING = MarkerLayout().mounting(HAND)
-BOUNDS = hand_bounds(chains(HAND, MOUNTING), usual_places(HAND, MOUNTING))
+BOUNDS = hand_bounds(chains(HAND, MOUNTING), typical_places(HAND, MOUNTING))
 PLACES = marker_positions(MOUNTING, forward(joint_table(HAND), np.radians(
     (0, 0, 20, 30, 24) * 4 + (0, 10, 0, 10, 10))))
 PAIRS = [(i, j) for j in range(8) for i in range(j)]
@@ -50,7 +50,7 @@ class Frames:
         """Return markers, seen and verdict."""
         markers = np.array(markers)
         seen, verdict = np.empty(8, dtype=bool), np.zeros(8, dtype=np.int64)
-        visible(markers, seen)
+        find_valid(markers, seen)
         identify(markers, seen, self.expected, self.spread, self.known, step, BOUNDS,
                  self.memory, gate, margin, patience, verdict)
         return markers, seen, verdict

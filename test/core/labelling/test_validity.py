@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.labelling.validity import reject_frozen, visible
+from hand_tracker.core.labelling.validity import find_valid, reject_frozen
 
 
 @pytest.mark.parametrize('row, expected', [
@@ -13,7 +13,7 @@ from hand_tracker.core.labelling.validity import reject_frozen, visible
 def test_only_finite_places_on_earth_are_measurements(row, expected):
     seen = np.zeros(8, dtype=bool)
     markers = np.tile(row, (8, 1))
-    visible(markers, seen)
+    find_valid(markers, seen)
     assert (seen == expected).all()
 
 
@@ -24,7 +24,7 @@ def states(given, patience=3):
     rows = []
     for markers in given:
         seen = np.empty(8, dtype=bool)
-        visible(markers, seen)
+        find_valid(markers, seen)
         reject_frozen(markers, seen, last, still, stood, patience)
         rows.append(seen)
     return np.array(rows)

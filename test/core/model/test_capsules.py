@@ -8,8 +8,8 @@ from hypothesis.extra.numpy import arrays
 from scipy.optimize import minimize
 
 from hand_tracker.core.model.capsules import (
-    PALM,
-    WEB,
+    PALM_INDEX,
+    WEB_SHARE,
     capsules,
     close_pairs,
     nearest_points,
@@ -99,7 +99,7 @@ def test_capsules_lie_on_the_bones(side):
     knuckles = [LINKS.index(f'{finger}_knuckle') for finger in FINGERS]
     np.testing.assert_allclose(ends[15:19, 1], pose.position[knuckles], atol=1e-12)
     np.testing.assert_allclose(
-        ends[19:, 0], (1. - WEB) * ends[0:12:3, 0] + WEB * ends[0:12:3, 1], atol=1e-12)
+        ends[19:, 0], (1. - WEB_SHARE) * ends[0:12:3, 0] + WEB_SHARE * ends[0:12:3, 1], atol=1e-12)
 
 
 def test_only_strangers_meet():
@@ -107,7 +107,7 @@ def test_only_strangers_meet():
     pairs = list(zip(found.first, found.second))
     assert len(set(pairs)) == len(pairs)
     assert (found.digits[:, 0] < found.digits[:, 1]).all(), 'none meets its own digit'
-    palm = found.digits[:, 1] == PALM
+    palm = found.digits[:, 1] == PALM_INDEX
     own = [LINKS.index(f'{finger}_proximal') for finger in FINGERS] + [
         LINKS.index('thumb_metacarpal')]
     assert not np.isin(found.link[found.first[palm]], own).any(), 'the first bone is the palm\'s'

@@ -12,7 +12,7 @@ from hand_tracker.core.model.hand import (
     FINGERS,
     JOINTS,
     LINKS,
-    RELAXED,
+    RELAXED_FINGERS,
     RELAXED_THUMB,
     Hand,
     joint_kind,
@@ -234,7 +234,7 @@ def test_a_relaxed_hand_is_bent_more_from_index_to_little_within_its_limits(pres
     lower, upper = hand.limits.T
     assert (lower <= hand.relaxed()).all() and (hand.relaxed() <= upper).all()
     np.testing.assert_allclose(np.degrees(angles[4, :4]), RELAXED_THUMB)
-    np.testing.assert_allclose(np.degrees(angles[:4, 2:4]), RELAXED)
+    np.testing.assert_allclose(np.degrees(angles[:4, 2:4]), RELAXED_FINGERS)
     assert (np.diff(angles[:4, 2:4].sum(axis=1)) > 0.).all()
     assert (angles[:4, 3] > angles[:4, 2]).all()
     np.testing.assert_allclose(angles[:, 4], hand.coupling[:, 0] * angles[:, 3])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.filtering.tracks import no_tracks
+from hand_tracker.core.filtering.tracks import initial_tracks
 from hand_tracker.core.occlusion.digit_markers import follow_digits
 from hand_tracker.core.occlusion.transdigital import no_habits, prior_of
 
@@ -18,7 +18,8 @@ class Digits:
     """Follows five markers frame by frame."""
 
     def __init__(self, memory=7., longest=2., relaxing=1., fading=.04):
-        self.tracks, self.habits, self.shares = no_tracks(REST), no_habits(), np.zeros((15, 15))
+        self.tracks, self.habits = initial_tracks(REST), no_habits()
+        self.shares = np.zeros((15, 15))
         self.options = memory, longest, relaxing
         self.fading = fading
 

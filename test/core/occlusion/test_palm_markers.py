@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.filtering.tracks import no_tracks
+from hand_tracker.core.filtering.tracks import initial_tracks
 from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.occlusion.palm_markers import (
     carry_palm,
@@ -25,7 +25,7 @@ class Palm:
     """Follows the palm of a hand whose digits do not move in it, frame by frame."""
 
     def __init__(self, by_fingers=True, longest=2., fading=.04):
-        self.tracks, self.digits = no_tracks(TEMPLATE), no_tracks(FINGERS)
+        self.tracks, self.digits = initial_tracks(TEMPLATE), initial_tracks(FINGERS)
         self.rotation, self.position = np.eye(3), np.zeros(3)
         self.placed = False
         self.by_fingers, self.longest, self.fading = by_fingers, longest, fading

@@ -12,7 +12,13 @@ from hypothesis.extra.numpy import arrays
 from scipy.optimize import minimize
 
 from hand_tracker.core.model.capsules import capsules, pair_gaps, place_capsules
-from hand_tracker.core.model.hand import ABDUCTION, FLEXION, JOINTS, Hand, preset_limits
+from hand_tracker.core.model.hand import (
+    ABDUCTION_JOINTS,
+    FLEXION_JOINTS,
+    JOINTS,
+    Hand,
+    preset_limits,
+)
 from hand_tracker.core.pose.contact import AIM, GAP, PENETRATION, carry, separate
 from hand_tracker.simulation.gestures import GRASPS, LETTERS, grasp_shape, shape_angles
 from hand_tracker.simulation.motions import MOTIONS, motion_named
@@ -27,7 +33,7 @@ BODIES = {id(hand): capsules(hand) for hand in (HAND, WIDE)}
 ALIKE = np.ones(5)
 FRICTION = .5
 INDEX, MIDDLE, RING, LITTLE, THUMB = range(5)
-FREE = np.column_stack((ABDUCTION, FLEXION[:, :2]))
+FREE = np.column_stack((ABDUCTION_JOINTS, FLEXION_JOINTS[:, :2]))
 shares = arrays(float, 25, elements=st.floats(0., 1.))
 
 
@@ -51,9 +57,10 @@ def coupled(hand, angles):
     """Return angles whose third flexions follow the second."""
     angles = np.array(angles)
     lower, upper = hand.limits.T
-    third = FLEXION[:, 2]
-    angles[third] = np.clip(hand.coupling[:, 0] * angles[FLEXION[:, 1]] + hand.coupling[:, 1],
-                            lower[third], upper[third])
+    third = FLEXION_JOINTS[:, 2]
+    angles[third] = np.clip(
+        hand.coupling[:, 0] * angles[FLEXION_JOINTS[:, 1]] + hand.coupling[:, 1],
+        lower[third], upper[third])
     return angles
 
 
@@ -80,8 +87,8 @@ def mixed(hand, seed, count):
 def pressed(degrees):
     """Return a flat hand whose index and middle finger lean onto each other."""
     angles = np.zeros(25)
-    angles[ABDUCTION[INDEX]] = -np.radians(degrees)
-    angles[ABDUCTION[MIDDLE]] = np.radians(degrees)
+    angles[ABDUCTION_JOINTS[INDEX]] = -np.radians(degrees)
+    angles[ABDUCTION_JOINTS[MIDDLE]] = np.radians(degrees)
     return angles
 
 
@@ -128,8 +135,8 @@ def test_easy_poses_stay(name):
 def test_the_fingers_of_a_fist_stay():
     for flexions in ((80, 94), (84, 92), (70, 80)):
         angles = pose_angles('five', HAND)
-        angles[ABDUCTION[:4]] = 0.
-        angles[FLEXION[:4, 0]], angles[FLEXION[:4, 1]] = np.radians(flexions)
+        angles[ABDUCTION_JOINTS[:4]] = 0.
+        angles[FLEXION_JOINTS[:4, 0]], angles[FLEXION_JOINTS[:4, 1]] = np.radians(flexions)
         assert apart(HAND, coupled(HAND, angles))[1] == 0
 
 
@@ -151,10 +158,10 @@ def test_pressed_fingers_part_by_their_abduction():
     moved, _ = apart(HAND, angles)
     change = np.degrees(moved - angles)
     assert overlap(HAND, moved) <= PENETRATION
-    assert change[ABDUCTION[INDEX]] > 1. and change[ABDUCTION[MIDDLE]] < -1.
+    assert change[ABDUCTION_JOINTS[INDEX]] > 1. and change[ABDUCTION_JOINTS[MIDDLE]] < -1.
     # Their knuckles are not level, so that a little of it is flexion.
-    aside = np.abs(change[ABDUCTION[[INDEX, MIDDLE]]]).min()
-    change[ABDUCTION[[INDEX, MIDDLE]]] = 0.
+    aside = np.abs(change[ABDUCTION_JOINTS[[INDEX, MIDDLE]]]).min()
+    change[ABDUCTION_JOINTS[[INDEX, MIDDLE]]] = 0.
     assert np.abs(change).max() < .5 * aside
     assert (change[5 * RING:] == 0.).all()
 
@@ -169,9 +176,9 @@ def test_the_change_is_the_least(angles):
         other = angles.copy()
         other[joints] = x
         for digit in (INDEX, MIDDLE):
-            third = FLEXION[digit, 2]
+            third = FLEXION_JOINTS[digit, 2]
             other[third] += HAND.coupling[digit, 0] * (
-                other[FLEXION[digit, 1]] - angles[FLEXION[digit, 1]])
+                other[FLEXION_JOINTS[digit, 1]] - angles[FLEXION_JOINTS[digit, 1]])
         return other
 
     found = minimize(
@@ -186,7 +193,7 @@ def test_the_change_is_the_least(angles):
 def test_a_seen_digit_moves_less_than_a_hidden_one():
     angles = pressed(8.)
     hidden = apart(HAND, angles, np.array((1., .1, .1, .1, .1)))[0] - angles
-    assert abs(hidden[ABDUCTION[INDEX]]) > 5. * abs(hidden[ABDUCTION[MIDDLE]])
+    assert abs(hidden[ABDUCTION_JOINTS[INDEX]]) > 5. * abs(hidden[ABDUCTION_JOINTS[MIDDLE]])
     fixed = apart(HAND, angles, np.array((1., 0., 0., 0., 0.)))[0]
     np.testing.assert_array_equal(fixed[5:], angles[5:])
     assert overlap(HAND, fixed) <= PENETRATION
@@ -199,8 +206,8 @@ def test_third_flexion_follows_the_second_or_stays():
     lower, upper = HAND.limits.T
     for angles in poses[:60]:
         moved, _ = apart(HAND, angles)
-        third = FLEXION[:, 2]
-        follows = angles[third] + HAND.coupling[:, 0] * (moved - angles)[FLEXION[:, 1]]
+        third = FLEXION_JOINTS[:, 2]
+        follows = angles[third] + HAND.coupling[:, 0] * (moved - angles)[FLEXION_JOINTS[:, 1]]
         np.testing.assert_allclose(
             moved[third], np.clip(follows, lower[third], upper[third]), atol=.02)
         held, _ = apart(HAND, angles, slope=np.zeros(5))

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.model.hand import ABDUCTION, DIGIT_OF_JOINT, FLEXION
+from hand_tracker.core.model.hand import ABDUCTION_JOINTS, DIGIT_OF_JOINT, FLEXION_JOINTS
 from hand_tracker.core.pose.continuity import ease
 
 LOWER, UPPER = np.full(25, -1.), np.full(25, 2.)
 STEP, RATE = .01, 15.
 NONE = np.zeros(5, dtype=bool)
 INDEX = np.array((True, False, False, False, False))
-OF_INDEX = np.array((ABDUCTION[0], *FLEXION[0]))
+OF_INDEX = np.array((ABDUCTION_JOINTS[0], *FLEXION_JOINTS[0]))
 
 
 def eased_path(solved, changes, step=STEP, rate=RATE, predicted=NONE):
