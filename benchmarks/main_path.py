@@ -267,7 +267,8 @@ def main():
                    all_functions=len(functions(every)))
         print('a frame outside {}: {files} files, {functions} functions, depth {depth}, '
               '{calls} calls, {upward_calls} upward; {climbs} climbs, {calls_after} calls of the '
-              'node after the answer; any frame: {all_files} files, {all_functions} functions'.format(UNCOUNTED, **row))
+              'node after the answer; any frame: {all_files} files, {all_functions} functions'
+              .format(UNCOUNTED, **row))
         if options.list:
             print_calls(longest)
     write_rows(options.json, [row])

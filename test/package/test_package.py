@@ -85,6 +85,44 @@ def test_version_is_stated_alike(manifest):
     assert manifest.findtext('version') == hand_tracker.__version__
 
 
+def test_public_names_are_imported_when_they_are_first_used():
+    names = ', '.join(hand_tracker.__all__)
+    before, listed, after = run_python(
+        'import sys, hand_tracker; print(*sys.modules); print(*dir(hand_tracker)); '
+        f'from hand_tracker import {names}; print(*sys.modules)', cwd=ROOT).splitlines()
+    ours = [name for name in before.split() if name.startswith('hand_tracker')]
+    assert ours == ['hand_tracker'] and 'numpy' not in before.split()
+    assert set(hand_tracker.__all__) <= set(listed.split())
+    assert 'numpy' in after.split()
+
+
+def test_public_names_are_those_of_their_modules():
+    for name in hand_tracker.__all__:
+        value = getattr(hand_tracker, name)
+        assert value is getattr(sys.modules[value.__module__], name)
+        assert value.__doc__
+
+
+def test_types_know_the_public_names():
+    tree = parse(Path(hand_tracker.__file__))
+    (block,) = [node for node in tree.body if isinstance(node, ast.If)]
+    typed = {alias.name: f'.{node.module}' for node in block.body for alias in node.names}
+    assert typed == hand_tracker._MODULES
+    assert sorted(typed) == hand_tracker.__all__
+
+
+def test_an_unknown_name_is_refused():
+    with pytest.raises(AttributeError, match="'hand_tracker' has no attribute 'Glove'"):
+        _ = hand_tracker.Glove
+
+
+def test_help_imports_nothing_that_computes():
+    modules = set(run_python(
+        'import sys; from hand_tracker.__main__ import main; main(["--help"]); '
+        'print(*sys.modules)', cwd=ROOT).split())
+    assert modules & {'numpy', 'numba', 'matplotlib', 'rclpy', 'scipy'} == set()
+
+
 def test_manifest_is_a_format_3_ament_python_package(manifest):
     assert manifest.get('format') == '3'
     assert manifest.findtext('name') == 'hand_tracker'
@@ -194,6 +232,9 @@ def test_wheel_holds_the_data_files(wheel):
     shared = {name[len(prefix):] for name in names if name.startswith(prefix)}
     assert shared >= {f'hand_tracker/{name}' for name in expected}
     assert 'hand_tracker/package.xml' in shared
+    sources = [path for path in (ROOT / 'hand_tracker').rglob('*') if path.suffix == '.py']
+    assert set(names) >= {str(path.relative_to(ROOT)) for path in sources}
+    assert 'hand_tracker/py.typed' in names
     assert 'ament_index/resource_index/packages/hand_tracker' in shared
     assert [name for name in names if name.startswith(('test/', 'overlay/', 'tf2_ros/'))] == []
 
