@@ -183,6 +183,34 @@ def test_spheres_joint_equals_conformal_algebra_on_noisy_markers():
         np.testing.assert_allclose(ours, nearest, atol=1e-9)
 
 
+def test_spheres_put_the_joints_of_a_palm_that_gave_way_where_conformal_algebra_does():
+    rng = np.random.default_rng(9)
+    # Off the line of the knuckles, so that the spheres meet however it gives way.
+    joints = np.array(((.08, .024, 0.), (.095, -.005, .001), (.062, -.005, -.001),
+                       (.066, -.031, -.004), (.024, .026, -.018)))
+    for _ in range(50):
+        markers, _, _ = random_palm(rng, noise=.001)
+        rotation, position, roots = placed(markers, True, joints.copy())
+        _, p, q = (markers - position) @ rotation
+        # Those beside a marker go with it.
+        np.testing.assert_allclose(roots[0] - joints[0], p - TEMPLATE[1], atol=1e-12)
+        np.testing.assert_allclose(roots[3] - joints[3], q - TEMPLATE[2], atol=1e-12)
+        normal, _, _ = conformal.plane_through(*TEMPLATE)
+        for digit in (1, 2, 4):
+            pair = conformal.spheres_and_plane(
+                p, q, np.linalg.norm(joints[digit] - TEMPLATE[1]),
+                np.linalg.norm(joints[digit] - TEMPLATE[2]), normal, normal @ joints[digit])
+            nearest = min(pair, key=lambda point: np.linalg.norm(point - joints[digit]))
+            np.testing.assert_allclose(roots[digit], nearest, atol=1e-9)
+
+
+def test_rigid_fit_leaves_the_joints_where_they_are_on_the_hand():
+    rng = np.random.default_rng(10)
+    joints = rng.normal(scale=.05, size=(5, 3))
+    markers, _, _ = random_palm(rng, noise=.001)
+    np.testing.assert_array_equal(placed(markers, False, joints.copy())[2], joints)
+
+
 def test_rigid_fit_is_steadier_than_the_spheres_at_the_middle_mcp():
     rng = np.random.default_rng(7)
     middle = np.array((.083, 0., .001))
