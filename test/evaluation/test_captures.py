@@ -1,12 +1,12 @@
 """The tracker on captures of real hands, beside a plain baseline on the same frames.
 
-`pytest -s test/test_captures.py` prints the table of errors.
+`pytest -s test/evaluation/test_captures.py` prints the table of errors.
 """
 
 import numpy as np
 import pytest
+from helpers.baseline import class_errors, plain_pip_errors
 from helpers.captures import capture_path
-from scipy.spatial.transform import Rotation
 
 from hand_tracker.calibration import fit_hand, landmark_positions
 from hand_tracker.core.labelling.plausibility import correct_exchange, typical_places
@@ -19,10 +19,6 @@ from hand_tracker.evaluation.captures import load_capture
 MANIPNET = tuple(f'manipnet__{take}_{side}Hand' for take in ('cup1', 'cyl_med3')
                  for side in ('left', 'right'))
 CAPTURES = MANIPNET + ('dexret__human_joint_right',)
-CLASSES = {'mcp': slice(5, None, 4), 'pip': slice(6, None, 4), 'dip': slice(7, None, 4),
-           'tip': slice(8, None, 4), 'thumb_cmc': 1, 'thumb_mcp': 2, 'thumb_ip': 3,
-           'thumb_tip': 4}
-PALM = [0, 5, 17]
 CALIBRATION = .2  # the first part of a capture, on which its hand is fitted
 
 
@@ -43,48 +39,6 @@ def track(hand, capture):
     return np.array([state.angles for state in states]), landmark_positions(hand, pose, wrist)
 
 
-def in_palm(joints, template):
-    """Return joints (n, 21, 3) in the frame of a template (3, 3) of wrist and two knuckles."""
-    center = joints[:, PALM].mean(axis=1, keepdims=True)
-    rotation = np.array([Rotation.align_vectors(
-        template - template.mean(axis=0), frame)[0].as_matrix()
-        for frame in joints[:, PALM] - center])
-    return np.einsum('nij,nkj->nki', rotation, joints - center) + template.mean(axis=0)
-
-
-def plain_pip_errors(fitted, judged):
-    """Return the PIP errors (n, 4) [m] of the method that anyone would try first.
-
-    Medians for palm and bones, a rigid palm, the exact two-bone solution in the plane of
-    the palm's normal, no limits.
-    """
-    fitted, judged = (part.right().joints for part in (fitted, judged))
-    first = fitted[0] - fitted[0, 0]
-    x = first[9] / np.linalg.norm(first[9])
-    z = np.cross(first[17], first[5])
-    z -= (z @ x) * x
-    z /= np.linalg.norm(z)
-    template = np.median(
-        in_palm(fitted, (first @ np.column_stack((x, np.cross(z, x), z)))[PALM]), axis=0)
-    local = in_palm(judged, template[PALM])
-    errors = np.empty((len(local), 4))
-    for finger in range(4):
-        mcp, pip, dip = (5 + 4 * finger + joint for joint in range(3))
-        l1, l2 = (np.median(np.linalg.norm(fitted[:, b] - fitted[:, a], axis=1))
-                  for a, b in ((mcp, pip), (pip, dip)))
-        target = local[:, dip] - template[mcp]
-        ahead = np.hypot(target[:, 0], target[:, 1])
-        aim = np.column_stack((target[:, :2] / ahead[:, None], np.zeros(len(target))))
-        bend = np.arccos(np.clip((ahead ** 2 + target[:, 2] ** 2 - l1 ** 2 - l2 ** 2)
-                                 / (2. * l1 * l2), -1., 1.))
-        down = np.arctan2(-target[:, 2], ahead) - np.arctan2(
-            l2 * np.sin(bend), l1 + l2 * np.cos(bend))
-        place = template[mcp] + l1 * (np.cos(down)[:, None] * aim
-                                      - np.outer(np.sin(down), (0., 0., 1.)))
-        errors[:, finger] = np.linalg.norm(place - local[:, pip], axis=1)
-    return errors
-
-
 @pytest.fixture(scope='module', params=CAPTURES)
 def capture(request):
     return request.param, *whole_frames(request.param)
@@ -94,11 +48,6 @@ def report(name, what, errors):
     print(f'{name:32s} {what:24s} ' + '  '.join(
         f'{joint} {1e3 * values.mean():.2f} ({1e3 * np.percentile(values, 95):.1f})'
         for joint, values in errors.items()))
-
-
-def class_errors(joints, capture):
-    misses = np.linalg.norm(joints - capture.joints, axis=2)
-    return {name: misses[:, rows] for name, rows in CLASSES.items()}
 
 
 def test_angles_are_within_the_limits_and_pip_is_no_worse_than_the_plain_baseline(capture):

@@ -1,10 +1,7 @@
 """The paper's conformal algebra, by the clifford package: an oracle for the vector forms."""
 
 import numpy as np
-import pytest
-
-pytest.importorskip('clifford', reason='clifford, the oracle, is not installed')
-from clifford.g3c import down, e1, e2, e3, einf, up  # noqa: E402
+from clifford.g3c import down, e1, e2, e3, einf, up
 
 
 def to_multivector(v):

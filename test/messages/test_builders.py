@@ -2,9 +2,14 @@
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from helpers.hands import rest_state
+from helpers.markers import AXES, STAMP, eight, marker
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from visualization_msgs.msg import Marker, MarkerArray
 
 from hand_tracker.core.model.hand import JOINTS, LINKS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
@@ -12,16 +17,7 @@ from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_
 from hand_tracker.core.model.states import MarkerState
 from hand_tracker.core.numerics.quaternion import quaternion
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.messages.labels import InvalidLabel, LabelMap
-
-pytest.importorskip('visualization_msgs.msg', reason='needs the ROS 2 messages')
-
-from builtin_interfaces.msg import Time  # noqa: E402
-from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
-from geometry_msgs.msg import Point  # noqa: E402
-from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
-
-from hand_tracker.drawing import palette  # noqa: E402
+from hand_tracker.drawing import palette
 from hand_tracker.messages.builders import (
     diagnostics,
     fill_transforms,
@@ -32,48 +28,20 @@ from hand_tracker.messages.builders import (
     tip_frames,
     transform_numbers,
 )
-from hand_tracker.messages.marker_array import markers_from_message  # noqa: E402
-from hand_tracker.messages.rviz_markers import COLOURS, FADED, hand_markers  # noqa: E402
-from hand_tracker.tracking.diagnostics import Level, Status  # noqa: E402
+from hand_tracker.messages.labels import InvalidLabel, LabelMap
+from hand_tracker.messages.marker_array import markers_from_message
+from hand_tracker.messages.rviz_markers import COLOURS, FADED, hand_markers
+from hand_tracker.tracking.diagnostics import Level, Status
 
-STAMP = Time(sec=12, nanosec=345)
+NEEDS = 'rclpy', 'visualization_msgs'
+
 SEEN, PREDICTED = palette.rgb(palette.BLUISH_GREEN), palette.rgb(palette.ORANGE)
-AXES = np.arange(24.).reshape(8, 3) / 100. + .01
-
-
-def marker(number, position=(1., 2., 3.), ns='', frame='mocap', kind=Marker.SPHERE,
-           action=Marker.ADD, stamp=STAMP, points=()):
-    """Return one marker of a message."""
-    message = Marker(ns=ns, id=number, type=kind, action=action)
-    message.header.frame_id = frame
-    message.header.stamp = stamp
-    at = message.pose.position
-    at.x, at.y, at.z = map(float, position)
-    message.pose.orientation.w = 1.
-    message.points = [Point(x=float(x), y=float(y), z=float(z)) for x, y, z in points]
-    return message
-
-
-def eight(positions=AXES, **fields):
-    """Return the markers of a whole hand."""
-    return [marker(i, position, **fields) for i, position in enumerate(positions)]
 
 
 def read(markers, labels=(), **options):
     """Return the frame of a message of these markers."""
     return markers_from_message(
         MarkerArray(markers=markers), LabelMap(labels) if labels else LabelMap(), **options)
-
-
-def rest_state(seen=range(8), side='right'):
-    """Return the state of a tracker that sees some markers of a hand at rest."""
-    hand = Hand.scaled(side=side)
-    places = marker_positions(
-        MarkerLayout().mounting(hand), forward(joint_table(hand), np.zeros(len(JOINTS))))
-    tracker = HandTracker(hand)
-    hidden = np.full((8, 3), np.nan)
-    hidden[list(seen)] = places[list(seen)]
-    return tracker.update(hidden)
 
 
 # --- labels

@@ -5,23 +5,21 @@ import time
 
 import numpy as np
 import pytest
+import rclpy
+from builtin_interfaces.msg import Time
+from helpers.hands import rest_state
+from helpers.markers import AXES, STAMP, big_endian, data_of, eight, marker
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray, UVCoordinate
 
-pytest.importorskip('visualization_msgs.msg', reason='needs the ROS 2 messages')
-pytest.importorskip('rclpy', reason='needs ROS 2')
-
-import rclpy  # noqa: E402
-from builtin_interfaces.msg import Time  # noqa: E402
-from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
-from std_msgs.msg import ColorRGBA  # noqa: E402
-from test_builders import AXES, STAMP, eight, marker  # noqa: E402
-from visualization_msgs.msg import Marker, MarkerArray, UVCoordinate  # noqa: E402
-
-from hand_tracker.core.numerics.quaternion import quaternion  # noqa: E402
-from hand_tracker.messages import cdr  # noqa: E402
-from hand_tracker.messages.builders import joint_state, prefixed_names  # noqa: E402
+from hand_tracker.core.numerics.quaternion import quaternion
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.messages import cdr
+from hand_tracker.messages.builders import joint_state, prefixed_names
 from hand_tracker.messages.cdr import (
     ENCAPSULATION,
     KINDS,
@@ -32,17 +30,14 @@ from hand_tracker.messages.cdr import (
     transforms_template,
     walk,
 )
-from hand_tracker.messages.labels import LabelMap  # noqa: E402
-from hand_tracker.messages.marker_array import markers_from_message  # noqa: E402
-from hand_tracker.nodes import serialization  # noqa: E402
+from hand_tracker.messages.labels import LabelMap
+from hand_tracker.messages.marker_array import markers_from_message
+from hand_tracker.nodes import serialization
+
+NEEDS = 'rclpy', 'visualization_msgs'
 
 LABELS = LabelMap(['0', '1', 'leds/2', '3', 'b/*', '5', '', 'leds/7'])
 PLAIN_WALK = getattr(walk, 'py_func', walk)
-
-
-def data_of(markers):
-    """Return the bytes of a message of these markers."""
-    return serialize_message(MarkerArray(markers=markers))
 
 
 def read(markers, labels=LABELS, **options):
@@ -58,46 +53,6 @@ def check(frame, expected):
     assert np.array_equal(frame.positions, expected.positions, equal_nan=True)
     assert frame.frame_id == expected.frame_id
     assert frame[3:] == expected[3:]
-
-
-def big_endian(markers):
-    """Return the bytes of plain markers from a machine of the other byte order."""
-    body = bytearray()
-
-    def put(form, *values):
-        alignment = struct.calcsize(form[-1])
-        body.extend(bytes(-len(body) % alignment))
-        body.extend(struct.pack('>' + form, *values))
-
-    def text(string):
-        put('I', len(string) + 1)
-        body.extend(string.encode() + b'\0')
-
-    put('I', len(markers))
-    for each in markers:
-        stamp, at = each.header.stamp, each.pose.position
-        put('i', stamp.sec)
-        put('I', stamp.nanosec)
-        text(each.header.frame_id)
-        text(each.ns)
-        put('3i', each.id, each.type, each.action)
-        put('10d', at.x, at.y, at.z, 0., 0., 0., 1., 1., 1., 1.)
-        put('4f', 1., 1., 1., 1.)
-        put('2I', 0, 0)
-        put('?', False)
-        for _ in range(2):
-            put('I', 0)  # points, colors
-        text('')
-        put('2I', 0, 0)
-        text('')
-        text('')
-        put('2I', 0, 0)
-        text('')
-        text('')
-        text('')
-        put('I', 0)
-        put('?', False)
-    return b'\0\0\0\0' + bytes(body)
 
 
 # --- markers in
@@ -358,6 +313,7 @@ def test_another_layout_of_what_goes_out_is_noticed(monkeypatch):
 @pytest.mark.parametrize('agrees', [True, False])
 def test_a_node_publishes_the_same_either_way(monkeypatch, agrees):
     from hand_tracker.nodes.tracker_node import TrackerNode
+    hand = rest_state().markers + 1.  # none at zero, which is a lost one
     warnings, published = [], []
     monkeypatch.setattr(serialization, 'codec_agrees', lambda: agrees)
     rclpy.init()
@@ -366,7 +322,7 @@ def test_a_node_publishes_the_same_either_way(monkeypatch, agrees):
     node = TrackerNode()
     try:
         monkeypatch.setattr(node._joint_states, 'publish', published.append)
-        message = MarkerArray(markers=eight(HAND))
+        message = MarkerArray(markers=eight(hand))
         node._on_markers(serialize_message(message) if agrees else message)
     finally:
         node.destroy_node()
@@ -376,16 +332,5 @@ def test_a_node_publishes_the_same_either_way(monkeypatch, agrees):
     if agrees:
         sent = deserialize_message(sent, JointState)
     assert sent.header.stamp == STAMP
-    assert np.allclose(sent.position, ANGLES, rtol=0, atol=1e-6)
+    assert np.allclose(sent.position, HandTracker().update(hand).angles, rtol=0, atol=1e-6)
     assert len([text for text in warnings if 'codec' in text]) == (not agrees)
-
-
-def _hand():
-    from test_builders import rest_state
-
-    from hand_tracker.core.tracker import HandTracker
-    markers = rest_state().markers + 1.  # none at zero, which is a lost one
-    return markers, HandTracker().update(markers).angles
-
-
-HAND, ANGLES = _hand()

@@ -6,6 +6,8 @@ import time
 
 import numpy as np
 import pytest
+import rclpy
+from helpers.ros_process import NodeProcess, watching_node
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -15,6 +17,9 @@ from rosbags.interfaces import (
     QosTime,
 )
 from rosbags.rosbag2 import StoragePlugin, Writer
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
 
 from hand_tracker.files.bags import (
     MARKER_ARRAY,
@@ -25,12 +30,7 @@ from hand_tracker.files.bags import (
     write_bag,
 )
 
-rclpy = pytest.importorskip('rclpy')
-
-from helpers.ros_process import NodeProcess, watching_node  # noqa: E402
-from rosgraph_msgs.msg import Clock  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
-from visualization_msgs.msg import MarkerArray  # noqa: E402
+NEEDS = 'rclpy',
 
 pytestmark = pytest.mark.ros
 

@@ -6,21 +6,19 @@ import time
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
+from helpers.ros_process import NodeProcess, Process, watching_node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import Marker
 
-pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('skimage', reason='scikit-image is not installed')
+from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.messages.builders import joint_state, prefixed_names
+from hand_tracker.simulation.poses import pose_angles
+from hand_tracker.skin import deform, load_skin
 
-from builtin_interfaces.msg import Time  # noqa: E402
-from helpers.ros_process import NodeProcess, Process, watching_node  # noqa: E402
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
-from visualization_msgs.msg import Marker  # noqa: E402
-
-from hand_tracker.core.model.hand import JOINTS, Hand  # noqa: E402
-from hand_tracker.core.model.kinematics import forward, joint_table  # noqa: E402
-from hand_tracker.messages.builders import joint_state, prefixed_names  # noqa: E402
-from hand_tracker.simulation.poses import pose_angles  # noqa: E402
-from hand_tracker.skin import deform, load_skin  # noqa: E402
+NEEDS = 'rclpy', 'skimage'
 
 MODULE = 'hand_tracker.nodes.skin_node'
 LEFT = Hand.scaled(side='left')

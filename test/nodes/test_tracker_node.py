@@ -5,62 +5,44 @@ import os
 import re
 import sys
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
-from threading import Event, Thread
 
 import numpy as np
 import pytest
-
-pytest.importorskip('rclpy', reason='needs ROS 2')
-
-import rclpy.time  # noqa: E402
-from builtin_interfaces.msg import Time  # noqa: E402
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
-from geometry_msgs.msg import Point, Pose  # noqa: E402
-from helpers.ros_process import NodeProcess, Process, watching_node  # noqa: E402
-from rcl_interfaces.msg import ParameterType  # noqa: E402
-from rcl_interfaces.srv import (  # noqa: E402
+import rclpy.time
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Point, Pose
+from helpers.bench import LATE, MODULE, Bench, begun_anew, lines, message, messages, tracking
+from helpers.hands import BENT, RIGHT, hand_at, motion
+from helpers.ros_process import NodeProcess, Process, watching_node
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import (
     DescribeParameters,
     GetParameters,
     ListParameters,
     SetParameters,
-    SetParametersAtomically,
 )
-from rclpy.parameter import Parameter  # noqa: E402
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
-from rosgraph_msgs.msg import Clock  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
-from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import Marker, MarkerArray
 
-from hand_tracker.core.model.hand import DIGITS, JOINTS, LINKS, Hand, preset_limits  # noqa: E402
-from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets  # noqa: E402
-from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions  # noqa: E402
-from hand_tracker.core.model.states import PalmState  # noqa: E402
-from hand_tracker.core.tracker import HandTracker  # noqa: E402
-from hand_tracker.files.hand_file import load_hand, save_hand  # noqa: E402
-from hand_tracker.messages.marker_array import seconds  # noqa: E402
-from hand_tracker.tracking.distal_flexion import DISTAL_JOINTS  # noqa: E402
+from hand_tracker.core.model.hand import DIGITS, JOINTS, LINKS, Hand, preset_limits
+from hand_tracker.core.model.kinematics import tip_offsets
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
+from hand_tracker.core.model.states import PalmState
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.files.hand_file import load_hand, save_hand
+from hand_tracker.messages.marker_array import seconds
+from hand_tracker.tracking.distal_flexion import DISTAL_JOINTS
 
-MODULE = 'hand_tracker.nodes.tracker_node'
+NEEDS = 'rclpy',
+
 CONFIG = Path(__file__).parents[2] / 'config' / 'tracker.yaml'
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-PERIOD = 8_333_333  # of the frames [ns]
-LATE = 120_000      # number of a frame long after those of a test
-# Bent well away from the singular poses, so that seeing it twice changes nothing; of the
-# thumb's angles, one marker tells some combinations only.
-BENT = np.array(((0., .05, .5, .8, .32),) * 4 + ((.1, -.1, .05, .2, .2),)).ravel()
-RIGHT = Hand.scaled()
-LAYOUT = MarkerLayout()
-
-
-def hand_at(angles=BENT, hand=RIGHT, layout=LAYOUT, offset=(0., 0., 1.), turn=0.):
-    """Return the eight markers of a hand in a pose."""
-    c, s = np.cos(turn), np.sin(turn)
-    at = np.array(((c, -s, 0.), (s, c, 0.), (0., 0., 1.))), np.array(offset)
-    return marker_positions(
-        layout.mounting(hand), forward(joint_table(hand), angles, *at), *at)
 
 
 @pytest.fixture(scope='module', autouse=True)
@@ -69,141 +51,6 @@ def solved():
     angles = HandTracker().update(hand_at()).angles
     assert np.allclose(angles[:20], BENT[:20], rtol=0, atol=1e-9)
     return angles
-
-
-def motion(hand, count=40):
-    """Return frames of a moving hand that loses markers in every known way."""
-    frames = []
-    for t in np.linspace(0., 2., count):
-        angles = np.clip(BENT * (1. + .4 * np.sin(3. * t)), *hand.limits.T)
-        frames.append(hand_at(angles, hand, offset=(.1 * t, .05, 1.), turn=.5 * t))
-    frames[10][4] = np.nan
-    frames[11][4] = frames[12][6] = 0.
-    frames[15][1] = np.nan
-    frames[20][:3] = np.nan
-    frames[25][3] = 1e300
-    return frames
-
-
-def stamp_of(number):
-    """Return the stamp of a frame; that of frame 0 is zero."""
-    sec, nanosec = divmod(number * PERIOD, 10**9)
-    return Time(sec=sec, nanosec=nanosec)
-
-
-def message(positions, number, frame='mocap', ns='leds'):
-    """Return the MarkerArray of a frame; rows of NaN are left out every other time."""
-    array = MarkerArray()
-    for slot, position in enumerate(positions):
-        if number % 2 and np.isnan(position).all():
-            continue
-        marker = Marker(ns=ns, id=slot, type=Marker.SPHERE)
-        marker.header.frame_id = frame
-        marker.header.stamp = stamp_of(number)
-        at = marker.pose.position
-        at.x, at.y, at.z = map(float, position)
-        array.markers.append(marker)
-    return array
-
-
-def begun_anew(tracker, frame):
-    """Return a tracker for which time is to jump back, as for that of a bench."""
-    for number in (LATE, LATE + 1, 1):
-        tracker.update(frame, seconds(stamp_of(number)))
-    return tracker
-
-
-class Bench:
-    """A tracker node and one that sends it markers and sees what comes of them."""
-
-    def __init__(self, process, node, qos, name):
-        self.process, self.node, self._name = process, node, name
-        self.publisher = node.create_publisher(MarkerArray, 'markers', qos)
-        self.joint_states = node.collect(JointState, 'joint_states')
-        self.number = 0
-
-    def send(self, positions, **fields):
-        """Send a frame; return the stamp that it has."""
-        self.number += 1
-        self.publisher.publish(message(positions, self.number, **fields))
-        return stamp_of(self.number)
-
-    def answer(self, positions, **fields):
-        """Send a frame; return the JointState of its stamp."""
-        stamp = self.send(positions, **fields)
-        self.node.spin_until(lambda: self.joint_states and (
-            self.joint_states[-1].header.stamp == stamp))
-        return self.joint_states[-1]
-
-    def angles(self, positions, **fields):
-        """Send a frame; return the angles of its JointState."""
-        return np.array(self.answer(positions, **fields).position)
-
-    def meet(self, positions, heard=(), **fields):
-        """Send a frame until all that is to be heard is heard; then time jumps back."""
-        self.process.wait_for_line('listening')
-        self.node.spin_until(lambda: self.publisher.get_subscription_count() > 0)
-        self.number = max(self.number, LATE)
-        while not (self.joint_states and all(heard)):
-            self.send(positions, **fields)
-            self.node.spin_for(.05)
-        self.jump_back(positions, **fields)
-
-    def jump_back(self, positions, **fields):
-        """Send an early frame, which may have a stray stamp; time jumps back with the next."""
-        self.number = 0
-        self.send(positions, **fields)
-
-    def parameters(self, kind, service, **request):
-        """Call one of the node's parameter services."""
-        return self.node.call(kind, f'{self._name}/{service}', kind.Request(**request))
-
-    def set(self, values):
-        """Set parameters all at once; return the result."""
-        return self.parameters(SetParametersAtomically, 'set_parameters_atomically',
-                               parameters=messages(values)).result
-
-
-def messages(values):
-    """Return parameters as messages."""
-    return [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-
-
-@contextmanager
-def tracking(parameters=None, qos=10, remaps=None):
-    """Yield a bench that loses nothing; its node must end well in the middle of its work."""
-    parameters = {'qos.markers.reliability': 'reliable', **(parameters or {})}
-    with NodeProcess(MODULE, parameters, remaps) as process, watching_node() as node:
-        bench = Bench(process, node, qos, 'hand_tracker')
-        yield bench
-        process.wait_for_line('listening')
-        with sending(bench):
-            assert process.interrupt(timeout=5.) == 0, process.output
-        assert 'Traceback' not in process.output
-
-
-@contextmanager
-def sending(bench):
-    """Send frames all the while."""
-    ended, array = Event(), message(hand_at(), 1)
-
-    def send():
-        while not ended.wait(.0005):
-            bench.publisher.publish(array)
-
-    thread = Thread(target=send)
-    thread.start()
-    try:
-        bench.node.spin_for(.05)
-        yield
-    finally:
-        ended.set()
-        thread.join()
-
-
-def lines(process, text):
-    """Return the lines of a process's output that have a text."""
-    return [line for line in process.output.splitlines() if text in line]
 
 
 def matrix(transform):

@@ -4,19 +4,19 @@ import time
 
 import numpy as np
 import pytest
+import rclpy
+from helpers.ros_process import NodeProcess, watching_node
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
 
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+from hand_tracker.core.model.hand import JOINTS
+from hand_tracker.core.model.states import MarkerState
+from hand_tracker.nodes.runner import spinning
+from hand_tracker.nodes.viewer_node import Live
+from hand_tracker.package_data import packaged_recording
 
-from helpers.ros_process import NodeProcess, watching_node  # noqa: E402
-from rclpy.serialization import serialize_message  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
-from visualization_msgs.msg import MarkerArray  # noqa: E402
-
-from hand_tracker.core.model.hand import JOINTS  # noqa: E402
-from hand_tracker.core.model.states import MarkerState  # noqa: E402
-from hand_tracker.nodes.runner import spinning  # noqa: E402
-from hand_tracker.nodes.viewer_node import Live  # noqa: E402
-from hand_tracker.package_data import packaged_recording  # noqa: E402
+NEEDS = 'rclpy',
 
 DIP = JOINTS.index('index_dip_flexion')
 

@@ -1,28 +1,27 @@
 """Captured hands through the whole chain: a recording, the replay, the tracker, over DDS.
 
-`pytest -s test/test_end_to_end.py` prints what went in and what came out.
+`pytest -s test/package/test_end_to_end.py` prints what went in and what came out.
 """
 
 import time
 
 import numpy as np
 import pytest
+from helpers.baseline import class_errors, plain_pip_errors
+from helpers.captures import capture_messages, capture_path, capture_stamps
+from helpers.ros_process import NodeProcess, watching_node
+from sensor_msgs.msg import JointState
 
-pytest.importorskip('rclpy', reason='needs ROS 2')
+from hand_tracker.calibration import fit_hand, landmark_positions
+from hand_tracker.core.model.hand import JOINTS, preset_limits
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import MarkerLayout
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.evaluation.captures import load_capture
+from hand_tracker.files.bags import write_bag
+from hand_tracker.files.hand_file import load_hand, save_hand
 
-from helpers.captures import capture_messages, capture_path, capture_stamps  # noqa: E402
-from helpers.ros_process import NodeProcess, watching_node  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
-from test_captures import class_errors, plain_pip_errors  # noqa: E402
-
-from hand_tracker.calibration import fit_hand, landmark_positions  # noqa: E402
-from hand_tracker.core.model.hand import JOINTS, preset_limits  # noqa: E402
-from hand_tracker.core.model.kinematics import forward, joint_table  # noqa: E402
-from hand_tracker.core.model.marker_layout import MarkerLayout  # noqa: E402
-from hand_tracker.core.tracker import HandTracker  # noqa: E402
-from hand_tracker.evaluation.captures import load_capture  # noqa: E402
-from hand_tracker.files.bags import write_bag  # noqa: E402
-from hand_tracker.files.hand_file import load_hand, save_hand  # noqa: E402
+NEEDS = 'rclpy',
 
 RATES = {'manipnet__cup1_leftHand': 4., 'manipnet__cup1_rightHand': 4.,
          'dexret__human_joint_right': 8.}  # times as fast as captured

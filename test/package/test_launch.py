@@ -4,7 +4,6 @@ import json
 import os
 import random
 import re
-import shutil
 import signal
 import sys
 from importlib.util import find_spec
@@ -15,6 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import yaml
+from helpers.launching import FIRST_START, LACK, LAUNCH, RATE, installed, named
 
 from hand_tracker.core.model.hand import (
     COUPLING_PRESETS,
@@ -33,11 +33,8 @@ from hand_tracker.files.hand_file import save_hand
 from hand_tracker.files.urdf_file import urdf
 
 ROOT = Path(__file__).resolve().parents[2]
-LAUNCH = ROOT / 'launch' / 'track.launch.py'
 RVIZ = ROOT / 'config' / 'hand_tracker.rviz'
 RECORDING = ROOT / 'recordings' / 'demo.mcap'
-RATE = 120.        # of the recording [Hz]
-FIRST_START = 90.  # [s], as kernels may have to be compiled
 
 CHOICES = {
     'source': ['recording', 'live'],
@@ -98,24 +95,6 @@ signal.pause()
 """
 
 
-def installed(package):
-    """Return whether nodes of a package can be started."""
-    return any(Path(prefix, 'lib', package).is_dir()
-               for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
-
-
-def lack():
-    """Return what is missing to launch, or None."""
-    if missing := [name for name in ('launch', 'launch_ros', 'rclpy', 'tf2_ros')
-                   if find_spec(name) is None]:
-        return f"not installed: {', '.join(missing)}"
-    if shutil.which('ros2') is None:
-        return 'there is no ros2 command'
-    if not installed('hand_tracker'):
-        return 'hand_tracker is not installed by colcon, or its workspace is not sourced'
-
-
-LACK = lack()
 launches = pytest.mark.skipif(LACK is not None, reason=f'{LACK}')
 
 if LACK is None:
@@ -185,10 +164,6 @@ def joint_stamps(messages):
 def frames(messages):
     """Return the names of all frames that were broadcast."""
     return {transform.child_frame_id for message in messages for transform in message.transforms}
-
-
-def named(prefix, names):
-    return [prefix + name for name in names]
 
 
 def check_clean(process, code, *started):

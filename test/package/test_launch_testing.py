@@ -1,29 +1,32 @@
 """The launch file under launch_testing, which sees the exit code of every process."""
 
+import sys
 import unittest
+from pathlib import Path
 
+import launch_testing
 import pytest
-from test_launch import FIRST_START, LACK, LAUNCH, RATE, named
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch_testing.actions import ReadyToTest
+from launch_testing.asserts import assertExitCodes
+from sensor_msgs.msg import JointState
 
 from hand_tracker.core.model.hand import JOINTS
+from launch import LaunchDescription
 
-if LACK is not None:
-    pytest.skip(LACK, allow_module_level=True)
-
-launch_testing = pytest.importorskip('launch_testing')
-
+# The command launch_test reads no configuration of pytest.
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+from helpers.launching import FIRST_START, LACK, LAUNCH, RATE, named  # noqa: E402
 from helpers.ros_process import watching_node  # noqa: E402
-from launch.actions import IncludeLaunchDescription  # noqa: E402
-from launch.launch_description_sources import PythonLaunchDescriptionSource  # noqa: E402
-from launch_testing.actions import ReadyToTest  # noqa: E402
-from launch_testing.asserts import assertExitCodes  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
 
-from launch import LaunchDescription  # noqa: E402
+NEEDS = 'launch_testing', 'launch_ros', 'rclpy'
 
 
 @pytest.mark.launch_test
 def generate_test_description():
+    if LACK is not None:
+        pytest.skip(LACK)
     return LaunchDescription([
         IncludeLaunchDescription(PythonLaunchDescriptionSource(str(LAUNCH))), ReadyToTest()])
 

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from docs import pictures
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import marker_positions
 from hand_tracker.core.numerics.jit import COMPILED
 
-pytest.importorskip('skimage', reason='scikit-image, which makes the skin, is not installed')
-
-from docs import pictures  # noqa: E402  needs the skin
+NEEDS = 'skimage',
 
 
 def test_markers_rest_on_the_skin():

@@ -2,24 +2,24 @@
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-trimesh = pytest.importorskip('trimesh', reason='trimesh is not installed')
-pytest.importorskip('skimage', reason='scikit-image is not installed')
-
-from hand_tracker.cli.skin import main  # noqa: E402
-from hand_tracker.core.model.hand import JOINTS, LINKS, Hand  # noqa: E402
-from hand_tracker.core.model.kinematics import forward, joint_table  # noqa: E402
-from hand_tracker.core.numerics.jit import COMPILED  # noqa: E402
-from hand_tracker.simulation.poses import pose_angles  # noqa: E402
-from hand_tracker.skin import (  # noqa: E402
+from hand_tracker.cli.skin import main
+from hand_tracker.core.model.hand import JOINTS, LINKS, Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.numerics.jit import COMPILED
+from hand_tracker.simulation.poses import pose_angles
+from hand_tracker.skin import (
     InvalidMesh,
     deform,
-    load,  # noqa: E402
+    load,
     load_skin,
 )
-from hand_tracker.skin.measure import buried_share, volume, winding_numbers  # noqa: E402
+from hand_tracker.skin.measure import buried_share, volume, winding_numbers
+
+NEEDS = 'skimage', 'trimesh'
 
 HAND = Hand.scaled()
 VOLUME_CHANGE = {'open': .02, 'spread': .02, 'fist': .06}

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_input_monitor import SEEN, frame, hidden, state_of
+from helpers.frames import SEEN, frame, hidden, state_of
 
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.model.states import MarkerState, PalmState

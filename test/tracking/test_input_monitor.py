@@ -1,15 +1,14 @@
 """What the tracker says of its input: changes in time, each cause once, never too much."""
 
 import re
-from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers.frames import SEEN, frame, hidden, state_of
 
-from hand_tracker.core.model.hand import JOINTS, MEAN_BREADTH, MEAN_LENGTH, Hand
-from hand_tracker.core.model.kinematics import forward, joint_table
-from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.model.hand import MEAN_BREADTH, MEAN_LENGTH, Hand
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.tracker import HandTracker
@@ -27,41 +26,6 @@ from hand_tracker.tracking.input_monitor import (
     who_publishes,
 )
 from hand_tracker.tracking.marker_events import BACK, CHANGES, WINDOW
-
-SEEN = marker_positions(
-    MarkerLayout().mounting(Hand.scaled()),
-    forward(joint_table(Hand.scaled()), np.zeros(len(JOINTS))))
-
-FIRST = Stamp(0, 0)
-
-
-def frame(positions=SEEN, stamp=FIRST, unknown=(), foreign=(), doubled=()):
-    """Return what a message held."""
-    return SimpleNamespace(positions=np.asarray(positions), stamp=stamp or None, frame_id='mocap',
-                           unknown=unknown, foreign=foreign, doubled=doubled)
-
-
-def hidden(*slots):
-    """Return the markers of a hand at rest without some."""
-    positions = SEEN.copy()
-    positions[list(slots)] = np.nan
-    return positions
-
-
-@cache
-def tracked_hand():
-    """Return the hand at rest, tracked."""
-    return HandTracker().update(SEEN)
-
-
-def state_of(palm=PalmState.TRACKED, **states):
-    """Return a tracked hand some markers of which are in other states than SEEN."""
-    marker_states = np.full(len(MARKERS), MarkerState.SEEN)
-    for marker, state in states.items():
-        marker_states[MARKERS.index(marker)] = state
-    seen = marker_states == MarkerState.SEEN
-    return tracked_hand()._replace(
-        palm=palm, marker_states=marker_states, hidden_for=np.where(seen, 0., 2.5))
 
 
 class Input:

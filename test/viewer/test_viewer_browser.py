@@ -11,17 +11,15 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from helpers.ros_process import Process
+from PIL import Image
+from playwright import sync_api
 
-sync_api = pytest.importorskip('playwright.sync_api', reason='playwright is not installed')
-pytest.importorskip('viser', reason='viser is not installed')
-pytest.importorskip('skimage', reason='scikit-image, which makes the skin, is not installed')
+from docs.viewer import BROWSER, SOFTWARE
+from hand_tracker.cli.view import warm_up
+from hand_tracker.package_data import packaged_recording
 
-from helpers.ros_process import Process  # noqa: E402
-from PIL import Image  # noqa: E402
-
-from docs.viewer import BROWSER, SOFTWARE  # noqa: E402
-from hand_tracker.cli.view import warm_up  # noqa: E402
-from hand_tracker.package_data import packaged_recording  # noqa: E402
+NEEDS = 'playwright', 'skimage', 'viser'
 
 pytestmark = [
     pytest.mark.skipif(BROWSER is None, reason='no Chromium is installed'),

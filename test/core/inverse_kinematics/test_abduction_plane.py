@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from helpers import conformal
 
 from hand_tracker.core.inverse_kinematics.abduction_plane import (
     BEHIND,
@@ -19,7 +18,7 @@ def turn_of(target, lateral=0., reach=.07, limits=FREE, previous=0., step=FRAME)
     return plane_abduction(tuple(target), lateral, reach, *limits, previous, step)
 
 
-def test_plane_is_the_conformal_plane_through_joint_marker_and_normal():
+def test_plane_is_the_conformal_plane_through_joint_marker_and_normal(conformal):
     rng = np.random.default_rng(1)
     for _ in range(200):
         target = rng.uniform((.02, -.05, -.05), (.07, .05, .02))
@@ -29,7 +28,7 @@ def test_plane_is_the_conformal_plane_through_joint_marker_and_normal():
         assert (along, height) == pytest.approx((np.hypot(*target[:2]), target[2]))
 
 
-def test_a_degenerate_conformal_plane_leaves_abduction_as_it_was():
+def test_a_degenerate_conformal_plane_leaves_abduction_as_it_was(conformal):
     # Joint, marker and normal on one line span no plane: F ∧ M ∧ n̂ ∧ n vanishes.
     joint, marker, normal = np.zeros(3), np.array((0., 0., -.03)), np.array((0., 0., 1.))
     points = [conformal.up(conformal.to_multivector(point)) for point in (joint, marker, normal)]

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from helpers import conformal
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.inverse_kinematics.palm import (
@@ -39,7 +38,7 @@ def placed(markers, by_spheres, roots=None):
     return rotation, position, roots
 
 
-def test_triad_normal_is_the_unit_normal_of_the_conformal_plane():
+def test_triad_normal_is_the_unit_normal_of_the_conformal_plane(conformal):
     rng = np.random.default_rng(1)
     for _ in range(100):
         markers, rotation, _ = random_palm(rng, noise=.002)
@@ -49,7 +48,7 @@ def test_triad_normal_is_the_unit_normal_of_the_conformal_plane():
         assert ours @ rotation[:, 2] > .9, 'points dorsally'
 
 
-def test_spheres_and_plane_equals_conformal_algebra():
+def test_spheres_and_plane_equals_conformal_algebra(conformal):
     rng = np.random.default_rng(2)
     met = missed = 0
     for _ in range(1000):
@@ -114,7 +113,7 @@ def test_a_plane_along_the_circle_gives_its_point_on_the_side_asked_for(tilt):
     np.testing.assert_allclose(point, (.025, np.sqrt(.04 ** 2 - .025 ** 2), 0.), atol=1e-12)
 
 
-def test_tangent_spheres_and_planes_are_the_limit_of_conformal_algebra():
+def test_tangent_spheres_and_planes_are_the_limit_of_conformal_algebra(conformal):
     rng = np.random.default_rng(8)
     for _ in range(100):
         p, q = rng.normal(scale=.05, size=(2, 3))
@@ -166,7 +165,7 @@ def test_exact_markers_give_the_exact_palm(by_spheres):
         np.testing.assert_allclose(found[2], joints, atol=1e-7)
 
 
-def test_spheres_joint_equals_conformal_algebra_on_noisy_markers():
+def test_spheres_joint_equals_conformal_algebra_on_noisy_markers(conformal):
     rng = np.random.default_rng(6)
     joint = np.array((.024, .026, -.018))
     for _ in range(100):
@@ -183,7 +182,7 @@ def test_spheres_joint_equals_conformal_algebra_on_noisy_markers():
         np.testing.assert_allclose(ours, nearest, atol=1e-9)
 
 
-def test_spheres_put_the_joints_of_a_palm_that_gave_way_where_conformal_algebra_does():
+def test_spheres_put_the_joints_of_a_palm_that_gave_way_where_conformal_algebra_does(conformal):
     rng = np.random.default_rng(9)
     # Off the line of the knuckles, so that the spheres meet however it gives way.
     joints = np.array(((.08, .024, 0.), (.095, -.005, .001), (.062, -.005, -.001),

@@ -4,27 +4,22 @@ import struct
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
+from helpers.markers import big_endian, data_of, marker
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from visualization_msgs.msg import Marker
 
-pytest.importorskip('visualization_msgs.msg', reason='needs the ROS 2 messages')
-pytest.importorskip('rclpy', reason='needs ROS 2')
-
-from builtin_interfaces.msg import Time  # noqa: E402
-from test_builders import marker  # noqa: E402
-from test_cdr import big_endian, data_of  # noqa: E402
-from visualization_msgs.msg import Marker  # noqa: E402
-
-from hand_tracker.core.model.hand import JOINTS, Hand  # noqa: E402
-from hand_tracker.core.model.kinematics import joint_table  # noqa: E402
-from hand_tracker.core.model.marker_layout import MARKERS  # noqa: E402
+from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.model.kinematics import joint_table
+from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.model.states import (
-    MarkerState,  # noqa: E402
-    PalmState,  # noqa: E402
+    MarkerState,
+    PalmState,
 )
-from hand_tracker.core.numerics.jit import another, overwrite, packed, parts  # noqa: E402
-from hand_tracker.core.tracker import HandTracker  # noqa: E402
-from hand_tracker.messages.builders import (  # noqa: E402
+from hand_tracker.core.numerics.jit import another, overwrite, packed, parts
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.messages.builders import (
     link_frames,
     prefixed_names,
     transform_numbers,
@@ -37,8 +32,8 @@ from hand_tracker.messages.cdr import (
     joint_state_template,
     transforms_template,
 )
-from hand_tracker.messages.labels import LabelMap  # noqa: E402
-from hand_tracker.messages.marker_array import seconds  # noqa: E402
+from hand_tracker.messages.labels import LabelMap
+from hand_tracker.messages.marker_array import seconds
 from hand_tracker.nodes.fast_path.kernel import (
     ANGLES,
     ANSWER_ROOM,
@@ -56,7 +51,9 @@ from hand_tracker.nodes.fast_path.kernel import (
     teach_answer,
     teach_kind,
 )
-from hand_tracker.simulation.packaged_recordings import demo_recording  # noqa: E402
+from hand_tracker.simulation.packaged_recordings import demo_recording
+
+NEEDS = 'rclpy', 'visualization_msgs'
 
 NAMES = prefixed_names('right_')
 SCALE = .001
@@ -247,22 +244,26 @@ def test_only_what_is_wanted_is_filled(ways):
     assert [after[number] != before[number] for number in range(ANSWERS)] == [True, True, False]
 
 
-HOSTILE = Ways()
-HOSTILE.teach(data_of(markers_of(DEMO['right'][0], 0)))
+@pytest.fixture(scope='module')
+def hostile_ways():
+    """Return a hand that was seen once, for all hostile messages."""
+    found = Ways()
+    found.teach(data_of(markers_of(DEMO['right'][0], 0)))
+    return found
 
 
 @settings(max_examples=400, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 400), st.one_of(
     st.sampled_from([-1, -2**31, 2**31 - 1, 2**30, 2**16, 1000, 25, 5, 1, 0]),
     st.integers(-2**31, 2**31 - 1))), min_size=1, max_size=5), st.integers(0, 2000))
-def test_hostile_messages_are_survived(changes, end):
+def test_hostile_messages_are_survived(hostile_ways, changes, end):
     data = bytearray(data_of(markers_of(DEMO['right'][1], 1)))
     for at, value in changes:
         at = 4 * (at % (len(data) // 4 - 1)) + ENCAPSULATION
         if at + 4 <= len(data):
             data[at:at + 4] = struct.pack('<i', value)
-    HOSTILE.go(bytes(data[:end] if end < 300 else data))
-    told = HOSTILE.told()
+    hostile_ways.go(bytes(data[:end] if end < 300 else data))
+    told = hostile_ways.told()
     assert np.isfinite(told.angles).all() and np.isfinite(told.pose.position).all()
 
 

@@ -9,24 +9,24 @@ from threading import Event, Thread
 
 import numpy as np
 import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Point
+from helpers.bench import LATE, MODULE, Bench, lines, message, stamp_of
+from helpers.hands import RIGHT, hand_at, motion
+from helpers.ros_process import NodeProcess, watching_node
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import Marker, MarkerArray
 
-pytest.importorskip('rclpy', reason='needs ROS 2')
+from hand_tracker.core.model.hand import JOINTS
+from hand_tracker.core.numerics.jit import COMPILED
+from hand_tracker.nodes import tracker_node
+from hand_tracker.nodes.fast_path import middleware
+from hand_tracker.nodes.runner import INTERRUPTS, run
 
-import rclpy  # noqa: E402
-from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
-from geometry_msgs.msg import Point  # noqa: E402
-from helpers.ros_process import NodeProcess, watching_node  # noqa: E402
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from rclpy.serialization import serialize_message  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
-from test_tracker_node import LATE, MODULE, RIGHT, Bench, hand_at, lines, message, motion, stamp_of  # noqa: E402
-from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
-
-from hand_tracker.core.model.hand import JOINTS  # noqa: E402
-from hand_tracker.core.numerics.jit import COMPILED  # noqa: E402
-from hand_tracker.nodes import tracker_node  # noqa: E402
-from hand_tracker.nodes.fast_path import middleware  # noqa: E402
-from hand_tracker.nodes.runner import INTERRUPTS, run  # noqa: E402
+NEEDS = 'rclpy',
 
 WAYS = {'short': True, 'long': False}
 # Nothing that was sent is lost.

@@ -1,0 +1,47 @@
+"""Frames of a hand at rest as they come in, and the tracker's states of them."""
+
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+
+from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.model.states import MarkerState, PalmState
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.messages.cdr import Stamp
+
+SEEN = marker_positions(
+    MarkerLayout().mounting(Hand.scaled()),
+    forward(joint_table(Hand.scaled()), np.zeros(len(JOINTS))))
+FIRST = Stamp(0, 0)
+
+
+def frame(positions=SEEN, stamp=FIRST, unknown=(), foreign=(), doubled=()):
+    """Return what a message held."""
+    return SimpleNamespace(positions=np.asarray(positions), stamp=stamp or None, frame_id='mocap',
+                           unknown=unknown, foreign=foreign, doubled=doubled)
+
+
+def hidden(*slots):
+    """Return the markers of a hand at rest without some."""
+    positions = SEEN.copy()
+    positions[list(slots)] = np.nan
+    return positions
+
+
+@cache
+def tracked_hand():
+    """Return the hand at rest, tracked."""
+    return HandTracker().update(SEEN)
+
+
+def state_of(palm=PalmState.TRACKED, **states):
+    """Return a tracked hand some markers of which are in other states than SEEN."""
+    marker_states = np.full(len(MARKERS), MarkerState.SEEN)
+    for marker, state in states.items():
+        marker_states[MARKERS.index(marker)] = state
+    seen = marker_states == MarkerState.SEEN
+    return tracked_hand()._replace(
+        palm=palm, marker_states=marker_states, hidden_for=np.where(seen, 0., 2.5))

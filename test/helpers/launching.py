@@ -1,0 +1,34 @@
+"""The launch file under test, and what is missing to launch it."""
+
+import os
+import shutil
+from importlib.util import find_spec
+from pathlib import Path
+
+LAUNCH = Path(__file__).resolve().parents[2] / 'launch' / 'track.launch.py'
+RATE = 120.        # of the recording [Hz]
+FIRST_START = 90.  # [s], as kernels may have to be compiled
+
+
+def installed(package):
+    """Return whether nodes of a package can be started."""
+    return any(Path(prefix, 'lib', package).is_dir()
+               for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
+
+
+def lack():
+    """Return what is missing to launch, or None."""
+    if missing := [name for name in ('launch', 'launch_ros', 'rclpy', 'tf2_ros')
+                   if find_spec(name) is None]:
+        return f"not installed: {', '.join(missing)}"
+    if shutil.which('ros2') is None:
+        return 'there is no ros2 command'
+    if not installed('hand_tracker'):
+        return 'hand_tracker is not installed by colcon, or its workspace is not sourced'
+
+
+LACK = lack()
+
+
+def named(prefix, names):
+    return [prefix + name for name in names]
