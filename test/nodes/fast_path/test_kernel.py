@@ -17,7 +17,7 @@ from hand_tracker.core.model.states import (
     MarkerState,
     PalmState,
 )
-from hand_tracker.core.numerics.jit import another, overwrite, packed, parts
+from hand_tracker.core.numerics.jit import COMPILED, another, overwrite, packed, parts
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.builders import (
     link_frames,
@@ -252,6 +252,7 @@ def hostile_ways():
     return found
 
 
+@pytest.mark.skipif(not COMPILED, reason='the numbers of NumPy overflow in plain Python')
 @settings(max_examples=400, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 400), st.one_of(
     st.sampled_from([-1, -2**31, 2**31 - 1, 2**30, 2**16, 1000, 25, 5, 1, 0]),
