@@ -8,12 +8,12 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ..core.model.skeleton import SKELETON_BONES, skeleton_points
 from ..core.model.states import MarkerState, PalmState
-from ..drawing.palette import FLESH, LIGHT_GREY, MARKER_COLOURS, rgb
+from ..drawing.palette import LIGHT_GREY, MARKER_COLOURS, SKIN_TONE, rgb
 
 JOINTS_SHOWN = sorted({end for bone in SKELETON_BONES for end in bone})
 COLOURS = {kind: rgb(colour) for kind, colour in MARKER_COLOURS.items()
            if kind != MarkerState.ABSENT}
-SKIN_COLOUR, SKIN_OPACITY = rgb(FLESH), .6  # that shows what is under it
+SKIN_COLOUR, SKIN_OPACITY = rgb(SKIN_TONE), .6  # that shows what is under it
 FADED = .3             # opacity of a pose that is kept for want of a palm
 LINE_WIDTH = .004      # [m]
 JOINT_DIAMETER = .008  # [m]
