@@ -1,1 +1,1 @@
-"""Figures, rendered meshes, animations and plots as image files; no display needed."""
+"""Pictures: meshes, figures, animations and plots."""

@@ -1,33 +1,39 @@
-"""The tracked hand as markers for RViz: bones, joints and the markers used."""
+"""Visualization markers of the tracked hand for RViz: bones, joints, hand markers and skin."""
+
+from collections.abc import Sequence
 
 import numpy as np
-from builtin_interfaces.msg import Duration
+from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ..core.model.skeleton import SKELETON_BONES, skeleton_points
 from ..core.model.states import MarkerState, PalmState
-from ..drawing.palette import LIGHT_GREY, MARKER_COLOURS, SKIN_TONE, rgb
+from ..core.tracker import HandState
+from ..drawing.palette import FLESH, LIGHT_GREY, MARKER_COLOURS, rgb
+from .builders import Names
 
 JOINTS_SHOWN = sorted({end for bone in SKELETON_BONES for end in bone})
-COLOURS = {kind: rgb(colour) for kind, colour in MARKER_COLOURS.items()
-           if kind != MarkerState.ABSENT}
-SKIN_COLOUR, SKIN_OPACITY = rgb(SKIN_TONE), .6  # that shows what is under it
-FADED = .3             # opacity of a pose that is kept for want of a palm
-LINE_WIDTH = .004      # [m]
-JOINT_DIAMETER = .008  # [m]
+STATE_COLOURS = {kind: rgb(colour) for kind, colour in MARKER_COLOURS.items()
+                 if kind != MarkerState.ABSENT}
+RVIZ_SKIN_COLOUR = rgb(FLESH)
+RVIZ_SKIN_OPACITY = 1.  # RViz draws transparent triangles without depth: folds become stripes
+HELD_OPACITY = .3       # while the last pose is held because the palm is not found
+LINE_WIDTH = .004       # [m]
+JOINT_DIAMETER = .008   # [m]
 MARKER_DIAMETER = .012  # [m]
 LIFETIME = Duration(sec=1)
 
 
-def hand_markers(stamp, frame_id, names, tips, state):
-    """Return a picture of the hand for RViz: bones, joints and the markers used.
+def hand_markers(stamp: Time, frame_id: str, names: Names, tips: np.ndarray,
+                 state: HandState) -> MarkerArray:
+    """Return the hand for RViz: lines for bones, spheres for joints and for hand markers.
 
-    Markers are where they are taken to be: bluish green when seen, orange when predicted,
-    vermillion when predicted because what is seen was rejected, sky blue when seen under the
-    label of another, grey when stale; absent ones are left out. The hand fades while its palm
-    is not found.
+    A hand marker stands at its measured or predicted position: bluish green when seen, orange
+    when predicted, vermillion when predicted because the measurement was rejected, sky blue when
+    seen under another's label, grey when stale; absent ones are left out. Bones and joints are
+    faded while the palm is not found.
 
     Parameters
     ----------
@@ -43,9 +49,9 @@ def hand_markers(stamp, frame_id, names, tips, state):
     MarkerArray
     """
     points = _points(skeleton_points(tips, state.pose, state.wrist_position))
-    grey = _colour(rgb(LIGHT_GREY), 1. if state.palm <= PalmState.CARRIED else FADED)
+    grey = _colour(rgb(LIGHT_GREY), 1. if state.palm <= PalmState.CARRIED else HELD_OPACITY)
     known = np.flatnonzero(state.marker_states != MarkerState.ABSENT)
-    colours = {kind: _colour(tone) for kind, tone in COLOURS.items()}
+    colours = {kind: _colour(tone) for kind, tone in STATE_COLOURS.items()}
     header = Header(stamp=stamp, frame_id=frame_id)
     return MarkerArray(markers=[
         _marker(header, names.prefix + 'bones', Marker.LINE_LIST, LINE_WIDTH, grey,
@@ -57,8 +63,8 @@ def hand_markers(stamp, frame_id, names, tips, state):
                 [colours[state.marker_states[i]] for i in known])])
 
 
-def hand_skin(stamp, names, corners):
-    """Return the skin of a hand for RViz, in the wrist's frame and staying with it.
+def hand_skin(stamp: Time, names: Names, corners: np.ndarray) -> Marker:
+    """Return the skin of a hand for RViz: triangles that move with the wrist's frame.
 
     Parameters
     ----------
@@ -72,21 +78,22 @@ def hand_skin(stamp, names, corners):
     Marker
     """
     marker = _marker(Header(stamp=stamp, frame_id=names.wrist), names.prefix + 'skin',
-                     Marker.TRIANGLE_LIST, 1., _colour(SKIN_COLOUR, SKIN_OPACITY),
+                     Marker.TRIANGLE_LIST, 1., _colour(RVIZ_SKIN_COLOUR, RVIZ_SKIN_OPACITY),
                      _points(corners))
     marker.frame_locked = True
     return marker
 
 
-def _points(positions):
+def _points(positions: np.ndarray) -> list[Point]:
     return [Point(x=x, y=y, z=z) for x, y, z in positions.tolist()]
 
 
-def _colour(tone, opacity=1.):
+def _colour(tone: Sequence[float], opacity: float = 1.) -> ColorRGBA:
     return ColorRGBA(r=tone[0], g=tone[1], b=tone[2], a=opacity)
 
 
-def _marker(header, namespace, kind, size, colour, points, colours=()):
+def _marker(header: Header, namespace: str, kind: int, size: float, colour: ColorRGBA,
+            points: list[Point], colours: Sequence[ColorRGBA] = ()) -> Marker:
     marker = Marker(header=header, ns=namespace, type=kind, color=colour, points=points,
                     colors=colours, lifetime=LIFETIME)
     marker.pose.orientation.w = 1.

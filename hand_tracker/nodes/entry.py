@@ -34,6 +34,9 @@ def _run_or_command(name):
     arguments = sys.argv[1:]
     if arguments and arguments[0] not in ('--ros-args', *ASKS):
         return main([name, *arguments])
+    if not ASKS & set(arguments):
+        # Importing and preparing the hand take seconds.
+        print(f'{name}: preparing the hand', flush=True)
     code = _run(name)
     if ASKS & set(arguments):
         print(f'Other arguments are those of the command: hand_tracker {name} --help')

@@ -1,19 +1,33 @@
-"""Recorded time as it passes again: at a rate, with pauses, step by step. No ROS."""
+"""Playback clock of a recording: rate, pause, single steps. No ROS."""
 
 import time
+from collections.abc import Callable, Generator, Iterable
 from contextlib import suppress
 from queue import Empty, Queue
 from threading import Condition, Event, Thread
+from typing import Protocol, TypeVar
 
-SPIN = 200_000  # A wait may end this late, so the rest is spun [ns].
+BUSY_WAIT = 200_000  # [ns] that the system's waits may end late, so so much is waited busily
+
+
+class TimedItem(Protocol):
+    """Anything with a recorded time [ns]."""
+
+    @property
+    def time(self) -> int:
+        """Recorded time [ns]."""
+
+
+Item = TypeVar('Item')
+Timed = TypeVar('Timed', bound=TimedItem)
 
 
 class Playback:
-    """Play items at their recorded times.
+    """Schedule of recorded items: each is played at its recorded time.
 
-    The schedule is absolute: lateness of one item never delays the next. The time stands still
-    until `play` begins, which runs in one thread; every other method may be called from any
-    thread, even before, and acts at once.
+    The schedule is absolute: a late item does not delay the next. The time stands still until
+    `play` begins, which runs in one thread; every other method may be called from any thread,
+    also before, and acts at once.
 
     Parameters
     ----------
@@ -24,7 +38,7 @@ class Playback:
     paused : bool
     """
 
-    def __init__(self, start, rate=1., paused=False):
+    def __init__(self, start: int, rate: float = 1., paused: bool = False) -> None:
         self._changed = Condition()
         self._rate = rate
         self._paused = paused
@@ -32,52 +46,52 @@ class Playback:
         self._played = 0
         self._anchor(start)
 
-    def _anchor(self, recorded):
-        """Let the recorded time be this now."""
+    def _anchor(self, recorded: int) -> None:
+        """Set the recorded time that it is now."""
         self._recorded = recorded
         self._steady = time.monotonic_ns()
         self._wall = self._steady + _wall_from_steady()
 
-    def _elapse(self, recorded):
-        """Return the time it takes from the anchor to a recorded time [ns]."""
+    def _elapse(self, recorded: int) -> int:
+        """Return the real time from the anchor to a recorded time [ns]."""
         return round((recorded - self._recorded) / self._rate)
 
-    def _now(self):
+    def _now(self) -> int:
         if self._paused or not self._playing:
             return self._recorded
         return self._recorded + round((time.monotonic_ns() - self._steady) * self._rate)
 
     @property
-    def now(self):
-        """The recorded time that it is now [ns]."""
+    def now(self) -> int:
+        """Current recorded time [ns]."""
         with self._changed:
             return self._now()
 
     @property
-    def paused(self):
+    def paused(self) -> bool:
         """Whether it is paused."""
         with self._changed:
             return self._paused
 
-    def pause(self):
+    def pause(self) -> None:
         """Stop the time."""
         self._set_paused(lambda paused: True)
 
-    def resume(self):
+    def resume(self) -> None:
         """Let the time pass again."""
         self._set_paused(lambda paused: False)
 
-    def toggle_paused(self):
+    def toggle_paused(self) -> None:
         """Pause, or resume when paused."""
         self._set_paused(lambda paused: not paused)
 
-    def _set_paused(self, change):
+    def _set_paused(self, change: Callable[[bool], bool]) -> None:
         with self._changed:
             self._anchor(self._now())
             self._paused = change(self._paused)
             self._changed.notify_all()
 
-    def set_rate(self, rate):
+    def set_rate(self, rate: float) -> bool:
         """Change the rate.
 
         Parameters
@@ -97,7 +111,7 @@ class Playback:
             self._changed.notify_all()
         return True
 
-    def play_next(self):
+    def play_next(self) -> bool:
         """Play one item while paused, and move the time to it.
 
         Returns
@@ -114,22 +128,22 @@ class Playback:
             self._changed.wait_for(lambda: self._closed or self._played > played)
             return self._played > played
 
-    def close(self):
-        """Let go whoever waits for the next item."""
+    def close(self) -> None:
+        """End every `play_next` that waits for the next item."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
 
-    def play(self, items, put):
-        """Hand over each item when it is due.
+    def play(self, items: Iterable[Timed], put: Callable[[Timed, int], object]) -> None:
+        """Pass each item to `put` when it is due.
 
         Parameters
         ----------
         items : iterable
             Each with a `time` [ns], in its order.
         put : callable
-            Called with the item and the wall time at which it is due [ns]. Items of the same
-            recorded time are due at the same wall time.
+            Called with the item and the wall time at which it is due [ns]; items of the same
+            recorded time have the same wall time.
         """
         with self._changed:
             self._playing = True
@@ -141,17 +155,17 @@ class Playback:
                 self._stepping = False
                 self._changed.notify_all()
 
-    def _wait(self, recorded):
-        """Wait until a recorded time is due; return the wall time that it is then."""
+    def _wait(self, recorded: int) -> int:
+        """Wait until a recorded time is due; return the wall time at which it is due [ns]."""
         with self._changed:
             while True:
                 if self._paused and self._stepping:
                     self._anchor(recorded)
                     break
                 left = self._steady + self._elapse(recorded) - time.monotonic_ns()
-                if not self._paused and left <= SPIN:
+                if not self._paused and left <= BUSY_WAIT:
                     break
-                self._changed.wait(None if self._paused else (left - SPIN) * 1e-9)
+                self._changed.wait(None if self._paused else (left - BUSY_WAIT) * 1e-9)
             due = self._steady + self._elapse(recorded)
             wall = self._wall + self._elapse(recorded)
         while time.monotonic_ns() < due:
@@ -159,32 +173,32 @@ class Playback:
         return wall
 
 
-def _wall_from_steady():
-    """Return the wall time less the steady time [ns]."""
+def _wall_from_steady() -> int:
+    """Return the offset of the wall clock from the steady clock [ns]."""
     # Another thread may come between two readings: the closest pair of a few counts.
     readings = [(time.monotonic_ns(), time.time_ns(), time.monotonic_ns()) for _ in range(5)]
     before, wall, after = min(readings, key=lambda reading: reading[2] - reading[0])
     return wall - (before + after) // 2
 
 
-def read_ahead(items, count):
-    """Iterate over items that a thread of its own takes from their source in advance.
+def read_ahead(items: Iterable[Item], count: int) -> Generator[Item, None, None]:
+    """Iterate over items that another thread takes from their source in advance.
 
     Parameters
     ----------
     items : iterable
     count : int
-        How many it takes in advance.
+        Items taken in advance, at most.
 
     Yields
     ------
     object
-        The items; an exception of their source is raised here.
+        The items in order; an exception of their source is raised here.
     """
-    ready = Queue(count)
+    ready: Queue = Queue(count)
     stop = Event()
 
-    def fill():
+    def fill() -> None:
         try:
             for item in items:
                 ready.put((item, None))

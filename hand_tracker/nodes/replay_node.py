@@ -1,23 +1,25 @@
-"""Play a rosbag2 recording at its recorded times, as `ros2 bag play` does.
+"""Replay node: publish the messages of a rosbag2 recording at their recorded times.
 
-Messages travel as the bytes they were recorded as, with the QoS that their publishers
-offered, else reliable. Topics are published under relative names, so that
-`-r markers:=/other` and `-r __ns:=/left` act on them. The process ends with the recording.
-Its exit code is 0 then and when interrupted, 1 when the recording cannot be played.
+Messages are published as recorded, without deserialising them, with the QoS that their
+publishers offered, else reliable. Topics have relative names, so that `-r markers:=/other` and
+`-r __ns:=/left` act on them. The node ends with the recording. Its exit code is 0 then and when
+interrupted, 1 when the recording cannot be played.
 """
 
 import struct
 import sys
 import time
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, suppress
 from importlib import import_module
 from itertools import count
+from math import inf
 from types import SimpleNamespace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.node import Node
+from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -34,18 +36,19 @@ try:
 except ImportError:
     srv = None
 
-SERVICES = 'pause, resume, toggle_paused, is_paused, set_rate, play_next'
+PLAYER_SERVICES = 'pause, resume, toggle_paused, is_paused, set_rate, play_next'
 GLOBAL_TOPICS = ('/tf', '/tf_static', '/clock', '/rosout', '/parameter_events')
-DEPTH = 1000            # messages: a slow listener gets a second at 960 Hz after all
-CLOCK_DEPTH = 10        # old times help nobody
-AHEAD = 500             # messages read in advance
-SWITCH_INTERVAL = 5e-4  # reading ahead gives way to playing after this [s]
-DISCOVERY_POLL = .02    # [s]
-SETTLE = .5             # [s]
-ACKNOWLEDGE = 1.        # [s]
-LONE = 10**8            # lap of a recording that is a single message [ns]
+TRACKER_NODE = 'hand_tracker'  # name of the tracker's node
+REPLAY_DEPTH = 1000       # messages: a slow subscriber gets all of a second at 960 Hz
+CLOCK_DEPTH = 10          # messages of /clock
+READ_AHEAD = 500          # messages read in advance
+SWITCH_INTERVAL = 5e-4    # [s] after which the reading thread gives way to the playing one
+DISCOVERY_POLL = .02      # [s]
+DISCOVERY_TIME = .5       # [s] for subscribers to discover this publisher in turn
+ACKNOWLEDGE_TIME = 1.     # [s]
+ONE_MESSAGE_LAP = 10**8   # [ns] lap of a recording of a single message
 
-PARAMETERS = tuple(row._replace(read_only=True) for row in (
+REPLAY_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('recording', '', 'rosbag2 folder, .mcap or .db3 file; empty for the packaged one '
               'of a right hand'),
     Parameter('rate', 1., 'How many times as fast as recorded', (1e-3, 1e3)),
@@ -62,20 +65,39 @@ PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('exclude_topics', '', 'Topics not to play, separated by spaces: as recorded, or the '
               'last part of their names; those named in topics are played all the same'),
     Parameter('wait_for_subscriber', 10., 'How long to wait for subscribers of the markers '
-              'before playing [s]; not when started paused', (0., 3600.)),
+              'before playing [s], .inf for ever; longer while a tracker in the same namespace '
+              'is preparing; not when started paused', (0., inf)),
     Parameter('subscribers', 1, 'How many subscribers of the markers to wait for', (1, 100)),
 ))
 
 
-class Output(NamedTuple):
-    """Where the messages of a topic go, and what finds their stamps."""
+class ReplayedTopic(NamedTuple):
+    """A recorded topic that is published again.
+
+    Attributes
+    ----------
+    publisher : Publisher
+    find_stamps : callable
+        Returns the offsets of the stamps in a serialised message.
+    """
 
     publisher: Publisher
-    stamps: object
+    find_stamps: Callable[[bytes], tuple]
 
 
-class Cue(NamedTuple):
-    """A message to publish: when in recorded time [ns], where and what."""
+class ReplayedMessage(NamedTuple):
+    """A recorded message that is to be published.
+
+    Attributes
+    ----------
+    time : int
+        When it is due, in recorded time [ns].
+    publisher : Publisher
+    data : bytes
+        Serialised (CDR).
+    stamps : tuple of int
+        Offsets of the stamps to rewrite; none when they stay as recorded.
+    """
 
     time: int
     publisher: Publisher
@@ -84,13 +106,13 @@ class Cue(NamedTuple):
 
 
 class ReplayNode(Node):
-    """Play one recording."""
+    """Node that plays one recording."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__('replay')
-        self._options = SimpleNamespace(**declare(self, PARAMETERS))
+        self._options = SimpleNamespace(**declare(self, REPLAY_PARAMETERS))
 
-    def play(self):
+    def play(self) -> None:
         """Play the recording to its end, or for ever when looping.
 
         Raises
@@ -104,7 +126,7 @@ class ReplayNode(Node):
             outputs = self._open_outputs(bag)
             markers = [topic for topic in outputs if bag.topics[topic] == MARKER_ARRAY]
             interval = bag.duration // max(1, max(bag.counts[topic] for topic in markers) - 1)
-            lap = bag.start + bag.duration - start + (interval or LONE)
+            lap = bag.start + bag.duration - start + (interval or ONE_MESSAGE_LAP)
             playback = Playback(start, options.rate, options.start_paused)
             self._serve(playback)
             with spinning(self), closing(playback):
@@ -115,18 +137,19 @@ class ReplayNode(Node):
                 self.get_logger().info(
                     f'Playing {bag.path}: {bag.duration * 1e-9:.1f} s of {", ".join(outputs)}'
                     + (', paused' if playback.paused else ''))
-                with closing(read_ahead(self._cues(bag, outputs, start, lap), AHEAD)) as cues:
-                    playback.play(cues, self._publish)
+                with closing(read_ahead(
+                        self._messages(bag, outputs, start, lap), READ_AHEAD)) as messages:
+                    playback.play(messages, self._publish)
             for output in outputs.values():
-                output.publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE))
+                output.publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIME))
             self.get_logger().info('Played to the end')
 
-    def _publish(self, cue, due):
-        data = restamp(cue.data, cue.stamps, due) if cue.stamps else cue.data
-        cue.publisher.publish(data)
+    def _publish(self, message: ReplayedMessage, due: int) -> None:
+        data = restamp(message.data, message.stamps, due) if message.stamps else message.data
+        message.publisher.publish(data)
 
-    def _open_outputs(self, bag):
-        """Return the outputs by recorded topic."""
+    def _open_outputs(self, bag: Any) -> dict[str, ReplayedTopic]:
+        """Return a publisher for each recorded topic that is to be played."""
         wanted = list(dict.fromkeys(self._options.topics.split())) or self._not_excluded(bag)
         if unknown := [topic for topic in wanted if topic not in bag.topics]:
             raise BagError(f'{bag.path}: no topic {", ".join(unknown)}; expected topics among '
@@ -145,14 +168,14 @@ class ReplayNode(Node):
                 self.get_logger().warning(f'{topic}: not played, {kind} is not installed')
                 continue
             live = self._options.restamp and not self._options.clock
-            outputs[topic] = Output(
+            outputs[topic] = ReplayedTopic(
                 self.create_publisher(
                     message_type, topic if topic in GLOBAL_TOPICS else topic.lstrip('/'),
                     _qos(bag.offered_qos[topic])),
                 _stamp_finder(kind, message_type) if live else lambda data: ())
         return outputs
 
-    def _not_excluded(self, bag):
+    def _not_excluded(self, bag: Any) -> list[str]:
         names = self._options.exclude_topics.split()
         excluded = [topic for topic in bag.topics
                     if topic in names or topic.rpartition('/')[2] in names]
@@ -160,43 +183,60 @@ class ReplayNode(Node):
             self.get_logger().info(f'Not played (exclude_topics): {", ".join(excluded)}')
         return [topic for topic in bag.topics if topic not in excluded]
 
-    def _cues(self, bag, outputs, start, lap):
+    def _messages(self, bag: Any, outputs: dict[str, ReplayedTopic], start: int,
+                  lap: int) -> Iterator[ReplayedMessage]:
         for number in count() if self._options.loop else range(1):
             message = None
             for message in bag.messages(outputs, start):
                 output = outputs[message.topic]
                 try:
-                    stamps = output.stamps(message.data)
+                    stamps = output.find_stamps(message.data)
                 except (struct.error, IndexError) as error:
                     raise BagError(f'{bag.path}: a message of {message.topic} is cut off; '
                                    f'expected {message.type}') from error
-                yield Cue(message.time + number * lap, output.publisher, message.data, stamps)
+                yield ReplayedMessage(
+                    message.time + number * lap, output.publisher, message.data, stamps)
             if message is None:
                 raise BagError(f'{bag.path}: no message after start_offset '
                                f'{self._options.start_offset:g} s; expected less than its '
                                f'duration, {bag.duration * 1e-9:.3f} s')
 
-    def _wait_for_subscribers(self, publishers):
+    def _wait_for_subscribers(self, publishers: Sequence[Publisher]) -> None:
         patience, wanted = self._options.wait_for_subscriber, self._options.subscribers
         if not patience:
             return
         names = ', '.join(publisher.topic_name for publisher in publishers)
         self.get_logger().info(f'Replay waits for {_subscribers(wanted)} of {names}')
         until = time.monotonic() + patience
-        there = 0
-        while there < wanted and time.monotonic() < until:
+        there, told = 0, False
+        while there < wanted:
             time.sleep(DISCOVERY_POLL)
             there = max(publisher.get_subscription_count() for publisher in publishers)
-        if there < wanted:
-            self.get_logger().warning(f'{_subscribers(there)} of {names} after {patience:g} s')
-        else:
-            # Discovery runs both ways: a subscriber may learn of this publisher a little later.
-            time.sleep(SETTLE)
+            if there < wanted and time.monotonic() > until:
+                if not self._tracker_prepares():
+                    self.get_logger().warning(
+                        f'{_subscribers(there)} of {names} after {patience:g} s')
+                    return
+                if not told:
+                    told = True
+                    self.get_logger().info(f'Replay waits on: {TRACKER_NODE} is preparing')
+        # Discovery runs both ways: a subscriber may learn of this publisher a little later.
+        time.sleep(DISCOVERY_TIME)
 
-    def _tick(self, recorded_time):
+    def _tracker_prepares(self) -> bool:
+        """Return whether a tracker in this namespace runs and subscribes to no markers yet."""
+        tracker = TRACKER_NODE, self.get_namespace()
+        if tracker not in self.get_node_names_and_namespaces():
+            return False
+        with suppress(NodeNameNonExistentError):
+            return not any(MARKER_ARRAY in kinds for _, kinds in
+                           self.get_subscriber_names_and_types_by_node(*tracker))
+        return False
+
+    def _tick(self, recorded_time: Callable[[], int]) -> None:
         publisher = self.create_publisher(ClockMessage, '/clock', CLOCK_DEPTH)
 
-        def tick():
+        def tick() -> None:
             message = ClockMessage()
             message.clock.sec, message.clock.nanosec = divmod(recorded_time(), 10**9)
             publisher.publish(message)
@@ -205,33 +245,34 @@ class ReplayNode(Node):
         self.create_timer(1 / self._options.clock, tick,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _serve(self, playback):
+    def _serve(self, playback: Playback) -> None:
         if srv is None:
             self.get_logger().warning(
-                f'rosbag2_interfaces is not installed: playing without the services {SERVICES}')
+                'rosbag2_interfaces is not installed: playing without the services '
+                f'{PLAYER_SERVICES}')
             return
 
-        def service(kind, name, act):
-            def answer(request, response):
-                for field, value in act(request).items():
+        def service(kind: type, name: str, act: Callable[[Any], dict | None]) -> None:
+            def answer(request: Any, response: Any) -> Any:
+                for field, value in (act(request) or {}).items():
                     setattr(response, field, value)
                 return response
             self.create_service(kind, f'~/{name}', answer)
 
-        service(srv.Pause, 'pause', lambda request: playback.pause() or {})
-        service(srv.Resume, 'resume', lambda request: playback.resume() or {})
-        service(srv.TogglePaused, 'toggle_paused', lambda request: playback.toggle_paused() or {})
+        service(srv.Pause, 'pause', lambda request: playback.pause())
+        service(srv.Resume, 'resume', lambda request: playback.resume())
+        service(srv.TogglePaused, 'toggle_paused', lambda request: playback.toggle_paused())
         service(srv.IsPaused, 'is_paused', lambda request: {'paused': playback.paused})
         service(srv.SetRate, 'set_rate',
                 lambda request: {'success': playback.set_rate(request.rate)})
         service(srv.PlayNext, 'play_next', lambda request: {'success': playback.play_next()})
 
 
-def _subscribers(number):
+def _subscribers(number: int) -> str:
     return f'{number or "no"} subscriber{"" if number == 1 else "s"}'
 
 
-def _message_type(kind):
+def _message_type(kind: str) -> type | None:
     """Return the Python class of a message type, None when its package is not installed."""
     package, _, name = kind.split('/')
     try:
@@ -240,7 +281,8 @@ def _message_type(kind):
         return None
 
 
-def _stamp_finder(kind, message_type):
+def _stamp_finder(kind: str, message_type: Any) -> Callable[[bytes], tuple]:
+    """Return what finds the stamps in the serialised messages of a type."""
     if kind == MARKER_ARRAY:
         return marker_stamps
     fields = message_type.get_fields_and_field_types()
@@ -249,9 +291,9 @@ def _stamp_finder(kind, message_type):
     return lambda data: ()
 
 
-def _qos(offers):
+def _qos(offers: Sequence[Any]) -> QoSProfile:
     """Return what the recorded publishers offered; reliable if unknown or they differed."""
-    qos = QoSProfile(depth=DEPTH)
+    qos = QoSProfile(depth=REPLAY_DEPTH)
     if len({(offer.reliability, offer.durability) for offer in offers}) == 1:
         offer = offers[0]
         if offer.history.name == 'KEEP_ALL':
@@ -260,11 +302,11 @@ def _qos(offers):
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
         if offer.durability.name == 'TRANSIENT_LOCAL':
             qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
-            qos.depth = offer.depth or DEPTH  # what those get who come late
+            qos.depth = offer.depth or REPLAY_DEPTH  # for subscribers that come late
     return qos
 
 
-def main(args=None):
+def main(args: list[str] | None = None) -> int:
     """Run the replay node; return its exit code."""
     sys.setswitchinterval(SWITCH_INTERVAL)
     return run(ReplayNode, ReplayNode.play, args)

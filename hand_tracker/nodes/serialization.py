@@ -29,7 +29,7 @@ from ..messages.cdr import (
 )
 from ..messages.labels import LabelMap
 from ..messages.marker_array import markers_from_message
-from ..messages.rviz_markers import LIFETIME, SKIN_COLOUR, SKIN_OPACITY, hand_skin
+from ..messages.rviz_markers import LIFETIME, RVIZ_SKIN_COLOUR, RVIZ_SKIN_OPACITY, hand_skin
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -121,7 +121,7 @@ class _ObjectTemplate(NamedTuple):
 
 
 def _skin_template(names, corners):
-    colour = *SKIN_COLOUR, SKIN_OPACITY
+    colour = *RVIZ_SKIN_COLOUR, RVIZ_SKIN_OPACITY
     return triangles_template(
         names.wrist, f'{names.prefix}skin', colour, LIFETIME.sec, corners)
 

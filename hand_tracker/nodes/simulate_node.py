@@ -1,11 +1,12 @@
-"""Stand in for the driver of a camera system: publish the markers of a simulated hand, live.
+"""Simulate node: publish the markers of a simulated hand live, as a camera system's driver does.
 
-When the motion has ended it begins again. With `truth` the true angles, the wrist's pose and
-the markers' true places are published too, on topics of their own.
+When the motion has ended it begins again. With `truth` the true joint angles, the wrist's true
+pose and the true marker positions are published too, on topics of their own.
 """
 
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import closing
 from itertools import count
 from typing import NamedTuple
@@ -37,12 +38,12 @@ from .parameters import Parameter
 from .playback import read_ahead
 from .runner import declare, run, spin
 
-AHEAD = 2000   # messages simulated in advance
-DEPTH = 10
-TRUTH_DEPTH = 1000  # every frame counts when judged
-TRUTH = {TRUTH_TOPIC: JointState, WRIST_TOPIC: PoseStamped, PLACES_TOPIC: MarkerArray}
+SIMULATE_AHEAD = 2000  # messages simulated in advance
+SIMULATED_DEPTH = 10
+TRUTH_DEPTH = 1000     # an evaluation needs every frame
+TRUTH_TOPICS = {TRUTH_TOPIC: JointState, WRIST_TOPIC: PoseStamped, PLACES_TOPIC: MarkerArray}
 
-PARAMETERS = tuple(row._replace(read_only=True) for row in (
+SIMULATE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('motion', 'demo', 'What the hand does', choices=tuple(MOTIONS)),
     Parameter('cameras', PAPER_CAMERAS, 'Cameras in the ring', CAMERAS_RANGE),
     Parameter('rate', 120., 'Frames per second [Hz]', RATE_RANGE),
@@ -60,8 +61,21 @@ PARAMETERS = tuple(row._replace(read_only=True) for row in (
 ))
 
 
-class Cue(NamedTuple):
-    """A message to publish: in which lap, when after the start [ns], where and what."""
+class SimulatedMessage(NamedTuple):
+    """A simulated message that is to be published.
+
+    Attributes
+    ----------
+    lap : int
+        Number of repetitions of the motion before it.
+    time : int
+        When it is due, from the first message [ns].
+    publisher : Publisher
+    data : bytes
+        Serialised (CDR).
+    stamps : tuple of int
+        Offsets of the stamps in it.
+    """
 
     lap: int
     time: int
@@ -71,11 +85,11 @@ class Cue(NamedTuple):
 
 
 class SimulateNode(Node):
-    """Publish a simulated hand."""
+    """Node that publishes a simulated hand."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__('simulate')
-        values = declare(self, PARAMETERS)
+        values = declare(self, SIMULATE_PARAMETERS)
         side = None if values['side'] == 'file' else values['side']
         hand, layout = simulated_hand(values['hand_file'], side)
         self._simulation = Simulation(
@@ -83,18 +97,18 @@ class SimulateNode(Node):
             values['seed'], values['duration'],
             Faults(*(values[kind] for kind in Faults._fields)))
         # As drivers do: a late frame is worth nothing.
-        quick = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        quick = QoSProfile(depth=SIMULATED_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._markers = self.create_publisher(MarkerArray, MARKER_TOPIC.lstrip('/'), quick)
         self._truth = {topic: self.create_publisher(kind, topic.lstrip('/'), TRUTH_DEPTH)
-                       for topic, kind in TRUTH.items() if values['truth']}
+                       for topic, kind in TRUTH_TOPICS.items() if values['truth']}
         self._lap = 0
         self._period = 1. / values['rate']
-        self._cues = read_ahead(self._laps(), AHEAD)
+        self._messages = read_ahead(self._laps(), SIMULATE_AHEAD)
 
-    def play(self):
+    def play(self) -> None:
         """Publish until interrupted."""
-        with closing(self._cues):
-            self._next = next(self._cues)
+        with closing(self._messages):
+            self._next = next(self._messages)
             self._wall, self._start = time.time_ns(), time.monotonic_ns()
             self.create_timer(self._period, self._publish,
                               clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -104,7 +118,7 @@ class SimulateNode(Node):
                 f'{self._simulation.moving.duration:.0f} s')
             spin(self)
 
-    def _publish(self):
+    def _publish(self) -> None:
         now = time.monotonic_ns() - self._start
         while self._next.time <= now:
             lap, time_ns, publisher, data, stamps = self._next
@@ -112,25 +126,26 @@ class SimulateNode(Node):
                 self._lap = lap
                 self.get_logger().info(f'{self._simulation.motion} begins again, lap {lap + 1}')
             publisher.publish(restamp(data, stamps, self._wall + time_ns))
-            self._next = next(self._cues)
+            self._next = next(self._messages)
 
-    def _laps(self):
-        """Yield the cues of one lap after the other."""
+    def _laps(self) -> Iterator[SimulatedMessage]:
+        """Yield the messages of the motion, again and again."""
         side, period, frame = self._simulation.hand.side, 1e9 * self._period, 0
         for lap in count():
             for part in self._simulation.blocks():
                 for markers, *truth in frame_messages(part, side, bool(self._truth)):
                     due = round(frame * period)
-                    yield Cue(lap, due, self._markers, markers.data, marker_stamps(markers.data))
+                    yield SimulatedMessage(
+                        lap, due, self._markers, markers.data, marker_stamps(markers.data))
                     for message in truth:
                         find = marker_stamps if message.type == MARKER_ARRAY else header_stamp
-                        yield Cue(lap, due, self._truth[message.topic],
-                                  message.data, find(message.data))
+                        yield SimulatedMessage(lap, due, self._truth[message.topic],
+                                               message.data, find(message.data))
                     frame += 1
 
 
-def main(args=None):
-    """Run the simulating node until it is interrupted; return its exit code."""
+def main(args: list[str] | None = None) -> int:
+    """Run the simulate node until it is interrupted; return its exit code."""
     return run(SimulateNode, SimulateNode.play, args, 'simulate')
 
 

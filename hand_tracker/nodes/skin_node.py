@@ -1,6 +1,6 @@
-"""The skin node: joint states in; the hand's skin out, as triangles for RViz.
+"""Skin node: subscribe to joint states, publish the hand's skin as triangles for RViz.
 
-It works only while somebody looks: without a subscriber of `hand_skin` it listens to nothing.
+It computes only for subscribers: while `hand_skin` has none, it subscribes to nothing.
 """
 
 import sys
@@ -21,11 +21,12 @@ from .runner import declare, names_of, run
 from .serialization import Wire
 from .tracker_parameters import START, starting_hand
 
-# What a network lost of a skin is asked for when the next ones come: it must still be there.
-DEPTH = 5
-# The hand must be the tracker's; its limits and coupling do not shape it.
-SHARED = ('hand_file', 'side', 'hand_length', 'hand_breadth', 'thumb', 'prefix', 'wrist_frame')
-PARAMETERS = tuple(row for row in START if row.name in SHARED) + tuple(
+# A reliable subscriber asks for lost fragments when the next message comes: keep the last few.
+SKIN_DEPTH = 5
+# Those that the tracker has too and that shape the hand; limits and coupling do not.
+HAND_PARAMETERS = ('hand_file', 'side', 'hand_length', 'hand_breadth', 'thumb', 'prefix',
+                   'wrist_frame')
+SKIN_PARAMETERS = tuple(row for row in START if row.name in HAND_PARAMETERS) + tuple(
     row._replace(read_only=True) for row in (
         Parameter('mesh', '', 'Closed mesh of the hand with straight joints (OBJ, PLY, STL), in '
                   'any place and size; empty for one made from the hand'),
@@ -36,11 +37,11 @@ PARAMETERS = tuple(row for row in START if row.name in SHARED) + tuple(
 
 
 class SkinNode(Node):
-    """Show the skin of one hand."""
+    """Node that publishes the skin of one hand."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__('hand_skin')
-        values = declare(self, PARAMETERS)
+        values = declare(self, SKIN_PARAMETERS)
         hand, _ = starting_hand({**{row.name: row.default for row in START}, **values})
         self._names = names_of(hand, values['prefix'], values['wrist_frame'])
         self._dual_quaternions = values['dual_quaternions']
@@ -49,33 +50,34 @@ class SkinNode(Node):
         self._joints = joint_table(hand)
         self._triangles = Wire(self._names).skin(self._skin.faces.size)
         self._own = self._names.joints[0].encode()
-        self._subscription = self._data = None
-        self._publisher = self.create_publisher(Marker, 'hand_skin', DEPTH)
+        self._subscription = None
+        self._data: bytes | None = None
+        self._publisher = self.create_publisher(Marker, 'hand_skin', SKIN_DEPTH)
         self.create_timer(1. / values['rate'], self._show,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.get_logger().info(
             f'{hand.side} hand: a skin of {len(self._skin.vertices)} vertices, '
             f'ready after {time.monotonic() - start:.1f} s')
 
-    def _show(self):
-        looked_at = self._publisher.get_subscription_count() > 0
-        if looked_at and not self._subscription:
+    def _show(self) -> None:
+        is_subscribed = self._publisher.get_subscription_count() > 0
+        if is_subscribed and not self._subscription:
             latest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
             self._subscription = self.create_subscription(
                 JointState, 'joint_states', self._on_joint_states, latest, raw=True)
-        elif self._subscription and not looked_at:
+        elif self._subscription and not is_subscribed:
             self.destroy_subscription(self._subscription)
             self._subscription = self._data = None
-        if looked_at and self._data:
+        if is_subscribed and self._data:
             data, self._data = self._data, None
             self._publish(deserialize_message(data, JointState))
 
-    def _on_joint_states(self, data):
-        # Robots have joint states on this topic too.
+    def _on_joint_states(self, data: bytes) -> None:
+        # A robot's joint states may come on this topic too.
         if self._own in data:
             self._data = data
 
-    def _publish(self, message):
+    def _publish(self, message: JointState) -> None:
         given = dict(zip(message.name, message.position))
         angles = np.array([given.get(name, np.nan) for name in self._names.joints])
         if not np.isfinite(angles).all():
@@ -85,7 +87,7 @@ class SkinNode(Node):
             self._triangles.fill(message.header.stamp, vertices[self._skin.faces]))
 
 
-def main(args=None):
+def main(args: list[str] | None = None) -> int:
     """Run the skin node until it is interrupted; return its exit code."""
     return run(SkinNode, args=args)
 

@@ -35,7 +35,7 @@ from ..core.model.states import MarkerState, PalmState
 from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
 from ..messages.marker_array import seconds
-from ..messages.rviz_markers import COLOURS, FADED, JOINTS_SHOWN
+from ..messages.rviz_markers import HELD_OPACITY, JOINTS_SHOWN, STATE_COLOURS
 from ..viewer.serve import add_page_options, view
 from .runner import names_of, run, spinning
 from .serialization import Wire
@@ -56,7 +56,7 @@ ANSWER = 1.          # [s] after which the tracker is asked again
 PALM_POINTS = [SKELETON_POINTS.index(name)
                for name in ('wrist', 'index_proximal', 'little_proximal')]
 PALM_SHOWN = [JOINTS_SHOWN.index(point) for point in PALM_POINTS]
-KINDS, TONES = tuple(COLOURS), np.array(tuple(COLOURS.values()))
+KINDS, TONES = tuple(STATE_COLOURS), np.array(tuple(STATE_COLOURS.values()))
 LATEST = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 NUMBERS = {'rate': ('rate [Hz]', 'Hz'), 'latency': ('latency p50 [ms]', 'ms'),
            'residual': ('mean residual [mm]', 'mm')}
@@ -293,7 +293,7 @@ class Live:
             colours = np.array([(tone.r, tone.g, tone.b) for tone in known.colors])
             nearest = np.abs(colours[:, None] - TONES).sum(axis=2).argmin(axis=1)
             states[:len(nearest)] = [KINDS[i] for i in nearest]
-        found = joints.color.a > .5 * (1. + FADED)
+        found = joints.color.a > .5 * (1. + HELD_OPACITY)
         return HandState(
             PalmState.TRACKED if found else PalmState.LOST, angles, rotation, position,
             forward(joint_table(self.hand), angles, rotation, position), markers, states,

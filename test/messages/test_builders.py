@@ -30,7 +30,7 @@ from hand_tracker.messages.builders import (
 )
 from hand_tracker.messages.labels import InvalidLabel, LabelMap
 from hand_tracker.messages.marker_array import markers_from_message
-from hand_tracker.messages.rviz_markers import COLOURS, FADED, hand_markers
+from hand_tracker.messages.rviz_markers import HELD_OPACITY, STATE_COLOURS, hand_markers
 from hand_tracker.tracking.diagnostics import Level, Status
 
 NEEDS = 'rclpy', 'visualization_msgs'
@@ -416,18 +416,18 @@ def test_picture_tells_seen_held_and_absent_apart():
 
 
 def test_picture_has_a_colour_for_every_state_of_a_marker():
-    states = np.array((*COLOURS, *COLOURS))[:8]
-    assert set(COLOURS) == set(MarkerState) - {MarkerState.ABSENT}
+    states = np.array((*STATE_COLOURS, *STATE_COLOURS))[:8]
+    assert set(STATE_COLOURS) == set(MarkerState) - {MarkerState.ABSENT}
     state = rest_state()._replace(marker_states=states)
     part = picture(state)['r_markers']
     assert (part.id, len(part.points)) == (0, 8)
-    assert len(set(COLOURS.values())) == len(COLOURS)
-    assert all(COLOURS[kind] == rgb(colour) for kind, colour in zip(states, part.colors))
+    assert len(set(STATE_COLOURS.values())) == len(STATE_COLOURS)
+    assert all(STATE_COLOURS[kind] == rgb(colour) for kind, colour in zip(states, part.colors))
 
 
 def test_picture_fades_when_the_palm_is_lost():
     tracker = HandTracker()
     tracker.update(rest_state().markers)
     parts = picture(tracker.update(np.full((8, 3), np.nan)))
-    assert parts['r_bones'].color.a == pytest.approx(FADED)
+    assert parts['r_bones'].color.a == pytest.approx(HELD_OPACITY)
     assert all(PREDICTED == rgb(colour) for colour in parts['r_markers'].colors)

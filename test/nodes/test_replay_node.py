@@ -235,6 +235,43 @@ def test_plays_alone_after_waiting(bags):
         assert 'Played to the end' in process.output
 
 
+@pytest.fixture
+def tracker():
+    """A node with the name of the tracker's."""
+    with watching_node('hand_tracker') as node:
+        yield node
+
+
+def test_waits_for_as_long_as_a_tracker_is_preparing(bags, tracker):
+    # Long enough for any machine to discover the node.
+    with replay(bags / 'hand.mcap', wait_for_subscriber=6.0, topics='/markers') as process:
+        process.wait_for_line('Replay waits on: hand_tracker is preparing')
+        tracker.spin_for(1.)
+        assert 'Playing' not in process.output
+        markers = tracker.collect(MarkerArray, 'markers')
+        tracker.spin_until(lambda: len(markers) == FRAMES)
+        clean(process, process.wait())
+    assert frames_of(markers) == list(range(FRAMES))
+
+
+def test_does_not_wait_for_a_tracker_of_other_markers(bags, tracker):
+    tracker.collect(MarkerArray, 'other')
+    with replay(bags / 'hand.mcap', wait_for_subscriber=0.2) as process:
+        clean(process, process.wait())
+        assert 'no subscribers of /markers after 0.2 s' in process.output
+
+
+def test_waits_for_ever_when_told_to(bags, watch, tmp_path):
+    (tmp_path / 'wait.yaml').write_text('/**: {ros__parameters: {wait_for_subscriber: .inf}}')
+    with NodeProcess(MODULE, {'recording': str(bags / 'hand.mcap'), 'topics': '/markers'},
+                     files=[tmp_path / 'wait.yaml']) as process:
+        process.wait_for_line('Replay waits')
+        watch.spin_for(1.)
+        markers = watch.collect(MarkerArray, 'markers')
+        watch.spin_until(lambda: len(markers) == FRAMES)
+        clean(process, process.wait())
+
+
 def test_offered_qos_and_types_that_are_not_installed(bags, watch):
     with replay(bags / 'mixed', wait_for_subscriber=60.0) as process:
         watch.spin_until(lambda: watch.get_publishers_info_by_topic('/markers'))

@@ -1,4 +1,4 @@
-"""Time step of each frame, robust to missing, repeated and jumping timestamps."""
+"""Time between frames, whatever their stamps say."""
 
 import math
 from typing import NamedTuple
@@ -7,30 +7,30 @@ import numpy as np
 
 from ..numerics.jit import jit
 
-DEFAULT_STEP = 1. / 120.  # [s] until two frames have shown the true one
-PAUSE_LIMIT = 1.          # [s] longest step over which motion is continued
-MIN_STEP = 1e-6           # [s] shorter steps count as 0 and yield no velocity
-MAX_STEP = 1e6            # [s] upper limit of a reported step
-REORDER_LIMIT = .5        # [s] by which frames of one recording may be out of order
-MAX_REPEATS = 2           # consecutive frames with equal time; with more the clock has stopped
-STEP_GAIN = .1            # of the exponential mean of the step
+DEFAULT_STEP = 1. / 120.  # [s] before two frames have told
+PAUSE_LIMIT = 1.            # [s] between frames after which motion is not carried on
+MIN_STEP = 1e-6         # [s] between frames; less is none, and makes no velocity
+MAX_STEP = 1e6          # [s] that a gap counts at most
+REORDER_LIMIT = .5           # [s] that frames of one recording may be out of order
+MAX_REPEATS = 2             # frames in a row that take no time; more are of a clock that stands
+STEP_GAIN = .1              # of a new step in the usual one
 
 
 class FrameClock(NamedTuple):
-    """State of the frame clock, shape (1,) each; NaN where unset.
+    """What is kept of time, shape (1,) each; NaN where there is none.
 
     Attributes
     ----------
     last : ndarray
-        Latest accepted timestamp [s].
+        Time that was believed [s].
     doubted : ndarray
-        Timestamp of the last frame if it jumped [s].
+        Time of the last frame, when it jumped [s].
     ahead : ndarray
-        Time since `last` that was assumed for frames without an accepted timestamp [s].
+        Since the last time, given to frames without one that is believed [s].
     usual : ndarray
-        Exponential mean of the step [s].
+        Step [s].
     repeats : ndarray of int
-        Consecutive frames whose timestamp did not advance.
+        Frames in a row that took no time.
     """
 
     last: np.ndarray
@@ -40,37 +40,36 @@ class FrameClock(NamedTuple):
     repeats: np.ndarray
 
 
-def initial_clock() -> FrameClock:
+def initial_clock():
     """Return the `FrameClock` before the first frame."""
-    return FrameClock(
-        last=np.full(1, np.nan), doubted=np.full(1, np.nan), ahead=np.zeros(1),
-        usual=np.full(1, DEFAULT_STEP), repeats=np.zeros(1, dtype=np.int64))
+    return FrameClock(np.full(1, np.nan), np.full(1, np.nan), np.zeros(1), np.full(1, DEFAULT_STEP),
+                      np.zeros(1, dtype=np.int64))
 
 
 @jit
-def advance_clock(clock: FrameClock, time: float) -> tuple[float, bool, bool]:
-    """Advance the clock to a frame; return the time step and what became of the sequence.
+def advance_clock(clock, time):
+    """Return the time since the last frame, and whether all begins anew.
 
-    A frame without a timestamp counts as one mean step after the last. A timestamp equal to
-    the last up to rounding, or slightly older, gives a step of 0 unless the clock has stopped.
-    A timestamp that jumps is accepted only when the next one continues from it; a single
-    stray stamp, past or future, is ignored.
+    A frame without a time comes one usual step after the last; one that repeats the last
+    time, but for rounding, or is a little older comes with it, unless time seems to stand. A
+    time that jumps is believed when the next one goes on from there, and until then is none: a
+    single stray stamp, past or future, is forgotten.
 
     Parameters
     ----------
-    clock : FrameClock
-        Updated.
+    clock : Clock
+        Changed.
     time : float
-        Timestamp of the frame; unknown if not finite [s].
+        Of the frame; a number that is not finite is not known [s].
 
     Returns
     -------
     step : float
-        0, or from `MIN_STEP` to `MAX_STEP` [s].
+        0, or from `MIN_STEP` [s] to `MAX_STEP`.
     paused : bool
-        Whether frames were missing for more than `PAUSE_LIMIT`: do not continue motion.
+        Whether frames were missing for longer: motion is not to be carried on.
     restarted : bool
-        Whether time jumped back, as when a recording starts again.
+        Whether time jumped back, as where a recording begins again.
     """
     if not math.isfinite(time):
         return _assumed_step(clock), False, False
@@ -81,7 +80,7 @@ def advance_clock(clock: FrameClock, time: float) -> tuple[float, bool, bool]:
         return usual, False, False
     step = time - last
     clock.doubted[0] = math.nan
-    # Comparisons with NaN are false.
+    # No comparison with NaN is true.
     believed = time >= doubted - REORDER_LIMIT and abs(time - doubted) < abs(step)
     if believed and step < 0.:
         clock.last[0], clock.ahead[0] = time, 0.
@@ -102,7 +101,6 @@ def advance_clock(clock: FrameClock, time: float) -> tuple[float, bool, bool]:
 
 
 @jit
-def _assumed_step(clock: FrameClock) -> float:
-    """Advance by the mean step, for a frame without an accepted timestamp; return it [s]."""
+def _assumed_step(clock):
     clock.ahead[0] += clock.usual[0]
     return clock.usual[0]

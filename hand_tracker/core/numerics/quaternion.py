@@ -1,18 +1,15 @@
-"""Unit quaternions of rotation matrices, and the transforms of the hand's links for TF."""
+"""Rotations as quaternions, and frames as transforms, for messages and tables."""
 
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .jit import jit
-from .vectors import Frame, Vector, components, frame, subtract, vector
-
-Quaternion = tuple[float, float, float, float]  # x, y, z, w
+from .vectors import components, frame, subtract, vector
 
 
-def quaternion(rotation: ArrayLike) -> Quaternion:
-    """Return the unit quaternion of a rotation matrix.
+def quaternion(rotation):
+    """Return a rotation matrix as a quaternion.
 
     Parameters
     ----------
@@ -21,14 +18,14 @@ def quaternion(rotation: ArrayLike) -> Quaternion:
     Returns
     -------
     tuple of float
-        x, y, z, w of unit length, with w >= 0.
+        x, y, z, w of unit length, w not negative.
     """
     return quaternion_from_frame(frame(np.asarray(rotation, dtype=float)))
 
 
 @jit
-def quaternion_from_frame(axes: Frame) -> Quaternion:
-    """Return the unit quaternion (x, y, z, w) of a frame, with w >= 0."""
+def quaternion_from_frame(axes):
+    """Return the quaternion of a frame; see `quaternion`."""
     (xx, yx, zx), (xy, yy, zy), (xz, yz, zz) = axes
     # Rows of 4 q qᵀ: that of the greatest diagonal is q times a number far from zero.
     rows = ((1. + xx - yy - zz, xy + yx, xz + zx, zy - yz),
@@ -45,26 +42,24 @@ def quaternion_from_frame(axes: Frame) -> Quaternion:
 
 
 @jit
-def write_transforms(
-        parent: np.ndarray, link_rotations: np.ndarray, link_positions: np.ndarray,
-        rotation: np.ndarray, position: np.ndarray, transforms: np.ndarray) -> None:
-    """Write the transforms of wrist and links for TF, each link in its parent link.
+def write_transforms(parent, link_rotations, link_positions, rotation, position, numbers):
+    """Write the wrist in its surroundings, and links in their parents, as TF has them.
 
     Parameters
     ----------
     parent : ndarray of int, shape (25,)
-        Parent link of each link, -1 for the wrist (`JointTable.parent`).
+        Of `JointTable`.
     link_rotations, link_positions : ndarray, shape (25, 3, 3) and (25, 3)
-        Link frames in the markers' frame (`Pose`) [m].
+        Of `Pose` [m].
     rotation, position : ndarray, shape (3, 3) and (3,)
-        Wrist frame in the markers' frame [m].
-    transforms : ndarray, shape (n, 7)
-        Replaced: the wrist in the markers' frame, then the first n - 1 links in their
-        parents, each as translation x, y, z [m] and quaternion x, y, z, w.
+        The wrist [m].
+    numbers : ndarray, shape (n, 7)
+        Of the wrist and the first n - 1 links, replaced: x, y, z of the translation and
+        x, y, z, w of the rotation.
     """
     wrist, origin = frame(rotation), vector(position)
-    _write_transform(wrist, origin, 0, transforms)
-    for link in range(len(transforms) - 1):
+    _write_transform(wrist, origin, 0, numbers)
+    for link in range(len(numbers) - 1):
         up = parent[link]
         axes, at = wrist, origin
         if up >= 0:
@@ -72,14 +67,13 @@ def write_transforms(
         x, y, z = frame(link_rotations[link])
         _write_transform(
             (components(axes, x), components(axes, y), components(axes, z)),
-            components(axes, subtract(vector(link_positions[link]), at)), link + 1, transforms)
+            components(axes, subtract(vector(link_positions[link]), at)), link + 1, numbers)
 
 
 @jit
-def _write_transform(axes: Frame, position: Vector, row: int, transforms: np.ndarray) -> None:
-    """Write a frame's position and quaternion into row `row` of `transforms`, shape (n, 7)."""
-    rotation = quaternion_from_frame(axes)
+def _write_transform(axes, position, row, numbers):
+    turn = quaternion_from_frame(axes)
     for i in range(3):
-        transforms[row, i] = position[i]
+        numbers[row, i] = position[i]
     for i in range(4):
-        transforms[row, 3 + i] = rotation[i]
+        numbers[row, 3 + i] = turn[i]

@@ -1,35 +1,30 @@
-"""Algebra of three-vectors and frames as tuples, shared by every kernel.
+"""Three-vectors and frames as tuples: the algebra every kernel shares.
 
-A `Vector` is a tuple of three floats. A `Frame` is a tuple of its unit axes (x, y, z) in the
-parent's coordinates: the columns of the rotation from the frame to its parent.
+A vector is a tuple of three floats; a frame is a tuple of its three axes
+(x, y, z), the columns of the rotation from the frame to its surroundings.
 """
 
 import math
 
-import numpy as np
-
 from .jit import jit
-
-Vector = tuple[float, float, float]
-Frame = tuple[Vector, Vector, Vector]
 
 
 @jit
-def vector(array: np.ndarray | Vector) -> Vector:
-    """Return the first three numbers of an array as a `Vector`."""
+def vector(array):
+    """Return the first three numbers of an array as a vector."""
     return (float(array[0]), float(array[1]), float(array[2]))
 
 
 @jit
-def store(rows: np.ndarray, row: int, v: Vector) -> None:
-    """Write `v` into the first three columns of row `row` of `rows`, shape (n, >= 3)."""
+def store(rows, row, v):
+    """Write a vector into a row of an array."""
     for k in range(3):
         rows[row, k] = v[k]
 
 
 @jit
-def frame(matrix: np.ndarray) -> Frame:
-    """Return the columns of a rotation matrix, shape (3, 3), as a `Frame`."""
+def frame(matrix):
+    """Return the columns of a (3, 3) rotation matrix as a frame."""
     return (
         (float(matrix[0, 0]), float(matrix[1, 0]), float(matrix[2, 0])),
         (float(matrix[0, 1]), float(matrix[1, 1]), float(matrix[2, 1])),
@@ -38,32 +33,32 @@ def frame(matrix: np.ndarray) -> Frame:
 
 
 @jit
-def add(a: Vector, b: Vector) -> Vector:
+def add(a, b):
     """Return a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 @jit
-def subtract(a: Vector, b: Vector) -> Vector:
+def subtract(a, b):
     """Return a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @jit
-def scale(a: Vector, s: float) -> Vector:
+def scale(a, s):
     """Return s a."""
     return (s * a[0], s * a[1], s * a[2])
 
 
 @jit
-def dot(a: Vector, b: Vector) -> float:
-    """Return the scalar product a · b."""
+def dot(a, b):
+    """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @jit
-def cross(a: Vector, b: Vector) -> Vector:
-    """Return the vector product a × b."""
+def cross(a, b):
+    """Return the vector product."""
     return (
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -72,19 +67,19 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 @jit
-def length(a: Vector) -> float:
-    """Return the Euclidean norm |a|."""
+def length(a):
+    """Return the Euclidean length."""
     return math.sqrt(dot(a, a))
 
 
 @jit
-def distance(a: Vector, b: Vector) -> float:
-    """Return the Euclidean distance |a - b|."""
+def distance(a, b):
+    """Return the distance of two points."""
     return length(subtract(a, b))
 
 
 @jit
-def unit(a: Vector) -> Vector:
+def unit(a):
     """Return a / |a|; the zero vector stays zero."""
     size = length(a)
     if size > 0.0:
@@ -93,8 +88,8 @@ def unit(a: Vector) -> Vector:
 
 
 @jit
-def rotate(axes: Frame, v: Vector) -> Vector:
-    """Return `v`, given in the frame `axes`, in the parent's coordinates: R v."""
+def rotate(axes, v):
+    """Return the surroundings' coordinates of `v`, given in the frame `axes`."""
     return (
         axes[0][0] * v[0] + axes[1][0] * v[1] + axes[2][0] * v[2],
         axes[0][1] * v[0] + axes[1][1] * v[1] + axes[2][1] * v[2],
@@ -103,20 +98,20 @@ def rotate(axes: Frame, v: Vector) -> Vector:
 
 
 @jit
-def components(axes: Frame, v: Vector) -> Vector:
-    """Return `v`, given in the parent's coordinates, in the frame `axes`: Rᵀ v."""
+def components(axes, v):
+    """Return the coordinates in the frame `axes` of `v`, given in its surroundings."""
     return (dot(axes[0], v), dot(axes[1], v), dot(axes[2], v))
 
 
 @jit
-def compose(outer: Frame, inner: Frame) -> Frame:
-    """Return the frame `inner`, given in `outer`, in the parent of `outer`: the product R_o R_i."""
+def compose(outer, inner):
+    """Return the frame `inner`, given in `outer`, in the surroundings of `outer`."""
     return (rotate(outer, inner[0]), rotate(outer, inner[1]), rotate(outer, inner[2]))
 
 
 @jit
-def inverse(axes: Frame) -> Frame:
-    """Return the parent's axes in the frame `axes`: the transposed rotation Rᵀ."""
+def inverse(axes):
+    """Return the frame of the surroundings in `axes`: the transposed rotation."""
     return (
         (axes[0][0], axes[1][0], axes[2][0]),
         (axes[0][1], axes[1][1], axes[2][1]),
@@ -125,27 +120,27 @@ def inverse(axes: Frame) -> Frame:
 
 
 @jit
-def rotate_about(axis: Vector, angle: float, v: Vector) -> Vector:
-    """Rotate `v` about the unit vector `axis` by `angle` [rad] (Rodrigues' formula)."""
+def rotate_about(axis, angle, v):
+    """Rotate `v` about the unit vector `axis` by `angle` [rad] (Rodrigues)."""
     c = math.cos(angle)
     along = scale(axis, (1.0 - c) * dot(axis, v))
     return add(add(scale(v, c), scale(cross(axis, v), math.sin(angle))), along)
 
 
 @jit
-def clamp(value: float, lower: float, upper: float) -> float:
-    """Return `value` limited to the interval [lower, upper]."""
+def clamp(value, lower, upper):
+    """Return `value` limited to [lower, upper]."""
     return min(max(value, lower), upper)
 
 
 @jit
-def wrap_angle(angle: float) -> float:
-    """Return `angle` wrapped to [-pi, pi) [rad]."""
+def wrap_angle(angle):
+    """Return the angle in [-pi, pi) that equals `angle` modulo a full turn [rad]."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
 @jit
-def clamp_angle(angle: float, lower: float, upper: float) -> float:
+def clamp_angle(angle, lower, upper):
     """Return the angle of [lower, upper] nearest to `angle` on the circle [rad]."""
     middle = 0.5 * (lower + upper)
     half = 0.5 * (upper - lower)
