@@ -5,7 +5,7 @@
 A hand that moves as hands do, in the demonstration's motion, with all markers seen, one hidden
 and three hidden, every constraint on. `all` is `HandTracker.update`, in which the stages are one
 kernel; each is called from Python here, which costs about a microsecond. They are named as in
-`core/sequence.py`.
+`hand_tracker/core/pipeline.py`.
 """
 
 import argparse
@@ -35,8 +35,8 @@ NOISE = 1e-4          # [m]
 HIDDEN = {0: (), 1: ('middle',), 3: ('index_mcp', 'middle', 'little')}
 SEEN_FIRST = 240      # frames in which all are seen, which are not counted
 PLAIN_FRAMES = 600
-STAGES = ('begin_frame', 'judge_markers', 'follow_wrist', 'follow_fingers', 'solve_angles',
-          'touch', 'tell')
+STAGES = ('begin_frame', 'label_markers', 'predict_palm', 'place_wrist', 'predict_digits',
+          'solve_angles', 'blend_angles', 'resolve_contact', 'write_report')
 
 
 def frames(count, hidden, hand):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..core.inverse_kinematics.abduction_plane import FRAME
+from ..core.inverse_kinematics.abduction_plane import REFERENCE_STEP
 from ..core.inverse_kinematics.digit import chains, solve_digits
 from ..core.model.capsules import capsules, pair_gaps
 from ..core.model.hand import DIGITS, FINGERS, JOINTS
@@ -39,7 +39,7 @@ def fit_radii(hand, local):
     gaps = []
     for markers in local[every][:, MARKER_ROWS]:
         angles = np.zeros(len(JOINTS))
-        solve_digits(digits, digits.root.copy(), np.array(markers, order='C'), angles, FRAME,
+        solve_digits(digits, digits.root.copy(), np.array(markers, order='C'), angles, REFERENCE_STEP,
                      False, 1e-5, 1)
         gaps.append(pair_gaps(body, angles))
     excess = np.maximum(-np.percentile(gaps, RARE, axis=0) - PENETRATION, 0.)

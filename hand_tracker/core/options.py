@@ -1,23 +1,30 @@
-"""Choices of method: each constraint and each alternative is one named option."""
+"""Options of the tracker: one named option for each constraint and each alternative method."""
 
 from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple
 
 from .errors import InvalidOption
+from .inverse_kinematics.palm import PalmLimits
+from .occlusion.prediction import Prediction
 from .pose.contact import PENETRATION
 
 
-def _option(default, description, **limits):
+def _option(default: Any, description: str, **limits: Any) -> Any:
+    """Return a dataclass field with its description, unit and range or choices as metadata."""
     return field(default=default, metadata={'description': description, **limits})
 
 
 @dataclass(frozen=True)
 class TrackerOptions:
-    """Choices of method; each field's metadata has its description and what it allows.
+    """Options of `HandTracker`.
+
+    The metadata of each field has its `description`, its `unit` where it has one, and its
+    `range` (lower, upper) or `choices`.
 
     Raises
     ------
     InvalidOption
-        Naming the option, its value and what is allowed.
+        Naming the option, its value and the allowed values.
     """
 
     palm_method: str = _option(
@@ -31,34 +38,32 @@ class TrackerOptions:
     fabrik_iterations: int = _option(
         200, 'Iterations after which FABRIK stops, per digit and frame', range=(1, 10000))
     palm_stretch: float = _option(
-        1.5, 'Palm markers farther apart than this times their distance on the hand are refused',
+        1.5, 'Longest side of the palm triangle that is accepted, as a multiple of the hand\'s own',
         range=(1.05, 10.))
     palm_shrink: float = _option(
-        0.3, 'Palm markers nearer than this times their distance on the hand are refused',
-        range=(0.01, 0.95))
+        0.3, 'Shortest side of the palm triangle that is accepted, as a multiple of the hand\'s '
+        'own', range=(0.01, 0.95))
     palm_flatness: float = _option(
-        0.2, 'Palm triangles with less than this times the area on the hand count as collinear',
-        range=(0.01, 0.95))
+        0.2, 'Area of the palm triangle, as a multiple of the hand\'s own, below which it counts '
+        'as collinear', range=(0.01, 0.95))
 
     frozen_frames: int = _option(
-        10, 'Frames after which a marker that repeats its place to the last bit, while the palm '
-        'moves, counts as lost; 0 is never', range=(0, 100000))
+        10, 'Frames after which a marker that repeats its position to the last bit while the palm '
+        'moves counts as hidden; 0 is never', range=(0, 100000))
 
     smoothing: bool = _option(
-        True, 'Whether the positions of seen markers are those of their filters')
+        True, 'Smooth the positions of seen markers by their filters')
     marker_noise: float = _option(
-        5e-4, 'Noise of a seen marker on each axis at most, standard deviation; how much there '
-        'is, is learned', unit='m',
-        range=(1e-5, 1e-2))
+        5e-4, 'Upper bound of the marker noise, which is estimated: standard deviation on each '
+        'axis', unit='m', range=(1e-5, 1e-2))
     inertia: float = _option(
-        0.04, 'Inertia: time in which the own motion of a hidden marker fades to a third; '
-        '0 is off', unit='s', range=(0., 1.))
+        0.04, 'Inertia: time constant in which the own motion of a hidden marker fades; 0 is off',
+        unit='s', range=(0., 1.))
     palm_from_fingers: bool = _option(
-        True, 'Whether the markers of the digits tell how the palm turns while one of its '
-        'markers is hidden')
+        True, 'Correct a hidden palm marker by a rigid fit that includes the fingers\' markers')
     transdigital_memory: float = _option(
-        7., 'Transdigital correlation: memory of how digits move together; 0 is off',
-        unit='s', range=(0., 600.))
+        7., 'Transdigital correlation: time constant of the statistics of how digits move '
+        'together; 0 is off', unit='s', range=(0., 600.))
     link_index_middle: float = _option(
         0.6, 'Correlation of index and middle finger before any is learned', range=(0., 0.99))
     link_middle_ring: float = _option(
@@ -66,44 +71,42 @@ class TrackerOptions:
     link_ring_little: float = _option(
         0.8, 'Correlation of ring and little finger before any is learned', range=(0., 0.99))
     bound_index_middle: float = _option(
-        1.05, 'MCP flexion by which index and middle finger may differ while one is hidden',
-        unit='rad', range=(0., 3.15))
+        1.05, 'Largest difference of the MCP flexion of index and middle finger while one is '
+        'hidden', unit='rad', range=(0., 3.15))
     bound_middle_ring: float = _option(
-        0.79, 'MCP flexion by which middle and ring finger may differ while one is hidden',
-        unit='rad', range=(0., 3.15))
+        0.79, 'Largest difference of the MCP flexion of middle and ring finger while one is '
+        'hidden', unit='rad', range=(0., 3.15))
     bound_ring_little: float = _option(
-        0.79, 'MCP flexion by which ring and little finger may differ while one is hidden',
-        unit='rad', range=(0., 3.15))
+        0.79, 'Largest difference of the MCP flexion of ring and little finger while one is '
+        'hidden', unit='rad', range=(0., 3.15))
     friction: float = _option(
-        0., 'Friction: share of the movement of what touches a hidden digit that it follows; '
-        '0 is off, as it gains nothing on captured hands', range=(0., 1.))
+        0., 'Friction: share of a touching digit\'s motion that a hidden digit follows; 0 is off, '
+        'as it gains nothing on captured hands', range=(0., 1.))
     rigidity: bool = _option(
-        True, 'Whether digits that are in each other or in the palm are moved apart')
+        True, 'Rigidity: move digits apart that overlap each other or the palm')
     penetration: float = _option(
-        PENETRATION, 'Overlap that rigidity leaves, as flesh gives way', unit='m',
+        PENETRATION, 'Overlap that rigidity leaves, as flesh yields', unit='m',
         range=(1e-4, 1e-2))
     outlier_gate: float = _option(
-        5., 'Standard deviations from its prediction beyond which a marker is refused, when no '
+        5., 'Standard deviations from its prediction beyond which a marker is rejected, unless a '
         'hand can move so; 0 is off', range=(0., 100.))
     swap_margin: float = _option(
-        2., 'How many times better exchanged labels have to fit; 0 is off', range=(0., 100.))
+        2., 'Factor by which exchanged labels have to fit better; 0 is off', range=(0., 100.))
     patience: float = _option(
-        0.3, 'Time after which a marker that is refused in one place is believed; 0 is never',
-        unit='s', range=(0., 60.))
+        0.3, 'Time after which a marker that is rejected in one place is accepted there; 0 is '
+        'never', unit='s', range=(0., 60.))
     max_prediction_time: float = _option(
         2., 'Time after which a hidden marker is stale', unit='s', range=(0., 600.))
     stale: str = _option(
-        'relax', 'What a stale digit does: relax to what is usual with its neighbours, or hold',
+        'relax', 'Stale digits: relax to their mean place beside their neighbours, or hold',
         choices=('relax', 'hold'))
     relax_time: float = _option(
-        1., 'Time in which a stale digit goes two thirds of the way to relax', unit='s',
-        range=(0.05, 60.))
+        1., 'Time constant in which a stale digit relaxes', unit='s', range=(0.05, 60.))
     reentry_rate: float = _option(
-        5., 'Angular rate at most of an angle that is predicted, or corrected where a marker '
-        'comes back or vanishes, unless what is seen turns it faster', unit='rad/s',
-        range=(0.1, 1000.))
+        5., 'Largest angular rate of a predicted angle, and of the correction where a marker '
+        'comes back or vanishes', unit='rad/s', range=(0.1, 1000.))
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for option in fields(self):
             value, allowed = getattr(self, option.name), option.metadata
             if isinstance(option.default, bool):
@@ -122,3 +125,59 @@ class TrackerOptions:
                 whole = 'a whole number from ' if kinds is int else ''
                 raise InvalidOption(
                     f'{option.name}: {value!r}; allowed is {whole}{lower:g} to {upper:g}')
+
+
+class KernelOptions(NamedTuple):
+    """`TrackerOptions` as kernels take them.
+
+    Attributes
+    ----------
+    by_spheres : bool
+        Palm by the paper's spheres instead of the rigid fit.
+    by_fabrik : bool
+        FABRIK instead of the closed form.
+    palm_limits : PalmLimits
+    prediction : Prediction
+
+    The other fields are those of `TrackerOptions`.
+    """
+
+    by_spheres: bool
+    by_fabrik: bool
+    fabrik_tolerance: float
+    fabrik_iterations: int
+    palm_limits: PalmLimits
+    frozen_frames: int
+    marker_noise: float
+    prediction: Prediction
+    friction: float
+    rigidity: bool
+    penetration: float
+    outlier_gate: float
+    swap_margin: float
+    patience: float
+    reentry_rate: float
+
+
+def kernel_options(options: TrackerOptions) -> KernelOptions:
+    """Return `TrackerOptions` as kernels take them: floats, even where a whole number stands."""
+    return KernelOptions(
+        by_spheres=options.palm_method == 'spheres',
+        by_fabrik=options.finger_ik == 'fabrik',
+        fabrik_tolerance=float(options.fabrik_tolerance),
+        fabrik_iterations=options.fabrik_iterations,
+        palm_limits=PalmLimits(float(options.palm_stretch), float(options.palm_shrink),
+                               float(options.palm_flatness)),
+        frozen_frames=options.frozen_frames,
+        marker_noise=float(options.marker_noise),
+        prediction=Prediction(
+            options.smoothing, float(options.inertia), options.palm_from_fingers,
+            float(options.transdigital_memory), float(options.max_prediction_time),
+            float(options.relax_time) if options.stale == 'relax' else 0.),
+        friction=float(options.friction),
+        rigidity=options.rigidity,
+        penetration=float(options.penetration),
+        outlier_gate=float(options.outlier_gate),
+        swap_margin=float(options.swap_margin),
+        patience=float(options.patience),
+        reentry_rate=float(options.reentry_rate))

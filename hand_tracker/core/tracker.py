@@ -1,12 +1,13 @@
-"""The tracker: eight markers in, the hand's pose out, frame by frame.
+"""The tracker: positions of eight markers in, angles and pose of the hand out, frame by frame.
 
-`HandTracker` owns all state and checks what comes in; the sequence is `track_frame`.
+`HandTracker` validates the input and owns all state; the method is `pipeline.track_frame`.
 """
 
 from copy import deepcopy
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .filtering.frame_clock import initial_clock
 from .filtering.smoothing import noise_levers
@@ -25,19 +26,20 @@ from .model.marker_layout import (
 )
 from .model.states import PALM_STATES, MarkerState, PalmState
 from .numerics.jit import another, packed, parts
-from .occlusion.transdigital import prior_of
-from .options import TrackerOptions
-from .pipeline import Model, blank_state, choices, track_frame
+from .occlusion.transdigital import DigitPrior, prior_correlation
+from .options import TrackerOptions, kernel_options
+from .pipeline import track_frame
 from .pose.report import blank_report
+from .records import Model, State, blank_state
 
 __all__ = ['HandState', 'HandTracker', 'MarkerState', 'PalmState', 'TrackerOptions']
 
-MIRROR = np.array((1., -1., 1.))
-PALM = len(PALM_MARKERS)
+LEFT_HAND_MIRROR = np.array((1., -1., 1.))  # signs of the axes
+PALM_COUNT = len(PALM_MARKERS)
 
 
 class HandState(NamedTuple):
-    """The hand after a frame.
+    """Tracked hand of one frame.
 
     Attributes
     ----------
@@ -45,21 +47,21 @@ class HandState(NamedTuple):
     angles : ndarray, shape (25,)
         In the order of `JOINTS` [rad].
     wrist_rotation : ndarray, shape (3, 3)
-        From the wrist's frame to that of the markers.
+        From the wrist's frame to the markers' frame.
     wrist_position : ndarray, shape (3,)
-        [m]
+        In the markers' frame [m].
     pose : Pose
-        The 25 links in the frame of the markers: forward kinematics of the above.
+        The 25 links in the markers' frame: forward kinematics of the above.
     markers : ndarray, shape (8, 3)
-        The positions used, seen or predicted [m].
+        Positions used, measured or predicted [m].
     marker_states : ndarray of int, shape (8,)
         `MarkerState` of each marker.
     hidden_for : ndarray, shape (8,)
-        Since when each marker is not seen, 0 where it is [s].
+        Time since each marker was seen, 0 for seen ones [s].
     confidence : ndarray, shape (25,)
-        Of each angle, from 1, measured now, to 0, unknown.
+        Of each angle, from 1 (measured now) to 0 (unknown).
     residuals : ndarray, shape (8,)
-        Distance of each seen marker from its place on the pose, NaN when not seen [m].
+        Distance of each seen marker from its place on the pose, NaN for hidden ones [m].
     iterations : int
         Of FABRIK, over all digits.
     """
@@ -78,7 +80,7 @@ class HandState(NamedTuple):
 
 
 class HandTracker:
-    """Track one hand.
+    """Track one hand by its markers.
 
     Parameters
     ----------
@@ -90,8 +92,16 @@ class HandTracker:
 
     Attributes
     ----------
+    hand : Hand
+    layout : MarkerLayout
+    options : TrackerOptions
     restarted : bool
-        Whether time jumped back with the last frame, so that all began anew.
+        Whether time jumped back with the last frame, so that tracking began anew.
+
+    Raises
+    ------
+    InvalidLayout
+        If the hand cannot be solved from the layout.
 
     Examples
     --------
@@ -99,16 +109,23 @@ class HandTracker:
     >>> state = tracker.update(markers)  # markers: (8, 3) [m], NaN where not seen
     """
 
-    def __init__(self, hand=None, layout=None, options=None):
-        self._wear(Hand.scaled() if hand is None else hand,
-                   MarkerLayout() if layout is None else layout,
-                   TrackerOptions() if options is None else options)
+    hand: Hand
+    layout: MarkerLayout
+    options: TrackerOptions
+    restarted: bool
+
+    def __init__(self, hand: Hand | None = None, layout: MarkerLayout | None = None,
+                 options: TrackerOptions | None = None) -> None:
+        self._set_hand(Hand.scaled() if hand is None else hand,
+                       MarkerLayout() if layout is None else layout,
+                       TrackerOptions() if options is None else options)
         self.reset()
 
-    def configure(self, hand=None, layout=None, options=None):
+    def configure(self, hand: Hand | None = None, layout: MarkerLayout | None = None,
+                  options: TrackerOptions | None = None) -> None:
         """Replace hand, layout or options from the next frame on.
 
-        The pose is kept, unless the hand is of the other side: then all begins anew.
+        The pose is kept, unless the side of the hand changes: then tracking begins anew.
 
         Parameters
         ----------
@@ -119,136 +136,142 @@ class HandTracker:
         Raises
         ------
         InvalidLayout
-            If nothing can be solved from the layout on the hand.
+            If the hand cannot be solved from the layout.
         """
         side = self.hand.side
-        self._wear(self.hand if hand is None else hand, self.layout if layout is None else layout,
-                   self.options if options is None else options)
+        self._set_hand(self.hand if hand is None else hand,
+                       self.layout if layout is None else layout,
+                       self.options if options is None else options)
         if self.hand.side != side:
             self.reset()
         elif layout is not None:
-            # Hidden markers are where the pose has them, in their new places.
-            self._state.digits.mean[:, :3] = self._on_right_hand(self._state.angles)
+            # The tracks of the digits move to the new markers of the present pose.
+            self._state.digits.mean[:, :3] = self._digit_markers(self._state.angles)
 
-    def _wear(self, hand, layout, options):
+    def _set_hand(self, hand: Hand, layout: MarkerLayout, options: TrackerOptions) -> None:
+        """Derive and pack all that depends on hand, layout and options alone."""
         right = hand.replace(side='right')
         mounting = layout.mounting(right)
         require_solvable(mounting)
         self.hand, self.layout, self.options = hand, layout, options
         digits = chains(right, mounting)
         self._right_table, self._right_mounting = joint_table(right), mounting
-        self._template = mounting.position[:PALM].copy()
+        self._template = mounting.position[:PALM_COUNT].copy()
         self._relaxed = right.relaxed()
-        self._rest = self._on_right_hand(self._relaxed)
+        self._rest = self._digit_markers(self._relaxed)
 
-        # Where the kernels read it
-        self._choices, _ = packed(choices(options))
-        self._digits, _ = packed(digits)
-        self._measured_digits, _ = packed(deepcopy(digits))
+        self._options, _ = packed(kernel_options(options))
+        self._chains, _ = packed(digits)
+        self._measured_chains, _ = packed(deepcopy(digits))
         self._model, _ = packed(Model(
-            self._template, self._rest, noise_levers(self._template, self._rest),
-            prior_of(options.link_index_middle, options.link_middle_ring,
-                     options.link_ring_little),
+            self._template,
+            DigitPrior(self._rest, prior_correlation(
+                options.link_index_middle, options.link_middle_ring, options.link_ring_little)),
+            noise_levers(self._template, self._rest),
             np.array((options.bound_index_middle, options.bound_middle_ring,
                       options.bound_ring_little)),
             hand_bounds(digits, typical_places(right, mounting)),
             capsules(right), joint_table(hand), layout.mounting(hand),
-            MIRROR if hand.side == 'left' else np.ones(3)))
-        self._blank, _ = packed(self._beginning())
+            LEFT_HAND_MIRROR if hand.side == 'left' else np.ones(3)))
+        self._blank, _ = packed(self._blank_state())
 
-    def _beginning(self):
+    def _blank_state(self) -> State:
+        """Return the state before the first frame."""
         return blank_state(
             self._template, self._rest, self._relaxed, self.options.marker_noise)
 
-    def _on_right_hand(self, angles):
-        """Return the digits' markers in the wrist's frame of the right hand, shape (5, 3)."""
+    def _digit_markers(self, angles: np.ndarray) -> np.ndarray:
+        """Return the digits' markers in the right hand's wrist frame, shape (5, 3) [m]."""
         return marker_positions(
-            self._right_mounting, forward(self._right_table, angles))[PALM:]
+            self._right_mounting, forward(self._right_table, angles))[PALM_COUNT:]
 
     @property
-    def placed(self):
-        """Whether the palm was seen since all began; before, the pose is none to publish."""
-        return bool(self._state.placed[0])
+    def placed(self) -> bool:
+        """Whether the palm has been seen; before, the pose is not a measured one."""
+        return bool(self._state.wrist.placed[0])
 
-    def reset(self):
+    def reset(self) -> None:
         """Return to the state before the first frame."""
         self.restarted = False
         self._clock, _ = packed(initial_clock())
         self._report, _ = packed(blank_report())
-        self._kept, self._state = packed(self._beginning())
+        self._state_pack, self._state = packed(self._blank_state())
 
-    def update(self, markers, time=None, distal_flexion=None):
-        """Return the hand for the next frame of markers.
+    def update(self, markers: ArrayLike, time: float | None = None,
+               distal_flexion: ArrayLike | None = None) -> HandState:
+        """Track the next frame.
 
         Parameters
         ----------
         markers : array_like, shape (8, 3)
-            In the order of `MARKERS` [m]; a row with a number that is not finite, or
-            farther than a kilometre, is not seen.
+            In the order of `MARKERS` [m]; a row with a number that is not finite, or beyond a
+            kilometre, is not seen.
         time : float, optional
-            Of the frame, on any clock; when it jumps back all begins anew. When left out
-            frames are taken to come evenly, at the rate so far or 120 Hz [s].
+            Of the frame, on any clock; tracking begins anew when it jumps back. When left out
+            frames are taken as evenly spaced, at the rate so far or 120 Hz [s].
         distal_flexion : array_like, shape (5,), optional
-            Measured flexion of the last joint of each digit, in place of its coupling; NaN
-            where none is [rad].
+            Measured flexion of the last joint of each digit, which replaces its coupling; NaN
+            where none is measured [rad].
 
         Returns
         -------
         HandState
-            Always finite and within the limits; before the palm was first seen its
-            `palm` is WAITING and the pose is that of rest at the origin.
+            Always finite and within the limits; before the palm is first seen its `palm` is
+            WAITING and its pose the relaxed hand at the origin.
 
         Raises
         ------
         ValueError
-            If the shape is another.
+            If a shape is another.
         """
-        markers = np.array(markers, dtype=float)
-        if markers.shape != (len(MARKERS), 3):
-            raise ValueError(f'markers: shape {markers.shape}; expected {(len(MARKERS), 3)}')
+        frame = np.array(markers, dtype=float)
+        if frame.shape != (len(MARKERS), 3):
+            raise ValueError(f'markers: shape {frame.shape}; expected {(len(MARKERS), 3)}')
         report = another(self._report)
         self.restarted = bool(track_frame(
-            *self.kernel_arguments(distal_flexion)[:-1], report, markers,
+            *self.kernel_arguments(distal_flexion)[:-1], report, frame,
             np.nan if time is None else float(time)))
-        return self.told(report)
+        return self.state_from_report(report)
 
-    def kernel_arguments(self, distal_flexion=None):
-        """Return what `track_frame` takes before the markers; it stays until `configure`.
+    def kernel_arguments(self, distal_flexion: ArrayLike | None = None) -> tuple[Any, ...]:
+        """Return the arguments of `track_frame` up to the report, valid until `configure`.
 
         Parameters
         ----------
-        distal_flexion : ndarray, shape (5,), optional
+        distal_flexion : array_like, shape (5,), optional
             As for `update`.
 
         Returns
         -------
         tuple of packs
         """
-        return (self._model, self._chains_with(distal_flexion), self._choices, self._clock,
-                self._blank, self._kept, self._report)
+        return (self._model, self._chains_with(distal_flexion), self._options, self._clock,
+                self._blank, self._state_pack, self._report)
 
     @staticmethod
-    def told(report):
-        """Return the `HandState` of a packed `Report`, whose arrays it takes."""
+    def state_from_report(report: Any) -> HandState:
+        """Return the `HandState` of a packed `Report`; they share their arrays."""
         (palm,), angles, rotation, position, rotations, positions, *known, (iterations,) = (
             parts(report))
         return HandState(PALM_STATES[palm], angles, rotation, position,
                          Pose(rotations, positions), *known, int(iterations))
 
-    def _chains_with(self, distal_flexion):
+    def _chains_with(self, distal_flexion: ArrayLike | None) -> Any:
+        """Return the packed chains, with measured last joints in place of their couplings."""
         if distal_flexion is None:
-            return self._digits
-        distal_flexion = np.array(distal_flexion, dtype=float)
-        if distal_flexion.shape != (len(DIGITS),):
-            raise ValueError(f'distal_flexion: shape {distal_flexion.shape}; '
-                             f'expected {(len(DIGITS),)}')
-        measure(self._digits, distal_flexion, self._measured_digits)
-        return self._measured_digits
+            return self._chains
+        flexion = np.array(distal_flexion, dtype=float)
+        if flexion.shape != (len(DIGITS),):
+            raise ValueError(
+                f'distal_flexion: shape {flexion.shape}; expected {(len(DIGITS),)}')
+        measure(self._chains, flexion, self._measured_chains)
+        return self._measured_chains
 
-    def __getstate__(self):
-        return {name: value for name, value in self.__dict__.items() if name != '_kept'}
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the attributes but the state's pack, which `_state` has views of."""
+        return {name: value for name, value in self.__dict__.items() if name != '_state_pack'}
 
-    def __setstate__(self, kept):
-        self.__dict__.update(kept)
-        # Of a copy, too, the state is what the kernels write into.
-        self._kept, self._state = packed(self._state)
+    def __setstate__(self, attributes: dict[str, Any]) -> None:
+        """Restore the attributes; pack the state anew, so that `_state` has views of the pack."""
+        self.__dict__.update(attributes)
+        self._state_pack, self._state = packed(self._state)

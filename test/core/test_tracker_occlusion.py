@@ -272,8 +272,9 @@ def test_a_stray_stamp_changes_nothing(stray):
         np.testing.assert_allclose(found.angles, expected.angles, atol=1e-4)
         np.testing.assert_array_equal(found.marker_states, expected.marker_states)
     for name in ('weight', 'first', 'second', 'motion'):
-        np.testing.assert_allclose(getattr(disturbed._state.habits, name),
-                                   getattr(even._state.habits, name), rtol=1e-3, atol=1e-6)
+        np.testing.assert_allclose(
+            *(getattr(tracker._state.transdigital.statistics, name)
+              for tracker in (disturbed, even)), rtol=1e-3, atol=1e-6)
     np.testing.assert_allclose(disturbed._state.noise.deviation, even._state.noise.deviation,
                                rtol=1e-3)
 

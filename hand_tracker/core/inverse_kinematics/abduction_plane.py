@@ -1,4 +1,4 @@
-"""The plane of a digit: it holds the abduction axis and the marker (the paper's Φi)."""
+"""Plane of a digit: it holds the abduction axis and the marker (the paper's Φi)."""
 
 import math
 
@@ -6,23 +6,23 @@ from ..filtering.frame_clock import DEFAULT_STEP
 from ..numerics.jit import jit
 from ..numerics.vectors import clamp
 
-# Shares of the digit's reach in front of the joint between which the direction of the
-# marker gradually loses its say on abduction: below the first it has none. Ours.
+# Distance of the marker in front of the joint, as a share of the digit's reach, below which its
+# direction does not change abduction, and above which it determines it. Ours.
 FIST_NEAR = 0.05
 FIST_FAR = 0.20
-# What it has behind the joint, where model errors turn it round: it settles in a tenth of
-# a second, and never jumps. Ours.
-BEHIND = 0.1
-FRAME = DEFAULT_STEP  # [s] for which these shares of the way are meant
+# Weight behind the joint, where errors of the model turn the direction round: abduction then
+# settles in a tenth of a second and never jumps. Ours.
+BEHIND_JOINT_WEIGHT = 0.1
+REFERENCE_STEP = DEFAULT_STEP  # [s] for which these weights hold
 
 
 @jit
 def plane_abduction(target, lateral, reach, lower, upper, previous, step):
     """Return the turn of a digit's plane about its abduction axis, and the target in it.
 
-    In a fist the marker comes to lie under the joint and beyond: the plane is that turned
-    by less than a quarter from straight, so that it never flips; as the marker comes under
-    the joint the abduction stays at its previous value, and behind it follows slowly.
+    The turn is less than a quarter from straight, so that the plane never flips when a fist
+    brings the marker under the joint and behind it: as it comes under the joint abduction keeps
+    its previous value, and behind it follows slowly.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def plane_abduction(target, lateral, reach, lower, upper, previous, step):
     lower, upper, previous : float
         Limits and previous value of the turn about z [rad].
     step : float
-        Since the previous value, `FRAME` where no time passes [s].
+        Since the previous value, `REFERENCE_STEP` where no time passes [s].
 
     Returns
     -------
@@ -52,9 +52,9 @@ def plane_abduction(target, lateral, reach, lower, upper, previous, step):
         direction = math.atan2(forward * y, abs(x)) - math.asin(aside)
         weight = share * share * (3.0 - 2.0 * share)
         if x < 0.0:
-            weight *= BEHIND
+            weight *= BEHIND_JOINT_WEIGHT
         if weight < 1.0:
-            weight = 1.0 - (1.0 - weight) ** (step / FRAME)
+            weight = 1.0 - (1.0 - weight) ** (step / REFERENCE_STEP)
         turn = previous + weight * (direction - previous)
     turn = clamp(turn, lower, upper)
     return turn, x * math.cos(turn) + y * math.sin(turn), z

@@ -1,7 +1,7 @@
-"""Inverse kinematics of one digit: its plane, its flexion, its intradigital correlation.
+"""Inverse kinematics of a digit: abduction plane, flexion, intradigital correlation.
 
-The thumb is solved as the fingers are: its saddle joint only has an abduction axis and a
-rest direction of its own (`Hand`), where the paper puts its plane through the index MCP.
+The thumb is solved like a finger; only the abduction axis and the rest direction of its saddle
+joint are its own (`Hand`), where the paper puts its plane through the index MCP.
 """
 
 import math
@@ -9,33 +9,34 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS, RELAXED_FINGERS, RELAXED_THUMB
+from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS, RELAXED_FINGERS, RELAXED_THUMB, Hand
 from ..model.kinematics import ABDUCTION_SIGN, digit_base
-from ..model.marker_layout import MARKERS
-from ..numerics.jit import jit
+from ..model.marker_layout import MARKERS, Mounting
+from ..numerics.jit import jit, packed
 from ..numerics.vectors import clamp, components, frame, vector
 from .abduction_plane import plane_abduction
 from .fabrik import fabrik
-from .three_bone import coupled_angle, coupled_form, straightest
-from .two_bone import closed_form
+from .three_bone import coupled_angle, solve_three_bone, straightest
+from .two_bone import Linkage, solve_two_bone
 
-# Second flexion for one of the first, between the straight and the relaxed hand.
-NATURAL = np.array([second / first for first, second in (*RELAXED_FINGERS, RELAXED_THUMB[1::2])])
+# [1] second flexion over the first between the straight and the relaxed hand, (5,)
+NATURAL_FLEXION_RATIO = np.array([
+    second / first for first, second in (*RELAXED_FINGERS, RELAXED_THUMB[1::2])])
 
 
 class Chains(NamedTuple):
-    """The five digits as the solver sees them, of a right hand.
+    """Chains of the five digits for inverse kinematics, of a right hand.
 
     Attributes
     ----------
     root : ndarray, shape (5, 3)
-        The joint at which the chain starts, in the wrist's frame [m].
+        Joint at which each chain starts, in the wrist's frame [m].
     base : ndarray, shape (5, 3, 3)
         Rotation from the chain's base to the wrist's frame (`digit_base`).
     tilt : ndarray, shape (5,)
-        Flexion of the base's rest direction [rad].
+        Flexion of the rest direction in the base [rad].
     hinges : ndarray of int, shape (5,)
-        2 when the marker rides behind the second hinge, 3 behind the third.
+        Hinges of flexion up to the marker, 2 or 3.
     bones : ndarray, shape (5, 3)
         Distances hinge to hinge, the last of `hinges` to the marker [m].
     droop : ndarray, shape (5,)
@@ -43,15 +44,15 @@ class Chains(NamedTuple):
     lateral : ndarray, shape (5,)
         Distance of the marker from the plane, along y [m].
     start : ndarray, shape (5,)
-        Second flexion at which a coupled chain is straightest [rad].
+        Second flexion at which a coupled chain is `straightest` [rad].
     sign : ndarray, shape (5,)
         Sign of a turn about z that abducts.
     lower, upper : ndarray, shape (25,)
         Limits [rad].
     coupling : ndarray, shape (5, 2)
-        Slope and offset [1, rad].
+        Slope and offset of the third flexion over the second [1, rad].
     measured : ndarray of bool, shape (5,)
-        Whether the last joint is measured in place of coupled.
+        Whether a measured last joint replaces the coupling.
     """
 
     root: np.ndarray
@@ -69,8 +70,8 @@ class Chains(NamedTuple):
     measured: np.ndarray
 
 
-def chains(hand, mounting):
-    """Return the digits of a right hand with their markers.
+def chains(hand: Hand, mounting: Mounting) -> Chains:
+    """Return the chains of a right hand's digits with their markers.
 
     Parameters
     ----------
@@ -92,24 +93,25 @@ def chains(hand, mounting):
     bones[np.arange(5), np.where(third, 2, 1)] = np.hypot(markers[:, 0], markers[:, 2])
     droop = np.arctan2(-markers[:, 2], markers[:, 0])
     lower, upper = hand.limits.T.copy()
-    start = np.array([_start(digit, bones, droop, hand.coupling, lower, upper)
-                      for digit in range(5)])
-    return Chains(root, base, tilt, np.where(third, 3, 2), bones, droop,
-                  markers[:, 1].copy(), start, np.array(ABDUCTION_SIGN),
-                  lower, upper, hand.coupling.copy(), np.zeros(5, dtype=bool))
+    pack, found = packed(Chains(
+        root, base, tilt, np.where(third, 3, 2), bones, droop, markers[:, 1].copy(), np.zeros(5),
+        np.array(ABDUCTION_SIGN), lower, upper, hand.coupling.copy(), np.zeros(5, dtype=bool)))
+    # Without a measured flexion this finds `start`.
+    measure(pack, np.full(5, np.nan), pack)
+    return found
 
 
 @jit
 def measure(chains, distal_flexion, measured):
-    """Take measured flexions of last joints in place of their couplings.
+    """Replace the couplings of last joints by measured flexions.
 
     Parameters
     ----------
     chains : packed Chains
     distal_flexion : ndarray, shape (5,)
-        NaN where not measured; the limits of those joints hold [rad].
+        Clamped to the joints' limits; NaN where not measured [rad].
     measured : packed Chains
-        Those, but for `coupling`, `measured` and `start`, which are replaced.
+        Equal to `chains` but for `coupling`, `measured` and `start`, which are replaced.
     """
     chains, measured = chains[0], measured[0]
     for digit in range(5):
@@ -122,21 +124,24 @@ def measure(chains, distal_flexion, measured):
         measured.measured[digit] = known
         measured.coupling[digit, 0] = slope
         measured.coupling[digit, 1] = offset
-        measured.start[digit] = _start(
-            digit, chains.bones, chains.droop, measured.coupling, chains.lower, chains.upper)
+        measured.start[digit] = straightest(_linkage(measured, digit))
 
 
 @jit
-def _start(digit, bones, droop, coupling, lower, upper):
-    second, third = FLEXION_JOINTS[digit, 1], FLEXION_JOINTS[digit, 2]
-    return straightest(
-        bones[digit, 0], bones[digit, 1], bones[digit, 2], droop[digit], coupling[digit, 0],
-        coupling[digit, 1], lower[second], upper[second], lower[third], upper[third])
+def _linkage(chains, digit):
+    """Return the `Linkage` of a digit's flexions."""
+    bones = chains.bones[digit]
+    first, second, third = FLEXION_JOINTS[digit]
+    lower, upper = chains.lower, chains.upper
+    return Linkage((bones[0], bones[1], bones[2]), chains.droop[digit],
+                   (lower[first], lower[second], lower[third]),
+                   (upper[first], upper[second], upper[third]),
+                   chains.coupling[digit, 0], chains.coupling[digit, 1])
 
 
 @jit
 def solve_digit(chains, digit, target, angles, step, by_fabrik, tolerance, iterations):
-    """Solve one digit for its marker; its joints in `angles` are replaced.
+    """Solve one digit's angles for its marker.
 
     Parameters
     ----------
@@ -146,13 +151,13 @@ def solve_digit(chains, digit, target, angles, step, by_fabrik, tolerance, itera
     target : vector
         The marker from the chain's root, in the wrist's frame [m].
     angles : ndarray, shape (25,)
-        Previous angles, replaced [rad].
+        Previous angles; the digit's are replaced [rad].
     step : float
-        Since the previous angles, `plane.FRAME` where no time passes [s].
+        Since the previous angles, `REFERENCE_STEP` where no time passes [s].
     by_fabrik : bool
         FABRIK instead of the closed form.
     tolerance, iterations : float, int
-        Of FABRIK [m].
+        At which FABRIK stops [m, 1].
 
     Returns
     -------
@@ -167,7 +172,7 @@ def solve_digit(chains, digit, target, angles, step, by_fabrik, tolerance, itera
     hinges = chains.hinges[digit]
     droop = chains.droop[digit]
     tilt = chains.tilt[digit]
-    slope, offset = chains.coupling[digit]
+    linkage = _linkage(chains, digit)
     sign = chains.sign[digit]
 
     reach = 0.0
@@ -199,17 +204,14 @@ def solve_digit(chains, digit, target, angles, step, by_fabrik, tolerance, itera
         for i in range(hinges):
             angles[joints[i]] = bends[i]
     elif hinges == 2:
-        angles[first], angles[second] = closed_form(
-            along, height, bones[0], bones[1], droop, NATURAL[digit], lower[first],
-            upper[first], lower[second], upper[second], angles[second], step)
+        angles[first], angles[second] = solve_two_bone(
+            along, height, linkage, NATURAL_FLEXION_RATIO[digit], angles[second], step)
     else:
-        angles[first], angles[second], angles[third] = coupled_form(
-            along, height, bones[0], bones[1], bones[2], droop, slope, offset,
-            chains.start[digit], lower[first], upper[first],
-            lower[second], upper[second], lower[third], upper[third])
+        angles[first], angles[second], angles[third] = solve_three_bone(
+            along, height, linkage, chains.start[digit])
     if hinges == 2:
-        angles[third] = coupled_angle(angles[second], slope, offset, lower[third], upper[third])
-    # Offsets of markers and turns of base may round past a limit.
+        angles[third] = coupled_angle(linkage, angles[second])
+    # Rounding of droop and sign may step past a limit.
     for joint in (abduction, first, second, third):
         angles[joint] = clamp(angles[joint], lower[joint], upper[joint])
     return used

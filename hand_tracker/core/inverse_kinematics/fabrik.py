@@ -1,9 +1,8 @@
-"""FABRIK with hinge limits, in the plane of a digit (Aristidou & Lasenby, 2011).
+"""FABRIK with hinge limits in the plane of a digit (Aristidou & Lasenby, 2011).
 
-The paper's solver. What makes it dependable here: signed angles are clamped in both
-passes, so that nothing breaks at 90 degrees; a chain that is straight is bent a little
-first, because FABRIK never leaves a line with a collinear target; the best iterate is
-returned, and the iteration stops where it no longer gains.
+The paper's solver, made dependable: signed angles are clamped in both passes, so that nothing
+breaks at 90 degrees; a straight chain starts slightly bent, as FABRIK never leaves a line
+through a collinear target; the best iterate is returned, and stagnation ends the iteration.
 """
 
 import math
@@ -14,13 +13,14 @@ from ..numerics.jit import jit
 from ..numerics.vectors import clamp, clamp_angle
 from .two_bone import flexion_of
 
-NUDGE = 0.1        # [rad] least flexion of the inner hinges at the start
-STAGNATION = 1e-3  # share of the error that eight iterations must gain
+MIN_START_FLEXION = 0.1  # [rad] of the inner hinges
+STAGNATION_GAIN = 1e-3   # [1] share of the error that STAGNATION_PERIOD iterations must gain
+STAGNATION_PERIOD = 8
 
 
 @jit
 def fabrik(along, height, bones, lower, upper, angles, tolerance, iterations):
-    """Bring the end of a planar chain to the target, within the limits of its hinges.
+    """Solve a planar chain for its target by FABRIK, within the limits of its hinges.
 
     Parameters
     ----------
@@ -29,13 +29,13 @@ def fabrik(along, height, bones, lower, upper, angles, tolerance, iterations):
     bones : ndarray, shape (n,)
         Lengths [m].
     lower, upper : ndarray, shape (n,)
-        Limits of each hinge, the first against the x axis [rad].
+        Limits of each hinge, the first one's against the x axis [rad].
     angles : ndarray, shape (n,)
-        Flexion of each hinge: the previous solution, replaced by this one [rad].
+        Flexion of each hinge: the start, replaced by the solution [rad].
     tolerance : float
         Distance from the target at which the iteration stops [m].
     iterations : int
-        At most so many.
+        Limit of the iterations.
 
     Returns
     -------
@@ -49,10 +49,10 @@ def fabrik(along, height, bones, lower, upper, angles, tolerance, iterations):
     for i in range(n):
         bend = angles[i]
         if i > 0:
-            bend = max(bend, NUDGE)
+            bend = max(bend, MIN_START_FLEXION)
         angles[i] = clamp(bend, lower[i], upper[i])
     _place(bones, angles, x, z, heading)
-    # Aimed at the target first, or a hinge that bends one way only is pushed to its stop.
+    # Without aiming at the target first, a hinge that bends one way only hits its stop.
     aim = flexion_of(along, height) - flexion_of(x[n], z[n])
     angles[0] = clamp_angle(angles[0] + aim, lower[0], upper[0])
     _place(bones, angles, x, z, heading)
@@ -88,8 +88,8 @@ def fabrik(along, height, bones, lower, upper, angles, tolerance, iterations):
             best = error
             for i in range(n):
                 best_angles[i] = angles[i]
-        if used % 8 == 0:
-            if best > (1.0 - STAGNATION) * checked:
+        if used % STAGNATION_PERIOD == 0:
+            if best > (1.0 - STAGNATION_GAIN) * checked:
                 break
             checked = best
     for i in range(n):
@@ -99,7 +99,7 @@ def fabrik(along, height, bones, lower, upper, angles, tolerance, iterations):
 
 @jit
 def _place(bones, angles, x, z, heading):
-    """Place the joints of the chain by its angles."""
+    """Write the joints (n + 1,) [m] and headings (n,) [rad] of a chain at given angles."""
     base = 0.0
     for i in range(bones.shape[0]):
         base += angles[i]

@@ -1,11 +1,14 @@
-"""The palm: wrist pose and palm joints from the markers r, p and q.
+"""Inverse kinematics of the palm: wrist pose and palm joints from the markers r, p and q.
 
-Two constructions: a rigid fit of the palm to its three markers, and the paper's
-Σp ∨ Σq ∨ Φx, two spheres cut by the hand plane. The vector forms equal the paper's
-conformal algebra; chirality settles its ±, so that the first frame needs no history.
+Two constructions: a rigid fit of the palm to its three markers, and the paper's Σp ∨ Σq ∨ Φx,
+the intersection of two spheres with the hand plane. The vector forms equal the paper's conformal
+geometric algebra; the hand's chirality resolves its ±, so that no history is needed.
 """
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from ..model.states import COINCIDENT, COLLINEAR, TOO_CLOSE, TOO_FAR_APART, TRACKED
 from ..numerics.jit import jit
@@ -25,15 +28,54 @@ from ..numerics.vectors import (
     vector,
 )
 
-ROUNDING = 1e-12  # below this share of the whole a difference is rounding
+RELATIVE_ROUNDING = 1e-12  # [1] a difference below this share of the whole is rounding
+
+
+class Wrist(NamedTuple):
+    """Pose of the wrist.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (3, 3)
+        From the wrist's frame to the markers' frame.
+    position : ndarray, shape (3,)
+        Origin of the wrist's frame in the markers' frame [m].
+    placed : ndarray of bool, shape (1,)
+        Whether the palm has been seen, so that the pose is a measured one.
+    """
+
+    rotation: np.ndarray
+    position: np.ndarray
+    placed: np.ndarray
+
+
+class PalmLimits(NamedTuple):
+    """Limits within which three markers are a hand's palm, as shares of the hand's own.
+
+    Attributes
+    ----------
+    stretch, shrink : float
+        Largest and smallest length of a side [1].
+    flatness : float
+        Smallest area for the mean length of the sides [1].
+    """
+
+    stretch: float
+    shrink: float
+    flatness: float
+
+
+def wrist_at_origin() -> Wrist:
+    """Return the `Wrist` before the palm is first seen."""
+    return Wrist(np.eye(3), np.zeros(3), np.zeros(1, dtype=bool))
 
 
 @jit
 def triad(r, p, q):
     """Return the frame of the triangle r p q: y from q to p, z its dorsal normal.
 
-    The normal of Φx (Eq. 8) is made unit length and points dorsally on a right hand,
-    because p lies on the thumb's side of q.
+    z is the unit normal of the hand plane Φx (Eq. 8); it points dorsally on a right hand,
+    where p lies on the thumb's side of q.
 
     Parameters
     ----------
@@ -51,24 +93,24 @@ def triad(r, p, q):
 
 @jit
 def rigid_palm(r, p, q, template_r, template_p, template_q):
-    """Return the pose of the palm that fits its three markers best.
+    """Return the wrist pose of the least-squares rigid fit to the palm markers.
 
-    Kabsch's least-squares rotation in closed form: for two triangles of the same
-    orientation it lays plane on plane and turns within the plane.
+    Kabsch's rotation in closed form: of two triangles of the same orientation it aligns the
+    planes and then turns within the plane.
 
     Parameters
     ----------
     r, p, q : vector
         Markers [m]; not collinear.
     template_r, template_p, template_q : vector
-        The same in the wrist's frame [m].
+        The same markers in the wrist's frame [m].
 
     Returns
     -------
     axes : frame
-        Of the wrist.
+        Axes of the wrist's frame.
     origin : vector
-        The wrist [m].
+        Origin of the wrist's frame [m].
     """
     center = scale(add(add(r, p), q), 1.0 / 3.0)
     template_center = scale(add(add(template_r, template_p), template_q), 1.0 / 3.0)
@@ -94,9 +136,9 @@ def rigid_palm(r, p, q, template_r, template_p, template_q):
 
 @jit
 def triad_palm(r, p, q, template_r, template_p, template_q):
-    """Return the palm's pose as the paper has it: the plane Φx, the line pq and r.
+    """Return the wrist pose of the paper: orientation of Φx and the line pq, position of r.
 
-    Parameters and returns as for `rigid_palm`; noise of r moves the wrist in full.
+    Parameters and returns as for `rigid_palm`. The wrist has the full noise of r.
     """
     axes = compose(triad(r, p, q), inverse(triad(template_r, template_p, template_q)))
     return axes, subtract(r, rotate(axes, template_r))
@@ -104,7 +146,7 @@ def triad_palm(r, p, q, template_r, template_p, template_q):
 
 @jit
 def spheres_and_plane(p, q, radius_p, radius_q, normal, offset, side):
-    """Return the joint on two spheres and a plane: Σp ∨ Σq ∨ Φ (Eqs. 3 to 5).
+    """Intersect two spheres and a plane: Σp ∨ Σq ∨ Φ (Eqs. 3 to 5).
 
     Parameters
     ----------
@@ -117,18 +159,18 @@ def spheres_and_plane(p, q, radius_p, radius_q, normal, offset, side):
     offset : float
         Distance of the plane from the origin along `normal` [m].
     side : vector
-        Of the two solutions the one farther along this direction is taken.
+        Direction that selects the farther one of the two solutions.
 
     Returns
     -------
     vector
-        Where the spheres do not meet (C² ≤ 0) the centre of their circle; where the
-        plane misses the circle (B² ≤ 0) the circle's point nearest the plane [m].
+        The joint; the centre of the spheres' circle where they do not meet (C² ≤ 0), the
+        point of the circle nearest the plane where the plane misses it (B² ≤ 0) [m].
     """
     span = subtract(q, p)
     d = length(span)
     size = max(radius_p, radius_q)
-    if d <= ROUNDING * size:
+    if d <= RELATIVE_ROUNDING * size:
         return p
     u = scale(span, 1.0 / d)
     a = (d * d + radius_p * radius_p - radius_q * radius_q) / (2.0 * d)
@@ -139,7 +181,7 @@ def spheres_and_plane(p, q, radius_p, radius_q, normal, offset, side):
     across = subtract(normal, scale(u, dot(normal, u)))
     s2 = dot(across, across)
     e = dot(normal, center) - offset
-    if s2 <= ROUNDING:
+    if s2 <= RELATIVE_ROUNDING:
         toward = subtract(side, scale(u, dot(side, u)))
         return add(center, scale(unit(toward), math.sqrt(h2)))
     foot = subtract(center, scale(across, e / s2))
@@ -156,13 +198,13 @@ def spheres_and_plane(p, q, radius_p, radius_q, normal, offset, side):
 def spheres_joint(p, q, joint, template_r, template_p, template_q):
     """Return a palm joint by the paper's construction, in the wrist's frame.
 
-    The plane is Φx moved in parallel through the joint's place in the template; the
-    chirality of the template, the side of pq on which the joint lies, chooses the solution.
+    The plane is parallel to Φx through the joint's place in the template; the side of pq on
+    which the joint lies there (chirality) selects the solution.
 
     Parameters
     ----------
     p, q : vector
-        Markers in the frame of the wrist, as `triad_palm` places it [m].
+        Markers in the wrist's frame of `triad_palm` [m].
     joint, template_r, template_p, template_q : vector
         The joint and the markers in the template [m].
 
@@ -181,17 +223,14 @@ def spheres_joint(p, q, joint, template_r, template_p, template_q):
 
 
 @jit
-def palm_fault(markers, template, stretch, shrink, flatness):
-    """Return what is wrong with the triangle of the palm markers.
+def palm_fault(markers, template, limits):
+    """Compare the triangle of the palm markers with the hand's.
 
     Parameters
     ----------
     markers, template : ndarray, shape (3, 3)
         r, p, q as measured and on the hand [m].
-    stretch, shrink : float
-        Largest and least side allowed, as shares of the side on the hand.
-    flatness : float
-        Least area allowed for sides as long as these, as a share of that on the hand.
+    limits : PalmLimits
 
     Returns
     -------
@@ -207,19 +246,20 @@ def palm_fault(markers, template, stretch, shrink, flatness):
         longest = max(longest, ratio)
         shortest = min(shortest, ratio)
         size += ratio / 3.0
-    if longest > stretch:
+    if longest > limits.stretch:
         return TOO_FAR_APART
-    if longest < shrink:
+    if longest < limits.shrink:
         return TOO_CLOSE if shortest > 0.0 else COINCIDENT
-    if shortest < shrink:
+    if shortest < limits.shrink:
         return COINCIDENT
-    if _area(markers) < flatness * size * size * _area(template):
+    if _area(markers) < limits.flatness * size * size * _area(template):
         return COLLINEAR
     return TRACKED
 
 
 @jit
 def _area(points):
+    """Return the area of a triangle, its corners as rows [m²]."""
     r = vector(points[0])
     return 0.5 * length(cross(
         subtract(vector(points[1]), r), subtract(vector(points[2]), r)))
@@ -227,19 +267,19 @@ def _area(points):
 
 @jit
 def place_palm(markers, template, by_spheres, rotation, position, roots):
-    """Place the wrist and the first joints of the digits.
+    """Place the wrist and the first joints of the digits by the palm's markers.
 
     Parameters
     ----------
-    markers, template : ndarray, shape (3, 3)
+    markers, template : ndarray, shape (3, >= 3) and (3, 3)
         r, p, q as measured and on the hand [m].
     by_spheres : bool
-        The paper's construction instead of the rigid fit.
+        Use the paper's construction instead of the rigid fit.
     rotation, position : ndarray, shape (3, 3) and (3,)
-        From the wrist's frame to that of the markers; replaced [m].
+        Pose of the wrist in the markers' frame, replaced [m].
     roots : ndarray, shape (5, 3)
-        First joints of the digits on the hand, in the wrist's frame. The paper's
-        construction replaces those that carry no marker [m].
+        First joints of the digits on the hand, in the wrist's frame; the paper's
+        construction replaces them by measured ones [m].
     """
     r, p, q = vector(markers[0]), vector(markers[1]), vector(markers[2])
     tr, tp, tq = vector(template[0]), vector(template[1]), vector(template[2])

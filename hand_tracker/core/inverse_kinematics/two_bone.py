@@ -1,18 +1,43 @@
-"""Flexion within a digit's plane, exactly: two hinges and the marker beyond the second.
+"""Flexion of a digit with two hinges, its marker beyond the second, in closed form.
 
-Angles of flexion count from x towards -z.
+Angles of flexion count from x towards -z in the digit's plane.
 """
 
 import math
+from typing import NamedTuple
 
 from ..numerics.jit import jit
 from ..numerics.vectors import clamp, clamp_angle, wrap_angle
 
-# What chooses between two bends that fit alike, against a turn of the second hinge. Ours.
-UNNATURAL = 3.0       # of its distance from what is natural with the first
-HYPEREXTENDED = 6.0   # of the extension of both beyond zero
-MISS = 1e-3           # [m/rad]
-FASTEST = 15.0        # [rad/s] at which the second hinge then turns, as quick fingers do
+# Costs that choose between two bends of equal fit, in turns of the second hinge [rad]. Ours.
+UNNATURAL_COST = 3.0        # [1] per distance from the natural flexion beside the first
+HYPEREXTENSION_COST = 6.0   # [1] per extension of both beyond zero
+MISS_PER_RADIAN = 1e-3      # [m/rad] of the marker
+MAX_SECOND_HINGE_SPEED = 15.0  # [rad/s] of the turn to the chosen bend, as of quick fingers
+
+
+class Linkage(NamedTuple):
+    """Planar chain of a digit's hinges, from the first flexion to the marker.
+
+    Attributes
+    ----------
+    bones : tuple of three float
+        Distances hinge to hinge, the last one's to the marker; the third is not read of a
+        chain of two hinges [m].
+    droop : float
+        Flexion of the marker seen from the last hinge at zero angle [rad].
+    lower, upper : tuple of three float
+        Limits of the flexions [rad].
+    slope, offset : float
+        Coupling of the third flexion to the second [1, rad].
+    """
+
+    bones: tuple[float, float, float]
+    droop: float
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+    slope: float
+    offset: float
 
 
 @jit
@@ -22,30 +47,24 @@ def flexion_of(along, height):
 
 
 @jit
-def closed_form(along, height, bone, second, droop, natural, lower1, upper1, lower2, upper2,
-                previous2, step):
+def solve_two_bone(along, height, linkage, natural, previous2, step):
     """Return the two flexions that bring the end of a two-bone chain nearest the target.
 
-    There is one such bend in flexion, unless the end lies dorsal of its bone, as a marker on
-    the skin does: then the chain is straightest in flexion, and two bends, one on each side of
-    that, fit alike. Taken is what is natural and near the previous bend, and misses little; the
-    second hinge turns to it, and from straight, where millimetres tell nothing, no faster than
-    fingers do.
+    The bend in flexion is unique, unless the end droops dorsally, as a marker on the skin
+    does: then the chain is straightest in flexion, and two bends, one on each side of that, fit
+    alike. The cheaper one is taken, of naturalness, distance to the previous bend and miss.
+    The second hinge then turns to it no faster than a finger does: near straight, millimetres
+    of the marker are large angles.
 
     Parameters
     ----------
     along, height : float
         The target from the first hinge [m].
-    bone, second : float
-        Distance of the hinges, and of the second hinge from the end [m].
-    droop : float
-        Flexion of the end seen from the second hinge at zero angle [rad].
+    linkage : Linkage
     natural : float
-        Second flexion for one of the first, of a hand at ease.
-    lower1, upper1, lower2, upper2 : float
-        Limits [rad].
+        Second flexion over the first, of a hand at ease [1].
     previous2 : float
-        Previous second flexion; read where there are two bends [rad].
+        Previous second flexion, read where two bends fit alike [rad].
     step : float
         Since then [s].
 
@@ -54,53 +73,59 @@ def closed_form(along, height, bone, second, droop, natural, lower1, upper1, low
     first, second : float
         Angles of flexion [rad].
     """
-    straight = min(-droop, upper2)
+    lower2, upper2 = linkage.lower[1], linkage.upper[1]
+    straight = min(-linkage.droop, upper2)
     if straight <= max(lower2, 0.0):
-        angle1, angle2, _ = one_bend(
-            along, height, bone, second, droop, 1.0, lower1, upper1, lower2, upper2)
+        angle1, angle2, _ = solve_bend(along, height, linkage, 1.0, lower2, upper2)
         return angle1, angle2
 
     best1 = 0.0
     best2 = 0.0
     least = math.inf
     for sign, low, high in ((1.0, straight, upper2), (-1.0, lower2, straight)):
-        angle1, angle2, miss = one_bend(
-            along, height, bone, second, droop, sign, lower1, upper1, low, high)
+        angle1, angle2, miss = solve_bend(along, height, linkage, sign, low, high)
         cost = (abs(angle2 - previous2)
-                + UNNATURAL * abs(angle2 - natural * max(angle1, 0.0))
-                + HYPEREXTENDED * (max(-angle1, 0.0) + max(-angle2, 0.0)) + miss / MISS)
+                + UNNATURAL_COST * abs(angle2 - natural * max(angle1, 0.0))
+                + HYPEREXTENSION_COST * (max(-angle1, 0.0) + max(-angle2, 0.0))
+                + miss / MISS_PER_RADIAN)
         if cost < least:
             least = cost
             best1 = angle1
             best2 = angle2
-    most = FASTEST * step
+    most = MAX_SECOND_HINGE_SPEED * step
     if abs(best2 - previous2) > most:
         best2 = previous2 + math.copysign(most, best2 - previous2)
-        best1 = aimed(along, height, bone, second, best2 + droop, lower1, upper1)
+        best1 = aimed(along, height, linkage, best2)
     return best1, best2
 
 
 @jit
-def aimed(along, height, bone, second, bent, lower1, upper1):
-    """Return the first flexion that turns a bent chain towards the target [rad]."""
+def aimed(along, height, linkage, angle2):
+    """Return the first flexion that turns a chain of a given bend towards the target [rad]."""
+    bone, second = linkage.bones[0], linkage.bones[1]
+    bent = angle2 + linkage.droop
     return clamp_angle(flexion_of(along, height) - math.atan2(
-        second * math.sin(bent), bone + second * math.cos(bent)), lower1, upper1)
+        second * math.sin(bent), bone + second * math.cos(bent)),
+        linkage.lower[0], linkage.upper[0])
 
 
 @jit
-def one_bend(along, height, bone, second, droop, sign, lower1, upper1, lower2, upper2):
-    """Return the nearest bend to one side of straight.
+def solve_bend(along, height, linkage, sign, lower2, upper2):
+    """Return the flexions nearest the target with the chain bent to one side of straight.
 
-    cos PIP = (D² - l1² - l2²) / (2 l1 l2) inside the limits; on their edges the other angle is
-    the best one, which gives the nearest point of the edges: so hyperextension comes in without
-    a jump, where flexion would break a limit of the first hinge.
+    Inside the limits cos PIP = (D² - l1² - l2²) / (2 l1 l2). Beyond, the nearest point of the
+    limits' edges, on each of which the other angle is optimal: so hyperextension begins without
+    a jump where flexion would break a limit of the first hinge.
 
     Parameters
     ----------
-    along, height, bone, second, droop, lower1, upper1, lower2, upper2
-        As for `closed_form`.
+    along, height : float
+        The target from the first hinge [m].
+    linkage : Linkage
     sign : float
-        1 to bend to the flexion side, -1 to the other.
+        1 to bend to the flexion side, -1 to the extension side.
+    lower2, upper2 : float
+        Limits of the second flexion on that side [rad].
 
     Returns
     -------
@@ -109,6 +134,9 @@ def one_bend(along, height, bone, second, droop, sign, lower1, upper1, lower2, u
     miss : float
         Distance of the end from the target [m].
     """
+    bone, second = linkage.bones[0], linkage.bones[1]
+    droop = linkage.droop
+    lower1, upper1 = linkage.lower[0], linkage.upper[0]
     aim = flexion_of(along, height)
     square = along * along + height * height
     cosine = clamp(
@@ -118,12 +146,12 @@ def one_bend(along, height, bone, second, droop, sign, lower1, upper1, lower2, u
     best1 = wrap_angle(aim - math.atan2(
         second * math.sin(bend), bone + second * math.cos(bend)))
     if lower1 <= best1 <= upper1 and lower2 <= best2 <= upper2:
-        return best1, best2, miss_distance(along, height, bone, second, droop, best1, best2)
+        return best1, best2, miss_distance(along, height, linkage, best1, best2)
 
     smallest = math.inf
     for edge2 in (lower2, upper2):
-        angle1 = aimed(along, height, bone, second, edge2 + droop, lower1, upper1)
-        miss = miss_distance(along, height, bone, second, droop, angle1, edge2)
+        angle1 = aimed(along, height, linkage, edge2)
+        miss = miss_distance(along, height, linkage, angle1, edge2)
         if miss < smallest:
             smallest = miss
             best1 = angle1
@@ -133,7 +161,7 @@ def one_bend(along, height, bone, second, droop, sign, lower1, upper1, lower2, u
         rest_height = height + bone * math.sin(edge1)
         angle2 = clamp_angle(
             flexion_of(rest_along, rest_height) - edge1 - droop, lower2, upper2)
-        miss = miss_distance(along, height, bone, second, droop, edge1, angle2)
+        miss = miss_distance(along, height, linkage, edge1, angle2)
         if miss < smallest:
             smallest = miss
             best1 = edge1
@@ -142,9 +170,10 @@ def one_bend(along, height, bone, second, droop, sign, lower1, upper1, lower2, u
 
 
 @jit
-def miss_distance(along, height, bone, second, droop, angle1, angle2):
+def miss_distance(along, height, linkage, angle1, angle2):
     """Return the distance of the end of a two-bone chain from the target [m]."""
-    bent = angle1 + angle2 + droop
+    bone, second = linkage.bones[0], linkage.bones[1]
+    bent = angle1 + angle2 + linkage.droop
     return math.hypot(
         along - bone * math.cos(angle1) - second * math.cos(bent),
         height + bone * math.sin(angle1) + second * math.sin(bent))

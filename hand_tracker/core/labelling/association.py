@@ -17,7 +17,7 @@ from ..inverse_kinematics.palm import rigid_palm
 from ..model.states import REJECTED, SEEN, SWAPPED
 from ..numerics.jit import jit
 from ..numerics.vectors import clamp, components, distance, scale, store, subtract, vector
-from ..occlusion.palm_markers import carry_palm
+from ..occlusion.palm_markers import complete_palm
 from .plausibility import (
     DISORDER_COST,
     EXCHANGE_MARGIN,
@@ -437,7 +437,7 @@ def _read(reading, bounds, kept, margin, bar, rows, costs, local):
     if not (kept[0] and kept[1] and kept[2]):
         before = (vector(expected[0]), vector(expected[1]), vector(expected[2]))
         if kept[0] or kept[1] or kept[2]:
-            r, p, q = carry_palm((r, p, q), before, kept)
+            r, p, q = complete_palm((r, p, q), before, kept)
         else:
             r, p, q = before
     if not spans_plane(r, p, q):

@@ -1,4 +1,8 @@
-"""The digits' markers through occlusion: inertia, and the digits that move with them."""
+"""Digits' markers under occlusion: seen ones filtered, hidden ones predicted.
+
+A hidden marker moves on by its own fading motion (inertia), by the digits that usually move
+with it (transdigital correlation) and by what pushes it (contact), all in the wrist's frame.
+"""
 
 import math
 
@@ -7,59 +11,46 @@ import numpy as np
 from ..filtering.tracks import predict_track, update_track
 from ..numerics.jit import jit
 from ..numerics.vectors import add, components, dot, frame, length, scale, subtract, vector
-from .transdigital import learn, shares_of
+from .transdigital import learn, regress_hidden
 
-# From captures.
-HORIZON = .3           # [s] over which a velocity counts as a move
-FLOOR = .003           # [m] moves of neighbours that are smaller tell little
-PRIOR_SPREAD = .03     # [m] moves for which the prior stands
+FIRST_RELAX_TIME = 1e-9  # [s] relax time in the first frame: digits never seen start relaxed
 
 
 @jit
-def follow_digits(markers, seen, tracks, rotation, position, rest, habits, prior, shares,
-                  pushed, step, noise, smooth, fading, memory, learning, longest, relaxing):
-    """Bring the digits' tracks to this frame.
+def track_digits(observation, step, tracks, wrist, transdigital, prior, pushes, options, learning):
+    """Bring the tracks of the digits' markers to this frame.
 
     Parameters
     ----------
-    markers : ndarray, shape (5, 3)
-        [m]
-    seen : ndarray of bool, shape (5,)
+    observation : Observation
+        Of the five markers, in the markers' frame [m].
+    step : float
+        Since the last frame [s].
     tracks : Tracks
-        Changed.
-    rotation, position : ndarray, shape (3, 3) and (3,)
-        Pose of the wrist [m].
-    rest : ndarray, shape (5, 3)
-        Places of a relaxed hand, in the wrist's frame [m].
-    habits : Habits
-        Changed.
-    prior : ndarray, shape (15, 15)
-        `prior_of`.
-    shares : ndarray, shape (15, 15)
-        Of moves of the seen that the hidden take; changed when others are hidden.
-    pushed : ndarray, shape (5, 3)
-        By how much what touches a digit carries it, if it is hidden [m].
-    noise : ndarray, shape (5,)
-        Of each marker on the palm, standard deviation on an axis [m].
-    step, smooth, fading
-        See `update_track` and `predict_track`.
-    memory : float
-        Of the habits [s]; 0: there is no transdigital correlation.
+        In the wrist's frame; changed.
+    wrist : Wrist
+        Of this frame.
+    transdigital : Transdigital
+        Its statistics are updated while all digits are seen, its coefficients replaced when
+        other digits are hidden than before.
+    prior : DigitPrior
+    pushes : ndarray, shape (5, 3)
+        Displacement of each hidden marker by contact [m].
+    options : Prediction
     learning : bool
         Whether the palm is certain enough to learn from.
-    longest : float
-        Time for which a prediction holds [s].
-    relaxing : float
-        Time in which one that no longer does goes two thirds of the way to what is usual
-        with its neighbours; 0 holds it [s].
     """
+    seen = observation.seen
+    coefficients = transdigital.coefficients
+    memory, longest = options.transdigital_memory, options.max_prediction_time
+    relax_time = options.relax_time if wrist.placed[0] else FIRST_RELAX_TIME
     before = np.empty((5, 3))
     moves = np.zeros((5, 3))
     pace = np.empty((5, 3))
     steady = np.empty(5, dtype=np.bool_)
     hidden = np.empty(5, dtype=np.bool_)
-    axes = frame(rotation)
-    origin = vector(position)
+    axes = frame(wrist.rotation)
+    origin = vector(wrist.position)
     changed = False
     for i in range(5):
         changed = changed or seen[i] != tracks.seen[i]
@@ -70,34 +61,35 @@ def follow_digits(markers, seen, tracks, rotation, position, rest, habits, prior
             pace[i, k] = tracks.pace[i, k]
     if changed:
         if memory > 0.:
-            shares_of(habits, prior, PRIOR_SPREAD, before, hidden, HORIZON, FLOOR, shares)
+            regress_hidden(transdigital.statistics, prior.correlation, before, hidden, coefficients)
         else:
-            shares[:] = 0.
+            coefficients[:] = 0.
     learned = learning and memory > 0.
     for i in range(5):
         if seen[i]:
             learned = learned and steady[i]
-            update_track(tracks, i, components(axes, subtract(vector(markers[i]), origin)),
-                         step, noise[i], smooth)
+            local = components(axes, subtract(vector(observation.positions[i]), origin))
+            update_track(tracks, i, local, step, observation.noise[i], options.smoothing)
             for k in range(3):
                 moves[i, k] = tracks.mean[i, k] - before[i, k]
         elif tracks.known[i] and tracks.hidden_for[i] <= longest:
             learned = False
     for i in range(5):
         if not seen[i]:
-            move = _share(shares, i, moves, steady)
-            predict_track(tracks, i, _pushed_on(move, vector(pushed[i])),
-                          _share(shares, i, pace, steady), step, fading)
-            if relaxing > 0. and not (tracks.known[i] and tracks.hidden_for[i] <= longest):
-                _relax(tracks, i, seen, habits, rest, shares, 1. - math.exp(-step / relaxing))
+            move = _predicted_move(coefficients, i, moves, steady)
+            predict_track(tracks, i, _at_least(move, vector(pushes[i])),
+                  _predicted_move(coefficients, i, pace, steady), step, options.inertia)
+            if relax_time > 0. and not (tracks.known[i] and tracks.hidden_for[i] <= longest):
+                _relax(tracks, i, seen, transdigital, prior.rest,
+                       1. - math.exp(-step / relax_time))
         tracks.seen[i] = seen[i]
     if learned:
-        learn(habits, tracks.mean, tracks.pace, step, memory)
+        learn(transdigital.statistics, tracks.mean, tracks.pace, step, memory)
 
 
 @jit
-def _pushed_on(move, push):
-    """Return a move that goes at least as far as it is pushed."""
+def _at_least(move, push):
+    """Return a move extended along a push to at least the push's length [m]."""
     size = length(push)
     if size == 0.:
         return move
@@ -106,33 +98,34 @@ def _pushed_on(move, push):
 
 
 @jit
-def _relax(tracks, digit, seen, habits, rest, shares, part):
-    """Take a digit part of the way to its usual place with its neighbours as they are."""
-    # Of one that was never seen nothing was learned but what it was taken for.
-    weight = habits.weight[0] if tracks.known[digit] else 0.
-    usual = np.empty((5, 3))
-    away = np.empty((5, 3))
+def _relax(tracks, digit, seen, transdigital, rest, share):
+    """Move a digit a share of the way to its mean place, given the seen digits' deviations."""
+    statistics = transdigital.statistics
+    # A marker never seen has no statistics: use its rest position.
+    weight = statistics.weight[0] if tracks.known[digit] else 0.
+    mean = np.empty((5, 3))
+    deviation = np.empty((5, 3))
     for i in range(5):
         for k in range(3):
-            usual[i, k] = rest[i, k]
+            mean[i, k] = rest[i, k]
             if weight > 0.:
-                usual[i, k] = (habits.first[3 * i + k] + rest[i, k]) / (weight + 1.)
-            away[i, k] = tracks.mean[i, k] - usual[i, k]
-    natural = _share(shares, digit, away, seen)
+                mean[i, k] = (statistics.first[3 * i + k] + rest[i, k]) / (weight + 1.)
+            deviation[i, k] = tracks.mean[i, k] - mean[i, k]
+    expected = _predicted_move(transdigital.coefficients, digit, deviation, seen)
     for k in range(3):
-        tracks.mean[digit, k] += part * (usual[digit, k] + natural[k] - tracks.mean[digit, k])
+        tracks.mean[digit, k] += share * (mean[digit, k] + expected[k] - tracks.mean[digit, k])
 
 
 @jit
-def _share(shares, digit, moves, steady):
-    """Return a digit's share of the moves of those seen now and before."""
+def _predicted_move(coefficients, digit, moves, regressors):
+    """Return a digit's move (or velocity) predicted by those of the digits in `regressors`."""
     total = (0., 0., 0.)
     for j in range(5):
-        if steady[j]:
+        if regressors[j]:
             for k in range(3):
                 column = 3 * j + k
                 move = moves[j, k]
-                total = (total[0] + shares[3 * digit, column] * move,
-                         total[1] + shares[3 * digit + 1, column] * move,
-                         total[2] + shares[3 * digit + 2, column] * move)
+                total = (total[0] + coefficients[3 * digit, column] * move,
+                         total[1] + coefficients[3 * digit + 1, column] * move,
+                         total[2] + coefficients[3 * digit + 2, column] * move)
     return total

@@ -1,7 +1,8 @@
-"""The palm's markers through occlusion: rigid among themselves, and told of by the fingers.
+"""Palm markers under occlusion: seen ones filtered, hidden ones predicted.
 
-A hidden one is carried by those seen, goes on by inertia, and is drawn to where the fingers'
-markers, which keep near their places in the palm, have the palm turned.
+A hidden palm marker is completed rigidly from the seen ones, moves on by its own fading motion
+(inertia), and is corrected by a rigid fit that includes the fingers' markers, which stay near
+their places in the wrist's frame while the palm turns.
 """
 
 import math
@@ -27,17 +28,16 @@ from ..numerics.vectors import (
     vector,
 )
 
-# Weights in the rigid fit against that of a finger's marker; of predicted ones with none, one
-# and two of the palm's seen; from captures.
-SEEN_WEIGHT = 1e4
-PREDICTED_WEIGHTS = (.3, 1., 4.)
-FITS = 2              # linear steps of the rigid fit
-INSTANT = 1e-3        # [s] over which velocities are compared
+# Weights of palm markers in the rigid fit, that of a finger's marker being 1; tuned on captures.
+SEEN_PALM_WEIGHT = 1e4
+PREDICTED_PALM_WEIGHTS = (.3, 1., 4.)  # with 0, 1 and 2 palm markers seen
+RIGID_FIT_STEPS = 2      # linear least-squares steps
+DIFFERENCE_TIME = 1e-3   # [s] over which the completed markers' velocity is differenced
 
 
 @jit
-def check_palm(markers, seen, template, rotation, position, placed, stretch, shrink, flatness):
-    """Take palm markers that cannot be those of this hand for not seen.
+def check_palm(markers, seen, template, wrist, limits):
+    """Hide all palm markers when their triangle cannot be that of this hand.
 
     Parameters
     ----------
@@ -45,26 +45,28 @@ def check_palm(markers, seen, template, rotation, position, placed, stretch, shr
         [m]
     seen : ndarray of bool, shape (8,)
         Its first three are cleared where there is a fault.
-    template, rotation, position, placed
-        As for `follow_palm`.
-    stretch, shrink, flatness
-        As for `palm_fault`.
+    template : ndarray, shape (3, 3)
+        Palm markers in the wrist's frame [m].
+    wrist : Wrist
+        Of the last frame.
+    limits : PalmLimits
 
     Returns
     -------
     int
-        As of `palm_fault`.
+        TRACKED, or the `PalmState` that names the fault, as of `palm_fault`.
     """
+    placed = wrist.placed[0] > 0
     if not (seen[0] or seen[1] or seen[2]) or not placed and not (
             seen[0] and seen[1] and seen[2]):
         return TRACKED
-    points = carry_palm((vector(markers[0]), vector(markers[1]), vector(markers[2])),
-                        _template_places(template, rotation, position),
-                        (seen[0], seen[1], seen[2]))
+    points = complete_palm((vector(markers[0]), vector(markers[1]), vector(markers[2])),
+                           _template_places(template, wrist),
+                           (seen[0], seen[1], seen[2]))
     palm = np.empty((3, 3))
     for i in range(3):
         store(palm, i, points[i])
-    fault = palm_fault(palm, template, stretch, shrink, flatness)
+    fault = palm_fault(palm, template, limits)
     if fault != TRACKED:
         for i in range(3):
             seen[i] = False
@@ -72,68 +74,63 @@ def check_palm(markers, seen, template, rotation, position, placed, stretch, shr
 
 
 @jit
-def _template_places(template, rotation, position):
-    """Return where a pose has the palm's markers."""
-    axes = frame(rotation)
-    origin = vector(position)
+def _template_places(template, wrist):
+    """Return the palm's markers at a pose of the wrist, three vectors [m]."""
+    axes = frame(wrist.rotation)
+    origin = vector(wrist.position)
     return (add(origin, rotate(axes, vector(template[0]))),
             add(origin, rotate(axes, vector(template[1]))),
             add(origin, rotate(axes, vector(template[2]))))
 
 
 @jit
-def follow_palm(markers, seen, tracks, digits, rotation, position, template, placed, step,
-                noise, smooth, fading, by_fingers, longest):
-    """Bring the palm's tracks to this frame.
+def track_palm(observation, step, tracks, digits, wrist, template, options):
+    """Bring the tracks of the palm's markers to this frame.
 
     Parameters
     ----------
-    markers : ndarray, shape (8, 3)
-        [m]
-    seen : ndarray of bool, shape (8,)
+    observation : Observation
+        Of the eight markers.
+    step : float
+        Since the last frame [s].
     tracks, digits : Tracks
         Of the palm's markers, changed, and of the digits'.
-    rotation, position : ndarray, shape (3, 3) and (3,)
-        The wrist's pose in the last frame [m].
+    wrist : Wrist
+        Of the last frame.
     template : ndarray, shape (3, 3)
-        The palm's markers in the wrist's frame [m].
-    placed : bool
-        Whether there was a last pose.
-    noise : ndarray, shape (8,)
-        Of each marker, standard deviation on an axis [m].
-    step, smooth, fading
-        See `update_track` and `predict_track`.
-    by_fingers : bool
-        Whether the fingers' markers tell of a hidden one.
-    longest : float
-        Time without any palm marker for which they do [s].
+        Palm markers in the wrist's frame [m].
+    options : Prediction
 
     Returns
     -------
     int
         TRACKED, CARRIED, LOST or WAITING, of `PalmState`.
     """
+    markers, seen = observation.positions, observation.seen
     count = 0
     for i in range(3):
         if seen[i]:
             count += 1
-    if count < 3 and not placed:
+    if count < 3 and not wrist.placed[0]:
         return WAITING
-    before = _template_places(template, rotation, position)
+    before = _template_places(template, wrist)
     for i in range(3):
         if seen[i]:
-            update_track(tracks, i, vector(markers[i]), step, noise[i], smooth)
+            update_track(tracks, i, vector(markers[i]), step, observation.noise[i],
+                         options.smoothing)
     if count < 3:
         seen_palm = (seen[0], seen[1], seen[2])
-        carried = carry_palm(_places(tracks, 0.), before, seen_palm)
-        ahead = carry_palm(_places(tracks, INSTANT), carried, seen_palm)
+        completed = complete_palm(_extrapolated(tracks, 0.), before, seen_palm)
+        ahead = complete_palm(_extrapolated(tracks, DIFFERENCE_TIME), completed, seen_palm)
         for i in range(3):
             if not seen[i]:
                 start = vector(tracks.mean[i])
-                predict_track(tracks, i, subtract(carried[i], start),
-                              scale(subtract(ahead[i], carried[i]), 1. / INSTANT), step, fading)
+                velocity = scale(subtract(ahead[i], completed[i]), 1. / DIFFERENCE_TIME)
+                predict_track(tracks, i, subtract(completed[i], start), velocity, step,
+                              options.inertia)
         hidden_for = min(tracks.hidden_for[0], tracks.hidden_for[1], tracks.hidden_for[2])
-        if by_fingers and (count > 0 or hidden_for <= longest):
+        if options.palm_from_fingers and (
+                count > 0 or hidden_for <= options.max_prediction_time):
             _fit_to_fingers(markers, seen, tracks, digits, template, count)
     for i in range(3):
         tracks.seen[i] = seen[i]
@@ -141,8 +138,8 @@ def follow_palm(markers, seen, tracks, digits, rotation, position, template, pla
 
 
 @jit
-def _places(tracks, ahead):
-    """Return the three places, extrapolated by a time [s]."""
+def _extrapolated(tracks, ahead):
+    """Return the three places extrapolated by a time [s], three vectors [m]."""
     mean, pace = tracks.mean, tracks.pace
     return (add(vector(mean[0]), scale(vector(pace[0]), ahead)),
             add(vector(mean[1]), scale(vector(pace[1]), ahead)),
@@ -151,7 +148,7 @@ def _places(tracks, ahead):
 
 @jit
 def _fit_to_fingers(markers, seen, tracks, digits, template, count):
-    """Move hidden palm markers to where a rigid fit that includes the fingers has them."""
+    """Move hidden palm markers to their places in a rigid fit that includes the fingers."""
     axes, origin = rigid_palm(
         vector(tracks.mean[0]), vector(tracks.mean[1]), vector(tracks.mean[2]),
         vector(template[0]), vector(template[1]), vector(template[2]))
@@ -159,26 +156,35 @@ def _fit_to_fingers(markers, seen, tracks, digits, template, count):
     aims = np.zeros((8, 3))
     weights = np.zeros(8)
     for i in range(3):
-        weights[i] = SEEN_WEIGHT if seen[i] else PREDICTED_WEIGHTS[count]
+        weights[i] = SEEN_PALM_WEIGHT if seen[i] else PREDICTED_PALM_WEIGHTS[count]
         store(points, i, vector(tracks.mean[i]))
         store(aims, i, vector(tracks.mean[i]))
     for i in range(3, 8):
-        # In a palm that is lost no digit is followed, and each keeps the place it had.
+        # While the palm is lost no digit is tracked: each keeps its last place in the palm.
         if seen[i] and (digits.seen[i - 3] or count == 0 and digits.known[i - 3]):
             expected = add(origin, rotate(axes, vector(digits.mean[i - 3])))
             weights[i] = 1.
             store(points, i, expected)
             store(aims, i, vector(markers[i]))
-    for _ in range(FITS):
-        _lay_on(points, aims, weights)
+    for _ in range(RIGID_FIT_STEPS):
+        _fit_step(points, aims, weights)
     for i in range(3):
         if not seen[i]:
             store(tracks.mean, i, vector(points[i]))
 
 
 @jit
-def _lay_on(points, aims, weights):
-    """Move points rigidly towards their aims, by a linear step of the least squares."""
+def _fit_step(points, aims, weights):
+    """Move points rigidly towards their aims by one linearised least-squares step.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Replaced [m].
+    aims : ndarray, shape (n, 3)
+        [m]
+    weights : ndarray, shape (n,)
+    """
     total = 0.
     center = (0., 0., 0.)
     shift = (0., 0., 0.)
@@ -190,7 +196,7 @@ def _lay_on(points, aims, weights):
     center = scale(center, 1. / total)
     shift = scale(shift, 1. / total)
 
-    # The small turn that takes the misses away
+    # The small rotation that balances the moments of the residuals
     inertia = np.zeros((3, 3))
     moment = (0., 0., 0.)
     for i in range(len(weights)):
@@ -201,7 +207,7 @@ def _lay_on(points, aims, weights):
             inertia[k, k] += weights[i] * dot(arm, arm)
             for j in range(3):
                 inertia[k, j] -= weights[i] * arm[k] * arm[j]
-    turned = _solved(vector(inertia[0]), vector(inertia[1]), vector(inertia[2]), moment)
+    turned = _solve_symmetric(vector(inertia[0]), vector(inertia[1]), vector(inertia[2]), moment)
     axis, angle = unit(turned), length(turned)
     for i in range(len(weights)):
         arm = subtract(vector(points[i]), center)
@@ -209,8 +215,8 @@ def _lay_on(points, aims, weights):
 
 
 @jit
-def _solved(a, b, c, m):
-    """Return the x with [a b c] x = m, for a symmetric positive matrix; 0 for a singular one."""
+def _solve_symmetric(a, b, c, m):
+    """Solve [a b c] x = m for a symmetric positive matrix by Cramer's rule; 0 when singular."""
     volume = dot(a, cross(b, c))
     if not volume > 0.:
         return (0., 0., 0.)
@@ -218,30 +224,32 @@ def _solved(a, b, c, m):
 
 
 @jit
-def carry_palm(points, expected, seen):
-    """Return the three palm markers, the hidden ones carried by those seen.
+def complete_palm(points, expected, seen):
+    """Return the three palm markers, the hidden ones completed rigidly from the seen ones.
+
+    With one hidden the expected triangle turns by the smallest rotation that lays its seen
+    side on the measured one; with two hidden it is shifted.
 
     Parameters
     ----------
     points : tuple of three vectors
-        Measured r, p, q; those not seen are not read [m].
+        Measured r, p, q; hidden ones are not read [m].
     expected : tuple of three vectors
-        Where the previous pose of the palm has them [m].
+        The same at the previous pose of the palm [m].
     seen : tuple of three bool
 
     Returns
     -------
     tuple of three vectors
-        With one hidden the expected triangle turns by the smallest rotation that lays
-        the seen side right; with two hidden it is shifted [m].
+        [m]
     """
     r, p, q = points
     if seen[0] and seen[1] and not seen[2]:
-        q = _carry(r, p, expected[0], expected[1], expected[2])
+        q = _third_corner(r, p, expected[0], expected[1], expected[2])
     elif seen[0] and seen[2] and not seen[1]:
-        p = _carry(r, q, expected[0], expected[2], expected[1])
+        p = _third_corner(r, q, expected[0], expected[2], expected[1])
     elif seen[1] and seen[2] and not seen[0]:
-        r = _carry(p, q, expected[1], expected[2], expected[0])
+        r = _third_corner(p, q, expected[1], expected[2], expected[0])
     else:
         for i in range(3):
             if seen[i]:
@@ -256,8 +264,8 @@ def carry_palm(points, expected, seen):
 
 
 @jit
-def _carry(a, b, expected_a, expected_b, expected_c):
-    """Return c when a and b are seen and all three were expected elsewhere."""
+def _third_corner(a, b, expected_a, expected_b, expected_c):
+    """Return the hidden corner c of a rigid triangle by its seen corners a and b [m]."""
     before = unit(subtract(expected_b, expected_a))
     now = unit(subtract(b, a))
     axis = cross(before, now)
@@ -270,29 +278,30 @@ def _carry(a, b, expected_a, expected_b, expected_c):
 
 @jit
 def expected_markers(palm, digits, template, step, expected):
-    """Write where all markers are expected after a step, if they move on as they did.
+    """Extrapolate all eight markers by a step at constant velocity.
 
     Parameters
     ----------
     palm, digits : Tracks
     template : ndarray, shape (3, 3)
-        The palm's markers in the wrist's frame [m].
+        Palm markers in the wrist's frame [m].
     step : float
         [s]
     expected : ndarray, shape (8, 3)
         Replaced [m].
     """
-    places = (_onward(palm, 0, step), _onward(palm, 1, step), _onward(palm, 2, step))
+    places = (_extrapolate(palm, 0, step), _extrapolate(palm, 1, step), _extrapolate(palm, 2, step))
     axes, origin = rigid_palm(places[0], places[1], places[2], vector(template[0]),
                               vector(template[1]), vector(template[2]))
     for i in range(8):
         store(expected, i, places[i] if i < 3 else add(
-            origin, rotate(axes, _onward(digits, i - 3, step))))
+            origin, rotate(axes, _extrapolate(digits, i - 3, step))))
 
 
 @jit
-def _onward(tracks, row, step):
-    """Return where a marker goes on to: a seen one by its filter, which does not lag."""
+def _extrapolate(tracks, row, step):
+    """Return a marker extrapolated by a step [m]."""
     mean = tracks.mean[row]
+    # The filter's velocity does not lag; that of a hidden marker is its mean pace.
     velocity = vector(mean[3:]) if tracks.seen[row] else vector(tracks.pace[row])
     return add(vector(mean), scale(velocity, step))

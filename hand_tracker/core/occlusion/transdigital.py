@@ -1,10 +1,10 @@
-"""Transdigital correlation: what the digits that are seen tell of one that is not.
+"""Transdigital correlation: hidden digits predicted by the seen ones, and their candidate space.
 
-How digits move together is learned while all are seen, as a weighted least squares with
-forgetting that needs no past frames, about a prior that links neighbouring fingers. A hidden
-digit then takes its learned share of every move of the others, beginning where it was: it
-neither jumps when it vanishes nor when a neighbour does. Its flexion stays within a candidate
-space about that of its neighbours.
+How digits move together is learned while all are seen: exponentially weighted sums of places and
+velocities, about a prior that correlates neighbouring fingers (paper, transdigital correlation).
+Linear regression on them predicts the move of a hidden digit from the moves of the seen ones. As
+moves are predicted, and not places, nothing jumps when a digit vanishes or a neighbour does. The
+candidate space limits how far the MCP flexion of a hidden finger may differ from its neighbours'.
 """
 
 import math
@@ -12,29 +12,35 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..model.hand import FLEXION_JOINTS
+from ..model.hand import DIGITS, FLEXION_JOINTS
 from ..numerics.jit import jit
 from ..numerics.vectors import clamp
 
-DIGITS = 5
-SIZE = 3 * DIGITS
-LEADERS = FLEXION_JOINTS[:4, 0].copy()
-# Beyond a digit in the palm's frame, a captured one stays below .8 m/s: a marker has jumped, and
-# one jump would drown the rest.
-FARTHEST, FASTEST = 1., 1.  # [m], [m/s] on an axis
+COORDINATES = 3 * len(DIGITS)
+MCP_FLEXION = FLEXION_JOINTS[:4, 0].copy()  # joints, index to little finger
+# Limits of what is learned, on an axis in the wrist's frame: captured digits stay below .8 m/s, so
+# a faster marker has jumped, and a single jump would outweigh all true motion.
+MAX_LEARNED_PLACE = 1.  # [m]
+MAX_LEARNED_SPEED = 1.  # [m/s]
+# Of the regression, tuned on captured hands.
+PRIOR_MOVE = .03        # [m] size of the moves that the prior stands for, for one second
+VELOCITY_HORIZON = .3   # [s] over which a velocity counts as a move
+MOVE_FLOOR = .003       # [m] moves of seen digits below this predict little
 
 
-class Habits(NamedTuple):
-    """What was learned of five markers in the palm's frame; weights are seconds.
+class MotionStatistics(NamedTuple):
+    """Exponentially weighted sums over the frames with all five digits' markers seen.
+
+    Each frame weighs as many seconds as it lasted; places are in the wrist's frame.
 
     Attributes
     ----------
     weight : ndarray, shape (1,)
         [s]
     first : ndarray, shape (15,)
-        Weighted sum of the places [m s].
+        Sum of the places [m s].
     second, motion : ndarray, shape (15, 15)
-        Weighted sums of the products of places [m^2 s] and of velocities [m^2 / s].
+        Sums of the outer products of places [m² s] and of velocities [m²/s].
     """
 
     weight: np.ndarray
@@ -43,21 +49,57 @@ class Habits(NamedTuple):
     motion: np.ndarray
 
 
-def no_habits():
-    """Return `Habits` before the first frame."""
-    return Habits(np.zeros(1), np.zeros(SIZE), np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE)))
+class Transdigital(NamedTuple):
+    """Learned transdigital correlation.
+
+    Attributes
+    ----------
+    statistics : MotionStatistics
+    coefficients : ndarray, shape (15, 15)
+        Of `regress_hidden`: moves of hidden digits (rows) by those of seen ones (columns).
+    """
+
+    statistics: MotionStatistics
+    coefficients: np.ndarray
 
 
-def prior_of(index_middle, middle_ring, ring_little):
-    """Return how digits move together before anything is learned, shape (15, 15).
+class DigitPrior(NamedTuple):
+    """Knowledge of the digits before any is learned.
+
+    Attributes
+    ----------
+    rest : ndarray, shape (5, 3)
+        Markers of the relaxed hand in the wrist's frame [m].
+    correlation : ndarray, shape (15, 15)
+        Of `prior_correlation`.
+    """
+
+    rest: np.ndarray
+    correlation: np.ndarray
+
+
+def nothing_learned() -> Transdigital:
+    """Return `Transdigital` before the first frame."""
+    size = COORDINATES
+    return Transdigital(
+        MotionStatistics(np.zeros(1), np.zeros(size), np.zeros((size, size)),
+                         np.zeros((size, size))), np.zeros((size, size)))
+
+
+def prior_correlation(index_middle: float, middle_ring: float, ring_little: float) -> np.ndarray:
+    """Return the correlation of the digits' moves before any is learned.
 
     Parameters
     ----------
     index_middle, middle_ring, ring_little : float
-        Correlation of neighbouring fingers, from 0 to 1; that of others is the product of
-        those between them, and the thumb is free (paper, transdigital correlation).
+        Correlation of neighbouring fingers, from 0 to 1; that of other fingers is the product
+        of those between them, and the thumb is free (paper, transdigital correlation).
+
+    Returns
+    -------
+    ndarray, shape (15, 15)
     """
-    chain = np.eye(DIGITS)
+    chain = np.eye(len(DIGITS))
     links = (index_middle, middle_ring, ring_little)
     for a in range(4):
         for b in range(a):
@@ -66,98 +108,92 @@ def prior_of(index_middle, middle_ring, ring_little):
 
 
 @jit
-def learn(habits, places, velocities, step, memory):
-    """Add a frame in which all digits are seen.
+def learn(statistics, places, velocities, step, memory):
+    """Add a frame with all digits seen to the statistics; skip it when a marker has jumped.
 
     Parameters
     ----------
-    habits : Habits
-        Changed, unless a marker has jumped.
-    places, velocities : ndarray, shape (5, 3)
-        Of the markers in the palm's frame [m], [m/s].
+    statistics : MotionStatistics
+        Changed.
+    places, velocities : ndarray, shape (5, >= 3)
+        Of the digits' markers in the wrist's frame [m], [m/s].
     step : float
         Since the last frame [s].
     memory : float
-        Time in which a frame loses two thirds of its weight [s].
+        Time constant of the weights [s].
     """
     kept = math.exp(-step / memory)
-    x = np.empty(SIZE)
-    v = np.empty(SIZE)
-    for i in range(SIZE):
+    x = np.empty(COORDINATES)
+    v = np.empty(COORDINATES)
+    for i in range(COORDINATES):
         x[i] = places[i // 3, i % 3]
         v[i] = velocities[i // 3, i % 3]
         # True for NaN
-        if not (abs(x[i]) <= FARTHEST and abs(v[i]) <= FASTEST):
+        if not (abs(x[i]) <= MAX_LEARNED_PLACE and abs(v[i]) <= MAX_LEARNED_SPEED):
             return
-    habits.weight[0] = kept * habits.weight[0] + step
-    for i in range(SIZE):
-        habits.first[i] = kept * habits.first[i] + step * x[i]
-        for j in range(SIZE):
-            habits.second[i, j] = kept * habits.second[i, j] + step * x[i] * x[j]
-            habits.motion[i, j] = kept * habits.motion[i, j] + step * v[i] * v[j]
+    statistics.weight[0] = kept * statistics.weight[0] + step
+    for i in range(COORDINATES):
+        statistics.first[i] = kept * statistics.first[i] + step * x[i]
+        for j in range(COORDINATES):
+            statistics.second[i, j] = kept * statistics.second[i, j] + step * x[i] * x[j]
+            statistics.motion[i, j] = kept * statistics.motion[i, j] + step * v[i] * v[j]
 
 
 @jit
-def shares_of(habits, prior, prior_spread, places, hidden, horizon, floor, shares):
-    """Find the share that each hidden digit takes of the others' moves.
+def regress_hidden(statistics, correlation, places, hidden, coefficients):
+    """Regress the moves of the hidden digits on those of the seen ones (ridge regression).
 
-    Least squares of how far places were from those of now, and of velocities over a
-    horizon, so that moves of short and of long count.
+    The sample is every past place as seen from the present one, and every past velocity over
+    `VELOCITY_HORIZON`, so that long and short moves both count.
 
     Parameters
     ----------
-    habits : Habits
-    prior : ndarray, shape (15, 15)
-        `prior_of`.
-    prior_spread : float
-        Size of the moves that the prior stands for, for a second [m].
+    statistics : MotionStatistics
+    correlation : ndarray, shape (15, 15)
+        Of `DigitPrior`.
     places : ndarray, shape (5, 3)
-        Of the markers now [m].
+        Present places of the markers in the wrist's frame [m].
     hidden : ndarray of bool, shape (5,)
-    horizon : float
-        [s]
-    floor : float
-        Moves of the others that are smaller than this tell little [m].
-    shares : ndarray, shape (15, 15)
-        Replaced: moves of hidden digits (rows) for moves of those seen (columns).
+    coefficients : ndarray, shape (15, 15)
+        Replaced: moves of hidden digits (rows) for moves of seen ones (columns); else 0.
     """
-    weight = habits.weight[0]
-    x = np.empty(SIZE)
-    for i in range(SIZE):
-        x[i] = clamp(places[i // 3, i % 3], -FARTHEST, FARTHEST)
-    moves = np.empty((SIZE, SIZE))
-    for i in range(SIZE):
-        for j in range(SIZE):
-            moves[i, j] = prior_spread ** 2 * prior[i, j] + (
-                habits.second[i, j] - x[i] * habits.first[j] - habits.first[i] * x[j]
-                + weight * x[i] * x[j] + horizon ** 2 * habits.motion[i, j])
-    # The seen rows are eliminated one by one: the floor keeps their pivots positive.
-    shares[:] = 0.
-    for i in range(SIZE):
+    weight = statistics.weight[0]
+    x = np.empty(COORDINATES)
+    for i in range(COORDINATES):
+        x[i] = clamp(places[i // 3, i % 3], -MAX_LEARNED_PLACE, MAX_LEARNED_PLACE)
+    moments = np.empty((COORDINATES, COORDINATES))
+    for i in range(COORDINATES):
+        for j in range(COORDINATES):
+            moments[i, j] = PRIOR_MOVE ** 2 * correlation[i, j] + (
+                statistics.second[i, j] - x[i] * statistics.first[j] - statistics.first[i] * x[j]
+                + weight * x[i] * x[j] + VELOCITY_HORIZON ** 2 * statistics.motion[i, j])
+    # Gauss-Jordan elimination of the seen rows: the floor keeps their pivots positive.
+    coefficients[:] = 0.
+    for i in range(COORDINATES):
         if not hidden[i // 3]:
-            moves[i, i] += (weight + 1.) * floor ** 2
-    for pivot in range(SIZE):
+            moments[i, i] += (weight + 1.) * MOVE_FLOOR ** 2
+    for pivot in range(COORDINATES):
         if hidden[pivot // 3]:
             continue
-        for i in range(SIZE):
+        for i in range(COORDINATES):
             if i != pivot and not hidden[i // 3]:
-                factor = moves[i, pivot] / moves[pivot, pivot]
-                for j in range(SIZE):
+                factor = moments[i, pivot] / moments[pivot, pivot]
+                for j in range(COORDINATES):
                     if j > pivot or hidden[j // 3]:
-                        moves[i, j] -= factor * moves[pivot, j]
-    for i in range(SIZE):
+                        moments[i, j] -= factor * moments[pivot, j]
+    for i in range(COORDINATES):
         if not hidden[i // 3]:
-            for j in range(SIZE):
+            for j in range(COORDINATES):
                 if hidden[j // 3]:
-                    shares[j, i] = moves[i, j] / moves[i, i]
+                    coefficients[j, i] = moments[i, j] / moments[i, i]
 
 
 @jit
-def keep_near_neighbours(angles, seen, bounds, apart, lower, upper):
-    """Take the MCP flexion of hidden fingers to the nearest point of their candidate space.
+def limit_neighbour_difference(angles, seen, bounds, seen_difference, lower, upper):
+    """Move the MCP flexion of hidden fingers to the nearest point of their candidate space.
 
-    Neighbours flex by at most a bound more or less; where they were seen farther apart,
-    that is the bound until they are seen again.
+    Neighbours differ by at most a bound; where they were seen farther apart, by at most that
+    difference, until both are seen again.
 
     Parameters
     ----------
@@ -167,26 +203,28 @@ def keep_near_neighbours(angles, seen, bounds, apart, lower, upper):
         Markers of the digits.
     bounds : ndarray, shape (3,)
         Of index and middle, middle and ring, ring and little finger [rad].
-    apart : ndarray, shape (3,)
-        Difference of each pair when it was last seen, replaced [rad].
+    seen_difference : ndarray, shape (3,)
+        Difference of each pair when both were last seen, replaced [rad].
     lower, upper : ndarray, shape (25,)
         Limits [rad].
     """
     for pair in range(3):
         if seen[pair] and seen[pair + 1]:
-            apart[pair] = abs(angles[LEADERS[pair]] - angles[LEADERS[pair + 1]])
-    # From seen fingers outwards: to the right, then to the left.
+            seen_difference[pair] = abs(
+                angles[MCP_FLEXION[pair]] - angles[MCP_FLEXION[pair + 1]])
+    # From seen fingers outwards: towards the little finger, then towards the index finger.
     for pair in (0, 1, 2):
         if not seen[pair + 1]:
-            _keep(angles, LEADERS[pair + 1], LEADERS[pair], max(bounds[pair], apart[pair]),
-                  lower, upper)
+            _limit_difference(angles, MCP_FLEXION[pair + 1], MCP_FLEXION[pair],
+                              max(bounds[pair], seen_difference[pair]), lower, upper)
     for pair in (2, 1, 0):
         if not seen[pair]:
-            _keep(angles, LEADERS[pair], LEADERS[pair + 1], max(bounds[pair], apart[pair]),
-                  lower, upper)
+            _limit_difference(angles, MCP_FLEXION[pair], MCP_FLEXION[pair + 1],
+                              max(bounds[pair], seen_difference[pair]), lower, upper)
 
 
 @jit
-def _keep(angles, joint, neighbour, most, lower, upper):
-    wanted = clamp(angles[joint], angles[neighbour] - most, angles[neighbour] + most)
+def _limit_difference(angles, joint, neighbour, bound, lower, upper):
+    """Move a joint to within a bound of its neighbour, and within its own limits [rad]."""
+    wanted = clamp(angles[joint], angles[neighbour] - bound, angles[neighbour] + bound)
     angles[joint] = clamp(wanted, lower[joint], upper[joint])

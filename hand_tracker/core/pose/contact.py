@@ -1,7 +1,9 @@
-"""Contact of the digits: none goes through another or the palm, and the hidden are carried.
+"""Contact: separate overlapping digits (rigidity), drag hidden ones along (friction).
 
-Both stages work on a right hand in the wrist's frame, after its digits are solved.
+Both work on a right hand in the wrist's frame, on capsules around its bones (`model.capsules`).
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,34 +12,69 @@ from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS
 from ..numerics.jit import indexed, jit
 from ..numerics.vectors import add, clamp, cross, dot, scale, subtract, unit, vector
 
-PENETRATION = .001   # [m] that flesh gives way; ours
-# Solved to this share of the tolerance: iteration ends with a small rest.
-AIM = .95
-ROUNDS = 48          # of linearising the distances
-SWEEPS = 30          # over the contacts of a round
-PASS = 12            # rounds after which it starts again from where it is
-NEAR = .006          # [m] of surfaces that a round may bring together
-CLIMB = .003         # [m] of an overlap that a round takes away
-LEAP = .03           # [m] as well, where small steps lead nowhere
-STEP = .2            # [rad] that an angle changes in a round
-FARTHEST = .7        # [rad] that an angle changes in all, so that no digit is thrown about
-SETTLED = 3e-4       # [rad] of change in a round
-EXACT = 1e-6         # [m] of a round's distances
-SOFT = 1e-7          # [m^2/rad^2] of contacts that limits or their lever leave no way out
+PENETRATION = .001         # [m] default overlap that rigidity leaves, as flesh yields; ours
+CONTACT_GAP = .0015        # [m] between surfaces, below which they touch; unsourced
 
-# Unsourced.
-GAP = .0015          # [m] below which surfaces touch
+# Of `separate`, sequential quadratic programming with Hildreth's method inside.
+TOLERANCE_SHARE = .95      # [1] of the tolerance is aimed at: iteration leaves a small rest
+MAX_ROUNDS = 48            # linearisations of the distances
+MAX_SWEEPS = 30            # of Hildreth's method in a round
+ROUNDS_PER_START = 12      # rounds after which it starts again from the present angles
+DAMPED_ROUNDS = 4          # last rounds of a start, which go half the way
+ROUND_GAP = .006           # [m] of surfaces that a round may bring together
+ROUND_OVERLAP = .003       # [m] of an overlap that a round removes
+RESTART_OVERLAP = .03      # [m] the same after a start that small steps did not solve
+MAX_ROUND_CHANGE = .2      # [rad] of an angle in a round
+MAX_SEPARATION_CHANGE = .7  # [rad] of an angle in all
+SETTLED_CHANGE = 3e-4      # [rad] largest change of a round that ends the iteration
+SETTLED_DISTANCE = 1e-6    # [m] largest change of a sweep that ends a round
+CONTACT_COMPLIANCE = 1e-7  # [m²/rad²] bounds the force where limits leave no way out
+
+
+class Mobility(NamedTuple):
+    """Limits, coupling and weights of the digits' angles in a contact.
+
+    Attributes
+    ----------
+    lower, upper : ndarray, shape (25,)
+        Limits [rad].
+    slope : ndarray, shape (5,)
+        Third flexion over second; 0 where the third is measured [1].
+    weight : ndarray, shape (5,)
+        Readiness of each digit to move, from 0 [1].
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    slope: np.ndarray
+    weight: np.ndarray
+
+
+class Placement(NamedTuple):
+    """Links and capsules of a pose, in the wrist's frame.
+
+    Attributes
+    ----------
+    rotations, positions : ndarray, shape (1, 25, 3, 3) and (1, 25, 3)
+        Frames of the links [m].
+    ends : ndarray, shape (c, 2, 3)
+        Start and end of each capsule's axis [m].
+    """
+
+    rotations: np.ndarray
+    positions: np.ndarray
+    ends: np.ndarray
 
 
 @jit
 def separate(capsules, angles, lower, upper, slope, mobility, tolerance):
-    """Move the digits apart that are in each other or in the palm, by the least change.
+    """Move overlapping digits apart, and out of the palm, by the least change of angles.
 
-    Minimal is the sum over the free angles (abduction, first and second flexion of each
-    digit; the third follows the second) of change^2 / mobility, subject to the limits and
-    to no pair of capsules overlapping by more than the tolerance. Distances are linearised
-    round by round, and each round's quadratic program solved by Hildreth's method. The change
-    grows from zero where an overlap passes the tolerance; without one nothing is touched.
+    Minimises the sum over the free angles (abduction, first and second flexion of each digit;
+    the third follows the second) of change² / mobility, subject to the limits and to every
+    pair of capsules overlapping by at most the tolerance. The distances are linearised round by
+    round, each round's quadratic program is solved by Hildreth's method. Without an overlap
+    beyond the tolerance nothing changes, and the change grows from zero with it.
 
     Parameters
     ----------
@@ -51,55 +88,73 @@ def separate(capsules, angles, lower, upper, slope, mobility, tolerance):
     mobility : ndarray, shape (5,)
         Readiness of each digit to move, from 0 [1].
     tolerance : float
-        Overlap that is left [m].
+        Overlap that remains [m].
 
     Returns
     -------
     int
-        Rounds used; 0 where nothing was to do.
+        Rounds used; 0 without an overlap.
     """
     rotations = np.empty((1, 25, 3, 3))
     positions = np.empty((1, 25, 3))
     ends = np.empty((capsules.link.size, 2, 3))
-    aim = AIM * tolerance
+    aim = TOLERANCE_SHARE * tolerance
     place_frames(capsules, angles, rotations, positions, ends)
     if not _overlaps(capsules, ends, aim):
         return 0
 
+    digits = Mobility(lower, upper, slope, mobility)
+    placement = Placement(rotations, positions, ends)
     rounds = 0
-    climb = CLIMB
-    while rounds < ROUNDS:
-        rounds += _settle(capsules, angles, lower, upper, slope, mobility, aim, climb,
-                          min(ROUNDS - rounds, PASS), rotations, positions, ends)
+    removed = ROUND_OVERLAP
+    while rounds < MAX_ROUNDS:
+        rounds += _solve_rounds(capsules, angles, digits, placement, aim, removed,
+                                min(MAX_ROUNDS - rounds, ROUNDS_PER_START))
         place_frames(capsules, angles, rotations, positions, ends)
         if not _overlaps(capsules, ends, tolerance):
             break
-        # Caught short of it: once more from here, in leaps.
-        climb = LEAP
+        # Stuck before the tolerance: start again from here with larger steps.
+        removed = RESTART_OVERLAP
     return rounds
 
 
 @jit
-def _settle(capsules, angles, lower, upper, slope, mobility, aim, climb, rounds, rotations,
-            positions, ends):
-    """Bring all overlaps to `aim` by the least change of `angles`; return the rounds used."""
+def _solve_rounds(capsules, angles, mobility, placement, aim, removed, rounds):
+    """Bring all overlaps to `aim` by the least change of `angles`; return the rounds used.
+
+    Parameters
+    ----------
+    capsules : Capsules
+    angles : ndarray, shape (25,)
+        Replaced [rad].
+    mobility : Mobility
+    placement : Placement
+        Of `angles`; changed.
+    aim : float
+        Overlap that remains [m].
+    removed : float
+        Overlap that a round removes at most [m].
+    rounds : int
+        At most so many.
+    """
+    rotations, positions, ends = placement.rotations, placement.positions, placement.ends
     count = capsules.first.size
     before = angles.copy()
-    # Digit by digit, abduction, first and second flexion; the palm's row stays zero.
+    # (6, 3): abduction, first and second flexion of each digit; the palm's row stays zero.
     least = indexed(np.zeros((6, 3)))
     most = indexed(np.zeros((6, 3)))
     ready = indexed(np.zeros(6))
     for digit in range(5):
-        ready[digit] = mobility[digit]
+        ready[digit] = mobility.weight[digit]
         for i in range(3):
             joint = _joint(digit, i)
-            least[digit, i] = max(lower[joint] - before[joint], -FARTHEST)
-            most[digit, i] = min(upper[joint] - before[joint], FARTHEST)
+            least[digit, i] = max(mobility.lower[joint] - before[joint], -MAX_SEPARATION_CHANGE)
+            most[digit, i] = min(mobility.upper[joint] - before[joint], MAX_SEPARATION_CHANGE)
     change = indexed(np.zeros((6, 3)))
     pushed = indexed(np.zeros((6, 3)))
     goal = indexed(np.zeros((6, 3)))
     lines = indexed(np.empty((25, 2, 3)))
-    # Contact by contact
+    # One row for each contact
     lever = indexed(np.empty((count, 2, 3)))
     digits = indexed(np.empty((count, 2), dtype=np.int64))
     force = indexed(np.empty(count))
@@ -113,10 +168,9 @@ def _settle(capsules, angles, lower, upper, slope, mobility, aim, climb, rounds,
         for digit in range(5):
             for i in range(3):
                 pushed[digit, i] = 0.0
-        for pair in close_pairs(capsules, ends, NEAR):
-            overlap = _linearise(capsules, pair, angles, lower, upper, slope, lines, ends, used,
-                                 lever)
-            if overlap < -NEAR:
+        for pair in close_pairs(capsules, ends, ROUND_GAP):
+            overlap = _linearise(capsules, pair, angles, mobility, lines, ends, used, lever)
+            if overlap < -ROUND_GAP:
                 continue
             force[used] = last_force[pair]
             size = 0.0
@@ -127,17 +181,17 @@ def _settle(capsules, angles, lower, upper, slope, mobility, aim, climb, rounds,
                     size += ready[digit] * lever[used, end, i] ** 2
                     past += lever[used, end, i] * change[digit, i]
                     pushed[digit, i] += ready[digit] * force[used] * lever[used, end, i]
-            bound[used] = min(overlap - aim, climb) + past
-            stiff[used] = size + SOFT
+            bound[used] = min(overlap - aim, removed) + past
+            stiff[used] = size + CONTACT_COMPLIANCE
             pairs[used] = pair
             used += 1
         for digit in range(5):
             for i in range(3):
                 goal[digit, i] = clamp(pushed[digit, i], least[digit, i], most[digit, i])
-        for _ in range(SWEEPS):
+        for _ in range(MAX_SWEEPS):
             moved = 0.0
             for k in range(used):
-                gained = SOFT * force[k]
+                gained = CONTACT_COMPLIANCE * force[k]
                 for end in range(2):
                     digit = digits[k, end]
                     for i in range(3):
@@ -153,7 +207,7 @@ def _settle(capsules, angles, lower, upper, slope, mobility, aim, climb, rounds,
                         pushed[digit, i] += ready[digit] * more * lever[k, end, i]
                         goal[digit, i] = clamp(
                             pushed[digit, i], least[digit, i], most[digit, i])
-            if moved < EXACT:
+            if moved < SETTLED_DISTANCE:
                 break
         last_force[:] = 0.0
         for k in range(used):
@@ -161,13 +215,14 @@ def _settle(capsules, angles, lower, upper, slope, mobility, aim, climb, rounds,
         moved = 0.0
         for digit in range(5):
             for i in range(3):
-                # Contacts that slide make it swing: later rounds go half the way.
-                share = 1.0 if number < PASS - 4 else 0.5
-                step = share * clamp(goal[digit, i] - change[digit, i], -STEP, STEP)
+                # Sliding contacts make the iteration oscillate: damp its last rounds.
+                share = 1.0 if number < ROUNDS_PER_START - DAMPED_ROUNDS else 0.5
+                step = share * clamp(goal[digit, i] - change[digit, i], -MAX_ROUND_CHANGE,
+                                     MAX_ROUND_CHANGE)
                 change[digit, i] += step
                 moved = max(moved, abs(step))
-            _move(before, lower, upper, slope, digit, change, angles)
-        if moved < SETTLED:
+            _move_digit(before, mobility, digit, change, angles)
+        if moved < SETTLED_CHANGE:
             return number + 1
         place_frames(capsules, angles, rotations, positions, ends)
     return rounds
@@ -182,14 +237,15 @@ def _joint(digit, i):
 
 
 @jit
-def _move(before, lower, upper, slope, digit, change, angles):
-    """Write a digit's angles, its third flexion following the second."""
+def _move_digit(before, mobility, digit, change, angles):
+    """Write a digit's angles, changed within limits; its third flexion follows the second."""
+    lower, upper = mobility.lower, mobility.upper
     for i in range(3):
         joint = _joint(digit, i)
         angles[joint] = clamp(before[joint] + change[digit, i], lower[joint], upper[joint])
     joint = FLEXION_JOINTS[digit, 2]
     angles[joint] = clamp(
-        before[joint] + slope[digit] * change[digit, 2], lower[joint], upper[joint])
+        before[joint] + mobility.slope[digit] * change[digit, 2], lower[joint], upper[joint])
 
 
 @jit
@@ -207,14 +263,14 @@ def _overlaps(capsules, ends, tolerance):
 
 @jit
 def _along(segment, share):
-    """Return the point at a share of a segment, a pair of vectors."""
+    """Return the point at a share [0, 1] of a segment, a pair of vectors [m]."""
     start, end = segment
     return add(start, scale(subtract(end, start), share))
 
 
 @jit
 def _place_lines(capsules, rotations, positions, lines):
-    """Write the joints' axes as lines, shape (25, 2, 3): directions, and moments [m]."""
+    """Write the joints' axes as Plücker lines, shape (25, 2, 3): directions, moments [m]."""
     rotations, positions, axes = indexed(rotations), indexed(positions), indexed(capsules.axis)
     for joint in range(25):
         x, y, z = axes[joint, 0], axes[joint, 1], axes[joint, 2]
@@ -229,17 +285,36 @@ def _place_lines(capsules, rotations, positions, lines):
 
 
 @jit
-def _linearise(capsules, pair, angles, lower, upper, slope, lines, ends, row, lever):
-    """Write the change of a pair's distance by its digits' free angles; return its overlap.
+def _linearise(capsules, pair, angles, mobility, lines, ends, row, lever):
+    """Write the derivative of a pair's distance by its digits' free angles.
 
-    lever : ndarray, shape (p, 2, 3), a row replaced [m/rad]
+    Parameters
+    ----------
+    capsules : Capsules
+    pair : int
+    angles : ndarray, shape (25,)
+        [rad]
+    mobility : Mobility
+    lines : ndarray, shape (25, 2, 3)
+        Of `_place_lines`.
+    ends : ndarray, shape (c, 2, 3)
+        Of `Placement` [m].
+    row : int
+    lever : ndarray, shape (p, 2, 3)
+        Its row is replaced, for both digits of the pair [m/rad].
+
+    Returns
+    -------
+    float
+        Overlap of the pair, negative for a gap [m].
     """
+    lower, upper, slope = mobility.lower, mobility.upper, mobility.slope
     ends = indexed(ends)
     first = axis_of(ends, capsules.first[pair])
     second = axis_of(ends, capsules.second[pair])
     s, t, distance = nearest_points(first, second)
     overlap = float(capsules.apart[pair]) - distance
-    if overlap < -NEAR:
+    if overlap < -ROUND_GAP:
         return overlap
     a = _along(first, s)
     b = _along(second, t)
@@ -251,7 +326,7 @@ def _linearise(capsules, pair, angles, lower, upper, slope, lines, ends, row, le
         if dot(normal, side) < 0.0:
             normal = scale(normal, -1.0)
     elif dot(way, side) < 0.0:
-        # Gone through each other: back to where they belong.
+        # They passed through each other: push them back.
         normal = scale(normal, -1.0)
         overlap = float(capsules.apart[pair]) + distance
     for end in range(2):
@@ -261,49 +336,49 @@ def _linearise(capsules, pair, angles, lower, upper, slope, lines, ends, row, le
         if digit == PALM_INDEX:
             continue
         link = capsules.link[capsules.first[pair] if end == 0 else capsules.second[pair]]
-        # The line along which the pair pushes the digit: direction and moment
+        # The line of the pair's force on the digit: direction and moment
         push = normal if end == 0 else scale(normal, -1.0)
         moment = cross(a if end == 0 else b, push)
         for i in range(3):
             joint = _joint(digit, i)
             if joint <= link:
-                lever[row, end, i] = _turning(lines, joint, push, moment)
+                lever[row, end, i] = _velocity_along(lines, joint, push, moment)
         third = FLEXION_JOINTS[digit, 2]
         if third <= link and lower[third] < angles[third] < upper[third]:
-            lever[row, end, 2] += float(slope[digit]) * _turning(lines, third, push, moment)
+            lever[row, end, 2] += float(slope[digit]) * _velocity_along(lines, third, push, moment)
     return overlap
 
 
 @jit
-def _turning(lines, joint, push, moment):
-    """Return how fast a joint moves along a line what is on it [m/rad]: their moment."""
+def _velocity_along(lines, joint, push, moment):
+    """Return the speed along a line per turn of a joint: the two lines' moment [m/rad]."""
     return (lines[joint, 0, 0] * moment[0] + lines[joint, 0, 1] * moment[1]
             + lines[joint, 0, 2] * moment[2] + lines[joint, 1, 0] * push[0]
             + lines[joint, 1, 1] * push[1] + lines[joint, 1, 2] * push[2])
 
 
 @jit
-def carry(capsules, before, after, hidden, gap, friction, displacement):
-    """Write by how much the neighbours that move carry the hidden digits along.
+def drag_hidden(capsules, before, after, hidden, gap, friction, displacement):
+    """Write the displacement of hidden digits by the seen digits that touch them.
 
     A capsule of a hidden digit that touched one of a seen digit in the last frame follows
-    it: by a share of its movement along the skin, and by all of its movement into the hidden
-    digit, for nothing goes through. The palm holds what it touches. Contacts are weighted
-    by how close they are, so that none begins or ends with a jump.
+    it: by a share of the neighbour's tangential motion (friction), and by all of its motion
+    into the hidden digit. Contacts with the palm, which rests, hold a digit. The closeness of a
+    contact is its weight, so that none begins or ends with a jump.
 
     Parameters
     ----------
     capsules : Capsules
     before, after : ndarray, shape (c, 2, 3)
-        Capsules of the last pose, and with the seen digits of this frame (`place_capsules`),
-        in the wrist's frame [m].
+        Capsules (`place_capsules`) in the last frame and with this frame's seen digits, in
+        the wrist's frame [m].
     hidden : ndarray of bool, shape (5,)
     gap : float
-        Of the surfaces, below which they touch [m].
+        Between surfaces, below which they touch [m].
     friction : float
-        Share of the neighbour's movement, 0 to 1.
+        Share of the neighbour's tangential motion, 0 to 1.
     displacement : ndarray, shape (5, 3)
-        Of the digits' markers, replaced; zero for seen ones and where nothing touches [m].
+        Of the digits' markers, replaced; zero for seen ones and without a contact [m].
     """
     displacement[:] = 0.0
     weights = np.zeros(6)
@@ -324,7 +399,7 @@ def carry(capsules, before, after, hidden, gap, friction, displacement):
             share = t if end == 0 else s
             moved = subtract(_along(axis_of(after, row), share),
                              _along(axis_of(before, row), share))
-            # From the neighbour into the hidden digit.
+            # Unit vector from the neighbour into the hidden digit
             normal = unit(scale(subtract(_along(was_first, s), _along(was_second, t)),
                                 1.0 - 2.0 * end))
             inward = dot(moved, normal)

@@ -1,9 +1,9 @@
-"""A pose that never jumps: what a change of knowledge would change at once fades in.
+"""Continuity: angles without jumps where the evidence about a digit changes.
 
-When a marker vanishes, comes back or changes its label, the angles go on from where they
-were; what is off is taken away at a bounded rate, while the true motion is neither delayed nor
-smoothed. A predicted digit turns no faster than that: its marker may leave what the digit can
-reach, where the solution leaps.
+When a marker vanishes, comes back or changes its label, the angles go on from where they were,
+and the difference to the solution decays at a bounded rate; measured motion is neither delayed
+nor smoothed. Predicted digits turn no faster than that rate: a predicted marker may leave the
+digit's workspace, where the solution leaps.
 """
 
 from ..model.hand import DIGIT_OF_JOINT
@@ -12,39 +12,38 @@ from ..numerics.vectors import clamp
 
 
 @jit
-def ease(solved, eased, offset, changed, predicted, step, rate, lower, upper):
-    """Bring the eased angles to this frame.
+def blend(solved, blended, offset, changed, predicted, step, rate, lower, upper):
+    """Bring the blended angles to this frame.
 
     Parameters
     ----------
     solved : ndarray, shape (25,)
-        Of this frame [rad].
-    eased : ndarray, shape (25,)
-        Of the last frame, replaced [rad].
+        Solution of this frame [rad].
+    blended : ndarray, shape (25,)
+        Of the last frame, replaced by this one's [rad].
     offset : ndarray, shape (25,)
-        What is still to be taken away, replaced [rad].
+        Difference of the blended to the solved angles, replaced [rad].
     changed : ndarray of bool, shape (5,)
-        Digits of which something else is known than in the last frame.
+        Digits whose evidence differs from the last frame's.
     predicted : ndarray of bool, shape (5,)
-        Digits of which the marker, or one of the palm's, is hidden.
+        Digits whose marker, or a marker of the palm, is hidden.
     step : float
         Since the last frame [s].
     rate : float
-        At which an angle turns at most, unless it is solved from what is seen and turns
-        faster [rad/s].
+        Largest rate of the offset's decay and of a predicted angle [rad/s].
     lower, upper : ndarray, shape (25,)
         Limits [rad].
     """
     most = rate * step
     for joint in range(len(solved)):
         digit = DIGIT_OF_JOINT[joint]
-        farthest = most
+        largest = most
         if changed[digit]:
-            offset[joint] = eased[joint] - solved[joint]
+            offset[joint] = blended[joint] - solved[joint]
         elif not predicted[digit]:
-            farthest = max(most, abs(solved[joint] + offset[joint] - eased[joint]))
+            largest = max(most, abs(solved[joint] + offset[joint] - blended[joint]))
         offset[joint] -= clamp(offset[joint], -most, most)
-        move = solved[joint] + offset[joint] - eased[joint]
-        offset[joint] -= move - clamp(move, -farthest, farthest)
-        eased[joint] = clamp(solved[joint] + offset[joint], lower[joint], upper[joint])
-        offset[joint] = eased[joint] - solved[joint]
+        move = solved[joint] + offset[joint] - blended[joint]
+        offset[joint] -= move - clamp(move, -largest, largest)
+        blended[joint] = clamp(solved[joint] + offset[joint], lower[joint], upper[joint])
+        offset[joint] = blended[joint] - solved[joint]

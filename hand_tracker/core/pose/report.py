@@ -1,4 +1,4 @@
-"""What a frame tells: the pose, where its markers are, and how sure all that is."""
+"""The frame's report: angles and pose, positions and states of the markers, confidence."""
 
 import math
 from typing import NamedTuple
@@ -11,25 +11,34 @@ from ..model.states import ABSENT, PREDICTED, REJECTED, SEEN, STALE
 from ..numerics.jit import jit
 from ..numerics.vectors import add, clamp, distance, frame, rotate, vector
 
-UNSURE = .01  # [m] standard deviation of a marker at which confidence is a third
-ASTRAY = .2    # [rad] that an angle is off its solution at which it is a third: UNSURE on a digit
+# Deviations at which confidence falls to 1/e; both are alike on a digit 50 mm long.
+CONFIDENCE_MARKER_SPREAD = .01  # [m] standard deviation of a marker
+CONFIDENCE_ANGLE_OFFSET = .2    # [rad] of an angle from its solution
 
 
 class Report(NamedTuple):
-    """A frame's outcome as arrays; see `HandState`.
+    """The fields of `HandState` as arrays that kernels fill.
 
     Attributes
     ----------
     palm : ndarray of int, shape (1,)
         `PalmState`.
     angles : ndarray, shape (25,)
+        [rad]
     wrist_rotation, wrist_position : ndarray, shape (3, 3) and (3,)
+        [m]
     link_rotations, link_positions : ndarray, shape (25, 3, 3) and (25, 3)
+        [m]
     markers : ndarray, shape (8, 3)
+        [m]
     marker_states : ndarray of int, shape (8,)
+        `MarkerState`.
     hidden_for : ndarray, shape (8,)
+        [s]
     confidence : ndarray, shape (25,)
+        [1]
     residuals : ndarray, shape (8,)
+        [m]
     iterations : ndarray of int, shape (1,)
     """
 
@@ -47,8 +56,8 @@ class Report(NamedTuple):
     iterations: np.ndarray
 
 
-def blank_report():
-    """Return a `Report` to be written to."""
+def blank_report() -> Report:
+    """Return a `Report` of zeros."""
     return Report(np.zeros(1, dtype=np.int64), np.zeros(25), np.zeros((3, 3)), np.zeros(3),
                   np.zeros((25, 3, 3)), np.zeros((25, 3)), np.zeros((8, 3)),
                   np.zeros(8, dtype=np.int64), np.zeros(8), np.zeros(25), np.zeros(8),
@@ -57,12 +66,12 @@ def blank_report():
 
 @jit
 def deviation(covariance):
-    """Return the standard deviation of a marker on an axis [m], by its track's covariance."""
+    """Return a marker's standard deviation on an axis by its track's covariance (9, 9) [m]."""
     return math.sqrt((covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) / 3.)
 
 
 @jit
-def tell_pose(table, angles, lower, upper, rotation, position, mirror, report):
+def write_pose(table, angles, lower, upper, wrist, mirror, report):
     """Write the angles within their limits, the wrist, and the links by forward kinematics.
 
     Parameters
@@ -71,19 +80,19 @@ def tell_pose(table, angles, lower, upper, rotation, position, mirror, report):
         Of the hand's own side.
     angles, lower, upper : ndarray, shape (25,)
         [rad]
-    rotation, position : ndarray, shape (3, 3) and (3,)
-        The wrist of a right hand [m].
+    wrist : Wrist
+        Of a right hand.
     mirror : ndarray, shape (3,)
-        -1 on the axes that a left hand has mirrored.
+        -1 on the axes that a left hand mirrors, else 1.
     report : Report
         Changed.
     """
     for joint in range(len(angles)):
         report.angles[joint] = clamp(angles[joint], lower[joint], upper[joint])
     for i in range(3):
-        report.wrist_position[i] = mirror[i] * position[i]
+        report.wrist_position[i] = mirror[i] * wrist.position[i]
         for k in range(3):
-            report.wrist_rotation[i, k] = mirror[i] * mirror[k] * rotation[i, k]
+            report.wrist_rotation[i, k] = mirror[i] * mirror[k] * wrist.rotation[i, k]
     place_links(table.parent, table.rotation, table.translation, table.axis,
                 report.angles.reshape((1, 25)), report.wrist_rotation.reshape((1, 3, 3)),
                 report.wrist_position.reshape((1, 3)),
@@ -92,57 +101,81 @@ def tell_pose(table, angles, lower, upper, rotation, position, mirror, report):
 
 
 @jit
-def tell_markers(markers, seen, verdict, palm, digits, mounting, rotation, position, mirror,
-                 longest, report):
-    """Write where the markers are, what is known of them, and how far the pose is from them.
+def write_markers(markers, seen, palm, digits, wrist, mirror, report):
+    """Write the markers' positions, measured or predicted, and since when they are hidden.
 
     Parameters
     ----------
     markers : ndarray, shape (8, 3)
-        Of a right hand, as are the tracks [m].
+        Of a right hand, as are the tracks and the wrist [m].
+    seen : ndarray of bool, shape (8,)
+    palm, digits : Tracks
+    wrist : Wrist
+    mirror : ndarray, shape (3,)
+        As for `write_pose`.
+    report : Report
+        Changed.
+    """
+    axes, origin = frame(wrist.rotation), vector(wrist.position)
+    for i in range(8):
+        if seen[i]:
+            place = vector(markers[i])
+        elif i < 3:
+            place = vector(palm.mean[i])
+        else:
+            place = add(rotate(axes, vector(digits.mean[i - 3])), origin)
+        report.hidden_for[i] = palm.hidden_for[i] if i < 3 else digits.hidden_for[i - 3]
+        for k in range(3):
+            report.markers[i, k] = mirror[k] * place[k]
+
+
+@jit
+def write_marker_states(seen, verdict, palm, digits, longest, report):
+    """Write the `MarkerState` of each marker.
+
+    Parameters
+    ----------
     seen : ndarray of bool, shape (8,)
     verdict : ndarray of int, shape (8,)
         Of `identify`.
     palm, digits : Tracks
-    mounting : Mounting
-        Of the hand's own side.
-    rotation, position : ndarray, shape (3, 3) and (3,)
-        The wrist of a right hand [m].
-    mirror : ndarray, shape (3,)
-        As for `tell_pose`, which has written the pose.
     longest : float
         Time for which a prediction holds [s].
     report : Report
-        Changed.
+        Changed; its `hidden_for` is written already.
     """
-    axes, origin = frame(rotation), vector(position)
     for i in range(8):
-        if i < 3:
-            place = vector(palm.mean[i])
-            known, hidden_for = palm.known[i], palm.hidden_for[i]
-        else:
-            place = add(rotate(axes, vector(digits.mean[i - 3])), origin)
-            known, hidden_for = digits.known[i - 3], digits.hidden_for[i - 3]
         if seen[i]:
-            place = vector(markers[i])
             state = SEEN
-        elif not known:
+        elif not (palm.known[i] if i < 3 else digits.known[i - 3]):
             state = ABSENT
         else:
-            state = STALE if hidden_for > longest else PREDICTED
-        # What was put right may still be none of this palm.
+            state = STALE if report.hidden_for[i] > longest else PREDICTED
+        # A label put right does not count where the palm's check then hid the marker.
         judged = verdict[i] == REJECTED or verdict[i] > 0 and seen[i]
         report.marker_states[i] = verdict[i] if judged else state
-        report.hidden_for[i] = hidden_for
-        for k in range(3):
-            report.markers[i, k] = mirror[k] * place[k]
+
+
+@jit
+def write_residuals(seen, mounting, report):
+    """Write the distance of each seen marker from its place on the reported pose [m].
+
+    Parameters
+    ----------
+    seen : ndarray of bool, shape (8,)
+    mounting : Mounting
+        Of the hand's own side.
+    report : Report
+        Changed; its pose and markers are written already.
+    """
+    for i in range(8):
         report.residuals[i] = distance(
             _place(mounting, i, report), vector(report.markers[i])) if seen[i] else math.nan
 
 
 @jit
 def _place(mounting, marker, report):
-    """Return where the pose has a marker [m]."""
+    """Return a marker's place on the reported pose [m]."""
     link = mounting.link[marker]
     if link < 0:
         axes, origin = frame(report.wrist_rotation), vector(report.wrist_position)
@@ -152,27 +185,30 @@ def _place(mounting, marker, report):
 
 
 @jit
-def tell_confidence(palm, digits, offset, placed, report):
-    """Write how sure the angles are: by the spread of markers, and what is still to be corrected.
+def write_confidence(palm, digits, offset, placed, report):
+    """Write the confidence of each angle, from its markers' spread and its distance to blend.
+
+    confidence = exp(-spread² / CONFIDENCE_MARKER_SPREAD² - offset² / CONFIDENCE_ANGLE_OFFSET²)
 
     Parameters
     ----------
     palm, digits : Tracks
     offset : ndarray, shape (25,)
-        Of the angles from those solved [rad].
+        Of the blended angles from the solved ones [rad].
     placed : bool
-        Whether the palm was seen yet.
+        Whether the palm has been seen.
     report : Report
         Changed.
     """
-    of_palm = 0.
+    palm_spread = 0.
     for i in range(3):
-        of_palm = max(of_palm, deviation(palm.covariance[i]))
+        palm_spread = max(palm_spread, deviation(palm.covariance[i]))
     for joint in range(len(report.confidence)):
         digit = DIGIT_OF_JOINT[joint]
-        variance = deviation(digits.covariance[digit]) ** 2 + of_palm ** 2
-        # Where a digit is hidden, what is solved is no truth to be off.
-        astray = offset[joint] if digits.seen[digit] else 0.
+        variance = deviation(digits.covariance[digit]) ** 2 + palm_spread ** 2
+        # For a hidden digit the solution is itself a guess: its offset says nothing.
+        off = offset[joint] if digits.seen[digit] else 0.
         known = placed and digits.known[digit]
         report.confidence[joint] = math.exp(
-            -variance / UNSURE ** 2 - (astray / ASTRAY) ** 2) if known else 0.
+            -variance / CONFIDENCE_MARKER_SPREAD ** 2
+            - (off / CONFIDENCE_ANGLE_OFFSET) ** 2) if known else 0.

@@ -265,7 +265,7 @@ class Direct:
         if kept < count:
             times[0] = np.nan
         # Glimpses keep what they are given.
-        return Frames(count, (seconds, nanoseconds), self._tracker.told(seen),
+        return Frames(count, (seconds, nanoseconds), self._tracker.state_from_report(seen),
                       received, published, times, glimpses(log, self._states[:kept].copy()))
 
     def _serve(self):
@@ -339,7 +339,7 @@ def _publish(line):
 
 def _callback(*layouts):
     """Return what the middleware calls when messages have come, for packs of these layouts."""
-    (of_line, of_passage, of_model, of_chains, of_choices, of_clock, of_blank, of_state,
+    (of_line, of_passage, of_model, of_chains, of_options, of_clock, of_blank, of_state,
      of_report) = layouts
 
     @numba.cfunc('void(voidptr, uintp)', cache=CACHED, error_model='numpy')
@@ -359,7 +359,7 @@ def _callback(*layouts):
                 if pass_message(
                         passages, numba.carray(at(tracker[0]), (1,), of_model),
                         numba.carray(at(tracker[1]), (1,), of_chains),
-                        numba.carray(at(tracker[2]), (1,), of_choices),
+                        numba.carray(at(tracker[2]), (1,), of_options),
                         numba.carray(at(tracker[3]), (1,), of_clock),
                         numba.carray(at(tracker[4]), (1,), of_blank),
                         numba.carray(at(tracker[5]), (1,), of_state), reports,

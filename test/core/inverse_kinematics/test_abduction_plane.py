@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.inverse_kinematics.abduction_plane import (
-    BEHIND,
+    BEHIND_JOINT_WEIGHT,
     FIST_FAR,
     FIST_NEAR,
-    FRAME,
+    REFERENCE_STEP,
     plane_abduction,
 )
 
 FREE = (-np.pi / 2, np.pi / 2)
 
 
-def turn_of(target, lateral=0., reach=.07, limits=FREE, previous=0., step=FRAME):
+def turn_of(target, lateral=0., reach=.07, limits=FREE, previous=0., step=REFERENCE_STEP):
     return plane_abduction(tuple(target), lateral, reach, *limits, previous, step)
 
 
@@ -50,7 +50,7 @@ def test_lateral_offset_keeps_the_marker_beside_the_plane():
 def test_past_a_fist_the_plane_does_not_flip():
     # The marker has passed under the joint: the projected direction points backwards.
     turn, along, _ = turn_of((-.03, .003, -.02))
-    assert turn == pytest.approx(-.1 * BEHIND, abs=1e-3)
+    assert turn == pytest.approx(-.1 * BEHIND_JOINT_WEIGHT, abs=1e-3)
     for _ in range(100):
         turn, along, _ = turn_of((-.03, .003, -.02), previous=turn)
     assert turn == pytest.approx(-.1, abs=1e-3)
@@ -65,8 +65,8 @@ def test_in_a_fist_it_follows_as_fast_at_any_rate_of_frames(target):
             turn, _, _ = turn_of(target, previous=turn, step=step)
         return turn
 
-    assert after(8, FRAME / 4.) == pytest.approx(after(2, FRAME))
-    assert after(1, 2. * FRAME) == pytest.approx(after(2, FRAME))
+    assert after(8, REFERENCE_STEP / 4.) == pytest.approx(after(2, REFERENCE_STEP))
+    assert after(1, 2. * REFERENCE_STEP) == pytest.approx(after(2, REFERENCE_STEP))
     # None of it while no time passes, and all of it where it is not in a fist.
     assert after(1, 0.) == 0.
     assert turn_of((.03, .003, -.02), step=0.)[0] == pytest.approx(np.arctan2(.003, .03))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from hand_tracker.core.inverse_kinematics.fabrik import fabrik
-from hand_tracker.core.inverse_kinematics.two_bone import closed_form
+from hand_tracker.core.inverse_kinematics.two_bone import Linkage, solve_two_bone
 
 BONES = np.array((.045, .026))
 LOWER, UPPER = np.radians((-10., -10.)), np.radians((85., 95.))
@@ -21,11 +21,11 @@ def solve(target, start=(0., 0.), tolerance=1e-6, iterations=5000):
 
 
 def test_agrees_with_the_closed_form():
+    linkage = Linkage((*BONES, 0.), 0., (*LOWER, 0.), (*UPPER, 0.), 0., 0.)
     rng = np.random.default_rng(1)
     for truth in rng.uniform((LOWER[0], np.radians(10.)), UPPER, size=(300, 2)):
         found, _ = solve(end(truth), start=rng.uniform(LOWER, UPPER))
-        exact = closed_form(*end(truth), *BONES, 0., 0., LOWER[0], UPPER[0], LOWER[1], UPPER[1],
-                            0., 0.)
+        exact = solve_two_bone(*end(truth), linkage, 0., 0., 0.)
         np.testing.assert_allclose(found, exact, atol=np.radians(.2))
 
 

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.inverse_kinematics.palm import (
+    PalmLimits,
     palm_fault,
     place_palm,
     rigid_palm,
@@ -235,4 +236,4 @@ def test_rigid_fit_is_steadier_than_the_spheres_at_the_middle_mcp():
     (lambda m: np.array((m[0], m[1], m[0] + .5 * (m[1] - m[0]))), PalmState.COLLINEAR),
 ])
 def test_palm_fault_names_the_fault(change, state):
-    assert palm_fault(change(TEMPLATE), TEMPLATE, *SOUND) == state
+    assert palm_fault(change(TEMPLATE), TEMPLATE, PalmLimits(*SOUND)) == state

@@ -6,34 +6,39 @@ import pytest
 from hand_tracker.core.inverse_kinematics.three_bone import (
     coupled_angle,
     coupled_end,
-    coupled_form,
+    solve_three_bone,
     straightest,
 )
+from hand_tracker.core.inverse_kinematics.two_bone import Linkage
 
 BONES = (.046, .036, .029)
 LIMITS = np.radians(((-20., 20.), (-5., 30.), (-10., 95.)))
 
 
+def linkage(slope, offset=0., droop=0.):
+    return Linkage(BONES, droop, tuple(LIMITS[:, 0]), tuple(LIMITS[:, 1]), slope, offset)
+
+
 def end(angles, droop=0.):
-    x, y = coupled_end(*BONES, droop, angles[1], angles[2])
+    x, y = coupled_end(linkage(0., droop=droop), angles[1], angles[2])
     return (x * np.cos(angles[0]) - y * np.sin(angles[0]),
             -x * np.sin(angles[0]) - y * np.cos(angles[0]))
 
 
 def solve(target, slope, offset, droop=0.):
-    start = straightest(*BONES, droop, slope, offset, *LIMITS[1], *LIMITS[2])
-    return np.array(coupled_form(
-        *target, *BONES, droop, slope, offset, start, *LIMITS.ravel()))
+    chain = linkage(slope, offset, droop)
+    return np.array(solve_three_bone(*target, chain, straightest(chain)))
 
 
 @pytest.mark.parametrize('slope, offset, droop', [
     (1., 0., 0.), (2., .1, 0.), (.5, -.1, 0.), (1., 0., .2), (0., .3, 0.)])
 def test_coupled_angles_come_back(slope, offset, droop):
     rng = np.random.default_rng(1)
-    start = straightest(*BONES, droop, slope, offset, *LIMITS[1], *LIMITS[2])
+    chain = linkage(slope, offset, droop)
+    start = straightest(chain)
     for first, second in rng.uniform(
             (LIMITS[0, 0], start + 1e-3), LIMITS[:2, 1], size=(300, 2)):
-        angles = (first, second, coupled_angle(second, slope, offset, *LIMITS[2]))
+        angles = (first, second, coupled_angle(chain, second))
         np.testing.assert_allclose(
             solve(end(angles, droop), slope, offset, droop), angles, atol=1e-7)
 
@@ -52,9 +57,10 @@ def test_passing_the_limit_of_the_first_hinge_changes_nothing_at_once():
 @pytest.mark.parametrize('slope', [0., .8, 2.])
 def test_nothing_curled_is_nearer_when_the_first_is_at_its_limit(slope):
     rng = np.random.default_rng(2)
-    full = coupled_angle(LIMITS[1, 1], slope, 0., *LIMITS[2])
-    start = straightest(*BONES, 0., slope, 0., *LIMITS[1], *LIMITS[2])
-    curled = [(a, coupled_angle(a, slope, 0., *LIMITS[2]))
+    chain = linkage(slope)
+    full = coupled_angle(chain, LIMITS[1, 1])
+    start = straightest(chain)
+    curled = [(a, coupled_angle(chain, a))
               for a in np.linspace(start, LIMITS[1, 1], 400)]
     curled += [(LIMITS[1, 1], a) for a in np.linspace(full, LIMITS[2, 1], 400)]
     tried = 0
@@ -94,6 +100,6 @@ def test_singular_targets_are_finite_and_inside_the_limits(target):
 
 @pytest.mark.parametrize('offset, droop', [(0., 0.), (.3, 0.), (1.2, .2), (-.1, -.2)])
 def test_rigid_behind_the_second_hinge_is_straightest_where_the_search_finds_it(offset, droop):
-    rigid = straightest(*BONES, droop, 0., offset, *LIMITS[1], *LIMITS[2])
-    searched = straightest(*BONES, droop, 1e-12, offset, *LIMITS[1], *LIMITS[2])
+    rigid = straightest(linkage(0., offset, droop))
+    searched = straightest(linkage(1e-12, offset, droop))
     assert rigid == pytest.approx(searched, abs=np.ptp(LIMITS[1]) / 1000.)

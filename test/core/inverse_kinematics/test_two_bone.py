@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.inverse_kinematics.two_bone import (
-    FASTEST,
-    closed_form,
+    MAX_SECOND_HINGE_SPEED,
+    Linkage,
     miss_distance,
-    one_bend,
+    solve_bend,
+    solve_two_bone,
 )
 
 LOWER, UPPER = np.radians((-10., -10.)), np.radians((85., 95.))
@@ -22,9 +23,12 @@ def end(first, second, droop=0., bones=BONES):
             -bones[0] * np.sin(first) - bones[1] * np.sin(bent))
 
 
+def linkage(droop=0.):
+    return Linkage((*BONES, 0.), droop, (*LOWER, 0.), (*UPPER, 0.), 0., 0.)
+
+
 def solve(along, height, droop=0., previous=0., step=1.):
-    return closed_form(along, height, *BONES, droop, NATURAL,
-                       LOWER[0], UPPER[0], LOWER[1], UPPER[1], previous, step)
+    return solve_two_bone(along, height, linkage(droop), NATURAL, previous, step)
 
 
 def test_angles_come_back():
@@ -74,7 +78,7 @@ def test_straight_fingers_with_skin_markers_turn_no_faster_than_fingers_do():
     truth = np.radians((30., 45.))
     place = end(*truth, ON_SKIN)
     _, straight = solve(*place, ON_SKIN, previous=-ON_SKIN, step=.01)
-    assert straight == pytest.approx(-ON_SKIN + .01 * FASTEST)
+    assert straight == pytest.approx(-ON_SKIN + .01 * MAX_SECOND_HINGE_SPEED)
     assert solve(*place, ON_SKIN, previous=-ON_SKIN, step=.1) == pytest.approx(truth)
 
 
@@ -89,11 +93,11 @@ def test_nothing_in_the_box_is_nearer(droop):
     for target in rng.uniform(-.1, .1, size=(200, 2)):
         found = solve(*target, droop)
         assert (LOWER <= found).all() and (found <= UPPER).all()
-        bends = [one_bend(*target, *BONES, droop, sign, LOWER[0], UPPER[0], low, high)
+        bends = [solve_bend(*target, linkage(droop), sign, low, high)
                  for sign, low, high in sides]
         assert found in [bend[:2] for bend in bends]
         first, second, miss = min(bends, key=lambda bend: bend[2])
-        assert miss == miss_distance(*target, *BONES, droop, first, second)
+        assert miss == miss_distance(*target, linkage(droop), first, second)
         # Hyperextension on both sides of the limit is the one thing not searched.
         assert miss <= np.linalg.norm(ends - target, axis=-1).min() + 5e-4
 

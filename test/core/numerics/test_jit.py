@@ -20,8 +20,8 @@ from hand_tracker.core.numerics.jit import (
     packed,
     parts,
 )
-from hand_tracker.core.pipeline import blank_state
 from hand_tracker.core.pose.report import blank_report
+from hand_tracker.core.records import blank_state
 
 ROOT = Path(__file__).resolve().parents[3]
 PROGRAM = """
@@ -130,14 +130,14 @@ def test_a_change_of_any_kernel_or_of_its_constants_makes_new_ones():
 
 def test_packed_values_are_those_given():
     state = blank_state(np.eye(3), np.ones((5, 3)), np.ones(25), 1e-4)
-    state.placed[0] = True
+    state.wrist.placed[0] = True
     pack, values = packed(state)
     assert type(values) is type(state) and type(values.palm) is type(state.palm)
     np.testing.assert_array_equal(values.digits.mean, state.digits.mean)
-    assert values.placed.dtype == bool and values.placed[0]
+    assert values.wrist.placed.dtype == bool and values.wrist.placed[0]
     # The arrays are those of the pack, whichever side writes.
-    values.position[1] = 7.
-    assert pack[0]['position' if COMPILED else state._fields.index('position')][1] == 7.
+    values.angles[1] = 7.
+    assert pack[0]['angles' if COMPILED else state._fields.index('angles')][1] == 7.
 
 
 def test_another_pack_is_apart():
@@ -156,9 +156,9 @@ def test_a_pack_is_overwritten_with_all_that_another_holds():
     blank = blank_state(np.eye(3), np.ones((5, 3)), np.ones(25), 1e-4)
     pack, values = packed(deepcopy(blank))
     other, _ = packed(blank)
-    values.digits.mean[:], values.placed[0], values.memory.doubt[0] = 3., True, 2.
+    values.digits.mean[:], values.wrist.placed[0], values.memory.doubt[0] = 3., True, 2.
     overwrite(pack, other)
     assert (values.digits.mean == blank.digits.mean).all()
-    assert not values.placed[0] and values.memory.doubt[0] == blank.memory.doubt[0]
+    assert not values.wrist.placed[0] and values.memory.doubt[0] == blank.memory.doubt[0]
     values.digits.mean[:] = 4.
     assert (blank.digits.mean != 4.).all()

@@ -5,12 +5,19 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.filtering.tracks import initial_tracks
-from hand_tracker.core.occlusion.digit_markers import follow_digits
-from hand_tracker.core.occlusion.transdigital import no_habits, prior_of
+from hand_tracker.core.inverse_kinematics.palm import Wrist
+from hand_tracker.core.occlusion.digit_markers import track_digits
+from hand_tracker.core.occlusion.prediction import Observation, Prediction
+from hand_tracker.core.occlusion.transdigital import (
+    DigitPrior,
+    nothing_learned,
+    prior_correlation,
+)
 
 REST = np.array(((.15, .025, 0.), (.16, .005, 0.), (.15, -.015, 0.), (.13, -.035, 0.),
                  (.09, .06, -.02)))
 STEP = 1. / 120.
+PRIOR = DigitPrior(REST, prior_correlation(.6, .8, .8))
 STILL = np.eye(3), np.zeros(3)
 
 
@@ -18,10 +25,8 @@ class Digits:
     """Follows five markers frame by frame."""
 
     def __init__(self, memory=7., longest=2., relaxing=1., fading=.04):
-        self.tracks, self.habits = initial_tracks(REST), no_habits()
-        self.shares = np.zeros((15, 15))
-        self.options = memory, longest, relaxing
-        self.fading = fading
+        self.tracks, self.transdigital = initial_tracks(REST), nothing_learned()
+        self.options = Prediction(False, fading, True, memory, longest, relaxing)
 
     def see(self, local, hidden=(), pose=STILL, pushed=0., step=STEP):
         """Follow places in the palm's frame; return where they are in it, shape (5, 3)."""
@@ -30,11 +35,10 @@ class Digits:
         seen = np.ones(5, dtype=bool)
         seen[list(hidden)] = False
         markers[~seen] = np.nan
-        memory, longest, relaxing = self.options
-        follow_digits(
-            markers, seen, self.tracks, rotation, position, REST, self.habits,
-            prior_of(.6, .8, .8), self.shares, np.full((5, 3), pushed), step, np.full(5, 1e-4),
-            False, self.fading, memory, True, longest, relaxing)
+        track_digits(
+            Observation(markers, seen, np.full(5, 1e-4)), step, self.tracks,
+            Wrist(rotation, position, np.array((True,))), self.transdigital, PRIOR,
+            np.full((5, 3), pushed), self.options, True)
         return self.tracks.mean[:, :3].copy()
 
 
@@ -162,10 +166,10 @@ def test_while_one_is_hidden_nothing_is_learned():
     digits = Digits()
     for frame in range(100):
         digits.see(wave(frame))
-    weight = digits.habits.weight[0]
+    weight = digits.transdigital.statistics.weight[0]
     for frame in range(100, 200):
         digits.see(wave(frame), (3,))
-    assert weight > 0. and digits.habits.weight[0] == weight
+    assert weight > 0. and digits.transdigital.statistics.weight[0] == weight
 
 
 @pytest.mark.parametrize('wrong', [0, 1, 2])

@@ -5,20 +5,22 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.filtering.tracks import initial_tracks
+from hand_tracker.core.inverse_kinematics.palm import PalmLimits, Wrist, wrist_at_origin
 from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.occlusion.palm_markers import (
-    carry_palm,
     check_palm,
+    complete_palm,
     expected_markers,
-    follow_palm,
+    track_palm,
 )
+from hand_tracker.core.occlusion.prediction import Observation, Prediction
 
 TEMPLATE = np.array(((0., 0., 0.), (.083, .021, -.003), (.068, -.034, -.006)))
 FINGERS = np.array(((.15, .025, -.02), (.16, .005, -.02), (.15, -.015, -.02), (.13, -.035, -.02),
                     (.09, .06, -.04)))
 HAND = np.vstack((TEMPLATE, FINGERS))
 STEP = 1. / 120.
-FAULT = 1.5, .3, .2
+LIMITS = PalmLimits(1.5, .3, .2)
 
 
 class Palm:
@@ -26,9 +28,8 @@ class Palm:
 
     def __init__(self, by_fingers=True, longest=2., fading=.04):
         self.tracks, self.digits = initial_tracks(TEMPLATE), initial_tracks(FINGERS)
-        self.rotation, self.position = np.eye(3), np.zeros(3)
-        self.placed = False
-        self.by_fingers, self.longest, self.fading = by_fingers, longest, fading
+        self.wrist = wrist_at_origin()
+        self.options = Prediction(False, fading, by_fingers, 0., longest, 0.)
 
     def see(self, rotation, position, hidden=(), digits=FINGERS):
         """Follow a frame; return its `PalmState` and the three places."""
@@ -36,14 +37,12 @@ class Palm:
         seen = np.ones(8, dtype=bool)
         seen[list(hidden)] = False
         markers[~seen] = np.nan
-        state = follow_palm(
-            markers, seen, self.tracks, self.digits, self.rotation, self.position, TEMPLATE,
-            self.placed, STEP, np.full(8, 1e-4), False, self.fading, self.by_fingers,
-            self.longest)
+        state = track_palm(
+            Observation(markers, seen, np.full(8, 1e-4)), STEP, self.tracks, self.digits,
+            self.wrist, TEMPLATE, self.options)
         if state != PalmState.WAITING:
-            self.placed = True
             # The true pose, or what is left of it is measured with its own errors.
-            self.rotation, self.position = rotation, position
+            self.wrist = Wrist(np.array(rotation), np.array(position), np.array((True,)))
             self.digits.seen[:] = seen[3:]
         return PalmState(state), self.tracks.mean[:, :3].copy()
 
@@ -63,7 +62,7 @@ def frame_of(seen_palm, rotation, position):
 def carried(seen_palm, rotation, position, before, origin):
     points, palm = frame_of(seen_palm, rotation, position)
     expected = tuple(map(tuple, TEMPLATE @ before.T + origin))
-    return np.array(carry_palm(points, expected, tuple(bool(s) for s in seen_palm))), palm
+    return np.array(complete_palm(points, expected, tuple(bool(s) for s in seen_palm))), palm
 
 
 @pytest.mark.parametrize('hidden', [0, 1, 2])
@@ -183,6 +182,7 @@ def test_even_motion_is_expected_to_go_on():
     (lambda m: .1 * m, PalmState.TOO_CLOSE), (lambda m: m[[0, 1, 1]], PalmState.COINCIDENT)])
 def test_a_palm_of_no_hand_is_not_seen(change, fault):
     markers, seen = np.vstack((change(TEMPLATE), FINGERS)), np.ones(8, dtype=bool)
-    found = check_palm(markers, seen, TEMPLATE, np.eye(3), np.zeros(3), True, *FAULT)
+    found = check_palm(
+        markers, seen, TEMPLATE, wrist_at_origin()._replace(placed=np.array((True,))), LIMITS)
     assert found == fault
     assert (seen[:3] == (fault == PalmState.TRACKED)).all() and seen[3:].all()

@@ -5,15 +5,17 @@ import pytest
 
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.occlusion.transdigital import (
-    keep_near_neighbours,
+    MOVE_FLOOR,
+    PRIOR_MOVE,
+    VELOCITY_HORIZON,
     learn,
-    no_habits,
-    prior_of,
-    shares_of,
+    limit_neighbour_difference,
+    nothing_learned,
+    prior_correlation,
+    regress_hidden,
 )
 
 LINKS = .6, .8, .7
-SPREAD, HORIZON, FLOOR = .03, .3, .003
 STEP = 1. / 60.
 PLACES = np.random.default_rng(1).normal(scale=.05, size=(5, 3))
 
@@ -28,18 +30,18 @@ def history(seed, frames=200):
 
 
 def learned(places, velocities, memory=7.):
-    habits = no_habits()
+    statistics = nothing_learned().statistics
     for x, v in zip(places, velocities):
-        learn(habits, x, v, STEP, memory)
-    return habits
+        learn(statistics, x, v, STEP, memory)
+    return statistics
 
 
-def found_shares(habits, hidden, places=PLACES, links=LINKS):
-    shares = np.full((15, 15), 7.)
+def coefficients_of(statistics, hidden, places=PLACES, links=LINKS):
+    found = np.full((15, 15), 7.)
     mask = np.zeros(5, dtype=bool)
     mask[list(hidden)] = True
-    shares_of(habits, prior_of(*links), SPREAD, places, mask, HORIZON, FLOOR, shares)
-    return shares
+    regress_hidden(statistics, prior_correlation(*links), places, mask, found)
+    return found
 
 
 def rows_of(digits):
@@ -51,41 +53,41 @@ def rows_of(digits):
 def test_shares_are_those_of_an_explicit_ridge_regression_on_the_history(hidden, memory):
     places, velocities = history(3)
     now = places[-1] + .004
-    shares = found_shares(learned(places, velocities, memory), hidden, now)
+    coefficients = coefficients_of(learned(places, velocities, memory), hidden, now)
 
     # Every past frame twice, as a move to now and as a velocity over the horizon, and the prior
     # as moves of its own.
     weight = STEP * np.exp(-STEP / memory * np.arange(len(places))[::-1])
-    root = np.linalg.cholesky(prior_of(*LINKS) + 1e-15 * np.eye(15))
+    root = np.linalg.cholesky(prior_correlation(*LINKS) + 1e-15 * np.eye(15))
     rows = np.vstack((
         np.sqrt(weight)[:, None] * (places - now).reshape(-1, 15),
-        np.sqrt(weight)[:, None] * HORIZON * velocities.reshape(-1, 15),
-        SPREAD * root.T))
+        np.sqrt(weight)[:, None] * VELOCITY_HORIZON * velocities.reshape(-1, 15),
+        PRIOR_MOVE * root.T))
     unseen = rows_of(hidden)
     seen = np.setdiff1d(np.arange(15), unseen)
-    ridge = np.sqrt(weight.sum() + 1.) * FLOOR * np.eye(len(seen))
+    ridge = np.sqrt(weight.sum() + 1.) * MOVE_FLOOR * np.eye(len(seen))
     expected = np.linalg.lstsq(np.vstack((rows[:, seen], ridge)), np.vstack((
         rows[:, unseen], np.zeros((len(seen), len(unseen))))), rcond=None)[0]
-    np.testing.assert_allclose(shares[np.ix_(unseen, seen)], expected.T, atol=1e-8)
-    assert (shares[seen] == 0.).all() and (shares[:, unseen] == 0.).all()
+    np.testing.assert_allclose(coefficients[np.ix_(unseen, seen)], expected.T, atol=1e-8)
+    assert (coefficients[seen] == 0.).all() and (coefficients[:, unseen] == 0.).all()
 
 
 def test_before_anything_is_learned_the_prior_alone_counts():
-    shares = found_shares(no_habits(), (3,))
-    kept = SPREAD ** 2 / (SPREAD ** 2 + FLOOR ** 2)
-    ring, middle, index = (shares[9:12, rows_of((digit,))] for digit in (2, 1, 0))
+    coefficients = coefficients_of(nothing_learned().statistics, (3,))
+    kept = PRIOR_MOVE ** 2 / (PRIOR_MOVE ** 2 + MOVE_FLOOR ** 2)
+    ring, middle, index = (coefficients[9:12, rows_of((digit,))] for digit in (2, 1, 0))
     np.testing.assert_allclose(ring, LINKS[2] * kept * np.eye(3), atol=.02)
     # What lies beyond the neighbour adds little to it.
     assert abs(middle).max() < .02 and abs(index).max() < .02
-    assert (shares[9:12, 12:] == 0.).all(), 'the thumb tells nothing of fingers'
+    assert (coefficients[9:12, 12:] == 0.).all(), 'the thumb tells nothing of fingers'
 
 
 def test_before_anything_is_learned_the_thumb_is_free():
-    assert (found_shares(no_habits(), (4,)) == 0.).all()
+    assert (coefficients_of(nothing_learned().statistics, (4,)) == 0.).all()
 
 
 def test_links_of_fingers_multiply():
-    prior = prior_of(*LINKS)
+    prior = prior_correlation(*LINKS)
     np.testing.assert_array_equal(prior[:3, :3], np.eye(3))
     np.testing.assert_allclose(prior[0:3, 3:6], .6 * np.eye(3))
     np.testing.assert_allclose(prior[9:12, 0:3], .6 * .8 * .7 * np.eye(3))
@@ -95,7 +97,7 @@ def test_links_of_fingers_multiply():
 
 @pytest.mark.parametrize('hidden', [(), (0, 1, 2, 3, 4)])
 def test_without_one_to_tell_or_to_be_told_there_are_no_shares(hidden):
-    assert (found_shares(learned(*history(4)), hidden) == 0.).all()
+    assert (coefficients_of(learned(*history(4)), hidden) == 0.).all()
 
 
 def test_what_is_learned_prevails():
@@ -103,38 +105,39 @@ def test_what_is_learned_prevails():
     rng = np.random.default_rng(5)
     waves = np.cumsum(rng.normal(scale=.01, size=(600, 1, 3)), axis=0)
     places = PLACES + waves * np.array((1., 1., -.5, 1., 0.))[:, None]
-    shares = found_shares(learned(places, np.gradient(places, axis=0) / STEP), (2,), places[-1])
+    coefficients = coefficients_of(
+        learned(places, np.gradient(places, axis=0) / STEP), (2,), places[-1])
     move = np.tile((.01, -.02, .005), (5, 1)) * np.array((1., 1., 0., 1., 0.))[:, None]
-    np.testing.assert_allclose((shares @ move.ravel())[6:9], (-.005, .01, -.0025), atol=.001)
+    np.testing.assert_allclose((coefficients @ move.ravel())[6:9], (-.005, .01, -.0025), atol=.001)
 
 
 def test_what_is_old_is_forgotten():
     old, new = history(6), history(7, frames=900)
     both = (np.concatenate(parts) for parts in zip(old, new))
-    remembered = found_shares(learned(*both, memory=1.), (1,), new[0][-1])
-    alone = found_shares(learned(*new, memory=1.), (1,), new[0][-1])
+    remembered = coefficients_of(learned(*both, memory=1.), (1,), new[0][-1])
+    alone = coefficients_of(learned(*new, memory=1.), (1,), new[0][-1])
     np.testing.assert_allclose(remembered, alone, atol=1e-4)
 
 
 def test_a_stuck_history_is_safe():
     still = np.tile(PLACES, (500, 1, 1))
     for scale in (1., 1e3):
-        shares = found_shares(learned(scale * still, 0. * still), (1, 3), scale * PLACES)
-        assert np.isfinite(shares).all() and abs(shares).max() < 2.
+        coefficients = coefficients_of(learned(scale * still, 0. * still), (1, 3), scale * PLACES)
+        assert np.isfinite(coefficients).all() and abs(coefficients).max() < 2.
 
 
 @pytest.mark.parametrize('far', [3., 1e3, 1e6, 1e9])
 def test_places_of_no_hand_give_shares_all_the_same(far):
-    shares = found_shares(learned(*history(8)), (1, 3), PLACES + far)
-    assert np.isfinite(shares).all() and abs(shares).max() < 10.
+    coefficients = coefficients_of(learned(*history(8)), (1, 3), PLACES + far)
+    assert np.isfinite(coefficients).all() and abs(coefficients).max() < 10.
 
 
 @pytest.mark.parametrize('far, fast', [(1e3, 0.), (0., 5.), (0., 1e5), (np.nan, 0.)])
 def test_frames_of_no_hand_teach_nothing(far, fast):
     places, velocities = history(8)
     odd = places[:20] + far, velocities[:20] + fast
-    habits = learned(np.concatenate((places, odd[0])), np.concatenate((velocities, odd[1])))
-    for part, expected in zip(habits, learned(places, velocities)):
+    statistics = learned(np.concatenate((places, odd[0])), np.concatenate((velocities, odd[1])))
+    for part, expected in zip(statistics, learned(places, velocities)):
         np.testing.assert_array_equal(part, expected)
 
 
@@ -148,7 +151,7 @@ def kept(flexion, seen, apart=(0., 0., 0.)):
     angles = np.zeros(25)
     angles[MCP] = flexion
     apart = np.array(apart)
-    keep_near_neighbours(angles, np.array(seen), BOUNDS, apart, *HAND.limits.T.copy())
+    limit_neighbour_difference(angles, np.array(seen), BOUNDS, apart, *HAND.limits.T.copy())
     assert (np.delete(angles, MCP) == 0.).all()
     return angles[MCP], apart
 
@@ -182,6 +185,6 @@ def test_limits_prevail():
     tight[MCP[1]] = 0., .3
     angles = np.zeros(25)
     angles[MCP] = 1.4, .1, 1.4, 1.4
-    keep_near_neighbours(angles, np.array((True, False, True, True, True)), BOUNDS, np.zeros(3),
-                         *tight.T.copy())
+    limit_neighbour_difference(angles, np.array((True, False, True, True, True)), BOUNDS,
+                               np.zeros(3), *tight.T.copy())
     assert angles[MCP[1]] == .3

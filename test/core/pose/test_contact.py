@@ -19,7 +19,13 @@ from hand_tracker.core.model.hand import (
     Hand,
     preset_limits,
 )
-from hand_tracker.core.pose.contact import AIM, GAP, PENETRATION, carry, separate
+from hand_tracker.core.pose.contact import (
+    CONTACT_GAP,
+    PENETRATION,
+    TOLERANCE_SHARE,
+    drag_hidden,
+    separate,
+)
 from hand_tracker.simulation.gestures import GRASPS, LETTERS, grasp_shape, shape_angles
 from hand_tracker.simulation.motions import MOTIONS, motion_named
 from hand_tracker.simulation.poses import POSES, pose_angles
@@ -118,7 +124,7 @@ def test_no_frame_of_a_natural_motion_overlaps(name):
 def test_what_does_not_overlap_is_untouched(share):
     angles = WIDE.limits[:, 0] + share * np.ptp(WIDE.limits, axis=1)
     moved, rounds = apart(WIDE, angles)
-    if overlap(WIDE, angles) <= AIM * PENETRATION:
+    if overlap(WIDE, angles) <= TOLERANCE_SHARE * PENETRATION:
         assert rounds == 0
         np.testing.assert_array_equal(moved, angles)
     else:
@@ -185,7 +191,7 @@ def test_the_change_is_the_least(angles):
         lambda x: ((x - angles[joints]) ** 2).sum(), moved[joints], method='SLSQP',
         bounds=HAND.limits[joints], options={'ftol': 1e-14},
         constraints={'type': 'ineq', 'fun': lambda x: 1e2 * (
-            pair_gaps(body_of(HAND), put(x)).min() + AIM * PENETRATION)})
+            pair_gaps(body_of(HAND), put(x)).min() + TOLERANCE_SHARE * PENETRATION)})
     size = ((moved - angles) ** 2).sum()
     assert size <= 1.03 * found.fun + 1e-8
 
@@ -239,14 +245,14 @@ def test_paths_jump_only_where_a_digit_passes_through_the_middle_of_another():
     assert jumps == 0
 
 
-def carried(before, after, hidden, gap=GAP, friction=FRICTION):
+def carried(before, after, hidden, gap=CONTACT_GAP, friction=FRICTION):
     """Return how the hidden digits are carried from one pose to another, shape (5, 3) [m]."""
     body = body_of(HAND)
     ends = np.empty((2, len(body.link), 2, 3))
     place_capsules(body, before, ends[0])
     place_capsules(body, after, ends[1])
     displacement = np.full((5, 3), np.nan)
-    carry(body, ends[0], ends[1], np.isin(np.arange(5), hidden), gap, friction, displacement)
+    drag_hidden(body, ends[0], ends[1], np.isin(np.arange(5), hidden), gap, friction, displacement)
     return displacement
 
 
@@ -263,7 +269,7 @@ def turned(angles, joint, degrees):
 
 def test_a_hidden_finger_is_dragged_along_the_skin_of_its_neighbour():
     before = touching()
-    assert -pair_gaps(body_of(HAND), before).min() > -GAP
+    assert -pair_gaps(body_of(HAND), before).min() > -CONTACT_GAP
     after = turned(before, 'index_mcp_flexion', 3.)
     moved = carried(before, after, [MIDDLE])
     assert moved[MIDDLE, 2] < -.0002, 'down with the index finger'

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.model.hand import ABDUCTION_JOINTS, DIGIT_OF_JOINT, FLEXION_JOINTS
-from hand_tracker.core.pose.continuity import ease
+from hand_tracker.core.pose.continuity import blend
 
 LOWER, UPPER = np.full(25, -1.), np.full(25, 2.)
 STEP, RATE = .01, 15.
@@ -13,14 +13,14 @@ INDEX = np.array((True, False, False, False, False))
 OF_INDEX = np.array((ABDUCTION_JOINTS[0], *FLEXION_JOINTS[0]))
 
 
-def eased_path(solved, changes, step=STEP, rate=RATE, predicted=NONE):
-    """Return the eased angles of frames (n, 25), with what `changes` has in some of them."""
-    eased, offset = solved[0].copy(), np.zeros(25)
+def blended_path(solved, changes, step=STEP, rate=RATE, predicted=NONE):
+    """Return the blended angles of frames (n, 25), with what `changes` has in some of them."""
+    blended, offset = solved[0].copy(), np.zeros(25)
     path = []
     for frame, angles in enumerate(solved):
-        ease(angles, eased, offset, changes.get(frame, NONE), predicted, step, rate,
+        blend(angles, blended, offset, changes.get(frame, NONE), predicted, step, rate,
              LOWER, UPPER)
-        path.append(eased.copy())
+        path.append(blended.copy())
     return np.array(path)
 
 
@@ -33,12 +33,12 @@ def jump(by, frames=30, at=5):
 
 def test_without_a_change_nothing_is_eased():
     solved = jump(1.)
-    np.testing.assert_array_equal(eased_path(solved, {}), solved)
+    np.testing.assert_array_equal(blended_path(solved, {}), solved)
 
 
 @pytest.mark.parametrize('by', [1., -.7])
 def test_a_change_fades_in_at_the_rate_and_then_is_gone(by):
-    path = eased_path(jump(by), {5: INDEX})
+    path = blended_path(jump(by), {5: INDEX})
     steps = np.diff(path[:, OF_INDEX], axis=0)
     assert abs(steps).max() <= RATE * STEP + 1e-12
     frames = int(np.ceil(abs(by) / (RATE * STEP)))
@@ -50,7 +50,7 @@ def test_the_true_motion_is_neither_delayed_nor_slowed():
     solved = jump(1.)
     # Flexing at first, up to twice as fast as what corrects
     motion = .6 * np.sin(.5 * np.arange(-5, 25))
-    path = eased_path(solved + motion[:, None], {5: INDEX})[5:, OF_INDEX]
+    path = blended_path(solved + motion[:, None], {5: INDEX})[5:, OF_INDEX]
     true = np.diff(motion[5:])[:, None]
     added = np.diff(path, axis=0) - true
     assert (added > -1e-12).all() and (added < RATE * STEP + 1e-12).all()
@@ -65,7 +65,7 @@ def test_a_predicted_digit_turns_at_the_rate_at_most_and_a_seen_one_as_it_is_see
     solved = jump(1.)
     solved[15:] = -.5
     others = DIGIT_OF_JOINT != 0
-    path = eased_path(solved, {}, predicted=INDEX)
+    path = blended_path(solved, {}, predicted=INDEX)
     assert abs(np.diff(path[:, OF_INDEX], axis=0)).max() <= RATE * STEP + 1e-12
     np.testing.assert_array_equal(path[[14, -1]], solved[[14, -1]])
     np.testing.assert_array_equal(path[:, others], solved[:, others])
@@ -74,18 +74,18 @@ def test_a_predicted_digit_turns_at_the_rate_at_most_and_a_seen_one_as_it_is_see
 def test_other_digits_are_left_alone():
     solved = np.ones((30, 25)) * np.linspace(0., 1., 30)[:, None] ** 2
     others = np.setdiff1d(np.arange(25), OF_INDEX)
-    np.testing.assert_array_equal(eased_path(solved, {5: INDEX})[:, others], solved[:, others])
+    np.testing.assert_array_equal(blended_path(solved, {5: INDEX})[:, others], solved[:, others])
 
 
 def test_a_change_while_one_fades_goes_on_from_where_it_is():
     solved = jump(1.)
     solved[8:, OF_INDEX] = -.5
-    steps = np.diff(eased_path(solved, {5: INDEX, 8: INDEX})[:, OF_INDEX], axis=0)
+    steps = np.diff(blended_path(solved, {5: INDEX, 8: INDEX})[:, OF_INDEX], axis=0)
     assert abs(steps).max() <= RATE * STEP + 1e-12
 
 
 def test_nothing_fades_while_no_time_passes():
-    path = eased_path(jump(1.), {5: INDEX}, step=0.)
+    path = blended_path(jump(1.), {5: INDEX}, step=0.)
     assert (path == 0.).all()
 
 
@@ -94,7 +94,7 @@ def test_limits_hold_while_it_fades():
     solved[0:5, OF_INDEX] = 2.
     solved[5:, OF_INDEX] = 1.
     solved[6:, OF_INDEX] = 1.9
-    path = eased_path(solved, {5: INDEX})
+    path = blended_path(solved, {5: INDEX})
     assert (path <= UPPER).all() and (path >= LOWER).all()
     assert path[6, OF_INDEX] == pytest.approx(2.)
     np.testing.assert_array_equal(path[-1], solved[-1])

@@ -104,7 +104,7 @@ class Ways:
         reports = self.short.kernel_arguments()[-1]
         copy = another(reports)
         overwrite(copy, reports)
-        return self.short.told(copy)
+        return self.short.state_from_report(copy)
 
     def answers(self):
         """Return what the short way answers, as bytes."""

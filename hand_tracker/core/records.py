@@ -1,0 +1,140 @@
+"""Records that the kernels of a frame read and write: the hand's model, and the tracker's state."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .filtering.noise_estimate import NoiseEstimate, initial_noise
+from .filtering.tracks import Tracks, initial_tracks
+from .inverse_kinematics.palm import Wrist, wrist_at_origin
+from .labelling.association import HandBounds, Memory, blank_memory
+from .model.capsules import Capsules
+from .model.kinematics import JointTable
+from .model.marker_layout import MARKERS, Mounting
+from .occlusion.transdigital import DigitPrior, Transdigital, nothing_learned
+
+
+class Model(NamedTuple):
+    """Constants of one hand with its markers; of a right hand but for the last three.
+
+    Attributes
+    ----------
+    template : ndarray, shape (3, 3)
+        Palm markers in the wrist's frame [m].
+    prior : DigitPrior
+    levers : ndarray, shape (5,)
+        Share of the palm's noise in the digits' markers (`smoothing.noise_levers`) [1].
+    flexion_bounds : ndarray, shape (3,)
+        Largest difference of MCP flexion of neighbouring fingers, index and middle finger
+        first [rad].
+    hand_bounds : HandBounds
+    capsules : Capsules
+    table : JointTable
+    mounting : Mounting
+    mirror : ndarray, shape (3,)
+        -1 on the axes that a left hand mirrors, else 1.
+    """
+
+    template: np.ndarray
+    prior: DigitPrior
+    levers: np.ndarray
+    flexion_bounds: np.ndarray
+    hand_bounds: HandBounds
+    capsules: Capsules
+    table: JointTable
+    mounting: Mounting
+    mirror: np.ndarray
+
+
+class State(NamedTuple):
+    """Everything the tracker keeps from frame to frame, of a right hand.
+
+    Attributes
+    ----------
+    palm : Tracks
+        Filters of the palm's markers, in the markers' frame.
+    digits : Tracks
+        Filters of the digits' markers, in the wrist's frame.
+    noise : NoiseEstimate
+    memory : Memory
+        Of the labelling.
+    transdigital : Transdigital
+    wrist : Wrist
+    angles : ndarray, shape (25,)
+        Solved by inverse kinematics [rad].
+    blended, offset : ndarray, shape (25,)
+        Angles without jumps, and their difference to the solved ones [rad].
+    separated, contact_offset : ndarray, shape (25,)
+        Angles after contact resolution, and their difference to the blended ones [rad].
+    neighbour_difference : ndarray, shape (3,)
+        MCP flexion between neighbouring fingers when both were last seen [rad].
+    pushes : ndarray, shape (5, 3)
+        Displacement of the hidden digits' markers by contact [m].
+    last_markers, repeats, repeated_distances : ndarray, shape (8, 3), (8,) and (3, 3)
+        Memory of `reject_frozen`.
+    expected, spread, known, verdict : ndarray, shape (8, 3) and (8,)
+        This frame's predictions [m], their standard deviations [m], which markers have been
+        seen before, and the labelling's verdicts.
+    measured : ndarray of bool, shape (5,)
+        Whether the last joint of a digit was measured in the last frame.
+    changed : ndarray of bool, shape (5,)
+        Digits whose evidence differs from the last frame's.
+    roots : ndarray, shape (5, 3)
+        This frame's first joints of the digits, in the wrist's frame [m].
+    """
+
+    palm: Tracks
+    digits: Tracks
+    noise: NoiseEstimate
+    memory: Memory
+    transdigital: Transdigital
+    wrist: Wrist
+    angles: np.ndarray
+    blended: np.ndarray
+    offset: np.ndarray
+    separated: np.ndarray
+    contact_offset: np.ndarray
+    neighbour_difference: np.ndarray
+    pushes: np.ndarray
+    last_markers: np.ndarray
+    repeats: np.ndarray
+    repeated_distances: np.ndarray
+    expected: np.ndarray
+    spread: np.ndarray
+    known: np.ndarray
+    verdict: np.ndarray
+    measured: np.ndarray
+    changed: np.ndarray
+    roots: np.ndarray
+
+
+def blank_state(template: np.ndarray, rest: np.ndarray, relaxed: np.ndarray,
+                marker_noise: float) -> State:
+    """Return the state before the first frame: a relaxed hand at the origin.
+
+    Parameters
+    ----------
+    template : ndarray, shape (3, 3)
+        Palm markers in the wrist's frame [m].
+    rest : ndarray, shape (5, 3)
+        Digits' markers of the relaxed hand, in the wrist's frame [m].
+    relaxed : ndarray, shape (25,)
+        Angles of the relaxed hand [rad].
+    marker_noise : float
+        Standard deviation of a marker on an axis before any is learned [m].
+
+    Returns
+    -------
+    State
+    """
+    count, joints = len(MARKERS), len(relaxed)
+    return State(
+        initial_tracks(template), initial_tracks(rest), initial_noise(count, marker_noise),
+        blank_memory(), nothing_learned(), wrist_at_origin(), angles=relaxed.copy(), blended=relaxed.copy(),
+        offset=np.zeros(joints), separated=relaxed.copy(), contact_offset=np.zeros(joints),
+        neighbour_difference=np.zeros(3), pushes=np.zeros(rest.shape),
+        last_markers=np.full((count, 3), np.nan), repeats=np.zeros(count, dtype=np.int64),
+        repeated_distances=np.full((3, 3), np.nan), expected=np.zeros((count, 3)),
+        spread=np.zeros(count), known=np.zeros(count, dtype=bool),
+        verdict=np.zeros(count, dtype=np.int64), measured=np.zeros(len(rest), dtype=bool),
+        changed=np.zeros(len(rest), dtype=bool), roots=np.zeros(rest.shape))
