@@ -1,7 +1,7 @@
 """Make the pictures of the README: `python -m docs.pictures [NAME ...]`.
 
-The hands are what the tracker says of simulated recordings, in its skin. All but the round
-trips, which are measured, come out the same each time.
+The hands are tracked from simulated recordings and drawn with their skin. All pictures are
+reproducible but the latency, which is measured.
 """
 
 import argparse
@@ -27,18 +27,24 @@ from hand_tracker.core.model.skeleton import (
 )
 from hand_tracker.core.model.states import MarkerState
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.drawing.angle_plots import history, page
-from hand_tracker.drawing.images import blank, drawn, place, save_gif, write
+from hand_tracker.drawing.angle_plots import digit_page, tracked_angles
+from hand_tracker.drawing.images import (
+    blank_figure,
+    figure_image,
+    place_image,
+    save_gif,
+    write_text,
+)
 from hand_tracker.drawing.palette import (
     DIGIT_COLOURS,
-    FLESH,
     ORANGE,
     REDDISH_PURPLE,
+    SKIN_TONE,
     SKY_BLUE,
     VERMILLION,
     rgb,
 )
-from hand_tracker.drawing.render import Camera, Mesh, ball, bone, render, view_axes
+from hand_tracker.drawing.render import Camera, Mesh, ball_mesh, bone_mesh, render, view_axes
 from hand_tracker.evaluation import ablation
 from hand_tracker.evaluation.capture_tracking import tracked_joints
 from hand_tracker.evaluation.results import hardware
@@ -47,27 +53,27 @@ from hand_tracker.simulation.packaged_recordings import RATE, demo_recording
 from hand_tracker.skin import deform, load_skin
 
 FOLDER = Path(__file__).resolve().parent / 'pictures'
-GIF_RATE, GIF_COLOURS, GIF_TOLERANCE = 20., 40, 13  # [Hz], and shades of 256
-SEED = 1                 # as that of the evaluations
+GIF_RATE, GIF_COLOURS, GIF_TOLERANCE = 20., 40, 13  # [Hz], entries, of 255
+SEED = 1                 # that of the evaluations
 CONDITIONS = {'occluded': 'markers hidden', 'wrong': 'labels exchanged, reflections'}
-WRONG = .01               # [m] from its true place
-MISS = .025              # [m] off the truth where skin is wholly vermillion
-FARTHEST_MM = 60.        # in the mean: what is farther off is not in the picture
+WRONG_MARKER_ERROR = .01  # [m] above which a measured marker counts as wrong
+FULL_COLOUR_ERROR = .025  # [m] of skin shown wholly vermillion
+MAX_ERROR_MM = 60.        # mean error of a frame, above which the hand is out of the picture
 TRIP_RATE, TRIP_SECONDS = 480, 10.  # [Hz], [s] of the round trips
 SHOWN_MS, TICKS_MS = (.06, 12.), (.1, .2, .5, 1, 2, 5, 10)
 NODES = {'hand_tracker': ('hand_tracker', 'tracks the whole hand', SKY_BLUE),
          'rclpy_echo': ('echo in rclpy', 'tracks nothing', ORANGE),
          'c_echo': ('echo in C', 'tracks nothing', REDDISH_PURPLE)}
 CARD, CARD_INK, CARD_MUTED = '#151C26', '#F2F4F7', '#9AA7B5'
-BALL, GREY = (.95, .95, .95), (.72, .75, .79)
-MARKER = .0040     # [m] radius of a marker, with which it rests on the skin
+MARKER_RGB, PALM_BONE_RGB = (.95, .95, .95), (.72, .75, .79)
+MARKER_BALL_RADIUS = .0040  # [m]
 
 
 @cache
 def demo():
-    """Return hand and states of the demo motion, seen by markers on the skin.
+    """Return the hand and its tracked states in the demo motion, with markers on the skin.
 
-    They are those of its second round, which goes on where the first ended, as does a third.
+    The states are of the second of two rounds, so that the animation loops without a jump.
     """
     hand = Hand.scaled()
     layout = resting_layout(hand)
@@ -80,70 +86,70 @@ def demo():
 
 
 def tracked_from(recording, hand, layout):
-    """Yield time [s] and state of each frame of a recording."""
+    """Track a recording; yield time [s] and `HandState` of each frame."""
     tracker = HandTracker(hand, layout)
     for stamp, markers in zip(recording.stamps - recording.stamps[0], recording.markers):
         yield 1e-9 * stamp, tracker.update(markers, 1e-9 * stamp)
 
 
 def resting_layout(hand):
-    """Return the paper's markers as balls on the skin: dorsal, the thumb's at its tip."""
+    """Return the paper's marker layout, offset so that the balls rest on the skin."""
     rest = forward(joint_table(hand), np.zeros(len(JOINTS)))
     vertices = deform(load_skin(hand), rest)
     bare = MarkerLayout().mounting(hand)
     offsets = np.zeros((len(MARKERS), 3))
     for marker, offset, link, centre in zip(MARKERS, offsets, bare.link, bare.position):
-        # Link -1 is the wrist, whose frame all is in.
+        # Link -1 is the wrist, the root frame.
         turned = np.eye(3) if link < 0 else rest.rotation[link]
         above = (vertices - (0. if link < 0 else rest.position[link])) @ turned - centre
         axis = 0 if marker == 'thumb' else 2
-        near = np.linalg.norm(np.delete(above, axis, axis=1), axis=1) < .7 * MARKER
-        offset[axis] = above[near, axis].max() + .8 * MARKER
+        near = np.linalg.norm(np.delete(above, axis, axis=1), axis=1) < .7 * MARKER_BALL_RADIUS
+        offset[axis] = above[near, axis].max() + .8 * MARKER_BALL_RADIUS
     return MarkerLayout(offsets=offsets)
 
 
 def local(state):
-    """Return the markers and the pose of a state in its wrist's frame."""
+    """Return the markers, shape (8, 3) [m], and the pose of a state in its wrist frame."""
     markers = (state.markers - state.wrist_position) @ state.wrist_rotation
     return markers, Pose(state.wrist_rotation.T @ state.pose.rotation,
                          (state.pose.position - state.wrist_position) @ state.wrist_rotation)
 
 
-def flesh(hand, pose):
-    """Return the skin in a pose."""
+def skin_mesh(hand, pose):
+    """Return the mesh of the skin in a pose."""
     skin = load_skin(hand)
-    return Mesh(deform(skin, pose), skin.faces, rgb(FLESH))
+    return Mesh(deform(skin, pose), skin.faces, rgb(SKIN_TONE))
 
 
 def balls(markers, states=None):
-    """Return the markers, those not seen in orange."""
+    """Return a ball for each marker; those not seen are orange."""
     states = np.zeros(len(markers)) if states is None else states
-    # Those not seen are larger, as they may well be predicted into the skin.
-    return [ball(centre, MARKER, BALL) if state == MarkerState.SEEN
-            else ball(centre, 1.4 * MARKER, rgb(ORANGE))
+    # Larger where not seen: a predicted marker may lie within the skin.
+    return [ball_mesh(centre, MARKER_BALL_RADIUS, MARKER_RGB) if state == MarkerState.SEEN
+            else ball_mesh(centre, 1.4 * MARKER_BALL_RADIUS, rgb(ORANGE))
             for centre, state in zip(markers, states)]
 
 
 def bones(hand, pose):
-    """Return the skeleton: each digit in its colour."""
+    """Return meshes of the skeleton, each digit in its colour."""
     points = skeleton_points(tip_offsets(hand), pose, np.zeros(3))
     ends = [chain[-1] for chain in DIGIT_CHAINS]
     last = points[ends] - points[[chain[-2] for chain in DIGIT_CHAINS]]
-    # Their round ends are within the skin, which ends at the tips.
+    # Shortened, so that their round ends stay within the skin.
     points[ends] -= .005 * last / np.linalg.norm(last, axis=1)[:, None]
-    found = [bone(points[a], points[b], .0028, .0028, GREY) for a, b in PALM_BONES]
-    found += [ball(points[SKELETON_POINTS.index('wrist')], .005, GREY)]
+    found = [bone_mesh(points[a], points[b], .0028, .0028, PALM_BONE_RGB) for a, b in PALM_BONES]
+    found += [ball_mesh(points[SKELETON_POINTS.index('wrist')], .005, PALM_BONE_RGB)]
     for chain, colour in zip(DIGIT_CHAINS, DIGIT_COLOURS):
         for a, b in zip(chain, chain[1:]):
-            found += [bone(points[a], points[b], .0034, .0026, rgb(colour)),
-                      ball(points[a], .0052, rgb(colour))]
-        found.append(ball(points[chain[-1]], .0026, rgb(colour)))
+            found += [bone_mesh(points[a], points[b], .0034, .0026, rgb(colour)),
+                      ball_mesh(points[a], .0052, rgb(colour))]
+        found.append(ball_mesh(points[chain[-1]], .0026, rgb(colour)))
     return found
 
 
 def card(width, height):
-    """Return a figure of so many picture elements with a dark card on it."""
-    figure = blank(width, height, facecolor='none')
+    """Return a figure [px] with a dark card of round corners as its background."""
+    figure = blank_figure(width, height, facecolor='none')
     figure.add_artist(FancyBboxPatch(
         (0., 0.), 1., 1., boxstyle='round,pad=0,rounding_size=.02',
         mutation_aspect=width / height, facecolor=CARD, linewidth=0, zorder=-1))
@@ -151,9 +157,9 @@ def card(width, height):
 
 
 def save(figure, name):
-    """Write a card with round corners; fewer colours than the eye can tell make it small."""
+    """Write a figure as PNG with a reduced palette, which makes it small."""
     FOLDER.mkdir(exist_ok=True)
-    image = drawn(figure)
+    image = figure_image(figure)
     image.save(FOLDER / name, optimize=True)
     print(f'{FOLDER / name}: {image.width} x {image.height}, '
           f'{(FOLDER / name).stat().st_size / 1e3:.0f} kB', flush=True)
@@ -167,7 +173,7 @@ def hero(seconds=16.8):
     figure = card(1600, 680)
     size = 500, 570
     camera = Camera(view_axes('aslant', 'right'), (.081, .014, -.012), .212)
-    whole = flesh(hand, pose)
+    whole = skin_mesh(hand, pose)
     ghost = render([whole], camera, size)
     ghost[..., :3] = 255
     ghost[..., 3] = ghost[..., 3] * .08
@@ -177,39 +183,39 @@ def hero(seconds=16.8):
     for column, (images, what) in enumerate(stages):
         left = 25 + 525 * column
         for image in images:
-            place(figure, image, left, 22)
-        write(figure, left + .5 * size[0], 630, what, 40, CARD_INK, weight='bold')
+            place_image(figure, image, left, 22)
+        write_text(figure, left + .5 * size[0], 630, what, 40, CARD_INK, weight='bold')
         if column:
-            write(figure, left - 12, 320, '→', 64, CARD_MUTED)
+            write_text(figure, left - 12, 320, '→', 64, CARD_MUTED)
     save(figure, 'hero.png')
 
 
 def motion():
-    """Draw the demo motion: markers as they come, and the hand that is tracked from them."""
+    """Draw the demo motion: the measured markers beside the hand tracked from them."""
     hand, states = demo()
     width, height, size = 640, 336, (310, 280)
     camera = Camera(view_axes('aslant', 'right'), (.08, .006, -.012), .222)
     turned = states[0].wrist_rotation.T
     back = card(width, height)
     for x, what in ((165, 'markers measured'), (475, 'hand tracked from them')):
-        write(back, x, 314, what, 17, CARD_INK)
-    for x, colour, text in ((24, BALL, 'seen'), (92, ORANGE, 'hidden, predicted')):
+        write_text(back, x, 314, what, 17, CARD_INK)
+    for x, colour, text in ((24, MARKER_RGB, 'seen'), (92, ORANGE, 'hidden, predicted')):
         back.add_artist(Ellipse((x / width, 1. - 22 / height), 13 / width, 13 / height,
                                 color=colour))
-        write(back, x + 14, 22, text, 15, CARD_MUTED, ha='left')
+        write_text(back, x + 14, 22, text, 15, CARD_MUTED, ha='left')
     base = Image.new('RGBA', (width, height), CARD)
-    base.alpha_composite(drawn(back))
+    base.alpha_composite(figure_image(back))
     images = []
     for frame in range(0, len(states), round(RATE / GIF_RATE)):
         markers, pose = local(states[frame])
-        # The wrist sways about its place as it does, and stays in the picture.
+        # Keep the wrist's rotation relative to the first frame, but not its translation.
         sway = turned @ states[frame].wrist_rotation
         markers, pose = markers @ sway.T, Pose(sway @ pose.rotation, pose.position @ sway.T)
         kinds = states[frame].marker_states
         image = base.copy()
         seen = balls(markers[kinds == MarkerState.SEEN])
         for left, meshes, shadows in ((10, seen, False),
-                                      (320, [flesh(hand, pose), *balls(markers, kinds)], True)):
+                                      (320, [skin_mesh(hand, pose), *balls(markers, kinds)], True)):
             image.alpha_composite(Image.fromarray(
                 render(meshes, camera, size, 2, shadows)), (left, 18))
         images.append(image.convert('RGB'))
@@ -220,17 +226,18 @@ def motion():
 
 
 def constraints():
-    """Draw truth, tracked with and without constraints, where the constraints help most."""
+    """Draw the true hand beside those tracked with and without constraints."""
     size, left, step, head, row = (480, 400), 60, 500, 110, 530
     figure = card(1600, head + 2 * row + 70)
     for column, title in enumerate(('the truth', 'tracked with constraints', 'without')):
-        write(figure, left + step * column + .5 * size[0], 62, title, 36, CARD_INK, weight='bold')
+        write_text(figure, left + step * column + .5 * size[0], 62, title, 36, CARD_INK,
+                   weight='bold')
     for number, (condition, what) in enumerate(CONDITIONS.items()):
         one, markers, frame, poses, errors = _helped_most(condition)
         top = head + row * number
         figure.add_artist(Line2D((left / figure.bbox.width, 1. - left / figure.bbox.width),
                                  (1. - top / figure.bbox.height,) * 2, color=CARD_MUTED, alpha=.4))
-        write(figure, left, top + 30, what, 26, CARD_MUTED, ha='left')
+        write_text(figure, left, top + 30, what, 26, CARD_MUTED, ha='left')
         back = one.rotation[frame].T
         skins = [deform(load_skin(one.hand), forward(
             joint_table(one.hand), angles, back @ turn, back @ (at - one.position[frame])))
@@ -239,53 +246,61 @@ def constraints():
         measured, true = ((places - one.position[frame]) @ back.T
                           for places in (markers, one.sight.truth[frame]))
         for column, vertices in enumerate(skins):
-            share = np.clip(np.linalg.norm(vertices - skins[0], axis=1) / MISS, 0., 1.)[:, None]
+            off = np.linalg.norm(vertices - skins[0], axis=1)
+            share = np.clip(off / FULL_COLOUR_ERROR, 0., 1.)[:, None]
             whole = Mesh(vertices, load_skin(one.hand).faces,
-                         (1. - share) * rgb(FLESH) + share * rgb(VERMILLION))
+                         (1. - share) * rgb(SKIN_TONE) + share * rgb(VERMILLION))
             x, y = left + step * column, top + 42
-            place(figure, render([whole, *_judged(measured, None if column else true)], camera,
-                                 size), x, y)
+            balls_shown = _judged(measured, None if column else true)
+            place_image(figure, render([whole, *balls_shown], camera, size), x, y)
             middle, below = x + .5 * size[0], y + size[1]
             if column:
                 here, mean = errors[column - 1]
-                write(figure, middle, below + 22, f'{here:.1f} mm off', 32, CARD_INK)
-                write(figure, middle, below + 58, f'all frames: {mean:.1f} mm', 22, CARD_MUTED)
+                write_text(figure, middle, below + 22, f'{here:.1f} mm off', 32, CARD_INK)
+                write_text(figure, middle, below + 58, f'all frames: {mean:.1f} mm', 22, CARD_MUTED)
             else:
-                write(figure, middle, below + 40, 'the frame in which\nconstraints help most', 22,
-                      CARD_MUTED, linespacing=1.4)
+                write_text(figure, middle, below + 40, 'the frame in which\nconstraints help most',
+                           22, CARD_MUTED, linespacing=1.4)
     _constraints_legend(figure)
     save(figure, 'constraints.png')
 
 
 def _judged(measured, true):
-    """Return measured markers; where the truth is given, also hidden ones, and which are wrong."""
-    found = [(at, BALL) for at in measured]
+    """Return a ball for each measured marker; given the truth, mark wrong and add hidden ones."""
+    found = [(at, MARKER_RGB) for at in measured]
     if true is not None:
         off = np.linalg.norm(measured - true, axis=1)
-        found = [(at, rgb(SKY_BLUE) if miss > WRONG else BALL) for at, miss in zip(measured, off)]
+        found = [(at, rgb(SKY_BLUE) if miss > WRONG_MARKER_ERROR else MARKER_RGB)
+                 for at, miss in zip(measured, off)]
         found += [(at, rgb(ORANGE)) for at, miss in zip(true, off) if np.isnan(miss)]
-    return [ball(at, MARKER, colour) for at, colour in found if np.isfinite(at).all()]
+    return [ball_mesh(at, MARKER_BALL_RADIUS, colour)
+            for at, colour in found if np.isfinite(at).all()]
 
 
 def _constraints_legend(figure):
-    """Write what the colours mean along the lower edge."""
+    """Draw the legend along the lower edge."""
     width, height = figure.bbox.size
     y = height - 40
-    for x, colour, text in ((72, BALL, 'marker measured'), (312, ORANGE, 'hidden'),
+    for x, colour, text in ((72, MARKER_RGB, 'marker measured'), (312, ORANGE, 'hidden'),
                             (442, SKY_BLUE, 'measured with a wrong label, or a reflection')):
         figure.add_artist(Ellipse((x / width, 1. - y / height), 18 / width, 18 / height,
                                   color=colour))
-        write(figure, x + 20, y, text, 22, CARD_MUTED, ha='left')
-    shades = np.linspace(rgb(FLESH), rgb(VERMILLION), 160)
-    place(figure, np.tile(np.round(255. * shades).astype(np.uint8), (18, 1, 1)), 1130, y - 9)
-    write(figure, 1120, y, 'skin off by 0', 22, CARD_MUTED, ha='right')
-    write(figure, 1300, y, f'to {1e3 * MISS:.0f} mm and more', 22, CARD_MUTED, ha='left')
+        write_text(figure, x + 20, y, text, 22, CARD_MUTED, ha='left')
+    shades = np.linspace(rgb(SKIN_TONE), rgb(VERMILLION), 160)
+    place_image(figure, np.tile(np.round(255. * shades).astype(np.uint8), (18, 1, 1)), 1130, y - 9)
+    write_text(figure, 1120, y, 'skin off by 0', 22, CARD_MUTED, ha='right')
+    write_text(figure, 1300, y, f'to {1e3 * FULL_COLOUR_ERROR:.0f} mm and more', 22, CARD_MUTED,
+               ha='left')
 
 
 def _helped_most(condition):
-    """Return the frame of all motions at which the ratio of errors without and with is largest.
+    """Return the frame with the largest ratio of errors without to with constraints.
 
-    Trial, markers, frame, its three poses, and the errors (there, in the mean) of both [mm].
+    Returns
+    -------
+    trial, markers, frame, poses, errors
+        The simulated trial, its markers (T, 8, 3) [m], the frame's index, its true pose and both
+        tracked ones, and (error in the frame, mean error) of both [mm].
     """
     found, means, layout = [], [], resting_layout(Hand.scaled())
     for number, name in enumerate(ablation.MOTIONS):
@@ -298,7 +313,7 @@ def _helped_most(condition):
             off.append(1e3 * np.linalg.norm(
                 tracked_joints(hand, each) - one.joints, axis=2).mean(axis=1))
         means.append([each.mean() for each in off])
-        frame = int(np.argmax(np.where(off[1] < FARTHEST_MM, off[1] / off[0], 0.)))
+        frame = int(np.argmax(np.where(off[1] < MAX_ERROR_MM, off[1] / off[0], 0.)))
         poses = [(one.angles[frame], one.rotation[frame], one.position[frame])] + [
             (each.angles[frame], each.wrist_rotation[frame], each.wrist_position[frame])
             for each in tracked]
@@ -308,16 +323,16 @@ def _helped_most(condition):
 
 
 def angles():
-    """Draw the plot of a finger from the packaged recording, with the truth beside."""
+    """Plot a finger's angles in the packaged recording, tracked and true."""
     hand, recording = Hand.scaled(), demo_recording()
-    tracked = history(tracked_from(recording, hand, MarkerLayout()))
-    figure = page(tracked, hand, 'index', 'demo.mcap, right hand', truth=recording.angles)
+    tracked = tracked_angles(tracked_from(recording, hand, MarkerLayout()))
+    figure = digit_page(tracked, hand, 'index', 'demo.mcap, right hand', truth=recording.angles)
     FOLDER.mkdir(exist_ok=True)
     figure.savefig(FOLDER / 'angles.png')
 
 
 def latency(samples=None):
-    """Draw how long markers take to come back as joint states, beside nodes that only echo."""
+    """Plot the latency from markers to joint states, beside nodes that only echo."""
     with TemporaryDirectory() as folder:
         if samples is None:
             samples = Path(folder, 'samples.npz')
@@ -331,9 +346,11 @@ def latency(samples=None):
     figure = card(1600, top + row * len(trips) + 120)
     width, height = figure.bbox.size
     bottom = top + row * len(trips)
-    write(figure, 60, 56, f'Round trip at {TRIP_RATE} Hz', 40, CARD_INK, weight='bold', ha='left')
-    write(figure, 60, 104, 'from markers published to joint states received, between processes',
-          25, CARD_MUTED, ha='left')
+    write_text(figure, 60, 56, f'Round trip at {TRIP_RATE} Hz', 40, CARD_INK, weight='bold',
+               ha='left')
+    write_text(figure, 60, 104,
+               'from markers published to joint states received, between processes',
+               25, CARD_MUTED, ha='left')
     edges = np.geomspace(*SHOWN_MS, 121)
     shares = {node: np.histogram(each, edges)[0] / len(each) for node, each in trips.items()}
     highest = max(share.max() for share in shares.values())
@@ -347,26 +364,27 @@ def latency(samples=None):
         axes.stairs(share, edges, color=colour, linewidth=2.5)
         lost = np.isnan(trips[node]).mean()
         median, p99 = np.nanpercentile(trips[node], (50, 99))
-        write(figure, 60, top + row * number + 26, what, 28, colour, weight='bold', ha='left')
-        write(figure, 60, top + row * number + 58, note + (f', lost {lost:.2%}' if lost else ''),
-              20, CARD_MUTED, ha='left')
-        write(figure, 60, top + row * number + 92, f'median {median:.2f} ms, p99 {p99:.2f} ms',
-              20, CARD_INK, ha='left')
+        write_text(figure, 60, top + row * number + 26, what, 28, colour, weight='bold', ha='left')
+        loss = f', lost {lost:.2%}' if lost else ''
+        write_text(figure, 60, top + row * number + 58, note + loss, 20, CARD_MUTED, ha='left')
+        write_text(figure, 60, top + row * number + 92, f'median {median:.2f} ms, p99 {p99:.2f} ms',
+                   20, CARD_INK, ha='left')
         print(f'{node}: median {1e3 * median:.0f}, p99 {1e3 * p99:.0f} µs, lost {lost:.2%}')
     for rate in (120, TRIP_RATE):
         x = left + (right - left) * np.log(1e3 / rate / SHOWN_MS[0]) / np.log(
             SHOWN_MS[1] / SHOWN_MS[0])
         figure.add_artist(Line2D((x / width,) * 2, (1. - top / height, 1. - bottom / height),
                                  color=CARD_INK, linestyle=(0, (4, 4)), linewidth=1.5))
-        write(figure, x, top - 34, f'{1e3 / rate:.1f} ms:\na frame at {rate} Hz', 20, CARD_INK,
-              linespacing=1.3)
-    write(figure, 60, bottom + 84, f'{len(next(iter(trips.values())))} frames each, one hand, all '
-          f'constraints on; {hardware()}', 20, CARD_MUTED, ha='left')
+        write_text(figure, x, top - 34, f'{1e3 / rate:.1f} ms:\na frame at {rate} Hz', 20, CARD_INK,
+                   linespacing=1.3)
+    frames = len(next(iter(trips.values())))
+    write_text(figure, 60, bottom + 84, f'{frames} frames each, one hand, all constraints on; '
+               f'{hardware()}', 20, CARD_MUTED, ha='left')
     save(figure, 'latency.png')
 
 
 def _log_axis(axes, is_lowest):
-    """Make axes with times [ms] along a line, that only the lowest row tells."""
+    """Style axes as a line of logarithmic time [ms], labelled in the lowest row."""
     axes.set_facecolor('none')
     axes.set_xscale('log')
     axes.set_xlim(SHOWN_MS)
@@ -383,7 +401,7 @@ PICTURES = {'hero': hero, 'motion': motion, 'constraints': constraints, 'angles'
 
 
 def main():
-    """Make all pictures, or those named."""
+    """Make all pictures, or the named ones."""
     parser = argparse.ArgumentParser(prog='python -m docs.pictures',
                                      description=__doc__.split('\n', maxsplit=1)[0])
     parser.add_argument('names', nargs='*', choices=(*PICTURES, []), metavar='NAME',

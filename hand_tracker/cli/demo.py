@@ -24,7 +24,7 @@ from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.marker_layout import PALM_MARKERS, marker_positions
 from ..core.model.skeleton import skeleton_points
 from ..core.numerics.jit import COMPILED
-from ..drawing.animation import Track, save_animation, save_sheet
+from ..drawing.animation import HandMotion, save_animation, save_sheet
 from ..files.angle_table import write_angle_table
 from ..files.bags import open_bag
 from ..files.hand_file import choose_hand
@@ -216,11 +216,12 @@ def _save(listener, hand, layout, output):
     points = skeleton_points(
         tip_offsets(hand), forward(joint_table(hand), heard.angles), np.zeros((len(seconds), 3)))
     seen = np.isfinite(heard.markers).all(axis=2)
-    track = Track(seconds, points, np.where(seen[..., None], heard.markers, heard.places), seen)
+    markers = np.where(seen[..., None], heard.markers, heard.places)
+    motion = HandMotion(seconds, points, markers, seen)
     title = f'{hand.side} hand, tracked over ROS 2'
-    save_sheet(output / 'hand.png', track, hand, title)
+    save_sheet(output / 'hand.png', motion, hand, title)
     print('Drawing the animation ...', flush=True)
-    save_animation(output / 'hand.gif', track, hand, title)
+    save_animation(output / 'hand.gif', motion, hand, title)
     for name, what in (('hand.gif', 'the tracked hand in motion'),
                        ('hand.png', 'poses in time, from above and from the thumb'),
                        ('angles.csv', 'the 25 joint angles of every frame, in degrees')):

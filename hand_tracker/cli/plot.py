@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from ..drawing.angle_plots import PDF, history, require_output, save_pages
+from ..drawing.angle_plots import PDF, require_output, save_pages, tracked_angles
 from .recording_options import add_recording_options, run_command, tracked_recording
 
 
@@ -12,7 +12,7 @@ def _plot_file(options, interrupted):
     """Do what the command line asks for; return what to say at the end."""
     output = require_output(options.output or Path(options.recording.stem + PDF))
     with tracked_recording(options, interrupted) as (hand, job, frames):
-        tracked = history((1e-9 * frame.time, frame.state) for frame in frames)
+        tracked = tracked_angles((1e-9 * frame.time, frame.state) for frame in frames)
     title = f'{options.recording.name}, {hand.side} hand'
     names = save_pages(output, tracked, hand, title)
     return (f'{names[0] if len(names) == 1 else ", ".join(map(str, names))}: '

@@ -1,4 +1,4 @@
-"""Draw the skin of a hand, its weights and its blending, and tell how well it deforms."""
+"""`hand_tracker skin`: draw the skin of a hand, its weights and blending; measure its quality."""
 
 import argparse
 import sys
@@ -11,8 +11,8 @@ from ..core.model.kinematics import forward, joint_table
 from ..files.hand_file import choose_hand
 from ..simulation.poses import pose_angles
 from ..skin.load import load_skin
-from ..skin.measure import buried_share, volume
-from ..skin.pictures import POSES, save_blending, save_poses, save_weights
+from ..skin.measure import self_intersection_share, volume
+from ..skin.pictures import PICTURED_POSES, save_blending, save_poses, save_weights
 from ..skin.skinning import deform
 from .recording_options import add_hand_options
 
@@ -51,17 +51,18 @@ def main(arguments=None):
 
 
 def report(hand, skin):
-    """Yield lines: how the volume changes in poses, and how much skin lies in other flesh."""
+    """Yield a table: change of volume and self-intersection of the skin in each pose."""
     yield f"{'':10s}{'linear blending':>26s}{'dual quaternions':>26s}"
     yield f"{'pose':10s}" + 2 * f"{'volume':>13s}{'buried skin':>13s}"
     rest = volume(skin.vertices, skin.faces)
-    for name in POSES:
+    for name in PICTURED_POSES:
         pose = forward(joint_table(hand), np.asarray(pose_angles(name, hand)))
         cells = ''
         for dual_quaternions in (False, True):
             vertices = deform(skin, pose, dual_quaternions)
             change = volume(vertices, skin.faces) / rest - 1.
-            cells += f'{100. * change:+12.1f}%{100. * buried_share(vertices, skin.faces):12.1f}%'
+            buried = self_intersection_share(vertices, skin.faces)
+            cells += f'{100. * change:+12.1f}%{100. * buried:12.1f}%'
         yield f'{name:10s}{cells}'
 
 

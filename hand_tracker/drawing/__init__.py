@@ -1,1 +1,1 @@
-"""Pictures: meshes, figures, animations and plots."""
+"""Figures, rendered meshes, animations and plots as image files; no display needed."""

@@ -1,14 +1,18 @@
-"""Plots of a tracked recording: a page for each digit, with what was seen beside its angles.
+"""Plots of tracked angles over time: a page for each digit, with its markers' states.
 
 Command: ``hand_tracker plot RECORDING -o OUT.pdf``; `save_pages` draws the same from arrays.
 """
 
 import os
+from collections.abc import Iterable, Sequence
+from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
@@ -17,30 +21,31 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from ..core.errors import HandTrackerError
-from ..core.model.hand import DIGITS, JOINTS, UNOBSERVED_JOINTS
+from ..core.model.hand import DIGITS, JOINTS, UNOBSERVED_JOINTS, Hand
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS
 from ..core.model.states import MarkerState
-from .palette import ANGLE, GRID, INK, MARKER_COLOURS, MUTED, PAPER, VERMILLION
+from ..core.tracker import HandState
+from .palette import BLUE, GRID, INK, MARKER_COLOURS, MUTED, PAPER_WHITE, VERMILLION
 
 PDF, PNG = '.pdf', '.png'
-FARTHER = 3.     # usual steps of time after which frames are missing
-WIDTH = 10.      # [inches]
-PANEL, STRIP = 1.15, .72
-HEADER, FOOTER = .75, .5
-LEFT, RIGHT = .95, .25
-BETWEEN = .14
-DPI = 120
+MAX_STEP_RATIO = 3.  # median periods, above which frames are missing between two
+PAGE_WIDTH = 10.     # [inches]
+ANGLE_HEIGHT, MARKERS_HEIGHT = 1.15, .72  # [inches] of a panel
+PAGE_HEADER, PAGE_FOOTER = .75, .5        # [inches]
+LEFT_MARGIN, RIGHT_MARGIN = .95, .25      # [inches]
+PANEL_GAP = .14                           # [inches]
+PAGE_DPI = 120
 DASHED = (0, (4, 3))
-MARGIN = .07     # shown beyond a limit, of the range within
-LEAST_MM = 1.    # of the scale of residuals
+BEYOND_LIMITS = .07  # shown on both sides, as a share of the range of motion
+MIN_RESIDUAL_SCALE = 1.  # [mm]
 
 
 class PlotError(HandTrackerError, ValueError):
-    """Nothing can be plotted, or not there."""
+    """There are no frames to plot, or the output cannot be written."""
 
 
-class History(NamedTuple):
-    """What a tracker said of n frames, as far as it is plotted.
+class TrackedAngles(NamedTuple):
+    """The plotted part of n tracked frames.
 
     Attributes
     ----------
@@ -49,9 +54,9 @@ class History(NamedTuple):
     angles : ndarray, shape (n, 25)
         [rad]
     marker_states : ndarray of int, shape (n, 8)
-        Of `MarkerState`.
+        Values of `MarkerState`.
     residuals : ndarray, shape (n, 8)
-        Of markers seen, else NaN [m].
+        Distance of each seen marker from its place on the hand, else NaN [m].
     """
 
     times: np.ndarray
@@ -60,54 +65,55 @@ class History(NamedTuple):
     residuals: np.ndarray
 
 
-def history(frames):
-    """Return the history of tracked frames.
+def tracked_angles(frames: Iterable[tuple[float, HandState]]) -> TrackedAngles:
+    """Collect the plotted part of tracked frames.
 
     Parameters
     ----------
     frames : iterable of (float, HandState)
-        Time [s], and what `HandTracker.update` returned.
+        Time [s], and the result of `HandTracker.update`.
 
     Returns
     -------
-    History
+    TrackedAngles
 
     Raises
     ------
     PlotError
-        If there is no frame, or time runs backwards.
+        If there is no frame, or times decrease.
     """
-    # Copied, as a state is part of a larger record.
+    # Copied, to release the rest of the state.
     rows = [(time, state.angles.copy(), state.marker_states.copy(), state.residuals.copy())
             for time, state in frames]
     if not rows:
         raise PlotError('no frames; expected at least one')
-    found = History(*map(np.array, zip(*rows)))
-    back = np.flatnonzero(np.diff(found.times) < 0.)
+    tracked = TrackedAngles(*map(np.array, zip(*rows)))
+    back = np.flatnonzero(np.diff(tracked.times) < 0.)
     if back.size:
         raise PlotError(f'times: frame {back[0] + 1} is before frame {back[0]}; '
                         'expected times that never decrease')
-    return found
+    return tracked
 
 
-def save_pages(path, tracked, hand, title=''):
-    """Write a page for each digit: its angles, their limits, its markers' states and residual.
+def save_pages(path: str | PathLike[str], tracked: TrackedAngles, hand: Hand,
+               title: str = '') -> list[Path]:
+    """Plot a page for each digit: angles, limits, marker states and residual.
 
     Parameters
     ----------
     path : path-like
         A `.pdf` of five pages; a `.png`, to whose name each digit's is added; or a folder for
-        `index.png` to `thumb.png`, made if it is not there.
-    tracked : History
+        `index.png` to `thumb.png`, created if missing.
+    tracked : TrackedAngles
     hand : Hand
-        Whose limits are drawn.
+        Its limits are drawn.
     title : str, optional
-        Beside the name of the digit.
+        In the header of each page.
 
     Returns
     -------
     list of Path
-        What was written, replaced if it was there.
+        The files written; existing ones are replaced.
 
     Raises
     ------
@@ -120,7 +126,7 @@ def save_pages(path, tracked, hand, title=''):
     names = [path] if path.suffix == PDF else [
         path.with_name(f'{path.stem}_{digit}{PNG}') if path.suffix else path / f'{digit}{PNG}'
         for digit in DIGITS]
-    pages = (page(tracked, hand, digit, title) for digit in DIGITS)
+    pages = (digit_page(tracked, hand, digit, title) for digit in DIGITS)
     with TemporaryDirectory(dir=names[0].parent) as scratch:
         unfinished = [Path(scratch, name.name) for name in names]
         if path.suffix == PDF:
@@ -135,13 +141,14 @@ def save_pages(path, tracked, hand, title=''):
     return names
 
 
-def require_output(path):
-    """Return a path that `save_pages` can write to.
+def require_output(path: str | PathLike[str]) -> Path:
+    """Return a path after checking that `save_pages` can write to it.
 
     Raises
     ------
     PlotError
-        If it has another extension, is no folder where one is needed, or one where not.
+        If its extension is unknown, its folder is missing, or it is a file instead of a folder or
+        the reverse.
     """
     path = Path(path)
     if path.suffix not in (PDF, PNG, ''):
@@ -156,49 +163,41 @@ def require_output(path):
     return path
 
 
-def page(tracked, hand, digit, title='', truth=None):
-    """Return the page of a digit.
+def digit_page(tracked: TrackedAngles, hand: Hand, digit: str, title: str = '',
+               truth: np.ndarray | None = None) -> Figure:
+    """Plot the page of a digit.
 
     Parameters
     ----------
-    tracked : History
+    tracked : TrackedAngles
     hand : Hand
+        Its limits are drawn.
     digit : str
         One of `DIGITS`.
     title : str, optional
     truth : ndarray, shape (n, 25), optional
-        Angles to draw beside those tracked [rad].
+        True angles, drawn beneath those tracked [rad].
 
     Returns
     -------
     matplotlib.figure.Figure
     """
-    # A joint that is still, or whose limits are one, has no angle to plot.
+    # Unobserved joints, and joints locked by their limits, are left out.
     joints = [i for i, joint in enumerate(JOINTS) if joint.startswith(digit)
               and joint not in UNOBSERVED_JOINTS and np.ptp(hand.limits[i]) > 0.]
     markers = [MARKERS.index(marker) for marker in (digit, *PALM_MARKERS)]
-    heights = [STRIP] + [PANEL] * (len(joints) + 1)
-    height = HEADER + sum(heights) + BETWEEN * len(joints + [0]) + FOOTER
-    figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor=PAPER)
-    FigureCanvasAgg(figure)
-    axes, top = [], height - HEADER
-    for tall in heights:
-        axes.append(figure.add_axes((LEFT / WIDTH, (top - tall) / height,
-                                     (WIDTH - LEFT - RIGHT) / WIDTH, tall / height)))
-        top -= tall + BETWEEN
-    first = tracked.times[0]
-    times = tracked.times - first
+    figure, axes = _stacked_panels([MARKERS_HEIGHT] + [ANGLE_HEIGHT] * (len(joints) + 1))
+    times = tracked.times - tracked.times[0]
     steps = np.diff(times)
     step = np.median(steps[steps > 0.]) if (steps > 0.).any() else 1.
     for ax in axes:
-        _plain(ax, ax is axes[-1])
+        _style_panel(ax, ax is axes[-1])
         ax.set_xlim(times[0], times[-1] + step)
-    spans = [_spans(times, step, tracked.marker_states[:, marker]) for marker in markers]
-    _draw_markers(axes[0], markers, spans)
-    missing = np.flatnonzero(steps > FARTHER * step) + 1
-    own = MARKERS.index(digit)
+    spans = [_state_spans(times, step, tracked.marker_states[:, marker]) for marker in markers]
+    _draw_marker_states(axes[0], markers, spans)
+    missing = np.flatnonzero(steps > MAX_STEP_RATIO * step) + 1
     for ax, joint in zip(axes[1:], joints):
-        _shade(ax, spans[0])
+        _shade_unseen(ax, spans[0])
         if truth is not None:
             ax.plot(_with_gaps(times, missing), _with_gaps(
                 np.degrees(truth[:, joint]), missing), color=VERMILLION, linewidth=1.1)
@@ -206,40 +205,55 @@ def page(tracked, hand, digit, title='', truth=None):
                     _with_gaps(np.degrees(tracked.angles[:, joint]), missing),
                     np.degrees(hand.limits[joint]))
         ax.set_ylabel(joint_title(JOINTS[joint]) + ' [°]')
-    _shade(axes[-1], spans[0])
+    _shade_unseen(axes[-1], spans[0])
     _draw_residual(axes[-1], _with_gaps(times, missing),
-                   _with_gaps(1e3 * tracked.residuals[:, own], missing))
+                   _with_gaps(1e3 * tracked.residuals[:, markers[0]], missing))
     axes[-1].set_xlabel('time [s]')
     figure.align_ylabels(axes)
-    lines = [('angle', ANGLE, '-')] + [('truth', VERMILLION, '-')] * (truth is not None) + [
+    lines = [('angle', BLUE, '-')] + [('truth', VERMILLION, '-')] * (truth is not None) + [
         ('limit', INK, DASHED)]
-    _head(figure, height, digit, title, tracked.marker_states[:, markers], lines)
+    _draw_header(figure, digit, title, tracked.marker_states[:, markers], lines)
     return figure
 
 
-def joint_title(joint):
-    """Return the title of a joint, as 'MCP abduction'."""
+def _stacked_panels(heights: Sequence[float]) -> tuple[Figure, list[Axes]]:
+    """Return a page with panels of these heights [inches], from top to bottom."""
+    height = PAGE_HEADER + sum(heights) + PANEL_GAP * (len(heights) - 1) + PAGE_FOOTER
+    figure = Figure(figsize=(PAGE_WIDTH, height), dpi=PAGE_DPI, facecolor=PAPER_WHITE)
+    FigureCanvasAgg(figure)
+    axes, top = [], height - PAGE_HEADER
+    for panel_height in heights:
+        axes.append(figure.add_axes((
+            LEFT_MARGIN / PAGE_WIDTH, (top - panel_height) / height,
+            (PAGE_WIDTH - LEFT_MARGIN - RIGHT_MARGIN) / PAGE_WIDTH, panel_height / height)))
+        top -= panel_height + PANEL_GAP
+    return figure, axes
+
+
+def joint_title(joint: str) -> str:
+    """Return the title of a joint in two lines, like 'MCP' and 'abduction'."""
     name, direction = joint.split('_')[1:]
     return f'{name.upper()}\n{direction}'
 
 
-def _plain(ax, last):
-    ax.set_facecolor(PAPER)
+def _style_panel(ax: Axes, is_lowest: bool) -> None:
+    ax.set_facecolor(PAPER_WHITE)
     for spine in ('top', 'right'):
         ax.spines[spine].set_visible(False)
     for spine in ('left', 'bottom'):
         ax.spines[spine].set_color(MUTED)
-    ax.tick_params(colors=INK, labelsize=8, color=MUTED, labelbottom=last)
+    ax.tick_params(colors=INK, labelsize=8, color=MUTED, labelbottom=is_lowest)
     ax.xaxis.label.set(color=INK, size=9)
     ax.yaxis.label.set(color=INK, size=8)
     ax.grid(axis='x', color=GRID, linewidth=.7)
     ax.set_axisbelow(True)
 
 
-def _spans(times, step, states):
-    """Return start and length of all times in which a marker has each state [s]."""
-    # A frame counts until the next one, unless frames are missing.
-    ends = np.append(np.minimum(times[1:], times[:-1] + FARTHER * step), times[-1] + step)
+def _state_spans(times: np.ndarray, step: float,
+                 states: np.ndarray) -> dict[MarkerState, np.ndarray]:
+    """Return start and length of each span of time in each state of a marker, shape (k, 2) [s]."""
+    # A frame lasts until the next one, unless frames are missing.
+    ends = np.append(np.minimum(times[1:], times[:-1] + MAX_STEP_RATIO * step), times[-1] + step)
     begins = np.flatnonzero(np.append(
         True, (states[1:] != states[:-1]) | (times[1:] > ends[:-1])))
     lasts = np.append(begins[1:], len(times)) - 1
@@ -248,15 +262,17 @@ def _spans(times, step, states):
             for state in MarkerState}
 
 
-def _with_gaps(values, missing):
-    """Return values with NaN where frames are missing, so that no line leads across."""
+def _with_gaps(values: np.ndarray, missing: np.ndarray) -> np.ndarray:
+    """Insert NaN where frames are missing, which interrupts a plotted line."""
     return np.insert(values, missing, np.nan)
 
 
-def _draw_markers(ax, markers, spans):
+def _draw_marker_states(ax: Axes, markers: Sequence[int],
+                        spans: Sequence[dict[MarkerState, np.ndarray]]) -> None:
     for row, by_state in enumerate(spans):
         for state, where in by_state.items():
-            ax.broken_barh(where, (row - .36, .72), color=MARKER_COLOURS[state], linewidth=0)
+            ax.broken_barh(where.tolist(), (row - .36, .72), linewidth=0,
+                           color=MARKER_COLOURS[state])
     ax.set_ylim(len(markers) - .4, -.6)
     ax.set_yticks(range(len(markers)), [MARKERS[marker].replace('_mcp', ' MCP')
                                         for marker in markers])
@@ -265,46 +281,49 @@ def _draw_markers(ax, markers, spans):
     ax.tick_params(length=0)
 
 
-def _shade(ax, by_state):
+def _shade_unseen(ax: Axes, by_state: dict[MarkerState, np.ndarray]) -> None:
     for state, where in by_state.items():
         if state != MarkerState.SEEN:
-            ax.broken_barh(where, (0., 1.), transform=ax.get_xaxis_transform(), linewidth=0,
-                           color=MARKER_COLOURS[state], alpha=.25, zorder=.5)
+            ax.broken_barh(where.tolist(), (0., 1.), transform=ax.get_xaxis_transform(),
+                           linewidth=0, color=MARKER_COLOURS[state], alpha=.25, zorder=.5)
 
 
-def _draw_angle(ax, times, angles, limits):
-    shown = limits + MARGIN * np.ptp(limits) * np.array((-1., 1.))
+def _draw_angle(ax: Axes, times: np.ndarray, angles: np.ndarray, limits: np.ndarray) -> None:
+    shown = limits + BEYOND_LIMITS * np.ptp(limits) * np.array((-1., 1.))
     ax.set_ylim(shown)
     for limit, end in zip(limits, shown):
         ax.axhspan(limit, end, color=GRID, linewidth=0, zorder=.4)
         ax.axhline(limit, color=INK, linewidth=.9, linestyle=DASHED)
-    ax.plot(times, angles, color=ANGLE, linewidth=1.3)
+    ax.plot(times, angles, color=BLUE, linewidth=1.3)
     ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 1.5, 3, 6, 10]))
 
 
-def _draw_residual(ax, times, residuals):
+def _draw_residual(ax: Axes, times: np.ndarray, residuals: np.ndarray) -> None:
     ax.plot(times, residuals, color=INK, linewidth=.8)
     found = residuals[np.isfinite(residuals)]
-    ax.set_ylim(0., max(LEAST_MM, 1.05 * found.max(initial=0.)))
+    ax.set_ylim(0., max(MIN_RESIDUAL_SCALE, 1.05 * found.max(initial=0.)))
     ax.yaxis.set_major_locator(MaxNLocator(3))
     ax.set_ylabel('residual\n[mm]')
 
 
-def _head(figure, height, digit, title, states, lines):
-    """Write digit, title, how long its marker had which state, and the legend."""
+def _draw_header(figure: Figure, digit: str, title: str, states: np.ndarray,
+                 lines: Sequence[tuple]) -> None:
+    """Write the digit, title, shares of its marker's states, and the legend."""
+    height = figure.get_size_inches()[1]
     name = digit if digit == 'thumb' else f'{digit} finger'
-    figure.text(.2 / WIDTH, 1. - .16 / height, name.capitalize(), color=INK, fontsize=14,
+    figure.text(.2 / PAGE_WIDTH, 1. - .16 / height, name.capitalize(), color=INK, fontsize=14,
                 weight='bold', va='top')
     shares = ((state, (states[:, 0] == state).mean()) for state in MarkerState)
-    said = ', '.join(f'{100. * share:.1f} % {state.name.lower()}'
-                     for state, share in shares if share)
-    figure.text(.2 / WIDTH, 1. - .47 / height, ' · '.join(filter(None, (
-        title, f'its marker: {said}'))), color=MUTED, fontsize=8.5, va='top')
-    handles = [Line2D([], [], color=colour, linewidth=1.3, linestyle=style, label=label)
-               for label, colour, style in lines]
-    handles += [Patch(color=MARKER_COLOURS[state], label=f'{state.name.lower()}')
+    percentages = ', '.join(f'{100. * share:.1f} % {state.name.lower()}'
+                            for state, share in shares if share)
+    figure.text(.2 / PAGE_WIDTH, 1. - .47 / height, ' · '.join(filter(None, (
+        title, f'its marker: {percentages}'))), color=MUTED, fontsize=8.5, va='top')
+    handles: list[Artist] = [
+        Line2D([], [], color=colour, linewidth=1.3, linestyle=style, label=label)
+        for label, colour, style in lines]
+    handles += [Patch(color=MARKER_COLOURS[state], label=state.name.lower())
                 for state in MarkerState if (states == state).any()]
     figure.legend(handles=handles, loc='upper right', ncols=len(handles), frameon=False,
-                  bbox_to_anchor=(1. - (RIGHT - .1) / WIDTH, 1. - .06 / height),
+                  bbox_to_anchor=(1. - (RIGHT_MARGIN - .1) / PAGE_WIDTH, 1. - .06 / height),
                   fontsize=8.5, labelcolor=INK, handlelength=1.3, columnspacing=1.1,
                   handletextpad=.5)

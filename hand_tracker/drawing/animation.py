@@ -1,5 +1,6 @@
-"""Pictures of a tracked hand: an animated GIF and a contact sheet, seen from two sides."""
+"""A tracked hand's skeleton and markers as an animated GIF and a contact sheet, in two views."""
 
+from os import PathLike
 from typing import NamedTuple
 
 import numpy as np
@@ -7,25 +8,26 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..core.model.hand import DIGITS
+from ..core.model.hand import DIGITS, Hand
 from ..core.model.skeleton import DIGIT_CHAINS, PALM_BONES, SKELETON_BONES, bone_radii
-from .images import drawn, save_gif
+from .images import figure_image, save_gif
 from .palette import DIGIT_COLOURS, INK, VERMILLION, rgb
 from .render import view_axes
 
 PALM_COLOUR = '#B9C0C7'
 SEEN_COLOUR, HIDDEN_COLOUR = '#111111', VERMILLION
-# What each view shows [m]: left, right, bottom, top, with the wrist at the origin.
-VIEWS = {'from above': (-.105, .105, -.03, .205), 'from the thumb': (-.205, .03, -.125, .045)}
-GIF_RATE = 10.       # [Hz]
-GIF_COLOURS = 256
-INCH = .055          # [m] of hand on an inch of picture
-HEADER = .45         # [inches]
+# Left, right, bottom and top of each view [m], with the wrist at the origin.
+VIEW_EXTENTS = {
+    'from above': (-.105, .105, -.03, .205), 'from the thumb': (-.205, .03, -.125, .045)}
+ANIMATION_RATE = 10.     # [Hz]
+ANIMATION_COLOURS = 256
+METRES_PER_INCH = .055   # of hand on paper
+TITLE_BAR_HEIGHT = .45   # [inches]
 SHEET_COLUMNS, SHEET_ROWS = 6, 2
 
 
-class Track(NamedTuple):
-    """A tracked hand over time, in the wrist's frame.
+class HandMotion(NamedTuple):
+    """A tracked hand in n frames, in the wrist frame.
 
     Attributes
     ----------
@@ -34,7 +36,7 @@ class Track(NamedTuple):
     points : ndarray, shape (n, 31, 3)
         `skeleton_points` [m].
     markers : ndarray, shape (n, 8, 3)
-        Where seen the measured place, else the place on the tracked hand [m].
+        Measured where seen, else as placed on the tracked hand [m].
     seen : ndarray of bool, shape (n, 8)
     """
 
@@ -44,8 +46,8 @@ class Track(NamedTuple):
     seen: np.ndarray
 
 
-class View:
-    """The hand in one pair of axes.
+class HandView:
+    """Matplotlib axes with one view of the hand.
 
     Parameters
     ----------
@@ -53,122 +55,137 @@ class View:
     corner : tuple of float
         Lower left corner of the axes [inches].
     view : str
-        One of `VIEWS`.
+        One of `VIEW_EXTENTS`.
     hand : Hand
     scale : float
-        1 is `INCH` metres of hand on an inch.
+        Relative to `METRES_PER_INCH`.
     """
 
-    def __init__(self, figure, corner, view, hand, scale=1.):
-        self.axes = view_axes(view, hand.side)
-        left, right, bottom, top = VIEWS[view]
+    def __init__(self, figure: Figure, corner: tuple[float, float], view: str, hand: Hand,
+                 scale: float = 1.) -> None:
+        self.camera_axes = view_axes(view, hand.side)
+        left, right, bottom, top = VIEW_EXTENTS[view]
         if view == 'from the thumb' and hand.side == 'left':
             left, right = -right, -left
         width, height = figure.get_size_inches()
         axes = figure.add_axes((
-            corner[0] / width, corner[1] / height, scale * (right - left) / INCH / width,
-            scale * (top - bottom) / INCH / height))
+            corner[0] / width, corner[1] / height,
+            scale * (right - left) / METRES_PER_INCH / width,
+            scale * (top - bottom) / METRES_PER_INCH / height))
         axes.set(xlim=(left, right), ylim=(bottom, top))
         axes.set_axis_off()
-        self.widths = 2. * bone_radii(hand) * 72. * scale / INCH
+        self.bone_widths = 2. * bone_radii(hand) * 72. * scale / METRES_PER_INCH
         digits = [digit for digit, chain in enumerate(DIGIT_CHAINS) for _ in chain[1:]]
-        self.colours = np.array([rgb(PALM_COLOUR)] * len(PALM_BONES)
+        self.bone_colours = np.array([rgb(PALM_COLOUR)] * len(PALM_BONES)
                                 + [rgb(DIGIT_COLOURS[digit]) for digit in digits])
         self.bones = LineCollection([], capstyle='round')
         axes.add_collection(self.bones)
         self.bones.set_clip_on(False)
-        self.marks = axes.scatter([], [], s=.3 * self.widths.min() ** 2, linewidths=.7,
+        self.marks = axes.scatter([], [], s=.3 * self.bone_widths.min() ** 2, linewidths=.7,
                                   edgecolors='white', zorder=3, clip_on=False)
 
-    def draw(self, points, markers, seen):
-        """Draw one pose, far bones first."""
-        ends = (points @ self.axes.T)[np.array(SKELETON_BONES)]  # (bones, 2, 3)
+    def draw(self, points: np.ndarray, markers: np.ndarray, seen: np.ndarray) -> None:
+        """Draw one frame, bones from far to near.
+
+        Parameters
+        ----------
+        points : ndarray, shape (31, 3)
+            `skeleton_points` [m].
+        markers : ndarray, shape (8, 3)
+            [m]
+        seen : ndarray of bool, shape (8,)
+        """
+        ends = (points @ self.camera_axes.T)[np.array(SKELETON_BONES)]  # (bones, 2, 3)
         depth = ends[:, :, 2].mean(axis=1)
-        # The palm is one: which of its bones is nearer would change from pose to pose.
+        # One depth for the whole palm, as the order of its bones would change between poses.
         near = np.append([depth[:len(PALM_BONES)].mean()] * len(PALM_BONES),
                          depth[len(PALM_BONES):])
-        # Every bone twice: a white rim sets it off from those behind it.
+        # Each bone twice: a white outline separates it from those behind.
         order = np.repeat(np.argsort(near, kind='stable'), 2)
         rim = np.arange(len(order)) % 2 == 0
         fade = .55 * np.clip((.05 - depth) / .15, 0., 1.)[:, None]
-        colours = self.colours * (1. - fade) + fade
+        colours = self.bone_colours * (1. - fade) + fade
         self.bones.set_segments(ends[order, :, :2])
-        self.bones.set_linewidths(self.widths[order] + np.where(rim, 1.6, 0.))
-        self.bones.set_colors(np.where(rim[:, None], 1., colours[order]))
-        self.marks.set_offsets((markers @ self.axes.T)[:, :2])
-        self.marks.set_facecolors([SEEN_COLOUR if s else HIDDEN_COLOUR for s in seen])
+        self.bones.set_linewidth(self.bone_widths[order] + np.where(rim, 1.6, 0.))
+        self.bones.set_color(np.where(rim[:, None], 1., colours[order]).tolist())
+        self.marks.set_offsets((markers @ self.camera_axes.T)[:, :2])
+        self.marks.set_facecolor([SEEN_COLOUR if is_seen else HIDDEN_COLOUR for is_seen in seen])
 
 
-def view_size(view, scale=1.):
+def view_size(view: str, scale: float = 1.) -> tuple[float, float]:
     """Return width and height of a view [inches]."""
-    left, right, bottom, top = VIEWS[view]
-    return scale * (right - left) / INCH, scale * (top - bottom) / INCH
+    left, right, bottom, top = VIEW_EXTENTS[view]
+    return scale * (right - left) / METRES_PER_INCH, scale * (top - bottom) / METRES_PER_INCH
 
 
-def save_animation(path, track, hand, title=''):
-    """Write an animated GIF of a track, both views side by side.
+def save_animation(path: str | PathLike[str], motion: HandMotion, hand: Hand,
+                   title: str = '') -> None:
+    """Write an animated GIF of a tracked hand, both views in each frame.
 
     Parameters
     ----------
     path : path-like
-    track : Track
+    motion : HandMotion
     hand : Hand
     title : str
     """
-    (width, height), (second_width, second_height) = (view_size(view) for view in VIEWS)
-    figure = Figure(figsize=(width + second_width, height + HEADER), dpi=80)
+    (width, height), (second_width, second_height) = (view_size(view) for view in VIEW_EXTENTS)
+    figure = Figure(figsize=(width + second_width, height + TITLE_BAR_HEIGHT), dpi=80)
     corners = ((0., 0.), (width, .5 * (height - second_height)))
-    views = [View(figure, corner, view, hand) for corner, view in zip(corners, VIEWS)]
-    for share, view in zip((.25, .75), VIEWS):
-        figure.text(share, .02, view, ha='center', color=INK, fontsize=9)
-    _header(figure, title)
+    views = [HandView(figure, corner, view, hand) for corner, view in zip(corners, VIEW_EXTENTS)]
+    for share, name in zip((.25, .75), VIEW_EXTENTS):
+        figure.text(share, .02, name, ha='center', color=INK, fontsize=9)
+    _draw_title_bar(figure, title)
     clock = figure.text(.985, .02, '', ha='right', color=INK, fontsize=9)
     images = []
-    for frame in _frames_at(track.times, np.arange(
-            track.times[0], track.times[-1], 1. / GIF_RATE)):
+    for frame in _frames_at(motion.times, np.arange(
+            motion.times[0], motion.times[-1], 1. / ANIMATION_RATE)):
         for view in views:
-            view.draw(track.points[frame], track.markers[frame], track.seen[frame])
-        clock.set_text(f'{track.times[frame] - track.times[0]:.1f} s')
-        images.append(drawn(figure).convert('RGB'))
-    save_gif(path, images, GIF_RATE, GIF_COLOURS,
+            view.draw(motion.points[frame], motion.markers[frame], motion.seen[frame])
+        clock.set_text(f'{motion.times[frame] - motion.times[0]:.1f} s')
+        images.append(figure_image(figure).convert('RGB'))
+    save_gif(path, images, ANIMATION_RATE, ANIMATION_COLOURS,
              (*DIGIT_COLOURS, PALM_COLOUR, SEEN_COLOUR, HIDDEN_COLOUR))
 
 
-def save_sheet(path, track, hand, title=''):
-    """Write a contact sheet (PNG) of a track: poses in time, each from both views.
+def save_sheet(path: str | PathLike[str], motion: HandMotion, hand: Hand,
+               title: str = '') -> None:
+    """Write a contact sheet (PNG) of a tracked hand: poses in time, each in both views.
 
     Parameters
     ----------
     path : path-like
-    track : Track
+    motion : HandMotion
     hand : Hand
     title : str
     """
     scale = .42
-    sizes = [view_size(view, scale) for view in VIEWS]
+    sizes = [view_size(view, scale) for view in VIEW_EXTENTS]
     width = max(size[0] for size in sizes)
     height = sum(size[1] for size in sizes) + .15
-    figure = Figure(figsize=(width * SHEET_COLUMNS, height * SHEET_ROWS + HEADER), dpi=120)
+    figure = Figure(
+        figsize=(width * SHEET_COLUMNS, height * SHEET_ROWS + TITLE_BAR_HEIGHT), dpi=120)
+    sheet_width, sheet_height = figure.get_size_inches()
     poses = SHEET_ROWS * SHEET_COLUMNS
-    # The middle of equal parts: neither end, where the hand only rests.
-    wanted = track.times[0] + (track.times[-1] - track.times[0]) * (np.arange(poses) + .5) / poses
-    for pose, frame in enumerate(_frames_at(track.times, wanted)):
+    # Middles of equal parts: the hand rests at both ends.
+    start, end = motion.times[[0, -1]]
+    wanted = start + (end - start) * (np.arange(poses) + .5) / poses
+    for pose, frame in enumerate(_frames_at(motion.times, wanted)):
         row, column = divmod(pose, SHEET_COLUMNS)
         bottom = height * (SHEET_ROWS - 1 - row)
-        for view, size, below in zip(VIEWS, sizes, (sizes[1][1], 0.)):
-            View(figure, (column * width + .5 * (width - size[0]), bottom + below), view, hand,
-                  scale).draw(track.points[frame], track.markers[frame], track.seen[frame])
-        figure.text((column * width + .1) / figure.get_size_inches()[0],
-                    (bottom + height - .15) / figure.get_size_inches()[1],
-                    f'{track.times[frame] - track.times[0]:.1f} s', color=INK, fontsize=8,
-                    va='top')
-    _header(figure, title)
+        for view, size, below in zip(VIEW_EXTENTS, sizes, (sizes[1][1], 0.)):
+            corner = column * width + .5 * (width - size[0]), bottom + below
+            HandView(figure, corner, view, hand, scale).draw(
+                motion.points[frame], motion.markers[frame], motion.seen[frame])
+        figure.text((column * width + .1) / sheet_width, (bottom + height - .15) / sheet_height,
+                    f'{motion.times[frame] - start:.1f} s', color=INK, fontsize=8, va='top')
+    _draw_title_bar(figure, title)
     figure.savefig(path)
 
 
-def _header(figure, title):
+def _draw_title_bar(figure: Figure, title: str) -> None:
     """Write the title and the legend."""
-    middle = 1. - .5 * HEADER / figure.get_size_inches()[1]
+    middle = 1. - .5 * TITLE_BAR_HEIGHT / figure.get_size_inches()[1]
     figure.text(.012, middle, title, color=INK, fontsize=11, weight='bold', va='center')
     handles = [Line2D([], [], marker='o', linestyle='', markersize=5, color=colour, label=label)
                for colour, label in ((SEEN_COLOUR, 'marker seen'), (HIDDEN_COLOUR, 'hidden'))]
@@ -179,6 +196,6 @@ def _header(figure, title):
                   columnspacing=.8, handletextpad=.4, handlelength=1.)
 
 
-def _frames_at(times, wanted):
-    """Return the index of the frame at or next after each wanted time."""
+def _frames_at(times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return the index of the first frame at or after each wanted time."""
     return np.minimum(np.searchsorted(times, wanted), len(times) - 1)

@@ -1,94 +1,107 @@
-"""Figures as images, counted in picture elements, and images as an animation."""
+"""Matplotlib figures measured in pixels, and animated GIFs with one palette."""
+
+from collections.abc import Iterator, Sequence
+from os import PathLike
+from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-DPI = 100    # what matplotlib counts in inches is here counted in picture elements
-SAMPLES = 5  # images, in time, whose colours make a palette
+PIXELS_PER_INCH = 100
+PALETTE_FRAMES = 5  # frames, evenly spaced in time, from which the palette is computed
 
 
-def blank(width, height, **more):
-    """Return a figure of so many picture elements; see `matplotlib.figure.Figure` for the rest."""
-    return Figure(figsize=(width / DPI, height / DPI), dpi=DPI, **more)
+def blank_figure(width: float, height: float, **options: Any) -> Figure:
+    """Return an empty figure of a size in pixels; `options` go to `matplotlib.figure.Figure`."""
+    return Figure(figsize=(width / PIXELS_PER_INCH, height / PIXELS_PER_INCH),
+                  dpi=PIXELS_PER_INCH, **options)
 
 
-def place(figure, image, left, top):
-    """Put an image onto a figure as it is.
+def place_image(figure: Figure, image: np.ndarray, left: float, top: float) -> None:
+    """Put an image onto a figure, one pixel of it on one of the figure.
 
     Parameters
     ----------
     figure : Figure
     image : ndarray of uint8, shape (height, width, 3 or 4)
     left, top : float
-        Of its upper left corner [picture elements].
+        Its upper left corner [px].
     """
-    figure.figimage(image, left, figure.bbox.height - top - len(image), origin='upper')
+    below = figure.bbox.height - top - len(image)
+    figure.figimage(image, left, below, origin='upper')  # type: ignore[arg-type]
 
 
-def write(figure, x, y, text, size, colour, **more):
-    """Write onto a figure, middle of the text at picture elements from the upper left corner.
+def write_text(figure: Figure, x: float, y: float, text: str, size: float, colour: str,
+               **options: Any) -> None:
+    """Write text onto a figure.
 
     Parameters
     ----------
     figure : Figure
-    x, y, size : float
-        [picture elements]
+    x, y : float
+        Middle of the text, from the figure's upper left corner [px].
     text : str
+    size : float
+        Of the font [px].
     colour : str
-    **more
+    **options
         For `matplotlib.text.Text`.
     """
     figure.text(x / figure.bbox.width, 1. - y / figure.bbox.height, text, color=colour,
-                fontsize=72. * size / figure.dpi, **{'ha': 'center', 'va': 'center', **more})
+                fontsize=72. * size / figure.dpi, **{'ha': 'center', 'va': 'center', **options})
 
 
-def drawn(figure):
-    """Return a figure as an image: red, green, blue and opacity."""
+def figure_image(figure: Figure) -> Image.Image:
+    """Return a figure drawn as an RGBA image."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return Image.fromarray(np.array(canvas.buffer_rgba()))
 
 
-def save_gif(path, images, rate, colours, swatches, tolerance=0):
-    """Write an animation with one palette, so that nothing flickers.
+def save_gif(path: str | PathLike[str], images: Sequence[Image.Image], rate: float, colours: int,
+             swatches: Sequence[str], tolerance: int = 0) -> None:
+    """Write an animated GIF with one palette for all frames, so that nothing flickers.
 
     Parameters
     ----------
     path : path-like
     images : sequence of Image
-        Without opacity.
+        RGB.
     rate : float
-        [Hz], of which the format keeps hundredths of a second.
+        [Hz]; the format stores periods in hundredths of a second.
     colours : int
-        Of the palette, 256 at most.
-    swatches : sequence of colour
-        That have their place in it, however rare they are.
+        Size of the palette, at most 256.
+    swatches : sequence of str
+        Colours that get an entry in the palette, however rare they are.
     tolerance : int
-        Shades of 256 that what is shown may be off and stay where it is brightest, and less
-        where it is dark: the eye sees ratios. It makes the file smaller.
+        Difference, of 255, up to which a pixel of full brightness keeps its previous colour;
+        proportionally less where it is darker. Makes the file smaller.
     """
     width, height = images[0].size
-    several = images[::-(-len(images) // SAMPLES)]
-    sample = Image.new('RGB', (width, (len(several) + 1) * height))
-    for i, image in enumerate(several):
+    sampled = images[::-(-len(images) // PALETTE_FRAMES)]
+    sample = Image.new('RGB', (width, (len(sampled) + 1) * height))
+    for i, image in enumerate(sampled):
         sample.paste(image, (0, i * height))
     for i, colour in enumerate(swatches):
-        sample.paste(colour, (i * width // len(swatches), len(several) * height,
+        sample.paste(colour, (i * width // len(swatches), len(sampled) * height,
                               (i + 1) * width // len(swatches), sample.height))
     palette = sample.quantize(colours)
-    first, *others = _indexed(images, palette, tolerance)
+    first, *others = _quantized(images, palette, tolerance)
     first.save(path, save_all=True, append_images=others, loop=0, duration=round(1000. / rate))
 
 
-def _indexed(images, palette, tolerance):
-    """Yield images in the colours of a palette; where little changes, what was shown stays."""
-    shown = None
+def _quantized(images: Sequence[Image.Image], palette: Image.Image,
+               tolerance: int) -> Iterator[Image.Image]:
+    """Yield images in the colours of a palette, with small changes suppressed."""
+    shown: Image.Image | None = None
     for image in images:
         new = image.quantize(palette=palette, dither=Image.Dither.NONE)
         if shown is not None and tolerance:
-            off = np.abs(np.subtract(image, shown.convert('RGB'), dtype=int)).max(axis=2)
-            new.paste(shown, mask=Image.fromarray(off <= tolerance / 255. * np.max(image, axis=2)))
+            wanted = np.asarray(image, dtype=int)
+            change = np.abs(wanted - np.asarray(shown.convert('RGB'))).max(axis=2)
+            allowed = tolerance / 255. * wanted.max(axis=2)
+            new.paste(shown, mask=Image.fromarray(change <= allowed))
         yield new
         shown = new

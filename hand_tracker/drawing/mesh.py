@@ -1,18 +1,23 @@
-"""What meshes of triangles are made of, whoever draws or deforms them."""
+"""Geometry of triangle meshes, for rendering and skinning."""
 
 import numpy as np
 
 
-def normals(vertices, faces):
-    """Return the unit normals of the vertices, outwards, shape (V, 3).
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return the outward unit normals of a mesh's vertices, weighted by area.
 
     Parameters
     ----------
     vertices : ndarray, shape (V, 3)
+        [m]
     faces : ndarray of int, shape (F, 3)
         Anticlockwise seen from outside.
+
+    Returns
+    -------
+    ndarray, shape (V, 3)
     """
     a, b, c = vertices[faces].swapaxes(0, 1)
-    found = np.stack([np.bincount(faces.ravel(), np.repeat(along, 3), len(vertices))
-                      for along in np.cross(b - a, c - a).T], axis=1)
-    return found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-30)
+    normals = np.stack([np.bincount(faces.ravel(), np.repeat(component, 3), len(vertices))
+                        for component in np.cross(b - a, c - a).T], axis=1)
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)

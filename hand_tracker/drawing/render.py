@@ -1,30 +1,34 @@
-"""Meshes as pictures, drawn in software: smooth shading, soft shadows, no display needed."""
+"""Software renderer of meshes: perspective, smooth shading, soft shadows; no display needed."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.numerics.jit import jit
-from .mesh import normals
+from .mesh import vertex_normals
 
-# Directions to the eye and up, of a right hand in the wrist's frame.
-EYES = {'from above': ((0., 0., 1.), (1., 0., 0.)), 'the palm': ((0., 0., -1.), (1., 0., 0.)),
-        'from the thumb': ((0., 1., 0.), (0., 0., 1.)),
-        'from the front': ((1., .3, .5), (0., 0., 1.)),
-        'aslant': ((.35, .5, .75), (1., 0., 0.))}
-DISTANCE, AIR = .9, .006               # [m] of the eye, and around what fits a picture
-KEY = np.array((-.15, .40, .90))       # where the light comes from: left, above, the eye's side
-AMBIENT, DIRECT, SHEEN, RIM = .40, .66, .10, .16  # shares of light
-SHINE = 24.                            # exponent of the sheen
-SHADOW_PIXELS = 900                    # of the map of what the light sees, across
-SHADOW_BLUR = 2.5                      # [pixels of it]
-SHADOW_SAMPLES = range(-4, 5, 2)       # [pixels of it]
-SHADOW_BIAS = .0022                    # [m] nearer than which nothing throws a shadow
-ROUND = 24                             # corners of a circle
+# Directions to the eye and up, for a right hand in the wrist frame.
+VIEW_DIRECTIONS = {
+    'from above': ((0., 0., 1.), (1., 0., 0.)), 'the palm': ((0., 0., -1.), (1., 0., 0.)),
+    'from the thumb': ((0., 1., 0.), (0., 0., 1.)),
+    'from the front': ((1., .3, .5), (0., 0., 1.)),
+    'aslant': ((.35, .5, .75), (1., 0., 0.))}
+EYE_DISTANCE = .9                      # [m]
+FRAMING_MARGIN = .006                  # [m]
+LIGHT_DIRECTION = np.array((-.15, .40, .90))  # towards the light, in the camera's axes
+AMBIENT_SHARE, DIFFUSE_SHARE, SPECULAR_SHARE, RIM_SHARE = .40, .66, .10, .16
+SPECULAR_EXPONENT = 24.
+SHADOW_MAP_SIZE = 900                  # [px] across
+SHADOW_BLUR = 2.5                      # [px of the shadow map] standard deviation
+SHADOW_SAMPLES = range(-4, 5, 2)       # [px of the shadow map]
+SHADOW_BIAS = .0022                    # [m] within which nothing casts a shadow
+CIRCLE_SEGMENTS = 24
 
 
 class Mesh(NamedTuple):
-    """Triangles to draw.
+    """Triangle mesh with colours.
 
     Attributes
     ----------
@@ -33,57 +37,57 @@ class Mesh(NamedTuple):
     faces : ndarray of int, shape (f, 3)
         Anticlockwise seen from outside.
     colours : array_like, shape (n, 3) or (3,)
-        Of the vertices, or one for all: red, green, blue, 0 to 1.
+        Red, green and blue of each vertex, or of all, 0 to 1.
     """
 
     vertices: np.ndarray
     faces: np.ndarray
-    colours: np.ndarray
+    colours: ArrayLike
 
 
 class Camera(NamedTuple):
-    """Where a picture is taken from.
+    """Perspective camera.
 
     Attributes
     ----------
     axes : ndarray, shape (3, 3)
-        Rows: the directions that run right, up and to the eye.
+        Rows: unit directions right, up and towards the eye.
     centre : ndarray, shape (3,)
-        In the middle of the picture [m].
+        Point in the middle of the picture [m].
     height : float
-        Of what is seen at the centre [m].
+        Visible height at the centre [m].
     distance : float
-        Of the eye from the centre [m].
+        From the centre to the eye [m].
     """
 
     axes: np.ndarray
     centre: np.ndarray
     height: float
-    distance: float = DISTANCE
+    distance: float = EYE_DISTANCE
 
-    def project(self, points, size):
-        """Return where points are in a picture.
+    def project(self, points: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+        """Project points into a picture.
 
         Parameters
         ----------
         points : ndarray, shape (..., 3)
             [m]
         size : tuple of int
-            Width and height of the picture.
+            Width and height of the picture [px].
 
         Returns
         -------
         ndarray, shape (..., 3)
-            Right and down [picture elements], and towards the eye [m].
+            Right and down from the upper left corner [px], and towards the eye [m].
         """
-        seen = (points - self.centre) @ self.axes.T
-        scale = size[1] / self.height / (1. - seen[..., 2] / self.distance)
-        return np.stack((.5 * size[0] + scale * seen[..., 0],
-                         .5 * size[1] - scale * seen[..., 1], seen[..., 2]), axis=-1)
+        local = (points - self.centre) @ self.axes.T
+        scale = size[1] / self.height / (1. - local[..., 2] / self.distance)
+        return np.stack((.5 * size[0] + scale * local[..., 0],
+                         .5 * size[1] - scale * local[..., 1], local[..., 2]), axis=-1)
 
 
-def facing(towards_eye, up):
-    """Return the axes of a camera: directions that run right, up and to the eye.
+def camera_axes(towards_eye: ArrayLike, up: ArrayLike) -> np.ndarray:
+    """Return the axes of a camera from its viewing direction.
 
     Parameters
     ----------
@@ -93,37 +97,37 @@ def facing(towards_eye, up):
     Returns
     -------
     ndarray, shape (3, 3)
-        Rows.
+        Rows: unit directions right, up and towards the eye.
     """
     eye = _unit(np.asarray(towards_eye, dtype=float))
-    right = _unit(np.cross(up, eye))
+    right = _unit(np.cross(np.asarray(up), eye))
     return np.array((right, np.cross(eye, right), eye))
 
 
-def view_axes(view, side):
-    """Return the axes of a camera that sees a hand in one of the usual ways.
+def view_axes(view: str, side: str) -> np.ndarray:
+    """Return the axes of a camera for a named view of a hand.
 
     Parameters
     ----------
     view : str
-        One of `EYES`.
+        One of `VIEW_DIRECTIONS`.
     side : {'right', 'left'}
 
     Returns
     -------
     ndarray, shape (3, 3)
-        As from `facing`, in the wrist's frame.
+        As from `camera_axes`, in the wrist frame.
     """
     mirror = (1., 1. if side == 'right' else -1., 1.)
-    return facing(*np.multiply(EYES[view], mirror))
+    return camera_axes(*np.multiply(VIEW_DIRECTIONS[view], mirror))
 
 
-def fitted(axes, points):
-    """Return a camera whose square pictures have all of some points in them, and air around.
+def fitting_camera(axes: np.ndarray, points: np.ndarray) -> Camera:
+    """Return a camera whose square picture holds all of some points, with a margin.
 
     Parameters
     ----------
-    axes
+    axes : ndarray, shape (3, 3)
         See `Camera`.
     points : ndarray, shape (n, 3)
         [m]
@@ -132,111 +136,120 @@ def fitted(axes, points):
     -------
     Camera
     """
-    seen = points @ axes.T
-    middle = .5 * (seen.min(axis=0) + seen.max(axis=0))
-    across, depth = np.abs(seen - middle)[:, :2].max(axis=1), (seen - middle)[:, 2]
-    height = 2. * (across / (1. - depth / DISTANCE)).max()
-    return Camera(axes, middle @ axes, height + 2. * AIR)
+    local = points @ axes.T
+    middle = .5 * (local.min(axis=0) + local.max(axis=0))
+    across, depth = np.abs(local - middle)[:, :2].max(axis=1), (local - middle)[:, 2]
+    height = 2. * (across / (1. - depth / EYE_DISTANCE)).max()
+    return Camera(axes, middle @ axes, height + 2. * FRAMING_MARGIN)
 
 
-def render(meshes, camera, size, finer=3, shadows=True):
-    """Return a picture of meshes on nothing.
+def render(meshes: Sequence[Mesh], camera: Camera, size: tuple[int, int],
+           supersampling: int = 3, shadows: bool = True) -> np.ndarray:
+    """Render meshes on a transparent background.
 
     Parameters
     ----------
     meshes : sequence of Mesh
     camera : Camera
     size : tuple of int
-        Width and height [picture elements].
-    finer : int
-        Picture elements drawn for one that is shown, across.
+        Width and height [px].
+    supersampling : int
+        Rows and columns that are averaged to one.
     shadows : bool
-        Whether meshes throw them.
+        Cast shadows.
 
     Returns
     -------
     ndarray of uint8, shape (height, width, 4)
         Red, green, blue and opacity.
     """
-    mesh = joined(meshes)
-    fine = finer * size[0], finer * size[1]
-    attributes = np.hstack((mesh.vertices, normals(mesh.vertices, mesh.faces), mesh.colours))
-    shown = rasterized(camera.project(mesh.vertices, fine), mesh.faces, attributes, fine)
-    there = np.isfinite(shown[..., 0])
-    place, normal, colour = np.split(shown[there], 3, axis=1)
-    image = np.zeros((*there.shape, 4))
-    image[there, :3] = _lit(mesh, camera, place, _unit(normal), colour, shadows)
-    image[there, 3] = 1.
-    image = image.reshape(size[1], finer, size[0], finer, 4).mean(axis=(1, 3))
-    # Colour that is mixed with nothing keeps its own.
+    mesh = merge_meshes(meshes)
+    fine_size = supersampling * size[0], supersampling * size[1]
+    attributes = np.hstack(
+        (mesh.vertices, vertex_normals(mesh.vertices, mesh.faces), mesh.colours))
+    pixels = rasterize(camera.project(mesh.vertices, fine_size), mesh.faces, attributes, fine_size)
+    covered = np.isfinite(pixels[..., 0])
+    position, normal, colour = np.split(pixels[covered], 3, axis=1)
+    image = np.zeros((*covered.shape, 4))
+    image[covered, :3] = _shade(mesh, camera, position, _unit(normal), colour, shadows)
+    image[covered, 3] = 1.
+    image = image.reshape(size[1], supersampling, size[0], supersampling, 4).mean(axis=(1, 3))
+    # Undo the averaging with empty pixels: opacity carries it.
     image[..., :3] /= np.maximum(image[..., 3:], 1e-9)
     return np.round(255. * np.clip(image, 0., 1.)).astype(np.uint8)
 
 
-def _lit(mesh, camera, place, normal, colour, shadows):
-    """Return the colours that a camera sees at places, shape (n, 3)."""
-    light = _unit(KEY @ camera.axes)
+def _shade(mesh: Mesh, camera: Camera, position: np.ndarray, normal: np.ndarray,
+           colour: np.ndarray, shadows: bool) -> np.ndarray:
+    """Return the shaded colours of n points of a surface, shape (n, 3)."""
+    light = _unit(LIGHT_DIRECTION @ camera.axes)
     eye = camera.axes[2]
-    facing = normal @ light
-    # Flesh lets light through: it darkens late, and not at once.
-    direct = np.clip((facing + .25) / 1.25, 0., 1.)
+    cosine = normal @ light
+    # Wrapped diffuse light: skin scatters light past the terminator.
+    diffuse = np.clip((cosine + .25) / 1.25, 0., 1.)
     if shadows:
-        direct *= _lightness(mesh, light, place, normal)
+        diffuse *= _light_visibility(mesh, light, position, normal)
     half = np.clip(normal @ _unit(light + eye), 0., 1.)
     sky = .5 + .5 * normal @ camera.axes[1]
-    edge = (1. - np.clip(normal @ eye, 0., 1.)) ** 3
-    shade = AMBIENT * (.6 + .4 * sky) + DIRECT * direct
-    gloss = SHEEN * half ** SHINE * np.clip(direct, 0., 1.) + RIM * edge * sky
+    rim = (1. - np.clip(normal @ eye, 0., 1.)) ** 3
+    shade = AMBIENT_SHARE * (.6 + .4 * sky) + DIFFUSE_SHARE * diffuse
+    gloss = (SPECULAR_SHARE * half ** SPECULAR_EXPONENT * np.clip(diffuse, 0., 1.)
+             + RIM_SHARE * rim * sky)
     return colour * shade[:, None] + gloss[:, None]
 
 
-def _lightness(mesh, light, place, normal):
-    """Return how much of a light reaches places: 0 in the shadow to 1, soft at its edge."""
+def _light_visibility(mesh: Mesh, light: np.ndarray, position: np.ndarray,
+                      normal: np.ndarray) -> np.ndarray:
+    """Return the unshadowed share of a light at n points, by a blurred shadow map, shape (n,)."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    across = 1.05 * np.linalg.norm(high - low)
-    sun = Camera(facing(light, (.3, .5, .8)), .5 * (low + high), across, np.inf)
-    size = SHADOW_PIXELS, SHADOW_PIXELS
-    seen = sun.project(mesh.vertices, size)
-    depth = rasterized(seen, mesh.faces, seen[:, 2:], size)[..., 0]
+    across = 1.05 * float(np.linalg.norm(high - low))
+    sun = Camera(camera_axes(light, (.3, .5, .8)), .5 * (low + high), across, np.inf)
+    size = SHADOW_MAP_SIZE, SHADOW_MAP_SIZE
+    projected = sun.project(mesh.vertices, size)
+    depth = rasterize(projected, mesh.faces, projected[:, 2:], size)[..., 0]
     depth = np.where(np.isfinite(depth), depth, -np.inf)
-    x, y, own = sun.project(place + SHADOW_BIAS * normal, size).T
+    x, y, point_depth = sun.project(position + SHADOW_BIAS * normal, size).T
     column, row = np.round(x - .5).astype(int), np.round(y - .5).astype(int)
-    found, weights = np.zeros(len(place)), 0.
+    lit, weights = np.zeros(len(position)), 0.
     for right in SHADOW_SAMPLES:
         for down in SHADOW_SAMPLES:
             weight = np.exp(-.5 * (right ** 2 + down ** 2) / SHADOW_BLUR ** 2)
             nearest = depth[np.clip(row + down, 0, size[1] - 1),
                             np.clip(column + right, 0, size[0] - 1)]
-            found += weight * (nearest <= own + SHADOW_BIAS)
+            lit += weight * (nearest <= point_depth + SHADOW_BIAS)
             weights += weight
-    return found / weights
+    return lit / weights
 
 
-def rasterized(points, faces, attributes, size):
-    """Return the attributes of what is nearest at each picture element, NaN where nothing is.
+def rasterize(points: np.ndarray, faces: np.ndarray, attributes: np.ndarray,
+              size: tuple[int, int]) -> np.ndarray:
+    """Interpolate vertex attributes at each pixel, on the triangle nearest to the eye.
 
     Parameters
     ----------
     points : ndarray, shape (n, 3)
-        Right, down [picture elements] and towards the eye.
+        Vertices: right and down [px], and towards the eye.
     faces : ndarray of int, shape (f, 3)
     attributes : ndarray, shape (n, k)
         Of the vertices; linear within a triangle.
     size : tuple of int
-        Width and height.
+        Width and height [px].
 
     Returns
     -------
     ndarray, shape (height, width, k)
+        NaN where there is no triangle.
     """
-    shown = np.full((size[1], size[0], attributes.shape[1]), np.nan)
+    pixels = np.full((size[1], size[0], attributes.shape[1]), np.nan)
     _fill(np.ascontiguousarray(points), np.ascontiguousarray(faces),
-          np.ascontiguousarray(attributes), np.full((size[1], size[0]), -np.inf), shown)
-    return shown
+          np.ascontiguousarray(attributes), np.full((size[1], size[0]), -np.inf), pixels)
+    return pixels
 
 
 @jit
-def _fill(points, faces, attributes, depth, shown):
+def _fill(points: np.ndarray, faces: np.ndarray, attributes: np.ndarray, depth: np.ndarray,
+          pixels: np.ndarray) -> None:
+    """Fill pixels (height, width, k) with attributes, and their depth buffer (height, width)."""
     height, width = depth.shape
     for face in range(len(faces)):
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
@@ -260,12 +273,12 @@ def _fill(points, faces, attributes, depth, shown):
                 if near > depth[row, column]:
                     depth[row, column] = near
                     for k in range(attributes.shape[1]):
-                        shown[row, column, k] = (u * attributes[a, k] + v * attributes[b, k]
-                                                 + w * attributes[c, k])
+                        pixels[row, column, k] = (u * attributes[a, k] + v * attributes[b, k]
+                                                  + w * attributes[c, k])
 
 
-def joined(meshes):
-    """Return several meshes as one."""
+def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
+    """Return several meshes as one, with a colour for each vertex."""
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
     return Mesh(np.vstack([mesh.vertices for mesh in meshes]),
                 np.vstack([mesh.faces + start for mesh, start in zip(meshes, starts)]),
@@ -273,47 +286,50 @@ def joined(meshes):
                            for mesh in meshes]))
 
 
-def bone(start, end, radius, end_radius, colour):
-    """Return a round bone: a cone between two balls, which are one if both ends are.
+def bone_mesh(start: np.ndarray, end: np.ndarray, radius: float, end_radius: float,
+              colour: ArrayLike) -> Mesh:
+    """Return a tapered capsule; a sphere if both ends coincide.
 
     Parameters
     ----------
     start, end : ndarray, shape (3,)
-        [m]
+        Centres of its ends [m].
     radius, end_radius : float
         [m]
     colour : array_like, shape (3,)
+        Red, green and blue, 0 to 1.
 
     Returns
     -------
     Mesh
     """
-    way = end - start
-    length = np.linalg.norm(way)
-    along = way / length if length else np.array((0., 0., 1.))
+    offset = end - start
+    length = np.linalg.norm(offset)
+    along = offset / length if length else np.array((0., 0., 1.))
     aside = _unit(np.cross(along, np.eye(3)[np.argmin(np.abs(along))]))
     frame = np.array((aside, np.cross(along, aside), along))
-    polar = np.linspace(-.5 * np.pi, .5 * np.pi, ROUND)
+    segments = CIRCLE_SEGMENTS
+    polar = np.linspace(-.5 * np.pi, .5 * np.pi, segments)
     first = polar < 0.
     rings = np.column_stack((np.where(first, radius, end_radius) * np.cos(polar),
                              np.where(first, radius, end_radius) * np.sin(polar)
                              + np.where(first, 0., length)))
-    turn = 2. * np.pi * np.arange(ROUND) / ROUND
+    turn = 2. * np.pi * np.arange(segments) / segments
     local = np.stack(np.broadcast_arrays(
         rings[:, :1] * np.cos(turn), rings[:, :1] * np.sin(turn), rings[:, 1:]), axis=-1)
-    ring, corner = np.meshgrid(np.arange(ROUND - 1), np.arange(ROUND), indexing='ij')
-    here, beside = ROUND * ring + corner, ROUND * ring + (corner + 1) % ROUND
-    faces = np.concatenate((np.stack((here, beside, here + ROUND), axis=-1).reshape(-1, 3),
-                            np.stack((beside, beside + ROUND, here + ROUND),
+    ring, corner = np.meshgrid(np.arange(segments - 1), np.arange(segments), indexing='ij')
+    here, beside = segments * ring + corner, segments * ring + (corner + 1) % segments
+    faces = np.concatenate((np.stack((here, beside, here + segments), axis=-1).reshape(-1, 3),
+                            np.stack((beside, beside + segments, here + segments),
                                      axis=-1).reshape(-1, 3)))
     vertices = start + local.reshape(-1, 3) @ frame
     return Mesh(vertices, faces, colour)
 
 
-def ball(centre, radius, colour):
-    """Return a ball; see `bone`."""
-    return bone(centre, centre, radius, radius, colour)
+def ball_mesh(centre: np.ndarray, radius: float, colour: ArrayLike) -> Mesh:
+    """Return a sphere; see `bone_mesh`."""
+    return bone_mesh(centre, centre, radius, radius, colour)
 
 
-def _unit(vectors):
+def _unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)

@@ -29,8 +29,8 @@ from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS, marker_positions
 from ..core.model.skeleton import skeleton_points
 from ..core.options import TrackerOptions
-from ..drawing.animation import HIDDEN_COLOUR, SEEN_COLOUR, VIEWS, View, view_size
-from ..drawing.palette import ORANGE, PAPER, SKY_BLUE
+from ..drawing.animation import HIDDEN_COLOUR, SEEN_COLOUR, VIEW_EXTENTS, HandView, view_size
+from ..drawing.palette import ORANGE, PAPER_WHITE, SKY_BLUE
 from ..simulation.faults import Event, Faults, fault_events, with_faults
 from ..simulation.visibility import skin_layout
 from .metrics import limit_violations
@@ -59,7 +59,7 @@ CONDITIONS = {'all seen': 'all markers seen', 'occluded': 'occluded',
 SHOWN = 10.                    # [degrees] over all joints, from which a difference is drawn
 APART = 1.                     # [s] of drawn frames of a motion
 FULL = 6.                    # [degrees] more or less that have the full colour
-LOSS_AND_GAIN = LinearSegmentedColormap.from_list('', (SKY_BLUE, PAPER, ORANGE))
+LOSS_AND_GAIN = LinearSegmentedColormap.from_list('', (SKY_BLUE, PAPER_WHITE, ORANGE))
 LINES = 6                      # of drawn hands
 SCALE = .5                     # of the drawn hands
 MARGIN = .1                    # [inches] around them
@@ -294,7 +294,7 @@ def pictures(rows, folder):
 def _draw_hands(rows, path):
     """Draw truth, all constraints and one less side by side, a line for each that is missed."""
     shown = _missed_most(rows)[:LINES]
-    sizes = [view_size(view, SCALE) for view in VIEWS]
+    sizes = [view_size(view, SCALE) for view in VIEW_EXTENTS]
     width = sum(size[0] for size in sizes) + 3. * MARGIN
     height, legend = max(size[1] for size in sizes) + .35, .35
     figure = Figure(figsize=(3. * width + 1.1, len(shown) * height + legend), dpi=110)
@@ -320,8 +320,8 @@ def _draw_hands(rows, path):
             links = forward(joint_table(hand), pose[0], turned, moved)
             places = marker_positions(layout.mounting(hand), links, turned, moved)
             left = 1.1 + column * width
-            for view, size in zip(VIEWS, sizes):
-                View(figure, (left, bottom), view, hand, SCALE).draw(
+            for view, size in zip(VIEW_EXTENTS, sizes):
+                HandView(figure, (left, bottom), view, hand, SCALE).draw(
                     skeleton_points(tip_offsets(hand), links, moved),
                     np.where(seen[:, None], local, places), seen)
                 left += size[0] + MARGIN

@@ -11,13 +11,13 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ..core.model.skeleton import SKELETON_BONES, skeleton_points
 from ..core.model.states import MarkerState, PalmState
 from ..core.tracker import HandState
-from ..drawing.palette import FLESH, LIGHT_GREY, MARKER_COLOURS, rgb
+from ..drawing.palette import SKIN_TONE, LIGHT_GREY, MARKER_COLOURS, rgb
 from .builders import Names
 
 JOINTS_SHOWN = sorted({end for bone in SKELETON_BONES for end in bone})
 STATE_COLOURS = {kind: rgb(colour) for kind, colour in MARKER_COLOURS.items()
                  if kind != MarkerState.ABSENT}
-RVIZ_SKIN_COLOUR = rgb(FLESH)
+RVIZ_SKIN_COLOUR = rgb(SKIN_TONE)
 RVIZ_SKIN_OPACITY = 1.  # RViz draws transparent triangles without depth: folds become stripes
 HELD_OPACITY = .3       # while the last pose is held because the palm is not found
 LINE_WIDTH = .004       # [m]

@@ -1,4 +1,4 @@
-"""The hand's skin: a closed mesh that follows the tracked bones. No ROS."""
+"""Skin of the hand: generate or register a closed mesh, and deform it with the tracked links."""
 
 from ..core.errors import InvalidMesh, MissingLibrary
 from .load import load_skin

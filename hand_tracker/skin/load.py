@@ -1,50 +1,69 @@
-"""The skin of a hand: made once, kept in the user's cache, found there again."""
+"""Load the skin of a hand: from the user's cache, or computed and then cached."""
 
 import hashlib
 import os
 import tempfile
 import zipfile
 from dataclasses import fields
+from os import PathLike
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from ..core.errors import InvalidMesh
-from ..core.model.hand import JOINTS, SIDES
+from ..core.model.hand import JOINTS, SIDES, Hand
 from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
 from ..core.model.skeleton import DIGIT_CHAINS, PALM_BONES, skeleton_points
 from .bone_heat import bone_weights
-from .own_mesh import FARTHEST, laid_upon, read_mesh
-from .signed_distance import flesh_of
+from .mesh_registration import MAX_REGISTRATION_ERROR, read_mesh, register
+from .signed_distance import hand_shape
 from .skinning import Skin, deform
-from .surface import surface
+from .surface import surface_mesh
 
-# The thumb moves on its root, the way there is the palm's.
-TO_THUMB = PALM_BONES[len(DIGIT_CHAINS) - 1]
-BONES = PALM_BONES[:len(DIGIT_CHAINS)] + tuple(
+# From wrist to thumb CMC; it moves with the palm, not with the thumb.
+WRIST_TO_THUMB = PALM_BONES[len(DIGIT_CHAINS) - 1]
+SKINNED_BONES = PALM_BONES[:len(DIGIT_CHAINS)] + tuple(
     bone for chain in DIGIT_CHAINS for bone in zip(chain, chain[1:]))
-CARRIERS = tuple(DIGIT_CHAINS[0][0] if bone == TO_THUMB
-                 else bone[1] if bone in PALM_BONES else bone[0]
-                 for bone in BONES)
-SKIN_LINKS = tuple(sorted(set(CARRIERS)))
-MIRROR = (1., -1., 1.)
-IRRELEVANT = ('limits', 'coupling', 'side')  # to the skin of a right hand
+# Link that each of these bones moves with.
+BONE_LINKS = tuple(
+    DIGIT_CHAINS[0][0] if bone == WRIST_TO_THUMB else bone[1] if bone in PALM_BONES else bone[0]
+    for bone in SKINNED_BONES)
+SKIN_LINKS = tuple(sorted(set(BONE_LINKS)))
+RIGHT_TO_LEFT = (1., -1., 1.)
+FIELDS_WITHOUT_EFFECT = ('limits', 'coupling', 'side')  # on the skin of a right hand
 
 
-def load_skin(hand, mesh=None, cache=True):
+class SkinArrays(NamedTuple):
+    """The cached part of a `Skin`.
+
+    Attributes
+    ----------
+    vertices : ndarray, shape (V, 3)
+        [m]
+    faces : ndarray of int, shape (F, 3)
+    weights : ndarray, shape (V, B)
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    weights: np.ndarray
+
+
+def load_skin(hand: Hand, mesh: str | PathLike[str] | None = None, cache: bool = True) -> Skin:
     """Return the skin of a hand.
 
-    It takes some seconds to make, and is kept in the user's cache (``$XDG_CACHE_HOME`` or
-    ``~/.cache``) for hands and meshes of the same content.
+    Computing it takes some seconds; it is then cached in the user's cache folder
+    (``$XDG_CACHE_HOME`` or ``~/.cache``), keyed by the content of hand and mesh.
 
     Parameters
     ----------
     hand : Hand
     mesh : path-like, optional
-        A closed mesh of a hand of this side with its joints at zero angles (OBJ, PLY, STL), of
-        any size and anywhere: it is laid upon the hand. Made from the hand when left out.
+        Closed mesh (OBJ, PLY, STL) of a hand of this side with its joints at zero angles, of any
+        size and pose: it is registered with the hand. Generated from the hand when left out.
     cache : bool
-        Whether to look into the cache and to leave the skin there.
+        Read and write the cache.
 
     Returns
     -------
@@ -55,101 +74,109 @@ def load_skin(hand, mesh=None, cache=True):
     InvalidMesh
         Naming the file, what is wrong and what is expected.
     MissingLibrary
-        When the skin is neither in the cache nor can be made.
+        If the skin is not cached and a library to compute it is not installed.
     """
-    path = cache_directory() / f'skin-{_key(hand, mesh)}.npz' if cache else None
-    arrays = _kept(path) if path else None
+    path = cache_directory() / f'skin-{_cache_key(hand, mesh)}.npz' if cache else None
+    arrays = _read_cache(path) if path else None
     if arrays is None:
-        arrays = own_arrays(hand, mesh) if mesh else model_arrays(hand)
+        arrays = registered_mesh_arrays(hand, mesh) if mesh else generated_arrays(hand)
         if path:
-            _keep(path, arrays)
+            _write_cache(path, arrays)
     vertices, faces, weights = arrays
     if hand.side == 'left' and not mesh:
-        vertices, faces = vertices * MIRROR, faces[:, ::-1].copy()
-    return Skin(vertices, faces, weights, SKIN_LINKS, _frames(_rest(hand)))
+        vertices, faces = vertices * RIGHT_TO_LEFT, faces[:, ::-1].copy()
+    return Skin(vertices, faces, weights, SKIN_LINKS, _skin_frames(_rest_pose(hand)))
 
 
-def model_arrays(hand):
-    """Return vertices, faces and weights of the skin of a hand, as a right hand."""
+def generated_arrays(hand: Hand) -> SkinArrays:
+    """Return the skin generated from a hand, as that of a right hand."""
     right = hand.replace(side='right')
-    flesh = flesh_of(right)
-    vertices, faces = surface(flesh)
-    weights = _weights(vertices, faces, flesh.points)
-    spread = Skin(vertices, faces, weights, SKIN_LINKS, _frames(flesh.pose))
-    return deform(spread, _rest(right)), faces, weights
+    shape = hand_shape(right)
+    vertices, faces = surface_mesh(shape)
+    weights = _weights(vertices, faces, shape.points)
+    spread = Skin(vertices, faces, weights, SKIN_LINKS, _skin_frames(shape.pose))
+    return SkinArrays(deform(spread, _rest_pose(right)), faces, weights)
 
 
-def own_arrays(hand, mesh):
-    """Return vertices, faces and weights of a person's own mesh, of the hand's own side."""
-    own, faces = read_mesh(mesh)
+def registered_mesh_arrays(hand: Hand, mesh: str | PathLike[str]) -> SkinArrays:
+    """Return the skin of a mesh file, registered with a hand of the same side.
+
+    Raises
+    ------
+    InvalidMesh
+        If the mesh cannot be read, does not resemble the hand, or is of the other side.
+    """
+    scanned, faces = read_mesh(mesh)
     model = load_skin(hand).vertices
-    vertices, apart = laid_upon(own, model)
-    if apart > FARTHEST:
+    vertices, error = register(scanned, model)
+    if error > MAX_REGISTRATION_ERROR:
         raise InvalidMesh(
-            f'{mesh}: laid upon the {hand.side} hand it is off by {1000. * apart:.0f} mm in the '
+            f'{mesh}: laid upon the {hand.side} hand it is off by {1000. * error:.0f} mm in the '
             f'mean; expected is a hand with straight joints and without forearm, within '
-            f'{1000. * FARTHEST:.0f} mm')
-    if laid_upon(own, model * MIRROR)[1] < apart:
+            f'{1000. * MAX_REGISTRATION_ERROR:.0f} mm')
+    if register(scanned, model * RIGHT_TO_LEFT)[1] < error:
         other = SIDES[1 - SIDES.index(hand.side)]
         raise InvalidMesh(f'{mesh}: it fits a {other} hand, expected is a {hand.side} one')
-    points = skeleton_points(tip_offsets(hand), _rest(hand), np.zeros(3))
-    return vertices, faces, _weights(vertices, faces, points)
+    points = skeleton_points(tip_offsets(hand), _rest_pose(hand), np.zeros(3))
+    return SkinArrays(vertices, faces, _weights(vertices, faces, points))
 
 
-def _weights(vertices, faces, points):
-    carriers = np.array([SKIN_LINKS.index(link) for link in CARRIERS])
-    return bone_weights(vertices, faces, points[np.array(BONES)], carriers, len(SKIN_LINKS))
+def _weights(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> np.ndarray:
+    columns = np.array([SKIN_LINKS.index(link) for link in BONE_LINKS])
+    return bone_weights(
+        vertices, faces, points[np.array(SKINNED_BONES)], columns, len(SKIN_LINKS))
 
 
-def _rest(hand):
+def _rest_pose(hand: Hand) -> Pose:
     return forward(joint_table(hand), np.zeros(len(JOINTS)))
 
 
-def _frames(pose):
+def _skin_frames(pose: Pose) -> Pose:
     return Pose(*(part[list(SKIN_LINKS)] for part in pose))
 
 
-def cache_directory():
-    """Return the folder where skins are kept: hand_tracker in the user's cache."""
+def cache_directory() -> Path:
+    """Return the folder of cached skins: hand_tracker in the user's cache folder."""
     return Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache') / 'hand_tracker'
 
 
-def _key(hand, mesh):
-    """Return a hash of all that a skin is made from: hand, mesh, and the code that makes it."""
-    found = hashlib.sha256()
+def _cache_key(hand: Hand, mesh: str | PathLike[str] | None) -> str:
+    """Return a hash of everything the skin depends on: hand, mesh and the code of this folder."""
+    key = hashlib.sha256()
     for code in sorted(Path(__file__).parent.glob('*.py')):
-        found.update(code.read_bytes())
+        key.update(code.read_bytes())
     for field in fields(hand):
-        if field.name not in IRRELEVANT:
-            found.update(np.ascontiguousarray(getattr(hand, field.name)).tobytes())
+        if field.name not in FIELDS_WITHOUT_EFFECT:
+            key.update(np.ascontiguousarray(getattr(hand, field.name)).tobytes())
     if mesh:
-        found.update(hand.side.encode())
+        key.update(hand.side.encode())
         try:
-            found.update(Path(mesh).expanduser().read_bytes())
+            key.update(Path(mesh).expanduser().read_bytes())
         except OSError as error:
             raise InvalidMesh(f'{mesh}: {error.strerror}') from None
-    return found.hexdigest()[:32]
+    return key.hexdigest()[:32]
 
 
-def _kept(path):
-    """Return what is kept in a file, or None when there is none or it is damaged."""
+def _read_cache(path: Path) -> SkinArrays | None:
+    """Return the cached arrays, or None if there are none or they are damaged."""
     try:
         with np.load(path, allow_pickle=False) as file:
-            vertices, faces, weights = (file[name] for name in ('vertices', 'faces', 'weights'))
+            arrays = SkinArrays(*(file[name] for name in SkinArrays._fields))
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
-    sound = (vertices.shape == (len(vertices), 3) and faces.shape == (len(faces), 3)
+    vertices, faces, weights = arrays
+    valid = (vertices.shape == (len(vertices), 3) and faces.shape == (len(faces), 3)
              and weights.shape == (len(vertices), len(SKIN_LINKS)))
-    return (vertices, faces, weights) if sound else None
+    return arrays if valid else None
 
 
-def _keep(path, arrays):
-    """Write a file in one step, so that no one ever reads half of it."""
+def _write_cache(path: Path, arrays: SkinArrays) -> None:
+    """Write the cache file atomically; do nothing if the folder cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, suffix='.part', delete=False) as file:
-            np.savez(file, **dict(zip(('vertices', 'faces', 'weights'), arrays)))
+            np.savez(file, **arrays._asdict())
         os.replace(file.name, path)
-    # A cache that cannot be written is no reason to have no skin.
+    # The cache is optional.
     except OSError:
         pass

@@ -1,4 +1,4 @@
-"""A mesh that follows bones: linear blend skinning, or dual quaternions."""
+"""Skinning: deform a mesh with its links, by linear blend skinning or dual quaternions."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,33 +12,33 @@ from ..core.model.kinematics import Pose
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """A closed mesh of the hand and how much each of its vertices follows each link.
+    """A mesh with skinning weights, bound to the links of a hand.
 
     Parameters
     ----------
     vertices : ndarray, shape (V, 3)
-        At zero angles, in the wrist's frame of the hand's own side [m].
+        At zero angles, in the wrist frame of the hand's side [m].
     faces : ndarray of int, shape (F, 3)
-        Vertices of the triangles, anticlockwise seen from outside.
+        Vertex indices of the triangles, anticlockwise seen from outside.
     weights : ndarray, shape (V, B)
         0 to 1; each row sums to 1.
     links : tuple of int, length B
-        The links that carry the skin, as indices of `LINKS` and of a `Pose`.
+        The links with a column of weights, as indices of `LINKS` and of a `Pose`.
     rest : Pose
-        Frames of these links at zero angles, in the wrist's frame, shape (B, ...).
+        Frames of these links at zero angles, in the wrist frame, shape (B, ...).
     """
 
     vertices: np.ndarray
     faces: np.ndarray
     weights: np.ndarray
-    links: tuple
+    links: tuple[int, ...]
     rest: Pose
 
     @cached_property
-    def blend(self):
-        """Weighted places of the vertices in the links' frames, shape (V, 4 B).
+    def weighted_vertices(self) -> np.ndarray:
+        """Homogeneous vertices in each link's frame, times their weights, shape (V, 4 B).
 
-        Its product with the links' frames is the deformed mesh.
+        Their product with the links' frames is the deformed mesh.
         """
         local = np.einsum('bji,vbj->vbi', self.rest.rotation,
                           self.vertices[:, None] - self.rest.position)
@@ -46,8 +46,8 @@ class Skin:
         return (self.weights[:, :, None] * homogeneous).reshape(len(local), -1)
 
 
-def deform(skin, pose, dual_quaternions=False):
-    """Return where the vertices of a skin are in a pose.
+def deform(skin: Skin, pose: Pose, dual_quaternions: bool = False) -> np.ndarray:
+    """Return the vertices of a skin in a pose.
 
     Parameters
     ----------
@@ -55,14 +55,14 @@ def deform(skin, pose, dual_quaternions=False):
     pose : Pose
         All 25 links, with or without a leading dimension n.
     dual_quaternions : bool
-        Whether to blend dual quaternions (Kavan et al., Geometric skinning with approximate
-        dual quaternion blending, 2008) in place of matrices: bent joints keep their volume,
-        for twenty times the time.
+        Blend dual quaternions (Kavan et al., Geometric skinning with approximate dual
+        quaternion blending, 2008) instead of matrices: bent joints keep their volume, at
+        twenty times the cost.
 
     Returns
     -------
     ndarray, shape (V, 3) or (n, V, 3)
-        In the surroundings of the pose [m].
+        In the frame of the pose [m].
     """
     blend = _dual_quaternions if dual_quaternions else _linear
     rows = list(skin.links)
@@ -72,17 +72,17 @@ def deform(skin, pose, dual_quaternions=False):
         pose.rotation[:, rows], pose.position[:, rows])])
 
 
-def _linear(skin, rotation, position):
+def _linear(skin: Skin, rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
     frames = np.concatenate((rotation, position[:, :, None]), axis=2).swapaxes(0, 1)  # (3, B, 4)
-    # Not a product of matrices: for that BLAS sets all its threads going.
-    return np.einsum('vk,ck->vc', skin.blend, frames.reshape(3, -1))
+    # einsum, as a matrix product would start all of BLAS's threads.
+    return np.einsum('vk,ck->vc', skin.weighted_vertices, frames.reshape(3, -1))
 
 
-def _dual_quaternions(skin, rotation, position):
+def _dual_quaternions(skin: Skin, rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
     turned = rotation @ skin.rest.rotation.swapaxes(1, 2)
     moved = position - np.einsum('bij,bj->bi', turned, skin.rest.position)
     real = np.roll(Rotation.from_matrix(turned).as_quat(), 1, axis=1)  # w, x, y, z
-    # Of q and -q the one nearer to the link before in the digit, or to the palm.
+    # Of q and -q take the one nearer to the previous link of the digit, or to the palm.
     for row in range(1, len(real)):
         before = row - 1 if same_digit(*skin.links[row - 1:row + 1]) else 0
         real[row] *= np.copysign(1., real[row] @ real[before])
@@ -97,7 +97,7 @@ def _dual_quaternions(skin, rotation, position):
             + 2. * (w * f - e * u + np.cross(u, f)))
 
 
-def same_digit(first, second):
-    """Return whether two links, as indices of `LINKS`, are of one digit."""
-    each = len(LINKS) // len(DIGITS)
-    return first // each == second // each
+def same_digit(first: int, second: int) -> bool:
+    """Test whether two links, as indices of `LINKS`, belong to one digit."""
+    links_per_digit = len(LINKS) // len(DIGITS)
+    return first // links_per_digit == second // links_per_digit

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hand_tracker.core.model.hand import FINGERS, FLEXION, Hand
+from hand_tracker.core.model.hand import FINGERS, FLEXION_JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.options import TrackerOptions
@@ -16,15 +16,15 @@ HAND = Hand.scaled()
 # What is measured is what comes out, and what is hidden stays where it was.
 HELD = TrackerOptions(smoothing=False, rigidity=False, inertia=0., transdigital_memory=0.,
                       stale='hold', reentry_rate=1000.)
-LEADERS = FLEXION[:4, 0]
+LEADERS = FLEXION_JOINTS[:4, 0]
 
 
 def bent(flexion, pip=.5):
     """Return the angles of a hand with these flexions of the four MCPs."""
     angles = np.zeros(25)
     angles[LEADERS] = flexion
-    angles[FLEXION[:, 1]] = pip
-    angles[FLEXION[:, 2]] = HAND.coupling[:, 0] * pip + HAND.coupling[:, 1]
+    angles[FLEXION_JOINTS[:, 1]] = pip
+    angles[FLEXION_JOINTS[:, 2]] = HAND.coupling[:, 0] * pip + HAND.coupling[:, 1]
     return angles
 
 

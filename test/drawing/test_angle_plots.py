@@ -8,13 +8,20 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from PIL import Image
 
+from hand_tracker.cli import plot
 from hand_tracker.cli.plot import main
 from hand_tracker.core.model.hand import DIGITS, JOINTS, Hand, preset_limits
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.model.states import MarkerState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.drawing import angle_plots
-from hand_tracker.drawing.angle_plots import History, PlotError, history, page, save_pages
+from hand_tracker.drawing.angle_plots import (
+    PlotError,
+    TrackedAngles,
+    digit_page,
+    save_pages,
+    tracked_angles,
+)
 from hand_tracker.drawing.palette import MARKER_COLOURS
 from hand_tracker.files.bags import bag_message, joint_state_message, write_bag
 from hand_tracker.simulation.packaged_recordings import demo_recording, recording_messages
@@ -43,7 +50,7 @@ def made():
     states[30:35, INDEX] = MarkerState.REJECTED
     states[70:, INDEX] = MarkerState.STALE
     residuals = np.where(states == MarkerState.SEEN, random.uniform(0., .002, (100, 8)), np.nan)
-    return History(5. + STEP * np.arange(100), angles, states, residuals)
+    return TrackedAngles(5. + STEP * np.arange(100), angles, states, residuals)
 
 
 def curve(ax):
@@ -65,7 +72,7 @@ def bands(ax, state):
 @pytest.mark.parametrize('digit', DIGITS)
 def test_page_has_the_angles_limits_and_residuals_of_the_digit(made, digit):
     hand = Hand.scaled()
-    _, *angles, residual = page(made, hand, digit).axes
+    _, *angles, residual = digit_page(made, hand, digit).axes
     still = 'thumb_mcp_abduction' if digit == 'thumb' else f'{digit}_cmc_flexion'
     joints = [joint for joint in JOINTS if joint.startswith(digit) and joint != still]
     assert len(angles) == len(joints)
@@ -85,7 +92,7 @@ def test_page_has_the_angles_limits_and_residuals_of_the_digit(made, digit):
 
 
 def test_bands_are_where_the_marker_was_not_seen(made):
-    strip, *panels = page(made, Hand.scaled(), 'index').axes
+    strip, *panels = digit_page(made, Hand.scaled(), 'index').axes
     expected = {MarkerState.PREDICTED: [(.2, .3)], MarkerState.REJECTED: [(.3, .35)],
                 MarkerState.STALE: [(.7, 1.)], MarkerState.SWAPPED: [], MarkerState.ABSENT: []}
     for ax in (strip, *panels):
@@ -99,20 +106,20 @@ def test_bands_are_where_the_marker_was_not_seen(made):
 
 def test_nothing_is_drawn_where_frames_are_missing(made):
     kept = np.r_[:40, 60:100]
-    cut = History(*(values[kept] for values in made))
-    strip, panel, *_ = page(cut, Hand.scaled(), 'index').axes
+    cut = TrackedAngles(*(values[kept] for values in made))
+    strip, panel, *_ = digit_page(cut, Hand.scaled(), 'index').axes
     times, values = curve(panel)
     assert np.isnan(times).sum() == np.isnan(values).sum() == 1
     assert times[np.flatnonzero(np.isnan(times)) - 1] == pytest.approx(.39)
     ends = bands(strip, MarkerState.SEEN)[:, 1]
-    assert not ((ends > .39 + angle_plots.FARTHER * STEP + 1e-9) & (ends < .6)).any()
+    assert not ((ends > .39 + angle_plots.MAX_STEP_RATIO * STEP + 1e-9) & (ends < .6)).any()
 
 
 def test_a_single_frame_and_a_clock_that_stands_are_drawn(made):
     for kept in (slice(1), slice(3)):
-        still = History(*(values[kept] for values in made))._replace(
+        still = TrackedAngles(*(values[kept] for values in made))._replace(
             times=np.ones(len(made.times[kept])))
-        assert page(still, Hand.scaled(), 'thumb').axes[0].get_xlim() == (0., 1.)
+        assert digit_page(still, Hand.scaled(), 'thumb').axes[0].get_xlim() == (0., 1.)
 
 
 def test_output_is_a_document_a_picture_of_each_digit_or_a_folder(made, tmp_path):
@@ -139,7 +146,7 @@ def test_command_plots_what_the_tracker_says_of_the_arrays(
         drawn.append((tracked, hand, title))
         return save_pages(path, tracked, hand, title)
 
-    monkeypatch.setattr(angle_plots, 'save_pages', note)
+    monkeypatch.setattr(plot, 'save_pages', note)
     monkeypatch.chdir(tmp_path)
     assert main(['in.mcap', '--limits', 'wide']) == 0
     assert f'in.pdf: {len(recording.stamps)} of' in capsys.readouterr().out
@@ -149,7 +156,7 @@ def test_command_plots_what_the_tracker_says_of_the_arrays(
     assert np.array_equal(hand.limits, preset_limits('wide'))
     tracker = HandTracker(Hand.scaled().replace(limits=preset_limits('wide')))
     seconds = 1e-9 * recording.stamps
-    expected = history((time, tracker.update(markers, time))
+    expected = tracked_angles((time, tracker.update(markers, time))
                        for time, markers in zip(seconds, recording.markers))
     np.testing.assert_allclose(tracked.times - tracked.times[0], seconds - seconds[0], atol=1e-6)
     np.testing.assert_allclose(tracked.angles, expected.angles, atol=1e-4)
@@ -159,10 +166,10 @@ def test_command_plots_what_the_tracker_says_of_the_arrays(
 
 def test_history_refuses_what_has_no_time_axis(recording):
     with pytest.raises(PlotError, match='no frames'):
-        history(())
+        tracked_angles(())
     state = HandTracker().update(recording.markers[0])
     with pytest.raises(PlotError, match='frame 2 is before frame 1'):
-        history(((1., state), (2., state), (1.5, state)))
+        tracked_angles(((1., state), (2., state), (1.5, state)))
 
 
 @pytest.mark.parametrize('arguments, said', [
@@ -187,7 +194,7 @@ def test_says_what_is_wrong_and_writes_nothing(arguments, said, tmp_path, monkey
 
 def test_truth_is_drawn_beside(made):
     truth = made.angles + .1
-    _, panel, *_ = page(made, Hand.scaled(), 'index', truth=truth).axes
+    _, panel, *_ = digit_page(made, Hand.scaled(), 'index', truth=truth).axes
     curves = [line.get_ydata() for line in panel.lines if len(line.get_xdata()) == 100]
     column = JOINTS.index('index_mcp_abduction')
     np.testing.assert_allclose(curves, np.degrees([truth[:, column], made.angles[:, column]]))

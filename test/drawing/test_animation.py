@@ -20,10 +20,10 @@ from hand_tracker.core.model.skeleton import (
     skeleton_points,
 )
 from hand_tracker.drawing.animation import (
+    ANIMATION_RATE,
     DIGIT_COLOURS,
-    GIF_RATE,
     HIDDEN_COLOUR,
-    Track,
+    HandMotion,
     save_animation,
     save_sheet,
 )
@@ -42,7 +42,7 @@ def track(hand, frames=24):
     markers = marker_positions(MarkerLayout().mounting(hand), pose)
     seen = np.ones(markers.shape[:2], dtype=bool)
     seen[frames // 2:, 4] = False
-    return Track(np.linspace(0., 1., frames),
+    return HandMotion(np.linspace(0., 1., frames),
                  skeleton_points(tip_offsets(hand), pose, np.zeros((frames, 3))), markers, seen)
 
 
@@ -78,7 +78,7 @@ def test_animation_moves_and_has_every_colour(side, tmp_path):
     hand = Hand.scaled(side=side)
     save_animation(tmp_path / 'hand.gif', track(hand), hand, 'test')
     with Image.open(tmp_path / 'hand.gif') as image:
-        assert image.n_frames == round(GIF_RATE)
+        assert image.n_frames == round(ANIMATION_RATE)
         first = np.asarray(image.convert('RGB')).astype(int)
         image.seek(image.n_frames - 1)
         last = np.asarray(image.convert('RGB')).astype(int)

@@ -17,7 +17,7 @@ from hand_tracker.skin import (
     load,
     load_skin,
 )
-from hand_tracker.skin.measure import buried_share, volume, winding_numbers
+from hand_tracker.skin.measure import self_intersection_share, volume, winding_numbers
 
 NEEDS = 'skimage', 'trimesh'
 
@@ -61,7 +61,7 @@ def test_skin_is_one_closed_mesh_of_a_hands_size(skin):
 @pytest.mark.parametrize('hand', [
     Hand.scaled(.17, .12), Hand.scaled(radii=np.full((5, 3), .002), palm_radius=.003)])
 def test_broad_and_bony_hands_have_no_holes(hand):
-    found = trimesh.Trimesh(*load.model_arrays(hand)[:2], process=False)
+    found = trimesh.Trimesh(*load.generated_arrays(hand)[:2], process=False)
     assert found.is_watertight
     assert (found.body_count, found.euler_number) == (1, 2)
 
@@ -129,7 +129,7 @@ def test_winding_numbers():
     two = trimesh.util.concatenate((box, box.copy().apply_translation((.3, .2, .1))))
     inside = [(np.abs(vertex - middle) < .499).all() for vertex, middle in zip(
         two.vertices, np.repeat(((.3, .2, .1), (0., 0., 0.)), len(box.vertices), axis=0))]
-    assert buried_share(np.array(two.vertices), np.array(two.faces)) == pytest.approx(
+    assert self_intersection_share(np.array(two.vertices), np.array(two.faces)) == pytest.approx(
         np.mean(inside), abs=.03)
     assert np.mean(inside) > .1
 
@@ -137,7 +137,7 @@ def test_winding_numbers():
 @pytest.mark.skipif(not COMPILED, reason='takes minutes in plain Python')
 @pytest.mark.parametrize(('name', 'share'), {'spread': .002, 'open': .005, 'fist': .08}.items())
 def test_skin_goes_little_through_itself(skin, name, share):
-    assert buried_share(deform(skin, posed(HAND, name)), skin.faces) < share
+    assert self_intersection_share(deform(skin, posed(HAND, name)), skin.faces) < share
 
 
 def test_dual_quaternions_move_rigidly_what_is_rigid(skin):
@@ -171,14 +171,14 @@ def test_cache_gives_the_same_skin_and_damage_is_mended(skin, cache, monkeypatch
     path.write_bytes(path.read_bytes()[:5000])
     mended = load_skin(HAND)
     np.testing.assert_array_equal(mended.weights, skin.weights)
-    monkeypatch.setattr(load, 'model_arrays', None)  # not made, but found
+    monkeypatch.setattr(load, 'generated_arrays', None)  # not made, but found
     np.testing.assert_array_equal(load_skin(HAND).weights, skin.weights)
     assert list(cache.glob('*.part')) == []
 
 
 def test_other_hands_have_other_skins(skin, cache):
-    assert load._key(HAND, None) == load._key(Hand.scaled(side='left'), None)
-    assert load._key(HAND, None) != load._key(Hand.scaled(length=.19), None)
+    assert load._cache_key(HAND, None) == load._cache_key(Hand.scaled(side='left'), None)
+    assert load._cache_key(HAND, None) != load._cache_key(Hand.scaled(length=.19), None)
 
 
 @pytest.mark.parametrize('suffix', ['stl', 'obj', 'ply'])

@@ -1,1 +1,6 @@
-"""Filtering: time between frames, noise, the VTM-UKF, smoothing of seen markers."""
+"""Filtering, in step 1 (occlusion: inertia): a Kalman filter for each marker.
+
+In reading order: `frame_clock` (time step of each frame), `noise_estimate` (noise of each
+marker), `ukf` (unscented Kalman filter with the variable turn model), `smoothing` (adaptive
+process noise of that filter), `tracks` (filters of all markers, seen and hidden).
+"""

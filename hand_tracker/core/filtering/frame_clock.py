@@ -1,4 +1,4 @@
-"""Time between frames, whatever their stamps say."""
+"""Time step of each frame, robust to missing, repeated and jumping timestamps."""
 
 import math
 from typing import NamedTuple
@@ -7,30 +7,30 @@ import numpy as np
 
 from ..numerics.jit import jit
 
-DEFAULT_STEP = 1. / 120.  # [s] before two frames have told
-PAUSE_LIMIT = 1.            # [s] between frames after which motion is not carried on
-MIN_STEP = 1e-6         # [s] between frames; less is none, and makes no velocity
-MAX_STEP = 1e6          # [s] that a gap counts at most
-REORDER_LIMIT = .5           # [s] that frames of one recording may be out of order
-MAX_REPEATS = 2             # frames in a row that take no time; more are of a clock that stands
-STEP_GAIN = .1              # of a new step in the usual one
+DEFAULT_STEP = 1. / 120.  # [s] until two frames have shown the true one
+PAUSE_LIMIT = 1.          # [s] longest step over which motion is continued
+MIN_STEP = 1e-6           # [s] shorter steps count as 0 and yield no velocity
+MAX_STEP = 1e6            # [s] upper limit of a reported step
+REORDER_LIMIT = .5        # [s] by which frames of one recording may be out of order
+MAX_REPEATS = 2           # consecutive frames with equal time; with more the clock has stopped
+STEP_GAIN = .1            # of the exponential mean of the step
 
 
 class FrameClock(NamedTuple):
-    """What is kept of time, shape (1,) each; NaN where there is none.
+    """State of the frame clock, shape (1,) each; NaN where unset.
 
     Attributes
     ----------
     last : ndarray
-        Time that was believed [s].
+        Latest accepted timestamp [s].
     doubted : ndarray
-        Time of the last frame, when it jumped [s].
+        Timestamp of the last frame if it jumped [s].
     ahead : ndarray
-        Since the last time, given to frames without one that is believed [s].
+        Time since `last` that was assumed for frames without an accepted timestamp [s].
     usual : ndarray
-        Step [s].
+        Exponential mean of the step [s].
     repeats : ndarray of int
-        Frames in a row that took no time.
+        Consecutive frames whose timestamp did not advance.
     """
 
     last: np.ndarray
@@ -40,36 +40,37 @@ class FrameClock(NamedTuple):
     repeats: np.ndarray
 
 
-def initial_clock():
+def initial_clock() -> FrameClock:
     """Return the `FrameClock` before the first frame."""
-    return FrameClock(np.full(1, np.nan), np.full(1, np.nan), np.zeros(1), np.full(1, DEFAULT_STEP),
-                      np.zeros(1, dtype=np.int64))
+    return FrameClock(
+        last=np.full(1, np.nan), doubted=np.full(1, np.nan), ahead=np.zeros(1),
+        usual=np.full(1, DEFAULT_STEP), repeats=np.zeros(1, dtype=np.int64))
 
 
 @jit
-def advance_clock(clock, time):
-    """Return the time since the last frame, and whether all begins anew.
+def advance_clock(clock: FrameClock, time: float) -> tuple[float, bool, bool]:
+    """Advance the clock to a frame; return the time step and what became of the sequence.
 
-    A frame without a time comes one usual step after the last; one that repeats the last
-    time, but for rounding, or is a little older comes with it, unless time seems to stand. A
-    time that jumps is believed when the next one goes on from there, and until then is none: a
-    single stray stamp, past or future, is forgotten.
+    A frame without a timestamp counts as one mean step after the last. A timestamp equal to
+    the last up to rounding, or slightly older, gives a step of 0 unless the clock has stopped.
+    A timestamp that jumps is accepted only when the next one continues from it; a single
+    stray stamp, past or future, is ignored.
 
     Parameters
     ----------
-    clock : Clock
-        Changed.
+    clock : FrameClock
+        Updated.
     time : float
-        Of the frame; a number that is not finite is not known [s].
+        Timestamp of the frame; unknown if not finite [s].
 
     Returns
     -------
     step : float
-        0, or from `MIN_STEP` [s] to `MAX_STEP`.
+        0, or from `MIN_STEP` to `MAX_STEP` [s].
     paused : bool
-        Whether frames were missing for longer: motion is not to be carried on.
+        Whether frames were missing for more than `PAUSE_LIMIT`: do not continue motion.
     restarted : bool
-        Whether time jumped back, as where a recording begins again.
+        Whether time jumped back, as when a recording starts again.
     """
     if not math.isfinite(time):
         return _assumed_step(clock), False, False
@@ -80,7 +81,7 @@ def advance_clock(clock, time):
         return usual, False, False
     step = time - last
     clock.doubted[0] = math.nan
-    # No comparison with NaN is true.
+    # Comparisons with NaN are false.
     believed = time >= doubted - REORDER_LIMIT and abs(time - doubted) < abs(step)
     if believed and step < 0.:
         clock.last[0], clock.ahead[0] = time, 0.
@@ -101,6 +102,7 @@ def advance_clock(clock, time):
 
 
 @jit
-def _assumed_step(clock):
+def _assumed_step(clock: FrameClock) -> float:
+    """Advance by the mean step, for a frame without an accepted timestamp; return it [s]."""
     clock.ahead[0] += clock.usual[0]
     return clock.usual[0]

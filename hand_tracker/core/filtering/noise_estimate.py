@@ -1,7 +1,7 @@
-"""The noise of each marker, learned from the moments in which it is still.
+"""Estimate of each marker's measurement noise from third differences of its positions.
 
-Third differences of its places hold little motion but twenty times the variance of white
-noise; of their squares a low quantile is followed, which moments of motion do not reach. Ours.
+Third differences contain little motion but 20 times the variance of white noise. A low
+quantile of their squares is tracked, which moments of motion do not reach. Ours; no source.
 """
 
 import math
@@ -12,67 +12,70 @@ import numpy as np
 from ..numerics.jit import jit
 from ..numerics.vectors import clamp
 
-VARIANCE_QUANTILE = .25
+TRACKED_QUANTILE = .25        # of the squared third differences
 CHI_SQUARE_QUANTILE = 1.213   # that quantile of a χ² of 3 degrees of freedom
-THIRD_DIFFERENCE_GAIN = 20.              # variance of a third difference over that of the noise: 1 + 9 + 9 + 1
-VARIANCE_TIME = .3             # [s]
-MIN_NOISE = 1e-5            # [m]
+THIRD_DIFFERENCE_GAIN = 20.   # variance of a third difference over the noise's: 1 + 9 + 9 + 1
+NOISE_TIME = .3               # [s] time constant of the estimate
+MIN_NOISE = 1e-5              # [m] lower limit of the estimate
 
 
 class NoiseEstimate(NamedTuple):
-    """What is known of the noise of n markers.
+    """Noise estimates of n markers.
 
     Attributes
     ----------
     deviation : ndarray, shape (n,)
-        Standard deviation on an axis [m].
+        Standard deviation of each coordinate [m].
     past : ndarray, shape (n, 3, 3)
-        The last three places, the newest first [m].
-    count : ndarray of int, shape (n,)
-        How many of them follow on each other.
+        Last three positions, newest first [m].
+    consecutive : ndarray of int, shape (n,)
+        How many of them, at most 3, are of consecutive frames.
     """
 
     deviation: np.ndarray
     past: np.ndarray
-    count: np.ndarray
+    consecutive: np.ndarray
 
 
-def initial_noise(count, most):
-    """Return `NoiseEstimate` of markers of which the worst is assumed: `most` [m]."""
-    return NoiseEstimate(np.full(count, most), np.zeros((count, 3, 3)), np.zeros(count, dtype=np.int64))
+def initial_noise(count: int, highest: float) -> NoiseEstimate:
+    """Return the estimate before the first frame: `highest` [m] for each of `count` markers."""
+    return NoiseEstimate(
+        np.full(count, highest), np.zeros((count, 3, 3)), np.zeros(count, dtype=np.int64))
 
 
 @jit
-def update_noise(noise, markers, seen, step, most):
-    """Learn from a frame.
+def update_noise(noise: NoiseEstimate, markers: np.ndarray, seen: np.ndarray, step: float,
+                 highest: float) -> None:
+    """Update the noise estimates by a frame.
 
     Parameters
     ----------
-    noise : Noise
-        Changed.
+    noise : NoiseEstimate
+        Updated.
     markers : ndarray, shape (n, 3)
-        [m]
+        Measured positions [m].
     seen : ndarray of bool, shape (n,)
     step : float
-        Since the last frame [s].
-    most : float
-        Standard deviation that is not exceeded, however restless a marker is [m].
+        Time since the last frame [s].
+    highest : float
+        Upper limit of the standard deviation [m].
     """
     for i in range(len(seen)):
         if not seen[i] or step <= 0.:
-            noise.count[i] = 0
+            noise.consecutive[i] = 0
             continue
         past = noise.past[i]
-        if noise.count[i] == 3:
+        if noise.consecutive[i] == 3:
             square = 0.
             for k in range(3):
                 third = markers[i, k] - 3. * past[0, k] + 3. * past[1, k] - past[2, k]
                 square += third * third
             variance = noise.deviation[i] ** 2
             above = square > CHI_SQUARE_QUANTILE * THIRD_DIFFERENCE_GAIN * variance
-            variance *= math.exp(min(step / VARIANCE_TIME, 1.) * (VARIANCE_QUANTILE if above else VARIANCE_QUANTILE - 1.))
-            noise.deviation[i] = clamp(math.sqrt(variance), MIN_NOISE, most)
-        noise.count[i] = min(noise.count[i] + 1, 3)
+            variance *= math.exp(min(step / NOISE_TIME, 1.) * (
+                TRACKED_QUANTILE if above else TRACKED_QUANTILE - 1.))
+            noise.deviation[i] = clamp(math.sqrt(variance), MIN_NOISE, highest)
+        noise.consecutive[i] = min(noise.consecutive[i] + 1, 3)
         for k in range(3):
             past[2, k] = past[1, k]
             past[1, k] = past[0, k]

@@ -1,10 +1,10 @@
-"""Temporal smoothing without latency: the marker's filter, with adaptive process noise.
+"""Low-latency smoothing of a marker: its Kalman filter with adaptive process noise.
 
-At rest little jerk is expected, velocity fades, and the filter averages over a second. What
-it then does not expect is noticed by two running means of the innovations: a short one for
-what starts fast, a long one for what drifts. Where either leaves its noise, the jerk that
-explains it is taken to have begun a little ago, and is expected from then on, ever less.
-Palm markers are run in the world, those of digits in the palm's frame. Ours; no source.
+At rest the filter expects little jerk, damps velocity and averages over a second. Two running
+means of the innovations detect motion: a short one fast starts, a long one slow drift. Where
+either exceeds its noise, the jerk that explains it is assumed to have begun shortly before and
+is expected from then on, decaying. Palm markers are filtered in the world frame, digit markers
+in the palm's frame. Ours; no source.
 """
 
 import math
@@ -14,40 +14,43 @@ import numpy as np
 from ..numerics.jit import jit
 from .ukf import add_jerk, correct, damp, initialise, predict
 
-# A marker's row of activity: the expected jerk noise, then the two means of innovations [m].
+# A marker's activity row: expected jerk noise [m²/s⁵], then the two mean innovations [m].
 ACTIVITY_SIZE = 7
 
 # Spectral densities of jerk [m²/s⁵].
-REST_JERK = 3e-6
-HIDDEN_JERK = 10.            # a hidden marker may do anything usual
-MAX_JERK = 1e7              # what takes more is no motion, but another place
-JERK_DECAY_TIME = .025               # [s] in which the expected jerk noise falls to 1/e
-REST_DECAY_TIME = .1                 # [s] in which velocity and acceleration fall to 1/e at rest
-INNOVATION_WINDOWS = (.006, .08)        # [s] of the two means
-ONSET_TIMES = (.015, .08)         # [s] ago that what they notice began
-INNOVATION_GATES = (22., 20.)           # on a χ² of 3 degrees of freedom: false alarms once in minutes
-PALM_ERROR_INFLATION = 3.              # variances of a smoothed palm, whose errors last
+REST_JERK = 3e-6              # of a seen marker at rest
+HIDDEN_JERK = 10.             # of a hidden marker: any usual motion
+MAX_JERK = 1e7                # more is a jump to another place: the filter starts anew
+
+JERK_DECAY_TIME = .025             # [s] time constant of the expected jerk noise
+REST_DECAY_TIME = .1               # [s] time constant of velocity and acceleration at rest
+INNOVATION_WINDOWS = (.006, .08)   # [s] time constants of the two mean innovations
+ONSET_TIMES = (.015, .08)          # [s] ago that a motion detected by each of them began
+INNOVATION_GATES = (22., 20.)      # of χ² (3 degrees of freedom): a false alarm in minutes
+PALM_ERROR_INFLATION = 3.          # of the smoothed palm's variance: its errors are correlated
 
 
 @jit
-def update_filter(mean, covariance, activity, observed, seen, step, noise_sd, fading):
-    """Move one marker on by a step and, when it is seen, correct it by what is observed.
+def update_filter(mean: np.ndarray, covariance: np.ndarray, activity: np.ndarray,
+                  observed: np.ndarray, seen: bool, step: float, noise_sd: float,
+                  fading: float) -> None:
+    """Predict one marker's filter over a step and, if the marker is seen, correct it.
 
     Parameters
     ----------
     mean, covariance : ndarray, shape (9,) and (9, 9)
-        Of its filter, replaced [m, m/s, m/s²].
-    activity : ndarray, shape (ACTIVITY,)
-        Replaced; all zero before the first observation, and again to forget the marker.
+        State of the filter, replaced [m, m/s, m/s²].
+    activity : ndarray, shape (ACTIVITY_SIZE,)
+        Replaced. All zero before the first observation; zero it to start the filter anew.
     observed : ndarray, shape (3,)
-        A position; not read when hidden [m].
+        Measured position; not read when hidden [m].
     seen : bool
     step : float
-        Since the last frame [s].
+        Time since the last frame [s].
     noise_sd : float
         Standard deviation of each coordinate of `observed` [m].
     fading : float
-        Time in which velocity and acceleration fall to 1/e when hidden [s].
+        Time constant of velocity and acceleration when hidden [s].
     """
     if activity[0] == 0.:
         if seen:
@@ -57,7 +60,7 @@ def update_filter(mean, covariance, activity, observed, seen, step, noise_sd, fa
     activity[0] = max(REST_JERK if seen else HIDDEN_JERK,
                       activity[0] * math.exp(-step / JERK_DECAY_TIME))
     predict(mean, covariance, step, activity[0])
-    # A marker at rest stays at rest: the velocity of noise is not carried on.
+    # At rest velocity is damped, else the filter would follow that of the noise.
     rate = math.sqrt(REST_JERK / activity[0]) / REST_DECAY_TIME
     if not seen:
         rate += 1. / fading
@@ -68,56 +71,57 @@ def update_filter(mean, covariance, activity, observed, seen, step, noise_sd, fa
 
 
 @jit
-def _adapt_jerk(mean, covariance, activity, observed, step, noise_sd):
-    """Expect more jerk, now and for a while, where the means of innovations leave their noise."""
+def _adapt_jerk(mean: np.ndarray, covariance: np.ndarray, activity: np.ndarray,
+                observed: np.ndarray, step: float, noise_sd: float) -> None:
+    """Raise the expected jerk where a mean innovation exceeds its noise: motion has begun."""
     if not step > 0.:
-        # A frame that repeats the last time is no news of motion.
+        # A repeated timestamp carries no information on motion.
         return
     variance = noise_sd * noise_sd + (
         covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) / 3.
-    noticed = 0.
+    highest = 0.
     since = 0.
     for i in range(2):
-        share = 1. - math.exp(-step / INNOVATION_WINDOWS[i])
+        gain = 1. - math.exp(-step / INNOVATION_WINDOWS[i])
         square = 0.
         for k in range(3):
             at = 1 + 3 * i + k
-            activity[at] += share * (observed[k] - mean[k] - activity[at])
+            activity[at] += gain * (observed[k] - mean[k] - activity[at])
             square += activity[at] * activity[at]
-        # A running mean of white noise has share / (2 − share) of its variance.
-        if square * (2. - share) > INNOVATION_GATES[i] * variance * share:
-            # White jerk for a time t leaves a variance of jerk noise × t⁵ / 20.
+        # A running mean of white noise has gain / (2 − gain) of its variance.
+        if square * (2. - gain) > INNOVATION_GATES[i] * variance * gain:
+            # White jerk over a time t causes a position variance of jerk noise × t⁵ / 20.
             onset = max(ONSET_TIMES[i], step)
             jerk = 20. / 3. * square / onset ** 5
-            if jerk > noticed:
-                noticed = jerk
+            if jerk > highest:
+                highest = jerk
                 since = onset
-    if noticed == 0.:
+    if highest == 0.:
         return
     for i in range(1, ACTIVITY_SIZE):
         activity[i] = 0.
-    if noticed > MAX_JERK:
+    if highest > MAX_JERK:
         initialise(mean, covariance, observed, noise_sd)
         activity[0] = HIDDEN_JERK
         return
-    add_jerk(covariance, since, noticed)
-    activity[0] = max(activity[0], noticed)
+    add_jerk(covariance, since, highest)
+    activity[0] = max(activity[0], highest)
 
 
-def noise_levers(template, places):
-    """Return how much noise of the palm's markers reaches places in its frame.
+def noise_levers(template: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Return how the palm markers' noise propagates to places in the palm's frame.
 
     Parameters
     ----------
     template : ndarray, shape (3, 3)
-        The palm's markers in its frame [m].
+        Palm markers in the palm's frame [m].
     places : ndarray, shape (n, 3)
-        Of the digits' markers at rest [m].
+        Digit markers at rest in the palm's frame [m].
 
     Returns
     -------
     ndarray, shape (n,)
-        Variance of a coordinate there, over that of the palm's markers, in a rigid fit.
+        Variance of a coordinate there, due to a rigid fit, over that of the palm's markers.
     """
     centre = template.mean(axis=0)
     arms = template - centre
@@ -127,17 +131,17 @@ def noise_levers(template, places):
 
 
 @jit
-def noise_in_palm_frame(noise_sd, covariances, lever):
+def noise_in_palm_frame(noise_sd: float, covariances: np.ndarray, lever: float) -> float:
     """Return the noise of a digit's marker in the frame of the smoothed palm.
 
     Parameters
     ----------
     noise_sd : float
-        Of the markers in the world, standard deviation of a coordinate [m].
+        Standard deviation of a coordinate of the markers in the world frame [m].
     covariances : ndarray, shape (3, 9, 9)
-        Of the palm's markers after this frame's correction.
+        Of the palm's markers, after this frame's correction.
     lever : float
-        Of `noise_levers`.
+        From `noise_levers`.
 
     Returns
     -------
@@ -149,5 +153,5 @@ def noise_in_palm_frame(noise_sd, covariances, lever):
         for k in range(3):
             variance += covariances[i, k, k] / 9.
     noise = noise_sd * noise_sd
-    # What smoothing adds to a still palm is not white: its variance alone says too little.
+    # Errors of a smoothed palm at rest are correlated in time: the variance is inflated.
     return math.sqrt(noise + lever * min(PALM_ERROR_INFLATION * variance, noise))

@@ -1,7 +1,7 @@
-"""What the filters know of the eight markers, one row each.
+"""Tracks: the filters of a group of markers, updated when seen and predicted when hidden.
 
-Palm markers are followed in the frame of the markers, those of digits in the palm's: a
-hidden digit so inherits the velocity and acceleration of the hand.
+Palm markers are tracked in the frame of the input, digit markers in the palm's frame: a hidden
+digit so inherits the velocity and acceleration of the hand.
 """
 
 import math
@@ -10,16 +10,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numerics.jit import jit
-from ..numerics.vectors import store, vector
+from ..numerics.vectors import Vector, store, vector
 from .smoothing import ACTIVITY_SIZE, update_filter
 from .ukf import STATE_SIZE
 
-PACE_TIME = .02   # [s] over which the pace is taken; from captures
-MAX_HIDDEN_TIME = .1   # [s] hidden, after which a marker's old motion says nothing of its new one
+PACE_TIME = .02           # [s] time constant of the mean velocity; from captures
+RESTART_HIDDEN_TIME = .1  # [s] hidden for longer, a marker seen again starts a new filter
 
 
 class Tracks(NamedTuple):
-    """The filters of n markers.
+    """Filters of n markers, one row each.
 
     Attributes
     ----------
@@ -27,16 +27,16 @@ class Tracks(NamedTuple):
         Position, velocity and acceleration [m, m/s, m/s²].
     covariance : ndarray, shape (n, 9, 9)
     activity : ndarray, shape (n, 7)
-        Of the smoothing.
+        Of `smoothing.update_filter`.
     pace : ndarray, shape (n, 3)
-        Mean velocity of the last hundredths of a second: what a hidden marker goes on
-        with, and less noisy than the filter's own [m/s].
+        Mean velocity over `PACE_TIME`, less noisy than the filter's: where a hidden marker's
+        motion starts from [m/s].
     seen : ndarray of bool, shape (n,)
-        In the last frame.
+        Whether seen in the last frame.
     known : ndarray of bool, shape (n,)
-        Seen since the start.
+        Whether seen since the start.
     hidden_for : ndarray, shape (n,)
-        Time since it was seen, or since the start [s].
+        Time since last seen, or since the start [s].
     """
 
     mean: np.ndarray
@@ -48,34 +48,36 @@ class Tracks(NamedTuple):
     hidden_for: np.ndarray
 
 
-def initial_tracks(positions):
-    """Return `Tracks` of markers that were never seen, shape (n, 3) [m]."""
+def initial_tracks(positions: np.ndarray) -> Tracks:
+    """Return the `Tracks` of markers never seen, at assumed positions, shape (n, 3) [m]."""
     n = len(positions)
     mean = np.zeros((n, STATE_SIZE))
     mean[:, :3] = positions
-    return Tracks(mean, np.zeros((n, STATE_SIZE, STATE_SIZE)), np.zeros((n, ACTIVITY_SIZE)),
-                  np.zeros((n, 3)), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool), np.zeros(n))
+    return Tracks(
+        mean, np.zeros((n, STATE_SIZE, STATE_SIZE)), np.zeros((n, ACTIVITY_SIZE)),
+        np.zeros((n, 3)), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool), np.zeros(n))
 
 
 @jit
-def update_track(tracks, row, observed, step, noise, smooth):
-    """Take a seen marker's position into its track.
+def update_track(tracks: Tracks, row: int, observed: Vector, step: float, noise: float,
+                 smooth: bool) -> None:
+    """Update the track of a seen marker by its measured position.
 
     Parameters
     ----------
     tracks : Tracks
-        Its row is changed.
+        Row `row` is updated.
     row : int
-    observed : vector
-        [m]
+    observed : Vector
+        Measured position [m].
     step : float
-        Since the last frame [s].
+        Time since the last frame [s].
     noise : float
         Standard deviation of each coordinate [m].
     smooth : bool
-        Whether the filter's position is taken, else the observed one.
+        Whether the track takes the filtered position; else the measured one.
     """
-    if tracks.hidden_for[row] > MAX_HIDDEN_TIME or not tracks.known[row]:
+    if tracks.hidden_for[row] > RESTART_HIDDEN_TIME or not tracks.known[row]:
         tracks.activity[row, :] = 0.
     place = np.empty(3)
     before = vector(tracks.mean[row])
@@ -92,28 +94,31 @@ def update_track(tracks, row, observed, step, noise, smooth):
 
 
 @jit
-def predict_track(tracks, row, move, drift, step, fading):
-    """Move a hidden marker on.
+def predict_track(tracks: Tracks, row: int, move: Vector, drift: Vector, step: float,
+                  fading: float) -> None:
+    """Predict the track of a hidden marker: the motion of its neighbours plus its own, fading.
 
     Parameters
     ----------
     tracks : Tracks
-        Its row is changed.
+        Row `row` is updated.
     row : int
-    move, drift : vector
-        What others say of its move since the last frame and, in the first frame without
-        it, of its velocity: what goes beyond is its own, and fades [m], [m/s].
+    move : Vector
+        Displacement since the last frame by the neighbours' motion [m].
+    drift : Vector
+        Velocity by the neighbours' motion: in the first hidden frame the marker's own
+        velocity is its pace minus this [m/s].
     step : float
-        Since the last frame [s].
+        Time since the last frame [s].
     fading : float
-        Time in which its own motion falls to a third; 0 leaves it none [s].
+        Time constant of its own motion; 0 for none [s].
     """
     mean = tracks.mean[row]
     before = vector(mean)
     for k in range(3):
         if tracks.seen[row]:
             mean[3 + k] = tracks.pace[row, k] - drift[k]
-        # Twice integrated, its noise would lead far astray.
+        # Integrated twice, the noise of the acceleration would dominate.
         mean[6 + k] = 0.
         if fading <= 0.:
             mean[3 + k] = 0.
@@ -126,24 +131,19 @@ def predict_track(tracks, row, move, drift, step, fading):
 
 
 @jit
-def _update_pace(tracks, row, before, step):
+def _update_pace(tracks: Tracks, row: int, before: Vector, step: float) -> None:
+    """Update the mean velocity of a marker that was at `before` [m] a step [s] ago."""
     if step <= 0.:
         return
-    share = 1. - math.exp(-step / PACE_TIME)
+    gain = 1. - math.exp(-step / PACE_TIME)
     for k in range(3):
-        tracks.pace[row, k] += share * (
+        tracks.pace[row, k] += gain * (
             (tracks.mean[row, k] - before[k]) / step - tracks.pace[row, k])
 
 
 @jit
-def clear_motion(tracks):
-    """Keep places, but not how they moved: after a pause.
-
-    Parameters
-    ----------
-    tracks : Tracks
-        Changed.
-    """
+def clear_motion(tracks: Tracks) -> None:
+    """Keep all positions, but set velocities and accelerations to zero: after a pause."""
     tracks.mean[:, 3:] = 0.
     tracks.pace[:] = 0.
     tracks.activity[:] = 0.

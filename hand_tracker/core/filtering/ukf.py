@@ -1,9 +1,9 @@
-"""Inertia: an unscented Kalman filter with the variable turn model, for one marker.
+"""Unscented Kalman filter (UKF) with the variable turn model (VTM), for one marker: inertia.
 
-The state is [position, velocity, acceleration] (9) of a marker that turns at the rate
+The state is position, velocity and acceleration (9) of a marker that turns at the rate
 ω = |v×a| / |v|²: X. R. Li and V. P. Jilkov, "Survey of maneuvering target tracking. Part I",
 IEEE Trans. Aerospace and Electronic Systems 39 (2003); sigma points after R. van der Merwe
-(2004), α 1e-3, β 2, κ 0. All kernels replace `mean`, shape (9,), and `covariance`, shape
+(2004), α 1e-3, β 2, κ 0. All kernels update `mean`, shape (9,), and `covariance`, shape
 (9, 9), in place [m, m/s, m/s²].
 """
 
@@ -12,50 +12,53 @@ import math
 import numpy as np
 
 from ..numerics.jit import indexed, jit
-from ..numerics.vectors import add, clamp, cross, dot, scale, subtract
+from ..numerics.vectors import Vector, add, clamp, cross, dot, scale, subtract
 
 STATE_SIZE = 9
 UKF_ALPHA = 1e-3
 UKF_BETA = 2.
-SIGMA_SPREAD = UKF_ALPHA * math.sqrt(STATE_SIZE)         # of the sigma points, in standard deviations
-SIGMA_WEIGHT = .5 / (UKF_ALPHA * UKF_ALPHA * STATE_SIZE)     # of each but the central one
+SIGMA_SPREAD = UKF_ALPHA * math.sqrt(STATE_SIZE)  # of the sigma points, in standard deviations
+SIGMA_WEIGHT = .5 / (UKF_ALPHA * UKF_ALPHA * STATE_SIZE)  # of all sigma points but the centre
 
-# Unsourced. At this speed and below, direction, and with it a turn, fade out [m/s].
-STILL_SPEED = .01
-MAX_TURN_RATE = 60.                       # [rad/s] about ten turns a second
-MAX_TURN_ANGLE = 1.                         # [rad] in one step
-SERIES_LIMIT = 1e-4                            # [rad²] below it three terms are exact
+# Bounds of the turn, unsourced.
+STILL_SPEED = .01                # [m/s] at and below it the turn rate falls to 0
+MAX_TURN_RATE = 60.              # [rad/s] about ten turns a second
+MAX_TURN_ANGLE = 1.              # [rad] in one step
+SERIES_LIMIT = 1e-4              # [rad²] below it three terms of a series are exact
 
-INITIAL_SPEED_SD = 1.                         # [m/s] standard deviation at the start
-INITIAL_ACCELERATION_SD = 30.                 # [m/s²]
-# Far beyond any hand: means and standard deviations stay within, and products finite.
-POSITION_LIMIT, SPEED_LIMIT, ACCELERATION_LIMIT = 1e3, 1e2, 1e4  # [m, m/s, m/s²]
+INITIAL_SPEED_SD = 1.            # [m/s]
+INITIAL_ACCELERATION_SD = 30.    # [m/s²]
+# Bounds of means and standard deviations, far beyond any hand: products stay finite.
+POSITION_LIMIT = 1e3             # [m]
+SPEED_LIMIT = 1e2                # [m/s]
+ACCELERATION_LIMIT = 1e4         # [m/s²]
 
-MIN_PIVOT = 1e-13                            # least share of a variance that is its own
-LEAST_VARIANCE = 1e-30
+MIN_PIVOT = 1e-13                # of the Cholesky factor, relative to the variance
+MIN_VARIANCE = 1e-30
 
 
 @jit
-def turn_motion(velocity, acceleration, step, uncertainty):
-    """Return how a marker moves in a step: the variable turn model.
+def turn_motion(velocity: Vector, acceleration: Vector, step: float,
+                uncertainty: float) -> tuple[Vector, Vector, Vector]:
+    """Return the motion of a marker over a step by the variable turn model.
 
-    The rate is bounded, or a marker near rest would spin as its noise has it: by the
-    variance of the velocity, added to its square, so that only a velocity that stands out
-    of its uncertainty turns; by the fastest turn of a hand; by the widest turn of one step.
+    The turn rate is bounded, or noise would spin a marker near rest: by the variance of the
+    velocity, added to its square, so that only a velocity that exceeds its uncertainty turns;
+    by `MAX_TURN_RATE`; and by `MAX_TURN_ANGLE` in one step.
 
     Parameters
     ----------
-    velocity, acceleration : vector
+    velocity, acceleration : Vector
         [m/s, m/s²]
     step : float
         [s]
     uncertainty : float
-        Variance of the velocity, the sum over its coordinates [m²/s²].
+        Variance of the velocity, summed over its coordinates [m²/s²].
 
     Returns
     -------
-    shift, velocity, acceleration : vector
-        Change of place, and both after the step [m, m/s, m/s²].
+    shift, velocity, acceleration : Vector
+        Displacement, and velocity and acceleration after the step [m, m/s, m/s²].
     """
     normal = cross(velocity, acceleration)
     speed = dot(velocity, velocity) + uncertainty + STILL_SPEED * STILL_SPEED
@@ -63,7 +66,7 @@ def turn_motion(velocity, acceleration, step, uncertainty):
     rate = min(rate, MAX_TURN_RATE * MAX_TURN_RATE)
     if rate * step * step > MAX_TURN_ANGLE * MAX_TURN_ANGLE:
         rate = (MAX_TURN_ANGLE / step) ** 2
-    # Only even functions of the angle are needed: smooth in its square.
+    # All functions of the angle are even: smooth in its square.
     square = rate * step * step
     if square < SERIES_LIMIT:
         cosine = 1. - square * (.5 - square / 24.)
@@ -83,8 +86,9 @@ def turn_motion(velocity, acceleration, step, uncertainty):
 
 
 @jit
-def initialise(mean, covariance, position, noise_sd):
-    """Begin at a position, with motion unknown.
+def initialise(mean: np.ndarray, covariance: np.ndarray, position: np.ndarray,
+               noise_sd: float) -> None:
+    """Initialise the state at a measured position, with unknown motion.
 
     Parameters
     ----------
@@ -107,19 +111,19 @@ def initialise(mean, covariance, position, noise_sd):
 
 
 @jit
-def predict(mean, covariance, step, jerk_noise):
-    """Move the state on by a step.
+def predict(mean: np.ndarray, covariance: np.ndarray, step: float, jerk_noise: float) -> None:
+    """Predict the state over a step by the unscented transform.
 
-    With deviations d from the moved central point, the weighted sums of the unscented
+    With deviations d from the propagated central point, the weighted sums of the unscented
     transform are mean = centre + m, m = Σ w d, and covariance = Σ w d dᵀ + (β − α²) m mᵀ:
-    the central weight of −10⁶ drops out, and nothing negative is left.
+    the central weight of −10⁶ cancels, and all terms are positive.
 
     Parameters
     ----------
     mean, covariance : ndarray, shape (9,) and (9, 9)
-        Replaced.
+        Replaced; unchanged if `step` is not above 0.
     step : float
-        Nothing changes when it is not above 0 [s].
+        [s]
     jerk_noise : float
         Spectral density of white jerk [m²/s⁵].
     """
@@ -145,7 +149,7 @@ def predict(mean, covariance, step, jerk_noise):
                                side * root[5, column])),
                 add(acceleration, (side * root[6, column], side * root[7, column],
                                    side * root[8, column])), step, uncertainty)
-            # Places enter by their differences alone: far from the origin nothing cancels.
+            # Positions enter by differences: no cancellation far from the origin.
             for k in range(3):
                 deviation[k] = side * root[k, column] + (shift_there[k] - shift[k])
                 deviation[3 + k] = moved_there[k] - moved[k]
@@ -169,8 +173,8 @@ def predict(mean, covariance, step, jerk_noise):
 
 
 @jit
-def add_jerk(covariance, step, jerk_noise):
-    """Add what white jerk does in a step.
+def add_jerk(covariance: np.ndarray, step: float, jerk_noise: float) -> None:
+    """Add the process noise of white jerk over a step to the covariance.
 
     Parameters
     ----------
@@ -184,18 +188,19 @@ def add_jerk(covariance, step, jerk_noise):
     for k in range(3):
         for i in range(3):
             for j in range(3):
-                # ∫ of the responses t^(2−i) / (2−i)! and t^(2−j) / (2−j)! to a unit of jerk.
+                # ∫ of the responses t^(2−i) / (2−i)! and t^(2−j) / (2−j)! to unit jerk.
                 power = 5 - i - j
                 halves = (2. if i == 0 else 1.) * (2. if j == 0 else 1.)
                 covariance[3 * i + k, 3 * j + k] += jerk_noise * step ** power / (power * halves)
 
 
 @jit
-def correct(mean, covariance, observed, noise_sd):
-    """Correct the state by an observed position.
+def correct(mean: np.ndarray, covariance: np.ndarray, observed: np.ndarray,
+            noise_sd: float) -> float:
+    """Correct the state by a measured position; return the normalised innovation squared.
 
-    The noise of the coordinates is independent: they are taken one after the other, which
-    equals all at once and inverts no matrix.
+    The coordinates' noise is independent, so they are processed one after the other: equal to
+    the joint correction, without inverting a matrix.
 
     Parameters
     ----------
@@ -209,10 +214,10 @@ def correct(mean, covariance, observed, noise_sd):
     Returns
     -------
     float
-        The normalised innovation squared, of 3 degrees of freedom.
+        Normalised innovation squared (NIS), of 3 degrees of freedom.
     """
     mean, covariance = indexed(mean), indexed(covariance)
-    noise = max(float(noise_sd) ** 2, LEAST_VARIANCE)
+    noise = max(float(noise_sd) ** 2, MIN_VARIANCE)
     consistency = 0.
     cross_covariance = indexed(np.empty(STATE_SIZE))
     for k in range(3):
@@ -226,7 +231,7 @@ def correct(mean, covariance, observed, noise_sd):
             mean[i] += gain * innovation
             for j in range(i + 1):
                 covariance[i, j] -= gain * cross_covariance[j]
-        # Where prediction tells nothing the difference would round to zero or below.
+        # With an uninformative prediction the difference would round to zero or below.
         for i in range(STATE_SIZE):
             rest = cross_covariance[i] * (noise / total)
             covariance[max(i, k), min(i, k)] = rest
@@ -238,25 +243,25 @@ def correct(mean, covariance, observed, noise_sd):
 
 
 @jit
-def damp(mean, covariance, share):
-    """Keep a share of velocity and acceleration, with their uncertainty.
+def damp(mean: np.ndarray, covariance: np.ndarray, factor: float) -> None:
+    """Multiply velocity and acceleration, and their standard deviations, by a factor.
 
     Parameters
     ----------
     mean, covariance : ndarray, shape (9,) and (9, 9)
         Replaced.
-    share : float
-        Above 0, to 1.
+    factor : float
+        In (0, 1].
     """
     covariance = indexed(covariance)
     for i in range(3, STATE_SIZE):
-        _scale_component(covariance, i, share)
-        mean[i] *= share
+        _scale_component(covariance, i, factor)
+        mean[i] *= factor
 
 
 @jit
-def _scale_component(covariance, row, factor):
-    """Multiply a component by `factor`, in its covariances."""
+def _scale_component(covariance: np.ndarray, row: int, factor: float) -> None:
+    """Multiply one state component by a factor, in the covariance."""
     for j in range(STATE_SIZE):
         covariance[row, j] *= factor
         covariance[j, row] = covariance[row, j]
@@ -264,30 +269,30 @@ def _scale_component(covariance, row, factor):
 
 
 @jit
-def _limit_state(mean, covariance):
-    """Keep velocity, acceleration and all standard deviations within those of this world."""
+def _limit_state(mean: np.ndarray, covariance: np.ndarray) -> None:
+    """Clamp velocity, acceleration and all standard deviations to their limits."""
     for i in range(STATE_SIZE):
         bound = POSITION_LIMIT if i < 3 else SPEED_LIMIT if i < 6 else ACCELERATION_LIMIT
         if i >= 3:
             mean[i] = clamp(mean[i], -bound, bound)
         if covariance[i, i] > bound * bound:
-            # So little is known that what it goes along with is no knowledge either.
+            # Variance at its bound: drop the cross-covariances.
             _scale_component(covariance, i, 0.)
             covariance[i, i] = bound * bound
-        elif covariance[i, i] < LEAST_VARIANCE:
-            covariance[i, i] = LEAST_VARIANCE
+        elif covariance[i, i] < MIN_VARIANCE:
+            covariance[i, i] = MIN_VARIANCE
 
 
 @jit
-def _cholesky(covariance, root):
-    """Put the lower Cholesky factor into `root`; pivots lost to rounding get a floor."""
+def _cholesky(covariance: np.ndarray, root: np.ndarray) -> None:
+    """Write the lower Cholesky factor into `root`, with a floor for pivots lost to rounding."""
     for j in range(STATE_SIZE):
         for i in range(j):
             root[i, j] = 0.
         pivot = covariance[j, j]
         for k in range(j):
             pivot -= root[j, k] * root[j, k]
-        root[j, j] = math.sqrt(max(pivot, MIN_PIVOT * covariance[j, j], LEAST_VARIANCE))
+        root[j, j] = math.sqrt(max(pivot, MIN_PIVOT * covariance[j, j], MIN_VARIANCE))
         for i in range(j + 1, STATE_SIZE):
             part = covariance[i, j]
             for k in range(j):

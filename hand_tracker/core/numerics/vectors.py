@@ -1,30 +1,35 @@
-"""Three-vectors and frames as tuples: the algebra every kernel shares.
+"""Algebra of three-vectors and frames as tuples, shared by every kernel.
 
-A vector is a tuple of three floats; a frame is a tuple of its three axes
-(x, y, z), the columns of the rotation from the frame to its surroundings.
+A `Vector` is a tuple of three floats. A `Frame` is a tuple of its unit axes (x, y, z) in the
+parent's coordinates: the columns of the rotation from the frame to its parent.
 """
 
 import math
 
+import numpy as np
+
 from .jit import jit
+
+Vector = tuple[float, float, float]
+Frame = tuple[Vector, Vector, Vector]
 
 
 @jit
-def vector(array):
-    """Return the first three numbers of an array as a vector."""
+def vector(array: np.ndarray | Vector) -> Vector:
+    """Return the first three numbers of an array as a `Vector`."""
     return (float(array[0]), float(array[1]), float(array[2]))
 
 
 @jit
-def store(rows, row, v):
-    """Write a vector into a row of an array."""
+def store(rows: np.ndarray, row: int, v: Vector) -> None:
+    """Write `v` into the first three columns of row `row` of `rows`, shape (n, >= 3)."""
     for k in range(3):
         rows[row, k] = v[k]
 
 
 @jit
-def frame(matrix):
-    """Return the columns of a (3, 3) rotation matrix as a frame."""
+def frame(matrix: np.ndarray) -> Frame:
+    """Return the columns of a rotation matrix, shape (3, 3), as a `Frame`."""
     return (
         (float(matrix[0, 0]), float(matrix[1, 0]), float(matrix[2, 0])),
         (float(matrix[0, 1]), float(matrix[1, 1]), float(matrix[2, 1])),
@@ -33,32 +38,32 @@ def frame(matrix):
 
 
 @jit
-def add(a, b):
+def add(a: Vector, b: Vector) -> Vector:
     """Return a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 @jit
-def subtract(a, b):
+def subtract(a: Vector, b: Vector) -> Vector:
     """Return a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @jit
-def scale(a, s):
+def scale(a: Vector, s: float) -> Vector:
     """Return s a."""
     return (s * a[0], s * a[1], s * a[2])
 
 
 @jit
-def dot(a, b):
-    """Return the scalar product."""
+def dot(a: Vector, b: Vector) -> float:
+    """Return the scalar product a · b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @jit
-def cross(a, b):
-    """Return the vector product."""
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return the vector product a × b."""
     return (
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -67,19 +72,19 @@ def cross(a, b):
 
 
 @jit
-def length(a):
-    """Return the Euclidean length."""
+def length(a: Vector) -> float:
+    """Return the Euclidean norm |a|."""
     return math.sqrt(dot(a, a))
 
 
 @jit
-def distance(a, b):
-    """Return the distance of two points."""
+def distance(a: Vector, b: Vector) -> float:
+    """Return the Euclidean distance |a - b|."""
     return length(subtract(a, b))
 
 
 @jit
-def unit(a):
+def unit(a: Vector) -> Vector:
     """Return a / |a|; the zero vector stays zero."""
     size = length(a)
     if size > 0.0:
@@ -88,8 +93,8 @@ def unit(a):
 
 
 @jit
-def rotate(axes, v):
-    """Return the surroundings' coordinates of `v`, given in the frame `axes`."""
+def rotate(axes: Frame, v: Vector) -> Vector:
+    """Return `v`, given in the frame `axes`, in the parent's coordinates: R v."""
     return (
         axes[0][0] * v[0] + axes[1][0] * v[1] + axes[2][0] * v[2],
         axes[0][1] * v[0] + axes[1][1] * v[1] + axes[2][1] * v[2],
@@ -98,20 +103,20 @@ def rotate(axes, v):
 
 
 @jit
-def components(axes, v):
-    """Return the coordinates in the frame `axes` of `v`, given in its surroundings."""
+def components(axes: Frame, v: Vector) -> Vector:
+    """Return `v`, given in the parent's coordinates, in the frame `axes`: Rᵀ v."""
     return (dot(axes[0], v), dot(axes[1], v), dot(axes[2], v))
 
 
 @jit
-def compose(outer, inner):
-    """Return the frame `inner`, given in `outer`, in the surroundings of `outer`."""
+def compose(outer: Frame, inner: Frame) -> Frame:
+    """Return the frame `inner`, given in `outer`, in the parent of `outer`: the product R_o R_i."""
     return (rotate(outer, inner[0]), rotate(outer, inner[1]), rotate(outer, inner[2]))
 
 
 @jit
-def inverse(axes):
-    """Return the frame of the surroundings in `axes`: the transposed rotation."""
+def inverse(axes: Frame) -> Frame:
+    """Return the parent's axes in the frame `axes`: the transposed rotation Rᵀ."""
     return (
         (axes[0][0], axes[1][0], axes[2][0]),
         (axes[0][1], axes[1][1], axes[2][1]),
@@ -120,27 +125,27 @@ def inverse(axes):
 
 
 @jit
-def rotate_about(axis, angle, v):
-    """Rotate `v` about the unit vector `axis` by `angle` [rad] (Rodrigues)."""
+def rotate_about(axis: Vector, angle: float, v: Vector) -> Vector:
+    """Rotate `v` about the unit vector `axis` by `angle` [rad] (Rodrigues' formula)."""
     c = math.cos(angle)
     along = scale(axis, (1.0 - c) * dot(axis, v))
     return add(add(scale(v, c), scale(cross(axis, v), math.sin(angle))), along)
 
 
 @jit
-def clamp(value, lower, upper):
-    """Return `value` limited to [lower, upper]."""
+def clamp(value: float, lower: float, upper: float) -> float:
+    """Return `value` limited to the interval [lower, upper]."""
     return min(max(value, lower), upper)
 
 
 @jit
-def wrap_angle(angle):
-    """Return the angle in [-pi, pi) that equals `angle` modulo a full turn [rad]."""
+def wrap_angle(angle: float) -> float:
+    """Return `angle` wrapped to [-pi, pi) [rad]."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
 @jit
-def clamp_angle(angle, lower, upper):
+def clamp_angle(angle: float, lower: float, upper: float) -> float:
     """Return the angle of [lower, upper] nearest to `angle` on the circle [rad]."""
     middle = 0.5 * (lower + upper)
     half = 0.5 * (upper - lower)
