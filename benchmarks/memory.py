@@ -2,8 +2,8 @@
 
     python -m benchmarks.memory [--frames 432000] [--json OUT]
 
-The core is `HandTracker.update`; the node takes messages as bytes the long way and publishes, and
-its timers run; of the short way it is the compiled part, without rcl. The slope is of a line
+The core is `HandTracker.update`; the node takes messages as bytes the slow path and publishes, and
+its timers run; of the fast path it is the compiled part, without rcl. The slope is of a line
 through the resident memory of the second half; `blocks` is by how many Python's own memory grew in
 that half, where the node notes latencies until it tells of them; `collections` are those of the
 garbage collector.
@@ -27,19 +27,20 @@ from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.numerics.jit import another, packed
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.messages.cdr import MarkerReader, joint_state_template
+from hand_tracker.messages.cdr import MarkerReader
+from hand_tracker.messages.templates import joint_state_template
 from hand_tracker.messages.labels import LabelMap
-from hand_tracker.messages.marker_array import seconds
+from hand_tracker.messages.stamps import seconds
 from hand_tracker.nodes.fast_path.kernel import (
-    ANGLES,
-    KEPT,
-    LOGGED,
-    look,
-    new_passage,
-    note,
-    pass_message,
-    teach_answer,
-    teach_kind,
+    JOINT_STATES,
+    LOG_CAPACITY,
+    LOG_COLUMNS,
+    drain_log,
+    new_memory,
+    log_frame,
+    process_message,
+    install_reply,
+    install_signature,
 )
 from hand_tracker.simulation.packaged_recordings import START_NS, demo_recording
 
@@ -58,11 +59,11 @@ def core_frames():
 def short_way_frames():
     """Return a function of a frame's number that lets its message pass."""
     tracker, reader = HandTracker(), MarkerReader(LabelMap())
-    passages, passage = packed(new_passage())
+    memories, memory = packed(new_memory())
     lap, answer = messages('right', RATE), joint_state_template(JOINTS)
     arguments = tracker.kernel_arguments()
     reports = arguments[-1]
-    seen = np.zeros((KEPT, LOGGED)), np.zeros((KEPT, len(MARKERS)), np.int8), another(reports)
+    seen = np.zeros((LOG_CAPACITY, LOG_COLUMNS)), np.zeros((LOG_CAPACITY, len(MARKERS)), np.int8), another(reports)
 
     def frame(i):
         data, places = lap[i % len(lap)]
@@ -70,14 +71,14 @@ def short_way_frames():
         if i == 0:
             first = reader.read(bytes(data))
             tracker.update(first.positions, seconds(first.stamp))
-            teach_kind(passage, reader.kind, first.stamp, 1., True)
-            teach_answer(passage, ANGLES, answer)
+            install_signature(memory, reader.signature, first.stamp, 1., True)
+            install_reply(memory, JOINT_STATES, answer)
             return
-        if not pass_message(passages, *arguments, np.frombuffer(data, np.uint8)):
+        if not process_message(memories, *arguments, np.frombuffer(data, np.uint8)):
             raise RuntimeError(f'frame {i} does not pass')
-        note(passage, reports[0], 0., 0.)
+        log_frame(memory, reports[0], 0., 0.)
         if i % TIMERS_EVERY == 0:
-            look(passages, reports, *seen)
+            drain_log(memories, reports, *seen)
 
     return frame
 
@@ -143,7 +144,7 @@ def main():
     isolate()
     print(environment())
     rows = []
-    for what, frames in (('core', core_frames), ('short way', short_way_frames),
+    for what, frames in (('core', core_frames), ('fast path', short_way_frames),
                          ('node', node_frames)):
         try:
             rows.append(measure(what, frames(), options.frames))

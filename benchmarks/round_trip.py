@@ -85,7 +85,8 @@ def echo(args):
 def compiled_echo(folder):
     """Return the C echo's command, or None where it cannot be made."""
     from hand_tracker.core.model.hand import JOINTS
-    from hand_tracker.messages.cdr import Stamp, joint_state_template
+    from hand_tracker.messages.stamps import Stamp
+    from hand_tracker.messages.templates import joint_state_template
     prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
     prefix = next((Path(prefix) for prefix in prefixes
                    if prefix and Path(prefix, 'include/rcl').is_dir()), None)

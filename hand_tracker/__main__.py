@@ -18,6 +18,9 @@ COMMANDS = {
     'record': 'make a packaged recording again',
 }
 
+# Commands that track at once, in plain Python where the kernels are not on disk yet.
+START_AT_ONCE = {'demo', 'track', 'plot', 'view'}
+
 INTERRUPTED = 130
 
 
@@ -26,6 +29,8 @@ def main(arguments=None):
     arguments = sys.argv[1:] if arguments is None else arguments
     name = arguments[0] if arguments else '--help'
     if name in COMMANDS:
+        if name in START_AT_ONCE:
+            os.environ.setdefault('HAND_TRACKER_JIT', 'background')
         return _imported(f'hand_tracker.cli.{name}').main(arguments[1:])
     usage = 'usage: hand_tracker COMMAND [--help] ...\n\n' + '\n'.join(
         f'  {command:8s} {what}' for command, what in COMMANDS.items())

@@ -9,29 +9,17 @@ from pathlib import Path
 
 import pytest
 
-UPDATE = """
-from hand_tracker.core.tracker import HandTracker
-tracker = HandTracker()
-tracker.update([[0.] * 3] * 8)
-tracker.update([[0.] * 3] * 8, distal_flexion=[0.] * 5)
-"""
-DIRECT = UPDATE + """
-from contextlib import suppress
-from hand_tracker.nodes.fast_path.middleware import Direct
-from hand_tracker.nodes.fast_path.rcl import Unavailable
-from hand_tracker.nodes.serialization import codec_agrees
-codec_agrees()
-with suppress(Unavailable):
-    Direct(tracker)
-"""
+# Compiles what the tests of tracking and of the fast path need.
+COMPILE_ALL = 'hand_tracker.nodes.fast_path.compile_fast_path'
+COMPILE_TRACKING = 'hand_tracker.tracking.compile_kernels'
 
 
 def pytest_configure(config):
     """Compile the kernels once, where several processes would do so side by side."""
     if not getattr(config.option, 'numprocesses', None) or hasattr(config, 'workerinput'):
         return
-    program = DIRECT if importlib.util.find_spec('rclpy') else UPDATE
-    done = subprocess.run([sys.executable, '-c', program], cwd=Path(__file__).parents[1],
+    program = COMPILE_ALL if importlib.util.find_spec('rclpy') else COMPILE_TRACKING
+    done = subprocess.run([sys.executable, '-m', program], cwd=Path(__file__).parents[1],
                           stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     if done.returncode:
         warnings.warn(f'the kernels were not compiled: {done.stderr[-2000:]}', stacklevel=1)

@@ -23,7 +23,6 @@ from ..core.inverse_kinematics.palm import place_palm
 from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.marker_layout import PALM_MARKERS, marker_positions
 from ..core.model.skeleton import skeleton_points
-from ..core.numerics.jit import COMPILED
 from ..drawing.animation import HandMotion, save_animation, save_sheet
 from ..files.angle_table import write_angle_table
 from ..files.bags import open_bag
@@ -166,12 +165,11 @@ def _play(node, listener, hand, layout, recording, options, processes):
     """Run both nodes until the recording ends."""
     presets = {f'{name}.preset': value for name, value in (
         ('limits', options.limits), ('coupling', options.coupling)) if value}
-    first = ' (the first time its kernels are compiled, for about a minute)' if COMPILED else ''
-    print(f'Starting the tracker{first} ...', flush=True)
+    print('Starting the tracker ...', flush=True)
     tracker = _start('tracker', hand_file=options.hand, side=options.side, broadcast='all',
                      **presets)
     processes.append(tracker)
-    # However long it takes: a busy machine compiles for minutes.
+    # However long it takes on a busy machine.
     while not node.count_publishers('joint_states'):
         if tracker.poll() is not None:
             raise HandTrackerError('the tracker did not start; see its message above')

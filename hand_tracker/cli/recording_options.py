@@ -15,7 +15,7 @@ from ..files.hand_file import choose_hand
 from ..messages.labels import DEFAULT_LABELS, InvalidLabel, LabelMap
 from ..parallel import listen_for_interruption
 from ..progress import Progress
-from ..tracking.input_monitor import Watch
+from ..tracking.monitor import Monitor
 from ..tracking.recording import USUAL_TOPIC, marker_topic, track
 
 LOOK_EVERY = .25     # [s] of the recording
@@ -90,18 +90,19 @@ class Job:
         self.read = self.tracked = 0
         self._bag, self._topic, self._labels = bag, topic, labels
         self._progress = progress(bag.counts[topic], 'frames')
-        self._watch = Watch(1e-9 * bag.start, topic, labels)
+        self._monitor = Monitor(1e-9 * bag.start, topic, labels)
         self._interrupted = interrupted
 
     def frames(self, tracker, **options):
         """Yield the tracked frames."""
         messages = self._progress.over(self._looked_at())
-        for frame in track(messages, tracker, self._labels, watch=self._watch, **options):
+        for frame in track(messages, tracker, self._labels, monitor=self._monitor,
+                           say=self._progress.say, **options):
             self.tracked += 1
             yield frame
         if not self.tracked:
             raise BagError(f'{self._bag.path}: no frame of {self._topic} shows the palm: '
-                           f'{self._watch.why_never()}')
+                           f'{self._monitor.why_never_tracked()}')
 
     def _looked_at(self):
         due = self._bag.start
@@ -116,11 +117,11 @@ class Job:
                 due = now + int(1e9 * LOOK_EVERY)
                 self._report(now)
         if now is not None:
-            self._watch.ended()
+            self._monitor.ended()
             self._report(now)
 
     def _report(self, now):
-        for _, line in self._watch.report(1e-9 * now, str):
+        for _, line in self._monitor.log_lines(1e-9 * now, str):
             self._progress.say(f'at {1e-9 * (now - self._bag.start):.2f} s: {line}')
 
 
@@ -141,7 +142,7 @@ def tracked_recording(options, interrupted, progress=Progress):
     ------
     hand : Hand
     job : Job
-    frames : iterator of TrackedFrame
+    frames : iterator of RecordedFrame
     """
     hand, layout = choose_hand(options.hand, options.side, options.limits, options.coupling)
     labels = label_map(options.label)

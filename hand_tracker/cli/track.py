@@ -8,7 +8,7 @@ from pathlib import Path
 from ..files.bags import STORAGE, BagError
 from ..parallel import side_by_side
 from ..progress import Progress
-from ..tracking.recording import KINDS, TABLE, save
+from ..tracking.recording import OUTPUT_KINDS, TABLE, save
 from .recording_options import add_recording_options, run_command, tracked_recording
 
 
@@ -23,9 +23,9 @@ def _refuse_to_replace(recording, output):
 def _track_file(options, interrupted, progress=Progress):
     """Do what the command line asks for; return what to say at the end."""
     output = options.output
-    if output.suffix not in KINDS:
+    if output.suffix not in OUTPUT_KINDS:
         raise BagError(f'{output}: unknown extension {output.suffix!r}; '
-                       f'expected {", ".join(KINDS)}')
+                       f'expected {", ".join(OUTPUT_KINDS)}')
     start = time.monotonic()
     _refuse_to_replace(options.recording, output)
     with tracked_recording(options, interrupted, progress) as (hand, job, frames):
@@ -41,7 +41,7 @@ def _track_into_folder(options, interrupted):
         **vars(options), 'recording': recording,
         'output': options.output / f'{_name(recording)}.{options.format or TABLE[1:]}'})
         for recording in options.recordings]
-    if options.output.suffix in KINDS:
+    if options.output.suffix in OUTPUT_KINDS:
         raise BagError(f'{options.output}: several recordings, or --format, fill a folder; '
                        f'expected a name without {options.output.suffix}')
     outputs = [task.output for task in tasks]
@@ -81,7 +81,7 @@ def _parse(args):
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='OUT',
                         help='table (.csv) or recording of /joint_states (.mcap, .db3); '
                         'for several recordings the folder of such')
-    parser.add_argument('--format', choices=[kind[1:] for kind in KINDS],
+    parser.add_argument('--format', choices=[kind[1:] for kind in OUTPUT_KINDS],
                         help='of the files in a folder OUT, for one recording too; default: csv')
     parser.add_argument('--jobs', type=_jobs, default=1, metavar='N',
                         help='processes for several recordings; default: 1')

@@ -4,6 +4,7 @@
 """
 
 from copy import deepcopy
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from .model.marker_layout import (
     require_solvable,
 )
 from .model.states import PALM_STATES, MarkerState, PalmState
-from .numerics.jit import another, packed, parts
+from .numerics.jit import COMPILED, Kernel, another, best, load_kernel, packed, parts
 from .occlusion.transdigital import DigitPrior, prior_correlation
 from .options import TrackerOptions, kernel_options
 from .pipeline import track_frame
@@ -116,6 +117,7 @@ class HandTracker:
 
     def __init__(self, hand: Hand | None = None, layout: MarkerLayout | None = None,
                  options: TrackerOptions | None = None) -> None:
+        self._as_record = COMPILED
         self._set_hand(Hand.scaled() if hand is None else hand,
                        MarkerLayout() if layout is None else layout,
                        TrackerOptions() if options is None else options)
@@ -160,10 +162,10 @@ class HandTracker:
         self._relaxed = right.relaxed()
         self._rest = self._digit_markers(self._relaxed)
 
-        self._options, _ = packed(kernel_options(options))
-        self._chains, _ = packed(digits)
-        self._measured_chains, _ = packed(deepcopy(digits))
-        self._model, _ = packed(Model(
+        self._options, _ = self._packed(kernel_options(options))
+        self._chains, _ = self._packed(digits)
+        self._measured_chains, _ = self._packed(deepcopy(digits))
+        self._model, _ = self._packed(Model(
             self._template,
             DigitPrior(self._rest, prior_correlation(
                 options.link_index_middle, options.link_middle_ring, options.link_ring_little)),
@@ -173,7 +175,46 @@ class HandTracker:
             hand_bounds(digits, typical_places(right, mounting)),
             capsules(right), joint_table(hand), layout.mounting(hand),
             LEFT_HAND_MIRROR if hand.side == 'left' else np.ones(3)))
-        self._blank, _ = packed(self._blank_state())
+        self._blank, _ = self._packed(self._blank_state())
+
+    def _packed(self, values: Any) -> tuple[Any, Any]:
+        return packed(values, self._as_record)
+
+    def load_kernels(self, folder: Path | None = None) -> None:
+        """Load the compiled kernels of `update` from disk; any thread may call this.
+
+        Parameters
+        ----------
+        folder : Path, optional
+            Cache folder; the user's when left out.
+
+        Raises
+        ------
+        KernelsUnavailable
+            If they are not on disk.
+        """
+        packs = tuple(packed(deepcopy(pack[0]), as_record=True)[0]
+                      for pack in self.kernel_arguments())
+        load_kernel(track_frame, (*packs, np.zeros((len(MARKERS), 3)), 0.), folder)
+        chains = packs[1]
+        load_kernel(measure, (chains, np.zeros(len(DIGITS)), chains), folder)
+
+    def use_loaded_kernels(self) -> None:
+        """Go on with the kernels that `load_kernels` has loaded; call it between two frames."""
+        clock, state = self._clock[0], self._state
+        self._as_record = True
+        self._set_hand(self.hand, self.layout, self.options)
+        self._clock, _ = self._packed(clock)
+        self._report, _ = self._packed(blank_report())
+        self._state_pack, self._state = self._packed(state)
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether compiled kernels track."""
+        return self._as_record
+
+    def _kernel(self, kernel: Kernel) -> Kernel:
+        return best(kernel) if self._as_record else kernel
 
     def _blank_state(self) -> State:
         """Return the state before the first frame."""
@@ -193,9 +234,9 @@ class HandTracker:
     def reset(self) -> None:
         """Return to the state before the first frame."""
         self.restarted = False
-        self._clock, _ = packed(initial_clock())
-        self._report, _ = packed(blank_report())
-        self._state_pack, self._state = packed(self._blank_state())
+        self._clock, _ = self._packed(initial_clock())
+        self._report, _ = self._packed(blank_report())
+        self._state_pack, self._state = self._packed(self._blank_state())
 
     def update(self, markers: ArrayLike, time: float | None = None,
                distal_flexion: ArrayLike | None = None) -> HandState:
@@ -228,7 +269,7 @@ class HandTracker:
         if frame.shape != (len(MARKERS), 3):
             raise ValueError(f'markers: shape {frame.shape}; expected {(len(MARKERS), 3)}')
         report = another(self._report)
-        self.restarted = bool(track_frame(
+        self.restarted = bool(self._kernel(track_frame)(
             *self.kernel_arguments(distal_flexion)[:-1], report, frame,
             np.nan if time is None else float(time)))
         return self.state_from_report(report)
@@ -264,7 +305,7 @@ class HandTracker:
         if flexion.shape != (len(DIGITS),):
             raise ValueError(
                 f'distal_flexion: shape {flexion.shape}; expected {(len(DIGITS),)}')
-        measure(self._chains, flexion, self._measured_chains)
+        self._kernel(measure)(self._chains, flexion, self._measured_chains)
         return self._measured_chains
 
     def __getstate__(self) -> dict[str, Any]:
@@ -274,4 +315,4 @@ class HandTracker:
     def __setstate__(self, attributes: dict[str, Any]) -> None:
         """Restore the attributes; pack the state anew, so that `_state` has views of the pack."""
         self.__dict__.update(attributes)
-        self._state_pack, self._state = packed(self._state)
+        self._state_pack, self._state = self._packed(self._state)

@@ -1,12 +1,10 @@
-"""Bytes of messages to arrays and arrays to bytes, as DDS has them on the wire. No ROS.
+"""Decode serialized MarkerArrays without building messages of Python objects.
 
-Building messages of Python objects costs a hundred times what the tracking of a frame does.
-A MarkerArray is walked instead: only its strings, ids and types are looked at by Python, and
-only when they are new. A JointState and a TFMessage are templates, whose numbers are written
-in place. The encoding is plain CDR (XCDR1), of DDS-XTypes 1.3, 7.4.
+Building objects costs a hundred times what the tracking of a frame does. Kernels parse the bytes
+instead, and Python looks at strings, ids and types only where their combination is new. The
+encoding is plain CDR (XCDR1), DDS-XTypes 1.3, 7.4. Hostile bytes are refused.
 """
 
-import struct
 import sys
 from typing import NamedTuple
 
@@ -14,7 +12,8 @@ import numpy as np
 
 from ..core.errors import HandTrackerError
 from ..core.model.marker_layout import MARKERS
-from ..core.numerics.jit import COMPILED, jit
+from ..core.numerics.jit import COMPILED, best, jit, load_kernel
+from .stamps import Stamp
 from .marker_array import (
     ADD,
     CUBE,
@@ -23,7 +22,6 @@ from .marker_array import (
     POINTS,
     SPHERE,
     SPHERE_LIST,
-    TRIANGLE_LIST,
     Head,
     MarkerFrame,
     Sources,
@@ -36,32 +34,25 @@ ENCAPSULATION = 4  # [bytes] before the message proper, from which on alignment 
 LITTLE_ENDIAN = b'\0\1\0\0'
 ORDERS = {b'\0\0': 'big', b'\0\1': 'little'}
 SMALLEST_MARKER = 128  # [bytes], less than any has
-ROOM = 2**14           # [bytes] for messages at first
-KINDS = 256            # of messages that are remembered at most,
-KIND_BYTES = 2**16     # and of so many bytes each
+INITIAL_CAPACITY = 2**14           # [bytes] for messages at first
+SIGNATURES_KEPT = 256            # of messages that are remembered at most,
+SIGNATURE_BYTES = 2**16     # and of so many bytes each
 
 
 class MalformedMessage(HandTrackerError, ValueError):
     """Bytes that are no message of the expected type."""
 
 
-class Stamp(NamedTuple):
-    """A time, with the fields of builtin_interfaces/msg/Time."""
-
-    sec: int
-    nanosec: int
-
-
-class Kind(NamedTuple):
-    """What tells messages of markers apart that are read alike.
+class MessageSignature(NamedTuple):
+    """Layout of a MarkerArray; messages with equal signatures are decoded alike.
 
     Attributes
     ----------
     heads : ndarray of int32, shape (n, 5)
     strings : ndarray of uint8, shape (m,)
-        As of `walk`.
+        As `parse_marker_array` finds them.
     sources : Sources
-        Where they have what they say.
+        Where the hand's markers are in the message.
     """
 
     heads: np.ndarray
@@ -81,9 +72,24 @@ class MarkerReader:
     def __init__(self, labels, frame_id='', scale=1., zero_is_missing=True):
         self._labels, self._frame_id = labels, frame_id
         self._scale, self._zero_is_missing = float(scale), bool(zero_is_missing)
-        self._kinds = {}
-        self._reserve(ROOM)
+        self._sources = {}
+        self._reserve(INITIAL_CAPACITY)
         self._read = None
+        self.use_loaded_kernels()
+
+    def load_kernels(self, folder=None):
+        """Load the compiled kernels of `read` from disk, as `HandTracker.load_kernels` does."""
+        none = np.zeros(0, np.int64)
+        load_kernel(parse_marker_array, (self._octets, self._words, 0, self._heads, self._places,
+                           self._strings), folder)
+        load_kernel(gather_positions, (self._numbers, self._places, none, none, 1., True,
+                             np.empty((len(MARKERS), 3))), folder)
+
+    def use_loaded_kernels(self):
+        """Go on with the kernels that `load_kernels` has loaded, if it has."""
+        self._parse, self._gather = best(parse_marker_array), best(gather_positions)
+        # Plain Python reads single numbers of a memoryview five times as fast as of an array.
+        self._indexed = np.asarray if COMPILED or self._parse is not parse_marker_array else memoryview
 
     def _reserve(self, size):
         self._numbers = np.zeros(size // 8 + 1)
@@ -112,16 +118,16 @@ class MarkerReader:
         MalformedMessage
         """
         words, numbers, size = self._take(data)
-        count, used = walk(self._octets, _indexed(words), size, self._heads, self._places,
-                           self._strings)
+        count, used = self._parse(self._octets, self._indexed(words), size, self._heads,
+                                 self._places, self._strings)
         if count < 0:
             raise MalformedMessage(f'{len(data)} bytes that are no MarkerArray')
         kind = self._heads[:count].tobytes() + self._strings[:used].tobytes()
-        sources = self._kinds.get(kind) or self._learn(kind, count)
+        sources = self._sources.get(kind) or self._learn(kind, count)
         self._read = count, used, sources
         rows = np.empty((len(MARKERS), 3))
-        gather(_indexed(numbers), self._places, sources.slots, sources.markers, self._scale,
-               self._zero_is_missing, rows)
+        self._gather(self._indexed(numbers), self._places, sources.slots, sources.markers,
+                     self._scale, self._zero_is_missing, rows)
         if sources.has_lists:
             self._place_lists(numbers, sources, rows)
         stamp = None
@@ -132,10 +138,10 @@ class MarkerReader:
                            sources.doubled)
 
     @property
-    def kind(self):
-        """The `Kind` of the last message."""
+    def signature(self):
+        """The `MessageSignature` of the last message."""
         count, used, sources = self._read
-        return Kind(self._heads[:count], self._strings[:used], sources)
+        return MessageSignature(self._heads[:count], self._strings[:used], sources)
 
     def _take(self, data):
         """Return a message by four bytes as integers and by eight as floats, and its size."""
@@ -160,10 +166,10 @@ class MarkerReader:
             heads.append(Head(_text(strings[:frame_length]), _text(strings[frame_length:]),
                               number, type_, ADD, points))
         sources = find_sources(heads, self._labels, self._frame_id)
-        if len(kind) <= KIND_BYTES:
-            if len(self._kinds) == KINDS:
-                self._kinds.clear()
-            self._kinds[kind] = sources
+        if len(kind) <= SIGNATURE_BYTES:
+            if len(self._sources) == SIGNATURES_KEPT:
+                self._sources.clear()
+            self._sources[kind] = sources
         return sources
 
     def _place_lists(self, numbers, sources, rows):
@@ -178,17 +184,12 @@ class MarkerReader:
             rows[sources.slots[of_this]] = scaled(found, self._scale, self._zero_is_missing)
 
 
-def _indexed(array):
-    # Plain Python reads single numbers of a memoryview five times as fast as of an array.
-    return array if COMPILED else memoryview(array)
-
-
 def _text(string):
     """Return a string of CDR as rclpy does: up to its first NUL."""
     return string.partition(b'\0')[0].decode(errors='replace')
 
 
-# --- the walk through a MarkerArray
+# --- the parse_marker_array through a MarkerArray
 
 @jit
 def _aligned(at, to):
@@ -218,7 +219,7 @@ def _after(words, size, at, width, alignment):
 
 
 @jit
-def walk(octets, words, size, heads, places, strings):
+def parse_marker_array(octets, words, size, heads, places, strings):
     """Find the point-like markers that a MarkerArray adds.
 
     Nothing beyond the bytes is read, whatever lengths and counts they hold.
@@ -290,14 +291,14 @@ def walk(octets, words, size, heads, places, strings):
 
 
 @jit
-def gather(numbers, places, slots, markers, scale, zero_is_missing, rows):
+def gather_positions(numbers, places, slots, markers, scale, zero_is_missing, rows):
     """Put the positions of markers into the rows of those of the hand.
 
     Parameters
     ----------
     numbers : ndarray, shape (n,)
     places : ndarray of int64, shape (m, 3)
-        See `walk`.
+        See `parse_marker_array`.
     slots, markers : ndarray of int64
         See `Sources`.
     scale, zero_is_missing
@@ -312,188 +313,3 @@ def gather(numbers, places, slots, markers, scale, zero_is_missing, rows):
         if not (zero_is_missing and x == 0. and y == 0. and z == 0.):
             row = slots[i]
             rows[row, 0], rows[row, 1], rows[row, 2] = scale * x, scale * y, scale * z
-
-
-# --- templates
-
-class Template:
-    """A message whose stamps and numbers alone change.
-
-    Parameters
-    ----------
-    data : bytes
-        The message.
-    stamps : sequence of int
-        Where the stamps are, in bytes.
-    numbers : sequence of int
-        Where the numbers are, in bytes.
-
-    Attributes
-    ----------
-    body : ndarray
-        The message after half a double, so that all behind its encapsulation is aligned.
-    size : int
-        Of the message, in bytes.
-    stamps, numbers : ndarray of int
-        Where they are in the body, by four bytes and by eight.
-    """
-
-    def __init__(self, data, stamps, numbers):
-        self.body = np.zeros(-(-len(data) // 8) + 1)
-        self.size = len(data)
-        self.stamps = (np.array(stamps, int) + ENCAPSULATION) // 4
-        self.numbers = (np.array(numbers, int) + ENCAPSULATION) // 8
-        self._data = self.body.view(np.uint8)[ENCAPSULATION:][:self.size]
-        self._data[:] = np.frombuffer(data, np.uint8)
-        self._seconds, self._doubles = self.body.view('<u4'), self.body.view('<f8')
-        self._seconds_at, self._nanoseconds_at = _at(self.stamps), _at(self.stamps + 1)
-        self._numbers_at = _at(self.numbers)
-
-    def fill(self, stamp, numbers):
-        """Return the message with a stamp and with numbers.
-
-        Parameters
-        ----------
-        stamp : Stamp or Time
-        numbers : ndarray, n of any shape
-
-        Returns
-        -------
-        bytes
-        """
-        self._seconds[self._seconds_at] = stamp.sec & 0xffffffff
-        self._seconds[self._nanoseconds_at] = stamp.nanosec
-        self._doubles[self._numbers_at] = np.ravel(numbers)
-        return self._data.tobytes()
-
-
-def _at(places):
-    """Return an index of places; of those in a row a slice, five times as fast."""
-    in_a_row = len(places) > 0 and (np.diff(places) == 1).all()
-    return slice(places[0], places[-1] + 1) if in_a_row else places
-
-
-class _Writer:
-    """Write plain CDR, and note where the stamps and the numbers are."""
-
-    def __init__(self):
-        self._data = bytearray(LITTLE_ENDIAN)
-        self._stamps, self._numbers = [], []
-
-    def _align(self, to):
-        self._data += bytes(-(len(self._data) - ENCAPSULATION) % to)
-
-    def count(self, number):
-        self.pack('I', number)
-
-    def pack(self, form, *values):
-        """Write values of one size, in a form of `struct`."""
-        self._align(struct.calcsize(form[-1]))
-        self._data += struct.pack(f'<{form}', *values)
-
-    def string(self, text):
-        octets = text.encode() + b'\0'
-        self.count(len(octets))
-        self._data += octets
-
-    def header(self, frame_id):
-        self._align(4)
-        self._stamps.append(len(self._data))
-        self._data += bytes(8)
-        self.string(frame_id)
-
-    def numbers(self, count):
-        self._align(8)
-        self._numbers += range(len(self._data), len(self._data) + 8 * count, 8)
-        self._data += bytes(8 * count)
-
-    def template(self):
-        return Template(bytes(self._data), self._stamps, self._numbers)
-
-
-def joint_state_template(names):
-    """Return the template of a JointState with positions alone.
-
-    Parameters
-    ----------
-    names : sequence of str
-
-    Returns
-    -------
-    Template
-        Of as many numbers.
-    """
-    writer = _Writer()
-    writer.header('')
-    writer.count(len(names))
-    for name in names:
-        writer.string(name)
-    writer.count(len(names))
-    writer.numbers(len(names))
-    writer.count(0)
-    writer.count(0)
-    return writer.template()
-
-
-def transforms_template(frames):
-    """Return the template of a TFMessage.
-
-    Parameters
-    ----------
-    frames : sequence of (str, str)
-        Parent and child of each transform.
-
-    Returns
-    -------
-    Template
-        Of seven numbers for each: x, y, z of the translation; x, y, z, w of the rotation.
-    """
-    writer = _Writer()
-    writer.count(len(frames))
-    for parent, child in frames:
-        writer.header(parent)
-        writer.string(child)
-        writer.numbers(7)
-    return writer.template()
-
-
-def triangles_template(frame_id, namespace, colour, lifetime, corners):
-    """Return the template of a Marker of triangles that stays with its frame.
-
-    Parameters
-    ----------
-    frame_id, namespace : str
-    colour : tuple of float
-        Red, green, blue, opacity.
-    lifetime : int
-        [s]
-    corners : int
-        Three for each triangle.
-
-    Returns
-    -------
-    Template
-        Of three numbers for each corner.
-    """
-    writer = _Writer()
-    writer.header(frame_id)
-    writer.string(namespace)
-    writer.pack('3i', 0, TRIANGLE_LIST, ADD)
-    writer.pack('10d', 0., 0., 0., 0., 0., 0., 1., 1., 1., 1.)  # pose and scale
-    writer.pack('4f', *colour)
-    writer.pack('2i', lifetime, 0)
-    writer.pack('?', True)
-    writer.count(corners)
-    writer.numbers(3 * corners)
-    writer.count(0)             # colours
-    writer.string('')           # texture
-    writer.pack('2i', 0, 0)
-    writer.string('')
-    writer.string('')
-    writer.count(0)
-    writer.count(0)             # its coordinates
-    for _ in range(3):          # text, mesh and its file
-        writer.string('')
-    writer.count(0)
-    writer.pack('?', False)
-    return writer.template()

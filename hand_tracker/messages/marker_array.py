@@ -170,7 +170,8 @@ def find_sources(heads, labels, frame_id):
                 doubled.add(slot)
             found[slot] = place, point
     places = np.array([(slot, *where) for slot, where in found.items()], int).reshape(-1, 3)
-    return Sources(first, *places.T, bool((places[:, 2] >= 0).any()), frame_id,
+    # Contiguous: kernels are compiled for that.
+    return Sources(first, *np.ascontiguousarray(places.T), bool((places[:, 2] >= 0).any()), frame_id,
                    tuple(sorted(unknown)), tuple(sorted(foreign)), tuple(sorted(doubled)))
 
 
@@ -219,45 +220,3 @@ def scaled(positions, scale, zero_is_missing):
     if zero_is_missing:
         positions = np.where(positions.any(axis=1)[:, None], positions, np.nan)
     return positions * scale
-
-
-def seconds(stamp):
-    """Return a stamp as one number, None for the zero of a driver or clock that has no time.
-
-    Parameters
-    ----------
-    stamp : Time
-
-    Returns
-    -------
-    float or None
-        [s]
-    """
-    return stamp.sec + 1e-9 * stamp.nanosec or None
-
-
-class FrameTime:
-    """The time that a tracker goes by: that of the stamps, and of receipt until one has come."""
-
-    def __init__(self):
-        self._stamped = False
-
-    def of(self, stamp, received):
-        """Return the time of the next frame.
-
-        Parameters
-        ----------
-        stamp : Time
-            Of the message.
-        received : float or None
-            [s]
-
-        Returns
-        -------
-        float or None
-            None, not known, when this frame alone has no stamp: it may be of another clock
-            than the time of receipt [s].
-        """
-        time = seconds(stamp)
-        self._stamped = self._stamped or time is not None
-        return time if self._stamped else received

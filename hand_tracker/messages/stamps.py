@@ -1,10 +1,66 @@
-"""Find and rewrite the stamps of recorded messages without unpacking them."""
+"""Stamps: a time of a message, and where serialized messages have theirs."""
 
+from __future__ import annotations
+
+import math
 import struct
+from collections.abc import Iterable
+from typing import NamedTuple, Protocol
+
+from ..core.numerics.jit import jit
 
 
-def header_stamp(data):
-    """Return where the stamp is in a message whose first field is a std_msgs/Header.
+class Time(Protocol):
+    """A time of a message: a `Stamp`, or a builtin_interfaces/msg/Time of rclpy or rosbags."""
+
+    @property
+    def sec(self) -> int: ...
+
+    @property
+    def nanosec(self) -> int: ...
+
+
+class Stamp(NamedTuple):
+    """A time, with the fields of builtin_interfaces/msg/Time."""
+
+    sec: int
+    nanosec: int
+
+
+@jit
+def stamp_time(sec, nanosec):
+    """Return a stamp as one number [s]; NaN for zero, which drivers without a clock send."""
+    return math.nan if sec == 0 and nanosec == 0 else sec + 1e-9 * nanosec
+
+
+def seconds(stamp: Time) -> float | None:
+    """Return a stamp as one number, None for one that is unset.
+
+    Parameters
+    ----------
+    stamp : Time or Stamp
+
+    Returns
+    -------
+    float or None
+        [s]
+    """
+    time = stamp_time(stamp.sec, stamp.nanosec)
+    return None if math.isnan(time) else time
+
+
+def stamp_of(nanoseconds: int) -> Stamp:
+    """Return a time in nanoseconds as a stamp."""
+    return Stamp(*divmod(nanoseconds, 10**9))
+
+
+def nanoseconds(stamp: Time) -> int:
+    """Return a stamp in nanoseconds."""
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
+def header_stamp(data: bytes) -> tuple[int, ...]:
+    """Return the byte offset of the stamp in a message whose first field is a std_msgs/Header.
 
     Parameters
     ----------
@@ -18,8 +74,8 @@ def header_stamp(data):
     return (4,)
 
 
-def marker_stamps(data):
-    """Return where the stamps of the markers are in a MarkerArray.
+def marker_stamps(data: bytes) -> tuple[int, ...]:
+    """Return the byte offsets of the stamps of a MarkerArray.
 
     Parameters
     ----------
@@ -38,7 +94,7 @@ def marker_stamps(data):
     """
     number = struct.Struct(_order(data) + 'I').unpack_from
 
-    def after(at, size=1):
+    def after(at: int, size: int = 1) -> int:
         """Return the end of the string or sequence that begins at or after `at`."""
         at = at + 3 & ~3
         count, at = number(data, at)[0], at + 4
@@ -65,15 +121,15 @@ def marker_stamps(data):
     return tuple(stamps)
 
 
-def restamp(data, stamps, time):
-    """Return a message with other stamps.
+def restamp(data: bytes, stamps: Iterable[int], time: int) -> bytes:
+    """Replace the stamps of a serialized message.
 
     Parameters
     ----------
     data : bytes
         The message in CDR.
     stamps : iterable of int
-        Where its stamps are.
+        Byte offsets of its stamps.
     time : int
         The new stamp [ns].
 
@@ -81,11 +137,11 @@ def restamp(data, stamps, time):
     -------
     bytes
     """
-    data = bytearray(data)
+    changed = bytearray(data)
     for at in stamps:
-        struct.pack_into(_order(data) + 'iI', data, at, *divmod(time, 10**9))
-    return bytes(data)
+        struct.pack_into(_order(data) + 'iI', changed, at, *divmod(time, 10**9))
+    return bytes(changed)
 
 
-def _order(data):
+def _order(data: bytes) -> str:
     return '<' if data[1] & 1 else '>'

@@ -22,6 +22,9 @@ def _run(node):
         signal.signal(interrupt, lambda *_: os._exit(0))
     # Another thread of BLAS would spin from frame to frame, and take a core from the trackers.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    if node == 'tracker':
+        # Kernels that are not on disk are compiled while plain Python tracks.
+        os.environ.setdefault('HAND_TRACKER_JIT', 'background')
     module = import_module(f'.{node}_node', __package__)
     if ASKS & set(sys.argv[1:]):
         print(module.__doc__.strip(), HELP.format(node=node), sep='\n')

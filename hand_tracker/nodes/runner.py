@@ -144,13 +144,14 @@ def spinning(node):
 
 @contextmanager
 def _served(node):
-    """Yield the fastest executor there is, for a node, which may know a `short_way` past it."""
+    """Yield the fastest executor there is for a node, which may be `served_by_events`."""
     if EventsExecutor is None:
-        executor, way = SingleThreadedExecutor(), nullcontext
+        executor, serving = SingleThreadedExecutor(), nullcontext
     else:
-        executor, way = EventsExecutor(), getattr(node, 'short_way', nullcontext)
+        executor = EventsExecutor()
+        serving = getattr(node, 'served_by_events', nullcontext)
     try:
-        with way():
+        with serving():
             executor.add_node(node)
             yield executor
     finally:

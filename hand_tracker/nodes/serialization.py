@@ -1,11 +1,14 @@
-"""How the tracker's messages are taken and given: as bytes, or as objects if they must.
+"""Messages as bytes where the codec knows their layout, else as objects of rclpy.
 
 The codec is faster, but knows one layout of each message. Where rclpy's own serialiser has
-another one, messages go the normal way.
+another one, messages are built and read as objects.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Point
@@ -14,33 +17,32 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray, UVCoordinate
 
 from ..messages.builders import (
+    Names,
     fill_transforms,
     joint_state,
     new_transforms,
     prefixed_names,
     time_message,
 )
-from ..messages.cdr import (
-    MarkerReader,
-    Stamp,
-    joint_state_template,
-    transforms_template,
-    triangles_template,
-)
+from ..messages.cdr import MarkerReader
+from ..messages.stamps import Stamp, Time
+from ..messages.templates import Template, joint_state_template, transforms_template, triangles_template
 from ..messages.labels import LabelMap
-from ..messages.marker_array import markers_from_message
+from ..messages.marker_array import MarkerFrame, markers_from_message
 from ..messages.rviz_markers import LIFETIME, RVIZ_SKIN_COLOUR, RVIZ_SKIN_OPACITY, hand_skin
+
+from .tracker_parameters import Settings
 
 try:
     from tf2_msgs.msg import TFMessage
 except ImportError:
     TFMessage = None
 
-STAMP = Stamp(-7, 2**32 - 1)
+SAMPLE_STAMP = Stamp(-7, 2**32 - 1)
 
 
-class Wire:
-    """Take and give the messages of one hand.
+class Serialization:
+    """Read and fill the messages of one hand.
 
     Parameters
     ----------
@@ -49,15 +51,15 @@ class Wire:
     Attributes
     ----------
     raw : bool
-        Whether messages are bytes: markers are to be subscribed to as such.
+        Whether messages are bytes, so that markers are subscribed to as such.
     """
 
-    def __init__(self, names):
+    def __init__(self, names: Names) -> None:
         self.raw = codec_agrees()
         self._names = names
 
-    def markers(self, settings, frame_id):
-        """Return what reads markers: its `read` makes a MarkerFrame of a message.
+    def markers(self, settings: Settings, frame_id: str) -> MarkerReader | _ObjectReader:
+        """Return a reader of markers: its `read` returns the MarkerFrame of a message.
 
         Parameters
         ----------
@@ -70,14 +72,14 @@ class Wire:
             return MarkerReader(*how)
         return _ObjectReader(lambda message: markers_from_message(message, *how))
 
-    def joint_states(self):
-        """Return a template: its `fill` makes what is published of a stamp and 25 numbers."""
+    def joint_states(self) -> Template | _ObjectTemplate:
+        """Return the template of a JointState of 25 numbers."""
         if self.raw:
             return joint_state_template(self._names.joints)
         return _ObjectTemplate(lambda stamp, numbers: joint_state(stamp, self._names, numbers))
 
-    def transforms(self, frames):
-        """Return a template: its `fill` makes what is published of a stamp and numbers (n, 7).
+    def transforms(self, frames: Sequence[tuple[str, str]]) -> Template | _ObjectTemplate:
+        """Return the template of a TFMessage of numbers (n, 7).
 
         Parameters
         ----------
@@ -88,14 +90,14 @@ class Wire:
             return transforms_template(frames)
         messages = new_transforms(frames)
 
-        def filled(stamp, numbers):
-            fill_transforms(messages, stamp, numbers)
+        def filled(stamp: Time, numbers: np.ndarray) -> Any:
+            fill_transforms(messages, time_message(stamp), numbers)
             return TFMessage(transforms=messages)
 
         return _ObjectTemplate(filled)
 
-    def skin(self, corners):
-        """Return a template: its `fill` makes what is published of a stamp and corners (3 F, 3).
+    def skin(self, corners: int) -> Template | _ObjectTemplate:
+        """Return the template of a Marker of triangles with corners (3 F, 3).
 
         Parameters
         ----------
@@ -109,24 +111,30 @@ class Wire:
 
 
 class _ObjectReader(NamedTuple):
-    """Reads messages as `MarkerReader` does, of objects."""
+    """Reads message objects as `MarkerReader` reads bytes."""
 
-    read: Callable
+    read: Callable[[MarkerArray], MarkerFrame]
+
+    def load_kernels(self, folder: Path | None = None) -> None:
+        """Do nothing: objects are read by plain Python."""
+
+    def use_loaded_kernels(self) -> None:
+        """Do nothing: objects are read by plain Python."""
 
 
 class _ObjectTemplate(NamedTuple):
-    """Fills messages as `Template` does, as objects."""
+    """Fills message objects as `Template` fills bytes."""
 
-    fill: Callable
+    fill: Callable[[Time, np.ndarray], Any]
 
 
-def _skin_template(names, corners):
+def _skin_template(names: Names, corners: int) -> Template:
     colour = *RVIZ_SKIN_COLOUR, RVIZ_SKIN_OPACITY
     return triangles_template(
         names.wrist, f'{names.prefix}skin', colour, LIFETIME.sec, corners)
 
 
-def codec_agrees():
+def codec_agrees() -> bool:
     """Return whether rclpy's own serialiser has the layout that the codec knows."""
     try:
         return _reads_alike() and _writes_alike()
@@ -135,7 +143,7 @@ def codec_agrees():
         return False
 
 
-def _reads_alike():
+def _reads_alike() -> bool:
     message, labels = _sample_markers(), LabelMap()
     expected = markers_from_message(message, labels)
     frame = MarkerReader(labels).read(serialize_message(message))
@@ -144,12 +152,12 @@ def _reads_alike():
             and frame.frame_id == expected.frame_id)
 
 
-def _sample_markers():
+def _sample_markers() -> MarkerArray:
     """Return markers that leave no part of the message empty."""
     markers = []
     for number, kind in enumerate((Marker.SPHERE, Marker.POINTS, Marker.CUBE)):
         marker = Marker(
-            header=Header(frame_id='mocap', stamp=time_message(STAMP)), ns='l' * number,
+            header=Header(frame_id='mocap', stamp=time_message(SAMPLE_STAMP)), ns='l' * number,
             id=number, type=kind, points=[Point(x=1., y=2., z=3.)] * 5, colors=[ColorRGBA()] * 2,
             texture_resource='texture', uv_coordinates=[UVCoordinate()] * 3, text='text',
             mesh_resource='a mesh')
@@ -161,24 +169,24 @@ def _sample_markers():
     return MarkerArray(markers=markers)
 
 
-def _writes_alike():
+def _writes_alike() -> bool:
     names, numbers = prefixed_names('left_'), np.linspace(-1., 1., 25)
-    data = joint_state_template(names.joints).fill(STAMP, numbers)
-    if not _says(data, joint_state(STAMP, names, numbers)):
+    data = joint_state_template(names.joints).fill(SAMPLE_STAMP, numbers)
+    if not _says(data, joint_state(SAMPLE_STAMP, names, numbers)):
         return False
     corners = np.arange(18.).reshape(6, 3)
-    data = _skin_template(names, len(corners)).fill(STAMP, corners.ravel())
-    if not _says(data, hand_skin(time_message(STAMP), names, corners)):
+    data = _skin_template(names, len(corners)).fill(SAMPLE_STAMP, corners.ravel())
+    if not _says(data, hand_skin(time_message(SAMPLE_STAMP), names, corners)):
         return False
     if TFMessage is None:
         return True
     frames, numbers = (('mocap', 'a'), ('wrist', 'bone')), np.arange(14.).reshape(2, 7)
     messages = new_transforms(frames)
-    fill_transforms(messages, time_message(STAMP), numbers)
-    data = transforms_template(frames).fill(STAMP, numbers.ravel())
+    fill_transforms(messages, time_message(SAMPLE_STAMP), numbers)
+    data = transforms_template(frames).fill(SAMPLE_STAMP, numbers.ravel())
     return _says(data, TFMessage(transforms=messages))
 
 
-def _says(data, message):
+def _says(data: bytes, message: Any) -> bool:
     kind = type(message)
     return deserialize_message(data, kind) == deserialize_message(serialize_message(message), kind)

@@ -18,7 +18,7 @@ from ..core.model.kinematics import forward, joint_table
 from ..skin import deform, load_skin
 from .parameters import Parameter
 from .runner import declare, names_of, run
-from .serialization import Wire
+from .serialization import Serialization
 from .tracker_parameters import START, starting_hand
 
 # A reliable subscriber asks for lost fragments when the next message comes: keep the last few.
@@ -48,7 +48,7 @@ class SkinNode(Node):
         start = time.monotonic()
         self._skin = load_skin(hand, values['mesh'] or None)
         self._joints = joint_table(hand)
-        self._triangles = Wire(self._names).skin(self._skin.faces.size)
+        self._triangles = Serialization(self._names).skin(self._skin.faces.size)
         self._own = self._names.joints[0].encode()
         self._subscription = None
         self._data: bytes | None = None

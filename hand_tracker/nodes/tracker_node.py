@@ -1,379 +1,333 @@
 """The tracker node: markers in; joint states, TF and a picture of the hand out."""
 
+from __future__ import annotations
+
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from ..core.errors import HandTrackerError
-from ..core.model.hand import DIGITS, JOINTS
-from ..core.model.kinematics import forward, joint_table, tip_offsets
-from ..core.model.marker_layout import marker_positions
+from ..core.model.kinematics import tip_offsets
 from ..core.numerics import jit
 from ..core.tracker import HandTracker
-from ..messages.builders import (
-    diagnostics,
-    fill_transforms,
-    link_frames,
-    new_transforms,
-    time_message,
-    tip_frames,
-    transform_numbers,
-    wrist_frames,
-)
-from ..messages.cdr import MalformedMessage, Stamp
-from ..messages.marker_array import FrameTime, seconds
+from ..messages.builders import diagnostics, time_message
+from ..messages.cdr import MalformedMessage
+from ..messages.marker_array import MarkerFrame
 from ..messages.rviz_markers import hand_markers
-from ..tracking.diagnostics import PERIOD, Diagnosis
+from ..messages.stamps import Time, seconds
+from ..tracking.diagnostics import STATUS_PERIOD
 from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
-from ..tracking.input_monitor import Watch, who_publishes
-from ..tracking.rate_limit import Throttle, period_ns
-from .fast_path.kernel import ANGLES, CONFIDENCE, TRANSFORMS
-from .fast_path.middleware import Direct
-from .fast_path.rcl import Unavailable
+from ..tracking.input_monitor import who_publishes
+from ..tracking.monitor import Monitor, TrackedFrames
+from ..tracking.rate_limit import RateLimiter, period_ns
+from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame
+from .fast_path import FastPath, FastPathUnavailable
+from .fast_path.compile_fast_path import FAST_PATH_PROGRAM, FAST_PATH_SET
+from .fast_path.middleware import require_fast_path
+from .replies import Replies
 from .runner import declare, names_of, run
-from .serialization import TFMessage, Wire
+from .serialization import Serialization
 from .tracker_parameters import START, TOPICS, live_settings, live_table, starting_hand
 
-try:
-    from tf2_ros import StaticTransformBroadcaster
-except ImportError:
-    StaticTransformBroadcaster = None
-
-WATCH_PERIOD = .25      # [s]
+REPORT_PERIOD = .25     # [s] between two looks at what is to be logged
 # Timers of ROS time would stand still without /clock.
-STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-NAMELESS = 'world'      # frame of markers that have none, as TF needs one
+STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 DIAGNOSTICS_DEPTH = 10
-TF_DEPTH = 100          # that of tf2_ros
 
 
 class TrackerNode(Node):
     """Track one hand."""
 
-    _direct = None
-
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__('hand_tracker')
         start = declare(self, START)
         self._hand, layout = starting_hand(start)
         self._live = live_table(self._hand)
         self._settings = live_settings(self._hand, declare(self, self._live))
-        self._changed = False
+        self._has_new_settings = False
         self._mocap_frame = start['mocap_frame']
-        self._tracker = HandTracker(self._settings.hand, layout, self._settings.options)
-        if jit.COMPILED:
-            self._compile(layout, start['direct'])
-        else:
-            cause, cure = (('numba is not installed', 'pip install numba') if jit.numba is None
-                           else ('HAND_TRACKER_JIT=0 turns numba off', 'unset it'))
-            self.get_logger().warning(
-                f'{cause}: the tracker is some hundred times slower; {cure}')
-        self._time = FrameTime()
-
-        self._joints = joint_table(self._hand)
-        self._tips = tip_offsets(self._hand)
         self._names = names_of(self._hand, start['prefix'], start['wrist_frame'])
-        self._wire = Wire(self._names)
-        if not self._wire.raw:
-            self._direct = None
+        self._serialization = Serialization(self._names)
+        if not self._serialization.raw:
             self.get_logger().warning(
                 'rclpy lays messages out in a way that the codec does not know: slower')
-        self._reader = self._wire.markers(self._settings, self._mocap_frame)
-        self._angles, self._confidences = self._wire.joint_states(), self._wire.joint_states()
-        self._display = Throttle()
+        self._tracker = HandTracker(self._settings.hand, layout, self._settings.options)
+        self._stream = Stream(self._tracker, self._new_reader())
+        self._fast_path: FastPath | None = None
+        self._loaded_fast_path: FastPath | None = None
+        self._prepare_kernels(start['fast_path'])
 
         qos = {topic: _qos(start, topic) for topic in TOPICS}
-        self._joint_states = self.create_publisher(
-            JointState, 'joint_states', qos['joint_states'])
+        self._replies = Replies(self, self._hand, self._names, self._serialization, qos,
+                                start['broadcast'])
         self._hand_markers = self.create_publisher(
             MarkerArray, 'hand_markers', qos['hand_markers'])
-        self._joint_confidence = self.create_publisher(
-            JointState, 'joint_confidence', qos['joint_confidence'])
-        self._confidence_wanted = False
+        self._display = RateLimiter()
+        self._tips = tip_offsets(self._hand)
         self._diagnostics = self.create_publisher(
             DiagnosticArray, '/diagnostics', DIAGNOSTICS_DEPTH)
-        self._open_tf(start['broadcast'])
         self._distal_flexion = DistalFlexion(self._names.prefix)
         self._distal_subscription = self.create_subscription(
             JointState, 'distal_flexion', self._on_distal_flexion, qos['distal_flexion'])
         self._subscription = self.create_subscription(
-            MarkerArray, 'markers', self._on_markers, qos['markers'], raw=self._wire.raw)
+            MarkerArray, 'markers', self._on_markers, qos['markers'],
+            raw=self._serialization.raw)
         self._reliability = start['qos.markers.reliability']
         self._topic = self.resolve_topic_name('markers')
-        self._watch = Watch(time.monotonic(), self._topic, self._settings.labels)
-        self._diagnosis = Diagnosis(time.monotonic(), self._watch)
-        self.add_on_set_parameters_callback(self._on_set)
-        self.create_timer(WATCH_PERIOD, self._report, clock=STEADY)
-        self.create_timer(PERIOD, self._diagnose, clock=STEADY)
-        self._latest = None
+        self._monitor = Monitor(time.monotonic(), self._topic, self._settings.labels)
+        self.add_on_set_parameters_callback(self._on_set_parameters)
+        self.create_timer(REPORT_PERIOD, self._report, clock=STEADY_CLOCK)
+        self.create_timer(STATUS_PERIOD, self._publish_status_of_all, clock=STEADY_CLOCK)
+        self._latest: tuple[Time, str, Any] | None = None
         self.get_logger().info(
             f'{self._hand.side} hand: listening for markers on {self._topic}')
 
-    def _compile(self, layout, direct):
-        """Have the kernels compiled before the first frame waits for it."""
-        self.get_logger().info('preparing; the very first start compiles for about a minute')
-        start = time.monotonic()
-        table = joint_table(self._hand)
-        rest = forward(table, np.zeros(len(JOINTS)))
-        tracker = HandTracker(self._hand, layout, self._settings.options)
-        for measured in None, np.full(len(DIGITS), np.nan):
-            state = tracker.update(
-                marker_positions(layout.mounting(self._hand), rest), distal_flexion=measured)
-        transform_numbers(table, state)
-        if direct:
-            try:
-                self._direct = Direct(self._tracker)
-            except Unavailable as error:
-                self.get_logger().info(f'frames take the long way, which is slower: {error}')
-        self.get_logger().info(f'ready after {time.monotonic() - start:.1f} s')
+    def _new_reader(self) -> Any:
+        return self._serialization.markers(self._settings, self._mocap_frame)
 
-    def _open_tf(self, broadcast):
-        self._tf = self._transforms = self._transforms_frame = None
-        self._broadcast_stamp = None
-        self._every_frame = broadcast == 'all'
-        if broadcast == 'none':
-            return
-        if StaticTransformBroadcaster is None or TFMessage is None:
+    def _prepare_kernels(self, wants_fast_path: bool) -> None:
+        """Load the kernels that are on disk, or have them compiled in the background."""
+        loaders = {}
+        if not jit.JIT_IS_ON:
+            cause, cure = (('HAND_TRACKER_JIT=0 turns numba off', 'unset it') if jit.HAS_NUMBA
+                           else ('numba is not installed', 'pip install numba'))
             self.get_logger().warning(
-                'tf2_ros is not installed: nothing is broadcast on /tf; the rest works')
+                f'{cause}: the tracker is some hundred times slower; {cure}')
             return
-        self._tf = self.create_publisher(TFMessage, '/tf', TF_DEPTH)
-        if self._every_frame:
-            tips = new_transforms(tip_frames(self._names))
-            fill_transforms(tips, self._now(), np.hstack(
-                (self._tips, np.tile((0., 0., 0., 1.), (len(tips), 1)))))
-            self._static_broadcaster = StaticTransformBroadcaster(self)
-            self._static_broadcaster.sendTransform(tips)
+        if wants_fast_path and self._serialization.raw:
+            try:
+                require_fast_path()
+                if jit.SWITCH == 'background' and not jit.is_ready(FAST_PATH_SET):
+                    loaders[FAST_PATH_SET] = self._load_fast_path
+                else:
+                    self._load_fast_path(None)
+            except FastPathUnavailable as error:
+                self.get_logger().info(f'no fast path, frames are slower: {error}')
+        self._stream.compile_in_background(FAST_PATH_PROGRAM, **loaders)
+
+    def _load_fast_path(self, folder: Path | None) -> None:
+        """Load the fast path's kernels; in a thread of its own where they were compiled."""
+        scratch = HandTracker()
+        if not scratch.is_compiled:
+            scratch.use_loaded_kernels()
+        self._loaded_fast_path = FastPath(scratch.kernel_arguments(), folder)
 
     @contextmanager
-    def short_way(self):
-        """Let regular frames pass an EventsExecutor, to which the node is added meanwhile."""
-        if self._direct is None:
-            yield
-            return
-        self._look_timer = self.create_timer(WATCH_PERIOD, self._look, clock=STEADY)
-        self._look_timer.cancel()
-        self._direct.open(self, self._subscription, self._look, self._on_markers)
+    def served_by_events(self) -> Iterator[None]:
+        """Use the fast path while an EventsExecutor serves the node."""
+        self._is_served_by_events = True
+        self._drain_timer = self.create_timer(REPORT_PERIOD, self._drain, clock=STEADY_CLOCK)
+        self._drain_timer.cancel()
+        self._start_fast_path()
         try:
             yield
         finally:
-            self._direct.close()
-            self.destroy_timer(self._look_timer)
+            if self._fast_path is not None:
+                self._fast_path.stop()
+            self._fast_path = None
+            self._is_served_by_events = False
+            self.destroy_timer(self._drain_timer)
+
+    _is_served_by_events = False
+
+    def _start_fast_path(self) -> None:
+        """Start the fast path as soon as its kernels are loaded, and those of the tracker."""
+        if (self._loaded_fast_path is None or self._fast_path is not None
+                or not self._is_served_by_events or not self._tracker.is_compiled):
+            return
+        self._fast_path = self._loaded_fast_path
+        self._fast_path.start(self, self._subscription, self._drain, self._on_markers)
 
     @property
-    def _is_direct(self):
-        return self._direct is not None and self._direct.is_used
+    def subscriptions(self) -> Iterator[Any]:
+        """Those that executors serve.
 
-    @property
-    def subscriptions(self):
-        """Those that executors serve: not the one whose messages take the short way."""
+        Executors have no other way to leave out the one that the fast path takes from: rclpy
+        would set a callback of its own in place of the fast path's.
+        """
         return (subscription for subscription in super().subscriptions
-                if not self._is_direct or subscription is not self._subscription)
+                if self._fast_path is None or subscription is not self._subscription)
 
-    def _on_markers(self, message):
+    def _on_markers(self, message: Any) -> None:
         received = time.monotonic()
-        if self._changed:
-            self._configure()
+        if self._has_new_settings:
+            self._apply_settings()
+        if self._fast_path is not None:
+            self._fast_path.invalidate()
         try:
-            frame = self._reader.read(message)
+            frame = self._stream.track(
+                message if self._stream.is_fast else self._newest(message), received,
+                self._receipt_stamp, self._measured_flexion())
         except MalformedMessage as error:
-            self._watch.once('malformed', f'left out is what is no message of markers: {error}')
+            self._monitor.warn_once(
+                'malformed', f'left out is what is no message of markers: {error}')
             return
-        if frame.stamp is not None:
-            self._track(received, frame)
-        # A message without any marker of the hand may be of something else.
-        else:
-            self._watch.received(received, frame)
-
-    def _track(self, received, frame):
-        stamp, frame_id = self._stamp(frame), self._frame_id(frame)
-        time_of_frame = self._time.of(frame.stamp, seconds(stamp))
-        measured = self._measured()
-        if self._is_direct:
-            self._direct.forget()
-        state = self._tracker.update(frame.positions, time_of_frame, **measured)
-        if self._tracker.placed:
-            self._publish(stamp, frame_id, state)
-        now = time.monotonic()
-        # All that can wait comes after the publishing.
-        self._diagnosis.published(received, now, time_of_frame)
-        self._watch.received(received, frame)
-        if self._tracker.restarted:
-            self._watch.restarted()
-        self._watch.tracked(now, state)
-        if self._diagnosis.tracked(now, state):
-            self._tell()
-        self._latest = stamp, frame_id, state
-        if self._tracker.placed:
-            self._show(now)
-            if self._is_direct and stamp is frame.stamp and not measured:
-                self._teach(stamp)
-
-    def _teach(self, stamp):
-        """Let frames like this one take the short way."""
-        answers = {ANGLES: (self._joint_states, self._angles)}
-        if self._tf is not None:
-            answers[TRANSFORMS] = self._tf, self._transforms
-        if self._confidence_wanted:
-            answers[CONFIDENCE] = self._joint_confidence, self._confidences
-        self._direct.teach(self._reader.kind, stamp, self._settings.unit_scale,
-                           self._settings.zero_is_missing, answers)
-
-    def _look(self):
-        """Hear of the frames that took the short way."""
-        frames = self._direct.frames() if self._is_direct else None
-        if frames is None:
+        if isinstance(frame, MarkerFrame):
+            # A message without any marker of the hand may be of something else.
+            self._monitor.received_none(received, frame)
             return
-        stamp = Stamp(*frames.stamp)
-        now = frames.published[-1]
-        self._broadcast_stamp = stamp
-        self._latest = stamp, self._latest[1], frames.state
-        for times in zip(frames.received, frames.published, frames.times):
-            self._diagnosis.published(*times)
-        self._watch.passed(frames.received[-1], stamp)
-        for at, glimpse in frames.glimpses:
-            self._watch.tracked(at, glimpse)
-        if self._diagnosis.tracked(now, frames.state, frames.count):
-            self._tell()
-        self._show(now)
+        if not frame.markers.frame_id:
+            self._monitor.warn_once('frame_id', f"the markers have no frame; '{UNNAMED_FRAME}' is "
+                                    'used (mocap_frame)')
+        if frame.is_valid and not self._replies.publish(frame):
+            self._monitor.warn_once('repeated', 'stamps repeat: /tf has each stamp only once')
+        self._after(TrackedFrames.of(frame, time.monotonic()), frame)
 
-    def _on_distal_flexion(self, message):
+    def _after(self, frames: TrackedFrames, frame: TrackedFrame) -> None:
+        """Do all that can wait until the replies are published."""
+        self._monitored(frames, frame.frame_id, frame.is_valid)
+        if frame.is_valid and frame.is_regular and self._fast_path is not None:
+            self._install(frame)
+
+    def _monitored(self, frames: TrackedFrames, frame_id: str, is_valid: bool = True) -> None:
+        if self._monitor.update(frames):
+            self._publish_status()
+        self._latest = frames.stamp, frame_id, frames.state
+        if is_valid:
+            self._show(frames.published[-1])
+
+    def _install(self, frame: TrackedFrame) -> None:
+        """Let the fast path process messages like this one."""
+        assert self._fast_path is not None
+        self._fast_path.install(
+            self._tracker.kernel_arguments(), self._stream.reader.signature, frame.stamp,
+            self._settings.unit_scale, self._settings.zero_is_missing, self._replies.templates())
+
+    def _drain(self) -> None:
+        """Monitor the frames that the fast path has processed."""
+        frames = None if self._fast_path is None else self._fast_path.drain()
+        if frames is not None:
+            self._replies.published_until(frames.stamp)
+            self._monitored(frames, self._latest[1])
+
+    def _newest(self, message: Any) -> Any:
+        """Return the newest frame that waits: plain Python may be slower than frames come."""
+        frames = [message]
+        handle, kind = self._subscription.handle, self._subscription.msg_type
+        while (taken := handle.take_message(kind, self._serialization.raw)) is not None:
+            frames.append(taken[0])
+        if len(frames) == 1:
+            return message
+        for number in range(len(frames) - 1, -1, -1):
+            try:
+                markers = self._stream.reader.read(frames[number])
+            except MalformedMessage:
+                continue
+            if markers.stamp is not None or number == 0:
+                self._monitor.left_out(number)
+                return markers
+        return message
+
+    def _on_distal_flexion(self, message: JointState) -> None:
         unknown = self._distal_flexion.received(
             seconds(self._now()) or 0., message.name, message.position)
-        if self._is_direct:
-            self._direct.shut()
+        if self._fast_path is not None:
+            self._fast_path.disable()
         if unknown:
-            self._watch.once(
+            self._monitor.warn_once(
                 'distal_flexion', f"distal_flexion: left out is '{unknown[0]}', expected are "
                 f"{', '.join(DISTAL_JOINTS)}, with '{self._names.prefix}' before or without")
 
-    def _measured(self):
+    def _measured_flexion(self) -> np.ndarray | None:
         if not self._distal_flexion.heard:
-            return {}
-        flexion = self._distal_flexion.fresh(
+            return None
+        return self._distal_flexion.fresh(
             seconds(self._now()) or 0., self._settings.distal_flexion_timeout)
-        return {} if flexion is None else {'distal_flexion': flexion}
 
-    def _publish(self, stamp, frame_id, state):
-        self._joint_states.publish(self._angles.fill(stamp, state.angles))
-        if self._tf is not None:
-            self._broadcast(stamp, frame_id, state)
-        if self._confidence_wanted:
-            self._joint_confidence.publish(self._confidences.fill(stamp, state.confidence))
-
-    def _show(self, now):
+    def _show(self, now: float) -> None:
         stamp, frame_id, state = self._latest
         if (self._display.due(now, self._settings.display_rate)
                 and self._hand_markers.get_subscription_count()):
             self._hand_markers.publish(hand_markers(
                 time_message(stamp), frame_id, self._names, self._tips, state))
 
-    def _broadcast(self, stamp, frame_id, state):
-        if frame_id != self._transforms_frame:
-            self._transforms_frame = frame_id
-            links = link_frames(self._names, self._joints) if self._every_frame else ()
-            self._transforms = self._wire.transforms(wrist_frames(self._names, frame_id) + links)
-            self._broadcast_count = 1 + len(links)
-        # Listeners of TF refuse a second transform of one stamp, each with a warning.
-        if stamp == self._broadcast_stamp:
-            self._watch.once('repeated', 'stamps repeat: /tf has each stamp only once')
-            return
-        self._broadcast_stamp = stamp
-        self._tf.publish(self._transforms.fill(
-            stamp, transform_numbers(self._joints, state, self._broadcast_count)))
-
-    def _stamp(self, frame):
-        if frame.stamp.sec or frame.stamp.nanosec:
-            return frame.stamp
-        self._watch.once('stamp', 'the markers have no stamp; the time of receipt is used')
+    def _receipt_stamp(self) -> Time:
+        self._monitor.warn_once(
+            'stamp', 'the markers have no stamp; the time of receipt is used')
         return self._now()
 
-    def _now(self):
+    def _now(self) -> Time:
         return self.get_clock().now().to_msg()
 
-    def _frame_id(self, frame):
-        if not frame.frame_id:
-            self._watch.once('frame_id', f"the markers have no frame; '{NAMELESS}' is used "
-                             '(mocap_frame)')
-        return frame.frame_id or NAMELESS
-
-    def _on_set(self, parameters):
+    def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         values = {parameter.name: parameter.value for parameter in parameters}
         try:
             live_settings(self._hand, {**self._live_values(), **values})
         except HandTrackerError as error:
             return SetParametersResult(successful=False, reason=str(error))
         # Not applied yet: another callback may still refuse the whole set.
-        self._changed = True
-        if self._is_direct:
-            self._direct.shut()
+        self._has_new_settings = True
+        if self._fast_path is not None:
+            self._fast_path.disable()
         return SetParametersResult(successful=True)
 
-    def _configure(self):
-        self._changed = False
+    def _apply_settings(self) -> None:
+        self._has_new_settings = False
         self._settings = live_settings(self._hand, self._live_values())
         self._tracker.configure(hand=self._settings.hand, options=self._settings.options)
-        self._reader = self._wire.markers(self._settings, self._mocap_frame)
-        self._watch.labels = self._settings.labels
+        self._stream.reader = self._new_reader()
+        self._monitor.set_labels(self._settings.labels)
 
-    def _live_values(self):
+    def _live_values(self) -> dict[str, Any]:
         return {row.name: self.get_parameter(row.name).value for row in self._live}
 
-    def _report(self):
-        self._look()
-        self._heed_listeners()
-        for is_warning, line in self._watch.report(time.monotonic(), self._who_publishes):
+    def _report(self) -> None:
+        self._drain()
+        self._start_fast_path()
+        if self._replies.follow_listeners() and self._fast_path is not None:
+            self._fast_path.disable()
+        if self._fast_path is not None:
+            self._follow_viewers()
+        log = self.get_logger()
+        for is_warning, line in (*self._stream.news(), *self._monitor.log_lines(
+                time.monotonic(), self._who_publishes)):
             if is_warning:
-                self.get_logger().warning(line)
+                log.warning(line)
             else:
-                self.get_logger().info(line)
+                log.info(line)
 
-    def _heed_listeners(self):
-        # To ask in each frame would cost more than filling the message.
-        wanted = self._joint_confidence.get_subscription_count() > 0
-        if self._is_direct:
-            if wanted != self._confidence_wanted:
-                self._direct.shut()
-            self._heed_viewers()
-        self._confidence_wanted = wanted
-
-    def _heed_viewers(self):
+    def _follow_viewers(self) -> None:
+        """Drain at the display's rate while somebody looks."""
         if not self._hand_markers.get_subscription_count():
-            self._look_timer.cancel()
+            self._drain_timer.cancel()
             return
-        self._look_timer.timer_period_ns = period_ns(self._settings.display_rate)
-        if self._look_timer.is_canceled():
-            self._look_timer.reset()
+        self._drain_timer.timer_period_ns = period_ns(self._settings.display_rate)
+        if self._drain_timer.is_canceled():
+            self._drain_timer.reset()
 
-    def _diagnose(self):
-        self._look()
-        self._tell()
+    def _publish_status_of_all(self) -> None:
+        self._drain()
+        self._publish_status()
 
-    def _tell(self):
-        status = self._diagnosis.status(time.monotonic(), self._who_publishes)
+    def _publish_status(self) -> None:
+        status = self._monitor.status(time.monotonic(), self._who_publishes)
         self._diagnostics.publish(diagnostics(
             self._now(), f'{self.get_name()}: {self._hand.side} hand', self._topic, status))
 
-    def _who_publishes(self):
+    def _who_publishes(self) -> str:
         return who_publishes(self.get_publishers_info_by_topic(self._topic), self._reliability)
 
 
-def _qos(values, topic):
+def _qos(values: dict[str, Any], topic: str) -> QoSProfile:
     return QoSProfile(
         depth=values[f'qos.{topic}.depth'],
         reliability=ReliabilityPolicy[values[f'qos.{topic}.reliability'].upper()])
 
 
-def main(args=None):
+def main(args: list[str] | None = None) -> int:
     """Run the tracker node until it is interrupted; return its exit code."""
     return run(TrackerNode, args=args)
 

@@ -78,8 +78,8 @@ START = (
     Parameter('broadcast', 'wrist', 'Frames to broadcast on /tf: the wrist alone, when '
               'robot_state_publisher broadcasts the rest, all or none',
               choices=('wrist', 'all', 'none')),
-    Parameter('direct', True, "Whether frames take the short way: tracked in the middleware's own "
-              'thread, without the interpreter'),
+    Parameter('fast_path', True, "Whether regular frames are tracked in the middleware's own "
+              'thread, in compiled code alone'),
 ) + tuple(
     row for topic, (reliability, depth) in TOPICS.items() for row in (
         Parameter(f'qos.{topic}.reliability', reliability, f'Reliability of {topic}',

@@ -34,11 +34,11 @@ from ..core.model.skeleton import SKELETON_POINTS, skeleton_points
 from ..core.model.states import MarkerState, PalmState
 from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
-from ..messages.marker_array import seconds
+from ..messages.stamps import seconds
 from ..messages.rviz_markers import HELD_OPACITY, JOINTS_SHOWN, STATE_COLOURS
 from ..viewer.serve import add_page_options, view
 from .runner import names_of, run, spinning
-from .serialization import Wire
+from .serialization import Serialization
 from .tracker_parameters import START, live_settings, live_table, starting_hand
 
 try:
@@ -167,7 +167,7 @@ class Live:
             name for name, (_, off) in self._changes.items()
             if any(values[parameter] != value for parameter, value in off.items()))
         self._names = names_of(self.hand, start['prefix'], start['wrist_frame'])
-        self._reader = Wire(self._names).markers(self._settings, start['mocap_frame'])
+        self._reader = Serialization(self._names).markers(self._settings, start['mocap_frame'])
         self._template = self._points(np.zeros(len(JOINTS)))[PALM_POINTS]
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         say('Waiting for the hand: markers come in, and the palm is seen?')

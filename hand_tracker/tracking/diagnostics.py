@@ -1,18 +1,25 @@
-"""How one hand's tracking fares, for diagnostics: a level, a line and values. No ROS."""
+"""The status of one hand's tracking for /diagnostics: a level, a line and values (REP 107)."""
+
+from __future__ import annotations
 
 import enum
+import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from ..core.model.marker_layout import MARKERS
 from ..core.model.states import MarkerState, PalmState
-from .statistics import Latency
+from ..core.pose.report import mean_residual
+from ..core.tracker import HandState
+from .input_monitor import InputMonitor
+from .statistics import LatencyStatistics, LatencySummary
 
-PERIOD = 1.  # [s] over which the rate is counted
-GAP = .1     # [s] at least between two changes that are told
+STATUS_PERIOD = 1.  # [s] over which the rate is counted
+STATUS_GAP = .1     # [s] at least between two changes that are told
 
-TROUBLES = {
+MARKER_TROUBLES = {
     MarkerState.STALE: 'stale', MarkerState.REJECTED: 'rejected', MarkerState.SWAPPED: 'swapped',
     MarkerState.ABSENT: 'never seen'}
 
@@ -27,7 +34,7 @@ class Level(enum.IntEnum):
 
 
 class Status(NamedTuple):
-    """How it fares.
+    """Status of the tracking.
 
     Attributes
     ----------
@@ -38,62 +45,69 @@ class Status(NamedTuple):
 
     level: Level
     text: str
-    values: dict
+    values: dict[str, str]
 
 
-class Diagnosis:
-    """Follow the tracking of one hand.
+class Diagnostics:
+    """Collect the status of one hand's tracking.
 
     Parameters
     ----------
     now : float
         Of a clock that never jumps, as in every method [s].
-    watch : Watch
+    input_monitor : InputMonitor
     """
 
-    def __init__(self, now, watch):
-        self._watch = watch
-        self._state = None
-        self._frames = self._counted = self._passed = 0
+    def __init__(self, now: float, input_monitor: InputMonitor) -> None:
+        self._input = input_monitor
+        self._state: HandState | None = None
+        self._frames = self._counted = self._on_fast_path = self._left_out = 0
         self._since = now
         self._rate = 0.  # [Hz]
-        self._latency = Latency()
-        self._timing = self._latency.summary()
-        self._told, self._told_at = None, -np.inf
+        self._statistics = LatencyStatistics()
+        self._latency = self._statistics.summary()
+        self._last_summary: object = None
+        self._last_status = -np.inf
 
-    def tracked(self, now, state, passed=0):
-        """Note what the tracker made of frames.
+    def published(self, latency: float, time: float | None) -> None:
+        """Add the times of a frame.
+
+        Parameters
+        ----------
+        latency : float
+            From receipt to published [s].
+        time : float or None
+            Of its stamp [s].
+        """
+        self._statistics.add(latency, time)
+
+    def left_out(self, count: int) -> None:
+        """Count frames that were left out, as newer ones had come before they could be tracked."""
+        self._left_out += count
+
+    def tracked(self, now: float, state: HandState, count: int, on_fast_path: bool) -> bool:
+        """Add the results of consecutive frames.
 
         Parameters
         ----------
         now : float
         state : HandState
-        passed : int, optional
-            Frames that took the short way, of which this is the last; 0 for one that did not.
+            After the last of them.
+        count : int
+        on_fast_path : bool
 
         Returns
         -------
         bool
-            Whether something changed that is to be told at once.
+            Whether the status has changed, so that it is to be published at once.
         """
-        self._frames += passed or 1
-        self._passed += passed
+        self._frames += count
+        self._on_fast_path += count if on_fast_path else 0
         self._state = state
-        return now - self._told_at >= GAP and self._summary(now) != self._told
+        return now - self._last_status >= STATUS_GAP and self._summary(now) != self._last_summary
 
-    def published(self, received, now, stamp):
-        """Note when a frame was published.
-
-        Parameters
-        ----------
-        received, now : float
-        stamp : float or None
-            Of the frame [s].
-        """
-        self._latency.published(now - received, stamp)
-
-    def status(self, now, publishers):
-        """Return how it fares now.
+    def status(self, now: float, publishers: Callable[[], str]) -> Status:
+        """Return the status.
 
         Parameters
         ----------
@@ -105,58 +119,62 @@ class Diagnosis:
         -------
         Status
         """
-        self._told, self._told_at = self._summary(now), now
-        if now - self._since >= .9 * PERIOD:
+        self._last_summary, self._last_status = self._summary(now), now
+        if now - self._since >= .9 * STATUS_PERIOD:
             self._rate = (self._frames - self._counted) / (now - self._since)
             self._counted, self._since = self._frames, now
-            self._timing = self._latency.summary()
-        watch, state = self._watch, self._state
-        worn = [bool(label) for label in watch.labels.labels]
-        level, text = self._judge(now, publishers, worn)
+            self._latency = self._statistics.summary()
+        state = self._state
+        worn = [bool(label) for label in self._input.labels.labels]
+        level, text = self._level(now, publishers, worn)
         values = {'palm': 'not seen yet', 'rate [Hz]': f'{self._rate:.1f}',
-                  'frames': str(self._frames), 'frames direct': str(self._passed),
-                  'mean residual [mm]': '',
-                  **_timing(self._timing)}
+                  'frames': str(self._frames), 'frames on fast path': str(self._on_fast_path),
+                  'frames left out': str(self._left_out), 'mean residual [mm]': '',
+                  **_latency_values(self._latency)}
         if state is not None:
-            seen = state.residuals[np.isfinite(state.residuals)]
             values['palm'] = _words(state.palm)
-            values['mean residual [mm]'] = f'{1e3 * seen.mean():.2f}' if seen.size else ''
+            values['mean residual [mm]'] = _number(1e3 * mean_residual(state.residuals), 2)
         for slot, marker in enumerate(MARKERS):
             values[f'{marker} marker'] = _marker(state, slot) if worn[slot] else 'not worn'
         return Status(level, text, values)
 
-    def _summary(self, now):
+    def _summary(self, now: float) -> object:
         states = None if self._state is None else self._state.marker_states.tobytes()
-        return self._watch.situation(now), states
+        return self._input.situation(now), states
 
-    def _judge(self, now, publishers, worn):
-        situation = self._watch.situation(now)
-        text = self._watch.describe(now, situation, publishers)
+    def _level(self, now: float, publishers: Callable[[], str],
+               worn: list[bool]) -> tuple[Level, str]:
+        situation = self._input.situation(now)
+        text = self._input.describe(now, situation, publishers)
         if situation in (None, 'silent'):
             return Level.STALE, text
         if situation == 'off':
             return Level.WARN, text
         if situation is not PalmState.TRACKED:
             return Level.ERROR, text
-        troubles = [f'{text}: {", ".join(markers)}' for kind, text in TROUBLES.items()
+        assert self._state is not None
+        troubles = [f'{text}: {", ".join(markers)}' for kind, text in MARKER_TROUBLES.items()
                     if (markers := [MARKERS[slot] for slot in np.flatnonzero(
                         worn & (self._state.marker_states == kind))])]
         return Level.WARN if troubles else Level.OK, '; '.join([text, *troubles])
 
 
-def _timing(timing):
-    times = {'p50': timing.p50, 'p99': timing.p99, 'max': timing.longest}
-    return {**{f'latency {name} [ms]': f'{1e3 * time:.3f}' if np.isfinite(time) else ''
-               for name, time in times.items()},
-            'frames late': str(timing.late), 'frames dropped': str(timing.dropped)}
+def _latency_values(latency: LatencySummary) -> dict[str, str]:
+    times = {'p50': latency.p50, 'p99': latency.p99, 'max': latency.longest}
+    return {**{f'latency {name} [ms]': _number(1e3 * time, 3) for name, time in times.items()},
+            'frames late': str(latency.late), 'frames dropped': str(latency.dropped)}
 
 
-def _marker(state, slot):
+def _number(value: float, decimals: int) -> str:
+    return '' if math.isnan(value) else f'{value:.{decimals}f}'
+
+
+def _marker(state: HandState | None, slot: int) -> str:
     if state is None:
         return _words(MarkerState.ABSENT)
     words, hidden_for = _words(MarkerState(state.marker_states[slot])), state.hidden_for[slot]
     return f'{words} for {hidden_for:.2f} s' if hidden_for else words
 
 
-def _words(state):
+def _words(state: enum.Enum) -> str:
     return state.name.lower().replace('_', ' ')

@@ -1,43 +1,69 @@
-"""What there is to say about the tracker's input: changes of state, and each cause once.
+"""Monitor the tracker's input: log lines on changes of its state, and on each cause once.
 
-No ROS in here: the node tells what came and asks a few times a second what to log, so
-that nothing is ever logged at the rate of the markers.
+Lines are collected frame by frame and asked for a few times a second, so that nothing is ever
+logged at the rate of the markers.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS
 from ..core.model.states import MarkerState, PalmState
-from .marker_events import Budget, MarkerNews
-from .statistics import Fit
+from ..core.pose.report import mean_residual
+from ..core.tracker import HandState
+from ..messages.labels import LabelMap
+from ..messages.marker_array import MarkerFrame
+from ..messages.stamps import Time, nanoseconds, seconds
+from .marker_events import MarkerEvents
+from .rate_limit import LogRateLimiter
+from .statistics import FitStatistics
 
-SILENT = 3.   # [s] without markers before that is said
-NEVER = 5.    # [s] of tracking before a marker that was never seen is named
-OFF = .015    # [m] that the seen markers may be off the hand on average
-OFF_FOR = 2.  # [s] before more than that is said
+SILENT_AFTER = 3.   # [s] without markers before that is said
+NEVER_SEEN_AFTER = 5.    # [s] of tracking before a marker that was never seen is named
+OFF_HAND_DISTANCE = .015    # [m] that the seen markers may be off the hand on average
+OFF_HAND_AFTER = 2.  # [s] before more than that is said
 # Fitted hands: 0 to 2.4 mm; 5 % too long or short: up to 3.3; markers on the skin: 5 to 8.
-UNFIT = .005  # [m] that seen markers are off a hand which fits badly, on average over
-FIT_FOR = 10.  # [s] of tracking, or in a recording that ends at least
-FIT_LEAST = 2.  # [s]
-STANDING = 10  # frames in a row with one stamp before that is said
-CAUSES = 32   # distinct causes that are said at most
+BAD_FIT_RESIDUAL = .005  # [m] that seen markers are off a hand which fits badly, on average over
+FIT_AFTER = 10.  # [s] of tracking, or in a recording that ends at least
+FIT_AFTER_AT_END = 2.  # [s]
+STANDING_STAMPS = 10  # frames in a row with one stamp before that is said
+CAUSES_LOGGED = 32   # distinct causes that are said at most
 
 MARKER_ARRAY = 'visualization_msgs/msg/MarkerArray'
-CHECK = ('check unit_scale (1 for metres, 0.001 for millimetres), the size of the hand and '
+WHAT_TO_CHECK = ('check unit_scale (1 for metres, 0.001 for millimetres), the size of the hand and '
          'labels.*')
-FAULTS = {
+PALM_FAULTS = {
     PalmState.LOST: 'the palm is lost: none of its markers is seen',
     PalmState.COINCIDENT: 'palm markers coincide',
     PalmState.COLLINEAR: 'the palm markers lie on one line',
-    PalmState.TOO_FAR_APART: f'the palm markers are too far apart for this hand: {CHECK}',
-    PalmState.TOO_CLOSE: f'the palm markers are too close together for this hand: {CHECK}',
+    PalmState.TOO_FAR_APART: f'the palm markers are too far apart for this hand: {WHAT_TO_CHECK}',
+    PalmState.TOO_CLOSE: f'the palm markers are too close together for this hand: {WHAT_TO_CHECK}',
 }
 
 
-class Watch:
-    """Watch the input of one tracker.
+class StateRun(NamedTuple):
+    """Consecutive frames with the same states of palm and markers.
+
+    Attributes
+    ----------
+    palm : PalmState
+    marker_states : ndarray of int, shape (8,)
+    residuals : ndarray, shape (1,)
+        Mean of the frames' mean residuals [m].
+    """
+
+    palm: PalmState
+    marker_states: np.ndarray
+    residuals: np.ndarray
+
+
+class InputMonitor:
+    """Monitor the input of one tracker.
 
     Parameters
     ----------
@@ -48,24 +74,29 @@ class Watch:
     labels : LabelMap
     """
 
-    def __init__(self, now, topic, labels):
+    def __init__(self, now: float, topic: str, labels: LabelMap) -> None:
         self.labels = labels
         self._topic = topic
         self._received = self._labelled = self._since = now
-        self._palm = self._frame = self._state = self._started = self._fault = None
-        self._miss = 0.  # [m]
-        self._off_since = None
+        self._palm: PalmState | None = None
+        self._frame: MarkerFrame | None = None
+        self._state: HandState | StateRun | None = None
+        self._started: float | None = None
+        self._fault: str | None = None
+        self._residual = 0.  # [m]
+        self._off_since: float | None = None
         self._off_for = 0.
-        self._announced = None
+        self._announced: PalmState | str | None = None
         self._has_tracked = False
-        self._fit = Fit()
-        self._stamp, self._standing = None, 0
-        self._budget = Budget()
-        self._markers = MarkerNews()
-        self._causes = set()
-        self._pending = []
+        self._fit = FitStatistics()
+        self._time: int | None = None
+        self._standing = 0
+        self._limiter = LogRateLimiter()
+        self._events = MarkerEvents()
+        self._causes: set[Hashable] = set()
+        self._pending: list[str] = []
 
-    def received(self, now, frame):
+    def received(self, now: float, frame: MarkerFrame) -> None:
         """Note what a message held.
 
         Parameters
@@ -75,88 +106,86 @@ class Watch:
         """
         self._received, self._frame = now, frame
         if frame.stamp is not None:
-            self._labelled = now
-            self._watch_time(frame.stamp.sec, frame.stamp.nanosec)
+            self.received_alike(now, frame.stamp)
         for name in frame.foreign:
-            self.once(('frame', name), f"markers in frame '{name}' are left out, as those of "
-                      f"frame '{frame.frame_id}' are tracked (mocap_frame)")
+            self.warn_once(('frame', name), f"markers in frame '{name}' are left out, as those of "
+                           f"frame '{frame.frame_id}' are tracked (mocap_frame)")
         for slot in frame.doubled:
             marker = MARKERS[slot]
-            self.once(('doubled', slot), 'several markers of one message answer to the label '
-                      f"'{self.labels.labels[slot]}' of {marker}; the last one counts. "
-                      f'A more precise labels.{marker} tells them apart')
+            self.warn_once(
+                ('doubled', slot), 'several markers of one message answer to the label '
+                f"'{self.labels.labels[slot]}' of {marker}; the last one counts. "
+                f'A more precise labels.{marker} tells them apart')
 
-    def passed(self, now, stamp):
-        """Note that messages like the last one came.
+    def received_alike(self, now: float, stamp: Time) -> None:
+        """Note messages with the signature of the last one.
 
         Parameters
         ----------
         now : float
-            When the last of them did.
-        stamp : Stamp
+            When the last of them came.
+        stamp : Time
             Of that one.
         """
         self._received = self._labelled = now
-        self._watch_time(*stamp)
+        time = None if seconds(stamp) is None else nanoseconds(stamp)
+        self._standing = self._standing + 1 if time is not None and time == self._time else 0
+        self._time = time
+        if self._standing == STANDING_STAMPS:
+            self.warn_once(
+                'standing', 'the stamps stand still: frames are taken to come evenly')
 
-    def _watch_time(self, *stamp):
-        self._standing = self._standing + 1 if stamp == self._stamp and any(stamp) else 0
-        self._stamp = stamp
-        if self._standing == STANDING:
-            self.once('standing', 'the stamps stand still: frames are taken to come evenly')
-
-    def tracked(self, now, state):
-        """Note what the tracker made of a frame.
+    def tracked(self, now: float, state: HandState | StateRun) -> None:
+        """Note the result of a frame.
 
         Parameters
         ----------
         now : float
-        state : HandState or Glimpse
+        state : HandState or StateRun
         """
         self._state = state
         palm = PalmState.TRACKED if state.palm is PalmState.CARRIED else state.palm
         if palm is not self._palm:
             self._palm, self._since = palm, now
-            self._fault = FAULTS.get(palm, self._fault)
+            self._fault = PALM_FAULTS.get(palm, self._fault)
         if self._started is None and palm is PalmState.TRACKED:
             self._started = now
-        # As floats: numpy would take five times as long for eight.
-        residuals = list(filter(math.isfinite, state.residuals.tolist()))
-        self._miss = sum(residuals) / len(residuals) if residuals else 0.
-        if palm is not PalmState.TRACKED or self._miss <= OFF:
+        residual = mean_residual(state.residuals)
+        self._residual = 0. if math.isnan(residual) else residual
+        if palm is not PalmState.TRACKED or self._residual <= OFF_HAND_DISTANCE:
             self._off_since = None
         elif self._off_since is None:
             self._off_since = now
         self._off_for = 0. if self._off_since is None else now - self._off_since
         if palm is PalmState.TRACKED:
-            self._fit.tracked(now, self._miss)
-        self._markers.tracked(now, state, palm is PalmState.TRACKED)
+            self._fit.add(now, self._residual)
+        self._events.update(now, state.marker_states, palm is PalmState.TRACKED)
 
-    def ended(self):
-        """Note that nothing more comes: what waits to be sure is said now."""
+    def ended(self) -> None:
+        """Note the end of the input: judge now what else waits for more frames."""
         self._name_the_never_seen()
-        self._judge_fit(FIT_LEAST)
+        self._judge_fit(FIT_AFTER_AT_END)
 
-    def restarted(self):
+    def restarted(self) -> None:
         """Note that time jumped back."""
-        self.once('restarted', 'the stamps jumped back, tracking begins anew; listeners of TF '
+        self.warn_once('restarted', 'the stamps jumped back, tracking begins anew; listeners of TF '
                   'that do not follow /clock (use_sim_time) ignore it until the stamps pass the '
                   'old ones')
 
-    def once(self, key, text):
-        """Have a warning said, once for each key and for a bounded number of keys.
+    def warn_once(self, key: Hashable, text: str) -> None:
+        """Log a warning once for each key, for a bounded number of keys.
 
         Parameters
         ----------
         key : hashable
         text : str
         """
-        if key not in self._causes and len(self._causes) < CAUSES:
+        if key not in self._causes and len(self._causes) < CAUSES_LOGGED:
             self._causes.add(key)
             self._pending.append(text)
 
-    def report(self, now, publishers):
-        """Return what is to be logged.
+    def report(self, now: float, publishers: Callable[[], str]) -> list[tuple[bool, str]]:
+        """Return the lines to log.
 
         Parameters
         ----------
@@ -169,24 +198,24 @@ class Watch:
         list of (bool, str)
             Whether it is a warning, and the line.
         """
-        if self._started is not None and now - self._started >= NEVER:
+        if self._started is not None and now - self._started >= NEVER_SEEN_AFTER:
             self._name_the_never_seen()
-        self._judge_fit(FIT_FOR)
+        self._judge_fit(FIT_AFTER)
         lines = [(True, text) for text in self._pending]
         self._pending = []
         situation = self.situation(now)
-        if situation is not None and situation != self._announced and self._budget.spend(now):
+        if situation is not None and situation != self._announced and self._limiter.allows(now):
             is_tracked = situation is PalmState.TRACKED
             again = ' again' if is_tracked and self._has_tracked else ''
             lines.append((not is_tracked, self.describe(now, situation, publishers) + again))
             self._announced = situation
             self._has_tracked = self._has_tracked or is_tracked
         lines += [(is_warning, f'{text}: {self._expected(slots)}')
-                  for is_warning, text, slots in self._markers.report(now)]
+                  for is_warning, text, slots in self._events.report(now)]
         return lines
 
-    def situation(self, now):
-        """Return what the input is like now.
+    def situation(self, now: float) -> PalmState | str | None:
+        """Return the situation of the input.
 
         Parameters
         ----------
@@ -198,16 +227,17 @@ class Watch:
             'silent', 'unlabelled' or 'off' (the hand) prevail over the state of the palm;
             None when nothing has come yet.
         """
-        if now - self._received > SILENT:
+        if now - self._received > SILENT_AFTER:
             return 'silent'
-        if now - self._labelled > SILENT:
+        if now - self._labelled > SILENT_AFTER:
             return 'unlabelled'
-        if self._off_for >= OFF_FOR:
+        if self._off_for >= OFF_HAND_AFTER:
             return 'off'
         return self._palm
 
-    def describe(self, now, situation, publishers):
-        """Return a situation in words.
+    def describe(self, now: float, situation: PalmState | str | None,
+                 publishers: Callable[[], str]) -> str:
+        """Describe a situation in words.
 
         Parameters
         ----------
@@ -229,20 +259,20 @@ class Watch:
                     f'{now - self._labelled:.0f} s: {self._others()}; '
                     f'expected are the labels {self._expected(range(len(MARKERS)))}')
         if situation == 'off':
-            return (f'the markers are on average {1e3 * self._miss:.0f} mm off the hand: '
+            return (f'the markers are on average {1e3 * self._residual:.0f} mm off the hand: '
                     'wrong side, labels or hand size?')
         if situation is PalmState.TRACKED:
             return 'tracking'
         if situation is PalmState.WAITING:
             hidden = np.flatnonzero(np.isnan(self._frame.positions[:len(PALM_MARKERS), 0]))
             if not hidden.size:
-                return f'waiting for the palm: its markers are more than a kilometre away; {CHECK}'
+                return f'waiting for the palm: its markers are more than a kilometre away; {WHAT_TO_CHECK}'
             return (f'waiting for the palm: not seen yet {self._expected(hidden)}; '
                     f'{self._others()}')
-        return f'{FAULTS[situation]}; since {now - self._since:.1f} s, the last pose is kept'
+        return f'{PALM_FAULTS[situation]}; since {now - self._since:.1f} s, the last pose is kept'
 
-    def why_never(self):
-        """Say why no frame of all was tracked.
+    def why_never(self) -> str:
+        """Explain why no frame at all was tracked.
 
         Returns
         -------
@@ -255,8 +285,8 @@ class Watch:
         return (f'expected are the labels {self._expected(range(len(PALM_MARKERS)))}; '
                 f'{self._others()}')
 
-    def _others(self):
-        """Say which markers the last message held that are none of the hand's."""
+    def _others(self) -> str:
+        """Describe the markers of the last message that are not of the hand."""
         if self._frame is None:
             return 'no message came'
         if self._frame.foreign:
@@ -265,30 +295,30 @@ class Watch:
             return 'there are ' + ', '.join(f"'{ns}/{i}'" for ns, i in self._frame.unknown)
         return 'there is no other point-like marker'
 
-    def _expected(self, slots):
+    def _expected(self, slots: Iterable[int]) -> str:
         return ', '.join(f"'{self.labels.labels[slot]}' ({MARKERS[slot]})" for slot in slots)
 
-    def _judge_fit(self, least):
+    def _judge_fit(self, least: float) -> None:
         miss = self._fit.mean(least)
         # What is farther off is another's hand, or mislabelled, and said as such.
-        if miss is not None and UNFIT < miss <= OFF:
-            self.once('fit', f'the markers are on average {1e3 * miss:.1f} mm off the hand, where '
+        if miss is not None and BAD_FIT_RESIDUAL < miss <= OFF_HAND_DISTANCE:
+            self.warn_once('fit', f'the markers are on average {1e3 * miss:.1f} mm off the hand, where '
                       '1 to 2 mm are usual for one that was measured: its fingers may stay too '
                       'straight; expected is a hand file (hand_file, hand:=, --hand) with the '
                       "lengths of your hand and the markers' offsets on the skin, as "
                       'config/hand.yaml explains')
 
-    def _name_the_never_seen(self):
+    def _name_the_never_seen(self) -> None:
         if self._started is None:
             return
         never = [slot for slot in np.flatnonzero(self._state.marker_states == MarkerState.ABSENT)
                  if self.labels.labels[slot]]
         if never:
-            self.once('never', f'never seen so far: {self._expected(never)}; {self._others()}')
+            self.warn_once('never', f'never seen so far: {self._expected(never)}; {self._others()}')
 
 
-def who_publishes(endpoints, reliability):
-    """Say why no markers may come from the publishers of a topic.
+def who_publishes(endpoints: Sequence[Any], reliability: str) -> str:
+    """Explain why the publishers of a topic may deliver no markers.
 
     Parameters
     ----------

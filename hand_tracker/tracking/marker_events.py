@@ -1,83 +1,58 @@
-"""What there is to say about single markers: lost for long, rejected, swapped, back. No ROS."""
+"""Events of single markers that are worth a log line: lost, rejected, swapped, seen again."""
 
-from collections import deque
+from __future__ import annotations
 
 import numpy as np
 
 from ..core.model.marker_layout import MARKERS
 from ..core.model.states import MarkerState
+from .rate_limit import LogRateLimiter
 
-BACK = 1.     # [s] as expected before that is said
-WINDOW = 10.  # [s] in which at most
-CHANGES = 6   # changes of a kind are said, however the input flickers
+RECOVERED_AFTER = 1.  # [s] as expected before a marker counts as seen again
 
-NEWS = {
+EVENTS = {
     MarkerState.STALE: 'no longer seen, its part of the hand is a guess',
     MarkerState.REJECTED: 'seen where it cannot be, and not used',
     MarkerState.SWAPPED: 'seen under the label of another, and put right',
 }
-IS_NEWS = np.array([state in NEWS for state in MarkerState])
-SEEN = int(MarkerState.SEEN)
+IS_EVENT = np.array([state in EVENTS for state in MarkerState])
+AS_EXPECTED = int(MarkerState.SEEN)
 
 
-class Budget:
-    """So much to say, and no more, in any window of time."""
+class MarkerEvents:
+    """Follow the states of the markers; report each change once, flickering or not."""
 
-    def __init__(self):
-        self._spent = deque(maxlen=CHANGES)
-
-    def spend(self, now):
-        """Take one, unless all are spent; return whether there was one.
-
-        Parameters
-        ----------
-        now : float
-            [s]
-
-        Returns
-        -------
-        bool
-        """
-        if len(self._spent) == CHANGES and now - self._spent[0] < WINDOW:
-            return False
-        self._spent.append(now)
-        return True
-
-
-class MarkerNews:
-    """Follow the states of the markers; each change is news once, flickering or not."""
-
-    def __init__(self):
-        self._noted = np.full(len(MARKERS), SEEN)
-        self._said = np.full(len(MARKERS), SEEN)
+    def __init__(self) -> None:
+        self._noted = np.full(len(MARKERS), AS_EXPECTED)
+        self._reported = np.full(len(MARKERS), AS_EXPECTED)
         self._unseen_at = np.zeros(len(MARKERS))
         self._now = 0.
-        self._budget = Budget()
+        self._limiter = LogRateLimiter()
 
-    def tracked(self, now, state, is_placed):
-        """Note what the tracker made of a frame.
+    def update(self, now: float, marker_states: np.ndarray, palm_is_tracked: bool) -> None:
+        """Note the states of a frame.
 
         Parameters
         ----------
         now : float
             [s]
-        state : HandState
-        is_placed : bool
-            Whether the palm is found; while it is not, that alone is news.
+        marker_states : ndarray of int, shape (8,)
+            `MarkerState` of each marker.
+        palm_is_tracked : bool
+            While it is not, that alone is reported, elsewhere.
         """
         self._now = now
-        if not is_placed:
+        if not palm_is_tracked:
             self._unseen_at[:] = now
             return
-        states = state.marker_states
-        unseen = states != SEEN
-        if unseen.any():
-            self._unseen_at[unseen] = now
-            news = IS_NEWS[states]
-            self._noted[news] = states[news]
+        unexpected = marker_states != AS_EXPECTED
+        if unexpected.any():
+            self._unseen_at[unexpected] = now
+            events = IS_EVENT[marker_states]
+            self._noted[events] = marker_states[events]
 
-    def report(self, now):
-        """Return what is new since the last report.
+    def report(self, now: float) -> list[tuple[bool, str, np.ndarray]]:
+        """Return the events since the last report.
 
         Parameters
         ----------
@@ -86,19 +61,19 @@ class MarkerNews:
 
         Returns
         -------
-        list of (bool, str, ndarray)
+        list of (bool, str, ndarray of int)
             Whether it is a warning, what happened, and to which markers.
         """
-        news = []
-        for kind, text in NEWS.items():
-            slots = np.flatnonzero((self._noted == kind) & (self._said != kind))
-            if slots.size and self._budget.spend(now):
-                self._said[slots] = kind
-                news.append((True, text, slots))
-        self._noted[:] = SEEN
-        slots = np.flatnonzero((self._said != SEEN)
-                               & (self._now - self._unseen_at >= BACK))
-        if slots.size and self._budget.spend(now):
-            self._said[slots] = SEEN
-            news.append((False, 'seen again as expected', slots))
-        return news
+        events = []
+        for state, text in EVENTS.items():
+            slots = np.flatnonzero((self._noted == state) & (self._reported != state))
+            if slots.size and self._limiter.allows(now):
+                self._reported[slots] = state
+                events.append((True, text, slots))
+        self._noted[:] = AS_EXPECTED
+        slots = np.flatnonzero((self._reported != AS_EXPECTED)
+                               & (self._now - self._unseen_at >= RECOVERED_AFTER))
+        if slots.size and self._limiter.allows(now):
+            self._reported[slots] = AS_EXPECTED
+            events.append((False, 'seen again as expected', slots))
+        return events

@@ -1,14 +1,19 @@
-"""What is only looked at needs no more than the rate of a screen. No ROS."""
+"""Limit how often something is done: displays to a rate, log lines to a number in a window."""
+
+from collections import deque
+
+LOG_WINDOW = 10.  # [s] in which at most
+LOG_LINES = 6     # lines of a kind are logged, however the input flickers
 
 
-class Throttle:
-    """Say when something is due that is to come at a rate at most."""
+class RateLimiter:
+    """Say when something is due that happens at a given rate at most."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._next = 0.
 
-    def due(self, now, rate):
-        """Return whether it is due, and if so take it as done.
+    def due(self, now: float, rate: float) -> bool:
+        """Return whether it is due, and if so count it as done.
 
         Parameters
         ----------
@@ -24,6 +29,26 @@ class Throttle:
         return True
 
 
-def period_ns(rate):
-    """Return the nanoseconds between things that come at a rate [Hz]."""
+class LogRateLimiter:
+    """Allow `LOG_LINES` lines in any window of `LOG_WINDOW`."""
+
+    def __init__(self) -> None:
+        self._logged: deque[float] = deque(maxlen=LOG_LINES)
+
+    def allows(self, now: float) -> bool:
+        """Return whether one more line may be logged, and if so count it.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        """
+        if len(self._logged) == LOG_LINES and now - self._logged[0] < LOG_WINDOW:
+            return False
+        self._logged.append(now)
+        return True
+
+
+def period_ns(rate: float) -> int:
+    """Return the period of a rate [Hz] in nanoseconds."""
     return round(1e9 / rate)

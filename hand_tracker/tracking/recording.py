@@ -1,42 +1,32 @@
-"""Track recordings without ROS: the angles of every frame, as a table or as a recording.
+"""Track recordings as the tracker node tracks live markers, and write what was tracked."""
 
-Command: ``hand_tracker track IN -o OUT.csv``; `track` is the same as a library. Messages stay
-bytes (`codec`): objects of them would cost more than the tracking.
-"""
+from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from ..core.model.hand import JOINTS, ROOT
 from ..core.numerics.quaternion import quaternion
-from ..core.tracker import HandState
+from ..core.tracker import HandState, HandTracker
 from ..files.angle_table import write_angle_table
-from ..files.bags import (
-    JOINT_STATE,
-    MARKER_ARRAY,
-    STORAGE,
-    TF,
-    BagError,
-    BagMessage,
-    write_bag,
-)
-from ..messages.cdr import (
-    MalformedMessage,
-    MarkerReader,
-    Stamp,
-    joint_state_template,
-    transforms_template,
-)
+from ..files.bags import JOINT_STATE, MARKER_ARRAY, STORAGE, TF, Bag, BagError, BagMessage, write_bag
+from ..messages.cdr import MalformedMessage, MarkerReader
 from ..messages.labels import LabelMap
-from ..messages.marker_array import FrameTime
+from ..messages.marker_array import MarkerFrame
+from ..messages.stamps import nanoseconds, stamp_of
+from ..messages.templates import Template, joint_state_template, transforms_template
+from .monitor import Monitor, TrackedFrames
+from .stream import Stream
 
 USUAL_TOPIC = '/markers'
-NAMELESS = 'world'   # frame of markers that have none, as TF needs one
 TABLE = '.csv'
-KINDS = (TABLE, *STORAGE)
+OUTPUT_KINDS = (TABLE, *STORAGE)
 
 
-class TrackedFrame(NamedTuple):
+class RecordedFrame(NamedTuple):
     """One frame of a recording, tracked.
 
     Attributes
@@ -46,7 +36,7 @@ class TrackedFrame(NamedTuple):
     stamp : int
         Of the markers, else `time` [ns].
     frame_id : str
-        The markers' frame.
+        Frame of the markers.
     state : HandState
     """
 
@@ -56,7 +46,7 @@ class TrackedFrame(NamedTuple):
     state: HandState
 
 
-def marker_topic(bag, topic=None):
+def marker_topic(bag: Bag, topic: str | None = None) -> str:
     """Return the topic of a recording that holds the markers.
 
     Parameters
@@ -89,12 +79,14 @@ def marker_topic(bag, topic=None):
     return fitting[0] if len(fitting) == 1 else USUAL_TOPIC
 
 
-def track(messages, tracker, labels=None, frame_id='', scale=1., zero_is_missing=True,
-          watch=None):
+def track(messages: Iterable[BagMessage], tracker: HandTracker, labels: LabelMap | None = None,
+          frame_id: str = '', scale: float = 1., zero_is_missing: bool = True,
+          monitor: Monitor | None = None,
+          say: Callable[[str], None] | None = None) -> Iterator[RecordedFrame]:
     """Track recorded markers as the tracker node tracks them live.
 
     As there, messages without any marker of the hand are left out, and so are all before
-    the palm was first seen; where time jumps back all begins anew. A frame's time is its
+    the palm was first seen; where time jumps back tracking begins anew. A frame's time is its
     stamp, or when it was recorded.
 
     Parameters
@@ -106,44 +98,46 @@ def track(messages, tracker, labels=None, frame_id='', scale=1., zero_is_missing
         Ids 0 to 7 when left out.
     frame_id, scale, zero_is_missing
         See `markers_from_message`.
-    watch : Watch, optional
-        Told what came, by the time of the recording.
+    monitor : Monitor, optional
+        Updated by the time of the recording.
+    say : callable, optional
+        Told in a line that kernels are compiled meanwhile, and when they take over.
 
     Yields
     ------
-    TrackedFrame
+    RecordedFrame
 
     Raises
     ------
     BagError
         If a message is damaged.
     """
-    reader = MarkerReader(LabelMap() if labels is None else labels, frame_id, scale,
-                          zero_is_missing)
-    time = FrameTime()
+    stream = Stream(tracker, MarkerReader(
+        LabelMap() if labels is None else labels, frame_id, scale, zero_is_missing))
+    stream.compile_in_background()
     for message in messages:
+        now = 1e-9 * message.time
         try:
-            frame = reader.read(message.data)
+            frame = stream.track(message.data, now, lambda time=message.time: stamp_of(time))
         except MalformedMessage as error:
             raise BagError(f'{message.topic}: the message of {message.time} ns is no whole '
                            f'{message.type} of Humble or later') from error
-        if watch is not None:
-            watch.received(1e-9 * message.time, frame)
-        if frame.stamp is None:
+        if say is not None:
+            for _, line in stream.news():
+                say(line)
+        if isinstance(frame, MarkerFrame):
+            if monitor is not None:
+                monitor.received_none(now, frame)
             continue
-        state = tracker.update(
-            frame.positions, time.of(frame.stamp, 1e-9 * message.time))
-        if watch is not None:
-            watch.tracked(1e-9 * message.time, state)
-            if tracker.restarted:
-                watch.restarted()
-        if tracker.placed:
-            stamp = frame.stamp.sec * 10**9 + frame.stamp.nanosec
-            yield TrackedFrame(message.time, stamp or message.time, frame.frame_id or NAMELESS,
-                               state)
+        if monitor is not None:
+            monitor.update(TrackedFrames.of(frame, now))
+        if frame.is_valid:
+            yield RecordedFrame(message.time, nanoseconds(frame.stamp), frame.frame_id,
+                                frame.state)
 
 
-def save(path, frames, prefix, wrist=False):
+def save(path: str | Path, frames: Iterable[RecordedFrame], prefix: str,
+         wrist: bool = False) -> None:
     """Write tracked frames, one by one; the file appears when it is whole.
 
     Parameters
@@ -151,7 +145,7 @@ def save(path, frames, prefix, wrist=False):
     path : path-like
         A table (`.csv`), its time beginning with the first frame; or a recording (`.mcap`,
         `.db3`) of `/joint_states` with the stamps of the markers.
-    frames : iterable of TrackedFrame
+    frames : iterable of RecordedFrame
     prefix : str
         Of the joints' names and the wrist's frame, as 'right_'.
     wrist : bool, optional
@@ -170,17 +164,20 @@ def save(path, frames, prefix, wrist=False):
         write_bag(path, _messages(frames, joints, prefix + ROOT if wrist else None))
 
 
-def _rows(frames, wrist):
+def _rows(frames: Iterable[RecordedFrame],
+          wrist: bool) -> Iterator[tuple[float, np.ndarray, tuple[float, ...]]]:
     first = None
     for _, stamp, _, state in frames:
         first = stamp if first is None else first
         yield 1e-9 * (stamp - first), state.angles, _pose(state) if wrist else ()
 
 
-def _messages(frames, joints, wrist):
-    joint_states, transforms = joint_state_template(joints), {}
-    for recorded, stamp, frame_id, state in frames:
-        stamp = Stamp(*divmod(stamp, 10**9))
+def _messages(frames: Iterable[RecordedFrame], joints: list[str],
+              wrist: str | None) -> Iterator[BagMessage]:
+    joint_states = joint_state_template(joints)
+    transforms: dict[str, Template] = {}
+    for recorded, time, frame_id, state in frames:
+        stamp = stamp_of(time)
         yield BagMessage('/joint_states', JOINT_STATE, recorded,
                          joint_states.fill(stamp, state.angles))
         if wrist is not None:
@@ -189,5 +186,5 @@ def _messages(frames, joints, wrist):
             yield BagMessage('/tf', TF, recorded, transforms[frame_id].fill(stamp, _pose(state)))
 
 
-def _pose(state):
+def _pose(state: HandState) -> tuple[float, ...]:
     return (*state.wrist_position.tolist(), *quaternion(state.wrist_rotation.tolist()))

@@ -1,26 +1,28 @@
-"""How long frames take in the node, and how many never came to it. No ROS."""
+"""Statistics over frames: latency, late and dropped frames, and how well markers fit the hand."""
+
+from __future__ import annotations
 
 from collections import deque
 from typing import NamedTuple
 
 import numpy as np
 
-LONGEST = 10_000  # frames that are kept between two summaries
-FIT_STEP = .1     # [s] that a frame counts for at most in a fit: a pause tells nothing of it
-PAUSE = 1.        # [s] between two stamps that is no loss of frames
+FRAMES_KEPT = 10_000  # between two summaries
+STAMP_GAP = 1.        # [s] between two stamps that counts as a pause, not as lost frames
+FIT_STEP = .1         # [s] that a frame counts for at most: a pause tells nothing of the fit
 
 
-class Timing(NamedTuple):
-    """How the frames of some time fared.
+class LatencySummary(NamedTuple):
+    """Latency of the frames since the last summary, and counts since the start.
 
     Attributes
     ----------
     p50, p99, longest : float
-        From receipt to published, NaN where there was none [s].
+        From receipt to published, NaN where there was no frame [s].
     late : int
-        Frames since the start that took longer than the time between two.
+        Frames that took longer than the time between two.
     dropped : int
-        Frames since the start that are missing by the stamps of the others.
+        Frames that are missing by the stamps of the others.
     """
 
     p50: float
@@ -30,78 +32,75 @@ class Timing(NamedTuple):
     dropped: int
 
 
-class Latency:
-    """Note the times of frames; all arithmetic waits for the summary."""
+class LatencyStatistics:
+    """Collect the times of frames; all arithmetic waits for the summary."""
 
-    def __init__(self):
-        self._taken, self._stamps = deque(maxlen=LONGEST), deque(maxlen=LONGEST)
+    def __init__(self) -> None:
+        self._latencies: deque[float] = deque(maxlen=FRAMES_KEPT)
+        self._times: deque[float] = deque(maxlen=FRAMES_KEPT)
         self._late = self._dropped = 0
 
-    def published(self, taken, stamp):
-        """Note a frame.
+    def add(self, latency: float, time: float | None) -> None:
+        """Add a frame.
 
         Parameters
         ----------
-        taken : float
+        latency : float
             From receipt to published [s].
-        stamp : float or None
-            [s]
+        time : float or None
+            Of its stamp [s].
         """
-        self._taken.append(taken)
-        if stamp is not None:
-            self._stamps.append(stamp)
+        self._latencies.append(latency)
+        if time is not None:
+            self._times.append(time)
 
-    def summary(self):
-        """Return how the frames since the last summary fared.
-
-        Returns
-        -------
-        Timing
-        """
-        taken = np.array(self._taken)
-        steps = np.diff(np.array(self._stamps))
+    def summary(self) -> LatencySummary:
+        """Return the statistics of the frames since the last summary."""
+        latencies = np.array(self._latencies)
+        steps = np.diff(np.array(self._times))
         forward = steps[steps > 0.]
         if forward.size:
             step = np.median(forward)
-            self._late += int((taken > step).sum())
-            self._dropped += int((np.round(forward[forward < PAUSE] / step) - 1.).clip(0).sum())
-        self._taken.clear()
+            self._late += int((latencies > step).sum())
+            whole = forward[forward < STAMP_GAP]
+            self._dropped += int((np.round(whole / step) - 1.).clip(0).sum())
+        self._latencies.clear()
         # The last stamp stays, as frames may be lost after it.
-        for _ in range(len(self._stamps) - 1):
-            self._stamps.popleft()
-        p50, p99, longest = (np.percentile(taken, (50, 99, 100)).tolist() if taken.size
+        for _ in range(len(self._times) - 1):
+            self._times.popleft()
+        p50, p99, longest = (np.percentile(latencies, (50, 99, 100)).tolist() if latencies.size
                              else (np.nan,) * 3)
-        return Timing(p50, p99, longest, self._late, self._dropped)
+        return LatencySummary(p50, p99, longest, self._late, self._dropped)
 
 
-class Fit:
-    """The mean distance of the seen markers from the hand."""
+class FitStatistics:
+    """The mean residual of the seen markers over seconds of tracking."""
 
-    def __init__(self):
-        self._last = None
-        self._begin()
+    def __init__(self) -> None:
+        self._last: float | None = None
+        self._reset()
 
-    def _begin(self):
+    def _reset(self) -> None:
         self._seconds = self._total = 0.
 
-    def tracked(self, now, miss):
-        """Note a frame.
+    def add(self, now: float, residual: float) -> None:
+        """Add a frame.
 
         Parameters
         ----------
         now : float
             [s]
-        miss : float
-            Mean distance of its markers from the hand [m].
+        residual : float
+            Mean distance of its seen markers from the hand [m].
         """
         if self._last is not None:
             step = min(now - self._last, FIT_STEP)
             self._seconds += step
-            self._total += step * miss
+            self._total += step * residual
         self._last = now
 
-    def mean(self, least):
-        """Return the mean once so much was tracked, and begin anew.
+    def mean(self, least: float) -> float | None:
+        """Return the mean residual once enough was tracked, and begin anew.
 
         Parameters
         ----------
@@ -116,5 +115,5 @@ class Fit:
         if self._seconds < least:
             return None
         mean = self._total / self._seconds
-        self._begin()
+        self._reset()
         return mean

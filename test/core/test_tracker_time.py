@@ -9,7 +9,8 @@ import pytest
 
 from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.messages.marker_array import FrameTime, seconds
+from hand_tracker.messages.marker_array import FrameTime
+from hand_tracker.messages.stamps import seconds
 from hand_tracker.simulation.packaged_recordings import demo_recording
 
 WHOLE = demo_recording(rate=30.).markers[0]

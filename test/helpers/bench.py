@@ -10,7 +10,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
 
-from hand_tracker.messages.marker_array import seconds
+from hand_tracker.messages.stamps import seconds
 from helpers.hands import hand_at
 from helpers.ros_process import NodeProcess, watching_node
 

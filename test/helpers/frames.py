@@ -10,7 +10,7 @@ from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.messages.cdr import Stamp
+from hand_tracker.messages.stamps import Stamp
 
 SEEN = marker_positions(
     MarkerLayout().mounting(Hand.scaled()),

@@ -20,16 +20,9 @@ from hand_tracker.core.numerics.quaternion import quaternion
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages import cdr
 from hand_tracker.messages.builders import joint_state, prefixed_names
-from hand_tracker.messages.cdr import (
-    ENCAPSULATION,
-    KINDS,
-    MalformedMessage,
-    MarkerReader,
-    Stamp,
-    joint_state_template,
-    transforms_template,
-    walk,
-)
+from hand_tracker.messages.cdr import ENCAPSULATION, SIGNATURES_KEPT, MalformedMessage, MarkerReader, parse_marker_array
+from hand_tracker.messages.stamps import Stamp
+from hand_tracker.messages.templates import joint_state_template, transforms_template
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.messages.marker_array import markers_from_message
 from hand_tracker.nodes import serialization
@@ -37,7 +30,7 @@ from hand_tracker.nodes import serialization
 NEEDS = 'rclpy', 'visualization_msgs'
 
 LABELS = LabelMap(['0', '1', 'leds/2', '3', 'b/*', '5', '', 'leds/7'])
-PLAIN_WALK = getattr(walk, 'py_func', walk)
+PLAIN_WALK = getattr(parse_marker_array, 'py_func', parse_marker_array)
 
 
 def read(markers, labels=LABELS, **options):
@@ -121,7 +114,7 @@ def test_what_lies_between_the_fields_does_not_matter():
     end_of_frame = data.tobytes().index(b'mocap\0') + 6
     data[end_of_frame:end_of_frame + 2] = 170
     assert np.array_equal(reader.read(data.tobytes()).positions, AXES)
-    assert len(reader._kinds) == 1
+    assert len(reader._sources) == 1
 
 
 def test_a_list_of_points_and_markers_in_one_message():
@@ -146,13 +139,13 @@ def test_strings_end_at_their_first_nul():
 
 def test_kinds_of_messages_are_remembered_within_bounds():
     reader = MarkerReader(LabelMap())
-    for i in range(KINDS + 10):
+    for i in range(SIGNATURES_KEPT + 10):
         reader.read(data_of(eight(ns=f'{i}')))
-    assert len(reader._kinds) <= KINDS
+    assert len(reader._sources) <= SIGNATURES_KEPT
     crowd = [marker(100 + i, (1, 1, 1), ns='x' * 100) for i in range(1000)]
     reader = MarkerReader(LabelMap())
     assert len(reader.read(data_of([*crowd, *eight()])).unknown) == 8
-    assert not reader._kinds
+    assert not reader._sources
 
 
 # --- hostile bytes

@@ -35,7 +35,7 @@ from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
 from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.hand_file import load_hand, save_hand
-from hand_tracker.messages.marker_array import seconds
+from hand_tracker.messages.stamps import seconds
 from hand_tracker.tracking.distal_flexion import DISTAL_JOINTS
 
 NEEDS = 'rclpy',

@@ -8,22 +8,22 @@ from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.labels import LabelMap
-from hand_tracker.tracking.diagnostics import GAP, Diagnosis, Level
-from hand_tracker.tracking.input_monitor import OFF_FOR, SILENT, Watch
+from hand_tracker.tracking.diagnostics import STATUS_GAP, Diagnostics, Level
+from hand_tracker.tracking.input_monitor import OFF_HAND_AFTER, SILENT_AFTER, InputMonitor
 
 
 class Hand:
     """A watch and a diagnosis that hear the same."""
 
     def __init__(self, labels=None):
-        self.watch = Watch(0., '/markers', labels or LabelMap())
-        self.diagnosis = Diagnosis(0., self.watch)
+        self.watch = InputMonitor(0., '/markers', labels or LabelMap())
+        self.diagnosis = Diagnostics(0., self.watch)
 
     def feed(self, now, state, positions=SEEN):
         """Take one tracked frame; return whether it is to be told."""
         self.watch.received(now, frame(positions))
         self.watch.tracked(now, state)
-        return self.diagnosis.tracked(now, state)
+        return self.diagnosis.tracked(now, state, 1, False)
 
     def status(self, now):
         """Return what is told."""
@@ -36,7 +36,7 @@ def test_nothing_came_yet():
     assert (level, text) == (Level.STALE, 'no markers on /markers yet')
     assert values['palm'] == 'not seen yet'
     assert all(values[f'{marker} marker'] == 'absent' for marker in MARKERS)
-    level, text, _ = hand.status(SILENT + 1.)
+    level, text, _ = hand.status(SILENT_AFTER + 1.)
     assert level is Level.STALE and 'for 4 s: nobody is there' in text
 
 
@@ -48,7 +48,7 @@ def test_a_tracked_hand():
     level, text, values = hand.status(1.)
     assert (level, text) == (Level.OK, 'tracking')
     assert values == {
-        'palm': 'tracked', 'rate [Hz]': '121.0', 'frames': '121', 'frames direct': '0',
+        'palm': 'tracked', 'rate [Hz]': '121.0', 'frames': '121', 'frames on fast path': '0',
         'mean residual [mm]': '0.00',
         'latency p50 [ms]': '', 'latency p99 [ms]': '', 'latency max [ms]': '',
         'frames late': '0', 'frames dropped': '0',
@@ -101,8 +101,8 @@ def test_markers_off_the_hand_are_a_warning():
     hand = Hand()
     off = state_of()._replace(residuals=np.full(8, .03))
     hand.feed(0., off)
-    hand.feed(OFF_FOR, off)
-    status = hand.status(OFF_FOR)
+    hand.feed(OFF_HAND_AFTER, off)
+    status = hand.status(OFF_HAND_AFTER)
     assert status.level is Level.WARN and '30 mm off the hand' in status.text
     assert status.values['mean residual [mm]'] == '30.00'
 
@@ -120,12 +120,12 @@ def test_the_rate_is_counted_anew_each_period_whatever_changed_meanwhile():
 def test_latency_is_told_for_each_period():
     hand = Hand()
     for i in range(100):
-        hand.diagnosis.published(i / 100., i / 100. + 1e-3 * (1 + (i == 50)), 5. + i / 100.)
+        hand.diagnosis.published(1e-3 * (1 + (i == 50)), 5. + i / 100.)
     values = hand.status(1.).values
     assert values['latency p50 [ms]'] == '1.000'
     assert values['latency max [ms]'] == '2.000'
     assert (values['frames late'], values['frames dropped']) == ('0', '0')
-    hand.diagnosis.published(1.5, 1.52, 6.03)
+    hand.diagnosis.published(.02, 6.03)
     assert hand.status(1.5).values == values
     values = hand.status(2.).values
     assert values['latency p99 [ms]'] == '20.000'
@@ -135,9 +135,9 @@ def test_latency_is_told_for_each_period():
 def test_frames_that_took_the_short_way_count():
     hand = Hand()
     hand.feed(0., state_of())
-    hand.diagnosis.tracked(.5, state_of(), 48)
+    hand.diagnosis.tracked(.5, state_of(), 48, True)
     values = hand.status(1.).values
-    assert (values['frames'], values['frames direct'], values['rate [Hz]']) == ('49', '48', '49.0')
+    assert (values['frames'], values['frames on fast path'], values['rate [Hz]']) == ('49', '48', '49.0')
 
 
 def test_changes_are_told_at_once_and_only_changes():
@@ -148,7 +148,7 @@ def test_changes_are_told_at_once_and_only_changes():
     assert hand.feed(2.1, state_of(index=MarkerState.PREDICTED))
     hand.status(2.1)
     assert not hand.feed(2.15, state_of())
-    assert hand.feed(2.1 + 2. * GAP, state_of())
+    assert hand.feed(2.1 + 2. * STATUS_GAP, state_of())
 
 
 def test_flickering_is_told_at_a_bounded_rate():
@@ -159,4 +159,4 @@ def test_flickering_is_told_at_a_bounded_rate():
         if hand.feed(i / 200., state):
             hand.status(i / 200.)
             told += 1
-    assert 20 < told <= 1. + 5. / GAP
+    assert 20 < told <= 1. + 5. / STATUS_GAP

@@ -12,27 +12,28 @@ from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.messages.cdr import Stamp
+from hand_tracker.messages.stamps import Stamp
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.simulation.packaged_recordings import demo_recording
 from hand_tracker.simulation.simulator import calibrated
 from hand_tracker.simulation.visibility import skin_layout
 from hand_tracker.tracking.input_monitor import (
-    CAUSES,
-    OFF_FOR,
-    SILENT,
-    STANDING,
-    Watch,
+    CAUSES_LOGGED,
+    OFF_HAND_AFTER,
+    SILENT_AFTER,
+    STANDING_STAMPS,
+    InputMonitor,
     who_publishes,
 )
-from hand_tracker.tracking.marker_events import BACK, CHANGES, WINDOW
+from hand_tracker.tracking.marker_events import RECOVERED_AFTER
+from hand_tracker.tracking.rate_limit import LOG_LINES, LOG_WINDOW
 
 
 class Input:
     """A tracker and its watch, fed with markers."""
 
     def __init__(self, labels=None):
-        self.watch = Watch(0., '/markers', labels or LabelMap())
+        self.watch = InputMonitor(0., '/markers', labels or LabelMap())
         # Nothing is refused: what is wrong with the palm is to be said here.
         self.tracker = HandTracker(options=TrackerOptions(outlier_gate=0., swap_margin=0.))
 
@@ -94,8 +95,8 @@ def test_a_flickering_palm_is_said_a_bounded_number_of_times():
     for i in range(1000):
         hand.feed(i / 100., SEEN if i % 2 else hidden(0, 1, 2))
         lines += hand.said(i / 100.)
-    assert len(lines) == CHANGES
-    now = 10. + WINDOW
+    assert len(lines) == LOG_LINES
+    now = 10. + LOG_WINDOW
     hand.feed(now)
     lines += hand.said(now)
     assert lines[-1].startswith('tracking')
@@ -114,7 +115,7 @@ def test_says_once_when_the_markers_stay_off_the_hand_and_again_when_not():
     miss = 1e3 * np.mean(hand.tracker.update(off).residuals)
     assert second == [True, f'the markers are on average {miss:.0f} mm off the hand: '
                       'wrong side, labels or hand size?']
-    assert then == pytest.approx(OFF_FOR)
+    assert then == pytest.approx(OFF_HAND_AFTER)
     hand.feed(10.)
     assert hand.watch.report(10., str) == [(False, 'tracking again')]
 
@@ -206,10 +207,10 @@ def test_says_what_the_palm_waits_for():
 
 def test_says_when_nothing_comes_and_when_it_comes_again():
     hand = Input()
-    assert hand.said(SILENT) == []
-    line, = hand.said(SILENT + .1)
+    assert hand.said(SILENT_AFTER) == []
+    line, = hand.said(SILENT_AFTER + .1)
     assert line == 'no markers on /markers for 3 s: nobody is there'
-    assert hand.said(SILENT + 60.) == []
+    assert hand.said(SILENT_AFTER + 60.) == []
     hand.feed(70.)
     assert hand.said(70.) == ['tracking']
     line, = hand.said(80.)
@@ -268,8 +269,8 @@ def test_says_each_cause_once():
 def test_says_a_bounded_number_of_causes():
     hand = Input()
     for i in range(1000):
-        hand.watch.once(i, 'text')
-    assert len(hand.said(1.)) == CAUSES
+        hand.watch.warn_once(i, 'text')
+    assert len(hand.said(1.)) == CAUSES_LOGGED
 
 
 @pytest.mark.parametrize('state, said', [
@@ -288,7 +289,7 @@ def test_says_once_what_became_of_markers_and_that_they_are_back(state, said):
     assert started == [False, 'tracking']
     assert (first, is_warning) == (2., True)
     assert said in warning and warning.endswith(": 'leds/3' (index), '7' (thumb)")
-    assert then == pytest.approx(6.9 + BACK)
+    assert then == pytest.approx(6.9 + RECOVERED_AFTER)
     assert back == [False, "seen again as expected: 'leds/3' (index), '7' (thumb)"]
 
 
@@ -310,7 +311,7 @@ def test_flickering_markers_are_said_a_bounded_number_of_times():
         states = dict(zip(MARKERS, rng.choice(list(MarkerState), len(MARKERS))))
         hand.fare(i / 100., **states)
         lines += hand.said(i / 100.)
-    assert CHANGES < len(lines) <= 2 + CHANGES * 60. / WINDOW
+    assert LOG_LINES < len(lines) <= 2 + LOG_LINES * 60. / LOG_WINDOW
 
 
 def test_does_not_name_markers_while_the_palm_is_lost_or_nothing_comes():
@@ -334,12 +335,12 @@ def test_says_once_that_the_stamps_stand():
     hand = Input()
     hand.feed(.1)
     hand.said(.1)
-    for _ in range(2 * STANDING):
+    for _ in range(2 * STANDING_STAMPS):
         hand.watch.received(.2, frame(stamp=Stamp(0, 0)))
-    for i in range(2 * STANDING):
+    for i in range(2 * STANDING_STAMPS):
         hand.watch.received(.2, frame(stamp=Stamp(1, i)))
     assert hand.said(.2) == []
-    for _ in range(3 * STANDING):
+    for _ in range(3 * STANDING_STAMPS):
         hand.watch.received(.3, frame(stamp=Stamp(2, 3)))
     assert hand.said(.3) == ['the stamps stand still: frames are taken to come evenly']
     assert hand.said(.4) == []
@@ -349,9 +350,9 @@ def test_stamps_that_passed_in_between_do_not_stand():
     hand = Input()
     hand.feed(.1)
     hand.said(.1)
-    for i in range(3 * STANDING):
+    for i in range(3 * STANDING_STAMPS):
         hand.watch.received(.2, frame(stamp=Stamp(2, 3)))
-        hand.watch.passed(.2, Stamp(4, i))
+        hand.watch.received_alike(.2, Stamp(4, i))
     assert hand.said(.2) == []
 
 

@@ -38,12 +38,12 @@ from hand_tracker.messages import marker_array
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.progress import Progress
 from hand_tracker.simulation.packaged_recordings import demo_recording, recording_messages
-from hand_tracker.tracking.input_monitor import Watch
+from hand_tracker.tracking.input_monitor import InputMonitor
 from hand_tracker.tracking.recording import track
 
 ROOT = Path(__file__).resolve().parents[2]
 FRAMES = 150
-PERIOD = 10_000_000  # [ns]
+STATUS_PERIOD = 10_000_000  # [ns]
 ROS = ('builtin_interfaces', 'geometry_msgs', 'rclpy', 'sensor_msgs', 'std_msgs', 'tf2_msgs',
        'tf2_ros', 'visualization_msgs')
 RUN = 'import sys; from hand_tracker.__main__ import main; sys.exit(main(sys.argv[1:]))'
@@ -205,11 +205,11 @@ def test_nothing_comes_out_before_the_palm_was_seen_and_of_other_markers(recordi
     lost = palmless.copy()
     lost[:3] = 0.
     messages = [
-        message_of(palmless, PERIOD), message_of(whole, 2 * PERIOD),
-        message_of(np.vstack((np.full((8, 3), np.nan), whole)), 3 * PERIOD, numbers=['x'] * 16),
-        message_of(palmless, 4 * PERIOD), message_of(lost, 5 * PERIOD)]
+        message_of(palmless, STATUS_PERIOD), message_of(whole, 2 * STATUS_PERIOD),
+        message_of(np.vstack((np.full((8, 3), np.nan), whole)), 3 * STATUS_PERIOD, numbers=['x'] * 16),
+        message_of(palmless, 4 * STATUS_PERIOD), message_of(lost, 5 * STATUS_PERIOD)]
     frames = list(track(messages, HandTracker()))
-    assert [frame.stamp for frame in frames] == [2 * PERIOD, 4 * PERIOD, 5 * PERIOD]
+    assert [frame.stamp for frame in frames] == [2 * STATUS_PERIOD, 4 * STATUS_PERIOD, 5 * STATUS_PERIOD]
     tracker = HandTracker()
     lost[:3] = np.nan
     for frame, markers in zip(frames, (whole, palmless, lost)):
@@ -253,7 +253,7 @@ def test_all_begins_anew_where_the_stamps_jump_back(recording):
     # The first that is earlier may be a stray one.
     messages = [message_of(whole, 9 * 10**9), message_of(palmless, 10**9),
                 message_of(palmless, 11 * 10**8), message_of(whole, 2 * 10**9)]
-    watch = Watch(0., '/markers', LabelMap())
+    watch = InputMonitor(0., '/markers', LabelMap())
     frames = list(track(messages, HandTracker(), watch=watch))
     assert [frame.stamp for frame in frames] == [9 * 10**9, 10**9, 2 * 10**9]
     said = [line for _, line in watch.report(1., str) if 'jumped back' in line]

@@ -3,30 +3,30 @@
 import numpy as np
 import pytest
 
-from hand_tracker.tracking.rate_limit import Throttle
-from hand_tracker.tracking.statistics import LONGEST, Latency
+from hand_tracker.tracking.rate_limit import RateLimiter
+from hand_tracker.tracking.statistics import FRAMES_KEPT, LatencyStatistics
 
 STEP = 1. / 128.  # [s], exact in binary
 
 
 def test_times_of_each_summary():
-    latency = Latency()
+    latency = LatencyStatistics()
     for i in range(100):
-        latency.published(1e-3 * i, None)
+        latency.add(1e-3 * i, None)
     timing = latency.summary()
     assert (timing.p50, timing.longest) == (pytest.approx(.0495), pytest.approx(.099))
     assert timing.p50 < timing.p99 < timing.longest
-    latency.published(.5, None)
+    latency.add(.5, None)
     assert latency.summary()[:3] == (.5, .5, .5)
     assert np.isnan(latency.summary()[:3]).all()
     assert (timing.late, timing.dropped) == (0, 0)
 
 
 def test_frames_that_stamps_tell_are_missing():
-    latency = Latency()
+    latency = LatencyStatistics()
     for i in range(1, 1001):
         if i % 100 and i not in (250, 251, 252):
-            latency.published(1e-4, i * STEP)
+            latency.add(1e-4, i * STEP)
         if not i % 333:
             latency.summary()
     # The last one, 1000, is missing, but nothing came after it.
@@ -34,38 +34,38 @@ def test_frames_that_stamps_tell_are_missing():
 
 
 def test_a_pause_repeated_stamps_and_a_jump_back_are_no_loss():
-    latency = Latency()
+    latency = LatencyStatistics()
     for stamp in (1., 1. + STEP, 1. + 2. * STEP, 1. + 2. * STEP, 30., 30. + STEP, 5., 5. + STEP):
-        latency.published(1e-4, stamp)
+        latency.add(1e-4, stamp)
     assert latency.summary().dropped == 0
 
 
 def test_frames_of_which_nothing_is_known_any_more_are_no_loss():
-    latency = Latency()
+    latency = LatencyStatistics()
     for stamp in (1., 1. + STEP, 1. + 2. * STEP, np.nan, 1. + 50. * STEP, 1. + 51. * STEP):
-        latency.published(1e-4, stamp)
+        latency.add(1e-4, stamp)
     assert latency.summary().dropped == 0
 
 
 def test_frames_that_take_longer_than_the_time_between_two_are_late():
-    latency = Latency()
+    latency = LatencyStatistics()
     for i in range(100):
-        latency.published(1.5 * STEP if i in (10, 20, 30) else .5 * STEP, i * STEP)
+        latency.add(1.5 * STEP if i in (10, 20, 30) else .5 * STEP, i * STEP)
     assert latency.summary().late == 3
     assert latency.summary().late == 3
 
 
 def test_what_is_kept_is_bounded():
-    latency = Latency()
-    for i in range(2 * LONGEST):
-        latency.published(1e-4, i * STEP)
-    assert len(latency._taken) == len(latency._stamps) == LONGEST
+    latency = LatencyStatistics()
+    for i in range(2 * FRAMES_KEPT):
+        latency.add(1e-4, i * STEP)
+    assert len(latency._latencies) == len(latency._times) == FRAMES_KEPT
 
 
 @pytest.mark.parametrize('rate, limit, expected', [
     (120., 60., 60.), (100., 60., 60.), (960., 60., 60.), (30., 60., 30.), (120., 1., 1.)])
 def test_a_throttle_gives_its_rate_or_that_of_the_frames(rate, limit, expected):
-    throttle = Throttle()
+    throttle = RateLimiter()
     rng = np.random.default_rng(1)
     times = 1000. + np.arange(0., 20., 1. / rate)
     times += rng.uniform(0., .2 / rate, times.size)
@@ -74,6 +74,6 @@ def test_a_throttle_gives_its_rate_or_that_of_the_frames(rate, limit, expected):
 
 
 def test_a_throttle_saves_nothing_up():
-    throttle = Throttle()
+    throttle = RateLimiter()
     assert throttle.due(100., 10.)
     assert sum(throttle.due(200. + 1e-4 * i, 10.) for i in range(100)) <= 2

@@ -1,112 +1,240 @@
-"""One switch: the same kernels, compiled by numba or as plain Python.
+"""Kernels: the same functions compiled by numba or as plain Python.
 
-Numba is used when it is importable; ``HAND_TRACKER_JIT=0`` turns it off. Compiled kernels
-are kept on disk, in a folder that is named after their sources; those of other sources go
-when none has used them for a month and new ones come.
+`HAND_TRACKER_JIT` chooses, where numba is installed:
+
+- ``1``, the default: compiled from the import on; the first call of a kernel compiles it.
+- ``background``: as ``1`` where the kernels are on disk; else plain Python at first, and
+  `load_kernel` fetches what another process has compiled meanwhile.
+- ``0``: plain Python.
+
+Compiled kernels are kept on disk, in a folder named after a hash of their sources; kernels of
+other sources are removed when none has used them for a month and new ones come.
 """
+
+from __future__ import annotations
 
 import hashlib
 import os
 import re
 import shutil
+import sys
 import time
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
-try:
-    import numba
-except ImportError:
-    numba = None
+Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 
-UNUSED = 30 * 86400.  # [s] after which kernels of other sources may go
+UNUSED_KERNELS_AGE = 30 * 86400.  # [s] after which kernels of other sources are removed
 
 PACKAGE = Path(__file__).parents[2]
-COMPILED_IN = 'marker_frame.py', 'rcl.py'  # files without kernels of their own
-KERNEL = re.compile(rb'@(partial\()?jit\b')
+KERNEL_DECORATOR = re.compile(rb'@(partial\()?jit\b')
+# Files without kernels of their own, whose constants or intrinsics are compiled into kernels.
+COMPILED_IN = 'marker_array.py', 'rcl.py'
 
-COMPILED = numba is not None and os.environ.get('HAND_TRACKER_JIT', '1') != '0'
+SWITCH = os.environ.get('HAND_TRACKER_JIT', '1')
+HAS_NUMBA = find_spec('numba') is not None
+JIT_IS_ON = HAS_NUMBA and SWITCH != '0'
 
 
-def kernel_sources():
-    """Return the files that kernels are in, or constants that are compiled into them."""
+class KernelsUnavailable(Exception):
+    """Compiled kernels cannot be loaded; the message says why."""
+
+
+def kernel_sources() -> list[Path]:
+    """Return the files with kernels, or with constants that are compiled into kernels."""
     return [path for path in sorted(PACKAGE.rglob('*.py'))
             if path.is_relative_to(PACKAGE / 'core') or path.name in COMPILED_IN
-            or KERNEL.search(path.read_bytes())]
+            or KERNEL_DECORATOR.search(path.read_bytes())]
 
 
-def _cache_folder():
-    """Return a writable folder of the user's for the kernels of just these sources, or None."""
-    digest = hashlib.sha256(numba.__version__.encode())
+def _sources_digest() -> str:
+    """Return a hash of numba's version and of all sources that kernels are compiled from."""
+    try:
+        numba_version = version('numba')
+    except PackageNotFoundError:
+        numba_version = ''
+    digest = hashlib.sha256(f'{numba_version} {sys.version}'.encode())
     for path in kernel_sources():
         place = path.relative_to(PACKAGE).as_posix()
         digest.update(f'{place}\n'.encode() + path.read_bytes())
-    caches = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
-    folder = caches / 'hand_tracker' / f'kernels-{digest.hexdigest()[:16]}'
+    return digest.hexdigest()[:16]
+
+
+def _cache_folder(digest: str) -> Path | None:
+    """Return a writable folder for compiled kernels of these sources, None where there is none."""
+    if given := os.environ.get('NUMBA_CACHE_DIR'):
+        return Path(given)
     try:
+        caches = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
+        folder = caches / 'hand_tracker' / f'kernels-{digest}'
         if not folder.is_dir():
             _remove_unused(folder.parent)
             folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
-    except OSError:
+    except (OSError, RuntimeError):  # RuntimeError: there is no home
         return None
     return folder if os.access(folder, os.W_OK) else None
 
 
-def _remove_unused(caches):
+def _remove_unused(caches: Path) -> None:
     for folder in caches.glob('kernels-*'):
-        # Another process may be at it.
+        # Another process may use it.
         with suppress(OSError):
-            if time.time() - folder.stat().st_mtime > UNUSED:
+            if time.time() - folder.stat().st_mtime > UNUSED_KERNELS_AGE:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
-CACHED = False
-_LAYOUTS = {}
-if COMPILED:
-    # Numba looks at a kernel's own file only: a change in a kernel it calls would go unseen.
-    folder = os.environ.get('NUMBA_CACHE_DIR') or _cache_folder()
-    CACHED = folder is not None
-    if CACHED:
+SOURCES_DIGEST = _sources_digest() if JIT_IS_ON else ''
+CACHE_FOLDER = _cache_folder(SOURCES_DIGEST) if JIT_IS_ON else None
+
+
+def ready_file(kernel_set: str, folder: Path) -> Path:
+    """Return the file that says that a set of kernels is complete in a cache folder."""
+    return folder / f'ready-{kernel_set}-{SOURCES_DIGEST}'
+
+
+def mark_ready(kernel_set: str) -> None:
+    """Note on disk that every kernel of a set has been compiled.
+
+    Parameters
+    ----------
+    kernel_set : str
+        Such as 'tracking'.
+
+    Raises
+    ------
+    OSError
+        If the cache folder cannot be written to.
+    KernelsUnavailable
+        If there is no cache folder.
+    """
+    if CACHE_FOLDER is None:
+        raise KernelsUnavailable('there is no folder for compiled kernels that can be written to')
+    ready_file(kernel_set, CACHE_FOLDER).touch()
+
+
+def is_ready(kernel_set: str) -> bool:
+    """Return whether every kernel of a set is on disk."""
+    return CACHE_FOLDER is not None and ready_file(kernel_set, CACHE_FOLDER).exists()
+
+
+# The kernels from a message's bytes to the hand; the fast path's are another set.
+TRACKING_SET = 'tracking'
+# Plain Python now, compiled kernels once another process has compiled them.
+DEFERRED = JIT_IS_ON and SWITCH == 'background' and not is_ready(TRACKING_SET)
+COMPILED = JIT_IS_ON and not DEFERRED
+
+
+def _compiler(folder: Path | None) -> Any:
+    """Import numba, set to keep kernels in a folder."""
+    import numba
+
+    if folder is not None:
+        # Numba looks for changes in a kernel's own file only: the folder's name covers the others.
         numba.config.CACHE_DIR = str(folder)
+    return numba
 
 
-def jit(kernel, **options):
-    """Return `kernel` compiled when the switch is on, else unchanged.
+if COMPILED:
+    try:
+        _compiler(CACHE_FOLDER)
+    except ImportError:  # not of this numpy, say
+        HAS_NUMBA = JIT_IS_ON = COMPILED = False
+
+_deferred_options: dict[Callable[..., Any], dict[str, Any]] = {}
+_loaded: dict[Callable[..., Any], Callable[..., Any]] = {}
+_record_layouts: dict[np.dtype, np.dtype] = {}
+
+
+def jit(kernel: Kernel, **options: Any) -> Kernel:
+    """Return a kernel compiled where `COMPILED`, else unchanged.
 
     Parameters
     ----------
     kernel : callable
-        Pure function of scalars, tuples of floats and fixed-size arrays.
-        It may call other kernels; the caller checks its arguments.
+        Pure function of scalars, tuples and fixed-size arrays. It may call other kernels; the
+        caller checks its arguments.
     **options
-        Of `numba.njit`, in addition.
+        Further options of `numba.njit`.
     """
     if COMPILED:
-        # Nothing calls them from C, which would cost as much compiling as from Python. What
-        # numba would do to raise where it divides by zero is a tenth of the code.
-        return numba.njit(
-            kernel, cache=CACHED, no_cfunc_wrapper=True, error_model='numpy', **options)
+        return _dispatcher(kernel, CACHE_FOLDER is not None, options)
+    if DEFERRED:
+        _deferred_options[kernel] = options
     return kernel
+
+
+def _dispatcher(kernel: Kernel, cached: bool, options: dict[str, Any]) -> Any:
+    import numba
+
+    # Nothing calls kernels from C, which would cost as much compiling as from Python. The checks
+    # that numba adds to raise ZeroDivisionError are a tenth of the code.
+    return numba.njit(
+        kernel, cache=cached, no_cfunc_wrapper=True, error_model='numpy', **options)
+
+
+def load_kernel(kernel: Kernel, arguments: Sequence[Any], folder: Path | None = None) -> Kernel:
+    """Return a kernel as compiled before, for arguments of these types, without compiling it.
+
+    Parameters
+    ----------
+    kernel : callable
+        Decorated by `jit`; returned as it is where it is compiled already.
+    arguments : sequence
+        Arguments like those that it will be called with.
+    folder : Path, optional
+        Cache folder to load from; `CACHE_FOLDER` when left out.
+
+    Returns
+    -------
+    callable
+
+    Raises
+    ------
+    KernelsUnavailable
+        If it is not on disk.
+    """
+    if not DEFERRED:
+        return kernel
+    numba = _compiler(folder or CACHE_FOLDER)
+    dispatcher = _dispatcher(kernel, True, _deferred_options[kernel])
+    try:
+        dispatcher.compile(tuple(numba.typeof(argument) for argument in arguments))
+    except Exception as error:  # compiling fails, as the kernels that it calls are plain Python
+        raise KernelsUnavailable(f'{kernel.__name__} is not on disk') from error
+    if not dispatcher.stats.cache_hits:
+        raise KernelsUnavailable(f'{kernel.__name__} is not on disk')
+    _loaded[kernel] = dispatcher
+    return dispatcher
+
+
+def best(kernel: Kernel) -> Kernel:
+    """Return a kernel as `load_kernel` has loaded it, else unchanged."""
+    return _loaded.get(kernel, kernel)  # type: ignore[return-value]
 
 
 if COMPILED:
     @jit
     def indexed(array):
-        """Return an array as what a kernel reads and writes single numbers of."""
+        """Return an array in the form in which kernels read and write single numbers fastest."""
         return array
 
     @jit
     def overwrite(pack, other):
-        """Put into a pack what another one of its kind holds."""
+        """Copy all values of one pack into another of the same layout."""
         pack[0] = other[0]
 else:
-    # Plain Python gets floats of it, twice as fast as numpy's numbers, which are slow themselves.
+    # Plain Python gets floats of a memoryview, twice as fast as numpy's scalars.
     indexed = memoryview
 
     def overwrite(pack, other):
-        """Put into a pack what another one of its kind holds."""
+        """Copy all values of one pack into another of the same layout."""
         for part, new in zip(pack[0], other[0]):
             if hasattr(part, '_fields'):
                 overwrite((part,), (new,))
@@ -114,58 +242,60 @@ else:
                 part[...] = new
 
 
-def packed(values):
-    """Return nested named tuples of arrays as what a kernel takes in one piece.
+def packed(values: Any, as_record: bool = COMPILED) -> tuple[Any, Any]:
+    """Return nested named tuples of arrays as one argument of a kernel.
 
-    Compiled, a record array, which holds copies: the arrays of a tuple would be handed over
-    one by one, and each would cost every call 0.1 µs and every compilation 50 ms. Truth
-    values become bytes there. As plain Python, `values` as they are.
+    For compiled kernels this is a record array, which holds copies: arrays of a tuple would be
+    passed one by one, and each would cost every call 0.1 µs and every compilation 50 ms. Booleans
+    become bytes there. For plain Python it is a tuple of `values` as they are.
 
     Parameters
     ----------
     values : NamedTuple
         Of arrays, numbers and such tuples.
+    as_record : bool, optional
+        Whether for compiled kernels; as the kernels of this process when left out.
 
     Returns
     -------
     pack : sequence of one
         Its item has the fields of `values`.
     values : NamedTuple
-        Of the same type, whose arrays are those of the pack.
+        Of the same type; its arrays share memory with the pack.
     """
-    if not COMPILED:
+    if not as_record:
         return (values,), values
     layout = _layout(values)
-    # Numba knows a layout at once only if it is the very object.
-    record = np.zeros(1, _LAYOUTS.setdefault(layout, layout))
+    # Numba recognises a layout quickly only if it is the same object.
+    record = np.zeros(1, _record_layouts.setdefault(layout, layout))
     return record, _filled(record[0], values)
 
 
-def another(pack):
-    """Return a pack like this one, with nothing in it yet."""
-    if COMPILED:
+def another(pack: Any) -> Any:
+    """Return an uninitialised pack of the same layout."""
+    if isinstance(pack, np.ndarray):
         return np.empty_like(pack)
     return (type(pack[0])(*(np.empty_like(part) for part in pack[0])),)
 
 
-def parts(pack):
+def parts(pack: Any) -> tuple[Any, ...]:
     """Return the arrays of a pack, in order."""
-    return pack[0].item() if COMPILED else tuple(pack[0])
+    return pack[0].item() if isinstance(pack, np.ndarray) else tuple(pack[0])
 
 
-def _layout(values):
-    kinds = []
+def _layout(values: Any) -> np.dtype:
+    kinds: list[tuple[Any, ...]] = []
     for name, part in zip(values._fields, values):
         if hasattr(part, '_fields'):
             kinds.append((name, _layout(part)))
         else:
             part = np.asarray(part)
-            truth = part.dtype == bool and part.ndim > 0  # numba has no such arrays in records
-            kinds.append((name, np.uint8 if truth else part.dtype, part.shape))
+            is_mask = part.dtype == bool and part.ndim > 0  # numba has no such arrays in records
+            kinds.append((name, np.uint8 if is_mask else part.dtype, part.shape))
     return np.dtype(kinds, align=True)
 
 
-def _filled(record, values):
+def _filled(record: Any, values: Any) -> Any:
     parts = []
     for name, part in zip(values._fields, values):
         if hasattr(part, '_fields'):

@@ -65,6 +65,23 @@ def blank_report() -> Report:
 
 
 @jit
+def mean_residual(residuals):
+    """Return the mean distance of the seen markers from the hand [m]; NaN where none is seen.
+
+    Parameters
+    ----------
+    residuals : ndarray, shape (n,)
+        NaN for markers that are not seen [m].
+    """
+    total, count = 0., 0
+    for residual in residuals:
+        if residual >= 0.:
+            total += residual
+            count += 1
+    return total / count if count else math.nan
+
+
+@jit
 def deviation(covariance):
     """Return a marker's standard deviation on an axis by its track's covariance (9, 9) [m]."""
     return math.sqrt((covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) / 3.)

@@ -1,70 +1,81 @@
-"""A message of markers to those of the hand in one kernel: the short way. No ROS.
+"""Fast path: decode a serialized MarkerArray, track it and fill the serialized replies, compiled.
 
-Reading, tracking and filling by turns from Python costs several times what the tracking does,
-most of it in bringing the interpreter back into the processor's caches. Messages come alike
-though: what one of them was like, and what answers it, is taught to a `Passage` by the long
-way (`codec`, `HandTracker.update`). What is like it goes through here, and gives the same.
+Decoding, tracking and filling one after the other from Python costs several times what the
+tracking does, most of it in bringing the interpreter back into the processor's caches. But
+messages have equal signatures: the slow path installs that of a message that it has decoded, with
+the templates of the replies, into a `FastPathMemory`; messages with that signature are then
+processed here, and give the same replies. No ROS.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...core.model.hand import JOINTS
 from ...core.model.marker_layout import MARKERS
-from ...core.model.states import PALM_STATES, PalmState
+from ...core.model.states import PALM_STATES
 from ...core.numerics.jit import jit, overwrite
 from ...core.numerics.quaternion import write_transforms
 from ...core.pipeline import track_frame
-from ...messages.cdr import ENCAPSULATION, LITTLE_ENDIAN, SMALLEST_MARKER, gather, walk
+from ...core.pose.report import mean_residual
+from ...messages.cdr import (
+    ENCAPSULATION, LITTLE_ENDIAN, SMALLEST_MARKER, MessageSignature, gather_positions,
+    parse_marker_array)
+from ...messages.stamps import Time, stamp_time
+from ...messages.templates import Template, fill_template
+from ...tracking.input_monitor import StateRun
 
-MESSAGE_ROOM = 2**14  # [bytes] of a message of markers,
-ANSWER_ROOM = 2**13   # and of an answer
-STAMPS, NUMBERS = 32, 256  # in an answer
-KEPT = 1024           # frames until they are looked at
-ANGLES, TRANSFORMS, CONFIDENCE = range(3)  # the answers
-ANSWERS = 3
-RECEIVED, PUBLISHED, TIME, MISS, PALM = range(5)  # the columns of the log
-LOGGED = 5
+MESSAGE_CAPACITY = 2**14  # [bytes] of a MarkerArray
+REPLY_CAPACITY = 2**13    # [bytes] of a reply
+STAMPS_CAPACITY, NUMBERS_CAPACITY = 32, 256  # stamps and numbers in a reply
+LOG_CAPACITY = 1024       # frames until the log is drained
+# Replies, by their number
+JOINT_STATES, TRANSFORMS, CONFIDENCES = range(3)
+REPLIES = 3
+# Columns of the log
+RECEIVED, PUBLISHED, TIME, RESIDUAL, PALM_STATE = range(5)
+LOG_COLUMNS = 5
 
 
-class Passage(NamedTuple):
-    """What the short way knows, and where it works.
+class FastPathMemory(NamedTuple):
+    """What the fast path has installed, its buffers and its log.
 
     Attributes
     ----------
-    message : ndarray, shape (MESSAGE_ROOM // 8,)
-        The message without its encapsulation, which so is aligned.
+    message : ndarray, shape (MESSAGE_CAPACITY // 8,)
+        Payload of the message, aligned.
     heads, places, strings : ndarray
-        Of `walk`.
+        See `parse_marker_array`.
     known_heads, known_strings : ndarray
-        As those, of the messages that pass.
+        The same of the installed signature.
     known : ndarray of int, shape (2,)
-        Their markers, and bytes of their strings.
+        Its number of markers, and bytes of its strings.
     first, count : ndarray of int, shape (1,)
-        Place of the marker that has the stamp; how many are the hand's.
+        Place of the marker that has the stamp; number of the hand's markers.
     slots, markers, rows, scale, zero_is_missing
-        Of `gather`.
+        See `gather_positions`.
     stamp : ndarray of int, shape (2,)
         Seconds and nanoseconds of the last frame.
     time : ndarray, shape (1,)
         The same as a number [s].
     wanted : ndarray of int, shape (3,)
-        Which answers are.
-    answers : ndarray, shape (3, ANSWER_ROOM // 8)
-        Each after half a double, so that what follows its encapsulation is aligned.
-    stamps_at, numbers_at : ndarray of int, shape (3, STAMPS) and (3, NUMBERS)
-        Where they have them, by four bytes and by eight.
+        Which replies are filled.
+    replies : ndarray, shape (3, REPLY_CAPACITY // 8)
+        Each after half a double, so that all behind its encapsulation is aligned.
+    stamps_at, numbers_at : ndarray of int, shape (3, STAMPS_CAPACITY), (3, NUMBERS_CAPACITY)
+        Where stamps and numbers are in the replies, by four and by eight bytes.
     stamps, numbers : ndarray of int, shape (3,)
-        How many.
+        How many there are.
     transforms : ndarray, shape (26, 7)
-        Of `write_transforms`.
-    frames, looked_at : ndarray of int, shape (1,)
-        How many came, and how many of them were looked at.
-    log : ndarray, shape (KEPT, 5)
-        When a frame was received and published, its time [s]; the mean residual [m]; its palm.
-    states : ndarray of int, shape (KEPT, 8)
-        Of its markers.
+        See `write_transforms`.
+    frames, drained : ndarray of int, shape (1,)
+        Frames processed so far, and those of them drained from the log.
+    log : ndarray, shape (LOG_CAPACITY, 5)
+        When a frame was received and published, its time [s]; its mean residual [m]; its palm.
+    states : ndarray of int, shape (LOG_CAPACITY, 8)
+        States of its markers.
     """
 
     message: np.ndarray
@@ -84,290 +95,275 @@ class Passage(NamedTuple):
     stamp: np.ndarray
     time: np.ndarray
     wanted: np.ndarray
-    answers: np.ndarray
+    replies: np.ndarray
     stamps_at: np.ndarray
     numbers_at: np.ndarray
     stamps: np.ndarray
     numbers: np.ndarray
     transforms: np.ndarray
     frames: np.ndarray
-    looked_at: np.ndarray
+    drained: np.ndarray
     log: np.ndarray
     states: np.ndarray
 
 
-def new_passage():
-    """Return a `Passage` that knows no message yet."""
-    def integers(*shape):
+def new_memory() -> FastPathMemory:
+    """Return a `FastPathMemory` with nothing installed."""
+    def integers(*shape: int) -> np.ndarray:
         return np.zeros(shape, np.int64)
 
-    most, count = MESSAGE_ROOM // SMALLEST_MARKER + 1, len(MARKERS)
-    return Passage(
-        message=np.zeros(MESSAGE_ROOM // 8), heads=np.zeros((most, 5), np.int32),
-        places=integers(most, 3), strings=np.zeros(MESSAGE_ROOM, np.uint8),
-        known_heads=np.zeros((most, 5), np.int32), known_strings=np.zeros(MESSAGE_ROOM, np.uint8),
+    most, count = MESSAGE_CAPACITY // SMALLEST_MARKER + 1, len(MARKERS)
+    return FastPathMemory(
+        message=np.zeros(MESSAGE_CAPACITY // 8), heads=np.zeros((most, 5), np.int32),
+        places=integers(most, 3), strings=np.zeros(MESSAGE_CAPACITY, np.uint8),
+        known_heads=np.zeros((most, 5), np.int32),
+        known_strings=np.zeros(MESSAGE_CAPACITY, np.uint8),
         known=np.array((-1, 0)), first=integers(1), count=integers(1), slots=integers(count),
         markers=integers(count), rows=np.zeros((count, 3)), scale=np.ones(1),
         zero_is_missing=integers(1), stamp=integers(2), time=np.zeros(1),
-        wanted=integers(ANSWERS),
-        answers=np.zeros((ANSWERS, ANSWER_ROOM // 8)),
-        stamps_at=integers(ANSWERS, STAMPS), numbers_at=integers(ANSWERS, NUMBERS),
-        stamps=integers(ANSWERS), numbers=integers(ANSWERS),
+        wanted=integers(REPLIES), replies=np.zeros((REPLIES, REPLY_CAPACITY // 8)),
+        stamps_at=integers(REPLIES, STAMPS_CAPACITY),
+        numbers_at=integers(REPLIES, NUMBERS_CAPACITY),
+        stamps=integers(REPLIES), numbers=integers(REPLIES),
         transforms=np.zeros((1 + len(JOINTS), 7)),
-        frames=integers(1), looked_at=integers(1), log=np.zeros((KEPT, LOGGED)),
-        states=np.zeros((KEPT, count), np.int8))
+        frames=integers(1), drained=integers(1), log=np.zeros((LOG_CAPACITY, LOG_COLUMNS)),
+        states=np.zeros((LOG_CAPACITY, count), np.int8))
 
 
-def teach_kind(passage, kind, stamp, scale, zero_is_missing):
-    """Let messages of a kind pass.
+def install_signature(memory: FastPathMemory, signature: MessageSignature, stamp: Time,
+                      scale: float, zero_is_missing: bool) -> bool:
+    """Install the signature of the messages to process.
 
     Parameters
     ----------
-    passage : Passage
+    memory : FastPathMemory
         Changed.
-    kind : Kind
-        Of a message that the long way has read.
-    stamp : Stamp
-        That it had.
+    signature : MessageSignature
+        Of a message that the slow path has decoded.
+    stamp : Time
+        Of that message.
     scale, zero_is_missing
         See `markers_from_message`.
 
     Returns
     -------
     bool
-        Whether it can be: not where the hand's markers are points of lists.
+        Whether the fast path supports it: points of list markers it does not.
     """
-    heads, strings, sources = kind
+    heads, strings, sources = signature
     if sources.first is None or sources.has_lists:
         return False
-    if len(heads) > len(passage.known_heads) or len(strings) > len(passage.known_strings):
+    if len(heads) > len(memory.known_heads) or len(strings) > len(memory.known_strings):
         return False
     count = len(sources.slots)
-    passage.known[:] = len(heads), len(strings)
-    passage.known_heads[:len(heads)], passage.known_strings[:len(strings)] = heads, strings
-    passage.first[0], passage.count[0] = sources.first, count
-    passage.stamp[:] = stamp.sec, stamp.nanosec
-    passage.slots[:count], passage.markers[:count] = sources.slots, sources.markers
-    passage.scale[0], passage.zero_is_missing[0] = scale, zero_is_missing
+    memory.known[:] = len(heads), len(strings)
+    memory.known_heads[:len(heads)], memory.known_strings[:len(strings)] = heads, strings
+    memory.first[0], memory.count[0] = sources.first, count
+    memory.stamp[:] = stamp.sec, stamp.nanosec
+    memory.slots[:count], memory.markers[:count] = sources.slots, sources.markers
+    memory.scale[0], memory.zero_is_missing[0] = scale, zero_is_missing
     return True
 
 
-def teach_answer(passage, number, template):
-    """Have a message filled in each frame.
+def install_reply(memory: FastPathMemory, number: int, template: Template) -> bool:
+    """Install a reply to be filled for each frame.
 
     Parameters
     ----------
-    passage : Passage
+    memory : FastPathMemory
         Changed.
     number : int
-        `ANGLES`, `TRANSFORMS` or `CONFIDENCE`.
+        `JOINT_STATES`, `TRANSFORMS` or `CONFIDENCES`.
     template : Template
 
     Returns
     -------
     bool
-        Whether there is room for it.
+        Whether it fits.
     """
     body, stamps, numbers = template.body, template.stamps, template.numbers
-    if body.size > passage.answers.shape[1] or len(stamps) > STAMPS or len(numbers) > NUMBERS:
+    if (body.size > memory.replies.shape[1] or len(stamps) > STAMPS_CAPACITY
+            or len(numbers) > NUMBERS_CAPACITY):
         return False
-    passage.answers[number, :body.size] = body
-    passage.stamps[number], passage.numbers[number] = len(stamps), len(numbers)
-    passage.stamps_at[number, :len(stamps)] = stamps
-    passage.numbers_at[number, :len(numbers)] = numbers
-    passage.wanted[number] = True
+    memory.replies[number, :body.size] = body
+    memory.stamps[number], memory.numbers[number] = len(stamps), len(numbers)
+    memory.stamps_at[number, :len(stamps)] = stamps
+    memory.numbers_at[number, :len(numbers)] = numbers
+    memory.wanted[number] = True
     return True
 
 
 @jit
-def take_in(passage, octets):
-    """Bring a message where it is worked on; return its size, -1 where it cannot pass."""
+def copy_payload(memory, octets):
+    """Copy a message without its encapsulation; return its size, -1 where it is not supported."""
     size = len(octets) - ENCAPSULATION
-    if not 0 <= size <= MESSAGE_ROOM:
+    if not 0 <= size <= MESSAGE_CAPACITY:
         return -1
     if octets[0] != LITTLE_ENDIAN[0] or octets[1] != LITTLE_ENDIAN[1]:
         return -1
-    message = passage.message.view(np.uint8)
+    message = memory.message.view(np.uint8)
     for i in range(size):
         message[i] = octets[ENCAPSULATION + i]
     return size
 
 
 @jit
-def is_known(passage, size):
-    """Return whether the message has the very markers of those that pass."""
-    count, used = walk(passage.message.view(np.uint8), passage.message.view(np.int32), size,
-                       passage.heads, passage.places, passage.strings)
-    if count != passage.known[0] or used != passage.known[1]:
+def matches_signature(memory, size):
+    """Return whether the message has the installed signature."""
+    count, used = parse_marker_array(
+        memory.message.view(np.uint8), memory.message.view(np.int32), size, memory.heads,
+        memory.places, memory.strings)
+    if count != memory.known[0] or used != memory.known[1]:
         return False
     for i in range(count):
         for k in range(5):
-            if passage.heads[i, k] != passage.known_heads[i, k]:
+            if memory.heads[i, k] != memory.known_heads[i, k]:
                 return False
     for i in range(used):
-        if passage.strings[i] != passage.known_strings[i]:
+        if memory.strings[i] != memory.known_strings[i]:
             return False
     return True
 
 
 @jit
-def pass_message(passages, model, chains, options, clock, blank, state, report, octets):
-    """Track a message and fill the answers, if it is known what it is like.
+def process_message(memories, packs, octets):
+    """Track a message and fill the replies, if it has the installed signature.
 
-    Only what is regular passes: stamps that go forward, after the palm was seen.
+    Only regular frames are processed: with stamps that go forward, after the palm was seen.
 
     Parameters
     ----------
-    passages : packed Passage
+    memories : packed FastPathMemory
         Changed.
-    model, chains, options, clock, blank, state, report
-        Of `track_frame`.
+    packs : tuple
+        What `track_frame` takes before the markers: model, digits, options, clock, blank state,
+        state and report, all packed; the last four are changed.
     octets : ndarray of uint8, shape (n,)
         The message.
 
     Returns
     -------
     bool
-        Whether it passed; nothing was tracked if not.
+        Whether it was processed; nothing was tracked if not.
     """
-    passage = passages[0]
-    size = take_in(passage, octets)
-    if size < 0 or not state[0].placed[0] or not is_known(passage, size):
+    model, digits, options, clock, blank, state, report = packs
+    memory = memories[0]
+    size = copy_payload(memory, octets)
+    if size < 0 or not state[0].wrist.placed[0] or not matches_signature(memory, size):
         return False
-    at = passage.places[passage.first[0], 0]
-    words = passage.message.view(np.int32)
-    seconds, nanoseconds = np.int64(words[at]), np.int64(words[at + 1]) & 0xffffffff
-    time = seconds + 1e-9 * nanoseconds
-    if not time > clock[0].last[0] or time == 0.:
+    at = memory.places[memory.first[0], 0]
+    words = memory.message.view(np.int32)
+    sec, nanosec = np.int64(words[at]), np.int64(words[at + 1]) & 0xffffffff
+    time = stamp_time(sec, nanosec)
+    # False for NaN, the time of an unset stamp.
+    if not time > clock[0].last[0]:
         return False
-    # One that time did not believe may come again, which listeners of TF refuse.
-    if seconds == passage.stamp[0] and nanoseconds == passage.stamp[1]:
+    # A time that the clock has not believed may come again, which listeners of TF refuse.
+    if sec == memory.stamp[0] and nanosec == memory.stamp[1]:
         return False
-    count = passage.count[0]
-    gather(passage.message, passage.places, passage.slots[:count], passage.markers[:count],
-           passage.scale[0], passage.zero_is_missing[0] > 0, passage.rows)
-    track_frame(model, chains, options, clock, blank, state, report, passage.rows, time)
-    passage.stamp[0], passage.stamp[1], passage.time[0] = seconds, nanoseconds, time
-    fill_answers(passage, model[0].table.parent, report[0])
+    count = memory.count[0]
+    gather_positions(memory.message, memory.places, memory.slots[:count], memory.markers[:count],
+                     memory.scale[0], memory.zero_is_missing[0] > 0, memory.rows)
+    track_frame(model, digits, options, clock, blank, state, report, memory.rows, time)
+    memory.stamp[0], memory.stamp[1], memory.time[0] = sec, nanosec, time
+    fill_replies(memory, model[0].table.parent, report[0])
     return True
 
 
 @jit
-def fill_answers(passage, parent, report):
-    """Write stamp and numbers of the frame into the answers that are wanted."""
-    if passage.wanted[ANGLES]:
-        _fill(passage, ANGLES, report.angles)
-    if passage.wanted[TRANSFORMS]:
-        transforms = passage.transforms[:passage.numbers[TRANSFORMS] // 7]
+def fill_replies(memory, parent, report):
+    """Write stamp and numbers of the frame into the wanted replies."""
+    if memory.wanted[JOINT_STATES]:
+        _fill_reply(memory, JOINT_STATES, report.angles)
+    if memory.wanted[TRANSFORMS]:
+        transforms = memory.transforms[:memory.numbers[TRANSFORMS] // 7]
         write_transforms(parent, report.link_rotations, report.link_positions,
-                         report.wrist_rotation, report.wrist_position, transforms)
-        _fill(passage, TRANSFORMS, transforms.reshape(transforms.size))
-    if passage.wanted[CONFIDENCE]:
-        _fill(passage, CONFIDENCE, report.confidence)
+                        report.wrist_rotation, report.wrist_position, transforms)
+        _fill_reply(memory, TRANSFORMS, transforms.reshape(transforms.size))
+    if memory.wanted[CONFIDENCES]:
+        _fill_reply(memory, CONFIDENCES, report.confidence)
 
 
 @jit
-def _fill(passage, answer, numbers):
-    doubles = passage.answers[answer]
-    words = doubles.view(np.int32)
-    for i in range(passage.stamps[answer]):
-        at = passage.stamps_at[answer, i]
-        words[at], words[at + 1] = passage.stamp[0], passage.stamp[1]
-    for i in range(passage.numbers[answer]):
-        doubles[passage.numbers_at[answer, i]] = numbers[i]
+def _fill_reply(memory, reply, numbers):
+    doubles = memory.replies[reply]
+    fill_template(doubles.view(np.uint32), doubles, memory.stamps_at[reply, :memory.stamps[reply]],
+                  memory.numbers_at[reply, :memory.numbers[reply]], memory.stamp[0],
+                  memory.stamp[1], numbers)
 
 
 @jit
-def note(passage, report, received, published):
-    """Note how the last frame fared.
+def log_frame(memory, report, received, published):
+    """Log the last frame.
 
     Parameters
     ----------
-    passage : Passage
+    memory : FastPathMemory
         Changed.
     report : Report
     received, published : float
         [s]
     """
-    at = passage.frames[0] % KEPT
-    log, states = passage.log, passage.states
-    log[at, RECEIVED], log[at, PUBLISHED], log[at, TIME] = received, published, passage.time[0]
-    total, seen = 0., 0
-    for i in range(len(report.residuals)):
-        states[at, i] = report.marker_states[i]
-        if report.residuals[i] >= 0.:
-            total += report.residuals[i]
-            seen += 1
-    log[at, MISS] = total / seen if seen else 0.
-    log[at, PALM] = report.palm[0]
-    passage.frames[0] += 1
+    at = memory.frames[0] % LOG_CAPACITY
+    log = memory.log
+    log[at, RECEIVED], log[at, PUBLISHED], log[at, TIME] = received, published, memory.time[0]
+    log[at, RESIDUAL] = mean_residual(report.residuals)
+    log[at, PALM_STATE] = report.palm[0]
+    for i in range(len(report.marker_states)):
+        memory.states[at, i] = report.marker_states[i]
+    memory.frames[0] += 1
 
 
 @jit
-def look(passages, reports, log, states, seen):
-    """Copy what was noted since the last look, and the last frame's report.
+def drain_log(memories, reports, log, states, last_report):
+    """Copy the log since the last call, and the last frame's report.
 
     Parameters
     ----------
-    passages : packed Passage
+    memories : packed FastPathMemory
         Changed.
     reports : packed Report
     log, states : ndarray
-        As those of `Passage`, filled.
-    seen : packed Report
+        Of the shapes in `FastPathMemory`; filled.
+    last_report : packed Report
         Filled.
 
     Returns
     -------
-    kept, frames : int
-        Rows that are filled, and frames that came.
+    logged, frames : int
+        Rows that are filled, and frames processed since the last call.
     """
-    passage = passages[0]
-    frames = passage.frames[0] - passage.looked_at[0]
-    kept = min(frames, KEPT)
-    for i in range(kept):
-        at = (passage.frames[0] - kept + i) % KEPT
-        log[i] = passage.log[at]
-        states[i] = passage.states[at]
-    passage.looked_at[0] = passage.frames[0]
-    if kept:
-        overwrite(seen, reports)
-    return kept, frames
+    memory = memories[0]
+    frames = memory.frames[0] - memory.drained[0]
+    logged = min(frames, LOG_CAPACITY)
+    for i in range(logged):
+        at = (memory.frames[0] - logged + i) % LOG_CAPACITY
+        log[i] = memory.log[at]
+        states[i] = memory.states[at]
+    memory.drained[0] = memory.frames[0]
+    if logged:
+        overwrite(last_report, reports)
+    return logged, frames
 
 
-class Glimpse(NamedTuple):
-    """What is noted of a run of frames, as a `HandState` has it.
-
-    Attributes
-    ----------
-    palm : PalmState
-    marker_states : ndarray of int, shape (8,)
-    residuals : ndarray, shape (1,)
-        Their mean [m].
-    """
-
-    palm: PalmState
-    marker_states: np.ndarray
-    residuals: np.ndarray
-
-
-def glimpses(log, states):
-    """Return what is noted of frames, by runs in which it stays the same.
+def state_runs(log: np.ndarray, states: np.ndarray) -> list[tuple[float, Any]]:
+    """Group logged frames into runs in which the states of palm and markers stay the same.
 
     Parameters
     ----------
     log, states : ndarray, shape (n, 5) and (n, 8)
-        Of `look`.
+        See `drain_log`.
 
     Returns
     -------
-    list of (float, Glimpse)
+    list of (float, StateRun)
         When the first frame of each run was published, and the last [s].
     """
-    is_new = (states[1:] != states[:-1]).any(axis=1) | (log[1:, PALM] != log[:-1, PALM])
-    found = []
+    is_new = ((states[1:] != states[:-1]).any(axis=1)
+              | (log[1:, PALM_STATE] != log[:-1, PALM_STATE]))
+    found: list[tuple[float, Any]] = []
     for run in np.split(np.arange(len(log)), np.flatnonzero(is_new) + 1):
-        glimpse = Glimpse(PALM_STATES[int(log[run[0], PALM])], states[run[0]],
-                          log[run, MISS].mean(keepdims=True))
-        found += [(at, glimpse) for at in np.unique(log[run[[0, -1]], PUBLISHED]).tolist()]
+        state = StateRun(PALM_STATES[int(log[run[0], PALM_STATE])], states[run[0]],
+                         log[run, RESIDUAL].mean(keepdims=True))
+        found += [(at, state) for at in np.unique(log[run[[0, -1]], PUBLISHED]).tolist()]
     return found

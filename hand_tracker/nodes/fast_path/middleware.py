@@ -1,83 +1,74 @@
-"""The short way of a frame: from the middleware to the middleware without the interpreter.
+"""The fast path in the middleware's own thread: a callback takes, processes and publishes."""
 
-The middleware's own thread takes a message, `pass_message` tracks it, and the answers are
-published, all compiled. It never runs Python. What does not pass goes the long way, in the
-executor's thread; until that has come to an end, the short way is shut. So one of the two at
-a time has the tracker's state and the passage: this one while it is open, else the other.
-
-The middleware's locks are taken before the mutex, and the interpreter's by none who has it.
-"""
+from __future__ import annotations
 
 import atexit
 import ctypes
 import time
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from ...core.model.marker_layout import MARKERS
-from ...core.numerics.jit import CACHED, COMPILED, another, jit, packed
-from ...messages.cdr import ENCAPSULATION
+from ...core.numerics.jit import (
+    CACHE_FOLDER, COMPILED, DEFERRED, JIT_IS_ON, another, jit, load_kernel, packed)
+from ...core.tracker import HandTracker
+from ...messages.cdr import ENCAPSULATION, MessageSignature
+from ...messages.stamps import Stamp, Time
+from ...messages.templates import Template
+from ...tracking.monitor import TrackedFrames
 from ..runner import EventsExecutor
 from .kernel import (
-    ANSWERS,
-    KEPT,
-    LOGGED,
-    PUBLISHED,
-    RECEIVED,
-    TIME,
-    glimpses,
-    look,
-    new_passage,
-    note,
-    pass_message,
-    teach_answer,
-    teach_kind,
-)
-from .rcl import Rcl, Unavailable, address
+    LOG_CAPACITY, LOG_COLUMNS, PUBLISHED, RECEIVED, REPLIES, TIME, drain_log, install_reply,
+    install_signature, log_frame, new_memory, process_message, state_runs)
+from .rcl import FastPathUnavailable, Rcl, address
 
 if COMPILED:
-    import numba
-
     from .rcl import at, call
 
-# Where messages may be taken and published in the thread that brings them; tried here.
-MIDDLEWARES = 'rmw_fastrtps_cpp',
-LONGEST = 2**16  # [bytes] of a message at first
-TURN = 16        # messages that go the long way before others get their turn
-NOW = 1e-9       # [s]
-STEADY = time.CLOCK_MONOTONIC
+# Middlewares whose callbacks may take and publish; tried here.
+SUPPORTED_MIDDLEWARES = 'rmw_fastrtps_cpp',
+TAKE_CAPACITY = 2**16    # [bytes] of a message at first
+SLOW_PATH_TURN = 16      # messages on the slow path before other callbacks have their turn
+AT_ONCE = 1e-9           # [s]
+MONOTONIC_CLOCK = time.CLOCK_MONOTONIC
+REPORT = -1              # place of the report among the packs of `track_frame`
 
 
-class Line(NamedTuple):
-    """Where compiled code finds what it works with: addresses, but for the first three.
+class CallbackContext(NamedTuple):
+    """What the compiled callback works with: addresses, but for the first three.
 
     Attributes
     ----------
-    is_open : ndarray of int, shape (1,)
-    is_left : ndarray of int, shape (1,)
-        Whether the incoming message was taken, but did not pass.
-    moment : ndarray of int, shape (2,)
-        Of clock_gettime.
-    passage : int
-    tracker : ndarray of int, shape (7,)
+    is_enabled : ndarray of int, shape (1,)
+    has_missed_message : ndarray of int, shape (1,)
+        Whether the incoming message was taken, but not processed.
+    now : ndarray of int, shape (2,)
+        Seconds and nanoseconds of clock_gettime.
+    memory : int
+    packs : ndarray of int, shape (7,)
         What `track_frame` takes before the markers.
     publishers, outgoing : ndarray of int, shape (3,)
-        0 where an answer is not wanted.
+        0 where a reply is not wanted.
     incoming, mutex : int
     subscription, timer : ndarray of int, shape (1,)
     take, publish, reset_error, reset_timer, lock, unlock, get_time : int
-        Functions.
+        C functions.
     """
 
-    is_open: np.ndarray
-    is_left: np.ndarray
-    moment: np.ndarray
-    passage: int
-    tracker: np.ndarray
+    is_enabled: np.ndarray
+    has_missed_message: np.ndarray
+    now: np.ndarray
+    memory: int
+    packs: np.ndarray
     publishers: np.ndarray
     outgoing: np.ndarray
     incoming: int
@@ -93,286 +84,291 @@ class Line(NamedTuple):
     get_time: int
 
 
-FUNCTIONS = Line._fields[Line._fields.index('take'):]
+C_FUNCTIONS = CallbackContext._fields[CallbackContext._fields.index('take'):]
 
 
-class Frames(NamedTuple):
-    """Frames that passed.
-
-    Attributes
-    ----------
-    count : int
-        Of all, more than there are times of when they were not looked at for long.
-    stamp : tuple of int
-        Seconds and nanoseconds of the last.
-    state : HandState
-        After the last.
-    received, published, times : list of float
-        Its first time is NaN when frames before it are not known any more [s].
-    glimpses : list of (float, Glimpse)
-    """
-
-    count: int
-    stamp: tuple
-    state: NamedTuple
-    received: list
-    published: list
-    times: list
-    glimpses: list
+def require_fast_path() -> None:
+    """Raise `FastPathUnavailable`, with the reason, where there can be no fast path."""
+    if not JIT_IS_ON:
+        raise FastPathUnavailable('the kernels are not compiled')
+    if EventsExecutor is None:
+        raise FastPathUnavailable('rclpy has no EventsExecutor')
+    if get_rmw_implementation_identifier() not in SUPPORTED_MIDDLEWARES:
+        raise FastPathUnavailable(
+            f'it was not tried with {get_rmw_implementation_identifier()}')
 
 
-class Direct:
-    """The short way from one subscription.
+class FastPath:
+    """The fast path of one subscription.
 
     Parameters
     ----------
-    tracker : HandTracker
+    packs : tuple
+        As of `HandTracker.kernel_arguments`, of compiled kernels.
+    folder : Path, optional
+        Cache folder of the kernels; the user's when left out.
 
     Raises
     ------
-    Unavailable
+    FastPathUnavailable
+    KernelsUnavailable
+        If its kernels are neither compiled here nor on disk.
     """
 
-    def __init__(self, tracker):
-        if not COMPILED:
-            raise Unavailable('the kernels are not compiled')
-        if EventsExecutor is None:
-            raise Unavailable('rclpy has no EventsExecutor')
-        if get_rmw_implementation_identifier() not in MIDDLEWARES:
-            raise Unavailable(f'it was not tried with {get_rmw_implementation_identifier()}')
+    def __init__(self, packs: tuple[Any, ...], folder: Path | None = None) -> None:
+        require_fast_path()
         self._rcl = Rcl()
-        self._tracker, self._kept = tracker, tracker.kernel_arguments()
-        self._subscription = None
-        self._is_taught = False
-        self._templates = {}
-        self._passages, self._passage = packed(new_passage())
-        self._log, self._states = np.zeros((KEPT, LOGGED)), np.zeros((KEPT, len(MARKERS)), np.int8)
-        self._incoming = self._rcl.octets(LONGEST)
-        self._outgoing = [self._rcl.octets() for _ in range(ANSWERS)]
+        self._packs = packs
+        self._subscription: Subscription | None = None
+        self._is_installed = False
+        self._templates: dict[int, Template] = {}
+        self._memories, self._memory = packed(new_memory(), as_record=True)
+        self._log = np.zeros((LOG_CAPACITY, LOG_COLUMNS))
+        self._states = np.zeros((LOG_CAPACITY, len(MARKERS)), np.int8)
+        self._incoming = self._rcl.octets(TAKE_CAPACITY)
+        self._outgoing = [self._rcl.octets() for _ in range(REPLIES)]
         self._mutex = self._rcl.mutex()
-        none = partial(np.zeros, dtype=np.int64)
-        self._lines, self._line = packed(Line(
-            is_open=none(1), is_left=none(1), moment=none(2),
-            passage=self._passages.ctypes.data, tracker=none(len(self._kept)),
-            publishers=none(ANSWERS),
+        zeros = partial(np.zeros, dtype=np.int64)
+        self._contexts, self._context = packed(CallbackContext(
+            is_enabled=zeros(1), has_missed_message=zeros(1), now=zeros(2),
+            memory=self._memories.ctypes.data, packs=zeros(len(packs)),
+            publishers=zeros(REPLIES),
             outgoing=np.array([ctypes.addressof(octets) for octets in self._outgoing]),
             incoming=ctypes.addressof(self._incoming), mutex=ctypes.addressof(self._mutex),
-            subscription=none(1), timer=none(1),
-            **{name: address(getattr(self._rcl, name)) for name in FUNCTIONS}))
+            subscription=zeros(1), timer=zeros(1),
+            **{name: address(getattr(self._rcl, name)) for name in C_FUNCTIONS}),
+            as_record=True)
+        self._set_enabled = load_kernel(_set_enabled, (self._contexts, False), folder)
+        self._drain = load_kernel(_drain, (
+            self._contexts, self._memories, packs[REPORT], self._log, self._states,
+            another(packs[REPORT])), folder)
         self._callback = _callback(
-            self._lines.dtype, self._passages.dtype, *(pack.dtype for pack in self._kept))
+            self._contexts.dtype, self._memories.dtype, *(pack.dtype for pack in packs))
         # Compiled before the first frame waits for them.
-        self.frames()
-        _set_open(self._lines, False)
+        self.drain()
+        self._set_enabled(self._contexts, False)
 
-    def open(self, node, subscription, on_pause, on_message):
-        """Let messages come as soon as the node is served, to go the long way at first.
+    def start(self, node: Node, subscription: Subscription, on_disabled: Callable[[], None],
+              on_message: Callable[[bytes], None]) -> None:
+        """Take the messages of a subscription, which go to the slow path at first.
 
         Parameters
         ----------
         node : rclpy.node.Node
-            To be served by an EventsExecutor: others would wait in vain, busily, as a message
-            that the middleware's callback takes stays announced.
+            Served by an EventsExecutor: others would wait in vain, busily, as a message that
+            the middleware's callback takes stays announced to them.
         subscription : rclpy.subscription.Subscription
-            To be kept from the executor until `close`.
-        on_pause : callable
-            Called in the executor's thread before messages go the long way.
+        on_disabled : callable
+            Called in the executor's thread before messages go to the slow path.
         on_message : callable
-            The long way: called there with a message, as bytes.
+            The slow path: called there with a message, as bytes.
         """
-        self._on_pause, self._on_message = on_pause, on_message
+        self._on_disabled, self._on_message = on_disabled, on_message
         self._node, self._subscription = node, subscription
-        self._is_heard = False
-        # To reset a timer is what wakes an executor from another thread.
+        self._has_callback = False
+        # Resetting a timer is what wakes an executor from another thread.
         self._timer = node.create_timer(
-            NOW, self._serve, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._line.timer[0] = self._timer.handle.pointer
-        self._line.subscription[0] = subscription.handle.pointer
+            AT_ONCE, self._serve_slow_path, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._context.timer[0] = self._timer.handle.pointer
+        self._context.subscription[0] = subscription.handle.pointer
 
-    def close(self):
-        """Let none come any more, while the executor is still there."""
-        if not self.is_used:
+    def stop(self) -> None:
+        """Take no more messages; to be called while the executor is still there."""
+        if self._subscription is None:
             return
-        atexit.unregister(self.close)
-        self.shut()
-        # Waits for a message that is on its way.
-        self._listen(None)
+        atexit.unregister(self.stop)
+        self.disable()
+        # Waits for a message that is being processed.
+        self._set_callback(None)
         self._subscription = None
         self._node.destroy_timer(self._timer)
 
-    def _listen(self, callback):
-        self._rcl.listen(
-            self._subscription.handle.pointer, callback, self._lines.ctypes.data)
+    def _set_callback(self, callback: int | None) -> None:
+        assert self._subscription is not None
+        self._rcl.set_callback(
+            self._subscription.handle.pointer, callback, self._contexts.ctypes.data)
 
     @property
-    def is_used(self):
-        """Whether it is between `open` and `close`."""
+    def is_started(self) -> bool:
+        """Whether it is between `start` and `stop`."""
         return self._subscription is not None
 
-    def forget(self):
-        """Note that what was taught holds no more; the way is shut already."""
-        self._is_taught = False
+    def invalidate(self) -> None:
+        """Drop what is installed; only while the slow path handles a message."""
+        self._is_installed = False
 
-    def shut(self):
-        """Let the next message go the long way."""
-        self.forget()
-        _set_open(self._lines, False)
+    def disable(self) -> None:
+        """Let the next message go to the slow path."""
+        self.invalidate()
+        self._set_enabled(self._contexts, False)
 
-    def teach(self, kind, stamp, scale, zero_is_missing, answers):
-        """Let messages like the last one, which came the long way, pass from the next one on.
+    def install(self, packs: tuple[Any, ...], signature: MessageSignature, stamp: Time,
+                scale: float, zero_is_missing: bool,
+                replies: Mapping[int, tuple[Publisher, Template]]) -> None:
+        """Process messages like the last one, which the slow path has handled, from now on.
 
         Parameters
         ----------
-        kind, stamp, scale, zero_is_missing
-            Of `teach_kind`.
-        answers : dict of int to (rclpy.publisher.Publisher, Template)
-            What is published, by the number that the passage has for it.
+        packs : tuple
+            As of `HandTracker.kernel_arguments`.
+        signature, stamp, scale, zero_is_missing
+            See `install_signature`.
+        replies : mapping of int to (rclpy.publisher.Publisher, Template)
+            What is published, by the reply's number.
         """
-        if not teach_kind(self._passage, kind, stamp, scale, zero_is_missing):
+        if not install_signature(self._memory, signature, stamp, scale, zero_is_missing):
             return
-        for number in range(ANSWERS):
-            publisher, template = answers.get(number, (None, None))
+        for number in range(REPLIES):
+            publisher, template = replies.get(number, (None, None))
             if self._templates.get(number) is not template:
                 self._templates.pop(number, None)
-                self._passage.wanted[number] = False
-                if template is not None and not teach_answer(self._passage, number, template):
-                    return
-                self._templates[number] = template
+                self._memory.wanted[number] = False
+                if template is not None:
+                    if not install_reply(self._memory, number, template):
+                        return
+                    self._templates[number] = template
             if template is not None:
                 octets = self._outgoing[number]
-                octets.buffer = self._passage.answers[number].ctypes.data + ENCAPSULATION
+                octets.buffer = self._memory.replies[number].ctypes.data + ENCAPSULATION
                 octets.length = octets.capacity = template.size
-            self._line.publishers[number] = publisher.handle.pointer if publisher else 0
-        self._kept = self._tracker.kernel_arguments()
-        self._line.tracker[:] = [pack.ctypes.data for pack in self._kept]
-        self._is_taught = True
+            self._context.publishers[number] = publisher.handle.pointer if publisher else 0
+        self._packs = packs
+        self._context.packs[:] = [pack.ctypes.data for pack in packs]
+        self._is_installed = True
 
-    def frames(self):
-        """Look at the frames that passed since the last look.
-
-        Returns
-        -------
-        Frames or None
-            None where there were none.
-        """
-        seen = another(self._kept[-1])
-        kept, count, seconds, nanoseconds = _look(
-            self._lines, self._passages, self._kept[-1], self._log, self._states, seen)
-        if not kept:
+    def drain(self) -> TrackedFrames | None:
+        """Return the frames processed since the last call, None where there were none."""
+        last_report = another(self._packs[REPORT])
+        logged, count, sec, nanosec = self._drain(
+            self._contexts, self._memories, self._packs[REPORT], self._log, self._states,
+            last_report)
+        if not logged:
             return None
-        log = self._log[:kept]
+        log = self._log[:logged]
         received, published, times = log[:, (RECEIVED, PUBLISHED, TIME)].T.tolist()
-        if kept < count:
+        if logged < count:
             times[0] = np.nan
-        # Glimpses keep what they are given.
-        return Frames(count, (seconds, nanoseconds), self._tracker.state_from_report(seen),
-                      received, published, times, glimpses(log, self._states[:kept].copy()))
+        stamp = Stamp(sec, nanosec)
+        # The runs keep what they are given.
+        runs = state_runs(log, self._states[:logged].copy())
+        return TrackedFrames(count, stamp, HandTracker.state_from_report(last_report), received, published,
+                             times, runs, None, on_fast_path=True, restarted=False)
 
-    def _serve(self):
-        """Let what did not pass go the long way."""
+    def _serve_slow_path(self) -> None:
+        """Hand what was not processed to the slow path."""
         self._timer.cancel()
-        if not self.is_used:
+        if not self.is_started:
             return
-        if not self._is_heard:
+        if not self._has_callback:
             # Not before: the timer must be the executor's when the middleware resets it.
-            self._is_heard = True
+            self._has_callback = True
             # Else the middleware might still call what Python has taken down.
-            atexit.register(self.close)
-            self._listen(self._callback.address)
-        _set_open(self._lines, False)
-        self._on_pause()
-        for _ in range(TURN):
+            atexit.register(self.stop)
+            self._set_callback(self._callback.address)
+        self._set_enabled(self._contexts, False)
+        self._on_disabled()
+        for _ in range(SLOW_PATH_TURN):
             data = self._next()
             if data is None:
-                if self._is_taught:
-                    _set_open(self._lines, True)
+                if self._is_installed:
+                    self._set_enabled(self._contexts, True)
                 return
             self._on_message(data)
         self._rcl.reset_timer(self._timer.handle.pointer)
 
-    def _next(self):
+    def _next(self) -> bytes | None:
         """Return the next message, or None; first the one that was taken already."""
-        if self._line.is_left[0]:
-            self._line.is_left[0] = 0
-        elif self._rcl.take(self._subscription.handle.pointer, ctypes.byref(self._incoming),
-                            None, None):
+        if self._context.has_missed_message[0]:
+            self._context.has_missed_message[0] = 0
+            return self._incoming.content()
+        return self.take()
+
+    def take(self) -> bytes | None:
+        """Return the next message that waits, or None; only while it is disabled."""
+        assert self._subscription is not None
+        if self._rcl.take(self._subscription.handle.pointer, ctypes.byref(self._incoming),
+                          None, None):
             self._rcl.reset_error()
             return None
-        return self._incoming.text()
+        return self._incoming.content()
 
 
-# Whoever waits here lets others have the interpreter.
+# nogil: what waits here lets other threads have the interpreter.
 @partial(jit, nogil=True)
-def _set_open(lines, is_open):
-    """Open or shut the short way, when no message is on it."""
-    line = lines[0]
-    call(line.lock, line.mutex, 0, 0, 0)
-    line.is_open[0] = is_open
-    call(line.unlock, line.mutex, 0, 0, 0)
+def _set_enabled(contexts, is_enabled):
+    """Enable or disable the fast path while no message is processed."""
+    context = contexts[0]
+    call(context.lock, context.mutex, 0, 0, 0)
+    context.is_enabled[0] = is_enabled
+    call(context.unlock, context.mutex, 0, 0, 0)
 
 
 @partial(jit, nogil=True)
-def _look(lines, passages, reports, log, states, seen):
-    """Look when no message is on its way; return also the last stamp."""
-    line = lines[0]
-    call(line.lock, line.mutex, 0, 0, 0)
-    kept, count = look(passages, reports, log, states, seen)
-    seconds, nanoseconds = passages[0].stamp[0], passages[0].stamp[1]
-    call(line.unlock, line.mutex, 0, 0, 0)
-    return kept, count, seconds, nanoseconds
+def _drain(contexts, memories, reports, log, states, last_report):
+    """Drain the log while no message is processed; return also the last stamp."""
+    context = contexts[0]
+    call(context.lock, context.mutex, 0, 0, 0)
+    logged, count = drain_log(memories, reports, log, states, last_report)
+    sec, nanosec = memories[0].stamp[0], memories[0].stamp[1]
+    call(context.unlock, context.mutex, 0, 0, 0)
+    return logged, count, sec, nanosec
 
 
 @jit
-def _now(line):
-    """Return the time that Python's time.monotonic gives [s]."""
-    call(line.get_time, STEADY, line.moment.ctypes.data, 0, 0)
-    return line.moment[0] + 1e-9 * line.moment[1]
+def _now(context):
+    """Return the time as Python's time.monotonic gives it [s]."""
+    call(context.get_time, MONOTONIC_CLOCK, context.now.ctypes.data, 0, 0)
+    return context.now[0] + 1e-9 * context.now[1]
 
 
 @jit
-def _publish(line):
-    """Publish the answers; shut the short way where one fails, for the long way to tell."""
-    for i in range(ANSWERS):
-        if line.publishers[i] and call(line.publish, line.publishers[i], line.outgoing[i], 0, 0):
-            line.is_open[0] = 0
+def _publish(context):
+    """Publish the replies; disable the fast path where one fails, for the slow path to report."""
+    for i in range(REPLIES):
+        if context.publishers[i] and call(
+                context.publish, context.publishers[i], context.outgoing[i], 0, 0):
+            context.is_enabled[0] = 0
 
 
-def _callback(*layouts):
-    """Return what the middleware calls when messages have come, for packs of these layouts."""
-    (of_line, of_passage, of_model, of_chains, of_options, of_clock, of_blank, of_state,
+def _callback(*layouts: np.dtype) -> Any:
+    """Return the compiled callback for new messages, for packs of these layouts."""
+    import numba
+
+    (of_context, of_memory, of_model, of_digits, of_options, of_clock, of_blank, of_state,
      of_report) = layouts
 
-    @numba.cfunc('void(voidptr, uintp)', cache=CACHED, error_model='numpy')
+    @numba.cfunc('void(voidptr, uintp)', cache=DEFERRED or CACHE_FOLDER is not None,
+                 error_model='numpy')
     def on_messages(address, count):
-        line = numba.carray(address, (1,), of_line)[0]
-        passages = numba.carray(at(line.passage), (1,), of_passage)
-        incoming = numba.carray(at(line.incoming), (2,), np.int64)
+        context = numba.carray(address, (1,), of_context)[0]
+        memories = numba.carray(at(context.memory), (1,), of_memory)
+        incoming = numba.carray(at(context.incoming), (2,), np.int64)
         taken = True
         while taken:
-            call(line.lock, line.mutex, 0, 0, 0)
-            taken = line.is_open[0] > 0 and call(
-                line.take, line.subscription[0], line.incoming, 0, 0) == 0
+            call(context.lock, context.mutex, 0, 0, 0)
+            taken = context.is_enabled[0] > 0 and call(
+                context.take, context.subscription[0], context.incoming, 0, 0) == 0
             if taken:
-                received = _now(line)
-                tracker = line.tracker
-                reports = numba.carray(at(tracker[6]), (1,), of_report)
-                if pass_message(
-                        passages, numba.carray(at(tracker[0]), (1,), of_model),
-                        numba.carray(at(tracker[1]), (1,), of_chains),
-                        numba.carray(at(tracker[2]), (1,), of_options),
-                        numba.carray(at(tracker[3]), (1,), of_clock),
-                        numba.carray(at(tracker[4]), (1,), of_blank),
-                        numba.carray(at(tracker[5]), (1,), of_state), reports,
+                received = _now(context)
+                packs = context.packs
+                reports = numba.carray(at(packs[6]), (1,), of_report)
+                if process_message(
+                        memories, (numba.carray(at(packs[0]), (1,), of_model),
+                                   numba.carray(at(packs[1]), (1,), of_digits),
+                                   numba.carray(at(packs[2]), (1,), of_options),
+                                   numba.carray(at(packs[3]), (1,), of_clock),
+                                   numba.carray(at(packs[4]), (1,), of_blank),
+                                   numba.carray(at(packs[5]), (1,), of_state), reports),
                         numba.carray(at(incoming[0]), (incoming[1],), np.uint8)):
-                    _publish(line)
-                    note(passages[0], reports[0], received, _now(line))
+                    _publish(context)
+                    log_frame(memories[0], reports[0], received, _now(context))
                 else:
-                    line.is_left[0] = 1
-                    line.is_open[0] = 0
-            is_open = line.is_open[0] > 0
-            call(line.unlock, line.mutex, 0, 0, 0)
-        call(line.reset_error, 0, 0, 0, 0)
-        if not is_open:
-            call(line.reset_timer, line.timer[0], 0, 0, 0)
+                    context.has_missed_message[0] = 1
+                    context.is_enabled[0] = 0
+            is_enabled = context.is_enabled[0] > 0
+            call(context.unlock, context.mutex, 0, 0, 0)
+        call(context.reset_error, 0, 0, 0, 0)
+        if not is_enabled:
+            call(context.reset_timer, context.timer[0], 0, 0, 0)
 
     return on_messages

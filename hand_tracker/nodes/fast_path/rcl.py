@@ -1,8 +1,11 @@
-"""rcl, the C library below rclpy, for compiled code: its functions by their addresses."""
+"""rcl, the C library below rclpy: its functions by their addresses, for compiled code."""
+
+from __future__ import annotations
 
 import ctypes
 import os
 import sys
+from typing import Any
 
 from ...core.numerics.jit import COMPILED
 
@@ -11,13 +14,13 @@ if COMPILED:
     from llvmlite import ir
     from numba.extending import intrinsic
 
-LOADED = os.RTLD_NOLOAD | os.RTLD_NOW if sys.platform.startswith('linux') else None
-MUTEX = 64  # [bytes], more than pthread_mutex_t has
-POINTER, SIZE = ctypes.c_void_p, ctypes.c_size_t
+ALREADY_LOADED = os.RTLD_NOLOAD | os.RTLD_NOW if sys.platform.startswith('linux') else None
+MUTEX_SIZE = 64  # [bytes], more than pthread_mutex_t has
+POINTER, SIZE_T = ctypes.c_void_p, ctypes.c_size_t
 
 
-class Unavailable(Exception):
-    """It cannot be used here; the message says why."""
+class FastPathUnavailable(Exception):
+    """There can be no fast path here; the message says why."""
 
 
 class Allocator(ctypes.Structure):
@@ -28,34 +31,34 @@ class Allocator(ctypes.Structure):
 
 
 class Octets(ctypes.Structure):
-    """rcutils_uint8_array_t, as which rcl takes and gives messages."""
+    """rcutils_uint8_array_t, in which rcl takes and publishes serialized messages."""
 
-    _fields_ = [('buffer', POINTER), ('length', SIZE), ('capacity', SIZE),
+    _fields_ = [('buffer', POINTER), ('length', SIZE_T), ('capacity', SIZE_T),
                 ('allocator', Allocator)]
 
-    def text(self):
-        """Return what it holds, as bytes."""
+    def content(self) -> bytes:
+        """Return the message."""
         return ctypes.string_at(self.buffer, self.length)
 
 
 class Rcl:
-    """The libraries that the process has in use already.
+    """C functions of libraries that the process has loaded already.
 
     Raises
     ------
-    Unavailable
+    FastPathUnavailable
     """
 
-    def __init__(self):
-        if LOADED is None or sys.maxsize < 2**32 or sys.byteorder != 'little':
-            raise Unavailable('it was not tried on such a system')
+    def __init__(self) -> None:
+        if ALREADY_LOADED is None or sys.maxsize < 2**32 or sys.byteorder != 'little':
+            raise FastPathUnavailable('it was not tried on such a system')
         try:
-            rcl = ctypes.CDLL('librcl.so', mode=LOADED)
-            self._rcutils = rcutils = ctypes.CDLL('librcutils.so', mode=LOADED)
+            rcl = ctypes.CDLL('librcl.so', mode=ALREADY_LOADED)
+            self._rcutils = rcutils = ctypes.CDLL('librcutils.so', mode=ALREADY_LOADED)
             system = ctypes.CDLL(None)
             self.take = _typed(rcl.rcl_take_serialized_message, *[POINTER] * 4)
             self.publish = rcl.rcl_publish_serialized_message
-            self.listen = _typed(
+            self.set_callback = _typed(
                 rcl.rcl_subscription_set_on_new_message_callback, *[POINTER] * 3)
             self.reset_timer = _typed(rcl.rcl_timer_reset, POINTER)
             self.reset_error = rcutils.rcutils_reset_error
@@ -63,30 +66,30 @@ class Rcl:
             self.get_time, self._new_mutex = system.clock_gettime, system.pthread_mutex_init
             self._allocator = _typed(rcutils.rcutils_get_default_allocator, result=Allocator)()
         except (OSError, AttributeError) as error:
-            raise Unavailable(error) from None
+            raise FastPathUnavailable(error) from None
 
-    def octets(self, capacity=0):
-        """Return room for a message, never given back; without a capacity none as yet."""
+    def octets(self, capacity: int = 0) -> Octets:
+        """Return a buffer for a message, never freed; without a capacity it has no memory yet."""
         octets = Octets(allocator=self._allocator)
         if capacity:
-            make = _typed(self._rcutils.rcutils_uint8_array_init, POINTER, SIZE, POINTER)
+            make = _typed(self._rcutils.rcutils_uint8_array_init, POINTER, SIZE_T, POINTER)
             if make(ctypes.byref(octets), capacity, ctypes.byref(self._allocator)):
-                raise Unavailable('there is no memory')
+                raise FastPathUnavailable('there is no memory')
         return octets
 
-    def mutex(self):
-        """Return a mutex, as a buffer."""
-        mutex = ctypes.create_string_buffer(MUTEX)
+    def mutex(self) -> ctypes.Array[ctypes.c_char]:
+        """Return the memory of an initialised mutex."""
+        mutex = ctypes.create_string_buffer(MUTEX_SIZE)
         self._new_mutex(mutex, None)
         return mutex
 
 
-def address(function):
+def address(function: Any) -> int:
     """Return the address of a C function."""
-    return ctypes.cast(function, POINTER).value
+    return ctypes.cast(function, POINTER).value or 0
 
 
-def _typed(function, *arguments, result=ctypes.c_int):
+def _typed(function: Any, *arguments: Any, result: Any = ctypes.c_int) -> Any:
     function.argtypes, function.restype = arguments, result
     return function
 
@@ -96,7 +99,7 @@ if COMPILED:
     def call(typing, function, first, second, third, fourth):
         """Call a C function by its address.
 
-        Numba knows those of ctypes too, but keeps no kernel on disk that has one in it.
+        Numba can call functions of ctypes, but keeps no kernel on disk that does.
         """
         def generate(context, builder, signature, arguments):
             pointer = ir.FunctionType(ir.IntType(32), [ir.IntType(64)] * 4).as_pointer()

@@ -1,4 +1,4 @@
-"""The short way: the same as the long way, or refused with nothing done."""
+"""The fast path: the same as the slow path, or refused with nothing done."""
 
 import struct
 
@@ -25,31 +25,27 @@ from hand_tracker.messages.builders import (
     transform_numbers,
     wrist_frames,
 )
-from hand_tracker.messages.cdr import (
-    ENCAPSULATION,
-    MarkerReader,
-    Stamp,
-    joint_state_template,
-    transforms_template,
-)
+from hand_tracker.messages.cdr import ENCAPSULATION, MarkerReader
+from hand_tracker.messages.stamps import Stamp
+from hand_tracker.messages.templates import joint_state_template, transforms_template
 from hand_tracker.messages.labels import LabelMap
-from hand_tracker.messages.marker_array import seconds
+from hand_tracker.messages.stamps import seconds
 from hand_tracker.nodes.fast_path.kernel import (
-    ANGLES,
-    ANSWER_ROOM,
-    ANSWERS,
-    CONFIDENCE,
-    KEPT,
-    LOGGED,
-    MESSAGE_ROOM,
+    JOINT_STATES,
+    REPLY_CAPACITY,
+    REPLIES,
+    CONFIDENCES,
+    LOG_CAPACITY,
+    LOG_COLUMNS,
+    MESSAGE_CAPACITY,
     TRANSFORMS,
-    glimpses,
-    look,
-    new_passage,
-    note,
-    pass_message,
-    teach_answer,
-    teach_kind,
+    state_runs,
+    drain_log,
+    new_memory,
+    log_frame,
+    process_message,
+    install_reply,
+    install_signature,
 )
 from hand_tracker.simulation.packaged_recordings import demo_recording
 
@@ -68,55 +64,55 @@ def markers_of(positions, frame, labels=range(8)):
             for number in labels]
 
 
-class Ways:
-    """A hand that is tracked both ways."""
+class Paths:
+    """A hand that is tracked on both paths."""
 
     def __init__(self, side='right'):
         hand = Hand.scaled(side=side)
         table = joint_table(hand)
         self.reader = MarkerReader(LabelMap(), scale=SCALE)
-        self.long, self.short = HandTracker(hand), HandTracker(hand)
+        self.slow, self.fast = HandTracker(hand), HandTracker(hand)
         self.templates = {
-            ANGLES: joint_state_template(NAMES.joints),
-            CONFIDENCE: joint_state_template(NAMES.joints),
+            JOINT_STATES: joint_state_template(NAMES.joints),
+            CONFIDENCES: joint_state_template(NAMES.joints),
             TRANSFORMS: transforms_template(
                 wrist_frames(NAMES, 'mocap') + link_frames(NAMES, table))}
-        self.passages, self.passage = packed(new_passage())
+        self.memories, self.memory = packed(new_memory())
         self.table = table
 
-    def teach(self, data):
-        """Track a message the long way both times, and teach what it is like."""
+    def install(self, data):
+        """Track a message on the slow path with both trackers, and install its signature."""
         frame = self.reader.read(data)
-        for tracker in self.long, self.short:
+        for tracker in self.slow, self.fast:
             state = tracker.update(frame.positions, seconds(frame.stamp))
-        assert teach_kind(self.passage, self.reader.kind, frame.stamp, SCALE, True)
+        assert install_signature(self.memory, self.reader.signature, frame.stamp, SCALE, True)
         for number, template in self.templates.items():
-            assert teach_answer(self.passage, number, template)
+            assert install_reply(self.memory, number, template)
         return state
 
     def go(self, data):
-        """Return whether a message passes."""
-        return pass_message(self.passages, *self.short.kernel_arguments(),
-                            np.frombuffer(data, np.uint8))
+        """Process a message; return whether that was possible."""
+        return process_message(self.memories, self.fast.kernel_arguments(),
+                               np.frombuffer(data, np.uint8))
 
     def told(self):
-        """Return the state after the last frame of the short way."""
-        reports = self.short.kernel_arguments()[-1]
+        """Return the state after the last frame of the fast path."""
+        reports = self.fast.kernel_arguments()[-1]
         copy = another(reports)
         overwrite(copy, reports)
-        return self.short.state_from_report(copy)
+        return self.fast.state_from_report(copy)
 
     def answers(self):
-        """Return what the short way answers, as bytes."""
-        return {number: self.passage.answers[number].view(np.uint8)[
+        """Return the replies of the fast path, as bytes."""
+        return {number: self.memory.replies[number].view(np.uint8)[
             ENCAPSULATION:ENCAPSULATION + template.size].tobytes()
             for number, template in self.templates.items()}
 
     def expected(self, data):
-        """Return what the long way answers."""
+        """Return state and replies of the slow path."""
         frame = self.reader.read(data)
-        state = self.long.update(frame.positions, seconds(frame.stamp))
-        numbers = {ANGLES: state.angles, CONFIDENCE: state.confidence,
+        state = self.slow.update(frame.positions, seconds(frame.stamp))
+        numbers = {JOINT_STATES: state.angles, CONFIDENCES: state.confidence,
                    TRANSFORMS: transform_numbers(self.table, state)}
         return state, {number: template.fill(frame.stamp, numbers[number])
                        for number, template in self.templates.items()}
@@ -124,9 +120,9 @@ class Ways:
 
 @pytest.fixture
 def ways():
-    """Return a hand that was seen once, the long way."""
-    found = Ways()
-    found.teach(data_of(markers_of(DEMO['right'][0], 0)))
+    """Return a hand that was seen once, on the slow path."""
+    found = Paths()
+    found.install(data_of(markers_of(DEMO['right'][0], 0)))
     return found
 
 
@@ -138,20 +134,20 @@ def alike(part, other):
 
 
 @pytest.mark.parametrize('side', ['right', 'left'])
-def test_what_passes_is_answered_as_the_long_way_does(side):
-    ways, frames = Ways(side), DEMO[side].copy()
+def test_both_paths_reply_alike(side):
+    ways, frames = Paths(side), DEMO[side].copy()
     rng = np.random.default_rng(3)
     frames[40:60, rng.integers(0, 8)] = np.nan
     frames[80:90, :3] = np.nan
     frames[100:110, [4, 5]] = frames[100:110, [5, 4]]
     frames[120] += 1e4
-    ways.teach(data_of(markers_of(frames[0], 0)))
+    ways.install(data_of(markers_of(frames[0], 0)))
     palms, states = set(), set()
     for number in range(1, len(frames)):
         data = data_of(markers_of(frames[number], number))
         assert ways.go(data)
         state, answers = ways.expected(data)
-        assert ways.answers() == answers
+        assert ways.replies() == answers
         assert all(map(alike, ways.told(), state))
         palms.add(state.palm)
         states.update(state.marker_states.tolist())
@@ -179,7 +175,7 @@ ZERO, BEFORE, AGAIN = Time(), Time(sec=4), Time(sec=5)
     data_of(markers_of(DEMO['right'][1], 1) + markers_of(DEMO['right'][1], 1, [3])),
     data_of(markers_of(DEMO['right'][1], 1))[:-40],
     big_endian(markers_of(DEMO['right'][1], 1)), b'', b'\0\1', b'\0\1\0\0',
-    b'\0\1' + bytes(MESSAGE_ROOM + 5),
+    b'\0\1' + bytes(MESSAGE_CAPACITY + 5),
     data_of(markers_of(DEMO['right'][0], 0)),
     data_of([marker(number, (1., 2., number), 'leds', 'mocap', Marker.SPHERE, 0, stamp)
              for stamp in [ZERO] for number in range(8)]),
@@ -195,7 +191,7 @@ def test_what_is_not_alike_is_refused_with_nothing_done(ways, data):
     # The next one goes on as if nothing had come.
     data = data_of(markers_of(DEMO['right'][2], 2))
     assert ways.go(data)
-    assert ways.answers() == ways.expected(data)[1]
+    assert ways.replies() == ways.expected(data)[1]
 
 
 def test_the_last_stamp_passes_once_even_if_time_does_not_believe_it(ways):
@@ -203,16 +199,16 @@ def test_the_last_stamp_passes_once_even_if_time_does_not_believe_it(ways):
                               Time(sec=sec)) for number in range(8)]) for sec in (1000, 5000)]
     assert ways.go(strays[0])
     assert not ways.go(strays[0])
-    # As one that came the long way.
-    ways.teach(strays[1])
+    # As one that came the slow path.
+    ways.install(strays[1])
     assert not ways.go(strays[1])
 
 
 def test_nothing_passes_before_the_palm_was_seen():
-    ways = Ways()
+    ways = Paths()
     hidden = DEMO['right'][0].copy()
     hidden[0] = 0.
-    ways.teach(data_of(markers_of(hidden, 0)))
+    ways.install(data_of(markers_of(hidden, 0)))
     assert not ways.go(data_of(markers_of(DEMO['right'][1], 1)))
 
 
@@ -221,34 +217,34 @@ def test_points_of_lists_and_messages_of_others_are_not_taught(ways):
                     [tuple(at) for at in DEMO['right'][0]])
     for data in data_of([points]), data_of([marker(99, (0., 0., 1.), 'x', 'mocap')]), data_of([]):
         ways.reader.read(data)
-        assert not teach_kind(ways.passage, ways.reader.kind, Stamp(6, 0), SCALE, True)
+        assert not install_signature(ways.memory, ways.reader.signature, Stamp(6, 0), SCALE, True)
     assert ways.go(data_of(markers_of(DEMO['right'][1], 1)))
 
 
 def test_an_answer_that_has_no_room_is_not_taught(ways):
-    long = joint_state_template([f'{joint}{"x" * (ANSWER_ROOM // 25)}' for joint in JOINTS])
-    assert not teach_answer(ways.passage, ANGLES, long)
-    assert not teach_answer(ways.passage, ANGLES, joint_state_template(['x'] * 300))
-    assert not teach_answer(
-        ways.passage, TRANSFORMS, transforms_template([('mocap', f'l{i}') for i in range(33)]))
+    long = joint_state_template([f'{joint}{"x" * (REPLY_CAPACITY // 25)}' for joint in JOINTS])
+    assert not install_reply(ways.memory, JOINT_STATES, long)
+    assert not install_reply(ways.memory, JOINT_STATES, joint_state_template(['x'] * 300))
+    assert not install_reply(
+        ways.memory, TRANSFORMS, transforms_template([('mocap', f'l{i}') for i in range(33)]))
     data = data_of(markers_of(DEMO['right'][1], 1))
     assert ways.go(data)
-    assert ways.answers() == ways.expected(data)[1]
+    assert ways.replies() == ways.expected(data)[1]
 
 
 def test_only_what_is_wanted_is_filled(ways):
-    ways.passage.wanted[CONFIDENCE] = 0
-    before = ways.answers()
+    ways.memory.wanted[CONFIDENCES] = 0
+    before = ways.replies()
     assert ways.go(data_of(markers_of(DEMO['right'][1], 1)))
-    after = ways.answers()
-    assert [after[number] != before[number] for number in range(ANSWERS)] == [True, True, False]
+    after = ways.replies()
+    assert [after[number] != before[number] for number in range(REPLIES)] == [True, True, False]
 
 
 @pytest.fixture(scope='module')
 def hostile_ways():
     """Return a hand that was seen once, for all hostile messages."""
-    found = Ways()
-    found.teach(data_of(markers_of(DEMO['right'][0], 0)))
+    found = Paths()
+    found.install(data_of(markers_of(DEMO['right'][0], 0)))
     return found
 
 
@@ -268,24 +264,24 @@ def test_hostile_messages_are_survived(hostile_ways, changes, end):
     assert np.isfinite(told.angles).all() and np.isfinite(told.pose.position).all()
 
 
-def seen(passages, reports):
+def seen(memories, reports):
     """Look, and return what is new."""
-    log, states = np.zeros((KEPT, LOGGED)), np.zeros((KEPT, len(MARKERS)), np.int8)
+    log, states = np.zeros((LOG_CAPACITY, LOG_COLUMNS)), np.zeros((LOG_CAPACITY, len(MARKERS)), np.int8)
     report = another(reports)
-    kept, frames = look(passages, reports, log, states, report)
+    kept, frames = drain_log(memories, reports, log, states, report)
     return log[:kept], states[:kept], frames, report
 
 
-@pytest.mark.parametrize('count', [0, 1, 7, KEPT, KEPT + 30])
+@pytest.mark.parametrize('count', [0, 1, 7, LOG_CAPACITY, LOG_CAPACITY + 30])
 def test_what_was_noted_is_looked_at_once(ways, count):
-    reports = ways.short.kernel_arguments()[-1]
+    reports = ways.fast.kernel_arguments()[-1]
     for lap in range(2):
         for i in range(count):
-            ways.passage.time[0] = i
-            note(ways.passage, reports[0], lap + 1e-3 * i, lap + 1e-3 * i + 1e-4)
-        log, states, frames, report = seen(ways.passages, reports)
-        assert frames == count and len(log) == min(count, KEPT)
-        numbers = np.arange(count)[-KEPT:]
+            ways.memory.time[0] = i
+            log_frame(ways.memory, reports[0], lap + 1e-3 * i, lap + 1e-3 * i + 1e-4)
+        log, states, frames, report = seen(ways.memories, reports)
+        assert frames == count and len(log) == min(count, LOG_CAPACITY)
+        numbers = np.arange(count)[-LOG_CAPACITY:]
         assert np.array_equal(log[:, 0], lap + 1e-3 * numbers)
         assert np.array_equal(log[:, 2], numbers)
         assert (states == MarkerState.SEEN).all()
@@ -294,14 +290,14 @@ def test_what_was_noted_is_looked_at_once(ways, count):
 
 
 def test_what_stays_the_same_is_glimpsed_when_it_begins_and_ends():
-    log, states = np.zeros((6, LOGGED)), np.zeros((6, 8), np.int8)
+    log, states = np.zeros((6, LOG_COLUMNS)), np.zeros((6, 8), np.int8)
     log[:, 1], log[:, 3] = np.arange(6), np.arange(6) * 1e-3
     states[2:4, 5] = MarkerState.PREDICTED
     log[5:, 4] = PalmState.LOST
-    found = glimpses(log, states)
+    found = state_runs(log, states)
     assert [at for at, _ in found] == [0., 1., 2., 3., 4., 5.]
-    assert [glimpse.palm for _, glimpse in found] == [PalmState.TRACKED] * 5 + [PalmState.LOST]
-    assert [glimpse.marker_states[5] for _, glimpse in found] == [0, 0, 1, 1, 0, 0]
-    assert np.allclose([glimpse.residuals for _, glimpse in found],
+    assert [run.palm for _, run in found] == [PalmState.TRACKED] * 5 + [PalmState.LOST]
+    assert [run.marker_states[5] for _, run in found] == [0, 0, 1, 1, 0, 0]
+    assert np.allclose([run.residuals for _, run in found],
                        [[.0005], [.0005], [.0025], [.0025], [.004], [.005]])
-    assert len(glimpses(log[:1], states[:1])) == 1
+    assert len(state_runs(log[:1], states[:1])) == 1

@@ -1,4 +1,4 @@
-"""The short way in a node: the same as the long way, whatever comes in between."""
+"""The fast path in a node: the same as the slow path, whatever comes in between."""
 
 import gc
 import signal
@@ -34,17 +34,17 @@ DEEP = {'qos.markers.reliability': 'reliable', 'qos.markers.depth': 1000,
         'qos.joint_states.depth': 1000}
 
 pytestmark = pytest.mark.skipif(
-    not COMPILED or not sys.platform.startswith('linux'), reason='there is no short way here')
+    not COMPILED or not sys.platform.startswith('linux'), reason='there is no fast path here')
 
 
 class Pair:
-    """Two trackers that are sent the same, of which one knows the long way alone."""
+    """Two trackers that are sent the same, of which one knows the slow path alone."""
 
     def __init__(self, node, processes):
         self.node, self.processes = node, processes
         self._publishers = {way: node.create_publisher(MarkerArray, f'{way}/markers', 1000)
                             for way in WAYS}
-        self.answers = {way: node.collect(JointState, f'{way}/joint_states') for way in WAYS}
+        self.replies = {way: node.collect(JointState, f'{way}/joint_states') for way in WAYS}
         self.diagnostics = node.collect(DiagnosticArray, '/diagnostics')
         for process in processes.values():
             process.wait_for_line('listening')
@@ -61,13 +61,13 @@ class Pair:
         self.send(data)
         self.node.spin_until(lambda: all(
             found and found[-1].header.stamp == stamp_of(number)
-            for found in self.answers.values()))
-        return [found[-1] for found in self.answers.values()]
+            for found in self.replies.values()))
+        return [found[-1] for found in self.replies.values()]
 
     def meet(self):
         """Send frames until both are heard, then begin anew; return the next number."""
         number = LATE
-        while not all(self.answers.values()):
+        while not all(self.replies.values()):
             number += 1
             self.send(message(hand_at(), number))
             self.node.spin_for(.05)
@@ -84,7 +84,7 @@ def pair():
         try:
             for way, value in WAYS.items():
                 processes[way] = NodeProcess(
-                    MODULE, {'direct': value, **DEEP},
+                    MODULE, {'fast_path': value, **DEEP},
                     {'__ns': f'/{way}', 'markers': f'/{way}/markers'})
             yield Pair(node, processes)
             assert all(process.interrupt() == 0 for process in processes.values())
@@ -95,7 +95,7 @@ def pair():
 
 
 def points(positions, number):
-    """Return a frame as one marker of points, which the short way does not take."""
+    """Return a frame as one marker of points, which the fast path does not take."""
     marker = Marker(ns='leds', type=Marker.POINTS)
     marker.header.frame_id, marker.header.stamp = 'mocap', stamp_of(number)
     marker.points = [Point(x=x, y=y, z=z) for x, y, z in np.nan_to_num(positions).tolist()]
@@ -123,9 +123,9 @@ def test_both_ways_answer_the_same_whatever_comes(pair):
     short, long = found['/short/markers'], found['/long/markers']
     # The first ones may have missed them until all were connected.
     assert min(int(short['frames']), int(long['frames'])) >= len(frames)
-    assert int(short['frames direct']) > .3 * len(frames) and long['frames direct'] == '0'
+    assert int(short['frames on fast path']) > .3 * len(frames) and long['frames on fast path'] == '0'
     untimed = [key for key in short if 'latency' not in key and key not in (
-        'rate [Hz]', 'frames', 'frames direct', 'frames late', 'frames dropped')]
+        'rate [Hz]', 'frames', 'frames on fast path', 'frames late', 'frames dropped')]
     assert {key: short[key] for key in untimed} == {key: long[key] for key in untimed}
     said = {way: {line.split(']: ', 1)[1] for line in lines(process, 'left out')}
             for way, process in pair.processes.items()}
@@ -134,17 +134,17 @@ def test_both_ways_answer_the_same_whatever_comes(pair):
 
 def test_nothing_of_a_burst_is_lost_or_out_of_order(pair):
     number = pair.meet()
-    for found in pair.answers.values():
+    for found in pair.replies.values():
         found.clear()
     frames = [serialize_message(message(hand_at(offset=(.0001 * i, 0., 1.)), 2 * i))
               for i in range(number, number + 500)]  # of one kind, as their numbers are even
     thread = Thread(target=lambda: [pair.send(frame) for frame in frames])
     thread.start()
-    pair.node.spin_until(lambda: len(pair.answers['short']) == len(frames))
+    pair.node.spin_until(lambda: len(pair.replies['short']) == len(frames))
     thread.join()
-    stamps = [answer.header.stamp for answer in pair.answers['short']]
+    stamps = [answer.header.stamp for answer in pair.replies['short']]
     assert stamps == [stamp_of(2 * i) for i in range(number, number + 500)]
-    pair.node.spin_until(lambda: int(told(pair.diagnostics)['/short/markers']['frames direct'])
+    pair.node.spin_until(lambda: int(told(pair.diagnostics)['/short/markers']['frames on fast path'])
                          > 250)
 
 
@@ -156,7 +156,7 @@ def told(diagnostics):
 
 @contextmanager
 def bench_of(node):
-    """Yield a bench of a tracker that takes the short way."""
+    """Yield a bench of a tracker that takes the fast path."""
     with NodeProcess(MODULE, DEEP) as process:
         bench = Bench(process, node, 100, 'hand_tracker')
         process.wait_for_line('listening')
@@ -167,7 +167,7 @@ def bench_of(node):
         for _ in range(20):
             bench.answer(hand_at())
         node.spin_until(lambda: diagnostics and int(
-            told(diagnostics)['/markers']['frames direct']) > 0)
+            told(diagnostics)['/markers']['frames on fast path']) > 0)
 
 
 def test_a_parameter_acts_from_the_next_frame_on():
@@ -294,7 +294,7 @@ def test_an_executor_that_waits_for_conditions_serves_the_long_way():
 
 
 def test_a_middleware_that_was_not_tried_takes_the_long_way(monkeypatch):
-    monkeypatch.setattr(middleware, 'MIDDLEWARES', ())
+    monkeypatch.setattr(middleware, 'SUPPORTED_MIDDLEWARES', ())
     with own_node() as tracker:
         assert tracker._direct is None
         assert tracker._subscription in list(tracker.subscriptions)

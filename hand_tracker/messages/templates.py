@@ -1,0 +1,207 @@
+"""Serialized messages of which only stamps and numbers change: templates in plain CDR (XCDR1)."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..core.numerics.jit import jit
+from .cdr import ENCAPSULATION, LITTLE_ENDIAN
+from .marker_array import ADD, TRIANGLE_LIST
+from .stamps import Time
+
+
+@jit
+def fill_template(words, doubles, stamps, numbers_at, sec, nanosec, numbers):
+    """Write a stamp and the numbers into a template.
+
+    Parameters
+    ----------
+    words, doubles : ndarray of uint32 and of float
+        The template by four and by eight bytes; changed.
+    stamps : ndarray of int, shape (m,)
+        Where its stamps are in `words`.
+    numbers_at : ndarray of int, shape (n,)
+        Where its numbers are in `doubles`.
+    sec, nanosec : int
+    numbers : ndarray, shape (>= n,)
+    """
+    for i in range(len(stamps)):
+        words[stamps[i]] = sec & 0xffffffff
+        words[stamps[i] + 1] = nanosec & 0xffffffff
+    for i in range(len(numbers_at)):
+        doubles[numbers_at[i]] = numbers[i]
+
+
+class Template:
+    """A serialized message of which only stamps and numbers change.
+
+    Parameters
+    ----------
+    data : bytes
+        The message.
+    stamps, numbers : sequence of int
+        Byte offsets of its stamps and numbers.
+
+    Attributes
+    ----------
+    body : ndarray
+        The message after half a double, so that all behind its encapsulation is aligned.
+    size : int
+        Of the message [bytes].
+    stamps, numbers : ndarray of int
+        Where they are in the body, by four and by eight bytes.
+    """
+
+    def __init__(self, data: bytes, stamps: Sequence[int], numbers: Sequence[int]) -> None:
+        self.body = np.zeros(-(-len(data) // 8) + 1)
+        self.size = len(data)
+        self.stamps = (np.array(stamps, np.int64) + ENCAPSULATION) // 4
+        self.numbers = (np.array(numbers, np.int64) + ENCAPSULATION) // 8
+        self._data = self.body.view(np.uint8)[ENCAPSULATION:][:self.size]
+        self._data[:] = np.frombuffer(data, np.uint8)
+        self._words = self.body.view(np.uint32)
+
+    def fill(self, stamp: Time, numbers: np.ndarray) -> bytes:
+        """Return the message with a stamp and with numbers.
+
+        Parameters
+        ----------
+        stamp : Stamp or Time
+        numbers : ndarray, n of any shape
+
+        Returns
+        -------
+        bytes
+        """
+        fill_template(self._words, self.body, self.stamps, self.numbers, stamp.sec,
+                      stamp.nanosec, np.ravel(numbers))
+        return self._data.tobytes()
+
+
+class _Writer:
+    """Write plain CDR, and note where the stamps and the numbers are."""
+
+    def __init__(self):
+        self._data = bytearray(LITTLE_ENDIAN)
+        self._stamps, self._numbers = [], []
+
+    def _align(self, to):
+        self._data += bytes(-(len(self._data) - ENCAPSULATION) % to)
+
+    def count(self, number):
+        self.pack('I', number)
+
+    def pack(self, form, *values):
+        """Write values of one size, in a form of `struct`."""
+        self._align(struct.calcsize(form[-1]))
+        self._data += struct.pack(f'<{form}', *values)
+
+    def string(self, text):
+        octets = text.encode() + b'\0'
+        self.count(len(octets))
+        self._data += octets
+
+    def header(self, frame_id):
+        self._align(4)
+        self._stamps.append(len(self._data))
+        self._data += bytes(8)
+        self.string(frame_id)
+
+    def numbers(self, count):
+        self._align(8)
+        self._numbers += range(len(self._data), len(self._data) + 8 * count, 8)
+        self._data += bytes(8 * count)
+
+    def template(self):
+        return Template(bytes(self._data), self._stamps, self._numbers)
+
+
+def joint_state_template(names):
+    """Return the template of a JointState with positions alone.
+
+    Parameters
+    ----------
+    names : sequence of str
+
+    Returns
+    -------
+    Template
+        Of as many numbers.
+    """
+    writer = _Writer()
+    writer.header('')
+    writer.count(len(names))
+    for name in names:
+        writer.string(name)
+    writer.count(len(names))
+    writer.numbers(len(names))
+    writer.count(0)
+    writer.count(0)
+    return writer.template()
+
+
+def transforms_template(frames):
+    """Return the template of a TFMessage.
+
+    Parameters
+    ----------
+    frames : sequence of (str, str)
+        Parent and child of each transform.
+
+    Returns
+    -------
+    Template
+        Of seven numbers for each: x, y, z of the translation; x, y, z, w of the rotation.
+    """
+    writer = _Writer()
+    writer.count(len(frames))
+    for parent, child in frames:
+        writer.header(parent)
+        writer.string(child)
+        writer.numbers(7)
+    return writer.template()
+
+
+def triangles_template(frame_id, namespace, colour, lifetime, corners):
+    """Return the template of a Marker of triangles that stays with its frame.
+
+    Parameters
+    ----------
+    frame_id, namespace : str
+    colour : tuple of float
+        Red, green, blue, opacity.
+    lifetime : int
+        [s]
+    corners : int
+        Three for each triangle.
+
+    Returns
+    -------
+    Template
+        Of three numbers for each corner.
+    """
+    writer = _Writer()
+    writer.header(frame_id)
+    writer.string(namespace)
+    writer.pack('3i', 0, TRIANGLE_LIST, ADD)
+    writer.pack('10d', 0., 0., 0., 0., 0., 0., 1., 1., 1., 1.)  # pose and scale
+    writer.pack('4f', *colour)
+    writer.pack('2i', lifetime, 0)
+    writer.pack('?', True)
+    writer.count(corners)
+    writer.numbers(3 * corners)
+    writer.count(0)             # colours
+    writer.string('')           # texture
+    writer.pack('2i', 0, 0)
+    writer.string('')
+    writer.string('')
+    writer.count(0)
+    writer.count(0)             # its coordinates
+    for _ in range(3):          # text, mesh and its file
+        writer.string('')
+    writer.count(0)
+    writer.pack('?', False)
+    return writer.template()

@@ -1,0 +1,93 @@
+"""The first start: a child process compiles the kernels, a thread loads them."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from threading import Thread
+
+from ..core.numerics import jit
+
+POLL_PERIOD = .1  # [s]
+PROGRAM = 'hand_tracker.tracking.compile_kernels'
+
+
+class Compilation:
+    """Kernels that are compiled and loaded beside the tracking.
+
+    The child process runs at low priority and goes on to its end even when this process
+    ends before it, so that the next start finds the kernels on disk.
+
+    Parameters
+    ----------
+    loaders : mapping of str to callable
+        For each set of kernels what loads it: called in a thread, with the cache folder, once the
+        set is on disk.
+    program : str
+        Module that compiles them, run as ``python -m``.
+
+    Attributes
+    ----------
+    loaded : list of str
+        Sets that are loaded so far.
+    error : str or None
+        Why no more will be loaded.
+    """
+
+    def __init__(self, loaders: Mapping[str, Callable[[Path], None]],
+                 program: str = PROGRAM) -> None:
+        self.loaded: list[str] = []
+        self.error: str | None = None
+        self._loaders, self._program = loaders, program
+        Thread(target=self._run, name='load kernels', daemon=True).start()
+
+    def _run(self) -> None:
+        try:
+            folder = jit.CACHE_FOLDER or _temporary_folder()
+            with tempfile.TemporaryFile('w+') as complaints:
+                child = self._start(folder, complaints)
+                for kernel_set, load in self._loaders.items():
+                    if not _wait(child, jit.ready_file(kernel_set, folder)):
+                        complaints.seek(0)
+                        lines = complaints.read().split('\n')
+                        self.error = next((line for line in reversed(lines) if line.strip()),
+                                          f'the compiling process ended with {child.returncode}')
+                        return
+                    load(folder)
+                    self.loaded.append(kernel_set)
+        # Tracking goes on in plain Python, whatever the reason.
+        except Exception as error:
+            self.error = f'{type(error).__name__}: {error}'
+
+    def _start(self, folder: Path, complaints: object) -> subprocess.Popen[bytes]:
+        environment = {**os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(folder),
+                       'PYTHONPATH': os.pathsep.join(filter(None, (
+                           str(jit.PACKAGE.parent), os.environ.get('PYTHONPATH'))))}
+        # A session of its own: Ctrl-C is not for it.
+        return subprocess.Popen(
+            [sys.executable, '-m', self._program], env=environment, stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL, stderr=complaints,  # type: ignore[arg-type]
+            start_new_session=True)
+
+
+def _temporary_folder() -> Path:
+    """Return a cache folder for this process alone, removed at its end."""
+    folder = Path(tempfile.mkdtemp(prefix='hand_tracker-kernels-'))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+def _wait(child: subprocess.Popen[bytes], ready: Path) -> bool:
+    """Wait until a file is there; return False where the child ends without it."""
+    while not ready.exists():
+        if child.poll() is not None:
+            return ready.exists()
+        time.sleep(POLL_PERIOD)
+    return True

@@ -1,0 +1,63 @@
+"""Compile the kernels of tracking into the cache: ``python -m hand_tracker.tracking.compile_kernels``."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from ..core.model.hand import DIGITS
+from ..core.model.kinematics import forward, joint_table
+from ..core.model.marker_layout import marker_positions
+from ..core.numerics import jit
+from ..core.numerics.quaternion import write_transforms
+from ..core.tracker import HandTracker
+from ..messages.cdr import LITTLE_ENDIAN, MarkerReader
+from ..messages.labels import LabelMap
+
+NICENESS = 10  # of the compiling process
+EMPTY_MARKER_ARRAY = LITTLE_ENDIAN + bytes(4)
+
+
+def compile_tracking() -> HandTracker:
+    """Compile all that turns the bytes of a MarkerArray into a hand; return a tracker."""
+    tracker = HandTracker()
+    table = joint_table(tracker.hand)
+    markers = marker_positions(
+        tracker.layout.mounting(tracker.hand), forward(table, tracker.hand.relaxed()))
+    state = tracker.update(markers)
+    tracker.update(markers, distal_flexion=np.full(len(DIGITS), np.nan))
+    write_transforms(table.parent, *state.pose, state.wrist_rotation, state.wrist_position,
+                    np.empty((1, 7)))
+    MarkerReader(LabelMap()).read(EMPTY_MARKER_ARRAY)
+    return tracker
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """Wait while another process compiles into the same folder, and keep others waiting."""
+    try:
+        import fcntl
+    except ImportError:  # not POSIX: both compile, and the later files replace the others
+        yield
+        return
+    if jit.CACHE_FOLDER is None:
+        raise jit.KernelsUnavailable('no folder for compiled kernels can be written to')
+    with open(jit.CACHE_FOLDER / 'lock', 'w') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def main() -> int:
+    """Compile at low priority, and mark the set as ready; return the exit code."""
+    os.nice(NICENESS)
+    with alone():
+        if not jit.is_ready(jit.TRACKING_SET):
+            compile_tracking()
+            jit.mark_ready(jit.TRACKING_SET)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,143 @@
+"""Monitor a stream of tracked frames: the one call a frame in front of logs and diagnostics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from typing import NamedTuple
+
+from ..core.tracker import HandState
+from ..messages.labels import LabelMap
+from ..messages.marker_array import MarkerFrame
+from ..messages.stamps import Time
+from .diagnostics import Diagnostics, Status
+from .input_monitor import InputMonitor, StateRun
+from .stream import TrackedFrame
+
+
+class TrackedFrames(NamedTuple):
+    """Consecutive frames that were tracked and published: one, or a batch of the fast path.
+
+    Attributes
+    ----------
+    count : int
+        Frames; more than there are times of where a batch was too long to be logged whole.
+    stamp : Time
+        Of the last frame, as published.
+    state : HandState
+        After the last frame.
+    received, published : list of float
+        On a clock that never jumps [s].
+    times : list of float or None
+        Times of their stamps; the first is NaN where frames before it are not logged [s].
+    runs : list of (float, StateRun or HandState)
+        When the first and the last frame of each run was published, and its states.
+    markers : MarkerFrame or None
+        As read; None where the messages have the signature of the one before.
+    on_fast_path : bool
+    restarted : bool
+        Whether time jumped back.
+    """
+
+    count: int
+    stamp: Time
+    state: HandState
+    received: list[float]
+    published: list[float]
+    times: list[float | None]
+    runs: list[tuple[float, StateRun | HandState]]
+    markers: MarkerFrame | None
+    on_fast_path: bool
+    restarted: bool
+
+    @classmethod
+    def of(cls, frame: TrackedFrame, published: float) -> TrackedFrames:
+        """Return a single frame of the slow path.
+
+        Parameters
+        ----------
+        frame : TrackedFrame
+        published : float
+            [s]
+        """
+        return cls(1, frame.stamp, frame.state, [frame.received], [published], [frame.time],
+                   [(published, frame.state)], frame.markers, False, frame.restarted)
+
+
+class Monitor:
+    """Monitor the tracking of one hand.
+
+    Parameters
+    ----------
+    now : float
+        Of a clock that never jumps, as in every method [s].
+    topic : str
+        Where the markers come from.
+    labels : LabelMap
+    """
+
+    def __init__(self, now: float, topic: str, labels: LabelMap) -> None:
+        self._input = InputMonitor(now, topic, labels)
+        self._diagnostics = Diagnostics(now, self._input)
+
+    def set_labels(self, labels: LabelMap) -> None:
+        """Expect other labels from the next message on."""
+        self._input.labels = labels
+
+    def received_none(self, received: float, markers: MarkerFrame) -> None:
+        """Note a message without any marker of the hand.
+
+        Parameters
+        ----------
+        received : float
+        markers : MarkerFrame
+        """
+        self._input.received(received, markers)
+
+    def update(self, frames: TrackedFrames) -> bool:
+        """Note frames that were tracked and published.
+
+        Parameters
+        ----------
+        frames : TrackedFrames
+
+        Returns
+        -------
+        bool
+            Whether the status has changed, so that it is to be published at once.
+        """
+        for received, published, time in zip(frames.received, frames.published, frames.times):
+            self._diagnostics.published(published - received, time)
+        if frames.markers is None:
+            self._input.received_alike(frames.received[-1], frames.stamp)
+        else:
+            self._input.received(frames.received[-1], frames.markers)
+        if frames.restarted:
+            self._input.restarted()
+        for published, states in frames.runs:
+            self._input.tracked(published, states)
+        return self._diagnostics.tracked(
+            frames.published[-1], frames.state, frames.count, frames.on_fast_path)
+
+    def left_out(self, count: int) -> None:
+        """Count frames that were left out, as newer ones had come before they could be tracked."""
+        self._diagnostics.left_out(count)
+
+    def warn_once(self, key: Hashable, text: str) -> None:
+        """Log a warning once for each key."""
+        self._input.warn_once(key, text)
+
+    def log_lines(self, now: float, publishers: Callable[[], str]) -> list[tuple[bool, str]]:
+        """Return the lines to log, see `InputMonitor.report`."""
+        return self._input.report(now, publishers)
+
+    def status(self, now: float, publishers: Callable[[], str]) -> Status:
+        """Return the status for /diagnostics, see `Diagnostics.status`."""
+        return self._diagnostics.status(now, publishers)
+
+    def ended(self) -> None:
+        """Note the end of the input."""
+        self._input.ended()
+
+    def why_never_tracked(self) -> str:
+        """Explain why no frame at all was tracked."""
+        return self._input.why_never()

@@ -1,0 +1,210 @@
+"""Track a stream of marker messages, live or recorded: read, time, update.
+
+The one loop of the tracker node's slow path, of `hand_tracker track` and of the viewers; the
+fast path does the same in one kernel (`nodes.fast_path.kernel`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from ..core.numerics.jit import DEFERRED, TRACKING_SET
+from ..core.tracker import HandState, HandTracker
+from ..messages.marker_array import MarkerFrame
+from ..messages.stamps import Time, seconds
+from .compilation import PROGRAM, Compilation
+
+UNNAMED_FRAME = 'world'  # of markers without a frame, as TF needs one
+
+
+class Reader(Protocol):
+    """What reads markers of messages: a `MarkerReader`, or one of message objects."""
+
+    def read(self, message: Any) -> MarkerFrame:
+        """Return the markers of a message."""
+        ...
+
+    def load_kernels(self, folder: Path | None = None) -> None:
+        """Load the compiled kernels of `read` from disk."""
+        ...
+
+    def use_loaded_kernels(self) -> None:
+        """Go on with the kernels that are loaded."""
+        ...
+
+
+class TrackedFrame(NamedTuple):
+    """A message of markers, tracked.
+
+    Attributes
+    ----------
+    received : float
+        When the message came, on a clock that never jumps [s].
+    stamp : Time
+        Of the markers, else of their receipt.
+    frame_id : str
+        Frame of the markers.
+    time : float or None
+        That the tracker was given [s].
+    state : HandState
+    markers : MarkerFrame
+        As read.
+    is_valid : bool
+        Whether the palm has been seen yet: before, there is no pose to publish.
+    is_regular : bool
+        Whether the frame has a stamp of its own and nothing but markers went into it.
+    restarted : bool
+        Whether time jumped back, so that tracking began anew.
+    """
+
+    received: float
+    stamp: Time
+    frame_id: str
+    time: float | None
+    state: HandState
+    markers: MarkerFrame
+    is_valid: bool
+    is_regular: bool
+    restarted: bool
+
+
+class FrameTime:
+    """The time given to the tracker: the stamp's, or that of receipt until a stamp has come."""
+
+    def __init__(self) -> None:
+        self._is_stamped = False
+
+    def of(self, stamp: Time, received: float | None) -> float | None:
+        """Return the time of the next frame.
+
+        Parameters
+        ----------
+        stamp : Time
+            Of the message.
+        received : float or None
+            [s]
+
+        Returns
+        -------
+        float or None
+            None, unknown, where this frame alone has no stamp: its receipt may be of another
+            clock than the other frames' stamps [s].
+        """
+        time = seconds(stamp)
+        self._is_stamped = self._is_stamped or time is not None
+        return time if self._is_stamped else received
+
+
+class Stream:
+    """Track messages one by one.
+
+    Where kernels are still to be compiled, plain Python tracks, and the compiled kernels take
+    over between two frames.
+
+    Parameters
+    ----------
+    tracker : HandTracker
+    reader : Reader
+        May be replaced between two messages.
+
+    Attributes
+    ----------
+    tracker, reader
+    compilation : Compilation or None
+        None where the kernels were ready, or there is no numba.
+    """
+
+    def __init__(self, tracker: HandTracker, reader: Reader) -> None:
+        self.tracker, self.reader = tracker, reader
+        self.compilation: Compilation | None = None
+        self._time = FrameTime()
+        self._switches_kernels = False
+        self._news: list[tuple[bool, str]] = []
+
+    def compile_in_background(self, program: str = PROGRAM,
+                              **loaders: Callable[[Path], None]) -> None:
+        """Have a child process compile what is missing, and take it over when it is done.
+
+        Parameters
+        ----------
+        program : str
+            Module that compiles, see `Compilation`.
+        **loaders
+            What loads further sets of kernels, by the set's name.
+        """
+        if DEFERRED:
+            loaders = {TRACKING_SET: self._load_kernels, **loaders}
+            self._switches_kernels = True
+            self._news.append((False, 'first start: kernels are compiled in the background for '
+                               'about a minute; until then plain Python tracks, more slowly'))
+        if loaders:
+            self.compilation = Compilation(loaders, program)
+
+    def _load_kernels(self, folder: Path) -> None:
+        self.tracker.load_kernels(folder)
+        self.reader.load_kernels(folder)
+
+    def track(self, message: Any, received: float, receipt_stamp: Callable[[], Time],
+              distal_flexion: np.ndarray | None = None) -> TrackedFrame | MarkerFrame:
+        """Read a message and track its markers.
+
+        Parameters
+        ----------
+        message : bytes or MarkerArray
+            As the reader takes it, or a `MarkerFrame` that it has read.
+        received : float
+            When it came, on a clock that never jumps [s].
+        receipt_stamp : callable
+            Returns the stamp for markers without one.
+        distal_flexion : ndarray, shape (5,), optional
+            See `HandTracker.update` [rad].
+
+        Returns
+        -------
+        TrackedFrame, or MarkerFrame where the message has no marker of the hand
+
+        Raises
+        ------
+        MalformedMessage
+            If the bytes are no MarkerArray.
+        """
+        if self._switches_kernels:
+            self._use_loaded_kernels()
+        markers = message if isinstance(message, MarkerFrame) else self.reader.read(message)
+        if markers.stamp is None:
+            return markers
+        has_stamp = seconds(markers.stamp) is not None
+        stamp = markers.stamp if has_stamp else receipt_stamp()
+        time = self._time.of(markers.stamp, seconds(stamp))
+        tracker = self.tracker
+        state = tracker.update(markers.positions, time, distal_flexion)
+        return TrackedFrame(
+            received, stamp, markers.frame_id or UNNAMED_FRAME, time, state, markers,
+            tracker.placed, has_stamp and distal_flexion is None, tracker.restarted)
+
+    @property
+    def is_fast(self) -> bool:
+        """Whether compiled kernels track."""
+        return self.tracker.is_compiled
+
+    def _use_loaded_kernels(self) -> None:
+        assert self.compilation is not None
+        if TRACKING_SET in self.compilation.loaded:
+            self.tracker.use_loaded_kernels()
+            self.reader.use_loaded_kernels()
+            self._news.append((False, 'compiled kernels have taken over'))
+        elif self.compilation.error is not None:
+            self._news.append((True, 'the kernels could not be compiled, plain Python goes on '
+                               f'tracking, more slowly: {self.compilation.error}'))
+        else:
+            return
+        self._switches_kernels = False
+
+    def news(self) -> list[tuple[bool, str]]:
+        """Return what is to be logged of the kernels: whether it is a warning, and the line."""
+        news, self._news = self._news, []
+        return news
