@@ -11,7 +11,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ..core.model.skeleton import SKELETON_BONES, skeleton_points
 from ..core.model.states import MarkerState, PalmState
 from ..core.tracker import HandState
-from ..drawing.palette import SKIN_TONE, LIGHT_GREY, MARKER_COLOURS, rgb
+from ..drawing.palette import LIGHT_GREY, MARKER_COLOURS, SKIN_TONE, rgb
 from .builders import Names
 
 JOINTS_SHOWN = sorted({end for bone in SKELETON_BONES for end in bone})
