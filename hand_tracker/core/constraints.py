@@ -1,31 +1,34 @@
-"""The constraints of the hand, each of which can be taken off alone."""
+"""Constraints of the hand as named switches, for comparisons and the viewer."""
 
+from collections.abc import Callable, Collection
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from .model.hand import JOINTS
+from .model.hand import JOINTS, Hand
+from .options import TrackerOptions
 
-FREE = np.radians(170.)        # a limit that is none
-FLEXION = np.array(['flexion' in joint and not (
+UNLIMITED_ANGLE = np.radians(170.)  # [rad] a limit beyond every posture
+# Masks of `JOINTS`, (25,); the CMC flexion of the fingers, which is not tracked, is in neither.
+FLEXION_MASK = np.array(['flexion' in joint and not (
     joint.endswith('cmc_flexion') and not joint.startswith('thumb')) for joint in JOINTS])
-ABDUCTION = np.array(['abduction' in joint for joint in JOINTS])
+ABDUCTION_MASK = np.array(['abduction' in joint for joint in JOINTS])
 
 
 class Change(NamedTuple):
-    """What is changed to take a constraint off, or to put one on.
+    """Change of hand and options that switches a constraint off or on.
 
     Attributes
     ----------
     options : dict
-        Fields of `TrackerOptions`.
+        New values of fields of `TrackerOptions`.
     hand : callable
-        Returns the changed hand, of one that has the constraint.
+        Returns the changed hand.
     """
 
-    options: dict = {}
-    hand: object = lambda hand: hand
+    options: dict[str, Any] = {}
+    hand: Callable[[Hand], Hand] = lambda hand: hand
 
 
 class Constraint(NamedTuple):
@@ -34,10 +37,10 @@ class Constraint(NamedTuple):
     Attributes
     ----------
     about : str
-        What one sees of it.
+        Its effect in one sentence.
     off : Change
     on : Change, optional
-        Where it is not there by default.
+        For a constraint that is off by default.
     """
 
     about: str
@@ -45,23 +48,24 @@ class Constraint(NamedTuple):
     on: Change | None = None
 
     @property
-    def default(self):
-        """Whether it is there by default."""
+    def default(self) -> bool:
+        """Whether the constraint is on by default."""
         return self.on is None
 
 
-def free(joints):
-    """Return the change to a hand without limits of some joints, a mask of `JOINTS`."""
-    return Change(hand=lambda hand: hand.replace(
-        limits=np.where(joints[:, None], (-FREE, FREE), hand.limits)))
+def without_limits(joints: np.ndarray) -> Change:
+    """Return the change that removes the limits of some joints, a mask of `JOINTS`."""
+    return Change(hand=lambda hand: hand.replace(limits=np.where(
+        joints[:, None], (-UNLIMITED_ANGLE, UNLIMITED_ANGLE), hand.limits)))
 
 
 UNCOUPLED = Change(hand=lambda hand: hand.replace(coupling=np.zeros_like(hand.coupling)))
-UNBOUND = Change({
+UNBOUNDED_DIFFERENCES = Change({
     'bound_index_middle': np.pi, 'bound_middle_ring': np.pi, 'bound_ring_little': np.pi})
 
 CONSTRAINTS = {
-    'Joint limits': Constraint('No joint bends farther than it can', free(FLEXION | ABDUCTION)),
+    'Joint limits': Constraint('No joint bends farther than it can',
+                               without_limits(FLEXION_MASK | ABDUCTION_MASK)),
     'DIP coupling': Constraint('DIP follows PIP, thumb IP follows MCP', UNCOUPLED),
     'Rigidity': Constraint('Digits do not go through each other', Change({'rigidity': False})),
     'Friction': Constraint('Hidden digits are dragged along by those that touch them',
@@ -69,25 +73,28 @@ CONSTRAINTS = {
     'Inertia': Constraint('Hidden markers go on as they moved', Change({'inertia': 0.})),
     'Transdigital correlation': Constraint('Hidden digits move as they have moved with the others',
                                            Change({'transdigital_memory': 0.})),
-    'Candidate space': Constraint('Hidden digits keep near their neighbours', UNBOUND),
+    'Candidate space': Constraint('Hidden digits keep near their neighbours',
+                                  UNBOUNDED_DIFFERENCES),
     'Palm from fingers': Constraint('A hidden palm marker is told by the fingers',
                                     Change({'palm_from_fingers': False})),
     'Smoothing': Constraint('Noise of seen markers is filtered', Change({'smoothing': False})),
     'Wrong markers': Constraint('Outliers and exchanged labels are found',
                                 Change({'outlier_gate': 0., 'swap_margin': 0.})),
 }
-DEFAULT = frozenset(name for name, constraint in CONSTRAINTS.items() if constraint.default)
+DEFAULT_CONSTRAINTS = frozenset(
+    name for name, constraint in CONSTRAINTS.items() if constraint.default)
 
 
-def constrained(hand, options, wanted):
-    """Return hand and options with some of the constraints alone.
+def constrained(hand: Hand, options: TrackerOptions,
+                wanted: Collection[str]) -> tuple[Hand, TrackerOptions]:
+    """Return hand and options with some of the constraints only.
 
     Parameters
     ----------
     hand : Hand
     options : TrackerOptions
     wanted : collection of str
-        Of `CONSTRAINTS`; those that are neither wanted nor there by default stay as they are.
+        Of `CONSTRAINTS`; one that is off by default and not wanted stays as it is.
 
     Returns
     -------
@@ -96,14 +103,14 @@ def constrained(hand, options, wanted):
     """
     for name, constraint in CONSTRAINTS.items():
         if (name in wanted) != constraint.default:
-            change = constraint.off if constraint.default else constraint.on
+            change = constraint.off if constraint.on is None else constraint.on
             hand, options = change.hand(hand), replace(options, **change.options)
     return hand, options
 
 
-def in_words(wanted):
-    """Return what a person reads of some of the constraints, as 'without Rigidity'."""
-    off = [name for name in CONSTRAINTS if name in DEFAULT - set(wanted)]
+def describe(wanted: Collection[str]) -> str:
+    """Return a caption for some of the constraints, such as 'without Rigidity'."""
+    off = [name for name in CONSTRAINTS if name in DEFAULT_CONSTRAINTS - set(wanted)]
     if not wanted:
         return 'without any constraint'
     if len(off) > 2:

@@ -1,25 +1,25 @@
-"""The package's errors: one small tree, each saying which, what and what is allowed."""
+"""The package's errors: one tree; each message names the field, its value and what is allowed."""
 
 
 class HandTrackerError(Exception):
-    """Base of every error that hand_tracker raises on purpose."""
+    """Base of every error that hand_tracker raises for its input."""
 
 
 class InvalidHand(HandTrackerError, ValueError):
-    """A hand's field has a value that no hand can have."""
+    """A field of `Hand` has a value that no hand can have."""
 
 
 class InvalidLayout(HandTrackerError, ValueError):
-    """A marker rides on a place from which the tracker cannot solve the hand."""
+    """A marker sits at a place from which the hand cannot be solved."""
 
 
 class InvalidOption(HandTrackerError, ValueError):
-    """A tracker option has a value that is not among those it allows."""
+    """A field of `TrackerOptions` has a value outside its range or choices."""
 
 
 class InvalidMesh(HandTrackerError, ValueError):
-    """A file holds no mesh that a hand can have."""
+    """A mesh file does not hold the mesh of a hand."""
 
 
 class MissingLibrary(HandTrackerError, ImportError):
-    """A library is not installed that makes or reads meshes."""
+    """A library for making or reading meshes is not installed."""

@@ -130,8 +130,8 @@ def blank_state(template: np.ndarray, rest: np.ndarray, relaxed: np.ndarray,
     count, joints = len(MARKERS), len(relaxed)
     return State(
         initial_tracks(template), initial_tracks(rest), initial_noise(count, marker_noise),
-        blank_memory(), nothing_learned(), wrist_at_origin(), angles=relaxed.copy(), blended=relaxed.copy(),
-        offset=np.zeros(joints), separated=relaxed.copy(), contact_offset=np.zeros(joints),
+        blank_memory(), nothing_learned(), wrist_at_origin(), angles=relaxed.copy(),
+        blended=relaxed.copy(), offset=np.zeros(joints), separated=relaxed.copy(), contact_offset=np.zeros(joints),
         neighbour_difference=np.zeros(3), pushes=np.zeros(rest.shape),
         last_markers=np.full((count, 3), np.nan), repeats=np.zeros(count, dtype=np.int64),
         repeated_distances=np.full((3, 3), np.nan), expected=np.zeros((count, 3)),

@@ -23,7 +23,14 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..core.constraints import ABDUCTION, FLEXION, UNBOUND, UNCOUPLED, Change, free
+from ..core.constraints import (
+    ABDUCTION_MASK,
+    FLEXION_MASK,
+    UNBOUNDED_DIFFERENCES,
+    UNCOUPLED,
+    Change,
+    without_limits,
+)
 from ..core.model.hand import FLEXION_JOINTS, JOINTS, preset_coupling, preset_limits
 from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS, marker_positions
@@ -72,16 +79,16 @@ WHY = ('The digits of the simulated motions overlap themselves (said above each 
 ALL = 'all constraints'
 MEASURED = 'measured distal flexion'
 OFF = {
-    'no flexion limits': free(FLEXION),
-    'no abduction limits': free(ABDUCTION),
-    'no limits': free(FLEXION | ABDUCTION),
+    'no flexion limits': without_limits(FLEXION_MASK),
+    'no abduction limits': without_limits(ABDUCTION_MASK),
+    'no limits': without_limits(FLEXION_MASK | ABDUCTION_MASK),
     'no DIP and IP coupling': UNCOUPLED,
     'no smoothing': Change({'smoothing': False}),
     'no inertia': Change({'inertia': 0.}),
     'no transdigital correlation': Change({'transdigital_memory': 0.}),
     'no links before learning': Change({
         'link_index_middle': 0., 'link_middle_ring': 0., 'link_ring_little': 0.}),
-    'no candidate space': UNBOUND,
+    'no candidate space': UNBOUNDED_DIFFERENCES,
     'no rigidity': Change({'rigidity': False}),
     'palm without fingers': Change({'palm_from_fingers': False}),
     'no easing': Change({'reentry_rate': 1000.}),

@@ -6,7 +6,7 @@ import io
 import socket
 import time
 
-from ..core.constraints import DEFAULT, in_words
+from ..core.constraints import DEFAULT_CONSTRAINTS, describe
 from ..core.errors import HandTrackerError
 from .panel import Panel
 from .scene import APART, Framing, HandScene, kept_near, light, wrist_pose
@@ -103,12 +103,12 @@ class Viewer:
                         for one in (hand, bare):
                             one.show(panel.skin.value, panel.skeleton.value, panel.markers.value)
                         hand.draw(state, anchor, .5 * APART * compared)
-                        hand.caption(in_words(source.constraints) if compared
-                                     or not source.constraints >= DEFAULT else '')
+                        hand.caption(describe(source.constraints) if compared
+                                     or not source.constraints >= DEFAULT_CONSTRAINTS else '')
                         bare.visible = other is not None
                         if other is not None:
                             bare.draw(other, anchor, -.5 * APART)
-                            bare.caption(in_words(()))
+                            bare.caption(describe(()))
                         panel.tell(state)
 
                 # In viser's own thread: a message from another may find its queue changing.

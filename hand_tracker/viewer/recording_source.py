@@ -7,7 +7,7 @@ from threading import Lock
 
 import numpy as np
 
-from ..core.constraints import DEFAULT, constrained
+from ..core.constraints import DEFAULT_CONSTRAINTS, constrained
 from ..core.errors import HandTrackerError
 from ..core.numerics.jit import COMPILED
 from ..core.options import TrackerOptions
@@ -145,7 +145,7 @@ class Recording:
 
     def __init__(self, path, hand, layout, topic=None, **reading):
         self.hand, self._layout = hand, layout
-        self.constraints = DEFAULT
+        self.constraints = DEFAULT_CONSTRAINTS
         self.playhead = None
         self._path, self._reading = path, reading
         self._shown = self._bare = None
@@ -169,7 +169,7 @@ class Recording:
         """
         say('Preparing; the very first time kernels are compiled for about a minute' if COMPILED
             else 'Preparing')
-        first = next(self._track(self._tracker(DEFAULT), self._start), None)
+        first = next(self._track(self._tracker(DEFAULT_CONSTRAINTS), self._start), None)
         if first is None or first.time >= self._end:
             raise HandTrackerError(f'{self._path}: nothing to show; expected frames in which the '
                                    "palm's three markers are seen together")

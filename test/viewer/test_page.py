@@ -10,7 +10,7 @@ from threading import Event
 import numpy as np
 import pytest
 
-from hand_tracker.core.constraints import CONSTRAINTS, DEFAULT, constrained, in_words
+from hand_tracker.core.constraints import CONSTRAINTS, DEFAULT_CONSTRAINTS, constrained, describe
 from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
@@ -46,23 +46,23 @@ def recording():
 
 @pytest.mark.parametrize('name', CONSTRAINTS)
 def test_each_constraint_changes_hand_or_options(name):
-    before = constrained(Hand.scaled(), TrackerOptions(), DEFAULT)
-    hand, options = constrained(Hand.scaled(), TrackerOptions(), DEFAULT ^ {name})
+    before = constrained(Hand.scaled(), TrackerOptions(), DEFAULT_CONSTRAINTS)
+    hand, options = constrained(Hand.scaled(), TrackerOptions(), DEFAULT_CONSTRAINTS ^ {name})
     assert options != before[1] or not (np.array_equal(hand.limits, before[0].limits)
                                         and np.array_equal(hand.coupling, before[0].coupling))
 
 
 def test_the_default_constraints_are_the_default_tracker():
     hand = Hand.scaled()
-    assert constrained(hand, TrackerOptions(), DEFAULT) == (hand, TrackerOptions())
+    assert constrained(hand, TrackerOptions(), DEFAULT_CONSTRAINTS) == (hand, TrackerOptions())
 
 
 def test_a_switched_recording_stays_at_its_place(recording):
     recording.playhead.seek(2.)
     bent = recording.state()
-    recording.constrain(DEFAULT - {'DIP coupling'})
+    recording.constrain(DEFAULT_CONSTRAINTS - {'DIP coupling'})
     straight = recording.state()
-    recording.constrain(DEFAULT)
+    recording.constrain(DEFAULT_CONSTRAINTS)
     assert bent.angles[DIP] > .1
     assert straight.angles[DIP] == 0.
     assert np.array_equal(recording.state().angles, bent.angles)
@@ -122,7 +122,7 @@ def test_a_leap_tracks_no_more_than_the_warm_up(recording, monkeypatch):
     monkeypatch.setattr(HandTracker, 'update', lambda self, *args: (
         updates.append(args), update(self, *args))[1])
     recording.playhead.seek(20.)
-    recording.constrain(DEFAULT - {'Inertia'})
+    recording.constrain(DEFAULT_CONSTRAINTS - {'Inertia'})
     recording.state()
     assert len(updates) == pytest.approx(120. * WARM_UP, abs=3.)
     updates.clear()
@@ -133,7 +133,7 @@ def test_a_leap_tracks_no_more_than_the_warm_up(recording, monkeypatch):
     recording.playhead.seek(0.)
     recording.state()
     assert len(updates) <= 2
-    recording.constrain(DEFAULT)
+    recording.constrain(DEFAULT_CONSTRAINTS)
 
 
 def test_a_playhead_runs_stops_and_begins_again(monkeypatch):
@@ -233,10 +233,10 @@ def test_a_switch_is_not_taken_back_by_what_is_told_meanwhile(recording, monkeyp
         idle.set()
         busy.shutdown()
         assert not switch.value
-        assert recording.constraints == DEFAULT - {'Rigidity'}
+        assert recording.constraints == DEFAULT_CONSTRAINTS - {'Rigidity'}
     finally:
         idle.set()
-        recording.constrain(DEFAULT)
+        recording.constrain(DEFAULT_CONSTRAINTS)
         viewer.stop()
 
 
@@ -253,11 +253,11 @@ def test_bars_tell_angles_and_which_are_at_a_limit():
 
 
 def test_a_hand_tells_which_constraints_are_off():
-    assert in_words(DEFAULT) == 'with constraints'
-    assert in_words(DEFAULT - {'Rigidity'}) == 'without Rigidity'
-    assert in_words(DEFAULT - {'Rigidity', 'Inertia'}) == 'without Rigidity and Inertia'
-    assert in_words({'Rigidity'}) == f'with 1 of {len(CONSTRAINTS)} constraints'
-    assert in_words(()) == 'without any constraint'
+    assert describe(DEFAULT_CONSTRAINTS) == 'with constraints'
+    assert describe(DEFAULT_CONSTRAINTS - {'Rigidity'}) == 'without Rigidity'
+    assert describe(DEFAULT_CONSTRAINTS - {'Rigidity', 'Inertia'}) == 'without Rigidity and Inertia'
+    assert describe({'Rigidity'}) == f'with 1 of {len(CONSTRAINTS)} constraints'
+    assert describe(()) == 'without any constraint'
 
 
 def test_the_addresses_lead_to_the_page():

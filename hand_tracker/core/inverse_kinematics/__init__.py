@@ -1,1 +1,5 @@
-"""Inverse kinematics: the palm from its markers, each digit from its own."""
+"""Inverse kinematics: the wrist from the `palm`, abduction and flexion of each `digit`.
+
+A digit is solved in its `abduction_plane`, its flexion in closed form (`two_bone`, `three_bone`)
+or by `fabrik`.
+"""

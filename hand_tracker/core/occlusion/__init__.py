@@ -1,1 +1,4 @@
-"""Occlusion: hidden markers of palm and digits are predicted."""
+"""Occlusion: predict hidden markers of the palm (`palm_markers`) and the digits (`digit_markers`).
+
+The digits' markers are predicted from each other by `transdigital` correlation.
+"""

@@ -1,1 +1,1 @@
-"""The pose: angles without jumps, digits that touch, what is reported."""
+"""Pose: `continuity` of the angles, `contact` between digits, and the frame's `report`."""
