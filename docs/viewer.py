@@ -40,7 +40,7 @@ def photograph(address):
         page.get_by_label('Side by side', exact=True).click()
         page.mouse.move(SIZE['width'] // 2, SIZE['height'] // 2)
         page.wait_for_timeout(DRAWN)
-        page.screenshot(path=FOLDER / 'viewer_side_by_side.png')
+        page.screenshot(path=FOLDER / 'viewer_comparison.png')
         browser.close()
 
 

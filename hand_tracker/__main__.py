@@ -1,11 +1,12 @@
-"""The commands that need no ROS node: `hand_tracker COMMAND --help` tells of each."""
+"""Hand tracker's commands; `hand_tracker COMMAND --help` lists the options of each."""
 
 import os
 import signal
 import sys
 from importlib import import_module
+from types import ModuleType
 
-# Name: what it does; each is a module of `cli`.
+# Module of `cli`: its help.
 COMMANDS = {
     'demo': 'replay a recording through the tracker and draw the hand',
     'track': 'track a recording; write a table or a recording of angles',
@@ -21,17 +22,17 @@ COMMANDS = {
 # Commands that track at once, in plain Python where the kernels are not on disk yet.
 START_AT_ONCE = {'demo', 'track', 'plot', 'view'}
 
-INTERRUPTED = 130
+INTERRUPTED_EXIT_CODE = 130
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> int:
     """Run a command; return its exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
     name = arguments[0] if arguments else '--help'
     if name in COMMANDS:
         if name in START_AT_ONCE:
             os.environ.setdefault('HAND_TRACKER_JIT', 'background')
-        return _imported(f'hand_tracker.cli.{name}').main(arguments[1:])
+        return _import_interruptible(f'hand_tracker.cli.{name}').main(arguments[1:])
     usage = 'usage: hand_tracker COMMAND [--help] ...\n\n' + '\n'.join(
         f'  {command:8s} {what}' for command, what in COMMANDS.items())
     if name in ('-h', '--help'):
@@ -41,9 +42,9 @@ def main(arguments=None):
     return 2
 
 
-def _imported(module):
-    """Import a module; Ctrl-C ends that quietly, with the exit code of an interrupted command."""
-    before = signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED))
+def _import_interruptible(module: str) -> ModuleType:
+    """Import a module; Ctrl-C ends the process quietly meanwhile."""
+    before = signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED_EXIT_CODE))
     try:
         return import_module(module)
     finally:

@@ -1,17 +1,17 @@
-"""Find the files that come with the package: config/, launch/, recordings/ and urdf/."""
+"""Paths of the package's data files: config/, launch/, recordings/ and urdf/."""
 
 from pathlib import Path
 
-PACKAGE = 'hand_tracker'
-RECORDINGS = {'right': 'recordings/demo.mcap', 'left': 'recordings/demo_left.mcap'}
+PACKAGE_NAME = 'hand_tracker'
+PACKAGED_RECORDINGS = {'right': 'recordings/demo.mcap', 'left': 'recordings/demo_left.mcap'}
 
 
-def share_directory():
-    """Return the folder that holds the data files belonging to this very code.
+def share_directory() -> Path:
+    """Return the share directory: the folder of the data files installed with this code.
 
     A checkout is its own share directory. An installed package has it at
-    ``PREFIX/share/hand_tracker``, where PREFIX is some folder above the code, whether colcon, pip
-    or Debian put it there. So no ROS 2 is asked, and code and data always belong together.
+    ``PREFIX/share/hand_tracker``, where PREFIX is a folder above the code, whether installed by
+    colcon, pip or Debian. It is found without ROS 2, so that code and data always match.
 
     Returns
     -------
@@ -25,29 +25,28 @@ def share_directory():
     return _share_directory(Path(__file__).resolve().parent)
 
 
-def packaged_recording(side='right'):
-    """Return the recording of a hand that comes with the package.
+def packaged_recording(side: str = 'right') -> Path:
+    """Return the packaged recording of a hand.
 
     Parameters
     ----------
     side : {'right', 'left'}
-        A hand is not tracked by the markers of its mirror image.
 
     Returns
     -------
     Path
     """
-    return share_directory() / RECORDINGS[side]
+    return share_directory() / PACKAGED_RECORDINGS[side]
 
 
-def _share_directory(code):
+def _share_directory(code: Path) -> Path:
     """Return the share directory of the package folder `code`."""
     checkout = code.parent
-    if (checkout / 'package.xml').is_file() and (checkout / 'resource' / PACKAGE).is_file():
+    if (checkout / 'package.xml').is_file() and (checkout / 'resource' / PACKAGE_NAME).is_file():
         return checkout
     for prefix in code.parents:
-        installed = prefix / 'share' / PACKAGE
+        installed = prefix / 'share' / PACKAGE_NAME
         if (installed / 'package.xml').is_file():
             return installed
     raise FileNotFoundError(
-        f'no share/{PACKAGE} in any folder above {code}: install the package again')
+        f'no share/{PACKAGE_NAME} in any folder above {code}: install the package again')

@@ -1,34 +1,67 @@
-"""The same work on many files, side by side in processes, and its interruption."""
+"""Process pool: map a function over tasks in spawned processes, with clean interruption."""
 
 import signal
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from itertools import repeat
+from functools import partial
 from multiprocessing import active_children, get_context
+from typing import Any, NamedTuple, TypeVar
 
 from .core.errors import HandTrackerError
 
+Task = TypeVar('Task')
+Result = TypeVar('Result')
 
-class ProcessLost(HandTrackerError):
-    """A process ended before its work did."""
+_interruptions: list[type[BaseException]] = []  # of a worker process
 
 
-class Notes(list):
-    """The lines of a process that has no terminal of its own: stands in for `Progress`."""
+class WorkerKilled(HandTrackerError):
+    """A worker process was killed before it finished its task."""
 
-    def __call__(self, total, what):
-        """Return itself, as its progress through anything."""
+
+class TaskResult(NamedTuple):
+    """Result of a task of `run_tasks`.
+
+    Attributes
+    ----------
+    is_done : bool
+        False if the task raised an error.
+    lines : list of str
+        Messages of the task; the last one is its return value or its error.
+    """
+
+    is_done: bool
+    lines: list[str]
+
+
+class MessageCollector:
+    """Stand-in for `Progress` in a worker process, which has no terminal: collects messages.
+
+    Attributes
+    ----------
+    lines : list of str
+    """
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def __call__(self, total: int, what: str) -> 'MessageCollector':
+        """Return itself, in place of `Progress(total, what)`."""
         return self
 
-    def over(self, items):
-        """Pass the items on."""
+    def over(self, items: Iterable[Task]) -> Iterable[Task]:
+        """Return the items; no progress is shown."""
         return items
 
-    say = list.append
+    def say(self, text: str) -> None:
+        """Collect a message."""
+        self.lines.append(text)
 
 
-def listen_for_interruption(error=KeyboardInterrupt):
-    """Have the signals of an interruption raise an error.
+def raise_on_interruption(
+        error: type[BaseException] = KeyboardInterrupt) -> list[type[BaseException]]:
+    """Install signal handlers that raise an error on SIGINT and SIGTERM.
 
     Parameters
     ----------
@@ -37,70 +70,96 @@ def listen_for_interruption(error=KeyboardInterrupt):
     Returns
     -------
     list of type
-        Empty until a signal came, then of the error: extension code may swallow one raised in it.
+        Gets the error appended on each signal, as extension code may swallow one raised in it.
     """
-    interrupted = []
+    interruptions: list[type[BaseException]] = []
 
-    def interrupt(number, frame):
-        interrupted.append(error)
+    def interrupt(number: int, frame: object) -> None:
+        interruptions.append(error)
         raise error
 
-    # A closing terminal or a killed script leaves no half file either.
+    # SIGTERM too: a closed terminal or killed script leaves no unfinished file either.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupt)
-    return interrupted
+    return interruptions
 
 
-def side_by_side(work, tasks, jobs):
-    """Work on several tasks, each in one of so many processes.
+def parallel_map(function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int,
+                 initializer: Callable[[], None] | None = None) -> Iterator[Result]:
+    """Yield `function(task)` for each task, in order, computed in up to `jobs` processes.
 
     Parameters
     ----------
-    work : callable
-        At the top level of a module; takes a task, a list as of `listen_for_interruption` and
-        one of `Notes`; returns a line to be said, and may raise a `HandTrackerError`.
+    function : callable
+        Picklable: at the top level of a module.
     tasks : sequence
-        That can be pickled.
+        Picklable.
     jobs : int
+    initializer : callable, optional
+        Called at the start of each process.
 
     Yields
     ------
-    is_done : bool
-        Whether the work raised no error, for each task in turn.
-    lines : list of str
-        To be said of it; the last is the error's.
+    object
 
     Raises
     ------
-    ProcessLost
-        If one was killed.
+    WorkerKilled
+        If a process was killed.
     """
-    # Spawned processes: forked ones would inherit locks of libraries' threads.
-    with ProcessPoolExecutor(min(jobs, len(tasks)), get_context('spawn'), _begin) as pool:
+    # Spawned, as forked processes would inherit locks of libraries' threads.
+    with ProcessPoolExecutor(
+            min(jobs, len(tasks)), get_context('spawn'), initializer) as pool:
         try:
-            yield from pool.map(_attempt, repeat(work), tasks)
+            yield from pool.map(function, tasks)
         except BrokenProcessPool as error:
-            raise ProcessLost('a process was killed, perhaps for lack of memory; '
-                              'expected is a smaller number of jobs') from error
+            raise WorkerKilled('a process was killed, perhaps for lack of memory; '
+                               'expected is a smaller number of jobs') from error
         except BaseException:
-            # Interrupted: what runs ends without leaving anything behind.
+            # On interruption end running tasks at once; they clean up on SIGTERM.
             pool.shutdown(wait=False, cancel_futures=True)
             for process in active_children():
                 process.terminate()
             raise
 
 
-def _begin():
-    global _interrupted
-    # Unlike KeyboardInterrupt it ends a process quietly.
-    _interrupted = listen_for_interruption(SystemExit)
+def run_tasks(work: Callable[[Any, list, MessageCollector], str], tasks: Sequence[Any],
+              jobs: int) -> Iterator[TaskResult]:
+    """Run tasks in up to `jobs` processes; an error ends its task only.
+
+    Parameters
+    ----------
+    work : callable
+        At the top level of a module; takes a task, the list from `raise_on_interruption` and a
+        `MessageCollector`; returns a message, and may raise `HandTrackerError` or `OSError`.
+    tasks : sequence
+        Picklable.
+    jobs : int
+
+    Yields
+    ------
+    TaskResult
+        Of each task, in order.
+
+    Raises
+    ------
+    WorkerKilled
+        If a process was killed.
+    """
+    return parallel_map(partial(_run_task, work), tasks, jobs, _start_worker)
 
 
-def _attempt(work, task):
-    notes = Notes()
+def _start_worker() -> None:
+    global _interruptions
+    # SystemExit, unlike KeyboardInterrupt, ends a process without a traceback.
+    _interruptions = raise_on_interruption(SystemExit)
+
+
+def _run_task(work: Callable[[Any, list, MessageCollector], str], task: Any) -> TaskResult:
+    messages = MessageCollector()
     try:
-        notes.say(work(task, _interrupted, notes))
+        messages.say(work(task, _interruptions, messages))
     except (HandTrackerError, OSError) as error:
-        notes.say(str(error))
-        return False, notes
-    return True, notes
+        messages.say(str(error))
+        return TaskResult(False, messages.lines)
+    return TaskResult(True, messages.lines)

@@ -1,37 +1,41 @@
-"""How far long work has come: a bar on a terminal, elsewhere a line now and then."""
+"""Progress of long work: a bar on a terminal, otherwise a line every ten seconds."""
 
 import sys
 import threading
 import time
+from collections.abc import Iterable, Iterator
+from typing import TextIO, TypeVar
 
-BAR = 24           # characters
-REDRAWN = .1       # [s] between drawings of the bar
-LINE_EVERY = 10.   # [s] between lines
-CLEAR = '\r\x1b[K'
+BAR_WIDTH = 24        # [characters]
+BAR_PERIOD = .1       # [s] between redraws of the bar
+LOG_PERIOD = 10.      # [s] between lines where there is no terminal
+CLEAR_LINE = '\r\x1b[K'
+
+Item = TypeVar('Item')
 
 
 class Progress:
-    """Show how far work has come.
+    """Progress display: share done, rate and time left.
 
     Parameters
     ----------
     total : int
-        Pieces of the work.
+        Number of pieces of the work.
     what : str
-        Their name, in the plural.
+        Name of the pieces, in the plural.
     stream : file, optional
         Standard error when left out.
     """
 
-    def __init__(self, total, what, stream=None):
+    def __init__(self, total: int, what: str, stream: TextIO | None = None) -> None:
         self._total, self._what = total, what
         self._stream = sys.stderr if stream is None else stream
-        self._terminal = self._stream.isatty()
+        self._is_terminal = self._stream.isatty()
         self._done, self._start = 0, 0.
         self._lock = threading.Lock()
 
-    def over(self, items):
-        """Pass the pieces on, and show how many were worked on.
+    def over(self, items: Iterable[Item]) -> Iterator[Item]:
+        """Yield items, and count each as done when the next one is asked for.
 
         Parameters
         ----------
@@ -40,11 +44,10 @@ class Progress:
         Yields
         ------
         object
-            Each of the items.
         """
         self._done, self._start = 0, time.monotonic()
         ended = threading.Event()
-        # Of its own, so that a single long piece is no reason to fall silent.
+        # A thread, so that the display goes on during a single long piece.
         ticker = threading.Thread(target=self._tick, args=(ended,), daemon=True)
         ticker.start()
         try:
@@ -54,40 +57,42 @@ class Progress:
         finally:
             ended.set()
             ticker.join()
-            if self._terminal:
+            if self._is_terminal:
                 self._show()
                 self._stream.write('\n')
 
-    def _tick(self, ended):
-        while not ended.wait(REDRAWN if self._terminal else LINE_EVERY):
+    def _tick(self, ended: threading.Event) -> None:
+        while not ended.wait(BAR_PERIOD if self._is_terminal else LOG_PERIOD):
             self._show()
 
-    def say(self, text):
-        """Write a line; the bar goes on below it.
+    def say(self, text: str) -> None:
+        """Write a line above the bar.
 
         Parameters
         ----------
         text : str
         """
         with self._lock:
-            print(f'{CLEAR}{text}' if self._terminal else text, file=self._stream, flush=True)
+            print(f'{CLEAR_LINE}{text}' if self._is_terminal else text, file=self._stream,
+                  flush=True)
 
-    def _show(self):
+    def _show(self) -> None:
         line = self._line(self._done, time.monotonic() - self._start)
         with self._lock:
-            self._stream.write(f'{CLEAR}{line}' if self._terminal else f'{line}\n')
+            self._stream.write(f'{CLEAR_LINE}{line}' if self._is_terminal else f'{line}\n')
             self._stream.flush()
 
-    def _line(self, done, seconds):
-        # A total that is too small is no reason to overflow the bar.
+    def _line(self, done: int, seconds: float) -> str:
+        # `total` may be an underestimate.
         share = min(1., done / max(self._total, 1))
-        full = int(share * BAR)
-        speed = done / max(seconds, 1e-9)
-        pace = f'{speed:.0f} a second, ' if speed >= 10. else ''
-        time_left = f'{_clock(seconds * (1. / share - 1.))} left' if share else _clock(seconds)
-        return (f'[{"#" * full}{"." * (BAR - full)}] {int(100 * share):3d} %  {done} of '
-                f'{self._total} {self._what}, {pace}{time_left}')
+        full = int(share * BAR_WIDTH)
+        rate = done / max(seconds, 1e-9)
+        rate_text = f'{rate:.0f} a second, ' if rate >= 10. else ''
+        time_left = (f'{_minutes(seconds * (1. / share - 1.))} left' if share
+                     else _minutes(seconds))
+        return (f'[{"#" * full}{"." * (BAR_WIDTH - full)}] {int(100 * share):3d} %  {done} of '
+                f'{self._total} {self._what}, {rate_text}{time_left}')
 
 
-def _clock(seconds):
+def _minutes(seconds: float) -> str:
     return '{}:{:02d}'.format(*divmod(round(seconds), 60))

@@ -8,7 +8,7 @@ import numpy as np
 from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES, Hand
 from ..files.bags import write_bag
-from ..package_data import RECORDINGS
+from ..package_data import PACKAGED_RECORDINGS
 from ..simulation.packaged_recordings import RATE, demo_recording, recording_messages
 
 
@@ -21,7 +21,7 @@ def main(arguments=None):
                         help='file to write, .mcap or .db3 (default: the packaged one of the '
                         'side, below the current folder)')
     chosen = parser.parse_args(arguments)
-    output = chosen.output or Path(RECORDINGS[chosen.side])
+    output = chosen.output or Path(PACKAGED_RECORDINGS[chosen.side])
     hand = Hand.scaled(side=chosen.side)
     recording = demo_recording(hand)
     try:

@@ -13,7 +13,7 @@ from ..core.tracker import HandTracker
 from ..files.bags import BagError, open_bag
 from ..files.hand_file import choose_hand
 from ..messages.labels import DEFAULT_LABELS, InvalidLabel, LabelMap
-from ..parallel import listen_for_interruption
+from ..parallel import raise_on_interruption
 from ..progress import Progress
 from ..tracking.monitor import Monitor
 from ..tracking.recording import USUAL_TOPIC, marker_topic, track
@@ -170,7 +170,7 @@ def run_command(name, work, options):
     int
     """
     try:
-        print(work(options, listen_for_interruption()))
+        print(work(options, raise_on_interruption()))
     except (HandTrackerError, OSError) as error:
         print(f'{name}: {error}', file=sys.stderr)
         return 1

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 from ..files.bags import STORAGE, BagError
-from ..parallel import side_by_side
+from ..parallel import run_tasks
 from ..progress import Progress
 from ..tracking.recording import OUTPUT_KINDS, TABLE, save
 from .recording_options import add_recording_options, run_command, tracked_recording
@@ -52,7 +52,7 @@ def _track_into_folder(options, interrupted):
     options.output.mkdir(parents=True, exist_ok=True)
     count, tracked = len(tasks), 0
     progress = Progress(count, 'recordings')
-    results = side_by_side(_track_file, tasks, options.jobs)
+    results = run_tasks(_track_file, tasks, options.jobs)
     for task, (is_tracked, lines) in zip(tasks, progress.over(results)):
         tracked += is_tracked
         for line in lines:

@@ -1,12 +1,11 @@
 """What every evaluation is given, and how it spreads its work."""
 
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from multiprocessing import get_context
 from pathlib import Path
 
-from ..progress import CLEAR, Progress
+from ..parallel import parallel_map
+from ..progress import CLEAR_LINE, Progress
 
 
 @dataclass(frozen=True)
@@ -64,12 +63,10 @@ class Options:
         """
         tasks = list(tasks)
         if self.jobs > 1 and len(tasks) > 1:
-            # Spawned processes: forked ones would inherit locks of libraries' threads.
-            with ProcessPoolExecutor(
-                    min(self.jobs, len(tasks)), mp_context=get_context('spawn')) as pool:
-                yield from self._shown(what, pool.map(function, tasks), len(tasks))
+            results = parallel_map(function, tasks, self.jobs)
         else:
-            yield from self._shown(what, map(function, tasks), len(tasks))
+            results = map(function, tasks)
+        yield from self._shown(what, results, len(tasks))
 
     def _shown(self, what, results, count):
         return results if self.quiet else Progress(count, what).over(results)
@@ -77,4 +74,4 @@ class Options:
 
 def _print(line):
     # On a terminal there may be a bar.
-    print(f'{CLEAR}{line}' if sys.stderr.isatty() else line, file=sys.stderr, flush=True)
+    print(f'{CLEAR_LINE}{line}' if sys.stderr.isatty() else line, file=sys.stderr, flush=True)

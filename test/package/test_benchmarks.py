@@ -54,7 +54,7 @@ def test_quadratic_programmes_converge_to_the_markers(name, kind, module, given)
     assert row['mean_mm'] < .001
 
 
-def test_recordings_are_tracked_side_by_side(tmp_path):
+def test_recordings_are_tracked_in_parallel(tmp_path):
     row = measure_many(50., 2., 2, 2, tmp_path)
     assert (row['frames'], row['recordings'], row['jobs']) == (100, 2, 2)
     assert len(list((tmp_path / 'angles').iterdir())) == 2

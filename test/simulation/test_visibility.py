@@ -16,7 +16,7 @@ from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.evaluation.overlap import deepest_overlaps
 from hand_tracker.files.bags import TYPES, open_bag
-from hand_tracker.package_data import RECORDINGS, packaged_recording
+from hand_tracker.package_data import PACKAGED_RECORDINGS, packaged_recording
 from hand_tracker.simulation import packaged_recordings as made
 from hand_tracker.simulation.gestures import GRASPS, LETTERS, grasp_shape, shape_angles
 from hand_tracker.simulation.motion import DEMO_STEPS, demo_motion, minimum_jerk
@@ -238,7 +238,7 @@ def remade(tmp_path_factory):
         run = subprocess.run([sys.executable, '-m', 'hand_tracker', 'record', *options], cwd=folder,
                              capture_output=True, text=True, check=True, env=environment)
         assert 'frames at 120 Hz' in run.stdout
-    return {side: folder / name for side, name in RECORDINGS.items()}
+    return {side: folder / name for side, name in PACKAGED_RECORDINGS.items()}
 
 
 def packaged_messages(path):
@@ -248,7 +248,7 @@ def packaged_messages(path):
 
 @pytest.mark.parametrize('side', SIDES)
 def test_packaged_recording_is_remade_byte_for_byte(remade, side):
-    packaged, remade = ROOT / RECORDINGS[side], remade[side]
+    packaged, remade = ROOT / PACKAGED_RECORDINGS[side], remade[side]
     assert packaged_messages(remade) == packaged_messages(packaged)
     if writer_of(remade) != writer_of(packaged):
         pytest.skip('another release of rosbags compresses differently; the messages agree')

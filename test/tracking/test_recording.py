@@ -547,7 +547,7 @@ def test_quick_work_says_nothing_elsewhere():
 
 
 def test_a_single_long_piece_does_not_fall_silent(monkeypatch):
-    monkeypatch.setattr('hand_tracker.progress.LINE_EVERY', .02)
+    monkeypatch.setattr('hand_tracker.progress.LOG_PERIOD', .02)
     stream = io.StringIO()
     for _ in Progress(2, 'motions', stream).over(range(2)):
         time.sleep(.1)

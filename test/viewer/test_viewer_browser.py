@@ -188,7 +188,7 @@ def test_the_button_saves_a_picture_of_the_hand(desktop, tmp_path):
     assert is_skin(pixels(data)).sum() > HAND
 
 
-def test_side_by_side_shows_a_second_hand(desktop):
+def test_comparison_shows_a_second_hand(desktop):
     def gap():
         """Return the widest gap between columns with skin [pixels]."""
         return np.diff(np.flatnonzero(is_skin(desktop.picture()).any(axis=0))).max()

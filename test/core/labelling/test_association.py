@@ -249,7 +249,7 @@ def test_a_marker_back_after_a_second_is_believed_at_once():
     assert (frames.give(shifted(3, (-.04, 0., -.04)))[2] == ACCEPTED).all()
 
 
-def test_fingers_that_lie_side_by_side_keep_their_labels():
+def test_adjacent_fingers_keep_their_labels():
     beside = PLACES.copy()
     beside[4] = beside[3] + (0., -.012, 0.)
     frames = settled(expected=beside)

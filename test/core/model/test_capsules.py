@@ -111,8 +111,8 @@ def test_only_strangers_meet():
     own = [LINKS.index(f'{finger}_proximal') for finger in FINGERS] + [
         LINKS.index('thumb_metacarpal')]
     assert not np.isin(found.link[found.first[palm]], own).any(), 'the first bone is the palm\'s'
-    side_by_side = (found.digits[:, 1] - found.digits[:, 0] == 1) & (found.digits[:, 1] < 4)
-    assert (found.first[side_by_side] % 3 != 0).sum() >= 18
+    adjacent = (found.digits[:, 1] - found.digits[:, 0] == 1) & (found.digits[:, 1] < 4)
+    assert (found.first[adjacent] % 3 != 0).sum() >= 18
 
 
 @given(share=arrays(float, 25, elements=st.floats(0., 1.)))
