@@ -18,7 +18,7 @@ class LabelMap:
     ----------
     labels : sequence of str or int
         One for each of `MARKERS`: '3' is id 3 in any namespace, 'leds/3' is id 3 in
-        namespace 'leds', 'thumb/*' is any id in namespace 'thumb', and '' is a marker
+        namespace 'leds', ``'thumb/*'`` is any id in namespace 'thumb', and '' is a marker
         that is not worn. A namespace may hold slashes. The most precise label wins.
 
     Raises

@@ -147,7 +147,7 @@ def save(path: str | Path, frames: Iterable[RecordedFrame], prefix: str,
         `.db3`) of `/joint_states` with the stamps of the markers.
     frames : iterable of RecordedFrame
     prefix : str
-        Of the joints' names and the wrist's frame, as 'right_'.
+        Of the joints' names and the wrist's frame, as ``'right_'``.
     wrist : bool, optional
         Whether to write the wrist's pose too: as columns, or as `/tf`.
 
