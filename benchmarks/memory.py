@@ -2,7 +2,7 @@
 
     python -m benchmarks.memory [--frames 432000] [--json OUT]
 
-The core is `HandTracker.update`; the node takes messages as bytes the slow path and publishes, and
+The core is `HandTracker.update`; the node takes messages as bytes on the slow path and publishes, and
 its timers run; of the fast path it is the compiled part, without rcl. The slope is of a line
 through the resident memory of the second half; `blocks` is by how many Python's own memory grew in
 that half, where the node notes latencies until it tells of them; `collections` are those of the
@@ -56,7 +56,7 @@ def core_frames():
     return lambda i: tracker.update(lap[i % len(lap)], i / RATE)
 
 
-def short_way_frames():
+def fast_path_frames():
     """Return a function of a frame's number that lets its message pass."""
     tracker, reader = HandTracker(), MarkerReader(LabelMap())
     memories, memory = packed(new_memory())
@@ -144,7 +144,7 @@ def main():
     isolate()
     print(environment())
     rows = []
-    for what, frames in (('core', core_frames), ('fast path', short_way_frames),
+    for what, frames in (('core', core_frames), ('fast path', fast_path_frames),
                          ('node', node_frames)):
         try:
             rows.append(measure(what, frames(), options.frames))
