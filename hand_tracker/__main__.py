@@ -20,7 +20,7 @@ COMMANDS = {
 }
 
 # Commands that track at once, in plain Python where the kernels are not on disk yet.
-START_AT_ONCE = {'demo', 'track', 'plot', 'view'}
+START_AT_ONCE = {'demo', 'track', 'plot'}
 
 INTERRUPTED_EXIT_CODE = 130
 
@@ -30,7 +30,8 @@ def main(arguments: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     name = arguments[0] if arguments else '--help'
     if name in COMMANDS:
-        if name in START_AT_ONCE:
+        # The viewer tracks seconds of a recording at a time, for which plain Python is too slow.
+        if name in START_AT_ONCE and '--view' not in arguments:
             os.environ.setdefault('HAND_TRACKER_JIT', 'background')
         return _import_interruptible(f'hand_tracker.cli.{name}').main(arguments[1:])
     usage = 'usage: hand_tracker COMMAND [--help] ...\n\n' + '\n'.join(

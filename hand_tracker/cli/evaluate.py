@@ -25,6 +25,7 @@ from ..core.errors import HandTrackerError
 from ..evaluation.captures import InvalidCapture, load_captures
 from ..evaluation.evaluation_options import Options
 from ..evaluation.results import command_line, write_results
+from ..tracking.compile_kernels import prepare_kernels
 
 EVALUATIONS = {
     'cameras': 'Table 2a: 8 cameras against 6, 4 and 2',
@@ -158,6 +159,7 @@ def main(arguments=None):
         options = Options(tuple(captures), chosen.seed, chosen.jobs, chosen.output, chosen.quiet)
         for fault in faults:
             options.leave_out(str(fault))
+        prepare_kernels(options.say)
         return _evaluate(parser, names, chosen, options)
     except (HandTrackerError, OSError) as error:
         print(f'{parser.prog}: {error}', file=sys.stderr)

@@ -13,7 +13,6 @@ import numpy as np
 from ..core.errors import HandTrackerError
 from ..core.model.marker_layout import MARKERS
 from ..core.numerics.jit import COMPILED, best, jit, load_kernel
-from .stamps import Stamp
 from .marker_array import (
     ADD,
     CUBE,
@@ -29,6 +28,7 @@ from .marker_array import (
     placed,
     scaled,
 )
+from .stamps import Stamp
 
 ENCAPSULATION = 4  # [bytes] before the message proper, from which on alignment counts
 LITTLE_ENDIAN = b'\0\1\0\0'

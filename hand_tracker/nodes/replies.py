@@ -15,8 +15,14 @@ from ..core.model.hand import Hand
 from ..core.model.kinematics import joint_table, tip_offsets
 from ..core.tracker import HandState
 from ..messages.builders import (
-    Names, fill_transforms, link_frames, new_transforms, tip_frames, transform_numbers,
-    wrist_frames)
+    Names,
+    fill_transforms,
+    link_frames,
+    new_transforms,
+    tip_frames,
+    transform_numbers,
+    wrist_frames,
+)
 from ..messages.stamps import nanoseconds
 from ..tracking.stream import TrackedFrame
 from .fast_path.kernel import CONFIDENCES, JOINT_STATES, TRANSFORMS

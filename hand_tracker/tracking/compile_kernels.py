@@ -1,20 +1,26 @@
-"""Compile the kernels of tracking into the cache: ``python -m hand_tracker.tracking.compile_kernels``."""
+"""Compile the kernels of tracking into the cache.
+
+Run as ``python -m hand_tracker.tracking.compile_kernels`` by `Compilation`.
+"""
 
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 
 import numpy as np
 
-from ..core.model.hand import DIGITS
+from ..core.model.hand import DIGITS, JOINTS
 from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import marker_positions
 from ..core.numerics import jit
 from ..core.numerics.quaternion import write_transforms
+from ..core.pose.report import mean_residual
 from ..core.tracker import HandTracker
 from ..messages.cdr import LITTLE_ENDIAN, MarkerReader
 from ..messages.labels import LabelMap
+from ..messages.stamps import Stamp, seconds
+from ..messages.templates import joint_state_template
 
 NICENESS = 10  # of the compiling process
 EMPTY_MARKER_ARRAY = LITTLE_ENDIAN + bytes(4)
@@ -31,7 +37,27 @@ def compile_tracking() -> HandTracker:
     write_transforms(table.parent, *state.pose, state.wrist_rotation, state.wrist_position,
                     np.empty((1, 7)))
     MarkerReader(LabelMap()).read(EMPTY_MARKER_ARRAY)
+    mean_residual(state.residuals)
+    seconds(Stamp(1, 0))
+    joint_state_template(JOINTS).fill(Stamp(1, 0), state.angles)
     return tracker
+
+
+def prepare_kernels(say: Callable[[str], object]) -> None:
+    """Compile what is not on disk before much is to be computed; say what is waited for.
+
+    Parameters
+    ----------
+    say : callable
+        Takes a line.
+    """
+    if not jit.COMPILED or jit.is_ready(jit.TRACKING_SET):
+        return
+    say('compiling the kernels, which are kept, for about a minute ...')
+    compile_tracking()
+    # Without a folder to keep them in they are compiled each time.
+    with suppress(OSError, jit.KernelsUnavailable):
+        jit.mark_ready(jit.TRACKING_SET)
 
 
 @contextmanager

@@ -12,7 +12,16 @@ from ..core.model.hand import JOINTS, ROOT
 from ..core.numerics.quaternion import quaternion
 from ..core.tracker import HandState, HandTracker
 from ..files.angle_table import write_angle_table
-from ..files.bags import JOINT_STATE, MARKER_ARRAY, STORAGE, TF, Bag, BagError, BagMessage, write_bag
+from ..files.bags import (
+    JOINT_STATE,
+    MARKER_ARRAY,
+    STORAGE,
+    TF,
+    Bag,
+    BagError,
+    BagMessage,
+    write_bag,
+)
 from ..messages.cdr import MalformedMessage, MarkerReader
 from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame

@@ -9,10 +9,10 @@ import numpy as np
 
 from ..core.constraints import DEFAULT_CONSTRAINTS, constrained
 from ..core.errors import HandTrackerError
-from ..core.numerics.jit import COMPILED
 from ..core.options import TrackerOptions
 from ..core.tracker import HandTracker
 from ..files.bags import open_bag
+from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.recording import marker_topic, track
 
 WARM_UP = 10.   # [s] that the tracker has seen of the recording before it is looked at
@@ -167,8 +167,8 @@ class Recording:
         HandTrackerError
             If nothing can be tracked in it.
         """
-        say('Preparing; the very first time kernels are compiled for about a minute' if COMPILED
-            else 'Preparing')
+        say('Preparing')
+        prepare_kernels(say)
         first = next(self._track(self._tracker(DEFAULT_CONSTRAINTS), self._start), None)
         if first is None or first.time >= self._end:
             raise HandTrackerError(f'{self._path}: nothing to show; expected frames in which the '

@@ -12,8 +12,8 @@ from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.messages.stamps import Stamp
 from hand_tracker.messages.labels import LabelMap
+from hand_tracker.messages.stamps import Stamp
 from hand_tracker.simulation.packaged_recordings import demo_recording
 from hand_tracker.simulation.simulator import calibrated
 from hand_tracker.simulation.visibility import skin_layout

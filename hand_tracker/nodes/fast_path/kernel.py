@@ -21,8 +21,13 @@ from ...core.numerics.quaternion import write_transforms
 from ...core.pipeline import track_frame
 from ...core.pose.report import mean_residual
 from ...messages.cdr import (
-    ENCAPSULATION, LITTLE_ENDIAN, SMALLEST_MARKER, MessageSignature, gather_positions,
-    parse_marker_array)
+    ENCAPSULATION,
+    LITTLE_ENDIAN,
+    SMALLEST_MARKER,
+    MessageSignature,
+    gather_positions,
+    parse_marker_array,
+)
 from ...messages.stamps import Time, stamp_time
 from ...messages.templates import Template, fill_template
 from ...tracking.input_monitor import StateRun

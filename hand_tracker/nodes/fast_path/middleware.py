@@ -19,7 +19,15 @@ from rclpy.utilities import get_rmw_implementation_identifier
 
 from ...core.model.marker_layout import MARKERS
 from ...core.numerics.jit import (
-    CACHE_FOLDER, COMPILED, DEFERRED, JIT_IS_ON, another, jit, load_kernel, packed)
+    CACHE_FOLDER,
+    COMPILED,
+    DEFERRED,
+    JIT_IS_ON,
+    another,
+    jit,
+    load_kernel,
+    packed,
+)
 from ...core.tracker import HandTracker
 from ...messages.cdr import ENCAPSULATION, MessageSignature
 from ...messages.stamps import Stamp, Time
@@ -27,8 +35,20 @@ from ...messages.templates import Template
 from ...tracking.monitor import TrackedFrames
 from ..runner import EventsExecutor
 from .kernel import (
-    LOG_CAPACITY, LOG_COLUMNS, PUBLISHED, RECEIVED, REPLIES, TIME, drain_log, install_reply,
-    install_signature, log_frame, new_memory, process_message, state_runs)
+    LOG_CAPACITY,
+    LOG_COLUMNS,
+    PUBLISHED,
+    RECEIVED,
+    REPLIES,
+    TIME,
+    drain_log,
+    install_reply,
+    install_signature,
+    log_frame,
+    new_memory,
+    process_message,
+    state_runs,
+)
 from .rcl import FastPathUnavailable, Rcl, address
 
 if COMPILED:

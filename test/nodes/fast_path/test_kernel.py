@@ -102,7 +102,7 @@ class Paths:
         overwrite(copy, reports)
         return self.fast.state_from_report(copy)
 
-    def answers(self):
+    def replies(self):
         """Return the replies of the fast path, as bytes."""
         return {number: self.memory.replies[number].view(np.uint8)[
             ENCAPSULATION:ENCAPSULATION + template.size].tobytes()

@@ -1,0 +1,167 @@
+"""The first start: plain Python tracks, compiled kernels take over, and what goes wrong with that."""
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from hand_tracker.core.numerics import jit
+from hand_tracker.tracking.compilation import Compilation
+
+ROOT = Path(__file__).resolve().parents[2]
+PATIENCE = 600.  # [s]
+
+needs_numba = pytest.mark.skipif(
+    not jit.JIT_IS_ON, reason='without numba there is nothing to compile')
+
+# Tracks the packaged recording with the kernels that are there, beside plain Python throughout.
+TAKE_OVER = """
+import sys, time
+import numpy as np
+from hand_tracker.core.numerics import jit
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.files.bags import open_bag
+from hand_tracker.messages.cdr import MarkerReader
+from hand_tracker.messages.labels import LabelMap
+from hand_tracker.messages.stamps import Stamp
+from hand_tracker.tracking.stream import Stream, TrackedFrame
+
+assert jit.DEFERRED and not jit.COMPILED and 'numba' not in sys.modules
+stream = Stream(HandTracker(), MarkerReader(LabelMap()))
+plain = Stream(HandTracker(), MarkerReader(LabelMap()))
+stream.compile_in_background()
+with open_bag(sys.argv[1]) as bag:
+    messages = [message.data for message in bag.messages(['/markers'])]
+number = after = 0
+farthest = 0.
+while after < 60:
+    frame, other = (each.track(messages[number % 600], 0., lambda: Stamp(1, 0))
+                    for each in (stream, plain))
+    farthest = max(farthest, abs(frame.state.angles - other.state.angles).max(),
+                   abs(frame.state.pose.position - other.state.pose.position).max())
+    number += 1
+    after += stream.is_fast
+    assert not plain.is_fast
+    assert stream.compilation.error is None, stream.compilation.error
+print(farthest, *(line for _, line in stream.news()), sep='\\n')
+"""
+
+
+def run(program, cache, *arguments):
+    environment = {**os.environ, 'HAND_TRACKER_JIT': 'background', 'NUMBA_CACHE_DIR': str(cache),
+                   'PYTHONPATH': os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])}
+    return subprocess.run([sys.executable, '-c', program, *arguments], env=environment,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@needs_numba
+def test_compiled_kernels_take_over_between_two_frames_and_go_on_alike(tmp_path):
+    # What is compiled already is compiled again quickly: the kernels, without the word for it.
+    if jit.CACHE_FOLDER is not None:
+        shutil.copytree(jit.CACHE_FOLDER, tmp_path / 'cache',
+                        ignore=shutil.ignore_patterns('ready-*', 'lock'))
+    done = run(TAKE_OVER, tmp_path / 'cache', str(ROOT / 'recordings' / 'demo.mcap'))
+    assert done.returncode == 0, done.stderr
+    farthest, first, second = done.stdout.splitlines()
+    assert float(farthest) <= 1e-9
+    assert 'first start' in first and 'taken over' in second
+
+
+WITHOUT_CACHE = """
+import time
+import numpy as np
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.messages.cdr import MarkerReader
+from hand_tracker.messages.labels import LabelMap
+from hand_tracker.messages.marker_array import MarkerFrame
+from hand_tracker.messages.stamps import Stamp
+from hand_tracker.tracking.stream import Stream
+
+stream = Stream(HandTracker(), MarkerReader(LabelMap()))
+stream.compile_in_background()
+frame = MarkerFrame(Stamp(1, 0), 'mocap', np.zeros((8, 3)), (), (), ())
+lines = []
+while len(lines) < 2:
+    assert stream.track(frame, 0., lambda: Stamp(1, 0)).state is not None
+    lines += stream.news()
+    time.sleep(.01)
+print(*lines, sep='\\n')
+"""
+
+
+@needs_numba
+def test_where_kernels_cannot_be_kept_plain_python_goes_on_and_says_why(tmp_path):
+    (tmp_path / 'file').touch()
+    done = run(WITHOUT_CACHE, tmp_path / 'file' / 'cache')
+    assert done.returncode == 0, done.stderr
+    start, end = done.stdout.splitlines()
+    assert "False, 'first start" in start
+    assert "True, 'the kernels could not be compiled" in end
+    assert 'Not a directory' in end or 'cannot cache' in end
+
+
+def wait_for(condition):
+    until = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(.01)
+
+
+@needs_numba
+def test_a_compiling_process_that_ends_without_kernels_is_named():
+    loaded = []
+    # A module that does nothing when it is run.
+    compilation = Compilation({'nonesuch': loaded.append}, 'this')
+    wait_for(lambda: compilation.error is not None)
+    assert not loaded and not compilation.loaded
+    assert 'ended with 0' in compilation.error
+
+
+@needs_numba
+def test_a_compiling_process_that_is_killed_is_named(tmp_path, monkeypatch):
+    (tmp_path / 'killed.py').write_text('import os, signal\nos.kill(os.getpid(), signal.SIGKILL)\n')
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+    compilation = Compilation({'nonesuch': print}, 'killed')
+    wait_for(lambda: compilation.error is not None)
+    assert 'ended with -9' in compilation.error
+
+
+@needs_numba
+def test_what_cannot_be_loaded_is_named(tmp_path, monkeypatch):
+    def load(folder):
+        raise jit.KernelsUnavailable('track_frame is not on disk')
+
+    monkeypatch.setattr(jit, 'CACHE_FOLDER', tmp_path)
+    jit.ready_file('one', tmp_path).touch()
+    compilation = Compilation({'one': load}, 'this')
+    wait_for(lambda: compilation.error is not None)
+    assert 'track_frame is not on disk' in compilation.error and not compilation.loaded
+
+
+TWO_AT_ONCE = """
+import sys, time
+from pathlib import Path
+from hand_tracker.tracking.compile_kernels import alone
+log = Path(sys.argv[1])
+with alone():
+    with log.open('a') as file:
+        file.write('in\\n')
+    time.sleep(.2)
+    with log.open('a') as file:
+        file.write('out\\n')
+"""
+
+
+@needs_numba
+def test_two_processes_compile_one_after_the_other(tmp_path):
+    pytest.importorskip('fcntl', reason='there are no locks of files here')
+    environment = {**os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(tmp_path),
+                   'PYTHONPATH': str(ROOT)}
+    both = [subprocess.Popen([sys.executable, '-c', TWO_AT_ONCE, str(tmp_path / 'log')],
+                             env=environment) for _ in range(2)]
+    assert [process.wait(PATIENCE) for process in both] == [0, 0]
+    assert (tmp_path / 'log').read_text().split() == ['in', 'out', 'in', 'out']
