@@ -91,6 +91,7 @@ unlock() {
 
 # A step that was done leaves a stamp with the fingerprint of all that it was made from.
 fingerprint() { { printf '%s\n' "$root" "${PYTHON:-}" && cat -- "$@"; } | sha256sum | cut -c -32; }
+contents() { find "$@" | sort | while IFS= read -r file; do cat "$file"; done; }
 is_done() { [[ -e $stamps/$1.stamp && $(<"$stamps/$1.stamp") == "$2" ]]; }
 mark_done() { printf '%s\n' "$2" > "$stamps/$1.stamp"; }
 
@@ -164,7 +165,7 @@ explain_pip() {
 # Without the overlay all works but /tf and the replay's services, so that its lack is told, not fatal.
 install_overlay() {
   local sources lack
-  sources=$(find "$root/overlay" -type f | sort | while IFS= read -r file; do cat "$file"; done | fingerprint -)
+  sources=$(contents "$root/overlay" -type f | fingerprint -)
   is_done overlay "$sources" && return
   if lack=$(overlay_lacks); then
     say "No /tf and no replay services, all else works: $lack."
@@ -200,7 +201,7 @@ install_package() {
 # So that the hand moves as soon as the page is there.
 warm_up() {
   local sources
-  sources=$(fingerprint "$root"/hand_tracker/{core,skin}/*.py)
+  sources=$(contents "$root"/hand_tracker/{core,skin} -name '*.py' | fingerprint -)
   is_done view_ready "$sources" && return
   mkdir -p "$stamps"
   step "compiling the kernels and making a skin" "$python" -c \

@@ -65,7 +65,7 @@ def test_recordings_are_tracked_in_parallel(tmp_path):
 def test_nothing_grows_in_a_few_frames(tmp_path):
     pytest.importorskip('rclpy')
     rows = run('memory', '--frames', 400, folder=tmp_path)
-    assert [row['what'] for row in rows] == ['core', 'short way', 'node']
+    assert [row['what'] for row in rows] == ['core', 'fast path', 'node']
     assert all(row['frames'] == 400 for row in rows)
     assert all(row['grown_mb'] < 1. for row in rows)
 
