@@ -5,13 +5,14 @@ Every step takes the records of `records` and `options` whole, as packs of one
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
 from .filtering.frame_clock import advance_clock
 from .filtering.noise_estimate import update_noise
 from .filtering.smoothing import noise_in_palm_frame
-from .filtering.tracks import clear_motion
+from .filtering.tracks import Tracks, clear_motion
 from .inverse_kinematics.abduction_plane import REFERENCE_STEP
 from .inverse_kinematics.digit import solve_digits
 from .inverse_kinematics.palm import place_palm
@@ -36,6 +37,8 @@ from .pose.report import (
     write_residuals,
 )
 
+Pack = Any  # sequence of one record, from `numerics.jit.packed`
+
 FIRST_FRAME_SOLVES = 150    # repetitions of the inverse kinematics in the first frame
 CONTACT_RELEASE_TIME = .05  # [s] in which a contact's change of the angles falls to 1/e
 MIN_CONTACT_OFFSET = 1e-6   # [rad]
@@ -43,7 +46,8 @@ SEEN_MOBILITY = .1          # [1] of a seen digit in a contact, against a hidden
 
 
 @jit
-def track_frame(model, chains, options, clock, blank, state, report, markers, time):
+def track_frame(model: Pack, chains: Pack, options: Pack, clock: Pack, blank: Pack, state: Pack,
+                report: Pack, markers: np.ndarray, time: float) -> bool:
     """Track one frame: the steps of the method in order.
 
     Parameters
@@ -92,7 +96,8 @@ def track_frame(model, chains, options, clock, blank, state, report, markers, ti
 
 
 @jit
-def begin_frame(model, clock, blank, state, markers, time):
+def begin_frame(model: Pack, clock: Pack, blank: Pack, state: Pack, markers: np.ndarray,
+                time: float) -> tuple[float, bool]:
     """Advance the clock, and mirror a left hand's markers to a right hand's.
 
     Returns
@@ -115,7 +120,8 @@ def begin_frame(model, clock, blank, state, markers, time):
 
 
 @jit
-def label_markers(model, options, state, markers, seen, step):
+def label_markers(model: Pack, options: Pack, state: Pack, markers: np.ndarray, seen: np.ndarray,
+                  step: float) -> int:
     """Reject invalid measurements and exchange wrong labels, in `markers` and `seen`.
 
     Returns
@@ -142,7 +148,7 @@ def label_markers(model, options, state, markers, seen, step):
 
 
 @jit
-def _note_changes(palm, digits, seen, changed):
+def _note_changes(palm: Tracks, digits: Tracks, seen: np.ndarray, changed: np.ndarray) -> None:
     """Write which digits are seen, or have their palm seen, otherwise than before, shape (5,)."""
     palm_changed = False
     for i in range(3):
@@ -153,7 +159,8 @@ def _note_changes(palm, digits, seen, changed):
 
 
 @jit
-def predict_palm(model, options, state, markers, seen, step):
+def predict_palm(model: Pack, options: Pack, state: Pack, markers: np.ndarray, seen: np.ndarray,
+                 step: float) -> int:
     """Filter the palm's markers and predict hidden ones; return the `PalmState`."""
     model, options, state = model[0], options[0], state[0]
     return track_palm(Observation(markers, seen, state.noise.deviation), step, state.palm,
@@ -161,7 +168,7 @@ def predict_palm(model, options, state, markers, seen, step):
 
 
 @jit
-def place_wrist(model, options, state):
+def place_wrist(model: Pack, options: Pack, state: Pack) -> None:
     """Place the wrist and the digits' first joints by the palm's markers."""
     model, options, state = model[0], options[0], state[0]
     for i in range(5):
@@ -172,7 +179,8 @@ def place_wrist(model, options, state):
 
 
 @jit
-def predict_digits(model, options, state, markers, seen, palm_tracked, step):
+def predict_digits(model: Pack, options: Pack, state: Pack, markers: np.ndarray, seen: np.ndarray,
+                   palm_tracked: bool, step: float) -> None:
     """Filter the digits' markers in the wrist's frame and predict hidden ones."""
     model, options, state = model[0], options[0], state[0]
     # Doubtful labels must not enter the statistics.
@@ -186,7 +194,8 @@ def predict_digits(model, options, state, markers, seen, palm_tracked, step):
 
 
 @jit
-def solve_angles(model, chains, options, state, seen, step):
+def solve_angles(model: Pack, chains: Pack, options: Pack, state: Pack, seen: np.ndarray,
+                 step: float) -> int:
     """Solve the digits' angles; hidden fingers stay in their candidate space.
 
     Returns
@@ -208,7 +217,7 @@ def solve_angles(model, chains, options, state, seen, step):
 
 
 @jit
-def blend_angles(chains, options, state, seen, step):
+def blend_angles(chains: Pack, options: Pack, state: Pack, seen: np.ndarray, step: float) -> None:
     """Blend the solved angles in where a marker vanished, came back or changed its label."""
     chains, options, state = chains[0], options[0], state[0]
     for i in range(5):
@@ -228,7 +237,8 @@ def blend_angles(chains, options, state, seen, step):
 
 
 @jit
-def resolve_contact(model, chains, options, state, seen, step):
+def resolve_contact(model: Pack, chains: Pack, options: Pack, state: Pack, seen: np.ndarray,
+                    step: float) -> None:
     """Separate overlapping digits (rigidity); drag hidden ones along (friction)."""
     model, chains, options, state = model[0], chains[0], options[0], state[0]
     angles, before = state.separated, state.separated.copy()
@@ -259,7 +269,8 @@ def resolve_contact(model, chains, options, state, seen, step):
 
 
 @jit
-def write_report(model, chains, options, state, markers, seen, palm, iterations, report):
+def write_report(model: Pack, chains: Pack, options: Pack, state: Pack, markers: np.ndarray,
+                 seen: np.ndarray, palm: int, iterations: int, report: Pack) -> None:
     """Write the frame's `Report`, of the hand's own side."""
     model, chains, options, state, report = model[0], chains[0], options[0], state[0], report[0]
     write_pose(model.table, state.separated, chains.lower, chains.upper, state.wrist,

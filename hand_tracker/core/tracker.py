@@ -38,6 +38,8 @@ __all__ = ['HandState', 'HandTracker', 'MarkerState', 'PalmState', 'TrackerOptio
 LEFT_HAND_MIRROR = np.array((1., -1., 1.))  # signs of the axes
 PALM_COUNT = len(PALM_MARKERS)
 
+Pack = Any  # sequence of one record, from `numerics.jit.packed`
+
 
 class HandState(NamedTuple):
     """Tracked hand of one frame.
@@ -114,6 +116,8 @@ class HandTracker:
     layout: MarkerLayout
     options: TrackerOptions
     restarted: bool
+    _clock: Pack
+    _state: State
 
     def __init__(self, hand: Hand | None = None, layout: MarkerLayout | None = None,
                  options: TrackerOptions | None = None) -> None:
@@ -274,7 +278,8 @@ class HandTracker:
             np.nan if time is None else float(time)))
         return self.state_from_report(report)
 
-    def kernel_arguments(self, distal_flexion: ArrayLike | None = None) -> tuple[Any, ...]:
+    def kernel_arguments(self, distal_flexion: ArrayLike | None = None) -> tuple[
+            Pack, Pack, Pack, Pack, Pack, Pack, Pack]:
         """Return the arguments of `track_frame` up to the report, valid until `configure`.
 
         Parameters
@@ -285,6 +290,7 @@ class HandTracker:
         Returns
         -------
         tuple of packs
+            Model, Chains, KernelOptions, Clock, blank State, State and Report.
         """
         return (self._model, self._chains_with(distal_flexion), self._options, self._clock,
                 self._blank, self._state_pack, self._report)
@@ -292,10 +298,11 @@ class HandTracker:
     @staticmethod
     def state_from_report(report: Any) -> HandState:
         """Return the `HandState` of a packed `Report`; they share their arrays."""
-        (palm,), angles, rotation, position, rotations, positions, *known, (iterations,) = (
-            parts(report))
+        ((palm,), angles, rotation, position, rotations, positions, markers, states, hidden_for,
+         confidence, residuals, (iterations,)) = parts(report)
         return HandState(PALM_STATES[palm], angles, rotation, position,
-                         Pose(rotations, positions), *known, int(iterations))
+                         Pose(rotations, positions), markers, states, hidden_for, confidence,
+                         residuals, int(iterations))
 
     def _chains_with(self, distal_flexion: ArrayLike | None) -> Any:
         """Return the packed chains, with measured last joints in place of their couplings."""

@@ -4,7 +4,7 @@ import math
 
 from ..filtering.frame_clock import DEFAULT_STEP
 from ..numerics.jit import jit
-from ..numerics.vectors import clamp
+from ..numerics.vectors import Vector, clamp
 
 # Distance of the marker in front of the joint, as a share of the digit's reach, below which its
 # direction does not change abduction, and above which it determines it. Ours.
@@ -17,7 +17,8 @@ REFERENCE_STEP = DEFAULT_STEP  # [s] for which these weights hold
 
 
 @jit
-def plane_abduction(target, lateral, reach, lower, upper, previous, step):
+def plane_abduction(target: Vector, lateral: float, reach: float, lower: float, upper: float,
+                    previous: float, step: float) -> tuple[float, float, float]:
     """Return the turn of a digit's plane about its abduction axis, and the target in it.
 
     The turn is less than a quarter from straight, so that the plane never flips when a fist

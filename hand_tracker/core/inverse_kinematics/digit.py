@@ -5,7 +5,7 @@ joint are its own (`Hand`), where the paper puts its plane through the index MCP
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,12 +13,13 @@ from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS, RELAXED_FINGERS, RELA
 from ..model.kinematics import ABDUCTION_SIGN, digit_base
 from ..model.marker_layout import MARKERS, Mounting
 from ..numerics.jit import jit, packed
-from ..numerics.vectors import clamp, components, frame, vector
+from ..numerics.vectors import Vector, clamp, components, frame, vector
 from .abduction_plane import plane_abduction
 from .fabrik import fabrik
 from .three_bone import coupled_angle, solve_three_bone, straightest
 from .two_bone import Linkage, solve_two_bone
 
+Pack = Any  # sequence of one record, from `numerics.jit.packed`
 # [1] second flexion over the first between the straight and the relaxed hand, (5,)
 NATURAL_FLEXION_RATIO = np.array([
     second / first for first, second in (*RELAXED_FINGERS, RELAXED_THUMB[1::2])])
@@ -102,7 +103,7 @@ def chains(hand: Hand, mounting: Mounting) -> Chains:
 
 
 @jit
-def measure(chains, distal_flexion, measured):
+def measure(chains: Pack, distal_flexion: np.ndarray, measured: Pack) -> None:
     """Replace the couplings of last joints by measured flexions.
 
     Parameters
@@ -128,7 +129,7 @@ def measure(chains, distal_flexion, measured):
 
 
 @jit
-def _linkage(chains, digit):
+def _linkage(chains: Chains, digit: int) -> Linkage:
     """Return the `Linkage` of a digit's flexions."""
     bones = chains.bones[digit]
     first, second, third = FLEXION_JOINTS[digit]
@@ -140,7 +141,8 @@ def _linkage(chains, digit):
 
 
 @jit
-def solve_digit(chains, digit, target, angles, step, by_fabrik, tolerance, iterations):
+def solve_digit(chains: Chains, digit: int, target: Vector, angles: np.ndarray, step: float,
+                by_fabrik: bool, tolerance: float, iterations: int) -> int:
     """Solve one digit's angles for its marker.
 
     Parameters
@@ -218,7 +220,8 @@ def solve_digit(chains, digit, target, angles, step, by_fabrik, tolerance, itera
 
 
 @jit
-def solve_digits(chains, roots, markers, angles, step, by_fabrik, tolerance, iterations):
+def solve_digits(chains: Chains, roots: np.ndarray, markers: np.ndarray, angles: np.ndarray,
+                 step: float, by_fabrik: bool, tolerance: float, iterations: int) -> int:
     """Solve the five digits, index finger to thumb.
 
     Parameters

@@ -19,7 +19,8 @@ STAGNATION_PERIOD = 8
 
 
 @jit
-def fabrik(along, height, bones, lower, upper, angles, tolerance, iterations):
+def fabrik(along: float, height: float, bones: np.ndarray, lower: np.ndarray, upper: np.ndarray,
+           angles: np.ndarray, tolerance: float, iterations: int) -> int:
     """Solve a planar chain for its target by FABRIK, within the limits of its hinges.
 
     Parameters
@@ -42,7 +43,7 @@ def fabrik(along, height, bones, lower, upper, angles, tolerance, iterations):
     int
         Iterations used.
     """
-    n = bones.shape[0]
+    n = len(bones)
     x = np.zeros(n + 1)
     z = np.zeros(n + 1)
     heading = np.zeros(n)
@@ -98,7 +99,8 @@ def fabrik(along, height, bones, lower, upper, angles, tolerance, iterations):
 
 
 @jit
-def _place(bones, angles, x, z, heading):
+def _place(bones: np.ndarray, angles: np.ndarray, x: np.ndarray, z: np.ndarray,
+           heading: np.ndarray) -> None:
     """Write the joints (n + 1,) [m] and headings (n,) [rad] of a chain at given angles."""
     base = 0.0
     for i in range(bones.shape[0]):

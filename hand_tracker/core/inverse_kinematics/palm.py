@@ -13,6 +13,8 @@ import numpy as np
 from ..model.states import COINCIDENT, COLLINEAR, TOO_CLOSE, TOO_FAR_APART, TRACKED
 from ..numerics.jit import jit
 from ..numerics.vectors import (
+    Frame,
+    Vector,
     add,
     components,
     compose,
@@ -71,7 +73,7 @@ def wrist_at_origin() -> Wrist:
 
 
 @jit
-def triad(r, p, q):
+def triad(r: Vector, p: Vector, q: Vector) -> Frame:
     """Return the frame of the triangle r p q: y from q to p, z its dorsal normal.
 
     z is the unit normal of the hand plane Φx (Eq. 8); it points dorsally on a right hand,
@@ -92,7 +94,8 @@ def triad(r, p, q):
 
 
 @jit
-def rigid_palm(r, p, q, template_r, template_p, template_q):
+def rigid_palm(r: Vector, p: Vector, q: Vector, template_r: Vector, template_p: Vector,
+               template_q: Vector) -> tuple[Frame, Vector]:
     """Return the wrist pose of the least-squares rigid fit to the palm markers.
 
     Kabsch's rotation in closed form: of two triangles of the same orientation it aligns the
@@ -135,7 +138,8 @@ def rigid_palm(r, p, q, template_r, template_p, template_q):
 
 
 @jit
-def triad_palm(r, p, q, template_r, template_p, template_q):
+def triad_palm(r: Vector, p: Vector, q: Vector, template_r: Vector, template_p: Vector,
+               template_q: Vector) -> tuple[Frame, Vector]:
     """Return the wrist pose of the paper: orientation of Φx and the line pq, position of r.
 
     Parameters and returns as for `rigid_palm`. The wrist has the full noise of r.
@@ -145,7 +149,8 @@ def triad_palm(r, p, q, template_r, template_p, template_q):
 
 
 @jit
-def spheres_and_plane(p, q, radius_p, radius_q, normal, offset, side):
+def spheres_and_plane(p: Vector, q: Vector, radius_p: float, radius_q: float, normal: Vector,
+                      offset: float, side: Vector) -> Vector:
     """Intersect two spheres and a plane: Σp ∨ Σq ∨ Φ (Eqs. 3 to 5).
 
     Parameters
@@ -195,7 +200,8 @@ def spheres_and_plane(p, q, radius_p, radius_q, normal, offset, side):
 
 
 @jit
-def spheres_joint(p, q, joint, template_r, template_p, template_q):
+def spheres_joint(p: Vector, q: Vector, joint: Vector, template_r: Vector, template_p: Vector,
+                  template_q: Vector) -> Vector:
     """Return a palm joint by the paper's construction, in the wrist's frame.
 
     The plane is parallel to Φx through the joint's place in the template; the side of pq on
@@ -223,7 +229,7 @@ def spheres_joint(p, q, joint, template_r, template_p, template_q):
 
 
 @jit
-def palm_fault(markers, template, limits):
+def palm_fault(markers: np.ndarray, template: np.ndarray, limits: PalmLimits) -> int:
     """Compare the triangle of the palm markers with the hand's.
 
     Parameters
@@ -258,7 +264,7 @@ def palm_fault(markers, template, limits):
 
 
 @jit
-def _area(points):
+def _area(points: np.ndarray) -> float:
     """Return the area of a triangle, its corners as rows [m²]."""
     r = vector(points[0])
     return 0.5 * length(cross(
@@ -266,7 +272,8 @@ def _area(points):
 
 
 @jit
-def place_palm(markers, template, by_spheres, rotation, position, roots):
+def place_palm(markers: np.ndarray, template: np.ndarray, by_spheres: bool, rotation: np.ndarray,
+               position: np.ndarray, roots: np.ndarray) -> None:
     """Place the wrist and the first joints of the digits by the palm's markers.
 
     Parameters

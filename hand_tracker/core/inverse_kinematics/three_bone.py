@@ -8,7 +8,7 @@ import math
 
 from ..numerics.jit import jit
 from ..numerics.vectors import clamp, clamp_angle, wrap_angle
-from .two_bone import flexion_of
+from .two_bone import Linkage, flexion_of
 
 REGULA_FALSI_STEPS = 40
 FIRST_DESCENT_STEP = 0.1  # [rad]
@@ -16,13 +16,13 @@ LAST_DESCENT_STEP = 1e-8  # [rad]
 
 
 @jit
-def coupled_angle(linkage, angle2):
+def coupled_angle(linkage: Linkage, angle2: float) -> float:
     """Return the third flexion that follows the second, within its limits [rad]."""
     return clamp(linkage.slope * angle2 + linkage.offset, linkage.lower[2], linkage.upper[2])
 
 
 @jit
-def coupled_end(linkage, angle2, angle3):
+def coupled_end(linkage: Linkage, angle2: float, angle3: float) -> tuple[float, float]:
     """Return the end of a three-bone chain, along the first bone and to its palmar side [m]."""
     bone, middle, third = linkage.bones
     bent = angle2 + angle3 + linkage.droop
@@ -31,7 +31,7 @@ def coupled_end(linkage, angle2, angle3):
 
 
 @jit
-def straightest(linkage):
+def straightest(linkage: Linkage) -> float:
     """Return the second flexion at which a coupled chain reaches farthest [rad].
 
     Beyond it the distance of the end decreases, so that the solution of `solve_three_bone` is
@@ -56,7 +56,8 @@ def straightest(linkage):
 
 
 @jit
-def solve_three_bone(along, height, linkage, start):
+def solve_three_bone(along: float, height: float, linkage: Linkage,
+                     start: float) -> tuple[float, float, float]:
     """Return the three flexions that bring the end of a coupled chain to the target.
 
     The third flexion follows the second, which is found by the target's distance (regula falsi,
@@ -123,7 +124,7 @@ def solve_three_bone(along, height, linkage, start):
 
 
 @jit
-def _curled(linkage, curl):
+def _curled(linkage: Linkage, curl: float) -> tuple[float, float]:
     """Return the second and third flexion at a curl: beyond the coupling the third adds alone."""
     angle2 = min(curl, linkage.upper[1])
     angle3 = coupled_angle(linkage, angle2)
@@ -131,7 +132,8 @@ def _curled(linkage, curl):
 
 
 @jit
-def _descend(along, height, linkage, start, angle1, angle2, angle3):
+def _descend(along: float, height: float, linkage: Linkage, start: float, angle1: float,
+             angle2: float, angle3: float) -> tuple[float, float]:
     """Return the second and third flexion nearest the target at a given first, by descent.
 
     Descending from the given flexions stays on one side of an unreachable target, where the

@@ -41,13 +41,14 @@ class Linkage(NamedTuple):
 
 
 @jit
-def flexion_of(along, height):
+def flexion_of(along: float, height: float) -> float:
     """Return the angle of flexion of a direction in the plane [rad]."""
     return math.atan2(-height, along)
 
 
 @jit
-def solve_two_bone(along, height, linkage, natural, previous2, step):
+def solve_two_bone(along: float, height: float, linkage: Linkage, natural: float, previous2: float,
+                   step: float) -> tuple[float, float]:
     """Return the two flexions that bring the end of a two-bone chain nearest the target.
 
     The bend in flexion is unique, unless the end droops dorsally, as a marker on the skin
@@ -100,7 +101,7 @@ def solve_two_bone(along, height, linkage, natural, previous2, step):
 
 
 @jit
-def aimed(along, height, linkage, angle2):
+def aimed(along: float, height: float, linkage: Linkage, angle2: float) -> float:
     """Return the first flexion that turns a chain of a given bend towards the target [rad]."""
     bone, second = linkage.bones[0], linkage.bones[1]
     bent = angle2 + linkage.droop
@@ -110,7 +111,8 @@ def aimed(along, height, linkage, angle2):
 
 
 @jit
-def solve_bend(along, height, linkage, sign, lower2, upper2):
+def solve_bend(along: float, height: float, linkage: Linkage, sign: float, lower2: float,
+               upper2: float) -> tuple[float, float, float]:
     """Return the flexions nearest the target with the chain bent to one side of straight.
 
     Inside the limits cos PIP = (D² - l1² - l2²) / (2 l1 l2). Beyond, the nearest point of the
@@ -170,7 +172,8 @@ def solve_bend(along, height, linkage, sign, lower2, upper2):
 
 
 @jit
-def miss_distance(along, height, linkage, angle1, angle2):
+def miss_distance(along: float, height: float, linkage: Linkage, angle1: float,
+                  angle2: float) -> float:
     """Return the distance of the end of a two-bone chain from the target [m]."""
     bone, second = linkage.bones[0], linkage.bones[1]
     bent = angle1 + angle2 + linkage.droop

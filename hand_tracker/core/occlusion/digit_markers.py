@@ -8,16 +8,20 @@ import math
 
 import numpy as np
 
-from ..filtering.tracks import predict_track, update_track
+from ..filtering.tracks import Tracks, predict_track, update_track
+from ..inverse_kinematics.palm import Wrist
 from ..numerics.jit import jit
-from ..numerics.vectors import add, components, dot, frame, length, scale, subtract, vector
-from .transdigital import learn, regress_hidden
+from ..numerics.vectors import Vector, add, components, dot, frame, length, scale, subtract, vector
+from .prediction import Observation, Prediction
+from .transdigital import DigitPrior, Transdigital, learn, regress_hidden
 
 FIRST_RELAX_TIME = 1e-9  # [s] relax time in the first frame: digits never seen start relaxed
 
 
 @jit
-def track_digits(observation, step, tracks, wrist, transdigital, prior, pushes, options, learning):
+def track_digits(observation: Observation, step: float, tracks: Tracks, wrist: Wrist,
+                 transdigital: Transdigital, prior: DigitPrior, pushes: np.ndarray,
+                 options: Prediction, learning: bool) -> None:
     """Bring the tracks of the digits' markers to this frame.
 
     Parameters
@@ -88,7 +92,7 @@ def track_digits(observation, step, tracks, wrist, transdigital, prior, pushes, 
 
 
 @jit
-def _at_least(move, push):
+def _at_least(move: Vector, push: Vector) -> Vector:
     """Return a move extended along a push to at least the push's length [m]."""
     size = length(push)
     if size == 0.:
@@ -98,7 +102,8 @@ def _at_least(move, push):
 
 
 @jit
-def _relax(tracks, digit, seen, transdigital, rest, share):
+def _relax(tracks: Tracks, digit: int, seen: np.ndarray, transdigital: Transdigital,
+           rest: np.ndarray, share: float) -> None:
     """Move a digit a share of the way to its mean place, given the seen digits' deviations."""
     statistics = transdigital.statistics
     # A marker never seen has no statistics: use its rest position.
@@ -117,7 +122,8 @@ def _relax(tracks, digit, seen, transdigital, rest, share):
 
 
 @jit
-def _predicted_move(coefficients, digit, moves, regressors):
+def _predicted_move(coefficients: np.ndarray, digit: int, moves: np.ndarray,
+                    regressors: np.ndarray) -> Vector:
     """Return a digit's move (or velocity) predicted by those of the digits in `regressors`."""
     total = (0., 0., 0.)
     for j in range(5):

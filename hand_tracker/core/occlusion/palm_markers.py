@@ -9,11 +9,12 @@ import math
 
 import numpy as np
 
-from ..filtering.tracks import predict_track, update_track
-from ..inverse_kinematics.palm import palm_fault, rigid_palm
+from ..filtering.tracks import Tracks, predict_track, update_track
+from ..inverse_kinematics.palm import PalmLimits, Wrist, palm_fault, rigid_palm
 from ..model.states import CARRIED, LOST, TRACKED, WAITING
 from ..numerics.jit import jit
 from ..numerics.vectors import (
+    Vector,
     add,
     cross,
     dot,
@@ -27,6 +28,9 @@ from ..numerics.vectors import (
     unit,
     vector,
 )
+from .prediction import Observation, Prediction
+
+Corners = tuple[Vector, Vector, Vector]  # r, p, q [m]
 
 # Weights of palm markers in the rigid fit, that of a finger's marker being 1; tuned on captures.
 SEEN_PALM_WEIGHT = 1e4
@@ -36,7 +40,8 @@ DIFFERENCE_TIME = 1e-3   # [s] over which the completed markers' velocity is dif
 
 
 @jit
-def check_palm(markers, seen, template, wrist, limits):
+def check_palm(markers: np.ndarray, seen: np.ndarray, template: np.ndarray, wrist: Wrist,
+               limits: PalmLimits) -> int:
     """Hide all palm markers when their triangle cannot be that of this hand.
 
     Parameters
@@ -74,7 +79,7 @@ def check_palm(markers, seen, template, wrist, limits):
 
 
 @jit
-def _template_places(template, wrist):
+def _template_places(template: np.ndarray, wrist: Wrist) -> Corners:
     """Return the palm's markers at a pose of the wrist, three vectors [m]."""
     axes = frame(wrist.rotation)
     origin = vector(wrist.position)
@@ -84,7 +89,8 @@ def _template_places(template, wrist):
 
 
 @jit
-def track_palm(observation, step, tracks, digits, wrist, template, options):
+def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tracks, wrist: Wrist,
+               template: np.ndarray, options: Prediction) -> int:
     """Bring the tracks of the palm's markers to this frame.
 
     Parameters
@@ -138,7 +144,7 @@ def track_palm(observation, step, tracks, digits, wrist, template, options):
 
 
 @jit
-def _extrapolated(tracks, ahead):
+def _extrapolated(tracks: Tracks, ahead: float) -> Corners:
     """Return the three places extrapolated by a time [s], three vectors [m]."""
     mean, pace = tracks.mean, tracks.pace
     return (add(vector(mean[0]), scale(vector(pace[0]), ahead)),
@@ -147,7 +153,8 @@ def _extrapolated(tracks, ahead):
 
 
 @jit
-def _fit_to_fingers(markers, seen, tracks, digits, template, count):
+def _fit_to_fingers(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, digits: Tracks,
+                    template: np.ndarray, count: int) -> None:
     """Move hidden palm markers to their places in a rigid fit that includes the fingers."""
     axes, origin = rigid_palm(
         vector(tracks.mean[0]), vector(tracks.mean[1]), vector(tracks.mean[2]),
@@ -174,7 +181,7 @@ def _fit_to_fingers(markers, seen, tracks, digits, template, count):
 
 
 @jit
-def _fit_step(points, aims, weights):
+def _fit_step(points: np.ndarray, aims: np.ndarray, weights: np.ndarray) -> None:
     """Move points rigidly towards their aims by one linearised least-squares step.
 
     Parameters
@@ -215,7 +222,7 @@ def _fit_step(points, aims, weights):
 
 
 @jit
-def _solve_symmetric(a, b, c, m):
+def _solve_symmetric(a: Vector, b: Vector, c: Vector, m: Vector) -> Vector:
     """Solve [a b c] x = m for a symmetric positive matrix by Cramer's rule; 0 when singular."""
     volume = dot(a, cross(b, c))
     if not volume > 0.:
@@ -224,7 +231,7 @@ def _solve_symmetric(a, b, c, m):
 
 
 @jit
-def complete_palm(points, expected, seen):
+def complete_palm(points: Corners, expected: Corners, seen: tuple[bool, bool, bool]) -> Corners:
     """Return the three palm markers, the hidden ones completed rigidly from the seen ones.
 
     With one hidden the expected triangle turns by the smallest rotation that lays its seen
@@ -264,7 +271,8 @@ def complete_palm(points, expected, seen):
 
 
 @jit
-def _third_corner(a, b, expected_a, expected_b, expected_c):
+def _third_corner(a: Vector, b: Vector, expected_a: Vector, expected_b: Vector,
+                  expected_c: Vector) -> Vector:
     """Return the hidden corner c of a rigid triangle by its seen corners a and b [m]."""
     before = unit(subtract(expected_b, expected_a))
     now = unit(subtract(b, a))
@@ -277,7 +285,8 @@ def _third_corner(a, b, expected_a, expected_b, expected_c):
 
 
 @jit
-def expected_markers(palm, digits, template, step, expected):
+def expected_markers(palm: Tracks, digits: Tracks, template: np.ndarray, step: float,
+                     expected: np.ndarray) -> None:
     """Extrapolate all eight markers by a step at constant velocity.
 
     Parameters
@@ -299,7 +308,7 @@ def expected_markers(palm, digits, template, step, expected):
 
 
 @jit
-def _extrapolate(tracks, row, step):
+def _extrapolate(tracks: Tracks, row: int, step: float) -> Vector:
     """Return a marker extrapolated by a step [m]."""
     mean = tracks.mean[row]
     # The filter's velocity does not lag; that of a hidden marker is its mean pace.

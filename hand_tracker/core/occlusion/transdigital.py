@@ -108,7 +108,8 @@ def prior_correlation(index_middle: float, middle_ring: float, ring_little: floa
 
 
 @jit
-def learn(statistics, places, velocities, step, memory):
+def learn(statistics: MotionStatistics, places: np.ndarray, velocities: np.ndarray, step: float,
+          memory: float) -> None:
     """Add a frame with all digits seen to the statistics; skip it when a marker has jumped.
 
     Parameters
@@ -140,7 +141,8 @@ def learn(statistics, places, velocities, step, memory):
 
 
 @jit
-def regress_hidden(statistics, correlation, places, hidden, coefficients):
+def regress_hidden(statistics: MotionStatistics, correlation: np.ndarray, places: np.ndarray,
+                   hidden: np.ndarray, coefficients: np.ndarray) -> None:
     """Regress the moves of the hidden digits on those of the seen ones (ridge regression).
 
     The sample is every past place as seen from the present one, and every past velocity over
@@ -189,7 +191,9 @@ def regress_hidden(statistics, correlation, places, hidden, coefficients):
 
 
 @jit
-def limit_neighbour_difference(angles, seen, bounds, seen_difference, lower, upper):
+def limit_neighbour_difference(angles: np.ndarray, seen: np.ndarray, bounds: np.ndarray,
+                               seen_difference: np.ndarray, lower: np.ndarray,
+                               upper: np.ndarray) -> None:
     """Move the MCP flexion of hidden fingers to the nearest point of their candidate space.
 
     Neighbours differ by at most a bound; where they were seen farther apart, by at most that
@@ -224,7 +228,8 @@ def limit_neighbour_difference(angles, seen, bounds, seen_difference, lower, upp
 
 
 @jit
-def _limit_difference(angles, joint, neighbour, bound, lower, upper):
+def _limit_difference(angles: np.ndarray, joint: int, neighbour: int, bound: float,
+                      lower: np.ndarray, upper: np.ndarray) -> None:
     """Move a joint to within a bound of its neighbour, and within its own limits [rad]."""
     wanted = clamp(angles[joint], angles[neighbour] - bound, angles[neighbour] + bound)
     angles[joint] = clamp(wanted, lower[joint], upper[joint])

@@ -7,10 +7,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..model.capsules import PALM_INDEX, axis_of, close_pairs, nearest_points, place_frames
+from ..model.capsules import (
+    PALM_INDEX,
+    Capsules,
+    axis_of,
+    close_pairs,
+    nearest_points,
+    place_frames,
+)
 from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS
 from ..numerics.jit import indexed, jit
-from ..numerics.vectors import add, clamp, cross, dot, scale, subtract, unit, vector
+from ..numerics.vectors import Vector, add, clamp, cross, dot, scale, subtract, unit, vector
 
 PENETRATION = .001         # [m] default overlap that rigidity leaves, as flesh yields; ours
 CONTACT_GAP = .0015        # [m] between surfaces, below which they touch; unsourced
@@ -67,7 +74,8 @@ class Placement(NamedTuple):
 
 
 @jit
-def separate(capsules, angles, lower, upper, slope, mobility, tolerance):
+def separate(capsules: Capsules, angles: np.ndarray, lower: np.ndarray, upper: np.ndarray,
+             slope: np.ndarray, mobility: np.ndarray, tolerance: float) -> int:
     """Move overlapping digits apart, and out of the palm, by the least change of angles.
 
     Minimises the sum over the free angles (abduction, first and second flexion of each digit;
@@ -119,7 +127,8 @@ def separate(capsules, angles, lower, upper, slope, mobility, tolerance):
 
 
 @jit
-def _solve_rounds(capsules, angles, mobility, placement, aim, removed, rounds):
+def _solve_rounds(capsules: Capsules, angles: np.ndarray, mobility: Mobility, placement: Placement,
+                  aim: float, removed: float, rounds: int) -> int:
     """Bring all overlaps to `aim` by the least change of `angles`; return the rounds used.
 
     Parameters
@@ -229,7 +238,7 @@ def _solve_rounds(capsules, angles, mobility, placement, aim, removed, rounds):
 
 
 @jit
-def _joint(digit, i):
+def _joint(digit: int, i: int) -> int:
     """Return a digit's abduction (0), first (1) or second (2) flexion as a joint."""
     if i == 0:
         return ABDUCTION_JOINTS[digit]
@@ -237,7 +246,8 @@ def _joint(digit, i):
 
 
 @jit
-def _move_digit(before, mobility, digit, change, angles):
+def _move_digit(before: np.ndarray, mobility: Mobility, digit: int, change: np.ndarray,
+                angles: np.ndarray) -> None:
     """Write a digit's angles, changed within limits; its third flexion follows the second."""
     lower, upper = mobility.lower, mobility.upper
     for i in range(3):
@@ -249,7 +259,7 @@ def _move_digit(before, mobility, digit, change, angles):
 
 
 @jit
-def _overlaps(capsules, ends, tolerance):
+def _overlaps(capsules: Capsules, ends: np.ndarray, tolerance: float) -> bool:
     """Return whether any pair overlaps by more than the tolerance."""
     close = close_pairs(capsules, ends, 0.0)
     ends = indexed(ends)
@@ -262,14 +272,15 @@ def _overlaps(capsules, ends, tolerance):
 
 
 @jit
-def _along(segment, share):
+def _along(segment: tuple[Vector, Vector], share: float) -> Vector:
     """Return the point at a share [0, 1] of a segment, a pair of vectors [m]."""
     start, end = segment
     return add(start, scale(subtract(end, start), share))
 
 
 @jit
-def _place_lines(capsules, rotations, positions, lines):
+def _place_lines(capsules: Capsules, rotations: np.ndarray, positions: np.ndarray,
+                 lines: np.ndarray) -> None:
     """Write the joints' axes as Plücker lines, shape (25, 2, 3): directions, moments [m]."""
     rotations, positions, axes = indexed(rotations), indexed(positions), indexed(capsules.axis)
     for joint in range(25):
@@ -285,7 +296,8 @@ def _place_lines(capsules, rotations, positions, lines):
 
 
 @jit
-def _linearise(capsules, pair, angles, mobility, lines, ends, row, lever):
+def _linearise(capsules: Capsules, pair: int, angles: np.ndarray, mobility: Mobility,
+               lines: np.ndarray, ends: np.ndarray, row: int, lever: np.ndarray) -> float:
     """Write the derivative of a pair's distance by its digits' free angles.
 
     Parameters
@@ -350,7 +362,7 @@ def _linearise(capsules, pair, angles, mobility, lines, ends, row, lever):
 
 
 @jit
-def _velocity_along(lines, joint, push, moment):
+def _velocity_along(lines: np.ndarray, joint: int, push: Vector, moment: Vector) -> float:
     """Return the speed along a line per turn of a joint: the two lines' moment [m/rad]."""
     return (lines[joint, 0, 0] * moment[0] + lines[joint, 0, 1] * moment[1]
             + lines[joint, 0, 2] * moment[2] + lines[joint, 1, 0] * push[0]
@@ -358,7 +370,8 @@ def _velocity_along(lines, joint, push, moment):
 
 
 @jit
-def drag_hidden(capsules, before, after, hidden, gap, friction, displacement):
+def drag_hidden(capsules: Capsules, before: np.ndarray, after: np.ndarray, hidden: np.ndarray,
+                gap: float, friction: float, displacement: np.ndarray) -> None:
     """Write the displacement of hidden digits by the seen digits that touch them.
 
     A capsule of a hidden digit that touched one of a seen digit in the last frame follows

@@ -6,13 +6,17 @@ nor smoothed. Predicted digits turn no faster than that rate: a predicted marker
 digit's workspace, where the solution leaps.
 """
 
+import numpy as np
+
 from ..model.hand import DIGIT_OF_JOINT
 from ..numerics.jit import jit
 from ..numerics.vectors import clamp
 
 
 @jit
-def blend(solved, blended, offset, changed, predicted, step, rate, lower, upper):
+def blend(solved: np.ndarray, blended: np.ndarray, offset: np.ndarray, changed: np.ndarray,
+          predicted: np.ndarray, step: float, rate: float, lower: np.ndarray,
+          upper: np.ndarray) -> None:
     """Bring the blended angles to this frame.
 
     Parameters

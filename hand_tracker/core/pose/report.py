@@ -5,11 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..filtering.tracks import Tracks
+from ..inverse_kinematics.palm import Wrist
 from ..model.hand import DIGIT_OF_JOINT
-from ..model.kinematics import place_links
+from ..model.kinematics import JointTable, place_links
+from ..model.marker_layout import Mounting
 from ..model.states import ABSENT, PREDICTED, REJECTED, SEEN, STALE
 from ..numerics.jit import jit
-from ..numerics.vectors import add, clamp, distance, frame, rotate, vector
+from ..numerics.vectors import Vector, add, clamp, distance, frame, rotate, vector
 
 # Deviations at which confidence falls to 1/e; both are alike on a digit 50 mm long.
 CONFIDENCE_MARKER_SPREAD = .01  # [m] standard deviation of a marker
@@ -65,7 +68,7 @@ def blank_report() -> Report:
 
 
 @jit
-def mean_residual(residuals):
+def mean_residual(residuals: np.ndarray) -> float:
     """Return the mean distance of the seen markers from the hand [m]; NaN where none is seen.
 
     Parameters
@@ -82,13 +85,14 @@ def mean_residual(residuals):
 
 
 @jit
-def deviation(covariance):
+def deviation(covariance: np.ndarray) -> float:
     """Return a marker's standard deviation on an axis by its track's covariance (9, 9) [m]."""
     return math.sqrt((covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) / 3.)
 
 
 @jit
-def write_pose(table, angles, lower, upper, wrist, mirror, report):
+def write_pose(table: JointTable, angles: np.ndarray, lower: np.ndarray, upper: np.ndarray,
+               wrist: Wrist, mirror: np.ndarray, report: Report) -> None:
     """Write the angles within their limits, the wrist, and the links by forward kinematics.
 
     Parameters
@@ -118,7 +122,8 @@ def write_pose(table, angles, lower, upper, wrist, mirror, report):
 
 
 @jit
-def write_markers(markers, seen, palm, digits, wrist, mirror, report):
+def write_markers(markers: np.ndarray, seen: np.ndarray, palm: Tracks, digits: Tracks, wrist: Wrist,
+                  mirror: np.ndarray, report: Report) -> None:
     """Write the markers' positions, measured or predicted, and since when they are hidden.
 
     Parameters
@@ -147,7 +152,8 @@ def write_markers(markers, seen, palm, digits, wrist, mirror, report):
 
 
 @jit
-def write_marker_states(seen, verdict, palm, digits, longest, report):
+def write_marker_states(seen: np.ndarray, verdict: np.ndarray, palm: Tracks, digits: Tracks,
+                        longest: float, report: Report) -> None:
     """Write the `MarkerState` of each marker.
 
     Parameters
@@ -174,7 +180,7 @@ def write_marker_states(seen, verdict, palm, digits, longest, report):
 
 
 @jit
-def write_residuals(seen, mounting, report):
+def write_residuals(seen: np.ndarray, mounting: Mounting, report: Report) -> None:
     """Write the distance of each seen marker from its place on the reported pose [m].
 
     Parameters
@@ -191,7 +197,7 @@ def write_residuals(seen, mounting, report):
 
 
 @jit
-def _place(mounting, marker, report):
+def _place(mounting: Mounting, marker: int, report: Report) -> Vector:
     """Return a marker's place on the reported pose [m]."""
     link = mounting.link[marker]
     if link < 0:
@@ -202,7 +208,8 @@ def _place(mounting, marker, report):
 
 
 @jit
-def write_confidence(palm, digits, offset, placed, report):
+def write_confidence(palm: Tracks, digits: Tracks, offset: np.ndarray, placed: bool,
+                     report: Report) -> None:
     """Write the confidence of each angle, from its markers' spread and its distance to blend.
 
     confidence = exp(-spread² / CONFIDENCE_MARKER_SPREAD² - offset² / CONFIDENCE_ANGLE_OFFSET²)
