@@ -174,7 +174,7 @@ def traced_frames(count):
     import rclpy
 
     from hand_tracker.nodes.tracker_node import TrackerNode
-    from hand_tracker.simulation.packaged_recordings import START_NS
+    from hand_tracker.simulation.packaged_recordings import RECORDING_START_NS
     rclpy.init()
     try:
         node, tracer, found = TrackerNode(), Tracer(), []
@@ -183,7 +183,7 @@ def traced_frames(count):
         lap = messages('right', RATE)
         for i in range(WARM_UP + count):
             data, places = lap[i % len(lap)]
-            put_stamps(data, places, START_NS + round(i * 1e9 / RATE))
+            put_stamps(data, places, RECORDING_START_NS + round(i * 1e9 / RATE))
             if i < WARM_UP:
                 callback(bytes(data))
             else:

@@ -28,21 +28,21 @@ from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.numerics.jit import another, packed
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.cdr import MarkerReader
-from hand_tracker.messages.templates import joint_state_template
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.messages.stamps import seconds
+from hand_tracker.messages.templates import joint_state_template
 from hand_tracker.nodes.fast_path.kernel import (
     JOINT_STATES,
     LOG_CAPACITY,
     LOG_COLUMNS,
     drain_log,
-    new_memory,
-    log_frame,
-    process_message,
     install_reply,
     install_signature,
+    log_frame,
+    new_memory,
+    process_message,
 )
-from hand_tracker.simulation.packaged_recordings import START_NS, demo_recording
+from hand_tracker.simulation.packaged_recordings import RECORDING_START_NS, demo_recording
 
 HOUR = 432_000    # frames at 120 Hz
 RATE = 120.
@@ -67,7 +67,7 @@ def fast_path_frames():
 
     def frame(i):
         data, places = lap[i % len(lap)]
-        put_stamps(data, places, START_NS + round(i * 1e9 / RATE))
+        put_stamps(data, places, RECORDING_START_NS + round(i * 1e9 / RATE))
         if i == 0:
             first = reader.read(bytes(data))
             tracker.update(first.positions, seconds(first.stamp))
@@ -97,7 +97,7 @@ def node_frames():
 
     def frame(i):
         data, places = lap[i % len(lap)]
-        put_stamps(data, places, START_NS + round(i * 1e9 / RATE))
+        put_stamps(data, places, RECORDING_START_NS + round(i * 1e9 / RATE))
         subscription.callback(bytes(data))
         if i % TIMERS_EVERY == 0:
             executor.spin_once(0.)

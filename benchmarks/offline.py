@@ -40,7 +40,7 @@ def record(path, rate, seconds):
     # Not above: the tracking process would pay for them.
     from hand_tracker.core.model.marker_layout import MARKERS
     from hand_tracker.files.bags import bag_message, marker_array_message, write_bag
-    from hand_tracker.simulation.packaged_recordings import START_NS, demo_recording
+    from hand_tracker.simulation.packaged_recordings import RECORDING_START_NS, demo_recording
     mark = MARK * 10**9 + MARK
     frames = round(rate * seconds)
     lap = [bytearray(bag_message('/markers', 0, marker_array_message(
@@ -51,7 +51,7 @@ def record(path, rate, seconds):
 
     def messages():
         for i in range(frames):
-            stamp, at = START_NS + round(i * 1e9 / rate), i % len(lap)
+            stamp, at = RECORDING_START_NS + round(i * 1e9 / rate), i % len(lap)
             put_stamps(lap[at], places[at], stamp)
             yield first._replace(time=stamp, data=bytes(lap[at]))
 

@@ -49,7 +49,7 @@ from hand_tracker.evaluation import ablation
 from hand_tracker.evaluation.capture_tracking import tracked_joints
 from hand_tracker.evaluation.results import hardware
 from hand_tracker.evaluation.simulated import trial
-from hand_tracker.simulation.packaged_recordings import RATE, demo_recording
+from hand_tracker.simulation.packaged_recordings import RECORDING_RATE, demo_recording
 from hand_tracker.skin import deform, load_skin
 
 FOLDER = Path(__file__).resolve().parent / 'pictures'
@@ -168,7 +168,7 @@ def save(figure, name):
 def hero(seconds=16.8):
     """Draw what goes in and what comes out: markers, joints, skin."""
     hand, states = demo()
-    state = states[round(seconds * RATE)]
+    state = states[round(seconds * RECORDING_RATE)]
     markers, pose = local(state)
     figure = card(1600, 680)
     size = 500, 570
@@ -206,7 +206,7 @@ def motion():
     base = Image.new('RGBA', (width, height), CARD)
     base.alpha_composite(figure_image(back))
     images = []
-    for frame in range(0, len(states), round(RATE / GIF_RATE)):
+    for frame in range(0, len(states), round(RECORDING_RATE / GIF_RATE)):
         markers, pose = local(states[frame])
         # Keep the wrist's rotation relative to the first frame, but not its translation.
         sway = turned @ states[frame].wrist_rotation
@@ -244,7 +244,7 @@ def constraints():
             for angles, turn, at in poses]
         camera = Camera(view_axes('aslant', 'right'), (.078, 0., -.012), .2)
         measured, true = ((places - one.position[frame]) @ back.T
-                          for places in (markers, one.sight.truth[frame]))
+                          for places in (markers, one.observed.truth[frame]))
         for column, vertices in enumerate(skins):
             off = np.linalg.norm(vertices - skins[0], axis=1)
             share = np.clip(off / FULL_COLOUR_ERROR, 0., 1.)[:, None]
@@ -303,11 +303,12 @@ def _helped_most(condition):
         tracked ones, and (error in the frame, mean error) of both [mm].
     """
     found, means, layout = [], [], resting_layout(Hand.scaled())
-    for number, name in enumerate(ablation.MOTIONS):
-        one = trial(name, SEED + number, ablation.RATE, ablation.DURATION, layout)
+    for number, name in enumerate(ablation.ABLATION_MOTIONS):
+        one = trial(name, SEED + number, ablation.ABLATION_RATE, ablation.ABLATION_DURATION, layout)
         markers = ablation.markers_of(one, condition, SEED + number)
         tracked, off = [], []
-        for change in (ablation.VARIANTS[ablation.ALL], ablation.without_any()):
+        for change in (ablation.ABLATION_VARIANTS[ablation.ALL_CONSTRAINTS],
+                       ablation.without_any()):
             hand, each = ablation.tracked_with(one, change, markers)
             tracked.append(each)
             off.append(1e3 * np.linalg.norm(

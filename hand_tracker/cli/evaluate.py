@@ -1,16 +1,4 @@
-"""Measure the tracker: each table and figure of the results from one command.
-
-An evaluation is a module of this package with
-
-- ``TITLE``, its heading in the results,
-- ``NEEDS_FILES``, whether it judges captures given as files (False when left out),
-- ``evaluate(options)``, which yields rows: dicts of plain numbers and strings, the key
-  ``evaluation`` first; a key that holds a time measured by the clock ends in ``_us``,
-- ``tables(rows)``, which returns the `Table`s of its rows,
-- ``pictures(rows, folder)``, which draws PNG files and returns their `Picture`s,
-- ``losses(rows)``, which says in lines where the tracker loses, and ``WHY`` it does (none when
-  left out).
-"""
+"""Measure the tracker: each table and figure of the results from one command."""
 
 import argparse
 import csv
@@ -18,37 +6,16 @@ import json
 import math
 import sys
 import time
-from importlib import import_module
 from pathlib import Path
 
 from ..core.errors import HandTrackerError
+from ..evaluation import EVALUATIONS
 from ..evaluation.captures import InvalidCapture, load_captures
 from ..evaluation.evaluation_options import Options
 from ..evaluation.results import command_line, write_results
 from ..tracking.compile_kernels import prepare_kernels
 
-EVALUATIONS = {
-    'cameras': 'Table 2a: 8 cameras against 6, 4 and 2',
-    'rates': 'Table 2b: 480 Hz against 240 to 30 Hz',
-    'ablation': 'Fig. 13: each constraint off in turn',
-    'recordings': 'errors per joint class on captures, beside a plain baseline',
-    'occlusion': 'hidden markers on captures, beside three baselines',
-    'noise': 'marker noise of 0 to 2 mm, hand size wrong by up to 10 %',
-    'solvers': 'palm and finger solvers against each other',
-}
-
-# Modules of `evaluation`, where they are named otherwise.
-MODULES = {
-    'cameras': 'camera_count', 'rates': 'frame_rates', 'recordings': 'captured_hands',
-    'occlusion': 'hidden_markers', 'noise': 'noise_sensitivity',
-}
-
 SEEDS = 2**31 - 1  # at most: each motion has a seed of its own above it
-
-
-def module_of(name):
-    """Return the module of an evaluation."""
-    return import_module(f'hand_tracker.evaluation.{MODULES.get(name, name)}')
 
 
 def plain(value):
@@ -71,9 +38,9 @@ def run(name, options):
     list of dict
     """
     start = time.monotonic()
-    options.say(f'{name}: {EVALUATIONS[name]}')
+    options.say(f'{name}: {EVALUATIONS[name].summary}')
     found = [{key: plain(value) for key, value in row.items()}
-             for row in module_of(name).evaluate(options)]
+             for row in EVALUATIONS[name].load().evaluate(options)]
     options.say(f'{name}: {len(found)} rows in {time.monotonic() - start:.0f} s')
     return found
 
@@ -113,7 +80,7 @@ def _parse(arguments):
     parser = argparse.ArgumentParser(
         prog='hand_tracker evaluate', description=__doc__.split('\n')[0],
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog='\n'.join(f'{name:10s} {what}' for name, what in EVALUATIONS.items()))
+        epilog='\n'.join(f'{name:10s} {one.summary}' for name, one in EVALUATIONS.items()))
     parser.add_argument('name', choices=(*EVALUATIONS, 'all'), metavar='NAME',
                         help=', '.join((*EVALUATIONS, 'all')))
     parser.add_argument('files', nargs='*', type=Path, metavar='FILE.npz',
@@ -133,11 +100,10 @@ def _parse(arguments):
 def _names(parser, chosen, files):
     """Return the evaluations to run."""
     if chosen != 'all':
-        if getattr(module_of(chosen), 'NEEDS_FILES', False) and not files:
+        if EVALUATIONS[chosen].judges_captures and not files:
             parser.error(f'{chosen} judges captures: name at least one npz file')
         return [chosen]
-    names = [name for name in EVALUATIONS
-             if files or not getattr(module_of(name), 'NEEDS_FILES', False)]
+    names = [name for name, one in EVALUATIONS.items() if files or not one.judges_captures]
     if not files:
         print('no captures given: ' + ' and '.join(sorted(set(EVALUATIONS) - set(names)))
               + ' are left out', file=sys.stderr)
@@ -170,19 +136,20 @@ def main(arguments=None):
 
 def _evaluate(parser, names, chosen, options):
     """Run evaluations, write what was asked for after each; return the exit code."""
-    rows, done = [], {}
+    rows, done = [], []
     for name in names:
         try:
             found = run(name, options)
         except HandTrackerError as error:
             print(f'{parser.prog}: {name}: {error}', file=sys.stderr)
             continue
-        module = done[name] = module_of(name)
+        done.append(name)
+        module = EVALUATIONS[name].load()
         rows += found
         # After each: what was found is not lost to what comes.
         if chosen.json:
             write_json(chosen.json, rows)
-        print(f'\n{module.TITLE}\n')
+        print(f'\n{EVALUATIONS[name].title}\n')
         for table in module.tables(found):
             print(table.text() + '\n')
         if options.output:

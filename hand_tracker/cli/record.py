@@ -9,7 +9,7 @@ from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES, Hand
 from ..files.bags import write_bag
 from ..package_data import PACKAGED_RECORDINGS
-from ..simulation.packaged_recordings import RATE, demo_recording, recording_messages
+from ..simulation.packaged_recordings import RECORDING_RATE, demo_recording, recording_messages
 
 
 def main(arguments=None):
@@ -30,7 +30,7 @@ def main(arguments=None):
     except (OSError, HandTrackerError) as error:
         parser.exit(1, f'{parser.prog}: {error}\n')
     lost = np.isnan(recording.markers).any(axis=2).mean()
-    print(f'{output}: {len(recording.stamps)} frames at {RATE:g} Hz, '
+    print(f'{output}: {len(recording.stamps)} frames at {RECORDING_RATE:g} Hz, '
           f'{100 * lost:.1f} % of the markers lost')
 
 

@@ -14,8 +14,14 @@ from ..files.hand_file import save_hand
 from ..progress import Progress
 from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
 from ..simulation.faults import Faults
-from ..simulation.motions import DURATION, MOTIONS
-from ..simulation.simulator import RATE, Simulation, calibrated, frame_messages, simulated_hand
+from ..simulation.motions import MOTION_DURATION, MOTIONS
+from ..simulation.simulator import (
+    PAPER_RATE,
+    Simulation,
+    calibrated,
+    frame_messages,
+    simulated_hand,
+)
 
 
 def _frames(simulation, count):
@@ -36,8 +42,8 @@ def _parse(arguments):
                         help='recording to write, .mcap or .db3')
     parser.add_argument('--cameras', type=int, default=PAPER_CAMERAS,
                         help='in the ring, {} to {}'.format(*CAMERAS_RANGE))
-    parser.add_argument('--rate', type=float, default=RATE, help='frames per second [Hz]')
-    parser.add_argument('--duration', type=float, default=DURATION,
+    parser.add_argument('--rate', type=float, default=PAPER_RATE, help='frames per second [Hz]')
+    parser.add_argument('--duration', type=float, default=MOTION_DURATION,
                         help='at least so long [s]; the demo has its own')
     parser.add_argument('--seed', type=int, default=1, help='of all that is drawn')
     parser.add_argument('--hand', type=Path, help='hand file (YAML) of the simulated hand')

@@ -1,1 +1,62 @@
-"""Measure the tracker: on captured hands, beside plain baselines, and on made motions."""
+"""Evaluations of the tracker against the paper, captures, baselines and its own variants.
+
+Nothing but the command `hand_tracker evaluate` imports this package. An evaluation is a module
+with
+
+- ``evaluate(options)``, which yields rows: dicts of plain numbers and strings with the key
+  ``evaluation`` first; keys of times measured by the clock end in ``_us``,
+- ``tables(rows)``, which returns `Table`s,
+- ``pictures(rows, folder)``, which draws PNG files and returns their `Picture`s,
+- optionally ``losses(rows)``, which returns `Losses`: where the tracker is worse than the paper,
+  a baseline or a variant, and why.
+"""
+
+from importlib import import_module
+from types import ModuleType
+from typing import NamedTuple
+
+
+class Evaluation(NamedTuple):
+    """Entry of the list of evaluations.
+
+    Attributes
+    ----------
+    module : str
+        Name of its module in this package.
+    title : str
+        Heading in the results.
+    summary : str
+        Line of help.
+    judges_captures : bool
+        Whether it needs captures given as files.
+    """
+
+    module: str
+    title: str
+    summary: str
+    judges_captures: bool = False
+
+    def load(self) -> ModuleType:
+        """Import the module of the evaluation."""
+        return import_module(f'{__name__}.{self.module}')
+
+
+EVALUATIONS = {
+    'cameras': Evaluation(
+        'camera_count', 'Fewer cameras (Table 2a)', 'Table 2a: 8 cameras against 6, 4 and 2'),
+    'rates': Evaluation(
+        'frame_rates', 'Lower rates (Table 2b)', 'Table 2b: 480 Hz against 240 to 30 Hz'),
+    'ablation': Evaluation(
+        'ablation', 'Without each constraint (Fig. 13)', 'Fig. 13: each constraint off in turn'),
+    'recordings': Evaluation(
+        'captured_hands', 'Captured hands',
+        'errors per joint class on captures, beside a plain baseline', judges_captures=True),
+    'occlusion': Evaluation(
+        'hidden_markers', 'Hidden markers',
+        'hidden markers on captures, beside three baselines', judges_captures=True),
+    'noise': Evaluation(
+        'noise_sensitivity', 'Marker noise and size of the hand',
+        'marker noise of 0 to 2 mm, hand size wrong by up to 10 %'),
+    'solvers': Evaluation(
+        'solvers', 'Solvers', 'palm and finger solvers against each other'),
+}

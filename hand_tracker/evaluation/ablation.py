@@ -1,21 +1,24 @@
 """Fig. 13: the tracker without each of its constraints in turn, and with each alternative.
 
-A line of `OFF` is a constraint that is off: options of the tracker, or a hand that lacks it.
-Limits are taken off by a hand that has none, the intradigital correlation by a hand whose last
-joints stay straight. A line of `ALTERNATIVES` is another choice of method. Simulated hands have
-a saddle for a thumb and bend their last joints by 0.4 (as calibrated, a little wrong): the
-paper's thumb and coupling show what it costs to wear what a hand is not.
+A line of `WITHOUT_ONE` switches one constraint off, by an option of the tracker or a change of the
+hand model: no limits, or distal joints that stay straight (no intradigital correlation). A line of
+`ALTERNATIVES` is another choice of method. Simulated hands have a saddle joint as the thumb's CMC
+and a coupling of distal joints of 0.4, both with calibration errors: the paper's thumb and coupling
+show the cost of a wrong hand model.
 
-Occluded hands are seen by four cameras, labels drop out twice a second, and one digit's marker
-stays lost for 4 s. Wrong are exchanged labels, reflections and frozen markers, each once a
-second. A measured last joint is off by 3 degrees (standard deviation), for good.
+Occluded hands are seen by four cameras, two markers a second drop out, and one digit's marker is
+hidden for 4 s. Wrong labels are swaps, reflections and frozen markers, each once a second. Measured
+distal flexion has a constant error of 3 degrees (standard deviation).
 
-Besides the distance from the truth, what constraints are for: frames in which digits overlap by
-more than 1 mm, frames beyond the paper's limits, the largest step of an angle from frame to
-frame (a mean over motions), jumps (frames with a step of more than 10 degrees, which the truth
-never makes), and jitter: the median step of the PIPs that is not the truth's own, while no joint
-truly moves faster than 5 degrees a second.
+Besides the distance from the truth, the tables have what constraints are for: frames in which
+digits overlap by more than 1 mm, frames beyond the paper's limits, the largest step of an angle
+between frames (mean over motions), jumps (frames with a step of more than 10 degrees, which the
+truth never has), and jitter: the median step of the PIPs relative to the truth while no true joint
+moves faster than 5 degrees a second.
 """
+
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -31,54 +34,51 @@ from ..core.constraints import (
     Change,
     without_limits,
 )
-from ..core.model.hand import FLEXION_JOINTS, JOINTS, preset_coupling, preset_limits
+from ..core.model.hand import FLEXION_JOINTS, JOINTS, Hand, preset_coupling, preset_limits
 from ..core.model.kinematics import forward, joint_table, tip_offsets
-from ..core.model.marker_layout import MARKERS, PALM_MARKERS, marker_positions
+from ..core.model.marker_layout import MARKERS, PALM_MARKERS, MarkerLayout, marker_positions
 from ..core.model.skeleton import skeleton_points
 from ..core.options import TrackerOptions
 from ..drawing.animation import HIDDEN_COLOUR, SEEN_COLOUR, VIEW_EXTENTS, HandView, view_size
 from ..drawing.palette import ORANGE, PAPER_WHITE, SKY_BLUE
 from ..simulation.faults import Event, Faults, fault_events, with_faults
 from ..simulation.visibility import skin_layout
+from .capture_tracking import Tracked
+from .evaluation_options import Options
 from .metrics import limit_violations
 from .overlap import deepest_overlaps
-from .simulated import distances, mean_max, trial
-from .tables import INK, Picture, Table, figure_with, number, save, words
+from .rows import Row
+from .simulated import Trial, distances, mean_max, tasks, trial
+from .tables import INK, Losses, Picture, Table, figure_with, number, save, words
 
-TITLE = 'Without each constraint (Fig. 13)'
-RATE = 120.                    # [Hz]
-DURATION = 12.                 # [s]
-MOTIONS = ('demo', 'spelling', 'power_grasp', 'typing', 'shaking')
+ABLATION_RATE = 120.            # [Hz]
+ABLATION_DURATION = 12.         # [s]
+ABLATION_MOTIONS = ('demo', 'spelling', 'power_grasp', 'typing', 'shaking')
 OCCLUDED_CAMERAS = (0, 2, 4, 6)
-DROPOUTS = 2.                  # [1/s]
-LONG = 4.                      # [s] for which one digit's marker is lost: until it is stale
-WRONG = Faults(swaps=1., ghosts=1., frozen=1.)  # [1/s]
-FLEXION_ERROR = np.radians(3.)  # of a measured last joint, standard deviation; ours, unsourced
+DROPOUT_RATE = 2.               # [1/s]
+LONG_OCCLUSION = 4.             # [s] for one digit's marker: until its prediction is stale
+FAULT_RATES = Faults(swaps=1., ghosts=1., frozen=1.)  # [1/s]
+FLEXION_ERROR = np.radians(3.)  # [rad] of measured flexion, standard deviation; ours, unsourced
 
-TOLERANCE = np.radians(.01)    # beyond a limit
-OVERLAP = 1e-3 + 1e-6          # [m] that flesh gives way, and rounding
-JUMP = np.radians(10.)        # from frame to frame
-STILL = np.radians(5.)         # [rad/s] below which a hand is at rest
-PIP = [JOINTS.index(joint) for joint in JOINTS if 'pip' in joint]
+LIMIT_TOLERANCE = np.radians(.01)  # [rad]
+COUNTED_OVERLAP = 1e-3 + 1e-6      # [m] that soft tissue yields, and rounding
+JUMP_ANGLE = np.radians(10.)       # [rad] between frames
+REST_SPEED = np.radians(5.)        # [rad/s] of the fastest joint of a hand at rest
+PIP_ROWS = [JOINTS.index(joint) for joint in JOINTS if 'pip' in joint]
 
 CONDITIONS = {'all seen': 'all markers seen', 'occluded': 'occluded',
               'wrong': 'some labels and places wrong'}
-SHOWN = 10.                    # [degrees] over all joints, from which a difference is drawn
-APART = 1.                     # [s] of drawn frames of a motion
-FULL = 6.                    # [degrees] more or less that have the full colour
+DRAWN_DIFFERENCE = 10.   # [degrees] least difference to be drawn, summed over all joints
+DRAWN_INTERVAL = 1.      # [s] least time between drawn frames of a motion
+FULL_COLOUR = 6.         # [degrees] difference at the ends of the colour scale
 LOSS_AND_GAIN = LinearSegmentedColormap.from_list('', (SKY_BLUE, PAPER_WHITE, ORANGE))
-LINES = 6                      # of drawn hands
-SCALE = .5                     # of the drawn hands
-MARGIN = .1                    # [inches] around them
-WHY = ('The digits of the simulated motions overlap themselves (said above each table), so that '
-       'rigidity moves the pose away from its truth: it is to be judged by the overlaps that it '
-       'takes away. Easing trades a little error for fewer jumps. A limit or a coupling that is '
-       'only nearly right keeps a joint from where the markers, a little off themselves, would '
-       'put it.')
+DRAWN_HANDS = 6          # greatest number of variants
+DRAWN_SCALE = .5         # of the drawn hands [1]
+DRAWN_MARGIN = .1        # [inches]
 
-ALL = 'all constraints'
-MEASURED = 'measured distal flexion'
-OFF = {
+ALL_CONSTRAINTS = 'all constraints'
+MEASURED_FLEXION = 'measured distal flexion'
+WITHOUT_ONE = {
     'no flexion limits': without_limits(FLEXION_MASK),
     'no abduction limits': without_limits(ABDUCTION_MASK),
     'no limits': without_limits(FLEXION_MASK | ABDUCTION_MASK),
@@ -100,58 +100,58 @@ OFF = {
 ALTERNATIVES = {
     'friction': Change({'friction': .5}),
     'stale: hold': Change({'stale': 'hold'}),
-    MEASURED: Change(),
+    MEASURED_FLEXION: Change(),
     'thumb: index_mcp': Change(hand=lambda hand: hand.with_paper_thumb()),
     'coupling: paper': Change(hand=lambda hand: hand.replace(coupling=preset_coupling('paper'))),
 }
-VARIANTS = {ALL: Change(), **OFF, **ALTERNATIVES}
+ABLATION_VARIANTS = {ALL_CONSTRAINTS: Change(), **WITHOUT_ONE, **ALTERNATIVES}
 
 
-def without_any():
-    """Return the change that takes every constraint off at once."""
-    def bare(hand):
-        for change in OFF.values():
+def without_any() -> Change:
+    """Return the change that switches all constraints off."""
+    def bare(hand: Hand) -> Hand:
+        for change in WITHOUT_ONE.values():
             hand = change.hand(hand)
         return hand
 
-    return Change({name: value for change in OFF.values()
+    return Change({name: value for change in WITHOUT_ONE.values()
                    for name, value in change.options.items()}, bare)
 
 
-def evaluate(options):
+def evaluate(options: Options) -> Iterator[Row]:
     """Yield a row for each motion, condition and variant."""
-    tasks = [(motion, options.seed + i) for i, motion in enumerate(MOTIONS)]
-    for rows in options.each('motions', judge, tasks):
+    for rows in options.each('motions', judge, tasks(options, ABLATION_MOTIONS)):
         yield from rows
 
 
-def judge(task):
-    """Return the rows of one motion.
+def judge(task: tuple[str, int]) -> list[Row]:
+    """Return the rows of one (motion, seed).
 
     Besides errors, `overlap_pct` is the share of frames in which digits overlap by more than
-    1 mm, `step_deg` the largest step of an angle from frame to frame, `jumps_per_min` how often
-    one is more than 10 degrees, `jitter_deg` the median step of the PIPs at rest, null where the
-    hand never rests; `true_...` is the truth's own.
+    1 mm, `step_deg` the largest step of an angle between frames, `jumps_per_min` the rate of
+    steps of more than 10 degrees, `jitter_deg` the median step of the PIPs at rest, null if the
+    hand never rests. The prefix `true` marks the same of the ground truth.
     """
     motion, seed = task
-    one = trial(motion, seed, RATE, DURATION)
-    rows = []
+    one = trial(motion, seed, ABLATION_RATE, ABLATION_DURATION)
+    rows: list[Row] = []
     for condition in CONDITIONS:
         markers = markers_of(one, condition, seed)
         whole = None
-        for variant in VARIANTS:
+        for variant in ABLATION_VARIANTS:
             hand, tracked = variant_tracked(one, variant, markers)
-            worse = _worse(tracked.angles, one.angles)
+            worse = _angle_error(tracked.angles, one.angles)
             whole = worse if whole is None else whole
-            # What the picture shows: this variant wrong where all constraints are right.
+            # Drawn frame: this variant wrong, the tracker with all constraints right.
             shown = int(np.argmax(worse - 2. * whole))
-            broken, _ = limit_violations(tracked.angles, preset_limits('paper'), TOLERANCE)
+            broken, _ = limit_violations(tracked.angles, preset_limits('paper'), LIMIT_TOLERANCE)
             rows.append({
                 'evaluation': 'ablation', 'recording': motion, 'method': variant, 'seed': seed,
                 'condition': condition, **distances('true', tracked.angles, one.angles),
                 **one.errors(tracked, hand=hand),
                 'beyond_limits_pct': round(100. * float(broken), 3),
-                **_nature('', hand, tracked.angles), **_nature('true_', one.hand, one.angles),
+                **_plausibility('', hand, tracked.angles),
+                **_plausibility('true_', one.hand, one.angles),
                 'jitter_deg': _jitter(tracked.angles, one.angles),
                 'lost_pct': round(100. * float(np.isnan(markers[..., 0]).mean()), 3),
                 'shown_frame': shown,
@@ -160,72 +160,75 @@ def judge(task):
     return rows
 
 
-def _nature(prefix, hand, angles):
-    """Return how natural a motion is by itself: overlaps and steps."""
+def _plausibility(prefix: str, hand: Hand, angles: np.ndarray) -> Row:
+    """Return overlaps and steps of a motion, measures that need no ground truth."""
     overlaps, steps = deepest_overlaps(hand, angles), _steps(angles).max(axis=1)
-    return {f'{prefix}overlap_pct': round(100. * float((overlaps > OVERLAP).mean()), 3),
+    return {f'{prefix}overlap_pct': round(100. * float((overlaps > COUNTED_OVERLAP).mean()), 3),
             f'{prefix}overlap_max_mm': round(1e3 * float(overlaps.max()), 3),
             f'{prefix}step_deg': round(float(np.degrees(steps.max())), 3),
-            f'{prefix}jumps_per_min': round(60. * RATE * float((steps > JUMP).mean()), 2)}
+            f'{prefix}jumps_per_min': round(
+                60. * ABLATION_RATE * float((steps > JUMP_ANGLE).mean()), 2)}
 
 
-def _jitter(angles, true):
-    """Return the median step of the PIPs that is not the truth's, at rest [degrees]."""
-    still = _steps(true).max(axis=1) < STILL / RATE
-    steps = _steps(angles - true)[np.ix_(still, PIP)]
+def _jitter(angles: np.ndarray, true: np.ndarray) -> float:
+    """Return the median step of the PIPs relative to the truth, at rest [degrees]."""
+    still = _steps(true).max(axis=1) < REST_SPEED / ABLATION_RATE
+    steps = _steps(angles - true)[np.ix_(still, PIP_ROWS)]
     return round(float(np.degrees(np.median(steps))), 5) if still.any() else np.nan
 
 
-def _steps(angles):
+def _steps(angles: np.ndarray) -> np.ndarray:
     return np.abs(np.diff(angles, axis=0))
 
 
-def markers_of(one, condition, seed):
-    """Return the markers of a trial, all seen, as occlusion leaves them, or with wrong ones."""
+def markers_of(one: Trial, condition: str, seed: int) -> np.ndarray:
+    """Return the reported markers of a trial under one of `CONDITIONS`, shape (n, 8, 3) [m]."""
     if condition == 'all seen':
         return one.measured(hidden=False)
     times = np.arange(len(one.angles)) / one.rate
     random = np.random.RandomState((seed, 2))
-    faults = WRONG if condition == 'wrong' else Faults(dropouts=DROPOUTS)
+    faults = FAULT_RATES if condition == 'wrong' else Faults(dropouts=DROPOUT_RATE)
     events = fault_events(faults, times[-1], len(MARKERS), random)
     if condition == 'wrong':
         measured = one.measured(hidden=False)
     else:
         measured = one.measured(OCCLUDED_CAMERAS)
-        start = random.uniform(0., max(times[-1] - LONG, 0.))
+        start = random.uniform(0., max(times[-1] - LONG_OCCLUSION, 0.))
         digit = random.randint(len(PALM_MARKERS), len(MARKERS))
-        events.append(Event('dropout', int(digit), start, start + LONG))
-    return with_faults(measured, one.sight.truth, times, events)
+        events.append(Event('dropout', int(digit), start, start + LONG_OCCLUSION))
+    return with_faults(measured, one.observed.truth, times, events)
 
 
-def tracked_with(one, change, markers, flexion=None):
-    """Return the changed hand, and what tracking with the change says of markers."""
-    hand = change.hand(one.worn)
+def tracked_with(one: Trial, change: Change, markers: np.ndarray,
+                 flexion: np.ndarray | None = None) -> tuple[Hand, Tracked]:
+    """Track markers of a trial with a change; return the changed hand model and the results."""
+    hand = change.hand(one.calibrated_hand)
     options = TrackerOptions(**change.options)
     return hand, one.track(markers, hand=hand, options=options, flexion=flexion)
 
 
-def variant_tracked(one, variant, markers):
-    """Return the hand of a variant, and what tracking so says of the first markers of a trial."""
+def variant_tracked(one: Trial, variant: str, markers: np.ndarray) -> tuple[Hand, Tracked]:
+    """Track the first markers of a trial with a variant; return its hand model and the results."""
     flexion = None
-    if variant == MEASURED:
+    if variant == MEASURED_FLEXION:
         last = FLEXION_JOINTS[:, 2]
         error = FLEXION_ERROR * np.random.RandomState(0).normal(size=len(last))
         flexion = one.angles[:len(markers), last] + error
-    return tracked_with(one, VARIANTS[variant], markers, flexion)
+    return tracked_with(one, ABLATION_VARIANTS[variant], markers, flexion)
 
 
-def _worse(angles, true):
+def _angle_error(angles: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """Return the sum of absolute angular errors over joints in each frame [rad]."""
     return np.abs(np.angle(np.exp(1j * (angles - true)))).sum(axis=1)
 
 
-def tables(rows):
-    """Return one table of each condition."""
+def tables(rows: list[Row]) -> list[Table]:
+    """Return a table for each condition."""
     found = []
     for condition in CONDITIONS:
         there = [row for row in rows if row['condition'] == condition]
-        lines = []
-        for variant in VARIANTS:
+        lines: list[tuple[str, ...]] = []
+        for variant in ABLATION_VARIANTS:
             mine = [row for row in there if row['method'] == variant]
             lines.append((
                 variant, mean_max(mine, 'true_squared', 3), mean_max(mine, 'true_deg', 1),
@@ -246,42 +249,54 @@ def tables(rows):
     return found
 
 
-def _mean(rows, key):
-    """Return the mean over rows that have the key; None if none has."""
+def _mean(rows: list[Row], key: str) -> float:
+    """Return the mean of a key over the rows that have it; NaN if none has."""
     known = [row[key] for row in rows if row[key] is not None and np.isfinite(row[key])]
-    return sum(known) / len(known) if known else None
+    return sum(known) / len(known) if known else np.nan
 
 
-def losses(rows):
-    """Return which constraints do harm in the mean of the motions."""
+ABLATION_LOSSES = (
+    'The digits of the simulated motions overlap themselves (said above each table), so that '
+    'rigidity moves the pose away from its truth: it is to be judged by the overlaps that it '
+    'takes away. Easing trades a little error for fewer jumps. A limit or a coupling that is '
+    'only nearly right keeps a joint from where the markers, a little off themselves, would '
+    'put it.')
+
+
+def losses(rows: list[Row]) -> Losses:
+    """Return the constraints without which the mean error over motions is smaller."""
     lines = []
     for condition in CONDITIONS:
-        means = {variant: _mean([row for row in rows if (row['condition'], row['method'])
-                                 == (condition, variant)], 'mean_mm') for variant in VARIANTS}
-        # Not by what the last digit of the table does not show.
-        lines += [f'{condition}, {variant}: {mean:.2f} mm, {means[ALL]:.2f} with {ALL}'
+        there = [row for row in rows if row['condition'] == condition]
+        means = {variant: _mean([row for row in there if row['method'] == variant], 'mean_mm')
+                 for variant in ABLATION_VARIANTS}
+        whole = means[ALL_CONSTRAINTS]
+        # By at least what the table shows.
+        lines += [f'{condition}, {variant}: {mean:.2f} mm, {whole:.2f} with {ALL_CONSTRAINTS}'
                   for variant, mean in means.items()
-                  if variant != MEASURED and mean < means[ALL] - .05]
-    return lines
+                  if variant != MEASURED_FLEXION and mean < whole - .05]
+    return Losses(lines, ABLATION_LOSSES)
 
 
-def pictures(rows, folder):
-    """Draw what each variant changes, and the hands where each is worst."""
-    figure, axes = figure_with(len(CONDITIONS), width=3.9, height=.24 * len(VARIANTS) + .6)
+def pictures(rows: list[Row], folder: Path) -> list[Picture]:
+    """Draw the change of error of each variant, and hands where it is greatest."""
+    figure, axes = figure_with(len(CONDITIONS), width=3.9, height=.24 * len(ABLATION_VARIANTS) + .6)
     for ax, (condition, what) in zip(axes, CONDITIONS.items()):
         means = {(row['recording'], row['method']): row['true_deg'] for row in rows
                  if row['condition'] == condition}
-        found = np.array([[means[motion, variant] for motion in MOTIONS] for variant in VARIANTS])
+        found = np.array([[means[motion, variant] for motion in ABLATION_MOTIONS]
+                          for variant in ABLATION_VARIANTS])
         more = found - found[0]
-        ax.imshow(more, LOSS_AND_GAIN, aspect='auto', vmin=-FULL, vmax=FULL)
+        ax.imshow(more, LOSS_AND_GAIN, aspect='auto', vmin=-FULL_COLOUR, vmax=FULL_COLOUR)
         for (line, column), change in np.ndenumerate(more):
             text = f'{change:+.1f}' if line else f'{found[0, column]:.1f}'
             ax.text(column, line, '·' if text in ('+0.0', '-0.0') else text, fontsize=8,
                     color=INK, ha='center', va='center', weight='normal' if line else 'bold')
         ax.set_title(what, fontsize=9)
-        ax.set_xticks(range(len(MOTIONS)), [words(motion).replace(' ', '\n')
-                                            for motion in MOTIONS])
-        ax.set_yticks(range(len(VARIANTS)), map(words, VARIANTS) if ax is axes[0] else [])
+        ax.set_xticks(range(len(ABLATION_MOTIONS)), [words(motion).replace(' ', '\n')
+                                            for motion in ABLATION_MOTIONS])
+        ax.set_yticks(range(len(ABLATION_VARIANTS)),
+                      map(words, ABLATION_VARIANTS) if ax is axes[0] else [])
         ax.grid(False)
         ax.tick_params(length=0)
         ax.axhline(.5, color=INK, linewidth=.7)
@@ -298,45 +313,50 @@ def pictures(rows, folder):
                     'constraints that are missed')]
 
 
-def _draw_hands(rows, path):
-    """Draw truth, all constraints and one less side by side, a line for each that is missed."""
-    shown = _missed_most(rows)[:LINES]
-    sizes = [view_size(view, SCALE) for view in VIEW_EXTENTS]
-    width = sum(size[0] for size in sizes) + 3. * MARGIN
+# Hand, marker layout, and the pose: joint angles, wrist rotation and position.
+DrawnHand = tuple[Hand, MarkerLayout, tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+def _draw_hands(rows: list[Row], path: Path) -> None:
+    """Draw truth, all constraints and a variant side by side, a line for each worst variant."""
+    shown = _worst_variants(rows)[:DRAWN_HANDS]
+    sizes = [view_size(view, DRAWN_SCALE) for view in VIEW_EXTENTS]
+    width = sum(size[0] for size in sizes) + 3. * DRAWN_MARGIN
     height, legend = max(size[1] for size in sizes) + .35, .35
     figure = Figure(figsize=(3. * width + 1.1, len(shown) * height + legend), dpi=110)
     FigureCanvasAgg(figure)
     across, up = figure.get_size_inches()
-    trials = {}
+    trials: dict[str, tuple[Trial, np.ndarray]] = {}
     for line, row in enumerate(shown):
         motion, frame = row['recording'], row['shown_frame']
         if motion not in trials:
-            one = trial(motion, row['seed'], RATE, DURATION)
+            one = trial(motion, row['seed'], ABLATION_RATE, ABLATION_DURATION)
             trials[motion] = one, markers_of(one, 'occluded', row['seed'])
         one, markers = trials[motion]
         to_wrist = one.rotation[frame].T
         local = (markers[frame] - one.position[frame]) @ to_wrist.T
         seen = np.isfinite(local).all(axis=1)
         bottom = up - legend - (line + 1) * height
-        for column, name in enumerate(('the truth', ALL, row['method'])):
-            # Nothing of the frames to come.
+        for column, name in enumerate(('the truth', ALL_CONSTRAINTS, row['method'])):
+            # Frames up to the drawn one only.
             hand, layout, pose = _tracked(one, name, markers[:frame + 1]) if column else _true(
                 one, frame)
-            # All in the true wrist's frame, so that a turned palm is seen too.
+            # In the true wrist's frame, which shows errors of the palm too.
             turned, moved = to_wrist @ pose[1], to_wrist @ (pose[2] - one.position[frame])
             links = forward(joint_table(hand), pose[0], turned, moved)
             places = marker_positions(layout.mounting(hand), links, turned, moved)
             left = 1.1 + column * width
             for view, size in zip(VIEW_EXTENTS, sizes):
-                HandView(figure, (left, bottom), view, hand, SCALE).draw(
+                HandView(figure, (left, bottom), view, hand, DRAWN_SCALE).draw(
                     skeleton_points(tip_offsets(hand), links, moved),
                     np.where(seen[:, None], local, places), seen)
-                left += size[0] + MARGIN
+                left += size[0] + DRAWN_MARGIN
             figure.text((1.1 + (column + .5) * width) / across, (bottom + height - .1) / up,
                         words(name), ha='center', va='top', color=INK, fontsize=9,
                         weight='bold' if column == 2 else 'normal')
         figure.text(.1 / across, (bottom + .5 * height) / up,
-                    f'{words(motion)}\n{frame / RATE:.2f} s', color=INK, fontsize=8, va='center')
+                    f'{words(motion)}\n{frame / ABLATION_RATE:.2f} s', color=INK, fontsize=8,
+                    va='center')
     figure.legend(handles=[
         Line2D([], [], marker='o', linestyle='', markersize=5, color=colour, label=label)
         for colour, label in ((SEEN_COLOUR, 'marker, measured'),
@@ -345,27 +365,27 @@ def _draw_hands(rows, path):
     save(figure, path)
 
 
-def _missed_most(rows):
-    """Return an occluded row of each variant that is missed, the most missed first.
+def _worst_variants(rows: list[Row]) -> list[Row]:
+    """Return an occluded row of each variant with a large error, the largest first.
 
-    None of a frame near one of another's, where there would be the same to see.
+    Rows with a frame close to one of a row before are left out.
     """
-    found = []
+    found: list[Row] = []
     for row in sorted(rows, key=lambda row: -row['shown_deg']):
-        if (row['condition'] == 'occluded' and row['shown_deg'] > SHOWN and not any(
+        if (row['condition'] == 'occluded' and row['shown_deg'] > DRAWN_DIFFERENCE and not any(
                 row['method'] == other['method'] or row['recording'] == other['recording']
-                and abs(row['shown_frame'] - other['shown_frame']) < APART * RATE
+                and abs(row['shown_frame'] - other['shown_frame']) < DRAWN_INTERVAL * ABLATION_RATE
                 for other in found)):
             found.append(row)
     return found
 
 
-def _true(one, frame):
+def _true(one: Trial, frame: int) -> DrawnHand:
     return one.hand, skin_layout(one.hand), (
         one.angles[frame], one.rotation[frame], one.position[frame])
 
 
-def _tracked(one, variant, markers):
+def _tracked(one: Trial, variant: str, markers: np.ndarray) -> DrawnHand:
     hand, tracked = variant_tracked(one, variant, markers)
     return hand, one.layout, (
         tracked.angles[-1], tracked.wrist_rotation[-1], tracked.wrist_position[-1])

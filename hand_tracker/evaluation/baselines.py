@@ -1,8 +1,10 @@
-"""Three plain ways to say where a hidden marker is; they share no code with the tracker.
+"""Three baseline predictors of hidden markers; they share no code with the tracker.
 
-Each is given the markers in the palm's frame up to now, of which the hidden ones have no
-place in the window, and returns the places of those.
+Each takes the markers in the palm's frame, the hidden ones missing in the window, and returns the
+positions of the hidden ones.
 """
+
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -10,21 +12,21 @@ from .plain_hand import into_palm, unit
 
 LEARNED_FROM = 10.     # [s] before the window
 VELOCITY_OVER = .025   # [s] before the window
-DAMPING_TIME = .1      # [s]
-RIDGE = .005           # [m] spread below which a coordinate of a neighbour tells little
+DAMPING_TIME = .1      # [s] time constant
+RIDGE = .005           # [m] standard deviation of a neighbour's coordinate that halves its weight
 
 
-def hold_last(local, start, hidden, rate):
-    """Return hidden markers held where they were in the palm's frame.
+def hold_last(local: np.ndarray, start: int, hidden: Sequence[int], rate: float) -> np.ndarray:
+    """Predict that hidden markers stay at their last positions in the palm's frame.
 
     Parameters
     ----------
     local : ndarray, shape (T, 8, 3)
         Markers in the palm's frame, up to the window's last frame [m].
     start : int
-        The window's first frame, at least 1.
+        First frame of the window, at least 1.
     hidden : sequence of int
-        Rows whose places from `start` on are not read.
+        Rows of the hidden markers, not read from `start` on.
     rate : float
         [Hz]
 
@@ -37,8 +39,9 @@ def hold_last(local, start, hidden, rate):
     return np.repeat(local[start - 1:start, hidden], len(local) - start, axis=0)
 
 
-def damped_velocity(local, start, hidden, rate):
-    """Return hidden markers carried on by their last velocity, which fades.
+def damped_velocity(local: np.ndarray, start: int, hidden: Sequence[int],
+                    rate: float) -> np.ndarray:
+    """Predict hidden markers from their last velocity, exponentially damped.
 
     Parameters and returns as for `hold_last`.
     """
@@ -50,12 +53,12 @@ def damped_velocity(local, start, hidden, rate):
     return last + velocity * (DAMPING_TIME * (1. - np.exp(-times / DAMPING_TIME)))[:, None, None]
 
 
-def linear_from_neighbours(local, start, hidden, rate):
-    """Return hidden markers as affine functions of those seen, learned on the last seconds.
+def linear_from_neighbours(local: np.ndarray, start: int, hidden: Sequence[int],
+                           rate: float) -> np.ndarray:
+    """Predict hidden markers by ridge regression on the visible ones over the last seconds.
 
-    Parameters and returns as for `hold_last`. Ridge regression about the mean; the last
-    residual is carried on. The digits' markers are the neighbours, and the palm's too where
-    a marker of the palm is hidden.
+    Parameters and returns as for `hold_last`. The last residual is kept. The regressors are the
+    digits' markers, and the palm's too where a palm marker is hidden.
     """
     first = 0 if min(hidden) < 3 else 3
     neighbours = [row for row in range(first, local.shape[1]) if row not in hidden]
@@ -67,33 +70,34 @@ def linear_from_neighbours(local, start, hidden, rate):
     factors = np.linalg.solve(
         centred.T @ centred + len(past) * RIDGE ** 2 * np.eye(centred.shape[1]),
         centred.T @ (wanted - wanted.mean(axis=0)))
-    # With the last residual carried on, the means drop out.
+    # With the last residual kept, the means cancel.
     now = local[start:, neighbours].reshape(len(local) - start, -1)
     return ((now - known[-1]) @ factors + wanted[-1]).reshape(-1, len(hidden), 3)
 
 
-BASELINES = {'hold_last': hold_last, 'damped_velocity': damped_velocity,
-             'linear_from_neighbours': linear_from_neighbours}
+Predictor = Callable[[np.ndarray, int, Sequence[int], float], np.ndarray]
+BASELINES: dict[str, Predictor] = {
+    'hold_last': hold_last, 'damped_velocity': damped_velocity,
+    'linear_from_neighbours': linear_from_neighbours}
 
 
-def carried_poses(markers, hidden, template, rotation, position):
-    """Return the poses of a palm of which one marker is hidden.
+def carried_poses(markers: np.ndarray, hidden: int, template: np.ndarray, rotation: np.ndarray
+                  ) -> tuple[np.ndarray, np.ndarray]:
+    """Return the poses of a palm with one hidden marker.
 
-    From frame to frame the palm turns by the smallest rotation that lays the line through
-    its two visible markers right. A frame that lacks one of these has no pose.
+    From frame to frame the palm turns by the smallest rotation that aligns the line through its
+    two visible markers. Frames without both have no pose.
 
     Parameters
     ----------
     markers : ndarray, shape (n, 3, 3)
-        Those of the palm; the hidden one is not read [m].
+        Palm markers; the hidden one is not read [m].
     hidden : int
-        Row of the hidden one.
+        Row of the hidden marker.
     template : ndarray, shape (3, 3)
-        The markers in the palm's frame [m].
+        Palm markers in the palm's frame [m].
     rotation : ndarray, shape (3, 3)
-        Before the first frame.
-    position : ndarray, shape (3,)
-        [m]
+        Palm frame to world, before the first frame.
 
     Returns
     -------
@@ -116,39 +120,41 @@ def carried_poses(markers, hidden, template, rotation, position):
     return rotations, .5 * (markers[:, a] + markers[:, b]) - rotations @ middle
 
 
-def predictions(markers, poses, start, length, hidden, rate, template):
-    """Return where each of `BASELINES` has the hidden markers.
+def predictions(markers: np.ndarray, poses: tuple[np.ndarray, np.ndarray], window: slice,
+                hidden: Sequence[int], rate: float, template: np.ndarray
+                ) -> dict[str, np.ndarray]:
+    """Return the hidden markers in a window as each of `BASELINES` predicts them.
 
     Parameters
     ----------
     markers : ndarray, shape (T, 8, 3)
-        Hidden rows are not read from `start` on, nor is anything after the window [m].
+        Hidden rows are not read in the window, nor any frames after it [m].
     poses : tuple of ndarray, shape (T, 3, 3) and (T, 3)
-        `palm_poses` of `markers`; from `start` on not read where a palm marker is hidden.
-    start, length : int
-        Of the window [frames].
+        `palm_poses` of `markers`; not read in the window if a palm marker is hidden.
+    window : slice
+        Of frames.
     hidden : sequence of int
-        Rows; at most one of the palm's three.
+        Rows of the hidden markers; at most one of the palm's three.
     rate : float
         [Hz]
     template : ndarray, shape (3, 3)
-        The palm's markers in its frame [m].
+        Palm markers in the palm's frame [m].
 
     Returns
     -------
     dict of ndarray, shape (length, len(hidden), 3)
         In the frame of `markers` [m].
     """
-    oldest = max(0, start - round(LEARNED_FROM * rate))
-    part = slice(oldest, start + length)
+    oldest = max(0, window.start - round(LEARNED_FROM * rate))
+    part = slice(oldest, window.stop)
     points = np.array(markers[part])
     rotation, position = (np.array(array[part]) for array in poses)
-    begin = start - oldest
+    begin = window.start - oldest
     points[begin:, hidden] = np.nan
     for row in hidden:
         if row < 3:
             rotation[begin:], position[begin:] = carried_poses(
-                points[begin:, :3], row, template, rotation[begin - 1], position[begin - 1])
+                points[begin:, :3], row, template, rotation[begin - 1])
     local = into_palm(points, rotation, position)
     return {name: np.einsum('nij,nkj->nki', rotation[begin:], baseline(
         local, begin, hidden, rate)) + position[begin:, None]

@@ -1,4 +1,4 @@
-"""The hand of a capture: fitted on its first part, which is not judged."""
+"""Hand models fitted to the first part of a capture, which is not judged."""
 
 import numpy as np
 
@@ -7,11 +7,12 @@ from ..core.model.hand import FINGERS, MCP_OF_LENGTH, Hand, preset_limits
 from ..core.options import TrackerOptions
 from ..core.tracker import HandTracker
 from .capture_tracking import track, tracked_joints
-from .plain_hand import fit_plain
+from .captures import Capture
+from .plain_hand import PlainHand, fit_plain
 
 
-def fitting_joints(capture):
-    """Return the joints a hand is fitted on, those never captured as a mean hand has them.
+def fitting_joints(capture: Capture) -> np.ndarray:
+    """Return the joints to fit a hand to; joints never captured are those of a mean hand.
 
     Parameters
     ----------
@@ -26,26 +27,26 @@ def fitting_joints(capture):
     absent = ~np.isfinite(joints).all(axis=2).any(axis=0)
     if not absent.any():
         return joints
-    # A hand of the same palm, with its markers at the captured ones.
+    # A mean hand scaled to the palm and tracked from the captured markers.
     palm, breadth = (np.nanmedian(np.linalg.norm(
         joints[:, LANDMARKS.index('index_mcp')] - joints[:, LANDMARKS.index(other)], axis=1))
         for other in ('wrist', 'little_mcp'))
     hand = Hand.scaled(palm / MCP_OF_LENGTH[FINGERS.index('index')], breadth,
                        side=capture.side)
-    # What does not fit is the mean hand, not the labels.
+    # Misfits are due to the mean hand, not to wrong labels.
     tracker = HandTracker(hand, options=TrackerOptions(outlier_gate=0., swap_margin=0.))
     mean = tracked_joints(hand, track(tracker, capture.markers[:capture.split], capture.rate))
     return np.where(absent[:, None], mean, joints)
 
 
-def fitted_hand(capture, limits):
-    """Return the hand of a capture.
+def fitted_hand(capture: Capture, limits: str) -> Hand:
+    """Fit a hand to a capture.
 
     Parameters
     ----------
     capture : Capture
     limits : str
-        Preset of its limits.
+        Preset of the joint limits.
 
     Returns
     -------
@@ -54,7 +55,7 @@ def fitted_hand(capture, limits):
     return fit_hand(fitting_joints(capture), capture.side, preset_limits(limits))
 
 
-def fitted_plain(capture):
-    """Return the plain hand of a capture, always a right one."""
+def fitted_plain(capture: Capture) -> PlainHand:
+    """Fit a plain hand, always a right one, to a capture."""
     joints = fitting_joints(capture.right())
     return fit_plain(joints[np.isfinite(joints).all(axis=(1, 2))])

@@ -1,15 +1,17 @@
-"""Run the tracker over frames of markers, as a user would."""
+"""Run the tracker over arrays of markers."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from ..calibration import landmark_positions
+from ..core.model.hand import Hand
 from ..core.model.kinematics import Pose
+from ..core.tracker import HandState, HandTracker
 
 
 class Tracked(NamedTuple):
-    """What the tracker said of n frames.
+    """Tracking results of n frames.
 
     Attributes
     ----------
@@ -20,8 +22,9 @@ class Tracked(NamedTuple):
         [m]
     pose : Pose
     markers : ndarray, shape (n, 8, 3)
-        The positions used, measured or predicted [m].
+        Marker positions used, measured or predicted [m].
     iterations : ndarray of int, shape (n,)
+        Of FABRIK, summed over digits.
     """
 
     angles: np.ndarray
@@ -32,16 +35,15 @@ class Tracked(NamedTuple):
     iterations: np.ndarray
 
 
-def advance(tracker, frame, index, rate, flexion=None):
-    """Return the state after one more frame, the `index`-th at `rate` [Hz].
-
-    The one place where evaluations call the tracker.
-    """
+def advance(tracker: HandTracker, frame: np.ndarray, index: int, rate: float,
+            flexion: np.ndarray | None = None) -> HandState:
+    """Track frame number `index` of a sequence at `rate` [Hz] and return the state."""
     return tracker.update(frame, index / rate, flexion)
 
 
-def track(tracker, markers, rate, first=0, flexion=None):
-    """Return what a tracker says of frames.
+def track(tracker: HandTracker, markers: np.ndarray, rate: float, first: int = 0,
+          flexion: np.ndarray | None = None) -> Tracked:
+    """Track a sequence of frames and return the results as arrays.
 
     Parameters
     ----------
@@ -51,9 +53,9 @@ def track(tracker, markers, rate, first=0, flexion=None):
     rate : float
         [Hz]
     first : int
-        Index of the first frame, for its time.
+        Number of the first frame, which determines its time.
     flexion : ndarray, shape (n, 5), optional
-        Measured flexion of the last joints [rad].
+        Measured flexion of the distal joints [rad].
 
     Returns
     -------
@@ -70,6 +72,6 @@ def track(tracker, markers, rate, first=0, flexion=None):
         np.array([state.iterations for state in states]))
 
 
-def tracked_joints(hand, tracked):
-    """Return the 21 joints of tracked frames, shape (n, 21, 3) [m]."""
+def tracked_joints(hand: Hand, tracked: Tracked) -> np.ndarray:
+    """Return the positions of the 21 landmarks of tracked frames, shape (n, 21, 3) [m]."""
     return landmark_positions(hand, tracked.pose, tracked.wrist_position)

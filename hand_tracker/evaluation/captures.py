@@ -1,7 +1,9 @@
-"""Captured hands as files: loaded, checked, and cut into a part to fit and a part to judge."""
+"""Capture files of hands: loading, validation, and the split into fitted and judged frames."""
 
 import zipfile
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
+from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,34 +13,36 @@ from ..calibration import LANDMARKS
 from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES
 from ..core.model.marker_layout import PAPER_PLACES
+from .evaluation_options import Options
+from .rows import Row
 
-ASSUMED_RATE = 30.  # [Hz] of captures that do not say theirs
-RATE_RANGE = (5., 2000.)  # [Hz]
-CALIBRATION = .2    # the first part of a capture, on which its hand is fitted
-MIN_FRAMES = 100
-PALM_RANGE = (.03, .2)  # [m] from wrist to index MCP: what is outside is in another unit
-MARKER_ROWS = np.array([LANDMARKS.index(place) for place in PAPER_PLACES])
-MIRROR = np.array((1., -1., 1.))
+ASSUMED_RATE = 30.                  # [Hz] of captures without a rate
+CAPTURE_RATE_RANGE = (5., 2000.)    # [Hz]
+FITTING_SHARE = .2                  # first part of a capture, to which its hand is fitted
+MIN_CAPTURE_FRAMES = 100
+PALM_RANGE = (.03, .2)              # [m] wrist to index MCP: other values are in another unit
+PAPER_MARKER_ROWS = np.array([LANDMARKS.index(place) for place in PAPER_PLACES])
+SAGITTAL_MIRROR = np.array((1., -1., 1.))  # of a left hand into a right one
 
 
 class InvalidCapture(HandTrackerError, ValueError):
-    """A file that is no capture, or one that cannot be judged."""
+    """A file that is no capture, or a capture that cannot be judged."""
 
 
 class Capture(NamedTuple):
-    """A captured hand.
+    """Captured joint positions of a hand.
 
     Attributes
     ----------
     name : str
-        The file's, without its suffix.
+        Name of the file, without its suffix.
     joints : ndarray, shape (T, 21, 3)
         In the order of `LANDMARKS`, NaN where not captured [m].
     side : {'right', 'left'}
     rate : float
         [Hz]
     source, licence : str
-        As the file has them.
+        From the file; empty if missing.
     """
 
     name: str
@@ -49,41 +53,40 @@ class Capture(NamedTuple):
     licence: str = ''
 
     @property
-    def markers(self):
-        """Return the paper's eight markers, shape (T, 8, 3), NaN where not captured [m]."""
-        return self.joints[:, MARKER_ROWS]
+    def markers(self) -> np.ndarray:
+        """The paper's eight markers, shape (T, 8, 3), NaN where not captured [m]."""
+        return self.joints[:, PAPER_MARKER_ROWS]
 
     @property
-    def whole(self):
-        """Return which frames have all eight markers, shape (T,)."""
+    def whole(self) -> np.ndarray:
+        """Whether each frame has all eight markers, shape (T,) bool."""
         return np.isfinite(self.markers).all(axis=(1, 2))
 
     @property
-    def missing(self):
-        """Return the names of the joints that are never captured."""
+    def missing(self) -> list[str]:
+        """Names of the joints that are never captured."""
         return [name for name, there in zip(LANDMARKS, _captured(self.joints)) if not there]
 
     @property
-    def split(self):
-        """Return the first frame that is judged; the hand is fitted on those before."""
-        return int(CALIBRATION * len(self.joints))
+    def split(self) -> int:
+        """Number of the first judged frame; the hand is fitted to those before."""
+        return int(FITTING_SHARE * len(self.joints))
 
-    def right(self):
-        """Return the capture as that of a right hand."""
+    def right(self) -> 'Capture':
+        """Return the capture, mirrored to a right hand if it is of a left one."""
         if self.side == 'right':
             return self
-        return self._replace(joints=self.joints * MIRROR, side='right')
+        return self._replace(joints=self.joints * SAGITTAL_MIRROR, side='right')
 
 
-def load_capture(path):
-    """Return the capture in a file.
+def load_capture(path: str | PathLike[str]) -> Capture:
+    """Load a capture from an npz file.
 
     Parameters
     ----------
     path : path-like
-        npz file with `positions` (T, 21, 3) [m], `joints`, the 21 names in any order,
-        `side` and `rate_hz` (NaN: unknown, 30 Hz are taken); and, to be credited, `source`
-        and `licence`.
+        With `positions` (T, 21, 3) [m], `joints`, the 21 names in any order, `side` and
+        `rate_hz` (NaN if unknown, then 30 Hz); optionally `source` and `licence`.
 
     Returns
     -------
@@ -92,7 +95,7 @@ def load_capture(path):
     Raises
     ------
     InvalidCapture
-        Naming the file, what is wrong with it and what is expected.
+        Naming the file, the fault and what is expected.
     """
     path = Path(path)
     try:
@@ -102,7 +105,7 @@ def load_capture(path):
     except KeyError as error:
         raise InvalidCapture(f'{path}: {error.args[0]}; expected positions, joints, side '
                              'and rate_hz') from None
-    # An array alone is no context: TypeError, before Python 3.11 AttributeError.
+    # A file with a bare array is no context manager: TypeError, AttributeError before Python 3.11.
     except (OSError, ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
         reason = getattr(error, 'strerror', None)
         raise InvalidCapture(f'{path}: no npz file that can be read'
@@ -126,24 +129,24 @@ def load_capture(path):
                              'expected one number')
     rate = float(fields['rate_hz'].item())
     rate = ASSUMED_RATE if np.isnan(rate) else rate
-    if not RATE_RANGE[0] <= rate <= RATE_RANGE[1]:
-        raise InvalidCapture(f'{path}: rate_hz {rate:g}; allowed is {RATE_RANGE[0]:g} to '
-                             f'{RATE_RANGE[1]:g} Hz, or NaN where it is not known')
+    if not CAPTURE_RATE_RANGE[0] <= rate <= CAPTURE_RATE_RANGE[1]:
+        raise InvalidCapture(f'{path}: rate_hz {rate:g}; allowed is {CAPTURE_RATE_RANGE[0]:g} to '
+                             f'{CAPTURE_RATE_RANGE[1]:g} Hz, or NaN where it is not known')
     joints = positions[:, [names.index(name) for name in LANDMARKS]].astype(float)
-    # A joint without one coordinate is not captured.
+    # A joint with a missing coordinate is not captured.
     joints[~np.isfinite(joints).all(axis=2)] = np.nan
     capture = Capture(path.stem, joints, str(fields['side'].item()), rate, *credit)
     never = f'; never captured: {", ".join(capture.missing)}' if capture.missing else ''
-    # Of joints that are never captured the fit makes do with those of a mean hand.
+    # The fit takes joints that are never captured from a mean hand.
     fitted = np.isfinite(joints[:, _captured(joints[:capture.split])]).all(axis=(1, 2))
     for part, needed, frames in (
             ('to fit the hand on', 'markers', capture.whole[:capture.split]),
             ('to fit the hand on', 'joints', fitted[:capture.split]),
             ('to judge', 'markers', capture.whole[capture.split:])):
-        if frames.sum() < MIN_FRAMES:
+        if frames.sum() < MIN_CAPTURE_FRAMES:
             what = 'all eight markers' if needed == 'markers' else 'all joints'
             raise InvalidCapture(f'{path}: {frames.sum()} of the {len(frames)} frames {part} have '
-                                 f'{what}; at least {MIN_FRAMES} are needed{never}')
+                                 f'{what}; at least {MIN_CAPTURE_FRAMES} are needed{never}')
     palm = float(np.nanmedian(np.linalg.norm(
         joints[:, LANDMARKS.index('index_mcp')] - joints[:, LANDMARKS.index('wrist')], axis=1)))
     if not PALM_RANGE[0] <= palm <= PALM_RANGE[1]:
@@ -152,13 +155,14 @@ def load_capture(path):
     return capture
 
 
-def _captured(joints):
+def _captured(joints: np.ndarray) -> np.ndarray:
     """Return which of the 21 joints are captured in any frame."""
     return np.isfinite(joints).all(axis=2).any(axis=0)
 
 
-def load_captures(files):
-    """Return the captures in files, and why the others cannot be judged.
+def load_captures(files: Iterable[str | PathLike[str]]
+                  ) -> tuple[list[Capture], list[InvalidCapture]]:
+    """Load the captures of several files, and collect the faults of the others.
 
     Parameters
     ----------
@@ -167,7 +171,7 @@ def load_captures(files):
     Returns
     -------
     captures : list of Capture
-        Files of one name in two folders are told apart.
+        Equal names are numbered.
     faults : list of InvalidCapture
     """
     captures, faults = [], []
@@ -182,13 +186,13 @@ def load_captures(files):
             for i, capture in enumerate(captures)], faults
 
 
-def judge_each(judge, options):
-    """Yield the rows of every capture; one that cannot be judged is named and left out.
+def judge_each(judge: Callable[[Capture], list[Row]], options: Options) -> Iterator[Row]:
+    """Yield the rows of every capture; report and leave out those that cannot be judged.
 
     Parameters
     ----------
     judge : callable
-        Returns the rows of a capture; at the top level of a module.
+        Returns the rows of a capture; defined at the top level of a module.
     options : Options
 
     Yields
@@ -212,8 +216,8 @@ def judge_each(judge, options):
         raise InvalidCapture('none of the captures can be judged')
 
 
-def _rows_or_fault(judge, capture):
-    # A fault comes back as text: raised, it would end the work on the others.
+def _rows_or_fault(judge: Callable[[Capture], list[Row]], capture: Capture) -> list[Row] | str:
+    # The fault is returned as text: raised, it would end the evaluation of the others.
     try:
         return judge(capture)
     except HandTrackerError as fault:

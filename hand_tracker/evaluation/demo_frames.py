@@ -1,8 +1,4 @@
-"""The packaged demo motion as frames of markers, and the truth to judge by.
-
-The hand that is tracked is never just the one that moves: it is wrong as a calibrated hand
-is (`calibrated`).
-"""
+"""Markers and ground truth of the demo motion, and the hand model with calibration errors."""
 
 from typing import NamedTuple
 
@@ -13,18 +9,17 @@ from ..core.model.hand import Hand, preset_limits
 from ..core.model.kinematics import Pose, forward, joint_table
 from ..core.model.marker_layout import MarkerLayout, marker_positions
 from ..simulation.motion import demo_motion
+from ..simulation.packaged_recordings import RECORDING_RATE
 from ..simulation.simulator import calibrated
-
-RATE = 120.  # [Hz]
 
 
 class DemoFrames(NamedTuple):
-    """The demo motion of a hand.
+    """Markers and ground truth of the demo motion.
 
     Attributes
     ----------
     hand : Hand
-        That moves.
+        The moving hand.
     angles : ndarray, shape (n, 25)
         [rad]
     pose : Pose
@@ -32,7 +27,7 @@ class DemoFrames(NamedTuple):
     wrist_position : ndarray, shape (n, 3)
         [m]
     markers : ndarray, shape (n, 8, 3)
-        Without noise [m].
+        Of the paper's layout, without noise [m].
     joints : ndarray, shape (n, 21, 3)
         In the order of `LANDMARKS` [m].
     """
@@ -46,8 +41,8 @@ class DemoFrames(NamedTuple):
     joints: np.ndarray
 
 
-def demo_frames(rate=RATE):
-    """Return the demo motion of the mean hand at a rate [Hz]."""
+def demo_frames(rate: float = RECORDING_RATE) -> DemoFrames:
+    """Sample the demo motion of the mean hand at a rate [Hz]."""
     hand = Hand.scaled()
     motion = demo_motion(hand)
     times = np.arange(int(motion.duration * rate) + 1) / rate
@@ -58,21 +53,22 @@ def demo_frames(rate=RATE):
                       landmark_positions(hand, pose, position))
 
 
-def tracked_hand(hand, seed, scale=1.):
-    """Return hand and layout as a calibration would have them.
+def tracked_hand(hand: Hand, seed: int, scale: float = 1.) -> tuple[Hand, MarkerLayout]:
+    """Return hand model and layout with calibration errors and a factor on all lengths.
 
     Parameters
     ----------
     hand : Hand
-        That moves.
+        The moving hand.
     seed : int
+        Of the calibration errors.
     scale : float
-        By which all sizes are wrong besides.
+        Factor on all lengths [1].
 
     Returns
     -------
     hand : Hand
-        With limits 'wide', as errors of size lead past those of the moving hand.
+        With the limits 'wide': with wrong lengths the solution exceeds the moving hand's limits.
     layout : MarkerLayout
     """
     hand, layout = calibrated(hand, MarkerLayout(), seed)

@@ -1,77 +1,86 @@
-"""What every evaluation is given, and how it spreads its work."""
+"""Options of all evaluations, and their distribution over processes."""
 
 import sys
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 from ..parallel import parallel_map
 from ..progress import CLEAR_LINE, Progress
 
+if TYPE_CHECKING:
+    from .captures import Capture
+
+Task = TypeVar('Task')
+Result = TypeVar('Result')
+
 
 @dataclass(frozen=True)
 class Options:
-    """Choices of the command line.
+    """Options of evaluations, from the command line.
 
     Parameters
     ----------
     captures : tuple of Capture
-        For the evaluations that judge captures.
+        Input of the evaluations that judge captures.
     seed : int
-        Of everything that is drawn.
+        Of all random draws.
     jobs : int
-        Processes to work in.
+        Number of processes.
     output : Path, optional
-        Folder for CSV, pictures and whatever else an evaluation leaves behind.
+        Folder for CSV files and pictures.
     quiet : bool
-        Whether to keep progress to oneself.
+        Whether to print no progress.
     left_out : list of str
-        What could not be judged, and why; it grows.
+        Captures that could not be judged, and why; appended to by `leave_out`.
     """
 
-    captures: tuple = ()
+    captures: tuple['Capture', ...] = ()
     seed: int = 1
     jobs: int = 1
     output: Path | None = None
     quiet: bool = False
-    left_out: list = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
 
-    def say(self, line):
+    def say(self, line: str) -> None:
         """Print a line of progress."""
         if not self.quiet:
             _print(line)
 
-    def leave_out(self, what):
-        """Say what is left out and why, and remember it."""
+    def leave_out(self, what: str) -> None:
+        """Print and record what is left out and why."""
         _print(f'left out: {what}')
         self.left_out.append(what)
 
-    def each(self, what, function, tasks):
-        """Yield `function(task)` of every task, in their order whatever the number of jobs.
+    def each(self, what: str, function: Callable[[Task], Result],
+             tasks: Iterable[Task]) -> Iterator[Result]:
+        """Yield `function(task)` of every task, in order, computed by `jobs` processes.
 
         Parameters
         ----------
         what : str
-            Name of the pieces of work, in the plural, for the progress.
+            Plural noun for the tasks, for the progress bar.
         function : callable
-            At the top level of a module, so that another process finds it.
-        tasks : sequence
-            Of picklable arguments. What is drawn must depend on seed and task only.
+            At the top level of a module. Its random draws depend on seed and task only.
+        tasks : iterable
+            Picklable arguments.
 
         Yields
         ------
         object
         """
-        tasks = list(tasks)
-        if self.jobs > 1 and len(tasks) > 1:
-            results = parallel_map(function, tasks, self.jobs)
+        pending = list(tasks)
+        if self.jobs > 1 and len(pending) > 1:
+            results = parallel_map(function, pending, self.jobs)
         else:
-            results = map(function, tasks)
-        yield from self._shown(what, results, len(tasks))
+            results = map(function, pending)
+        yield from self._shown(what, results, len(pending))
 
-    def _shown(self, what, results, count):
+    def _shown(self, what: str, results: Iterator[Result], count: int) -> Iterator[Result]:
         return results if self.quiet else Progress(count, what).over(results)
 
 
-def _print(line):
-    # On a terminal there may be a bar.
+def _print(line: str) -> None:
+    # A terminal may show a progress bar.
     print(f'{CLEAR_LINE}{line}' if sys.stderr.isatty() else line, file=sys.stderr, flush=True)

@@ -1,32 +1,30 @@
-"""How far a tracked hand is from the true one, and how calmly it moves.
-
-Every function takes arrays of frames and returns numbers; none knows where they come from.
-"""
+"""Error and smoothness metrics of tracked hands, as pure functions of arrays of frames."""
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 # Rows of the 21 landmarks: wrist; thumb CMC, MCP, IP, tip; MCP, PIP, DIP, tip of each finger.
 JOINT_CLASSES = {
     'mcp': (5, 9, 13, 17), 'pip': (6, 10, 14, 18), 'dip': (7, 11, 15, 19),
     'tip': (8, 12, 16, 20), 'thumb_cmc': (1,), 'thumb_mcp': (2,), 'thumb_ip': (3,),
-    'all': tuple(range(1, 21)),  # the thumb's tip too, but not the wrist
+    'all': tuple(range(1, 21)),  # without the wrist, with the tip of the thumb
 }
-REST_CUTOFF = 10.  # [Hz] above it a hand at rest has no motion of its own; ours, unsourced
+REST_CUTOFF = 10.  # [Hz] a hand at rest has no motion above it; ours, unsourced
 
 
 class PoseDistance(NamedTuple):
-    """Eq. 11 of the paper, and two readings of it.
+    """Pose distance of Eq. 11 of the paper, its root and its mean per joint.
 
     Attributes
     ----------
     squared : ndarray, shape (...)
         Dist² = Σ ‖log(q_jk⁻¹ q_ik)‖² over the joints [rad²].
     distance : ndarray, shape (...)
-        Dist, its root [rad].
+        Dist [rad].
     degrees : ndarray, shape (...)
-        Mean angle of rotation of a joint [degrees].
+        Mean rotation angle of a joint [degrees].
     """
 
     squared: np.ndarray
@@ -34,8 +32,8 @@ class PoseDistance(NamedTuple):
     degrees: np.ndarray
 
 
-def quaternion_distances(first, second):
-    """Return ‖log(q1⁻¹ q2)‖ = acos |⟨q1, q2⟩|, half the angle of the rotation between.
+def quaternion_distances(first: ArrayLike, second: ArrayLike) -> np.ndarray:
+    """Return ‖log(q1⁻¹ q2)‖ = acos |⟨q1, q2⟩|, half the angle of the relative rotation.
 
     Parameters
     ----------
@@ -47,15 +45,15 @@ def quaternion_distances(first, second):
     ndarray, shape (...)
         0 to π/2 [rad].
     """
-    first, second = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
-    second = np.where((first * second).sum(axis=-1, keepdims=True) < 0., -second, second)
-    # The angle between two vectors of one length: exact where the arc cosine is not.
-    return 2. * np.arctan2(np.linalg.norm(first - second, axis=-1),
-                           np.linalg.norm(first + second, axis=-1))
+    q1, q2 = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
+    q2 = np.where((q1 * q2).sum(axis=-1, keepdims=True) < 0., -q2, q2)
+    # Angle of two vectors of equal length, accurate also where the arc cosine is not.
+    return 2. * np.arctan2(np.linalg.norm(q1 - q2, axis=-1),
+                           np.linalg.norm(q1 + q2, axis=-1))
 
 
-def pose_distance(first, second):
-    """Return the distance of poses given by the rotations of their joints (Eq. 11).
+def pose_distance(first: ArrayLike, second: ArrayLike) -> PoseDistance:
+    """Return the distance of poses given as joint rotations (Eq. 11).
 
     Parameters
     ----------
@@ -69,11 +67,11 @@ def pose_distance(first, second):
     return _pose_distance(quaternion_distances(first, second))
 
 
-def angle_distance(first, second):
-    """Return the distance of poses given by the angles of hinges (Eq. 11).
+def angle_distance(first: ArrayLike, second: ArrayLike) -> PoseDistance:
+    """Return the distance of poses given as angles of revolute joints (Eq. 11).
 
-    The rotation between two angles of one hinge is their difference, and its logarithm
-    half of that: the same as `pose_distance` of the hinges' quaternions.
+    Equals `pose_distance` of the joints' quaternions: the logarithm of a relative rotation is half
+    the difference of the angles.
 
     Parameters
     ----------
@@ -88,31 +86,31 @@ def angle_distance(first, second):
     return _pose_distance(.5 * np.abs(np.angle(np.exp(1j * turn))))
 
 
-def _pose_distance(halves):
+def _pose_distance(halves: np.ndarray) -> PoseDistance:
     squared = (halves ** 2).sum(axis=-1)
     return PoseDistance(squared, np.sqrt(squared), np.degrees(2. * halves.mean(axis=-1)))
 
 
-def joint_errors(found, true):
-    """Return the distances of joints from their true places, by class of joint.
+def joint_errors(found: ArrayLike, true: ArrayLike) -> dict[str, np.ndarray]:
+    """Return the position errors of joints by class of joint.
 
     Parameters
     ----------
     found, true : array_like, shape (n, 21, 3)
-        Landmarks; frames and joints that are not finite are left out [m].
+        In the order of `LANDMARKS`; joints that are not finite are left out [m].
 
     Returns
     -------
     dict of ndarray, shape (m,)
-        For each of `JOINT_CLASSES` [m].
+        By the names of `JOINT_CLASSES` [m].
     """
     errors = np.linalg.norm(np.asarray(found) - np.asarray(true), axis=-1)
     classes = {name: errors[:, list(rows)].ravel() for name, rows in JOINT_CLASSES.items()}
     return {name: values[np.isfinite(values)] for name, values in classes.items()}
 
 
-def rotation_angles(first, second):
-    """Return the angle of the rotation between rotations, also near 0 and π exact.
+def rotation_angles(first: ArrayLike, second: ArrayLike) -> np.ndarray:
+    """Return the angle of the relative rotation, accurate also near 0 and π.
 
     Parameters
     ----------
@@ -123,15 +121,16 @@ def rotation_angles(first, second):
     ndarray, shape (...)
         0 to π [rad].
     """
-    between = np.swapaxes(first, -1, -2) @ np.asarray(second, dtype=float)
+    between = np.swapaxes(np.asarray(first), -1, -2) @ np.asarray(second, dtype=float)
     sine = np.linalg.norm(np.stack((
         between[..., 2, 1] - between[..., 1, 2], between[..., 0, 2] - between[..., 2, 0],
         between[..., 1, 0] - between[..., 0, 1]), axis=-1), axis=-1)
     return np.arctan2(sine, np.trace(between, axis1=-2, axis2=-1) - 1.)
 
 
-def palm_pose_error(rotation, position, true_rotation, true_position):
-    """Return by how much the palm is turned and displaced.
+def palm_pose_error(rotation: ArrayLike, position: ArrayLike, true_rotation: ArrayLike,
+                    true_position: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Return the orientation and position errors of the palm.
 
     Parameters
     ----------
@@ -150,13 +149,14 @@ def palm_pose_error(rotation, position, true_rotation, true_position):
             np.linalg.norm(np.asarray(position) - np.asarray(true_position), axis=-1))
 
 
-def limit_violations(angles, limits, tolerance=0.):
-    """Return how often and how far a hand left its limits.
+def limit_violations(angles: ArrayLike, limits: ArrayLike,
+                     tolerance: float = 0.) -> tuple[float, float]:
+    """Return the share of frames beyond the joint limits and the largest excess.
 
     Parameters
     ----------
     angles : array_like, shape (n, k)
-        An angle that is not finite is outside, by nothing [rad].
+        An angle that is not finite is outside, with no excess [rad].
     limits : array_like, shape (k, 2)
         [rad]
     tolerance : float
@@ -165,23 +165,23 @@ def limit_violations(angles, limits, tolerance=0.):
     Returns
     -------
     share : float
-        Of the frames with any joint outside.
+        Of frames with any joint outside [1].
     largest : float
-        Excess [rad].
+        Largest excess [rad].
     """
-    angles, limits = np.asarray(angles, dtype=float), np.asarray(limits, dtype=float)
-    excess = np.maximum(limits[:, 0] - angles, angles - limits[:, 1])
+    found, bounds = np.asarray(angles, dtype=float), np.asarray(limits, dtype=float)
+    excess = np.maximum(bounds[:, 0] - found, found - bounds[:, 1])
     outside = ~(excess <= tolerance)  # true for NaN
     return float(outside.any(axis=1).mean()), float(max(np.nanmax(excess, initial=0.), 0.))
 
 
-def jerk(values, rate):
-    """Return the root mean square of the third derivative.
+def jerk(values: ArrayLike, rate: float) -> np.ndarray:
+    """Return the root mean square jerk, the third derivative over time.
 
     Parameters
     ----------
     values : array_like, shape (n, ...)
-        n of 4 or more.
+        n is at least 4.
     rate : float
         [Hz]
 
@@ -190,11 +190,12 @@ def jerk(values, rate):
     ndarray, shape (...)
         [unit / s³]
     """
-    return np.sqrt(np.mean(np.diff(values, 3, axis=0) ** 2, axis=0)) * rate ** 3
+    return np.sqrt(np.mean(np.diff(np.asarray(values), 3, axis=0) ** 2, axis=0)) * rate ** 3
 
 
-def high_frequency_energy(values, rate, cutoff=REST_CUTOFF):
-    """Return the mean square of what is faster than a cutoff: the jitter of a hand at rest.
+def high_frequency_energy(values: ArrayLike, rate: float,
+                          cutoff: float = REST_CUTOFF) -> np.ndarray:
+    """Return the mean square of signal components above a cutoff: jitter of a hand at rest.
 
     Parameters
     ----------
@@ -207,33 +208,33 @@ def high_frequency_energy(values, rate, cutoff=REST_CUTOFF):
     Returns
     -------
     ndarray, shape (...)
-        A sine of amplitude a above the cutoff gives a²/2 [unit²].
+        a²/2 for a sine of amplitude a above the cutoff [unit²].
     """
-    values = np.asarray(values, dtype=float)
-    n = len(values)
-    # A straight line through both ends, so that a drift is not taken for a jump.
-    ramp = np.linspace(0., 1., n).reshape((n,) + (1,) * (values.ndim - 1))
-    spectrum = np.fft.rfft(values - values[0] - ramp * (values[-1] - values[0]), axis=0)
+    signal = np.asarray(values, dtype=float)
+    n = len(signal)
+    # Without the line through both ends: a drift would appear as a step at the ends.
+    ramp = np.linspace(0., 1., n).reshape((n,) + (1,) * (signal.ndim - 1))
+    spectrum = np.fft.rfft(signal - signal[0] - ramp * (signal[-1] - signal[0]), axis=0)
     power = np.abs(spectrum / n) ** 2
-    # The mirrored half of the spectrum counts too, but for the mean and for Nyquist's.
+    # The negative frequencies count too; mean and Nyquist frequency have none.
     power[1:(n + 1) // 2] *= 2.
     return power[np.fft.rfftfreq(n, 1. / rate) > cutoff].sum(axis=0)
 
 
-def availability(errors, tolerance):
-    """Return the share of hidden frames in which a place was given that can be used.
+def availability(errors: ArrayLike, tolerance: float) -> float:
+    """Return the share of predictions of hidden markers within a tolerance.
 
     Parameters
     ----------
     errors : array_like
-        Distances of predicted from true places, NaN or inf where nothing was predicted [m].
+        Errors of the predicted positions, NaN or inf without a prediction [m].
     tolerance : float
         [m]
 
     Returns
     -------
     float
-        NaN if there is no hidden frame.
+        NaN if there are no errors.
     """
-    errors = np.asarray(errors, dtype=float)
-    return float((errors <= tolerance).mean()) if errors.size else np.nan
+    found = np.asarray(errors, dtype=float)
+    return float((found <= tolerance).mean()) if found.size else np.nan

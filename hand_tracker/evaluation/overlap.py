@@ -1,13 +1,21 @@
-"""How deep digits are in each other or in the palm."""
+"""Depth of overlaps between the capsules of a hand."""
 
 import numpy as np
 
-from ..core.model.capsules import axis_of, capsules, close_pairs, nearest_points, place_capsules
+from ..core.model.capsules import (
+    Capsules,
+    axis_of,
+    capsules,
+    close_pairs,
+    nearest_points,
+    place_capsules,
+)
+from ..core.model.hand import Hand
 from ..core.numerics.jit import indexed, jit, packed
 
 
-def deepest_overlaps(hand, angles):
-    """Return by how much the capsules of a hand overlap in each frame at most.
+def deepest_overlaps(hand: Hand, angles: np.ndarray) -> np.ndarray:
+    """Return the depth of the deepest overlap of digits or palm in each frame.
 
     Parameters
     ----------
@@ -18,7 +26,7 @@ def deepest_overlaps(hand, angles):
     Returns
     -------
     ndarray, shape (n,)
-        0 where nothing overlaps [m].
+        0 without an overlap [m].
     """
     shapes = capsules(hand)
     found = np.zeros(len(angles))
@@ -28,7 +36,7 @@ def deepest_overlaps(hand, angles):
 
 
 @jit
-def _overlaps(capsules, angles, ends, found):
+def _overlaps(capsules: Capsules, angles: np.ndarray, ends: np.ndarray, found: np.ndarray) -> None:
     for frame in range(found.size):
         place_capsules(capsules, angles[frame], ends)
         axes = indexed(ends)

@@ -1,39 +1,41 @@
-"""The method that anyone would try first, for comparison; it shares no code with the tracker.
+"""Plain baseline of the inverse kinematics; it shares no code with the tracker.
 
-Palm, bones and thumb are medians; the palm is fitted rigidly; each finger bends in the plane
-that holds the palm's normal, by the exact two-bone solution within wide limits; DIP = 0.8 PIP;
-the thumb bends in a plane of constant normal, its IP in proportion to its MCP.
+The hand model is made of medians. The palm is a rigid fit; each finger bends in the plane of the
+palm's normal by the exact two-bone solution within wide limits, with DIP = 0.8 PIP; the thumb bends
+in a plane of constant normal, its IP in proportion to its MCP.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-PALM = [0, 5, 17]
-FINGERS = np.arange(5, 21).reshape(4, 4)  # MCP, PIP, DIP and tip
-THUMB = np.arange(1, 5)                   # CMC, MCP, IP and tip
-# [degrees] MCP abduction, MCP flexion, PIP flexion, DIP flexion: wide; ours.
-ABDUCTION, MCP, PIP, DIP = np.radians(((-30, 30), (-45, 90), (-10, 115), (-10, 90)))
+PALM_LANDMARKS = [0, 5, 17]
+FINGER_LANDMARKS = np.arange(5, 21).reshape(4, 4)  # MCP, PIP, DIP and tip
+THUMB_LANDMARKS = np.arange(1, 5)                  # CMC, MCP, IP and tip
+# Limits of MCP abduction and of MCP, PIP and DIP flexion [rad]: wide; ours, unsourced.
+ABDUCTION_LIMITS, MCP_LIMITS, PIP_LIMITS, DIP_LIMITS = np.radians(
+    ((-30, 30), (-45, 90), (-10, 115), (-10, 90)))
 DIP_OF_PIP = .8
-RATIOS = np.linspace(0., 3., 61)          # of IP to MCP flexion that are tried
-BENDS = np.radians(np.linspace(-10., 120., 521))
+THUMB_RATIOS = np.linspace(0., 3., 61)    # tried ratios of IP to MCP flexion [1]
+# Tried flexions of the thumb's MCP [rad].
+THUMB_BENDS = np.radians(np.linspace(-10., 120., 521))
 
 
 class PlainHand(NamedTuple):
-    """A right hand as medians.
+    """Model of a right hand, medians over a recording.
 
     Attributes
     ----------
     template : ndarray, shape (21, 3)
-        The joints in the palm's frame [m].
+        Joints in the palm's frame [m].
     bones : ndarray, shape (4, 3)
-        Of the fingers [m].
+        Lengths of the fingers' phalanges [m].
     thumb_bones : ndarray, shape (3,)
-        [m]
+        Lengths of the thumb's bones [m].
     thumb_normal : ndarray, shape (3,)
-        Of the thumb's plane, in the palm's frame.
+        Normal of the thumb's plane, in the palm's frame.
     thumb_ratio : float
-        Of IP to MCP flexion.
+        Ratio of IP to MCP flexion [1].
     """
 
     template: np.ndarray
@@ -43,25 +45,25 @@ class PlainHand(NamedTuple):
     thumb_ratio: float
 
 
-def unit(vectors):
-    """Return vectors (..., 3) of length one."""
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Normalise vectors (..., 3)."""
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
-def palm_poses(markers, template):
-    """Return the rigid fit of the palm.
+def palm_poses(markers: np.ndarray, template: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fit the palm rigidly to its markers by the Kabsch algorithm.
 
     Parameters
     ----------
     markers : ndarray, shape (n, 3, 3)
-        Wrist, index and little MCP; a frame with NaN has no pose [m].
+        Wrist, index MCP and little MCP; a frame with NaN has no pose [m].
     template : ndarray, shape (3, 3)
         The same in the palm's frame [m].
 
     Returns
     -------
     rotation : ndarray, shape (n, 3, 3)
-        From the palm's frame to that of the markers.
+        Palm frame to that of the markers.
     position : ndarray, shape (n, 3)
         [m]
     """
@@ -69,7 +71,7 @@ def palm_poses(markers, template):
     seen = np.isfinite(markers).all(axis=(1, 2))
     center = markers.mean(axis=1)
     middle = template.mean(axis=0)
-    # Kabsch: the best rotation from the singular vectors of the correlation.
+    # Least-squares rotation from the singular vectors of the correlation.
     u, _, vt = np.linalg.svd(np.swapaxes(markers - center[:, None], 1, 2)[seen]
                              @ (template - middle))
     u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
@@ -77,18 +79,18 @@ def palm_poses(markers, template):
     return rotation, center - rotation @ middle
 
 
-def into_palm(points, rotation, position):
-    """Return points (n, k, 3) in the palm's frame [m]."""
+def into_palm(points: np.ndarray, rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Transform points (n, k, 3) into the palm's frame [m]."""
     return np.einsum('nji,nkj->nki', rotation, points - position[:, None])
 
 
-def fit_plain(joints):
-    """Return the plain hand of recorded joints.
+def fit_plain(joints: np.ndarray) -> PlainHand:
+    """Fit a plain hand to recorded joints.
 
     Parameters
     ----------
     joints : ndarray, shape (T, 21, 3)
-        Of a right hand, without gaps [m].
+        Of a right hand, all captured [m].
 
     Returns
     -------
@@ -99,70 +101,70 @@ def fit_plain(joints):
     x = joints[:, 9] - wrist
     x = unit(x - (x * z).sum(axis=1, keepdims=True) * z)
     axes = np.stack((x, np.cross(z, x), z), axis=2)
-    palm = np.median(into_palm(joints, axes, wrist)[:, PALM], axis=0)
-    local = into_palm(joints, *palm_poses(joints[:, PALM], palm))
+    palm = np.median(into_palm(joints, axes, wrist)[:, PALM_LANDMARKS], axis=0)
+    local = into_palm(joints, *palm_poses(joints[:, PALM_LANDMARKS], palm))
     template = np.median(local, axis=0)
-    template[PALM] = palm
-    lengths = np.median(np.linalg.norm(np.diff(local[:, FINGERS], axis=2), axis=3), axis=0)
-    thumb = local[:, THUMB]
+    template[PALM_LANDMARKS] = palm
+    lengths = np.median(np.linalg.norm(np.diff(local[:, FINGER_LANDMARKS], axis=2), axis=3), axis=0)
+    thumb = local[:, THUMB_LANDMARKS]
     thumb_bones = np.median(np.linalg.norm(np.diff(thumb, axis=1), axis=2), axis=0)
     bent = np.cross(thumb[:, 1] - thumb[:, 0], thumb[:, 3] - thumb[:, 0])
     normal = unit(np.median(bent, axis=0))
     turned = np.cross(thumb[:, 1:3] - thumb[:, :2], thumb[:, 2:] - thumb[:, 1:3]) @ normal
     along = (np.diff(thumb, axis=1)[:, :2] * np.diff(thumb, axis=1)[:, 1:]).sum(axis=2)
     mcp, ip = np.arctan2(turned, along).T
-    ratio = RATIOS[np.argmin([np.abs(ip - k * mcp).sum() for k in RATIOS])]
+    ratio = THUMB_RATIOS[np.argmin([np.abs(ip - k * mcp).sum() for k in THUMB_RATIOS])]
     return PlainHand(template, lengths, thumb_bones, normal, float(ratio))
 
 
-def plain_joints(hand, markers):
-    """Return the 21 joints of a right hand for its eight markers.
+def plain_joints(hand: PlainHand, markers: np.ndarray) -> np.ndarray:
+    """Solve the 21 joints of a right hand from its eight markers.
 
     Parameters
     ----------
     hand : PlainHand
     markers : ndarray, shape (n, 8, 3)
-        In the order of `MARKERS`, without gaps [m].
+        In the order of `MARKERS`, all visible [m].
 
     Returns
     -------
     ndarray, shape (n, 21, 3)
         [m]
     """
-    rotation, position = palm_poses(markers[:, :3], hand.template[PALM])
+    rotation, position = palm_poses(markers[:, :3], hand.template[PALM_LANDMARKS])
     local = into_palm(markers, rotation, position)
     joints = np.tile(hand.template, (len(markers), 1, 1))
-    for finger, rows in enumerate(FINGERS):
+    for finger, rows in enumerate(FINGER_LANDMARKS):
         joints[:, rows[1:]] = _finger(
             hand.template[rows[0]], hand.bones[finger], local[:, 3 + finger])
-    joints[:, THUMB[1:]] = _thumb(hand, local[:, 7])
+    joints[:, THUMB_LANDMARKS[1:]] = _thumb(hand, local[:, 7])
     return np.einsum('nij,nkj->nki', rotation, joints) + position[:, None]
 
 
-def _finger(root, bones, marker):
-    """Return PIP, DIP and tip (n, 3, 3) of a finger whose DIP marker (n, 3) is seen."""
+def _finger(root: np.ndarray, bones: np.ndarray, marker: np.ndarray) -> np.ndarray:
+    """Return PIP, DIP and tip (n, 3, 3) of a finger from its DIP marker (n, 3)."""
     target = marker - root
-    abduction = np.clip(np.arctan2(target[:, 1], target[:, 0]), *ABDUCTION)
+    abduction = np.clip(np.arctan2(target[:, 1], target[:, 0]), *ABDUCTION_LIMITS)
     ahead = target[:, 0] * np.cos(abduction) + target[:, 1] * np.sin(abduction)
     reach = np.hypot(ahead, target[:, 2])
     bend = np.arccos(np.clip(
         (reach ** 2 - bones[0] ** 2 - bones[1] ** 2) / (2. * bones[0] * bones[1]), -1., 1.))
-    pip = np.clip(bend, *PIP)
+    pip = np.clip(bend, *PIP_LIMITS)
     mcp = np.clip(np.arctan2(-target[:, 2], ahead) - np.arctan2(
-        bones[1] * np.sin(pip), bones[0] + bones[1] * np.cos(pip)), *MCP)
-    flexion = np.cumsum((mcp, pip, np.clip(DIP_OF_PIP * pip, *DIP)), axis=0).T  # (n, 3)
+        bones[1] * np.sin(pip), bones[0] + bones[1] * np.cos(pip)), *MCP_LIMITS)
+    flexion = np.cumsum((mcp, pip, np.clip(DIP_OF_PIP * pip, *DIP_LIMITS)), axis=0).T  # (n, 3)
     aim = np.stack((np.cos(abduction), np.sin(abduction), 0. * abduction), axis=1)
     steps = (np.cos(flexion)[..., None] * aim[:, None]
              - np.sin(flexion)[..., None] * np.array((0., 0., 1.))) * bones[:, None]
     return root + np.cumsum(steps, axis=1)
 
 
-def _thumb(hand, marker):
-    """Return MCP, IP and tip (n, 3, 3) of the thumb whose tip (n, 3) is seen."""
-    root, bones = hand.template[THUMB[0]], hand.thumb_bones
+def _thumb(hand: PlainHand, marker: np.ndarray) -> np.ndarray:
+    """Return MCP, IP and tip (n, 3, 3) of the thumb from its tip marker (n, 3)."""
+    root, bones = hand.template[THUMB_LANDMARKS[0]], hand.thumb_bones
     target = marker - root
-    # The chain's reach for every bend, and the bend whose reach is nearest.
-    flexion = np.stack((0. * BENDS, BENDS, BENDS * (1. + hand.thumb_ratio)))
+    # Distance of the tip from the root at every flexion; take the one nearest to the marker's.
+    flexion = np.stack((0. * THUMB_BENDS, THUMB_BENDS, THUMB_BENDS * (1. + hand.thumb_ratio)))
     x, y = np.cumsum(bones[:, None] * (np.cos(flexion), np.sin(flexion)), axis=1)  # (3, bends)
     reach = np.hypot(x[2], y[2])
     best = np.argmin(np.abs(reach - np.linalg.norm(target, axis=1)[:, None]), axis=1)

@@ -1,16 +1,22 @@
-"""Numbers of rows: what is stored of many errors, and means over rows."""
+"""Rows of evaluations: statistics of errors, and means over rows."""
+
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
-DECIMALS = 4  # of stored millimetres
+Row = dict[str, Any]  # of numbers and strings
+
+MILLIMETRE_DECIMALS = 4  # of stored millimetres
 
 
-def spread(errors):
-    """Return mean and 95th percentile of errors [m] in millimetres; NaN for no errors.
+def error_statistics(errors: np.ndarray) -> Row:
+    """Return mean and 95th percentile of errors in millimetres; NaN if there are none.
 
     Parameters
     ----------
     errors : ndarray
+        [m]
 
     Returns
     -------
@@ -19,12 +25,12 @@ def spread(errors):
     """
     if not errors.size:
         return {'mean_mm': np.nan, 'p95_mm': np.nan}
-    return {'mean_mm': round(1e3 * float(errors.mean()), DECIMALS),
-            'p95_mm': round(1e3 * float(np.percentile(errors, 95.)), DECIMALS)}
+    return {'mean_mm': round(1e3 * float(errors.mean()), MILLIMETRE_DECIMALS),
+            'p95_mm': round(1e3 * float(np.percentile(errors, 95.)), MILLIMETRE_DECIMALS)}
 
 
-def mean_of(rows):
-    """Return a row with the plain means of `mean_mm` and `p95_mm` over rows that have them."""
+def mean_of(rows: Iterable[Row | None]) -> Row | None:
+    """Return the means of `mean_mm` and `p95_mm` over the rows that have them; None if none has."""
     known = [row for row in rows if row is not None and row['mean_mm'] is not None]
     if not known:
         return None

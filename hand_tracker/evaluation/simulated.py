@@ -1,20 +1,20 @@
-"""Simulated hands for the evaluations: what the cameras measure, and what the tracker knows.
+"""Simulated hands for the evaluations: measured markers, ground truth, calibrated hand model.
 
-The tracker wears the hand that a calibration would find, not the simulated one: every bone
-and every coordinate of the palm's joints errs by 2 %, every marker's place by 1 mm per axis,
-the coupling of last joints by 10 % of its slope and by 2 degrees (standard deviations, drawn
-anew for each motion). Limits and axes of the joints are those of the simulated hand, so that
-abduction and thumb are better known than of a real hand. The tracker is given nothing but
-measured markers.
+The tracker's hand model is not the simulated hand but has the errors of a calibration: 2 % in
+every bone and every coordinate of the palm's joints, 1 mm per axis in every marker offset, 10 % of
+the slope and 2 degrees in the coupling of the distal joints (standard deviations, drawn for each
+motion). Limits and axes of the joints are those of the simulated hand, so that abduction and thumb
+are better known than those of a real hand. The tracker's input is the measured markers only.
 
-Each motion has a seed of its own, the given one and the motion's number. Eight cameras of
-3600 by 3600 picture elements and 60 degrees stand in a ring of 1.6 m radius and see a marker
-to half a picture element; the motion of the noise and solver tables is seen without cameras.
-Degrees a joint are means over the 21 joints that move: the four carpometacarpal joints of the
-fingers are locked (Table 1) and left out.
+The seed of a motion is the given seed plus the number of the motion. Eight cameras of 3600 by 3600
+pixels and 60 degrees stand in a ring of 1.6 m radius, with noise of half a pixel; the tables of
+noise and of solvers use the true markers with added noise instead of cameras. Degrees a joint are
+means over the 21 joints that move: the four carpometacarpal joints of the fingers are locked
+(Table 1) and left out.
 """
 
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,21 +22,24 @@ from ..calibration import landmark_positions
 from ..core.model.hand import Hand, preset_limits
 from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import MarkerLayout
+from ..core.options import TrackerOptions
 from ..core.tracker import HandTracker
 from ..simulation.cameras import CameraRig
 from ..simulation.motions import MOTIONS, motion_named
 from ..simulation.simulator import calibrated
-from ..simulation.visibility import Sight, look, skin_layout, triangulate
+from ..simulation.visibility import MarkerObservation, observe, skin_layout, triangulate
 from .capture_tracking import Tracked, track, tracked_joints
-from .metrics import angle_distance, joint_errors
-from .rows import spread
+from .evaluation_options import Options
+from .metrics import PoseDistance, angle_distance, joint_errors
+from .rows import Row, error_statistics
 
-DECIMALS = 6  # of stored distances and degrees
-MOVING = np.ptp(preset_limits('paper'), axis=1) > 0.
+DISTANCE_DECIMALS = 6  # of stored [rad], [rad²] and [degrees]
+# Joints that are not locked, shape (25,) bool.
+MOVING_JOINTS = np.ptp(preset_limits('paper'), axis=1) > 0.
 
 
 class Trial(NamedTuple):
-    """A hand in motion, what eight cameras see of it, and the tracker's idea of it.
+    """Hand in motion, its markers in eight cameras, and the calibrated hand model.
 
     Attributes
     ----------
@@ -44,21 +47,24 @@ class Trial(NamedTuple):
     rate : float
         [Hz]
     hand : Hand
-        The true one.
+        The simulated hand.
     angles : ndarray, shape (n, 25)
-        True [rad].
-    rotation, position : ndarray, shape (n, 3, 3) and (n, 3)
-        True, of the wrist [m].
+        True joint angles [rad].
+    rotation : ndarray, shape (n, 3, 3)
+        True rotation, wrist frame to world.
+    position : ndarray, shape (n, 3)
+        True position of the wrist [m].
     joints : ndarray, shape (n, 21, 3)
-        True, in the order of `LANDMARKS` [m].
+        True joint positions in the order of `LANDMARKS` [m].
     rig : CameraRig
-    sight : Sight
+    observed : MarkerObservation
+        Markers as all cameras measure them.
     noise : ndarray, shape (n, 8, c, 2)
-        Standard normal, of each camera's pictures.
-    worn : Hand
-        As calibrated.
+        Standard normal draws for the image coordinates.
+    calibrated_hand : Hand
+        Hand model with calibration errors.
     layout : MarkerLayout
-        As calibrated.
+        Marker layout with calibration errors.
     """
 
     motion: str
@@ -69,57 +75,72 @@ class Trial(NamedTuple):
     position: np.ndarray
     joints: np.ndarray
     rig: CameraRig
-    sight: Sight
+    observed: MarkerObservation
     noise: np.ndarray
-    worn: Hand
+    calibrated_hand: Hand
     layout: MarkerLayout
 
-    def measured(self, cameras=None, hidden=True):
-        """Return the markers that some of the cameras measure.
+    def measured(self, cameras: Iterable[int] | None = None, hidden: bool = True) -> np.ndarray:
+        """Return the markers as measured by a subset of the cameras.
 
         Parameters
         ----------
-        cameras : sequence of int, optional
-            All when left out.
+        cameras : iterable of int, optional
+            Default: all.
         hidden : bool
-            False to let every camera see every marker.
+            Whether markers can be occluded; if not, every camera sees every marker.
 
         Returns
         -------
         ndarray, shape (n, 8, 3)
             NaN where not seen [m].
         """
-        seen = self.sight.seen if hidden else np.ones_like(self.sight.seen)
+        seen = self.observed.seen if hidden else np.ones_like(self.observed.seen)
         if cameras is not None:
-            seen = seen & np.isin(np.arange(seen.shape[-1]), cameras)
-        return triangulate(self.rig, self.sight.truth, seen, self.noise).positions
+            seen = seen & np.isin(np.arange(seen.shape[-1]), list(cameras))
+        return triangulate(self.rig, self.observed.truth, seen, self.noise).positions
 
-    def track(self, markers, rate=None, hand=None, options=None, flexion=None):
-        """Return what the tracker says of markers, with the calibrated hand if no other."""
-        tracker = HandTracker(self.worn if hand is None else hand, self.layout, options)
+    def track(self, markers: np.ndarray, rate: float | None = None, hand: Hand | None = None,
+              options: TrackerOptions | None = None, flexion: np.ndarray | None = None) -> Tracked:
+        """Track markers (n, 8, 3) [m], by default with the calibrated hand at the trial's rate.
+
+        Parameters
+        ----------
+        markers : ndarray, shape (n, 8, 3)
+            [m]
+        rate : float, optional
+            [Hz]
+        hand : Hand, optional
+        options : TrackerOptions, optional
+        flexion : ndarray, shape (n, 5), optional
+            Measured flexion of the distal joints [rad].
+        """
+        tracker = HandTracker(self.calibrated_hand if hand is None else hand, self.layout, options)
         return track(tracker, markers, self.rate if rate is None else rate, flexion=flexion)
 
-    def errors(self, tracked: Tracked, every=1, hand=None):
-        """Return `mean_mm` and `p95_mm` of all joints of every so many frames."""
-        found = tracked_joints(self.worn if hand is None else hand, tracked)
-        return {'joint_class': 'all', **spread(joint_errors(found, self.joints[::every])['all'])}
+    def errors(self, tracked: Tracked, every: int = 1, hand: Hand | None = None) -> Row:
+        """Return `mean_mm` and `p95_mm` of all joints; `tracked` has each `every`-th frame."""
+        found = tracked_joints(self.calibrated_hand if hand is None else hand, tracked)
+        errors = joint_errors(found, self.joints[::every])['all']
+        return {'joint_class': 'all', **error_statistics(errors)}
 
 
-def trial(motion, seed, rate, duration, layout=None):
-    """Return a trial.
+def trial(motion: str, seed: int, rate: float, duration: float,
+          layout: MarkerLayout | None = None) -> Trial:
+    """Simulate a trial.
 
     Parameters
     ----------
     motion : str
         One of `MOTIONS`.
     seed : int
-        Of motion, noise and calibration.
+        Of motion, noise and calibration errors.
     rate : float
         [Hz]
     duration : float
-        At most; not more than the motion has [s].
+        Cut to the duration of the motion [s].
     layout : MarkerLayout, optional
-        Where the markers are; on the skin of capsules when left out.
+        True layout; default: on the skin of the capsules.
 
     Returns
     -------
@@ -129,23 +150,24 @@ def trial(motion, seed, rate, duration, layout=None):
     layout = skin_layout(hand) if layout is None else layout
     moving = motion_named(motion, hand, seed, duration)
     times = np.arange(int(min(duration, moving.duration) * rate)) / rate
-    angles, rotation, position = truth = moving.sample(times)
+    angles, rotation, position = moving.sample(times)
     pose = forward(joint_table(hand), angles, rotation, position)
     noise = np.random.RandomState((seed, 1)).standard_normal(
         (len(times), len(layout.offsets), len(rig.positions), 2))
-    sight = look(rig, hand, layout, *truth, noise)
+    observed = observe(rig, hand, layout, angles, rotation, position, noise)
     joints = landmark_positions(hand, pose, position)
-    return Trial(motion, rate, hand, *truth, joints, rig, sight, noise,
+    return Trial(motion, rate, hand, angles, rotation, position, joints, rig, observed, noise,
                  *calibrated(hand, layout, seed))
 
 
-def tasks(options, *more):
-    """Return (motion, seed, ...) of every motion, each with its own seed and calibration."""
-    return [(motion, options.seed + i, *more) for i, motion in enumerate(MOTIONS)]
+def tasks(options: Options, motions: Iterable[str] | None = None) -> list[tuple[str, int]]:
+    """Return (motion, seed) of each motion, by default of all, each with a seed of its own."""
+    return [(motion, options.seed + i)
+            for i, motion in enumerate(MOTIONS if motions is None else motions)]
 
 
-def moving_distance(found, other):
-    """Return the distance of poses (Eq. 11) whose locked joints do not count in means.
+def moving_distance(found: np.ndarray, other: np.ndarray) -> PoseDistance:
+    """Return the distance of poses (Eq. 11) over the joints that are not locked.
 
     Parameters
     ----------
@@ -156,11 +178,11 @@ def moving_distance(found, other):
     -------
     PoseDistance
     """
-    return angle_distance(found[:, MOVING], other[:, MOVING])
+    return angle_distance(found[:, MOVING_JOINTS], other[:, MOVING_JOINTS])
 
 
-def distances(prefix, found, other):
-    """Return mean and maximum over frames of the three readings of Eq. 11.
+def distances(prefix: str, found: np.ndarray, other: np.ndarray) -> Row:
+    """Return mean and maximum over frames of the pose distance of Eq. 11, in three units.
 
     Parameters
     ----------
@@ -172,36 +194,39 @@ def distances(prefix, found, other):
     Returns
     -------
     dict
-        'squared' is Dist² [rad²], 'dist' its root [rad], 'deg' degrees per joint that moves.
+        By prefix and 'squared', Dist² [rad²]; 'dist', Dist [rad]; 'deg', mean per moving joint
+        [degrees]; maxima with the suffix 'max'.
     """
     distance = moving_distance(found, other)
-    row = {}
+    row: Row = {}
     for name, values in (('squared', distance.squared), ('dist', distance.distance),
                          ('deg', distance.degrees)):
-        row[f'{prefix}_{name}'] = round(float(values.mean()), DECIMALS)
-        row[f'{prefix}_{name}_max'] = round(float(values.max()), DECIMALS)
+        row[f'{prefix}_{name}'] = round(float(values.mean()), DISTANCE_DECIMALS)
+        row[f'{prefix}_{name}_max'] = round(float(values.max()), DISTANCE_DECIMALS)
     return row
 
 
-def mean_max(rows, key, digits):
-    """Return 'mean (max)' over rows of a key and of its maximum."""
+def mean_max(rows: Sequence[Row], key: str, digits: int) -> str:
+    """Format 'mean (maximum)' over rows of a key and of its maximum."""
     mean = sum(row[key] for row in rows) / len(rows)
     return f'{mean:.{digits}f} ({max(row[key + "_max"] for row in rows):.{digits}f})'
 
 
-def paper_losses(rows, key, squared, paper, unit):
-    """Return where mean and maximum of Dist² over motions are above the paper's.
+def paper_losses(rows: Sequence[Row], key: str, squared: str, paper: Mapping[Any, str], unit: str
+                 ) -> list[str]:
+    """Return lines for mean or maximum of Dist² over motions above the published values.
 
     Parameters
     ----------
     rows : list of dict
     key : str
-        Of what is varied, such as 'cameras'.
+        Of the varied quantity, such as 'cameras'.
     squared : str
         Key of Dist².
     paper : dict of str
-        'mean (maximum)' by the value of `key`.
+        Published 'mean (maximum)' by the value of `key`.
     unit : str
+        Of the varied quantity.
 
     Returns
     -------

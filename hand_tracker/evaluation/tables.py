@@ -1,10 +1,15 @@
-"""Tables and pictures in which evaluations show their rows."""
+"""Markdown tables and figures of evaluations."""
 
+import math
 import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from ..drawing.palette import (
     BLUE,
@@ -16,32 +21,33 @@ from ..drawing.palette import (
     SKY_BLUE,
     VERMILLION,
 )
+from .rows import Row
 
-# Ours first, then what it is beside.
-COLOURS = (BLUE, ORANGE, BLUISH_GREEN, REDDISH_PURPLE, SKY_BLUE, VERMILLION, '#555555')
+# Of plotted series, the tracker's first.
+SERIES_COLOURS = (BLUE, ORANGE, BLUISH_GREEN, REDDISH_PURPLE, SKY_BLUE, VERMILLION, '#555555')
 ABBREVIATIONS = 'cmc', 'mcp', 'pip', 'dip', 'ip', 'fabrik'
 
 
 class Table(NamedTuple):
-    """A table of strings.
+    """Table of strings.
 
     Attributes
     ----------
     caption : str
     header : sequence of str
     lines : sequence of sequence of str
-        As long as the header.
+        Cells of each line, as many as columns.
     """
 
     caption: str
-    header: tuple
-    lines: list
+    header: Sequence[str]
+    lines: Sequence[Sequence[str]]
 
-    def text(self):
-        """Return the table as Markdown, columns aligned."""
+    def text(self) -> str:
+        """Return the table as Markdown with aligned columns."""
         widths = [max(len(cell) for cell in column) for column in zip(self.header, *self.lines)]
 
-        def line(cells):
+        def line(cells: Iterable[str]) -> str:
             return '| ' + ' | '.join(
                 cell.rjust(width) if number else cell.ljust(width)
                 for cell, width, number in zip(cells, widths, numbers)) + ' |'
@@ -54,12 +60,12 @@ class Table(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """A drawn file.
+    """Image file of an evaluation.
 
     Attributes
     ----------
     file : str
-        Name within the folder it was drawn into.
+        Name within its folder.
     caption : str
     """
 
@@ -67,35 +73,53 @@ class Picture(NamedTuple):
     caption: str
 
 
-def number(value, digits=2):
-    """Return a number as a table shows it; a dash for none."""
-    return '–' if value is None else f'{value:.{digits}f}'
+class Losses(NamedTuple):
+    """Cases in which the tracker is worse than what it is compared with.
+
+    Attributes
+    ----------
+    lines : list of str
+        One for each case.
+    reason : str
+        Why it is.
+    """
+
+    lines: list[str]
+    reason: str
 
 
-def mean_and_p95(row, digits=2):
-    """Return 'mean (p95)' of a row's `mean_mm` and `p95_mm`; a dash where there is none."""
+def number(value: float | None, digits: int = 2) -> str:
+    """Format a number with fixed decimals; a dash for None and NaN."""
+    return '–' if value is None or math.isnan(value) else f'{value:.{digits}f}'
+
+
+def mean_and_p95(row: Row | None, digits: int = 2) -> str:
+    """Format `mean_mm` and `p95_mm` of a row as 'mean (p95)'; a dash where there is none."""
     if row is None or row['mean_mm'] is None:
         return '–'
     return f'{number(row["mean_mm"], digits)} ({number(row["p95_mm"], max(digits - 1, 0))})'
 
 
-def words(name):
-    """Return a name of the program as people write it."""
+def words(name: str) -> str:
+    """Return an identifier as words: no underscores, anatomical abbreviations in capitals."""
     plain = ' '.join(name.replace('_', ' ').split())
     return re.sub(rf"\b({'|'.join(ABBREVIATIONS)})\b", lambda found: found[0].upper(), plain)
 
 
-def figure_with(count, width=4., height=3.2, legend_height=.45, columns=None):
-    """Return a figure and plain axes in it, with room for a legend above.
+def figure_with(count: int, width: float = 4., height: float = 3.2, legend_height: float = .45,
+                columns: int | None = None) -> tuple[Figure, list[Axes]]:
+    """Return a figure with plots in a grid and room for a legend above them.
 
     Parameters
     ----------
     count : int
-        Of pairs of axes.
-    width, height, legend_height : float
-        Of one pair of axes, and of the legend [inches].
+        Number of plots.
+    width, height : float
+        Of one plot [inches].
+    legend_height : float
+        [inches]
     columns : int, optional
-        All stand in a row when left out.
+        Default: all plots in one row.
 
     Returns
     -------
@@ -105,9 +129,9 @@ def figure_with(count, width=4., height=3.2, legend_height=.45, columns=None):
     columns = columns or count
     rows = -(-count // columns)
     whole = rows * height + legend_height
-    figure = Figure(figsize=(columns * width, whole), dpi=120, layout='constrained')
+    layout = ConstrainedLayoutEngine(rect=(0., 0., 1., rows * height / whole))
+    figure = Figure(figsize=(columns * width, whole), dpi=120, layout=layout)
     FigureCanvasAgg(figure)
-    figure.get_layout_engine().set(rect=(0., 0., 1., rows * height / whole))
     axes = list(figure.subplots(rows, columns, squeeze=False).flat)
     for ax in axes[count:]:
         ax.remove()
@@ -120,27 +144,36 @@ def figure_with(count, width=4., height=3.2, legend_height=.45, columns=None):
     return figure, axes[:count]
 
 
-def plot_motions(ax, rows, key, value):
-    """Plot a line for each motion: one value of its rows over another, which is named as it is."""
+def plot_motions(ax: Axes, rows: Sequence[Row], key: str, value: str) -> None:
+    """Plot one value of rows over the categories of another, a line for each motion.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+    rows : sequence of dict
+    key, value : str
+        Keys of the abscissa and of the ordinate.
+    """
     for i, motion in enumerate(dict.fromkeys(row['recording'] for row in rows)):
         mine = [row for row in rows if row['recording'] == motion]
         ax.plot([str(row[key]) for row in mine], [row[value] for row in mine],
-                marker='osD^v<>PX'[i], color=COLOURS[i % len(COLOURS)], markersize=4,
-                linewidth=1.2, linestyle='-' if i < len(COLOURS) else '--', label=words(motion))
+                marker='osD^v<>PX'[i], color=SERIES_COLOURS[i % len(SERIES_COLOURS)], markersize=4,
+                linewidth=1.2, linestyle='-' if i < len(SERIES_COLOURS) else '--',
+                label=words(motion))
 
 
-def share_top(axes):
-    """Let axes begin at zero and end alike."""
+def share_top(axes: Sequence[Axes]) -> None:
+    """Set equal limits of the ordinate, from zero, in all plots."""
     top = max(ax.get_ylim()[1] for ax in axes)
     for ax in axes:
         ax.set_ylim(0., top)
 
 
-def save(figure, path, legend_of=None):
-    """Write a figure, with the legend of one of its axes above all."""
+def save(figure: Figure, path: Path, legend_of: Axes | None = None) -> None:
+    """Write a figure as PNG, with the legend of one of its plots above all."""
     if legend_of is not None:
         handles, labels = legend_of.get_legend_handles_labels()
         figure.legend(handles, labels, loc='upper center', ncols=len(labels), frameon=False,
                       fontsize=8, labelcolor=INK)
-    # Without the software's version the same numbers give the same bytes.
+    # Without the version of matplotlib: equal numbers give equal files.
     figure.savefig(path, metadata={'Software': None})

@@ -25,12 +25,16 @@ from ..messages.builders import (
     time_message,
 )
 from ..messages.cdr import MarkerReader
-from ..messages.stamps import Stamp, Time
-from ..messages.templates import Template, joint_state_template, transforms_template, triangles_template
 from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame, markers_from_message
 from ..messages.rviz_markers import LIFETIME, RVIZ_SKIN_COLOUR, RVIZ_SKIN_OPACITY, hand_skin
-
+from ..messages.stamps import Stamp, Time
+from ..messages.templates import (
+    Template,
+    joint_state_template,
+    transforms_template,
+    triangles_template,
+)
 from .tracker_parameters import Settings
 
 try:

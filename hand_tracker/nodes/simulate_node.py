@@ -23,13 +23,12 @@ from ..core.model.hand import SIDES
 from ..files.bags import MARKER_ARRAY
 from ..messages.stamps import header_stamp, marker_stamps, restamp
 from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
-from ..simulation.faults import RATE_RANGE as FAULT_RANGE
-from ..simulation.faults import Faults
-from ..simulation.motions import DURATION, DURATION_RANGE, MOTIONS, RATE_RANGE
-from ..simulation.packaged_recordings import FRAME_ID, MARKER_TOPIC, TRUTH_TOPIC
+from ..simulation.faults import FAULT_RATE_RANGE, Faults
+from ..simulation.motions import DURATION_RANGE, FRAME_RATE_RANGE, MOTION_DURATION, MOTIONS
+from ..simulation.packaged_recordings import JOINT_TRUTH_TOPIC, MARKER_TOPIC, RECORDING_FRAME_ID
 from ..simulation.simulator import (
-    PLACES_TOPIC,
-    WRIST_TOPIC,
+    MARKER_TRUTH_TOPIC,
+    WRIST_TRUTH_TOPIC,
     Simulation,
     frame_messages,
     simulated_hand,
@@ -41,22 +40,23 @@ from .runner import declare, run, spin
 SIMULATE_AHEAD = 2000  # messages simulated in advance
 SIMULATED_DEPTH = 10
 TRUTH_DEPTH = 1000     # an evaluation needs every frame
-TRUTH_TOPICS = {TRUTH_TOPIC: JointState, WRIST_TOPIC: PoseStamped, PLACES_TOPIC: MarkerArray}
+TRUTH_TOPICS = {JOINT_TRUTH_TOPIC: JointState, WRIST_TRUTH_TOPIC: PoseStamped,
+                MARKER_TRUTH_TOPIC: MarkerArray}
 
 SIMULATE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('motion', 'demo', 'What the hand does', choices=tuple(MOTIONS)),
     Parameter('cameras', PAPER_CAMERAS, 'Cameras in the ring', CAMERAS_RANGE),
-    Parameter('rate', 120., 'Frames per second [Hz]', RATE_RANGE),
+    Parameter('rate', 120., 'Frames per second [Hz]', FRAME_RATE_RANGE),
     Parameter('seed', 1, 'Of all that is drawn', (0, 2**31 - 1)),
-    Parameter('duration', DURATION, 'After which the motion begins again, at least [s]; the demo '
-              'has its own', DURATION_RANGE),
+    Parameter('duration', MOTION_DURATION, 'After which the motion begins again, at least [s]; '
+              'the demo has its own', DURATION_RANGE),
     Parameter('hand_file', '', 'Hand file (YAML) of the simulated hand; empty for the mean hand'),
     Parameter('side', 'file', "Side of the hand; 'file' for the hand file's",
               choices=('file', *SIDES)),
-    Parameter('swaps', 0., 'Labels of neighbours exchanged [1/s]', FAULT_RANGE),
-    Parameter('ghosts', 0., 'Reflections taken for markers [1/s]', FAULT_RANGE),
-    Parameter('dropouts', 0., 'Labels lost [1/s]', FAULT_RANGE),
-    Parameter('frozen', 0., 'Markers repeated where they were [1/s]', FAULT_RANGE),
+    Parameter('swaps', 0., 'Labels of neighbours exchanged [1/s]', FAULT_RATE_RANGE),
+    Parameter('ghosts', 0., 'Reflections taken for markers [1/s]', FAULT_RATE_RANGE),
+    Parameter('dropouts', 0., 'Labels lost [1/s]', FAULT_RATE_RANGE),
+    Parameter('frozen', 0., 'Markers repeated where they were [1/s]', FAULT_RATE_RANGE),
     Parameter('truth', False, 'Publish the truth: joint_states_truth, wrist_truth, markers_truth'),
 ))
 
@@ -113,7 +113,7 @@ class SimulateNode(Node):
             self.create_timer(self._period, self._publish,
                               clock=Clock(clock_type=ClockType.STEADY_TIME))
             self.get_logger().info(
-                f'{self._simulation.motion} at {self._simulation.rate:g} Hz, frame {FRAME_ID}, '
+                f'{self._simulation.motion} at {self._simulation.rate:g} Hz, frame {RECORDING_FRAME_ID}, '
                 f'on {self._markers.topic_name}; it begins again after '
                 f'{self._simulation.moving.duration:.0f} s')
             spin(self)

@@ -34,8 +34,8 @@ from ..core.model.skeleton import SKELETON_POINTS, skeleton_points
 from ..core.model.states import MarkerState, PalmState
 from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
-from ..messages.stamps import seconds
 from ..messages.rviz_markers import HELD_OPACITY, JOINTS_SHOWN, STATE_COLOURS
+from ..messages.stamps import seconds
 from ..viewer.serve import add_page_options, view
 from .runner import names_of, run, spinning
 from .serialization import Serialization

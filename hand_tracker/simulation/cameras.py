@@ -1,58 +1,61 @@
-"""Cameras around a hand: where they stand, where they look and how finely they see."""
+"""Camera rig of a motion capture system: poses, field of view, resolution and pixel noise."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.errors import HandTrackerError
 
 CAMERAS_RANGE = (2, 24)
 PAPER_CAMERAS = 8
-# Unsourced: a truss around the hand's middle, looking down on it at 30 degrees.
+# Unsourced: a ring around the hand, looking down at it by 30 degrees.
 RING_CENTRE = (0., 0., 1.10)       # [m]
 RING_RADIUS = 1.6                  # [m]
 RING_HEIGHT = .9                   # [m] above the centre
-# From memory, unsourced: the cameras of the paper's kind of system, PhaseSpace Impulse X2. The
-# noise, half a picture element, is ours.
-FIELD_OF_VIEW = np.radians(60.)
-RESOLUTION = 3600
-PIXEL_NOISE = .5
+# Unsourced: figures of the PhaseSpace Impulse X2, the kind of system used in the paper. The noise
+# is ours.
+CAMERA_FIELD_OF_VIEW = np.radians(60.)   # [rad]
+CAMERA_RESOLUTION = 3600                 # [pixels]
+PIXEL_NOISE = .5                         # [pixels]
 
 
 class InvalidRig(HandTrackerError, ValueError):
-    """Cameras are too few, too many or nowhere."""
+    """Number or parameters of cameras out of range."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraRig:
-    """Cameras that do not move.
+    """Static cameras with equal intrinsic parameters.
 
     Parameters
     ----------
     positions : array_like, shape (c, 3)
         [m]
     rotations : array_like, shape (c, 3, 3)
-        From the surroundings to each camera's frame: x right, y down, z along the view.
+        World to camera frame: x right, y down, z along the optical axis.
     field_of_view : float
-        Full angle across the square picture [rad].
+        Full angle across the square image [rad].
     resolution : int
-        Picture elements along a side.
+        Width and height of the image [pixels].
     pixel_noise : float
-        Standard deviation of a light's place in the picture, along each side [pixels].
+        Standard deviation of a marker's image coordinates [pixels].
 
     Raises
     ------
     InvalidRig
-        Naming the field, its value and what is allowed.
+        Naming the field, its value and the allowed range.
     """
 
     positions: np.ndarray
     rotations: np.ndarray
-    field_of_view: float = FIELD_OF_VIEW
-    resolution: int = RESOLUTION
+    field_of_view: float = CAMERA_FIELD_OF_VIEW
+    resolution: int = CAMERA_RESOLUTION
     pixel_noise: float = PIXEL_NOISE
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         count = len(self.positions)
         lowest, highest = CAMERAS_RANGE
         if not lowest <= count <= highest:
@@ -71,61 +74,69 @@ class CameraRig:
                                  f'and {upper:g}')
 
     @classmethod
-    def ring(cls, count=PAPER_CAMERAS, radius=RING_RADIUS, height=RING_HEIGHT,
-             centre=RING_CENTRE, **fields):
-        """Return cameras evenly around a centre, looking at it.
+    def ring(cls, count: int = PAPER_CAMERAS, radius: float = RING_RADIUS,
+             height: float = RING_HEIGHT, centre: ArrayLike = RING_CENTRE,
+             **fields: Any) -> 'CameraRig':
+        """Return cameras evenly spaced on a ring, looking at a point below its centre.
 
         Parameters
         ----------
         count : int
-        radius, height : float
-            Of the ring, above the centre [m].
+        radius : float
+            Of the ring [m].
+        height : float
+            Of the ring above the point [m].
         centre : array_like, shape (3,)
-            [m]
+            The point [m].
         **fields
-            Any other field of `CameraRig`.
+            Other fields of `CameraRig`.
+
+        Raises
+        ------
+        InvalidRig
+            If `count` is out of `CAMERAS_RANGE`.
         """
         lowest, highest = CAMERAS_RANGE
         if not lowest <= count <= highest:
             raise InvalidRig(f'cameras: {count}; allowed is {lowest} to {highest}')
         angle = 2. * np.pi * np.arange(count) / count
-        # Two opposite cameras would not triangulate: two stand at a right angle.
+        # Two opposite cameras cannot triangulate: two are at a right angle.
         angle = angle / 2. if count == 2 else angle
         places = centre + np.column_stack((
             radius * np.cos(angle), radius * np.sin(angle), np.full(count, height)))
         return cls(places, looking_at(places, centre), **fields)
 
-    def subset(self, cameras):
-        """Return a rig of some of these cameras.
-
-        Parameters
-        ----------
-        cameras : sequence of int
-        """
-        cameras = list(cameras)
-        return CameraRig(self.positions[cameras], self.rotations[cameras], self.field_of_view,
+    def subset(self, cameras: Iterable[int]) -> 'CameraRig':
+        """Return a rig of some of these cameras, by index."""
+        rows = list(cameras)
+        return CameraRig(self.positions[rows], self.rotations[rows], self.field_of_view,
                          self.resolution, self.pixel_noise)
 
     @property
-    def focal(self):
+    def focal(self) -> float:
         """Focal length [pixels]."""
-        return .5 * self.resolution / np.tan(.5 * self.field_of_view)
+        return float(.5 * self.resolution / np.tan(.5 * self.field_of_view))
 
 
-def looking_at(places, target):
-    """Return rotations of cameras that look at a point, their pictures upright.
+def looking_at(places: ArrayLike, target: ArrayLike) -> np.ndarray:
+    """Return the rotations of upright cameras that look at a point.
 
     Parameters
     ----------
     places : array_like, shape (c, 3)
-        [m]
+        Positions of the cameras [m].
     target : array_like, shape (3,)
         [m]
 
     Returns
     -------
     ndarray, shape (c, 3, 3)
-        From the surroundings to each camera's frame.
+        World to camera frame.
+
+    Raises
+    ------
+    InvalidRig
+        If a camera is at the target.
     """
     view = np.asarray(target, dtype=float) - places
     size = np.linalg.norm(view, axis=1, keepdims=True)
@@ -139,8 +150,8 @@ def looking_at(places, target):
     return np.stack((right, np.cross(view, right), view), axis=1)
 
 
-def camera_coordinates(rig, places):
-    """Return x, y and z of places in the cameras' frames.
+def camera_coordinates(rig: CameraRig, places: np.ndarray) -> np.ndarray:
+    """Transform points from the world into the frame of each camera.
 
     Parameters
     ----------

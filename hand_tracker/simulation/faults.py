@@ -1,40 +1,41 @@
-"""What goes wrong between camera system and tracker: labels swap, drop out, freeze, find ghosts.
+"""Faults of a motion capture system: swapped labels, drop-outs, frozen markers, reflections.
 
-Events are drawn in seconds: the same happens at whatever rate the hand is sampled.
+Events are drawn in seconds, so that they do not depend on the frame rate.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ..core.errors import HandTrackerError
 
-# Unsourced: how long an event lasts [s].
+# Least and greatest duration of an event [s]; unsourced.
 SWAP_LENGTH = (.05, .5)
 GHOST_LENGTH = (.02, .2)
 DROPOUT_LENGTH = (.03, .3)
 FROZEN_LENGTH = (.1, 1.)
-MIRROR_HEIGHT = .80   # [m] of the table that reflects the lights
-RATE_RANGE = (0., 50.)
+MIRROR_HEIGHT = .80         # [m] of a reflecting table
+FAULT_RATE_RANGE = (0., 50.)  # [1/s]
 
 
 class InvalidFaults(HandTrackerError, ValueError):
-    """A rate of faults is not allowed."""
+    """A rate of faults is out of range."""
 
 
 class Faults(NamedTuple):
-    """How often labels go wrong.
+    """Rates of each kind of fault.
 
     Attributes
     ----------
     swaps : float
-        A marker and the one nearest to it exchange labels [1/s].
+        Exchanges of the labels of a marker and its nearest neighbour [1/s].
     ghosts : float
-        A marker's reflection in the table is taken for it [1/s].
+        Reflections in the table reported in place of the marker [1/s].
     dropouts : float
-        A marker is not reported though it is seen [1/s].
+        Visible markers that are not reported [1/s].
     frozen : float
-        A marker is reported where it was, to the last bit [1/s].
+        Markers that keep reporting one position [1/s].
     """
 
     swaps: float = 0.
@@ -44,7 +45,16 @@ class Faults(NamedTuple):
 
 
 class Event(NamedTuple):
-    """What befalls one marker for a while: 'swap', 'ghost', 'dropout', 'frozen'; times in [s]."""
+    """Fault of one marker over an interval.
+
+    Attributes
+    ----------
+    kind : {'swap', 'ghost', 'dropout', 'frozen'}
+    marker : int
+        Row of the marker.
+    start, end : float
+        [s]
+    """
 
     kind: str
     marker: int
@@ -52,15 +62,17 @@ class Event(NamedTuple):
     end: float
 
 
-def fault_events(faults, duration, markers, random):
-    """Return when which marker suffers what.
+def fault_events(faults: Faults, duration: float, markers: int,
+                 random: np.random.RandomState) -> list[Event]:
+    """Draw the fault events of a recording from Poisson processes.
 
     Parameters
     ----------
     faults : Faults
     duration : float
-        [s]
+        Of the recording [s].
     markers : int
+        Number of markers.
     random : numpy.random.RandomState
 
     Returns
@@ -70,42 +82,43 @@ def fault_events(faults, duration, markers, random):
     Raises
     ------
     InvalidFaults
-        Naming the rate, its value and what is allowed.
+        Naming the rate, its value and the allowed range.
     """
     events = []
     for name, kind, lengths in (('swaps', 'swap', SWAP_LENGTH), ('ghosts', 'ghost', GHOST_LENGTH),
                                 ('dropouts', 'dropout', DROPOUT_LENGTH),
                                 ('frozen', 'frozen', FROZEN_LENGTH)):
         rate = getattr(faults, name)
-        if not RATE_RANGE[0] <= rate <= RATE_RANGE[1]:
+        if not FAULT_RATE_RANGE[0] <= rate <= FAULT_RATE_RANGE[1]:
             raise InvalidFaults(f'{name}: {rate!r} per second; allowed is '
-                                f'{RATE_RANGE[0]:g} to {RATE_RANGE[1]:g}')
+                                f'{FAULT_RATE_RANGE[0]:g} to {FAULT_RATE_RANGE[1]:g}')
         for start in np.sort(random.uniform(0., duration, random.poisson(rate * duration))):
             events.append(Event(kind, int(random.randint(markers)), start,
                                 start + random.uniform(*lengths)))
     return events
 
 
-def with_faults(positions, truth, times, events, held=None):
-    """Return what is reported of measured markers.
+def with_faults(positions: np.ndarray, truth: np.ndarray, times: np.ndarray,
+                events: Sequence[Event], held: dict[Event, np.ndarray] | None = None) -> np.ndarray:
+    """Apply fault events to measured markers.
 
     Parameters
     ----------
     positions : ndarray, shape (n, m, 3)
         Measured, NaN where not seen [m].
     truth : ndarray, shape (n, m, 3)
-        True places, which tell which markers are near each other [m].
+        True positions, for nearest neighbours and reflections [m].
     times : ndarray, shape (n,)
         [s]
     events : sequence of Event
     held : dict, optional
-        Where frozen markers are, by their events: what one part of a recording hands on to the
-        next [m].
+        Positions of frozen markers by event [m]; changed in place. Pass one dict to all blocks of
+        a recording.
 
     Returns
     -------
     ndarray, shape (n, m, 3)
-        [m]
+        Reported positions [m].
     """
     held = {} if held is None else held
     reported = positions.copy()
@@ -121,7 +134,7 @@ def with_faults(positions, truth, times, events, held=None):
             pair = [marker, int(np.argmin(gaps))]
             reported[part, pair] = reported[part, pair[::-1]]
         elif kind == 'ghost':
-            # The mirror image shows whether or not the light itself is seen.
+            # The reflection is visible whether or not the marker itself is.
             image = truth[part, marker].copy()
             image[:, 2] = 2. * MIRROR_HEIGHT - image[:, 2]
             error = positions[part, marker] - truth[part, marker]

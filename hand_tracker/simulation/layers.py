@@ -1,6 +1,6 @@
-"""Motion in layers: a movement through poses, strokes of single fingers on it, and tremor.
+"""Layered motion: finger strokes and tremor added to a motion through poses.
 
-What a layer adds is added to the free joints; DIP and thumb IP follow them as ever.
+Layers add to the free joints; DIP and thumb IP follow from the coupling.
 """
 
 from dataclasses import dataclass
@@ -10,28 +10,29 @@ import numpy as np
 
 from ..core.model.hand import DIGITS, FINGERS, JOINTS, Hand
 from .motion import Motion, minimum_jerk
-from .poses import LEADERS
+from .poses import COUPLING_JOINTS
 
-# [1] of a finger's movement that each digit goes along with: the low and high pairs of the
-# paper's interdependence of fingers; the numbers are ours, unsourced, within its 0.1 to 0.3.
+# Enslaving: share of the moved digit's (row) movement that each digit (column) follows [1]. Low
+# and high pairs as in the paper's interdependence of fingers; values unsourced, within its 0.1 to
+# 0.3.
 ENSLAVING = np.array((
     (1., .10, .04, .02, 0.),
     (.08, 1., .22, .06, 0.),
     (.03, .20, 1., .25, 0.),
     (.02, .06, .28, 1., 0.),
     (.02, .01, .01, .01, 1.)))
-THUMB_CMC_SHARE = .6  # [1] of a finger's MCP: the thumb's saddle has less room (Table 1)
+THUMB_CMC_SHARE = .6  # [1] of an MCP's flexion: the thumb's CMC has a smaller range (Table 1)
 
 
 class Strokes(NamedTuple):
-    """Short movements out of the posture and back: each rises, stays and falls.
+    """Finger strokes: short minimum-jerk movements out of a posture and back.
 
     Attributes
     ----------
     start, rise, stay, fall : ndarray, shape (s,)
-        Starts ascend [s].
+        Start times, ascending, and durations of each phase [s].
     change : ndarray, shape (s, 25)
-        At the height of each stroke [rad].
+        Change of the joint angles at the peak of each stroke [rad].
     """
 
     start: np.ndarray
@@ -41,16 +42,17 @@ class Strokes(NamedTuple):
     change: np.ndarray
 
     @classmethod
-    def none(cls):
-        """Return no strokes."""
-        return cls(*np.empty((4, 0)), np.empty((0, len(JOINTS))))
+    def none(cls) -> 'Strokes':
+        """Return an empty set of strokes."""
+        none = np.empty(0)
+        return cls(none, none, none, none, np.empty((0, len(JOINTS))))
 
-    def sample(self, times):
-        """Return what the strokes add at given times, shape (n, 25) [rad]."""
+    def sample(self, times: np.ndarray) -> np.ndarray:
+        """Return the angles added at times (n,) [s], shape (n, 25) [rad]."""
         added = np.zeros((len(times), len(JOINTS)))
         if not len(times) or not len(self.start):
             return added
-        # Only strokes that the times overlap: long recordings are made in many short parts.
+        # Only strokes that overlap these times: long recordings are sampled in short blocks.
         longest = (self.rise + self.stay + self.fall).max()
         first, last = np.searchsorted(self.start, (times.min() - longest, times.max()))
         for start, rise, stay, fall, change in zip(*(part[first:last] for part in self)):
@@ -63,7 +65,7 @@ class Strokes(NamedTuple):
 
 
 class Tremor(NamedTuple):
-    """Sums of sines in the joints.
+    """Joint tremor: a sum of sines at each joint.
 
     Attributes
     ----------
@@ -78,12 +80,13 @@ class Tremor(NamedTuple):
     phase: np.ndarray
 
     @classmethod
-    def none(cls):
-        """Return no tremor."""
-        return cls(np.empty(0), *np.empty((2, 0, len(JOINTS))))
+    def none(cls) -> 'Tremor':
+        """Return a tremor of no components."""
+        none = np.empty((0, len(JOINTS)))
+        return cls(np.empty(0), none, none)
 
-    def sample(self, times):
-        """Return what the tremor adds at given times, shape (n, 25) [rad]."""
+    def sample(self, times: np.ndarray) -> np.ndarray:
+        """Return the angles added at times (n,) [s], shape (n, 25) [rad]."""
         added = np.zeros((len(times), len(JOINTS)))
         for frequency, amplitude, phase in zip(*self):
             added += amplitude * np.sin(2. * np.pi * frequency * times[:, None] + phase)
@@ -92,13 +95,13 @@ class Tremor(NamedTuple):
 
 @dataclass(frozen=True)
 class LayeredMotion:
-    """A motion through poses with strokes and tremor on it.
+    """Motion through poses with added strokes and tremor.
 
     Parameters
     ----------
     base : Motion
     hand : Hand
-        Its limits and its coupling hold at every sample.
+        Its limits and coupling are enforced at every sample.
     strokes : Strokes, optional
     tremor : Tremor, optional
     """
@@ -109,31 +112,31 @@ class LayeredMotion:
     tremor: Tremor = Tremor.none()
 
     @property
-    def duration(self):
-        """Return the duration of the motion through poses [s]."""
+    def duration(self) -> float:
+        """Duration of the base motion [s]."""
         return self.base.duration
 
-    def sample(self, times):
-        """Return the motion at given times; parameters and returns as for `Motion.sample`."""
-        times = np.clip(np.asarray(times, dtype=float), 0., self.duration)
+    def sample(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return joint angles and wrist pose at given times, as `Motion.sample`."""
+        times = np.clip(times, 0., self.duration)
         angles, rotation, position = self.base.sample(times)
         angles = angles + self.strokes.sample(times) + self.tremor.sample(times)
         lower, upper = self.hand.limits.T
         angles = np.clip(angles, lower, upper)
         slope, offset = self.hand.coupling.T
-        angles[:, LEADERS + 1] = slope * angles[:, LEADERS] + offset
+        angles[:, COUPLING_JOINTS + 1] = slope * angles[:, COUPLING_JOINTS] + offset
         return np.clip(angles, lower, upper), rotation, position
 
 
-def finger_stroke(digit, mcp, pip):
-    """Return what one digit's stroke changes, its neighbours going along.
+def finger_stroke(digit: int, mcp: float, pip: float) -> np.ndarray:
+    """Return the change of joint angles at the peak of a digit's stroke, with enslaved digits.
 
     Parameters
     ----------
     digit : int
         0 to 4, index finger to thumb.
     mcp, pip : float
-        Of the MCP (the thumb's CMC, less) and of the PIP (the thumb's MCP) [rad].
+        Flexion of MCP and PIP; in the thumb of the CMC, scaled down, and of the MCP [rad].
 
     Returns
     -------

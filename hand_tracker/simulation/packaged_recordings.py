@@ -1,9 +1,10 @@
-"""The packaged recordings: markers of the demo motion as a camera system might give them.
+"""The packaged recordings: noisy markers of the demo motion with drop-outs, and the true angles.
 
-`hand_tracker record` makes them again, byte for byte: that of the right hand, and with
-`--side left` that of a left hand in the same motion.
+`hand_tracker record` reproduces them byte for byte: the right hand, or with `--side left` a left
+hand in the same motion.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -11,28 +12,28 @@ import numpy as np
 from ..core.model.hand import JOINTS, Hand
 from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
-from ..files.bags import bag_message, joint_state_message, marker_array_message
+from ..files.bags import BagMessage, bag_message, joint_state_message, marker_array_message
+from .faults import DROPOUT_LENGTH
 from .motion import demo_motion
 
-RATE = 120.                  # [Hz]
-NOISE = .0003                # [m] standard deviation per axis
-SEED = 1
-START_NS = 1_700_000_000_000_000_000
-DECIMALS = 6                 # of stored metres and radians: hides last-bit differences
-FRAME_ID = 'mocap'
-MARKER_TOPIC, TRUTH_TOPIC = '/markers', '/joint_states_truth'
+RECORDING_RATE = 120.        # [Hz]
+RECORDING_NOISE = .0003      # [m] standard deviation per axis
+RECORDING_SEED = 1
+RECORDING_START_NS = 1_700_000_000_000_000_000
+RECORDING_DECIMALS = 6       # of stored [m] and [rad]: hides rounding differences of platforms
+RECORDING_FRAME_ID = 'mocap'
+MARKER_TOPIC, JOINT_TRUTH_TOPIC = '/markers', '/joint_states_truth'
 
-# [m] between the hands of a person with the arms ahead; no phase of the motion makes them touch.
+# [m] between the hands of a person with the arms ahead: they never touch in this motion.
 LEFT_HAND_OFFSET = np.array((0., .4, 0.))
 
-DROPOUT_EVERY = .9           # [s] between drop-outs, on average
-DROPOUT_LENGTH = (.03, .3)   # [s]
+DROPOUT_INTERVAL = .9        # [s] between drop-outs, mean
 DROPOUT_FREE = 1.            # [s] at the beginning
-DROPOUT_OF_TWO = .15         # share of drop-outs that take two markers
+DROPOUT_OF_TWO = .15         # share of drop-outs of two markers
 
 
 class Recording(NamedTuple):
-    """Markers and true angles of a made recording.
+    """Markers and true joint angles of a simulated recording.
 
     Attributes
     ----------
@@ -49,15 +50,17 @@ class Recording(NamedTuple):
     angles: np.ndarray
 
 
-def demo_recording(hand=None, layout=None, rate=RATE, noise=NOISE, seed=SEED):
-    """Return a recording of the demo motion, a left hand's 0.4 m to the left of a right one's.
+def demo_recording(hand: Hand | None = None, layout: MarkerLayout | None = None,
+                   rate: float = RECORDING_RATE, noise: float = RECORDING_NOISE,
+                   seed: int = RECORDING_SEED) -> Recording:
+    """Return a recording of the demo motion; a left hand is 0.4 m to the left of a right hand.
 
     Parameters
     ----------
     hand : Hand, optional
-        The mean right hand when left out.
+        Default: the mean right hand.
     layout : MarkerLayout, optional
-        The paper's eight markers when left out.
+        Default: the paper's eight markers at their joints.
     rate : float
         [Hz]
     noise : float
@@ -77,20 +80,21 @@ def demo_recording(hand=None, layout=None, rate=RATE, noise=NOISE, seed=SEED):
         position = position + LEFT_HAND_OFFSET
     pose = forward(joint_table(hand), angles, rotation, position)
     markers = marker_positions(layout.mounting(hand), pose, rotation, position)
-    # RandomState's streams are frozen for good; those of default_rng may change with numpy.
+    # RandomState's streams never change; those of default_rng may change with numpy.
     random = np.random.RandomState(seed)
-    markers = np.round(markers + random.normal(0., noise, markers.shape), DECIMALS)
+    markers = np.round(markers + random.normal(0., noise, markers.shape), RECORDING_DECIMALS)
     markers[~visible(len(frames), rate, random)] = np.nan
-    stamps = START_NS + np.round(frames * (1e9 / rate)).astype(np.int64)
-    return Recording(stamps, markers, np.round(angles, DECIMALS) + 0.)
+    stamps = RECORDING_START_NS + np.round(frames * (1e9 / rate)).astype(np.int64)
+    return Recording(stamps, markers, np.round(angles, RECORDING_DECIMALS) + 0.)
 
 
-def visible(frames, rate, random):
-    """Return which markers are seen: short drop-outs of one, sometimes of two, now and then.
+def visible(frames: int, rate: float, random: np.random.RandomState) -> np.ndarray:
+    """Return which markers are visible, with random short drop-outs of one or two markers.
 
     Parameters
     ----------
     frames : int
+        Number of frames.
     rate : float
         [Hz]
     random : numpy.random.RandomState
@@ -100,19 +104,19 @@ def visible(frames, rate, random):
     ndarray of bool, shape (frames, 8)
     """
     seen = np.ones((frames, len(MARKERS)), dtype=bool)
-    clock = DROPOUT_FREE + random.exponential(DROPOUT_EVERY)
+    clock = DROPOUT_FREE + random.exponential(DROPOUT_INTERVAL)
     while clock * rate < frames:
         length = random.uniform(*DROPOUT_LENGTH)
         lost = random.permutation(len(MARKERS))[:2 if random.uniform() < DROPOUT_OF_TWO else 1]
         first, last = int(np.ceil(clock * rate)), int(np.ceil((clock + length) * rate))
         seen[first:last, lost] = False
-        # A frame in between keeps two drop-outs of one marker apart.
-        clock += length + 1. / rate + random.exponential(DROPOUT_EVERY)
+        # One visible frame separates drop-outs of one marker.
+        clock += length + 1. / rate + random.exponential(DROPOUT_INTERVAL)
     return seen
 
 
-def recording_messages(recording, side):
-    """Yield a recording as messages: markers and true joint states of each frame.
+def recording_messages(recording: Recording, side: str) -> Iterator[BagMessage]:
+    """Yield a recording as bag messages: MarkerArray and true JointState of each frame.
 
     Parameters
     ----------
@@ -128,6 +132,6 @@ def recording_messages(recording, side):
     for stamp, markers, angles in zip(
             recording.stamps.tolist(), recording.markers, recording.angles):
         yield bag_message(MARKER_TOPIC, stamp, marker_array_message(
-            stamp, FRAME_ID, MARKERS, markers))
-        yield bag_message(TRUTH_TOPIC, stamp, joint_state_message(
-            stamp, names, angles, FRAME_ID))
+            stamp, RECORDING_FRAME_ID, MARKERS, markers))
+        yield bag_message(JOINT_TRUTH_TOPIC, stamp, joint_state_message(
+            stamp, names, angles, RECORDING_FRAME_ID))

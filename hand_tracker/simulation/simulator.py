@@ -1,11 +1,13 @@
-"""Record a simulated hand: a natural motion, seen by a ring of cameras, with the truth beside.
+"""Simulated motion capture of a hand: motion, cameras, faults, and the ground truth.
 
-The hand's markers sit on its skin. --calibration writes the hand file a tracker would be
-given: the same hand as a calibration finds it, a little wrong.
+The markers are on the skin. `calibrated` gives the hand and the layout with the errors of a
+calibration, as a tracker would be given them.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from os import PathLike
 from typing import NamedTuple
 
 import numpy as np
@@ -13,26 +15,33 @@ import numpy as np
 from ..core.errors import HandTrackerError, InvalidLayout
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
-from ..files.bags import bag_message, marker_array_message, pose_message
+from ..files.bags import BagMessage, bag_message, marker_array_message, pose_message
 from ..files.hand_file import choose_hand
 from .cameras import CameraRig
-from .faults import Faults, fault_events, with_faults
-from .motions import DURATION, RATE_RANGE, motion_named
-from .packaged_recordings import DECIMALS, FRAME_ID, START_NS, recording_messages
-from .visibility import look, markers_inside, skin_layout
+from .faults import Event, Faults, fault_events, with_faults
+from .motions import FRAME_RATE_RANGE, MOTION_DURATION, HandMotion, motion_named
+from .packaged_recordings import (
+    RECORDING_DECIMALS,
+    RECORDING_FRAME_ID,
+    RECORDING_START_NS,
+    Recording,
+    recording_messages,
+)
+from .visibility import markers_inside, observe, skin_layout
 
-WRIST_TOPIC, PLACES_TOPIC = '/wrist_truth', '/markers_truth'
+WRIST_TRUTH_TOPIC, MARKER_TRUTH_TOPIC = '/wrist_truth', '/markers_truth'
 
-RATE = 480.             # [Hz] that of the paper's cameras
-BLOCK = .5              # [s] simulated at once
-LENGTH_ERROR = .02      # [1] standard deviation of a calibrated length
-OFFSET_ERROR = .001     # [m] standard deviation of a calibrated marker's place, per axis
-# Standard deviations of a calibrated coupling's slope [1] and offset [rad]; ours, unsourced.
-SLOPE_ERROR, COUPLING_ERROR = .1, np.radians(2.)
+PAPER_RATE = 480.             # [Hz] of the paper's cameras
+BLOCK_LENGTH = .5             # [s] simulated at once
+# Standard deviations of calibrated lengths, relative [1], of marker offsets per axis [m], and of
+# the coupling's slope, relative [1], and offset [rad]; ours, unsourced.
+LENGTH_ERROR = .02
+OFFSET_ERROR = .001
+COUPLING_SLOPE_ERROR, COUPLING_OFFSET_ERROR = .1, np.radians(2.)
 
 
 class InvalidRate(HandTrackerError, ValueError):
-    """The rate is not allowed."""
+    """The frame rate is out of range."""
 
 
 class Simulated(NamedTuple):
@@ -43,13 +52,15 @@ class Simulated(NamedTuple):
     stamps : ndarray of int, shape (n,)
         [ns]
     markers : ndarray, shape (n, 8, 3)
-        As reported, NaN where lost [m].
+        Reported by the camera system, NaN where lost [m].
     angles : ndarray, shape (n, 25)
-        True, in the order of `JOINTS` [rad].
-    rotation, position : ndarray, shape (n, 3, 3) and (n, 3)
-        True, of the wrist [m].
+        True joint angles, in the order of `JOINTS` [rad].
+    rotation : ndarray, shape (n, 3, 3)
+        True rotation, wrist frame to world.
+    position : ndarray, shape (n, 3)
+        True position of the wrist [m].
     places : ndarray, shape (n, 8, 3)
-        Where the markers truly are [m].
+        True positions of the markers [m].
     """
 
     stamps: np.ndarray
@@ -62,7 +73,7 @@ class Simulated(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """A hand, how it moves and what sees it.
+    """Simulation of a hand in motion, seen by a camera rig.
 
     Parameters
     ----------
@@ -70,44 +81,44 @@ class Simulation:
         One of `MOTIONS`.
     hand : Hand
     layout : MarkerLayout
-        Where the markers truly are.
+        True marker layout; `skin_layout(hand)` if None.
     rig : CameraRig
     rate : float
-        [Hz]
+        Frame rate [Hz].
     seed : int
     duration : float
-        At least [s].
+        Least duration [s].
     faults : Faults
     """
 
     motion: str
     hand: Hand = field(default_factory=Hand.scaled)
-    layout: MarkerLayout = None
+    layout: MarkerLayout = None  # type: ignore[assignment]
     rig: CameraRig = field(default_factory=CameraRig.ring)
-    rate: float = RATE
+    rate: float = PAPER_RATE
     seed: int = 1
-    duration: float = DURATION
+    duration: float = MOTION_DURATION
     faults: Faults = Faults()
 
-    def __post_init__(self):
-        if not RATE_RANGE[0] <= self.rate <= RATE_RANGE[1]:
+    def __post_init__(self) -> None:
+        if not FRAME_RATE_RANGE[0] <= self.rate <= FRAME_RATE_RANGE[1]:
             raise InvalidRate(f'rate: {self.rate:g} Hz; allowed is '
-                              f'{RATE_RANGE[0]:g} to {RATE_RANGE[1]:g} Hz')
+                              f'{FRAME_RATE_RANGE[0]:g} to {FRAME_RATE_RANGE[1]:g} Hz')
         if self.layout is None:
             object.__setattr__(self, 'layout', skin_layout(self.hand))
 
     @cached_property
-    def moving(self):
-        """Return the motion."""
+    def moving(self) -> HandMotion:
+        """The motion of the hand."""
         return motion_named(self.motion, self.hand, self.seed, self.duration)
 
     @property
-    def frames(self):
-        """Return the number of frames."""
+    def frames(self) -> int:
+        """Number of frames."""
         return int(np.floor(self.moving.duration * self.rate)) + 1
 
-    def blocks(self):
-        """Yield the recording in parts of half a second.
+    def blocks(self) -> Iterator[Simulated]:
+        """Yield the recording in blocks of half a second.
 
         Yields
         ------
@@ -116,22 +127,23 @@ class Simulation:
         random = np.random.RandomState((self.seed, 1))
         events = fault_events(self.faults, self.moving.duration, len(MARKERS),
                               np.random.RandomState((self.seed, 2)))
-        held = {}
+        held: dict[Event, np.ndarray] = {}
         frames = np.arange(self.frames)
-        step = max(1, round(BLOCK * self.rate))
+        step = max(1, round(BLOCK_LENGTH * self.rate))
         for first in range(0, len(frames), step):
             part = frames[first:first + step]
             times = part / self.rate
             angles, rotation, position = self.moving.sample(times)
             noise = random.standard_normal((len(part), len(MARKERS), len(self.rig.positions), 2))
-            sight = look(self.rig, self.hand, self.layout, angles, rotation, position, noise)
-            markers = with_faults(sight.positions, sight.truth, times, events, held)
-            stamps = START_NS + np.round(part * (1e9 / self.rate)).astype(np.int64)
-            yield Simulated(stamps, np.round(markers, DECIMALS), np.round(angles, DECIMALS) + 0.,
-                            rotation, position, sight.truth)
+            observed = observe(self.rig, self.hand, self.layout, angles, rotation, position, noise)
+            markers = with_faults(observed.positions, observed.truth, times, events, held)
+            stamps = RECORDING_START_NS + np.round(part * (1e9 / self.rate)).astype(np.int64)
+            yield Simulated(stamps, np.round(markers, RECORDING_DECIMALS),
+                            np.round(angles, RECORDING_DECIMALS) + 0., rotation, position,
+                            observed.truth)
 
-    def recording(self):
-        """Return the whole recording.
+    def recording(self) -> Simulated:
+        """Return all blocks as one.
 
         Returns
         -------
@@ -140,11 +152,11 @@ class Simulation:
         return Simulated(*map(np.concatenate, zip(*self.blocks())))
 
 
-def calibrated(hand, layout, seed):
-    """Return hand and layout as a calibration finds them: a little wrong.
+def calibrated(hand: Hand, layout: MarkerLayout, seed: int) -> tuple[Hand, MarkerLayout]:
+    """Return hand and layout with random calibration errors.
 
-    Bones and coordinates of the palm's joints err by `LENGTH_ERROR`, markers' places on their
-    links by `OFFSET_ERROR`, the coupling by `SLOPE_ERROR` and `COUPLING_ERROR`.
+    Bones and coordinates of the palm's joints err by `LENGTH_ERROR`, marker offsets by
+    `OFFSET_ERROR`, the coupling by `COUPLING_SLOPE_ERROR` and `COUPLING_OFFSET_ERROR`.
 
     Parameters
     ----------
@@ -164,18 +176,19 @@ def calibrated(hand, layout, seed):
     offsets = layout.offsets + OFFSET_ERROR * random.standard_normal(layout.offsets.shape)
     slope, offset = hand.coupling.T
     coupling = np.column_stack((
-        slope * (1. + SLOPE_ERROR * random.standard_normal(len(slope))),
-        offset + COUPLING_ERROR * random.standard_normal(len(offset))))
+        slope * (1. + COUPLING_SLOPE_ERROR * random.standard_normal(len(slope))),
+        offset + COUPLING_OFFSET_ERROR * random.standard_normal(len(offset))))
     return hand.replace(coupling=coupling, **fields), MarkerLayout(layout.places, offsets)
 
 
-def simulated_hand(path=None, side=None):
-    """Return a hand and where its markers are; one without an offset is put on the skin.
+def simulated_hand(path: str | PathLike[str] | None = None,
+                   side: str | None = None) -> tuple[Hand, MarkerLayout]:
+    """Load a hand and its marker layout; a marker without an offset is placed on the skin.
 
     Parameters
     ----------
     path : path-like, optional
-        Hand file; the mean hand when left out.
+        Hand file; default: the mean hand.
     side : {'right', 'left'}, optional
 
     Returns
@@ -186,12 +199,12 @@ def simulated_hand(path=None, side=None):
     Raises
     ------
     InvalidLayout
-        Naming the markers that lie inside the hand.
+        Naming markers inside the hand, visible to no camera.
     """
     hand, layout = choose_hand(path, side)
-    bare = ~layout.offsets.any(axis=1)
+    at_joint = ~layout.offsets.any(axis=1)
     layout = MarkerLayout(layout.places, np.where(
-        bare[:, None], skin_layout(hand).offsets, layout.offsets))
+        at_joint[:, None], skin_layout(hand).offsets, layout.offsets))
     inside = markers_inside(hand, layout)
     if inside.any():
         named = ', '.join(name for name, hidden in zip(MARKERS, inside) if hidden)
@@ -200,27 +213,29 @@ def simulated_hand(path=None, side=None):
     return hand, layout
 
 
-def frame_messages(part, side, truth=True):
-    """Yield the messages of each frame: markers, and the truth of joints, wrist and markers.
+def frame_messages(part: Simulated, side: str, truth: bool = True
+                   ) -> Iterator[tuple[BagMessage, ...]]:
+    """Yield the bag messages of each frame: markers, and the true joints, wrist and markers.
 
     Parameters
     ----------
     part : Simulated
     side : {'right', 'left'}
     truth : bool
-        Whether to tell it.
+        Whether to include the ground truth.
 
     Yields
     ------
     tuple of BagMessage
-        Markers; joints, wrist, true places.
+        MarkerArray; with `truth` also JointState, PoseStamped and MarkerArray.
     """
-    messages = recording_messages(part, side)
+    messages = recording_messages(Recording(part.stamps, part.markers, part.angles), side)
     for stamp, rotation, position, places in zip(
             part.stamps.tolist(), part.rotation, part.position, part.places):
         markers, joints = next(messages), next(messages)
         yield (markers,) if not truth else (
             markers, joints,
-            bag_message(WRIST_TOPIC, stamp, pose_message(stamp, FRAME_ID, position, rotation)),
-            bag_message(PLACES_TOPIC, stamp, marker_array_message(
-                stamp, FRAME_ID, MARKERS, places)))
+            bag_message(WRIST_TRUTH_TOPIC, stamp, pose_message(
+                stamp, RECORDING_FRAME_ID, position, rotation)),
+            bag_message(MARKER_TRUTH_TOPIC, stamp, marker_array_message(
+                stamp, RECORDING_FRAME_ID, MARKERS, places)))

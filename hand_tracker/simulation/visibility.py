@@ -1,41 +1,41 @@
-"""What cameras see of a hand: which markers, and how well two or more cameras place them.
+"""Visibility of markers in cameras, and their triangulation with pixel noise.
 
-Markers are small lights on the skin. A camera sees one when it lies in the camera's field
-of view and the straight line between them meets none of the hand's capsules, the marker's
-own finger included: the centre of a marker on the skin stands its radius off the capsule,
-so that its own finger hides it from behind and not from beside.
+Markers are LEDs on the skin. A camera sees a marker within its field of view if the line of sight
+intersects none of the hand's capsules, that of the marker's own finger included: the LED's centre
+is a marker radius off the skin, so that its own finger occludes it only from behind.
 
-The paper puts the markers at the joints. A tracker that is told so errs by some 10 degrees a
-joint with markers on the skin; told where on the skin they are, by some 2 (`MarkerLayout`).
+The paper's layout has the markers at the joints. With markers on the skin a tracker given that
+layout errs by some 10 degrees a joint, one given the true offsets (`MarkerLayout`) by some 2.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model.hand import DIGITS, JOINTS
+from ..core.model.hand import DIGITS, JOINTS, Hand
 from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.marker_layout import MarkerLayout, marker_positions
 from ..core.model.skeleton import SKELETON_BONES, bone_radii, skeleton_points
-from .cameras import camera_coordinates
+from .cameras import CameraRig, camera_coordinates
 
-MARKER_RADIUS = .004  # [m]
-NEEDED = 2            # cameras that place a marker
-CHUNK = 250           # frames at once: what fits into the processor's cache
+LED_RADIUS = .004            # [m]
+TRIANGULATING_CAMERAS = 2    # least number that see a marker
+FRAMES_AT_ONCE = 250         # block of frames that fits into the processor's cache
 
 
-class Sight(NamedTuple):
-    """What the cameras make of markers.
+class MarkerObservation(NamedTuple):
+    """Triangulated markers of n frames, m markers and c cameras.
 
     Attributes
     ----------
     positions : ndarray, shape (n, m, 3)
         Measured; NaN where fewer than two cameras see the marker [m].
     seen : ndarray of bool, shape (n, m, c)
+        Whether each camera sees each marker.
     covariance : ndarray, shape (n, m, 3, 3)
-        Of the measured positions; NaN where there is none [m^2].
+        Of the measured positions; NaN where not measured [m^2].
     truth : ndarray, shape (n, m, 3)
-        Where the markers are [m].
+        True positions [m].
     """
 
     positions: np.ndarray
@@ -44,57 +44,58 @@ class Sight(NamedTuple):
     truth: np.ndarray
 
 
-def skin_layout(hand, marker_radius=MARKER_RADIUS):
-    """Return the paper's markers on the skin: dorsal of their joints, by capsule and marker.
-
-    The paper puts each marker at its joint, where the light of a real one never is.
+def skin_layout(hand: Hand, marker_radius: float = LED_RADIUS) -> MarkerLayout:
+    """Return the paper's marker layout with offsets onto the dorsal skin.
 
     Parameters
     ----------
     hand : Hand
     marker_radius : float
-        [m]
+        Distance of the LED's centre from the skin [m].
 
     Returns
     -------
     MarkerLayout
     """
-    # A finger's DIP is covered by the middle phalanx, the thumb's tip by the distal one.
+    # Capsule at the marker: middle phalanx at a finger's DIP, distal phalanx at the thumb's tip.
     radii = [hand.palm_radius] * 3 + [*hand.radii[:4, 1], hand.radii[DIGITS.index('thumb'), 2]]
     offsets = np.zeros((len(radii), 3))
     offsets[:, 2] = np.array(radii) + marker_radius
     return MarkerLayout(offsets=offsets)
 
 
-def look(rig, hand, layout, angles, rotation, position, noise):
-    """Return what a rig sees of a moving hand.
+def observe(rig: CameraRig, hand: Hand, layout: MarkerLayout, angles: np.ndarray,
+            rotation: np.ndarray, position: np.ndarray, noise: np.ndarray) -> MarkerObservation:
+    """Return the markers of a moving hand as a camera rig measures them.
 
     Parameters
     ----------
     rig : CameraRig
     hand : Hand
     layout : MarkerLayout
-        Where the markers truly are.
+        True marker layout.
     angles : ndarray, shape (n, 25)
-        [rad]
-    rotation, position : ndarray, shape (n, 3, 3) and (n, 3)
+        Joint angles [rad].
+    rotation : ndarray, shape (n, 3, 3)
+        Wrist frame to world.
+    position : ndarray, shape (n, 3)
         Of the wrist [m].
     noise : ndarray, shape (n, m, c, 2)
-        Standard normal, of each picture's two coordinates.
+        Standard normal draws for both image coordinates.
 
     Returns
     -------
-    Sight
+    MarkerObservation
     """
     pose = forward(joint_table(hand), angles, rotation, position)
     markers = marker_positions(layout.mounting(hand), pose, rotation, position)
     points = skeleton_points(tip_offsets(hand), pose, position)
-    seen = unobstructed(rig, markers, points, bone_radii(hand)) & in_view(rig, markers)
+    seen = has_line_of_sight(rig, markers, points, bone_radii(hand)) & in_view(rig, markers)
     return triangulate(rig, markers, seen, noise)
 
 
-def markers_inside(hand, layout):
-    """Return which markers lie inside the capsules of the hand at rest, where none is seen.
+def markers_inside(hand: Hand, layout: MarkerLayout) -> np.ndarray:
+    """Return which markers lie inside the capsules of the hand at rest, visible to no camera.
 
     Parameters
     ----------
@@ -108,22 +109,23 @@ def markers_inside(hand, layout):
     pose = forward(joint_table(hand), np.zeros(len(JOINTS)))
     markers = marker_positions(layout.mounting(hand), pose)
     start, end = skeleton_points(tip_offsets(hand), pose, np.zeros(3))[np.array(SKELETON_BONES).T]
-    bone, apart = end - start, markers[:, None] - start
-    along = np.clip((apart * bone).sum(axis=-1) / np.maximum(
+    bone, offset = end - start, markers[:, None] - start
+    along = np.clip((offset * bone).sum(axis=-1) / np.maximum(
         (bone ** 2).sum(axis=-1), 1e-12), 0., 1.)
-    gaps = np.linalg.norm(apart - along[..., None] * bone, axis=-1)
+    gaps = np.linalg.norm(offset - along[..., None] * bone, axis=-1)
     return (gaps < bone_radii(hand)).any(axis=1)
 
 
-def in_view(rig, markers):
-    """Return which cameras have which markers in their picture, shape (n, m, c)."""
+def in_view(rig: CameraRig, markers: np.ndarray) -> np.ndarray:
+    """Return whether markers (n, m, 3) [m] are in each camera's field of view, (n, m, c) bool."""
     x, y, z = camera_coordinates(rig, markers)
     edge = np.tan(.5 * rig.field_of_view) * z
     return (z > 0.) & (np.abs(x) <= edge) & (np.abs(y) <= edge)
 
 
-def unobstructed(rig, markers, points, radii):
-    """Return from which cameras the way to a marker meets no capsule.
+def has_line_of_sight(rig: CameraRig, markers: np.ndarray, points: np.ndarray,
+                      radii: np.ndarray) -> np.ndarray:
+    """Return whether the line from camera to marker intersects none of the hand's capsules.
 
     Parameters
     ----------
@@ -141,18 +143,19 @@ def unobstructed(rig, markers, points, radii):
     """
     clear = np.empty((*markers.shape[:2], len(rig.positions)), dtype=bool)
     bones = np.array(SKELETON_BONES)
-    for first in range(0, len(markers), CHUNK):
-        part = slice(first, first + CHUNK)
+    for first in range(0, len(markers), FRAMES_AT_ONCE):
+        part = slice(first, first + FRAMES_AT_ONCE)
         ends = points[part][:, bones]  # (n, b, 2, 3)
         clear[part] = _clear(rig.positions, markers[part], ends[:, :, 0], ends[:, :, 1], radii)
     return clear
 
 
-def _clear(cameras, markers, starts, ends, radii):
-    """Return which ways from marker to camera keep off all capsules, shape (n, m, c).
+def _clear(cameras: np.ndarray, markers: np.ndarray, starts: np.ndarray, ends: np.ndarray,
+           radii: np.ndarray) -> np.ndarray:
+    """Return whether segments from marker to camera miss all capsules, shape (n, m, c).
 
-    The least distance of two segments after Ericson, Real-Time Collision Detection (2005),
-    5.1.9: s along the way from the marker [m], t along the bone [1].
+    Closest points of two segments, Ericson, Real-Time Collision Detection (2005), 5.1.9: at s
+    along the line of sight from the marker [m] and t along the bone [1].
     """
     way = cameras - markers[:, :, None]                          # (n, m, c, 3)
     length = np.linalg.norm(way, axis=-1)[..., None]             # (n, m, c, 1)
@@ -172,28 +175,30 @@ def _clear(cameras, markers, starts, ends, radii):
     return (gap >= radii ** 2).all(axis=-1)
 
 
-def triangulate(rig, markers, seen, noise):
-    """Return where cameras place markers, by least squares over their pictures.
+def triangulate(rig: CameraRig, markers: np.ndarray, seen: np.ndarray,
+                noise: np.ndarray) -> MarkerObservation:
+    """Triangulate markers by linearised least squares over noisy image coordinates.
 
-    A camera at distance z tells two coordinates across its view with the standard deviation
-    of pixel noise z / focal, and none along it. To first order the information of all that
-    see a marker adds up, and its inverse is the covariance.
+    A camera at distance z measures the two coordinates across its view with a standard deviation
+    of pixel_noise z / focal, and nothing along it. To first order the Fisher information of the
+    cameras that see a marker adds up; its inverse is the covariance.
 
     Parameters
     ----------
     rig : CameraRig
     markers : ndarray, shape (n, m, 3)
-        True places [m].
+        True positions [m].
     seen : ndarray of bool, shape (n, m, c)
+        Whether each camera sees each marker.
     noise : ndarray, shape (n, m, c, 2)
-        Standard normal, of each picture's two coordinates.
+        Standard normal draws for both image coordinates.
 
     Returns
     -------
-    Sight
+    MarkerObservation
     """
     x, y, z = camera_coordinates(rig, markers)
-    # Rows of the picture's derivative in metres^-1, over the noise: d(x / z), d(y / z).
+    # Image Jacobian over the noise [1/m], rows d(x / z) and d(y / z).
     scale = rig.focal / max(rig.pixel_noise, 1e-9) / z
     right, down, ahead = rig.rotations.swapaxes(0, 1)            # (c, 3) each
     rows = np.stack((scale[..., None] * (right - (x / z)[..., None] * ahead),
@@ -201,11 +206,11 @@ def triangulate(rig, markers, seen, noise):
     rows = np.where(seen[..., None, None], rows, 0.)             # (n, m, c, 2, 3)
     flat = rows.reshape(*rows.shape[:2], -1, 3)
     information = np.matmul(flat.swapaxes(-1, -2), flat)
-    placed = seen.sum(axis=-1) >= NEEDED
+    placed = seen.sum(axis=-1) >= TRIANGULATING_CAMERAS
     information[~placed] = np.eye(3)
     covariance = np.linalg.inv(information)
     pull = np.matmul(flat.swapaxes(-1, -2), noise.reshape(*flat.shape[:3], 1))
     positions = markers + np.matmul(covariance, pull)[..., 0]
     positions[~placed] = np.nan
     covariance[~placed] = np.nan
-    return Sight(positions, seen, covariance, markers)
+    return MarkerObservation(positions, seen, covariance, markers)

@@ -109,7 +109,7 @@ def test_a_palm_marker_is_carried_exactly_by_a_palm_that_moves_without_spin():
     steps = np.arange(1, 11)[:, None, None] * np.array((.001, .002, 0.))
     markers = template + steps
     markers[:, 1] = np.nan
-    rotation, position = baselines.carried_poses(markers, 1, template, np.eye(3), np.zeros(3))
+    rotation, position = baselines.carried_poses(markers, 1, template, np.eye(3))
     np.testing.assert_allclose(rotation, np.tile(np.eye(3), (10, 1, 1)), atol=1e-12)
     np.testing.assert_allclose(position, steps[:, 0], atol=1e-12)
 
@@ -138,13 +138,13 @@ def test_the_plain_hand_is_right_about_a_hand_as_plain_as_itself():
 
 def test_recordings_give_rows_of_every_class_and_method(moving, fitted_once):
     rows = captured_hands.judge(moving)
-    assert {row['method'] for row in rows} == set(captured_hands.METHODS)
+    assert {row['method'] for row in rows} == set(captured_hands.CAPTURE_METHODS)
     for row in rows:
         assert {'evaluation', 'recording', 'method', 'joint_class', 'mean_mm', 'p95_mm',
                 'frames'} <= row.keys()
         assert row['frames'] == 560
     assert [row['within_limits_pct'] for row in rows if 'within_limits_pct' in row] == (
-        [100.] * (len(captured_hands.METHODS) - 1))
+        [100.] * (len(captured_hands.CAPTURE_METHODS) - 1))
 
 
 def test_a_left_hand_is_judged_as_the_right_hand_it_mirrors(moving, fitted_once):
@@ -155,8 +155,8 @@ def test_a_left_hand_is_judged_as_the_right_hand_it_mirrors(moving, fitted_once)
 
 @pytest.fixture
 def few_windows(monkeypatch):
-    monkeypatch.setattr(hidden_markers, 'WINDOWS', 4)
-    monkeypatch.setattr(hidden_markers, 'SETS', 1)
+    monkeypatch.setattr(hidden_markers, 'WINDOW_COUNT', 4)
+    monkeypatch.setattr(hidden_markers, 'DRAWN_SETS', 1)
 
 
 def test_occlusion_is_the_same_again_and_another_with_another_seed(
@@ -166,7 +166,7 @@ def test_occlusion_is_the_same_again_and_another_with_another_seed(
     assert first != other
     assert {(row['hidden'], row['hidden_s'], row['method']) for row in first} == {
         (kind, seconds, method) for kind in ('one', 'palm', 'two', 'three')
-        for seconds in (.1, .25, .5, 1.) for method in hidden_markers.METHODS}
+        for seconds in (.1, .25, .5, 1.) for method in hidden_markers.OCCLUSION_METHODS}
 
 
 @pytest.mark.parametrize('hidden', [[4], [7], [1], [3, 6, 7]])
@@ -177,7 +177,7 @@ def test_neither_tracker_nor_baselines_see_what_is_hidden_or_to_come(
     tracker = HandTracker(fitted_hand)
     for frame in moving.markers[:start]:
         tracker.update(frame)
-    template = plain_hand.fit_plain(fitted).template[plain_hand.PALM]
+    template = plain_hand.fit_plain(fitted).template[plain_hand.PALM_LANDMARKS]
     lies = moving.markers.copy()
     lies[start:start + length, hidden] = np.random.default_rng(1).uniform(-1., 1., (
         length, len(hidden), 3))
@@ -188,7 +188,8 @@ def test_neither_tracker_nor_baselines_see_what_is_hidden_or_to_come(
     for markers in (moving.markers, lies, unknown):
         places, _ = hidden_markers.predicted(tracker, markers, start, [length], hidden, RATE)
         poses = plain_hand.palm_poses(markers[:, :3], template)
-        guesses = baselines.predictions(markers, poses, start, length, hidden, RATE, template)
+        guesses = baselines.predictions(
+            markers, poses, slice(start, start + length), hidden, RATE, template)
         results.append(np.array([places, *guesses.values()]))
     assert np.isfinite(results[0]).all()
     np.testing.assert_array_equal(results[0], results[1])
@@ -225,8 +226,8 @@ def test_all_methods_are_judged_on_the_same_frames(moving, few_windows, fitted_o
     assert judged < 500
     assert {row['frames'] for row in captured_hands.judge(gaps)} == {judged}
     rows = hidden_markers.judge(gaps, 1)
-    for kind in hidden_markers.HIDDEN:
-        for seconds in hidden_markers.LENGTHS:
+    for kind in hidden_markers.HIDDEN_KINDS:
+        for seconds in hidden_markers.HIDDEN_LENGTHS:
             assert len({row['frames'] for row in rows if (row['hidden'], row['hidden_s']) == (
                 kind, seconds)}) == 1
     assert all(np.isfinite(row['mean_mm']) and row['frames'] > 0 for row in rows)
@@ -261,17 +262,19 @@ KEYS = {'evaluation', 'recording', 'method', 'mean_mm', 'p95_mm', 'frames'}
 @pytest.mark.parametrize('name', evaluate.EVALUATIONS)
 def test_every_evaluation_has_rows_of_the_same_keys(
         name, moving, few_windows, fitted_once, monkeypatch, tmp_path):
-    module = evaluate.module_of(name)
-    for short, value in (('DURATION', 1.), ('MOTIONS', ('demo',)), ('NOISES', (.3,)),
-                         ('SIZE_ERRORS', (0.,))):
+    evaluation = evaluate.EVALUATIONS[name]
+    module = evaluation.load()
+    for short, value in (('CAMERA_COUNT_DURATION', 1.), ('FRAME_RATES_DURATION', 1.),
+                         ('ABLATION_DURATION', 1.), ('ABLATION_MOTIONS', ('demo',)),
+                         ('NOISE_LEVELS', (.3,)), ('SIZE_ERRORS', (0.,))):
         if hasattr(module, short):
             monkeypatch.setattr(module, short, value)
     monkeypatch.setattr(simulated, 'MOTIONS', {'demo': None})
     short = demo_frames()
     short = short._replace(**{field: getattr(short, field)[:200] for field in (
         'angles', 'wrist_rotation', 'wrist_position', 'markers', 'joints')})
-    monkeypatch.setattr(noise_pip, 'DRAWS', 1)
-    monkeypatch.setattr(noise_pip, 'SECONDS', 3.)
+    monkeypatch.setattr(noise_pip, 'NOISE_DRAWS', 1)
+    monkeypatch.setattr(noise_pip, 'PIP_DURATION', 3.)
     for module_of_demo in (noise_sensitivity, solvers):
         monkeypatch.setattr(module_of_demo, 'demo_frames', lambda: short)
     rows = evaluate.run(name, Options((moving,), quiet=True))
@@ -281,20 +284,20 @@ def test_every_evaluation_has_rows_of_the_same_keys(
         assert row['evaluation'] == name and row['mean_mm'] is not None and row['frames'] > 0
     assert all(len(line) == len(table.header) for table in module.tables(rows)
                for line in table.lines)
-    for line in module.losses(rows) if hasattr(module, 'losses') else ():
+    for line in module.losses(rows).lines if hasattr(module, 'losses') else ():
         assert 'nan' not in line and 'None' not in line
     results.write_results(tmp_path / 'results.md', rows, {name: module},
                           Options((moving,)), 'hand_tracker evaluate')
     document = (tmp_path / 'results.md').read_text()
     assert ('## Where it loses' in document) == hasattr(module, 'losses')
-    assert ('2 %' in document) == (not getattr(module, 'NEEDS_FILES', False))
+    assert ('2 %' in document) == (not evaluation.judges_captures)
 
 
 def test_what_loses_is_told_from_the_rows():
     rows = [{'recording': 'a', 'joint_class': name, 'method': method, 'mean_mm': mean}
             for name in captured_hands.JOINT_CLASSES
             for method, mean in (('hand_tracker', 2. if name == 'dip' else 1.), ('plain', 1.5))]
-    assert captured_hands.losses(rows) == [
+    assert captured_hands.losses(rows).lines == [
         'dip: the plain hand is nearer on a 2.00 mm against 1.50']
 
 
@@ -303,7 +306,7 @@ def test_hidden_markers_lose_by_recording():
              'mean_mm': mean} for recording, method, mean in (
         ('a', 'hand_tracker', 1.), ('a', 'hold_last', 6.),
         ('b', 'hand_tracker', 3.), ('b', 'hold_last', 2.))]
-    assert hidden_markers.losses(rows) == [
+    assert hidden_markers.losses(rows).lines == [
         'b, a palm marker hidden for 0.1 s (3.00 mm against 2.00 of hold_last)']
 
 
@@ -338,16 +341,16 @@ def test_a_leap_in_any_frame_of_a_window_or_after_it_is_a_step(moving, few_windo
 
 
 def test_smoothing_is_judged_beside_the_raw_solve(monkeypatch):
-    monkeypatch.setattr(noise_pip, 'DRAWS', 1)
+    monkeypatch.setattr(noise_pip, 'NOISE_DRAWS', 1)
     still, swaying, swing = (noise_pip.judge(task, 1) for task in (
-        (30., 0., 0.), (30., 0., noise_pip.SWAY), (30., 10., 0.)))
+        (30., 0., 0.), (30., 0., noise_pip.SWAY_AMPLITUDE), (30., 10., 0.)))
     # 0.3 mm turn a PIP of 30 degrees by 2 to 3: two bones and the noise of both their ends.
     assert 2. < still['raw_jitter_degrees'] < 3.
     assert 10. * still['smoothed_jitter_degrees'] < still['raw_jitter_degrees']
     assert still['smoothed_jitter_degrees'] < swaying['smoothed_jitter_degrees']
     assert swing['raw_gain'] == pytest.approx(1., abs=.05)
     assert abs(swing['raw_lag_ms']) < 1.
-    monkeypatch.setattr(noise_pip, 'NOISE', 0.)
+    monkeypatch.setattr(noise_pip, 'USUAL_NOISE', 0.)
     clean = noise_pip.judge((30., 10., 0.), 1)
     assert clean['raw_gain'] == pytest.approx(1., abs=1e-3)
     assert clean['raw_lag_ms'] == pytest.approx(0., abs=.01)
@@ -466,7 +469,8 @@ def test_an_evaluation_that_fails_leaves_the_others_rows(
     def fails(options):
         raise InvalidCapture('no luck')
 
-    monkeypatch.setattr(evaluate, 'EVALUATIONS', {'recordings': '', 'occlusion': ''})
+    monkeypatch.setattr(evaluate, 'EVALUATIONS', {
+        name: evaluate.EVALUATIONS[name] for name in ('recordings', 'occlusion')})
     monkeypatch.setattr(hidden_markers, 'evaluate', fails)
     rows = tmp_path / 'rows.json'
     assert main(['evaluate', 'all', str(capture_file), '--json', str(rows)]) == 1
@@ -496,5 +500,5 @@ def test_the_baseline_makes_the_published_numbers_on_real_hands():
     capture = load_capture(capture_path('manipnet__cyl_med3_rightHand')).right()
     found = plain_hand.plain_joints(plain_hand.fit_plain(capture.joints), capture.markers)
     errors = 1e3 * np.linalg.norm(found - capture.joints, axis=2)
-    assert errors[:, plain_hand.FINGERS[:, 1]].mean() == pytest.approx(1.45, abs=.3)
-    assert errors[:, plain_hand.FINGERS[:, 3]].mean() == pytest.approx(12.1, abs=1.)
+    assert errors[:, plain_hand.FINGER_LANDMARKS[:, 1]].mean() == pytest.approx(1.45, abs=.3)
+    assert errors[:, plain_hand.FINGER_LANDMARKS[:, 3]].mean() == pytest.approx(12.1, abs=1.)

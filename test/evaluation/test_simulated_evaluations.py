@@ -24,16 +24,17 @@ def one():
 
 @pytest.fixture
 def quick(monkeypatch):
-    for module in (ablation, camera_count, frame_rates):
-        monkeypatch.setattr(module, 'DURATION', SHORT)
+    for module, name in ((ablation, 'ABLATION_DURATION'), (camera_count, 'CAMERA_COUNT_DURATION'),
+                         (frame_rates, 'FRAME_RATES_DURATION')):
+        monkeypatch.setattr(module, name, SHORT)
 
 
 def test_the_tracker_is_given_another_hand_and_measured_markers_only(one):
-    assert np.abs(one.worn.finger_bones / one.hand.finger_bones - 1.).max() > .01
-    mounting = one.layout.mounting(one.worn), one.layout.mounting(one.hand)
+    assert np.abs(one.calibrated_hand.finger_bones / one.hand.finger_bones - 1.).max() > .01
+    mounting = one.layout.mounting(one.calibrated_hand), one.layout.mounting(one.hand)
     assert np.abs(mounting[0].position - mounting[1].position).max() > .0005
     markers = one.measured(hidden=False)
-    assert np.abs(markers - one.sight.truth).max() > 1e-5
+    assert np.abs(markers - one.observed.truth).max() > 1e-5
     # Nothing but markers goes in: the same markers give the same angles whatever is true.
     other = one._replace(angles=0. * one.angles, position=0. * one.position)
     np.testing.assert_array_equal(one.track(markers).angles, other.track(markers).angles)
@@ -41,10 +42,10 @@ def test_the_tracker_is_given_another_hand_and_measured_markers_only(one):
 
 def test_fewer_cameras_are_some_of_the_eight_with_their_noise(one):
     np.testing.assert_array_equal(one.measured(range(8)), one.measured())
-    np.testing.assert_array_equal(one.measured(), one.sight.positions)
+    np.testing.assert_array_equal(one.measured(), one.observed.positions)
     lost = [np.isnan(one.measured(subset)).mean() for subset in (None, (0, 2), (0,))]
     assert lost[0] <= lost[1] < lost[2] == 1.
-    for count, subset in camera_count.SUBSETS.items():
+    for count, subset in camera_count.CAMERA_SUBSETS.items():
         assert len(set(subset)) == count and max(subset) < 8
 
 
@@ -65,8 +66,8 @@ def test_rows_of_cameras(quick):
     assert [row['cameras'] for row in rows] == [8, 6, 4, 2]
     assert rows[0]['against_8_squared_max'] == 0. < rows[0]['true_squared']
     assert rows == camera_count.judge(('spelling', 2))
-    lines = camera_count.tables(rows)[0].lines
-    assert [line[1] for line in lines] == ['–', *camera_count.PAPER.values()]
+    assert [line[1] for line in camera_count.tables(rows)[0].lines] == [
+        '–', *camera_count.TABLE_2A.values()]
 
 
 def test_rows_of_rates(quick):
@@ -79,43 +80,43 @@ def test_rows_of_rates(quick):
 
 
 def test_rows_and_pictures_of_the_ablation(quick, monkeypatch, tmp_path):
-    monkeypatch.setattr(ablation, 'MOTIONS', ('demo', 'shaking'))
+    monkeypatch.setattr(ablation, 'ABLATION_MOTIONS', ('demo', 'shaking'))
     rows = list(ablation.evaluate(Options(quiet=True)))
-    assert len(rows) == 2 * len(ablation.CONDITIONS) * len(ablation.VARIANTS)
+    assert len(rows) == 2 * len(ablation.CONDITIONS) * len(ablation.ABLATION_VARIANTS)
     assert all(row['overlap_pct'] == 0. for row in rows
                if row['condition'] == 'all seen' and row['method'] != 'no rigidity')
     assert all(row['beyond_limits_pct'] == 0. for row in rows
-               if row['method'] in (ablation.ALL, 'no DIP and IP coupling'))
+               if row['method'] in (ablation.ALL_CONSTRAINTS, 'no DIP and IP coupling'))
     by = {(row['recording'], row['condition'], row['method']): row['true_squared'] for row in rows}
     places = {(row['recording'], row['method']): row['mean_mm'] for row in rows
               if row['condition'] == 'all seen'}
-    for motion in ablation.MOTIONS:
+    for motion in ablation.ABLATION_MOTIONS:
         assert by[motion, 'all seen', 'no DIP and IP coupling'] > by[motion, 'all seen',
-                                                                    ablation.ALL]
-        assert places[motion, ablation.MEASURED] < places[motion, ablation.ALL]
+                                                                    ablation.ALL_CONSTRAINTS]
+        assert places[motion, ablation.MEASURED_FLEXION] < places[motion, ablation.ALL_CONSTRAINTS]
     assert [len(table.lines) for table in ablation.tables(rows)] == (
-        [len(ablation.VARIANTS)] * len(ablation.CONDITIONS))
+        [len(ablation.ABLATION_VARIANTS)] * len(ablation.CONDITIONS))
     drawn = ablation._missed_most(rows)
     assert drawn and len({row['method'] for row in drawn}) == len(drawn)
     for one, other in combinations(drawn, 2):
         assert (one['recording'] != other['recording']
-                or abs(one['shown_frame'] - other['shown_frame']) >= ablation.RATE)
+                or abs(one['shown_frame'] - other['shown_frame']) >= ablation.ABLATION_RATE)
     for picture in ablation.pictures(rows, tmp_path):
         assert (tmp_path / picture.file).stat().st_size > 10_000
 
 
 def test_what_is_without_a_constraint_lacks_only_that():
     hand = Hand.scaled()
-    changed = {name: change.hand(hand) for name, change in ablation.VARIANTS.items()}
+    changed = {name: change.hand(hand) for name, change in ablation.ABLATION_VARIANTS.items()}
     free = changed['no flexion limits']
     freed = (free.limits != hand.limits).any(axis=1)
     assert {joint for joint, is_free in zip(JOINTS, freed) if is_free} == {
         joint for joint in JOINTS if 'flexion' in joint
         and (joint.startswith('thumb') or 'cmc' not in joint)}
     assert not changed['no DIP and IP coupling'].coupling.any()
-    assert changed[ablation.ALL] is hand
+    assert changed[ablation.ALL_CONSTRAINTS] is hand
     # Options that there are not would be refused.
-    for change in ablation.VARIANTS.values():
+    for change in ablation.ABLATION_VARIANTS.values():
         TrackerOptions(**change.options)
 
 
@@ -145,7 +146,7 @@ def test_jitter_is_what_the_truth_does_not_do_at_rest():
     true = np.zeros((9, 25))
     true[5:, 0] = np.radians(10.) * np.arange(4)   # fast: no rest
     found = true.copy()
-    found[1::2, ablation.PIP] = np.radians(.5)
+    found[1::2, ablation.PIP_ROWS] = np.radians(.5)
     assert ablation._jitter(found, true) == pytest.approx(.5)
     assert np.isnan(ablation._jitter(found, np.radians(9.) * np.arange(9)[:, None] + true))
 
@@ -154,14 +155,14 @@ def test_an_option_is_a_change(one):
     change = ablation.Change({'palm_method': 'spheres'})
     markers = one.measured(hidden=False)
     hand, tracked = ablation.tracked_with(one, change, markers)
-    assert hand is one.worn
+    assert hand is one.calibrated_hand
     assert not np.array_equal(tracked.angles, one.track(markers).angles)
 
 
 def test_what_is_above_the_paper_is_told():
     rows = [{'cameras': count, 'against_8_squared': mean, 'against_8_squared_max': top}
             for count, mean, top in ((6, .08, .3), (4, .1, 1.2), (2, .1, .2))]
-    assert camera_count.losses(rows) == [
+    assert camera_count.losses(rows).lines == [
         '6 cameras: mean Dist² 0.080 rad² against 0.07 in the paper',
         '4 cameras: maximum Dist² 1.200 rad² against 1.12 in the paper']
 

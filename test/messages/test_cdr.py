@@ -20,11 +20,17 @@ from hand_tracker.core.numerics.quaternion import quaternion
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages import cdr
 from hand_tracker.messages.builders import joint_state, prefixed_names
-from hand_tracker.messages.cdr import ENCAPSULATION, SIGNATURES_KEPT, MalformedMessage, MarkerReader, parse_marker_array
-from hand_tracker.messages.stamps import Stamp
-from hand_tracker.messages.templates import joint_state_template, transforms_template
+from hand_tracker.messages.cdr import (
+    ENCAPSULATION,
+    SIGNATURES_KEPT,
+    MalformedMessage,
+    MarkerReader,
+    parse_marker_array,
+)
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.messages.marker_array import markers_from_message
+from hand_tracker.messages.stamps import Stamp
+from hand_tracker.messages.templates import joint_state_template, transforms_template
 from hand_tracker.nodes import serialization
 
 NEEDS = 'rclpy', 'visualization_msgs'

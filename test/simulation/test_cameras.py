@@ -17,12 +17,12 @@ from hand_tracker.simulation.faults import (
     with_faults,
 )
 from hand_tracker.simulation.visibility import (
-    MARKER_RADIUS,
+    LED_RADIUS,
+    has_line_of_sight,
     in_view,
-    look,
+    observe,
     skin_layout,
     triangulate,
-    unobstructed,
 )
 
 HAND = Hand.scaled()
@@ -56,7 +56,7 @@ def clear_by_search(camera, marker, ends, radii):
 def test_sees_the_back_of_the_hand_from_above_and_nothing_from_below():
     markers, points = flat_hand()
     rig = rig_at((.08, 0., 1.), (.08, 0., -1.))
-    clear = unobstructed(rig, markers, points, bone_radii(HAND))
+    clear = has_line_of_sight(rig, markers, points, bone_radii(HAND))
     assert clear[0, :, 0].all()
     # The thumb's nail looks sideways.
     assert not clear[0, :MARKERS.index('thumb'), 1].any()
@@ -67,10 +67,10 @@ def test_a_marker_behind_another_finger_is_not_seen():
     index, middle = MARKERS.index('index'), MARKERS.index('middle')
     across = markers[0, middle] + (0., 1., 0.)
     low = markers.copy()
-    low[0, middle, 2] -= MARKER_RADIUS + HAND.radii[1, 1] + .001
+    low[0, middle, 2] -= LED_RADIUS + HAND.radii[1, 1] + .001
     rig = rig_at(across, across + 1e-6)
-    assert unobstructed(rig, markers, points, bone_radii(HAND))[0, [index, middle], 0].all()
-    assert not unobstructed(rig, low, points, bone_radii(HAND))[0, middle, 0]
+    assert has_line_of_sight(rig, markers, points, bone_radii(HAND))[0, [index, middle], 0].all()
+    assert not has_line_of_sight(rig, low, points, bone_radii(HAND))[0, middle, 0]
 
 
 def test_the_own_finger_hides_its_marker_from_palmar_only():
@@ -78,7 +78,7 @@ def test_the_own_finger_hides_its_marker_from_palmar_only():
     marker, points = flat_hand()
     i = MARKERS.index('index')
     height = marker[0, i, 2] - points[0, LINKS.index('index_distal'), 2]
-    assert height == pytest.approx(HAND.radii[0, 1] + MARKER_RADIUS)
+    assert height == pytest.approx(HAND.radii[0, 1] + LED_RADIUS)
     # The way grazes the capsule where its angle below the horizon has this sine.
     graze = np.arccos(HAND.radii[0, 1] / height)
     ends = [tuple(b) for b in SKELETON_BONES]
@@ -88,7 +88,8 @@ def test_the_own_finger_hides_its_marker_from_palmar_only():
     radii[only] = HAND.radii[0, 1]
     for angle, free in ((graze - .01, True), (graze + .01, False)):
         camera = marker[0, i] + (0., np.cos(angle), -np.sin(angle))
-        assert unobstructed(rig_at(camera, camera + 1e-6), marker, points, radii)[0, i, 0] == free
+        seen = has_line_of_sight(rig_at(camera, camera + 1e-6), marker, points, radii)
+        assert seen[0, i, 0] == free
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -97,7 +98,7 @@ def test_obstruction_agrees_with_a_search_along_the_way(seed):
     lower, upper = HAND.limits.T
     markers, points = flat_hand(random.uniform(lower, upper))
     rig = CameraRig.ring(8, centre=(.05, 0., 0.))
-    clear = unobstructed(rig, markers, points, bone_radii(HAND))[0]
+    clear = has_line_of_sight(rig, markers, points, bone_radii(HAND))[0]
     ends = points[0][np.array(SKELETON_BONES)]
     for m in range(8):
         for c in range(8):
@@ -110,7 +111,7 @@ def test_a_fist_hides_what_an_open_hand_shows():
     fist = np.where(['pip' in joint or 'mcp_flexion' in joint for joint in JOINTS],
                     HAND.limits[:, 1], 0.)
     rig = CameraRig.ring(centre=(.05, 0., 0.))
-    seen = [unobstructed(rig, *flat_hand(angles), bone_radii(HAND))[0, 3:7].sum()
+    seen = [has_line_of_sight(rig, *flat_hand(angles), bone_radii(HAND))[0, 3:7].sum()
             for angles in (None, fist)]
     assert seen[1] < .6 * seen[0]
 
@@ -214,7 +215,7 @@ def test_looking_is_the_same_again_and_the_same_in_parts():
              np.random.RandomState(5).standard_normal((7, 8, 4, 2)))
 
     def sight(*parts):
-        return np.concatenate([look(rig, HAND, LAYOUT, *(move[part] for move in moves)).positions
+        return np.concatenate([observe(rig, HAND, LAYOUT, *(move[part] for move in moves)).positions
                                for part in parts])
 
     whole = sight(slice(None))
@@ -225,7 +226,7 @@ def test_looking_is_the_same_again_and_the_same_in_parts():
 def test_a_left_hand_is_seen_as_its_mirror_image():
     rig, left = CameraRig.ring(8, centre=(0., 0., 0.)), HAND.mirrored()
     angles = .5 * HAND.limits[:, 1]
-    clear = [unobstructed(rig, *flat_hand(angles, hand), bone_radii(hand))[0]
+    clear = [has_line_of_sight(rig, *flat_hand(angles, hand), bone_radii(hand))[0]
              for hand in (HAND, left)]
     # Camera k of the ring mirrors to camera -k.
     np.testing.assert_array_equal(clear[0], clear[1][:, -np.arange(8)])

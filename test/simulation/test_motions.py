@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.model.hand import FINGERS, JOINTS, Hand, preset_limits
-from hand_tracker.simulation.gestures import GRASPS, LETTERS, grasp_shape, shape_angles
+from hand_tracker.simulation.gestures import GRASPS, LETTER_SHAPES, grasp_shape, shape_angles
 from hand_tracker.simulation.layers import ENSLAVING, Strokes, Tremor, finger_stroke
 from hand_tracker.simulation.motion import demo_motion
 from hand_tracker.simulation.motions import (
@@ -133,7 +133,7 @@ def test_shaking_is_fast():
 
 
 def test_shapes_keep_the_bounds_between_neighbours_and_differ():
-    shapes = [*LETTERS.values(),
+    shapes = [*LETTER_SHAPES.values(),
               *(grasp_shape(kind, size) for kind in GRASPS for size in (0., 1.))]
     angles = np.degrees([shape_angles(shape, HAND) for shape in shapes])
     assert (np.abs(np.diff(angles[:, MCP], axis=1)) <= (60., 45., 45.)).all()

@@ -22,10 +22,10 @@ from hand_tracker.simulation.cameras import CameraRig
 from hand_tracker.simulation.faults import Faults
 from hand_tracker.simulation.motions import motion_named
 from hand_tracker.simulation.simulator import (
-    COUPLING_ERROR,
+    COUPLING_OFFSET_ERROR,
+    COUPLING_SLOPE_ERROR,
     LENGTH_ERROR,
     OFFSET_ERROR,
-    SLOPE_ERROR,
     InvalidRate,
     Simulation,
     calibrated,
@@ -82,8 +82,9 @@ def test_a_calibrated_hand_errs_by_what_is_stated_and_nothing_else():
     offsets = np.array([layout.offsets - LAYOUT.offsets for _, layout in hands])
     assert offsets.std() == pytest.approx(OFFSET_ERROR, rel=.1)
     errors = np.array([hand.coupling for hand, _ in hands])
-    assert (errors[:, :, 0] / HAND.coupling[:, 0]).std() == pytest.approx(SLOPE_ERROR, rel=.1)
-    assert errors[:, :4, 1].std() == pytest.approx(COUPLING_ERROR, rel=.1)
+    slopes = errors[:, :, 0] / HAND.coupling[:, 0]
+    assert slopes.std() == pytest.approx(COUPLING_SLOPE_ERROR, rel=.1)
+    assert errors[:, :4, 1].std() == pytest.approx(COUPLING_OFFSET_ERROR, rel=.1)
     again, layout = calibrated(HAND, LAYOUT, 7)
     np.testing.assert_array_equal(again.finger_bones, hands[7][0].finger_bones)
     np.testing.assert_array_equal(layout.offsets, hands[7][1].offsets)

@@ -18,9 +18,9 @@ from hand_tracker.evaluation.overlap import deepest_overlaps
 from hand_tracker.files.bags import TYPES, open_bag
 from hand_tracker.package_data import PACKAGED_RECORDINGS, packaged_recording
 from hand_tracker.simulation import packaged_recordings as made
-from hand_tracker.simulation.gestures import GRASPS, LETTERS, grasp_shape, shape_angles
+from hand_tracker.simulation.gestures import GRASPS, LETTER_SHAPES, grasp_shape, shape_angles
 from hand_tracker.simulation.motion import DEMO_STEPS, demo_motion, minimum_jerk
-from hand_tracker.simulation.poses import POSES, Touch, pose_angles, thumb_gap
+from hand_tracker.simulation.poses import NAMED_POSES, Touch, pose_angles, thumb_gap
 
 ROOT = Path(__file__).resolve().parents[2]
 HAND = Hand.scaled()
@@ -66,7 +66,7 @@ def test_shows_everything():
     shown = {step.pose for step in DEMO_STEPS}
     assert shown >= {'open', 'fist', 'spread', 'pinch', 'relaxed', 'one', 'two', 'three', 'four',
                      'five', *(f'oppose_{finger}' for finger in FINGERS)}
-    assert shown <= POSES.keys()
+    assert shown <= NAMED_POSES.keys()
 
 
 def test_dip_follows_pip_and_the_thumbs_ip_its_mcp(sampled):
@@ -156,14 +156,15 @@ def test_thumb_opposes_each_finger(finger):
 
 def test_thumb_touches_the_folded_fingers():
     for name, most in (('fist', .022), ('one', .008), ('two', .010), ('three', .015)):
-        assert np.linalg.norm(thumb_gap(HAND, pose_angles(name, HAND), POSES[name][1])) < most, name
+        gap = thumb_gap(HAND, pose_angles(name, HAND), NAMED_POSES[name][1])
+        assert np.linalg.norm(gap) < most, name
 
 
 @pytest.mark.parametrize('length', [.165, .19, .21])
 def test_no_pose_has_digits_in_each_other(length):
     hand = Hand.scaled(length)
-    angles = np.array([pose_angles(name, hand) for name in POSES] + [
-        shape_angles(shape, hand) for shape in LETTERS.values()] + [
+    angles = np.array([pose_angles(name, hand) for name in NAMED_POSES] + [
+        shape_angles(shape, hand) for shape in LETTER_SHAPES.values()] + [
         shape_angles(grasp_shape(kind, size), hand) for kind in GRASPS for size in (0., .5, 1.)])
     assert deepest_overlaps(hand, angles).max() < .001
 

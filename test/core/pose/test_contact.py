@@ -26,9 +26,9 @@ from hand_tracker.core.pose.contact import (
     drag_hidden,
     separate,
 )
-from hand_tracker.simulation.gestures import GRASPS, LETTERS, grasp_shape, shape_angles
+from hand_tracker.simulation.gestures import GRASPS, LETTER_SHAPES, grasp_shape, shape_angles
 from hand_tracker.simulation.motions import MOTIONS, motion_named
-from hand_tracker.simulation.poses import POSES, pose_angles
+from hand_tracker.simulation.poses import NAMED_POSES, pose_angles
 
 settings.register_profile('contact', deadline=None, max_examples=100, derandomize=True)
 settings.load_profile('contact')
@@ -77,8 +77,8 @@ def wild(hand, seed, count):
 
 
 def natural(hand):
-    return [pose_angles(name, hand) for name in POSES] + [
-        shape_angles(shape, hand) for shape in LETTERS.values()] + [
+    return [pose_angles(name, hand) for name in NAMED_POSES] + [
+        shape_angles(shape, hand) for shape in LETTER_SHAPES.values()] + [
         shape_angles(grasp_shape(kind, size), hand) for kind in GRASPS for size in (0., .5, 1.)]
 
 

@@ -26,26 +26,25 @@ from hand_tracker.messages.builders import (
     wrist_frames,
 )
 from hand_tracker.messages.cdr import ENCAPSULATION, MarkerReader
-from hand_tracker.messages.stamps import Stamp
-from hand_tracker.messages.templates import joint_state_template, transforms_template
 from hand_tracker.messages.labels import LabelMap
-from hand_tracker.messages.stamps import seconds
+from hand_tracker.messages.stamps import Stamp, seconds
+from hand_tracker.messages.templates import joint_state_template, transforms_template
 from hand_tracker.nodes.fast_path.kernel import (
-    JOINT_STATES,
-    REPLY_CAPACITY,
-    REPLIES,
     CONFIDENCES,
+    JOINT_STATES,
     LOG_CAPACITY,
     LOG_COLUMNS,
     MESSAGE_CAPACITY,
+    REPLIES,
+    REPLY_CAPACITY,
     TRANSFORMS,
-    state_runs,
     drain_log,
-    new_memory,
-    log_frame,
-    process_message,
     install_reply,
     install_signature,
+    log_frame,
+    new_memory,
+    process_message,
+    state_runs,
 )
 from hand_tracker.simulation.packaged_recordings import demo_recording
 
