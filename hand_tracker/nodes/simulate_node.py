@@ -113,7 +113,8 @@ class SimulateNode(Node):
             self.create_timer(self._period, self._publish,
                               clock=Clock(clock_type=ClockType.STEADY_TIME))
             self.get_logger().info(
-                f'{self._simulation.motion} at {self._simulation.rate:g} Hz, frame {RECORDING_FRAME_ID}, '
+                f'{self._simulation.motion} at {self._simulation.rate:g} Hz, '
+                f'frame {RECORDING_FRAME_ID}, '
                 f'on {self._markers.topic_name}; it begins again after '
                 f'{self._simulation.moving.duration:.0f} s')
             spin(self)
