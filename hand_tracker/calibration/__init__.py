@@ -1,4 +1,4 @@
-"""A person's hand from recorded joint positions."""
+"""Calibration: fit a person's hand to recorded joint positions."""
 
 from .fit import fit_hand
 from .landmarks import LANDMARKS, landmark_positions

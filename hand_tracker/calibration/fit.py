@@ -1,6 +1,7 @@
-"""A person's hand: medians over the recording, and a thumb fitted to it."""
+"""Fit a hand: medians of bones and joints, then fingers, thumb and radii."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.errors import InvalidHand
 from ..core.model.hand import (
@@ -18,11 +19,11 @@ from .palm_frame import median_lengths, palm_areas, palm_coordinates
 from .radii import fit_radii
 from .thumb import fit_thumb
 
-MIN_FRAMES = 10
-MIN_PALM_AREA = 1e-4  # [m^2]
+MIN_CALIBRATION_FRAMES = 10
+MIN_PALM_AREA = 1e-4  # [m²]
 
 
-def fit_hand(joints, side, limits=None):
+def fit_hand(joints: ArrayLike, side: str, limits: ArrayLike | None = None) -> Hand:
     """Return the hand that fits recorded joint positions.
 
     Parameters
@@ -32,18 +33,18 @@ def fit_hand(joints, side, limits=None):
     side : {'right', 'left'}
         Of the recorded hand.
     limits : array_like, shape (25, 2), optional
-        Of the hand; the preset 'paper' when left out [rad].
+        Joint limits of the hand; the preset 'paper' when left out [rad].
 
     Returns
     -------
     Hand
-        Of `side`, with bones, palm, the axes and the coupling of all digits, and the radii of
-        its capsules. `hand.replace(coupling=preset_coupling())` has the usual coupling instead.
+        Of `side`, with palm, bones, axes and coupling of all digits and radii of the capsules
+        fitted. `hand.replace(coupling=preset_coupling())` restores the usual coupling.
 
     Raises
     ------
     InvalidHand
-        When the joints do not have the right shape or too few frames are complete.
+        If the side is unknown, the shape is wrong, or too few frames are complete.
     """
     if side not in SIDES:
         raise InvalidHand(f'side: {side!r} is not one of {", ".join(SIDES)}')
@@ -53,10 +54,10 @@ def fit_hand(joints, side, limits=None):
             f'joints: their shape is {joints.shape}; expected (T, {len(LANDMARKS)}, 3)')
     complete = joints[np.isfinite(joints).all(axis=(1, 2))]
     complete = complete[palm_areas(complete) > MIN_PALM_AREA]
-    if len(complete) < MIN_FRAMES:
+    if len(complete) < MIN_CALIBRATION_FRAMES:
         raise InvalidHand(
             f'joints: {len(complete)} of {len(joints)} frames are complete, with wrist, index '
-            f'and little MCP in a triangle; at least {MIN_FRAMES} are needed')
+            f'and little MCP in a triangle; at least {MIN_CALIBRATION_FRAMES} are needed')
     if side == 'left':
         complete = complete * (1., -1., 1.)
 

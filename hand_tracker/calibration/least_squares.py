@@ -1,28 +1,33 @@
-"""Least squares that stay near what is usual as far as the recording does not say otherwise."""
+"""Regularised robust least squares, for parameters with usual values."""
+
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-# Errors of a model last as long as a grasp does: a recording is worth this many frames.
-WORTH_FRAMES = 20
-FIRST_ERROR = .004  # [m] of the model, before a first fit shows it
-LEAST_ERROR = .0002  # [m]
-TRIES = 25          # iterations from each start; the best goes on to the end
-REFITS = 4
-STEP = 1e-4         # of finite differences
+# Independent frames in a recording: model errors persist for as long as a grasp.
+INDEPENDENT_FRAMES = 20
+INITIAL_MODEL_ERROR = .004  # [m] standard deviation in the first fit
+MIN_MODEL_ERROR = .0002     # [m]
+EVALUATIONS_PER_START = 25  # the best start is then refined to convergence
+REFITS = 4                  # with the model error re-estimated
+DIFFERENCE_STEP = 1e-4      # relative, of finite differences
 
 
-def regularised_fit(misses, starts, bounds):
-    """Return the parameters that balance the misses of a model against their own size.
+def regularised_fit(residuals: Callable[[np.ndarray], np.ndarray], starts: Sequence[ArrayLike],
+                    bounds: ArrayLike) -> np.ndarray:
+    """Minimise robust residuals plus the squared parameters.
 
-    The error that a first fit leaves says how far the recording is trusted in the next.
+    The residuals are weighted by their standard deviation, re-estimated from each fit.
 
     Parameters
     ----------
-    misses : callable
-        From parameters, shape (p,), in units of what is usual, to distances, shape (n, k):
-        of k points in n frames from where the model has them [m].
+    residuals : callable
+        From parameters, shape (p,), in standard deviations from their usual values, to errors of
+        k points in n frames, shape (n, k) [m].
     starts : sequence of array_like, shape (p,)
+        The one with the lowest cost after a few iterations is refined.
     bounds : array_like, shape (2, p)
         Lower and upper.
 
@@ -30,16 +35,23 @@ def regularised_fit(misses, starts, bounds):
     -------
     ndarray, shape (p,)
     """
-    def residuals(x, error):
-        missed = misses(x) / error
-        # Soft L1: squares that grow linearly beyond the error.
-        robust = np.sqrt(2. * (np.sqrt(1. + missed ** 2) - 1.))
-        return np.append(np.sqrt(WORTH_FRAMES / len(missed)) * robust.ravel(), x)
+    def weighted(x: np.ndarray, error: float) -> np.ndarray:
+        scaled = residuals(x) / error
+        # Soft L1 loss: quadratic within the error, linear beyond.
+        robust = np.sqrt(2. * (np.sqrt(1. + scaled ** 2) - 1.))
+        return np.append(np.sqrt(INDEPENDENT_FRAMES / len(scaled)) * robust.ravel(), x)
 
-    tried = [least_squares(residuals, start, bounds=bounds, diff_step=STEP, max_nfev=TRIES,
-                           args=(FIRST_ERROR,)) for start in starts]
+    tried = [least_squares(weighted, start, bounds=bounds, diff_step=DIFFERENCE_STEP,
+                           max_nfev=EVALUATIONS_PER_START, args=(INITIAL_MODEL_ERROR,))
+             for start in starts]
     best = min(tried, key=lambda result: result.cost).x
     for _ in range(REFITS):
-        error = max(np.sqrt(np.mean(misses(best) ** 2)), LEAST_ERROR)
-        best = least_squares(residuals, best, bounds=bounds, diff_step=STEP, args=(error,)).x
+        error = max(np.sqrt(np.mean(residuals(best) ** 2)), MIN_MODEL_ERROR)
+        best = least_squares(
+            weighted, best, bounds=bounds, diff_step=DIFFERENCE_STEP, args=(error,)).x
     return best
+
+
+def evenly_spaced(frames: int, count: int) -> np.ndarray:
+    """Return up to `count` indices spread evenly over a number of frames."""
+    return np.unique(np.linspace(0, frames - 1, count).astype(int))

@@ -1,4 +1,4 @@
-"""The palm's frame and the lengths of bones."""
+"""Coordinates in the palm frame, and median bone lengths."""
 
 import numpy as np
 
@@ -7,17 +7,17 @@ from ..core.numerics.vectors import vector
 from .landmarks import INDEX_MCP, LITTLE_MCP, MIDDLE_MCP, WRIST
 
 
-def palm_areas(joints):
-    """Return the area of the triangle wrist, index MCP, little MCP, shape (T,) [m^2]."""
+def palm_areas(joints: np.ndarray) -> np.ndarray:
+    """Return the area of the triangle of wrist, index MCP and little MCP, shape (T,) [m²]."""
     wrist, index, little = (joints[:, row] for row in (WRIST, INDEX_MCP, LITTLE_MCP))
     return np.linalg.norm(np.cross(index - wrist, little - wrist), axis=1) / 2.
 
 
-def palm_coordinates(joints):
-    """Return joints of a right hand in the frame of its palm.
+def palm_coordinates(joints: np.ndarray) -> np.ndarray:
+    """Transform joints of a right hand into its palm frame.
 
-    The palm is that of the tracker: the rigid fit of wrist, index and little MCP to their
-    medians. Their plane holds x, towards the middle MCP, and y.
+    As in the tracker, the frame is the rigid fit of wrist, index and little MCP to their
+    medians. x, towards the middle MCP, and y lie in their plane.
 
     Parameters
     ----------
@@ -45,6 +45,6 @@ def palm_coordinates(joints):
     return local
 
 
-def median_lengths(chains):
-    """Return the median distances between the joints of chains, shape (T, ..., joints, 3) [m]."""
+def median_lengths(chains: np.ndarray) -> np.ndarray:
+    """Return the median bone lengths of chains of joints, shape (T, ..., joints, 3) [m]."""
     return np.median(np.linalg.norm(np.diff(chains, axis=-2), axis=-1), axis=0)

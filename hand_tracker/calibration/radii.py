@@ -1,33 +1,34 @@
-"""How thick a person's digits are, as far as recorded postures bound it."""
+"""Bound the radii of the digits' capsules by recorded postures."""
 
 import numpy as np
 
 from ..core.inverse_kinematics.abduction_plane import REFERENCE_STEP
 from ..core.inverse_kinematics.digit import chains, solve_digits
 from ..core.model.capsules import capsules, pair_gaps
-from ..core.model.hand import DIGITS, FINGERS, JOINTS
+from ..core.model.hand import DIGITS, FINGERS, JOINTS, Hand
 from ..core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
 from ..core.pose.contact import PENETRATION
 from .landmarks import LANDMARKS
+from .least_squares import evenly_spaced
 
-FIT_FRAMES = 300   # spread over the recording
-RARE = 1.          # [percent] of the frames in which an overlap is taken for an error
-THIN = .5          # share of the radii that is kept at least; ours, unsourced
-MARKER_ROWS = [LANDMARKS.index(place) for place in PAPER_PLACES[MARKERS.index('index'):]]
+RADII_FIT_FRAMES = 300
+OUTLIER_PERCENTAGE = 1.  # of the frames, in which an overlap is taken for an error
+MIN_RADIUS_SHARE = .5    # of the initial radii; ours, unsourced
+MARKER_LANDMARKS = [LANDMARKS.index(place) for place in PAPER_PLACES[MARKERS.index('index'):]]
 
 
-def fit_radii(hand, local):
-    """Return `hand` with capsules so thin that they pass through its recorded postures.
+def fit_radii(hand: Hand, local: np.ndarray) -> Hand:
+    """Return `hand` with its capsules thinned until recorded postures are free of overlap.
 
-    Radii scaled with the hand's length are guesses. Where two capsules overlap in postures
-    that were recorded, as the tracker sees them, both are made thinner by half the overlap.
+    Radii scaled with the hand's length are guesses. Where two capsules overlap in recorded
+    postures, as tracked, both radii are reduced by half the overlap.
 
     Parameters
     ----------
     hand : Hand
         Fitted in all but its radii.
     local : ndarray, shape (T, 21, 3)
-        The joints of a right hand in the palm's frame, in the order of `LANDMARKS` [m].
+        Landmarks of a right hand in the palm frame, in the order of `LANDMARKS` [m].
 
     Returns
     -------
@@ -35,21 +36,22 @@ def fit_radii(hand, local):
     """
     right = hand.replace(side='right')
     body, digits = capsules(right), chains(right, MarkerLayout().mounting(right))
-    every = np.unique(np.linspace(0, len(local) - 1, FIT_FRAMES).astype(int))
+    frames = evenly_spaced(len(local), RADII_FIT_FRAMES)
     gaps = []
-    for markers in local[every][:, MARKER_ROWS]:
+    for markers in local[frames][:, MARKER_LANDMARKS]:
         angles = np.zeros(len(JOINTS))
-        solve_digits(digits, digits.root.copy(), np.array(markers, order='C'), angles, REFERENCE_STEP,
-                     False, 1e-5, 1)
+        solve_digits(digits, digits.root.copy(), np.array(markers, order='C'), angles,
+                     REFERENCE_STEP, False, 1e-5, 1)
         gaps.append(pair_gaps(body, angles))
-    excess = np.maximum(-np.percentile(gaps, RARE, axis=0) - PENETRATION, 0.)
+    overlap = -np.percentile(gaps, OUTLIER_PERCENTAGE, axis=0)
+    excess = np.maximum(overlap - PENETRATION, 0.)
     thinner = np.zeros(len(body.link))
     np.maximum.at(thinner, body.first, excess / 2.)
     np.maximum.at(thinner, body.second, excess / 2.)
-    # The palm and the phalanges beyond the web come after the bones of the digits.
+    # Order of the capsules: bones of the digits, palm, phalanges distal of the web.
     bones, palm, webbed = np.split(thinner, (3 * len(DIGITS), 3 * len(DIGITS) + len(FINGERS)))
     bones = bones.reshape(-1, 3)
     bones[:len(FINGERS), 0] = np.maximum(bones[:len(FINGERS), 0], webbed)
     return hand.replace(
-        radii=np.maximum(hand.radii - bones, THIN * hand.radii),
-        palm_radius=max(hand.palm_radius - palm.max(), THIN * hand.palm_radius))
+        radii=np.maximum(hand.radii - bones, MIN_RADIUS_SHARE * hand.radii),
+        palm_radius=max(hand.palm_radius - palm.max(), MIN_RADIUS_SHARE * hand.palm_radius))

@@ -1,24 +1,24 @@
-"""The thumb's saddle joint, which no marker shows.
+"""Fit the thumb's saddle joint (CMC): position, abduction axis, and coupling of the IP.
 
-It is fitted so that the thumb solved from its tip alone meets the recorded MCP and IP.
+It is fitted so that the thumb solved from its tip alone reproduces the recorded MCP and IP.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model.hand import DIGITS, JOINTS, THUMB_ABDUCTION_AXIS, THUMB_COUPLING
+from ..core.model.hand import DIGITS, JOINTS, THUMB_ABDUCTION_AXIS, THUMB_COUPLING, Hand
 from ..core.model.kinematics import digit_base
-from .fingers import SEEN
-from .least_squares import regularised_fit
+from .fingers import MOTION_PERCENTILES
+from .least_squares import evenly_spaced, regularised_fit
 
-THUMB = DIGITS.index('thumb')
-FIT_FRAMES = 250                  # spread over the recording
-TABLE_STEPS = 500
+THUMB_ROW = DIGITS.index('thumb')
+THUMB_FIT_FRAMES = 250
+FLEXION_TABLE_STEPS = 500
 
-# How far a thumb may stray from the defaults, one standard deviation; ours, unsourced.
+# Standard deviations of a thumb from the defaults; ours, unsourced.
 AXIS_SPREAD = np.tan(np.radians(20.))
-CMC_SPREAD = .0025                # [m], from the median of the recorded joint
+CMC_SPREAD = .0025                # [m] from the median of the recorded joint
 SLOPE_SPREAD = .5                 # of the slope's logarithm
 OFFSET_SPREAD = np.radians(15.)
 SLOPE_BOUNDS = (.3, 3.)
@@ -28,12 +28,12 @@ CMC_BOUND = 4.                    # [CMC_SPREAD]
 
 
 class Saddle(NamedTuple):
-    """The part of a thumb that is fitted, named as in `Hand` for `digit_base`.
+    """The fitted part of a thumb, with the field names of `Hand`, as `digit_base` needs.
 
     Attributes
     ----------
     thumb_cmc : ndarray, shape (3,)
-        In the wrist's frame [m].
+        In the wrist frame [m].
     thumb_abduction_axis, thumb_rest_direction : ndarray, shape (3,)
         Unit length.
     thumb_coupling : tuple of float
@@ -43,18 +43,18 @@ class Saddle(NamedTuple):
     thumb_cmc: np.ndarray
     thumb_abduction_axis: np.ndarray
     thumb_rest_direction: np.ndarray
-    thumb_coupling: tuple
+    thumb_coupling: tuple[float, float]
 
 
 class ThumbAngles(NamedTuple):
-    """A thumb solved from its tip.
+    """Angles and joints of a thumb solved from its tip.
 
     Attributes
     ----------
     abduction, flexion : ndarray, shape (n,)
-        Of the CMC from the base's x axis [rad].
+        Of the CMC, from the x axis of its base [rad].
     mcp, ip : ndarray, shape (n, 3)
-        The joints, from the CMC, in the wrist's frame [m].
+        Joints relative to the CMC, in the wrist frame [m].
     """
 
     abduction: np.ndarray
@@ -63,20 +63,23 @@ class ThumbAngles(NamedTuple):
     ip: np.ndarray
 
 
-def fit_thumb(hand, thumb):
+def fit_thumb(hand: Hand, thumb: np.ndarray) -> Hand:
     """Return `hand` with the thumb's CMC, axes and coupling fitted.
 
     Parameters
     ----------
     hand : Hand
-        With the bones and the CMC to start from.
+        With bones and an initial CMC.
     thumb : ndarray, shape (T, 4, 3)
-        CMC, MCP, IP and tip of a right hand in the palm's frame [m].
-    """
-    every = np.unique(np.linspace(0, len(thumb) - 1, FIT_FRAMES).astype(int))
-    recorded = thumb[every]
+        CMC, MCP, IP and tip of a right hand, in the palm frame [m].
 
-    def saddle(x):
+    Returns
+    -------
+    Hand
+    """
+    recorded = thumb[evenly_spaced(len(thumb), THUMB_FIT_FRAMES)]
+
+    def saddle(x: np.ndarray) -> Saddle:
         axis, across, along = _default_axes()
         axis = axis + AXIS_SPREAD * (x[0] * across + x[1] * along)
         return Saddle(
@@ -84,7 +87,7 @@ def fit_thumb(hand, thumb):
             hand.thumb_rest_direction, (THUMB_COUPLING[0] * np.exp(SLOPE_SPREAD * x[2]),
                                         THUMB_COUPLING[1] + OFFSET_SPREAD * x[3]))
 
-    def misses(x):
+    def residuals(x: np.ndarray) -> np.ndarray:
         part = saddle(x)
         solved = solve_thumb(hand, part, recorded[:, 3] - part.thumb_cmc)
         return np.linalg.norm(np.stack((solved.mcp, solved.ip), axis=1)
@@ -96,29 +99,29 @@ def fit_thumb(hand, thumb):
                       + [(-CMC_BOUND, CMC_BOUND)] * 3).T
     starts = [np.array((a, b, k, 0., 0., 0., 0.)) for k in (-.7, .7)
               for a, b in ((0., 0.), (1., 0.), (-1., 0.), (0., 1.), (0., -1.))]
-    part = saddle(regularised_fit(misses, starts, bounds))
+    part = saddle(regularised_fit(residuals, starts, bounds))
     return hand.replace(
         thumb_cmc=part.thumb_cmc, thumb_abduction_axis=part.thumb_abduction_axis,
         thumb_rest_direction=_rest_direction(hand, part, thumb[:, 3] - part.thumb_cmc),
         coupling=np.vstack((hand.coupling[:4], part.thumb_coupling)))
 
 
-def solve_thumb(hand, saddle, tips):
-    """Return the thumb that reaches given tips, free of the limits of its CMC.
+def solve_thumb(hand: Hand, saddle: Saddle, tips: np.ndarray) -> ThumbAngles:
+    """Solve the thumb for positions of its tip, without limits of the CMC.
 
     Parameters
     ----------
     hand : Hand
-        Its thumb's bones and the limits of MCP and IP count.
+        Uses its thumb's bones and the limits of MCP and IP.
     saddle : Saddle
     tips : ndarray, shape (n, 3)
-        From the CMC, in the frame of a right hand's wrist [m].
+        Relative to the CMC, in the wrist frame of a right hand [m].
 
     Returns
     -------
     ThumbAngles
     """
-    base, _, _ = digit_base(saddle, THUMB)
+    base, _, _ = digit_base(saddle, THUMB_ROW)
     x, y, z = (tips @ base).T
     abduction = np.arctan2(np.copysign(y, x * y), np.abs(x))
     along = x * np.cos(abduction) + y * np.sin(abduction)
@@ -132,34 +135,35 @@ def solve_thumb(hand, saddle, tips):
     below = bones[1] * np.sin(mcp) + bones[2] * np.sin(mcp + ip)
     flexion = np.arctan2(-z, along) - np.arctan2(below, ahead)
 
-    def point(length, angle):
+    def bone(length: float, angle: np.ndarray) -> np.ndarray:
         return np.stack((length * np.cos(angle) * np.cos(abduction),
                          length * np.cos(angle) * np.sin(abduction),
                          -length * np.sin(angle)), axis=1) @ base.T
 
-    first = point(bones[0], flexion)
-    return ThumbAngles(abduction, flexion, first, first + point(bones[1], flexion + mcp))
+    first = bone(bones[0], flexion)
+    return ThumbAngles(abduction, flexion, first, first + bone(bones[1], flexion + mcp))
 
 
-def _default_axes():
-    """Return the default abduction axis and two unit vectors normal to it."""
+def _default_axes() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the default abduction axis and two unit vectors orthogonal to it."""
     axis = np.divide(THUMB_ABDUCTION_AXIS, np.linalg.norm(THUMB_ABDUCTION_AXIS))
     across = np.cross(axis, (0., 0., 1.))
     across /= np.linalg.norm(across)
     return axis, across, np.cross(axis, across)
 
 
-def _flexion_table(hand, coupling):
-    """Return reaches, increasing, with the MCP and IP angles that have them [m, rad, rad].
+def _flexion_table(hand: Hand, coupling: tuple[float, float]
+                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Tabulate increasing reaches with their MCP and IP flexion [m, rad, rad].
 
-    The IP follows the MCP; where the MCP meets its limit the IP bends on alone.
+    The IP is coupled to the MCP; at the limit of the MCP it flexes further alone.
     """
     slope, offset = coupling
     limits = hand.limits[[JOINTS.index('thumb_mcp_flexion'), JOINTS.index('thumb_ip_flexion')]]
-    mcp = np.linspace(*limits[0], TABLE_STEPS)
+    mcp = np.linspace(*limits[0], FLEXION_TABLE_STEPS)
     ip = np.clip(slope * mcp + offset, *limits[1])
-    alone = np.linspace(ip[-1], limits[1, 1], TABLE_STEPS)
-    mcp = np.append(mcp, np.full(TABLE_STEPS, mcp[-1]))
+    alone = np.linspace(ip[-1], limits[1, 1], FLEXION_TABLE_STEPS)
+    mcp = np.append(mcp, np.full(FLEXION_TABLE_STEPS, mcp[-1]))
     ip = np.append(ip, alone)
     bones = hand.thumb_bones
     reach = np.hypot(bones[0] + bones[1] * np.cos(mcp) + bones[2] * np.cos(mcp + ip),
@@ -169,14 +173,14 @@ def _flexion_table(hand, coupling):
     return falling, mcp[straightest:][::-1], ip[straightest:][::-1]
 
 
-def _rest_direction(hand, saddle, tips):
-    """Return the direction about which the limits of the CMC hold the angles seen."""
+def _rest_direction(hand: Hand, saddle: Saddle, tips: np.ndarray) -> np.ndarray:
+    """Return the rest direction that centres recorded CMC angles within their limits, (3,)."""
     solved = solve_thumb(hand, saddle, tips)
     rows = [JOINTS.index('thumb_cmc_abduction'), JOINTS.index('thumb_cmc_flexion')]
     abduction, flexion = (
-        np.percentile(seen, SEEN).mean() - limits.mean()
-        for seen, limits in zip((solved.abduction, solved.flexion), hand.limits[rows]))
-    base, _, _ = digit_base(saddle, THUMB)
+        np.percentile(angles, MOTION_PERCENTILES).mean() - limits.mean()
+        for angles, limits in zip((solved.abduction, solved.flexion), hand.limits[rows]))
+    base, _, _ = digit_base(saddle, THUMB_ROW)
     return base @ (
         np.cos(flexion) * np.cos(abduction), np.cos(flexion) * np.sin(abduction),
         -np.sin(flexion))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from hand_tracker.calibration import landmark_positions
-from hand_tracker.calibration.radii import THIN, fit_radii
+from hand_tracker.calibration.radii import MIN_RADIUS_SHARE, fit_radii
 from hand_tracker.core.model.capsules import capsules, pair_gaps
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
@@ -42,5 +42,5 @@ def test_recorded_postures_are_free_of_overlap():
 def test_digits_keep_some_thickness():
     _, joints = recorded(12.)
     fitted = fit_radii(HAND, joints)
-    assert (fitted.radii >= THIN * HAND.radii - 1e-12).all()
+    assert (fitted.radii >= MIN_RADIUS_SHARE * HAND.radii - 1e-12).all()
     assert (fitted.radii < HAND.radii).any()
