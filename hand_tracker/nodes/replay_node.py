@@ -133,7 +133,7 @@ class ReplayNode(Node):
                 if not options.start_paused:
                     self._wait_for_subscribers([outputs[topic].publisher for topic in markers])
                 if options.clock:
-                    self._tick(lambda: start + (playback.now - start) % lap)
+                    self._tick(lambda: start + _within(playback.now - start, lap, options.loop))
                 self.get_logger().info(
                     f'Playing {bag.path}: {bag.duration * 1e-9:.1f} s of {", ".join(outputs)}'
                     + (', paused' if playback.paused else ''))
@@ -266,6 +266,11 @@ class ReplayNode(Node):
         service(srv.SetRate, 'set_rate',
                 lambda request: {'success': playback.set_rate(request.rate)})
         service(srv.PlayNext, 'play_next', lambda request: {'success': playback.play_next()})
+
+
+def _within(passed: int, lap: int, loop: bool) -> int:
+    """Return the time since a lap began; when not looping it stands still at the end."""
+    return passed % lap if loop else min(passed, lap)
 
 
 def _subscribers(number: int) -> str:

@@ -38,7 +38,7 @@ os.environ['ROS_DOMAIN_ID'] = str(DOMAIN)
 os.environ.update({'ROS_LOCALHOST_ONLY': '1'} if os.environ.get('ROS_DISTRO') == 'humble'
                   else {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'})
 
-PATIENCE = 120.  # [s], as kernels may have to be compiled
+PATIENCE = 240.  # [s]: kernels may have to be compiled, and other work run beside
 
 
 class Process:
@@ -150,7 +150,7 @@ class NodeProcess(Process):
 
 @contextmanager
 def watching_node(name='test'):
-    """Yield a node with `collect`, `call` and `spin_until`, in a context of its own."""
+    """Yield a node that collects messages, calls services and spins, in a context of its own."""
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
@@ -181,6 +181,14 @@ def watching_node(name='test'):
             while not condition():
                 assert time.monotonic() < until, f'not in {timeout:g} s'
                 executor.spin_once(.05)
+
+        def repeat(self, act, condition, every=.02):
+            """Act again and again until a condition holds; fail when it does not in time."""
+            until = time.monotonic() + PATIENCE
+            while not condition():
+                assert time.monotonic() < until, f'not in {PATIENCE:g} s'
+                act()
+                self.spin_for(every)
 
         def spin_for(self, duration):
             """Serve callbacks for so many seconds."""

@@ -5,13 +5,14 @@ import time
 import numpy as np
 import pytest
 import rclpy
-from helpers.ros_process import NodeProcess, watching_node
+from helpers.ros_process import PATIENCE, NodeProcess, watching_node
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.core.model.states import MarkerState
+from hand_tracker.messages.stamps import seconds
 from hand_tracker.nodes.runner import spinning
 from hand_tracker.nodes.viewer_node import Live
 from hand_tracker.package_data import packaged_recording
@@ -21,10 +22,10 @@ NEEDS = 'rclpy',
 DIP = JOINTS.index('index_dip_flexion')
 
 
-def wait(condition, timeout=60.):
-    until = time.monotonic() + timeout
+def wait(condition):
+    until = time.monotonic() + PATIENCE
     while not condition():
-        assert time.monotonic() < until, f'not in {timeout:g} s'
+        assert time.monotonic() < until, f'not in {PATIENCE:g} s'
         time.sleep(.02)
 
 
@@ -96,11 +97,14 @@ def test_it_pauses_and_slows_the_player():
         head = live.playhead
         frames = node.collect(MarkerArray, 'markers')
 
-        def rate(duration=2.):
-            """Return how many frames come in a second."""
+        def stamps():
+            return [seconds(frame.markers[0].header.stamp) for frame in frames]
+
+        def rate():
+            """Return the rate at which frames are due [Hz], whenever they come."""
             frames.clear()
-            node.spin_for(duration)
-            return len(frames) / duration
+            node.spin_until(lambda: len(frames) > 20)
+            return 1. / np.median(np.diff(stamps()[-20:]))
 
         def look():
             head.look()
@@ -110,21 +114,21 @@ def test_it_pauses_and_slows_the_player():
         with NodeProcess('hand_tracker.nodes.replay_node', {'loop': True}):
             node.spin_until(look)
             assert head.playing
-            node.spin_until(lambda: frames)
-            assert rate() > 90.
+            assert rate() == pytest.approx(120., rel=.01)
             head.set_rate(.25)
-            node.spin_for(.5)
-            assert 20. < rate() < 40.
+            node.spin_until(lambda: rate() == pytest.approx(30., rel=.01))
             head.toggle()
-            node.spin_for(.5)
-            assert rate(1.) == 0.
+            node.spin_until(lambda: node.call(srv.IsPaused, '/replay/is_paused').paused)
+            paused = time.time()
+            node.spin_for(1.)
+            assert not frames or stamps()[-1] < paused
             node.spin_until(lambda: look() and not head.playing)
             # Another lets it go on.
             node.call(srv.Resume, '/replay/resume')
             node.spin_until(lambda: look() and head.playing)
-            assert rate() > 20.
+            assert rate() == pytest.approx(30., rel=.01)
             head.toggle()
             head.toggle()
             node.spin_for(.5)
-            assert head.playing and rate() > 20.
+            assert head.playing and rate() == pytest.approx(30., rel=.01)
         node.spin_until(lambda: not look())

@@ -3,8 +3,8 @@
 import gc
 import signal
 import sys
-import time
 from contextlib import contextmanager
+from itertools import count
 from threading import Event, Thread
 
 import numpy as np
@@ -12,7 +12,7 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point
-from helpers.bench import LATE, MODULE, Bench, lines, message, stamp_of
+from helpers.bench import LATE, LOSSLESS, MODULE, Bench, lines, message, stamp_of
 from helpers.hands import RIGHT, hand_at, motion
 from helpers.ros_process import NodeProcess, watching_node
 from rclpy.executors import SingleThreadedExecutor
@@ -22,6 +22,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.core.numerics.jit import COMPILED
+from hand_tracker.messages.stamps import seconds
 from hand_tracker.nodes import tracker_node
 from hand_tracker.nodes.fast_path import middleware
 from hand_tracker.nodes.runner import INTERRUPTS, run
@@ -29,9 +30,6 @@ from hand_tracker.nodes.runner import INTERRUPTS, run
 NEEDS = 'rclpy',
 
 WAYS = {'short': True, 'long': False}
-# Nothing that was sent is lost.
-DEEP = {'qos.markers.reliability': 'reliable', 'qos.markers.depth': 1000,
-        'qos.joint_states.depth': 1000}
 
 pytestmark = pytest.mark.skipif(
     not COMPILED or not sys.platform.startswith('linux'), reason='there is no fast path here')
@@ -64,13 +62,20 @@ class Pair:
             for found in self.replies.values()))
         return [found[-1] for found in self.replies.values()]
 
+    def told(self):
+        """Return the values that both tell of all frames so far, by their topics."""
+        # What is told a second from now was not put together before.
+        now = seconds(self.node.get_clock().now().to_msg())
+        self.node.spin_until(lambda: len(told(
+            array for array in self.diagnostics
+            if seconds(array.header.stamp) > now + 1.)) == len(WAYS))
+        return told(self.diagnostics)
+
     def meet(self):
         """Send frames until both are heard, then begin anew; return the next number."""
-        number = LATE
-        while not all(self.replies.values()):
-            number += 1
-            self.send(message(hand_at(), number))
-            self.node.spin_for(.05)
+        numbers = count(LATE)
+        self.node.repeat(lambda: self.send(message(hand_at(), next(numbers))),
+                         lambda: all(self.replies.values()), .05)
         for number in 1, 2:
             self.answer(number, message(hand_at(), number))
         return 3
@@ -84,7 +89,7 @@ def pair():
         try:
             for way, value in WAYS.items():
                 processes[way] = NodeProcess(
-                    MODULE, {'fast_path': value, **DEEP},
+                    MODULE, {'fast_path': value, **LOSSLESS},
                     {'__ns': f'/{way}', 'markers': f'/{way}/markers'})
             yield Pair(node, processes)
             assert all(process.interrupt() == 0 for process in processes.values())
@@ -118,8 +123,7 @@ def test_both_ways_answer_the_same_whatever_comes(pair):
             pair.send(serialize_message(data)[:-60])
             pair.send(message(frame, number, ns='others', frame='elsewhere'))
     # All are counted, and what became of them.
-    pair.node.spin_for(1.5)
-    found = told(pair.diagnostics)
+    found = pair.told()
     short, long = found['/short/markers'], found['/long/markers']
     # The first ones may have missed them until all were connected.
     assert min(int(short['frames']), int(long['frames'])) >= len(frames)
@@ -127,6 +131,8 @@ def test_both_ways_answer_the_same_whatever_comes(pair):
     untimed = [key for key in short if 'latency' not in key and key not in (
         'rate [Hz]', 'frames', 'frames on fast path', 'frames late', 'frames dropped')]
     assert {key: short[key] for key in untimed} == {key: long[key] for key in untimed}
+    for process in pair.processes.values():
+        process.wait_for_line('left out')
     said = {way: {line.split(']: ', 1)[1] for line in lines(process, 'left out')}
             for way, process in pair.processes.items()}
     assert said['short'] == said['long'] and len(said['short']) == 1
@@ -144,8 +150,16 @@ def test_nothing_of_a_burst_is_lost_or_out_of_order(pair):
     thread.join()
     stamps = [answer.header.stamp for answer in pair.replies['short']]
     assert stamps == [stamp_of(2 * i) for i in range(number, number + 500)]
-    pair.node.spin_until(lambda: int(told(pair.diagnostics)['/short/markers']['frames on fast path'])
-                         > 250)
+    # Frames that come one by one take the fast path again.
+    before = int(pair.told()['/short/markers']['frames on fast path'])
+    numbers = count(2 * (number + 500), 2)
+
+    def one_more():
+        at = next(numbers)
+        pair.answer(at, message(hand_at(), at))
+
+    pair.node.repeat(one_more, lambda: int(
+        told(pair.diagnostics)['/short/markers']['frames on fast path']) > before + 20)
 
 
 def told(diagnostics):
@@ -157,16 +171,12 @@ def told(diagnostics):
 @contextmanager
 def bench_of(node):
     """Yield a bench of a tracker that takes the fast path."""
-    with NodeProcess(MODULE, DEEP) as process:
-        bench = Bench(process, node, 100, 'hand_tracker')
-        process.wait_for_line('listening')
-        node.spin_until(lambda: bench.publisher.get_subscription_count() > 0)
+    with NodeProcess(MODULE, LOSSLESS) as process:
+        bench = Bench(process, node, 1000, 'hand_tracker')
         bench.meet(hand_at())
         diagnostics = node.collect(DiagnosticArray, '/diagnostics')
         yield bench
-        for _ in range(20):
-            bench.answer(hand_at())
-        node.spin_until(lambda: diagnostics and int(
+        node.repeat(lambda: bench.answer(hand_at()), lambda: diagnostics and int(
             told(diagnostics)['/markers']['frames on fast path']) > 0)
 
 
@@ -184,8 +194,7 @@ def test_a_parameter_acts_from_the_next_frame_on():
         bench.answer(hand_at())
         # Who comes later hears too.
         confidence = node.collect(JointState, 'joint_confidence')
-        while not confidence:
-            bench.answer(hand_at())
+        node.repeat(lambda: bench.answer(hand_at()), lambda: confidence)
         node.spin_until(lambda: confidence[-1].header.stamp == bench.joint_states[-1].header.stamp)
         assert 0. <= confidence[-1].position[joint] < 1.
 
@@ -231,43 +240,50 @@ def test_a_driver_in_the_same_process_is_heard():
         publisher = node.create_publisher(MarkerArray, 'markers', 1000)
         answers = node.collect(JointState, 'joint_states')
         node.spin_until(lambda: publisher.get_subscription_count() > 0)
-        number = 0
-        while not answers:
-            number += 2
+        numbers = count(2, 2)
+        node.repeat(lambda: publisher.publish(message(hand_at(), next(numbers))),
+                    lambda: answers, .05)
+
+        def one_more():
+            number = next(numbers)
             publisher.publish(message(hand_at(), number))
-            node.spin_for(.05)
-        for _ in range(300):
-            number += 2
-            publisher.publish(message(hand_at(), number))
-        node.spin_until(lambda: answers[-1].header.stamp == stamp_of(number))
-        assert tracker._direct._passage.frames[0] > 250
+            node.spin_until(lambda: answers[-1].header.stamp == stamp_of(number))
+
+        node.repeat(one_more, lambda: tracker._direct._passage.frames[0] > 50, 0.)
 
 
 def test_the_end_of_ros_is_the_end_of_the_node():
     with watching_node() as node:
         publisher = node.create_publisher(MarkerArray, 'markers', 10)
+        answers = node.collect(JointState, 'joint_states')
         ended = Event()
 
         def drive():
             number = 0
-            until = time.monotonic() + 2.
             while not ended.wait(.002):
                 number += 2
                 publisher.publish(message(hand_at(), number))
-                if time.monotonic() > until and rclpy.ok():
-                    rclpy.shutdown()
+
+        def listen():
+            try:
+                node.spin_until(lambda: len(answers) > 100 or ended.is_set())
+            finally:
+                rclpy.try_shutdown()
 
         handlers = {number: signal.getsignal(number) for number in INTERRUPTS}
-        thread = Thread(target=drive)
-        thread.start()
+        threads = Thread(target=drive), Thread(target=listen)
+        for thread in threads:
+            thread.start()
         try:
             assert run(tracker_node.TrackerNode, args=[]) == 0
         finally:
             ended.set()
-            thread.join()
+            for thread in threads:
+                thread.join()
             gc.unfreeze()
             for number, handler in handlers.items():
                 signal.signal(number, handler)
+        assert len(answers) > 100
 
 
 def test_an_executor_that_waits_for_conditions_serves_the_long_way():
@@ -280,13 +296,13 @@ def test_an_executor_that_waits_for_conditions_serves_the_long_way():
         with watching_node() as node:
             publisher = node.create_publisher(MarkerArray, 'markers', 10)
             answers = node.collect(JointState, 'joint_states')
-            for number in range(1, 500):
-                publisher.publish(message(hand_at(), number))
+            numbers = count(1)
+
+            def one_more():
+                publisher.publish(message(hand_at(), next(numbers)))
                 executor.spin_once(.01)
-                node.spin_for(.01)
-                if len(answers) > 9:
-                    break
-        assert len(answers) > 9
+
+            node.repeat(one_more, lambda: len(answers) > 9, .01)
     finally:
         executor.shutdown()
         tracker.destroy_node()
