@@ -123,7 +123,7 @@ def run_demo(*arguments):
         [str(ROOT), os.environ.get('PYTHONPATH', '')])}
     return subprocess.run(
         [sys.executable, '-m', 'hand_tracker', 'demo', *map(str, arguments)],
-        capture_output=True, text=True, timeout=100., env=environment)
+        capture_output=True, text=True, timeout=240., env=environment)
 
 
 @pytest.fixture

@@ -183,7 +183,7 @@ def test_check_urdf_passes(hand, tmp_path):
         pytest.skip('check_urdf is not installed (Debian, Ubuntu: liburdfdom-tools)')
     path = tmp_path / 'hand.urdf'
     path.write_text(urdf(hand, 'p_'), encoding='utf-8')
-    run = subprocess.run(['check_urdf', str(path)], capture_output=True, text=True, timeout=30)
+    run = subprocess.run(['check_urdf', str(path)], capture_output=True, text=True, timeout=240)
     assert run.returncode == 0
     assert 'root Link: p_wrist has 5 child(ren)' in run.stdout
     assert run.stderr == ''

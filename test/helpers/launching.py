@@ -7,7 +7,7 @@ from pathlib import Path
 
 LAUNCH = Path(__file__).resolve().parents[2] / 'launch' / 'track.launch.py'
 RATE = 120.        # of the recording [Hz]
-FIRST_START = 90.  # [s], as kernels may have to be compiled
+FIRST_START = 240.  # [s]: kernels may have to be compiled, and other work run beside
 
 
 def installed(package):

@@ -3,13 +3,12 @@
 `pytest -s test/package/test_end_to_end.py` prints what went in and what came out.
 """
 
-import time
-
 import numpy as np
 import pytest
 from helpers.baseline import class_errors, plain_pip_errors
+from helpers.bench import LOSSLESS
 from helpers.captures import capture_messages, capture_path, capture_stamps
-from helpers.ros_process import NodeProcess, watching_node
+from helpers.ros_process import PATIENCE, NodeProcess, watching_node
 from sensor_msgs.msg import JointState
 
 from hand_tracker.calibration import fit_hand, landmark_positions
@@ -43,19 +42,17 @@ def test_a_captured_hand_goes_through_replay_and_tracker(name, preset, tmp_path)
                 # One capture has its wrist at the origin of each frame.
                 'hand_file': str(tmp_path / 'hand.yaml'), 'zero_is_missing': False,
                 # Every frame counts here, on a machine of any load.
-                'qos.markers.reliability': 'reliable', 'qos.markers.depth': 1000}) as tracker:
+                **LOSSLESS}) as tracker:
         states = watcher.collect(JointState, 'joint_states', 1000)
         tracker.wait_for_line('listening')
         with NodeProcess('hand_tracker.nodes.replay_node', {
                 'recording': str(tmp_path / 'capture.mcap'), 'rate': RATES[name],
-                'restamp': False}) as replay:
-            length = len(judged.joints) / judged.rate / RATES[name]
-            watcher.spin_until(lambda: 'Played to the end' in replay.output, length + 20.)
+                'restamp': False, 'wait_for_subscriber': PATIENCE}) as replay:
+            watcher.spin_until(lambda: 'Played to the end' in replay.output)
             assert replay.wait() == 0
-        # A loaded machine may still have frames waiting.
-        until = time.monotonic() + 20.
-        while len(states) < len(judged.joints) and time.monotonic() < until:
-            watcher.spin_for(.2)
+        # A loaded machine may still have frames waiting: in order they come, to the last.
+        last = capture_stamps(judged)[-1]
+        watcher.spin_until(lambda: states and nanoseconds(states[-1].header.stamp) == last)
         assert tracker.interrupt() == 0
 
     angles = np.array([state.position for state in states])
@@ -68,8 +65,7 @@ def test_a_captured_hand_goes_through_replay_and_tracker(name, preset, tmp_path)
     assert list(states[0].name) == [f'{capture.side}_{joint}' for joint in JOINTS]
     # What came over DDS is what the core says of the same frames.
     stamps = {stamp: i for i, stamp in enumerate(capture_stamps(judged).tolist())}
-    rows = [stamps[state.header.stamp.sec * 10**9 + state.header.stamp.nanosec]
-            for state in states]
+    rows = [stamps[nanoseconds(state.header.stamp)] for state in states]
     assert rows == sorted(set(rows))
     hand = load_hand(tmp_path / 'hand.yaml')[0]
     core = HandTracker(hand)
@@ -97,6 +93,10 @@ def test_a_captured_hand_goes_through_replay_and_tracker(name, preset, tmp_path)
               f'{joint} {1e3 * error.mean():.2f}' for joint, error in errors.items()))
     if preset == 'wide':
         assert errors['pip'].mean() <= plain.mean()
+
+
+def nanoseconds(stamp):
+    return stamp.sec * 10**9 + stamp.nanosec
 
 
 def _whole(joints):

@@ -166,6 +166,13 @@ def frames(messages):
     return {transform.child_frame_id for message in messages for transform in message.transforms}
 
 
+def check_rate(tracked):
+    """Check that stamps are those of frames at the rate; a busy machine may leave some out."""
+    steps = np.diff(tracked) * 1e-9 * RATE
+    assert (np.rint(steps) > 0).all()
+    assert np.abs(steps - np.rint(steps)).max() < .02
+
+
 def check_clean(process, code, *started):
     """Check that all nodes were started and ended without an error."""
     assert code == 0, process.output
@@ -193,25 +200,24 @@ def test_tracks_the_packaged_recording(watch):
     static = watch.collect(TFMessage, '/tf_static', LATCHED)
     with Launch() as process:
         watch.spin_until(lambda: states, FIRST_START)
-        watch.spin_for(.5)
-        markers.clear()
+        # From then on, all that is published is heard.
+        watch.spin_until(lambda: markers and transforms and static, FIRST_START)
         states.clear()
-        transforms.clear()
-        watch.spin_for(2.)
+        watch.spin_until(lambda: len(states) > 2 * RATE, FIRST_START)
         check_clean(process, process.interrupt(), *STARTED)
     seen, tracked = marker_stamps(markers), joint_stamps(states)
     assert all(list(state.name) == named('right_', JOINTS) for state in states)
     assert all(len(state.position) == len(JOINTS) for state in states)
     assert (np.diff(tracked) > 0).all()
-    assert abs(np.median(np.diff(tracked)) * 1e-9 - 1 / RATE) < 1e-4
-    assert len(tracked) * 1e9 / np.ptp(tracked) > .7 * RATE
-    # The first and last few may be on their way.
-    assert np.isin(tracked[10:-10], seen).all()
+    check_rate(tracked)
+    # The markers of the last few may be on their way.
+    assert np.isin(tracked[tracked <= seen[-1]], seen).all()
     assert frames(transforms) >= {'right_wrist', *named('right_', LINKS)}
     wrist = [transform for message in transforms for transform in message.transforms
              if transform.child_frame_id == 'right_wrist']
     assert {transform.header.frame_id for transform in wrist} == {'mocap'}
-    assert np.isin(stamps(transform.header for transform in wrist)[10:-10], seen).all()
+    broadcast = stamps(transform.header for transform in wrist)
+    assert np.isin(broadcast[(seen[0] <= broadcast) & (broadcast <= seen[-1])], seen).all()
     assert frames(static) >= {f'right_{digit}_tip' for digit in DIGITS}
 
 
@@ -222,9 +228,7 @@ def test_a_left_hand_in_a_namespace_loops(watch, short):
         watch.spin_until(lambda: len(states) > 1.8 * RATE, FIRST_START)
         check_clean(process, process.interrupt(), *STARTED)
     assert all(list(state.name) == named('left_', JOINTS) for state in states)
-    steps = np.diff(joint_stamps(states))
-    assert (steps > 0).all()
-    assert abs(np.median(steps) * 1e-9 - 1 / RATE) < 1e-4
+    check_rate(joint_stamps(states))
 
 
 @launches

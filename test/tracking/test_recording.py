@@ -46,6 +46,7 @@ FRAMES = 150
 STATUS_PERIOD = 10_000_000  # [ns]
 ROS = ('builtin_interfaces', 'geometry_msgs', 'rclpy', 'sensor_msgs', 'std_msgs', 'tf2_msgs',
        'tf2_ros', 'visualization_msgs')
+PATIENCE = 240.  # [s], on a busy machine
 RUN = 'import sys; from hand_tracker.__main__ import main; sys.exit(main(sys.argv[1:]))'
 HALF_MILLIDEGREE = .0005  # of rounding in a table
 
@@ -301,7 +302,7 @@ for name in list(sys.modules):
 ''' + RUN
     for output in (tmp_path / 'out.csv', tmp_path / 'out.mcap'):
         process = run_in_process(bag, '-o', output, code=blocked)
-        _, errors = process.communicate(timeout=100.)
+        _, errors = process.communicate(timeout=PATIENCE)
         assert process.returncode == 0, errors
         assert output.stat().st_size
 
@@ -430,13 +431,13 @@ def test_an_interruption_leaves_what_was_there(bag, name, number, tmp_path):
     output.write_bytes(b'of yesterday')
     process = run_in_process(tmp_path / 'in' / 'long.mcap', '-o', output)
     try:
-        until = time.monotonic() + 60.
+        until = time.monotonic() + PATIENCE
         while len(list(folder.iterdir())) == 1 and process.poll() is None:
             assert time.monotonic() < until
             time.sleep(.01)
         time.sleep(.3)
         process.send_signal(number)
-        _, errors = process.communicate(timeout=30.)
+        _, errors = process.communicate(timeout=PATIENCE)
     finally:
         process.kill()
     assert process.returncode == 130, errors
@@ -505,12 +506,12 @@ def test_an_interruption_of_several_leaves_whole_files_alone(bag, tmp_path):
     process = run_in_process(tmp_path / 'long.mcap', tmp_path / 'longer.mcap', bag,
                              '-o', folder, '--jobs', 2)
     try:
-        until = time.monotonic() + 60.
+        until = time.monotonic() + PATIENCE
         while len(list(folder.glob('*'))) < 2 and process.poll() is None:
             assert time.monotonic() < until
             time.sleep(.01)
         process.send_signal(signal.SIGTERM)
-        _, errors = process.communicate(timeout=30.)
+        _, errors = process.communicate(timeout=PATIENCE)
     finally:
         process.kill()
     assert process.returncode == 130, errors
@@ -549,8 +550,10 @@ def test_quick_work_says_nothing_elsewhere():
 def test_a_single_long_piece_does_not_fall_silent(monkeypatch):
     monkeypatch.setattr('hand_tracker.progress.LOG_PERIOD', .02)
     stream = io.StringIO()
-    for _ in Progress(2, 'motions', stream).over(range(2)):
-        time.sleep(.1)
+    for piece in Progress(2, 'motions', stream).over(range(2)):
+        until = time.monotonic() + PATIENCE
+        while stream.getvalue().count(f'{piece} of 2 motions') < 3:
+            assert time.monotonic() < until
+            time.sleep(.01)
     lines = stream.getvalue().splitlines()
-    assert len(lines) > 4
     assert '0 %  0 of 2 motions' in lines[0] and '50 %  1 of 2 motions' in lines[-1]

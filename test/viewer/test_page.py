@@ -267,7 +267,7 @@ def test_the_addresses_lead_to_the_page():
         here, *elsewhere = viewer.addresses
         assert here.startswith('http://localhost:')
         for address in viewer.addresses:
-            assert b'<html' in urllib.request.urlopen(address, timeout=10.).read(200)
+            assert b'<html' in urllib.request.urlopen(address, timeout=240.).read(200)
         assert len(elsewhere) <= 1
     finally:
         viewer.stop()

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from helpers.ros_process import Process
+from helpers.ros_process import PATIENCE, Process
 from PIL import Image
 from playwright import sync_api
 
@@ -21,12 +21,8 @@ from hand_tracker.package_data import packaged_recording
 
 NEEDS = 'playwright', 'skimage', 'viser'
 
-pytestmark = [
-    pytest.mark.skipif(BROWSER is None, reason='no Chromium is installed'),
-    # Software draws a frame a second on a loaded machine.
-    pytest.mark.timeout(300)]
+pytestmark = pytest.mark.skipif(BROWSER is None, reason='no Chromium is installed')
 
-PATIENCE = 120.     # [s]
 SETTLED = 2e3       # [ms]
 DESKTOP, PHONE = (1100, 500), (390, 844)
 LYING, SMALL = (844, 390), (700, 500)
