@@ -166,6 +166,11 @@ def frames(messages):
     return {transform.child_frame_id for message in messages for transform in message.transforms}
 
 
+def between(stamps, seen):
+    """Return the stamps that are not before the first or after the last of others."""
+    return stamps[(seen[0] <= stamps) & (stamps <= seen[-1])]
+
+
 def check_rate(tracked):
     """Check that stamps are those of frames at the rate; a busy machine may leave some out."""
     steps = np.diff(tracked) * 1e-9 * RATE
@@ -211,13 +216,12 @@ def test_tracks_the_packaged_recording(watch):
     assert (np.diff(tracked) > 0).all()
     check_rate(tracked)
     # The markers of the last few may be on their way.
-    assert np.isin(tracked[tracked <= seen[-1]], seen).all()
+    assert np.isin(between(tracked, seen), seen).all()
     assert frames(transforms) >= {'right_wrist', *named('right_', LINKS)}
     wrist = [transform for message in transforms for transform in message.transforms
              if transform.child_frame_id == 'right_wrist']
     assert {transform.header.frame_id for transform in wrist} == {'mocap'}
-    broadcast = stamps(transform.header for transform in wrist)
-    assert np.isin(broadcast[(seen[0] <= broadcast) & (broadcast <= seen[-1])], seen).all()
+    assert np.isin(between(stamps(each.header for each in wrist), seen), seen).all()
     assert frames(static) >= {f'right_{digit}_tip' for digit in DIGITS}
 
 
