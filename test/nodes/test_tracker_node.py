@@ -37,9 +37,9 @@ from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.hand_file import load_hand, save_hand
 from hand_tracker.messages.stamps import seconds
-from hand_tracker.tracking.diagnostics import GAP, PERIOD
+from hand_tracker.tracking.diagnostics import STATUS_GAP, STATUS_PERIOD
 from hand_tracker.tracking.distal_flexion import DISTAL_JOINTS
-from hand_tracker.tracking.marker_events import CHANGES, WINDOW
+from hand_tracker.tracking.rate_limit import LOG_LINES, LOG_WINDOW
 
 NEEDS = 'rclpy',
 
@@ -316,7 +316,7 @@ def test_junk_is_survived_and_logged_within_bounds(solved):
             assert (heard.position <= RIGHT.limits[:, 1]).all()
         # Each cause once, and changes of the input within bounds in any ten seconds.
         lasted = time.monotonic() - before
-        assert len(bench.process.output.splitlines()) < 60 + 2 * CHANGES * lasted / WINDOW
+        assert len(bench.process.output.splitlines()) < 60 + 2 * LOG_LINES * lasted / LOG_WINDOW
 
 
 def test_markers_without_stamp_or_frame_from_a_best_effort_publisher():
@@ -414,7 +414,7 @@ def check_diagnostics(bench, whole, without_index, told):
     stamps = [rclpy.time.Time.from_msg(each.header.stamp) for each in told]
     assert before < stamps[0] and stamps[-1] < bench.node.get_clock().now()
     # Each is due a second after the one before; on a busy machine the first may come late.
-    assert (stamps[-1] - stamps[0]).nanoseconds > 1.5e9 * PERIOD
+    assert (stamps[-1] - stamps[0]).nanoseconds > 1.5e9 * STATUS_PERIOD
     assert values(told[-1])['rate [Hz]'] == '0.0'
 
 
@@ -426,10 +426,10 @@ def test_a_change_is_told_at_once_but_not_at_the_rate_of_the_frames():
         told = bench.node.collect(DiagnosticArray, '/diagnostics')
         bench.meet(whole, heard=(told,))
         at_once = 0
-        # What is told once a second may come just before, and delay the next by GAP.
+        # What is told once a second may come just before, and delay the next by STATUS_GAP.
         for _ in range(30):
             bench.answer(whole)
-            bench.node.spin_for(2. * GAP)
+            bench.node.spin_for(2. * STATUS_GAP)
             del told[:]
             for _ in range(100):
                 bench.send(hidden)
@@ -448,7 +448,7 @@ def test_a_change_is_told_at_once_but_not_at_the_rate_of_the_frames():
         bench.answer(hidden)
         bench.node.spin_until(lambda: any(map(is_hidden, told)))
         lasted = seconds(told[-1].header.stamp) - seconds(told[0].header.stamp)
-        assert len(told) <= lasted * (1. / GAP + 1. / PERIOD) + 4.
+        assert len(told) <= lasted * (1. / STATUS_GAP + 1. / STATUS_PERIOD) + 4.
 
 
 def is_hidden(told):
