@@ -12,7 +12,7 @@ from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.options import TrackerOptions
-from hand_tracker.core.pipeline import RELEASE
+from hand_tracker.core.pipeline import CONTACT_RELEASE_TIME
 from hand_tracker.core.tracker import HandTracker
 
 STEP = 1. / 120.
@@ -179,7 +179,7 @@ def test_digits_that_touched_go_back_in_the_time_of_their_release():
                     replace(HELD, rigidity=True), step=.02)
     off = np.array([state.angles[ABDUCTION_JOINTS[0]] for state in states[2:]]) - .2
     assert off[0] > .01
-    np.testing.assert_allclose(off[1:] / off[:-1], np.exp(-.02 / RELEASE), rtol=1e-3)
+    np.testing.assert_allclose(off[1:] / off[:-1], np.exp(-.02 / CONTACT_RELEASE_TIME), rtol=1e-3)
 
 
 @pytest.mark.parametrize('friction', [0., 1.])
@@ -274,7 +274,7 @@ def test_habits_are_learned_only_while_all_is_seen(change, learning):
         if frame > 3:
             change(markers)
         tracker.update(markers, frame * STEP)
-        weights.append(tracker._state.habits.weight[0])
+        weights.append(tracker._state.transdigital.statistics.weight[0])
     assert weights[3] > weights[2] > 0.
     assert (weights[7] > weights[4]) == learning
 

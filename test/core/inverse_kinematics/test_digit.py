@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.inverse_kinematics.abduction_plane import FRAME
+from hand_tracker.core.inverse_kinematics.abduction_plane import REFERENCE_STEP
 from hand_tracker.core.inverse_kinematics.digit import chains, measure, solve_digits
 from hand_tracker.core.inverse_kinematics.three_bone import straightest
-from hand_tracker.core.inverse_kinematics.two_bone import FASTEST
+from hand_tracker.core.inverse_kinematics.two_bone import MAX_SECOND_HINGE_SPEED, Linkage
 from hand_tracker.core.model.hand import ABDUCTION_JOINTS, DIGITS, FLEXION_JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import (
@@ -46,7 +46,7 @@ def markers_of(angles, layout=PAPER, hand=HAND):
     return marker_positions(layout.mounting(hand), pose)[len(PALM_MARKERS):]
 
 
-def solve(digits, markers, before=None, step=FRAME, by_fabrik=False, iterations=2000):
+def solve(digits, markers, before=None, step=REFERENCE_STEP, by_fabrik=False, iterations=2000):
     """Return the angles of markers, and the iterations of FABRIK."""
     angles = np.zeros(25) if before is None else before.copy()
     used = solve_digits(digits, digits.root, markers, angles, step, by_fabrik, 1e-7, iterations)
@@ -86,7 +86,7 @@ def test_digits_that_are_moved_with_their_roots_keep_their_angles():
     moved = np.random.default_rng(3).normal(scale=.01, size=(5, 3))
     for angles in poses(5):
         found = np.zeros(25)
-        solve_digits(digits, digits.root + moved, markers_of(angles) + moved, found, FRAME,
+        solve_digits(digits, digits.root + moved, markers_of(angles) + moved, found, REFERENCE_STEP,
                      False, 0., 0)
         np.testing.assert_allclose(found, angles, atol=1e-6)
 
@@ -133,9 +133,10 @@ def test_measured_last_joints_take_the_place_of_their_coupling():
         measured.coupling, ((0., .3), HAND.coupling[1], (0., last[2, 1]), (0., last[3, 0]),
                             HAND.coupling[4]))
     for digit in range(5):
-        assert measured.start[digit] == straightest(
-            *coupled.bones[digit], coupled.droop[digit], *measured.coupling[digit],
-            *HAND.limits[SECOND[digit]], *last[digit])
+        assert measured.start[digit] == straightest(Linkage(
+            tuple(coupled.bones[digit]), coupled.droop[digit],
+            tuple(HAND.limits[FLEXION_JOINTS[digit], 0]),
+            tuple(HAND.limits[FLEXION_JOINTS[digit], 1]), *measured.coupling[digit]))
     # And what was measured is forgotten where it no longer is.
     measure(pack, np.full(5, np.nan), copy)
     for part, expected in zip(measured, coupled):
@@ -160,7 +161,7 @@ def test_abduction_of_a_fist_follows_in_the_time_that_passed():
     angles[FIRST[:4]], angles[SECOND[:4]] = 1.2, 1.3
     angles[ABDUCTION_JOINTS[:4]] = .1
     markers = markers_of(angles)
-    once, _ = solve(digits, markers, step=2. * FRAME)
+    once, _ = solve(digits, markers, step=2. * REFERENCE_STEP)
     twice, _ = solve(digits, markers, solve(digits, markers)[0])
     fingers = ABDUCTION_JOINTS[:4]
     np.testing.assert_allclose(once[fingers], twice[fingers], atol=1e-9)
@@ -179,4 +180,4 @@ def test_a_second_hinge_turns_no_faster_than_its_step_allows():
     markers = markers_of(angles, layout)
     for step in (5e-4, 1e-3):
         found, _ = solve(digits, markers, before, step)
-        np.testing.assert_allclose(abs(found - before)[SECOND[:4]], FASTEST * step)
+        np.testing.assert_allclose(abs(found - before)[SECOND[:4]], MAX_SECOND_HINGE_SPEED * step)
