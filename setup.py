@@ -31,6 +31,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         data('config'),
+        data('examples'),
         data('launch'),
         data('recordings'),
         data('urdf'),

@@ -16,7 +16,7 @@ import hand_tracker
 from hand_tracker import package_data
 
 ROOT = Path(__file__).resolve().parents[2]
-DATA_FOLDERS = ('config', 'launch', 'recordings', 'urdf')
+DATA_FOLDERS = ('config', 'examples', 'launch', 'recordings', 'urdf')
 
 # Import name -> rosdep key, where they differ.
 ROSDEP_KEYS = {
