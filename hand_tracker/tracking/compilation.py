@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from threading import Thread
+from typing import IO
 
 from ..core.numerics import jit
 
@@ -66,15 +67,14 @@ class Compilation:
         except Exception as error:
             self.error = f'{type(error).__name__}: {error}'
 
-    def _start(self, folder: Path, complaints: object) -> subprocess.Popen[bytes]:
+    def _start(self, folder: Path, complaints: IO[str]) -> subprocess.Popen[bytes]:
         environment = {**os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(folder),
                        'PYTHONPATH': os.pathsep.join(filter(None, (
                            str(jit.PACKAGE.parent), os.environ.get('PYTHONPATH'))))}
         # A session of its own: Ctrl-C is not for it.
         return subprocess.Popen(
             [sys.executable, '-m', self._program], env=environment, stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL, stderr=complaints,  # type: ignore[arg-type]
-            start_new_session=True)
+            stdout=subprocess.DEVNULL, stderr=complaints, start_new_session=True)
 
 
 def _temporary_folder() -> Path:
