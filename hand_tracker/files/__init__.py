@@ -1,1 +1,1 @@
-"""Files in and out: hand files, recordings, exports."""
+"""Read and write files: hand files, rosbag2 recordings, angle tables, URDF."""

@@ -1,11 +1,14 @@
-"""Tables of joint angles: CSV with one row a frame, in seconds and degrees."""
+"""Write joint angles as CSV: a row for each frame, in seconds and degrees."""
 
 import csv
 import os
+from collections.abc import Iterable, Sequence
+from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.errors import HandTrackerError
 
@@ -14,11 +17,13 @@ WRIST_COLUMNS = ('wrist_x_m', 'wrist_y_m', 'wrist_z_m',
 
 
 class TableError(HandTrackerError):
-    """A table cannot be written."""
+    """An angle table cannot be written; the message names the path."""
 
 
-def write_angle_table(path, joints, rows, wrist=False):
-    """Write a table of angles, row by row; the file appears when it is whole.
+def write_angle_table(
+        path: str | PathLike[str], joints: Sequence[str],
+        rows: Iterable[tuple[float, ArrayLike, Sequence[float]]], wrist: bool = False) -> None:
+    """Write an angle table row by row, to a temporary file that is renamed at the end.
 
     Parameters
     ----------
@@ -26,15 +31,15 @@ def write_angle_table(path, joints, rows, wrist=False):
         Replaced if it exists.
     joints : sequence of str, length n
     rows : iterable of (float, array_like, sequence of float)
-        Time [s], n angles [rad], and, with `wrist`, seven numbers: the wrist's position [m]
-        and its quaternion x, y, z, w; else none.
+        Time [s], n angles [rad], and the wrist's pose: position [m] and quaternion x, y, z, w;
+        empty without `wrist`.
     wrist : bool, optional
-        Whether the table has columns for the wrist's pose.
+        Write columns for the wrist's pose.
 
     Raises
     ------
     TableError
-        If there is no folder to write into.
+        If the folder to write into does not exist.
     """
     path = Path(path)
     if not path.parent.is_dir():

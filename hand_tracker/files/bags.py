@@ -1,16 +1,19 @@
-"""rosbag2 recordings without ROS: read any of them, write single `.mcap` or `.db3` files.
+"""Read and write rosbag2 recordings without ROS.
 
-A recording is a folder with `metadata.yaml`, a `.mcap` file or a `.db3` file. Messages
-stay the bytes (CDR) they travel as; `bag_message` makes them of arrays.
+A recording is a folder with `metadata.yaml`, a `.mcap` file or a `.db3` file; written ones are
+single files. Messages stay serialized (CDR); `bag_message` serializes those built from arrays.
 """
 
 import os
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -22,32 +25,32 @@ JOINT_STATE = 'sensor_msgs/msg/JointState'
 TF = 'tf2_msgs/msg/TFMessage'
 POSE = 'geometry_msgs/msg/PoseStamped'
 
-# Metadata version 8 is what Humble and Jazzy read; its messages are the same on Lyrical.
-METADATA_VERSION = 8
+# Read by Humble and Jazzy.
+BAG_METADATA_VERSION = 8
 STORAGE = {'.mcap': StoragePlugin.MCAP, '.db3': StoragePlugin.SQLITE3}
 EXPECTED = 'expected a rosbag2 folder with metadata.yaml, a .mcap file or a .db3 file'
 
-TYPES = get_typestore(Stores.ROS2_JAZZY)
+TYPE_STORE = get_typestore(Stores.ROS2_JAZZY)
 NO_BYTES = np.empty(0, np.uint8)
 NO_NUMBERS = np.empty(0)
 
 
 class BagError(HandTrackerError):
-    """A recording cannot be read or written: which, what is wrong and what was expected."""
+    """A recording cannot be read or written; the message says which, why and what is expected."""
 
 
 class BagMessage(NamedTuple):
-    """One message as recorded.
+    """A recorded message.
 
     Attributes
     ----------
     topic : str
     type : str
-        As 'sensor_msgs/msg/JointState'.
+        Such as 'sensor_msgs/msg/JointState'.
     time : int
-        When it was recorded [ns].
+        Time of recording [ns].
     data : bytes
-        The message in CDR.
+        The message, serialized in CDR.
     """
 
     topic: str
@@ -57,7 +60,7 @@ class BagMessage(NamedTuple):
 
 
 class Bag:
-    """An open recording; get one from `open_bag`.
+    """A recording opened by `open_bag`.
 
     Attributes
     ----------
@@ -67,20 +70,22 @@ class Bag:
     counts : dict of str to int
         Number of messages of each topic.
     offered_qos : dict of str to list of rosbags.interfaces.Qos
-        What the recorded publishers of each topic offered; may be empty.
+        QoS offered by the recorded publishers of each topic; may be empty.
     start : int
         Time of the first message [ns].
     duration : int
         Time from the first message to the last [ns].
     """
 
-    def __init__(self, path, reader):
+    def __init__(self, path: Path, reader: Reader) -> None:
         self.path = path
         self._reader = reader
-        self.topics, self.counts, self.offered_qos = {}, {}, {}
+        self.topics: dict[str, str] = {}
+        self.counts: dict[str, int] = {}
+        self.offered_qos: dict[str, list] = {}
         for connection in reader.connections:
             topic = connection.topic
-            # A topic recorded with two types is played with the first.
+            # Of a topic recorded with two types, only messages of the first are read.
             if self.topics.setdefault(topic, connection.msgtype) != connection.msgtype:
                 continue
             self.counts[topic] = self.counts.get(topic, 0) + connection.msgcount
@@ -88,15 +93,16 @@ class Bag:
         self.start = reader.start_time
         self.duration = reader.end_time - 1 - reader.start_time
 
-    def messages(self, topics=None, start=None):
+    def messages(self, topics: Iterable[str] | None = None,
+                 start: int | None = None) -> Iterator[BagMessage]:
         """Iterate over the messages in order of time.
 
         Parameters
         ----------
         topics : iterable of str, optional
-            Only these topics.
+            All topics when left out.
         start : int, optional
-            Only messages recorded then or later [ns].
+            Only messages recorded at this time or later [ns].
 
         Yields
         ------
@@ -117,7 +123,7 @@ class Bag:
         if not connections:
             return
         count = 0
-        with _readable(self.path):
+        with _read_errors(self.path):
             for connection, time, data in self._reader.messages(connections, start=start):
                 count += 1
                 yield BagMessage(connection.topic, connection.msgtype, time, data)
@@ -128,7 +134,7 @@ class Bag:
 
 
 @contextmanager
-def open_bag(path):
+def open_bag(path: str | PathLike[str]) -> Iterator[Bag]:
     """Open a recording for reading.
 
     Parameters
@@ -144,7 +150,7 @@ def open_bag(path):
     Raises
     ------
     BagError
-        If there is no such recording, or it is of an unknown kind, cut off or empty.
+        If the recording is missing, of an unknown format, truncated or empty.
     """
     path = Path(path)
     if not path.exists():
@@ -156,7 +162,7 @@ def open_bag(path):
         raise BagError(f'{path}: unknown extension {path.suffix!r}; {EXPECTED}')
     elif not path.stat().st_size:
         raise BagError(f'{path}: the file has no bytes; {EXPECTED}')
-    with _readable(path):
+    with _read_errors(path):
         reader = Reader(path)
         reader.open()
     try:
@@ -167,18 +173,18 @@ def open_bag(path):
         reader.close()
 
 
-def write_bag(path, messages):
-    """Write a recording as one file, which `ros2 bag play` plays as it is.
+def write_bag(path: str | PathLike[str], messages: Iterable[BagMessage]) -> None:
+    """Write a recording as a single file, which `ros2 bag play` accepts.
 
-    The same messages give the same bytes with the same releases of rosbags and zstd:
-    there is no time in the file but the messages' own.
+    Reproducible: the same messages give the same bytes with the same releases of rosbags and
+    zstd, as the file holds no time but the messages'.
 
     Parameters
     ----------
     path : path-like
         Ending in `.mcap` (compressed by zstd) or `.db3`; replaced if it exists.
     messages : iterable of BagMessage
-        In order of time. The types are those of ROS 2 Jazzy's common messages.
+        In order of time, of the types of ROS 2 Jazzy's common messages.
 
     Raises
     ------
@@ -190,48 +196,50 @@ def write_bag(path, messages):
         raise BagError(f'{path}: unknown extension {path.suffix!r}; expected .mcap or .db3')
     if not path.parent.is_dir():
         raise BagError(f'{path}: no folder {path.parent}; expected one to write into')
-    # The library writes folders; the file in it, named after it, is complete without it.
+    # rosbags writes a folder; the file in it is a complete recording by itself.
     with TemporaryDirectory(dir=path.parent) as scratch:
         folder = Path(scratch, path.stem)
-        writer = Writer(folder, version=METADATA_VERSION, storage_plugin=STORAGE[path.suffix])
+        writer = Writer(folder, version=BAG_METADATA_VERSION, storage_plugin=STORAGE[path.suffix])
         if path.suffix == '.mcap':
             writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         connections = {}
         with writer:
-            for topic, kind, time, data in messages:
+            for topic, type_name, time, data in messages:
                 if topic not in connections:
-                    if kind not in TYPES.types:
-                        raise BagError(f'{path}: {topic} has the unknown type {kind!r}; '
+                    if type_name not in TYPE_STORE.types:
+                        raise BagError(f'{path}: {topic} has the unknown type {type_name!r}; '
                                        "expected one of Jazzy's common messages")
-                    connections[topic] = writer.add_connection(topic, kind, typestore=TYPES)
+                    connections[topic] = writer.add_connection(
+                        topic, type_name, typestore=TYPE_STORE)
                 writer.write(connections[topic], time, data)
             if not connections:
                 raise BagError(f'{path}: no messages to write; expected at least one')
         os.replace(folder / path.name, path)
 
 
-def bag_message(topic, time, message):
-    """Make a message of rosbags' types ready for `write_bag`.
+def bag_message(topic: str, time: int, message: Any) -> BagMessage:
+    """Serialize a message of rosbags' types for `write_bag`.
 
     Parameters
     ----------
     topic : str
     time : int
-        When it was recorded [ns].
+        Time of recording [ns].
     message : object
-        As from `marker_array_message`, `joint_state_message` or `pose_message`.
+        From `marker_array_message`, `joint_state_message` or `pose_message`.
 
     Returns
     -------
     BagMessage
     """
-    kind = message.__msgtype__
-    data = bytes(TYPES.serialize_cdr(message, kind, little_endian=True))
-    return BagMessage(topic, kind, time, data)
+    type_name = message.__msgtype__
+    data = bytes(TYPE_STORE.serialize_cdr(message, type_name, little_endian=True))
+    return BagMessage(topic, type_name, time, data)
 
 
-def marker_array_message(stamp, frame_id, labels, positions, diameter=.01):
-    """Make a MarkerArray with one sphere for each marker that is there.
+def marker_array_message(stamp: int, frame_id: str, labels: Sequence[str], positions: ArrayLike,
+                         diameter: float = .01) -> Any:
+    """Build a MarkerArray with a sphere for each marker that is not missing.
 
     Parameters
     ----------
@@ -239,9 +247,9 @@ def marker_array_message(stamp, frame_id, labels, positions, diameter=.01):
         [ns].
     frame_id : str
     labels : sequence of str, length n
-        Written in each marker's `text`; its `ns` is 'hand', its `id` the index.
+        The `text` of each marker; its `ns` is 'hand', its `id` the index.
     positions : array-like, shape (n, 3)
-        [m]; a marker with a NaN in it is left out.
+        [m]; a marker with a NaN is missing.
     diameter : float
         Of the spheres [m].
 
@@ -271,8 +279,9 @@ def marker_array_message(stamp, frame_id, labels, positions, diameter=.01):
     return _make(MARKER_ARRAY, markers)
 
 
-def joint_state_message(stamp, names, positions, frame_id=''):
-    """Make a JointState of positions.
+def joint_state_message(stamp: int, names: Sequence[str], positions: ArrayLike,
+                        frame_id: str = '') -> Any:
+    """Build a JointState with positions only.
 
     Parameters
     ----------
@@ -291,7 +300,7 @@ def joint_state_message(stamp, names, positions, frame_id=''):
     Raises
     ------
     ValueError
-        If there are not as many positions as names.
+        If names and positions differ in number.
     """
     positions = np.asarray(positions, float)
     if positions.shape != (len(names),):
@@ -301,8 +310,8 @@ def joint_state_message(stamp, names, positions, frame_id=''):
                  NO_NUMBERS, NO_NUMBERS)
 
 
-def pose_message(stamp, frame_id, position, rotation):
-    """Make a PoseStamped.
+def pose_message(stamp: int, frame_id: str, position: ArrayLike, rotation: ArrayLike) -> Any:
+    """Build a PoseStamped.
 
     Parameters
     ----------
@@ -325,20 +334,20 @@ def pose_message(stamp, frame_id, position, rotation):
         _make('geometry_msgs/msg/Quaternion', *map(float, quaternion(rotation)))))
 
 
-def _make(kind, *fields):
-    return TYPES.types[kind](*fields)
+def _make(type_name: str, *fields: Any) -> Any:
+    return TYPE_STORE.types[type_name](*fields)
 
 
-def _header(stamp, frame_id):
+def _header(stamp: int, frame_id: str) -> Any:
     return _make('std_msgs/msg/Header',
                  _make('builtin_interfaces/msg/Time', *divmod(stamp, 10**9)), frame_id)
 
 
 @contextmanager
-def _readable(path):
+def _read_errors(path: Path) -> Iterator[None]:
+    """Turn any error of rosbags, which damaged bytes can raise, into a `BagError`."""
     try:
         yield
-    # Damaged bytes can raise anything in the library: one error says so.
     except Exception as error:
         reason = ' '.join(str(error).split()).rstrip('.') or type(error).__name__
         raise BagError(f'{path}: cannot be read ({reason}); '

@@ -1,16 +1,19 @@
-"""Hand files: a person's hand and markers in YAML, in millimetres and degrees.
+"""Read and write hand files: hand and marker layout in YAML, in millimetres and degrees.
 
-`config/hand.yaml` shows every key. All keys are optional; what is left out comes from
-the mean hand scaled to `length_mm` and `breadth_mm`.
+`config/hand.yaml` shows every key. All keys are optional; the defaults are those of the mean hand
+scaled to `length_mm` and `breadth_mm`.
 """
 
 import difflib
 import math
+from collections.abc import Collection
+from os import PathLike
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
+from numpy.typing import ArrayLike
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import (
@@ -32,38 +35,47 @@ from ..core.model.marker_layout import MARKERS, OFFSET_RANGE, PAPER_PLACES, Mark
 
 
 class InvalidHandFile(HandTrackerError, ValueError):
-    """A hand file cannot be read; the message names file, field, value and what is allowed."""
+    """A hand file is invalid; the message names file, field, value and what is allowed."""
 
 
 class Quantity(NamedTuple):
-    """A number or a list of numbers, in the file's unit and with the range of each."""
+    """Unit and bounds of a number, or of a list of numbers, in a hand file.
+
+    Attributes
+    ----------
+    unit : {'mm', 'degrees', ''}
+    count : int
+        Length of the list; 0 for a single number.
+    lower, upper : tuple of float
+        Of each number, in the file's unit.
+    """
 
     unit: str
-    count: int  # 0: a single number, not a list
-    lower: tuple
-    upper: tuple
+    count: int
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
 
-    def to_si(self, value):
-        """Return file units as metres or radians."""
+    def to_si(self, value: float) -> float:
+        """Convert a number from the file's unit to metres or radians."""
         return {'mm': lambda v: v / 1000., 'degrees': np.radians}.get(self.unit, float)(value)
 
-    def from_si(self, values):
-        """Return metres or radians in file units, as plain numbers."""
+    def from_si(self, values: ArrayLike) -> float | list[float]:
+        """Convert metres or radians to the file's unit, as plain numbers."""
         scale = {'mm': 1000., 'degrees': 180. / math.pi}.get(self.unit, 1.)
         numbers = [round(float(v) * scale, 12) + 0. for v in np.atleast_1d(values)]
         return numbers if self.count else numbers[0]
 
 
-def _quantity(unit, count, lower, upper):
+def _quantity(unit: str, count: int, lower: float, upper: float) -> Quantity:
     return Quantity(unit, count, (lower,) * max(count, 1), (upper,) * max(count, 1))
 
 
 LENGTH = _quantity('mm', 0, 100., 260.)
 BREADTH = _quantity('mm', 0, 40., 140.)
 POINT = _quantity('mm', 3, -1000. * POSITION_RANGE, 1000. * POSITION_RANGE)
-BONES = _quantity('mm', 3, *(1000. * v for v in LENGTH_RANGE))
+BONE_LENGTHS = _quantity('mm', 3, *(1000. * v for v in LENGTH_RANGE))
 RADIUS = _quantity('mm', 0, 1., 50.)
-RADII = _quantity('mm', 3, 1., 50.)
+DIGIT_RADII = _quantity('mm', 3, 1., 50.)
 SPLAY = _quantity('degrees', 0, -45., 45.)
 DIRECTION = _quantity('', 3, -1e6, 1e6)
 SLOPE = _quantity('', 0, *SLOPE_RANGE)
@@ -72,27 +84,27 @@ MARKER_OFFSET = _quantity('mm', 3, -1000. * OFFSET_RANGE, 1000. * OFFSET_RANGE)
 LIMIT = Quantity(
     'degrees', 2, (-math.degrees(ANGLE_RANGE), 0.), (0., math.degrees(ANGLE_RANGE)))
 
-# Key of the file: field of Hand, its rows, and what each row holds.
-ROWS = {
+# Key of the file: field of Hand, names of its rows, quantity of each row.
+ROW_FIELDS = {
     'finger_cmc_mm': ('finger_cmc', FINGERS, POINT),
     'finger_mcp_mm': ('finger_mcp', FINGERS, POINT),
-    'finger_bones_mm': ('finger_bones', FINGERS, BONES),
+    'finger_bones_mm': ('finger_bones', FINGERS, BONE_LENGTHS),
     'abduction_axes': ('finger_abduction_axes', FINGERS, DIRECTION),
     'splay_deg': ('splay', FINGERS, SPLAY),
-    'radii_mm': ('radii', DIGITS, RADII),
+    'radii_mm': ('radii', DIGITS, DIGIT_RADII),
 }
-THUMB = {
+THUMB_FIELDS = {
     'cmc_mm': ('thumb_cmc', POINT),
-    'bones_mm': ('thumb_bones', BONES),
+    'bones_mm': ('thumb_bones', BONE_LENGTHS),
     'abduction_axis': ('thumb_abduction_axis', DIRECTION),
     'rest_direction': ('thumb_rest_direction', DIRECTION),
 }
-COUPLING = {'slope': SLOPE, 'offset_deg': COUPLING_OFFSET}
-KEYS = ('side', 'length_mm', 'breadth_mm', *ROWS, 'palm_radius_mm', 'thumb', 'coupling',
-        'limits', 'markers')
+COUPLING_FIELDS = {'slope': SLOPE, 'offset_deg': COUPLING_OFFSET}
+HAND_FILE_KEYS = ('side', 'length_mm', 'breadth_mm', *ROW_FIELDS, 'palm_radius_mm', 'thumb',
+                  'coupling', 'limits', 'markers')
 
 
-def load_hand(path):
+def load_hand(path: str | PathLike[str]) -> tuple[Hand, MarkerLayout]:
     """Read a hand file.
 
     Parameters
@@ -111,8 +123,8 @@ def load_hand(path):
     """
     try:
         with open(path, encoding='utf-8') as file:
-            tree = yaml.load(file, _Loader)
-        tree = _mapping('', tree, KEYS)
+            tree = yaml.load(file, _UniqueKeyLoader)
+        tree = _mapping('', tree, HAND_FILE_KEYS)
         return _hand(tree), _layout(_mapping('markers', tree.get('markers'), MARKERS))
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
@@ -126,8 +138,10 @@ def load_hand(path):
         raise InvalidHandFile(f'{path}: {error}') from None
 
 
-def choose_hand(path=None, side=None, limits=None, coupling=None, **size):
-    """Return the hand of a file, or the mean hand, with what is asked for in place of its own.
+def choose_hand(path: str | PathLike[str] | None = None, side: str | None = None,
+                limits: str | None = None, coupling: str | None = None,
+                **size: float) -> tuple[Hand, MarkerLayout]:
+    """Return the hand of a file, or the mean hand, with side and presets overridden.
 
     Parameters
     ----------
@@ -152,18 +166,18 @@ def choose_hand(path=None, side=None, limits=None, coupling=None, **size):
         As `load_hand`.
     """
     hand, layout = load_hand(path) if path else (Hand.scaled(**size), MarkerLayout())
-    asked = {}
+    overrides: dict[str, Any] = {}
     if side:
-        asked['side'] = side
+        overrides['side'] = side
     if limits:
-        asked['limits'] = preset_limits(limits)
+        overrides['limits'] = preset_limits(limits)
     if coupling:
-        asked['coupling'] = preset_coupling(coupling)
-    return hand.replace(**asked), layout
+        overrides['coupling'] = preset_coupling(coupling)
+    return hand.replace(**overrides), layout
 
 
-def save_hand(path, hand, layout):
-    """Write a hand file that `load_hand` reads back to the same hand and layout.
+def save_hand(path: str | PathLike[str], hand: Hand, layout: MarkerLayout) -> None:
+    """Write a hand file; `load_hand` returns the same hand and layout.
 
     Parameters
     ----------
@@ -171,16 +185,17 @@ def save_hand(path, hand, layout):
     hand : Hand
     layout : MarkerLayout
     """
-    tree = {'side': hand.side}
-    for key, (field, names, quantity) in ROWS.items():
+    tree: dict[str, Any] = {'side': hand.side}
+    for key, (field, names, quantity) in ROW_FIELDS.items():
         tree[key] = {
             name: quantity.from_si(row) for name, row in zip(names, getattr(hand, field))}
     tree['palm_radius_mm'] = RADIUS.from_si(hand.palm_radius)
     tree['thumb'] = {
-        key: quantity.from_si(getattr(hand, field)) for key, (field, quantity) in THUMB.items()}
+        key: quantity.from_si(getattr(hand, field))
+        for key, (field, quantity) in THUMB_FIELDS.items()}
     tree['coupling'] = {
         digit: {key: quantity.from_si(value)
-                for (key, quantity), value in zip(COUPLING.items(), row)}
+                for (key, quantity), value in zip(COUPLING_FIELDS.items(), row)}
         for digit, row in zip(DIGITS, hand.coupling)}
     tree['limits'] = {
         f'{joint}_deg': LIMIT.from_si(row) for joint, row in zip(JOINTS, hand.limits)}
@@ -192,10 +207,10 @@ def save_hand(path, hand, layout):
         f'# A hand for hand_tracker, in millimetres and degrees.\n{text}', encoding='utf-8')
 
 
-class _Loader(yaml.SafeLoader):
-    """Refuses a key that stands twice, of which YAML would silently keep the last."""
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """YAML loader that refuses duplicate keys, instead of silently keeping the last."""
 
-    def construct_mapping(self, node, deep=False):
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
         names = [key for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
         for i, key in enumerate(names):
             if key.value in [other.value for other in names[:i]]:
@@ -204,70 +219,70 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def _hand(tree):
+def _hand(tree: dict) -> Hand:
     """Return the Hand of a file's mapping."""
     size = {name: _number(key, tree[key], quantity) for name, key, quantity in (
         ('length', 'length_mm', LENGTH), ('breadth', 'breadth_mm', BREADTH)) if key in tree}
     mean = Hand.scaled(**size)
-    fields = {'limits': _limits(tree.get('limits', 'paper')),
+    fields: dict[str, Any] = {'limits': _limits(tree.get('limits', 'paper')),
               'coupling': _coupling(tree.get('coupling', 'natural'))}
     if 'side' in tree:
         fields['side'] = _choice('side', tree['side'], SIDES)
-    for key, (field, names, quantity) in ROWS.items():
+    for key, (field, names, quantity) in ROW_FIELDS.items():
         values = np.array(getattr(mean, field))
         for name, value in _mapping(key, tree.get(key), names).items():
             values[names.index(name)] = _number(f'{key}.{name}', value, quantity)
         fields[field] = values
     if 'palm_radius_mm' in tree:
         fields['palm_radius'] = _number('palm_radius_mm', tree['palm_radius_mm'], RADIUS)
-    for key, value in _mapping('thumb', tree.get('thumb'), THUMB).items():
-        field, quantity = THUMB[key]
+    for key, value in _mapping('thumb', tree.get('thumb'), THUMB_FIELDS).items():
+        field, quantity = THUMB_FIELDS[key]
         fields[field] = _number(f'thumb.{key}', value, quantity)
     return mean.replace(**fields)
 
 
-def _limits(value):
-    """Return the limits of a preset's name, or of a mapping with some joints' own [rad]."""
+def _limits(value: str | dict) -> np.ndarray:
+    """Return joint limits from a preset's name, or a mapping of single joints, (25, 2) [rad]."""
     if not isinstance(value, dict):
         return preset_limits(_choice('limits', value, LIMIT_PRESETS))
     keys = tuple(f'{joint}_deg' for joint in JOINTS)
-    own = _mapping('limits', value, ('preset', *keys))
-    limits = preset_limits(_choice('limits.preset', own.get('preset', 'paper'), LIMIT_PRESETS))
-    for key in own:
+    given = _mapping('limits', value, ('preset', *keys))
+    limits = preset_limits(_choice('limits.preset', given.get('preset', 'paper'), LIMIT_PRESETS))
+    for key in given:
         if key != 'preset':
-            limits[keys.index(key)] = _number(f'limits.{key}', own[key], LIMIT)
+            limits[keys.index(key)] = _number(f'limits.{key}', given[key], LIMIT)
     return limits
 
 
-def _coupling(value):
-    """Return the coupling of a preset's name, or of a mapping with some digits' own [1, rad]."""
+def _coupling(value: str | dict) -> np.ndarray:
+    """Return the coupling from a preset's name, or a mapping of digits, (5, 2) [1, rad]."""
     if isinstance(value, str):
         return preset_coupling(_choice('coupling', value, COUPLING_PRESETS))
-    own = _mapping('coupling', value, ('preset', *DIGITS))
+    given = _mapping('coupling', value, ('preset', *DIGITS))
     coupling = preset_coupling(
-        _choice('coupling.preset', own.get('preset', 'natural'), COUPLING_PRESETS))
+        _choice('coupling.preset', given.get('preset', 'natural'), COUPLING_PRESETS))
     for i, digit in enumerate(DIGITS):
-        for key, number in _mapping(f'coupling.{digit}', own.get(digit), COUPLING).items():
-            coupling[i, list(COUPLING).index(key)] = _number(
-                f'coupling.{digit}.{key}', number, COUPLING[key])
+        for key, number in _mapping(f'coupling.{digit}', given.get(digit), COUPLING_FIELDS).items():
+            coupling[i, list(COUPLING_FIELDS).index(key)] = _number(
+                f'coupling.{digit}.{key}', number, COUPLING_FIELDS[key])
     return coupling
 
 
-def _layout(markers):
+def _layout(markers: dict) -> MarkerLayout:
     """Return the MarkerLayout of a file's mapping of markers."""
     places, offsets = list(PAPER_PLACES), np.zeros((len(MARKERS), 3))
     for marker, value in markers.items():
-        own = _mapping(f'markers.{marker}', value, ('place', 'offset_mm'))
-        if 'place' in own:
-            places[MARKERS.index(marker)] = own['place']
-        if 'offset_mm' in own:
+        given = _mapping(f'markers.{marker}', value, ('place', 'offset_mm'))
+        if 'place' in given:
+            places[MARKERS.index(marker)] = given['place']
+        if 'offset_mm' in given:
             offsets[MARKERS.index(marker)] = _number(
-                f'markers.{marker}.offset_mm', own['offset_mm'], MARKER_OFFSET)
+                f'markers.{marker}.offset_mm', given['offset_mm'], MARKER_OFFSET)
     return MarkerLayout(tuple(places), offsets)
 
 
-def _mapping(where, value, allowed):
-    """Return a mapping whose keys are all allowed; nothing is an empty one."""
+def _mapping(where: str, value: Any, allowed: Collection[str]) -> dict:
+    """Return a mapping after checking its keys; None becomes an empty one."""
     if value is None:
         return {}
     if not isinstance(value, dict):
@@ -282,14 +297,14 @@ def _mapping(where, value, allowed):
     return value
 
 
-def _choice(where, value, allowed):
+def _choice(where: str, value: Any, allowed: Collection[str]) -> str:
     if value not in tuple(allowed):
         raise InvalidHandFile(f'{where}: {value!r}; allowed are {", ".join(allowed)}')
     return value
 
 
-def _number(where, value, quantity):
-    """Return a value of the file as metres, radians or plain numbers, its range checked."""
+def _number(where: str, value: Any, quantity: Quantity) -> float | list[float]:
+    """Return a value of the file in metres, radians or no unit, after checking its range."""
     if not quantity.count:
         values, places = [value], ['']
     elif isinstance(value, list) and len(value) == quantity.count:
@@ -300,7 +315,7 @@ def _number(where, value, quantity):
     for place, number, lower, upper in zip(places, values, quantity.lower, quantity.upper):
         if isinstance(number, bool) or not isinstance(number, (int, float)):
             raise InvalidHandFile(f'{where}{place}: {number!r}; expected a number')
-        # Written so that NaN is refused too.
+        # Also true for NaN.
         if not lower <= number <= upper:
             raise InvalidHandFile(
                 f'{where}{place}: {number}; '

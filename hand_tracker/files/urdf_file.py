@@ -1,43 +1,65 @@
-"""The URDF of a hand: 25 revolute joints and five fixed tips, from the hand's own tables.
+"""Generate the URDF of a hand: 25 revolute joints and five fixed tips.
 
 Command: ``hand_tracker urdf --side left --prefix left_ -o hand_left.urdf``.
 """
 
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from ..core.model.capsules import capsule_lengths
-from ..core.model.hand import DIGITS, FINGERS, JOINTS, LINKS, ROOT
-from ..core.model.kinematics import joint_table, tip_offsets
+from ..core.model.hand import DIGITS, FINGERS, JOINTS, LINKS, ROOT, Hand
+from ..core.model.kinematics import JointTable, joint_table, tip_offsets
 
-# Unsourced: URDF demands both numbers; a brisk finger stays below them.
-EFFORT = 1.     # [N m]
-VELOCITY = 20.  # [rad/s]
-# Red, green, blue, opacity: neighbouring segments differ, so that a joint shows in RViz.
+# Required by URDF; unsourced, above those of a fast finger.
+MAX_EFFORT = 1.     # [N m]
+MAX_VELOCITY = 20.  # [rad/s]
+# Red, green, blue, opacity; adjacent segments differ, so that joints are visible in RViz.
 MATERIALS = {
     'palm': (.87, .68, .56, 1.), 'bone': (.93, .75, .63, 1.), 'tip': (.80, .52, .45, 1.)}
-DECIMALS = 9
-SHORTEST = 1e-6  # [m] below which a capsule is a sphere
-UNTURNED = (0., 0., 0.)
+URDF_DECIMALS = 9
+MIN_CYLINDER_LENGTH = 1e-6  # [m] below which a capsule is a sphere
+NO_ROTATION = (0., 0., 0.)
 
 
-def urdf(hand, prefix=''):
-    """Return the URDF of a hand, of its own side.
+class LinkCapsule(NamedTuple):
+    """Collision and visual shape of a link: a capsule in the link's frame.
 
-    There are no inertial elements: the hand is measured, not simulated, and KDL
-    warns of an inertia at the root.
+    Attributes
+    ----------
+    start, end : ndarray, shape (3,)
+        Centres of its ends [m].
+    radius : float
+        [m]
+    material : str
+        One of `MATERIALS`.
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    radius: float
+    material: str
+
+
+def urdf(hand: Hand, prefix: str = '') -> str:
+    """Return the URDF of a hand.
+
+    Without inertial elements: the hand is measured, not simulated, and KDL warns of an inertia
+    at the root.
 
     Parameters
     ----------
     hand : Hand
     prefix : str
-        Put before every joint and link, so that two hands share one TF tree.
+        Of every joint and link, so that two hands can share one TF tree.
 
     Returns
     -------
     str
-        The same text for the same hand.
+        XML; equal for equal hands.
     """
     robot = ElementTree.Element('robot', name=f'{hand.side}_hand')
     for name, colour in MATERIALS.items():
@@ -56,7 +78,7 @@ def urdf(hand, prefix=''):
         lower, upper = hand.limits[i]
         ElementTree.SubElement(
             joint, 'limit', lower=_numbers([lower]), upper=_numbers([upper]),
-            effort=_numbers([EFFORT]), velocity=_numbers([VELOCITY]))
+            effort=_numbers([MAX_EFFORT]), velocity=_numbers([MAX_VELOCITY]))
     for digit, offset in zip(DIGITS, tip_offsets(hand)):
         _add_link(robot, prefix, f'{digit}_tip', ())
         _add_joint(robot, prefix, f'{digit}_tip_fixed', 'fixed', f'{digit}_distal',
@@ -65,29 +87,32 @@ def urdf(hand, prefix=''):
     return f'<?xml version="1.0"?>\n{ElementTree.tostring(robot, encoding="unicode")}\n'
 
 
-def _capsules(hand, table):
-    """Return for each link that has flesh its (start, end, radius, material)."""
+def _capsules(hand: Hand, table: JointTable) -> dict[str, list[LinkCapsule]]:
+    """Return the capsules of each link with a shape."""
     roots = {name: table.translation[LINKS.index(name)] for name in (
         *(f'{finger}_metacarpal' for finger in FINGERS), 'thumb_saddle')}
-    # Side by side from the wrist's crease, for a wrist as broad as the carpus.
-    capsules = {ROOT: [
-        (root * (0., 1., 0.), root, hand.palm_radius, 'palm') for root in roots.values()]}
+    # Parallel from the wrist crease, so that the wrist is as broad as the carpus.
+    capsules = {ROOT: [LinkCapsule(root * (0., 1., 0.), root, hand.palm_radius, 'palm')
+                       for root in roots.values()]}
     lengths = capsule_lengths(hand)
     for i, finger in enumerate(FINGERS):
         knuckle = table.translation[LINKS.index(f'{finger}_knuckle')]
-        capsules[f'{finger}_metacarpal'] = [(np.zeros(3), knuckle, hand.palm_radius, 'palm')]
+        capsules[f'{finger}_metacarpal'] = [
+            LinkCapsule(np.zeros(3), knuckle, hand.palm_radius, 'palm')]
         _add_bones(capsules, finger, ('proximal', 'middle', 'distal'), lengths[i], hand.radii[i])
     _add_bones(capsules, 'thumb', ('metacarpal', 'proximal', 'distal'), lengths[4], hand.radii[4])
     return capsules
 
 
-def _add_bones(capsules, digit, links, lengths, radii):
+def _add_bones(capsules: dict[str, list[LinkCapsule]], digit: str, links: tuple[str, ...],
+               lengths: np.ndarray, radii: np.ndarray) -> None:
     for link, length, radius in zip(links, lengths, radii):
         material = 'tip' if link == 'distal' else 'bone'
-        capsules[f'{digit}_{link}'] = [(np.zeros(3), np.array((length, 0., 0.)), radius, material)]
+        capsules[f'{digit}_{link}'] = [
+            LinkCapsule(np.zeros(3), np.array((length, 0., 0.)), radius, material)]
 
 
-def _add_link(robot, prefix, name, capsules):
+def _add_link(robot: Element, prefix: str, name: str, capsules: Iterable[LinkCapsule]) -> None:
     link = ElementTree.SubElement(robot, 'link', name=prefix + name)
     for kind in ('visual', 'collision'):
         for shape, centre, rpy, size, material in _shapes(capsules):
@@ -99,21 +124,22 @@ def _add_link(robot, prefix, name, capsules):
                 ElementTree.SubElement(part, 'material', name=prefix + material)
 
 
-def _shapes(capsules):
-    """Yield (shape, centre, roll-pitch-yaw, size, material): URDF knows no capsule."""
-    balls = set()
+def _shapes(capsules: Iterable[LinkCapsule]) -> Iterator[tuple]:
+    """Yield (shape, centre, roll-pitch-yaw, size, material), as URDF has no capsules."""
+    spheres: set[tuple] = set()
     for start, end, radius, material in capsules:
         for centre in (start, end):
-            if tuple(centre) not in balls:
-                balls.add(tuple(centre))
-                yield 'sphere', centre, UNTURNED, {'radius': _numbers([radius])}, material
+            if tuple(centre) not in spheres:
+                spheres.add(tuple(centre))
+                yield 'sphere', centre, NO_ROTATION, {'radius': _numbers([radius])}, material
         length = np.linalg.norm(end - start)
-        if length > SHORTEST:
+        if length > MIN_CYLINDER_LENGTH:
             size = {'radius': _numbers([radius]), 'length': _numbers([length])}
             yield 'cylinder', (start + end) / 2., _turn_z_to(end - start), size, material
 
 
-def _add_joint(robot, prefix, name, kind, parent, child, xyz, rpy=UNTURNED):
+def _add_joint(robot: Element, prefix: str, name: str, kind: str, parent: str, child: str,
+               xyz: Iterable[float], rpy: Iterable[float] = NO_ROTATION) -> Element:
     joint = ElementTree.SubElement(robot, 'joint', name=prefix + name, type=kind)
     _add_origin(joint, xyz, rpy)
     ElementTree.SubElement(joint, 'parent', link=prefix + parent)
@@ -121,28 +147,28 @@ def _add_joint(robot, prefix, name, kind, parent, child, xyz, rpy=UNTURNED):
     return joint
 
 
-def _add_origin(element, xyz, rpy):
+def _add_origin(element: Element, xyz: Iterable[float], rpy: Iterable[float]) -> None:
     ElementTree.SubElement(element, 'origin', xyz=_numbers(xyz), rpy=_numbers(rpy))
 
 
-def _roll_pitch_yaw(rotation):
-    """Return URDF's angles: about x, then y, then z, all fixed axes [rad]."""
+def _roll_pitch_yaw(rotation: np.ndarray) -> tuple[float, float, float]:
+    """Return roll, pitch and yaw of a rotation (3, 3): about fixed x, then y, then z [rad]."""
     level = np.hypot(rotation[0, 0], rotation[1, 0])
     pitch = np.arctan2(-rotation[2, 0], level)
-    # Looking along z, roll and yaw turn about the same line: give it all to yaw.
+    # Gimbal lock: roll and yaw share an axis, so that all rotation goes into yaw.
     if level < 1e-9:
         return 0., pitch, np.arctan2(-rotation[0, 1], rotation[1, 1])
     return (np.arctan2(rotation[2, 1], rotation[2, 2]), pitch,
             np.arctan2(rotation[1, 0], rotation[0, 0]))
 
 
-def _turn_z_to(direction):
-    """Return the angles that carry z to `direction`; URDF's cylinders lie along z."""
+def _turn_z_to(direction: np.ndarray) -> tuple[float, float, float]:
+    """Return roll, pitch and yaw that rotate z, the axis of URDF's cylinders, to `direction`."""
     x, y, z = direction
     return 0., np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)
 
 
-def _numbers(values):
-    # Adding zero turns -0 into 0.
-    return ' '.join(f'{round(float(value), DECIMALS) + 0.:.{DECIMALS}f}'.rstrip('0').rstrip('.')
-                    for value in values)
+def _numbers(values: Iterable[float]) -> str:
+    # + 0. turns -0 into 0.
+    rounded = (round(float(value), URDF_DECIMALS) + 0. for value in values)
+    return ' '.join(f'{value:.{URDF_DECIMALS}f}'.rstrip('0').rstrip('.') for value in rounded)

@@ -18,7 +18,7 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from hand_tracker.files.bags import (
     JOINT_STATE,
     MARKER_ARRAY,
-    TYPES,
+    TYPE_STORE,
     BagError,
     BagMessage,
     bag_message,
@@ -51,7 +51,7 @@ def write_folder(path, messages, storage=StoragePlugin.SQLITE3, offers=()):
         for message in messages:
             if message.topic not in connections:
                 connections[message.topic] = writer.add_connection(
-                    message.topic, message.type, typestore=TYPES, offered_qos_profiles=offers)
+                    message.topic, message.type, typestore=TYPE_STORE, offered_qos_profiles=offers)
             writer.write(connections[message.topic], message.time, message.data)
 
 

@@ -14,11 +14,11 @@ from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerL
 from hand_tracker.files.hand_file import (
     BREADTH,
     COUPLING_OFFSET,
-    KEYS,
+    HAND_FILE_KEYS,
     LENGTH,
     RADIUS,
     SPLAY,
-    THUMB,
+    THUMB_FIELDS,
     InvalidHandFile,
     choose_hand,
     load_hand,
@@ -94,11 +94,11 @@ def test_example_is_the_default_hand():
 def test_example_shows_and_explains_every_key():
     text = EXAMPLE.read_text(encoding='utf-8')
     tree = yaml.safe_load(text)
-    assert set(tree) == set(KEYS)
+    assert set(tree) == set(HAND_FILE_KEYS)
     for paragraph in text.split('\n\n'):
         assert re.search(r'^ *# \w', paragraph, re.MULTILINE), paragraph
     assert set(tree['markers']) == set(MARKERS)
-    assert set(tree['thumb']) == set(THUMB)
+    assert set(tree['thumb']) == set(THUMB_FIELDS)
 
 
 @pytest.mark.parametrize('text', [

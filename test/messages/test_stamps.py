@@ -5,14 +5,14 @@ import struct
 import numpy as np
 import pytest
 
-from hand_tracker.files.bags import MARKER_ARRAY, TYPES, bag_message, joint_state_message
+from hand_tracker.files.bags import MARKER_ARRAY, TYPE_STORE, bag_message, joint_state_message
 from hand_tracker.messages.stamps import header_stamp, marker_stamps, restamp
 
 LATEST = 2**31 * 10**9  # an int32 of seconds [ns]
 
 
 def make(name, *fields):
-    return TYPES.types[name](*fields)
+    return TYPE_STORE.types[name](*fields)
 
 
 def header(stamp, frame_id):
@@ -50,7 +50,7 @@ def test_marker_array(little_endian):
     for seed in range(100):
         old, new = np.random.default_rng(seed).integers(LATEST, size=2).tolist()
         before, after = (
-            bytes(TYPES.serialize_cdr(random_array(np.random.default_rng(seed), stamp),
+            bytes(TYPE_STORE.serialize_cdr(random_array(np.random.default_rng(seed), stamp),
                                       MARKER_ARRAY, little_endian=little_endian))
             for stamp in (old, new))
         assert restamp(before, marker_stamps(before), new) == after
@@ -77,7 +77,7 @@ def test_message_that_begins_with_a_header():
 
 
 def test_cut_off_message():
-    data = bytes(TYPES.serialize_cdr(random_array(np.random.default_rng(3), 0), MARKER_ARRAY))
+    data = bytes(TYPE_STORE.serialize_cdr(random_array(np.random.default_rng(3), 0), MARKER_ARRAY))
     for length in (2, 6, 12, len(data) // 2):
         with pytest.raises((struct.error, IndexError)):
             marker_stamps(data[:length])

@@ -16,7 +16,7 @@ from hand_tracker.core.model.hand import FINGERS, JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.files.bags import JOINT_STATE, MARKER_ARRAY, POSE, TYPES, open_bag
+from hand_tracker.files.bags import JOINT_STATE, MARKER_ARRAY, POSE, TYPE_STORE, open_bag
 from hand_tracker.files.hand_file import load_hand, save_hand
 from hand_tracker.simulation import layers
 from hand_tracker.simulation.cameras import CameraRig
@@ -146,10 +146,10 @@ def test_the_command_writes_a_recording_with_truth_and_a_hand_file(tmp_path):
         messages = list(bag.messages())
         assert len(set(bag.counts.values())) == 1 and bag.counts['/markers'] >= 121
     first = next(message for message in messages if message.topic == '/markers')
-    markers = TYPES.deserialize_cdr(first.data, first.type).markers
+    markers = TYPE_STORE.deserialize_cdr(first.data, first.type).markers
     assert {marker.text for marker in markers} <= set(MARKERS)
     truth = next(message for message in messages if message.type == JOINT_STATE)
-    assert TYPES.deserialize_cdr(truth.data, truth.type).name[0] == f'left_{JOINTS[0]}'
+    assert TYPE_STORE.deserialize_cdr(truth.data, truth.type).name[0] == f'left_{JOINTS[0]}'
     check_truth(messages[:4], HAND.mirrored())
     hand, layout = load_hand(tmp_path / 'hand.yaml')
     expected, places = calibrated(HAND.mirrored(), LAYOUT, 3)
@@ -159,7 +159,7 @@ def test_the_command_writes_a_recording_with_truth_and_a_hand_file(tmp_path):
 
 def check_truth(messages, hand):
     """Check that joints and wrist of a frame lead to the true places of its markers."""
-    truth = {message.topic: TYPES.deserialize_cdr(message.data, message.type)
+    truth = {message.topic: TYPE_STORE.deserialize_cdr(message.data, message.type)
              for message in messages}
     pose = truth['/wrist_truth'].pose
     turn = pose.orientation

@@ -15,7 +15,7 @@ from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.evaluation.overlap import deepest_overlaps
-from hand_tracker.files.bags import TYPES, open_bag
+from hand_tracker.files.bags import TYPE_STORE, open_bag
 from hand_tracker.package_data import PACKAGED_RECORDINGS, packaged_recording
 from hand_tracker.simulation import packaged_recordings as made
 from hand_tracker.simulation.gestures import GRASPS, LETTER_SHAPES, grasp_shape, shape_angles
@@ -269,7 +269,7 @@ def test_a_hand_is_on_the_packaged_recording_of_its_side(side):
     with open_bag(packaged_recording(side)) as bag:
         for message in islice(bag.messages(['/markers']), 0, None, 10):
             markers = np.full((len(MARKERS), 3), np.nan)
-            for marker in TYPES.deserialize_cdr(message.data, message.type).markers:
+            for marker in TYPE_STORE.deserialize_cdr(message.data, message.type).markers:
                 at = marker.pose.position
                 markers[marker.id] = at.x, at.y, at.z
             state = tracker.update(markers, 1e-9 * message.time)
@@ -287,7 +287,7 @@ def test_packaged_recording_is_small_and_holds_what_was_made(recording):
         for topic in bag.topics:
             assert bag.counts[topic] == len(recording.stamps)
         for i, message in enumerate(bag.messages(['/markers'])):
-            markers = TYPES.deserialize_cdr(message.data, message.type).markers
+            markers = TYPE_STORE.deserialize_cdr(message.data, message.type).markers
             assert {marker.header.frame_id for marker in markers} == {'mocap'}
             seen = np.isfinite(recording.markers[i]).all(axis=1)
             assert [marker.text for marker in markers] == [
@@ -297,7 +297,7 @@ def test_packaged_recording_is_small_and_holds_what_was_made(recording):
             stamp = markers[0].header.stamp
             assert stamp.sec * 10 ** 9 + stamp.nanosec == message.time == recording.stamps[i]
         for i, message in enumerate(bag.messages(['/joint_states_truth'])):
-            state = TYPES.deserialize_cdr(message.data, message.type)
+            state = TYPE_STORE.deserialize_cdr(message.data, message.type)
             assert state.name == [f'right_{joint}' for joint in JOINTS]
             np.testing.assert_array_equal(state.position, recording.angles[i])
 

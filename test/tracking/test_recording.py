@@ -24,7 +24,7 @@ from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.angle_table import WRIST_COLUMNS
 from hand_tracker.files.bags import (
     MARKER_ARRAY,
-    TYPES,
+    TYPE_STORE,
     BagError,
     BagMessage,
     bag_message,
@@ -130,7 +130,7 @@ def test_recording_holds_the_same_angles_with_the_markers_stamps(
     with open_bag(output) as written:
         assert written.topics == {'/joint_states': 'sensor_msgs/msg/JointState',
                                   '/tf': 'tf2_msgs/msg/TFMessage'}
-        messages = [(topic, time, TYPES.deserialize_cdr(data, kind))
+        messages = [(topic, time, TYPE_STORE.deserialize_cdr(data, kind))
                     for topic, kind, time, data in written.messages()]
     joints = [row for row in messages if row[0] == '/joint_states']
     poses = [row for row in messages if row[0] == '/tf']
@@ -194,7 +194,7 @@ def test_topic_frame_labels_and_units_are_those_asked_for(recording, tmp_path):
 # --- the node's rules
 
 def test_constants_are_those_of_the_message():
-    marker = TYPES.types['visualization_msgs/msg/Marker']
+    marker = TYPE_STORE.types['visualization_msgs/msg/Marker']
     for name in ('ADD', 'CUBE', 'SPHERE', 'CYLINDER', 'CUBE_LIST', 'SPHERE_LIST', 'POINTS'):
         assert getattr(marker_array, name) == getattr(marker, name)
 
@@ -265,7 +265,7 @@ def test_points_of_a_list_count(recording):
     message = marker_array_message(1, 'mocap', MARKERS, recording.markers[0])
     cloud = message.markers[0]
     cloud.points = [marker.pose.position for marker in message.markers]
-    point = TYPES.types['geometry_msgs/msg/Point']
+    point = TYPE_STORE.types['geometry_msgs/msg/Point']
     cloud.type, cloud.pose.position = cloud.POINTS, point(0., 0., 0.)
     message.markers = [cloud]
     frame, = track([bag_message('/markers', 1, message)], HandTracker(), LabelMap())
