@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 from xml.etree import ElementTree
 from zipfile import ZipFile
@@ -13,7 +14,8 @@ from zipfile import ZipFile
 import pytest
 
 import hand_tracker
-from hand_tracker import package_data
+from hand_tracker import TrackerOptions, package_data
+from hand_tracker.nodes.tracker_parameters import START
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA_FOLDERS = ('config', 'examples', 'launch', 'recordings', 'urdf')
@@ -246,3 +248,27 @@ def test_installed_wheel_finds_its_data(wheel, tmp_path):
     found = Path(run_python(ask, cwd=code.parent.parent).strip())
     assert found.is_relative_to(tmp_path.resolve())
     assert (found / 'package.xml').is_file()
+
+
+def test_the_documents_name_every_argument_and_parameter():
+    text = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
+    named = set(re.findall(r'`([^`]+)`', text))
+    launch = (ROOT / 'launch' / 'track.launch.py').read_text(encoding='utf-8')
+    arguments = re.findall(r"DeclareLaunchArgument\(\s*'(\w+)'", launch)
+    assert len(arguments) > 10
+    assert [name for name in arguments if name not in named] == []
+    assert [row.name for row in START if not row.name.startswith('qos.')
+            and row.name not in named] == []
+    options = [option.name for option in fields(TrackerOptions)
+               if not option.name.startswith(('link_', 'bound_'))]
+    assert [name for name in options if name not in named] == []
+
+
+def test_links_of_the_documents_lead_somewhere():
+    documents = [*ROOT.glob('*.md'), *(ROOT / 'docs').glob('*.md')]
+    broken = []
+    for document in documents:
+        for link in re.findall(r'\]\(([^)#\s]+)', document.read_text(encoding='utf-8')):
+            if '://' not in link and not (document.parent / link).exists():
+                broken.append((document.name, link))
+    assert broken == []

@@ -19,7 +19,8 @@ def test_markers_rest_on_the_skin():
     markers = marker_positions(pictures.resting_layout(hand).mounting(hand), rest)
     skin = pictures.skin_mesh(hand, rest).vertices
     gaps = np.linalg.norm(markers[:, None] - skin, axis=2).min(axis=1)
-    assert (gaps > .4 * pictures.MARKER_BALL_RADIUS).all() and (gaps < 1.4 * pictures.MARKER_BALL_RADIUS).all()
+    assert (gaps > .4 * pictures.MARKER_BALL_RADIUS).all()
+    assert (gaps < 1.4 * pictures.MARKER_BALL_RADIUS).all()
 
 
 def test_hidden_markers_are_larger_and_of_another_colour():
