@@ -4,16 +4,13 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
-from ..parallel import parallel_map
+from ..parallel import Result, Task, parallel_map
 from ..progress import CLEAR_LINE, Progress
 
 if TYPE_CHECKING:
     from .captures import Capture
-
-Task = TypeVar('Task')
-Result = TypeVar('Result')
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from .capture_tracking import advance, track
 from .captures import Capture, InvalidCapture, judge_each
 from .evaluation_options import Options
 from .metrics import availability
-from .plain_hand import PALM_LANDMARKS, palm_poses
+from .plain_hand import PLAIN_PALM, palm_poses
 from .rows import Row, error_statistics, mean_of
 from .tables import (
     SERIES_COLOURS,
@@ -51,7 +51,7 @@ AVAILABLE_WITHIN = .01              # [m] error of a usable prediction; ours, un
 FITTED_LIMITS = 'wide'
 OCCLUSION_METHODS = ('hand_tracker', *BASELINES)
 # Landmarks of each digit, from the wrist to the tip, shape (5, 5).
-DIGIT_LANDMARKS = np.pad(np.vstack((FINGER_ROWS, THUMB_ROWS)), ((0, 0), (1, 0)))
+LANDMARK_CHAINS = np.pad(np.vstack((FINGER_ROWS, THUMB_ROWS)), ((0, 0), (1, 0)))
 DIGIT_MARKER_ROWS = range(len(PALM_MARKERS), len(MARKERS))
 # Kinds of sets of hidden markers.
 HIDDEN_KINDS = {
@@ -182,7 +182,7 @@ def captured_bends(joints: np.ndarray) -> np.ndarray:
     ndarray, shape (T, 5, 3)
         NaN where not captured [rad].
     """
-    bones = np.diff(joints[:, DIGIT_LANDMARKS], axis=2)
+    bones = np.diff(joints[:, LANDMARK_CHAINS], axis=2)
     bones = bones / np.linalg.norm(bones, axis=3, keepdims=True)
     before, after = bones[:, :, :-1], bones[:, :, 1:]
     return 2. * np.arctan2(np.linalg.norm(after - before, axis=3),
@@ -195,7 +195,7 @@ def judge(capture: Capture, seed: int) -> list[Row]:
     first_frames, lengths = windows(capture, seed)
     starts, ends = set(first_frames.tolist()), list(lengths.values())
     frames = max(ends)
-    template = fitted_plain(capture).template[PALM_LANDMARKS]
+    template = fitted_plain(capture).template[PLAIN_PALM]
     poses = palm_poses(right.markers[:, :3], template)
     tracker = HandTracker(fitted_hand(capture, FITTED_LIMITS))
     errors: dict[tuple[str, str], list[np.ndarray]] = {

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-PALM_LANDMARKS = [0, 5, 17]
-FINGER_LANDMARKS = np.arange(5, 21).reshape(4, 4)  # MCP, PIP, DIP and tip
-THUMB_LANDMARKS = np.arange(1, 5)                  # CMC, MCP, IP and tip
+PLAIN_PALM = [0, 5, 17]
+PLAIN_FINGERS = np.arange(5, 21).reshape(4, 4)  # MCP, PIP, DIP and tip
+PLAIN_THUMB = np.arange(1, 5)                   # CMC, MCP, IP and tip
 # Limits of MCP abduction and of MCP, PIP and DIP flexion [rad]: wide; ours, unsourced.
 ABDUCTION_LIMITS, MCP_LIMITS, PIP_LIMITS, DIP_LIMITS = np.radians(
     ((-30, 30), (-45, 90), (-10, 115), (-10, 90)))
@@ -101,12 +101,12 @@ def fit_plain(joints: np.ndarray) -> PlainHand:
     x = joints[:, 9] - wrist
     x = unit(x - (x * z).sum(axis=1, keepdims=True) * z)
     axes = np.stack((x, np.cross(z, x), z), axis=2)
-    palm = np.median(into_palm(joints, axes, wrist)[:, PALM_LANDMARKS], axis=0)
-    local = into_palm(joints, *palm_poses(joints[:, PALM_LANDMARKS], palm))
+    palm = np.median(into_palm(joints, axes, wrist)[:, PLAIN_PALM], axis=0)
+    local = into_palm(joints, *palm_poses(joints[:, PLAIN_PALM], palm))
     template = np.median(local, axis=0)
-    template[PALM_LANDMARKS] = palm
-    lengths = np.median(np.linalg.norm(np.diff(local[:, FINGER_LANDMARKS], axis=2), axis=3), axis=0)
-    thumb = local[:, THUMB_LANDMARKS]
+    template[PLAIN_PALM] = palm
+    lengths = np.median(np.linalg.norm(np.diff(local[:, PLAIN_FINGERS], axis=2), axis=3), axis=0)
+    thumb = local[:, PLAIN_THUMB]
     thumb_bones = np.median(np.linalg.norm(np.diff(thumb, axis=1), axis=2), axis=0)
     bent = np.cross(thumb[:, 1] - thumb[:, 0], thumb[:, 3] - thumb[:, 0])
     normal = unit(np.median(bent, axis=0))
@@ -131,13 +131,13 @@ def plain_joints(hand: PlainHand, markers: np.ndarray) -> np.ndarray:
     ndarray, shape (n, 21, 3)
         [m]
     """
-    rotation, position = palm_poses(markers[:, :3], hand.template[PALM_LANDMARKS])
+    rotation, position = palm_poses(markers[:, :3], hand.template[PLAIN_PALM])
     local = into_palm(markers, rotation, position)
     joints = np.tile(hand.template, (len(markers), 1, 1))
-    for finger, rows in enumerate(FINGER_LANDMARKS):
+    for finger, rows in enumerate(PLAIN_FINGERS):
         joints[:, rows[1:]] = _finger(
             hand.template[rows[0]], hand.bones[finger], local[:, 3 + finger])
-    joints[:, THUMB_LANDMARKS[1:]] = _thumb(hand, local[:, 7])
+    joints[:, PLAIN_THUMB[1:]] = _thumb(hand, local[:, 7])
     return np.einsum('nij,nkj->nki', rotation, joints) + position[:, None]
 
 
@@ -161,7 +161,7 @@ def _finger(root: np.ndarray, bones: np.ndarray, marker: np.ndarray) -> np.ndarr
 
 def _thumb(hand: PlainHand, marker: np.ndarray) -> np.ndarray:
     """Return MCP, IP and tip (n, 3, 3) of the thumb from its tip marker (n, 3)."""
-    root, bones = hand.template[THUMB_LANDMARKS[0]], hand.thumb_bones
+    root, bones = hand.template[PLAIN_THUMB[0]], hand.thumb_bones
     target = marker - root
     # Distance of the tip from the root at every flexion; take the one nearest to the marker's.
     flexion = np.stack((0. * THUMB_BENDS, THUMB_BENDS, THUMB_BENDS * (1. + hand.thumb_ratio)))

@@ -14,7 +14,7 @@ from .poses import (
     FREE_JOINTS,
     ONE_FINGER,
     OPPOSING_FINGERS,
-    RELAXED_FINGERS,
+    RELAXED_HAND,
     SPREAD_FINGERS,
     STRAIGHT_FINGERS,
     THREE_FINGERS,
@@ -73,9 +73,9 @@ GRASPS = {
     'power': ((PRESHAPED_FINGERS, THUMB_OPPOSED), POWER_FINGERS, (THUMB_OVER, (28, -2, 0, 8))),
     'precision': ((OPPOSING_FINGERS, THUMB_OPPOSED), PRECISION_FINGERS,
                   ((26, 12, 0, 14), (28, 0, 0, 8))),
-    'lateral': ((RELAXED_FINGERS, THUMB_OUT), LATERAL_FINGERS, (THUMB_KEY, (-4, 2, 0, 10))),
+    'lateral': ((RELAXED_HAND, THUMB_OUT), LATERAL_FINGERS, (THUMB_KEY, (-4, 2, 0, 10))),
 }
-REST_SHAPE = (RELAXED_FINGERS, THUMB_RELAXED)
+REST_SHAPE = (RELAXED_HAND, THUMB_RELAXED)
 
 
 def shape_angles(shape: Shape, hand: Hand) -> np.ndarray:

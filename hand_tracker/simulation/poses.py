@@ -16,7 +16,7 @@ from ..core.pose.contact import separate
 
 # [degrees] (MCP abduction, MCP flexion, PIP flexion); the DIP follows the PIP.
 STRAIGHT_FINGERS = ((3, 4, 5), (0, 3, 5), (2, 3, 5), (4, 4, 5))
-RELAXED_FINGERS = ((2, 18, 28), (0, 22, 32), (0, 26, 34), (2, 28, 32))
+RELAXED_HAND = ((2, 18, 28), (0, 22, 32), (0, 26, 34), (2, 28, 32))
 SPREAD_FINGERS = ((15, -4, 2), (3, -4, 2), (12, -4, 2), (15, -5, 2))
 FIST_FINGERS = ((-3, 82, 94), (0, 84, 94), (-2, 84, 94), (-4, 82, 92))
 ROLLED_FINGERS = ((0, 42, 62), (0, 44, 64), (0, 44, 64), (0, 42, 60))
@@ -68,7 +68,7 @@ Thumb = tuple[float, float, float, float]
 # Name: angles of the four fingers, and the thumb's four angles or its contact.
 NAMED_POSES: dict[str, tuple[Fingers, Thumb | Touch]] = {
     'open': (STRAIGHT_FINGERS, THUMB_BESIDE),
-    'relaxed': (RELAXED_FINGERS, THUMB_RELAXED),
+    'relaxed': (RELAXED_HAND, THUMB_RELAXED),
     'spread': (SPREAD_FINGERS, THUMB_OUT),
     'rolled': (ROLLED_FINGERS, THUMB_RELAXED),
     'ready': (OPPOSING_FINGERS, THUMB_OPPOSED),

@@ -177,7 +177,7 @@ def test_neither_tracker_nor_baselines_see_what_is_hidden_or_to_come(
     tracker = HandTracker(fitted_hand)
     for frame in moving.markers[:start]:
         tracker.update(frame)
-    template = plain_hand.fit_plain(fitted).template[plain_hand.PALM_LANDMARKS]
+    template = plain_hand.fit_plain(fitted).template[plain_hand.PLAIN_PALM]
     lies = moving.markers.copy()
     lies[start:start + length, hidden] = np.random.default_rng(1).uniform(-1., 1., (
         length, len(hidden), 3))
@@ -500,5 +500,5 @@ def test_the_baseline_makes_the_published_numbers_on_real_hands():
     capture = load_capture(capture_path('manipnet__cyl_med3_rightHand')).right()
     found = plain_hand.plain_joints(plain_hand.fit_plain(capture.joints), capture.markers)
     errors = 1e3 * np.linalg.norm(found - capture.joints, axis=2)
-    assert errors[:, plain_hand.FINGER_LANDMARKS[:, 1]].mean() == pytest.approx(1.45, abs=.3)
-    assert errors[:, plain_hand.FINGER_LANDMARKS[:, 3]].mean() == pytest.approx(12.1, abs=1.)
+    assert errors[:, plain_hand.PLAIN_FINGERS[:, 1]].mean() == pytest.approx(1.45, abs=.3)
+    assert errors[:, plain_hand.PLAIN_FINGERS[:, 3]].mean() == pytest.approx(12.1, abs=1.)
