@@ -1,4 +1,4 @@
-"""What every benchmark does: say what it ran on, and write its rows."""
+"""Parts shared by the benchmarks: environment, output of rows, stamps of serialized messages."""
 
 import json
 import os
@@ -8,16 +8,16 @@ from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.evaluation.results import hardware, versions
 
 ROOT = Path(__file__).resolve().parent.parent
-MARK = 0x1a5a5a5a    # seconds and nanoseconds of a stamp that is to be found; below a billion
+MARK = 0x1a5a5a5a    # placeholder for seconds and nanoseconds of a stamp; below 1e9
 
 
 def environment(**more):
-    """Return versions and hardware as lines of text.
+    """Return versions, hardware and load as lines of text.
 
     Parameters
     ----------
     **more : str
-        Versions of what else was measured, by name.
+        Versions of other measured packages, by name.
     """
     made = ', '.join(f'{name} {number}' for name, number in {**versions(), **more}.items())
     return (f"{made}; kernels {'compiled' if COMPILED else 'in plain Python'}\n"
@@ -25,18 +25,18 @@ def environment(**more):
 
 
 def environ(**more):
-    """Return the environment for a process that has to find this package."""
+    """Return the environment variables of a process that imports this package."""
     paths = str(ROOT), *filter(None, [os.environ.get('PYTHONPATH')])
     return {**os.environ, 'PYTHONPATH': os.pathsep.join(paths), **more}
 
 
 def add_json_option(parser):
-    """Add to a command line the file for the rows."""
+    """Add the option --json, a file for the rows, to a command line."""
     parser.add_argument('--json', metavar='OUT', help='write the rows here')
 
 
 def write_rows(path, rows):
-    """Write rows as a JSON list, if there is a path.
+    """Write rows as a JSON list; nothing if the path is None.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def write_rows(path, rows):
 
 
 def stamp_places(data):
-    """Return where a message has stamps whose seconds and nanoseconds are `MARK`."""
+    """Return the byte offsets of stamps of value `MARK` in a serialized message."""
     places, mark = [], 2 * MARK.to_bytes(4, 'little')
     at = data.find(mark)
     while at >= 0:
@@ -60,7 +60,7 @@ def stamp_places(data):
 
 
 def put_stamps(data, places, time):
-    """Put a time [ns] where a message has its stamps."""
+    """Write a time [ns] at the stamps of a serialized message; return the stamp's bytes."""
     seconds, nanoseconds = divmod(time, 10**9)
     stamp = seconds.to_bytes(4, 'little') + nanoseconds.to_bytes(4, 'little')
     for at in places:

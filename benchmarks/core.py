@@ -1,10 +1,10 @@
-"""Measure what a frame costs the core, by stage, compiled and as plain Python.
+"""Measure the time of a frame in the core, by stage, compiled and as plain Python.
 
     python -m benchmarks.core [--frames 4000] [--json OUT]
 
-A hand that moves as hands do, in the demonstration's motion, with all markers seen, one hidden
-and three hidden, every constraint on. `all` is `HandTracker.update`, in which the stages are one
-kernel; each is called from Python here, which costs about a microsecond. They are named as in
+The demo motion with no, one and three hidden markers, and all constraints on. `all` is
+`HandTracker.update`, in which the stages are one kernel; here each stage is called from Python,
+which adds about a microsecond. Stages are named as in
 `hand_tracker/core/pipeline.py`.
 """
 
@@ -33,20 +33,20 @@ from hand_tracker.simulation.motions import motion_named
 RATE = 120.
 NOISE = 1e-4          # [m]
 HIDDEN = {0: (), 1: ('middle',), 3: ('index_mcp', 'middle', 'little')}
-SEEN_FIRST = 240      # frames in which all are seen, which are not counted
+SEEN_FIRST = 240      # frames with all markers visible, not counted
 PLAIN_FRAMES = 600
 STAGES = ('begin_frame', 'label_markers', 'predict_palm', 'place_wrist', 'predict_digits',
           'solve_angles', 'blend_angles', 'resolve_contact', 'write_report')
 
 
 def frames(count, hidden, hand):
-    """Return markers (count, 8, 3) of a moving hand, some hidden after a while [m]."""
+    """Return markers (count, 8, 3) [m], some hidden at times, and the mask of counted frames."""
     motion = motion_named('demo', hand)
     angles, rotation, position = motion.sample(np.arange(count) / RATE % motion.duration)
     pose = forward(joint_table(hand), angles, rotation, position)
     markers = marker_positions(MarkerLayout().mounting(hand), pose, rotation, position)
     markers += np.random.default_rng(0).normal(scale=NOISE, size=markers.shape)
-    # Half of each second, so that what is learned of the moment of hiding counts too.
+    # Half of each second: the work when markers disappear and return counts too.
     off = (np.arange(count) % RATE >= .5 * RATE) & (np.arange(count) >= SEEN_FIRST)
     for name in hidden:
         markers[off, MARKERS.index(name)] = np.nan
@@ -66,7 +66,7 @@ def measure_all(markers, hand):
 
 
 def measure_stages(markers, hand):
-    """Return the times of each stage [ns]: kernels of their own, that Python calls in turn."""
+    """Return the times of each stage [ns], called as separate kernels."""
     times = {name: [] for name in STAGES}
     with ExitStack() as stack:
         whole = pipeline.track_frame
@@ -80,7 +80,7 @@ def measure_stages(markers, hand):
 
 
 def timed(stage, times):
-    """Return a stage that notes how long it takes [ns]."""
+    """Wrap a stage to record its times [ns]."""
     def run(*arguments):
         start = perf_counter_ns()
         found = stage(*arguments)
@@ -91,7 +91,7 @@ def timed(stage, times):
 
 
 def measure(count):
-    """Return the rows of this process."""
+    """Return the rows measured in this process."""
     hand = Hand.scaled()
     rows = []
     for number, hidden in HIDDEN.items():
@@ -106,7 +106,7 @@ def measure(count):
 
 
 def elsewhere(switch, count):
-    """Return the rows of a process of its own, with the kernels compiled or plain."""
+    """Return the rows measured in a child process, with kernels compiled or plain."""
     command = [sys.executable, '-m', 'benchmarks.core', '--here', '--frames', str(count)]
     found = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True,
                            env=environ(HAND_TRACKER_JIT=switch))

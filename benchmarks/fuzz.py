@@ -1,7 +1,7 @@
-"""Feed the tracker whatever may come, and check that only sense goes out.
+"""Fuzz the tracker with random input and check every state for validity.
 
-Stretches of sensible motion, with all that can befall markers, stamps and measured flexions,
-are mixed with nonsense and with live changes of hand, layout and options:
+Plausible motion with faults of markers, stamps and measured flexions alternates with invalid input
+and live changes of hand, layout and options:
 `python benchmarks/fuzz.py --frames 1000000 --seed 1`.
 """
 
@@ -25,17 +25,17 @@ WILD = np.array((0., -0., np.nan, np.inf, -np.inf, 1e30, -1e30, 1e308, 5e-324, 1
                  1e-3, .1))
 STAMPS = (None, np.nan, np.inf, -np.inf, 0., -1., 1e30, -1e30, 1e308, 1e9, 5e-324)
 TIPS = tuple(place.replace('dip', 'tip') for place in PAPER_PLACES)
-CONFIGURE = .003   # share of frames before which something is changed
-RESET = .0002      # and of those before which all begins anew
+CONFIGURE = .003   # share of frames preceded by a change of hand, layout or options
+RESET = .0002      # share of frames preceded by a reset
 MILLION = 1_000_000
 
 
-class Senseless(AssertionError):
-    """Something came out that must not."""
+class InvalidState(AssertionError):
+    """The tracker returned an invalid state."""
 
 
 def random_options(rng):
-    """Return options of which some are drawn from what they allow, ends included."""
+    """Return options, some of them drawn from their allowed values, bounds included."""
     chosen = {}
     for option in fields(TrackerOptions):
         if rng.random() < .7:
@@ -47,17 +47,17 @@ def random_options(rng):
             chosen[option.name] = str(rng.choice(allowed['choices']))
         else:
             lower, upper = allowed['range']
-            # The first is 0, off, for most.
+            # The lower bound is 0, off, for most.
             drawn = (lower, upper, option.default, lower + rng.random() ** 4 * (upper - lower))[
                 rng.integers(4)]
             chosen[option.name] = type(option.default)(drawn)
-    # Thousands of iterations in each frame find nothing more.
+    # Thousands of iterations a frame would be slow and no further test.
     chosen['fabrik_iterations'] = min(chosen.get('fabrik_iterations', 20), 20)
     return TrackerOptions(**chosen)
 
 
 def random_hand(rng):
-    """Return a hand of any size and side, with limits that may leave nothing to move."""
+    """Return a hand of random size and side, with limits that may lock all joints."""
     limits = preset_limits(str(rng.choice(('paper', 'wide'))))
     if rng.random() < .3:
         limits = limits * rng.random((25, 2))
@@ -76,7 +76,7 @@ def random_layout(rng):
 
 
 class Motion:
-    """Sensible markers: a hand that waves about while its fingers play.
+    """Markers of a hand with random sinusoidal motion of wrist and joints.
 
     Parameters
     ----------
@@ -85,16 +85,16 @@ class Motion:
 
     def __init__(self, rng):
         self.rng = rng
-        self.wear(Hand.scaled(), MarkerLayout())
+        self.set_hand(Hand.scaled(), MarkerLayout())
         self.phase = rng.uniform(0., 6.3, 31)
 
-    def wear(self, hand, layout):
-        """Move another hand, or its markers in other places, from now on."""
+    def set_hand(self, hand, layout):
+        """Set the simulated hand and marker layout."""
         self.table, self.mounting = joint_table(hand), layout.mounting(hand)
         self.middle, self.half = hand.limits.mean(axis=1), .5 * np.ptp(hand.limits, axis=1)
 
     def next(self, step):
-        """Return the markers a step later, shape (8, 3)."""
+        """Return the markers after a time step [s], shape (8, 3) [m]."""
         self.phase += self.rates * step
         wave = np.sin(self.phase)
         rotation = Rotation.from_rotvec(wave[25:28]).as_matrix()
@@ -102,13 +102,13 @@ class Motion:
         pose = forward(self.table, self.middle + self.half * wave[:25], rotation, position)
         return marker_positions(self.mounting, pose, rotation, position)
 
-    def turn(self):
-        """Move at other rates from now on."""
+    def draw_rates(self):
+        """Draw new angular frequencies of the motion."""
         self.rates = self.rng.uniform(0., 1., 31) * self.rng.choice((0., 1., 5., 30.))
 
 
 def nonsense(rng, markers):
-    """Return a frame of no sense, made of whatever may come."""
+    """Return an invalid or implausible frame of markers."""
     kind = rng.integers(6)
     if kind == 0:
         return rng.choice(WILD, (8, 3))
@@ -133,7 +133,7 @@ class Fuzz:
     Attributes
     ----------
     did : Counter
-        How often what was done, in frames.
+        Number of frames by kind of input and of resulting state.
     """
 
     def __init__(self, seed):
@@ -145,14 +145,14 @@ class Fuzz:
         self.frozen = np.zeros((8, 3))
 
     def _begin(self):
-        """Begin another stretch of frames."""
+        """Draw the properties of the next stretch of frames."""
         rng = self.rng
         self.left = int(rng.integers(1, 240))
-        self.motion.turn()
+        self.motion.draw_rates()
         self.step = float(rng.choice((1e-9, 1e-3, 1 / 480, 1 / 120, 1 / 120, 1 / 30, .3, 2.)))
         self.stamped = str(rng.choice(('even', 'even', 'jitter', 'none', 'repeated', 'backwards',
                                        'gaps', 'any')))
-        # Half the stretches are those of a good recording, or nothing is ever learned.
+        # Half of the stretches are like a good recording, so that the filters settle.
         calm = rng.random() < .5
         self.noise = 10. ** rng.uniform(-6., -3. if calm else -1.5)
         self.hidden = rng.random(8) < rng.choice((0., .1, .3, .9))
@@ -222,7 +222,7 @@ class Fuzz:
         return markers, self._stamp(), self._flexion()
 
     def disturb(self, tracker):
-        """Change, sometimes, the tracker that is running."""
+        """Reset or reconfigure the running tracker, at random."""
         rng = self.rng
         if rng.random() < RESET:
             tracker.reset()
@@ -236,23 +236,28 @@ class Fuzz:
                 layout=random_layout(rng) if kind in ('layout', 'all') else None,
                 options=random_options(rng) if kind in ('options', 'all') else None)
         except InvalidLayout:
-            # Refused as a whole, the tracker stays as it was.
+            # A refused configuration leaves the tracker unchanged.
             self.did['layouts refused'] += 1
             return
         self.did[f'configured {kind}'] += 1
-        # Mostly the hand that moves is the one that is worn.
+        # Mostly the simulated hand is the tracker's hand model.
         if rng.random() < .8:
-            self.motion.wear(tracker.hand, tracker.layout)
+            self.motion.set_hand(tracker.hand, tracker.layout)
 
 
 def check(state, limits):
-    """Raise `Senseless` unless a state is one that may be published.
+    """Check that a state is valid to be published.
 
     Parameters
     ----------
     state : HandState
     limits : ndarray, shape (25, 2)
         [rad]
+
+    Raises
+    ------
+    InvalidState
+        Naming the violated condition.
     """
     seen = np.isfinite(state.residuals)
     turns = np.concatenate((state.wrist_rotation[None], state.pose.rotation))
@@ -272,11 +277,11 @@ def check(state, limits):
                 MarkerState.SEEN, MarkerState.SWAPPED)) ^ seen).any()),
             ('a known palm state', 0 <= state.palm <= 7)):
         if not good:
-            raise Senseless(f'not so: {what}')
+            raise InvalidState(f'violated: {what}')
 
 
 def fuzz(frames, seed):
-    """Track random frames, checking each state.
+    """Track random frames and check each state.
 
     Parameters
     ----------
@@ -290,8 +295,8 @@ def fuzz(frames, seed):
 
     Raises
     ------
-    Senseless
-        Or whatever the tracker raised, with the number of the frame as a note.
+    InvalidState
+        For an invalid state or an exception of the tracker, with the frame that caused it.
     """
     source = Fuzz(seed)
     tracker = HandTracker()
@@ -301,16 +306,16 @@ def fuzz(frames, seed):
         markers, stamp, flexion = source.frame()
         begun = time.perf_counter()
         try:
-            # What is too small to be a number is 0, as meant.
+            # Underflow to 0 is intended.
             with np.errstate(all='raise', under='ignore'):
                 state = tracker.update(markers, stamp, flexion)
             spent = time.perf_counter() - begun
             check(state, tracker.hand.limits)
         except Exception as error:
-            raise Senseless(f'seed {seed}, frame {number}, time {stamp}, flexion {flexion}, '
+            raise InvalidState(f'seed {seed}, frame {number}, time {stamp}, flexion {flexion}, '
                             f'{tracker.options}, markers\n{markers}\n{error!r}') from error
         total += spent
-        # Compiling takes the first frames.
+        # The first frames include compiling.
         slowest = max(slowest, spent if number > 1000 else 0.)
         source.did[f'palm {state.palm.name}'] += 1
         for value, count in zip(*np.unique(state.marker_states, return_counts=True)):
@@ -319,6 +324,7 @@ def fuzz(frames, seed):
 
 
 def main():
+    """Run the fuzz test and print the counts."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--frames', type=int, default=MILLION)
     parser.add_argument('--seed', type=int, default=1)

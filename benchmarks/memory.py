@@ -1,12 +1,12 @@
-"""Measure what memory grows by over an hour's worth of frames, in core and node.
+"""Measure the growth of memory over an hour of frames, in core, fast path and node.
 
     python -m benchmarks.memory [--frames 432000] [--json OUT]
 
-The core is `HandTracker.update`; the node takes messages as bytes on the slow path and publishes, and
-its timers run; of the fast path it is the compiled part, without rcl. The slope is of a line
-through the resident memory of the second half; `blocks` is by how many Python's own memory grew in
-that half, where the node notes latencies until it tells of them; `collections` are those of the
-garbage collector.
+The core is `HandTracker.update`; the fast path is its compiled kernel without rcl; the node takes
+serialized messages on the slow path and publishes, and its timers run. The slope is that of a line
+fitted to the resident memory of the second half. `blocks` is the growth of allocated Python memory
+blocks in that half, which includes latencies kept until the next diagnostics; `collections` are
+runs of the garbage collector by generation.
 """
 
 import argparse
@@ -51,19 +51,20 @@ TIMERS_EVERY = 30  # frames
 
 
 def core_frames():
-    """Return a function of a frame's number that tracks it: the demonstration, again and again."""
+    """Return a function that tracks frame number i of the repeated demo motion."""
     tracker, lap = HandTracker(), demo_recording().markers
     return lambda i: tracker.update(lap[i % len(lap)], i / RATE)
 
 
 def fast_path_frames():
-    """Return a function of a frame's number that lets its message pass."""
+    """Return a function that processes the message of frame number i on the fast path."""
     tracker, reader = HandTracker(), MarkerReader(LabelMap())
     memories, memory = packed(new_memory())
     lap, answer = messages('right', RATE), joint_state_template(JOINTS)
     arguments = tracker.kernel_arguments()
     reports = arguments[-1]
-    seen = np.zeros((LOG_CAPACITY, LOG_COLUMNS)), np.zeros((LOG_CAPACITY, len(MARKERS)), np.int8), another(reports)
+    seen = (np.zeros((LOG_CAPACITY, LOG_COLUMNS)),
+            np.zeros((LOG_CAPACITY, len(MARKERS)), np.int8), another(reports))
 
     def frame(i):
         data, places = lap[i % len(lap)]
@@ -75,7 +76,7 @@ def fast_path_frames():
             install_reply(memory, JOINT_STATES, answer)
             return
         if not process_message(memories, *arguments, np.frombuffer(data, np.uint8)):
-            raise RuntimeError(f'frame {i} does not pass')
+            raise RuntimeError(f'frame {i} left the fast path')
         log_frame(memory, reports[0], 0., 0.)
         if i % TIMERS_EVERY == 0:
             drain_log(memories, reports, *seen)
@@ -84,7 +85,7 @@ def fast_path_frames():
 
 
 def node_frames():
-    """Return a function of a frame's number that gives the frame to a node."""
+    """Return a function that passes the message of frame number i to the node's callback."""
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
 
@@ -106,10 +107,10 @@ def node_frames():
 
 
 def measure(what, frame, frames):
-    """Return the row of what frames are given to."""
+    """Return the row of memory growth over calls of `frame(i)`."""
     process = psutil.Process()
     every = max(frames // SAMPLES, 1)
-    # Before the first sample: what is found at first use.
+    # Before the first sample: allocations at first use.
     for i in range(every):
         frame(i)
     gc.collect()
@@ -131,7 +132,7 @@ def measure(what, frame, frames):
 
 
 def _collections():
-    """Return how often the collector has run, generation by generation."""
+    """Return the number of garbage collections by generation."""
     return np.array([generation['collections'] for generation in gc.get_stats()])
 
 

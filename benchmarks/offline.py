@@ -2,10 +2,10 @@
 
     python -m benchmarks.offline [--minutes 60] [--rate 120] [--many 8] [--jobs 2] [--json OUT]
 
-Tracks ten seconds and then the long recording, each in a process of its own, to a table and
-to a recording: memory is flat where both peak alike. Then the long recording's minutes as many
-recordings, side by side. `frames_per_s` counts the seconds of the clock, `frames_per_s_core`
-those of processors, which minds less what else runs; start-up is among both.
+Tracks ten seconds and then the long recording, each in a process of its own, to a table and to
+a recording: equal peaks mean that memory does not grow. Then tracks the same minutes as many
+recordings in parallel. `frames_per_s` is per second of wall time, `frames_per_s_core` per second
+of processor time, which depends less on other load; both include start-up.
 """
 
 import argparse
@@ -36,8 +36,8 @@ OUTPUTS = 'csv', 'mcap'
 
 
 def record(path, rate, seconds):
-    """Write the demo motion, again and again, and return the number of frames."""
-    # Not above: the tracking process would pay for them.
+    """Write a recording of the repeated demo motion; return the number of frames."""
+    # Imported here: else the tracking process would load them too.
     from hand_tracker.core.model.marker_layout import MARKERS
     from hand_tracker.files.bags import bag_message, marker_array_message, write_bag
     from hand_tracker.simulation.packaged_recordings import RECORDING_START_NS, demo_recording
@@ -60,7 +60,7 @@ def record(path, rate, seconds):
 
 
 def track(arguments):
-    """Track in this process, and print the peak of memory [MB] and the time [s]."""
+    """Track in this process; print peak memory [MB] and time [s] as JSON."""
     start = time.monotonic()
     from hand_tracker.__main__ import main
     code = main(['track', *arguments])
@@ -74,13 +74,13 @@ def track(arguments):
 
 
 def _cpu_seconds():
-    """Return the time of a processor that all processes have taken that ended [s]."""
+    """Return the processor time of all ended child processes [s]."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
 def measure(recordings, frames, output, jobs=1):
-    """Return the row of a process that tracks recordings, all of them with so many frames."""
+    """Return the row of a process that tracks recordings of `frames` frames in total."""
     before = _cpu_seconds()
     done = subprocess.run(
         [sys.executable, __file__, '--track', *map(str, recordings), '-o', str(output),
@@ -96,7 +96,7 @@ def measure(recordings, frames, output, jobs=1):
 
 
 def measure_one(rate, seconds, folder, outputs=OUTPUTS):
-    """Yield the row of one recording for each kind of output."""
+    """Yield the rows of one recording, for each kind of output."""
     recording = Path(folder, 'markers.mcap')
     frames = record(recording, rate, seconds)
     for kind in outputs:
@@ -104,7 +104,7 @@ def measure_one(rate, seconds, folder, outputs=OUTPUTS):
 
 
 def measure_many(rate, seconds, count, jobs, folder):
-    """Return the row of so many recordings, of so many seconds together."""
+    """Return the row of `count` recordings of `seconds` [s] in total, tracked in parallel."""
     recordings = [Path(folder, f'part_{i}.mcap') for i in range(count)]
     frames = record(recordings[0], rate, seconds / count)
     for recording in recordings[1:]:

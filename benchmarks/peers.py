@@ -1,16 +1,16 @@
-"""Measure other inverse kinematics on the tracker's hand and markers.
+"""Compare other inverse kinematics libraries on the tracker's hand and markers.
 
     python -m benchmarks.peers [--frames 600] [--noise 0] [--peers placo ...] [--json OUT]
 
-The demonstration's motion at 120 Hz, all markers seen. Every peer has the same URDF with a
-frame at each marker's place, begins where its last frame ended, keeps to the limits of the
-joints, and is timed from the markers to the angles. The wrist is solved by the peer, or given:
-then the markers are brought into the frame of the true wrist before, which is not timed.
-`mean_mm` is how far the markers are from their places on the pose found, `joints_mm` how far all
-joints and tips are from the truth, and `degrees` the angles. Of the last joints of the fingers
-and two of the thumb no marker tells: there the tracker knows how hands are, and a peer does not.
+The demo motion at 120 Hz with all markers visible. Every peer has the same URDF with a frame at
+each marker, starts from its last solution, enforces the joint limits, and is timed from markers to
+angles. The wrist is solved by the peer, or given: then the markers are transformed into the true
+wrist's frame before, which is not timed. `mean_mm` is the distance of the markers from their
+places on the solved pose, `joints_mm` the error of all joints and tips, `degrees` that of the
+angles. No marker observes the distal joints of the fingers and two joints of the thumb: there the
+tracker has a model of the hand, the peers have none.
 
-Install the peers with `pip install -r requirements/peers.in`; those that are missing are left out.
+Install the peers with `pip install -r requirements/peers.in`; missing ones are left out.
 """
 
 import argparse
@@ -49,15 +49,15 @@ from hand_tracker.simulation.motions import motion_named
 
 RATE = 120.
 WARM_UP = 20         # frames that are not counted
-BUDGET = 20.         # [s] for a peer, which then stops
-ROUNDS = 30          # of a peer that iterates, at most
-STILL = 1e-4         # [rad] and [m]: less in a round is its end
-DAMPING = 1e-9       # for the angles that the markers do not tell
+BUDGET = 20.         # [s] for each peer
+ROUNDS = 30          # greatest number of iterations of a peer
+STILL = 1e-4         # [rad] and [m] change of an iteration that ends them
+DAMPING = 1e-9       # regularises angles that no marker observes
 PALM = len(PALM_MARKERS)
 
 
 class Scene:
-    """The hand, its motion and its markers.
+    """Hand model, motion and markers for all peers.
 
     Parameters
     ----------
@@ -69,9 +69,9 @@ class Scene:
     Attributes
     ----------
     movable : list of int
-        Joints that are not locked, by their place in `JOINTS`.
+        Indices in `JOINTS` of joints that are not locked.
     urdf : str
-        With a link `marker_NAME` for each marker and no shapes.
+        With a link `marker_NAME` for each marker and without geometry.
     angles, rotation, position : ndarray, shape (n, 25), (n, 3, 3) and (n, 3)
         The truth [rad, m].
     markers, local : ndarray, shape (n, 8, 3)
@@ -96,17 +96,17 @@ class Scene:
         self.urdf = self._urdf()
 
     def places(self, angles, rotation, position):
-        """Return where the markers are in poses, shape (n, 8, 3) [m]."""
+        """Return the marker positions of poses, shape (n, 8, 3) [m]."""
         return marker_positions(self.mounting, forward(self.table, angles, rotation, position),
                                 rotation, position)
 
     def joints(self, angles, rotation, position):
-        """Return where the 21 joints and tips are in poses, shape (n, 21, 3) [m]."""
+        """Return the positions of the 21 joints and tips of poses, shape (n, 21, 3) [m]."""
         pose = forward(self.table, angles, rotation, position)
         return landmark_positions(self.hand, pose, position)
 
     def whole(self, movable):
-        """Return all 25 angles of those that move."""
+        """Return all 25 angles from those of the movable joints [rad]."""
         angles = np.zeros(len(JOINTS))
         angles[self.movable] = movable
         return angles
@@ -130,13 +130,13 @@ class Scene:
 
 @jit
 def solve_fingers(chains, roots, markers, angles):
-    """Solve the digits, of markers in the frame of the wrist."""
+    """Solve the digits from markers in the wrist's frame."""
     solve_digits(chains[0], roots, markers[3:], angles, 1. / RATE, False, 0., 0)
 
 
 @jit
 def solve_hand(chains, template, first_joints, markers, angles, rotation, position):
-    """Solve palm and digits, with nothing remembered but the angles."""
+    """Solve palm and digits, with the last angles as the only state."""
     roots, digits = first_joints.copy(), np.empty((5, 3))
     place_palm(markers[:3], template, False, rotation, position, roots)
     axes, origin = frame(rotation), vector(position)
@@ -148,7 +148,7 @@ def solve_hand(chains, template, first_joints, markers, angles, rotation, positi
 
 
 class Ours:
-    """The closed form alone: rigid palm, then plane and flexion of each digit."""
+    """The tracker's inverse kinematics alone: rigid palm, then plane and flexion of each digit."""
 
     def __init__(self, scene, given):
         digits = chains(scene.hand, scene.mounting)
@@ -179,9 +179,9 @@ class Core:
 
 
 class Programmes:
-    """A peer that solves one quadratic programme a round, until hardly anything changes.
+    """Peer that iterates quadratic programmes until the change is small.
 
-    `aim` takes the markers, `step` does a round and returns by how much it changed the joints.
+    `aim` sets the markers as targets, `step` solves one programme and returns the change.
     """
 
     def __init__(self, rounds):
@@ -293,7 +293,7 @@ class Mink(Programmes):
 
     @staticmethod
     def _model(text, given):
-        """Return the URDF with what MuJoCo wants: masses, bodies that stay, a free joint."""
+        """Return the URDF with the masses, unfused bodies and free joint that MuJoCo needs."""
         robot = ElementTree.fromstring(text)
         compiler = ElementTree.SubElement(robot, 'mujoco')
         ElementTree.SubElement(compiler, 'compiler', fusestatic='false')
@@ -372,7 +372,7 @@ class Scipy:
                 columns = np.concatenate((columns, turns, shifts), axis=1)
             return columns[self._first:].swapaxes(1, 2).reshape(-1, len(x))
 
-        # The bounds may not be touched at the start.
+        # The initial guess must be strictly within the bounds.
         start = np.r_[np.clip(self._found, self._scene.lower + STILL, self._scene.upper - STILL),
                       np.zeros(self._free)]
         x = self._least_squares(miss, start, slopes, self._bounds).x
@@ -380,7 +380,7 @@ class Scipy:
 
 
 class DexRetargeting:
-    """`PositionOptimizer`: SLSQP on a Huber loss; `exact` without its pull to the last frame."""
+    """`PositionOptimizer`: SLSQP on a Huber loss; `exact` without the pull to the last frame."""
 
     def __init__(self, scene, given, exact):
         from dex_retargeting.optimizer import PositionOptimizer
@@ -400,7 +400,7 @@ class DexRetargeting:
         self._found = np.zeros(len(scene.names))
 
     def solve(self, markers):
-        # What it returns is rounded, perhaps past a limit, where it would not start from.
+        # Its rounded solution may exceed a limit, which it refuses as an initial guess.
         start = np.clip(self._found, self._scene.lower, self._scene.upper)
         self._found = self._optimizer.retarget(
             markers[PALM:].astype(np.float32), np.empty(0), start)
@@ -411,7 +411,7 @@ class DexRetargeting:
 
 
 class IKPy:
-    """A chain for each digit."""
+    """Separate chains of the digits."""
 
     def __init__(self, scene, given):
         from ikpy.chain import Chain
@@ -446,7 +446,7 @@ class IKPy:
 
 ONE, ALL = {'rounds': 1}, {'rounds': ROUNDS}
 BOTH = (True, False)  # whether the wrist is given
-# Name, class, package, what it does in words and as arguments, whether the wrist is given
+# Name, class, package, methods with their arguments, whether the wrist is given
 PEERS = (
     ('hand_tracker', Ours, None, {'inverse kinematics alone': {}}, BOTH),
     ('hand_tracker', Core, None, {'the whole core': {}}, (False,)),
@@ -461,7 +461,7 @@ PEERS = (
 
 
 def measure(name, kind, method, arguments, given, scene):
-    """Return the row of one peer doing one thing."""
+    """Return the row of one peer with one method."""
     peer = kind(scene, given, **arguments)
     markers = scene.local if given else scene.markers
     times, poses = [], []
@@ -477,7 +477,7 @@ def measure(name, kind, method, arguments, given, scene):
     median, p99 = np.percentile(times[WARM_UP:], (50, 99)) * 1e3
     counted = slice(WARM_UP, len(times))
     found = [np.array(part[WARM_UP:]) for part in zip(*poses)]
-    # Where the wrist is given, the peer's is the true one.
+    # With a given wrist the peer's wrist is the true one.
     truth = scene.angles[counted], *(found[1:] if given else (
         scene.rotation[counted], scene.position[counted]))
     miss = np.linalg.norm(scene.places(*found) - markers[counted], axis=-1)
@@ -530,7 +530,7 @@ def _versions(packages):
         try:
             found[package] = version(package)
         except (PackageNotFoundError, ValueError, TypeError):
-            pass  # said when it is its turn; our own has none
+            pass  # reported when it is imported; the tracker's own is in the environment
     return found
 
 

@@ -1,21 +1,23 @@
-"""Measure how precisely the replay node keeps a recording's times.
+"""Measure the timing errors of the replay node against the times of a recording.
 
     python -m benchmarks.replay_timing [--rate 480] [--seconds 20] [--json OUT]
 
-Plays a recording made for it in a process of its own. In that process: how late each message
-is given to the publisher. In this one: by how much the intervals at a subscriber are off.
+Plays a generated recording in a child process. There it measures the lateness of each call of
+`publish`, here the errors of the intervals between messages at a subscriber.
 """
 
 import argparse
 import json
 import os
-import platform
 import subprocess
 import sys
 import time
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import numpy as np
 import rclpy
@@ -24,6 +26,7 @@ from rclpy.node import Node
 from rclpy.utilities import get_rmw_implementation_identifier
 from visualization_msgs.msg import MarkerArray
 
+from benchmarks.common import add_json_option, environment, write_rows
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.files.bags import bag_message, marker_array_message, write_bag
 from hand_tracker.nodes import replay_node
@@ -33,7 +36,7 @@ START = 1_700_000_000 * 10**9
 
 
 class TimedReplay(replay_node.ReplayNode):
-    """A replay node that notes how late it publishes."""
+    """Replay node that records the lateness of each published message."""
 
     def __init__(self):
         super().__init__()
@@ -45,7 +48,7 @@ class TimedReplay(replay_node.ReplayNode):
 
 
 def play(out):
-    """Play in this process; write lateness [ns] and the share of a core it took."""
+    """Play in this process; write the lateness [ns] and the processor load [1]."""
     sys.setswitchinterval(replay_node.SWITCH_INTERVAL)
 
     def work(node):
@@ -58,7 +61,7 @@ def play(out):
 
 
 def record(path, rate, seconds):
-    """Write a recording of eight markers."""
+    """Write a recording of eight random markers."""
     rng = np.random.default_rng(0)
     write_bag(path, (
         bag_message('/markers', stamp, marker_array_message(
@@ -67,7 +70,7 @@ def record(path, rate, seconds):
 
 
 def listen(process):
-    """Return when messages arrive until a process ends [ns]."""
+    """Return the arrival times of messages until a process ends [ns]."""
     rclpy.init()
     node = Node('replay_timing')
     times = []
@@ -84,22 +87,11 @@ def listen(process):
 
 
 def row(name, errors, rate):
-    """Return one measurement, errors in ns."""
+    """Return the row of a measurement from errors [ns]."""
     median, p99 = np.percentile(np.abs(errors), (50, 99)) * 1e-6
     return {'name': name, 'rate_hz': rate, 'count': len(errors),
             'median_ms': round(median, 4), 'p99_ms': round(p99, 4),
             'max_ms': round(np.abs(errors).max() * 1e-6, 4)}
-
-
-def environment():
-    """Return versions and hardware."""
-    info = Path('/proc/cpuinfo')
-    models = [line.split(':')[1].strip() for line in info.read_text().splitlines()
-              if line.startswith('model name')] if info.exists() else [platform.processor()]
-    return {'python': platform.python_version(), 'rclpy': _version('rclpy'),
-            'rosbags': version('rosbags'), 'numpy': np.__version__,
-            'rmw': get_rmw_implementation_identifier(), 'system': platform.platform(),
-            'cpu': models[0], 'cores': os.cpu_count(), 'load': round(os.getloadavg()[0], 2)}
 
 
 def _version(package):
@@ -114,15 +106,15 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--rate', type=float, default=480., help='frames per second')
     parser.add_argument('--seconds', type=float, default=20., help='length of the recording')
-    parser.add_argument('--json', type=Path, metavar='OUT', help='write the rows here')
+    add_json_option(parser)
     parser.add_argument('--play', type=Path, help=argparse.SUPPRESS)
     options, ros_args = parser.parse_known_args()
     if options.play:
         return play(options.play)
 
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
-    about = environment()
-    print(*(f'{key}: {value}' for key, value in about.items()), sep='\n')
+    print(environment(rclpy=_version('rclpy'), rosbags=version('rosbags'),
+                      rmw=get_rmw_implementation_identifier()))
     with TemporaryDirectory() as folder:
         recording, out = Path(folder, 'markers.mcap'), Path(folder, 'lateness.json')
         record(recording, options.rate, options.seconds)
@@ -137,9 +129,7 @@ def main():
         print('{name}: median {median_ms:.3f} ms, p99 {p99_ms:.3f} ms, max {max_ms:.3f} ms, '
               '{count} at {rate_hz:g} Hz'.format(**measured))
     print(f"replay's load: {100 * played['load']:.0f} % of a core")
-    if options.json:
-        options.json.write_text(json.dumps(
-            {'environment': about, 'load': played['load'], 'rows': rows}, indent=2) + '\n')
+    write_rows(options.json, [{**measured, 'load': played['load']} for measured in rows])
     return 0
 
 

@@ -1,8 +1,8 @@
-"""Put the rows of the benchmarks into one document.
+"""Write the results of all benchmarks into one document.
 
     python -m benchmarks.report FOLDER [-o docs/benchmarks.md]
 
-FOLDER has what `python -m benchmarks.NAME --json FOLDER/NAME.json` wrote, on this machine.
+FOLDER has the output of `python -m benchmarks.NAME --json FOLDER/NAME.json` on this machine.
 """
 
 import argparse
@@ -21,7 +21,7 @@ NAMES = 'core', 'instructions', 'round_trip', 'peers', 'offline', 'startup', 'me
 
 
 def section(name, rows):
-    """Return the heading, what was measured and the table of a benchmark."""
+    """Return heading, documentation and table of a benchmark as paragraphs."""
     what, _, rest = import_module(f'benchmarks.{name}').__doc__.partition('\n')
     command, _, rest = rest.strip().partition('\n')
     columns = list(dict.fromkeys(key for row in rows for key in row))

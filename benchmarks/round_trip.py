@@ -1,10 +1,10 @@
-"""Measure the round trip of markers: published here, tracked there, joint states back here.
+"""Measure the latency of a round trip: markers published, tracked by a node, joint states back.
 
     python -m benchmarks.round_trip [--rates 120 480] [--seconds 5] [--json OUT] [--samples OUT]
 
-Beside the tracker node with all that is on by default: an echo in plain rclpy, that does
-nothing but take a MarkerArray and give a JointState, and the same in C on rcl with messages as
-bytes, where a C compiler and the headers are found. All run at once, and are sent to by turns.
+Compares the tracker node with its defaults, a minimal echo node in rclpy that answers each
+MarkerArray with a JointState, and the same in C on rcl with serialized messages, where a C compiler
+and the headers are installed. All run at once and receive markers in turns.
 """
 
 import argparse
@@ -39,9 +39,9 @@ HANDS = 'right', 'left'
 START = 1_700_000_000  # [s] of the first stamp
 PATIENCE = 300.        # [s] for the first answer: kernels may have to be compiled
 WARM = .5              # [s] before the measurement
-LAP = 2.               # [s] of a motion that is sent there and back
+LAP = 2.               # [s] of motion, sent forwards and backwards
 REST = .2              # [s] for the last answers
-BOUTS = 5              # of each node at a rate
+BOUTS = 5              # turns of each node at a rate
 ECHO = Path(__file__).with_name('echo.c')
 LIBRARIES = ('rcl', 'rmw', 'rcutils', 'rosidl_runtime_c', 'sensor_msgs__rosidl_typesupport_c',
              'visualization_msgs__rosidl_typesupport_c')
@@ -49,13 +49,13 @@ NODES = 'hand_tracker', 'rclpy_echo', 'c_echo'
 
 
 def isolate():
-    """Keep to this machine, and apart from what else runs on it."""
+    """Restrict discovery to this machine, in a ROS domain of its own."""
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 
 def echo(args):
-    """Answer each MarkerArray with a JointState, the way a tutorial has it."""
+    """Run a minimal rclpy node that answers each MarkerArray with a JointState."""
     import rclpy
     from rclpy.executors import ExternalShutdownException
     from rclpy.node import Node
@@ -83,7 +83,7 @@ def echo(args):
 
 
 def compiled_echo(folder):
-    """Return the C echo's command, or None where it cannot be made."""
+    """Compile the C echo node; return its command, None if it cannot be compiled."""
     from hand_tracker.core.model.hand import JOINTS
     from hand_tracker.messages.stamps import Stamp
     from hand_tracker.messages.templates import joint_state_template
@@ -95,7 +95,7 @@ def compiled_echo(folder):
         return None
     program, answer = Path(folder, 'echo'), Path(folder, 'answer')
     answer.write_bytes(joint_state_template(JOINTS).fill(Stamp(0, 0), np.zeros(len(JOINTS))))
-    # The wheels' libraries take some symbols from the Python that has loaded them.
+    # Libraries from wheels have symbols that the Python library resolves.
     folder, python = map(sysconfig.get_config_var, ('LIBDIR', 'LDLIBRARY'))
     done = subprocess.run(
         [compiler, '-O2', '-o', program, ECHO, '-Wl,--no-as-needed',
@@ -110,7 +110,7 @@ def compiled_echo(folder):
 
 
 class Driver:
-    """Send markers and wait for joint states, both as bytes.
+    """Publisher of serialized markers that records when joint states return.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class Driver:
         self._sent, self._time = 0, START * 10**9
 
     def wait_for(self, name, process, frames):
-        """Send to a node until it answers; return when it did [ns], None if it does not."""
+        """Send to a node until it answers; return the time of the answer [ns], or None."""
         until = time.monotonic() + PATIENCE
         while not self._answers[name]:
             if process.poll() is not None or time.monotonic() > until:
@@ -155,7 +155,7 @@ class Driver:
         return min(self._answers[name].values())
 
     def measure(self, names, frames, rate, seconds):
-        """Return the round trips to each node [ns], and the frames that were sent."""
+        """Return the round-trip times of each node [ns] and the number of frames sent."""
         for name in names:
             self._answers[name].clear()
         sent, due = {}, time.perf_counter_ns()
@@ -170,7 +170,7 @@ class Driver:
 
     def _send(self, names, frames, rate):
         self._sent += 1
-        # On from the last run: the trackers must not think that time jumps back.
+        # Stamps continue over runs: trackers restart when time jumps back.
         self._time += round(1e9 / rate)
         self._given = []
         for name, messages in zip(names, frames):
@@ -187,7 +187,7 @@ class Driver:
 
 
 def messages(side, rate):
-    """Return the frames of a moving hand as messages, and where their stamps are."""
+    """Return frames of a moving hand as pairs: serialized MarkerArray, offsets of its stamps."""
     from builtin_interfaces.msg import Time
     from rclpy.serialization import serialize_message
     from visualization_msgs.msg import Marker, MarkerArray
@@ -203,7 +203,7 @@ def messages(side, rate):
         marker.header.frame_id, marker.header.stamp = 'mocap', mark
     found = []
     recording = demo_recording(Hand.scaled(side=side), rate=rate).markers[:round(LAP * rate)]
-    # There and back again: the hand never jumps.
+    # Forwards and backwards: the motion is continuous.
     for positions in (*recording, *recording[-2:0:-1]):
         for marker, position in zip(markers.markers, positions.tolist()):
             at = marker.pose.position
@@ -214,7 +214,7 @@ def messages(side, rate):
 
 
 def start(stack, folder):
-    """Start every node; return their processes by namespace."""
+    """Start all nodes; return their processes by namespace."""
     commands = {'hand_tracker': [sys.executable, '-m', 'hand_tracker.nodes.tracker_node'],
                 'rclpy_echo': [sys.executable, '-m', 'benchmarks.round_trip', '--echo'],
                 'c_echo': compiled_echo(folder)}
@@ -235,19 +235,19 @@ def start(stack, folder):
 
 
 def cpu_time(process):
-    """Return the processor time that a process took [s]."""
+    """Return the processor time of a process [s]."""
     import psutil
     times = psutil.Process(process.pid).cpu_times()
     return times.user + times.system
 
 
 def measure(driver, processes, nodes, frames, rate, hands, seconds):
-    """Return a row of the table for each node, and all its round trips [µs], NaN for the dropped.
+    """Return a row for each node, and its round-trip times [µs], NaN for dropped frames.
 
-    The nodes take turns, in short bouts: the machine is not equally fast all the time.
+    Nodes are measured in short turns, since the speed of the machine varies.
     """
     found = {node: Bouts() for node in nodes}
-    # A collection takes longer than ten frames, and would count as the node's.
+    # A garbage collection here would count as the node's latency.
     gc.collect()
     gc.disable()
     for _ in range(BOUTS):
@@ -276,12 +276,12 @@ def measure(driver, processes, nodes, frames, rate, hands, seconds):
 
 @dataclass
 class Bouts:
-    """What was measured of a node at a rate so far."""
+    """Measurements of a node at one rate."""
 
     seconds: float = 0.
     used: float = 0.  # processor time [s]
-    answered: list = field(default_factory=list)  # [µs]
-    sent: int = 0
+    answered: list = field(default_factory=list)  # round-trip times [µs]
+    sent: int = 0     # frames
 
 
 def main():
