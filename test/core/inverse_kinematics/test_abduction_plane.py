@@ -47,6 +47,19 @@ def test_lateral_offset_keeps_the_marker_beside_the_plane():
         assert along > 0.
 
 
+@pytest.mark.parametrize('lateral', [.004, -.004])
+def test_a_marker_nearer_to_the_axis_than_to_its_plane_turns_the_plane_by_a_quarter(lateral):
+    turn, along, _ = turn_of((.003, 0., 0.), lateral=lateral, reach=.01)
+    assert turn == pytest.approx(-np.copysign(np.pi / 2., lateral))
+    assert along == pytest.approx(0., abs=1e-12)
+
+
+def test_the_plane_passes_a_marker_on_the_side_on_which_it_rides():
+    for lateral in (.004, -.004):
+        turn, _, _ = turn_of((.05, 0., 0.), lateral=lateral)
+        assert turn == pytest.approx(-np.arcsin(lateral / .05))
+
+
 def test_past_a_fist_the_plane_does_not_flip():
     # The marker has passed under the joint: the projected direction points backwards.
     turn, along, _ = turn_of((-.03, .003, -.02))

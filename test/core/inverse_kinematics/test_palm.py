@@ -49,6 +49,13 @@ def test_triad_normal_is_the_unit_normal_of_the_conformal_plane(conformal):
         assert ours @ rotation[:, 2] > .9, 'points dorsally'
 
 
+def test_triad_is_right_handed_with_y_from_q_to_p():
+    r, p, q = TEMPLATE
+    x, y, z = np.array(triad(*vectors(r, p, q)))
+    np.testing.assert_allclose(y, (p - q) / np.linalg.norm(p - q), atol=1e-12)
+    np.testing.assert_allclose(np.cross(x, y), z, atol=1e-12)
+
+
 def test_spheres_and_plane_equals_conformal_algebra(conformal):
     rng = np.random.default_rng(2)
     met = missed = 0
@@ -237,3 +244,25 @@ def test_rigid_fit_is_steadier_than_the_spheres_at_the_middle_mcp():
 ])
 def test_palm_fault_names_the_fault(change, state):
     assert palm_fault(change(TEMPLATE), TEMPLATE, PalmLimits(*SOUND)) == state
+
+
+@pytest.mark.parametrize('i, j, third', [(0, 1, 2), (1, 2, 0), (2, 0, 1)])
+def test_each_side_of_the_palm_may_be_too_long_or_vanish(i, j, third):
+    markers = TEMPLATE.copy()
+    markers[j] = markers[i] + 1.55 * (markers[j] - markers[i])
+    markers[third] = .5 * (markers[i] + markers[j])
+    assert palm_fault(markers, TEMPLATE, PalmLimits(*SOUND)) == PalmState.TOO_FAR_APART
+    markers = TEMPLATE.copy()
+    markers[j] = markers[i]
+    assert palm_fault(markers, TEMPLATE, PalmLimits(*SOUND)) == PalmState.COINCIDENT
+
+
+def test_a_palm_is_collinear_by_its_area_over_that_of_a_triangle_of_its_size():
+    markers = .8 * TEMPLATE
+    markers[0] += .5 * (markers[1:].mean(axis=0) - markers[0])
+    area, whole = (np.linalg.norm(np.cross(m[1] - m[0], m[2] - m[0])) for m in (markers, TEMPLATE))
+    size = np.mean([np.linalg.norm(markers[i] - markers[j]) / np.linalg.norm(
+        TEMPLATE[i] - TEMPLATE[j]) for i, j in ((0, 1), (1, 2), (2, 0))])
+    share = area / (size ** 2 * whole)
+    assert palm_fault(markers, TEMPLATE, PalmLimits(1.5, .3, .99 * share)) == PalmState.TRACKED
+    assert palm_fault(markers, TEMPLATE, PalmLimits(1.5, .3, 1.01 * share)) == PalmState.COLLINEAR

@@ -82,6 +82,33 @@ def test_straight_fingers_with_skin_markers_turn_no_faster_than_fingers_do():
     assert solve(*place, ON_SKIN, previous=-ON_SKIN, step=.1) == pytest.approx(truth)
 
 
+@pytest.mark.parametrize('pip, previous', [(60., 50.), (60., 70.)])
+def test_while_the_second_hinge_turns_slowly_the_first_aims_at_the_target(pip, previous):
+    place, step = end(*np.radians((30., pip)), ON_SKIN), .001
+    first, second = solve(*place, ON_SKIN, np.radians(previous), step)
+    turned = second - np.radians(previous)
+    assert turned == pytest.approx(np.copysign(step * MAX_SECOND_HINGE_SPEED, pip - previous))
+    x, z = end(first, second, ON_SKIN)
+    assert np.arctan2(z, x) == pytest.approx(np.arctan2(place[1], place[0]))
+
+
+def test_a_second_hinge_that_is_where_it_was_does_not_turn():
+    truth = np.radians((30., 60.))
+    assert solve(*end(*truth, ON_SKIN), ON_SKIN, truth[1], .001) == pytest.approx(truth)
+
+
+@pytest.mark.parametrize('first, second, share, previous, flexed', [
+    (29., -9., .97, -2., True),     # the other side would need more extension than there is
+    (-5., 88., .90, -2., True),     # both miss, the other one three times as far
+    (6.5, 25.5, .905, 0., False),   # less bend than flexion beside an extended first hinge
+    (-5., 67., 1.01, 35., True)])
+def test_of_two_bends_that_do_not_fit_alike_the_cheaper_one_is_taken(
+        first, second, share, previous, flexed):
+    place = share * np.array(end(*np.radians((first, second)), ON_SKIN))
+    _, found = solve(*place, ON_SKIN, np.radians(previous))
+    assert (found > -ON_SKIN) == flexed
+
+
 @pytest.mark.parametrize('droop', [0., -.2, .2])
 def test_nothing_in_the_box_is_nearer(droop):
     rng = np.random.default_rng(3)
