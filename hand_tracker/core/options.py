@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 from .errors import InvalidOption
 from .inverse_kinematics.palm import PalmLimits
+from .labelling.association import LabellingOptions
 from .occlusion.prediction import Prediction
 from .pose.contact import PENETRATION
 
@@ -137,6 +138,7 @@ class KernelOptions(NamedTuple):
     by_fabrik : bool
         FABRIK instead of the closed form.
     palm_limits : PalmLimits
+    labelling : LabellingOptions
     prediction : Prediction
 
     The other fields are those of `TrackerOptions`.
@@ -148,14 +150,12 @@ class KernelOptions(NamedTuple):
     fabrik_iterations: int
     palm_limits: PalmLimits
     frozen_frames: int
+    labelling: LabellingOptions
     marker_noise: float
     prediction: Prediction
     friction: float
     rigidity: bool
     penetration: float
-    outlier_gate: float
-    swap_margin: float
-    patience: float
     reentry_rate: float
 
 
@@ -169,6 +169,8 @@ def kernel_options(options: TrackerOptions) -> KernelOptions:
         palm_limits=PalmLimits(float(options.palm_stretch), float(options.palm_shrink),
                                float(options.palm_flatness)),
         frozen_frames=options.frozen_frames,
+        labelling=LabellingOptions(float(options.outlier_gate), float(options.swap_margin),
+                                   float(options.patience)),
         marker_noise=float(options.marker_noise),
         prediction=Prediction(
             options.smoothing, float(options.inertia), options.palm_from_fingers,
@@ -177,7 +179,4 @@ def kernel_options(options: TrackerOptions) -> KernelOptions:
         friction=float(options.friction),
         rigidity=options.rigidity,
         penetration=float(options.penetration),
-        outlier_gate=float(options.outlier_gate),
-        swap_margin=float(options.swap_margin),
-        patience=float(options.patience),
         reentry_rate=float(options.reentry_rate))

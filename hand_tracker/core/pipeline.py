@@ -16,7 +16,7 @@ from .filtering.tracks import Tracks, clear_motion
 from .inverse_kinematics.abduction_plane import REFERENCE_STEP
 from .inverse_kinematics.digit import solve_digits
 from .inverse_kinematics.palm import place_palm
-from .labelling.association import identify
+from .labelling.association import associate
 from .labelling.validity import find_valid, reject_frozen
 from .model.capsules import place_capsules
 from .model.states import LOST, TRACKED, WAITING
@@ -134,13 +134,13 @@ def label_markers(model: Pack, options: Pack, state: Pack, markers: np.ndarray, 
     find_valid(markers, seen)
     reject_frozen(markers, seen, state.last_markers, state.repeats, state.repeated_distances,
                   options.frozen_frames)
-    expected_markers(palm, digits, model.template, step, state.expected)
+    expected_markers(palm, digits, model.template, step, state.expected.position)
     for i in range(8):
-        state.spread[i] = deviation(palm.covariance[i] if i < 3 else digits.covariance[i - 3])
-        state.known[i] = palm.known[i] if i < 3 else digits.known[i - 3]
-    identify(markers, seen, state.expected, state.spread, state.known, step, model.hand_bounds,
-             state.memory, options.outlier_gate, options.swap_margin, options.patience,
-             state.verdict)
+        state.expected.deviation[i] = deviation(
+            palm.covariance[i] if i < 3 else digits.covariance[i - 3])
+        state.expected.known[i] = palm.known[i] if i < 3 else digits.known[i - 3]
+    associate(markers, seen, state.expected, step, model.hand_bounds, state.association,
+              options.labelling, state.verdict)
     update_noise(state.noise, markers, seen, step, options.marker_noise)
     fault = check_palm(markers, seen, model.template, state.wrist, options.palm_limits)
     _note_changes(palm, digits, seen, state.changed)
@@ -184,7 +184,7 @@ def predict_digits(model: Pack, options: Pack, state: Pack, markers: np.ndarray,
     """Filter the digits' markers in the wrist's frame and predict hidden ones."""
     model, options, state = model[0], options[0], state[0]
     # Doubtful labels must not enter the statistics.
-    learning = palm_tracked and state.memory.doubt[0] == 0.
+    learning = palm_tracked and state.association.doubted_for[0] == 0.
     noise = np.empty(5)
     for i in range(5):
         noise[i] = noise_in_palm_frame(

@@ -7,7 +7,8 @@ import numpy as np
 from .filtering.noise_estimate import NoiseEstimate, initial_noise
 from .filtering.tracks import Tracks, initial_tracks
 from .inverse_kinematics.palm import Wrist, wrist_at_origin
-from .labelling.association import HandBounds, Memory, blank_memory
+from .labelling.association import AssociationState, initial_association
+from .labelling.readings import ExpectedMarkers, HandBounds, unknown_markers
 from .model.capsules import Capsules
 from .model.kinematics import JointTable
 from .model.marker_layout import MARKERS, Mounting
@@ -56,8 +57,7 @@ class State(NamedTuple):
     digits : Tracks
         Filters of the digits' markers, in the wrist's frame.
     noise : NoiseEstimate
-    memory : Memory
-        Of the labelling.
+    association : AssociationState
     transdigital : Transdigital
     wrist : Wrist
     angles : ndarray, shape (25,)
@@ -72,9 +72,10 @@ class State(NamedTuple):
         Displacement of the hidden digits' markers by contact [m].
     last_markers, repeats, repeated_distances : ndarray, shape (8, 3), (8,) and (3, 3)
         Memory of `reject_frozen`.
-    expected, spread, known, verdict : ndarray, shape (8, 3) and (8,)
-        This frame's predictions [m], their standard deviations [m], which markers have been
-        seen before, and the labelling's verdicts.
+    expected : ExpectedMarkers
+        This frame's predictions.
+    verdict : ndarray of int, shape (8,)
+        This frame's verdicts of the association.
     measured : ndarray of bool, shape (5,)
         Whether the last joint of a digit was measured in the last frame.
     changed : ndarray of bool, shape (5,)
@@ -86,7 +87,7 @@ class State(NamedTuple):
     palm: Tracks
     digits: Tracks
     noise: NoiseEstimate
-    memory: Memory
+    association: AssociationState
     transdigital: Transdigital
     wrist: Wrist
     angles: np.ndarray
@@ -99,9 +100,7 @@ class State(NamedTuple):
     last_markers: np.ndarray
     repeats: np.ndarray
     repeated_distances: np.ndarray
-    expected: np.ndarray
-    spread: np.ndarray
-    known: np.ndarray
+    expected: ExpectedMarkers
     verdict: np.ndarray
     measured: np.ndarray
     changed: np.ndarray
@@ -130,12 +129,11 @@ def blank_state(template: np.ndarray, rest: np.ndarray, relaxed: np.ndarray,
     count, joints = len(MARKERS), len(relaxed)
     return State(
         initial_tracks(template), initial_tracks(rest), initial_noise(count, marker_noise),
-        blank_memory(), nothing_learned(), wrist_at_origin(), angles=relaxed.copy(),
+        initial_association(), nothing_learned(), wrist_at_origin(), angles=relaxed.copy(),
         blended=relaxed.copy(), offset=np.zeros(joints), separated=relaxed.copy(),
         contact_offset=np.zeros(joints),
         neighbour_difference=np.zeros(3), pushes=np.zeros(rest.shape),
         last_markers=np.full((count, 3), np.nan), repeats=np.zeros(count, dtype=np.int64),
-        repeated_distances=np.full((3, 3), np.nan), expected=np.zeros((count, 3)),
-        spread=np.zeros(count), known=np.zeros(count, dtype=bool),
+        repeated_distances=np.full((3, 3), np.nan), expected=unknown_markers(),
         verdict=np.zeros(count, dtype=np.int64), measured=np.zeros(len(rest), dtype=bool),
         changed=np.zeros(len(rest), dtype=bool), roots=np.zeros(rest.shape))

@@ -287,7 +287,7 @@ def test_it_is_forgotten_as_fast_at_any_rate_that_a_marker_was_not_seen():
             markers = markers_at(120)
             markers[MIDDLE] = np.nan if rate <= frame < 1.9 * rate else markers[MIDDLE]
             tracker.update(markers, frame / rate)
-        unseen.append(tracker._state.memory.unseen[MIDDLE])
+        unseen.append(tracker._state.association.unseen_for[MIDDLE])
     assert 0. < unseen[0] < .01 and unseen[0] == pytest.approx(unseen[1], rel=.05)
 
 

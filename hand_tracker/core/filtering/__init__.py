@@ -1,4 +1,4 @@
-"""Filtering, in step 1 (occlusion: inertia): a Kalman filter for each marker.
+"""Step 2, filtering: time step, marker noise, and a Kalman filter for each marker (inertia).
 
 In reading order: `frame_clock` (time step of each frame), `noise_estimate` (noise of each
 marker), `ukf` (unscented Kalman filter with the variable turn model), `smoothing` (adaptive

@@ -1,17 +1,19 @@
-"""Which markers are seen: what is no measurement counts as hidden."""
+"""Validity of measurements: non-finite, out-of-range and frozen markers count as hidden."""
 
 import math
 
-from ..numerics.jit import jit
-from ..numerics.vectors import distance, vector
+import numpy as np
 
-COORDINATE_LIMIT = 1e3  # [m] a coordinate beyond this is no measurement
-SKIN_STRETCH = .003   # [m] more than skin lets the palm's markers part; ours
+from ..numerics.jit import jit
+from ..numerics.vectors import Vector, distance, vector
+
+COORDINATE_LIMIT = 1e3  # [m] greatest valid coordinate
+SKIN_STRETCH = .003     # [m] by which skin lets distances of palm markers vary; ours
 
 
 @jit
-def find_valid(markers, seen):
-    """Mark in `seen` which rows are measurements.
+def find_valid(markers: np.ndarray, seen: np.ndarray) -> None:
+    """Set `seen` for the rows whose coordinates are finite and within `COORDINATE_LIMIT`.
 
     Parameters
     ----------
@@ -28,13 +30,14 @@ def find_valid(markers, seen):
 
 
 @jit
-def reject_frozen(markers, seen, last, still, stood, patience):
-    """Take markers that some drivers repeat when they lost them for not seen.
+def reject_frozen(markers: np.ndarray, seen: np.ndarray, last: np.ndarray, still: np.ndarray,
+                  stood: np.ndarray, patience: int) -> None:
+    """Reject frozen markers: lost ones whose last position the driver repeats.
 
-    A marker is frozen when it stays in place to the last bit while at least two markers of the
-    palm move. The palm's own may rest on a table while the hand turns about them: they are
-    frozen once another has come nearer or gone away. One at the origin is left to whoever
-    reads the messages.
+    A marker is frozen if its position repeats bit for bit while at least two palm markers
+    move. A palm marker may rest on a table while the hand turns about it, so it is frozen
+    only once its distance from another has changed. Markers at the origin are handled where
+    messages are decoded.
 
     Parameters
     ----------
@@ -43,14 +46,14 @@ def reject_frozen(markers, seen, last, still, stood, patience):
     seen : ndarray of bool, shape (8,)
         Cleared where frozen.
     last : ndarray, shape (8, 3)
-        The markers of the last frame, replaced [m].
+        Markers of the last frame, replaced [m].
     still : ndarray of int, shape (8,)
-        Frames for which each marker has repeated its place, replaced.
+        Frames for which each marker has repeated its position, updated.
     stood : ndarray, shape (3, 3)
-        Distances of the palm's markers (columns) from each when it began to repeat its
-        place, NaN of those not seen then, replaced [m].
+        Distances from each palm marker (rows) to the others (columns) when it began to repeat
+        its position; NaN if not seen then, updated [m].
     patience : int
-        Frames after which it counts as frozen; 0 is never.
+        Frames after which a marker counts as frozen; 0 for never.
     """
     moved = 0
     for i in range(3):
@@ -74,20 +77,23 @@ def reject_frozen(markers, seen, last, still, stood, patience):
 
 
 @jit
-def _gap(markers, seen, i, j):
+def _gap(markers: np.ndarray, seen: np.ndarray, i: int, j: int) -> float:
+    """Return the distance of two markers, NaN unless both are seen [m]."""
     return distance(vector(markers[i]), vector(markers[j])) if seen[i] and seen[j] else math.nan
 
 
 @jit
-def _has_moved_in_palm(markers, seen, stood, i):
-    """Return whether a marker of the palm is no longer where it stood among the others."""
+def _has_moved_in_palm(markers: np.ndarray, seen: np.ndarray, stood: np.ndarray,
+                       i: int) -> bool:
+    """Return whether a palm marker's distance from another differs from `stood`."""
     parted = False
     for j in range(3):
-        # False where one was not seen
+        # False if one was not seen
         parted = parted or abs(_gap(markers, seen, i, j) - stood[i, j]) > SKIN_STRETCH
     return parted
 
 
 @jit
-def _is_equal(a, b):
+def _is_equal(a: np.ndarray | Vector, b: np.ndarray | Vector) -> bool:
+    """Return whether three coordinates are equal bit for bit."""
     return a[0] == b[0] and a[1] == b[1] and a[2] == b[2]

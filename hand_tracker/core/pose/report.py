@@ -160,7 +160,7 @@ def write_marker_states(seen: np.ndarray, verdict: np.ndarray, palm: Tracks, dig
     ----------
     seen : ndarray of bool, shape (8,)
     verdict : ndarray of int, shape (8,)
-        Of `identify`.
+        Of `associate`.
     palm, digits : Tracks
     longest : float
         Time for which a prediction holds [s].

@@ -15,11 +15,13 @@ from hand_tracker.core.labelling.association import (
     ACCEPTED,
     REJECTED,
     SWAPPED,
-    blank_memory,
+    LabellingOptions,
+    associate,
     hand_bounds,
-    identify,
+    initial_association,
 )
 from hand_tracker.core.labelling.plausibility import typical_places
+from hand_tracker.core.labelling.readings import ExpectedMarkers
 from hand_tracker.core.labelling.validity import find_valid
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
@@ -41,7 +43,7 @@ class Frames:
     """The stage, fed frame by frame, that expects `PLACES` whatever it was given."""
 
     def __init__(self, spread=.001, known=True, expected=PLACES):
-        self.memory = blank_memory()
+        self.state = initial_association()
         self.expected = expected
         self.spread = np.full(8, spread)
         self.known = np.full(8, known)
@@ -51,8 +53,8 @@ class Frames:
         markers = np.array(markers)
         seen, verdict = np.empty(8, dtype=bool), np.zeros(8, dtype=np.int64)
         find_valid(markers, seen)
-        identify(markers, seen, self.expected, self.spread, self.known, step, BOUNDS,
-                 self.memory, gate, margin, patience, verdict)
+        associate(markers, seen, ExpectedMarkers(self.expected, self.spread, self.known), step,
+                  BOUNDS, self.state, LabellingOptions(gate, margin, patience), verdict)
         return markers, seen, verdict
 
 
@@ -65,7 +67,7 @@ def settled(**fields):
 def followed(expected):
     """Return the stage after labels, right or wrong, that nothing was held against."""
     frames = Frames(expected=expected)
-    frames.memory.sides[:] = np.linalg.norm(
+    frames.state.sides[:] = np.linalg.norm(
         expected[:3] - np.roll(expected[:3], -1, axis=0), axis=1)
     return frames
 
@@ -302,7 +304,7 @@ def test_nothing_makes_it_fail(first, second, expected, spread, known, step):
         assert not (seen & (verdict == REJECTED)).any()
         # Rows are exchanged, never made up.
         assert sorted(map(str, markers)) == sorted(map(str, np.array(given_rows, dtype=float)))
-        assert all(np.isfinite(part).all() for part in frames.memory[:-1])
+        assert all(np.isfinite(part).all() for part in frames.state[:-1])
 
 
 def digest():
@@ -319,7 +321,7 @@ def digest():
         frames.known[:] = n % 20 > 0
         markers, seen, verdict = frames.give(markers, step=.03)
         told.append(np.concatenate((markers[seen].ravel(), seen, verdict)))
-    return np.concatenate(told + [part.ravel() for part in frames.memory[:-1]])
+    return np.concatenate(told + [part.ravel() for part in frames.state[:-1]])
 
 
 def test_plain_python_and_compiled_are_the_same():

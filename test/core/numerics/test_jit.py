@@ -156,9 +156,10 @@ def test_a_pack_is_overwritten_with_all_that_another_holds():
     blank = blank_state(np.eye(3), np.ones((5, 3)), np.ones(25), 1e-4)
     pack, values = packed(deepcopy(blank))
     other, _ = packed(blank)
-    values.digits.mean[:], values.wrist.placed[0], values.memory.doubt[0] = 3., True, 2.
+    values.digits.mean[:], values.wrist.placed[0] = 3., True
+    values.association.doubted_for[0] = 2.
     overwrite(pack, other)
     assert (values.digits.mean == blank.digits.mean).all()
-    assert not values.wrist.placed[0] and values.memory.doubt[0] == blank.memory.doubt[0]
+    assert not values.wrist.placed[0] and values.association.doubted_for[0] == 0.
     values.digits.mean[:] = 4.
     assert (blank.digits.mean != 4.).all()
