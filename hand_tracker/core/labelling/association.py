@@ -280,20 +280,9 @@ def _conclude(evidence: Evidence, bounds: HandBounds, kept: Kept, reading: Readi
               verdict: np.ndarray) -> None:
     """Refuse the measurements beyond their gates, and update the state by the reading."""
     seen, known, home, gate = evidence.seen, evidence.known, evidence.home, evidence.gate
-    gaps, sides = evidence.gaps, state.sides
     rows, local = reading.rows, reading.local
-    size = palm_size(gaps, sides, bounds.typical.template, rows, kept)
-    if kept[0] and kept[1] and kept[2]:
-        share = min(max(step, 0.0) / SIDE_TIME, 1.0)
-        for i in range(3):
-            gap = gaps[rows[i], rows[(i + 1) % 3]]
-            sides[i] += (share if sides[i] > 0.0 else 1.0) * (gap - sides[i])
-        state.incomplete_for[0] = max(
-            state.incomplete_for[0] - RECOVERY_RATE * max(step, 0.0), 0.0)
-    else:
-        state.incomplete_for[0] = min(
-            state.incomplete_for[0] + max(step, 0.0), MAX_ROLL / ROLL_SPEED)
-
+    size = palm_size(evidence.gaps, state.sides, bounds.typical.template, rows, kept)
+    _learn_palm(evidence.gaps, kept, rows, state, step)
     believed = not _most_beyond_gate(evidence, reading)
     for i in range(8):
         row = rows[i]
@@ -322,6 +311,23 @@ def _conclude(evidence: Evidence, bounds: HandBounds, kept: Kept, reading: Readi
             state.unseen_for[i] *= math.exp(-max(step, 0.0) / SEEN_AGAIN_TIME)
             continue
         verdict[i] = REJECTED
+
+
+@jit
+def _learn_palm(gaps: np.ndarray, kept: Kept, rows: np.ndarray, state: AssociationState,
+                step: float) -> None:
+    """Update the learned sides of a complete palm, and the time for which it is incomplete."""
+    sides = state.sides
+    if kept[0] and kept[1] and kept[2]:
+        gain = min(max(step, 0.0) / SIDE_TIME, 1.0)
+        for i in range(3):
+            gap = gaps[rows[i], rows[(i + 1) % 3]]
+            sides[i] += (gain if sides[i] > 0.0 else 1.0) * (gap - sides[i])
+        state.incomplete_for[0] = max(
+            state.incomplete_for[0] - RECOVERY_RATE * max(step, 0.0), 0.0)
+    else:
+        state.incomplete_for[0] = min(
+            state.incomplete_for[0] + max(step, 0.0), MAX_ROLL / ROLL_SPEED)
 
 
 @jit

@@ -490,67 +490,100 @@ def best_reading(evidence: Evidence, bounds: HandBounds, margin: float, total: f
     kept : tuple of three bool
         Palm markers that place the palm.
     """
-    rows, costs, local = reading.rows, reading.costs, reading.local
     seen = evidence.seen
-    # Labels as given, with palm markers refused
     kept = (seen[0] > 0, seen[1] > 0, seen[2] > 0)
-    whole = (PALM_SUBSETS[0, 0], PALM_SUBSETS[0, 1], PALM_SUBSETS[0, 2])
     if evidence.gated[0]:
-        trial = Reading(np.arange(8), np.zeros(8), local)
-        for n in range(1, len(PALM_SUBSETS)):
-            some = (PALM_SUBSETS[n, 0], PALM_SUBSETS[n, 1], PALM_SUBSETS[n, 2])
-            if not ((seen[0] or not some[0]) and (seen[1] or not some[1])
-                    and (seen[2] or not some[2])):
-                continue
-            cost = read(evidence, bounds, some, False, total, trial)
-            if cost < total:
-                total = cost
-                kept = some
-                for i in range(8):
-                    costs[i] = trial.costs[i]
+        total, kept = _refuse_palm_markers(evidence, bounds, total, reading)
     chosen = kept
     if margin > 0.0:
-        found = Reading(np.full(8, -1), np.zeros(8), local)
-        trial = Reading(np.full(8, -1), np.zeros(8), local)
-        least = np.inf
-        # The digits exchange their rows
-        if total < IMPOSSIBLE:
-            for i in range(8):
-                found.rows[i] = rows[i]
-            least = read(evidence, bounds, kept, True, np.inf, found)
-        # The palm takes other rows: those alone that make a rigid palm
-        count = 0
-        triple = np.empty(3, dtype=np.int64)
-        for n in range(2 * len(PALM_TRIPLES)):
-            for i in range(3):
-                triple[i] = PALM_TRIPLES[n % len(PALM_TRIPLES), i]
-            own = triple[0] == 0 and triple[1] == 1 and triple[2] == 2
-            if own or not (seen[triple[0]] and seen[triple[1]] and seen[triple[2]]):
-                continue
-            rigid = _rigid_cost(evidence.gaps, evidence.sides, triple, whole)
-            # The most rigid first, as their number is limited
-            if rigid >= IMPOSSIBLE or (rigid < RIGID_COST) != (n < len(PALM_TRIPLES)):
-                continue
-            _fill_rows(triple, trial.rows)
-            cost = read(evidence, bounds, whole, True, least, trial)
-            count += 1 if cost < IMPOSSIBLE else 0
-            if cost < least:
-                least = cost
-                chosen = whole
-                for i in range(8):
-                    found.rows[i] = trial.rows[i]
-                    found.costs[i] = trial.costs[i]
-            if count == MAX_PALM_READINGS:
-                break
-        if least < total and _is_clearly_better(
-                found, reading, total >= IMPOSSIBLE, margin):
-            for i in range(8):
-                rows[i] = found.rows[i]
-                costs[i] = found.costs[i]
-        else:
-            chosen = kept
+        found = Reading(np.full(8, -1), np.zeros(8), reading.local)
+        least, palm = _relabel(evidence, bounds, kept, total, reading, found)
+        if least < total and _is_clearly_better(found, reading, total >= IMPOSSIBLE, margin):
+            chosen = palm
+            _copy_labels(found, reading)
     # Place the rows by the reading chosen
     return read(evidence, bounds, chosen, False, np.inf, reading), chosen
+
+
+@jit
+def _refuse_palm_markers(evidence: Evidence, bounds: HandBounds, total: float,
+                         reading: Reading) -> tuple[float, Kept]:
+    """Search the palm markers to refuse, with labels as given; return cost and those kept.
+
+    Parameters and returns as for `best_reading`.
+    """
+    seen = evidence.seen
+    kept = (seen[0] > 0, seen[1] > 0, seen[2] > 0)
+    trial = Reading(np.arange(8), np.zeros(8), reading.local)
+    for n in range(1, len(PALM_SUBSETS)):
+        some = (PALM_SUBSETS[n, 0], PALM_SUBSETS[n, 1], PALM_SUBSETS[n, 2])
+        if not ((seen[0] or not some[0]) and (seen[1] or not some[1])
+                and (seen[2] or not some[2])):
+            continue
+        cost = read(evidence, bounds, some, False, total, trial)
+        if cost < total:
+            total = cost
+            kept = some
+            for i in range(8):
+                reading.costs[i] = trial.costs[i]
+    return total, kept
+
+
+@jit
+def _relabel(evidence: Evidence, bounds: HandBounds, kept: Kept, total: float,
+             reading: Reading, found: Reading) -> tuple[float, Kept]:
+    """Search the best reading with other labels; return its cost and the palm markers kept.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    bounds : HandBounds
+    kept, total, reading
+        Best reading with labels as given: palm markers kept, cost and rows.
+    found : Reading
+        Replaced by the best reading.
+    """
+    seen = evidence.seen
+    whole = (PALM_SUBSETS[0, 0], PALM_SUBSETS[0, 1], PALM_SUBSETS[0, 2])
+    chosen = kept
+    least = np.inf
+    # The digits exchange their rows
+    if total < IMPOSSIBLE:
+        for i in range(8):
+            found.rows[i] = reading.rows[i]
+        least = read(evidence, bounds, kept, True, np.inf, found)
+    # The palm takes other rows: only those that make a rigid palm
+    trial = Reading(np.full(8, -1), np.zeros(8), reading.local)
+    count = 0
+    triple = np.empty(3, dtype=np.int64)
+    for n in range(2 * len(PALM_TRIPLES)):
+        for i in range(3):
+            triple[i] = PALM_TRIPLES[n % len(PALM_TRIPLES), i]
+        own = triple[0] == 0 and triple[1] == 1 and triple[2] == 2
+        if own or not (seen[triple[0]] and seen[triple[1]] and seen[triple[2]]):
+            continue
+        rigid = _rigid_cost(evidence.gaps, evidence.sides, triple, whole)
+        # The most rigid first, as their number is limited
+        if rigid >= IMPOSSIBLE or (rigid < RIGID_COST) != (n < len(PALM_TRIPLES)):
+            continue
+        _fill_rows(triple, trial.rows)
+        cost = read(evidence, bounds, whole, True, least, trial)
+        count += 1 if cost < IMPOSSIBLE else 0
+        if cost < least:
+            least = cost
+            chosen = whole
+            _copy_labels(trial, found)
+        if count == MAX_PALM_READINGS:
+            break
+    return least, chosen
+
+
+@jit
+def _copy_labels(source: Reading, target: Reading) -> None:
+    """Copy rows and costs of a reading to another."""
+    for i in range(8):
+        target.rows[i] = source.rows[i]
+        target.costs[i] = source.costs[i]
 
 
 @jit

@@ -327,8 +327,8 @@ def digest():
 def test_plain_python_and_compiled_are_the_same():
     path = os.pathsep.join([os.path.dirname(__file__)] + sys.path)
     out = subprocess.run(
-        [sys.executable, '-c', 'import numpy, test_identity;'
-         'print([float(x).hex() for x in test_identity.digest()])'],
+        [sys.executable, '-c', 'import numpy, test_association;'
+         'print([float(x).hex() for x in test_association.digest()])'],
         capture_output=True, text=True, check=True,
         env={**os.environ, 'HAND_TRACKER_JIT': '0', 'PYTHONPATH': path})
     plain = np.array([float.fromhex(x.strip(" '\n[]")) for x in out.stdout.split(',')])
