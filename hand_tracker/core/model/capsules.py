@@ -1,7 +1,7 @@
-"""The hand's flesh as capsules: where they are, which of them can meet, how far apart they are.
+"""Collision geometry: capsules around the bones, pairs that can touch, and their distances.
 
 A digit has one capsule around each of its three bones, the palm one around each finger's
-metacarpal. Everything is that of a right hand in the wrist's frame.
+metacarpal. All coordinates are of a right hand in the wrist's frame.
 """
 
 import math
@@ -10,40 +10,39 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numerics.jit import indexed, jit, packed
-from ..numerics.vectors import add, clamp, dot, scale, subtract, vector
-from .hand import DIGITS, FINGERS, LINKS
+from ..numerics.vectors import Vector, add, clamp, dot, scale, subtract, vector
+from .hand import DIGITS, FINGERS, LINKS, Hand
 from .kinematics import joint_table, place_links
 
 BONES_PER_DIGIT = 3
-PALM_INDEX = len(DIGITS)  # stands for the palm where digits are numbered
-# Unsourced: skin joins neighbours from the knuckles to about here along the proximal phalanx.
-WEB_SHARE = .4
-MIN_SQUARED_LENGTH = 1e-12        # [m^2] below which a segment is a point
+PALM_INDEX = len(DIGITS)     # of the palm where digits are numbered
+WEB_SHARE = .4               # of the proximal phalanx: up to here skin joins neighbours; unsourced
+MIN_SQUARED_LENGTH = 1e-12   # [m²] below which a segment is a point
 
 
 class Capsules(NamedTuple):
-    """The capsules of a right hand, and the pairs of them that can meet.
+    """Capsules of a right hand, and the pairs of them that can touch.
 
     Attributes
     ----------
     parent, rotation, translation, axis : ndarray
-        The hand's `JointTable`.
+        Fields of the hand's `JointTable`.
     link : ndarray of int, shape (c,)
-        The link that carries the capsule: 5 x 3 bones, index finger to thumb, 4 metacarpals,
-        and the 4 proximal phalanges once more, from the web on.
+        Link of each capsule: 5 x 3 bones, index finger to thumb, 4 metacarpals, and the 4
+        proximal phalanges once more, from the web on.
     start, end : ndarray, shape (c, 3)
-        Of the capsule's axis, in the link's frame [m].
+        Ends of the capsule's axis, in the link's frame [m].
     first, second : ndarray of int, shape (p,)
-        The capsules of a pair; of a digit, and of a later digit or the palm.
+        Capsules of each pair: of a digit, and of a later digit or the palm.
     digits : ndarray of int, shape (p, 2)
-        Whose they are; `PALM_INDEX` is the palm.
+        Digits of each pair; `PALM_INDEX` is the palm.
     apart : ndarray, shape (p,)
-        Distance of the axes at which they touch [m].
+        Distance of the axes at which the pair touches [m].
     reach : ndarray, shape (p,)
-        Distance of the axes' middles from which on they cannot touch [m].
+        Distance of the axes' midpoints beyond which the pair cannot touch [m].
     side : ndarray, shape (p, 3)
-        Unit direction from the second to the first of fingers side by side and of a finger
-        before the palm; zero where the hand gives none.
+        Unit direction from second to first at rest, of neighbouring fingers and of a finger
+        and the palm; zero for other pairs.
     """
 
     parent: np.ndarray
@@ -61,19 +60,19 @@ class Capsules(NamedTuple):
     side: np.ndarray
 
 
-def capsule_lengths(hand):
+def capsule_lengths(hand: Hand) -> np.ndarray:
     """Return the lengths of the axes of the digits' capsules, shape (5, 3) [m]."""
     lengths = np.vstack((hand.finger_bones, hand.thumb_bones))
-    # The tip is on the skin, the other ends of bones are inside joints.
+    # Tips lie on the skin; the other ends of bones lie inside joints.
     lengths[:, 2] = np.maximum(lengths[:, 2] - hand.radii[:, 2], 0.)
     return lengths
 
 
-def capsules(hand):
+def capsules(hand: Hand) -> Capsules:
     """Return the capsules of a hand, as a right hand.
 
-    Where a narrow hand's fingers overlap side by side at zero angles, they count as
-    touching there: the overlap is the radii's fault and no posture's.
+    Pairs that overlap at zero angles, as fingers of a narrow hand do, count as touching there:
+    that overlap is an error of the radii, not of the pose.
 
     Parameters
     ----------
@@ -95,9 +94,14 @@ def capsules(hand):
     start = np.concatenate((np.zeros((len(links) + len(FINGERS), 3)), WEB_SHARE * ends[proximal]))
     radii = np.concatenate((right.radii.ravel(), np.full(len(FINGERS), right.palm_radius)))
 
-    first, second, digits, apart, side = [], [], [], [], []
+    first: list[int] = []
+    second: list[int] = []
+    digits: list[tuple[int, int]] = []
+    apart: list[float] = []
+    side: list[Vector] = []
 
-    def add_pair(a, b, of, direction=(0., 0., 0.)):
+    def add_pair(a: int, b: int, of: tuple[int, int],
+                 direction: Vector = (0., 0., 0.)) -> None:
         joined = of[1] - of[0] == 1 and of[1] < len(FINGERS)
         first.append(webbed.get(a, a) if joined else a)
         second.append(webbed.get(b, b) if joined else b)
@@ -127,8 +131,8 @@ def capsules(hand):
         apart=found.apart + np.minimum(pair_gaps(found, np.zeros(len(LINKS))), 0.))
 
 
-def pair_gaps(capsules, angles):
-    """Return how far apart the surfaces of each pair are.
+def pair_gaps(capsules: Capsules, angles: np.ndarray) -> np.ndarray:
+    """Return the distance between the surfaces of each pair in a pose.
 
     Parameters
     ----------
@@ -148,8 +152,20 @@ def pair_gaps(capsules, angles):
 
 
 @jit
-def place_frames(capsules, angles, rotations, positions, ends):
-    """Write the links' frames (1, 25, ...) and the ends (c, 2, 3) of the capsules' axes."""
+def place_frames(capsules: Capsules, angles: np.ndarray, rotations: np.ndarray,
+                 positions: np.ndarray, ends: np.ndarray) -> None:
+    """Write the frames of the links and the ends of the capsules' axes in a pose.
+
+    Parameters
+    ----------
+    capsules : Capsules
+    angles : ndarray, shape (25,)
+        [rad]
+    rotations, positions : ndarray, shape (1, 25, 3, 3) and (1, 25, 3)
+        Links in the wrist's frame, replaced [m].
+    ends : ndarray, shape (c, 2, 3)
+        Start and end of each axis in the wrist's frame, replaced [m].
+    """
     place_links(capsules.parent, capsules.rotation, capsules.translation, capsules.axis,
                 angles.reshape((1, 25)), np.eye(3).reshape((1, 3, 3)), np.zeros((1, 3)),
                 rotations, positions)
@@ -166,8 +182,8 @@ def place_frames(capsules, angles, rotations, positions, ends):
 
 
 @jit
-def place_capsules(capsules, angles, ends):
-    """Write where the capsules of a pose are.
+def place_capsules(capsules: Capsules, angles: np.ndarray, ends: np.ndarray) -> None:
+    """Write the ends of the capsules' axes in a pose.
 
     Parameters
     ----------
@@ -181,8 +197,8 @@ def place_capsules(capsules, angles, ends):
 
 
 @jit
-def close_pairs(capsules, ends, gap):
-    """Return the pairs that may be nearer than a gap, judged by the axes' middles.
+def close_pairs(capsules: Capsules, ends: np.ndarray, gap: float) -> np.ndarray:
+    """Return the pairs that may be nearer than a gap, by the midpoints of the axes.
 
     Parameters
     ----------
@@ -190,13 +206,13 @@ def close_pairs(capsules, ends, gap):
     ends : ndarray, shape (c, 2, 3)
         As of `place_capsules` [m].
     gap : float
-        Of the surfaces [m].
+        Distance between the surfaces [m].
 
     Returns
     -------
     ndarray of int, shape (n,)
     """
-    # Axis by axis numba compiles it fast.
+    # One axis at a time: numba compiles that fast.
     squares = -4.0 * (capsules.reach + gap) ** 2
     for i in range(3):
         middles = ends[:, 0, i] + ends[:, 1, i]
@@ -206,27 +222,30 @@ def close_pairs(capsules, ends, gap):
 
 
 @jit
-def axis_of(ends, row):
-    """Return start and end of a capsule's axis as vectors [m]."""
+def axis_of(ends: np.ndarray, row: int) -> tuple[Vector, Vector]:
+    """Return start and end of a capsule's axis, row `row` of `ends`, shape (c, 2, 3) [m]."""
     return ((ends[row, 0, 0], ends[row, 0, 1], ends[row, 0, 2]),
             (ends[row, 1, 0], ends[row, 1, 1], ends[row, 1, 2]))
 
 
 @jit
-def nearest_points(first, second):
-    """Return how far along two segments their nearest points lie, and their distance.
+def nearest_points(first: tuple[Vector, Vector] | np.ndarray,
+                   second: tuple[Vector, Vector] | np.ndarray) -> tuple[float, float, float]:
+    """Return the nearest points of two segments and their distance.
 
-    Ericson, Real-Time Collision Detection (2005), 5.1.9.
+    C. Ericson, Real-Time Collision Detection (2005), 5.1.9.
 
     Parameters
     ----------
-    first, second : pair of vectors, or ndarray, shape (2, 3)
+    first, second : pair of Vector, or ndarray, shape (2, 3)
         Start and end [m].
 
     Returns
     -------
-    s, t, distance : float
-        0 at the start to 1 at the end [1], and [m].
+    s, t : float
+        Nearest point on the first and second segment, from 0, its start, to 1, its end.
+    distance : float
+        [m]
     """
     p = vector(first[0])
     q = vector(second[0])
@@ -246,7 +265,7 @@ def nearest_points(first, second):
     elif e <= MIN_SQUARED_LENGTH:
         s = clamp(-c / a, 0.0, 1.0)
     else:
-        # Of parallel segments any point will do: the middle keeps both ends in view.
+        # Parallel segments have no unique nearest points: start from the middle.
         s = 0.5
         if a * e - b * b > 1e-9 * a * e:
             s = clamp((b * f - c * e) / (a * e - b * b), 0.0, 1.0)

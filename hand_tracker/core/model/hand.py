@@ -1,15 +1,17 @@
-"""The hand: 25 revolute joints, their limits, bone lengths and axes.
+"""Model of a person's hand: 25 revolute joints, their limits, axes and bone lengths.
 
-This file is the one source of joint names, link names, axes, limits and
-lengths; kinematics, URDF, node parameters and documents derive from it.
+The one source of joint names, link names, axes, limits and lengths: kinematics, URDF, node
+parameters and documents derive from it.
 
-A `Hand` is always written down as a right hand: x distal (wrist to middle MCP),
-y towards the thumb, z dorsal, metres. `side` says whether it is mirrored.
+A `Hand` is always given as a right hand: x distal (wrist to middle MCP), y towards the thumb,
+z dorsal, in metres. `side` says whether it is mirrored.
 """
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InvalidHand
 
@@ -30,11 +32,11 @@ LINKS = tuple(f'{finger}_{link}' for finger in FINGERS for link in FINGER_LINKS)
     f'thumb_{link}' for link in THUMB_LINKS)
 ROOT = 'wrist'
 
-# Joints that eight markers do not show: they stay at zero.
+# Joints that eight markers do not determine: they stay at zero.
 UNOBSERVED_JOINTS = *(f'{finger}_cmc_flexion' for finger in FINGERS), 'thumb_mcp_abduction'
 
-# Rows of `JOINTS`: of each digit its abduction, (5,), and its three flexions, (5, 3); and the
-# digit of each joint, (25,).
+# Rows of `JOINTS`: abduction of each digit, (5,), and its three flexions, (5, 3). Digit of each
+# joint, (25,).
 ABDUCTION_JOINTS = np.array([JOINTS.index(
     'thumb_cmc_abduction' if digit == 'thumb' else f'{digit}_mcp_abduction')
     for digit in DIGITS])
@@ -45,8 +47,8 @@ DIGIT_OF_JOINT = np.array([DIGITS.index(joint.split('_')[0]) for joint in JOINTS
 
 # [degrees] (extension, flexion) and (adduction, abduction) of each kind of joint.
 # paper: Table 1. The finger CMC's have no entry there: the paper's palm is flat.
-# wide: the ranges of motion of the AAOS where they exceed Table 1. Ours, from
-# recorded grasps and unsourced: PIP to 115, thumb CMC flexion, thumb MCP and IP.
+# wide: the ranges of motion of the AAOS where they exceed Table 1. Ours, from recorded grasps:
+# PIP to 115, thumb CMC flexion, thumb MCP and IP.
 LIMIT_PRESETS = {
     'paper': {
         'cmc_flexion': (0, 0), 'mcp_abduction': (-15, 15), 'mcp_flexion': (-10, 85),
@@ -64,57 +66,61 @@ LIMIT_PRESETS = {
     },
 }
 
-# Share of the hand's length [1] and breadth [1]: Buchholz et al., Ergonomics 35 (1992).
-BONES_OF_LENGTH = (
+# Relative to the hand's length [1] and breadth [1]: Buchholz et al., Ergonomics 35 (1992).
+FINGER_BONES_OF_LENGTH = (
     (.245, .143, .097), (.266, .170, .108), (.244, .165, .107), (.204, .117, .093))
 THUMB_BONES_OF_LENGTH = (.251, .196, .158)
 MCP_OF_LENGTH = (.447, .446, .409, .368)
 MCP_OF_BREADTH = (.251, 0., -.206, -.402)
-# Unsourced: places of the CMC joints and the dorsal arch of the knuckles.
+# Unsourced: CMC joints, and the dorsal arch of the knuckles.
 CMC_OF_LENGTH = .12
 CMC_OF_MCP_BREADTH = .5
 ARCH_OF_LENGTH = (-.015, 0., -.008, -.03)
 THUMB_CMC_OF_LENGTH = (.075, .09, -.055)
-# Unsourced: the thumb's saddle, for a relaxed thumb beside the palm.
+# Unsourced: the thumb's saddle joint, for a relaxed thumb beside the palm.
 THUMB_ABDUCTION_AXIS = (-.60, .79, .10)
 THUMB_REST_DIRECTION = (.82, .37, -.44)
 
-# Unsourced [m at a hand length of 185 mm]: capsule radii of the three bones.
+# Unsourced: radii of the capsules around the three bones [m], at `MEAN_LENGTH`.
 CAPSULE_RADII = ((.009, .008, .007),) * 3 + ((.0075, .0065, .0055), (.011, .010, .009))
 PALM_CAPSULE_RADIUS = .011
-MEAN_LENGTH = .185
-MEAN_BREADTH = .085
+MEAN_LENGTH = .185   # [m]
+MEAN_BREADTH = .085  # [m]
 
 # Slope and offset [1, rad] of the fingers' DIP against their PIP.
-# paper: its Section on intradigital correlation. natural: ours, from captured hands that handle
-# objects, whose tips 0.8 misses by 11.6 mm and 0.4 by 8.4; still less bend would suit them, but
-# no fist. Others: 2/3 commonly, 0.70 in cadavers. A line errs by 6 to 18 degrees in manipulation,
-# Roda-Sales et al. (2022).
+# paper: its section on intradigital correlation. natural: ours, from captured hands that handle
+# objects, whose tips 0.8 misses by 11.6 mm and 0.4 by 8.4; a smaller slope would fit them better,
+# but no fist. Others: 2/3 commonly, 0.70 in cadavers. A line errs by 6 to 18 degrees in
+# manipulation, Roda-Sales et al. (2022).
 COUPLING_PRESETS = {'natural': (.4, 0.), 'paper': (.8, 0.)}
 THUMB_COUPLING = (1., 0.)      # IP against MCP, in each preset; ours
 
-# [degrees] of a hand that rests: MCP and PIP of the fingers, CMC abduction and flexion, MCP
+# [degrees] of a relaxed hand: MCP and PIP of the fingers, CMC abduction and flexion, MCP
 # abduction and flexion of the thumb. Fingers flex in all joints, PIP most (Lee & Jung, Int. J.
 # Occup. Saf. Ergon. 20 (2014)), and more from index to little (Varghese et al., J. Clin. Diagn.
-# Res. 14 (2020)); how much, and the thumb, is ours, near the medians of captured hands.
+# Res. 14 (2020)); the amounts, and the thumb, are ours, near the medians of captured hands.
 RELAXED_FINGERS = ((15, 25), (20, 30), (20, 35), (25, 35))
 RELAXED_THUMB = (10, 5, 0, 10)
 
 LENGTH_RANGE = (.005, .2)      # [m] of one bone
 POSITION_RANGE = .3            # [m] of a joint from the wrist
 ANGLE_RANGE = np.pi            # [rad] of a limit
-SLOPE_RANGE = (0., 5.)         # of a coupling
+SLOPE_RANGE = (0., 5.)         # [1] of a coupling
 COUPLING_OFFSET_RANGE = (-np.pi / 2, np.pi / 2)  # [rad]
+RADIUS_RANGE = (.001, .05)     # [m] of a capsule
+SPLAY_RANGE = np.pi / 4        # [rad] to either side
+HAND_LENGTH_RANGE = (.10, .26)   # [m]
+HAND_BREADTH_RANGE = (.04, .14)  # [m]
 
 
-def joint_kind(joint):
-    """Return the name under which the limit presets know `joint`."""
+def joint_kind(joint: str) -> str:
+    """Return the key of `joint` in the limit presets: fingers share theirs."""
     digit, _, kind = joint.partition('_')
     return joint if digit == 'thumb' else kind
 
 
-def preset_limits(preset='paper'):
-    """Return the limits of a preset.
+def preset_limits(preset: str = 'paper') -> np.ndarray:
+    """Return the joint limits of a preset.
 
     Parameters
     ----------
@@ -125,6 +131,11 @@ def preset_limits(preset='paper'):
     -------
     ndarray, shape (25, 2)
         Lower and upper limit of each joint [rad].
+
+    Raises
+    ------
+    InvalidHand
+        If there is no such preset.
     """
     if preset not in LIMIT_PRESETS:
         raise InvalidHand(f"limits: no preset '{preset}'; there are {', '.join(LIMIT_PRESETS)}")
@@ -132,18 +143,23 @@ def preset_limits(preset='paper'):
     return np.radians([table[joint_kind(joint)] for joint in JOINTS])
 
 
-def preset_coupling(preset='natural'):
-    """Return the intradigital correlation of a preset.
+def preset_coupling(preset: str = 'natural') -> np.ndarray:
+    """Return the intradigital correlation (DIP against PIP) of a preset.
 
     Parameters
     ----------
     preset : {'natural', 'paper'}
-        'paper' bends the DIP by 0.8 of the PIP; 'natural' by less, as in handling objects.
+        'paper' flexes the DIP by 0.8 of the PIP; 'natural' by less, as in handling objects.
 
     Returns
     -------
     ndarray, shape (5, 2)
         Slope and offset of each digit, index finger to thumb [1, rad].
+
+    Raises
+    ------
+    InvalidHand
+        If there is no such preset.
     """
     if preset not in COUPLING_PRESETS:
         raise InvalidHand(
@@ -153,7 +169,7 @@ def preset_coupling(preset='natural'):
 
 @dataclass(frozen=True, eq=False)
 class Hand:
-    """One person's hand, in the coordinates of a right hand [m, rad].
+    """Hand of one person, in the coordinates of a right hand [m, rad].
 
     Parameters
     ----------
@@ -162,18 +178,18 @@ class Hand:
     finger_bones : array_like, shape (4, 3)
         Length of the proximal, middle and distal phalanx [m].
     thumb_cmc : array_like, shape (3,)
-        The thumb's CMC joint from the wrist [m].
+        CMC joint of the thumb from the wrist [m].
     thumb_bones : array_like, shape (3,)
         Length of the thumb's metacarpal, proximal and distal phalanx [m].
     thumb_abduction_axis, thumb_rest_direction : array_like, shape (3,)
-        The saddle joint: the axis of abduction, fixed in the palm, and the direction of
-        the metacarpal at zero angles. The flexion axis is normal to both. Made unit length.
+        Saddle joint: axis of abduction, fixed in the palm, and direction of the metacarpal at
+        zero angles. The flexion axis is normal to both. Normalised.
     finger_abduction_axes : array_like, shape (4, 3)
-        Axes of the fingers' abduction, fixed in the palm; dorsal in the paper. Made unit length.
+        Axes of the fingers' abduction, fixed in the palm; dorsal in the paper. Normalised.
     splay : array_like, shape (4,)
         Direction of the straight fingers at zero angles, from x towards the thumb [rad].
     limits : array_like, shape (25, 2)
-        Lower and upper limit of each joint, in the order of `JOINTS` [rad]; all hold 0.
+        Lower and upper limit of each joint, in the order of `JOINTS`; all include 0 [rad].
     coupling : array_like, shape (5, 2)
         Intradigital correlation: DIP = slope PIP + offset; the thumb's IP = slope MCP + offset.
     radii : array_like, shape (5, 3)
@@ -186,7 +202,7 @@ class Hand:
     Raises
     ------
     InvalidHand
-        Naming the field, its value and what is allowed.
+        With the field, its value and the allowed values.
     """
 
     finger_cmc: np.ndarray
@@ -194,17 +210,20 @@ class Hand:
     finger_bones: np.ndarray
     thumb_cmc: np.ndarray
     thumb_bones: np.ndarray
-    thumb_abduction_axis: np.ndarray = THUMB_ABDUCTION_AXIS
-    thumb_rest_direction: np.ndarray = THUMB_REST_DIRECTION
-    finger_abduction_axes: np.ndarray = ((0., 0., 1.),) * 4
-    splay: np.ndarray = (0., 0., 0., 0.)
+    thumb_abduction_axis: np.ndarray = field(
+        default_factory=lambda: np.array(THUMB_ABDUCTION_AXIS))
+    thumb_rest_direction: np.ndarray = field(
+        default_factory=lambda: np.array(THUMB_REST_DIRECTION))
+    finger_abduction_axes: np.ndarray = field(
+        default_factory=lambda: np.array(((0., 0., 1.),) * 4))
+    splay: np.ndarray = field(default_factory=lambda: np.zeros(4))
     limits: np.ndarray = field(default_factory=preset_limits)
     coupling: np.ndarray = field(default_factory=preset_coupling)
-    radii: np.ndarray = CAPSULE_RADII
+    radii: np.ndarray = field(default_factory=lambda: np.array(CAPSULE_RADII))
     palm_radius: float = PALM_CAPSULE_RADIUS
     side: str = 'right'
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name, shape in (
                 ('finger_cmc', (4, 3)), ('finger_mcp', (4, 3)), ('finger_bones', (4, 3)),
                 ('thumb_cmc', (3,)), ('thumb_bones', (3,)), ('thumb_abduction_axis', (3,)),
@@ -219,8 +238,8 @@ class Hand:
         for name in ('finger_cmc', 'finger_mcp', 'thumb_cmc'):
             _require(name, getattr(self, name), -POSITION_RANGE, POSITION_RANGE, 'm')
         for name in ('radii', 'palm_radius'):
-            _require(name, getattr(self, name), .001, .05, 'm')
-        _require('splay', self.splay, -np.pi / 4, np.pi / 4, 'rad')
+            _require(name, getattr(self, name), *RADIUS_RANGE, 'm')
+        _require('splay', self.splay, -SPLAY_RANGE, SPLAY_RANGE, 'rad')
         _require('limits', self.limits, -ANGLE_RANGE, ANGLE_RANGE, 'rad')
         _require('coupling slope', self.coupling[:, 0], *SLOPE_RANGE, '')
         _require('coupling offset', self.coupling[:, 1], *COUPLING_OFFSET_RANGE, 'rad')
@@ -234,7 +253,7 @@ class Hand:
             sizes = np.linalg.norm(vectors, axis=-1, keepdims=True)
             if (sizes < 1e-6).any():
                 raise InvalidHand(f'{name}: {vectors} has no direction')
-            # A unit vector stays as it is: a copy has the same bits.
+            # Keep unit vectors bit for bit, so that a copy equals its source.
             sizes[np.abs(sizes - 1.) <= 1e-15] = 1.
             object.__setattr__(self, name, _frozen(vectors / sizes))
         if abs(self.thumb_abduction_axis @ self.thumb_rest_direction) > .95:
@@ -252,20 +271,26 @@ class Hand:
                 f'both distal of the wrist; got {self.finger_mcp[0]} and {self.finger_mcp[3]}')
 
     @classmethod
-    def scaled(cls, length=MEAN_LENGTH, breadth=MEAN_BREADTH, **fields):
+    def scaled(cls, length: float = MEAN_LENGTH, breadth: float = MEAN_BREADTH,
+               **fields: Any) -> 'Hand':
         """Return the mean hand scaled to a length and a breadth.
 
         Parameters
         ----------
         length : float
-            From the wrist's crease to the tip of the middle finger [m].
+            From the wrist crease to the tip of the middle finger [m].
         breadth : float
             Across the knuckles of index and little finger [m].
         **fields
             Any other field of `Hand`.
+
+        Raises
+        ------
+        InvalidHand
+            If length or breadth are none of a hand, or as for `Hand`.
         """
-        _require('length', length, .10, .26, 'm')
-        _require('breadth', breadth, .04, .14, 'm')
+        _require('length', length, *HAND_LENGTH_RANGE, 'm')
+        _require('breadth', breadth, *HAND_BREADTH_RANGE, 'm')
         mcp = np.column_stack((
             np.multiply(MCP_OF_LENGTH, length), np.multiply(MCP_OF_BREADTH, breadth),
             np.multiply(ARCH_OF_LENGTH, length)))
@@ -273,7 +298,7 @@ class Hand:
         defaults = {
             'finger_cmc': cmc,
             'finger_mcp': mcp,
-            'finger_bones': np.multiply(BONES_OF_LENGTH, length),
+            'finger_bones': np.multiply(FINGER_BONES_OF_LENGTH, length),
             'thumb_cmc': np.multiply(THUMB_CMC_OF_LENGTH, length),
             'thumb_bones': np.multiply(THUMB_BONES_OF_LENGTH, length),
             'radii': np.multiply(CAPSULE_RADII, length / MEAN_LENGTH),
@@ -281,12 +306,12 @@ class Hand:
         }
         return cls(**{**defaults, **fields})
 
-    def replace(self, **fields):
+    def replace(self, **fields: Any) -> 'Hand':
         """Return a copy with other values of the named fields."""
         return replace(self, **fields)
 
-    def relaxed(self):
-        """Return the angles of the hand at rest, within its limits, shape (25,) [rad]."""
+    def relaxed(self) -> np.ndarray:
+        """Return the joint angles of the relaxed hand, within its limits, shape (25,) [rad]."""
         angles = np.zeros((len(DIGITS), len(FINGER_JOINTS)))
         angles[:len(FINGERS), 2:4] = np.radians(RELAXED_FINGERS)
         angles[len(FINGERS), :4] = np.radians(RELAXED_THUMB)
@@ -295,11 +320,11 @@ class Hand:
         angles[:, 4] = self.coupling[:, 0] * angles[:, 3] + self.coupling[:, 1]
         return np.clip(angles, lower, upper).ravel()
 
-    def mirrored(self):
-        """Return the same hand of the other side."""
+    def mirrored(self) -> 'Hand':
+        """Return this hand with the other side."""
         return self.replace(side=SIDES[1 - SIDES.index(self.side)])
 
-    def with_paper_thumb(self):
+    def with_paper_thumb(self) -> 'Hand':
         """Return this hand with the paper's thumb plane, through CMC, tip and index MCP.
 
         The plane of a digit holds its abduction axis: the axis that points from the index
@@ -308,12 +333,14 @@ class Hand:
         return self.replace(thumb_abduction_axis=self.thumb_cmc - self.finger_mcp[0])
 
 
-def _frozen(array):
+def _frozen(array: np.ndarray) -> np.ndarray:
+    """Return the array, made read-only."""
     array.setflags(write=False)
     return array
 
 
-def _array(name, value, shape):
+def _array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray | float:
+    """Return a field's value as a read-only array of finite numbers, or as a float."""
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):
@@ -325,7 +352,8 @@ def _array(name, value, shape):
     return float(array) if shape == () else _frozen(array)
 
 
-def _require(name, value, lower, upper, unit):
+def _require(name: str, value: ArrayLike, lower: float, upper: float, unit: str) -> None:
+    """Raise `InvalidHand` if a number of a field is not in [lower, upper]."""
     values = np.atleast_1d(value)
     bad = np.argwhere(~((values >= lower) & (values <= upper)))
     if len(bad):

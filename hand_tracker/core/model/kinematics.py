@@ -1,34 +1,35 @@
-"""Forward kinematics: 25 angles and the wrist's pose give every link of the hand.
+"""Forward kinematics: frames of the hand's 25 links from its joint angles and wrist pose.
 
-The published pose is always this function of the published angles.
+The published pose is always the forward kinematics of the published angles.
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..numerics.jit import indexed, jit
-from .hand import DIGITS, FINGER_JOINTS, FINGERS, JOINTS, LINKS, THUMB_JOINTS
+from .hand import DIGITS, FINGER_JOINTS, FINGERS, JOINTS, LINKS, THUMB_JOINTS, Hand
 
 X_AXIS, Y_AXIS, Z_AXIS = np.eye(3)
-# Abduction leads away from the middle finger (the middle finger's: towards the thumb).
+# Sign of a rotation about z that abducts: away from the middle finger (its own: to the thumb).
 ABDUCTION_SIGN = (1., 1., -1., -1., 1.)
 
 
 class JointTable(NamedTuple):
-    """Where each joint sits in its parent link and about which axis it turns.
+    """Kinematic tree: fixed transform and axis of each of the 25 revolute joints.
 
     Attributes
     ----------
-    parent : ndarray, shape (25,)
-        Index of the parent link; -1 is the wrist.
+    parent : ndarray of int, shape (25,)
+        Parent link of each joint; -1 is the wrist.
     rotation : ndarray, shape (25, 3, 3)
-        From the joint's frame at zero angle to its parent's.
+        From the joint's frame at zero angle to the parent link's frame.
     translation : ndarray, shape (25, 3)
-        The joint in its parent's frame [m].
+        Joint in the parent link's frame [m].
     axis : ndarray, shape (25, 3)
-        Unit axis in the joint's frame, right-handed.
+        Unit axis of rotation in the joint's frame, right-handed.
     """
 
     parent: np.ndarray
@@ -43,20 +44,20 @@ class Pose(NamedTuple):
     Attributes
     ----------
     rotation : ndarray, shape (..., 25, 3, 3)
-        From each link's frame to the surroundings; x along the bone, z dorsal.
+        From each link's frame to the reference frame; x along the bone, z dorsal.
     position : ndarray, shape (..., 25, 3)
-        Origin of each link's frame, which is its joint [m].
+        Origin of each link's frame, its joint, in the reference frame [m].
     """
 
     rotation: np.ndarray
     position: np.ndarray
 
 
-def digit_base(hand, digit):
-    """Return the frame in which a digit's abduction and flexion are solved.
+def digit_base(hand: Hand, digit: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the base frame of a digit, in which its abduction and flexion are solved.
 
-    z is the axis of abduction, x lies below the direction of the digit at zero angles, and
-    `tilt` is the flexion that leads from x to that direction.
+    z is the axis of abduction, x the projection of the digit's direction at zero angles onto
+    the plane normal to z, and `tilt` the flexion from x to that direction.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def digit_base(hand, digit):
     Returns
     -------
     rotation : ndarray, shape (3, 3)
-        From the base to the right hand's wrist frame.
+        From the base frame to the right hand's wrist frame.
     position : ndarray, shape (3,)
         The MCP joint of a finger, the CMC joint of the thumb [m].
     tilt : float
@@ -84,8 +85,8 @@ def digit_base(hand, digit):
     return np.column_stack((x, np.cross(axis, x), axis)), root, float(tilt)
 
 
-def joint_table(hand):
-    """Return the joints of `hand`, of its own side.
+def joint_table(hand: Hand) -> JointTable:
+    """Return the kinematic tree of a hand, of its own side.
 
     Parameters
     ----------
@@ -96,7 +97,10 @@ def joint_table(hand):
     JointTable
         The source of the URDF and of `forward`.
     """
-    parent, rotation, translation, axis = [], [], [], []
+    parent: list[int] = []
+    rotation: list[np.ndarray] = []
+    translation: list[np.ndarray] = []
+    axis: list[np.ndarray] = []
     for digit, name in enumerate(DIGITS):
         base, root, tilt = digit_base(hand, digit)
         c, s = np.cos(tilt), np.sin(tilt)
@@ -115,7 +119,8 @@ def joint_table(hand):
         parent += [-1] + [5 * digit + j for j in range(4)]
         rotation += rotations
         translation += translations
-        axis += [Y_AXIS if 'flexion' in joint else ABDUCTION_SIGN[digit] * Z_AXIS for joint in joints]
+        axis += [Y_AXIS if 'flexion' in joint else ABDUCTION_SIGN[digit] * Z_AXIS
+                 for joint in joints]
     table = JointTable(*(np.array(column) for column in (parent, rotation, translation, axis)))
     if hand.side == 'right':
         return table
@@ -126,7 +131,7 @@ def joint_table(hand):
         translation=table.translation * mirror, axis=-table.axis * mirror)
 
 
-def tip_offsets(hand):
+def tip_offsets(hand: Hand) -> np.ndarray:
     """Return the tips of the five digits in the frames of their distal links.
 
     Returns
@@ -138,11 +143,22 @@ def tip_offsets(hand):
 
 
 @jit
-def place_links(parent, rotation, translation, axis, angles, wrist_rotation, wrist_position,
-                rotations, positions):
-    """Write the links' frames into `rotations` and `positions`: the kernel of `forward`.
+def place_links(
+        parent: np.ndarray, rotation: np.ndarray, translation: np.ndarray, axis: np.ndarray,
+        angles: np.ndarray, wrist_rotation: np.ndarray, wrist_position: np.ndarray,
+        rotations: np.ndarray, positions: np.ndarray) -> None:
+    """Write the frames of all links in n poses: the kernel of `forward`.
 
-    All but the table have a leading dimension n.
+    Parameters
+    ----------
+    parent, rotation, translation, axis : ndarray
+        Fields of `JointTable`.
+    angles : ndarray, shape (n, 25)
+        [rad]
+    wrist_rotation, wrist_position : ndarray, shape (n, 3, 3) and (n, 3)
+        Wrist in the reference frame [m].
+    rotations, positions : ndarray, shape (n, 25, 3, 3) and (n, 25, 3)
+        Links in the reference frame, replaced [m].
     """
     parent, rotation, translation, axis = (
         indexed(parent), indexed(rotation), indexed(translation), indexed(axis))
@@ -184,8 +200,9 @@ def place_links(parent, rotation, translation, axis, angles, wrist_rotation, wri
                         e * turn[0][k] + f * turn[1][k] + g * turn[2][k])
 
 
-def forward(table, angles, wrist_rotation=None, wrist_position=None):
-    """Return the links' frames for given angles.
+def forward(table: JointTable, angles: ArrayLike, wrist_rotation: ArrayLike | None = None,
+            wrist_position: ArrayLike | None = None) -> Pose:
+    """Return the frames of all links for given joint angles.
 
     Parameters
     ----------
@@ -194,14 +211,19 @@ def forward(table, angles, wrist_rotation=None, wrist_position=None):
     angles : array_like, shape (25,) or (n, 25)
         In the order of `JOINTS` [rad].
     wrist_rotation : array_like, shape (3, 3) or (n, 3, 3), optional
-        From the wrist's frame to the surroundings; identity when left out.
+        From the wrist's frame to the reference frame; identity by default.
     wrist_position : array_like, shape (3,) or (n, 3), optional
-        The wrist in the surroundings [m]; zero when left out.
+        Wrist in the reference frame; zero by default [m].
 
     Returns
     -------
     Pose
         With the leading dimension of `angles`.
+
+    Raises
+    ------
+    ValueError
+        If the shape of `angles` is another.
     """
     angles = np.asarray(angles, dtype=float)
     batch = np.atleast_2d(angles)

@@ -1,42 +1,44 @@
-"""Which marker rides on which place of the hand, and at which offset.
+"""Marker layout: landmark and offset of each of the eight markers on the hand.
 
-The eight markers in the paper's order: r on the wrist, p and q on the knuckles of index
-and little finger, one at the DIP joint of each finger, one at the thumb's tip.
+Markers in the paper's order: r on the wrist, p and q on the knuckles of index and little
+finger, one at the DIP joint of each finger, one at the thumb's tip.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InvalidLayout
-from .hand import DIGITS, FINGERS, LINKS
+from .hand import DIGITS, FINGERS, LINKS, Hand
+from .kinematics import Pose
 
 MARKERS = ('wrist', 'index_mcp', 'little_mcp', 'index', 'middle', 'ring', 'little', 'thumb')
 PALM_MARKERS = MARKERS[:3]
 PAPER_PLACES = ('wrist', 'index_mcp', 'little_mcp',
                 'index_dip', 'middle_dip', 'ring_dip', 'little_dip', 'thumb_tip')
 
-# A landmark is the far end of a bone; a marker there rides on that bone.
+# A landmark is the distal end of a bone; a marker there is attached to that bone.
 PALM_LANDMARKS = ('wrist', 'thumb_cmc') + tuple(
     f'{finger}_{joint}' for finger in FINGERS for joint in ('cmc', 'mcp'))
 DIGIT_LANDMARKS = {
     **{finger: (f'{finger}_dip', f'{finger}_tip') for finger in FINGERS},
     'thumb': ('thumb_ip', 'thumb_tip'),
 }
-OFFSET_RANGE = .06  # [m]
-MIN_LEVER = .005        # [m] that a triangle must be high, a marker from its hinge
+OFFSET_RANGE = .06  # [m] greatest offset on each axis
+MIN_LEVER = .005    # [m] least height of the palm's triangle, distance of a marker from its hinge
 
 
 class Mounting(NamedTuple):
-    """Where the markers of one hand sit.
+    """Mounting of the markers on one hand: link and position of each.
 
     Attributes
     ----------
-    link : ndarray, shape (8,)
-        Index of the link each marker rides on; -1 is the wrist.
+    link : ndarray of int, shape (8,)
+        Link that each marker is attached to; -1 is the wrist.
     position : ndarray, shape (8, 3)
-        In that link's frame [m].
+        Marker in that link's frame [m].
     """
 
     link: np.ndarray
@@ -45,7 +47,7 @@ class Mounting(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MarkerLayout:
-    """Places of the eight markers.
+    """Landmarks and offsets of the eight markers, for hands of any size.
 
     Parameters
     ----------
@@ -54,19 +56,19 @@ class MarkerLayout:
         ('wrist', 'index_cmc', 'index_mcp', ...), for a finger its 'dip' or 'tip',
         for the thumb its 'ip' or 'tip'.
     offsets : array_like, shape (8, 3)
-        From the landmark, along the axes of the link that ends there (x along the bone,
-        y towards the thumb, z dorsal), as on a right hand [m].
+        Marker from its landmark, along the axes of the link that ends there (x along the
+        bone, y towards the thumb, z dorsal), as on a right hand [m].
 
     Raises
     ------
     InvalidLayout
-        Naming the marker, its value and what is allowed.
+        With the marker, its value and the allowed values.
     """
 
-    places: tuple = PAPER_PLACES
-    offsets: np.ndarray = ((0., 0., 0.),) * 8
+    places: tuple[str, ...] = PAPER_PLACES
+    offsets: np.ndarray = field(default_factory=lambda: np.zeros((len(MARKERS), 3)))
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         places = tuple(self.places)
         if len(places) != len(MARKERS):
             raise InvalidLayout(f'places: {len(places)} given; expected one for each of {MARKERS}')
@@ -87,8 +89,8 @@ class MarkerLayout:
         object.__setattr__(self, 'places', places)
         object.__setattr__(self, 'offsets', offsets)
 
-    def mounting(self, hand):
-        """Return where the markers sit on `hand`, of its own side.
+    def mounting(self, hand: Hand) -> Mounting:
+        """Return the mounting of the markers on `hand`, of its own side.
 
         Parameters
         ----------
@@ -98,15 +100,15 @@ class MarkerLayout:
         -------
         Mounting
         """
-        links, positions = zip(*(_landmark_on_link(hand, place) for place in self.places))
-        positions = np.array(positions) + self.offsets
+        links, landmarks = zip(*(_landmark_on_link(hand, place) for place in self.places))
+        positions = np.array(landmarks) + self.offsets
         if hand.side == 'left':
             positions = positions * (1., -1., 1.)
         return Mounting(np.array(links), positions)
 
 
-def require_solvable(mounting):
-    """Refuse markers on a hand from which nothing can be solved.
+def require_solvable(mounting: Mounting) -> None:
+    """Check that wrist and digits can be solved from the markers.
 
     Parameters
     ----------
@@ -115,7 +117,7 @@ def require_solvable(mounting):
     Raises
     ------
     InvalidLayout
-        If the palm markers make no triangle, or a digit's marker lies on its hinge.
+        If the palm markers are collinear, or a digit's marker lies on its hinge axis.
     """
     palm, digits = np.split(mounting.position, [len(PALM_MARKERS)])
     sides = np.roll(palm, -1, axis=0) - palm
@@ -132,8 +134,8 @@ def require_solvable(mounting):
                 'about which it turns')
 
 
-def _landmark_on_link(hand, place):
-    """Return (link, position in its frame) of a landmark on the right hand."""
+def _landmark_on_link(hand: Hand, place: str) -> tuple[int, np.ndarray]:
+    """Return link and position in its frame [m] of a landmark on the right hand."""
     digit, _, joint = place.partition('_')
     if place == 'wrist':
         return -1, np.zeros(3)
@@ -147,8 +149,9 @@ def _landmark_on_link(hand, place):
     return LINKS.index(f'{digit}_{link}'), np.array((bones[bone], 0., 0.))
 
 
-def marker_positions(mounting, pose, wrist_rotation=None, wrist_position=None):
-    """Return where the markers are when the hand is in a pose.
+def marker_positions(mounting: Mounting, pose: Pose, wrist_rotation: ArrayLike | None = None,
+                     wrist_position: ArrayLike | None = None) -> np.ndarray:
+    """Return the positions of the markers of a hand in a pose.
 
     Parameters
     ----------

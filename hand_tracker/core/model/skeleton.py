@@ -1,17 +1,20 @@
-"""The hand as points and bones: what pictures, capsules and landmarks are made of."""
+"""Skeleton of the hand: named points and the bones between them, for drawing and capsules."""
 
 import numpy as np
 
-from .hand import DIGITS, FINGERS, LINKS, ROOT
+from .hand import DIGITS, FINGERS, LINKS, ROOT, Hand
+from .kinematics import Pose
 
 DIGIT_TIPS = tuple(f'{digit}_tip' for digit in DIGITS)
 SKELETON_POINTS = LINKS + (ROOT,) + DIGIT_TIPS
 
 
-def _point_rows(*names):
+def _point_rows(*names: str) -> tuple[int, ...]:
+    """Return the rows of named points in `SKELETON_POINTS`."""
     return tuple(SKELETON_POINTS.index(name) for name in names)
 
 
+# Points of each digit from its first joint to its tip, and bones as pairs of points.
 DIGIT_CHAINS = tuple(
     _point_rows(*(f'{finger}_{link}' for link in ('metacarpal', 'proximal', 'middle', 'distal')),
                 f'{finger}_tip') for finger in FINGERS) + (
@@ -19,10 +22,11 @@ DIGIT_CHAINS = tuple(
 # The palm: from the wrist to every CMC, and across the knuckles.
 PALM_BONES = tuple((SKELETON_POINTS.index(ROOT), chain[0]) for chain in DIGIT_CHAINS) + tuple(
     (a[1], b[1]) for a, b in zip(DIGIT_CHAINS[:3], DIGIT_CHAINS[1:4]))
-SKELETON_BONES = PALM_BONES + tuple(bone for chain in DIGIT_CHAINS for bone in zip(chain, chain[1:]))
+SKELETON_BONES = PALM_BONES + tuple(
+    bone for chain in DIGIT_CHAINS for bone in zip(chain, chain[1:]))
 
 
-def bone_radii(hand):
+def bone_radii(hand: Hand) -> np.ndarray:
     """Return the radius of the capsule around each of `SKELETON_BONES`.
 
     Parameters
@@ -39,8 +43,8 @@ def bone_radii(hand):
     return np.array(palm + fingers + list(hand.radii[4]))
 
 
-def skeleton_points(tips, pose, wrist_position):
-    """Return the places of `SKELETON_POINTS`.
+def skeleton_points(tips: np.ndarray, pose: Pose, wrist_position: np.ndarray) -> np.ndarray:
+    """Return the positions of `SKELETON_POINTS` in a pose.
 
     Parameters
     ----------

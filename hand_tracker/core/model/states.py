@@ -1,22 +1,22 @@
-"""States of the palm and of the markers in a frame."""
+"""States of the palm and of each marker in a frame, as enums and as integers for kernels."""
 
 import enum
 
 
 class PalmState(enum.IntEnum):
-    """What is known of the palm; from LOST on it is predicted, if it was seen before."""
+    """State of the palm; from LOST on its pose is predicted, if it was ever seen."""
 
-    TRACKED = 0
-    CARRIED = 1         # a palm marker is hidden, its place is carried by the others
+    TRACKED = 0         # all palm markers are seen
+    CARRIED = 1         # hidden palm markers are placed by those seen
     LOST = 2            # no palm marker is seen
-    COINCIDENT = 3      # two palm markers lie in one place
-    COLLINEAR = 4       # the palm markers lie on one line
-    TOO_FAR_APART = 5   # the palm markers are farther apart than on this hand
+    COINCIDENT = 3      # two palm markers coincide
+    COLLINEAR = 4       # the palm markers are collinear
+    TOO_FAR_APART = 5   # two palm markers are farther apart than on this hand
     WAITING = 6         # the three palm markers have not been seen together yet
     TOO_CLOSE = 7       # all palm markers are closer together than on this hand
 
 
-# Kernels return plain integers; to call PalmState takes ten times as long.
+# Kernels return integers; indexing this is ten times as fast as PalmState(...).
 PALM_STATES = tuple(PalmState)
 TRACKED = int(PalmState.TRACKED)
 CARRIED = int(PalmState.CARRIED)
@@ -29,17 +29,17 @@ TOO_CLOSE = int(PalmState.TOO_CLOSE)
 
 
 class MarkerState(enum.IntEnum):
-    """What is known of a marker."""
+    """State of a marker: how its position was obtained."""
 
-    SEEN = 0
-    PREDICTED = 1  # hidden
-    ABSENT = 2     # not seen since the start: where it usually is with the others
-    REJECTED = 3   # seen where it cannot be, and predicted instead
-    SWAPPED = 4    # seen under another marker's label, and put right
-    STALE = 5      # hidden for longer than a prediction holds
+    SEEN = 0       # measured
+    PREDICTED = 1  # hidden, predicted
+    ABSENT = 2     # not seen since the start: its rest position, moved with the others
+    REJECTED = 3   # measured as an outlier, predicted instead
+    SWAPPED = 4    # measured under another marker's label, corrected
+    STALE = 5      # hidden for longer than predictions hold
 
 
-# Kernels store plain integers.
+# Kernels store integers.
 SEEN = int(MarkerState.SEEN)
 PREDICTED = int(MarkerState.PREDICTED)
 ABSENT = int(MarkerState.ABSENT)
