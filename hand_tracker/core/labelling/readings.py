@@ -1,7 +1,7 @@
 """Readings: candidate labelings of one frame, their cost, and the search for the best.
 
 A reading assigns a row of the input to each marker. The palm is rigid, so its three markers are
-gated and costed by their distances from each other, whatever the hand does as a whole; the
+gated and costed by their distances from each other, independent of the hand's motion; the
 digits' markers are gated and costed in the palm's frame, by their prediction and their reach.
 Costs are squared deviations over variances. Ours; no source but where one is named.
 """
@@ -164,7 +164,7 @@ class Reading(NamedTuple):
 
 
 def unknown_markers() -> ExpectedMarkers:
-    """Return `ExpectedMarkers` of which none is known."""
+    """Return `ExpectedMarkers` before the first frame: all unknown."""
     return ExpectedMarkers(np.zeros((8, 3)), np.zeros(8), np.zeros(8, dtype=bool))
 
 

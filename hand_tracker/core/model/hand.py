@@ -47,8 +47,8 @@ DIGIT_OF_JOINT = np.array([DIGITS.index(joint.split('_')[0]) for joint in JOINTS
 
 # [degrees] (extension, flexion) and (adduction, abduction) of each kind of joint.
 # paper: Table 1. The finger CMC's have no entry there: the paper's palm is flat.
-# wide: the ranges of motion of the AAOS where they exceed Table 1. Ours, from recorded grasps:
-# PIP to 115, thumb CMC flexion, thumb MCP and IP.
+# wide: the ranges of motion of the AAOS where they exceed Table 1. Ours, from recorded grasps,
+# unsourced: PIP to 115, thumb CMC flexion, thumb MCP and IP.
 LIMIT_PRESETS = {
     'paper': {
         'cmc_flexion': (0, 0), 'mcp_abduction': (-15, 15), 'mcp_flexion': (-10, 85),
@@ -287,7 +287,7 @@ class Hand:
         Raises
         ------
         InvalidHand
-            If length or breadth are none of a hand, or as for `Hand`.
+            If length or breadth is out of range, or as for `Hand`.
         """
         _require('length', length, *HAND_LENGTH_RANGE, 'm')
         _require('breadth', breadth, *HAND_BREADTH_RANGE, 'm')
