@@ -148,6 +148,15 @@ def test_manifest_declares_nothing_that_is_not_used(manifest):
             if not re.search(rf'\b{names.get(depend, depend)}\b', text)] == []
 
 
+def test_no_file_of_tests_skips_while_it_is_imported():
+    for path in (ROOT / 'test').rglob('*.py'):
+        # A skip at import ends the collection of launch_testing: `NEEDS` is for that.
+        found = [ast.unparse(node) for node in ast.parse(path.read_bytes()).body
+                 if not isinstance(node, ast.FunctionDef | ast.ClassDef)
+                 and re.search(r'\b(importorskip|skip)\(', ast.unparse(node))]
+        assert not found, path
+
+
 def test_markers_of_pytest_are_used():
     (markers,) = re.findall(r'(?m)^markers = \[(.*)\]', (ROOT / 'pyproject.toml').read_text())
     declared = re.findall(r'"(\w+): ', markers)
