@@ -1,4 +1,4 @@
-"""The first start: plain Python tracks, compiled kernels take over, and what goes wrong with that."""
+"""The first start: plain Python tracks, compiled kernels take over, and what may go wrong."""
 
 import os
 import shutil
@@ -55,7 +55,7 @@ def run(program, cache, *arguments):
     environment = {**os.environ, 'HAND_TRACKER_JIT': 'background', 'NUMBA_CACHE_DIR': str(cache),
                    'PYTHONPATH': os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])}
     return subprocess.run([sys.executable, '-c', program, *arguments], env=environment,
-                          stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+                          capture_output=True, text=True)
 
 
 @needs_numba

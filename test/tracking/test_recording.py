@@ -207,10 +207,11 @@ def test_nothing_comes_out_before_the_palm_was_seen_and_of_other_markers(recordi
     lost[:3] = 0.
     messages = [
         message_of(palmless, STATUS_PERIOD), message_of(whole, 2 * STATUS_PERIOD),
-        message_of(np.vstack((np.full((8, 3), np.nan), whole)), 3 * STATUS_PERIOD, numbers=['x'] * 16),
+        message_of(np.vstack((np.full((8, 3), np.nan), whole)), 3 * STATUS_PERIOD,
+                   numbers=['x'] * 16),
         message_of(palmless, 4 * STATUS_PERIOD), message_of(lost, 5 * STATUS_PERIOD)]
     frames = list(track(messages, HandTracker()))
-    assert [frame.stamp for frame in frames] == [2 * STATUS_PERIOD, 4 * STATUS_PERIOD, 5 * STATUS_PERIOD]
+    assert [frame.stamp for frame in frames] == [n * STATUS_PERIOD for n in (2, 4, 5)]
     tracker = HandTracker()
     lost[:3] = np.nan
     for frame, markers in zip(frames, (whole, palmless, lost)):

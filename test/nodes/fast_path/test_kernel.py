@@ -265,7 +265,8 @@ def test_hostile_messages_are_survived(hostile_ways, changes, end):
 
 def seen(memories, reports):
     """Look, and return what is new."""
-    log, states = np.zeros((LOG_CAPACITY, LOG_COLUMNS)), np.zeros((LOG_CAPACITY, len(MARKERS)), np.int8)
+    log = np.zeros((LOG_CAPACITY, LOG_COLUMNS))
+    states = np.zeros((LOG_CAPACITY, len(MARKERS)), np.int8)
     report = another(reports)
     kept, frames = drain_log(memories, reports, log, states, report)
     return log[:kept], states[:kept], frames, report
