@@ -1,16 +1,20 @@
 """Track a hand: replay or live driver, tracker, robot_state_publisher and, if asked, RViz."""
 
+import atexit
+import shutil
 import sys
 import tempfile
 from difflib import get_close_matches
+from math import inf
 from pathlib import Path
 
-import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+from hand_tracker.core.errors import HandTrackerError
+from hand_tracker.files.parameter_file import node_parameters
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.nodes.tracker_parameters import AUTO, START, starting_hand
 from hand_tracker.package_data import packaged_recording
@@ -56,9 +60,8 @@ ARGUMENTS = (
         description='Namespace of nodes and topics, for a second hand; frames have the prefix'),
     DeclareLaunchArgument(
         'parameters', default_value='',
-        description='Parameter file (YAML) for the tracker; what the URDF shares with it (the hand '
-                    'and its size, side, presets, thumb, prefix, broadcast) is set by the '
-                    'arguments here instead'),
+        description='Parameter file (YAML) for the tracker; it may set what arguments here set, '
+                    'but an argument that differs is refused'),
     DeclareLaunchArgument(
         'publish_frequency', default_value='1000.0',
         description='Most transforms a second of robot_state_publisher [Hz]; '
@@ -77,7 +80,13 @@ ARGUMENTS = (
 )
 
 NONE = 'none'  # as `ros2 launch` takes no empty value
-FIRST_START = 120.  # [s] that the tracker may take to compile its kernels, once
+START_DEFAULTS = {row.name: row.default for row in START}
+TRACKER_NAME = 'hand_tracker'
+# Parameters of the tracker that the URDF depends on, and the arguments that set them too.
+ARGUMENT_OF = {
+    'hand_file': 'hand', 'side': 'side', 'limits.preset': 'limits', 'coupling.preset': 'coupling',
+    'thumb': 'thumb', 'prefix': 'prefix', 'hand_length': None, 'hand_breadth': None}
+SKIN_TAKES = 'hand_file', 'side', 'hand_length', 'hand_breadth', 'thumb', 'prefix'
 FOLLOWED = 'Target Frame: {}middle_knuckle'  # by RViz's view: amid the hand, still in the palm
 # A recording may hold these from an earlier run; two publishers of a frame fight.
 PUBLISHED_HERE = ('tf tf_static joint_states joint_confidence hand_markers hand_skin '
@@ -88,34 +97,28 @@ def start(context):
     """Return the nodes for the arguments given."""
     given = context.launch_configurations
     check_names()
-    if given['parameters']:
-        check_parameters(given['parameters'])
     if given['rviz'] == 'true' and not installed('rviz2'):
         # Found out later, nodes that have been started are left behind.
         raise RuntimeError('rviz: rviz2 is not installed')
-    hand_parameters = {
-        'hand_file': given['hand'], 'side': given['side'], 'thumb': given['thumb'],
-        'prefix': '' if given['prefix'] == NONE else given['prefix'],
-        'limits.preset': given['limits'], 'coupling.preset': given['coupling']}
-    defaults = {row.name: row.default for row in START}
-    hand, _ = starting_hand({**defaults, **hand_parameters})
+    publishes_links = installed('robot_state_publisher')
+    in_file = file_parameters(given)
+    hand_parameters = shared_parameters(given, in_file)
+    hand, _ = starting_hand({**START_DEFAULTS, **hand_parameters})
     prefix = hand_parameters['prefix']
     if prefix == AUTO:
         prefix = f'{hand.side}_'
-    common = {'use_sim_time': given['use_sim_time'] == 'true'}
-    publishes_links = installed('robot_state_publisher')
+    broadcast = 'wrist' if publishes_links else 'all'
+    check_frames(in_file, broadcast, f'{prefix}wrist')
+    common = {'use_sim_time': agreed(
+        'use_sim_time', given['use_sim_time'] == 'true', False, in_file)}
 
     def node(executable, parameters, package='hand_tracker', files=(), **more):
         return Node(
             package=package, executable=executable, namespace=given['namespace'],
             parameters=[*files, common, *map(texts_kept, parameters)], output='screen', **more)
 
-    # The tracker must have the very hand of the URDF: the last value counts, and one for a node's
-    # name before one for any node.
-    shared = {'hand_length': defaults['hand_length'], 'hand_breadth': defaults['hand_breadth'],
-              'broadcast': 'wrist' if publishes_links else 'all', **hand_parameters}
     actions = [node(
-        'tracker', [shared], name='hand_tracker',
+        'tracker', [{**hand_parameters, 'broadcast': broadcast}], name=TRACKER_NAME,
         files=[given['parameters']] if given['parameters'] else [],
         remappings=[('markers', given['markers'])], on_exit=ended('tracker'))]
     if publishes_links:
@@ -123,22 +126,24 @@ def start(context):
             'robot_state_publisher',
             [{'robot_description': urdf(hand, prefix),
               'publish_frequency': number(given, 'publish_frequency')}],
-            package='robot_state_publisher'))
+            package='robot_state_publisher', on_exit=ended('robot_state_publisher')))
     else:
         actions.append(LogInfo(msg='robot_state_publisher is not installed: '
                                    'the tracker broadcasts every frame itself'))
     if given['source'] == 'recording':
+        # The launch ends with the tracker, so nothing is waited for in vain.
         actions.append(node(
             'replay',
             [{'recording': given['recording'] or str(packaged_recording(hand.side)),
               'exclude_topics': PUBLISHED_HERE, 'rate': number(given, 'rate'),
-              'loop': given['loop'] == 'true', 'wait_for_subscriber': FIRST_START}],
+              'loop': given['loop'] == 'true', 'wait_for_subscriber': inf}],
             remappings=[('markers', given['markers'])],
             on_exit=ended('replay')))
     if given['skin'] == 'true' or given['skin'] == 'auto' and given['rviz'] == 'true':
         # Without its libraries it says so and ends, and all else goes on.
         actions.append(node('skin', [{
-            name: hand_parameters[name] for name in ('hand_file', 'side', 'thumb', 'prefix')}]))
+            **{name: hand_parameters[name] for name in SKIN_TAKES},
+            'wrist_frame': in_file.get('wrist_frame', AUTO)}]))
     if given['rviz'] == 'true':
         actions.append(node(
             'rviz2', [], package='rviz2',
@@ -163,36 +168,63 @@ def check_names():
                                + f'; expected are {", ".join(known)}')
 
 
-def check_parameters(path):
-    """Refuse a parameter file that is none, or that has nothing for the tracker."""
+def file_parameters(given):
+    """Return what the parameter file sets for the tracker."""
+    if not given['parameters']:
+        return {}
+    parts = [part for part in given['namespace'].split('/') if part]
     try:
-        tree = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        reason = ' '.join(str(getattr(error, 'strerror', error)).split())
-        raise RuntimeError(f'parameters: {path}: {reason}') from None
-    nodes = list(nodes_of(tree))
-    if not any(name.rpartition('/')[2] in ('hand_tracker', '*', '**') for name in nodes):
-        raise RuntimeError(f'parameters: {path}: for {", ".join(nodes) or "no node"}; expected '
-                           "'/**' or 'hand_tracker', and 'ros__parameters' below it")
+        return node_parameters(given['parameters'], '/'.join(('', *parts, TRACKER_NAME)))
+    except HandTrackerError as error:
+        raise RuntimeError(f'parameters: {error}') from None
 
 
-def nodes_of(tree, name=''):
-    """Yield the names of the nodes that the tree of a parameter file is for."""
-    if isinstance(tree, dict):
-        if 'ros__parameters' in tree:
-            yield name
-        for key, branch in tree.items():
-            if key != 'ros__parameters':
-                yield from nodes_of(branch, str(key))
+def shared_parameters(given, in_file):
+    """Return the parameters of the tracker that the URDF depends on."""
+    values = {}
+    for name, argument in ARGUMENT_OF.items():
+        default = START_DEFAULTS[name]
+        value = given[argument] if argument else default
+        if argument == 'prefix' and value == NONE:
+            value = ''
+        values[name] = agreed(name, value, default, in_file)
+    return values
+
+
+def agreed(name, value, default, in_file):
+    """Return a value from the parameter file, where its argument was left at the default."""
+    if name not in in_file:
+        return value
+    if not isinstance(in_file[name], type(default)):
+        raise RuntimeError(f'parameters: {name}: {in_file[name]!r}; expected a value like '
+                           f'{default!r}')
+    if value not in (default, in_file[name]):
+        raise RuntimeError(f'parameters: {name}: {in_file[name]!r}, but by the argument '
+                           f'{ARGUMENT_OF.get(name, name)} it is {value!r}; leave out one of them')
+    return in_file[name]
+
+
+def check_frames(in_file, broadcast, root):
+    """Refuse a parameter file by which the tree of TF would fall apart."""
+    if in_file.get('broadcast', broadcast) != broadcast:
+        raise RuntimeError(
+            f"parameters: broadcast: '{in_file['broadcast']}'; here it is '{broadcast}', as "
+            f"robot_state_publisher is {'' if broadcast == 'wrist' else 'not '}installed")
+    wrist = in_file.get('wrist_frame', AUTO)
+    if broadcast == 'wrist' and wrist not in (AUTO, root):
+        raise RuntimeError(
+            f"parameters: wrist_frame: '{wrist}'; for robot_state_publisher it is '{root}'")
 
 
 def rviz_config(prefix):
-    """Return RViz's configuration, which follows the hand: a copy for other frame names."""
+    """Return RViz's configuration, which follows the hand: for other frame names a copy."""
     path = Path(get_package_share_directory('hand_tracker')) / 'config' / 'hand_tracker.rviz'
     packaged = path.read_text(encoding='utf-8')
     config = packaged.replace(FOLLOWED.format('right_'), FOLLOWED.format(prefix))
     if config != packaged:
-        path = Path(tempfile.mkdtemp(prefix='hand_tracker_'), path.name)
+        folder = tempfile.mkdtemp(prefix='hand_tracker_')
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        path = Path(folder, path.name)
         path.write_text(config, encoding='utf-8')
     return path
 

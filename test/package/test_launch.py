@@ -22,7 +22,6 @@ from hand_tracker.core.model.hand import (
     JOINTS,
     LIMIT_PRESETS,
     LINKS,
-    MEAN_LENGTH,
     SIDES,
     Hand,
     preset_limits,
@@ -90,7 +89,8 @@ for option, file in zip(sys.argv, sys.argv[1:]):
     if option == '--params-file':
         for node in yaml.safe_load(open(file)).values():
             given.update(node['ros__parameters'])
-print('GIVEN ' + json.dumps({{'arguments': sys.argv[1:], **given}}), flush=True)
+print('GIVEN ' + json.dumps(
+    {{'arguments': sys.argv[1:], 'process': os.getpid(), **given}}), flush=True)
 signal.pause()
 """
 
@@ -289,35 +289,54 @@ def test_a_left_hand_has_a_recording_of_its_own(watch, tmp_path):
 
 
 @launches
-@pytest.mark.parametrize('node', ['/**', '/hand_tracker', 'hand_tracker'])
-def test_arguments_prevail_over_the_parameter_file_for_what_the_urdf_shares(
-        watch, short, tmp_path, node):
+@pytest.mark.parametrize(('namespace', 'node'), [
+    ('', '/**'), ('', 'hand_tracker'), ('/second', '/second/hand_tracker')])
+def test_the_urdf_has_the_hand_of_the_parameter_file(watch, short, tmp_path, namespace, node):
     worn = Hand.scaled(.2, .095, limits=.5 * preset_limits('wide'))
     save_hand(tmp_path / 'worn.yaml', worn, MarkerLayout())
-    save_hand(tmp_path / 'other.yaml', Hand.scaled(side='left'), MarkerLayout())
-    given = {'hand_file': str(tmp_path / 'other.yaml'), 'side': 'left', 'thumb': 'index_mcp',
-             'prefix': 'other_', 'limits.preset': 'wide', 'coupling.preset': 'paper',
-             'broadcast': 'none', 'hand_length': .17, 'finger_ik': 'fabrik'}
+    given = {'hand_file': str(tmp_path / 'worn.yaml'), 'side': 'left', 'thumb': 'index_mcp',
+             'prefix': 'my_', 'limits.preset': 'wide', 'coupling.preset': 'paper',
+             'broadcast': 'wrist', 'finger_ik': 'fabrik'}
     (tmp_path / 'mine.yaml').write_text(yaml.safe_dump({
-        '/**': {'ros__parameters': {'side': 'left'}}, node: {'ros__parameters': given}}))
-    states = watch.collect(JointState, 'joint_states')
-    with Launch(recording=short, hand=tmp_path / 'worn.yaml',
-                parameters=tmp_path / 'mine.yaml') as process:
+        '/**': {'ros__parameters': {'thumb': 'saddle'}}, node: {'ros__parameters': given}},
+        sort_keys=False))
+    states = watch.collect(JointState, f'{namespace}/joint_states')
+    with Launch(fake_package(tmp_path, 'robot_state_publisher'), recording=short, side='left',
+                parameters=tmp_path / 'mine.yaml',
+                **{'namespace': namespace} if namespace else {}) as process:
+        process.wait_for_line('GIVEN')
         watch.spin_until(lambda: states, FIRST_START)
         values = watch.call(
-            GetParameters, '/hand_tracker/get_parameters',
-            GetParameters.Request(names=[*given, 'limits.index_pip_flexion.upper_deg'])).values
-        check_clean(process, process.interrupt(), *STARTED)
-    got = dict(zip([*given, 'upper'], (value.string_value or value.double_value
-                                       for value in values)))
-    broadcast = 'wrist' if 'robot_state_publisher' in STARTED else 'all'
-    upper = np.degrees(worn.limits[JOINTS.index('index_pip_flexion'), 1])
-    assert got == {
-        'hand_file': str(tmp_path / 'worn.yaml'), 'side': 'auto', 'thumb': 'saddle',
-        'prefix': 'auto', 'limits.preset': 'auto', 'coupling.preset': 'auto',
-        'broadcast': broadcast, 'hand_length': MEAN_LENGTH,
-        'finger_ik': 'fabrik', 'upper': pytest.approx(upper)}
-    assert list(states[0].name) == named('right_', JOINTS)
+            GetParameters, f'{namespace}/hand_tracker/get_parameters',
+            GetParameters.Request(names=list(given))).values
+        check_clean(process, process.interrupt(), 'tracker', 'robot_state_publisher', 'replay')
+    assert dict(zip(given, (value.string_value for value in values))) == given
+    assert list(states[0].name) == named('my_', JOINTS)
+    expected = Hand.scaled(.2, .095, side='left', limits=preset_limits('wide')).with_paper_thumb()
+    described = json.loads(re.search('GIVEN (.*)', process.output)[1])['robot_description']
+    assert canonical(described) == canonical(urdf(expected, 'my_'))
+
+
+@launches
+@pytest.mark.parametrize(('text', 'arguments', 'said'), [
+    ('hand_tracker: {ros__parameters: {side: left}}', {'namespace': 'second'},
+     "mine.yaml: for hand_tracker; expected '/**' or '/second/hand_tracker'"),
+    ('{/**: {ros__parameters: {thumb: saddle}}, hand_tracker: {ros__parameters: {side: left}}}',
+     {'namespace': '/second'}, 'of which none names the node /second/hand_tracker'),
+    ('/**: {ros__parameters: {side: left}}', {'side': 'right'},
+     "parameters: side: 'left', but by the argument side it is 'right'; leave out one"),
+    ('/**: {ros__parameters: {hand_file: mine}}', {'hand': 'other.yaml'},
+     "hand_file: 'mine', but by the argument hand it is 'other.yaml'"),
+    ('/**: {ros__parameters: {use_sim_time: false}}', {'use_sim_time': 'true'},
+     'use_sim_time: False, but by the argument use_sim_time it is True'),
+    ('/**: {ros__parameters: {prefix: 5}}', {}, "prefix: 5; expected a value like 'auto'"),
+    ('/**: {ros__parameters: {broadcast: none}}', {}, "broadcast: 'none'; here it is")])
+def test_what_of_the_parameter_file_would_not_count_is_refused(tmp_path, text, arguments, said):
+    (tmp_path / 'mine.yaml').write_text(text)
+    with Launch(parameters=tmp_path / 'mine.yaml', **arguments) as process:
+        assert process.wait() == 1
+        assert said in process.output
+        assert 'process started' not in process.output
 
 
 @launches
@@ -367,7 +386,7 @@ def test_skin_is_published(watch, short):
 
 @launches
 def test_all_else_goes_on_without_the_libraries_of_the_skin(watch, short, tmp_path):
-    # A skin that was made before needs none.
+    # Only a hand without a skin in the cache needs the libraries.
     save_hand(tmp_path / 'new.yaml', Hand.scaled(random.uniform(.15, .2)), MarkerLayout())
     (tmp_path / 'skimage.py').write_text('raise ImportError')
     path = os.pathsep.join((str(tmp_path), os.environ.get('PYTHONPATH', '')))
@@ -400,21 +419,33 @@ def test_robot_state_publisher_is_used_where_installed(watch, short, tmp_path):
 
 
 @launches
+def test_ends_with_robot_state_publisher(tmp_path, short):
+    with Launch(fake_package(tmp_path, 'robot_state_publisher'), recording=short) as process:
+        process.wait_for_line('GIVEN')
+        os.kill(json.loads(re.search('GIVEN (.*)', process.output)[1])['process'], signal.SIGKILL)
+        assert process.wait() == 1
+        assert 'the robot_state_publisher ended with exit code -9' in process.output
+
+
+@launches
 @pytest.mark.parametrize('given, prefix', [('auto', 'right_'), ('none', ''), ('my_', 'my_')])
 def test_the_view_of_rviz_follows_the_hand(watch, short, tmp_path, given, prefix):
     transforms = watch.collect(TFMessage, '/tf')
-    environment = {**fake_package(tmp_path, 'rviz2'), 'TMPDIR': str(tmp_path)}
+    (tmp_path / 'temporary').mkdir()
+    environment = {**fake_package(tmp_path, 'rviz2'), 'TMPDIR': str(tmp_path / 'temporary')}
     with Launch(environment, recording=short, rviz='true', skin='false',
                 fixed_frame='world', prefix=given) as process:
         process.wait_for_line('GIVEN')
         watch.spin_until(lambda: f'{prefix}middle_knuckle' in frames(transforms), FIRST_START)
+        options = json.loads(re.search('GIVEN (.*)', process.output)[1])['arguments']
+        config = Path(options[options.index('-d') + 1])
+        configured = yaml.safe_load(config.read_text())
         check_clean(process, process.interrupt(), *STARTED, 'rviz2')
-    options = json.loads(re.search('GIVEN (.*)', process.output)[1])['arguments']
     assert options[options.index('-f') + 1] == 'world'
-    config = Path(options[options.index('-d') + 1])
     expected = yaml.safe_load(RVIZ.read_text())
     view(expected)['Target Frame'] = f'{prefix}middle_knuckle'
-    assert yaml.safe_load(config.read_text()) == expected
+    assert configured == expected
+    assert not list((tmp_path / 'temporary').glob('hand_tracker_*'))
 
 
 def view(config):

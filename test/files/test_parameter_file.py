@@ -1,0 +1,61 @@
+"""Which parameters a node takes from a parameter file."""
+
+import pytest
+
+from hand_tracker.files.parameter_file import InvalidParameterFile, node_parameters
+
+NODE = '/left/hand_tracker'
+
+
+@pytest.fixture
+def parameters(tmp_path):
+    def read(text, node=NODE):
+        (tmp_path / 'mine.yaml').write_text(text)
+        return node_parameters(tmp_path / 'mine.yaml', node)
+    return read
+
+
+@pytest.mark.parametrize('section', [
+    '/**', '/left/hand_tracker', 'left/hand_tracker', '/left/*', '/*/hand_tracker',
+    '/**/hand_tracker', '/left/**'])
+def test_sections_that_are_for_a_node(parameters, section):
+    assert parameters(f'{section}: {{ros__parameters: {{side: left}}}}') == {'side': 'left'}
+
+
+def test_namespaces_and_parameters_may_be_nested(parameters):
+    assert parameters('left: {hand_tracker: {ros__parameters: {limits: {preset: wide}}}}') == {
+        'limits.preset': 'wide'}
+
+
+# As rclpy 7.1.6 has them of the same files.
+def test_the_last_value_counts(parameters):
+    assert parameters('''
+/left/hand_tracker: {ros__parameters: {a: 1, b: 1}}
+/**: {ros__parameters: {a: 2}}
+/hand_tracker: {ros__parameters: {b: 3}}
+''') == {'a': 2, 'b': 1}
+
+
+@pytest.mark.parametrize(('text', 'said'), [
+    ('', "for no node; expected '/\\*\\*' or '/left/hand_tracker', and 'ros__parameters'"),
+    ('side: left', 'for no node'),
+    ('hand_tracker: {ros__parameters: {side: left}}', 'for hand_tracker; expected'),
+    ('/*: {ros__parameters: {side: left}}', 'for /\\*; expected'),
+    ('{/**: {ros__parameters: {}}, hand_tracker: {ros__parameters: {side: left}}}',
+     'for /\\*\\*, hand_tracker, of which none names the node /left/hand_tracker'),
+    ('a: b: c', 'mapping values are not allowed')])
+def test_what_would_be_left_out_is_refused(parameters, text, said):
+    with pytest.raises(InvalidParameterFile, match=f'mine.yaml: {said}'):
+        parameters(text)
+
+
+def test_a_file_for_several_nodes_of_the_name(parameters):
+    text = ('{/left/hand_tracker: {ros__parameters: {side: left}}, '
+            'hand_tracker: {ros__parameters: {side: right}}}')
+    assert parameters(text) == {'side': 'left'}
+    assert parameters(text, '/hand_tracker') == {'side': 'right'}
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(InvalidParameterFile, match='absent.yaml: No such file'):
+        node_parameters(tmp_path / 'absent.yaml', NODE)
