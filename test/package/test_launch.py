@@ -34,6 +34,7 @@ from hand_tracker.files.urdf_file import urdf
 ROOT = Path(__file__).resolve().parents[2]
 RVIZ = ROOT / 'config' / 'hand_tracker.rviz'
 RECORDING = ROOT / 'recordings' / 'demo.mcap'
+FEW = 40  # frames
 
 CHOICES = {
     'source': ['recording', 'live'],
@@ -208,7 +209,8 @@ def test_tracks_the_packaged_recording(watch):
         # From then on, all that is published is heard.
         watch.spin_until(lambda: markers and transforms and static, FIRST_START)
         states.clear()
-        watch.spin_until(lambda: len(states) > 2 * RATE, FIRST_START)
+        watch.spin_until(lambda: len(states) > FEW and len(
+            between(joint_stamps(states), marker_stamps(markers))) > FEW, FIRST_START)
         check_clean(process, process.interrupt(), *STARTED)
     seen, tracked = marker_stamps(markers), joint_stamps(states)
     assert all(list(state.name) == named('right_', JOINTS) for state in states)
@@ -229,7 +231,8 @@ def test_tracks_the_packaged_recording(watch):
 def test_a_left_hand_in_a_namespace_loops(watch, short):
     states = watch.collect(JointState, 'second/joint_states')
     with Launch(recording=short, side='left', namespace='second') as process:
-        watch.spin_until(lambda: len(states) > 1.8 * RATE, FIRST_START)
+        watch.spin_until(lambda: len(states) > FEW and np.ptp(joint_stamps(states)) > 1e9,
+                         FIRST_START)
         check_clean(process, process.interrupt(), *STARTED)
     assert all(list(state.name) == named('left_', JOINTS) for state in states)
     check_rate(joint_stamps(states))
@@ -281,7 +284,7 @@ def test_a_left_hand_has_a_recording_of_its_own(watch, tmp_path):
     save_hand(tmp_path / 'hand.yaml', Hand.scaled(side='left'), MarkerLayout())
     states = watch.collect(JointState, 'joint_states')
     with Launch(hand=tmp_path / 'hand.yaml') as process:
-        watch.spin_until(lambda: len(states) > RATE, FIRST_START)
+        watch.spin_until(lambda: len(states) > FEW, FIRST_START)
         check_clean(process, process.interrupt(), *STARTED)
         assert '/demo_left.mcap' in process.output
         assert 'off the hand' not in process.output
@@ -291,27 +294,24 @@ def test_a_left_hand_has_a_recording_of_its_own(watch, tmp_path):
 @launches
 @pytest.mark.parametrize(('namespace', 'node'), [
     ('', '/**'), ('', 'hand_tracker'), ('/second', '/second/hand_tracker')])
-def test_the_urdf_has_the_hand_of_the_parameter_file(watch, short, tmp_path, namespace, node):
+def test_the_urdf_has_the_hand_of_the_parameter_file(watch, tmp_path, namespace, node):
     worn = Hand.scaled(.2, .095, limits=.5 * preset_limits('wide'))
     save_hand(tmp_path / 'worn.yaml', worn, MarkerLayout())
     given = {'hand_file': str(tmp_path / 'worn.yaml'), 'side': 'left', 'thumb': 'index_mcp',
              'prefix': 'my_', 'limits.preset': 'wide', 'coupling.preset': 'paper',
-             'broadcast': 'wrist', 'finger_ik': 'fabrik'}
+             'broadcast': 'wrist', 'stale': 'hold'}
     (tmp_path / 'mine.yaml').write_text(yaml.safe_dump({
         '/**': {'ros__parameters': {'thumb': 'saddle'}}, node: {'ros__parameters': given}},
         sort_keys=False))
-    states = watch.collect(JointState, f'{namespace}/joint_states')
-    with Launch(fake_package(tmp_path, 'robot_state_publisher'), recording=short, side='left',
+    with Launch(fake_package(tmp_path, 'robot_state_publisher'), source='live', side='left',
                 parameters=tmp_path / 'mine.yaml',
                 **{'namespace': namespace} if namespace else {}) as process:
         process.wait_for_line('GIVEN')
-        watch.spin_until(lambda: states, FIRST_START)
         values = watch.call(
             GetParameters, f'{namespace}/hand_tracker/get_parameters',
             GetParameters.Request(names=list(given))).values
-        check_clean(process, process.interrupt(), 'tracker', 'robot_state_publisher', 'replay')
+        check_clean(process, process.interrupt(), 'tracker', 'robot_state_publisher')
     assert dict(zip(given, (value.string_value for value in values))) == given
-    assert list(states[0].name) == named('my_', JOINTS)
     expected = Hand.scaled(.2, .095, side='left', limits=preset_limits('wide')).with_paper_thumb()
     described = json.loads(re.search('GIVEN (.*)', process.output)[1])['robot_description']
     assert canonical(described) == canonical(urdf(expected, 'my_'))
@@ -354,7 +354,7 @@ def test_what_an_earlier_run_recorded_is_not_replayed(watch, tmp_path):
     write_bag(tmp_path / 'run.mcap', earlier_run())
     states = watch.collect(JointState, 'joint_states')
     with Launch(recording=tmp_path / 'run.mcap') as process:
-        watch.spin_until(lambda: len(states) > RATE, FIRST_START)
+        watch.spin_until(lambda: len(states) > FEW, FIRST_START)
         check_clean(process, process.interrupt(), *STARTED)
         assert process.output.count('Not played') == 1
     assert (np.array([state.position for state in states]) < 9.).all()
@@ -395,7 +395,7 @@ def test_all_else_goes_on_without_the_libraries_of_the_skin(watch, short, tmp_pa
                 hand=tmp_path / 'new.yaml') as process:
         process.wait_for_line('process has died', FIRST_START)
         before = len(states)
-        watch.spin_until(lambda: len(states) > before + RATE, FIRST_START)
+        watch.spin_until(lambda: len(states) > before + FEW, FIRST_START)
         assert process.interrupt() == 0, process.output
     assert process.output.count('making the skin of a hand needs scikit-image') == 1
     assert 'Traceback' not in process.output
