@@ -1,7 +1,10 @@
-"""Arrays to messages: pure functions, no node. The way in is `marker_frame.py`, without ROS."""
+"""Arrays to messages of ROS: pure functions."""
+
+from __future__ import annotations
 
 from array import array
-from typing import NamedTuple
+from collections.abc import Iterable
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -11,7 +14,25 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from ..core.model.hand import DIGITS, JOINTS, LINKS, ROOT
+from ..core.model.kinematics import JointTable
 from ..core.numerics.quaternion import write_transforms
+from ..core.tracker import HandState
+from .stamps import Time as StampLike
+
+Frames = tuple[tuple[str, str], ...]  # (parent, child) of transforms
+
+
+class StatusLike(Protocol):
+    """A status for /diagnostics, as `tracking.diagnostics.Status`."""
+
+    @property
+    def level(self) -> int: ...
+
+    @property
+    def text(self) -> str: ...
+
+    @property
+    def values(self) -> dict[str, str]: ...
 
 
 class Names(NamedTuple):
@@ -29,13 +50,13 @@ class Names(NamedTuple):
     """
 
     prefix: str
-    joints: tuple
-    links: tuple
-    tips: tuple
+    joints: tuple[str, ...]
+    links: tuple[str, ...]
+    tips: tuple[str, ...]
     wrist: str
 
 
-def prefixed_names(prefix, wrist=None):
+def prefixed_names(prefix: str, wrist: str | None = None) -> Names:
     """Return the names of a hand whose joints and frames begin with `prefix`.
 
     Parameters
@@ -48,18 +69,17 @@ def prefixed_names(prefix, wrist=None):
     -------
     Names
     """
-    return Names(
-        prefix, *(tuple(prefix + name for name in names)
-                  for names in (JOINTS, LINKS, [f'{digit}_tip' for digit in DIGITS])),
-        prefix + ROOT if wrist is None else wrist)
+    joints, links, tips = (tuple(prefix + name for name in names) for names in (
+        JOINTS, LINKS, [f'{digit}_tip' for digit in DIGITS]))
+    return Names(prefix, joints, links, tips, prefix + ROOT if wrist is None else wrist)
 
 
-def time_message(stamp):
-    """Return a stamp of the codec, or of a message, as one of a message."""
+def time_message(stamp: StampLike) -> Time:
+    """Return a stamp as a builtin_interfaces/msg/Time."""
     return Time(sec=stamp.sec, nanosec=stamp.nanosec)
 
 
-def joint_state(stamp, names, angles):
+def joint_state(stamp: StampLike, names: Names, angles: np.ndarray) -> JointState:
     """Return the JointState of a hand.
 
     Parameters
@@ -77,8 +97,9 @@ def joint_state(stamp, names, angles):
                       position=array('d', np.asarray(angles, dtype=float).tobytes()))
 
 
-def diagnostics(stamp, name, hardware_id, status):
-    """Return how one hand's tracking fares, as REP 107 asks.
+def diagnostics(stamp: StampLike, name: str, hardware_id: str,
+                status: StatusLike) -> DiagnosticArray:
+    """Return the DiagnosticArray of one hand's tracking, as REP 107 asks.
 
     Parameters
     ----------
@@ -99,8 +120,8 @@ def diagnostics(stamp, name, hardware_id, status):
         values=values)])
 
 
-def new_transforms(frames):
-    """Return transforms for TF whose numbers are yet to be filled in.
+def new_transforms(frames: Iterable[tuple[str, str]]) -> list[TransformStamped]:
+    """Return transforms for TF with no numbers yet.
 
     Parameters
     ----------
@@ -119,7 +140,8 @@ def new_transforms(frames):
     return messages
 
 
-def fill_transforms(messages, stamp, numbers):
+def fill_transforms(messages: list[TransformStamped], stamp: StampLike,
+                    numbers: np.ndarray) -> None:
     """Fill transforms in place: building them anew costs ten times as much.
 
     Parameters
@@ -136,18 +158,18 @@ def fill_transforms(messages, stamp, numbers):
         to.x, to.y, to.z, turn.x, turn.y, turn.z, turn.w = row
 
 
-def wrist_frames(names, frame_id):
+def wrist_frames(names: Names, frame_id: str) -> Frames:
     """Return (parent, child) of the wrist in the frame of the markers."""
     return ((frame_id, names.wrist),)
 
 
-def link_frames(names, table):
+def link_frames(names: Names, table: JointTable) -> Frames:
     """Return (parent, child) of the 25 links, as the URDF has them."""
     parents = names.links + (names.wrist,)  # link -1 is the wrist
     return tuple((parents[parent], child) for parent, child in zip(table.parent, names.links))
 
 
-def tip_frames(names):
+def tip_frames(names: Names) -> Frames:
     """Return (parent, child) of the five tips."""
     return tuple((f'{names.prefix}{digit}_distal', tip) for digit, tip in zip(DIGITS, names.tips))
 
@@ -155,8 +177,9 @@ def tip_frames(names):
 ALL_TRANSFORMS = 1 + len(LINKS)  # the wrist, and the links in their parents
 
 
-def transform_numbers(table, state, count=ALL_TRANSFORMS):
-    """Return the wrist, and the links in their parents, as the numbers that TF has of them.
+def transform_numbers(table: JointTable, state: HandState,
+                      count: int = ALL_TRANSFORMS) -> np.ndarray:
+    """Return the transforms of the wrist in its frame and of the links in their parents.
 
     Parameters
     ----------

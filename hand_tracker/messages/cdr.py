@@ -5,14 +5,18 @@ instead, and Python looks at strings, ids and types only where their combination
 encoding is plain CDR (XCDR1), DDS-XTypes 1.3, 7.4. Hostile bytes are refused.
 """
 
+from __future__ import annotations
+
 import sys
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..core.errors import HandTrackerError
 from ..core.model.marker_layout import MARKERS
 from ..core.numerics.jit import COMPILED, best, jit, load_kernel
+from .labels import LabelMap
 from .marker_array import (
     ADD,
     CUBE,
@@ -69,15 +73,16 @@ class MarkerReader:
         See `markers_from_message`.
     """
 
-    def __init__(self, labels, frame_id='', scale=1., zero_is_missing=True):
+    def __init__(self, labels: LabelMap, frame_id: str = '', scale: float = 1.0,
+                 zero_is_missing: bool = True) -> None:
         self._labels, self._frame_id = labels, frame_id
         self._scale, self._zero_is_missing = float(scale), bool(zero_is_missing)
-        self._sources = {}
+        self._sources: dict[bytes, Sources] = {}
         self._reserve(INITIAL_CAPACITY)
-        self._read = None
+        self._read: tuple[int, int, Sources] | None = None
         self.use_loaded_kernels()
 
-    def load_kernels(self, folder=None):
+    def load_kernels(self, folder: Path | None = None) -> None:
         """Load the compiled kernels of `read` from disk, as `HandTracker.load_kernels` does."""
         none = np.zeros(0, np.int64)
         load_kernel(parse_marker_array, (self._octets, self._words, 0, self._heads, self._places,
@@ -85,23 +90,24 @@ class MarkerReader:
         load_kernel(gather_positions, (self._numbers, self._places, none, none, 1., True,
                              np.empty((len(MARKERS), 3))), folder)
 
-    def use_loaded_kernels(self):
+    def use_loaded_kernels(self) -> None:
         """Go on with the kernels that `load_kernels` has loaded, if it has."""
         self._parse, self._gather = best(parse_marker_array), best(gather_positions)
         # Plain Python reads single numbers of a memoryview five times as fast as of an array.
-        self._indexed = np.asarray if COMPILED or self._parse is not parse_marker_array else memoryview
+        is_compiled = COMPILED or self._parse is not parse_marker_array
+        self._indexed: Any = np.asarray if is_compiled else memoryview
 
-    def _reserve(self, size):
+    def _reserve(self, size: int) -> None:
         self._numbers = np.zeros(size // 8 + 1)
         self._octets = self._numbers.view(np.uint8)
-        self._memory = memoryview(self._octets)
+        self._memory = memoryview(self._octets)  # type: ignore[arg-type]
         self._words = self._numbers.view(np.int32)
         markers = size // SMALLEST_MARKER + 1
         self._heads = np.zeros((markers, 5), np.int32)
         self._places = np.zeros((markers, 3), np.int64)
         self._strings = np.zeros(size, np.uint8)
 
-    def read(self, data):
+    def read(self, data: bytes) -> MarkerFrame:
         """Return what `markers_from_message` returns of the same message.
 
         Parameters
@@ -138,12 +144,13 @@ class MarkerReader:
                            sources.doubled)
 
     @property
-    def signature(self):
+    def signature(self) -> MessageSignature:
         """The `MessageSignature` of the last message."""
+        assert self._read is not None, 'no message was read yet'
         count, used, sources = self._read
         return MessageSignature(self._heads[:count], self._strings[:used], sources)
 
-    def _take(self, data):
+    def _take(self, data: bytes) -> tuple[np.ndarray, np.ndarray, int]:
         """Return a message by four bytes as integers and by eight as floats, and its size."""
         order = ORDERS.get(data[:2])
         size = len(data) - ENCAPSULATION
@@ -157,7 +164,7 @@ class MarkerReader:
             return self._words, self._numbers, size
         return self._words.byteswap(), self._numbers.byteswap(), size
 
-    def _learn(self, kind, count):
+    def _learn(self, kind: bytes, count: int) -> Sources:
         """Return where messages of a kind have what they say, and remember it."""
         heads, at = [], 0
         for frame_length, ns_length, number, type_, points in self._heads[:count].tolist():
@@ -172,7 +179,7 @@ class MarkerReader:
             self._sources[kind] = sources
         return sources
 
-    def _place_lists(self, numbers, sources, rows):
+    def _place_lists(self, numbers: np.ndarray, sources: Sources, rows: np.ndarray) -> None:
         """Put the points of lists into the rows of their markers."""
         is_listed = sources.points >= 0
         for marker in np.unique(sources.markers[is_listed]):
@@ -184,7 +191,7 @@ class MarkerReader:
             rows[sources.slots[of_this]] = scaled(found, self._scale, self._zero_is_missing)
 
 
-def _text(string):
+def _text(string: bytes) -> str:
     """Return a string of CDR as rclpy does: up to its first NUL."""
     return string.partition(b'\0')[0].decode(errors='replace')
 
@@ -192,13 +199,13 @@ def _text(string):
 # --- the parse_marker_array through a MarkerArray
 
 @jit
-def _aligned(at, to):
+def _aligned(at: int, to: int) -> int:
     """Return the first place from ``at`` on that is a multiple of ``to``."""
     return (at + to - 1) // to * to
 
 
 @jit
-def _counted(words, size, at):
+def _counted(words: np.ndarray, size: int, at: int) -> tuple[int, int]:
     """Return a length and where what it counts begins; behind the end where it is cut off."""
     at = _aligned(at, 4)
     if at + 4 > size:
@@ -210,7 +217,7 @@ def _counted(words, size, at):
 
 
 @jit
-def _after(words, size, at, width, alignment):
+def _after(words: np.ndarray, size: int, at: int, width: int, alignment: int) -> int:
     """Return where a sequence of things ``width`` bytes wide ends."""
     count, at = _counted(words, size, at)
     if count > 0:
@@ -219,7 +226,8 @@ def _after(words, size, at, width, alignment):
 
 
 @jit
-def parse_marker_array(octets, words, size, heads, places, strings):
+def parse_marker_array(octets: np.ndarray, words: np.ndarray, size: int, heads: np.ndarray,
+                       places: np.ndarray, strings: np.ndarray) -> tuple[int, int]:
     """Find the point-like markers that a MarkerArray adds.
 
     Nothing beyond the bytes is read, whatever lengths and counts they hold.
@@ -291,7 +299,9 @@ def parse_marker_array(octets, words, size, heads, places, strings):
 
 
 @jit
-def gather_positions(numbers, places, slots, markers, scale, zero_is_missing, rows):
+def gather_positions(numbers: np.ndarray, places: np.ndarray, slots: np.ndarray,
+                     markers: np.ndarray, scale: float, zero_is_missing: bool,
+                     rows: np.ndarray) -> None:
     """Put the positions of markers into the rows of those of the hand.
 
     Parameters

@@ -1,5 +1,10 @@
 """Labels of markers: which `ns` and `id` of a MarkerArray is which marker of the hand."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 from ..core.errors import HandTrackerError
 from ..core.model.marker_layout import MARKERS
 
@@ -27,10 +32,12 @@ class LabelMap:
         Naming the marker, its label and what is allowed.
     """
 
-    def __init__(self, labels=DEFAULT_LABELS):
+    def __init__(self, labels: Sequence[str | int] = DEFAULT_LABELS) -> None:
         if len(labels) != len(MARKERS):
             raise InvalidLabel(f'labels: {len(labels)} given; expected one for each of {MARKERS}')
-        self._exact, self._any_namespace, self._any_id = {}, {}, {}
+        self._exact: dict[tuple[str, int], int] = {}
+        self._any_namespace: dict[int, int] = {}
+        self._any_id: dict[str, int] = {}
         texts = []
         for slot, (marker, label) in enumerate(zip(MARKERS, labels)):
             table, key, text = self._parse(marker, label)
@@ -41,18 +48,18 @@ class LabelMap:
             texts.append(text)
         self.labels = tuple(texts)
 
-    def _parse(self, marker, label):
+    def _parse(self, marker: str, label: str | int) -> tuple[Any, Any, str]:
         """Return the table a label belongs to, its key there and its text."""
         if isinstance(label, bool) or not isinstance(label, (int, str)):
             raise InvalidLabel(f'labels.{marker}: {label!r} is neither a text nor a number')
         text = str(label).strip()
         if not text:
             return None, None, text
-        namespace, slash, number = text.rpartition('/')
-        if slash and number == '*':
+        namespace, slash, last = text.rpartition('/')
+        if slash and last == '*':
             return self._any_id, namespace, text
         try:
-            number = int(number)
+            number: int | None = int(last)
         except ValueError:
             number = None
         if number is None or not ID_RANGE[0] <= number <= ID_RANGE[1]:
@@ -63,7 +70,7 @@ class LabelMap:
             return self._exact, (namespace, number), text
         return self._any_namespace, number, text
 
-    def slot(self, namespace, number):
+    def slot(self, namespace: str, number: int) -> int | None:
         """Return the place in `MARKERS` of a message's marker, None when it is no marker of ours.
 
         Parameters

@@ -1,14 +1,20 @@
-"""A message of markers to arrays, without ROS.
+"""Find the hand's markers in a MarkerArray: one message is one frame.
 
-Messages of rclpy and of rosbags serve alike: they have the same fields. A message is one
-frame: what it does not hold was not seen.
+Messages of rclpy and of rosbags serve alike, as they have the same fields. A marker that the
+message does not hold was not seen. No ROS.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.model.marker_layout import MARKERS
+from .labels import LabelMap
+from .stamps import Time
 
 # Constants of visualization_msgs/msg/Marker.
 ADD = 0
@@ -20,7 +26,7 @@ REPORTED = 8  # causes of each kind that a frame names, however hostile the mess
 
 
 class MarkerFrame(NamedTuple):
-    """What a MarkerArray says of the hand.
+    """The hand's markers in a MarkerArray.
 
     Attributes
     ----------
@@ -38,16 +44,16 @@ class MarkerFrame(NamedTuple):
         Markers, by their place in `MARKERS`, to which several of the message answer.
     """
 
-    stamp: object
+    stamp: Time | None
     frame_id: str
     positions: np.ndarray
-    unknown: tuple
-    foreign: tuple
-    doubled: tuple
+    unknown: tuple[tuple[str, int], ...]
+    foreign: tuple[str, ...]
+    doubled: tuple[int, ...]
 
 
 class Head(NamedTuple):
-    """What tells which marker of the hand a marker of a message is, or its points are."""
+    """Fields of a message's marker that identify it, or its points, as markers of the hand."""
 
     frame_id: str
     ns: str
@@ -58,7 +64,7 @@ class Head(NamedTuple):
 
 
 class Sources(NamedTuple):
-    """Where a message has what it says of the hand.
+    """Where the hand's markers are in a message.
 
     Attributes
     ----------
@@ -73,18 +79,19 @@ class Sources(NamedTuple):
         See `MarkerFrame`.
     """
 
-    first: int
+    first: int | None
     slots: np.ndarray
     markers: np.ndarray
     points: np.ndarray
     has_lists: bool
     frame_id: str
-    unknown: tuple
-    foreign: tuple
-    doubled: tuple
+    unknown: tuple[tuple[str, int], ...]
+    foreign: tuple[str, ...]
+    doubled: tuple[int, ...]
 
 
-def markers_from_message(message, labels, frame_id='', scale=1., zero_is_missing=True):
+def markers_from_message(message: Any, labels: LabelMap, frame_id: str = '', scale: float = 1.0,
+                         zero_is_missing: bool = True) -> MarkerFrame:
     """Return the frame of markers that a message holds.
 
     Only what the message adds counts, and of that only what is a point: spheres, cubes and
@@ -130,8 +137,8 @@ def markers_from_message(message, labels, frame_id='', scale=1., zero_is_missing
                        sources.unknown, sources.foreign, sources.doubled)
 
 
-def find_sources(heads, labels, frame_id):
-    """Return where a message has what it says of the hand.
+def find_sources(heads: Iterable[Head], labels: LabelMap, frame_id: str) -> Sources:
+    """Find the hand's markers in a message.
 
     Parameters
     ----------
@@ -143,12 +150,16 @@ def find_sources(heads, labels, frame_id):
     -------
     Sources
     """
-    first, found, unknown, foreign, doubled = None, {}, set(), set(), set()
+    first: int | None = None
+    found: dict[int, tuple[int, int]] = {}
+    unknown: set[tuple[str, int]] = set()
+    foreign: set[str] = set()
+    doubled: set[int] = set()
     for place, (own, ns, number, kind, action, count) in enumerate(heads):
         if action != ADD:
             continue
         if kind in POINT_TYPES:
-            points = ((number, -1),)
+            points: Iterable[tuple[int, int]] = ((number, -1),)
         elif kind in LIST_TYPES:
             points = zip(range(count), range(count))
         else:
@@ -171,11 +182,13 @@ def find_sources(heads, labels, frame_id):
             found[slot] = place, point
     places = np.array([(slot, *where) for slot, where in found.items()], int).reshape(-1, 3)
     # Contiguous: kernels are compiled for that.
-    return Sources(first, *np.ascontiguousarray(places.T), bool((places[:, 2] >= 0).any()), frame_id,
+    slots, markers, in_list = np.ascontiguousarray(places.T)
+    return Sources(first, slots, markers, in_list, bool((in_list >= 0).any()), frame_id,
                    tuple(sorted(unknown)), tuple(sorted(foreign)), tuple(sorted(doubled)))
 
 
-def placed(points, position, orientation, zero_is_missing):
+def placed(points: np.ndarray, position: ArrayLike, orientation: ArrayLike,
+           zero_is_missing: bool) -> np.ndarray:
     """Return the points of a list marker in its header's frame.
 
     Parameters
@@ -193,17 +206,18 @@ def placed(points, position, orientation, zero_is_missing):
         NaN where a point is missing.
     """
     if zero_is_missing:
-        points = np.where(points.any(axis=1)[:, None], points, np.nan)
-    w, v = orientation[3], np.array(orientation[:3])
+        points = np.where(points.any(axis=1, keepdims=True), points, np.nan)
+    turn = np.asarray(orientation, dtype=float)
+    w, v = turn[3], turn[:3]
     norm = w * w + v @ v
     # RViz takes a quaternion of zeros for no rotation.
     if norm > 0.:
         cross = np.cross(v, points)
         points = points + 2. / norm * (w * cross + np.cross(v, cross))
-    return points + position
+    return points + np.asarray(position)
 
 
-def scaled(positions, scale, zero_is_missing):
+def scaled(positions: np.ndarray, scale: float, zero_is_missing: bool) -> np.ndarray:
     """Return the positions of markers in metres, NaN for those that are missing.
 
     Parameters
@@ -218,5 +232,5 @@ def scaled(positions, scale, zero_is_missing):
         [m]
     """
     if zero_is_missing:
-        positions = np.where(positions.any(axis=1)[:, None], positions, np.nan)
+        positions = np.where(positions.any(axis=1, keepdims=True), positions, np.nan)
     return positions * scale

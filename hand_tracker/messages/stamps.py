@@ -28,7 +28,7 @@ class Stamp(NamedTuple):
 
 
 @jit
-def stamp_time(sec, nanosec):
+def stamp_time(sec: int, nanosec: int) -> float:
     """Return a stamp as one number [s]; NaN for zero, which drivers without a clock send."""
     return math.nan if sec == 0 and nanosec == 0 else sec + 1e-9 * nanosec
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.numerics.jit import jit
 from .cdr import ENCAPSULATION, LITTLE_ENDIAN
@@ -14,7 +16,8 @@ from .stamps import Time
 
 
 @jit
-def fill_template(words, doubles, stamps, numbers_at, sec, nanosec, numbers):
+def fill_template(words: np.ndarray, doubles: np.ndarray, stamps: np.ndarray,
+                  numbers_at: np.ndarray, sec: int, nanosec: int, numbers: np.ndarray) -> None:
     """Write a stamp and the numbers into a template.
 
     Parameters
@@ -64,7 +67,7 @@ class Template:
         self._data[:] = np.frombuffer(data, np.uint8)
         self._words = self.body.view(np.uint32)
 
-    def fill(self, stamp: Time, numbers: np.ndarray) -> bytes:
+    def fill(self, stamp: Time, numbers: ArrayLike) -> bytes:
         """Return the message with a stamp and with numbers.
 
         Parameters
@@ -77,49 +80,50 @@ class Template:
         bytes
         """
         fill_template(self._words, self.body, self.stamps, self.numbers, stamp.sec,
-                      stamp.nanosec, np.ravel(numbers))
+                      stamp.nanosec, np.ravel(np.asarray(numbers, dtype=float)))
         return self._data.tobytes()
 
 
 class _Writer:
     """Write plain CDR, and note where the stamps and the numbers are."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._data = bytearray(LITTLE_ENDIAN)
-        self._stamps, self._numbers = [], []
+        self._stamps: list[int] = []
+        self._numbers: list[int] = []
 
-    def _align(self, to):
+    def _align(self, to: int) -> None:
         self._data += bytes(-(len(self._data) - ENCAPSULATION) % to)
 
-    def count(self, number):
+    def count(self, number: int) -> None:
         self.pack('I', number)
 
-    def pack(self, form, *values):
+    def pack(self, form: str, *values: Any) -> None:
         """Write values of one size, in a form of `struct`."""
         self._align(struct.calcsize(form[-1]))
         self._data += struct.pack(f'<{form}', *values)
 
-    def string(self, text):
+    def string(self, text: str) -> None:
         octets = text.encode() + b'\0'
         self.count(len(octets))
         self._data += octets
 
-    def header(self, frame_id):
+    def header(self, frame_id: str) -> None:
         self._align(4)
         self._stamps.append(len(self._data))
         self._data += bytes(8)
         self.string(frame_id)
 
-    def numbers(self, count):
+    def numbers(self, count: int) -> None:
         self._align(8)
         self._numbers += range(len(self._data), len(self._data) + 8 * count, 8)
         self._data += bytes(8 * count)
 
-    def template(self):
+    def template(self) -> Template:
         return Template(bytes(self._data), self._stamps, self._numbers)
 
 
-def joint_state_template(names):
+def joint_state_template(names: Sequence[str]) -> Template:
     """Return the template of a JointState with positions alone.
 
     Parameters
@@ -143,7 +147,7 @@ def joint_state_template(names):
     return writer.template()
 
 
-def transforms_template(frames):
+def transforms_template(frames: Sequence[tuple[str, str]]) -> Template:
     """Return the template of a TFMessage.
 
     Parameters
@@ -165,7 +169,8 @@ def transforms_template(frames):
     return writer.template()
 
 
-def triangles_template(frame_id, namespace, colour, lifetime, corners):
+def triangles_template(frame_id: str, namespace: str, colour: tuple[float, ...], lifetime: int,
+                       corners: int) -> Template:
     """Return the template of a Marker of triangles that stays with its frame.
 
     Parameters

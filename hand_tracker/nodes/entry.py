@@ -3,6 +3,8 @@
 Where no entry point is installed: `python -m hand_tracker.nodes.entry tracker --ros-args ...`.
 """
 
+from __future__ import annotations
+
 import os
 import signal
 import sys
@@ -17,7 +19,7 @@ of what they mean."""
 ASKS = {'-h', '--help'}
 
 
-def _run(node):
+def _run(node: str) -> int:
     for interrupt in (signal.SIGINT, signal.SIGTERM):
         signal.signal(interrupt, lambda *_: os._exit(0))
     # Another thread of BLAS would spin from frame to frame, and take a core from the trackers.
@@ -27,12 +29,12 @@ def _run(node):
         os.environ.setdefault('HAND_TRACKER_JIT', 'background')
     module = import_module(f'.{node}_node', __package__)
     if ASKS & set(sys.argv[1:]):
-        print(module.__doc__.strip(), HELP.format(node=node), sep='\n')
+        print((module.__doc__ or '').strip(), HELP.format(node=node), sep='\n')
         return 0
     return module.main()
 
 
-def _run_or_command(name):
+def _run_or_command(name: str) -> int:
     """Run a node, or the command of its name when the arguments are not those of a node."""
     arguments = sys.argv[1:]
     if arguments and arguments[0] not in ('--ros-args', *ASKS):
@@ -46,27 +48,27 @@ def _run_or_command(name):
     return code
 
 
-def replay():
+def replay() -> int:
     """Run the replay node; return its exit code."""
     return _run('replay')
 
 
-def simulate():
+def simulate() -> int:
     """Run the node of the simulated driver, or the command that records; return the exit code."""
     return _run_or_command('simulate')
 
 
-def skin():
+def skin() -> int:
     """Run the node of the skin, or the command that draws it; return the exit code."""
     return _run_or_command('skin')
 
 
-def tracker():
+def tracker() -> int:
     """Run the tracker node; return its exit code."""
     return _run('tracker')
 
 
-def viewer():
+def viewer() -> int:
     """Run the viewer of a running tracker; return its exit code."""
     return _run('viewer')
 

@@ -1,4 +1,6 @@
-"""What a node says of one of its parameters. No ROS."""
+"""Declaration of one parameter of a node."""
+
+from __future__ import annotations
 
 from typing import NamedTuple
 
@@ -25,7 +27,7 @@ class Parameter(NamedTuple):
     name: str
     default: object
     description: str
-    range: tuple = None
-    choices: tuple = ()
+    range: tuple[float, float] | None = None
+    choices: tuple[str, ...] = ()
     read_only: bool = False
     any_type: bool = False

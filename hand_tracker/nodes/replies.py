@@ -79,7 +79,9 @@ class Replies:
         self._confidences = Reply(
             node.create_publisher(JointState, 'joint_confidence', qos['joint_confidence']),
             serialization.joint_states(), lambda state: state.confidence)
-        self._tf = self._frame_id = self._last_transform = None
+        self._tf: Publisher | None = None
+        self._frame_id: str | None = None
+        self._last_transform: int | None = None  # stamp [ns]
         if broadcast == 'none':
             return
         if StaticTransformBroadcaster is None or TFMessage is None:
@@ -119,6 +121,7 @@ class Replies:
 
     def _broadcast_in(self, frame_id: str) -> None:
         """Broadcast the wrist in another frame from now on."""
+        assert self._tf is not None
         self._frame_id = frame_id
         frames = wrist_frames(self._names, frame_id) + self._links
         self._replies[TRANSFORMS] = Reply(

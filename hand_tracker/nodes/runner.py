@@ -1,12 +1,16 @@
 """What every node of the package does alike: declare parameters, run, end."""
 
+from __future__ import annotations
+
 import gc
 import os
 import re
 import signal
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from difflib import get_close_matches
 from threading import Event, Thread
+from typing import Any
 
 import rclpy
 from rcl_interfaces.msg import (
@@ -17,12 +21,17 @@ from rcl_interfaces.msg import (
 )
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+
+from ..core.model.hand import Hand
+from ..messages.builders import Names
+from .parameters import Parameter
 
 try:
     from rclpy.experimental.events_executor import EventsExecutor
 except ImportError:  # before Jazzy
-    EventsExecutor = None
+    EventsExecutor = None  # type: ignore[assignment]
 
 from ..core.errors import HandTrackerError
 from ..messages.builders import prefixed_names
@@ -36,7 +45,7 @@ class InvalidArguments(HandTrackerError):
     """ROS cannot make sense of the command line."""
 
 
-def declare(node, table):
+def declare(node: Node, table: Iterable[Parameter]) -> dict[str, Any]:
     """Declare parameters with their descriptions and limits.
 
     A value that is not allowed is refused with the reason, at the start and at run time.
@@ -59,7 +68,7 @@ def declare(node, table):
     table = tuple(table)
     choices = {row.name: row.choices for row in table if row.choices}
 
-    def check_choices(changes):
+    def check_choices(changes: list[Any]) -> SetParametersResult:
         reasons = [f"{change.name}: '{change.value}' is not one of "
                    f"{', '.join(choices[change.name])}" for change in changes
                    if change.value not in choices.get(change.name, (change.value,))]
@@ -71,7 +80,7 @@ def declare(node, table):
             for row in table}
 
 
-def _descriptor(row):
+def _descriptor(row: Parameter) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         name=row.name, description=row.description, read_only=row.read_only,
         dynamic_typing=row.any_type)
@@ -87,7 +96,7 @@ def _descriptor(row):
     return descriptor
 
 
-def names_of(hand, prefix, wrist_frame):
+def names_of(hand: Hand, prefix: str, wrist_frame: str) -> Names:
     """Return the names of a hand's messages for parameters of which each may be `AUTO`.
 
     Parameters
@@ -103,7 +112,7 @@ def names_of(hand, prefix, wrist_frame):
                           None if wrist_frame == AUTO else wrist_frame)
 
 
-def spin(node):
+def spin(node: Node) -> None:
     """Serve a node's callbacks until it is interrupted, with the fastest executor there is.
 
     Parameters
@@ -123,11 +132,11 @@ def spin(node):
 
 
 @contextmanager
-def spinning(node):
+def spinning(node: Node) -> Iterator[None]:
     """Serve a node's callbacks in a thread of their own."""
     ended = Event()
 
-    def serve():
+    def serve() -> None:
         with suppress(ExternalShutdownException):
             while rclpy.ok() and not ended.is_set():
                 executor.spin_once(POLL)
@@ -143,7 +152,7 @@ def spinning(node):
 
 
 @contextmanager
-def _served(node):
+def _served(node: Node) -> Iterator[Any]:
     """Yield the fastest executor there is for a node, which may be `served_by_events`."""
     if EventsExecutor is None:
         executor, serving = SingleThreadedExecutor(), nullcontext
@@ -158,7 +167,8 @@ def _served(node):
         executor.shutdown()
 
 
-def run(make_node, work=spin, args=None, name='hand_tracker'):
+def run(make_node: Callable[[], Node], work: Callable[[Any], object] = spin,
+        args: list[str] | None = None, name: str = 'hand_tracker') -> int:
     """Make a node, let it work, end cleanly; the `main` of every node.
 
     Parameters
@@ -202,13 +212,13 @@ def run(make_node, work=spin, args=None, name='hand_tracker'):
     return 0
 
 
-def _in_words(error):
+def _in_words(error: Exception) -> str:
     """Return an error as a line; around a parameter's reason rclpy puts its name and a frame."""
     reason = re.sub(r'^Invalid parameter value .* for parameter\. Reason: ', '', str(error))
     return re.sub(r'^(.*\b([\w.]+)\b.*): \2$', r'\1', reason)
 
 
-def _init(args):
+def _init(args: list[str] | None) -> None:
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # RCLError has no public name
@@ -216,7 +226,7 @@ def _init(args):
         raise InvalidArguments(re.sub(places_in_rcl, '', ' '.join(str(error).split()))) from None
 
 
-def _warn_of_unknown(node):
+def _warn_of_unknown(node: Node) -> None:
     """Log the parameters given at the start that the node does not have: rclpy drops them."""
     known = node.get_parameters_by_prefix('')
     # rclpy tells of them nowhere else.
@@ -227,17 +237,17 @@ def _warn_of_unknown(node):
                                       + (f"; did you mean '{alike[0]}'?" if alike else ''))
 
 
-def _leave(number, frame):
+def _leave(number: int, frame: Any) -> None:
     # An exception in the middle of a compilation breaks it, and nothing is to be ended yet.
     os._exit(0)
 
 
-def _interrupt(number, frame):
+def _interrupt(number: int, frame: Any) -> None:
     # A second Ctrl-C must not cut the way out short.
     _handle_interrupts(signal.SIG_IGN)
     raise KeyboardInterrupt
 
 
-def _handle_interrupts(handler):
+def _handle_interrupts(handler: Any) -> None:
     for number in INTERRUPTS:
         signal.signal(number, handler)

@@ -4,9 +4,12 @@ Some are read once, when the node starts: the hand and all that the URDF shares 
 node. The defaults of the others come from that hand; they act from the next frame on.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,7 +27,7 @@ from ..core.model.hand import (
     UNOBSERVED_JOINTS,
     Hand,
 )
-from ..core.model.marker_layout import MARKERS
+from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.options import TrackerOptions
 from ..files.hand_file import InvalidHandFile, choose_hand
 from ..messages.labels import DEFAULT_LABELS, LabelMap
@@ -89,7 +92,7 @@ START = (
 START = tuple(row._replace(read_only=True) for row in START)
 
 
-def starting_hand(values):
+def starting_hand(values: Mapping[str, Any]) -> tuple[Hand, MarkerLayout]:
     """Return the hand that the parameters of the start name.
 
     Parameters
@@ -128,7 +131,7 @@ def starting_hand(values):
     return hand, layout
 
 
-def live_table(hand):
+def live_table(hand: Hand) -> tuple[Parameter, ...]:
     """Return the parameters that act from the next frame on.
 
     Parameters
@@ -176,7 +179,7 @@ def live_table(hand):
     return tuple(rows)
 
 
-def live_settings(hand, values):
+def live_settings(hand: Hand, values: Mapping[str, Any]) -> Settings:
     """Return what the parameters that act from the next frame on stand for.
 
     Parameters

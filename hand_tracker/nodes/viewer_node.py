@@ -5,22 +5,30 @@ tracker's node, whose constraints it switches, and `player` that of the recordin
 which it pauses and speeds up by rosbag2's services, where there is one.
 """
 
+from __future__ import annotations
+
 import argparse
 import sys
 import time
 from collections import deque
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
 from queue import Empty, Queue
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Point
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
@@ -83,7 +91,7 @@ class Player:
 
     duration = None
 
-    def __init__(self, node, name):
+    def __init__(self, node: Node, name: str) -> None:
         self._is_paused, self._pause, self._resume, self._set_rate = (
             node.create_client(kind, f'{name}/{service}') for kind, service in (
                 (srv.IsPaused, 'is_paused'), (srv.Pause, 'pause'), (srv.Resume, 'resume'),
@@ -91,7 +99,7 @@ class Player:
         self.playing, self.there = True, False
         self._asked = -np.inf
 
-    def look(self):
+    def look(self) -> None:
         """Ask whether it is there and plays, when it is time."""
         now = time.monotonic()
         if now - self._asked < ASKED_EVERY:
@@ -102,10 +110,10 @@ class Player:
         else:
             self.there = False
 
-    def _on_answer(self, future):
+    def _on_answer(self, future: Future) -> None:
         self.playing, self.there = not future.result().paused, True
 
-    def toggle(self):
+    def toggle(self) -> None:
         """Pause or go on."""
         if self.playing:
             self._pause.call_async(srv.Pause.Request())
@@ -113,7 +121,7 @@ class Player:
             self._resume.call_async(srv.Resume.Request())
         self.playing = not self.playing
 
-    def set_rate(self, rate):
+    def set_rate(self, rate: float) -> None:
         """Play so many times as fast as recorded."""
         self._set_rate.call_async(srv.SetRate.Request(rate=rate))
 
@@ -135,16 +143,17 @@ class Live:
         None without rosbag2_interfaces.
     """
 
-    def __init__(self, node, tracker='hand_tracker', player='replay'):
+    def __init__(self, node: Node, tracker: str = 'hand_tracker', player: str = 'replay') -> None:
         self._node, self._tracker = node, tracker
         self.playhead = Player(node, player) if srv else None
-        self._joint_states, self._hand_markers = deque(maxlen=KEPT), deque(maxlen=1)
-        self._state = None
-        self._numbers = {}
-        self._bare_state = None
-        self._subscriptions = {}
+        self._joint_states: deque[bytes] = deque(maxlen=KEPT)
+        self._hand_markers: deque[bytes] = deque(maxlen=1)
+        self._state: HandState | None = None
+        self._numbers: dict[str, str] = {}
+        self._bare_state: HandState | None = None
+        self._subscriptions: dict[str, Subscription] = {}
 
-    def prepare(self, say):
+    def prepare(self, say: Callable[[str], object]) -> None:
         """Wait for the tracker, and ask it whose hand it tracks, and how.
 
         Parameters
@@ -172,20 +181,20 @@ class Live:
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         say('Waiting for the hand: markers come in, and the palm is seen?')
 
-    def _points(self, angles):
+    def _points(self, angles: np.ndarray) -> np.ndarray:
         """Return where the skeleton is, in the wrist's frame."""
         return skeleton_points(
             tip_offsets(self.hand), forward(joint_table(self.hand), angles), np.zeros(3))
 
-    def _values(self, names):
+    def _values(self, names: Iterable[str]) -> dict[str, Any]:
         """Return the values of the tracker's parameters by name."""
         names = list(names)
         response = self._answer(self._get, GetParameters.Request(names=names))
         return {name: parameter_value_to_python(value)
                 for name, value in zip(names, response.values)}
 
-    def _answer(self, client, request):
-        answers = Queue()
+    def _answer(self, client: Client, request: Any) -> Any:
+        answers: Queue[Any] = Queue()
         # An answer can be lost while the tracker has not discovered who asks.
         while True:
             client.call_async(request).add_done_callback(
@@ -193,7 +202,7 @@ class Live:
             with suppress(Empty):
                 return answers.get(timeout=ANSWER)
 
-    def _change(self, name):
+    def _change(self, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the parameters of a constraint, with their values while it is on and off."""
         on, off = (self._parameters(constraints) for constraints in (
             CONSTRAINTS.keys(), CONSTRAINTS.keys() - {name}))
@@ -201,12 +210,12 @@ class Live:
         return ({parameter: on[parameter] for parameter in changed},
                 {parameter: off[parameter] for parameter in changed})
 
-    def _parameters(self, constraints):
+    def _parameters(self, constraints: Collection[str]) -> dict[str, Any]:
         hand, options = constrained(self.hand, TrackerOptions(), constraints)
         values = {row.name: row.default for row in live_table(hand)}
         return {**values, **asdict(options)}
 
-    def attend(self, looked_at, compared):
+    def attend(self, looked_at: bool, compared: bool) -> None:
         """Hear what is shown, and nothing else.
 
         Parameters
@@ -229,11 +238,11 @@ class Live:
         if not compared:
             self._bare_state = None
 
-    def _subscribe(self, topic):
+    def _subscribe(self, topic: str) -> Subscription:
         if topic == 'markers':
             hand, options = constrained(self._settings.hand, self._settings.options, ())
-            kind, quality = MarkerArray, 100
-            hear = partial(self._on_markers, HandTracker(hand, self._layout, options))
+            kind, quality = MarkerArray, QoSProfile(depth=100)
+            hear: Callable[[bytes], None] = partial(self._on_markers, HandTracker(hand, self._layout, options))
         else:
             kind, heard = (JointState, self._joint_states) if topic == 'joint_states' else (
                 MarkerArray, self._hand_markers)
@@ -241,7 +250,7 @@ class Live:
         # As bytes: of most messages nothing is ever looked at.
         return self._node.create_subscription(kind, topic, hear, quality, raw=True)
 
-    def constrain(self, constraints):
+    def constrain(self, constraints: Collection[str]) -> None:
         """Have the tracker track with these constraints from now on.
 
         What the tracker refuses is as before in `constraints` again, once it has answered.
@@ -253,14 +262,14 @@ class Live:
             self._set.call_async(request).add_done_callback(partial(self._on_answer, name))
         self.constraints = frozenset(constraints)
 
-    def _on_answer(self, name, future):
+    def _on_answer(self, name: str, future: Future) -> None:
         result = future.result().result
         if not result.successful:
             self.constraints ^= {name}
             self._node.get_logger().warning(
                 f"{self._tracker} does not switch '{name}': {result.reason}")
 
-    def state(self):
+    def state(self) -> HandState | None:
         """Return the hand as it was published last; None before the first frame."""
         for markers in tuple(self._hand_markers):
             stamp = markers[MARKERS_STAMP]
@@ -270,7 +279,7 @@ class Live:
                     break
         return self._state
 
-    def _frame(self, joint_state, hand_markers):
+    def _frame(self, joint_state: bytes, hand_markers: bytes) -> HandState | None:
         """Return the hand of two messages, as far as they tell it.
 
         None if they are not this tracker's.
@@ -293,51 +302,53 @@ class Live:
             colours = np.array([(tone.r, tone.g, tone.b) for tone in known.colors])
             nearest = np.abs(colours[:, None] - TONES).sum(axis=2).argmin(axis=1)
             states[:len(nearest)] = [KINDS[i] for i in nearest]
+        unknown = np.full(len(MARKERS), np.nan)
         found = joints.color.a > .5 * (1. + HELD_OPACITY)
         return HandState(
             PalmState.TRACKED if found else PalmState.LOST, angles, rotation, position,
             forward(joint_table(self.hand), angles, rotation, position), markers, states,
-            hidden_for=None, confidence=None, residuals=None, iterations=None)
+            hidden_for=unknown, confidence=np.full(len(JOINTS), np.nan), residuals=unknown,
+            iterations=0)
 
-    def bare_state(self):
+    def bare_state(self) -> HandState | None:
         """Return the hand tracked here without any constraint; None before the first frame."""
         return self._bare_state
 
-    def _on_markers(self, tracker, data):
+    def _on_markers(self, tracker: HandTracker, data: bytes) -> None:
         frame = self._reader.read(data)
         if frame.stamp is not None:
             state = tracker.update(frame.positions, seconds(frame.stamp))
             if tracker.placed:
                 self._bare_state = state
 
-    def _on_diagnostics(self, message):
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name.startswith(f'{self._tracker}:'):
                 self._numbers = {value.key: value.value for value in status.values}
 
-    def numbers(self, state):
+    def numbers(self, state: HandState) -> dict[str, str]:
         """Return what the tracker tells of itself, as texts by name."""
         return {name: f'{float(text):.3g} {unit}' if (text := self._numbers.get(key)) else '–'
                 for name, (key, unit) in NUMBERS.items()}
 
 
-def _array(points):
+def _array(points: Sequence[Point]) -> np.ndarray:
     return np.array([(point.x, point.y, point.z) for point in points])
 
 
-def main(args=None):
+def main(args: list[str] | None = None) -> int:
     """Serve the page until interrupted; return the exit code."""
     parser = argparse.ArgumentParser(prog='viewer', description=__doc__.split('\n')[0])
     add_page_options(parser)
     options = parser.parse_args(remove_ros_args(args)[1:] if args is None else args)
 
-    def make():
+    def make() -> Node:
         node = Node('viewer')
         node.declare_parameter('tracker', 'hand_tracker')
         node.declare_parameter('player', 'replay')
         return node
 
-    def work(node):
+    def work(node: Node) -> None:
         with spinning(node):
             view(Live(node, *(node.get_parameter(name).value for name in ('tracker', 'player'))),
                  options)

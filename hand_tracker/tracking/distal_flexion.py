@@ -1,6 +1,9 @@
 """Measured flexion of the last joints, as of a glove's flex sensors. No ROS."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -23,14 +26,14 @@ class DistalFlexion:
         Whether any measurement ever came.
     """
 
-    def __init__(self, prefix):
+    def __init__(self, prefix: str) -> None:
         self._digits = {name: digit for digit, joint in enumerate(DISTAL_JOINTS)
                         for name in (joint, prefix + joint)}
         self._angles = np.full(len(DIGITS), np.nan)
         self._received = np.full(len(DIGITS), -np.inf)
         self.heard = False
 
-    def received(self, now, names, angles):
+    def received(self, now: float, names: Sequence[str], angles: Sequence[float]) -> list[str]:
         """Take measurements; those that are not finite are left out.
 
         Parameters
@@ -56,7 +59,7 @@ class DistalFlexion:
                 self.heard = True
         return unknown
 
-    def fresh(self, now, timeout):
+    def fresh(self, now: float, timeout: float) -> np.ndarray | None:
         """Return the measurements that are not too old.
 
         Parameters

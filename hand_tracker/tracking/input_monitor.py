@@ -264,11 +264,13 @@ class InputMonitor:
         if situation is PalmState.TRACKED:
             return 'tracking'
         if situation is PalmState.WAITING:
+            assert self._frame is not None
             hidden = np.flatnonzero(np.isnan(self._frame.positions[:len(PALM_MARKERS), 0]))
             if not hidden.size:
                 return f'waiting for the palm: its markers are more than a kilometre away; {WHAT_TO_CHECK}'
             return (f'waiting for the palm: not seen yet {self._expected(hidden)}; '
                     f'{self._others()}')
+        assert isinstance(situation, PalmState)
         return f'{PALM_FAULTS[situation]}; since {now - self._since:.1f} s, the last pose is kept'
 
     def why_never(self) -> str:
@@ -295,7 +297,7 @@ class InputMonitor:
             return 'there are ' + ', '.join(f"'{ns}/{i}'" for ns, i in self._frame.unknown)
         return 'there is no other point-like marker'
 
-    def _expected(self, slots: Iterable[int]) -> str:
+    def _expected(self, slots: Iterable[int] | np.ndarray) -> str:
         return ', '.join(f"'{self.labels.labels[slot]}' ({MARKERS[slot]})" for slot in slots)
 
     def _judge_fit(self, least: float) -> None:
@@ -311,8 +313,9 @@ class InputMonitor:
     def _name_the_never_seen(self) -> None:
         if self._started is None:
             return
-        never = [slot for slot in np.flatnonzero(self._state.marker_states == MarkerState.ABSENT)
-                 if self.labels.labels[slot]]
+        assert self._state is not None
+        absent = np.flatnonzero(self._state.marker_states == MarkerState.ABSENT)
+        never = [slot for slot in absent.tolist() if self.labels.labels[slot]]
         if never:
             self.warn_once('never', f'never seen so far: {self._expected(never)}; {self._others()}')
 

@@ -38,7 +38,7 @@ class TrackedFrames(NamedTuple):
         Whether time jumped back.
     """
 
-    count: int
+    count: int  # type: ignore[assignment]
     stamp: Time
     state: HandState
     received: list[float]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -127,7 +128,7 @@ def track(messages: Iterable[BagMessage], tracker: HandTracker, labels: LabelMap
     for message in messages:
         now = 1e-9 * message.time
         try:
-            frame = stream.track(message.data, now, lambda time=message.time: stamp_of(time))
+            frame = stream.track(message.data, now, partial(stamp_of, message.time))
         except MalformedMessage as error:
             raise BagError(f'{message.topic}: the message of {message.time} ns is no whole '
                            f'{message.type} of Humble or later') from error

@@ -21,6 +21,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
@@ -133,7 +134,7 @@ COMPILED = JIT_IS_ON and not DEFERRED
 
 def _compiler(folder: Path | None) -> Any:
     """Import numba, set to keep kernels in a folder."""
-    import numba
+    numba: Any = import_module('numba')
 
     if folder is not None:
         # Numba looks for changes in a kernel's own file only: the folder's name covers the others.
@@ -170,8 +171,8 @@ def jit(kernel: Kernel, **options: Any) -> Kernel:
     return kernel
 
 
-def _dispatcher(kernel: Kernel, cached: bool, options: dict[str, Any]) -> Any:
-    import numba
+def _dispatcher(kernel: Callable[..., Any], cached: bool, options: dict[str, Any]) -> Any:
+    numba: Any = import_module('numba')
 
     # Nothing calls kernels from C, which would cost as much compiling as from Python. The checks
     # that numba adds to raise ZeroDivisionError are a tenth of the code.
@@ -221,19 +222,19 @@ def best(kernel: Kernel) -> Kernel:
 
 if COMPILED:
     @jit
-    def indexed(array):
+    def indexed(array: Any) -> Any:
         """Return an array in the form in which kernels read and write single numbers fastest."""
         return array
 
     @jit
-    def overwrite(pack, other):
+    def overwrite(pack: Any, other: Any) -> None:
         """Copy all values of one pack into another of the same layout."""
         pack[0] = other[0]
 else:
     # Plain Python gets floats of a memoryview, twice as fast as numpy's scalars.
-    indexed = memoryview
+    indexed = memoryview  # type: ignore[assignment]
 
-    def overwrite(pack, other):
+    def overwrite(pack: Any, other: Any) -> None:
         """Copy all values of one pack into another of the same layout."""
         for part, new in zip(pack[0], other[0]):
             if hasattr(part, '_fields'):

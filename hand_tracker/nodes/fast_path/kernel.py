@@ -19,7 +19,7 @@ from ...core.model.states import PALM_STATES
 from ...core.numerics.jit import jit, overwrite
 from ...core.numerics.quaternion import write_transforms
 from ...core.pipeline import track_frame
-from ...core.pose.report import mean_residual
+from ...core.pose.report import Report, mean_residual
 from ...messages.cdr import (
     ENCAPSULATION,
     LITTLE_ENDIAN,
@@ -91,7 +91,7 @@ class FastPathMemory(NamedTuple):
     known_strings: np.ndarray
     known: np.ndarray
     first: np.ndarray
-    count: np.ndarray
+    count: np.ndarray  # type: ignore[assignment]
     slots: np.ndarray
     markers: np.ndarray
     rows: np.ndarray
@@ -199,7 +199,7 @@ def install_reply(memory: FastPathMemory, number: int, template: Template) -> bo
 
 
 @jit
-def copy_payload(memory, octets):
+def copy_payload(memory: FastPathMemory, octets: np.ndarray) -> int:
     """Copy a message without its encapsulation; return its size, -1 where it is not supported."""
     size = len(octets) - ENCAPSULATION
     if not 0 <= size <= MESSAGE_CAPACITY:
@@ -213,7 +213,7 @@ def copy_payload(memory, octets):
 
 
 @jit
-def matches_signature(memory, size):
+def matches_signature(memory: FastPathMemory, size: int) -> bool:
     """Return whether the message has the installed signature."""
     count, used = parse_marker_array(
         memory.message.view(np.uint8), memory.message.view(np.int32), size, memory.heads,
@@ -231,7 +231,7 @@ def matches_signature(memory, size):
 
 
 @jit
-def process_message(memories, packs, octets):
+def process_message(memories: Any, packs: tuple[Any, ...], octets: np.ndarray) -> bool:
     """Track a message and fill the replies, if it has the installed signature.
 
     Only regular frames are processed: with stamps that go forward, after the palm was seen.
@@ -276,7 +276,7 @@ def process_message(memories, packs, octets):
 
 
 @jit
-def fill_replies(memory, parent, report):
+def fill_replies(memory: FastPathMemory, parent: np.ndarray, report: Report) -> None:
     """Write stamp and numbers of the frame into the wanted replies."""
     if memory.wanted[JOINT_STATES]:
         _fill_reply(memory, JOINT_STATES, report.angles)
@@ -290,7 +290,7 @@ def fill_replies(memory, parent, report):
 
 
 @jit
-def _fill_reply(memory, reply, numbers):
+def _fill_reply(memory: FastPathMemory, reply: int, numbers: np.ndarray) -> None:
     doubles = memory.replies[reply]
     fill_template(doubles.view(np.uint32), doubles, memory.stamps_at[reply, :memory.stamps[reply]],
                   memory.numbers_at[reply, :memory.numbers[reply]], memory.stamp[0],
@@ -298,7 +298,7 @@ def _fill_reply(memory, reply, numbers):
 
 
 @jit
-def log_frame(memory, report, received, published):
+def log_frame(memory: FastPathMemory, report: Report, received: float, published: float) -> None:
     """Log the last frame.
 
     Parameters
@@ -320,7 +320,8 @@ def log_frame(memory, report, received, published):
 
 
 @jit
-def drain_log(memories, reports, log, states, last_report):
+def drain_log(memories: Any, reports: Any, log: np.ndarray, states: np.ndarray,
+              last_report: Any) -> tuple[int, int]:
     """Copy the log since the last call, and the last frame's report.
 
     Parameters

@@ -315,7 +315,7 @@ class FastPath:
 
 # nogil: what waits here lets other threads have the interpreter.
 @partial(jit, nogil=True)
-def _set_enabled(contexts, is_enabled):
+def _set_enabled(contexts: Any, is_enabled: bool) -> None:
     """Enable or disable the fast path while no message is processed."""
     context = contexts[0]
     call(context.lock, context.mutex, 0, 0, 0)
@@ -324,7 +324,8 @@ def _set_enabled(contexts, is_enabled):
 
 
 @partial(jit, nogil=True)
-def _drain(contexts, memories, reports, log, states, last_report):
+def _drain(contexts: Any, memories: Any, reports: Any, log: np.ndarray, states: np.ndarray,
+           last_report: Any) -> tuple[int, int, int, int]:
     """Drain the log while no message is processed; return also the last stamp."""
     context = contexts[0]
     call(context.lock, context.mutex, 0, 0, 0)
@@ -335,14 +336,14 @@ def _drain(contexts, memories, reports, log, states, last_report):
 
 
 @jit
-def _now(context):
+def _now(context: Any) -> float:
     """Return the time as Python's time.monotonic gives it [s]."""
     call(context.get_time, MONOTONIC_CLOCK, context.now.ctypes.data, 0, 0)
     return context.now[0] + 1e-9 * context.now[1]
 
 
 @jit
-def _publish(context):
+def _publish(context: Any) -> None:
     """Publish the replies; disable the fast path where one fails, for the slow path to report."""
     for i in range(REPLIES):
         if context.publishers[i] and call(
@@ -359,7 +360,7 @@ def _callback(*layouts: np.dtype) -> Any:
 
     @numba.cfunc('void(voidptr, uintp)', cache=DEFERRED or CACHE_FOLDER is not None,
                  error_model='numpy')
-    def on_messages(address, count):
+    def on_messages(address: Any, count: Any) -> None:
         context = numba.carray(address, (1,), of_context)[0]
         memories = numba.carray(at(context.memory), (1,), of_memory)
         incoming = numba.carray(at(context.incoming), (2,), np.int64)

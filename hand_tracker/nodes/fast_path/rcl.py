@@ -96,19 +96,19 @@ def _typed(function: Any, *arguments: Any, result: Any = ctypes.c_int) -> Any:
 
 if COMPILED:
     @intrinsic
-    def call(typing, function, first, second, third, fourth):
+    def call(typing: Any, function: Any, first: Any, second: Any, third: Any, fourth: Any) -> Any:
         """Call a C function by its address.
 
         Numba can call functions of ctypes, but keeps no kernel on disk that does.
         """
-        def generate(context, builder, signature, arguments):
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             pointer = ir.FunctionType(ir.IntType(32), [ir.IntType(64)] * 4).as_pointer()
             return builder.call(builder.inttoptr(arguments[0], pointer), arguments[1:])
         return numba.int32(*[numba.int64] * 5), generate
 
     @intrinsic
-    def at(typing, address):
+    def at(typing: Any, address: Any) -> Any:
         """Return an address as a pointer."""
-        def generate(context, builder, signature, arguments):
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
         return numba.types.voidptr(numba.int64), generate
