@@ -1,27 +1,32 @@
-"""The whole chain in one command: replay and tracker as processes, watched over ROS topics.
+"""`hand_tracker demo`: replay and tracker as processes, listened to over ROS topics.
 
 Both nodes run as they do for a user; this program only listens, and leaves what it heard
 as an animated GIF, a contact sheet and a table of the angles.
 """
+
+from __future__ import annotations
 
 import argparse
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import rclpy
+from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from ..core.errors import HandTrackerError
 from ..core.inverse_kinematics.palm import place_palm
+from ..core.model.hand import Hand
 from ..core.model.kinematics import forward, joint_table, tip_offsets
-from ..core.model.marker_layout import PALM_MARKERS, marker_positions
+from ..core.model.marker_layout import PALM_MARKERS, MarkerLayout, marker_positions
 from ..core.model.skeleton import skeleton_points
 from ..drawing.animation import HandMotion, save_animation, save_sheet
 from ..files.angle_table import write_angle_table
@@ -29,6 +34,7 @@ from ..files.bags import open_bag
 from ..files.hand_file import choose_hand
 from ..messages.labels import DEFAULT_LABELS, LabelMap
 from ..messages.marker_array import markers_from_message
+from ..messages.stamps import nanoseconds
 from ..package_data import packaged_recording
 from ..tracking.recording import USUAL_TOPIC, marker_topic
 from ..viewer.recording_source import Recording
@@ -67,14 +73,14 @@ class Heard(NamedTuple):
 
 
 class Listener:
-    """Collects what the nodes say."""
+    """Collect the messages of the nodes."""
 
-    def __init__(self, node):
-        self.joints = ()
+    def __init__(self, node: Node) -> None:
+        self.joints: Sequence[str] = ()
         self.transforms = 0
-        self.latencies = []   # [s]
-        self._markers = {}    # by stamp [ns]
-        self._angles = {}
+        self.latencies: list[float] = []  # [s]
+        self._markers: dict[int, np.ndarray] = {}  # by stamp [ns]
+        self._angles: dict[int, Sequence[float]] = {}
         self._labels = LabelMap(DEFAULT_LABELS)
         quick = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
         node.create_subscription(MarkerArray, 'markers', self._hear_markers, quick)
@@ -83,27 +89,27 @@ class Listener:
             # Only counted: as bytes they cost this listener nothing.
             node.create_subscription(TFMessage, '/tf', self._hear_transforms, 100, raw=True)
 
-    def _hear_markers(self, message):
+    def _hear_markers(self, message: MarkerArray) -> None:
         frame = markers_from_message(message, self._labels)
         if frame.stamp is not None:
-            self._markers[_nanoseconds(frame.stamp)] = frame.positions
+            self._markers[nanoseconds(frame.stamp)] = frame.positions
 
-    def _hear_angles(self, message):
-        stamp = _nanoseconds(message.header.stamp)
+    def _hear_angles(self, message: JointState) -> None:
+        stamp = nanoseconds(message.header.stamp)
         # The replay stamps a frame with the time at which it is due.
         self.latencies.append(1e-9 * (time.time_ns() - stamp))
         self.joints = message.name
         self._angles[stamp] = message.position
 
-    def _hear_transforms(self, _):
+    def _hear_transforms(self, _: object) -> None:
         self.transforms += 1
 
     @property
-    def counts(self):
+    def counts(self) -> tuple[int, int]:
         """Return how many frames of markers and of joint states arrived."""
         return len(self._markers), len(self._angles)
 
-    def heard(self, hand, layout, recent=None):
+    def heard(self, hand: Hand, layout: MarkerLayout, recent: int | None = None) -> Heard:
         """Return the last so many whole frames, or all, with the palm fitted to its markers."""
         stamps = [stamp for stamp in self._angles if stamp in self._markers]
         stamps = stamps if recent is None else stamps[-recent:]
@@ -121,7 +127,7 @@ class Listener:
         places = marker_positions(mounting, forward(joint_table(hand), angles))
         return Heard(np.array(stamps, dtype=np.int64), angles, markers, places)
 
-    def line(self, hand, layout, rate):
+    def line(self, hand: Hand, layout: MarkerLayout, rate: float) -> str:
         """Return a line on the last second."""
         heard = self.heard(hand, layout, max(2, round(rate)))
         if len(heard.stamps) < 2:
@@ -131,18 +137,14 @@ class Listener:
                 f'{np.isfinite(heard.markers[-1]).all(axis=1).sum()} of {heard.markers.shape[1]}')
 
 
-def _summary(latencies, heard):
+def _summary(latencies: Sequence[float], heard: Heard) -> str:
     misses = np.linalg.norm(heard.places - heard.markers, axis=2)
     p50, p99 = 1e3 * np.percentile(latencies, (50, 99))
     return (f'latency p50 {p50:.2f} ms, p99 {p99:.2f} ms   '
             f'residual {1e3 * np.nanmean(misses):.2f} mm')
 
 
-def _nanoseconds(stamp):
-    return stamp.sec * 10**9 + stamp.nanosec
-
-
-def _start(node, **parameters):
+def _start(node: str, **parameters: object) -> subprocess.Popen[bytes]:
     """Start one of the package's nodes in a process of its own."""
     settings = [word for name, value in parameters.items() if value not in (None, '')
                 for word in ('-p', f'{name}:={value}')]
@@ -150,7 +152,7 @@ def _start(node, **parameters):
         [sys.executable, '-m', 'hand_tracker.nodes.entry', node, '--ros-args', *settings])
 
 
-def _stop(process):
+def _stop(process: subprocess.Popen[bytes]) -> int:
     """End a node as Ctrl-C does; return its exit code."""
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
@@ -161,7 +163,8 @@ def _stop(process):
         return process.wait()
 
 
-def _play(node, listener, hand, layout, recording, options, processes):
+def _play(node: Node, listener: Listener, hand: Hand, layout: MarkerLayout, recording: str | Path,
+          options: argparse.Namespace, processes: list[subprocess.Popen[bytes]]) -> None:
     """Run both nodes until the recording ends."""
     presets = {f'{name}.preset': value for name, value in (
         ('limits', options.limits), ('coupling', options.coupling)) if value}
@@ -182,7 +185,9 @@ def _play(node, listener, hand, layout, recording, options, processes):
     replay = _start('replay', recording=recording, rate=float(options.rate), subscribers=2)
     processes.append(replay)
     due = time.monotonic()
-    end = None
+    end: float | None = None
+    is_terminal = sys.stdout.isatty()
+    waiting = ''
     while end is None or time.monotonic() < end:
         rclpy.spin_once(node, timeout_sec=.05)
         if end is None and (replay.poll() is not None or tracker.poll() is not None):
@@ -190,15 +195,18 @@ def _play(node, listener, hand, layout, recording, options, processes):
         if end is None and time.monotonic() >= due:
             due += LINE_EVERY
             text = listener.line(hand, layout, 120.)
-            print(f'\r{text}' if sys.stdout.isatty() else text,
-                  end='' if sys.stdout.isatty() else '\n', flush=True)
+            if is_terminal:
+                print(f'\r{text}', end='', flush=True)
+            elif text != waiting:
+                print(text, flush=True)
+            waiting = text
     print()
     if replay.returncode or tracker.poll() is not None:
         ended = 'replay' if replay.returncode else 'tracker'
         raise HandTrackerError(f'the {ended} ended early; see its message above')
 
 
-def _save(listener, hand, layout, output):
+def _save(listener: Listener, hand: Hand, layout: MarkerLayout, output: Path) -> None:
     """Write what was heard."""
     heard = listener.heard(hand, layout)
     if len(heard.stamps) < 2:
@@ -226,7 +234,7 @@ def _save(listener, hand, layout, output):
         print(f'  {output / name}: {what}')
 
 
-def _parse(args):
+def _parse(args: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='hand_tracker demo', description=__doc__.split('\n')[0])
     parser.add_argument('--recording',
                         help='rosbag2 recording to play, with markers of ids 0 to 7 on /markers '
@@ -241,10 +249,10 @@ def _parse(args):
     return parser.parse_args(args)
 
 
-def main(args=None):
+def main(args: list[str] | None = None) -> int:
     """Run the demo; return its exit code."""
     options = _parse(args)
-    processes = []
+    processes: list[subprocess.Popen[bytes]] = []
     # A closing terminal or a killed script ends the nodes too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:

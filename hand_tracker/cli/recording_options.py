@@ -1,27 +1,33 @@
-"""What the commands share that track a recording: options, progress, interruption."""
+"""Options, progress and interruption of the commands that track recordings."""
+
+from __future__ import annotations
 
 import argparse
 import math
 import sys
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from ..core.errors import HandTrackerError
-from ..core.model.hand import COUPLING_PRESETS, LIMIT_PRESETS, SIDES
+from ..core.model.hand import COUPLING_PRESETS, LIMIT_PRESETS, SIDES, Hand
 from ..core.model.marker_layout import MARKERS
 from ..core.tracker import HandTracker
-from ..files.bags import BagError, open_bag
+from ..files.bags import Bag, BagError, BagMessage, open_bag
 from ..files.hand_file import choose_hand
 from ..messages.labels import DEFAULT_LABELS, InvalidLabel, LabelMap
 from ..parallel import raise_on_interruption
 from ..progress import Progress
 from ..tracking.monitor import Monitor
-from ..tracking.recording import USUAL_TOPIC, marker_topic, track
+from ..tracking.recording import USUAL_TOPIC, RecordedFrame, marker_topic, track
 
-LOOK_EVERY = .25     # [s] of the recording
+LOG_PERIOD = .25     # [s] of the recording
+
+Interrupted = list[type[BaseException]]  # see `raise_on_interruption`
 
 
-def add_hand_options(parser):
+def add_hand_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a command line that `choose_hand` takes: hand, side, limits, coupling.
 
     Parameters
@@ -36,7 +42,7 @@ def add_hand_options(parser):
                         help="of DIP to PIP; default: the hand file's, else natural")
 
 
-def _scale(text):
+def _scale(text: str) -> float:
     try:
         scale = float(text)
     except ValueError:
@@ -46,7 +52,7 @@ def _scale(text):
     return scale
 
 
-def add_recording_options(parser, several=False):
+def add_recording_options(parser: argparse.ArgumentParser, several: bool = False) -> None:
     """Add to a command line the recording, how to read it and whose hand it shows.
 
     Parameters
@@ -71,7 +77,7 @@ def add_recording_options(parser, several=False):
                         help='take a marker at exactly (0, 0, 0) for seen, not for lost')
 
 
-def label_map(texts):
+def label_map(texts: Iterable[str]) -> LabelMap:
     """Return the labels of a command line's MARKER=LABEL texts; ids 0 to 7 where none is given."""
     labels = dict(zip(MARKERS, DEFAULT_LABELS))
     for text in texts:
@@ -84,18 +90,19 @@ def label_map(texts):
 
 
 class Job:
-    """Tracking one recording: what the command counts and says meanwhile."""
+    """Track one recording: count its frames, and print what the monitor logs."""
 
-    def __init__(self, bag, topic, labels, interrupted, progress):
+    def __init__(self, bag: Bag, topic: str, labels: LabelMap, interrupted: Interrupted,
+                 progress: Callable[..., Any]) -> None:
         self.read = self.tracked = 0
         self._bag, self._topic, self._labels = bag, topic, labels
         self._progress = progress(bag.counts[topic], 'frames')
         self._monitor = Monitor(1e-9 * bag.start, topic, labels)
         self._interrupted = interrupted
 
-    def frames(self, tracker, **options):
+    def frames(self, tracker: HandTracker, **options: Any) -> Iterator[RecordedFrame]:
         """Yield the tracked frames."""
-        messages = self._progress.over(self._looked_at())
+        messages = self._progress.over(self._monitored())
         for frame in track(messages, tracker, self._labels, monitor=self._monitor,
                            say=self._progress.say, **options):
             self.tracked += 1
@@ -104,7 +111,7 @@ class Job:
             raise BagError(f'{self._bag.path}: no frame of {self._topic} shows the palm: '
                            f'{self._monitor.why_never_tracked()}')
 
-    def _looked_at(self):
+    def _monitored(self) -> Iterator[BagMessage]:
         due = self._bag.start
         now = None
         for message in self._bag.messages([self._topic]):
@@ -114,19 +121,20 @@ class Job:
             now = message.time
             yield message
             if now >= due:
-                due = now + int(1e9 * LOOK_EVERY)
+                due = now + int(1e9 * LOG_PERIOD)
                 self._report(now)
         if now is not None:
             self._monitor.ended()
             self._report(now)
 
-    def _report(self, now):
+    def _report(self, now: int) -> None:
         for _, line in self._monitor.log_lines(1e-9 * now, str):
             self._progress.say(f'at {1e-9 * (now - self._bag.start):.2f} s: {line}')
 
 
 @contextmanager
-def tracked_recording(options, interrupted, progress=Progress):
+def tracked_recording(options: argparse.Namespace, interrupted: Interrupted,
+                      progress: Callable[..., Any] = Progress) -> Iterator[tuple[Hand, Job, Iterator[RecordedFrame]]]:
     """Track the recording that a command line asks for.
 
     Parameters
@@ -153,7 +161,8 @@ def tracked_recording(options, interrupted, progress=Progress):
             zero_is_missing=not options.keep_zeros)
 
 
-def run_command(name, work, options):
+def run_command(name: str, work: Callable[[argparse.Namespace, Interrupted], str],
+                options: argparse.Namespace) -> int:
     """Run a command that reads a recording; return its exit code.
 
     Parameters

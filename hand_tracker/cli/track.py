@@ -1,18 +1,22 @@
 """`hand_tracker track`: track recordings without ROS; write a table or a recording of angles."""
 
+from __future__ import annotations
+
 import argparse
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from ..files.bags import STORAGE, BagError
 from ..parallel import run_tasks
 from ..progress import Progress
 from ..tracking.recording import OUTPUT_KINDS, TABLE, save
-from .recording_options import add_recording_options, run_command, tracked_recording
+from .recording_options import Interrupted, add_recording_options, run_command, tracked_recording
 
 
-def _refuse_to_replace(recording, output):
+def _refuse_to_replace(recording: Path, output: Path) -> None:
     sources = recording.iterdir() if recording.is_dir() else (recording,)
     there = output.exists() and recording.exists()
     if output.is_dir() or there and any(map(output.samefile, sources)):
@@ -20,7 +24,8 @@ def _refuse_to_replace(recording, output):
                        'expected another name for the output')
 
 
-def _track_file(options, interrupted, progress=Progress):
+def _track_file(options: argparse.Namespace, interrupted: Interrupted,
+                progress: Callable[..., Any] = Progress) -> str:
     """Do what the command line asks for; return what to say at the end."""
     output = options.output
     if output.suffix not in OUTPUT_KINDS:
@@ -35,7 +40,7 @@ def _track_file(options, interrupted, progress=Progress):
             f'{job.read / elapsed:.0f} a second')
 
 
-def _track_into_folder(options, interrupted):
+def _track_into_folder(options: argparse.Namespace, interrupted: Interrupted) -> str:
     """Track several recordings, a file for each; return what to say at the end."""
     tasks = [argparse.Namespace(**{
         **vars(options), 'recording': recording,
@@ -63,19 +68,19 @@ def _track_into_folder(options, interrupted):
     return f'{options.output}: {count} recordings tracked'
 
 
-def _name(recording):
+def _name(recording: Path) -> str:
     # A folder's name may have dots.
     recording = recording.resolve()
     return recording.stem if recording.suffix in STORAGE else recording.name
 
 
-def _jobs(text):
+def _jobs(text: str) -> int:
     if not text.isdecimal() or not int(text):
         raise argparse.ArgumentTypeError(f"'{text}'; expected a number from 1 on")
     return int(text)
 
 
-def _parse(args):
+def _parse(args: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='hand_tracker track', description=main.__doc__)
     add_recording_options(parser, several=True)
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='OUT',
@@ -90,7 +95,7 @@ def _parse(args):
     return parser.parse_args(args)
 
 
-def main(args=None):
+def main(args: list[str] | None = None) -> int:
     """Track recordings without ROS, and write the angles of every frame."""
     options = _parse(args)
     if len(options.recordings) > 1 or options.format:

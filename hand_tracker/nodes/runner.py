@@ -31,7 +31,7 @@ from .parameters import Parameter
 try:
     from rclpy.experimental.events_executor import EventsExecutor
 except ImportError:  # before Jazzy
-    EventsExecutor = None  # type: ignore[assignment]
+    EventsExecutor = None
 
 from ..core.errors import HandTrackerError
 from ..messages.builders import prefixed_names

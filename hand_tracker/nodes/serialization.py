@@ -119,6 +119,10 @@ class _ObjectReader(NamedTuple):
 
     read: Callable[[MarkerArray], MarkerFrame]
 
+    @property
+    def signature(self) -> None:
+        """Objects have no signature."""
+
     def load_kernels(self, folder: Path | None = None) -> None:
         """Do nothing: objects are read by plain Python."""
 
@@ -152,7 +156,7 @@ def _reads_alike() -> bool:
     expected = markers_from_message(message, labels)
     frame = MarkerReader(labels).read(serialize_message(message))
     return (np.array_equal(frame.positions, expected.positions, equal_nan=True)
-            and time_message(frame.stamp) == expected.stamp
+            and frame.stamp is not None and time_message(frame.stamp) == expected.stamp
             and frame.frame_id == expected.frame_id)
 
 

@@ -22,7 +22,7 @@ from visualization_msgs.msg import MarkerArray
 from ..core.errors import HandTrackerError
 from ..core.model.kinematics import tip_offsets
 from ..core.numerics import jit
-from ..core.tracker import HandTracker
+from ..core.tracker import HandState, HandTracker
 from ..messages.builders import diagnostics, time_message
 from ..messages.cdr import MalformedMessage
 from ..messages.marker_array import MarkerFrame
@@ -91,7 +91,7 @@ class TrackerNode(Node):
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.create_timer(REPORT_PERIOD, self._report, clock=STEADY_CLOCK)
         self.create_timer(STATUS_PERIOD, self._publish_status_of_all, clock=STEADY_CLOCK)
-        self._latest: tuple[Time, str, Any] | None = None
+        self._latest: tuple[Time, str, HandState] | None = None
         self.get_logger().info(
             f'{self._hand.side} hand: listening for markers on {self._topic}')
 
@@ -201,15 +201,16 @@ class TrackerNode(Node):
 
     def _install(self, frame: TrackedFrame) -> None:
         """Let the fast path process messages like this one."""
-        assert self._fast_path is not None
+        signature = self._stream.reader.signature
+        assert self._fast_path is not None and signature is not None
         self._fast_path.install(
-            self._tracker.kernel_arguments(), self._stream.reader.signature, frame.stamp,
+            self._tracker.kernel_arguments(), signature, frame.stamp,
             self._settings.unit_scale, self._settings.zero_is_missing, self._replies.templates())
 
     def _drain(self) -> None:
         """Monitor the frames that the fast path has processed."""
         frames = None if self._fast_path is None else self._fast_path.drain()
-        if frames is not None:
+        if frames is not None and self._latest is not None:
             self._replies.published_until(frames.stamp)
             self._monitored(frames, self._latest[1])
 
@@ -248,6 +249,7 @@ class TrackerNode(Node):
             seconds(self._now()) or 0., self._settings.distal_flexion_timeout)
 
     def _show(self, now: float) -> None:
+        assert self._latest is not None
         stamp, frame_id, state = self._latest
         if (self._display.due(now, self._settings.display_rate)
                 and self._hand_markers.get_subscription_count()):

@@ -267,7 +267,8 @@ class InputMonitor:
             assert self._frame is not None
             hidden = np.flatnonzero(np.isnan(self._frame.positions[:len(PALM_MARKERS), 0]))
             if not hidden.size:
-                return f'waiting for the palm: its markers are more than a kilometre away; {WHAT_TO_CHECK}'
+                return ('waiting for the palm: its markers are more than a kilometre away; '
+                        f'{WHAT_TO_CHECK}')
             return (f'waiting for the palm: not seen yet {self._expected(hidden)}; '
                     f'{self._others()}')
         assert isinstance(situation, PalmState)
@@ -304,11 +305,12 @@ class InputMonitor:
         miss = self._fit.mean(least)
         # What is farther off is another's hand, or mislabelled, and said as such.
         if miss is not None and BAD_FIT_RESIDUAL < miss <= OFF_HAND_DISTANCE:
-            self.warn_once('fit', f'the markers are on average {1e3 * miss:.1f} mm off the hand, where '
-                      '1 to 2 mm are usual for one that was measured: its fingers may stay too '
-                      'straight; expected is a hand file (hand_file, hand:=, --hand) with the '
-                      "lengths of your hand and the markers' offsets on the skin, as "
-                      'config/hand.yaml explains')
+            self.warn_once(
+                'fit', f'the markers are on average {1e3 * miss:.1f} mm off the hand, where '
+                '1 to 2 mm are usual for one that was measured: its fingers may stay too '
+                'straight; expected is a hand file (hand_file, hand:=, --hand) with the '
+                "lengths of your hand and the markers' offsets on the skin, as "
+                'config/hand.yaml explains')
 
     def _name_the_never_seen(self) -> None:
         if self._started is None:

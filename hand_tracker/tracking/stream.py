@@ -14,6 +14,7 @@ import numpy as np
 
 from ..core.numerics.jit import DEFERRED, TRACKING_SET
 from ..core.tracker import HandState, HandTracker
+from ..messages.cdr import MessageSignature
 from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time, seconds
 from .compilation import PROGRAM, Compilation
@@ -23,6 +24,11 @@ UNNAMED_FRAME = 'world'  # of markers without a frame, as TF needs one
 
 class Reader(Protocol):
     """What reads markers of messages: a `MarkerReader`, or one of message objects."""
+
+    @property
+    def signature(self) -> MessageSignature | None:
+        """The signature of the last message, None where it has none."""
+        ...
 
     def read(self, message: Any) -> MarkerFrame:
         """Return the markers of a message."""
