@@ -161,8 +161,18 @@ def motion_of(steps: Sequence[MotionStep], hand: Hand, sway: Sway) -> Motion:
     Motion
     """
     known = {name: pose_angles(name, hand) for name in {step.pose for step in steps}}
-    return motion_through([Keyframe(known[step.pose], step.move, step.hold, step.delays)
-                           for step in steps], sway)
+    # Not `motion_through`, whose sums round otherwise: the packaged recordings stay bit-equal.
+    times: list[np.ndarray] = []
+    angles, clock = [], 0.
+    for step in steps:
+        delays = np.array(step.delays)
+        if times:
+            times[-1] = times[-1] + delays
+        arrival = clock + (delays + step.move if times else 0. * delays)
+        clock = arrival.max() + step.hold
+        times += [arrival, np.full(len(DIGITS), clock)]
+        angles += [known[step.pose]] * 2
+    return Motion(np.array(times), np.array(angles), sway)
 
 
 def motion_through(keyframes: Sequence[Keyframe], sway: Sway) -> Motion:
@@ -185,7 +195,7 @@ def motion_through(keyframes: Sequence[Keyframe], sway: Sway) -> Motion:
         if times:
             # A digit leaves its last pose after its delay.
             times[-1] = times[-1] + delays
-            arrival = clock + (delays + keyframe.move)
+            arrival = clock + delays + keyframe.move
         else:
             arrival = np.zeros(len(DIGITS))
         clock = arrival.max() + keyframe.hold
