@@ -1,1 +1,5 @@
-"""Numerics below the method: the compiler switch, vectors, quaternions."""
+"""Numerics below the method, used by every step.
+
+In reading order: `jit` (kernels, compiled or plain Python), `vectors` (three-vectors and
+frames), `quaternion` (unit quaternions, transforms for TF).
+"""
