@@ -133,8 +133,10 @@ class Job:
 
 
 @contextmanager
-def tracked_recording(options: argparse.Namespace, interrupted: Interrupted,
-                      progress: Callable[..., Any] = Progress) -> Iterator[tuple[Hand, Job, Iterator[RecordedFrame]]]:
+def tracked_recording(
+        options: argparse.Namespace, interrupted: Interrupted,
+        progress: Callable[..., Any] = Progress,
+) -> Iterator[tuple[Hand, Job, Iterator[RecordedFrame]]]:
     """Track the recording that a command line asks for.
 
     Parameters

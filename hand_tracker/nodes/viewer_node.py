@@ -242,7 +242,8 @@ class Live:
         if topic == 'markers':
             hand, options = constrained(self._settings.hand, self._settings.options, ())
             kind, quality = MarkerArray, QoSProfile(depth=100)
-            hear: Callable[[bytes], None] = partial(self._on_markers, HandTracker(hand, self._layout, options))
+            hear: Callable[[bytes], None] = partial(
+                self._on_markers, HandTracker(hand, self._layout, options))
         else:
             kind, heard = (JointState, self._joint_states) if topic == 'joint_states' else (
                 MarkerArray, self._hand_markers)

@@ -271,8 +271,9 @@ class FastPath:
         stamp = Stamp(sec, nanosec)
         # The runs keep what they are given.
         runs = state_runs(log, self._states[:logged].copy())
-        return TrackedFrames(count, stamp, HandTracker.state_from_report(last_report), received, published,
-                             times, runs, None, on_fast_path=True, restarted=False)
+        return TrackedFrames(
+            count, stamp, HandTracker.state_from_report(last_report), received, published, times,
+            runs, None, on_fast_path=True, restarted=False)
 
     def _serve_slow_path(self) -> None:
         """Hand what was not processed to the slow path."""
