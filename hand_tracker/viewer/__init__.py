@@ -1,1 +1,1 @@
-"""A hand in the browser: skin, skeleton, markers, angles; no ROS but in `nodes/viewer.py`."""
+"""Browser viewer of a tracked hand: skin, skeleton, markers and angles; no ROS."""

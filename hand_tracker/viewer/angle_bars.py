@@ -1,14 +1,15 @@
-"""The 25 angles as bars between their limits, in HTML."""
+"""HTML bars of the 25 joint angles within their limits."""
 
 import numpy as np
 
 from ..core.model.hand import DIGITS, JOINTS
 from ..drawing.palette import BLUE, VERMILLION
 
-AT_LIMIT = np.radians(.5)
-# 'index_mcp_flexion' is told as 'MCP flexion', below its digit.
-NAMES = [f'{joint.upper()} {motion}' for _, joint, motion in (name.split('_') for name in JOINTS)]
-STYLE = f'''<style>
+LIMIT_TOLERANCE = np.radians(.5)  # [rad]
+# 'index_mcp_flexion' is labelled 'MCP flexion', below its digit.
+JOINT_LABELS = [f'{joint.upper()} {motion}'
+                for _, joint, motion in (name.split('_') for name in JOINTS)]
+BAR_STYLE = f'''<style>
 .ht {{font: 11px/1.35 system-ui, sans-serif; padding: 2px 10px 8px}}
 .ht h4 {{margin: 6px 0 1px; font-size: 11px; text-transform: capitalize}}
 .ht div {{display: grid; grid-template-columns: 86px 22px 1fr 18px 34px; gap: 4px}}
@@ -24,11 +25,11 @@ STYLE = f'''<style>
 </style>'''
 
 
-def angle_bars(angles, limits):
-    """Return a page's part with a bar for each joint, from its lower limit to its upper.
+def angle_bars(angles: np.ndarray, limits: np.ndarray) -> str:
+    """Return HTML with a bar for each joint, scaled from its lower to its upper limit.
 
-    A bar runs from zero to the angle, in another colour at a limit; the limits stand at its
-    ends, in degrees.
+    A bar is filled from zero to the angle, in another colour at a limit; its ends are labelled
+    with the limits in degrees.
 
     Parameters
     ----------
@@ -40,14 +41,15 @@ def angle_bars(angles, limits):
     Returns
     -------
     str
+        HTML.
     """
     lower, upper = limits.T
     span = np.maximum(upper - lower, 1e-9)
     zero, here = (np.clip(100. * (value - lower) / span, 0., 100.) for value in (0., angles))
-    at_limit = (angles < lower + AT_LIMIT) | (angles > upper - AT_LIMIT)
+    at_limit = (angles < lower + LIMIT_TOLERANCE) | (angles > upper - LIMIT_TOLERANCE)
     degrees, ends = np.degrees(angles), np.degrees(limits)
-    parts = [STYLE, '<section class="ht">']
-    for joint, name in enumerate(NAMES):
+    parts = [BAR_STYLE, '<section class="ht">']
+    for joint, name in enumerate(JOINT_LABELS):
         if joint % 5 == 0:
             parts.append(f'<h4>{DIGITS[joint // 5]}</h4>')
         if upper[joint] == lower[joint]:

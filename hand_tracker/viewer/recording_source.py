@@ -1,51 +1,57 @@
-"""A recording as a source of the viewer: read and tracked as it plays, however long it is."""
+"""A recording as the viewer's source of frames: read and tracked while it plays."""
 
 import time
 from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from os import PathLike
 from statistics import median
 from threading import Lock
+from typing import Any
 
 import numpy as np
 
 from ..core.constraints import DEFAULT_CONSTRAINTS, constrained
 from ..core.errors import HandTrackerError
+from ..core.model.hand import Hand
+from ..core.model.marker_layout import MarkerLayout
 from ..core.options import TrackerOptions
-from ..core.tracker import HandTracker
+from ..core.tracker import HandState, HandTracker
 from ..files.bags import open_bag
 from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.recording import marker_topic, track
+from ..tracking.stream import TrackedFrame
 
-WARM_UP = 10.   # [s] that the tracker has seen of the recording before it is looked at
-TIMED = 500     # updates of which the median is told
+LEAD_IN = 10.         # [s] of the recording, tracked before a shown frame
+TIMED_UPDATES = 500   # over which the median time is shown
 
 
 class Playhead:
-    """Where a recording is played; any thread may steer it.
+    """Playback position of a recording, looped; thread-safe.
 
     Parameters
     ----------
     duration : float
-        After which it begins again [s].
+        Of the recording [s].
 
     Attributes
     ----------
     duration : float
     playing : bool
     there : bool
-        That there is something to steer.
+        Always True: playback can be controlled.
     """
 
     there = True
 
-    def __init__(self, duration):
+    def __init__(self, duration: float) -> None:
         self.duration = duration
         self.playing = True
         self._rate = 1.
         self._lock = Lock()
         self._position, self._then = 0., time.monotonic()
 
-    def now(self):
-        """Return where it is now [s]."""
+    def now(self) -> float:
+        """Return the current position [s]."""
         with self._lock:
             now = time.monotonic()
             if self.playing:
@@ -54,44 +60,44 @@ class Playhead:
             self._then = now
             return self._position
 
-    def seek(self, position):
-        """Go to a place [s]."""
+    def seek(self, position: float) -> None:
+        """Jump to a position [s]."""
         with self._lock:
             self._position, self._then = position, time.monotonic()
 
-    def set_rate(self, rate):
-        """Play so many times as fast as recorded."""
+    def set_rate(self, rate: float) -> None:
+        """Set the playback speed, relative to the recording."""
         self.now()
         self._rate = rate
 
-    def toggle(self):
-        """Pause or go on."""
+    def toggle(self) -> None:
+        """Pause or resume."""
         self.now()
         self.playing = not self.playing
 
 
 class TimedTracker(HandTracker):
-    """A tracker that keeps how long its last updates took, `costs` [s]."""
+    """A tracker that measures its last updates: `durations` [s]."""
 
-    def __init__(self, *args):
+    def __init__(self, *args: Any) -> None:
         super().__init__(*args)
-        self.costs = deque(maxlen=TIMED)
+        self.durations: deque[float] = deque(maxlen=TIMED_UPDATES)
 
-    def update(self, *args):
+    def update(self, *args: Any) -> HandState:
         """Return the hand for the next frame of markers."""
         start = time.perf_counter()
         state = super().update(*args)
-        self.costs.append(time.perf_counter() - start)
+        self.durations.append(time.perf_counter() - start)
         return state
 
 
-class Stream:
-    """A recording that is tracked on and on.
+class TrackingRun:
+    """Continuous tracking of a recording, up to a given time.
 
     Parameters
     ----------
     constraints : frozenset of str
-        With which it is tracked.
+        Active ones of `CONSTRAINTS`.
     tracker : TimedTracker
     frames : iterator of TrackedFrame
         Of the tracker.
@@ -104,26 +110,28 @@ class Stream:
         None before the palm is seen.
     """
 
-    def __init__(self, constraints, tracker, frames):
-        self.constraints, self.tracker, self.state = constraints, tracker, None
+    def __init__(self, constraints: frozenset[str], tracker: TimedTracker,
+                 frames: Iterator[TrackedFrame]) -> None:
+        self.constraints, self.tracker = constraints, tracker
+        self.state: HandState | None = None
         self._frames, self._next = frames, next(frames, None)
-        self._now = None
+        self._now: int | None = None
 
-    def reaches(self, time):
-        """Return whether it comes to a time [ns] at once: later, but not by much."""
-        return 0 <= time - self._now <= 1e9 * WARM_UP
+    def reaches(self, time: int) -> bool:
+        """Test whether a time [ns] is at most `LEAD_IN` ahead."""
+        return self._now is not None and 0 <= time - self._now <= 1e9 * LEAD_IN
 
-    def go(self, time):
-        """Go on to a time [ns]."""
+    def go(self, time: int) -> None:
+        """Track up to a time [ns]."""
         self._now = time
         while self._next is not None and self._next.time <= time:
             self.state, self._next = self._next.state, next(self._frames, None)
 
 
 class Recording:
-    """A recording of markers.
+    """Recording of markers, tracked while it plays.
 
-    Of the time before an instant the tracker knows the last `WARM_UP`, or what was played.
+    After a jump, the `LEAD_IN` before the new position is tracked first.
 
     Parameters
     ----------
@@ -132,40 +140,42 @@ class Recording:
     layout : MarkerLayout
     topic : str, optional
     **reading
-        Of `track`: labels, frame_id, scale, zero_is_missing.
+        For `track`: labels, frame_id, scale, zero_is_missing.
 
     Attributes
     ----------
     hand : Hand
     constraints : frozenset of str
-        Those of `CONSTRAINTS` that are on.
+        Active ones of `CONSTRAINTS`.
     playhead : Playhead
-        Once it is prepared.
+        None before `prepare`.
     """
 
-    def __init__(self, path, hand, layout, topic=None, **reading):
+    def __init__(self, path: str | PathLike[str], hand: Hand, layout: MarkerLayout,
+                 topic: str | None = None, **reading: Any) -> None:
         self.hand, self._layout = hand, layout
         self.constraints = DEFAULT_CONSTRAINTS
-        self.playhead = None
+        self.playhead: Playhead | None = None
         self._path, self._reading = path, reading
-        self._shown = self._bare = None
+        self._shown: TrackingRun | None = None
+        self._bare: TrackingRun | None = None
         with open_bag(path) as bag:
             self._topic = marker_topic(bag, topic)
             self._start, self._end = bag.start, bag.start + bag.duration
             self._rate = (bag.counts[self._topic] - 1) / max(1e-9 * bag.duration, 1e-9)
 
-    def prepare(self, say):
+    def prepare(self, say: Callable[[str], None]) -> None:
         """Find the hand in the recording; the very first time, kernels may be compiled.
 
         Parameters
         ----------
         say : callable
-            Told in a line what it waits for.
+            Called with a line of text about what is waited for.
 
         Raises
         ------
         HandTrackerError
-            If nothing can be tracked in it.
+            If no frame of it can be tracked.
         """
         say('Preparing')
         prepare_kernels(say)
@@ -176,45 +186,45 @@ class Recording:
         self._start = first.time
         self.playhead = Playhead(1e-9 * (self._end - self._start))
 
-    def _tracker(self, constraints):
+    def _tracker(self, constraints: frozenset[str]) -> TimedTracker:
         hand, options = constrained(self.hand, TrackerOptions(), constraints)
         return TimedTracker(hand, self._layout, options)
 
-    def _track(self, tracker, start):
+    def _track(self, tracker: TimedTracker, start: int) -> Iterator[TrackedFrame]:
         with open_bag(self._path) as bag:
             yield from track(bag.messages([self._topic], start), tracker, **self._reading)
 
-    def attend(self, looked_at, compared):
-        """Do nothing: a recording is at hand as it is."""
+    def attend(self, looked_at: bool, compared: bool) -> None:
+        """Do nothing: a recording needs no subscription."""
 
-    def constrain(self, constraints):
-        """Track with these constraints from now on."""
+    def constrain(self, constraints: Iterable[str]) -> None:
+        """Set the active constraints."""
         self.constraints = frozenset(constraints)
 
-    def state(self):
-        """Return the hand as it is now; None while the palm was not seen for `WARM_UP`."""
-        self._shown = self._stream(self._shown, self.constraints)
+    def state(self) -> HandState | None:
+        """Return the current hand; None if the palm was not seen within `LEAD_IN`."""
+        self._shown = self._run(self._shown, self.constraints)
         return self._shown.state
 
-    def bare_state(self):
-        """Return the hand as it is now without any constraint, or None as `state`."""
-        self._bare = self._stream(self._bare, frozenset())
+    def bare_state(self) -> HandState | None:
+        """Return the current hand tracked without constraints, or None as `state`."""
+        self._bare = self._run(self._bare, frozenset())
         return self._bare.state
 
-    def _stream(self, stream, constraints):
-        """Return what is tracked up to now: the given stream, unless it does not lead there."""
+    def _run(self, run: TrackingRun | None, constraints: frozenset[str]) -> TrackingRun:
+        """Return a run tracked up to now: the given one if it can continue, else a new one."""
         now = self._start + round(1e9 * self.playhead.now())
-        if stream is None or stream.constraints != constraints or not stream.reaches(now):
+        if run is None or run.constraints != constraints or not run.reaches(now):
             tracker = self._tracker(constraints)
-            start = max(self._start, now - round(1e9 * WARM_UP))
-            stream = Stream(constraints, tracker, self._track(tracker, start))
-        stream.go(now)
-        return stream
+            start = max(self._start, now - round(1e9 * LEAD_IN))
+            run = TrackingRun(constraints, tracker, self._track(tracker, start))
+        run.go(now)
+        return run
 
-    def numbers(self, state):
-        """Return what is measured, as texts by name."""
+    def numbers(self, state: HandState) -> dict[str, str]:
+        """Return rate, tracking time and residual as texts, by name."""
         residuals = state.residuals[np.isfinite(state.residuals)]
         return {
             'rate': f'{self._rate:.0f} Hz',
-            'tracking time': f'{1e6 * median(self._shown.tracker.costs):.0f} µs',
+            'tracking time': f'{1e6 * median(self._shown.tracker.durations):.0f} µs',
             'residual': f'{1e3 * residuals.mean():.2f} mm' if residuals.size else '–'}

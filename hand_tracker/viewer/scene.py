@@ -1,38 +1,45 @@
-"""The scene of the viewer: skin, skeleton and markers of one hand, and the light on them."""
+"""3D scene of the viewer: skin, skeleton and markers of a hand, lights and camera."""
 
 from collections import deque
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.model.hand import Hand
 from ..core.model.kinematics import Pose
 from ..core.model.marker_layout import MARKERS
 from ..core.model.states import MarkerState, PalmState
 from ..core.numerics.quaternion import quaternion
+from ..core.tracker import HandState
 from ..drawing.palette import MARKER_COLOURS, rgb
+from ..skin.skinning import Skin
 from .skeleton_mesh import skeleton_mesh
 
-SKIN_COLOUR, BONE_COLOUR = (255, 158, 104), (240, 240, 235)
-COLOURS = {int(kind): tuple(round(255. * share) for share in rgb(colour))
+if TYPE_CHECKING:
+    from viser import CameraHandle, SceneApi
+
+SKIN_RGB, BONE_RGB = (255, 158, 104), (240, 240, 235)
+MARKER_RGB = {int(kind): tuple(round(255. * share) for share in rgb(colour))
            for kind, colour in MARKER_COLOURS.items()}
-GROUND = 21, 28, 38      # the dark cards of the README
-MARKER_RADIUS = .006     # [m]
-SEEN_THROUGH = .48       # opacity of each wall of a skin that shows what is inside,
-FADED = .25              # and of a hand whose palm is not found
-INFLUENCES = 4           # bones that the browser lets move a vertex at most
-FLOOR = -.10             # [m] below the wrist
-EYE = np.array((-.20, 0., .37))   # [m] from the wrist: above the hand, a little behind it
-LOOK_AT = np.array((.076, 0., 0.))
-FIELD_OF_VIEW = np.radians(35.)
-HAND_WIDTH, HAND_LENGTH = .19, .255   # [m] that are seen at least
-CAPTION_AT = -.03, 0., 0.
-REMEMBERED = 16          # places of a camera
-APART = .18              # [m] between two hands
-ROAM = .03               # [m] that a hand whose wrist is not held goes from the middle at most
-PHONE, PHONE_FREE = .7, .6   # width by height of a phone, and the share above its panel
+BACKGROUND_RGB = 21, 28, 38      # the dark cards of the README
+MARKER_BALL_RADIUS = .006     # [m]
+TRANSLUCENT_OPACITY = .48       # of each wall of the skin, with its inside visible
+LOST_HAND_OPACITY = .25              # without a tracked palm
+BONES_PER_VERTEX = 4           # the most that the browser supports
+FLOOR_HEIGHT = -.10             # [m] below the wrist
+CAMERA_OFFSET = np.array((-.20, 0., .37))   # [m] from the target
+CAMERA_TARGET = np.array((.076, 0., 0.))
+CAMERA_FIELD_OF_VIEW = np.radians(35.)
+FRAMED_WIDTH, FRAMED_LENGTH = .19, .255   # [m] that are always visible
+CAPTION_POSITION = -.03, 0., 0.
+CAMERA_HISTORY = 16          # positions
+HAND_SPACING = .18              # [m] between the wrists of two hands
+MAX_ANCHOR_DISTANCE = .03               # [m] of a moving wrist from the origin
+PHONE_ASPECT, PHONE_FREE_SHARE = .7, .6   # width by height, and share above the panel
 
 
 class Framing:
-    """What keeps the hands in a browser's picture, until a person moves the camera.
+    """Camera framing of a browser: keeps the hands in view until the user moves the camera.
 
     Parameters
     ----------
@@ -40,20 +47,20 @@ class Framing:
     hands : int
     """
 
-    def __init__(self, camera, hands):
+    def __init__(self, camera: 'CameraHandle', hands: int) -> None:
         self._camera = camera
-        # What a browser sends while it is told of a place is still an earlier one.
-        self._placed = deque(maxlen=REMEMBERED)
+        # The browser still reports earlier positions after one was set.
+        self._placed: deque = deque(maxlen=CAMERA_HISTORY)
         self.frame(hands)
         camera.on_update(self._on_update)
 
-    def frame(self, hands):
-        """Look at one or two hands."""
+    def frame(self, hands: int) -> None:
+        """Frame one or two hands."""
         self._hands, self._aspect = hands, self._camera.aspect
         place_camera(self._camera, hands, self._aspect)
         self._placed.append(self._camera.position)
 
-    def _on_update(self, camera):
+    def _on_update(self, camera: 'CameraHandle') -> None:
         if camera.aspect != self._aspect and any(
                 np.allclose(camera.position, place, atol=1e-4) for place in self._placed):
             self.frame(self._hands)
@@ -66,78 +73,79 @@ class HandScene:
     ----------
     scene : viser.SceneApi
     name : str
-        Of its node, as '/hand'.
+        Of its node, such as '/hand'.
     hand : Hand
     skin : Skin or None
-        None where there is none: the skeleton stands alone.
+        None shows the skeleton alone.
     """
 
-    def __init__(self, scene, name, hand, skin):
+    def __init__(self, scene: 'SceneApi', name: str, hand: Hand, skin: Skin | None) -> None:
         self._node = scene.add_frame(name, show_axes=False)
-        self._skin = skin and Mesh(scene, f'{name}/skin', skin, SKIN_COLOUR)
-        self._bones = Mesh(scene, f'{name}/bones', skeleton_mesh(hand), BONE_COLOUR)
-        self._markers = [scene.add_icosphere(f'{name}/markers/{marker}', MARKER_RADIUS,
+        self._skin = skin and Mesh(scene, f'{name}/skin', skin, SKIN_RGB)
+        self._bones = Mesh(scene, f'{name}/bones', skeleton_mesh(hand), BONE_RGB)
+        self._markers = [scene.add_icosphere(f'{name}/markers/{marker}', MARKER_BALL_RADIUS,
                                              receive_shadow=False)
                          for marker in MARKERS]
-        self._kinds = [None] * len(MARKERS)
-        self._caption = scene.add_label(f'{name}/caption', '', position=CAPTION_AT,
+        self._kinds: list[MarkerState | None] = [None] * len(MARKERS)
+        self._caption = scene.add_label(f'{name}/caption', '', position=CAPTION_POSITION,
                                         anchor='top-center', visible=False,
                                         font_screen_scale=1.3)
         self.show(skin=True, skeleton=True, markers=True)
 
-    def show(self, skin, skeleton, markers):
-        """Choose what is shown; without a skin the skeleton always is."""
+    def show(self, skin: bool, skeleton: bool, markers: bool) -> None:
+        """Show or hide skin, skeleton and markers; without a skin the skeleton is always shown."""
         if self._skin is not None:
             self._skin.node.visible = skin
         self._bones.node.visible = skeleton or self._skin is None
         self._show_markers = markers
 
     @property
-    def visible(self):
-        """Whether anything of it is shown."""
+    def visible(self) -> bool:
+        """Whether the hand is shown."""
         return self._node.visible
 
     @visible.setter
-    def visible(self, visible):
+    def visible(self, visible: bool) -> None:
         self._node.visible = visible
 
-    def caption(self, text):
-        """Write a line under the hand; none if it is empty."""
+    def caption(self, text: str) -> None:
+        """Show a line of text under the hand; hide it if empty."""
         self._caption.visible = bool(text)
         if text:
             self._caption.text = text
 
-    def draw(self, state, anchor, beside=0.):
-        """Show a hand.
+    def draw(self, state: HandState, anchor: Pose, offset: float = 0.) -> None:
+        """Draw the hand of a frame.
 
         Parameters
         ----------
         state : HandState
         anchor : Pose
-            Of the wrist, at which the scene has its origin.
-        beside : float, optional
-            To be drawn so far to the left [m].
+            Origin of the scene, in the frame of the state.
+        offset : float, optional
+            Shift to the left [m].
         """
         turned, at = anchor.rotation.T, state.wrist_position - anchor.position
         self._node.wxyz = _wxyz(turned @ state.wrist_rotation)
-        self._node.position = turned @ at + (0., beside, 0.)
+        self._node.position = turned @ at + (0., offset, 0.)
         local = in_wrist(state)
         found = state.palm <= PalmState.CARRIED
         if self._skin is not None:
             inside = self._bones.node.visible or self._show_markers
-            self._skin.move(local, SEEN_THROUGH if inside and found else 1. if found else FADED)
-        self._bones.move(local, 1. if found else FADED)
+            self._skin.move(local, LOST_HAND_OPACITY if not found
+                            else TRANSLUCENT_OPACITY if inside else 1.)
+        self._bones.move(local, 1. if found else LOST_HAND_OPACITY)
         places = (state.markers - state.wrist_position) @ state.wrist_rotation
         for i, (marker, place, kind) in enumerate(zip(self._markers, places, state.marker_states)):
             marker.position = place
             if kind != self._kinds[i]:
                 self._kinds[i] = kind
-                marker.color = COLOURS[kind]
+                marker.color = MARKER_RGB[kind]
             marker.visible = self._show_markers and kind != MarkerState.ABSENT
 
 
 class Mesh:
-    """A mesh in the scene that follows the links.
+    """Skinned mesh in the scene, deformed by the browser.
 
     Parameters
     ----------
@@ -148,17 +156,19 @@ class Mesh:
         Red, green, blue, 0 to 255.
     """
 
-    def __init__(self, scene, name, skin, colour):
+    def __init__(self, scene: 'SceneApi', name: str, skin: Skin,
+                 colour: tuple[int, int, int]) -> None:
         self._links = skin.links
         self.node = scene.add_mesh_skinned(
-            name, skin.vertices, skin.faces, skin_weights=strongest(skin.weights), color=colour,
-            # The far wall behind what is inside lets the near one be clear.
+            name, skin.vertices, skin.faces, skin_weights=strongest_weights(skin.weights),
+            color=colour,
+            # With both walls drawn, each can be more translucent.
             side='double', receive_shadow=False,
             bone_wxyzs=np.array([_wxyz(rotation) for rotation in skin.rest.rotation]),
             bone_positions=skin.rest.position)
 
-    def move(self, pose, opacity):
-        """Follow the 25 links, when it is visible."""
+    def move(self, pose: Pose, opacity: float) -> None:
+        """Set the pose of the 25 links and the opacity, if the mesh is visible."""
         if not self.node.visible:
             return
         for bone, link in zip(self.node.bones, self._links):
@@ -169,25 +179,25 @@ class Mesh:
             self.node.opacity = opacity
 
 
-def strongest(weights):
-    """Return weights of which each row has its greatest few alone, and sums to 1."""
-    least = np.sort(weights, axis=1)[:, -INFLUENCES, None]
+def strongest_weights(weights: np.ndarray) -> np.ndarray:
+    """Keep the `BONES_PER_VERTEX` largest weights of each row, normalised to sum to 1."""
+    least = np.sort(weights, axis=1)[:, -BONES_PER_VERTEX, None]
     kept = np.where(weights >= least, weights, 0.)
     return kept / kept.sum(axis=1, keepdims=True)
 
 
-def wrist_pose(state):
+def wrist_pose(state: HandState) -> Pose:
     """Return the wrist's pose of a state."""
     return Pose(state.wrist_rotation, state.wrist_position)
 
 
-def kept_near(anchor, state):
-    """Return an anchor from which the wrist is not far, turned as before: nothing leaves the view.
+def anchor_near(anchor: Pose, state: HandState) -> Pose:
+    """Move an anchor towards the wrist, without rotation, so that the hand stays in view.
 
     Parameters
     ----------
     anchor : Pose
-        As of `HandScene.draw`.
+        See `HandScene.draw`.
     state : HandState
 
     Returns
@@ -195,26 +205,26 @@ def kept_near(anchor, state):
     Pose
     """
     off = state.wrist_position - anchor.position
-    share = ROAM / max(np.linalg.norm(off), ROAM)
+    share = MAX_ANCHOR_DISTANCE / max(np.linalg.norm(off), MAX_ANCHOR_DISTANCE)
     return anchor._replace(position=state.wrist_position - share * off)
 
 
-def in_wrist(state):
-    """Return the links' frames in that of the wrist."""
+def in_wrist(state: HandState) -> Pose:
+    """Return the pose of the links in the wrist frame."""
     back = state.wrist_rotation.T
     return Pose(back @ state.pose.rotation,
                 (state.pose.position - state.wrist_position) @ state.wrist_rotation)
 
 
-def _wxyz(rotation):
+def _wxyz(rotation: np.ndarray) -> tuple[float, float, float, float]:
     x, y, z, w = quaternion(rotation.tolist())
     return w, x, y, z
 
 
-def light(scene):
-    """Light the scene from the side, so that fingers look round; put a floor under the hand."""
-    scene.set_background_image(np.full((2, 2, 3), GROUND, dtype=np.uint8), format='png')
-    # The surroundings that viser reflects by default light all sides alike.
+def light(scene: 'SceneApi') -> None:
+    """Add lights from the side, which show the fingers' roundness, background and floor."""
+    scene.set_background_image(np.full((2, 2, 3), BACKGROUND_RGB, dtype=np.uint8), format='png')
+    # viser's default environment map lights all sides equally.
     scene.configure_environment_map(hdri=None)
     scene.configure_default_lights(enabled=False)
     scene.add_light_hemisphere('/light/sky', sky_color=(255, 250, 244),
@@ -223,27 +233,27 @@ def light(scene):
                                 cast_shadow=True)
     scene.add_light_directional('/light/rim', color=(190, 215, 255), intensity=1.2,
                                 position=(-.2, -.9, .35))
-    scene.add_grid('/floor', plane='xy', infinite_grid=True, position=(0., 0., FLOOR),
+    scene.add_grid('/floor', plane='xy', infinite_grid=True, position=(0., 0., FLOOR_HEIGHT),
                    cell_size=.02, section_size=.1, cell_color=(34, 43, 56),
                    section_color=(46, 57, 73), fade_distance=1.5, shadow_opacity=.3)
 
 
-def place_camera(camera, hands, aspect):
-    """Look at one or two hands from above.
+def place_camera(camera: 'CameraHandle', hands: int, aspect: float) -> None:
+    """Place the camera above one or two hands.
 
     Parameters
     ----------
     camera : viser.CameraHandle
     hands : int
     aspect : float
-        Width of the picture by its height.
+        Width by height of the picture.
     """
-    height = 2. * np.linalg.norm(EYE) * np.tan(.5 * FIELD_OF_VIEW)
+    height = 2. * np.linalg.norm(CAMERA_OFFSET) * np.tan(.5 * CAMERA_FIELD_OF_VIEW)
     # On a phone the panel covers the lower part of the picture.
-    free = PHONE_FREE if aspect < PHONE else 1.
-    away = max(HAND_LENGTH / free, (HAND_WIDTH + (hands - 1) * APART) / aspect) / height
-    at = LOOK_AT - (.5 * (1. - free) * away * height, 0., 0.)
-    camera.fov = FIELD_OF_VIEW
-    # A camera that moves takes along what it looks at.
-    camera.position = at + away * EYE
+    free = PHONE_FREE_SHARE if aspect < PHONE_ASPECT else 1.
+    away = max(FRAMED_LENGTH / free, (FRAMED_WIDTH + (hands - 1) * HAND_SPACING) / aspect) / height
+    at = CAMERA_TARGET - (.5 * (1. - free) * away * height, 0., 0.)
+    camera.fov = CAMERA_FIELD_OF_VIEW
+    # Setting the position moves the target too.
+    camera.position = at + away * CAMERA_OFFSET
     camera.look_at = at

@@ -1,62 +1,58 @@
-"""Serve the page of the viewer for a source: a recording or a running tracker."""
+"""Serve the viewer for a source of frames: a recording or a running tracker."""
 
-import signal
+import argparse
 import sys
 
 from ..core.errors import HandTrackerError
-from .page import LOCALHOST, PORT, Viewer
+from ..core.model.hand import Hand
+from ..parallel import raise_on_interruption
+from ..skin.skinning import Skin
+from .page import FIRST_PORT, LOCALHOST, Viewer
+from .source import FrameSource
 
-NEEDED = 'pip install ".[fast,view]"'
+INSTALL_HINT = 'pip install ".[fast,view]"'
 
 
-def add_page_options(parser):
-    """Add the options of the page, which the node has too."""
+def add_page_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options `--host` and `--port` to a command line."""
     parser.add_argument('--host', default=LOCALHOST, metavar='ADDRESS',
                         help='where to listen: 0.0.0.0 for the whole network, which anybody in it '
                         'can then see and steer (default: this machine alone)')
-    parser.add_argument('--port', type=int, default=PORT,
-                        help=f'first port that is tried (default: {PORT})')
+    parser.add_argument('--port', type=int, default=FIRST_PORT,
+                        help=f'first port that is tried (default: {FIRST_PORT})')
 
 
-def view(source, options):
-    """Serve a page that shows a source, until interrupted.
+def view(source: FrameSource, options: argparse.Namespace) -> None:
+    """Serve a page that shows a source, until SIGINT or SIGTERM.
 
     Parameters
     ----------
-    source : Recording or Live
+    source : FrameSource
     options : argparse.Namespace
-        Those of `add_page_options`.
+        With those of `add_page_options`.
 
     Raises
     ------
     HandTrackerError
         If it cannot listen there, or viser is not installed.
     """
-    interrupts = []
-
-    def interrupt(number, frame):
-        # Extension code may swallow an exception raised in it: the list remembers.
-        interrupts.append(number)
-        raise KeyboardInterrupt
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, interrupt)
+    interruptions = raise_on_interruption()
     try:
         viewer = Viewer(options.host, options.port)
     except ModuleNotFoundError as error:
-        raise HandTrackerError(f'{error}; in the checkout: {NEEDED}') from None
+        raise HandTrackerError(f'{error}; in the checkout: {INSTALL_HINT}') from None
     try:
         print(f'The hand is at {" and ".join(viewer.addresses)} (Ctrl-C ends it)', flush=True)
         source.prepare(viewer.say)
-        viewer.show(source, skin_of(source.hand), lambda: not interrupts)
+        viewer.show(source, skin_of(source.hand), lambda: not interruptions)
     except KeyboardInterrupt:
         print()
     finally:
         viewer.stop()
 
 
-def skin_of(hand):
-    """Return the hand's skin; None, and say why, where its libraries are missing."""
+def skin_of(hand: Hand) -> Skin | None:
+    """Return the hand's skin; None, with a message, if its libraries are not installed."""
     try:
         from ..skin import load_skin
 

@@ -30,8 +30,13 @@ from hand_tracker.tracking.recording import track
 from hand_tracker.viewer.angle_bars import angle_bars
 from hand_tracker.viewer.page import LOCALHOST, Viewer, free_port
 from hand_tracker.viewer.panel import Panel
-from hand_tracker.viewer.recording_source import WARM_UP, Playhead, Recording
-from hand_tracker.viewer.scene import ROAM, kept_near, strongest, wrist_pose
+from hand_tracker.viewer.recording_source import LEAD_IN, Playhead, Recording
+from hand_tracker.viewer.scene import (
+    MAX_ANCHOR_DISTANCE,
+    anchor_near,
+    strongest_weights,
+    wrist_pose,
+)
 
 DIP = JOINTS.index('index_dip_flexion')
 
@@ -124,7 +129,7 @@ def test_a_leap_tracks_no_more_than_the_warm_up(recording, monkeypatch):
     recording.playhead.seek(20.)
     recording.constrain(DEFAULT_CONSTRAINTS - {'Inertia'})
     recording.state()
-    assert len(updates) == pytest.approx(120. * WARM_UP, abs=3.)
+    assert len(updates) == pytest.approx(120. * LEAD_IN, abs=3.)
     updates.clear()
     recording.playhead.seek(21.)
     recording.state()
@@ -192,7 +197,7 @@ def test_the_mesh_of_the_skeleton_follows_the_links(side):
 
 def test_the_strongest_weights_are_few_and_sum_to_one():
     weights = np.random.RandomState(1).dirichlet(np.ones(19), 50)
-    kept = strongest(weights)
+    kept = strongest_weights(weights)
     assert ((kept > 0.).sum(axis=1) == 4).all()
     np.testing.assert_allclose(kept.sum(axis=1), 1.)
     assert (kept.argmax(axis=1) == weights.argmax(axis=1)).all()
@@ -203,10 +208,10 @@ def test_a_hand_that_roams_stays_in_view(recording):
     state = recording.state()
     anchor = wrist_pose(state)
     near, far = (state._replace(wrist_position=anchor.position + (off, 0., 0.))
-                 for off in (.9 * ROAM, 3. * ROAM))
-    np.testing.assert_array_equal(kept_near(anchor, near).position, anchor.position)
-    moved = kept_near(anchor, far)
-    np.testing.assert_allclose(moved.position, anchor.position + (2. * ROAM, 0., 0.))
+                 for off in (.9 * MAX_ANCHOR_DISTANCE, 3. * MAX_ANCHOR_DISTANCE))
+    np.testing.assert_array_equal(anchor_near(anchor, near).position, anchor.position)
+    moved = anchor_near(anchor, far)
+    np.testing.assert_allclose(moved.position, anchor.position + (2. * MAX_ANCHOR_DISTANCE, 0., 0.))
     assert moved.rotation is anchor.rotation
 
 
@@ -227,7 +232,7 @@ def test_a_switch_is_not_taken_back_by_what_is_told_meanwhile(recording, monkeyp
         async def click():
             await server.gui._handle_gui_updates(
                 0, messages.GuiUpdateMessage(switch._impl.uuid, {'value': False}))
-            panel.tell(state)
+            panel.refresh(state)
 
         asyncio.run_coroutine_threadsafe(click(), server.get_event_loop()).result()
         idle.set()

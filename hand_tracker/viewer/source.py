@@ -1,0 +1,42 @@
+"""Interface of a source of frames for the viewer."""
+
+from collections.abc import Callable, Iterable
+from typing import Any, Protocol
+
+from ..core.model.hand import Hand
+from ..core.tracker import HandState
+
+
+class FrameSource(Protocol):
+    """Source of tracked frames: a recording or a running tracker.
+
+    Attributes
+    ----------
+    hand : Hand
+    constraints : frozenset of str
+        Active ones of `CONSTRAINTS`.
+    playhead : object or None
+        With `Playhead`'s methods; None if playback cannot be controlled.
+    """
+
+    hand: Hand
+    constraints: frozenset[str]
+    playhead: Any
+
+    def prepare(self, say: Callable[[str], None]) -> None:
+        """Wait until there is a hand to show; report through `say` what is waited for."""
+
+    def attend(self, looked_at: bool, compared: bool) -> None:
+        """Take note whether a browser is connected, and whether it shows the comparison."""
+
+    def constrain(self, constraints: Iterable[str]) -> None:
+        """Set the active constraints."""
+
+    def state(self) -> HandState | None:
+        """Return the current hand, or None."""
+
+    def bare_state(self) -> HandState | None:
+        """Return the current hand tracked without constraints, or None."""
+
+    def numbers(self, state: HandState) -> dict[str, str]:
+        """Return measured values as texts, by name."""
