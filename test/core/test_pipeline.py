@@ -202,14 +202,24 @@ def test_markers_that_were_never_seen_are_relaxed_from_the_first_frame_on():
     np.testing.assert_allclose(state.angles[20:], HAND.relaxed()[20:], atol=1e-4)
 
 
-def test_after_a_pause_nothing_moves_on():
-    tracker = HandTracker(options=replace(HELD, inertia=.5, outlier_gate=0., swap_margin=0.))
+def test_after_a_pause_nothing_hidden_moves_on():
+    tracker = HandTracker(options=replace(HELD, inertia=.5, palm_from_fingers=False))
+    axis = markers_of(bent(.2))[1] / np.linalg.norm(markers_of(bent(.2))[1])
     for frame in range(10):
-        last = tracker.update(waved(frame), frame * STEP)
-    hidden = np.full((8, 3), np.nan)
-    tracker.update(hidden, 9 * STEP + 1.5)
-    state = tracker.update(hidden, 9 * STEP + 1.5)
-    np.testing.assert_allclose(state.wrist_position, last.wrist_position, atol=1e-3)
+        # Fingers bend, and the palm turns about the line from wrist to index knuckle.
+        turn = Rotation.from_rotvec(.02 * frame * axis).as_matrix()
+        last = tracker.update(markers_of(bent(.2 + .02 * frame), (), turn), frame * STEP)
+    hidden = markers_of(bent(.38), ['little_mcp', 'index'], turn)
+    for _ in range(2):
+        state = tracker.update(hidden, 9 * STEP + 1.5)
+    np.testing.assert_allclose(state.hidden_for[[2, 3]], 1.5, atol=2. * STEP)
+    np.testing.assert_allclose(state.markers, last.markers, atol=4e-3)
+
+
+def test_before_the_palm_is_whole_the_hand_is_relaxed():
+    state, = follow([markers_of(bent(.4), ['index_mcp'])])
+    assert (state.palm, state.iterations) == (PalmState.WAITING, 0)
+    np.testing.assert_array_equal(state.angles, HAND.relaxed())
 
 
 def test_time_that_jumps_back_leaves_nothing_of_before():
