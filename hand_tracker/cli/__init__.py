@@ -1,1 +1,1 @@
-"""The commands: a file for each, `hand_tracker COMMAND --help` tells of its options."""
+"""Commands of `hand_tracker`, one module each; `hand_tracker COMMAND --help` lists options."""

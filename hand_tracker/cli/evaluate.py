@@ -110,7 +110,7 @@ def _names(parser, chosen, files):
     return names
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code."""
     parser, chosen = _parse(arguments)
     names = _names(parser, chosen.name, chosen.files)

@@ -8,8 +8,8 @@ from ..drawing.angle_plots import PDF, require_output, save_pages, tracked_angle
 from .recording_options import add_recording_options, run_command, tracked_recording
 
 
-def _plot_file(options, interrupted):
-    """Do what the command line asks for; return what to say at the end."""
+def _plot_file(options: argparse.Namespace, interrupted: list) -> str:
+    """Track and plot the recording; return a closing message."""
     output = require_output(options.output or Path(options.recording.stem + PDF))
     with tracked_recording(options, interrupted) as (hand, job, frames):
         tracked = tracked_angles((1e-9 * frame.time, frame.state) for frame in frames)
@@ -19,7 +19,7 @@ def _plot_file(options, interrupted):
             f'{job.tracked} of {job.read} frames tracked')
 
 
-def _parse(args):
+def _parse(args: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='hand_tracker plot', description=main.__doc__)
     add_recording_options(parser)
     parser.add_argument('-o', '--output', type=Path, metavar='OUT',
@@ -29,7 +29,7 @@ def _parse(args):
     return parser.parse_args(args)
 
 
-def main(args=None):
+def main(args: list[str] | None = None) -> int:
     """Track a recording without ROS, and plot the angles of each digit over time."""
     return run_command('hand_tracker plot', _plot_file, _parse(args))
 

@@ -1,4 +1,4 @@
-"""`hand_tracker record`: make a packaged recording again."""
+"""`hand_tracker record`: simulate a packaged recording again."""
 
 import argparse
 from pathlib import Path
@@ -12,7 +12,7 @@ from ..package_data import PACKAGED_RECORDINGS
 from ..simulation.packaged_recordings import RECORDING_RATE, demo_recording, recording_messages
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> None:
     """Make a packaged recording again."""
     parser = argparse.ArgumentParser(prog='hand_tracker record', description=main.__doc__)
     parser.add_argument('--side', choices=SIDES, default='right',

@@ -61,7 +61,7 @@ def _parse(arguments):
     return parser, chosen
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code."""
     parser, chosen = _parse(arguments)
     count = {'frames': 0, 'lost': 0}

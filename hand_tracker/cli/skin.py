@@ -2,30 +2,32 @@
 
 import argparse
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from ..core.errors import HandTrackerError
+from ..core.model.hand import Hand
 from ..core.model.kinematics import forward, joint_table
 from ..files.hand_file import choose_hand
 from ..simulation.poses import pose_angles
 from ..skin.load import load_skin
 from ..skin.measure import self_intersection_share, volume
 from ..skin.pictures import PICTURED_POSES, save_blending, save_poses, save_weights
-from ..skin.skinning import deform
+from ..skin.skinning import Skin, deform
 from .recording_options import add_hand_options
 
 PICTURES = {'poses.png': save_poses, 'weights.png': save_weights, 'blending.png': save_blending}
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code.
 
     Parameters
     ----------
     arguments : list of str, optional
-        The command line's when left out.
+        Those of the command line when left out.
     """
     parser = argparse.ArgumentParser(prog='hand_tracker skin', description=__doc__)
     add_hand_options(parser)
@@ -50,7 +52,7 @@ def main(arguments=None):
     return 0
 
 
-def report(hand, skin):
+def report(hand: Hand, skin: Skin) -> Iterator[str]:
     """Yield a table: change of volume and self-intersection of the skin in each pose."""
     yield f"{'':10s}{'linear blending':>26s}{'dual quaternions':>26s}"
     yield f"{'pose':10s}" + 2 * f"{'volume':>13s}{'buried skin':>13s}"

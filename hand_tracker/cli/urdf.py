@@ -10,18 +10,18 @@ from ..files.hand_file import choose_hand
 from ..files.urdf_file import urdf
 
 
-def main(args=None):
-    """Write the URDF of a hand: the command line.
+def main(args: list[str] | None = None) -> int:
+    """Run the command.
 
     Parameters
     ----------
     args : list of str, optional
-        The command line's arguments when left out.
+        Those of the command line when left out.
 
     Returns
     -------
     int
-        Exit code: 0, or 1 when the hand or the file is refused.
+        Exit code: 0, or 1 if the hand or the file is invalid.
     """
     parser = argparse.ArgumentParser(
         prog='hand_tracker urdf', description='Write the URDF of a hand.')

@@ -1,4 +1,4 @@
-"""Show a recording in the browser: `hand_tracker view RECORDING`."""
+"""`hand_tracker view`: show a recording in the browser."""
 
 import argparse
 import sys
@@ -18,14 +18,14 @@ def warm_up():
     skin_of(hand)
 
 
-def _parse(args):
+def _parse(args: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='hand_tracker view', description=main.__doc__)
     add_recording_options(parser)
     add_page_options(parser)
     return parser.parse_args(args)
 
 
-def main(args=None):
+def main(args: list[str] | None = None) -> int:
     """Track a recording and show the hand in the browser, with controls to play it."""
     options = _parse(args)
     try:
