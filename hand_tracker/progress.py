@@ -8,7 +8,7 @@ from typing import TextIO, TypeVar
 
 BAR_WIDTH = 24        # [characters]
 BAR_PERIOD = .1       # [s] between redraws of the bar
-LOG_PERIOD = 10.      # [s] between lines where there is no terminal
+PROGRESS_LOG_PERIOD = 10.      # [s] between lines where there is no terminal
 CLEAR_LINE = '\r\x1b[K'
 
 Item = TypeVar('Item')
@@ -62,7 +62,7 @@ class Progress:
                 self._stream.write('\n')
 
     def _tick(self, ended: threading.Event) -> None:
-        while not ended.wait(BAR_PERIOD if self._is_terminal else LOG_PERIOD):
+        while not ended.wait(BAR_PERIOD if self._is_terminal else PROGRESS_LOG_PERIOD):
             self._show()
 
     def say(self, text: str) -> None:

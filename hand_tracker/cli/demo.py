@@ -48,7 +48,7 @@ except ImportError:
 
 LINE_EVERY = .5  # [s] between live lines
 LAG = .5         # [s] for the last messages to arrive
-PALM_COUNT = len(PALM_MARKERS)
+PALM_MARKER_COUNT = len(PALM_MARKERS)
 
 
 class Heard(NamedTuple):
@@ -115,14 +115,14 @@ class Listener:
         stamps = stamps if recent is None else stamps[-recent:]
         angles = np.array([self._angles[stamp] for stamp in stamps]).reshape(-1, 25)
         mounting = layout.mounting(hand)
-        template = mounting.position[:PALM_COUNT]
+        template = mounting.position[:PALM_MARKER_COUNT]
         # Nothing is known of the palm before its markers were all seen.
         rotation, position, roots = np.eye(3), np.full(3, np.nan), np.zeros((5, 3))
         markers = np.empty((len(stamps), len(template) + 5, 3))
         for stamp, local in zip(stamps, markers):
             frame = self._markers[stamp]
-            if np.isfinite(frame[:PALM_COUNT]).all():
-                place_palm(frame[:PALM_COUNT], template, False, rotation, position, roots)
+            if np.isfinite(frame[:PALM_MARKER_COUNT]).all():
+                place_palm(frame[:PALM_MARKER_COUNT], template, False, rotation, position, roots)
             local[:] = (frame - position) @ rotation
         places = marker_positions(mounting, forward(joint_table(hand), angles))
         return Heard(np.array(stamps, dtype=np.int64), angles, markers, places)
@@ -180,7 +180,7 @@ def _play(node: Node, listener: Listener, hand: Hand, layout: MarkerLayout, reco
     # Kernels load now, not while frames wait.
     mounting = layout.mounting(hand)
     rest = marker_positions(mounting, forward(joint_table(hand), np.zeros(25)))
-    palm = rest[:PALM_COUNT]
+    palm = rest[:PALM_MARKER_COUNT]
     place_palm(palm, palm, False, np.eye(3), np.zeros(3), np.zeros((5, 3)))
     # Two are to hear the first frame: the tracker and this listener.
     replay = _start('replay', recording=recording, rate=float(options.rate), subscribers=2)

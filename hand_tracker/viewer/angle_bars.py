@@ -5,7 +5,7 @@ import numpy as np
 from ..core.model.hand import DIGITS, JOINTS
 from ..drawing.palette import BLUE, VERMILLION
 
-LIMIT_TOLERANCE = np.radians(.5)  # [rad]
+BAR_LIMIT_TOLERANCE = np.radians(.5)  # [rad]
 # 'index_mcp_flexion' is labelled 'MCP flexion', below its digit.
 JOINT_LABELS = [f'{joint.upper()} {motion}'
                 for _, joint, motion in (name.split('_') for name in JOINTS)]
@@ -46,7 +46,7 @@ def angle_bars(angles: np.ndarray, limits: np.ndarray) -> str:
     lower, upper = limits.T
     span = np.maximum(upper - lower, 1e-9)
     zero, here = (np.clip(100. * (value - lower) / span, 0., 100.) for value in (0., angles))
-    at_limit = (angles < lower + LIMIT_TOLERANCE) | (angles > upper - LIMIT_TOLERANCE)
+    at_limit = (angles < lower + BAR_LIMIT_TOLERANCE) | (angles > upper - BAR_LIMIT_TOLERANCE)
     degrees, ends = np.degrees(angles), np.degrees(limits)
     parts = [BAR_STYLE, '<section class="ht">']
     for joint, name in enumerate(JOINT_LABELS):

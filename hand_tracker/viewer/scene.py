@@ -29,7 +29,7 @@ BONES_PER_VERTEX = 4           # the most that the browser supports
 FLOOR_HEIGHT = -.10             # [m] below the wrist
 CAMERA_OFFSET = np.array((-.20, 0., .37))   # [m] from the target
 CAMERA_TARGET = np.array((.076, 0., 0.))
-CAMERA_FIELD_OF_VIEW = np.radians(35.)
+VIEWER_FIELD_OF_VIEW = np.radians(35.)
 FRAMED_WIDTH, FRAMED_LENGTH = .19, .255   # [m] that are always visible
 CAPTION_POSITION = -.03, 0., 0.
 CAMERA_HISTORY = 16          # positions
@@ -248,12 +248,12 @@ def place_camera(camera: 'CameraHandle', hands: int, aspect: float) -> None:
     aspect : float
         Width by height of the picture.
     """
-    height = 2. * np.linalg.norm(CAMERA_OFFSET) * np.tan(.5 * CAMERA_FIELD_OF_VIEW)
+    height = 2. * np.linalg.norm(CAMERA_OFFSET) * np.tan(.5 * VIEWER_FIELD_OF_VIEW)
     # On a phone the panel covers the lower part of the picture.
     free = PHONE_FREE_SHARE if aspect < PHONE_ASPECT else 1.
     away = max(FRAMED_LENGTH / free, (FRAMED_WIDTH + (hands - 1) * HAND_SPACING) / aspect) / height
     at = CAMERA_TARGET - (.5 * (1. - free) * away * height, 0., 0.)
-    camera.fov = CAMERA_FIELD_OF_VIEW
+    camera.fov = VIEWER_FIELD_OF_VIEW
     # Setting the position moves the target too.
     camera.position = at + away * CAMERA_OFFSET
     camera.look_at = at

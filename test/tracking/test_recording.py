@@ -549,7 +549,7 @@ def test_quick_work_says_nothing_elsewhere():
 
 
 def test_a_single_long_piece_does_not_fall_silent(monkeypatch):
-    monkeypatch.setattr('hand_tracker.progress.LOG_PERIOD', .02)
+    monkeypatch.setattr('hand_tracker.progress.PROGRESS_LOG_PERIOD', .02)
     stream = io.StringIO()
     for piece in Progress(2, 'motions', stream).over(range(2)):
         until = time.monotonic() + PATIENCE
