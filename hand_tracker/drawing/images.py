@@ -30,7 +30,7 @@ def place_image(figure: Figure, image: np.ndarray, left: float, top: float) -> N
         Its upper left corner [px].
     """
     below = figure.bbox.height - top - len(image)
-    figure.figimage(image, left, below, origin='upper')  # type: ignore[arg-type]
+    figure.figimage(image, left, below, origin='upper')
 
 
 def write_text(figure: Figure, x: float, y: float, text: str, size: float, colour: str,

@@ -202,7 +202,7 @@ def simulated_hand(path: str | PathLike[str] | None = None,
         Naming markers inside the hand, visible to no camera.
     """
     hand, layout = choose_hand(path, side)
-    at_joint = ~layout.offsets.any(axis=1)
+    at_joint = np.all(layout.offsets == 0., axis=1)
     layout = MarkerLayout(layout.places, np.where(
         at_joint[:, None], skin_layout(hand).offsets, layout.offsets))
     inside = markers_inside(hand, layout)
