@@ -42,7 +42,8 @@ def fit_fingers(hand: Hand, fingers: np.ndarray) -> Hand:
         pip, dip = (fingers[frames, finger, joint] - fingers[frames, finger, 0] for joint in (1, 2))
         reach = np.linalg.norm(dip, axis=1, keepdims=True)
 
-        def residuals(x, finger=finger, pip=pip, direction=dip / reach):
+        def residuals(x: np.ndarray, finger: int = finger, pip: np.ndarray = pip,
+                      direction: np.ndarray = dip / reach) -> np.ndarray:
             # Not normalised: a DIP on the axis defines no plane, and then has no weight.
             normal = np.cross(_leaning(hand, finger, x).finger_abduction_axes[finger], direction)
             return (pip * normal).sum(axis=1, keepdims=True)

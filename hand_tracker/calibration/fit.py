@@ -65,10 +65,10 @@ def fit_hand(joints: ArrayLike, side: str, limits: ArrayLike | None = None) -> H
     local = palm_coordinates(complete)
     palm = np.median(local, axis=0)
     mcp = palm[FINGER_ROWS[:, 0]]
-    length = np.linalg.norm(palm[MIDDLE_MCP]) / MCP_OF_LENGTH[FINGERS.index('middle')]
+    length = float(np.linalg.norm(palm[MIDDLE_MCP])) / MCP_OF_LENGTH[FINGERS.index('middle')]
     fingers = local[:, FINGER_ROWS]
     thumb = local[:, THUMB_ROWS]
-    scaled = Hand.scaled(length, np.linalg.norm(palm[INDEX_MCP] - palm[LITTLE_MCP]))
+    scaled = Hand.scaled(length, float(np.linalg.norm(palm[INDEX_MCP] - palm[LITTLE_MCP])))
     hand = scaled.replace(
         finger_mcp=mcp,
         finger_cmc=mcp * (0., CMC_OF_MCP_BREADTH, 0.) + (CMC_OF_LENGTH * length, 0., 0.),

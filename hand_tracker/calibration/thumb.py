@@ -3,7 +3,7 @@
 It is fitted so that the thumb solved from its tip alone reproduces the recorded MCP and IP.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -121,7 +121,7 @@ def solve_thumb(hand: Hand, saddle: Saddle, tips: np.ndarray) -> ThumbAngles:
     -------
     ThumbAngles
     """
-    base, _, _ = digit_base(saddle, THUMB_ROW)
+    base, _, _ = digit_base(cast(Hand, saddle), THUMB_ROW)
     x, y, z = (tips @ base).T
     abduction = np.arctan2(np.copysign(y, x * y), np.abs(x))
     along = x * np.cos(abduction) + y * np.sin(abduction)
@@ -160,7 +160,7 @@ def _flexion_table(hand: Hand, coupling: tuple[float, float]
     """
     slope, offset = coupling
     limits = hand.limits[[JOINTS.index('thumb_mcp_flexion'), JOINTS.index('thumb_ip_flexion')]]
-    mcp = np.linspace(*limits[0], FLEXION_TABLE_STEPS)
+    mcp = np.linspace(limits[0, 0], limits[0, 1], FLEXION_TABLE_STEPS)
     ip = np.clip(slope * mcp + offset, *limits[1])
     alone = np.linspace(ip[-1], limits[1, 1], FLEXION_TABLE_STEPS)
     mcp = np.append(mcp, np.full(FLEXION_TABLE_STEPS, mcp[-1]))
@@ -180,7 +180,7 @@ def _rest_direction(hand: Hand, saddle: Saddle, tips: np.ndarray) -> np.ndarray:
     abduction, flexion = (
         np.percentile(angles, MOTION_PERCENTILES).mean() - limits.mean()
         for angles, limits in zip((solved.abduction, solved.flexion), hand.limits[rows]))
-    base, _, _ = digit_base(saddle, THUMB_ROW)
+    base, _, _ = digit_base(cast(Hand, saddle), THUMB_ROW)
     return base @ (
         np.cos(flexion) * np.cos(abduction), np.cos(flexion) * np.sin(abduction),
         -np.sin(flexion))

@@ -330,7 +330,7 @@ def pose_message(stamp: int, frame_id: str, position: ArrayLike, rotation: Array
     """
     return _make(POSE, _header(stamp, frame_id), _make(
         'geometry_msgs/msg/Pose',
-        _make('geometry_msgs/msg/Point', *map(float, position)),
+        _make('geometry_msgs/msg/Point', *np.asarray(position, dtype=float).tolist()),
         _make('geometry_msgs/msg/Quaternion', *map(float, quaternion(rotation)))))
 
 

@@ -44,26 +44,28 @@ class Quantity(NamedTuple):
     Attributes
     ----------
     unit : {'mm', 'degrees', ''}
-    count : int
+    size : int
         Length of the list; 0 for a single number.
     lower, upper : tuple of float
         Of each number, in the file's unit.
     """
 
     unit: str
-    count: int
+    size: int
     lower: tuple[float, ...]
     upper: tuple[float, ...]
 
     def to_si(self, value: float) -> float:
         """Convert a number from the file's unit to metres or radians."""
-        return {'mm': lambda v: v / 1000., 'degrees': np.radians}.get(self.unit, float)(value)
+        if self.unit == 'degrees':
+            return np.radians(value)
+        return value / 1000. if self.unit == 'mm' else float(value)
 
     def from_si(self, values: ArrayLike) -> float | list[float]:
         """Convert metres or radians to the file's unit, as plain numbers."""
         scale = {'mm': 1000., 'degrees': 180. / math.pi}.get(self.unit, 1.)
         numbers = [round(float(v) * scale, 12) + 0. for v in np.atleast_1d(values)]
-        return numbers if self.count else numbers[0]
+        return numbers if self.size else numbers[0]
 
 
 def _quantity(unit: str, count: int, lower: float, upper: float) -> Quantity:
@@ -221,7 +223,7 @@ class _UniqueKeyLoader(yaml.SafeLoader):
 
 def _hand(tree: dict) -> Hand:
     """Return the Hand of a file's mapping."""
-    size = {name: _number(key, tree[key], quantity) for name, key, quantity in (
+    size: dict[str, Any] = {name: _number(key, tree[key], quantity) for name, key, quantity in (
         ('length', 'length_mm', LENGTH), ('breadth', 'breadth_mm', BREADTH)) if key in tree}
     mean = Hand.scaled(**size)
     fields: dict[str, Any] = {'limits': _limits(tree.get('limits', 'paper')),
@@ -305,13 +307,13 @@ def _choice(where: str, value: Any, allowed: Collection[str]) -> str:
 
 def _number(where: str, value: Any, quantity: Quantity) -> float | list[float]:
     """Return a value of the file in metres, radians or no unit, after checking its range."""
-    if not quantity.count:
+    if not quantity.size:
         values, places = [value], ['']
-    elif isinstance(value, list) and len(value) == quantity.count:
-        values, places = value, [f'[{i}]' for i in range(quantity.count)]
+    elif isinstance(value, list) and len(value) == quantity.size:
+        values, places = value, [f'[{i}]' for i in range(quantity.size)]
     else:
         raise InvalidHandFile(
-            f'{where}: {value!r}; expected a list of {quantity.count} numbers')
+            f'{where}: {value!r}; expected a list of {quantity.size} numbers')
     for place, number, lower, upper in zip(places, values, quantity.lower, quantity.upper):
         if isinstance(number, bool) or not isinstance(number, (int, float)):
             raise InvalidHandFile(f'{where}{place}: {number!r}; expected a number')
@@ -321,4 +323,4 @@ def _number(where: str, value: Any, quantity: Quantity) -> float | list[float]:
                 f'{where}{place}: {number}; '
                 f'allowed is {lower:g} to {upper:g} {quantity.unit}'.rstrip())
     numbers = [quantity.to_si(number) for number in values]
-    return numbers if quantity.count else numbers[0]
+    return numbers if quantity.size else numbers[0]

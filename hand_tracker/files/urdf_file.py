@@ -132,7 +132,7 @@ def _shapes(capsules: Iterable[LinkCapsule]) -> Iterator[tuple]:
             if tuple(centre) not in spheres:
                 spheres.add(tuple(centre))
                 yield 'sphere', centre, NO_ROTATION, {'radius': _numbers([radius])}, material
-        length = np.linalg.norm(end - start)
+        length = float(np.linalg.norm(end - start))
         if length > MIN_CYLINDER_LENGTH:
             size = {'radius': _numbers([radius]), 'length': _numbers([length])}
             yield 'cylinder', (start + end) / 2., _turn_z_to(end - start), size, material
