@@ -6,7 +6,9 @@ import json
 import math
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from ..core.errors import HandTrackerError
 from ..evaluation import EVALUATIONS
@@ -18,13 +20,13 @@ from ..tracking.compile_kernels import prepare_kernels
 SEEDS = 2**31 - 1  # at most: each motion has a seed of its own above it
 
 
-def plain(value):
+def plain(value: Any) -> Any:
     """Return a value of a row as JSON has it: no numpy types, null for what is not finite."""
     value = value.item() if hasattr(value, 'item') else value
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def run(name, options):
+def run(name: str, options: Options) -> list[dict[str, Any]]:
     """Return the rows of an evaluation.
 
     Parameters
@@ -45,7 +47,7 @@ def run(name, options):
     return found
 
 
-def write_csv(path, rows):
+def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
     """Write rows as a table whose columns are all their keys, in the order of appearance."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
     with open(path, 'w', newline='', encoding='utf-8') as file:
@@ -54,14 +56,14 @@ def write_csv(path, rows):
         writer.writerows(rows)
 
 
-def write_json(path, rows):
+def write_json(path: Path, rows: list[dict[str, Any]]) -> None:
     """Write rows as a JSON list, one row on a line."""
     lines = ',\n'.join(json.dumps(row, allow_nan=False) for row in rows)
     path.write_text(f'[\n{lines}\n]\n', encoding='utf-8')
 
 
-def _whole(lowest, highest):
-    def whole(text):
+def _whole(lowest: int, highest: int) -> Callable[[str], int]:
+    def whole(text: str) -> int:
         value = int(text)
         if not lowest <= value <= highest:
             raise argparse.ArgumentTypeError(f'{value}; allowed is {lowest} to {highest}')
@@ -69,14 +71,15 @@ def _whole(lowest, highest):
     return whole
 
 
-def _file(text):
+def _file(text: str) -> Path:
     path = Path(text)
     if path.is_dir():
         raise argparse.ArgumentTypeError(f'{path} is a folder; expected a file')
     return path
 
 
-def _parse(arguments):
+def _parse(
+        arguments: list[str] | None) -> tuple[argparse.ArgumentParser, argparse.Namespace]:
     parser = argparse.ArgumentParser(
         prog='hand_tracker evaluate', description=__doc__.split('\n')[0],
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -97,7 +100,7 @@ def _parse(arguments):
     return parser, parser.parse_intermixed_args(arguments)
 
 
-def _names(parser, chosen, files):
+def _names(parser: argparse.ArgumentParser, chosen: str, files: list[Path]) -> list[str]:
     """Return the evaluations to run."""
     if chosen != 'all':
         if EVALUATIONS[chosen].judges_captures and not files:
@@ -134,7 +137,8 @@ def main(arguments: list[str] | None = None) -> int:
         return 130
 
 
-def _evaluate(parser, names, chosen, options):
+def _evaluate(parser: argparse.ArgumentParser, names: list[str], chosen: argparse.Namespace,
+              options: Options) -> int:
     """Run evaluations, write what was asked for after each; return the exit code."""
     rows, done = [], []
     for name in names:

@@ -61,7 +61,8 @@ def add_recording_options(parser: argparse.ArgumentParser, several: bool = False
     several : bool, optional
         Whether there may be several: `recordings`.
     """
-    name, count = ('recordings', {'nargs': '+'}) if several else ('recording', {})
+    name = 'recordings' if several else 'recording'
+    count: dict[str, Any] = {'nargs': '+'} if several else {}
     parser.add_argument(name, type=Path, metavar='IN', **count,
                         help='rosbag2 recording: a folder, .mcap or .db3')
     add_hand_options(parser)

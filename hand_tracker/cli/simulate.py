@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES
 from ..core.model.marker_layout import MARKERS
-from ..files.bags import write_bag
+from ..files.bags import BagMessage, write_bag
 from ..files.hand_file import save_hand
 from ..progress import Progress
 from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
@@ -24,7 +25,7 @@ from ..simulation.simulator import (
 )
 
 
-def _frames(simulation, count):
+def _frames(simulation: Simulation, count: dict[str, int]) -> Iterator[tuple[BagMessage, ...]]:
     """Yield the messages of each frame; count frames and lost markers in `count`."""
     for part in simulation.blocks():
         count['frames'] += len(part.stamps)
@@ -32,7 +33,8 @@ def _frames(simulation, count):
         yield from frame_messages(part, simulation.hand.side)
 
 
-def _parse(arguments):
+def _parse(
+        arguments: list[str] | None) -> tuple[argparse.ArgumentParser, argparse.Namespace]:
     parser = argparse.ArgumentParser(
         prog='hand_tracker simulate', description=__doc__.split('\n')[0],
         formatter_class=argparse.ArgumentDefaultsHelpFormatter)

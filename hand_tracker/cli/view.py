@@ -11,7 +11,7 @@ from ..viewer.serve import add_page_options, skin_of, view
 from .recording_options import add_recording_options, label_map
 
 
-def warm_up():
+def warm_up() -> None:
     """Compile the kernels and make the mean hand's skin, both of which are kept."""
     hand, layout = choose_hand()
     Recording(packaged_recording(), hand, layout).prepare(print)
