@@ -9,9 +9,9 @@ import pytest
 
 from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.messages.marker_array import FrameTime
 from hand_tracker.messages.stamps import seconds
 from hand_tracker.simulation.packaged_recordings import demo_recording
+from hand_tracker.tracking.stream import FrameTime
 
 WHOLE = demo_recording(rate=30.).markers[0]
 PALMLESS = np.where(np.arange(8)[:, None] == 1, np.nan, WHOLE)
