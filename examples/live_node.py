@@ -9,7 +9,8 @@ from visualization_msgs.msg import MarkerArray
 from hand_tracker import HandTracker
 from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.messages.labels import LabelMap
-from hand_tracker.messages.marker_array import markers_from_message, seconds
+from hand_tracker.messages.marker_array import markers_from_message
+from hand_tracker.messages.stamps import seconds
 
 
 class LiveNode(Node):

@@ -23,7 +23,7 @@ from visualization_msgs.msg import MarkerArray
 
 from hand_tracker.files.bags import (
     MARKER_ARRAY,
-    TYPES,
+    TYPE_STORE,
     bag_message,
     joint_state_message,
     marker_array_message,
@@ -59,7 +59,7 @@ def write_folder(path, messages=(), offers=(), storage=StoragePlugin.SQLITE3, fo
         for topic, kind, stamp, data in messages:
             if topic not in connections:
                 connections[topic] = writer.add_connection(
-                    topic, kind, typestore=TYPES, offered_qos_profiles=offers)
+                    topic, kind, typestore=TYPE_STORE, offered_qos_profiles=offers)
             writer.write(connections[topic], stamp, data)
 
 
