@@ -10,8 +10,8 @@ package outside `core/numerics` and `depth` its deepest nesting of calls. `upwar
 from a folder into a higher one; `climbs` counts how often the node calls into a higher folder than
 with its call before, and `calls_after` its calls into other folders once the last answer to the
 frame (joint states, transforms, confidence) is published. The traced frames are of the
-demonstration, some with a hidden marker; the frame that calls most functions is reported, and
-`all_files` and `all_functions` count those of any frame.
+demo motion; the frame that calls most functions is reported, and `all_files` and `all_functions`
+count those of any frame.
 """
 
 import argparse
@@ -32,10 +32,10 @@ from benchmarks.round_trip import isolate, messages
 
 PACKAGE = ROOT / 'hand_tracker'
 # Folders and files from the lowest to the highest: each imports only those before it.
-ORDER = ('__init__.py', 'core/errors.py', 'core/numerics', 'core/model', 'core/filtering',
+ORDER = ('core/errors.py', 'core/numerics', 'core/model', 'core/filtering',
          'core/inverse_kinematics', 'core/occlusion', 'core/labelling', 'core/pose', 'core',
          'package_data.py', 'progress.py', 'parallel.py', 'drawing', 'calibration', 'messages',
-         'files', 'tracking', 'simulation', 'skin', 'viewer', 'nodes/fast_path', 'nodes',
+         'files', '__init__.py', 'tracking', 'simulation', 'skin', 'viewer', 'nodes/fast_path', 'nodes',
          'evaluation', 'cli', '__main__.py', 'launch')
 UNCOUNTED = 'core/numerics'
 ANSWERS = '/joint_states', '/tf', '/joint_confidence'
