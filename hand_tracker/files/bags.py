@@ -19,8 +19,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from ..core.errors import HandTrackerError
 from ..core.numerics.quaternion import quaternion
+from ..messages.marker_array import MARKER_ARRAY
 
-MARKER_ARRAY = 'visualization_msgs/msg/MarkerArray'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 TF = 'tf2_msgs/msg/TFMessage'
 POSE = 'geometry_msgs/msg/PoseStamped'

@@ -16,6 +16,7 @@ from ..core.model.marker_layout import MARKERS
 from .labels import LabelMap
 from .stamps import Time
 
+MARKER_ARRAY = 'visualization_msgs/msg/MarkerArray'
 # Constants of visualization_msgs/msg/Marker.
 ADD = 0
 CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, POINTS, TRIANGLE_LIST = 1, 2, 3, 6, 7, 8, 11

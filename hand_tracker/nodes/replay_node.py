@@ -24,7 +24,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from ..files.bags import MARKER_ARRAY, BagError, open_bag
+from ..files.bags import BagError, open_bag
+from ..messages.marker_array import MARKER_ARRAY
 from ..messages.stamps import header_stamp, marker_stamps, restamp
 from ..package_data import packaged_recording
 from .parameters import Parameter

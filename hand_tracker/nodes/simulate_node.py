@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from ..core.model.hand import SIDES
-from ..files.bags import MARKER_ARRAY
+from ..messages.marker_array import MARKER_ARRAY
 from ..messages.stamps import header_stamp, marker_stamps, restamp
 from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
 from ..simulation.faults import FAULT_RATE_RANGE, Faults

@@ -54,7 +54,7 @@ try:
 except ImportError:
     srv = None
 
-POLL = .1            # [s]
+SERVICE_POLL = .1    # [s]
 ASKED_EVERY = 1.     # [s] whether the player is paused: others may pause it too
 KEPT = 100           # joint states that may wait for the markers of their stamp
 # In bytes: behind the encapsulation, and there behind the number of markers.
@@ -165,7 +165,7 @@ class Live:
         self._set = self._node.create_client(
             SetParametersAtomically, f'{self._tracker}/set_parameters_atomically')
         say(f'Waiting for the tracker {self._tracker}')
-        while not self._get.wait_for_service(POLL):
+        while not self._get.wait_for_service(SERVICE_POLL):
             pass
         start = self._values(row.name for row in START)
         self.hand, self._layout = starting_hand(start)

@@ -17,7 +17,7 @@ from ..core.model.states import MarkerState, PalmState
 from ..core.pose.report import mean_residual
 from ..core.tracker import HandState
 from ..messages.labels import LabelMap
-from ..messages.marker_array import MarkerFrame
+from ..messages.marker_array import MARKER_ARRAY, MarkerFrame
 from ..messages.stamps import Time, nanoseconds, seconds
 from .marker_events import MarkerEvents
 from .rate_limit import LogRateLimiter
@@ -34,7 +34,6 @@ FIT_AFTER_AT_END = 2.  # [s]
 STANDING_STAMPS = 10  # frames in a row with one stamp before that is said
 CAUSES_LOGGED = 32   # distinct causes that are said at most
 
-MARKER_ARRAY = 'visualization_msgs/msg/MarkerArray'
 WHAT_TO_CHECK = ('check unit_scale (1 for metres, 0.001 for millimetres), the size of the hand and '
          'labels.*')
 PALM_FAULTS = {

@@ -15,7 +15,6 @@ from ..core.tracker import HandState, HandTracker
 from ..files.angle_table import write_angle_table
 from ..files.bags import (
     JOINT_STATE,
-    MARKER_ARRAY,
     STORAGE,
     TF,
     Bag,
@@ -25,7 +24,7 @@ from ..files.bags import (
 )
 from ..messages.cdr import MalformedMessage, MarkerReader
 from ..messages.labels import LabelMap
-from ..messages.marker_array import MarkerFrame
+from ..messages.marker_array import MARKER_ARRAY, MarkerFrame
 from ..messages.stamps import nanoseconds, stamp_of
 from ..messages.templates import Template, joint_state_template, transforms_template
 from .monitor import Monitor, TrackedFrames

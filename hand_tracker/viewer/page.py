@@ -6,9 +6,12 @@ import io
 import socket
 import time
 from collections.abc import Callable
+from typing import Any
 
 from ..core.constraints import DEFAULT_CONSTRAINTS, describe
 from ..core.errors import HandTrackerError
+from ..core.model.kinematics import Pose
+from ..core.tracker import HandState
 from ..skin.skinning import Skin
 from .panel import Panel
 from .scene import HAND_SPACING, Framing, HandScene, anchor_near, light, wrist_pose
@@ -16,7 +19,7 @@ from .source import FrameSource
 
 PAGE_RATE = 30.       # [Hz]
 FIRST_PORT = 8080
-PORT_ATTEMPTS = 100      
+PORT_ATTEMPTS = 100
 LOCALHOST, ALL_INTERFACES = '127.0.0.1', '0.0.0.0'
 DOCUMENTATION_ADDRESS = '192.0.2.1', 9    # reserved (RFC 5737); nothing is sent there
 
@@ -64,7 +67,7 @@ class Viewer:
         hosts = {LOCALHOST: ['localhost'], ALL_INTERFACES: ['localhost', *network_address()]}
         return [f'http://{name}:{self._server.get_port()}' for name in hosts.get(host, [host])]
 
-    def _on_connect(self, client):
+    def _on_connect(self, client: Any) -> None:
         self._framings[client.client_id] = Framing(client.camera, self._hands)
 
     def say(self, text: str) -> None:
@@ -88,7 +91,7 @@ class Viewer:
         hand = HandScene(scene, '/hand', source.hand, skin)
         bare = HandScene(scene, '/bare', source.hand, skin)
         bare.visible = False
-        anchor = None
+        anchor: Pose | None = None
         due = time.monotonic()
         while running():
             # Without a browser nothing is tracked.
@@ -97,12 +100,13 @@ class Viewer:
             source.attend(looked_at, compared)
             state = source.state() if looked_at else None
             if state is not None:
-                held = panel.held.value or anchor is None
-                anchor = wrist_pose(state) if held else anchor_near(anchor, state)
+                anchor = (wrist_pose(state) if panel.held.value or anchor is None
+                          else anchor_near(anchor, state))
                 other = source.bare_state() if compared else None
                 self._set_hands(1 + compared)
 
-                async def draw(state=state, other=other, anchor=anchor, compared=compared):
+                async def draw(state: HandState = state, other: HandState | None = other,
+                               anchor: Pose = anchor, compared: bool = compared) -> None:
                     with self._server.atomic():
                         for one in (hand, bare):
                             one.show(panel.skin.value, panel.skeleton.value, panel.markers.value)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from os import PathLike
 from statistics import median
 from threading import Lock
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -18,8 +18,7 @@ from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
 from ..files.bags import open_bag
 from ..tracking.compile_kernels import prepare_kernels
-from ..tracking.recording import marker_topic, track
-from ..tracking.stream import TrackedFrame
+from ..tracking.recording import RecordedFrame, marker_topic, track
 
 LEAD_IN = 10.         # [s] of the recording, tracked before a shown frame
 TIMED_UPDATES = 500   # over which the median time is shown
@@ -99,7 +98,7 @@ class TrackingRun:
     constraints : frozenset of str
         Active ones of `CONSTRAINTS`.
     tracker : TimedTracker
-    frames : iterator of TrackedFrame
+    frames : iterator of RecordedFrame
         Of the tracker.
 
     Attributes
@@ -111,7 +110,7 @@ class TrackingRun:
     """
 
     def __init__(self, constraints: frozenset[str], tracker: TimedTracker,
-                 frames: Iterator[TrackedFrame]) -> None:
+                 frames: Iterator[RecordedFrame]) -> None:
         self.constraints, self.tracker = constraints, tracker
         self.state: HandState | None = None
         self._frames, self._next = frames, next(frames, None)
@@ -155,7 +154,7 @@ class Recording:
                  topic: str | None = None, **reading: Any) -> None:
         self.hand, self._layout = hand, layout
         self.constraints = DEFAULT_CONSTRAINTS
-        self.playhead: Playhead | None = None
+        self.playhead: Any = None    # a `Playhead` once prepared
         self._path, self._reading = path, reading
         self._shown: TrackingRun | None = None
         self._bare: TrackingRun | None = None
@@ -190,7 +189,7 @@ class Recording:
         hand, options = constrained(self.hand, TrackerOptions(), constraints)
         return TimedTracker(hand, self._layout, options)
 
-    def _track(self, tracker: TimedTracker, start: int) -> Iterator[TrackedFrame]:
+    def _track(self, tracker: TimedTracker, start: int) -> Iterator[RecordedFrame]:
         with open_bag(self._path) as bag:
             yield from track(bag.messages([self._topic], start), tracker, **self._reading)
 
@@ -224,7 +223,8 @@ class Recording:
     def numbers(self, state: HandState) -> dict[str, str]:
         """Return rate, tracking time and residual as texts, by name."""
         residuals = state.residuals[np.isfinite(state.residuals)]
+        shown = cast(TrackingRun, self._shown)    # of that state
         return {
             'rate': f'{self._rate:.0f} Hz',
-            'tracking time': f'{1e6 * median(self._shown.tracker.durations):.0f} µs',
+            'tracking time': f'{1e6 * median(shown.tracker.durations):.0f} µs',
             'residual': f'{1e3 * residuals.mean():.2f} mm' if residuals.size else '–'}

@@ -81,7 +81,7 @@ class HandScene:
 
     def __init__(self, scene: 'SceneApi', name: str, hand: Hand, skin: Skin | None) -> None:
         self._node = scene.add_frame(name, show_axes=False)
-        self._skin = skin and Mesh(scene, f'{name}/skin', skin, SKIN_RGB)
+        self._skin = None if skin is None else Mesh(scene, f'{name}/skin', skin, SKIN_RGB)
         self._bones = Mesh(scene, f'{name}/bones', skeleton_mesh(hand), BONE_RGB)
         self._markers = [scene.add_icosphere(f'{name}/markers/{marker}', MARKER_BALL_RADIUS,
                                              receive_shadow=False)
@@ -174,9 +174,9 @@ class Mesh:
         for bone, link in zip(self.node.bones, self._links):
             bone.wxyz = _wxyz(pose.rotation[link])
             bone.position = pose.position[link]
-        opacity = None if opacity == 1. else opacity
-        if self.node.opacity != opacity:
-            self.node.opacity = opacity
+        shown = None if opacity == 1. else opacity
+        if self.node.opacity != shown:
+            self.node.opacity = shown
 
 
 def strongest_weights(weights: np.ndarray) -> np.ndarray:
@@ -205,7 +205,7 @@ def anchor_near(anchor: Pose, state: HandState) -> Pose:
     Pose
     """
     off = state.wrist_position - anchor.position
-    share = MAX_ANCHOR_DISTANCE / max(np.linalg.norm(off), MAX_ANCHOR_DISTANCE)
+    share = MAX_ANCHOR_DISTANCE / max(float(np.linalg.norm(off)), MAX_ANCHOR_DISTANCE)
     return anchor._replace(position=state.wrist_position - share * off)
 
 

@@ -1,6 +1,6 @@
 """Interface of a source of frames for the viewer."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection
 from typing import Any, Protocol
 
 from ..core.model.hand import Hand
@@ -29,7 +29,7 @@ class FrameSource(Protocol):
     def attend(self, looked_at: bool, compared: bool) -> None:
         """Take note whether a browser is connected, and whether it shows the comparison."""
 
-    def constrain(self, constraints: Iterable[str]) -> None:
+    def constrain(self, constraints: Collection[str]) -> None:
         """Set the active constraints."""
 
     def state(self) -> HandState | None:

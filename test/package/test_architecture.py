@@ -101,6 +101,12 @@ def test_no_two_modules_have_one_name():
             if name not in ('__init__.py', '__main__.py')} == {}
 
 
+def test_no_two_modules_define_one_constant():
+    constants = ((constant, name) for name, tree in MODULES.items()
+                 for constant in top_level_constants(tree))
+    assert repeated(constants) == {}
+
+
 def test_the_architecture_names_what_is_there():
     text = (ROOT / 'docs' / 'architecture.md').read_text(encoding='utf-8')
     files = {path.name for folder in (PACKAGE, ROOT / 'test') for path in folder.rglob('*.py')}
