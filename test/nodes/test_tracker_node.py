@@ -34,6 +34,7 @@ from hand_tracker.core.model.hand import DIGITS, JOINTS, LINKS, Hand, preset_lim
 from hand_tracker.core.model.kinematics import tip_offsets
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
 from hand_tracker.core.model.states import PalmState
+from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.hand_file import load_hand, save_hand
 from hand_tracker.messages.stamps import seconds
@@ -353,10 +354,11 @@ def check_stamps(bench, whole, palmless):
     """Check that repeated stamps are served, and that all begins anew where they jump back."""
     stamp = bench.answer(whole).header.stamp
     del bench.joint_states[:]
-    for _ in range(5):
+    # One by one: in plain Python, frames that come too fast are left out.
+    for answered in range(1, 6):
         bench.number -= 1
         assert bench.send(whole) == stamp
-    bench.node.spin_until(lambda: len(bench.joint_states) == 5)
+        bench.node.spin_until(lambda answered=answered: len(bench.joint_states) == answered)
     assert all(heard.header.stamp == stamp for heard in bench.joint_states)
     bench.number = LATE
     for _ in range(2):
@@ -391,21 +393,29 @@ def check_confidence(bench, whole, without_index, confidence):
 def check_diagnostics(bench, whole, without_index, told):
     """Check what is told of the state, and that it is told once a second without any change."""
     def until(positions, key, value):
-        bench.node.repeat(lambda: bench.send(positions),
-                          lambda: values(told[-1])[key].startswith(value), .01)
+        """Send frames until a value is told; return the message."""
+        del told[:]
+
+        def found():
+            return [each for each in told if values(each)[key].startswith(value)]
+
+        bench.node.repeat(lambda: bench.answer(positions), found, 0.)
+        return found()[0]
 
     until(whole, 'index marker', 'seen')
-    until(without_index, 'index marker', 'predicted for 0.')
-    status, = told[-1].status
+    status, = until(without_index, 'index marker', 'predicted for 0.').status
     assert (status.name, status.hardware_id) == ('hand_tracker: right hand', '/markers')
     assert (status.level, status.message) == (DiagnosticStatus.OK, 'tracking')
-    until(np.full((8, 3), 1e6), 'palm', 'lost')
-    assert told[-1].status[0].level == DiagnosticStatus.ERROR
+    status, = until(np.full((8, 3), 1e6), 'palm', 'lost').status
+    assert status.level == DiagnosticStatus.ERROR
     until(whole, 'palm', 'tracked')
-    bench.node.repeat(lambda: bench.send(whole), lambda: values(told[-1])['latency p50 [ms]'])
-    assert 0. < float(values(told[-1])['latency p50 [ms]']) <= float(
-        values(told[-1])['latency p99 [ms]']) <= float(values(told[-1])['latency max [ms]'])
-    assert values(told[-1])['frames dropped'].isdigit()
+    del told[:]
+    bench.node.repeat(lambda: bench.answer(whole),
+                      lambda: told and values(told[-1])['latency p50 [ms]'], 0.)
+    last = values(told[-1])
+    assert 0. < float(last['latency p50 [ms]']) <= float(
+        last['latency p99 [ms]']) <= float(last['latency max [ms]'])
+    assert last['frames dropped'].isdigit()
 
     bench.node.spin_until(lambda: told[-1].status[0].level == DiagnosticStatus.STALE)
     before = bench.node.get_clock().now()
@@ -418,6 +428,7 @@ def check_diagnostics(bench, whole, without_index, told):
     assert values(told[-1])['rate [Hz]'] == '0.0'
 
 
+@pytest.mark.skipif(not COMPILED, reason='in plain Python, frames that come too fast are left out')
 def test_a_change_is_told_at_once_but_not_at_the_rate_of_the_frames():
     whole, hidden = hand_at(), hand_at()
     hidden[3] = np.nan
@@ -496,8 +507,9 @@ def test_a_looped_recording_on_its_own_clock():
     # From one jump back to the next: the frames of a lap, which takes a second.
     first, second = np.flatnonzero(steps() < 0.)[:2]
     lap = steps()[first + 1:second]
-    assert len(lap) > 100
-    assert lap.max() < .5 and (lap > 0.).all()
+    assert len(lap) and (lap > 0.).all()
+    if COMPILED:  # else frames that come too fast are left out
+        assert len(lap) > 100 and lap.max() < .5
     assert len(lines(bench.process, 'jumped back')) == 1
 
 
