@@ -35,8 +35,8 @@ PACKAGE = ROOT / 'hand_tracker'
 ORDER = ('core/errors.py', 'core/numerics', 'core/model', 'core/filtering',
          'core/inverse_kinematics', 'core/occlusion', 'core/labelling', 'core/pose', 'core',
          'package_data.py', 'progress.py', 'parallel.py', 'drawing', 'calibration', 'messages',
-         'files', '__init__.py', 'tracking', 'simulation', 'skin', 'viewer', 'nodes/fast_path', 'nodes',
-         'evaluation', 'cli', '__main__.py', 'launch')
+         'files', '__init__.py', 'tracking', 'simulation', 'skin', 'viewer', 'nodes/fast_path',
+         'nodes', 'evaluation', 'cli', '__main__.py', 'launch')
 UNCOUNTED = 'core/numerics'
 ANSWERS = '/joint_states', '/tf', '/joint_confidence'
 RATE = 120.      # [Hz] of the frames
