@@ -303,3 +303,31 @@ def test_what_is_known_anew_is_noted_digit_by_digit():
     palm = 'wrist', 'index_mcp', 'little_mcp'
     assert noted(*palm) == [0, 1, 2, 3, 4] and noted(*palm, 'ring') == []
     assert noted('wrist') == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize('gate, told', [(5., MarkerState.REJECTED), (0., MarkerState.SEEN)])
+def test_a_marker_that_leaps_is_refused_where_there_is_a_gate(gate, told):
+    frames = [waved(frame) for frame in range(12)]
+    frames[11][3] += (.1, .1, .1)
+    states = follow(frames, TrackerOptions(outlier_gate=gate, swap_margin=0.))
+    assert states[11].marker_states[3] == told
+    assert (np.delete(states[11].marker_states, 3) == MarkerState.SEEN).all()
+
+
+@pytest.mark.parametrize('margin, told', [(2., MarkerState.SWAPPED), (0., MarkerState.SEEN)])
+def test_exchanged_labels_are_put_right_where_there_is_a_margin(margin, told):
+    frames = [waved(frame) for frame in range(14)]
+    for markers in frames[10:]:
+        markers[[4, 6]] = markers[[6, 4]]
+    state = follow(frames, TrackerOptions(swap_margin=margin, outlier_gate=0.))[-1]
+    assert (state.marker_states[[4, 6]] == told).all()
+
+
+@pytest.mark.parametrize('frozen_frames, told', [
+    (3, MarkerState.PREDICTED), (0, MarkerState.SEEN)])
+def test_a_marker_that_stands_while_the_palm_moves_is_refused(frozen_frames, told):
+    frames = [waved(frame) for frame in range(9)]
+    for markers in frames[3:]:
+        markers[3] = frames[2][3]
+    state = follow(frames, replace(HELD, frozen_frames=frozen_frames, outlier_gate=0.))[-1]
+    assert state.marker_states[3] == told

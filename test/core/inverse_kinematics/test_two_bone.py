@@ -101,7 +101,8 @@ def test_a_second_hinge_that_is_where_it_was_does_not_turn():
     (29., -9., .97, -2., True),     # the other side would need more extension than there is
     (-5., 88., .90, -2., True),     # both miss, the other one three times as far
     (6.5, 25.5, .905, 0., False),   # less bend than flexion beside an extended first hinge
-    (-5., 67., 1.01, 35., True)])
+    (-5., 67., 1.01, 35., True),
+    (-1., 37., .924, 90., True)])
 def test_of_two_bends_that_do_not_fit_alike_the_cheaper_one_is_taken(
         first, second, share, previous, flexed):
     place = share * np.array(end(*np.radians((first, second)), ON_SKIN))
