@@ -36,7 +36,7 @@ from ..tracking.rate_limit import RateLimiter, period_ns
 from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame
 from .fast_path import FastPath, FastPathUnavailable
 from .fast_path.compile_fast_path import FAST_PATH_PROGRAM, FAST_PATH_SET
-from .fast_path.middleware import require_fast_path
+from .fast_path.middleware import AT_ONCE, require_fast_path
 from .replies import Replies
 from .runner import declare, names_of, run
 from .serialization import Serialization
@@ -85,6 +85,9 @@ class TrackerNode(Node):
         self._subscription = self.create_subscription(
             MarkerArray, 'markers', self._on_markers, qos['markers'],
             raw=self._serialization.raw)
+        self._waiting: list[tuple[Any, float]] = []
+        self._newest_timer = self.create_timer(AT_ONCE, self._track_newest, clock=STEADY_CLOCK)
+        self._newest_timer.cancel()
         self._reliability = start['qos.markers.reliability']
         self._topic = self.resolve_topic_name('markers')
         self._monitor = Monitor(time.monotonic(), self._topic, self._settings.labels)
@@ -162,15 +165,40 @@ class TrackerNode(Node):
                 if self._fast_path is None or subscription is not self._subscription)
 
     def _on_markers(self, message: Any) -> None:
-        received = time.monotonic()
+        if self._stream.is_fast:
+            self._track(message, time.monotonic())
+            return
+        # Plain Python may be slower than frames come: all that wait are taken before the newest
+        # is tracked, and other callbacks have their turn in between.
+        self._waiting.append((message, time.monotonic()))
+        if self._newest_timer.is_canceled():
+            self._newest_timer.reset()
+
+    def _track_newest(self) -> None:
+        """Track the newest frame that waits, and count those that are left out."""
+        self._newest_timer.cancel()
+        waiting, self._waiting = self._waiting, []
+        for older, (message, received) in reversed(list(enumerate(waiting))):
+            if older == 0 or self._has_markers(message):
+                self._monitor.left_out(older)
+                self._track(message, received)
+                return
+
+    def _has_markers(self, message: Any) -> bool:
+        """Return whether a message has markers of the hand: others are no frames."""
+        try:
+            return self._stream.reader.read(message).stamp is not None
+        except MalformedMessage:
+            return False
+
+    def _track(self, message: Any, received: float) -> None:
         if self._has_new_settings:
             self._apply_settings()
         if self._fast_path is not None:
             self._fast_path.invalidate()
         try:
             frame = self._stream.track(
-                message if self._stream.is_fast else self._newest(message), received,
-                self._receipt_stamp, self._measured_flexion())
+                message, received, self._receipt_stamp, self._measured_flexion())
         except MalformedMessage as error:
             self._monitor.warn_once(
                 'malformed', f'left out is what is no message of markers: {error}')
@@ -213,24 +241,6 @@ class TrackerNode(Node):
         if frames is not None and self._latest is not None:
             self._replies.published_until(frames.stamp)
             self._monitored(frames, self._latest[1])
-
-    def _newest(self, message: Any) -> Any:
-        """Return the newest frame that waits: plain Python may be slower than frames come."""
-        frames = [message]
-        handle, kind = self._subscription.handle, self._subscription.msg_type
-        while (taken := handle.take_message(kind, self._serialization.raw)) is not None:
-            frames.append(taken[0])
-        if len(frames) == 1:
-            return message
-        for number in range(len(frames) - 1, -1, -1):
-            try:
-                markers = self._stream.reader.read(frames[number])
-            except MalformedMessage:
-                continue
-            if markers.stamp is not None or number == 0:
-                self._monitor.left_out(number)
-                return markers
-        return message
 
     def _on_distal_flexion(self, message: JointState) -> None:
         unknown = self._distal_flexion.received(

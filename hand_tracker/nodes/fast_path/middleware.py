@@ -58,7 +58,7 @@ if COMPILED:
 SUPPORTED_MIDDLEWARES = 'rmw_fastrtps_cpp',
 TAKE_CAPACITY = 2**16    # [bytes] of a message at first
 SLOW_PATH_TURN = 16      # messages on the slow path before other callbacks have their turn
-AT_ONCE = 1e-9           # [s]
+AT_ONCE = 1e-9           # [s], period of timers that are reset to wake the executor
 MONOTONIC_CLOCK = time.CLOCK_MONOTONIC
 REPORT = -1              # place of the report among the packs of `track_frame`
 
