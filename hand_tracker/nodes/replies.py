@@ -111,12 +111,13 @@ class Replies:
         """
         if self._tf is not None and frame.frame_id != self._frame_id:
             self._broadcast_in(frame.frame_id)
-        is_new = nanoseconds(frame.stamp) != self._last_transform
+        time = nanoseconds(frame.stamp)
+        is_new = time != self._last_transform
         for number, reply in self._replies.items():
             if number != TRANSFORMS or is_new:
                 reply.publisher.publish(
                     reply.template.fill(frame.stamp, reply.numbers(frame.state)))
-        self._last_transform = nanoseconds(frame.stamp)
+        self._last_transform = time
         return is_new or self._tf is None
 
     def _broadcast_in(self, frame_id: str) -> None:
