@@ -2,8 +2,9 @@
 
     python -m benchmarks.startup [--starts 5] [--json OUT]
 
-Cold, where the kernels have to be compiled, and warm, where an earlier start has left them in
-numba's cache. Markers are sent all the while.
+Cold, where plain Python tracks while the kernels are compiled, and warm, where they are on disk.
+Markers are sent all the while. Between the two the compiling process is waited for, and its time
+is told.
 """
 
 import argparse
@@ -20,16 +21,19 @@ import numpy as np
 
 from benchmarks.common import add_json_option, environ, environment, write_rows
 from benchmarks.round_trip import Driver, cpu_time, isolate, messages
+from hand_tracker.nodes.fast_path.compile_fast_path import FAST_PATH_SET
 
 RATE = 120.
+COMPILING_LIMIT = 1800.  # [s]
 
 
 def start(driver, name, frames, cache):
     """Return the time until the first JointState of a new node, and its processor time [s]."""
     began = time.perf_counter_ns()
     with subprocess.Popen(
-            [sys.executable, '-m', 'hand_tracker.nodes.tracker_node', '--ros-args', '-r',
-             f'__ns:=/{name}'], env=environ(NUMBA_CACHE_DIR=str(cache)),
+            [sys.executable, '-m', 'hand_tracker.nodes.entry', 'tracker', '--ros-args', '-r',
+             f'__ns:=/{name}'],
+            env=environ(NUMBA_CACHE_DIR=str(cache), HAND_TRACKER_JIT='background'),
             stderr=subprocess.DEVNULL) as process:
         try:
             answered = driver.wait_for(name, process, frames)
@@ -38,6 +42,16 @@ def start(driver, name, frames, cache):
             return 1e-9 * (answered - began), cpu_time(process)
         finally:
             process.terminate()
+
+
+def wait_for_kernels(cache):
+    """Wait until the compiling process has filled the cache; return how long that took [s]."""
+    began = time.perf_counter()
+    while not any(cache.glob(f'ready-{FAST_PATH_SET}-*')):
+        if time.perf_counter() - began > COMPILING_LIMIT:
+            raise SystemExit('the kernels were not compiled')
+        time.sleep(.1)
+    return time.perf_counter() - began
 
 
 def main():
@@ -52,7 +66,9 @@ def main():
     names = [f'start_{i}' for i in range(options.starts + 1)]
     driver = Driver(names)
     with TemporaryDirectory() as cache:
-        found = [start(driver, name, frames, cache) for name in names]
+        found = [start(driver, names[0], frames, cache)]
+        compiling = wait_for_kernels(Path(cache))
+        found += [start(driver, name, frames, cache) for name in names[1:]]
     rows = []
     for kind, starts in (('cold', found[:1]), ('warm', found[1:])):
         wall, cpu = np.transpose(starts)
@@ -62,6 +78,8 @@ def main():
                      'cpu_seconds': round(float(np.median(cpu)), 2)})
         print('{start}: {seconds} s to the first JointState (at most {longest_s} s in {starts}), '
               '{cpu_seconds} s of a processor'.format(**rows[-1]))
+    rows.append({'start': 'compiling', 'seconds': round(compiling + found[0][0], 2)})
+    print('compiled kernels were on disk {seconds} s after the cold start'.format(**rows[-1]))
     write_rows(options.json, rows)
     return 0
 
