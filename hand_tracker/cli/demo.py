@@ -177,7 +177,7 @@ def _play(node: Node, listener: Listener, hand: Hand, layout: MarkerLayout, reco
         if tracker.poll() is not None:
             raise HandTrackerError('the tracker did not start; see its message above')
         rclpy.spin_once(node, timeout_sec=.1)
-    # Kernels load now, not while frames wait.
+    # Where kernels are on disk they load now, not while frames wait.
     mounting = layout.mounting(hand)
     rest = marker_positions(mounting, forward(joint_table(hand), np.zeros(25)))
     palm = rest[:PALM_MARKER_COUNT]

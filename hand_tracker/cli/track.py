@@ -6,12 +6,14 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ..files.bags import STORAGE, BagError
 from ..parallel import run_tasks
 from ..progress import Progress
+from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.recording import OUTPUT_KINDS, TABLE, save
 from .recording_options import Interrupted, add_recording_options, run_command, tracked_recording
 
@@ -31,6 +33,7 @@ def _track_file(options: argparse.Namespace, interrupted: Interrupted,
     if output.suffix not in OUTPUT_KINDS:
         raise BagError(f'{output}: unknown extension {output.suffix!r}; '
                        f'expected {", ".join(OUTPUT_KINDS)}')
+    prepare_kernels(partial(print, file=sys.stderr))
     start = time.monotonic()
     _refuse_to_replace(options.recording, output)
     with tracked_recording(options, interrupted, progress) as (hand, job, frames):

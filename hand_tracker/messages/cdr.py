@@ -196,7 +196,7 @@ def _text(string: bytes) -> str:
     return string.partition(b'\0')[0].decode(errors='replace')
 
 
-# --- the parse_marker_array through a MarkerArray
+# --- parsing of a MarkerArray
 
 @jit
 def _aligned(at: int, to: int) -> int:

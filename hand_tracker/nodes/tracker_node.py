@@ -28,6 +28,7 @@ from ..messages.cdr import MalformedMessage
 from ..messages.marker_array import MarkerFrame
 from ..messages.rviz_markers import hand_markers
 from ..messages.stamps import Time, seconds
+from ..tracking.compile_kernels import compile_tracking
 from ..tracking.diagnostics import STATUS_PERIOD
 from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 from ..tracking.input_monitor import who_publishes
@@ -110,10 +111,15 @@ class TrackerNode(Node):
             self.get_logger().warning(
                 f'{cause}: the tracker is some hundred times slower; {cure}')
             return
+        if jit.COMPILED:
+            if not jit.is_ready(jit.TRACKING_SET):
+                self.get_logger().info('compiling the kernels, once, for about a minute')
+            # Loaded before the first frame would wait for them.
+            compile_tracking()
         if wants_fast_path and self._serialization.raw:
             try:
                 require_fast_path()
-                if jit.SWITCH == 'background' and not jit.is_ready(FAST_PATH_SET):
+                if jit.DEFERRED or jit.SWITCH == 'background' and not jit.is_ready(FAST_PATH_SET):
                     loaders[FAST_PATH_SET] = self._load_fast_path
                 else:
                     self._load_fast_path(None)
@@ -177,6 +183,10 @@ class TrackerNode(Node):
     def _track_newest(self) -> None:
         """Track the newest frame that waits, and count those that are left out."""
         self._newest_timer.cancel()
+        # Executors that wait for conditions bring one message at a time.
+        take, kind = self._subscription.handle.take_message, self._subscription.msg_type
+        while (taken := take(kind, self._serialization.raw)) is not None:
+            self._waiting.append((taken[0], time.monotonic()))
         waiting, self._waiting = self._waiting, []
         for older, (message, received) in reversed(list(enumerate(waiting))):
             if older == 0 or self._has_markers(message):
@@ -194,8 +204,6 @@ class TrackerNode(Node):
     def _track(self, message: Any, received: float) -> None:
         if self._has_new_settings:
             self._apply_settings()
-        if self._fast_path is not None:
-            self._fast_path.invalidate()
         try:
             frame = self._stream.track(
                 message, received, self._receipt_stamp, self._measured_flexion())
@@ -207,6 +215,8 @@ class TrackerNode(Node):
             # A message without any marker of the hand may be of something else.
             self._monitor.received_none(received, frame)
             return
+        if self._fast_path is not None:
+            self._fast_path.invalidate()
         if not frame.markers.frame_id:
             self._monitor.warn_once('frame_id', f"the markers have no frame; '{UNNAMED_FRAME}' is "
                                     'used (mocap_frame)')

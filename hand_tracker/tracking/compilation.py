@@ -51,9 +51,18 @@ class Compilation:
 
     def _run(self) -> None:
         try:
-            folder = jit.CACHE_FOLDER or _temporary_folder()
+            is_temporary = jit.CACHE_FOLDER is None
+            folder = (jit.CACHE_FOLDER or _temporary_folder()).resolve()
+            if all(jit.ready_file(name, folder).exists() for name in self._loaders):
+                # Compiled since this process started.
+                for kernel_set, load in self._loaders.items():
+                    load(folder)
+                    self.loaded.append(kernel_set)
+                return
             with tempfile.TemporaryFile('w+') as complaints:
                 child = self._start(folder, complaints)
+                if is_temporary:
+                    atexit.register(child.kill)
                 for kernel_set, load in self._loaders.items():
                     if not _wait(child, jit.ready_file(kernel_set, folder)):
                         complaints.seek(0)
@@ -74,7 +83,9 @@ class Compilation:
         # A session of its own: Ctrl-C is not for it.
         return subprocess.Popen(
             [sys.executable, '-m', self._program], env=environment, stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL, stderr=complaints, start_new_session=True)
+            stdout=subprocess.DEVNULL, stderr=complaints, start_new_session=True,
+            # The folder that `python -m` looks into first.
+            cwd=jit.PACKAGE.parent)
 
 
 def _temporary_folder() -> Path:

@@ -130,6 +130,7 @@ class Stream:
         self._time = FrameTime()
         self._switches_kernels = False
         self._news: list[tuple[bool, str]] = []
+        self._has_reported_error = False
 
     def compile_in_background(self, program: str = PROGRAM,
                               **loaders: Callable[[Path], None]) -> None:
@@ -203,14 +204,14 @@ class Stream:
             self.tracker.use_loaded_kernels()
             self.reader.use_loaded_kernels()
             self._news.append((False, 'compiled kernels have taken over'))
-        elif self.compilation.error is not None:
-            self._news.append((True, 'the kernels could not be compiled, plain Python goes on '
-                               f'tracking, more slowly: {self.compilation.error}'))
-        else:
-            return
-        self._switches_kernels = False
+            self._switches_kernels = False
 
     def news(self) -> list[tuple[bool, str]]:
         """Return what is to be logged of the kernels: whether it is a warning, and the line."""
         news, self._news = self._news, []
+        error = None if self.compilation is None else self.compilation.error
+        if error is not None and not self._has_reported_error:
+            self._has_reported_error = True
+            news.append((True, 'the kernels could not be compiled, frames go on being tracked '
+                         f'more slowly: {error}'))
         return news

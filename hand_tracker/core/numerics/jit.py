@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
 import re
 import shutil
 import sys
@@ -96,8 +97,12 @@ CACHE_FOLDER = _cache_folder(SOURCES_DIGEST) if JIT_IS_ON else None
 
 
 def ready_file(kernel_set: str, folder: Path) -> Path:
-    """Return the file that says that a set of kernels is complete in a cache folder."""
-    return folder / f'ready-{kernel_set}-{SOURCES_DIGEST}'
+    """Return the file that says that a set of kernels is complete in a cache folder.
+
+    It is of this machine and of this place of the package: numba keeps kernels by both.
+    """
+    place = hashlib.sha256(f'{platform.node()} {PACKAGE.resolve()}'.encode()).hexdigest()[:8]
+    return folder / f'ready-{kernel_set}-{SOURCES_DIGEST}-{place}'
 
 
 def mark_ready(kernel_set: str) -> None:
