@@ -75,7 +75,7 @@ def fast_path_frames():
             install_signature(memory, reader.signature, first.stamp, 1., True)
             install_reply(memory, JOINT_STATES, answer)
             return
-        if not process_message(memories, *arguments, np.frombuffer(data, np.uint8)):
+        if not process_message(memories, arguments, np.frombuffer(data, np.uint8)):
             raise RuntimeError(f'frame {i} left the fast path')
         log_frame(memory, reports[0], 0., 0.)
         if i % TIMERS_EVERY == 0:

@@ -129,7 +129,7 @@ def run_demo(*arguments):
 @pytest.fixture
 def ros():
     pytest.importorskip('rclpy', reason='needs ROS 2')
-    import ros_process  # noqa: F401  sets a domain of its own
+    from helpers import ros_process  # noqa: F401  sets a domain of its own
 
 
 def test_demo_runs_both_nodes_and_leaves_pictures_and_a_table(ros, tmp_path):

@@ -96,7 +96,7 @@ def test_rows_and_pictures_of_the_ablation(quick, monkeypatch, tmp_path):
         assert places[motion, ablation.MEASURED_FLEXION] < places[motion, ablation.ALL_CONSTRAINTS]
     assert [len(table.lines) for table in ablation.tables(rows)] == (
         [len(ablation.ABLATION_VARIANTS)] * len(ablation.CONDITIONS))
-    drawn = ablation._missed_most(rows)
+    drawn = ablation._worst_variants(rows)
     assert drawn and len({row['method'] for row in drawn}) == len(drawn)
     for one, other in combinations(drawn, 2):
         assert (one['recording'] != other['recording']

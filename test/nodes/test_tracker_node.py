@@ -439,7 +439,9 @@ def test_a_change_is_told_at_once_but_not_at_the_rate_of_the_frames():
         at_once = 0
         # What is told once a second may come just before, and delay the next by STATUS_GAP.
         for _ in range(30):
+            del told[:]
             bench.answer(whole)
+            bench.node.spin_until(lambda: told and not is_hidden(told[-1]))
             bench.node.spin_for(2. * STATUS_GAP)
             del told[:]
             for _ in range(100):

@@ -38,7 +38,7 @@ from hand_tracker.messages import marker_array
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.progress import Progress
 from hand_tracker.simulation.packaged_recordings import demo_recording, recording_messages
-from hand_tracker.tracking.input_monitor import InputMonitor
+from hand_tracker.tracking.monitor import Monitor
 from hand_tracker.tracking.recording import track
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -255,10 +255,10 @@ def test_all_begins_anew_where_the_stamps_jump_back(recording):
     # The first that is earlier may be a stray one.
     messages = [message_of(whole, 9 * 10**9), message_of(palmless, 10**9),
                 message_of(palmless, 11 * 10**8), message_of(whole, 2 * 10**9)]
-    watch = InputMonitor(0., '/markers', LabelMap())
-    frames = list(track(messages, HandTracker(), watch=watch))
+    monitor = Monitor(0., '/markers', LabelMap())
+    frames = list(track(messages, HandTracker(), monitor=monitor))
     assert [frame.stamp for frame in frames] == [9 * 10**9, 10**9, 2 * 10**9]
-    said = [line for _, line in watch.report(1., str) if 'jumped back' in line]
+    said = [line for _, line in monitor.log_lines(1., str) if 'jumped back' in line]
     assert len(said) == 1
 
 

@@ -250,7 +250,7 @@ def test_a_driver_in_the_same_process_is_heard():
             publisher.publish(message(hand_at(), number))
             node.spin_until(lambda: answers[-1].header.stamp == stamp_of(number))
 
-        node.repeat(one_more, lambda: tracker._direct._passage.frames[0] > 50, 0.)
+        node.repeat(one_more, lambda: tracker._fast_path._memory.frames[0] > 50, 0.)
 
 
 def test_the_end_of_ros_is_the_end_of_the_node():
@@ -287,12 +287,13 @@ def test_the_end_of_ros_is_the_end_of_the_node():
         assert len(answers) > 100
 
 
-def test_an_executor_that_waits_for_conditions_serves_the_long_way():
+def test_an_executor_that_waits_for_conditions_takes_the_slow_path():
     from hand_tracker.nodes.tracker_node import TrackerNode
     rclpy.init()
     tracker, executor = TrackerNode(), SingleThreadedExecutor()
     try:
-        assert tracker._direct is not None and tracker._subscription in list(tracker.subscriptions)
+        assert tracker._loaded_fast_path is not None and tracker._fast_path is None
+        assert tracker._subscription in list(tracker.subscriptions)
         executor.add_node(tracker)
         with watching_node() as node:
             publisher = node.create_publisher(MarkerArray, 'markers', 10)
@@ -310,8 +311,8 @@ def test_an_executor_that_waits_for_conditions_serves_the_long_way():
         rclpy.shutdown()
 
 
-def test_a_middleware_that_was_not_tried_takes_the_long_way(monkeypatch):
+def test_a_middleware_that_was_not_tried_takes_the_slow_path(monkeypatch):
     monkeypatch.setattr(middleware, 'SUPPORTED_MIDDLEWARES', ())
     with own_node() as tracker:
-        assert tracker._direct is None
+        assert tracker._loaded_fast_path is None
         assert tracker._subscription in list(tracker.subscriptions)
