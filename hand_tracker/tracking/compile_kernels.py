@@ -75,13 +75,18 @@ def alone() -> Iterator[None]:
         yield
 
 
+def complete_tracking_set() -> None:
+    """Compile the kernels of tracking, and mark them as ready, unless they are on disk."""
+    if not jit.is_ready(jit.TRACKING_SET):
+        compile_tracking()
+        jit.mark_ready(jit.TRACKING_SET)
+
+
 def main() -> int:
     """Compile at low priority, and mark the set as ready; return the exit code."""
     os.nice(NICENESS)
     with alone():
-        if not jit.is_ready(jit.TRACKING_SET):
-            compile_tracking()
-            jit.mark_ready(jit.TRACKING_SET)
+        complete_tracking_set()
     return 0
 
 

@@ -8,7 +8,7 @@ import sys
 from contextlib import suppress
 
 from ...core.numerics import jit
-from ...tracking.compile_kernels import NICENESS, alone, compile_tracking
+from ...tracking.compile_kernels import NICENESS, alone, compile_tracking, complete_tracking_set
 from ..serialization import codec_agrees
 from .middleware import FastPath
 from .rcl import FastPathUnavailable
@@ -21,9 +21,7 @@ def main() -> int:
     """Compile at low priority, set by set; return the exit code."""
     os.nice(NICENESS)
     with alone():
-        if not jit.is_ready(jit.TRACKING_SET):
-            compile_tracking()
-            jit.mark_ready(jit.TRACKING_SET)
+        complete_tracking_set()
         if not jit.is_ready(FAST_PATH_SET):
             codec_agrees()
             with suppress(FastPathUnavailable):
