@@ -4,8 +4,8 @@ from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 from .errors import InvalidOption
-from .inverse_kinematics.palm import PalmLimits
 from .labelling.association import LabellingOptions
+from .model.palm_triangle import PalmLimits
 from .occlusion.prediction import Prediction
 from .pose.contact import PENETRATION
 
@@ -54,6 +54,9 @@ class TrackerOptions:
 
     smoothing: bool = _option(
         True, 'Smooth the positions of seen markers by their filters')
+    angle_filter: bool = _option(
+        True, 'Filter abduction and flexion of seen digits too, as smoothing is on: quiet where '
+        'their markers tell little of them')
     marker_noise: float = _option(
         5e-4, 'Upper bound of the marker noise, which is estimated: standard deviation on each '
         'axis', unit='m', range=(1e-5, 1e-2))
@@ -148,6 +151,7 @@ class KernelOptions(NamedTuple):
     by_fabrik: bool
     fabrik_tolerance: float
     fabrik_iterations: int
+    angle_filter: bool
     palm_limits: PalmLimits
     frozen_frames: int
     labelling: LabellingOptions
@@ -166,6 +170,7 @@ def kernel_options(options: TrackerOptions) -> KernelOptions:
         by_fabrik=options.finger_ik == 'fabrik',
         fabrik_tolerance=float(options.fabrik_tolerance),
         fabrik_iterations=options.fabrik_iterations,
+        angle_filter=options.smoothing and options.angle_filter,
         palm_limits=PalmLimits(float(options.palm_stretch), float(options.palm_shrink),
                                float(options.palm_flatness)),
         frozen_frames=options.frozen_frames,

@@ -14,6 +14,7 @@ from .filtering.noise_estimate import update_noise
 from .filtering.smoothing import noise_in_palm_frame
 from .filtering.tracks import Tracks, clear_motion
 from .inverse_kinematics.abduction_plane import REFERENCE_STEP
+from .inverse_kinematics.angle_filter import filter_angles
 from .inverse_kinematics.digit import solve_digits
 from .inverse_kinematics.palm import place_palm
 from .labelling.association import associate
@@ -42,7 +43,6 @@ Pack = Any  # sequence of one record, from `numerics.jit.packed`
 FIRST_FRAME_SOLVES = 150    # repetitions of the inverse kinematics in the first frame
 CONTACT_RELEASE_TIME = .05  # [s] in which a contact's change of the angles falls to 1/e
 MIN_CONTACT_OFFSET = 1e-6   # [rad]
-SEEN_MOBILITY = .1          # [1] of a seen digit in a contact, against a hidden one's 1
 
 
 @jit
@@ -86,6 +86,8 @@ def track_frame(model: Pack, chains: Pack, options: Pack, clock: Pack, blank: Pa
         predict_digits(model, options, state, markers, seen, palm == TRACKED, step)
         # Inverse kinematics, fingers and thumb: abduction, then flexion within limits.
         iterations = solve_angles(model, chains, options, state, seen, step)
+        # Filtering: quiet angles, where the digits' markers tell little of them.
+        estimate_angles(chains, options, state, seen, step)
         # Pose: continuous angles, digits apart from each other and from the palm.
         blend_angles(chains, options, state, seen, step)
         resolve_contact(model, chains, options, state, seen, step)
@@ -185,12 +187,12 @@ def predict_digits(model: Pack, options: Pack, state: Pack, markers: np.ndarray,
     model, options, state = model[0], options[0], state[0]
     # Doubtful labels must not enter the statistics.
     learning = palm_tracked and state.association.doubted_for[0] == 0.
-    noise = np.empty(5)
     for i in range(5):
-        noise[i] = noise_in_palm_frame(
+        state.digit_noise[i] = noise_in_palm_frame(
             state.noise.deviation[3 + i], state.palm.covariance, model.levers[i])
-    track_digits(Observation(markers[3:], seen[3:], noise), step, state.digits, state.wrist,
-                 state.transdigital, model.prior, state.pushes, options.prediction, learning)
+    track_digits(Observation(markers[3:], seen[3:], state.digit_noise), step, state.digits,
+                 state.wrist, state.transdigital, model.prior, state.pushes, options.prediction,
+                 learning)
 
 
 @jit
@@ -217,45 +219,63 @@ def solve_angles(model: Pack, chains: Pack, options: Pack, state: Pack, seen: np
 
 
 @jit
-def blend_angles(chains: Pack, options: Pack, state: Pack, seen: np.ndarray, step: float) -> None:
-    """Blend the solved angles in where a marker vanished, came back or changed its label."""
+def estimate_angles(chains: Pack, options: Pack, state: Pack, seen: np.ndarray,
+                    step: float) -> None:
+    """Estimate the seen digits' angles by what their markers tell of them."""
     chains, options, state = chains[0], options[0], state[0]
     for i in range(5):
         if chains.measured[i] != state.measured[i]:
             state.measured[i] = chains.measured[i]
             state.changed[i] = True
+    if not options.angle_filter:
+        for joint in range(25):
+            state.estimate.angles[joint] = state.angles[joint]
+        return
+    filter_angles(chains, state.roots,
+                  Observation(state.digits.mean, seen[3:], state.digit_noise),
+                  state.angles, state.blended if state.wrist.placed[0] else state.angles,
+                  state.changed, step, state.estimate)
+
+
+@jit
+def blend_angles(chains: Pack, options: Pack, state: Pack, seen: np.ndarray, step: float) -> None:
+    """Blend the angles in where a marker vanished, came back or changed its label."""
+    chains, options, state = chains[0], options[0], state[0]
     if not state.wrist.placed[0]:
         state.wrist.placed[0] = True
         state.changed[:] = False
         for joint in range(25):
-            state.blended[joint] = state.angles[joint]
+            state.blended[joint] = state.estimate.angles[joint]
     predicted = ~seen[3:]
     if not seen[:3].all():
         predicted[:] = True
-    blend(state.angles, state.blended, state.offset, state.changed, predicted, step,
+    blend(state.estimate.angles, state.blended, state.offset, state.changed, predicted, step,
           options.reentry_rate, chains.lower, chains.upper)
 
 
 @jit
 def resolve_contact(model: Pack, chains: Pack, options: Pack, state: Pack, seen: np.ndarray,
                     step: float) -> None:
-    """Separate overlapping digits (rigidity); drag hidden ones along (friction)."""
+    """Separate hidden digits from others (rigidity); drag them along (friction)."""
     model, chains, options, state = model[0], chains[0], options[0], state[0]
     angles, before = state.separated, state.separated.copy()
     for joint in range(25):
         angles[joint] = state.blended[joint]
     if options.rigidity:
-        # Starting from the last frame's solution keeps a contact from flickering.
-        kept = math.exp(-step / CONTACT_RELEASE_TIME)
-        for joint in range(25):
-            angles[joint] = clamp(angles[joint] + kept * state.contact_offset[joint],
-                                  chains.lower[joint], chains.upper[joint])
+        # Starting from the last frame's solution keeps a contact from flickering. What is seen is
+        # where it is, and hidden digits give way; where none is seen, all stay as they are.
         mobility = np.ones(5)
         for i in range(5):
             if seen[3 + i]:
-                mobility[i] = SEEN_MOBILITY
-        separate(model.capsules, angles, chains.lower, chains.upper,
-                 chains.coupling[:, 0].copy(), mobility, options.penetration)
+                mobility[i] = 0.
+        any_seen = seen[3:].any()
+        kept = math.exp(-step / CONTACT_RELEASE_TIME) if any_seen else 1.
+        for joint in range(25):
+            angles[joint] = clamp(angles[joint] + kept * state.contact_offset[joint],
+                                  chains.lower[joint], chains.upper[joint])
+        if any_seen:
+            separate(model.capsules, angles, chains.lower, chains.upper,
+                     chains.coupling[:, 0].copy(), mobility, options.penetration)
         for joint in range(25):
             offset = angles[joint] - state.blended[joint]
             state.contact_offset[joint] = offset if abs(offset) >= MIN_CONTACT_OFFSET else 0.

@@ -6,12 +6,13 @@ import numpy as np
 
 from .filtering.noise_estimate import NoiseEstimate, initial_noise
 from .filtering.tracks import Tracks, initial_tracks
-from .inverse_kinematics.palm import Wrist, wrist_at_origin
+from .inverse_kinematics.angle_filter import AngleFilter, initial_angle_filter
 from .labelling.association import AssociationState, initial_association
 from .labelling.readings import ExpectedMarkers, HandBounds, unknown_markers
 from .model.capsules import Capsules
 from .model.kinematics import JointTable
 from .model.marker_layout import MARKERS, Mounting
+from .model.palm_triangle import Wrist, wrist_at_origin
 from .occlusion.transdigital import DigitPrior, Transdigital, nothing_learned
 
 
@@ -57,13 +58,17 @@ class State(NamedTuple):
     digits : Tracks
         Filters of the digits' markers, in the wrist's frame.
     noise : NoiseEstimate
+    digit_noise : ndarray, shape (5,)
+        This frame's standard deviation of the digits' markers, on an axis of the wrist's frame [m].
     association : AssociationState
     transdigital : Transdigital
     wrist : Wrist
     angles : ndarray, shape (25,)
         Solved by inverse kinematics [rad].
+    estimate : AngleFilter
+        Of these angles.
     blended, offset : ndarray, shape (25,)
-        Angles without jumps, and their difference to the solved ones [rad].
+        Angles without jumps, and their difference to the estimated ones [rad].
     separated, contact_offset : ndarray, shape (25,)
         Angles after contact resolution, and their difference to the blended ones [rad].
     neighbour_difference : ndarray, shape (3,)
@@ -87,10 +92,12 @@ class State(NamedTuple):
     palm: Tracks
     digits: Tracks
     noise: NoiseEstimate
+    digit_noise: np.ndarray
     association: AssociationState
     transdigital: Transdigital
     wrist: Wrist
     angles: np.ndarray
+    estimate: AngleFilter
     blended: np.ndarray
     offset: np.ndarray
     separated: np.ndarray
@@ -129,9 +136,10 @@ def blank_state(template: np.ndarray, rest: np.ndarray, relaxed: np.ndarray,
     count, joints = len(MARKERS), len(relaxed)
     return State(
         initial_tracks(template), initial_tracks(rest), initial_noise(count, marker_noise),
-        initial_association(), nothing_learned(), wrist_at_origin(), angles=relaxed.copy(),
-        blended=relaxed.copy(), offset=np.zeros(joints), separated=relaxed.copy(),
-        contact_offset=np.zeros(joints),
+        np.full(len(rest), marker_noise), initial_association(), nothing_learned(),
+        wrist_at_origin(), angles=relaxed.copy(),
+        estimate=initial_angle_filter(relaxed), blended=relaxed.copy(), offset=np.zeros(joints),
+        separated=relaxed.copy(), contact_offset=np.zeros(joints),
         neighbour_difference=np.zeros(3), pushes=np.zeros(rest.shape),
         last_markers=np.full((count, 3), np.nan), repeats=np.zeros(count, dtype=np.int64),
         repeated_distances=np.full((3, 3), np.nan), expected=unknown_markers(),

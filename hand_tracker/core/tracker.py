@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 
 from .filtering.frame_clock import initial_clock
 from .filtering.smoothing import noise_levers
-from .inverse_kinematics.digit import chains, measure
-from .labelling.association import hand_bounds
+from .inverse_kinematics.digit import chains, measure, reach
 from .labelling.plausibility import typical_places
+from .labelling.readings import HandBounds
 from .model.capsules import capsules
-from .model.hand import DIGITS, Hand
+from .model.hand import DIGITS, LEFT_HAND_MIRROR, Hand, has_size_of
 from .model.kinematics import Pose, forward, joint_table
 from .model.marker_layout import (
     MARKERS,
@@ -35,7 +35,6 @@ from .records import Model, State, blank_state
 
 __all__ = ['HandState', 'HandTracker', 'MarkerState', 'PalmState', 'TrackerOptions']
 
-LEFT_HAND_MIRROR = np.array((1., -1., 1.))  # signs of the axes
 PALM_COUNT = len(PALM_MARKERS)
 
 Pack = Any  # sequence of one record, from `numerics.jit.packed`
@@ -131,7 +130,8 @@ class HandTracker:
                   options: TrackerOptions | None = None) -> None:
         """Replace hand, layout or options from the next frame on.
 
-        The pose is kept, unless the side of the hand changes: then tracking begins anew.
+        The pose is kept, unless the side of the hand changes: then tracking begins anew. To a hand
+        of another size the angles of seen digits go over at the rate of a re-entry.
 
         Parameters
         ----------
@@ -144,12 +144,15 @@ class HandTracker:
         InvalidLayout
             If the hand cannot be solved from the layout.
         """
-        side = self.hand.side
+        former = self.hand
         self._set_hand(self.hand if hand is None else hand,
                        self.layout if layout is None else layout,
                        self.options if options is None else options)
-        if self.hand.side != side:
+        if self.hand.side != former.side:
             self.reset()
+        elif not has_size_of(former, self.hand):
+            # As if they came back: their angles are blended.
+            self._state.digits.seen[:] = False
         elif layout is not None:
             # The tracks of the digits move to the new markers of the present pose.
             self._state.digits.mean[:, :3] = self._digit_markers(self._state.angles)
@@ -176,7 +179,7 @@ class HandTracker:
             noise_levers(self._template, self._rest),
             np.array((options.bound_index_middle, options.bound_middle_ring,
                       options.bound_ring_little)),
-            hand_bounds(digits, typical_places(right, mounting)),
+            HandBounds(digits.root.copy(), reach(digits), typical_places(right, mounting)),
             capsules(right), joint_table(hand), layout.mounting(hand),
             LEFT_HAND_MIRROR if hand.side == 'left' else np.ones(3)))
         self._blank, _ = self._packed(self._blank_state())

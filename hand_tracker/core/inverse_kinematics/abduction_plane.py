@@ -44,18 +44,42 @@ def plane_abduction(target: Vector, lateral: float, reach: float, lower: float, 
         The turn [rad] and the target in the plane, along x and along z [m].
     """
     x, y, z = target
-    projected = math.sqrt(x * x + y * y)
-    share = clamp((abs(x) / reach - FIST_NEAR) / (FIST_FAR - FIST_NEAR), 0.0, 1.0)
     turn = previous
-    if share > 0.0:
-        forward = math.copysign(1.0, x)
-        aside = clamp(forward * lateral / projected, -1.0, 1.0)
-        direction = math.atan2(forward * y, abs(x)) - math.asin(aside)
-        weight = share * share * (3.0 - 2.0 * share)
-        if x < 0.0:
-            weight *= BEHIND_JOINT_WEIGHT
-        if weight < 1.0:
-            weight = 1.0 - (1.0 - weight) ** (step / REFERENCE_STEP)
+    direction, weight, _ = plane_direction(target, lateral, reach, FIST_NEAR, FIST_FAR, step)
+    if weight > 0.0:
         turn = previous + weight * (direction - previous)
     turn = clamp(turn, lower, upper)
     return turn, x * math.cos(turn) + y * math.sin(turn), z
+
+
+@jit
+def plane_direction(target: Vector, lateral: float, reach: float, near: float, far: float,
+                    step: float) -> tuple[float, float, float]:
+    """Return the turn at which a digit's plane holds its marker, and how far that is believed.
+
+    Parameters
+    ----------
+    target, lateral, reach, step
+        As for `plane_abduction`.
+    near, far : float
+        Distance of the marker in front of the joint, as a share of the reach, below which its
+        direction says nothing, and above which it is certain [1].
+
+    Returns
+    -------
+    direction : float
+        0 where it says nothing [rad].
+    weight, certainty : float
+        Of the direction over a step, less behind the joint, and by the distance alone [1].
+    """
+    x, y, _ = target
+    share = clamp((abs(x) / reach - near) / (far - near), 0.0, 1.0)
+    if not share > 0.0:
+        return 0.0, 0.0, 0.0
+    forward = math.copysign(1.0, x)
+    aside = clamp(forward * lateral / math.sqrt(x * x + y * y), -1.0, 1.0)
+    certainty = share * share * (3.0 - 2.0 * share)
+    weight = certainty if x >= 0.0 else certainty * BEHIND_JOINT_WEIGHT
+    if weight < 1.0:
+        weight = 1.0 - (1.0 - weight) ** (step / REFERENCE_STEP)
+    return math.atan2(forward * y, abs(x)) - math.asin(aside), weight, certainty

@@ -102,6 +102,12 @@ def chains(hand: Hand, mounting: Mounting) -> Chains:
     return found
 
 
+def reach(chains: Chains) -> np.ndarray:
+    """Return how far each digit's marker can be from the root of its chain, shape (5,) [m]."""
+    counted = np.arange(3) < chains.hinges[:, None]
+    return np.hypot((chains.bones * counted).sum(axis=1), chains.lateral)
+
+
 @jit
 def measure(chains: Pack, distal_flexion: np.ndarray, measured: Pack) -> None:
     """Replace the couplings of last joints by measured flexions.
@@ -125,11 +131,11 @@ def measure(chains: Pack, distal_flexion: np.ndarray, measured: Pack) -> None:
         measured.measured[digit] = known
         measured.coupling[digit, 0] = slope
         measured.coupling[digit, 1] = offset
-        measured.start[digit] = straightest(_linkage(measured, digit))
+        measured.start[digit] = straightest(linkage_of(measured, digit))
 
 
 @jit
-def _linkage(chains: Chains, digit: int) -> Linkage:
+def linkage_of(chains: Chains, digit: int) -> Linkage:
     """Return the `Linkage` of a digit's flexions."""
     bones = chains.bones[digit]
     first, second, third = FLEXION_JOINTS[digit]
@@ -174,7 +180,7 @@ def solve_digit(chains: Chains, digit: int, target: Vector, angles: np.ndarray, 
     hinges = chains.hinges[digit]
     droop = chains.droop[digit]
     tilt = chains.tilt[digit]
-    linkage = _linkage(chains, digit)
+    linkage = linkage_of(chains, digit)
     sign = chains.sign[digit]
 
     reach = 0.0

@@ -6,11 +6,10 @@ geometric algebra; the hand's chirality resolves its ±, so that no history is n
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from ..model.states import COINCIDENT, COLLINEAR, TOO_CLOSE, TOO_FAR_APART, TRACKED
+from ..model.palm_triangle import rigid_palm, triad
 from ..numerics.jit import jit
 from ..numerics.vectors import (
     Frame,
@@ -31,110 +30,6 @@ from ..numerics.vectors import (
 )
 
 RELATIVE_ROUNDING = 1e-12  # [1] a difference below this share of the whole is rounding
-
-
-class Wrist(NamedTuple):
-    """Pose of the wrist.
-
-    Attributes
-    ----------
-    rotation : ndarray, shape (3, 3)
-        From the wrist's frame to the markers' frame.
-    position : ndarray, shape (3,)
-        Origin of the wrist's frame in the markers' frame [m].
-    placed : ndarray of bool, shape (1,)
-        Whether the palm has been seen, so that the pose is a measured one.
-    """
-
-    rotation: np.ndarray
-    position: np.ndarray
-    placed: np.ndarray
-
-
-class PalmLimits(NamedTuple):
-    """Limits within which three markers are a hand's palm, as shares of the hand's own.
-
-    Attributes
-    ----------
-    stretch, shrink : float
-        Largest and smallest length of a side [1].
-    flatness : float
-        Smallest area for the mean length of the sides [1].
-    """
-
-    stretch: float
-    shrink: float
-    flatness: float
-
-
-def wrist_at_origin() -> Wrist:
-    """Return the `Wrist` before the palm is first seen."""
-    return Wrist(np.eye(3), np.zeros(3), np.zeros(1, dtype=bool))
-
-
-@jit
-def triad(r: Vector, p: Vector, q: Vector) -> Frame:
-    """Return the frame of the triangle r p q: y from q to p, z its dorsal normal.
-
-    z is the unit normal of the hand plane Φx (Eq. 8); it points dorsally on a right hand,
-    where p lies on the thumb's side of q.
-
-    Parameters
-    ----------
-    r, p, q : vector
-        Wrist, index and little knuckle [m]; not collinear.
-
-    Returns
-    -------
-    frame
-    """
-    y = unit(subtract(p, q))
-    z = unit(cross(subtract(q, r), subtract(p, r)))
-    return (cross(y, z), y, z)
-
-
-@jit
-def rigid_palm(r: Vector, p: Vector, q: Vector, template_r: Vector, template_p: Vector,
-               template_q: Vector) -> tuple[Frame, Vector]:
-    """Return the wrist pose of the least-squares rigid fit to the palm markers.
-
-    Kabsch's rotation in closed form: of two triangles of the same orientation it aligns the
-    planes and then turns within the plane.
-
-    Parameters
-    ----------
-    r, p, q : vector
-        Markers [m]; not collinear.
-    template_r, template_p, template_q : vector
-        The same markers in the wrist's frame [m].
-
-    Returns
-    -------
-    axes : frame
-        Axes of the wrist's frame.
-    origin : vector
-        Origin of the wrist's frame [m].
-    """
-    center = scale(add(add(r, p), q), 1.0 / 3.0)
-    template_center = scale(add(add(template_r, template_p), template_q), 1.0 / 3.0)
-    axes = triad(r, p, q)
-    template_axes = triad(template_r, template_p, template_q)
-    sine = 0.0
-    cosine = 0.0
-    for marker, rest in ((r, template_r), (p, template_p), (q, template_q)):
-        a = components(axes, subtract(marker, center))
-        b = components(template_axes, subtract(rest, template_center))
-        sine += b[0] * a[1] - b[1] * a[0]
-        cosine += b[0] * a[0] + b[1] * a[1]
-    size = math.sqrt(sine * sine + cosine * cosine)
-    s = sine / size
-    c = cosine / size
-    turned = (
-        add(scale(axes[0], c), scale(axes[1], s)),
-        add(scale(axes[1], c), scale(axes[0], -s)),
-        axes[2])
-    fitted = compose(turned, inverse(template_axes))
-    return fitted, subtract(center, rotate(fitted, template_center))
 
 
 @jit
@@ -226,49 +121,6 @@ def spheres_joint(p: Vector, q: Vector, joint: Vector, template_r: Vector, templ
     return spheres_and_plane(
         p, q, distance(joint, template_p), distance(joint, template_q),
         normal, dot(normal, joint), off_line)
-
-
-@jit
-def palm_fault(markers: np.ndarray, template: np.ndarray, limits: PalmLimits) -> int:
-    """Compare the triangle of the palm markers with the hand's.
-
-    Parameters
-    ----------
-    markers, template : ndarray, shape (3, 3)
-        r, p, q as measured and on the hand [m].
-    limits : PalmLimits
-
-    Returns
-    -------
-    int
-        TRACKED, or the `PalmState` that names the fault.
-    """
-    longest = 0.0
-    shortest = math.inf
-    size = 0.0
-    for i, j in ((0, 1), (1, 2), (2, 0)):
-        ratio = distance(vector(markers[i]), vector(markers[j])) / distance(
-            vector(template[i]), vector(template[j]))
-        longest = max(longest, ratio)
-        shortest = min(shortest, ratio)
-        size += ratio / 3.0
-    if longest > limits.stretch:
-        return TOO_FAR_APART
-    if longest < limits.shrink:
-        return TOO_CLOSE if shortest > 0.0 else COINCIDENT
-    if shortest < limits.shrink:
-        return COINCIDENT
-    if _area(markers) < limits.flatness * size * size * _area(template):
-        return COLLINEAR
-    return TRACKED
-
-
-@jit
-def _area(points: np.ndarray) -> float:
-    """Return the area of a triangle, its corners as rows [m²]."""
-    r = vector(points[0])
-    return 0.5 * length(cross(
-        subtract(vector(points[1]), r), subtract(vector(points[2]), r)))
 
 
 @jit

@@ -6,7 +6,7 @@ kept against the labels as given has to stay more plausible for a hand than they
 """
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,14 +16,15 @@ from ..numerics.vectors import clamp, distance, store, vector
 from .plausibility import (
     EXCHANGE_MARGIN,
     EXCHANGES,
-    TypicalPlaces,
     apply_exchange,
     correct_exchange,
     find_exchange,
     label_cost,
 )
 from .readings import (
+    DIGIT_GATE_BEND,
     IMPOSSIBLE,
+    MAX_BEND_TIME,
     MAX_ROLL,
     ROLL_SPEED,
     Evidence,
@@ -42,9 +43,6 @@ from .readings import (
     set_gates,
 )
 
-if TYPE_CHECKING:
-    from ..inverse_kinematics.digit import Chains
-
 ACCEPTED = SEEN
 
 SIDE_TIME = 1.            # [s] time constant of the learned distances of palm markers; ours
@@ -54,6 +52,7 @@ REFUSED_SPEED = 6.        # [m/s] of a refused marker that counts as the same; o
 REFUSED_STRAY = .006      # [m] besides that; ours
 SEEN_AGAIN_TIME = .012    # [s] time constant in which `unseen_for` decays once seen; ours
 RECOVERY_RATE = 4.        # [1] at which `incomplete_for` decays while the palm is complete; ours
+ASTRAY_DEVIATIONS = 3.    # [1] of a digit from its prediction, besides what it does in a step; ours
 PLAUSIBILITY_TIME = 2.    # [s] time constant of the labelings' comparison; ours
 
 
@@ -120,24 +119,6 @@ def initial_association() -> AssociationState:
         doubted_for=np.zeros(1), rival=np.zeros(1, dtype=np.int64),
         lead=np.zeros(len(EXCHANGES)), incomplete_for=np.zeros(1), unseen_for=np.zeros(8),
         evidence=blank_evidence())
-
-
-def hand_bounds(chains: 'Chains', typical: TypicalPlaces) -> HandBounds:
-    """Return the places that a hand allows its markers.
-
-    Parameters
-    ----------
-    chains : Chains
-    typical : TypicalPlaces
-        Of the same hand.
-
-    Returns
-    -------
-    HandBounds
-    """
-    counted = np.arange(3) < chains.hinges[:, None]
-    reach = np.hypot((chains.bones * counted).sum(axis=1), chains.lateral)
-    return HandBounds(chains.root.copy(), reach, typical)
 
 
 @jit
@@ -283,7 +264,7 @@ def _conclude(evidence: Evidence, bounds: HandBounds, kept: Kept, reading: Readi
     rows, local = reading.rows, reading.local
     size = palm_size(evidence.gaps, state.sides, bounds.typical.template, rows, kept)
     _learn_palm(evidence.gaps, kept, rows, state, step)
-    believed = not _most_beyond_gate(evidence, reading)
+    believed = not _most_are_astray(evidence, reading, step)
     for i in range(8):
         row = rows[i]
         if not seen[row]:
@@ -331,15 +312,21 @@ def _learn_palm(gaps: np.ndarray, kept: Kept, rows: np.ndarray, state: Associati
 
 
 @jit
-def _most_beyond_gate(evidence: Evidence, reading: Reading) -> bool:
-    """Return whether most digits are beyond their gates: the palm is wrong, not they."""
-    seen, known, home, gate = evidence.seen, evidence.known, evidence.home, evidence.gate
+def _most_are_astray(evidence: Evidence, reading: Reading, step: float) -> bool:
+    """Return whether most digits are where they cannot have moved to in a step.
+
+    Then the palm is wrong, or the frame does not follow the last one, as where a take was cut:
+    predictions say nothing of a single digit.
+    """
+    seen, known, home, deviation = evidence.seen, evidence.known, evidence.home, evidence.deviation
     rows, local = reading.rows, reading.local
+    time = clamp(step, 0.0, MAX_BEND_TIME)
     astray = 0
     for i in range(3, 8):
         if seen[rows[i]] and known[i]:
             off = distance(vector(local[rows[i]]), vector(home[i]))
-            astray += 1 if off > gate[i] else -1
+            farthest = ASTRAY_DEVIATIONS * deviation[i] + 0.5 * DIGIT_GATE_BEND * time * time
+            astray += 1 if off > farthest else -1
     return astray > 0
 
 

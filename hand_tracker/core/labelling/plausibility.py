@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..inverse_kinematics.palm import rigid_palm
 from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS, Hand, preset_limits
 from ..model.kinematics import forward, joint_table
 from ..model.marker_layout import PALM_MARKERS, Mounting, marker_positions
+from ..model.palm_triangle import rigid_palm
 from ..numerics.jit import jit
 from ..numerics.vectors import Vector, components, cross, distance, dot, scale, subtract, vector
 

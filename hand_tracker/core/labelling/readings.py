@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..inverse_kinematics.palm import rigid_palm
+from ..model.palm_triangle import complete_palm, rigid_palm
 from ..numerics.jit import jit
 from ..numerics.vectors import (
     Frame,
@@ -25,7 +25,6 @@ from ..numerics.vectors import (
     subtract,
     vector,
 )
-from ..occlusion.palm_markers import complete_palm
 from .plausibility import DISORDER_COST, ORDER_TOLERANCE, TypicalPlaces, spans_plane
 from .validity import COORDINATE_LIMIT
 

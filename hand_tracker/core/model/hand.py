@@ -18,6 +18,7 @@ from ..errors import InvalidHand
 FINGERS = ('index', 'middle', 'ring', 'little')
 DIGITS = FINGERS + ('thumb',)
 SIDES = ('right', 'left')
+LEFT_HAND_MIRROR = np.array((1., -1., 1.))  # signs of the axes, of a left hand against a right
 
 # Along the chain: abduction precedes flexion, so that one plane through the
 # abduction axis holds all the flexion of a digit (the paper's planes Φi).
@@ -294,9 +295,8 @@ class Hand:
         mcp = np.column_stack((
             np.multiply(MCP_OF_LENGTH, length), np.multiply(MCP_OF_BREADTH, breadth),
             np.multiply(ARCH_OF_LENGTH, length)))
-        cmc = mcp * (0., CMC_OF_MCP_BREADTH, 0.) + (CMC_OF_LENGTH * length, 0., 0.)
         defaults = {
-            'finger_cmc': cmc,
+            'finger_cmc': cmc_joints(mcp, length),
             'finger_mcp': mcp,
             'finger_bones': np.multiply(FINGER_BONES_OF_LENGTH, length),
             'thumb_cmc': np.multiply(THUMB_CMC_OF_LENGTH, length),
@@ -331,6 +331,17 @@ class Hand:
         MCP to the thumb's CMC gives the paper's plane F(5,1) F(5,4) F(1,2).
         """
         return self.replace(thumb_abduction_axis=self.thumb_cmc - self.finger_mcp[0])
+
+
+def cmc_joints(mcp: np.ndarray, length: float) -> np.ndarray:
+    """Return the usual CMC joints of fingers with MCP joints (4, 3), shape (4, 3) [m]."""
+    return mcp * (0., CMC_OF_MCP_BREADTH, 0.) + (CMC_OF_LENGTH * length, 0., 0.)
+
+
+def has_size_of(hand: Hand, other: Hand) -> bool:
+    """Return whether two hands have the same joints and bones."""
+    return all(np.array_equal(getattr(hand, name), getattr(other, name)) for name in (
+        'finger_mcp', 'finger_bones', 'thumb_cmc', 'thumb_bones'))
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:

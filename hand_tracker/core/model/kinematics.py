@@ -10,7 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..numerics.jit import indexed, jit
-from .hand import DIGITS, FINGER_JOINTS, FINGERS, JOINTS, LINKS, THUMB_JOINTS, Hand
+from .hand import (
+    DIGITS,
+    FINGER_JOINTS,
+    FINGERS,
+    JOINTS,
+    LEFT_HAND_MIRROR,
+    LINKS,
+    THUMB_JOINTS,
+    Hand,
+)
 
 X_AXIS, Y_AXIS, Z_AXIS = np.eye(3)
 # Sign of a rotation about z that abducts: away from the middle finger (its own: to the thumb).
@@ -125,10 +134,9 @@ def joint_table(hand: Hand) -> JointTable:
     if hand.side == 'right':
         return table
     # The mirror y -> -y turns a rotation about v into one about -(mirrored v).
-    mirror = np.array((1., -1., 1.))
     return table._replace(
-        rotation=mirror[:, None] * table.rotation * mirror,
-        translation=table.translation * mirror, axis=-table.axis * mirror)
+        rotation=LEFT_HAND_MIRROR[:, None] * table.rotation * LEFT_HAND_MIRROR,
+        translation=table.translation * LEFT_HAND_MIRROR, axis=-table.axis * LEFT_HAND_MIRROR)
 
 
 def tip_offsets(hand: Hand) -> np.ndarray:

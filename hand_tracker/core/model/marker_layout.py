@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InvalidLayout
-from .hand import DIGITS, FINGERS, LINKS, Hand
+from .hand import DIGITS, FINGERS, LEFT_HAND_MIRROR, LINKS, Hand
 from .kinematics import Pose
 
 MARKERS = ('wrist', 'index_mcp', 'little_mcp', 'index', 'middle', 'ring', 'little', 'thumb')
@@ -100,10 +100,10 @@ class MarkerLayout:
         -------
         Mounting
         """
-        links, landmarks = zip(*(_landmark_on_link(hand, place) for place in self.places))
+        links, landmarks = zip(*(landmark_on_link(hand, place) for place in self.places))
         positions = np.array(landmarks) + self.offsets
         if hand.side == 'left':
-            positions = positions * (1., -1., 1.)
+            positions = positions * LEFT_HAND_MIRROR
         return Mounting(np.array(links), positions)
 
 
@@ -134,8 +134,22 @@ def require_solvable(mounting: Mounting) -> None:
                 'about which it turns')
 
 
-def _landmark_on_link(hand: Hand, place: str) -> tuple[int, np.ndarray]:
-    """Return link and position in its frame [m] of a landmark on the right hand."""
+def landmark_on_link(hand: Hand, place: str) -> tuple[int, np.ndarray]:
+    """Return where a landmark is on the right hand.
+
+    Parameters
+    ----------
+    hand : Hand
+    place : str
+        Of `PALM_LANDMARKS` or `DIGIT_LANDMARKS`.
+
+    Returns
+    -------
+    link : int
+        Row of `LINKS`; -1 is the wrist.
+    position : ndarray, shape (3,)
+        In that link's frame [m].
+    """
     digit, _, joint = place.partition('_')
     if place == 'wrist':
         return -1, np.zeros(3)

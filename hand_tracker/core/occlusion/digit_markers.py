@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from ..filtering.tracks import Tracks, predict_track, update_track
-from ..inverse_kinematics.palm import Wrist
+from ..model.palm_triangle import Wrist
 from ..numerics.jit import jit
 from ..numerics.vectors import Vector, add, components, dot, frame, length, scale, subtract, vector
 from .prediction import Observation, Prediction

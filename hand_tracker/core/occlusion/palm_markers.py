@@ -5,12 +5,11 @@ A hidden palm marker is completed rigidly from the seen ones, moves on by its ow
 their places in the wrist's frame while the palm turns.
 """
 
-import math
 
 import numpy as np
 
 from ..filtering.tracks import Tracks, predict_track, update_track
-from ..inverse_kinematics.palm import PalmLimits, Wrist, palm_fault, rigid_palm
+from ..model.palm_triangle import Corners, PalmLimits, Wrist, complete_palm, palm_fault, rigid_palm
 from ..model.states import CARRIED, LOST, TRACKED, WAITING
 from ..numerics.jit import jit
 from ..numerics.vectors import (
@@ -29,8 +28,6 @@ from ..numerics.vectors import (
     vector,
 )
 from .prediction import Observation, Prediction
-
-Corners = tuple[Vector, Vector, Vector]  # r, p, q [m]
 
 # Weights of palm markers in the rigid fit, that of a finger's marker being 1; tuned on captures.
 SEEN_PALM_WEIGHT = 1e4
@@ -228,60 +225,6 @@ def _solve_symmetric(a: Vector, b: Vector, c: Vector, m: Vector) -> Vector:
     if not volume > 0.:
         return (0., 0., 0.)
     return scale((dot(m, cross(b, c)), dot(a, cross(m, c)), dot(a, cross(b, m))), 1. / volume)
-
-
-@jit
-def complete_palm(points: Corners, expected: Corners, seen: tuple[bool, bool, bool]) -> Corners:
-    """Return the three palm markers, the hidden ones completed rigidly from the seen ones.
-
-    With one hidden the expected triangle turns by the smallest rotation that lays its seen
-    side on the measured one; with two hidden it is shifted.
-
-    Parameters
-    ----------
-    points : tuple of three vectors
-        Measured r, p, q; hidden ones are not read [m].
-    expected : tuple of three vectors
-        The same at the previous pose of the palm [m].
-    seen : tuple of three bool
-
-    Returns
-    -------
-    tuple of three vectors
-        [m]
-    """
-    r, p, q = points
-    if seen[0] and seen[1] and not seen[2]:
-        q = _third_corner(r, p, expected[0], expected[1], expected[2])
-    elif seen[0] and seen[2] and not seen[1]:
-        p = _third_corner(r, q, expected[0], expected[2], expected[1])
-    elif seen[1] and seen[2] and not seen[0]:
-        r = _third_corner(p, q, expected[1], expected[2], expected[0])
-    else:
-        for i in range(3):
-            if seen[i]:
-                shift = subtract(points[i], expected[i])
-                if not seen[0]:
-                    r = add(expected[0], shift)
-                if not seen[1]:
-                    p = add(expected[1], shift)
-                if not seen[2]:
-                    q = add(expected[2], shift)
-    return r, p, q
-
-
-@jit
-def _third_corner(a: Vector, b: Vector, expected_a: Vector, expected_b: Vector,
-                  expected_c: Vector) -> Vector:
-    """Return the hidden corner c of a rigid triangle by its seen corners a and b [m]."""
-    before = unit(subtract(expected_b, expected_a))
-    now = unit(subtract(b, a))
-    axis = cross(before, now)
-    angle = math.atan2(length(axis), dot(before, now))
-    middle = scale(add(a, b), 0.5)
-    expected_middle = scale(add(expected_a, expected_b), 0.5)
-    arm = subtract(expected_c, expected_middle)
-    return add(middle, rotate_about(unit(axis), angle, arm))
 
 
 @jit

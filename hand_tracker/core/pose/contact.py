@@ -94,7 +94,7 @@ def separate(capsules: Capsules, angles: np.ndarray, lower: np.ndarray, upper: n
     slope : ndarray, shape (5,)
         Third flexion over second; 0 where the third is measured [1].
     mobility : ndarray, shape (5,)
-        Readiness of each digit to move, from 0 [1].
+        Readiness of each digit to move; pairs of digits that are not, at 0, may overlap [1].
     tolerance : float
         Overlap that remains [m].
 
@@ -103,12 +103,14 @@ def separate(capsules: Capsules, angles: np.ndarray, lower: np.ndarray, upper: n
     int
         Rounds used; 0 without an overlap.
     """
+    if not (mobility > 0.0).any():
+        return 0
     rotations = np.empty((1, 25, 3, 3))
     positions = np.empty((1, 25, 3))
     ends = np.empty((capsules.link.size, 2, 3))
     aim = TOLERANCE_SHARE * tolerance
     place_frames(capsules, angles, rotations, positions, ends)
-    if not _overlaps(capsules, ends, aim):
+    if not _overlaps(capsules, ends, mobility, aim):
         return 0
 
     digits = Mobility(lower, upper, slope, mobility)
@@ -119,7 +121,7 @@ def separate(capsules: Capsules, angles: np.ndarray, lower: np.ndarray, upper: n
         rounds += _solve_rounds(capsules, angles, digits, placement, aim, removed,
                                 min(MAX_ROUNDS - rounds, ROUNDS_PER_START))
         place_frames(capsules, angles, rotations, positions, ends)
-        if not _overlaps(capsules, ends, tolerance):
+        if not _overlaps(capsules, ends, mobility, tolerance):
             break
         # Stuck before the tolerance: start again from here with larger steps.
         removed = RESTART_OVERLAP
@@ -178,6 +180,8 @@ def _solve_rounds(capsules: Capsules, angles: np.ndarray, mobility: Mobility, pl
             for i in range(3):
                 pushed[digit, i] = 0.0
         for pair in close_pairs(capsules, ends, ROUND_GAP):
+            if not _gives_way(capsules, pair, mobility.weight):
+                continue
             overlap = _linearise(capsules, pair, angles, mobility, lines, ends, used, lever)
             if overlap < -ROUND_GAP:
                 continue
@@ -259,11 +263,24 @@ def _move_digit(before: np.ndarray, mobility: Mobility, digit: int, change: np.n
 
 
 @jit
-def _overlaps(capsules: Capsules, ends: np.ndarray, tolerance: float) -> bool:
-    """Return whether any pair overlaps by more than the tolerance."""
+def _gives_way(capsules: Capsules, pair: int, mobility: np.ndarray) -> bool:
+    """Return whether a digit of a pair may move."""
+    for end in range(2):
+        digit = capsules.digits[pair, end]
+        if digit != PALM_INDEX and mobility[digit] > 0.0:
+            return True
+    return False
+
+
+@jit
+def _overlaps(capsules: Capsules, ends: np.ndarray, mobility: np.ndarray,
+              tolerance: float) -> bool:
+    """Return whether any pair that gives way overlaps by more than the tolerance."""
     close = close_pairs(capsules, ends, 0.0)
     ends = indexed(ends)
     for pair in close:
+        if not _gives_way(capsules, pair, mobility):
+            continue
         distance = nearest_points(
             axis_of(ends, capsules.first[pair]), axis_of(ends, capsules.second[pair]))[2]
         if capsules.apart[pair] - distance > tolerance:

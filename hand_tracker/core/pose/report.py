@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..filtering.tracks import Tracks
-from ..inverse_kinematics.palm import Wrist
 from ..model.hand import DIGIT_OF_JOINT
 from ..model.kinematics import JointTable, place_links
 from ..model.marker_layout import Mounting
+from ..model.palm_triangle import Wrist
 from ..model.states import ABSENT, PREDICTED, REJECTED, SEEN, STALE
 from ..numerics.jit import jit
 from ..numerics.vectors import Vector, add, clamp, distance, frame, rotate, vector

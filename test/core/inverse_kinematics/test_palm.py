@@ -2,34 +2,18 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from helpers.palms import TEMPLATE, random_palm, vectors
 
 from hand_tracker.core.inverse_kinematics.palm import (
-    PalmLimits,
-    palm_fault,
     place_palm,
-    rigid_palm,
     spheres_and_plane,
     spheres_joint,
-    triad,
     triad_palm,
 )
-from hand_tracker.core.model.states import PalmState
+from hand_tracker.core.model.palm_triangle import triad
 from hand_tracker.core.numerics.vectors import vector
 
-TEMPLATE = np.array(((0., 0., 0.), (.083, .021, -.003), (.068, -.034, -.006)))
 SOUND = (1.5, 0.3, 0.2)  # stretch, shrink, flatness
-
-
-def vectors(*arrays):
-    return [vector(array) for array in arrays]
-
-
-def random_palm(rng, noise=0.):
-    rotation = Rotation.random(random_state=rng).as_matrix()
-    position = rng.normal(size=3)
-    return (TEMPLATE + rng.normal(scale=noise, size=(3, 3))) @ rotation.T + position, \
-        rotation, position
 
 
 def placed(markers, by_spheres, roots=None):
@@ -47,13 +31,6 @@ def test_triad_normal_is_the_unit_normal_of_the_conformal_plane(conformal):
         ours = np.array(triad(*vectors(*markers))[2])
         assert abs(ours @ normal) == pytest.approx(1., abs=1e-9)
         assert ours @ rotation[:, 2] > .9, 'points dorsally'
-
-
-def test_triad_is_right_handed_with_y_from_q_to_p():
-    r, p, q = TEMPLATE
-    x, y, z = np.array(triad(*vectors(r, p, q)))
-    np.testing.assert_allclose(y, (p - q) / np.linalg.norm(p - q), atol=1e-12)
-    np.testing.assert_allclose(np.cross(x, y), z, atol=1e-12)
 
 
 def test_spheres_and_plane_equals_conformal_algebra(conformal):
@@ -147,18 +124,6 @@ def test_tangent_spheres_and_planes_are_the_limit_of_conformal_algebra(conformal
         np.testing.assert_allclose(ours, np.mean(pair, axis=0), atol=1e-6)
 
 
-def test_rigid_palm_is_the_least_squares_fit():
-    rng = np.random.default_rng(4)
-    for _ in range(200):
-        markers, _, _ = random_palm(rng, noise=.003)
-        axes, origin = rigid_palm(*vectors(*markers), *vectors(*TEMPLATE))
-        expected, _ = Rotation.align_vectors(
-            markers - markers.mean(axis=0), TEMPLATE - TEMPLATE.mean(axis=0))
-        np.testing.assert_allclose(np.array(axes).T, expected.as_matrix(), atol=1e-9)
-        np.testing.assert_allclose(
-            origin, markers.mean(axis=0) - expected.apply(TEMPLATE.mean(axis=0)), atol=1e-12)
-
-
 @pytest.mark.parametrize('by_spheres', [False, True])
 def test_exact_markers_give_the_exact_palm(by_spheres):
     rng = np.random.default_rng(5)
@@ -229,40 +194,3 @@ def test_rigid_fit_is_steadier_than_the_spheres_at_the_middle_mcp():
             turned, moved, roots = placed(markers, by_spheres, np.tile(middle, (5, 1)))
             row.append(np.linalg.norm(turned @ roots[1] + moved - truth))
     assert np.mean(errors[False]) < .5 * np.mean(errors[True])
-
-
-@pytest.mark.parametrize('change, state', [
-    (lambda m: m, PalmState.TRACKED),
-    (lambda m: m * 1.1, PalmState.TRACKED),
-    (lambda m: m * 1.6, PalmState.TOO_FAR_APART),
-    (lambda m: m * .31, PalmState.TRACKED),
-    (lambda m: m * .29, PalmState.TOO_CLOSE),
-    (lambda m: m * .001, PalmState.TOO_CLOSE),
-    (lambda m: m[[0, 1, 1]], PalmState.COINCIDENT),
-    (lambda m: m[[0, 0, 0]], PalmState.COINCIDENT),
-    (lambda m: np.array((m[0], m[1], m[0] + .5 * (m[1] - m[0]))), PalmState.COLLINEAR),
-])
-def test_palm_fault_names_the_fault(change, state):
-    assert palm_fault(change(TEMPLATE), TEMPLATE, PalmLimits(*SOUND)) == state
-
-
-@pytest.mark.parametrize('i, j, third', [(0, 1, 2), (1, 2, 0), (2, 0, 1)])
-def test_each_side_of_the_palm_may_be_too_long_or_vanish(i, j, third):
-    markers = TEMPLATE.copy()
-    markers[j] = markers[i] + 1.55 * (markers[j] - markers[i])
-    markers[third] = .5 * (markers[i] + markers[j])
-    assert palm_fault(markers, TEMPLATE, PalmLimits(*SOUND)) == PalmState.TOO_FAR_APART
-    markers = TEMPLATE.copy()
-    markers[j] = markers[i]
-    assert palm_fault(markers, TEMPLATE, PalmLimits(*SOUND)) == PalmState.COINCIDENT
-
-
-def test_a_palm_is_collinear_by_its_area_over_that_of_a_triangle_of_its_size():
-    markers = .8 * TEMPLATE
-    markers[0] += .5 * (markers[1:].mean(axis=0) - markers[0])
-    area, whole = (np.linalg.norm(np.cross(m[1] - m[0], m[2] - m[0])) for m in (markers, TEMPLATE))
-    size = np.mean([np.linalg.norm(markers[i] - markers[j]) / np.linalg.norm(
-        TEMPLATE[i] - TEMPLATE[j]) for i, j in ((0, 1), (1, 2), (2, 0))])
-    share = area / (size ** 2 * whole)
-    assert palm_fault(markers, TEMPLATE, PalmLimits(1.5, .3, .99 * share)) == PalmState.TRACKED
-    assert palm_fault(markers, TEMPLATE, PalmLimits(1.5, .3, 1.01 * share)) == PalmState.COLLINEAR

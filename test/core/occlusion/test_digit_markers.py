@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.filtering.tracks import initial_tracks
-from hand_tracker.core.inverse_kinematics.palm import Wrist
+from hand_tracker.core.model.palm_triangle import Wrist
 from hand_tracker.core.occlusion.digit_markers import track_digits
 from hand_tracker.core.occlusion.prediction import Observation, Prediction
 from hand_tracker.core.occlusion.transdigital import (

@@ -2,20 +2,23 @@
 
 import numpy as np
 import pytest
+from helpers.palms import TEMPLATE
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.filtering.tracks import initial_tracks
-from hand_tracker.core.inverse_kinematics.palm import PalmLimits, Wrist, wrist_at_origin
+from hand_tracker.core.model.palm_triangle import (
+    PalmLimits,
+    Wrist,
+    wrist_at_origin,
+)
 from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.occlusion.palm_markers import (
     check_palm,
-    complete_palm,
     expected_markers,
     track_palm,
 )
 from hand_tracker.core.occlusion.prediction import Observation, Prediction
 
-TEMPLATE = np.array(((0., 0., 0.), (.083, .021, -.003), (.068, -.034, -.006)))
 FINGERS = np.array(((.15, .025, -.02), (.16, .005, -.02), (.15, -.015, -.02), (.13, -.035, -.02),
                     (.09, .06, -.04)))
 HAND = np.vstack((TEMPLATE, FINGERS))
@@ -51,40 +54,6 @@ def swing(frame, axis=(.5, -.3, .8)):
     """Return the pose of a hand that swings about."""
     turn = np.array(axis) * .4 * np.sin(.03 * frame)
     return Rotation.from_rotvec(turn).as_matrix(), np.array((.1, .2, .3)) * np.sin(.02 * frame)
-
-
-def frame_of(seen_palm, rotation, position):
-    palm = TEMPLATE @ rotation.T + position
-    shown = np.where(np.array(seen_palm)[:, None], palm, np.nan)
-    return tuple(map(tuple, shown)), palm
-
-
-def carried(seen_palm, rotation, position, before, origin):
-    points, palm = frame_of(seen_palm, rotation, position)
-    expected = tuple(map(tuple, TEMPLATE @ before.T + origin))
-    return np.array(complete_palm(points, expected, tuple(bool(s) for s in seen_palm))), palm
-
-
-@pytest.mark.parametrize('hidden', [0, 1, 2])
-def test_two_markers_carry_the_third_through_a_turn_of_their_line(hidden):
-    rng = np.random.default_rng(hidden)
-    before = Rotation.random(random_state=rng).as_matrix()
-    pair = [i for i in range(3) if i != hidden]
-    line = before @ (TEMPLATE[pair[1]] - TEMPLATE[pair[0]])
-    # A rotation about an axis normal to the seen side is told by that side in full.
-    axis = np.cross(line, rng.normal(size=3))
-    after = Rotation.from_rotvec(.4 * axis / np.linalg.norm(axis)).as_matrix() @ before
-    found, palm = carried([i != hidden for i in range(3)], after, np.array((.1, .2, .3)),
-                          before, rng.normal(size=3))
-    np.testing.assert_allclose(found, palm, atol=1e-12)
-
-
-@pytest.mark.parametrize('shown', [0, 1, 2])
-def test_one_marker_carries_the_others_along(shown):
-    rotation = Rotation.from_euler('xyz', (.1, .2, .3)).as_matrix()
-    found, palm = carried([i == shown for i in range(3)], rotation, np.ones(3),
-                          rotation, np.zeros(3))
-    np.testing.assert_allclose(found, palm, atol=1e-12)
 
 
 @pytest.mark.parametrize('hidden', [(0,), (2, 4), (0, 1, 2)])

@@ -1,0 +1,352 @@
+"""Filter of a digit's angles: where its marker tells little of an angle, the angle is quiet.
+
+The marker's direction tells the first flexion exactly. Only two angles of a digit have to be
+estimated: abduction by the direction of the digit's plane, and the second flexion by the distance
+of the marker from the first joint, its reach. Near straight half a millimetre of reach is ten
+degrees of the second flexion; in a fist it is as much of abduction.
+
+Both angles have a Kalman filter of one state. It expects the angle to rest, and of each innovation
+that it has moved as far as that says: so noise is averaged, and motion beyond the noise followed
+within a frame or two, without the overshoot of a filter of velocity. Where the marker tells next
+to nothing, the natural ratio of the flexions decides. What is seen has the last word: the estimate
+leaves the marker by no more than its noise, and the first flexion aims at it. Ours; no source.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..model.hand import ABDUCTION_JOINTS, DIGIT_OF_JOINT, FLEXION_JOINTS
+from ..numerics.jit import jit
+from ..numerics.vectors import Vector, clamp, clamp_angle, components, frame, subtract, vector
+from ..occlusion.prediction import Observation
+from .abduction_plane import FIST_NEAR, plane_direction
+from .digit import NATURAL_FLEXION_RATIO, Chains, linkage_of
+from .three_bone import coupled_angle, coupled_end
+from .two_bone import MAX_SECOND_HINGE_SPEED, Linkage, flexion_of
+
+SHOWING_TIME = .0045       # [s] in which a motion shows itself: of the mean innovation
+# [1] of a smoothed marker's noise: the errors of consecutive frames are alike.
+FLEXION_NOISE_VARIANCE = 2.4
+ABDUCTION_NOISE_VARIANCE = 4.   # more, as digits abduct more slowly than they bend
+FIST_CERTAIN = .28         # [1] of the reach in front of the joint, where the plane is certain
+# Weight of what is natural, as the variance of its mean over a second [rad² s].
+NATURAL_FLEXION_VARIANCE = 3e-4
+NEUTRAL_ABDUCTION_VARIANCE = 4e-3
+# Distance of the estimate from the marker: standard deviations, but never more than [m].
+FLEXION_BOUND = 1.15
+ABDUCTION_BOUND = .6
+LARGEST_MISS = 1e-3
+RETURNS = 4                # steps back to the marker, the last one all the way
+RETURN_SHARE = .95         # [1] of what would be enough, were the reach proportional to the angle
+FIST_MISS = 8e-4           # [m] more in a fist, where a millimetre of a marker's place is abduction
+UNREACHED_NOISE = .3       # [1] of the noise that a marker beyond reach may straighten a digit by
+LONGEST_STEP = .05         # [s] a longer one says no more
+SHIFT_TIME = .5            # [s] time constant of a hidden digit's shift
+LEAP_VARIANCE = .05        # [rad²] where the evidence of a digit changed
+LARGEST_MOTION = 1.        # [rad] that an innovation is taken for
+SLOPE_STEP = 1e-3          # [rad] between flexions whose reaches give a slope
+
+
+class AngleFilter(NamedTuple):
+    """Estimated angles of the digits.
+
+    Attributes
+    ----------
+    angles : ndarray, shape (25,)
+        [rad]
+    variance : ndarray, shape (5, 2)
+        Of each digit's abduction and second flexion [rad²].
+    shift : ndarray, shape (25,)
+        Of the angles from the solved ones; a hidden digit keeps it for a while [rad].
+    running : ndarray of bool, shape (5,)
+        Whether the digit was seen in the last frame.
+    """
+
+    angles: np.ndarray
+    variance: np.ndarray
+    shift: np.ndarray
+    running: np.ndarray
+
+
+class Sight(NamedTuple):
+    """What one frame shows of a digit.
+
+    Attributes
+    ----------
+    noise : float
+        Standard deviation of the marker on an axis [m].
+    step : float
+        Time since the last frame in which it was seen too, else 0 [s].
+    leap : float
+        Variance that the angles have besides where the evidence changed [rad²].
+    """
+
+    noise: float
+    step: float
+    leap: float
+
+
+def initial_angle_filter(angles: np.ndarray) -> AngleFilter:
+    """Return the `AngleFilter` before the first frame, at angles of shape (25,) [rad]."""
+    return AngleFilter(angles.copy(), np.zeros((5, 2)), np.zeros(len(angles)),
+                       np.zeros(5, dtype=bool))
+
+
+@jit
+def filter_angles(chains: Chains, roots: np.ndarray, observation: Observation, solved: np.ndarray,
+                  published: np.ndarray, changed: np.ndarray, step: float,
+                  state: AngleFilter) -> None:
+    """Estimate the angles of the seen digits; those of hidden ones go over to the solved ones.
+
+    Parameters
+    ----------
+    chains : Chains
+    roots : ndarray, shape (5, 3)
+        First joints of the digits, in the wrist's frame [m].
+    observation : Observation
+        Of the digits' smoothed markers, in the wrist's frame.
+    solved : ndarray, shape (25,)
+        By inverse kinematics [rad].
+    published : ndarray, shape (25,)
+        Of the last frame: where a digit that comes back starts from [rad].
+    changed : ndarray of bool, shape (5,)
+        Digits whose evidence differs from the last frame's.
+    step : float
+        Time since the last frame [s].
+    state : AngleFilter
+        Updated.
+    """
+    kept = math.exp(-step / SHIFT_TIME)
+    for joint in range(25):
+        digit = DIGIT_OF_JOINT[joint]
+        estimated = joint == ABDUCTION_JOINTS[digit] or joint == FLEXION_JOINTS[digit, 1]
+        if not observation.seen[digit]:
+            # As a marker vanishes nothing moves.
+            state.shift[joint] *= kept
+            state.angles[joint] = clamp(
+                solved[joint] + state.shift[joint], chains.lower[joint], chains.upper[joint])
+        elif not estimated:
+            state.angles[joint] = solved[joint]
+        elif not state.running[digit]:
+            state.angles[joint] = published[joint]
+    for digit in range(5):
+        begins = not state.running[digit]
+        state.running[digit] = observation.seen[digit]
+        if begins:
+            state.variance[digit, :] = 0.
+        if observation.seen[digit]:
+            marker = components(frame(chains.base[digit]), subtract(
+                vector(observation.positions[digit]), vector(roots[digit])))
+            sight = Sight(
+                observation.noise[digit], 0. if begins else min(step, LONGEST_STEP),
+                # A leap is blended in later: it has to be in this frame.
+                LEAP_VARIANCE if begins or changed[digit] else 0.)
+            _estimate_abduction(chains, digit, marker, sight, state)
+            _estimate_flexion(chains, digit, marker, sight, solved, state)
+    for joint in range(25):
+        if observation.seen[DIGIT_OF_JOINT[joint]]:
+            state.shift[joint] = state.angles[joint] - solved[joint]
+
+
+@jit
+def observe_angle(innovation: float, slope: float, noise_variance: float, shown: float,
+                  variance: float) -> tuple[float, float]:
+    """Return the correction of an angle by an observation that depends on it, and its variance.
+
+    Parameters
+    ----------
+    innovation : float
+        Observed less expected [unit].
+    slope : float
+        Of the observation by the angle [unit/rad].
+    noise_variance : float
+        Of the observation [unit²].
+    shown : float
+        Share of the innovation that may be motion [1].
+    variance : float
+        Of the angle before [rad²].
+
+    Returns
+    -------
+    correction, variance : float
+        [rad, rad²]
+    """
+    moved = shown * abs(innovation)
+    moved = moved / abs(slope) if moved < abs(slope) * LARGEST_MOTION else LARGEST_MOTION
+    variance += moved * moved
+    gain = variance * slope / (slope * slope * variance + noise_variance)
+    return gain * innovation, variance * (1. - gain * slope)
+
+
+@jit
+def pull_angle(distance: float, mean_variance: float, step: float,
+               variance: float) -> tuple[float, float]:
+    """Return the correction of an angle towards a natural one, and its variance.
+
+    Parameters
+    ----------
+    distance : float
+        The natural angle less this one [rad].
+    mean_variance : float
+        Of the natural angle, as mean over a second [rad² s].
+    step : float
+        [s]
+    variance : float
+        Of the angle before [rad²].
+
+    Returns
+    -------
+    correction, variance : float
+        [rad, rad²]
+    """
+    gain = variance * step / (variance * step + mean_variance)
+    return gain * distance, variance * (1. - gain)
+
+
+@jit
+def _estimate_abduction(chains: Chains, digit: int, marker: Vector, sight: Sight,
+                        state: AngleFilter) -> None:
+    """Estimate a digit's abduction by the direction of its plane, towards which it may turn."""
+    joint = ABDUCTION_JOINTS[digit]
+    sign = chains.sign[digit]
+    low = min(sign * chains.lower[joint], sign * chains.upper[joint])
+    high = max(sign * chains.lower[joint], sign * chains.upper[joint])
+    reach = 0.
+    for i in range(chains.hinges[digit]):
+        reach += chains.bones[digit, i]
+    direction, weight, certain = plane_direction(
+        marker, chains.lateral[digit], reach, FIST_NEAR, FIST_CERTAIN, sight.step)
+    direction = clamp(direction, low, high)
+    turn, variance = sign * state.angles[joint], state.variance[digit, 0]
+    distance = math.hypot(marker[0], marker[1])
+    if weight > 0.:
+        noise = sight.noise / (distance * weight)
+        shown = weight * (1. - math.exp(-sight.step / SHOWING_TIME))
+        correction, left = observe_angle(
+            direction - turn, 1., ABDUCTION_NOISE_VARIANCE * noise * noise, shown,
+            variance + sight.leap)
+        turn += correction
+        variance = min(variance, left) if sight.leap > 0. else left
+    correction, variance = pull_angle(-turn, NEUTRAL_ABDUCTION_VARIANCE, sight.step, variance)
+    turn += correction
+    if marker[0] > 0. and certain > 0.:
+        most = (min(ABDUCTION_BOUND * sight.noise, LARGEST_MISS)
+                + FIST_MISS * (1. - certain) / certain) / distance
+        turn = clamp(turn, direction - most, direction + most)
+    state.variance[digit, 0] = variance
+    state.angles[joint] = clamp(sign * clamp(turn, low, high), chains.lower[joint],
+                                chains.upper[joint])
+
+
+@jit
+def _estimate_flexion(chains: Chains, digit: int, marker: Vector, sight: Sight,
+                      solved: np.ndarray, state: AngleFilter) -> None:
+    """Estimate a digit's second flexion by its reach; aim the first at the marker."""
+    first, second, third = FLEXION_JOINTS[digit]
+    hinges = chains.hinges[digit]
+    linkage = linkage_of(chains, digit)
+    if hinges == 3:
+        # Where the third bends on alone it keeps what it has beyond the coupling.
+        beyond = solved[third] - coupled_angle(linkage, solved[second])
+        linkage = Linkage(linkage.bones, linkage.droop, linkage.lower, linkage.upper,
+                          linkage.slope, linkage.offset + beyond)
+    target = _in_plane(chains, digit, marker, state.angles[ABDUCTION_JOINTS[digit]])
+    found = solved[second]
+    angle, variance = state.angles[second], state.variance[digit, 1]
+    straight = chains.start[digit] if hinges == 3 else -linkage.droop
+    before = angle
+
+    reach_found = _reach(linkage, hinges, found)
+    reach_before = _reach(linkage, hinges, angle)
+    crossed = (angle - straight) * (found - straight) < 0.
+    if crossed:
+        # Bent to the other side: the distance of the reaches says nothing of the way.
+        slope = _slope(linkage, hinges, found)
+        innovation = slope * (found - angle)
+    else:
+        slope = ((reach_found - reach_before) / (found - angle)
+                 if abs(found - angle) > SLOPE_STEP else _slope(linkage, hinges, angle))
+        unreached = UNREACHED_NOISE * sight.noise
+        innovation = reach_found - reach_before + clamp(
+            math.hypot(target[0], target[1]) - reach_found, -unreached, unreached)
+    correction, left = observe_angle(
+        innovation, slope, FLEXION_NOISE_VARIANCE * sight.noise * sight.noise,
+        1. - math.exp(-sight.step / SHOWING_TIME), variance + sight.leap)
+    variance = min(variance, left) if sight.leap > 0. else left
+    bent = angle >= straight
+    angle += correction
+    natural = NATURAL_FLEXION_RATIO[digit] * _aim(linkage, hinges, target, angle)[0]
+    correction, variance = pull_angle(
+        natural - angle, NATURAL_FLEXION_VARIANCE, sight.step, variance)
+    angle += correction
+    if not crossed:
+        angle = max(angle, straight) if bent else min(angle, straight)
+    angle = clamp(angle, linkage.lower[1], linkage.upper[1])
+    state.variance[digit, 1] = variance
+
+    # What is seen has the last word.
+    least = _aim(linkage, hinges, target, found)[1]
+    most = min(FLEXION_BOUND * sight.noise, LARGEST_MISS)
+    aim, miss = _aim(linkage, hinges, target, angle)
+    for rest in range(RETURNS):
+        if miss - least <= most:
+            break
+        share = RETURN_SHARE * most / (miss - least) if rest < RETURNS - 1 else 0.
+        angle = found + share * (angle - found)
+        aim, miss = _aim(linkage, hinges, target, angle)
+    farthest = MAX_SECOND_HINGE_SPEED * sight.step
+    if hinges == 2 and straight > max(linkage.lower[1], 0.) and abs(angle - before) > farthest > 0.:
+        # Two bends may fit alike, as for the solution itself: from one to the other without a leap.
+        angle = before + math.copysign(farthest, angle - before)
+        aim, _ = _aim(linkage, hinges, target, angle)
+    state.angles[first] = aim
+    state.angles[second] = angle
+    state.angles[third] = coupled_angle(linkage, angle)
+
+
+@jit
+def _in_plane(chains: Chains, digit: int, marker: Vector, abduction: float) -> tuple[float, float]:
+    """Return the marker along the rest direction of a digit's plane and above it [m]."""
+    turn, tilt = chains.sign[digit] * abduction, chains.tilt[digit]
+    along = marker[0] * math.cos(turn) + marker[1] * math.sin(turn)
+    c, s = math.cos(tilt), math.sin(tilt)
+    return c * along - s * marker[2], s * along + c * marker[2]
+
+
+@jit
+def _end(linkage: Linkage, hinges: int, angle2: float) -> tuple[float, float]:
+    """Return the end of a chain, along the first bone and to its palmar side [m]."""
+    if hinges == 3:
+        return coupled_end(linkage, angle2, coupled_angle(linkage, angle2))
+    bent = angle2 + linkage.droop
+    return (linkage.bones[0] + linkage.bones[1] * math.cos(bent),
+            linkage.bones[1] * math.sin(bent))
+
+
+@jit
+def _reach(linkage: Linkage, hinges: int, angle2: float) -> float:
+    """Return the distance of the end of a chain from its first hinge [m]."""
+    x, y = _end(linkage, hinges, angle2)
+    return math.hypot(x, y)
+
+
+@jit
+def _slope(linkage: Linkage, hinges: int, angle2: float) -> float:
+    """Return the derivative of the reach by the second flexion [m/rad]."""
+    half = .5 * SLOPE_STEP
+    return (_reach(linkage, hinges, angle2 + half)
+            - _reach(linkage, hinges, angle2 - half)) / SLOPE_STEP
+
+
+@jit
+def _aim(linkage: Linkage, hinges: int, target: tuple[float, float],
+         angle2: float) -> tuple[float, float]:
+    """Return the first flexion that aims a chain at the target, and the end's distance to it."""
+    along, height = target
+    x, y = _end(linkage, hinges, angle2)
+    angle1 = clamp_angle(
+        flexion_of(along, height) - math.atan2(y, x), linkage.lower[0], linkage.upper[0])
+    c, s = math.cos(angle1), math.sin(angle1)
+    return angle1, math.hypot(along - x * c + y * s, height + x * s + y * c)
