@@ -5,12 +5,12 @@ from numpy.typing import ArrayLike
 
 from ..core.errors import InvalidHand
 from ..core.model.hand import (
-    CMC_OF_LENGTH,
-    CMC_OF_MCP_BREADTH,
     FINGERS,
+    LEFT_HAND_MIRROR,
     MCP_OF_LENGTH,
     SIDES,
     Hand,
+    cmc_joints,
     preset_limits,
 )
 from .fingers import fit_fingers
@@ -59,7 +59,7 @@ def fit_hand(joints: ArrayLike, side: str, limits: ArrayLike | None = None) -> H
             f'joints: {len(complete)} of {len(joints)} frames are complete, with wrist, index '
             f'and little MCP in a triangle; at least {MIN_CALIBRATION_FRAMES} are needed')
     if side == 'left':
-        complete = complete * (1., -1., 1.)
+        complete = complete * LEFT_HAND_MIRROR
 
     limits = preset_limits() if limits is None else np.array(limits, dtype=float)
     local = palm_coordinates(complete)
@@ -71,7 +71,7 @@ def fit_hand(joints: ArrayLike, side: str, limits: ArrayLike | None = None) -> H
     scaled = Hand.scaled(length, float(np.linalg.norm(palm[INDEX_MCP] - palm[LITTLE_MCP])))
     hand = scaled.replace(
         finger_mcp=mcp,
-        finger_cmc=mcp * (0., CMC_OF_MCP_BREADTH, 0.) + (CMC_OF_LENGTH * length, 0., 0.),
+        finger_cmc=cmc_joints(mcp, length),
         finger_bones=median_lengths(fingers),
         thumb_cmc=palm[THUMB_ROWS[0]], thumb_bones=median_lengths(thumb), limits=limits, side=side)
     return fit_radii(fit_thumb(fit_fingers(hand, fingers), thumb), local)

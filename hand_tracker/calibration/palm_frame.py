@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..core.inverse_kinematics.palm import rigid_palm
+from ..core.model.palm_triangle import rigid_palm
 from ..core.numerics.vectors import vector
 from .landmarks import INDEX_MCP, LITTLE_MCP, MIDDLE_MCP, WRIST
 

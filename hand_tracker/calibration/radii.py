@@ -35,14 +35,30 @@ def fit_radii(hand: Hand, local: np.ndarray) -> Hand:
     Hand
     """
     right = hand.replace(side='right')
-    body, digits = capsules(right), chains(right, MarkerLayout().mounting(right))
+    digits = chains(right, MarkerLayout().mounting(right))
     frames = evenly_spaced(len(local), RADII_FIT_FRAMES)
-    gaps = []
-    for markers in local[frames][:, MARKER_LANDMARKS]:
-        angles = np.zeros(len(JOINTS))
+    postures = np.zeros((len(frames), len(JOINTS)))
+    for angles, markers in zip(postures, local[frames][:, MARKER_LANDMARKS]):
         solve_digits(digits, digits.root.copy(), np.array(markers, order='C'), angles,
                      REFERENCE_STEP, False, 1e-5, 1)
-        gaps.append(pair_gaps(body, angles))
+    return thinned(hand, postures)
+
+
+def thinned(hand: Hand, postures: np.ndarray) -> Hand:
+    """Return `hand` with its capsules thinned until postures are free of overlap.
+
+    Parameters
+    ----------
+    hand : Hand
+    postures : ndarray, shape (n, 25)
+        [rad]
+
+    Returns
+    -------
+    Hand
+    """
+    body = capsules(hand.replace(side='right'))
+    gaps = [pair_gaps(body, angles.copy()) for angles in postures]
     overlap = -np.percentile(gaps, OUTLIER_PERCENTAGE, axis=0)
     excess = np.maximum(overlap - PENETRATION, 0.)
     thinner = np.zeros(len(body.link))

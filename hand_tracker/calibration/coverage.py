@@ -1,0 +1,68 @@
+"""Coverage: how far each joint moved in a take, and what to do where it did not."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.model.hand import ABDUCTION_JOINTS, DIGITS, FLEXION_JOINTS
+
+# Range of a joint that a calibration asks for [degrees]; ours.
+WANTED_RANGE = {'turn': 20., 'first': 50., 'second': 50.}
+MOTION_ENDS = (1., 99.)  # percentiles of the angles
+TASKS = {
+    ('finger', 'turn'): 'spread the fingers and close them again, straight',
+    ('finger', 'first'): 'bend the {digit} finger in its knuckle and straighten it, alone',
+    ('finger', 'second'): 'bend the {digit} finger in its middle joint and straighten it, alone',
+    ('thumb', 'turn'): 'circle with the thumb',
+    ('thumb', 'first'): 'bring the thumb to the tip of each finger in turn',
+    ('thumb', 'second'): 'bend the thumb and straighten it',
+}
+
+
+class Covered(NamedTuple):
+    """Range of a joint in a take.
+
+    Attributes
+    ----------
+    digit : str
+    joint : {'turn', 'first', 'second'}
+        Abduction, and the first and second flexion.
+    degrees : float
+        Range that was seen.
+    share : float
+        Of the range asked for, at most 1.
+    task : str
+        What shows more of it.
+    """
+
+    digit: str
+    joint: str
+    degrees: float
+    share: float
+    task: str
+
+
+def coverage(angles: np.ndarray) -> list[Covered]:
+    """Return how far the joints of each digit moved.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (n, 25)
+        Postures of a take [rad].
+
+    Returns
+    -------
+    list of Covered
+        Three for each digit, index finger to thumb.
+    """
+    if not len(angles):
+        return []
+    low, high = np.degrees(np.percentile(angles, MOTION_ENDS, axis=0))
+    found = []
+    for row, digit in enumerate(DIGITS):
+        rows = (ABDUCTION_JOINTS[row], *FLEXION_JOINTS[row, :2])
+        for joint, (kind, wanted) in zip(rows, WANTED_RANGE.items()):
+            seen = float(high[joint] - low[joint])
+            task = TASKS['thumb' if digit == 'thumb' else 'finger', kind].format(digit=digit)
+            found.append(Covered(digit, kind, seen, min(1., seen / wanted), task))
+    return found

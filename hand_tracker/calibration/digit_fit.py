@@ -1,0 +1,112 @@
+"""Fit one digit to the markers on it."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .arrow_solver import covariance, solve_angles, solve_shape
+from .digit_chain import ANGLES, place_markers
+from .frame_choice import spread_frames
+from .marker_residuals import DigitProblem, PosturePrior
+
+CHOSEN_FRAMES = 150
+LEAST_DISTANCE = .002         # [m] of chosen frames, in the space of the digit's markers
+# Frames as good as independent: errors of skin and palm persist as long as a posture. Ours.
+INDEPENDENT_POSTURES = 40
+FIRST_NOISE = .001            # [m] of a marker on an axis, skin included
+# [m] The lower one also of a marker that the tracker meets: the palm's pose has its noise too.
+NOISE_BOUNDS = (.0006, .004)
+NOISE_ROUNDS = 4              # fits with the noise estimated anew
+SEARCHED_ROUNDS = 2           # after which each frame's posture is sought again from everywhere
+SHAPE_ITERATIONS = 25
+# [degrees] Turn and three flexions from which a frame's posture is sought: straight, bent at the
+# first or the second joint, a fist, and a bent finger raised.
+FINGER_STARTS = ((0, 5, 10, 5), (0, 40, 20, 10), (0, 30, 70, 20), (0, 70, 80, 20), (0, -15, 40, 10))
+THUMB_STARTS = ((0, 0, 10, 10), (25, 0, 10, 10), (-25, 0, 10, 10), (0, 25, 10, 10),
+                (0, -25, 10, 10), (0, 0, 45, 45), (30, 20, 30, 40), (-30, -20, 30, 40))
+
+
+class DigitFit(NamedTuple):
+    """A digit as fitted.
+
+    Attributes
+    ----------
+    problem : DigitProblem
+        With the chosen frames and the noise found.
+    shape : ndarray, shape (p,)
+        Parameters of `Chain`.
+    angles : ndarray, shape (n, 4)
+        Of the chosen frames [rad].
+    covariance : ndarray, shape (p, p)
+        Of the shape.
+    """
+
+    problem: DigitProblem
+    shape: np.ndarray
+    angles: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def deviations(self) -> np.ndarray:
+        """Standard deviations of the shape, shape (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def posture_starts(is_thumb: bool, posture: PosturePrior) -> np.ndarray:
+    """Return the postures from which a frame's is sought, shape (s, 4) [rad]."""
+    if not is_thumb:
+        return np.radians(FINGER_STARTS)
+    return np.radians(THUMB_STARTS) + (0., posture.mean[1], 0., 0.)
+
+
+def chosen_problem(problem: DigitProblem) -> DigitProblem:
+    """Return the problem with the frames that cover its motion best, weighted."""
+    frames = spread_frames(problem.points, CHOSEN_FRAMES, LEAST_DISTANCE)
+    return problem._replace(
+        points=problem.points[frames],
+        weight=min(1., INDEPENDENT_POSTURES / max(len(frames), 1)))
+
+
+def fit_digit(problem: DigitProblem, starts: np.ndarray,
+              shape: np.ndarray | None = None, rounds: int = NOISE_ROUNDS) -> DigitFit:
+    """Fit a digit's shape to the frames of a problem.
+
+    Parameters
+    ----------
+    problem : DigitProblem
+        With the chosen frames.
+    starts : ndarray, shape (s, 4)
+        Postures from which each frame's is sought [rad].
+    shape : ndarray, shape (p,), optional
+        Where to begin; else the usual shape.
+    rounds : int, optional
+        Fits with the noise estimated anew.
+
+    Returns
+    -------
+    DigitFit
+    """
+    shape = problem.prior.mean if shape is None else shape
+    angles, _ = solve_angles(problem, shape, starts)
+    for i in range(rounds):
+        solved = solve_shape(problem, shape, angles, SHAPE_ITERATIONS)
+        shape = solved.shape
+        problem = problem._replace(noise=_noise(problem, shape, solved.angles))
+        angles = solved.angles
+        if i < min(rounds - 1, SEARCHED_ROUNDS):
+            everywhere = np.broadcast_to(
+                starts[:, None], (len(starts), len(angles), ANGLES))
+            angles, _ = solve_angles(problem, shape, np.concatenate((angles[None], everywhere)))
+    return DigitFit(problem, shape, angles, covariance(problem, shape, angles))
+
+
+def _noise(problem: DigitProblem, shape: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Return the noise of the markers by their residuals, (m,) [m]."""
+    misses = place_markers(problem.chain, shape, angles) - problem.points
+    seen = np.isfinite(misses)
+    # Each frame's angles take up some of its coordinates.
+    free = seen.sum() - len(angles) * ANGLES
+    if free <= 0 or len(problem.noise) < 2:
+        return np.full_like(problem.noise, FIRST_NOISE)
+    square = np.nansum(np.minimum(misses ** 2, (4. * problem.noise[:, None]) ** 2)) / free
+    return np.clip(problem.meets * np.sqrt(square), *NOISE_BOUNDS)

@@ -1,0 +1,234 @@
+"""Report of a fit: residuals of markers, deviations of parameters, what was not observed."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.model.hand import DIGITS
+from .arrow_solver import solve_angles
+from .digit_chain import (
+    BONE_PART,
+    COUPLING_PART,
+    FIRST_OFFSET,
+    LEAN_PART,
+    ROOT_PART,
+    place_markers,
+)
+from .digit_fit import DigitFit, posture_starts
+from .marker_fit import FIT_STEPS, MarkerFit, fit_gathered
+from .palm_template import PalmFit
+from .takes import Gathered
+
+OBSERVED_SHARE = .7      # of the spread known before; a larger deviation has told nothing
+OBSERVED_DEVIATION = .002  # [m] of a length; with a larger one it is not known either
+FRAME_DEVIATION = .003     # [m] of the wrist's frame, by the heights of the palm's markers
+HELD_OUT_BLOCK = 1.      # [s] of the parts of a take that are not fitted
+HELD_OUT_EVERY = 5       # block of a take
+HELD_OUT_FRAMES = 200    # judged, evenly spaced
+BONE_NAMES = {'finger': ('proximal phalanx', 'middle phalanx', 'distal phalanx'),
+              'thumb': ('metacarpal', 'proximal phalanx', 'distal phalanx')}
+AXIS_NAMES = ('along the bone', 'to the thumb\'s side', 'dorsal')
+METRES, RADIANS, PLAIN_NUMBER = 'mm', 'degrees', ''
+
+
+class Parameter(NamedTuple):
+    """A fitted parameter.
+
+    Attributes
+    ----------
+    digit, name : str
+    value, deviation, before : float
+        Value, its standard deviation, and that before the take, in the unit.
+    unit : {'mm', 'degrees', ''}
+    observed : bool
+        Whether the take told of it.
+    advice : str
+        What would show it.
+    """
+
+    digit: str
+    name: str
+    value: float
+    deviation: float
+    before: float
+    unit: str
+    observed: bool
+    advice: str
+
+
+class MarkerResidual(NamedTuple):
+    """Distances of a marker from its place on the fitted hand.
+
+    Attributes
+    ----------
+    marker : str
+    fitted, held_out : float
+        Means over fitted frames, and over frames that another fit did not see; NaN where there
+        are none [m].
+    """
+
+    marker: str
+    fitted: float
+    held_out: float
+
+
+class FitReport(NamedTuple):
+    """Report of a fit.
+
+    Attributes
+    ----------
+    residuals : list of MarkerResidual
+    parameters : list of Parameter
+    """
+
+    residuals: list[MarkerResidual]
+    parameters: list[Parameter]
+
+    def lines(self) -> list[str]:
+        """Return the report as lines of text."""
+        found = ['marker          distance from its place on the fitted hand, mm',
+                 '                fitted  not fitted']
+        for residual in self.residuals:
+            found.append(f'{residual.marker:16s}{_millimetres(residual.fitted):>6s}'
+                         f'{_millimetres(residual.held_out):>12s}')
+        found += ['', f'{"parameter":44s}{"value":>8s}{"sd":>7s}{"before":>7s}']
+        for one in self.parameters:
+            scale = f'{one.value:8.2f}{one.deviation:7.2f}{one.before:7.2f} {one.unit}'
+            found.append(f'{one.digit + " " + one.name:44s}{scale:32s}'
+                         f'{"" if one.observed else "not observed"}'.rstrip())
+        return found + [''] + self.unobserved()
+
+    def unobserved(self) -> list[str]:
+        """Return what the takes did not show, in words, and what would show it."""
+        told: dict[tuple[str, str], list[str]] = {}
+        for one in self.parameters:
+            if not one.observed:
+                told.setdefault((one.digit, one.advice), []).append(one.name)
+        return [f'{digit} {", ".join(names)}: not observed, as on other hands; {advice}'
+                for (digit, advice), names in told.items()]
+
+
+def report_fit(fit: MarkerFit, gathered: Gathered, rate: float,
+               done: Callable[[], None] = lambda: None) -> FitReport:
+    """Return the report of a fit; a second one, to most of the takes, is judged on the rest.
+
+    Parameters
+    ----------
+    fit : MarkerFit
+    gathered : Gathered
+        What it was fitted to.
+    rate : float
+        [Hz]
+    done : callable, optional
+        Called after each of `FIT_STEPS` parts of the work.
+
+    Returns
+    -------
+    FitReport
+    """
+    block = max(1, round(HELD_OUT_BLOCK * rate))
+    held = np.arange(len(gathered.points)) // block % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
+    misses: dict[str, float] = {}
+    if held.any():
+        most = fit_gathered(gathered._replace(points=gathered.points[~held]), fit.hand.side,
+                            done=done)
+        rest = gathered.points[held]
+        rest = rest[np.unique(np.linspace(0, len(rest) - 1, HELD_OUT_FRAMES).astype(int))]
+        misses = marker_misses(most, gathered._replace(points=rest))
+    else:
+        for _ in range(FIT_STEPS):
+            done()
+    chosen = gathered.points[np.unique(
+        np.linspace(0, len(gathered.points) - 1, HELD_OUT_FRAMES).astype(int))]
+    fitted = marker_misses(fit, gathered._replace(points=chosen))
+    gathered = gathered._replace(markers=fit.markers)
+    return FitReport(
+        [MarkerResidual(name, miss, misses.get(name, np.nan)) for name, miss in fitted.items()],
+        [parameter for digit, one in enumerate(fit.digits) if one is not None
+         for parameter in _parameters(digit, one, gathered, fit.palm)])
+
+
+def marker_misses(fit: MarkerFit, gathered: Gathered) -> dict[str, float]:
+    """Return the mean distance of each marker from its place, postures by all markers [m]."""
+    gathered = gathered._replace(markers=fit.markers)
+    local = fit.palm.into_palm(gathered.names, gathered.points)
+    found = {gathered.names[i]: _mean(np.linalg.norm(
+        local[:, i] - fit.palm.places[gathered.names[i]], axis=1)) for i in gathered.of(-1)}
+    for digit, one in enumerate(fit.digits):
+        if one is None:
+            continue
+        columns = gathered.of(digit)
+        problem = one.problem._replace(points=local[:, columns], weight=1.)
+        starts = posture_starts(DIGITS[digit] == 'thumb', problem.posture)
+        postures, _ = solve_angles(problem, one.shape, starts)
+        misses = np.linalg.norm(
+            place_markers(problem.chain, one.shape, postures) - problem.points, axis=2)
+        found.update((gathered.markers[i].name, _mean(misses[:, k]))
+                     for k, i in enumerate(columns))
+    return found
+
+
+def _parameters(digit: int, fit: DigitFit, gathered: Gathered,
+                palm: PalmFit) -> list[Parameter]:
+    """Return the parameters of a digit."""
+    name = DIGITS[digit]
+    kind = 'thumb' if name == 'thumb' else 'finger'
+    markers = [gathered.markers[i] for i in gathered.of(digit)]
+    alone = ('move the thumb to every finger and in circles' if kind == 'thumb' else
+             f'bend the {name} finger alone, in its knuckle and in its middle joint')
+    worn_only = len(markers) == 1
+    more = f'{alone}, with more markers on it' if worn_only else alone
+    spread = ('circle with the thumb' if kind == 'thumb'
+              else f'spread the {name} finger while it is straight and while it is bent')
+    has_tip = any(marker.link == 2 for marker in markers)
+    tip = more if has_tip else 'it needs a marker at the tip, or a ruler'
+    root = 'CMC' if kind == 'thumb' else 'MCP'
+    axes = 'ahead', 'to the thumb\'s side', 'dorsal'
+    knuckle = palm.places.get(f'{name}_{root.lower()}')
+    entries: list[tuple[int, str, str, str]] = [
+        (ROOT_PART.start + k, f'{root} {axis} of ' + (
+            'the wrist' if knuckle is None else 'its marker'), METRES, more)
+        for k, axis in enumerate(axes)]
+    entries += [(LEAN_PART.start + k, f'abduction axis leaning {axis}', RADIANS, spread)
+                for k, axis in enumerate(('ahead', 'aside'))]
+    entries += [(BONE_PART.start + k, bone, METRES, tip if k == 2 else more)
+                for k, bone in enumerate(BONE_NAMES[kind])]
+    last = 'IP' if kind == 'thumb' else 'DIP'
+    entries += [(COUPLING_PART.start, f'{last} coupling slope', PLAIN_NUMBER, tip),
+                (COUPLING_PART.start + 1, f'{last} coupling offset', RADIANS, tip)]
+    for i, marker in enumerate(markers):
+        place = marker.name.removeprefix(f'{name}_').upper().replace('TIP', 'tip')
+        entries += [(FIRST_OFFSET + 3 * i + k, f'{place} offset {axis}', METRES, more)
+                    for k, axis in enumerate(AXIS_NAMES)]
+    found = []
+    for row, label, unit, advice in entries:
+        factor = {METRES: 1e3, RADIANS: 180. / np.pi, PLAIN_NUMBER: 1.}[unit]
+        deviation, before = fit.deviations[row], fit.problem.prior.spread[row]
+        if row < ROOT_PART.stop and knuckle is None:
+            # The wrist's frame is as uncertain as the places of its markers.
+            deviation = float(np.hypot(deviation, FRAME_DEVIATION))
+        value = fit.shape[row]
+        if row < ROOT_PART.stop and knuckle is not None:
+            value = value - knuckle[row]
+        found.append(Parameter(
+            name, label, float(factor * value), float(factor * deviation),
+            float(factor * before), unit, bool(
+                deviation <= OBSERVED_SHARE * before
+                and (unit != METRES or deviation <= OBSERVED_DEVIATION)), advice))
+    return found
+
+
+def _mean(values: np.ndarray) -> float:
+    """Return the mean of what is finite; NaN if nothing is."""
+    values = values[np.isfinite(values)]
+    return float(values.mean()) if len(values) else float('nan')
+
+
+def _millimetres(value: float) -> str:
+    return '–' if np.isnan(value) else f'{1e3 * value:.2f}'
+
+
+def average_rate(rates: Sequence[float]) -> float:
+    """Return the rate of takes together [Hz]."""
+    return float(np.mean(rates))

@@ -1,0 +1,296 @@
+"""From fitted digits to the `Hand` and `MarkerLayout` that the tracker uses."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..core.model.hand import (
+    ABDUCTION_JOINTS,
+    ANGLE_RANGE,
+    COUPLING_OFFSET_RANGE,
+    DIGITS,
+    FINGERS,
+    FLEXION_JOINTS,
+    JOINTS,
+    LEFT_HAND_MIRROR,
+    LINKS,
+    MCP_OF_LENGTH,
+    SLOPE_RANGE,
+    SPLAY_RANGE,
+    Hand,
+    cmc_joints,
+)
+from ..core.model.kinematics import ABDUCTION_SIGN, digit_base, forward, joint_table
+from ..core.model.marker_layout import (
+    MARKERS,
+    PALM_LANDMARKS,
+    PAPER_PLACES,
+    MarkerLayout,
+    landmark_on_link,
+)
+from .digit_chain import (
+    BONE_PART,
+    COUPLING_PART,
+    LEAN_PART,
+    ROOT_PART,
+    Chain,
+    leaning,
+    offsets_of,
+    shares_of,
+)
+
+SHOWN_PERCENTILES = (.5, 99.5)         # of a take's angles, the ends of the shown range
+SHOWN_MARGIN = np.radians(3.)          # beyond them
+STRAIGHT_FLEXION = np.radians(45.)     # below which a finger shows its splay
+
+
+class FittedDigit(NamedTuple):
+    """A digit's chain, shape and markers.
+
+    Attributes
+    ----------
+    chain : Chain
+    shape : ndarray, shape (p,)
+    names : tuple of str
+        Of its markers.
+    postures : ndarray, shape (n, 4)
+        In the take, as angles of the chain [rad].
+    """
+
+    chain: Chain
+    shape: np.ndarray
+    names: tuple[str, ...]
+    postures: np.ndarray
+
+
+class MarkerMount(NamedTuple):
+    """Where a marker is on a right hand.
+
+    Attributes
+    ----------
+    link : int
+        Row of `LINKS`; -1 is the wrist.
+    end : ndarray, shape (3,)
+        End of the link's bone, in the link's frame [m].
+    offset : ndarray, shape (3,)
+        Marker from there [m].
+    share : float
+        Of the flexion of the joint at that end by which the offset turns [1].
+    joint : int
+        Row of `JOINTS` of that flexion; -1 where there is none.
+    """
+
+    link: int
+    end: np.ndarray
+    offset: np.ndarray
+    share: float
+    joint: int
+
+
+def fitted_hand(scaled: Hand, digits: Sequence[FittedDigit | None], side: str,
+                limits: np.ndarray) -> tuple[Hand, np.ndarray]:
+    """Return the hand of fitted digits.
+
+    Parameters
+    ----------
+    scaled : Hand
+        The mean hand in the person's size: what no digit tells is its.
+    digits : sequence of FittedDigit or None
+        Index finger to thumb.
+    side : {'right', 'left'}
+    limits : ndarray, shape (25, 2)
+        Joint limits, widened to the postures [rad].
+
+    Returns
+    -------
+    hand : Hand
+    angles : ndarray, shape (n, 25)
+        Postures of the take, the digits' as long as they go, else 0 [rad].
+    """
+    fields: dict[str, Any] = {name: np.array(getattr(scaled, name)) for name in (
+        'finger_mcp', 'finger_bones', 'finger_abduction_axes', 'splay', 'coupling')}
+    for row, digit in enumerate(digits):
+        if digit is None:
+            continue
+        shape = digit.shape
+        slope, offset = shape[COUPLING_PART]
+        fields['coupling'][row] = (
+            np.clip(slope, *SLOPE_RANGE), np.clip(offset, *COUPLING_OFFSET_RANGE))
+        axis = leaning(digit.chain, shape[LEAN_PART]).base[:, 2]
+        if DIGITS[row] in FINGERS:
+            fields['finger_mcp'][row] = shape[ROOT_PART]
+            fields['finger_bones'][row] = shape[BONE_PART]
+            fields['finger_abduction_axes'][row] = axis
+            fields['splay'][row] = _splay(digit, axis)
+        else:
+            fields.update(thumb_cmc=shape[ROOT_PART], thumb_bones=shape[BONE_PART],
+                          thumb_abduction_axis=axis,
+                          thumb_rest_direction=_rest_direction(digit, limits))
+    mcp, middle = fields['finger_mcp'], FINGERS.index('middle')
+    fields['finger_cmc'] = cmc_joints(mcp, mcp[middle, 0] / MCP_OF_LENGTH[middle])
+    hand = scaled.replace(side='right', **fields)
+    angles = hand_angles(hand, digits)
+    return hand.replace(side=side, limits=widened(limits, angles)), angles
+
+
+def hand_angles(hand: Hand, digits: Sequence[FittedDigit | None]) -> np.ndarray:
+    """Return the postures of fitted digits as the hand's angles, shape (n, 25) [rad]."""
+    frames = max((len(digit.postures) for digit in digits if digit is not None), default=0)
+    angles = np.zeros((frames, len(JOINTS)))
+    for row, digit in enumerate(digits):
+        if digit is None or not len(digit.postures):
+            continue
+        old, old_tilt = leaning(digit.chain, digit.shape[LEAN_PART])
+        new, _, tilt = digit_base(hand, row)
+        ahead = old.T @ new[:, 0]
+        turn = np.arctan2(ahead[1], ahead[0])
+        rows = slice(0, len(digit.postures))
+        angles[rows, ABDUCTION_JOINTS[row]] = ABDUCTION_SIGN[row] * (digit.postures[:, 0] - turn)
+        angles[rows, FLEXION_JOINTS[row, 0]] = (
+            digit.postures[:, 1] + old_tilt - tilt)
+        angles[rows, FLEXION_JOINTS[row, 1]] = digit.postures[:, 2]
+        angles[rows, FLEXION_JOINTS[row, 2]] = digit.postures[:, 3]
+    return angles
+
+
+def widened(limits: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Return joint limits (25, 2) widened to what postures (n, 25) show, with a margin [rad]."""
+    if not len(angles):
+        return limits
+    lower, upper = np.percentile(angles, SHOWN_PERCENTILES, axis=0)
+    moved = upper - lower > 0.
+    lower = np.where(moved, lower - SHOWN_MARGIN, 0.)
+    upper = np.where(moved, upper + SHOWN_MARGIN, 0.)
+    return np.clip(np.column_stack((np.minimum(limits[:, 0], lower),
+                                    np.maximum(limits[:, 1], upper))), -ANGLE_RANGE, ANGLE_RANGE)
+
+
+def mount_markers(hand: Hand, digits: Sequence[FittedDigit | None],
+                  palm: dict[str, np.ndarray]) -> dict[str, MarkerMount]:
+    """Return where every marker is on a right hand.
+
+    Parameters
+    ----------
+    hand : Hand
+    digits : sequence of FittedDigit or None
+    palm : dict of str to ndarray, shape (3,)
+        Palm markers in the wrist's frame [m].
+
+    Returns
+    -------
+    dict of str to MarkerMount
+    """
+    mounts = {name: MarkerMount(-1, np.zeros(3), place, 0., -1) for name, place in palm.items()}
+    for row, digit in enumerate(digits):
+        if digit is None:
+            continue
+        bones = hand.thumb_bones if DIGITS[row] == 'thumb' else hand.finger_bones[row]
+        for name, link, offset, share in zip(
+                digit.names, digit.chain.links, offsets_of(digit.shape), shares_of(digit.shape)):
+            mounts[name] = MarkerMount(
+                LINKS.index(f'{DIGITS[row]}_{_link_names(row)[link]}'),
+                np.array((bones[link], 0., 0.)), offset, float(share),
+                int(FLEXION_JOINTS[row, link + 1]) if link < 2 else -1)
+    return mounts
+
+
+def marker_layout(hand: Hand, worn: Sequence[str],
+                  mounts: dict[str, MarkerMount]) -> MarkerLayout:
+    """Return the layout of the worn markers; one that is missing stays at the paper's place.
+
+    Parameters
+    ----------
+    hand : Hand
+    worn : sequence of str
+        Names of the worn markers, in the order of `MARKERS`; '' where there is none.
+    mounts : dict of str to MarkerMount
+
+    Returns
+    -------
+    MarkerLayout
+    """
+    places, offsets = list(PAPER_PLACES), np.zeros((len(MARKERS), 3))
+    for i, name in enumerate(worn):
+        if not name:
+            continue
+        mount = mounts[name]
+        if mount.link >= 0:
+            places[i], offsets[i] = name, mount.offset
+            continue
+        landmarks = {place: landmark_on_link(hand, place)[1] for place in PALM_LANDMARKS}
+        if name not in landmarks:
+            name = min(landmarks, key=lambda place: float(
+                np.linalg.norm(mount.offset - landmarks[place])))
+        places[i], offsets[i] = name, mount.offset - landmarks[name]
+    return MarkerLayout(tuple(places), offsets)
+
+
+def place_mounted(hand: Hand, mounts: Sequence[MarkerMount], angles: np.ndarray,
+                  rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Return the places of markers on a hand in n poses.
+
+    Parameters
+    ----------
+    hand : Hand
+    mounts : sequence of MarkerMount
+    angles : ndarray, shape (n, 25)
+        [rad]
+    rotation, position : ndarray, shape (n, 3, 3) and (n, 3)
+        Wrist in the markers' frame [m].
+
+    Returns
+    -------
+    ndarray, shape (n, k, 3)
+        [m]
+    """
+    pose = forward(joint_table(hand.replace(side='right')), angles)
+    points = np.empty((len(angles), len(mounts), 3))
+    for i, mount in enumerate(mounts):
+        if mount.link < 0:
+            points[:, i] = mount.offset
+            continue
+        turn = mount.share * angles[:, mount.joint] if mount.joint >= 0 else np.zeros(len(angles))
+        c, s = np.cos(turn), np.sin(turn)
+        x, y, z = mount.offset
+        local = mount.end + np.stack((c * x + s * z, 0. * c + y, c * z - s * x), axis=1)
+        points[:, i] = pose.position[:, mount.link] + (
+            pose.rotation[:, mount.link] @ local[..., None])[..., 0]
+    if hand.side == 'left':
+        points = points * LEFT_HAND_MIRROR
+    return points @ np.swapaxes(rotation, 1, 2) + position[:, None]
+
+
+def _splay(digit: FittedDigit, axis: np.ndarray) -> float:
+    """Return the splay in the middle of a finger's turns while it is about straight [rad]."""
+    base, _ = leaning(digit.chain, digit.shape[LEAN_PART])
+    turn = 0.
+    if len(digit.postures):
+        nearly = digit.postures[np.abs(digit.postures[:, 1]) < STRAIGHT_FLEXION]
+        chosen = nearly if len(nearly) else digit.postures
+        turn = float(np.percentile(chosen[:, 0], SHOWN_PERCENTILES).mean())
+    direction = base @ (np.cos(turn), np.sin(turn), 0.)
+    # The line in which the plane of that direction and the axis intersects the palm.
+    rest = direction - direction[2] / axis[2] * axis
+    return float(np.clip(np.arctan2(rest[1], rest[0]), -SPLAY_RANGE, SPLAY_RANGE))
+
+
+def _rest_direction(digit: FittedDigit, limits: np.ndarray) -> np.ndarray:
+    """Return the direction that centres the thumb's postures within its limits, shape (3,)."""
+    row = DIGITS.index('thumb')
+    base, tilt = leaning(digit.chain, digit.shape[LEAN_PART])
+    turn, flexion = 0., tilt
+    if len(digit.postures):
+        turn, flexion = (
+            float(np.percentile(shown, SHOWN_PERCENTILES).mean() - limits[joint].mean() * sign)
+            for shown, joint, sign in (
+                (digit.postures[:, 0], ABDUCTION_JOINTS[row], ABDUCTION_SIGN[row]),
+                (digit.postures[:, 1] + tilt, FLEXION_JOINTS[row, 0], 1.)))
+    return base @ (np.cos(flexion) * np.cos(turn), np.cos(flexion) * np.sin(turn),
+                   -np.sin(flexion))
+
+
+def _link_names(row: int) -> tuple[str, str, str]:
+    """Return the names of a digit's three links behind its root."""
+    return (('metacarpal', 'proximal', 'distal') if DIGITS[row] == 'thumb'
+            else ('proximal', 'middle', 'distal'))

@@ -1,0 +1,242 @@
+"""Fit a person's hand, and where the markers are on it, to takes of markers on the skin.
+
+The palm's markers give its frame. In it each digit is fitted by itself (`digit_fit`); the digits
+share the hand's length, which their bones tell together.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.model.hand import DIGITS, HAND_LENGTH_RANGE, Hand, preset_limits
+from ..core.model.marker_layout import MarkerLayout
+from .arrow_solver import solve_angles
+from .digit_chain import BONE_PART, ROOT_PART
+from .digit_fit import FIRST_NOISE, DigitFit, chosen_problem, fit_digit, posture_starts
+from .digit_priors import Marked, digit_chain, digit_posture, digit_prior
+from .fitted_hand import (
+    FittedDigit,
+    MarkerMount,
+    fitted_hand,
+    marker_layout,
+    mount_markers,
+)
+from .least_squares import evenly_spaced
+from .marker_names import NamedMarker, is_knuckle, riding
+from .marker_residuals import DigitProblem
+from .palm_template import PalmFit, aligned, fit_palm, rigid_poses
+from .radii import thinned
+from .takes import Gathered, InvalidTake, MarkerTake, gather
+from .worn_markers import worn_names
+
+LENGTH_ROUNDS = 2        # fits of all digits, the hand's length estimated anew between them
+FIT_STEPS = LENGTH_ROUNDS * len(DIGITS)
+PALM_LENGTH_SPREAD = .05  # of the length that the palm tells, as a logarithm
+MOST_LENGTH_STEP = .15
+KNOWN_LENGTH_SPREAD = .02  # of a length that the bones have told, as a logarithm
+POSTURE_FRAMES = 300     # evenly spaced, which show the range of motion
+# Share of the noise that a worn marker is given in the fit: the tracker meets it, whatever the
+# others say. Ours, from captures.
+WORN_NOISE_SHARE = .5
+MIN_PALM_FRAMES = 30
+MIN_WHOLE_FRAMES = 50    # with all markers; else those with some missing show it too
+
+
+class MarkerFit(NamedTuple):
+    """A hand fitted to markers.
+
+    Attributes
+    ----------
+    hand : Hand
+    layout : MarkerLayout
+        Of the worn markers.
+    markers : tuple of NamedMarker
+        Of the takes, those knuckles on their digits that are not rigid in the palm.
+    worn : tuple of str
+        Names of the worn markers in the takes, in the order of `MARKERS`; '' where there is none.
+    mounts : dict of str to MarkerMount
+        Of all markers of the takes.
+    palm : PalmFit
+    digits : tuple of DigitFit or None
+        None where a digit has no marker.
+    length : float
+        Of the hand, by its bones [m].
+    postures : ndarray, shape (n, 25)
+        Angles of the hand in frames of the takes, evenly spaced [rad].
+    local : ndarray, shape (n, M, 3)
+        Markers of these frames on the right hand, in the wrist's frame [m].
+    """
+
+    hand: Hand
+    layout: MarkerLayout
+    markers: tuple[NamedMarker, ...]
+    worn: tuple[str, ...]
+    mounts: dict[str, MarkerMount]
+    palm: PalmFit
+    digits: tuple[DigitFit | None, ...]
+    length: float
+    postures: np.ndarray
+    local: np.ndarray
+
+
+def fit_markers(takes: Sequence[MarkerTake], limits: np.ndarray | None = None,
+                done: Callable[[], None] = lambda: None) -> MarkerFit:
+    """Return the hand that fits takes of markers.
+
+    Parameters
+    ----------
+    takes : sequence of MarkerTake
+        Of one hand with its markers left in place.
+    limits : ndarray, shape (25, 2), optional
+        Joint limits, which the fitted postures widen; preset 'paper' when left out [rad].
+    done : callable, optional
+        Called after each of the `FIT_STEPS` parts of the work.
+
+    Returns
+    -------
+    MarkerFit
+
+    Raises
+    ------
+    InvalidTake
+        If the palm is not seen.
+    """
+    gathered = gather(takes)
+    return fit_gathered(gathered, takes[0].side, limits, done)
+
+
+def fit_gathered(gathered: Gathered, side: str, limits: np.ndarray | None = None,
+                 done: Callable[[], None] = lambda: None) -> MarkerFit:
+    """Return the hand that fits gathered markers; parameters as for `fit_markers`."""
+    gathered, palm = split_palm(gathered)
+    worn = worn_names(gathered.markers, palm.held)
+    fits: list[DigitFit | None] = [None] * len(DIGITS)
+    length = palm.length
+    for again in range(LENGTH_ROUNDS):
+        if again:
+            moved = aligned(palm._replace(length=length), KNOWN_LENGTH_SPREAD)
+            fits = [fit and _moved(fit, palm, moved) for fit in fits]
+            palm = moved
+        local = palm.into_palm(gathered.names, gathered.points)
+        mean = Hand.scaled(palm.length, palm.breadth)
+        for digit in range(len(DIGITS)):
+            problem = _digit_problem(mean, digit, gathered, local, worn, length, palm)
+            if problem is not None:
+                fits[digit] = _fit_again(problem, digit, fits[digit])
+            done()
+        length = hand_length(palm.length, length, fits)
+
+    # Frames with all markers of every digit, so that a posture is of one moment.
+    whole = np.flatnonzero(np.isfinite(local).all(axis=(1, 2)))
+    if len(whole) < MIN_WHOLE_FRAMES:
+        whole = np.arange(len(local))
+    shown = local[whole[evenly_spaced(len(whole), POSTURE_FRAMES)]]
+    digits = [_with_postures(fit, digit, gathered, shown, worn) for digit, fit in enumerate(fits)]
+    hand, postures = fitted_hand(Hand.scaled(length, palm.breadth), digits, side,
+                          preset_limits() if limits is None else limits)
+    if len(postures):
+        hand = thinned(hand, np.clip(postures, *hand.limits.T))
+    names = [gathered.names[i] for i in gathered.of(-1)]
+    mounts = mount_markers(hand, digits, {name: palm.places[name] for name in names})
+    return MarkerFit(hand, marker_layout(hand, worn, mounts), gathered.markers, worn, mounts, palm,
+                     tuple(fits), length, postures, shown)
+
+
+def split_palm(gathered: Gathered) -> tuple[Gathered, PalmFit]:
+    """Return the markers with knuckles that are not rigid on their digits, and the palm."""
+    columns = gathered.of(-1)
+    seen = np.isfinite(gathered.points[:, columns]).all(axis=2).sum(axis=1)
+    if np.count_nonzero(seen >= 3) < MIN_PALM_FRAMES:
+        raise InvalidTake(f'three markers of the palm are seen in {np.count_nonzero(seen >= 3)} '
+                          f'frames; expected at least {MIN_PALM_FRAMES}, of markers such as wrist, '
+                          'index_mcp and little_mcp')
+    palm = fit_palm([gathered.markers[i].name for i in columns], gathered.points[:, columns])
+    markers = list(gathered.markers)
+    for i, rigid in zip(columns, palm.rigid):
+        if not rigid:
+            markers[i] = riding(markers[i])
+    return gathered._replace(markers=tuple(markers)), palm
+
+
+def hand_length(by_palm: float, length: float, fits: Sequence[DigitFit | None]) -> float:
+    """Return the hand's length by its palm and by what the markers tell of the bones [m].
+
+    A Gauss-Newton step of the length's logarithm beside all shapes, with the bones' usual lengths
+    in proportion to it.
+
+    Parameters
+    ----------
+    by_palm, length : float
+        Told by the palm, and that of the priors of the fits [m].
+    fits : sequence of DigitFit or None
+
+    Returns
+    -------
+    float
+        [m]
+    """
+    precision = PALM_LENGTH_SPREAD ** -2.
+    gradient = precision * np.log(by_palm / length)
+    for fit in fits:
+        if fit is None:
+            continue
+        prior = fit.problem.prior
+        # Of the shape's prior by the length, in precisions.
+        pull = np.zeros(len(prior.mean))
+        pull[BONE_PART] = prior.mean[BONE_PART] / prior.spread[BONE_PART] ** 2
+        gradient += pull @ (fit.shape - prior.mean)
+        precision += pull[BONE_PART] @ prior.mean[BONE_PART] - pull @ fit.covariance @ pull
+    step = float(np.clip(gradient / precision, -MOST_LENGTH_STEP, MOST_LENGTH_STEP))
+    return float(np.clip(length * np.exp(step), *HAND_LENGTH_RANGE))
+
+
+def _marked(gathered: Gathered, digit: int, worn: tuple[str, ...]) -> Marked:
+    """Return the markers of a digit."""
+    markers = [gathered.markers[i] for i in gathered.of(digit)]
+    return Marked(tuple(marker.name for marker in markers),
+                  np.array([marker.link for marker in markers], dtype=int),
+                  np.array([is_knuckle(marker) for marker in markers], dtype=bool),
+                  np.array([marker.name in worn for marker in markers], dtype=bool))
+
+
+def _digit_problem(mean: Hand, digit: int, gathered: Gathered, local: np.ndarray,
+                   worn: tuple[str, ...], length: float, palm: PalmFit) -> DigitProblem | None:
+    """Return the problem of a digit with its chosen frames; None if it has no marker."""
+    columns = gathered.of(digit)
+    if not columns:
+        return None
+    marked = _marked(gathered, digit, worn)
+    chosen = chosen_problem(DigitProblem(
+        digit_chain(mean, digit, marked.links), local[:, columns],
+        np.full(len(columns), FIRST_NOISE), digit_posture(mean, digit),
+        digit_prior(mean, digit, marked, length, palm.places.get(f'{DIGITS[digit]}_mcp')),
+        np.where(marked.worn & (len(columns) > 1), WORN_NOISE_SHARE, 1.), 1.))
+    return chosen if len(chosen.points) else None
+
+
+def _moved(fit: DigitFit, before: PalmFit, after: PalmFit) -> DigitFit:
+    """Return a fit with its root where another frame of the palm has it."""
+    rotation, position = rigid_poses(after.template[None], before.template)
+    shape = fit.shape.copy()
+    shape[ROOT_PART] = rotation[0] @ shape[ROOT_PART] + position[0]
+    return fit._replace(shape=shape)
+
+
+def _fit_again(problem: DigitProblem, digit: int, before: DigitFit | None) -> DigitFit:
+    """Fit a digit, from its last fit where there is one."""
+    starts = posture_starts(DIGITS[digit] == 'thumb', problem.posture)
+    if before is None:
+        return fit_digit(problem, starts)
+    return fit_digit(problem._replace(noise=before.problem.noise), starts, before.shape, rounds=2)
+
+
+def _with_postures(fit: DigitFit | None, digit: int, gathered: Gathered, local: np.ndarray,
+                   worn: tuple[str, ...]) -> FittedDigit | None:
+    """Return a fitted digit with its postures in evenly spaced frames."""
+    if fit is None:
+        return None
+    points = local[:, gathered.of(digit)]
+    starts = posture_starts(DIGITS[digit] == 'thumb', fit.problem.posture)
+    postures, _ = solve_angles(fit.problem._replace(points=points, weight=1.), fit.shape, starts)
+    return FittedDigit(fit.problem.chain, fit.shape, _marked(gathered, digit, worn).names, postures)

@@ -1,0 +1,88 @@
+"""Markers by their names: which landmark each is at, and which link it rides on."""
+
+import re
+from typing import NamedTuple
+
+from ..core.model.hand import DIGITS, FINGERS
+from ..core.model.marker_layout import MARKERS, PAPER_PLACES
+
+ON_PALM = -1
+# Landmarks of a digit whose marker rides on the first, second and third link behind its root.
+FINGER_LANDMARKS = ('pip', 'dip', 'tip')
+THUMB_LANDMARKS = ('mcp', 'ip', 'tip')
+SYNONYMS = {'pinky': 'little', 'pinkie': 'little', 'small': 'little', 'fore': 'index',
+            'knuckle': 'mcp', 'end': 'tip', 'carpus': 'wrist'}
+SIDE_WORDS = ('right', 'left', 'r', 'l', 'hand')
+
+
+class NamedMarker(NamedTuple):
+    """A marker of a take.
+
+    Attributes
+    ----------
+    name : str
+        As 'index_pip'; of markers at no landmark as in the file.
+    digit : int
+        0 to 4, index finger to thumb; -1 on the palm.
+    link : int
+        0 to 2 behind the digit's root; -1 is the palm.
+    """
+
+    name: str
+    digit: int
+    link: int
+
+
+def canonical_name(text: str) -> str:
+    """Return a marker's name in words with underscores: 'ThumbCMC' becomes 'thumb_cmc'."""
+    spaced = re.sub(r'(?<=[a-z])(?=[A-Z0-9])', '_', text.strip())
+    found = [word for word in re.split(r'[\W_]+', spaced.lower()) if word]
+    found = [SYNONYMS.get(word, word) for word in found]
+    if len(found) > 1:
+        # A side says nothing of the place: 'right_index_tip', 'R_Index_Tip'.
+        found = [word for i, word in enumerate(found) if i or word not in SIDE_WORDS[:4]]
+    name = '_'.join(found)
+    return PAPER_PLACES[MARKERS.index(name)] if name in MARKERS else name
+
+
+def identify(names: tuple[str, ...]) -> list[NamedMarker | None]:
+    """Return what each name stands for, None for what is no marker of a hand.
+
+    Parameters
+    ----------
+    names : tuple of str
+        In any usual spelling.
+
+    Returns
+    -------
+    list of NamedMarker or None
+    """
+    return [_identified(canonical_name(name)) for name in names]
+
+
+def riding(marker: NamedMarker) -> NamedMarker:
+    """Return a palm marker that is not rigid in it: a knuckle's rides on its digit's first bone."""
+    digit, _, landmark = marker.name.partition('_')
+    if digit in DIGITS and landmark in ('mcp', 'cmc'):
+        return NamedMarker(marker.name, DIGITS.index(digit), 0)
+    return marker
+
+
+def is_knuckle(marker: NamedMarker) -> bool:
+    """Return whether a marker on a digit is near the root of its first bone."""
+    digit, _, landmark = marker.name.partition('_')
+    return marker.link == 0 and landmark == ('cmc' if digit == 'thumb' else 'mcp')
+
+
+def _identified(name: str) -> NamedMarker | None:
+    digit, _, landmark = name.partition('_')
+    if digit in DIGITS:
+        row = DIGITS.index(digit)
+        landmarks = FINGER_LANDMARKS if digit in FINGERS else THUMB_LANDMARKS
+        if landmark in landmarks:
+            return NamedMarker(name, row, landmarks.index(landmark))
+        # A thumb's CMC lies in the palm; so do the knuckles.
+        return NamedMarker(name, -1, ON_PALM) if landmark in ('mcp', 'cmc') else None
+    if 'wrist' in name or re.match('(back|dorsum|palm|hand|metacarp)', name):
+        return NamedMarker(name, -1, ON_PALM)
+    return None

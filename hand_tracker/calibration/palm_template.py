@@ -1,0 +1,251 @@
+"""The palm's markers: their places in the palm's frame, and the palm's pose in every frame."""
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from ..core.model.hand import (
+    FINGERS,
+    HAND_BREADTH_RANGE,
+    HAND_LENGTH_RANGE,
+    MCP_OF_LENGTH,
+    MEAN_BREADTH,
+    MEAN_LENGTH,
+    Hand,
+)
+from .least_squares import evenly_spaced
+
+TEMPLATE_ROUNDS = 6
+# Change of distance, from the 10th to the 90th percentile, that a rigid pair may show [m], and that
+# beside the three best, whose noise is no less [1].
+RIGID_CHANGE, RIGID_RATIO = .006, 1.4
+TEMPLATE_FRAMES = 1500      # evenly spaced, of which the template is made
+# Height of a marker's centre above wrist and knuckles, and its spread along x, y and z [m]: bone,
+# skin and half a marker. Ours, unsourced.
+PALM_MARKER_HEIGHT = .011
+WRIST_SPREAD = (.008, .006, .005)
+KNUCKLE_SPREAD = (.004, .003, .003)
+THUMB_BASE_SPREAD = (.012, .012, .012)
+# Of a marker somewhere on the back of the hand: its place ahead, as a share of the hand's length.
+BACK_OF_LENGTH, BACK_SPREAD = .27, (.03, .03, .005)
+BACK_HEIGHT = .013
+BACK_NAMES = ('back', 'dorsum', 'hand', 'metacarp')
+# Spreads of the logarithms of people's lengths and breadths, adults of both sexes; ours, unsourced.
+LENGTH_SPREAD, BREADTH_SPREAD = .07, .07
+MOST_GROWTH = .3
+
+
+class PalmFit(NamedTuple):
+    """The palm's markers in the frame of the hand.
+
+    Attributes
+    ----------
+    names : tuple of str
+    template : ndarray, shape (k, 3)
+        Medians of those that are not rigid [m].
+    rigid : ndarray of bool, shape (k,)
+        Markers that keep their distances: the palm's pose is that of these.
+    length, breadth : float
+        Of the mean hand that the palm's markers fit best, as for `Hand.scaled` [m].
+    """
+
+    names: tuple[str, ...]
+    template: np.ndarray
+    rigid: np.ndarray
+    length: float
+    breadth: float
+
+    @property
+    def places(self) -> dict[str, np.ndarray]:
+        """Place of each marker in the palm's frame, shape (3,) each [m]."""
+        return dict(zip(self.names, self.template))
+
+    @property
+    def held(self) -> dict[str, np.ndarray]:
+        """Place of each rigid marker."""
+        return {name: place for name, place, rigid in zip(
+            self.names, self.template, self.rigid) if rigid}
+
+    def into_palm(self, names: Sequence[str], points: np.ndarray) -> np.ndarray:
+        """Return markers (n, M, 3), named, in the palm's frame by those that are rigid [m]."""
+        held = self.held
+        columns = [list(names).index(name) for name in held]
+        return to_palm(points, *rigid_poses(points[:, columns], np.array(list(held.values()))))
+
+
+def rigid_set(points: np.ndarray) -> np.ndarray:
+    """Return which markers keep their distances to each other, shape (k,) bool.
+
+    The three that keep them best, and all that keep theirs to those about as well.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, k, 3)
+        NaN where missing [m].
+
+    Returns
+    -------
+    ndarray of bool, shape (k,)
+    """
+    count = points.shape[1]
+    points = points[evenly_spaced(len(points), TEMPLATE_FRAMES)]
+    distances = np.linalg.norm(points[:, :, None] - points[:, None], axis=3)
+    low, high = np.nanpercentile(distances, (10., 90.), axis=0)
+    change = high - low
+    best = min(combinations(range(count), 3), key=lambda three: max(
+        change[i, j] for i, j in combinations(three, 2)))
+    usual = max(change[i, j] for i, j in combinations(best, 2))
+    allowed = max(RIGID_CHANGE, RIGID_RATIO * usual)
+    return np.array([all(change[i, j] <= allowed for j in best) for i in range(count)])
+
+
+def rigid_poses(points: np.ndarray, template: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fit a template rigidly to markers, frame by frame.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, k, 3)
+        NaN where missing [m].
+    template : ndarray, shape (k, 3)
+        [m]
+
+    Returns
+    -------
+    rotation : ndarray, shape (n, 3, 3)
+        From the template's frame to that of the markers; NaN where fewer than three are seen.
+    position : ndarray, shape (n, 3)
+        [m]
+    """
+    seen = np.isfinite(points).all(axis=2)
+    enough = seen.sum(axis=1) >= 3
+    weight = (seen / np.maximum(seen.sum(axis=1, keepdims=True), 1))[..., None]
+    known = np.where(seen[..., None], points, 0.)
+    center = (weight * known).sum(axis=1)
+    middle = (weight * template).sum(axis=1)
+    correlation = np.swapaxes(weight * (known - center[:, None]), 1, 2) @ (
+        template - middle[:, None])
+    u, _, vt = np.linalg.svd(correlation)
+    u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
+    rotation = u @ vt
+    rotation[~enough] = np.nan
+    return rotation, center - (rotation @ middle[..., None])[..., 0]
+
+
+def to_palm(points: np.ndarray, rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Transform points (n, k, 3) into the palm's frame [m]."""
+    return (points - position[:, None]) @ rotation
+
+
+def rigid_template(points: np.ndarray) -> np.ndarray:
+    """Return the places (k, 3) of markers in a frame of their own, medians over the frames.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, k, 3)
+        NaN where missing [m].
+
+    Returns
+    -------
+    ndarray, shape (k, 3)
+        [m]
+    """
+    points = points[evenly_spaced(len(points), TEMPLATE_FRAMES)]
+    distances = np.linalg.norm(points[:, :, None] - points[:, None], axis=3)
+    usual = np.nanmedian(distances, axis=0)
+    # The first template is the frame nearest to the usual distances.
+    missing = np.isnan(distances).sum(axis=(1, 2))
+    strange = np.nansum(np.abs(distances - usual), axis=(1, 2)) + missing
+    template = points[int(np.argmin(strange))]
+    for _ in range(TEMPLATE_ROUNDS):
+        template = np.nanmedian(to_palm(points, *rigid_poses(points, template)), axis=0)
+    return template
+
+
+def fit_palm(names: Sequence[str], points: np.ndarray) -> PalmFit:
+    """Return the palm's markers in the frame of the mean hand that fits them best.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the palm's markers, as 'index_mcp'; those at no landmark follow.
+    points : ndarray, shape (n, k, 3)
+        Of a right hand [m].
+
+    Returns
+    -------
+    PalmFit
+    """
+    rigid = rigid_set(points)
+    template = np.empty((len(names), 3))
+    template[rigid] = rigid_template(points[:, rigid])
+    template[~rigid] = np.nanmedian(to_palm(
+        points[:, ~rigid], *rigid_poses(points[:, rigid], template[rigid])), axis=0)
+    return aligned(PalmFit(tuple(names), template, rigid, MEAN_LENGTH, MEAN_BREADTH))
+
+
+def aligned(palm: PalmFit, length_spread: float = LENGTH_SPREAD) -> PalmFit:
+    """Return the palm moved to the frame of the mean hand that fits it best.
+
+    Parameters
+    ----------
+    palm : PalmFit
+        With the usual length of the hand.
+    length_spread : float, optional
+        Standard deviation of the length's logarithm.
+
+    Returns
+    -------
+    PalmFit
+    """
+    anchored = [i for i, name in enumerate(palm.names) if _spread(name) is not None]
+    spreads = np.array([_spread(palm.names[i]) for i in anchored])
+
+    def placed(x: np.ndarray) -> np.ndarray:
+        return palm.template @ Rotation.from_rotvec(x[:3]).as_matrix().T + x[3:6]
+
+    def sized(x: np.ndarray) -> tuple[float, float]:
+        grown = np.exp(np.clip((x[6], x[7]), -MOST_GROWTH, MOST_GROWTH))
+        return (float(np.clip(palm.length * grown[0], *HAND_LENGTH_RANGE)),
+                float(np.clip(MEAN_BREADTH * grown[1], *HAND_BREADTH_RANGE)))
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        hand = Hand.scaled(*sized(x))
+        anchors = np.array([_anchor(hand, palm.names[i]) for i in anchored])
+        misses = (placed(x)[anchored] - anchors) / spreads
+        return np.append(misses.ravel(), (x[6] / length_spread, x[7] / BREADTH_SPREAD))
+
+    mean = Hand.scaled()
+    anchors = np.array([_anchor(mean, palm.names[i]) for i in anchored])
+    rotation, position = rigid_poses(anchors[None], palm.template[anchored])
+    start = np.concatenate((
+        Rotation.from_matrix(rotation[0]).as_rotvec(), position[0], np.zeros(2)))
+    found = least_squares(residuals, start).x
+    return PalmFit(palm.names, placed(found), palm.rigid, *sized(found))
+
+
+def _spread(name: str) -> tuple[float, float, float] | None:
+    """Return how far a marker is from its usual place; None of one at no landmark [m]."""
+    if name == 'wrist':
+        return WRIST_SPREAD
+    if name == 'thumb_cmc':
+        return THUMB_BASE_SPREAD
+    if name.startswith(BACK_NAMES):
+        return BACK_SPREAD
+    return KNUCKLE_SPREAD if name.endswith('_mcp') else None
+
+
+def _anchor(hand: Hand, name: str) -> np.ndarray:
+    """Return the usual place of a palm marker on a hand, shape (3,) [m]."""
+    above = np.array((0., 0., PALM_MARKER_HEIGHT))
+    if name == 'wrist':
+        return above
+    if name == 'thumb_cmc':
+        return hand.thumb_cmc + above
+    if name.startswith(BACK_NAMES):
+        length = hand.finger_mcp[1, 0] / MCP_OF_LENGTH[1]
+        return np.array((BACK_OF_LENGTH * length, 0., BACK_HEIGHT))
+    return hand.finger_mcp[FINGERS.index(name.removesuffix('_mcp'))] + above

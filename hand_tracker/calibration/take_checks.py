@@ -1,0 +1,136 @@
+"""Takes to which no hand can be fitted, and why."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..core.model.hand import DIGITS, FINGERS
+from .marker_fit import split_palm
+from .palm_template import PalmFit
+from .takes import Gathered, InvalidTake, MarkerTake, gather
+from .worn_markers import worn_names
+
+LEAST_DURATION = 5.              # [s] of all takes together
+KNUCKLE_DISTANCE = (.03, .12)    # [m] of index and little finger's: others are another unit
+LEAST_MOTION = .012              # [m] of a finger's marker in the palm, else it does not move
+PALM_BEND = .008                 # [m] RMS by which a palm may differ from a rigid one
+LEAST_SEEN = .3                  # share of the frames in which the worn markers must be seen
+SIDE_MARGIN = .004               # [m] dorsal of its knuckle on the average: another side
+
+
+def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
+    """Check takes of one hand before it is fitted.
+
+    Parameters
+    ----------
+    takes : sequence of MarkerTake
+
+    Returns
+    -------
+    list of str
+        What is weak, but no reason to refuse.
+
+    Raises
+    ------
+    InvalidTake
+        With the reason.
+    """
+    sides = {take.side for take in takes}
+    if len(sides) > 1:
+        raise InvalidTake(f'{", ".join(take.name for take in takes)}: of both hands; '
+                          'expected takes of one')
+    named = ', '.join(take.name for take in takes)
+    seconds = sum(len(take.points) / take.rate for take in takes)
+    if seconds < LEAST_DURATION:
+        raise InvalidTake(f'{named}: {seconds:.1f} s long; expected at least '
+                          f'{LEAST_DURATION:g} s of a moving hand, best 40 s')
+    gathered = gather(takes)
+    there = gathered.names
+    missing = [name for name in ('index_mcp', 'little_mcp') if name not in there]
+    if missing or len(gathered.of(-1)) < 3:
+        raise InvalidTake(f'{named}: it has {", ".join(there) or "no markers of a hand"}; expected '
+                          'at least wrist, index_mcp and little_mcp')
+    _check_size(named, gathered)
+    gathered, palm = split_palm(gathered)
+    worn = worn_names(gathered.markers, palm.held)
+    missing = [digit for digit, name in zip(DIGITS, worn[3:]) if not name]
+    if missing or '' in worn:
+        raise InvalidTake(f'{named}: no marker at the end of {", ".join(missing)}; it has '
+                          f'{", ".join(there)}')
+    local = _check_palm(named, gathered, worn, palm)
+    return _check_motion(named, next(iter(sides)), gathered, worn, local)
+
+
+def _column(gathered: Gathered, name: str) -> int:
+    return gathered.names.index(name)
+
+
+def _check_size(named: str, gathered: Gathered) -> None:
+    """Refuse markers in another unit than metres."""
+    points = gathered.points
+    distance = float(np.nanmedian(np.linalg.norm(
+        points[:, _column(gathered, 'index_mcp')] - points[:, _column(gathered, 'little_mcp')],
+        axis=1)))
+    if not np.isfinite(distance):
+        raise InvalidTake(f'{named}: index and little knuckle are never seen together')
+    if KNUCKLE_DISTANCE[0] <= distance <= KNUCKLE_DISTANCE[1]:
+        return
+    for unit, factor in (('millimetres', 1e-3), ('centimetres', 1e-2)):
+        if KNUCKLE_DISTANCE[0] <= factor * distance <= KNUCKLE_DISTANCE[1]:
+            raise InvalidTake(f'{named}: the knuckles of index and little finger are {distance:.3g}'
+                              f' apart: {unit}, it seems; expected metres (--unit-scale {factor})')
+    raise InvalidTake(f'{named}: the knuckles of index and little finger are {distance:.3g} m '
+                      f'apart; expected {KNUCKLE_DISTANCE[0]:g} to {KNUCKLE_DISTANCE[1]:g} m: '
+                      'wrong labels, or another unit')
+
+
+def _check_palm(named: str, gathered: Gathered, worn: tuple[str, ...],
+                palm: PalmFit) -> np.ndarray:
+    """Return the markers in the palm's frame; refuse a palm that is not rigid."""
+    corners = [_column(gathered, name) for name in worn[:3]]
+    seen = np.isfinite(gathered.points[:, corners]).all(axis=(1, 2))
+    if seen.mean() < LEAST_SEEN:
+        raise InvalidTake(f'{named}: {", ".join(worn[:3])} are seen together in {seen.mean():.0%} '
+                          f'of the frames; expected at least {LEAST_SEEN:.0%}')
+    local = palm.into_palm(gathered.names, gathered.points)
+    names = list(palm.held)
+    misses = np.linalg.norm(
+        local[:, [_column(gathered, name) for name in names]] - np.array(
+            [palm.held[name] for name in names]), axis=2)
+    bend = np.sqrt(np.nanmean(misses ** 2, axis=0))
+    if np.nanmax(bend) > PALM_BEND:
+        raise InvalidTake(
+            f'{named}: the palm is not rigid: {names[int(np.nanargmax(bend))]} moves in it by '
+            f'{1e3 * np.nanmax(bend):.0f} mm; expected less than {1e3 * PALM_BEND:g}: '
+            'wrong labels, or a marker that came off')
+    return local
+
+
+def _check_motion(named: str, side: str, gathered: Gathered, worn: tuple[str, ...],
+                  local: np.ndarray) -> list[str]:
+    """Return digits that hardly move; refuse still hands, the other side, and wrong labels."""
+    ends = local[:, [_column(gathered, name) for name in worn[3:]]]
+    middle = np.nanmedian(ends, axis=0)
+    spread = np.nanpercentile(np.linalg.norm(ends - middle, axis=2), 95., axis=0)
+    if not (spread > LEAST_MOTION).any():
+        raise InvalidTake(f'{named}: the hand does not move: no finger by more than '
+                          f'{1e3 * np.nanmax(spread):.0f} mm in the palm; expected each finger '
+                          'bent and straightened, and the thumb moved about')
+    # Fingers that bend go palmar, with the wrong side dorsal.
+    low, high = np.nanpercentile(ends[:, :len(FINGERS), 2], (2., 98.), axis=0)
+    moving = spread[:len(FINGERS)] > LEAST_MOTION
+    roots = local[:, [_column(gathered, name) for name in ('index_mcp', 'little_mcp')], 2]
+    middles = (low + high)[moving] / 2. - np.nanmedian(roots)
+    across = np.nanmedian(ends[:, :len(FINGERS), 1], axis=0)
+    if len(middles) and middles.mean() > SIDE_MARGIN:
+        other = 'left' if side == 'right' else 'right'
+        raise InvalidTake(f'{named}: the fingers bend to the back of a {side} hand; expected '
+                          f'a take of a {side} hand: this is a {other} one (--side {other}), or '
+                          'index and little knuckle are exchanged')
+    if not (np.diff(across) < 0.).all():
+        first = int(np.argmax(np.diff(across) >= 0.))
+        raise InvalidTake(f'{named}: the markers of {FINGERS[first]} and {FINGERS[first + 1]} '
+                          'finger lie in the wrong order beside each other: wrong labels')
+    return [f'the {digit}{"" if digit == "thumb" else " finger"} hardly moves: what its markers '
+            'could tell is taken from other hands'
+            for digit, moved in zip(DIGITS, spread) if not moved > LEAST_MOTION]

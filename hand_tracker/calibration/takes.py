@@ -1,0 +1,96 @@
+"""Takes of markers on one hand."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.errors import HandTrackerError
+from ..core.model.hand import LEFT_HAND_MIRROR
+from .marker_names import NamedMarker, canonical_name, identify
+
+
+class InvalidTake(HandTrackerError, ValueError):
+    """A file that is no take of markers, or a take to which no hand can be fitted."""
+
+
+class MarkerTake(NamedTuple):
+    """A take of markers on one hand.
+
+    Attributes
+    ----------
+    name : str
+    names : tuple of str
+        Of the markers, in any usual spelling.
+    points : ndarray, shape (T, M, 3)
+        NaN where missing [m].
+    side : {'right', 'left'}
+    rate : float
+        [Hz]
+    sequence : ndarray of int, shape (T,)
+        Changes where the recording was cut.
+    is_optical : bool
+        Whether the file says that these are markers, not joints solved from them.
+    credit : tuple of str
+        Source and licence; empty where the file does not say.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    points: np.ndarray
+    side: str
+    rate: float
+    sequence: np.ndarray
+    is_optical: bool = True
+    credit: tuple[str, str] = ('', '')
+
+    @property
+    def mirror(self) -> np.ndarray:
+        """Signs of the axes between this hand and a right one, shape (3,)."""
+        return LEFT_HAND_MIRROR if self.side == 'left' else np.ones(3)
+
+    def columns(self, names: Sequence[str]) -> np.ndarray:
+        """Return the markers of canonical names, NaN where there are none, (T, k, 3) [m]."""
+        mine = [canonical_name(name) for name in self.names]
+        points = np.full((len(self.points), len(names), 3), np.nan)
+        for i, name in enumerate(names):
+            if name in mine:
+                points[:, i] = self.points[:, mine.index(name)]
+        return points
+
+    def part(self, frames: np.ndarray) -> 'MarkerTake':
+        """Return some of the frames."""
+        return self._replace(points=self.points[frames], sequence=self.sequence[frames])
+
+
+class Gathered(NamedTuple):
+    """Markers of all takes together, of a right hand.
+
+    Attributes
+    ----------
+    markers : tuple of NamedMarker
+    points : ndarray, shape (T, M, 3)
+        [m]
+    """
+
+    markers: tuple[NamedMarker, ...]
+    points: np.ndarray
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the markers."""
+        return [marker.name for marker in self.markers]
+
+    def of(self, digit: int) -> list[int]:
+        """Return the columns of a digit's markers, of the palm's for -1."""
+        return [i for i, marker in enumerate(self.markers) if marker.digit == digit]
+
+
+def gather(takes: Sequence[MarkerTake]) -> Gathered:
+    """Return the markers of several takes of one hand together."""
+    found: dict[str, NamedMarker] = {}
+    for take in takes:
+        found.update((marker.name, marker) for marker in identify(take.names) if marker)
+    points = np.concatenate([take.columns(tuple(found)) * take.mirror for take in takes])
+    points[~np.isfinite(points).all(axis=2)] = np.nan
+    return Gathered(tuple(found.values()), points)

@@ -1,0 +1,103 @@
+"""The command `hand_tracker calibrate`, from a take to a hand file that is tracked."""
+
+import numpy as np
+import pytest
+from helpers.skin_markers import EVERY_JOINT, WORN, simulated_take
+from PIL import Image
+
+from hand_tracker.calibration import LANDMARKS, landmark_positions
+from hand_tracker.calibration.coverage import coverage
+from hand_tracker.calibration.frame_choice import spread_frames
+from hand_tracker.cli.calibrate import main
+from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import MARKERS
+from hand_tracker.files.bags import bag_message, marker_array_message, write_bag
+from hand_tracker.files.hand_file import load_hand
+from hand_tracker.simulation.motions import motion_named
+
+HAND = Hand.scaled(.19, .09)
+
+
+def written(path, take, **fields):
+    np.savez(path, markers=take.points, marker_names=np.array(take.names), side=take.side,
+             rate_hz=take.rate, **fields)
+    return path
+
+
+def test_hand_file_and_picture_are_written(tmp_path, capsys):
+    take, _ = simulated_take(HAND, EVERY_JOINT, seconds=12.)
+    output = tmp_path / 'my_hand.yaml'
+    assert main([str(written(tmp_path / 'take.npz', take)), '-o', str(output)]) == 0
+    hand, layout = load_hand(output)
+    np.testing.assert_allclose(hand.finger_bones, HAND.finger_bones, atol=.003)
+    np.testing.assert_allclose(layout.offsets[3:7, 2], .008, atol=.002)
+    assert Image.open(output.with_suffix('.png')).size[0] > 600
+    text = output.read_text(encoding='utf-8')
+    printed = capsys.readouterr().out
+    assert '# Fitted to take:' in text and 'not observed' in text
+    assert 'little_tip' in printed and 'motion in the take' in printed
+
+
+def test_a_recording_of_the_worn_markers(tmp_path):
+    take, _ = simulated_take(HAND, WORN, seconds=12.)
+    start = 10 ** 18
+    write_bag(tmp_path / 'take.mcap', (
+        bag_message('/markers', stamp, marker_array_message(stamp, 'mocap', MARKERS, frame))
+        for stamp, frame in ((start + round(1e9 * i / take.rate), frame)
+                             for i, frame in enumerate(take.points))))
+    output = tmp_path / 'hand.yaml'
+    assert main([str(tmp_path / 'take.mcap'), '-o', str(output)]) == 0
+    hand, layout = load_hand(output)
+    assert layout.places[3] == 'index_dip'
+    # Eight markers do not tell the bones apart, but how far the fingers reach.
+    reach = hand.finger_bones[:, :2].sum(axis=1) + layout.offsets[3:7, 0]
+    np.testing.assert_allclose(reach, HAND.finger_bones[:, :2].sum(axis=1), atol=.006)
+
+
+@pytest.mark.parametrize(('change', 'reason'), (
+    (lambda take: take.part(np.arange(60)), '2.0 s long'),
+    (lambda take: take._replace(points=1e3 * take.points), 'millimetres'),
+    (lambda take: take._replace(side='left'), 'this is a right one')))
+def test_a_bad_take_is_refused_with_the_reason(tmp_path, capsys, change, reason):
+    take, _ = simulated_take(HAND, EVERY_JOINT, seconds=8.)
+    output = tmp_path / 'hand.yaml'
+    assert main([str(written(tmp_path / 'take.npz', change(take))), '-o', str(output)]) == 1
+    assert reason in capsys.readouterr().err
+    assert not output.exists()
+
+
+def test_joint_centres_are_no_markers_on_the_skin(tmp_path, capsys):
+    moving = motion_named('spelling', HAND, 2, 8.)
+    angles, rotation, position = moving.sample(np.arange(0., 8., 1. / 30.))
+    pose = forward(joint_table(HAND), angles, rotation, position)
+    path = tmp_path / 'joints.npz'
+    np.savez(path, positions=landmark_positions(HAND, pose, position), side='right', rate_hz=30.,
+             joints=np.array(LANDMARKS))
+    output = tmp_path / 'hand.yaml'
+    assert main([str(path), '-o', str(output)]) == 0
+    assert 'no markers on the skin' in capsys.readouterr().out
+    hand, layout = load_hand(output)
+    np.testing.assert_allclose(hand.finger_bones, HAND.finger_bones, atol=1e-4)
+    assert not layout.offsets.any()
+
+
+def test_coverage_says_what_to_do():
+    _, angles = simulated_take(HAND, WORN, seconds=8.)
+    covered = coverage(angles)
+    assert len(covered) == 15 and all(0. <= one.share <= 1. for one in covered)
+    still = coverage(np.zeros((10, 25)))
+    assert {one.share for one in still} == {0.}
+    assert 'bend the ring finger in its middle joint' in still[8].task
+    assert coverage(np.zeros((0, 25))) == []
+
+
+def test_chosen_frames_cover_the_motion():
+    random = np.random.default_rng(4)
+    crowd = .001 * random.standard_normal((500, 1, 3))
+    far = np.array((((.1, 0., 0.),), ((0., .1, 0.),), ((0., 0., .1),)))
+    points = np.concatenate((crowd, far))
+    points[7] = np.nan
+    chosen = spread_frames(points, 10, .02)
+    assert {500, 501, 502} <= set(chosen.tolist()) and len(chosen) == 4
+    assert not len(spread_frames(np.full((4, 2, 3), np.nan), 10, .01))

@@ -1,0 +1,108 @@
+"""A hand fitted to markers on the skin of a simulated one."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers.captures import capture_path
+from helpers.skin_markers import EVERY_JOINT, SKIN_OFFSET, WORN, simulated_take
+
+from hand_tracker.calibration.fit_report import marker_misses, report_fit
+from hand_tracker.calibration.fitted_hand import place_mounted
+from hand_tracker.calibration.marker_fit import fit_markers, hand_length
+from hand_tracker.calibration.take_files import load_take
+from hand_tracker.calibration.takes import gather
+from hand_tracker.core.model.hand import Hand, preset_limits
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import marker_positions, require_solvable
+
+LARGE = Hand.scaled(.205, .095)
+
+
+@cache
+def large_hand():
+    """Return the take of a large hand with a marker at every joint, its angles, and the fit."""
+    take, angles = simulated_take(LARGE, EVERY_JOINT)
+    return take, angles, fit_markers([take])
+
+
+def test_length_and_bones_are_found():
+    _, _, fit = large_hand()
+    assert fit.length == pytest.approx(.205, abs=.004)
+    np.testing.assert_allclose(fit.hand.finger_bones, LARGE.finger_bones, atol=.002)
+    np.testing.assert_allclose(fit.hand.thumb_bones, LARGE.thumb_bones, atol=.003)
+
+
+def test_what_is_called_observed_is_within_two_millimetres():
+    take, _, fit = large_hand()
+    report = report_fit(fit, gather([take]), take.rate)
+    observed = 0
+    for one in report.parameters:
+        if 'offset' in one.name and one.unit == 'mm' and one.observed:
+            observed += 1
+            true = 1e3 * SKIN_OFFSET if one.name.endswith('dorsal') else 0.
+            assert one.value == pytest.approx(true, abs=2.), one
+    assert observed > 20
+    assert all(residual.held_out < .0015 for residual in report.residuals)
+    assert any(line.startswith('index distal phalanx') or 'distal phalanx' in line
+               for line in report.unobserved())
+
+
+def test_a_left_hand_is_fitted_as_its_mirror_image():
+    take, _ = simulated_take(LARGE.mirrored(), EVERY_JOINT, seconds=8.)
+    fit = fit_markers([take])
+    assert fit.hand.side == 'left'
+    right, _ = simulated_take(LARGE, EVERY_JOINT, seconds=8.)
+    mirrored = fit_markers([right._replace(points=take.points * (1., -1., 1.))])
+    np.testing.assert_allclose(fit.hand.finger_bones, mirrored.hand.finger_bones, atol=1e-6)
+
+
+def test_the_layout_puts_markers_where_the_mounts_do():
+    _, angles, fit = large_hand()
+    mounting = fit.layout.mounting(fit.hand)
+    require_solvable(mounting)
+    poses = angles[::50]
+    still = np.tile(np.eye(3), (len(poses), 1, 1)), np.zeros((len(poses), 3))
+    expected = place_mounted(fit.hand, [fit.mounts[name] for name in fit.worn], poses, *still)
+    found = marker_positions(mounting, forward(joint_table(fit.hand), poses))
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_limits_are_widened_to_the_postures():
+    _, angles, fit = large_hand()
+    paper = preset_limits()
+    assert (fit.hand.limits[:, 0] <= paper[:, 0]).all()
+    assert (fit.hand.limits[:, 1] >= paper[:, 1]).all()
+
+
+def test_eight_markers_alone_tell_the_length_and_little_else():
+    take, _ = simulated_take(LARGE, WORN)
+    fit = fit_markers([take])
+    assert fit.worn == WORN
+    assert fit.length == pytest.approx(.205, abs=.008)
+    report = report_fit(fit, gather([take]), take.rate)
+    told = [one for one in report.parameters if one.observed and one.unit == 'mm']
+    assert len(told) < len(report.parameters) / 3
+    assert max(marker_misses(fit, gather([take])).values()) < .002
+
+
+def test_gaps_and_outliers_do_no_harm():
+    take, _, fit = large_hand()
+    random = np.random.default_rng(2)
+    points = take.points.copy()
+    points[random.random(points.shape[:2]) < .05] = np.nan
+    wrong = random.random(points.shape[:2]) < .005
+    points[wrong] += .05
+    found = fit_markers([take._replace(points=points)])
+    np.testing.assert_allclose(found.hand.finger_bones, fit.hand.finger_bones, atol=.003)
+
+
+def test_length_without_any_digit_is_the_palm_s():
+    assert hand_length(.18, .18, [None] * 5) == pytest.approx(.18)
+
+
+def test_real_markers_are_met_on_the_skin():
+    take = load_take(capture_path('kyutech_s1__trial4_task6'))
+    fit = fit_markers([take])
+    misses = marker_misses(fit, gather([take]))
+    assert np.mean(list(misses.values())) < .0015

@@ -1,0 +1,83 @@
+"""Takes that are refused, and why."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers.captures import capture_path
+from helpers.skin_markers import EVERY_JOINT, WORN, simulated_take
+
+from hand_tracker.calibration.take_checks import check_takes
+from hand_tracker.calibration.take_files import load_take
+from hand_tracker.calibration.takes import InvalidTake
+from hand_tracker.core.model.hand import Hand
+
+
+@cache
+def good_take():
+    return simulated_take(Hand.scaled(), EVERY_JOINT, seconds=12.)[0]
+
+
+def test_a_good_take_passes():
+    assert check_takes([good_take()]) == []
+
+
+def test_a_short_take_is_refused():
+    with pytest.raises(InvalidTake, match=r'3\.0 s long; expected at least 5 s'):
+        check_takes([good_take().part(np.arange(90))])
+
+
+def test_short_takes_together_are_long_enough():
+    take = good_take()
+    check_takes([take.part(np.arange(0, 100)), take.part(np.arange(100, 300))])
+
+
+@pytest.mark.parametrize(('factor', 'unit'), ((1000., 'millimetres'), (100., 'centimetres')))
+def test_another_unit_is_refused(factor, unit):
+    take = good_take()
+    with pytest.raises(InvalidTake, match=f'{unit}, it seems; expected metres'):
+        check_takes([take._replace(points=factor * take.points)])
+
+
+def test_a_still_hand_is_refused():
+    take = good_take()
+    points = np.tile(take.points[:1], (len(take.points), 1, 1))
+    points += 1e-4 * np.random.default_rng(1).standard_normal(points.shape)
+    with pytest.raises(InvalidTake, match='the hand does not move'):
+        check_takes([take._replace(points=points)])
+
+
+def test_the_other_side_is_refused():
+    with pytest.raises(InvalidTake, match=r'this is a right one \(--side right\)'):
+        check_takes([good_take()._replace(side='left')])
+
+
+def test_exchanged_labels_of_fingers_are_refused():
+    take = simulated_take(Hand.scaled(), WORN, seconds=12.)[0]
+    names = list(take.names)
+    names[3], names[5] = names[5], names[3]
+    with pytest.raises(InvalidTake, match='wrong order beside each other: wrong labels'):
+        check_takes([take._replace(names=tuple(names))])
+
+
+def test_missing_markers_are_named():
+    take = good_take()
+    with pytest.raises(InvalidTake, match='expected at least wrist, index_mcp and little_mcp'):
+        check_takes([take._replace(names=('wrist', 'a', *take.names[2:]))])
+    fingers = [i for i, name in enumerate(take.names) if not name.startswith('ring_')]
+    with pytest.raises(InvalidTake, match='no marker at the end of ring'):
+        check_takes([take._replace(names=tuple(take.names[i] for i in fingers),
+                                   points=take.points[:, fingers])])
+
+
+def test_both_hands_are_refused():
+    with pytest.raises(InvalidTake, match='of both hands'):
+        check_takes([good_take(), good_take()._replace(side='left')])
+
+
+def test_a_finger_that_does_not_move_is_noted():
+    take = load_take(capture_path('kyutech_s1__trial4_task1'))
+    points = np.concatenate([take.points] * 3)
+    notes = check_takes([take._replace(points=points, sequence=np.zeros(len(points)))])
+    assert any(note.startswith('the index finger hardly moves') for note in notes)
+    assert not any('thumb' in note.split(':')[0] for note in notes)
