@@ -149,7 +149,7 @@ def _start(node: str, **parameters: object) -> subprocess.Popen[bytes]:
     settings = [word for name, value in parameters.items() if value not in (None, '')
                 for word in ('-p', f'{name}:={value}')]
     return subprocess.Popen(
-        [sys.executable, '-m', 'hand_tracker.nodes.entry', node, '--ros-args', *settings])
+        [sys.executable, '-m', 'hand_tracker.entry', node, '--ros-args', *settings])
 
 
 def _stop(process: subprocess.Popen[bytes]) -> int:
@@ -169,8 +169,9 @@ def _play(node: Node, listener: Listener, hand: Hand, layout: MarkerLayout, reco
     presets = {f'{name}.preset': value for name, value in (
         ('limits', options.limits), ('coupling', options.coupling)) if value}
     print('Starting the tracker ...', flush=True)
+    # What is heard is compared with the hand that is given here, the recording's.
     tracker = _start('tracker', hand_file=options.hand, side=options.side, broadcast='all',
-                     **presets)
+                     auto_size='false', **presets)
     processes.append(tracker)
     # However long it takes on a busy machine.
     while not node.count_publishers('joint_states'):

@@ -8,11 +8,13 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from ..calibration.take_files import load_take
+from ..calibration.takes import InvalidTake, MarkerTake
 from ..core.errors import HandTrackerError
 from ..evaluation import EVALUATIONS
-from ..evaluation.captures import InvalidCapture, load_captures
+from ..evaluation.captures import Capture, load_captures
 from ..evaluation.evaluation_options import Options
 from ..evaluation.results import command_line, write_results
 from ..tracking.compile_kernels import prepare_kernels
@@ -88,6 +90,9 @@ def _parse(
                         help=', '.join((*EVALUATIONS, 'all')))
     parser.add_argument('files', nargs='*', type=Path, metavar='FILE.npz',
                         help='captures: positions (T, 21, 3) [m], joints, side, rate_hz')
+    parser.add_argument('--fit', nargs='+', type=Path, default=[], metavar='FILE.npz',
+                        help='markers: fit the hand to these, judge the others; default: leave '
+                        'each one out in turn')
     parser.add_argument('--seed', type=_whole(0, SEEDS), default=1,
                         help='of all that is drawn (default: 1)')
     parser.add_argument('--json', type=_file, metavar='OUT', help='file for the rows')
@@ -103,14 +108,63 @@ def _parse(
 def _names(parser: argparse.ArgumentParser, chosen: str, files: list[Path]) -> list[str]:
     """Return the evaluations to run."""
     if chosen != 'all':
-        if EVALUATIONS[chosen].judges_captures and not files:
+        one = EVALUATIONS[chosen]
+        if (one.judges_captures or one.judges_takes) and not files:
             parser.error(f'{chosen} judges captures: name at least one npz file')
         return [chosen]
-    names = [name for name, one in EVALUATIONS.items() if files or not one.judges_captures]
+    names = [name for name, one in EVALUATIONS.items()
+             if files or not (one.judges_captures or one.judges_takes)]
     if not files:
         print('no captures given: ' + ' and '.join(sorted(set(EVALUATIONS) - set(names)))
               + ' are left out', file=sys.stderr)
     return names
+
+
+class Given(NamedTuple):
+    """What evaluations are given to judge.
+
+    Attributes
+    ----------
+    captures : tuple of Capture
+    takes, fit_takes : tuple of MarkerTake
+        To judge, and to fit hands to.
+    """
+
+    captures: tuple[Capture, ...]
+    takes: tuple[MarkerTake, ...]
+    fit_takes: tuple[MarkerTake, ...]
+
+
+def _takes(files: list[Path]) -> tuple[dict[Path, MarkerTake], dict[Path, HandTrackerError]]:
+    """Return the takes of files, and the faults of the others, by file."""
+    takes: dict[Path, MarkerTake] = {}
+    faults: dict[Path, HandTrackerError] = {}
+    for path in files:
+        try:
+            takes[path] = load_take(path)
+        except InvalidTake as fault:
+            faults[path] = fault
+    return takes, faults
+
+
+def _given(names: list[str], files: list[Path],
+           fit: list[Path]) -> tuple[Given, list[HandTrackerError]]:
+    """Return what evaluations are given to judge, and the faults of files that are neither."""
+    wants_takes = any(EVALUATIONS[name].judges_takes for name in names)
+    wants_captures = any(EVALUATIONS[name].judges_captures for name in names)
+    captures, faults = load_captures(files) if wants_captures else ([], {})
+    takes, take_faults = _takes(files) if wants_takes else ({}, {})
+    fit_takes, fit_faults = _takes(fit) if wants_takes else ({}, {})
+    if wants_takes and wants_captures:
+        # A file of markers alone is no capture, one of joints alone no take.
+        takes = {path: take for path, take in takes.items() if take.is_optical}
+        faults = {path: fault for path, fault in faults.items() if path not in takes}
+    else:
+        faults.update(take_faults)
+    all_faults = [*faults.values(), *fit_faults.values()]
+    if (wants_takes or wants_captures) and not (captures or takes):
+        raise HandTrackerError('; '.join(map(str, all_faults)))
+    return Given(tuple(captures), tuple(takes.values()), tuple(fit_takes.values())), all_faults
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -122,10 +176,12 @@ def main(arguments: list[str] | None = None) -> int:
                                         if file)):
             if folder:
                 folder.mkdir(parents=True, exist_ok=True)
-        captures, faults = load_captures(chosen.files)
-        if chosen.files and not captures:
-            raise InvalidCapture('; '.join(map(str, faults)))
-        options = Options(tuple(captures), chosen.seed, chosen.jobs, chosen.output, chosen.quiet)
+        given, faults = _given(names, chosen.files, chosen.fit)
+        names = [name for name in names if not (
+            EVALUATIONS[name].judges_takes and not given.takes
+            or EVALUATIONS[name].judges_captures and not given.captures)]
+        options = Options(given.captures, chosen.seed, chosen.jobs, chosen.output, chosen.quiet,
+                          takes=given.takes, fit_takes=given.fit_takes)
         for fault in faults:
             options.leave_out(str(fault))
         prepare_kernels(options.say)
@@ -161,5 +217,6 @@ def _evaluate(parser: argparse.ArgumentParser, names: list[str], chosen: argpars
             module.pictures(found, options.output)
     if chosen.results and done:
         write_results(chosen.results, rows, done, options,
-                      command_line(chosen.name, chosen.files, options, chosen.results))
+                      command_line(chosen.name, chosen.files, options, chosen.results,
+                                   chosen.fit))
     return 0 if len(done) == len(names) else 1

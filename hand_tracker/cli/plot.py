@@ -5,10 +5,11 @@ import sys
 from pathlib import Path
 
 from ..drawing.angle_plots import PDF, require_output, save_pages, tracked_angles
+from ..parallel import Interruptions
 from .recording_options import add_recording_options, run_command, tracked_recording
 
 
-def _plot_file(options: argparse.Namespace, interrupted: list) -> str:
+def _plot_file(options: argparse.Namespace, interrupted: Interruptions) -> str:
     """Track and plot the recording; return a closing message."""
     output = require_output(options.output or Path(options.recording.stem + PDF))
     with tracked_recording(options, interrupted) as (hand, job, frames):

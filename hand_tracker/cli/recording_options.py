@@ -17,14 +17,12 @@ from ..core.tracker import HandTracker
 from ..files.bags import Bag, BagError, BagMessage, open_bag
 from ..files.hand_file import choose_hand
 from ..messages.labels import DEFAULT_LABELS, InvalidLabel, LabelMap
-from ..parallel import raise_on_interruption
+from ..parallel import Interruptions, raise_on_interruption
 from ..progress import Progress
 from ..tracking.monitor import Monitor
 from ..tracking.recording import USUAL_TOPIC, RecordedFrame, marker_topic, track
 
 LOG_PERIOD = .25     # [s] of the recording
-
-Interrupted = list[type[BaseException]]  # see `raise_on_interruption`
 
 
 def add_hand_options(parser: argparse.ArgumentParser) -> None:
@@ -66,6 +64,19 @@ def add_recording_options(parser: argparse.ArgumentParser, several: bool = False
     parser.add_argument(name, type=Path, metavar='IN', **count,
                         help='rosbag2 recording: a folder, .mcap or .db3')
     add_hand_options(parser)
+    parser.add_argument('--auto-size', action=argparse.BooleanOptionalAction, default=True,
+                        help="learn the hand's size from the first seconds, where no hand file "
+                        'gives it')
+    add_marker_options(parser)
+
+
+def add_marker_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a command line that say how markers are read from a recording.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+    """
     parser.add_argument('--topic', help=f'of the markers; default: {USUAL_TOPIC}, else the only '
                         'one with a MarkerArray')
     parser.add_argument('--frame', default='', help='frame of the markers: those in another are '
@@ -93,7 +104,7 @@ def label_map(texts: Iterable[str]) -> LabelMap:
 class Job:
     """Track one recording: count its frames, and print what the monitor logs."""
 
-    def __init__(self, bag: Bag, topic: str, labels: LabelMap, interrupted: Interrupted,
+    def __init__(self, bag: Bag, topic: str, labels: LabelMap, interrupted: Interruptions,
                  progress: Callable[..., Any]) -> None:
         self.read = self.tracked = 0
         self._bag, self._topic, self._labels = bag, topic, labels
@@ -135,7 +146,7 @@ class Job:
 
 @contextmanager
 def tracked_recording(
-        options: argparse.Namespace, interrupted: Interrupted,
+        options: argparse.Namespace, interrupted: Interruptions,
         progress: Callable[..., Any] = Progress,
 ) -> Iterator[tuple[Hand, Job, Iterator[RecordedFrame]]]:
     """Track the recording that a command line asks for.
@@ -161,10 +172,11 @@ def tracked_recording(
         job = Job(bag, marker_topic(bag, options.topic), labels, interrupted, progress)
         yield hand, job, job.frames(
             HandTracker(hand, layout), frame_id=options.frame, scale=options.unit_scale,
-            zero_is_missing=not options.keep_zeros)
+            zero_is_missing=not options.keep_zeros,
+            auto_size=options.auto_size and options.hand is None)
 
 
-def run_command(name: str, work: Callable[[argparse.Namespace, Interrupted], str],
+def run_command(name: str, work: Callable[[argparse.Namespace, Interruptions], str],
                 options: argparse.Namespace) -> int:
     """Run a command that reads a recording; return its exit code.
 

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from ..files.bags import STORAGE, BagError
-from ..parallel import run_tasks
+from ..parallel import Interruptions, run_tasks
 from ..progress import Progress
 from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.recording import OUTPUT_KINDS, TABLE, save
-from .recording_options import Interrupted, add_recording_options, run_command, tracked_recording
+from .recording_options import add_recording_options, run_command, tracked_recording
 
 
 def _refuse_to_replace(recording: Path, output: Path) -> None:
@@ -26,7 +26,7 @@ def _refuse_to_replace(recording: Path, output: Path) -> None:
                        'expected another name for the output')
 
 
-def _track_file(options: argparse.Namespace, interrupted: Interrupted,
+def _track_file(options: argparse.Namespace, interrupted: Interruptions,
                 progress: Callable[..., Any] = Progress) -> str:
     """Do what the command line asks for; return what to say at the end."""
     output = options.output
@@ -36,14 +36,16 @@ def _track_file(options: argparse.Namespace, interrupted: Interrupted,
     prepare_kernels(partial(print, file=sys.stderr))
     start = time.monotonic()
     _refuse_to_replace(options.recording, output)
-    with tracked_recording(options, interrupted, progress) as (hand, job, frames):
+    # The frames look for an interruption: it never comes while a file is begun or ended.
+    with (tracked_recording(options, interrupted, progress) as (hand, job, frames),
+          interrupted.only_noted()):
         save(output, frames, f'{hand.side}_', options.wrist)
     elapsed = time.monotonic() - start
     return (f'{output}: {job.tracked} of {job.read} frames tracked, '
             f'{job.read / elapsed:.0f} a second')
 
 
-def _track_into_folder(options: argparse.Namespace, interrupted: Interrupted) -> str:
+def _track_into_folder(options: argparse.Namespace, interrupted: Interruptions) -> str:
     """Track several recordings, a file for each; return what to say at the end."""
     tasks = [argparse.Namespace(**{
         **vars(options), 'recording': recording,

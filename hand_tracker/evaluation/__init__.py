@@ -29,12 +29,15 @@ class Evaluation(NamedTuple):
         Line of help.
     judges_captures : bool
         Whether it needs captures given as files.
+    judges_takes : bool
+        Whether it needs takes of real markers given as files.
     """
 
     module: str
     title: str
     summary: str
     judges_captures: bool = False
+    judges_takes: bool = False
 
     def load(self) -> ModuleType:
         """Import the module of the evaluation."""
@@ -48,6 +51,9 @@ EVALUATIONS = {
         'frame_rates', 'Lower rates (Table 2b)', 'Table 2b: 480 Hz against 240 to 30 Hz'),
     'ablation': Evaluation(
         'ablation', 'Without each constraint (Fig. 13)', 'Fig. 13: each constraint off in turn'),
+    'markers': Evaluation(
+        'unseen_markers', 'Markers that the tracker did not get',
+        'real markers: a hand fitted to all of them, tracked from eight', judges_takes=True),
     'recordings': Evaluation(
         'captured_hands', 'Captured hands',
         'errors per joint class on captures, beside a plain baseline', judges_captures=True),
@@ -57,6 +63,9 @@ EVALUATIONS = {
     'noise': Evaluation(
         'noise_sensitivity', 'Marker noise and size of the hand',
         'marker noise of 0 to 2 mm, hand size wrong by up to 10 %'),
+    'steadiness': Evaluation(
+        'steadiness', 'Steadiness',
+        'error and step from frame to frame of each class of angles, beside the true step'),
     'solvers': Evaluation(
         'solvers', 'Solvers', 'palm and finger solvers against each other'),
 }

@@ -1,8 +1,6 @@
 """Capture files of hands: loading, validation, and the split into fitted and judged frames."""
 
-import zipfile
 from collections.abc import Callable, Iterable, Iterator
-from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
@@ -10,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..calibration import LANDMARKS
+from ..calibration.take_files import open_arrays
 from ..core.errors import HandTrackerError
-from ..core.model.hand import SIDES
+from ..core.model.hand import LEFT_HAND_MIRROR, SIDES
 from ..core.model.marker_layout import PAPER_PLACES
 from .evaluation_options import Options
 from .rows import Row
@@ -22,7 +21,6 @@ FITTING_SHARE = .2                  # first part of a capture, to which its hand
 MIN_CAPTURE_FRAMES = 100
 PALM_RANGE = (.03, .2)              # [m] wrist to index MCP: other values are in another unit
 PAPER_MARKER_ROWS = np.array([LANDMARKS.index(place) for place in PAPER_PLACES])
-SAGITTAL_MIRROR = np.array((1., -1., 1.))  # of a left hand into a right one
 
 
 class InvalidCapture(HandTrackerError, ValueError):
@@ -76,7 +74,7 @@ class Capture(NamedTuple):
         """Return the capture, mirrored to a right hand if it is of a left one."""
         if self.side == 'right':
             return self
-        return self._replace(joints=self.joints * SAGITTAL_MIRROR, side='right')
+        return self._replace(joints=self.joints * LEFT_HAND_MIRROR, side='right')
 
 
 def load_capture(path: str | PathLike[str]) -> Capture:
@@ -99,18 +97,12 @@ def load_capture(path: str | PathLike[str]) -> Capture:
     """
     path = Path(path)
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with open_arrays(path, InvalidCapture) as data:
             fields = {name: data[name] for name in ('positions', 'joints', 'side', 'rate_hz')}
             credit = [str(data[name]) if name in data else '' for name in ('source', 'licence')]
     except KeyError as error:
         raise InvalidCapture(f'{path}: {error.args[0]}; expected positions, joints, side '
                              'and rate_hz') from None
-    # A file with a bare array is no context manager: TypeError, AttributeError before Python 3.11.
-    except (OSError, ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
-        reason = getattr(error, 'strerror', None)
-        raise InvalidCapture(f'{path}: no npz file that can be read'
-                             + (f' ({reason})' if reason else '')
-                             + '; expected plain arrays, as numpy.savez writes them') from None
     names = [str(name) for name in np.atleast_1d(fields['joints'])]
     positions = fields['positions']
     if sorted(names) != sorted(LANDMARKS):
@@ -160,26 +152,27 @@ def _captured(joints: np.ndarray) -> np.ndarray:
     return np.isfinite(joints).all(axis=2).any(axis=0)
 
 
-def load_captures(files: Iterable[str | PathLike[str]]
-                  ) -> tuple[list[Capture], list[InvalidCapture]]:
+def load_captures(files: Iterable[Path]
+                  ) -> tuple[list[Capture], dict[Path, HandTrackerError]]:
     """Load the captures of several files, and collect the faults of the others.
 
     Parameters
     ----------
-    files : sequence of path-like
+    files : sequence of Path
 
     Returns
     -------
     captures : list of Capture
         Equal names are numbered.
-    faults : list of InvalidCapture
+    faults : dict of Path to HandTrackerError
     """
-    captures, faults = [], []
+    captures: list[Capture] = []
+    faults: dict[Path, HandTrackerError] = {}
     for path in files:
         try:
             captures.append(load_capture(path))
         except InvalidCapture as fault:
-            faults.append(fault)
+            faults[path] = fault
     names = [capture.name for capture in captures]
     return [capture._replace(name=f'{capture.name}_{names[:i].count(capture.name) + 1}')
             if capture.name in names[:i] else capture
@@ -204,21 +197,5 @@ def judge_each(judge: Callable[[Capture], list[Row]], options: Options) -> Itera
     InvalidCapture
         If none can be judged.
     """
-    judged = 0
-    for found, capture in zip(options.each(
-            'recordings', partial(_rows_or_fault, judge), options.captures), options.captures):
-        if isinstance(found, str):
-            options.leave_out(f'{capture.name}: {found}')
-        else:
-            judged += 1
-            yield from found
-    if not judged:
-        raise InvalidCapture('none of the captures can be judged')
-
-
-def _rows_or_fault(judge: Callable[[Capture], list[Row]], capture: Capture) -> list[Row] | str:
-    # The fault is returned as text: raised, it would end the evaluation of the others.
-    try:
-        return judge(capture)
-    except HandTrackerError as fault:
-        return str(fault)
+    yield from options.judge_each('recordings', judge, options.captures, lambda one: one.name,
+                                  InvalidCapture('none of the captures can be judged'))

@@ -1,15 +1,19 @@
 """Options of all evaluations, and their distribution over processes."""
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..core.errors import HandTrackerError
 from ..parallel import Result, Task, parallel_map
 from ..progress import CLEAR_LINE, Progress
+from .rows import Row
 
 if TYPE_CHECKING:
+    from ..calibration.takes import MarkerTake
     from .captures import Capture
 
 
@@ -31,6 +35,8 @@ class Options:
         Whether to print no progress.
     left_out : list of str
         Captures that could not be judged, and why; appended to by `leave_out`.
+    takes, fit_takes : tuple of MarkerTake
+        Takes of real markers to judge, and to fit hands to.
     """
 
     captures: tuple['Capture', ...] = ()
@@ -39,6 +45,8 @@ class Options:
     output: Path | None = None
     quiet: bool = False
     left_out: list[str] = field(default_factory=list)
+    takes: tuple['MarkerTake', ...] = ()
+    fit_takes: tuple['MarkerTake', ...] = ()
 
     def say(self, line: str) -> None:
         """Print a line of progress."""
@@ -74,8 +82,43 @@ class Options:
             results = map(function, pending)
         yield from self._shown(what, results, len(pending))
 
+    def judge_each(self, what: str, judge: Callable[[Task], list[Row]], tasks: Sequence[Task],
+                   name: Callable[[Task], str], none: HandTrackerError) -> Iterator[Row]:
+        """Yield the rows of every task; report and leave out those that cannot be judged.
+
+        Parameters
+        ----------
+        what, judge, tasks
+            As for `each`; `judge` may raise `HandTrackerError`.
+        name : callable
+            Returns what a task is called in the report.
+        none : HandTrackerError
+            Raised if no task can be judged.
+
+        Yields
+        ------
+        dict
+        """
+        judged = False
+        for task, found in zip(tasks, self.each(what, partial(_rows_or_fault, judge), tasks)):
+            if isinstance(found, str):
+                self.leave_out(f'{name(task)}: {found}')
+            else:
+                judged = True
+                yield from found
+        if not judged:
+            raise none
+
     def _shown(self, what: str, results: Iterator[Result], count: int) -> Iterator[Result]:
         return results if self.quiet else Progress(count, what).over(results)
+
+
+def _rows_or_fault(judge: Callable[[Task], list[Row]], task: Task) -> list[Row] | str:
+    # The fault is returned as text: raised, it would end the evaluation of the others.
+    try:
+        return judge(task)
+    except HandTrackerError as fault:
+        return str(fault)
 
 
 def _print(line: str) -> None:

@@ -44,12 +44,15 @@ def hardware() -> str:
     return f'{processor()}, {os.cpu_count()} cores, {platform.system()} {platform.machine()}'
 
 
-def command_line(name: str, files: Sequence[Path], options: Options, path: Path) -> str:
+def command_line(name: str, files: Sequence[Path], options: Options, path: Path,
+                 fit: Sequence[Path] = ()) -> str:
     """Return the command that reproduces the results, with files in the folder `$CAPTURES`."""
-    captures = ' '.join(f'$CAPTURES/{Path(file).name}' for file in files)
+    captures, fitted = (' '.join(f'$CAPTURES/{Path(file).name}' for file in some)
+                        for some in (files, fit))
     # Relative to the project.
     document = path if not path.is_absolute() else Path(path.parent.name, path.name)
     return (f'hand_tracker evaluate {name} {captures}'.rstrip()
+            + (f' --fit {fitted}' if fit else '')
             + f' --seed {options.seed} --jobs {options.jobs} --results {document}')
 
 
@@ -82,11 +85,18 @@ def write_results(path: Path, rows: list[Row], names: Sequence[str], options: Op
              f'- Versions: {made}; kernels {"compiled" if COMPILED else "not compiled"}.\n'
              f'- Hardware: {hardware()}.']
     parts += _losses(rows_of)
-    if not all(EVALUATIONS[name].judges_captures for name in names):
+    if not all(EVALUATIONS[name].judges_captures or EVALUATIONS[name].judges_takes
+               for name in names):
         parts += ['## How hands are simulated',
                   _documentation(simulated).partition('\n')[2].strip()]
     if options.captures or options.left_out:
         parts += _captures(options)
+    if options.takes:
+        parts += [Table('Takes of real markers', ('take', 'side', 'Hz', 'frames', 'markers',
+                                                  'source', 'licence'), [
+            (take.name, take.side, f'{take.rate:g}', str(len(take.points)), str(len(take.names)),
+             *(credit or 'not said' for credit in take.credit))
+            for take in (*options.takes, *options.fit_takes)]).text()]
     for name, found in rows_of.items():
         module = EVALUATIONS[name].load()
         parts += [f'## {EVALUATIONS[name].title}', _documentation(module),
