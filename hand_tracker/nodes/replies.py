@@ -82,6 +82,7 @@ class Replies:
         self._tf: Publisher | None = None
         self._frame_id: str | None = None
         self._last_transform: int | None = None  # stamp [ns]
+        self._static_broadcaster: Any = None
         if broadcast == 'none':
             return
         if StaticTransformBroadcaster is None or TFMessage is None:
@@ -90,11 +91,18 @@ class Replies:
             return
         self._tf = node.create_publisher(TFMessage, '/tf', TF_DEPTH)
         if broadcast == 'all':
-            tips = new_transforms(tip_frames(names))
-            fill_transforms(tips, node.get_clock().now().to_msg(), np.hstack(
-                (tip_offsets(hand), np.tile((0., 0., 0., 1.), (len(tips), 1)))))
+            self._clock = node.get_clock()
             self._static_broadcaster = StaticTransformBroadcaster(node)
-            self._static_broadcaster.sendTransform(tips)
+            self.show_tips(hand)
+
+    def show_tips(self, hand: Hand) -> None:
+        """Broadcast the tips of a hand, where all frames are broadcast."""
+        if self._static_broadcaster is None:
+            return
+        tips = new_transforms(tip_frames(self._names))
+        fill_transforms(tips, self._clock.now().to_msg(), np.hstack(
+            (tip_offsets(hand), np.tile((0., 0., 0., 1.), (len(tips), 1)))))
+        self._static_broadcaster.sendTransform(tips)
 
     def publish(self, frame: TrackedFrame) -> bool:
         """Publish the replies to a frame.

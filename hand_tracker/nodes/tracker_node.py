@@ -23,11 +23,13 @@ from ..core.errors import HandTrackerError
 from ..core.model.kinematics import tip_offsets
 from ..core.numerics import jit
 from ..core.tracker import HandState, HandTracker
+from ..files.urdf_file import urdf
 from ..messages.builders import diagnostics, time_message
 from ..messages.cdr import MalformedMessage
 from ..messages.marker_array import MarkerFrame
 from ..messages.rviz_markers import hand_markers
 from ..messages.stamps import Time, seconds
+from ..tracking.auto_size import AutoSize
 from ..tracking.compile_kernels import compile_tracking
 from ..tracking.diagnostics import STATUS_PERIOD
 from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
@@ -39,9 +41,17 @@ from .fast_path import FastPath, FastPathUnavailable
 from .fast_path.compile_fast_path import FAST_PATH_PROGRAM, FAST_PATH_SET
 from .fast_path.middleware import AT_ONCE, require_fast_path
 from .replies import Replies
+from .robot_description import RobotDescription
 from .runner import declare, names_of, run
 from .serialization import Serialization
-from .tracker_parameters import START, TOPICS, live_settings, live_table, starting_hand
+from .tracker_parameters import (
+    START,
+    TOPICS,
+    learns_size,
+    live_settings,
+    live_table,
+    starting_hand,
+)
 
 REPORT_PERIOD = .25     # [s] between two looks at what is to be logged
 # Timers of ROS time would stand still without /clock.
@@ -66,7 +76,10 @@ class TrackerNode(Node):
             self.get_logger().warning(
                 'rclpy lays messages out in a way that the codec does not know: slower')
         self._tracker = HandTracker(self._settings.hand, layout, self._settings.options)
-        self._stream = Stream(self._tracker, self._new_reader())
+        auto_size = (AutoSize(self._settings.hand, layout, in_background=True)
+                     if learns_size(start) else None)
+        self._stream = Stream(self._tracker, self._new_reader(), auto_size)
+        self._sizes_shown = 0
         self._fast_path: FastPath | None = None
         self._loaded_fast_path: FastPath | None = None
         self._prepare_kernels(start['fast_path'])
@@ -76,6 +89,7 @@ class TrackerNode(Node):
                                 start['broadcast'])
         self._hand_markers = self.create_publisher(
             MarkerArray, 'hand_markers', qos['hand_markers'])
+        self._descriptions = RobotDescription(self)
         self._display = RateLimiter()
         self._tips = tip_offsets(self._hand)
         self._diagnostics = self.create_publisher(
@@ -171,14 +185,15 @@ class TrackerNode(Node):
                 if self._fast_path is None or subscription is not self._subscription)
 
     def _on_markers(self, message: Any) -> None:
-        if self._stream.is_fast:
-            self._track(message, time.monotonic())
-            return
-        # Plain Python may be slower than frames come: all that wait are taken before the newest
-        # is tracked, and other callbacks have their turn in between.
-        self._waiting.append((message, time.monotonic()))
-        if self._newest_timer.is_canceled():
-            self._newest_timer.reset()
+        received = time.monotonic()
+        if not self._stream.is_fast:
+            # Plain Python may be slower than frames come: all that wait are taken before the
+            # newest is tracked, and other callbacks have their turn in between.
+            self._waiting.append((message, received))
+            if self._newest_timer.is_canceled():
+                self._newest_timer.reset()
+        elif (markers := self._read(message)) is not None:
+            self._track(markers, received)
 
     def _track_newest(self) -> None:
         """Track the newest frame that waits, and count those that are left out."""
@@ -189,28 +204,28 @@ class TrackerNode(Node):
             self._waiting.append((taken[0], time.monotonic()))
         waiting, self._waiting = self._waiting, []
         for older, (message, received) in reversed(list(enumerate(waiting))):
-            if older == 0 or self._has_markers(message):
+            markers = self._read(message)
+            if markers is None:
+                continue
+            self._track(markers, received)
+            if markers.stamp is not None:
                 self._monitor.left_out(older)
-                self._track(message, received)
                 return
 
-    def _has_markers(self, message: Any) -> bool:
-        """Return whether a message has markers of the hand: others are no frames."""
-        try:
-            return self._stream.reader.read(message).stamp is not None
-        except MalformedMessage:
-            return False
-
-    def _track(self, message: Any, received: float) -> None:
+    def _read(self, message: Any) -> MarkerFrame | None:
+        """Return the markers of a message by the present settings; None where it has no such."""
         if self._has_new_settings:
             self._apply_settings()
         try:
-            frame = self._stream.track(
-                message, received, self._receipt_stamp, self._measured_flexion())
+            return self._stream.reader.read(message)
         except MalformedMessage as error:
             self._monitor.warn_once(
                 'malformed', f'left out is what is no message of markers: {error}')
-            return
+            return None
+
+    def _track(self, markers: MarkerFrame, received: float) -> None:
+        frame = self._stream.track(
+            markers, received, self._receipt_stamp, self._measured_flexion())
         if isinstance(frame, MarkerFrame):
             # A message without any marker of the hand may be of something else.
             self._monitor.received_none(received, frame)
@@ -227,7 +242,8 @@ class TrackerNode(Node):
     def _after(self, frames: TrackedFrames, frame: TrackedFrame) -> None:
         """Do all that can wait until the replies are published."""
         self._monitored(frames, frame.frame_id, frame.is_valid)
-        if frame.is_valid and frame.is_regular and self._fast_path is not None:
+        if (frame.is_valid and frame.is_regular and self._fast_path is not None
+                and self._stream.size != 'learning'):
             self._install(frame)
 
     def _monitored(self, frames: TrackedFrames, frame_id: str, is_valid: bool = True) -> None:
@@ -298,7 +314,7 @@ class TrackerNode(Node):
 
     def _apply_settings(self) -> None:
         self._has_new_settings = False
-        self._settings = live_settings(self._hand, self._live_values())
+        self._settings = live_settings(self._tracker.hand, self._live_values())
         self._tracker.configure(hand=self._settings.hand, options=self._settings.options)
         self._stream.reader = self._new_reader()
         self._monitor.set_labels(self._settings.labels)
@@ -309,6 +325,8 @@ class TrackerNode(Node):
     def _report(self) -> None:
         self._drain()
         self._start_fast_path()
+        if self._sizes_shown != self._stream.sizes_learned:
+            self._show_size()
         if self._replies.follow_listeners() and self._fast_path is not None:
             self._fast_path.disable()
         if self._fast_path is not None:
@@ -320,6 +338,14 @@ class TrackerNode(Node):
                 log.warning(line)
             else:
                 log.info(line)
+
+    def _show_size(self) -> None:
+        """Give the learned size to all that shows the hand."""
+        self._sizes_shown = self._stream.sizes_learned
+        hand = self._tracker.hand
+        self._tips = tip_offsets(hand)
+        self._replies.show_tips(hand)
+        self._descriptions.send(urdf(hand, self._names.prefix))
 
     def _follow_viewers(self) -> None:
         """Drain at the display's rate while somebody looks."""
@@ -335,6 +361,7 @@ class TrackerNode(Node):
         self._publish_status()
 
     def _publish_status(self) -> None:
+        self._monitor.set_size(self._stream.size)
         status = self._monitor.status(time.monotonic(), self._who_publishes)
         self._diagnostics.publish(diagnostics(
             self._now(), f'{self.get_name()}: {self._hand.side} hand', self._topic, status))

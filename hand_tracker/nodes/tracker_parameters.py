@@ -67,6 +67,8 @@ START = (
               'for the mean hand only', range=(.10, .26)),
     Parameter('hand_breadth', MEAN_BREADTH, 'Across the knuckles of index and little finger '
               '[m]; for the mean hand only', range=(.04, .14)),
+    Parameter('auto_size', True, "Whether the hand's size is learned from the first seconds of "
+              'markers, where neither hand_file nor another hand_length or hand_breadth gives it'),
     Parameter('thumb', 'saddle', "Plane of the thumb: the hand's saddle joint, or the paper's "
               'plane through the index MCP', choices=('saddle', 'index_mcp')),
     Parameter('limits.preset', AUTO, "Limits of all joints that have none of their own here; "
@@ -129,6 +131,13 @@ def starting_hand(values: Mapping[str, Any]) -> tuple[Hand, MarkerLayout]:
     if not values['wrist_frame']:
         raise InvalidParameter("wrist_frame: ''; expected a frame or auto")
     return hand, layout
+
+
+def learns_size(values: Mapping[str, Any]) -> bool:
+    """Return whether the parameters of the start leave the hand's size to be learned."""
+    is_mean = (values['hand_length'], values['hand_breadth']) == (MEAN_LENGTH, MEAN_BREADTH)
+    return (values['auto_size'] and not values['hand_file'] and is_mean
+            and values['thumb'] == 'saddle')
 
 
 def live_table(hand: Hand) -> tuple[Parameter, ...]:

@@ -56,10 +56,16 @@ class Diagnostics:
     now : float
         Of a clock that never jumps, as in every method [s].
     input_monitor : InputMonitor
+
+    Attributes
+    ----------
+    size : str
+        How far the hand's size is learned, as of `Stream.size`.
     """
 
     def __init__(self, now: float, input_monitor: InputMonitor) -> None:
         self._input = input_monitor
+        self.size = 'given'
         self._state: HandState | None = None
         self._frames = self._counted = self._on_fast_path = self._left_out = 0
         self._since = now
@@ -84,6 +90,7 @@ class Diagnostics:
     def left_out(self, count: int) -> None:
         """Count frames that were left out, as newer ones had come before they could be tracked."""
         self._left_out += count
+        self._statistics.left_out(count)
 
     def tracked(self, now: float, state: HandState, count: int, on_fast_path: bool) -> bool:
         """Add the results of consecutive frames.
@@ -129,7 +136,8 @@ class Diagnostics:
         level, text = self._level(now, publishers, worn)
         values = {'palm': 'not seen yet', 'rate [Hz]': f'{self._rate:.1f}',
                   'frames': str(self._frames), 'frames on fast path': str(self._on_fast_path),
-                  'frames left out': str(self._left_out), 'mean residual [mm]': '',
+                  'frames left out': str(self._left_out), 'hand size': self.size,
+                  'mean residual [mm]': '',
                   **_latency_values(self._latency)}
         if state is not None:
             values['palm'] = _words(state.palm)

@@ -118,6 +118,10 @@ class Monitor:
         return self._diagnostics.tracked(
             frames.published[-1], frames.state, frames.count, frames.on_fast_path)
 
+    def set_size(self, size: str) -> None:
+        """Note how far the hand's size is learned, as of `Stream.size`."""
+        self._diagnostics.size = size
+
     def left_out(self, count: int) -> None:
         """Count frames that were left out, as newer ones had come before they could be tracked."""
         self._diagnostics.left_out(count)

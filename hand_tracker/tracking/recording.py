@@ -27,6 +27,7 @@ from ..messages.labels import LabelMap
 from ..messages.marker_array import MARKER_ARRAY, MarkerFrame
 from ..messages.stamps import nanoseconds, stamp_of
 from ..messages.templates import Template, joint_state_template, transforms_template
+from .auto_size import AutoSize
 from .monitor import Monitor, TrackedFrames
 from .stream import Stream
 
@@ -90,8 +91,8 @@ def marker_topic(bag: Bag, topic: str | None = None) -> str:
 
 def track(messages: Iterable[BagMessage], tracker: HandTracker, labels: LabelMap | None = None,
           frame_id: str = '', scale: float = 1., zero_is_missing: bool = True,
-          monitor: Monitor | None = None,
-          say: Callable[[str], None] | None = None) -> Iterator[RecordedFrame]:
+          monitor: Monitor | None = None, say: Callable[[str], None] | None = None,
+          auto_size: bool = False) -> Iterator[RecordedFrame]:
     """Track recorded markers as the tracker node tracks them live.
 
     As there, messages without any marker of the hand are left out, and so are all before
@@ -111,6 +112,8 @@ def track(messages: Iterable[BagMessage], tracker: HandTracker, labels: LabelMap
         Updated by the time of the recording.
     say : callable, optional
         Told in a line that kernels are compiled meanwhile, and when they take over.
+    auto_size : bool, optional
+        Whether the size of the hand is learned from the first seconds.
 
     Yields
     ------
@@ -122,7 +125,8 @@ def track(messages: Iterable[BagMessage], tracker: HandTracker, labels: LabelMap
         If a message is damaged.
     """
     stream = Stream(tracker, MarkerReader(
-        LabelMap() if labels is None else labels, frame_id, scale, zero_is_missing))
+        LabelMap() if labels is None else labels, frame_id, scale, zero_is_missing),
+        AutoSize(tracker.hand, tracker.layout) if auto_size else None)
     stream.compile_in_background()
     for message in messages:
         now = 1e-9 * message.time

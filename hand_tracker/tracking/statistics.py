@@ -22,7 +22,7 @@ class LatencySummary(NamedTuple):
     late : int
         Frames that took longer than the time between two.
     dropped : int
-        Frames that are missing by the stamps of the others.
+        Frames that never came, by the stamps of the others.
     """
 
     p50: float
@@ -38,7 +38,7 @@ class LatencyStatistics:
     def __init__(self) -> None:
         self._latencies: deque[float] = deque(maxlen=FRAMES_KEPT)
         self._times: deque[float] = deque(maxlen=FRAMES_KEPT)
-        self._late = self._dropped = 0
+        self._late = self._dropped = self._left_out = 0
 
     def add(self, latency: float, time: float | None) -> None:
         """Add a frame.
@@ -54,6 +54,10 @@ class LatencyStatistics:
         if time is not None:
             self._times.append(time)
 
+    def left_out(self, count: int) -> None:
+        """Note frames that came and were not tracked: they are not dropped."""
+        self._left_out += count
+
     def summary(self) -> LatencySummary:
         """Return the statistics of the frames since the last summary."""
         latencies = np.array(self._latencies)
@@ -63,7 +67,9 @@ class LatencyStatistics:
             step = np.median(forward)
             self._late += int((latencies > step).sum())
             whole = forward[forward < STAMP_GAP]
-            self._dropped += int((np.round(whole / step) - 1.).clip(0).sum())
+            missing = int((np.round(whole / step) - 1.).clip(0).sum())
+            self._dropped += max(0, missing - self._left_out)
+            self._left_out = 0
         self._latencies.clear()
         # The last stamp stays, as frames may be lost after it.
         for _ in range(len(self._times) - 1):

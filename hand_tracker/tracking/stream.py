@@ -17,6 +17,7 @@ from ..core.tracker import HandState, HandTracker
 from ..messages.cdr import MessageSignature
 from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time, seconds
+from .auto_size import AutoSize
 from .compilation import PROGRAM, Compilation
 
 UNNAMED_FRAME = 'world'  # of markers without a frame, as TF needs one
@@ -116,16 +117,23 @@ class Stream:
     tracker : HandTracker
     reader : Reader
         May be replaced between two messages.
+    auto_size : AutoSize, optional
+        What learns the size of the hand, where nobody gave it.
 
     Attributes
     ----------
     tracker, reader
     compilation : Compilation or None
         None where the kernels were ready, or there is no numba.
+    sizes_learned : int
+        Times that the tracker's hand has changed its size.
     """
 
-    def __init__(self, tracker: HandTracker, reader: Reader) -> None:
+    def __init__(self, tracker: HandTracker, reader: Reader,
+                 auto_size: AutoSize | None = None) -> None:
         self.tracker, self.reader = tracker, reader
+        self.sizes_learned = 0
+        self._auto_size = auto_size
         self.compilation: Compilation | None = None
         self._time = FrameTime()
         self._switches_kernels = False
@@ -188,10 +196,32 @@ class Stream:
         stamp = markers.stamp if has_stamp else receipt_stamp()
         time = self._time.of(markers.stamp, seconds(stamp))
         tracker = self.tracker
+        if self.size == 'learning':
+            self._learn_size(markers.positions, time)
         state = tracker.update(markers.positions, time, distal_flexion)
         return TrackedFrame(
             received, stamp, markers.frame_id or UNNAMED_FRAME, time, state, markers,
             tracker.placed, has_stamp and distal_flexion is None, tracker.restarted)
+
+    @property
+    def size(self) -> str:
+        """Whether the hand's size was 'given', or is 'learning' or 'learned'."""
+        if self._auto_size is None:
+            return 'given'
+        return 'learning' if self._auto_size.is_learning else 'learned'
+
+    def _learn_size(self, markers: np.ndarray, time: float | None) -> None:
+        assert self._auto_size is not None
+        sized = self._auto_size.add(markers, time)
+        if sized is not None:
+            now = self.tracker.hand
+            self.tracker.configure(sized.replace(limits=now.limits, coupling=now.coupling))
+            self.sizes_learned += 1
+        if not self._auto_size.is_learning:
+            mcp = self.tracker.hand.finger_mcp
+            self._news.append((False, 'the size of the hand is learned: '
+                               f'{1e3 * np.linalg.norm(mcp[0] - mcp[3]):.0f} mm between the '
+                               'knuckles of index and little finger'))
 
     @property
     def is_fast(self) -> bool:

@@ -49,7 +49,7 @@ def test_a_tracked_hand():
     assert (level, text) == (Level.OK, 'tracking')
     assert values == {
         'palm': 'tracked', 'rate [Hz]': '121.0', 'frames': '121', 'frames on fast path': '0',
-        'frames left out': '0',
+        'frames left out': '0', 'hand size': 'given',
         'mean residual [mm]': '0.00',
         'latency p50 [ms]': '', 'latency p99 [ms]': '', 'latency max [ms]': '',
         'frames late': '0', 'frames dropped': '0',

@@ -47,6 +47,7 @@ STATUS_PERIOD = 10_000_000  # [ns]
 ROS = ('builtin_interfaces', 'geometry_msgs', 'rclpy', 'sensor_msgs', 'std_msgs', 'tf2_msgs',
        'tf2_ros', 'visualization_msgs')
 PATIENCE = 240.  # [s], on a busy machine
+GIVEN = '--no-auto-size'  # the hand is the mean hand
 RUN = 'import sys; from hand_tracker.__main__ import main; sys.exit(main(sys.argv[1:]))'
 HALF_MILLIDEGREE = .0005  # of rounding in a table
 
@@ -104,7 +105,7 @@ def run_in_process(*arguments, code=RUN):
 @pytest.mark.parametrize('wrist', [False, True])
 def test_table_holds_what_the_tracker_says_of_the_arrays(recording, bag, wrist, tmp_path, capsys):
     output = tmp_path / 'out.csv'
-    assert main([str(bag), '-o', str(output)] + ['--wrist'] * wrist) == 0
+    assert main([str(bag), '-o', str(output), GIVEN] + ['--wrist'] * wrist) == 0
     assert f'{FRAMES} of {FRAMES} frames tracked' in capsys.readouterr().out
     header, table = read_table(output)
     assert header == ['time_s', *(f'right_{joint}_deg' for joint in JOINTS),
@@ -122,11 +123,26 @@ def test_table_holds_what_the_tracker_says_of_the_arrays(recording, bag, wrist, 
     assert list(tmp_path.iterdir()) == [output]
 
 
+def test_the_size_of_the_hand_is_learned_unless_it_is_given(tmp_path):
+    hand = Hand.scaled(.205, .095)
+    recording = demo_recording(hand)
+    write_bag(tmp_path / 'large.mcap', recording_messages(recording, 'right'))
+    pip = 1 + JOINTS.index('index_pip_flexion')
+
+    def error(*more):
+        assert main([str(tmp_path / 'large.mcap'), '-o', str(tmp_path / 'out.csv'), *more]) == 0
+        _, table = read_table(tmp_path / 'out.csv')
+        late = table[:, 0] > 5.5
+        return np.abs(table[late, pip] - np.degrees(recording.angles[late, pip - 1])).mean()
+
+    assert error() < 4. < 15. < error(GIVEN)
+
+
 @pytest.mark.parametrize('extension', ['.mcap', '.db3'])
 def test_recording_holds_the_same_angles_with_the_markers_stamps(
         recording, bag, extension, tmp_path):
     output = tmp_path / f'out{extension}'
-    assert main([str(bag), '-o', str(output), '--wrist']) == 0
+    assert main([str(bag), '-o', str(output), '--wrist', GIVEN]) == 0
     with open_bag(output) as written:
         assert written.topics == {'/joint_states': 'sensor_msgs/msg/JointState',
                                   '/tf': 'tf2_msgs/msg/TFMessage'}
@@ -185,7 +201,7 @@ def test_topic_frame_labels_and_units_are_those_asked_for(recording, tmp_path):
     labels = [word for i, marker in enumerate(MARKERS)
               for word in ('--label', f'{marker}=hand/{i + 2}')]
     assert main([str(tmp_path / 'in.mcap'), '-o', str(tmp_path / 'out.csv'), *labels, '--topic',
-                 'a/markers', '--frame', 'mocap', '--unit-scale', '.001']) == 0
+                 'a/markers', '--frame', 'mocap', '--unit-scale', '.001', GIVEN]) == 0
     _, table = read_table(tmp_path / 'out.csv')
     assert np.allclose(table[:, 1:], np.degrees([state.angles for state in states_of(recording)]),
                        rtol=0, atol=2. * HALF_MILLIDEGREE)

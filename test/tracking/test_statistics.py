@@ -77,3 +77,15 @@ def test_a_throttle_saves_nothing_up():
     throttle = RateLimiter()
     assert throttle.due(100., 10.)
     assert sum(throttle.due(200. + 1e-4 * i, 10.) for i in range(100)) <= 2
+
+
+def test_frames_that_came_and_were_left_out_are_not_dropped():
+    latency = LatencyStatistics()
+    for i in range(1, 101):
+        if i not in (50, 51, 70, 71, 72):
+            latency.add(1e-4, i * STEP)
+    latency.left_out(3)
+    assert latency.summary().dropped == 2
+    for i in (103, 104, 105, 106):
+        latency.add(1e-4, i * STEP)
+    assert latency.summary().dropped == 4

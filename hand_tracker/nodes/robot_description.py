@@ -1,0 +1,41 @@
+"""Keep the URDF of robot_state_publisher that of the tracked hand."""
+
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+
+PUBLISHER = 'robot_state_publisher'  # node of the launch file, in the namespace of the tracker
+
+
+class RobotDescription:
+    """Set `robot_description` of the robot_state_publisher beside a node.
+
+    Parameters
+    ----------
+    node : Node
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._client = node.create_client(SetParameters, f'{PUBLISHER}/set_parameters')
+
+    def send(self, urdf: str) -> None:
+        """Replace the URDF, where a robot_state_publisher runs.
+
+        Parameters
+        ----------
+        urdf : str
+        """
+        if not self._client.service_is_ready():
+            return
+        description = Parameter('robot_description', Parameter.Type.STRING, urdf)
+        done = self._client.call_async(
+            SetParameters.Request(parameters=[description.to_parameter_msg()]))
+        done.add_done_callback(self._check)
+
+    def _check(self, done: Future) -> None:
+        refused = [result.reason for result in done.result().results if not result.successful]
+        if refused:
+            self._node.get_logger().warning(
+                f'{PUBLISHER} refuses the URDF of the hand: {refused[0]}')

@@ -1,0 +1,89 @@
+"""Learn the size of a hand that nobody measured, while it is tracked. No ROS."""
+
+from __future__ import annotations
+
+from threading import Thread
+
+import numpy as np
+
+from ..calibration.size import fit_size
+from ..core.model.hand import Hand
+from ..core.model.marker_layout import PALM_MARKERS, MarkerLayout
+
+# [s] with the whole palm seen after which the size is estimated; after the last it is kept.
+LEARNING_TIMES = (1., 2.5, 5.)
+SAMPLE_PERIOD = .02  # [s] between two frames that are kept
+
+
+class AutoSize:
+    """Collect the first seconds of markers, and estimate the hand's size from them.
+
+    Parameters
+    ----------
+    hand : Hand
+        Of which side, limits and coupling are kept.
+    layout : MarkerLayout
+    in_background : bool, optional
+        Whether a thread estimates, so that no frame waits; the size then comes some frames
+        later.
+
+    Attributes
+    ----------
+    is_learning : bool
+        Whether another estimate is to come.
+    """
+
+    def __init__(self, hand: Hand, layout: MarkerLayout, in_background: bool = False) -> None:
+        self.is_learning = True
+        self._hand, self._layout, self._in_background = hand, layout, in_background
+        self._kept: list[np.ndarray] = []
+        self._seen_for = 0.
+        self._last: float | None = None
+        self._due = list(LEARNING_TIMES)
+        self._fits = False
+        self._found: Hand | None = None
+
+    def add(self, markers: np.ndarray, time: float | None) -> Hand | None:
+        """Take a frame.
+
+        Parameters
+        ----------
+        markers : ndarray, shape (8, 3)
+            NaN where not seen [m].
+        time : float or None
+            Of the frame; frames without a time tell nothing [s].
+
+        Returns
+        -------
+        Hand or None
+            A hand of the size estimated since the last frame, None where there is none.
+        """
+        if self._due and time is not None:
+            self._keep(markers, time)
+        if self._due and self._seen_for >= self._due[0] and not self._fits:
+            self._due.pop(0)
+            self._fits = True
+            frames = np.array(self._kept)
+            if self._in_background:
+                Thread(target=self._fit, args=(frames,), name='fit size', daemon=True).start()
+            else:
+                self._fit(frames)
+        found, self._found = self._found, None
+        self.is_learning = bool(self._due) or self._fits or self._found is not None
+        return found
+
+    def _keep(self, markers: np.ndarray, time: float) -> None:
+        if not np.isfinite(markers[:len(PALM_MARKERS)]).all():
+            self._last = None
+            return
+        step = SAMPLE_PERIOD if self._last is None else time - self._last
+        if step < 0.:
+            self._last = time  # time jumped back
+        elif step >= SAMPLE_PERIOD:
+            self._seen_for += min(step, 2. * SAMPLE_PERIOD)
+            self._last = time
+            self._kept.append(markers.copy())
+
+    def _fit(self, frames: np.ndarray) -> None:
+        self._found = fit_size(frames, self._hand, self._layout)
+        self._fits = False
