@@ -203,6 +203,10 @@ def run(make_node: Callable[[], Node], work: Callable[[Any], object] = spin,
         logger = node.get_logger() if node else rclpy.logging.get_logger(name)
         logger.error(_in_words(error))
         return 1
+    except RuntimeError:  # RCLError has no public name
+        # Where the context ends in the middle of a callback, its publish fails.
+        if rclpy.ok():
+            raise
     finally:
         # Python's end would leave a handler of its own to the system, which kills the process.
         _handle_interrupts(signal.SIG_IGN)

@@ -16,6 +16,7 @@ from helpers.bench import LATE, LOSSLESS, MODULE, Bench, lines, message, stamp_o
 from helpers.hands import RIGHT, hand_at, motion
 from helpers.ros_process import NodeProcess, watching_node
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
@@ -225,7 +226,7 @@ def own_node():
     from hand_tracker.nodes.runner import spinning
     from hand_tracker.nodes.tracker_node import TrackerNode
     rclpy.init(args=['--ros-args', '-p', 'qos.markers.reliability:=reliable',
-                     '-p', 'qos.markers.depth:=1000'])
+                     '-p', 'qos.markers.depth:=1000', '-p', 'auto_size:=false'])
     node = TrackerNode()
     try:
         with spinning(node):
@@ -253,7 +254,18 @@ def test_a_driver_in_the_same_process_is_heard():
         node.repeat(one_more, lambda: tracker._fast_path._memory.frames[0] > 50, 0.)
 
 
-def test_the_end_of_ros_is_the_end_of_the_node():
+@contextmanager
+def handlers_restored():
+    handlers = {number: signal.getsignal(number) for number in INTERRUPTS}
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+
+
+@pytest.mark.parametrize('auto_size', ['false', 'true'])
+def test_the_end_of_ros_is_the_end_of_the_node(auto_size):
     with watching_node() as node:
         publisher = node.create_publisher(MarkerArray, 'markers', 10)
         answers = node.collect(JointState, 'joint_states')
@@ -271,20 +283,38 @@ def test_the_end_of_ros_is_the_end_of_the_node():
             finally:
                 rclpy.try_shutdown()
 
-        handlers = {number: signal.getsignal(number) for number in INTERRUPTS}
         threads = Thread(target=drive), Thread(target=listen)
         for thread in threads:
             thread.start()
         try:
-            assert run(tracker_node.TrackerNode, args=[]) == 0
+            # While the size is learned, the slow path publishes.
+            with handlers_restored():
+                assert run(tracker_node.TrackerNode,
+                           args=['--ros-args', '-p', f'auto_size:={auto_size}']) == 0
         finally:
             ended.set()
             for thread in threads:
                 thread.join()
             gc.unfreeze()
-            for number, handler in handlers.items():
-                signal.signal(number, handler)
         assert len(answers) > 100
+
+
+def test_the_end_of_ros_within_a_callback_is_the_end_of_the_node():
+    def publish_after_the_end(node):
+        publisher = node.create_publisher(JointState, 'joint_states', 10)
+        rclpy.shutdown()
+        publisher.publish(JointState())
+
+    with handlers_restored():
+        assert run(lambda: Node('ending'), publish_after_the_end, args=[]) == 0
+
+
+def test_an_error_of_ros_that_is_not_its_end_is_raised():
+    def fail(node):
+        raise RuntimeError('the publisher is broken')
+
+    with handlers_restored(), pytest.raises(RuntimeError, match='broken'):
+        run(lambda: Node('failing'), fail, args=[])
 
 
 def test_an_executor_that_waits_for_conditions_takes_the_slow_path():
