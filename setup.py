@@ -70,11 +70,11 @@ setup(
     entry_points={
         'console_scripts': [
             'hand_tracker = hand_tracker.__main__:main',
-            'replay = hand_tracker.nodes.entry:replay',
-            'simulate = hand_tracker.nodes.entry:simulate',
-            'skin = hand_tracker.nodes.entry:skin',
-            'tracker = hand_tracker.nodes.entry:tracker',
-            'viewer = hand_tracker.nodes.entry:viewer',
+            'replay = hand_tracker.entry:replay',
+            'simulate = hand_tracker.entry:simulate',
+            'skin = hand_tracker.entry:skin',
+            'tracker = hand_tracker.entry:tracker',
+            'viewer = hand_tracker.entry:viewer',
         ],
     },
 )

@@ -33,10 +33,12 @@ from benchmarks.round_trip import isolate, messages
 PACKAGE = ROOT / 'hand_tracker'
 # Folders and files from the lowest to the highest: each imports only those before it.
 ORDER = ('core/errors.py', 'core/numerics', 'core/model', 'core/filtering',
-         'core/inverse_kinematics', 'core/occlusion', 'core/labelling', 'core/pose', 'core',
+         'core/labelling', 'core/occlusion', 'core/inverse_kinematics', 'core/pose', 'core',
          'package_data.py', 'progress.py', 'parallel.py', 'drawing', 'calibration', 'messages',
-         'files', '__init__.py', 'tracking', 'simulation', 'skin', 'viewer', 'nodes/fast_path',
-         'nodes', 'evaluation', 'cli', '__main__.py', 'launch')
+         'files', '__init__.py', 'tracking', 'simulation', 'skin', 'viewer',
+         'nodes/parameters.py', 'nodes/tracker_parameters.py', 'nodes/runner.py',
+         'nodes/serialization.py', 'nodes/fast_path',
+         'nodes', 'evaluation', 'cli', '__main__.py', 'entry.py', 'launch')
 UNCOUNTED = 'core/numerics'
 ANSWERS = '/joint_states', '/tf', '/joint_confidence'
 RATE = 120.      # [Hz] of the frames
@@ -175,7 +177,10 @@ def traced_frames(count):
 
     from hand_tracker.nodes.tracker_node import TrackerNode
     from hand_tracker.simulation.packaged_recordings import RECORDING_START_NS
-    rclpy.init()
+    from hand_tracker.tracking.stream import Stream
+    # Frames wait for each other only while kernels are compiled.
+    Stream.is_fast = True
+    rclpy.init(args=['--ros-args', '-p', 'auto_size:=false'])
     try:
         node, tracer, found = TrackerNode(), Tracer(), []
         callback = next(one.callback for one in node.subscriptions

@@ -90,7 +90,7 @@ def node_frames():
     from rclpy.executors import SingleThreadedExecutor
 
     from hand_tracker.nodes.tracker_node import TrackerNode
-    rclpy.init()
+    rclpy.init(args=['--ros-args', '-p', 'auto_size:=false'])
     node, executor = TrackerNode(), SingleThreadedExecutor()
     executor.add_node(node)
     lap = messages('right', RATE)

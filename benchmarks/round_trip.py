@@ -224,7 +224,8 @@ def start(stack, folder):
             print(f'{node}: not there, it needs a C compiler and the headers of rcl')
             continue
         for side in HANDS:
-            more = ['-p', f'side:={side}'] if node == 'hand_tracker' else []
+            more = (['-p', f'side:={side}', '-p', 'auto_size:=false'] if node == 'hand_tracker'
+                    else [])
             name = f'{node}_{side}'
             process = stack.enter_context(subprocess.Popen(
                 [*map(str, commands[node]), '--ros-args', '-r', f'__ns:=/{name}', *more],

@@ -31,7 +31,7 @@ def start(driver, name, frames, cache):
     """Return the time until the first JointState of a new node, and its processor time [s]."""
     began = time.perf_counter_ns()
     with subprocess.Popen(
-            [sys.executable, '-m', 'hand_tracker.nodes.entry', 'tracker', '--ros-args', '-r',
+            [sys.executable, '-m', 'hand_tracker.entry', 'tracker', '--ros-args', '-r',
              f'__ns:=/{name}'],
             env=environ(NUMBA_CACHE_DIR=str(cache), HAND_TRACKER_JIT='background'),
             stderr=subprocess.DEVNULL) as process:

@@ -15,6 +15,7 @@ COMMANDS = {
     'view': 'show a recording in the browser',
     'urdf': 'print or write the URDF of a hand',
     'evaluate': 'measure the tracker, each table in turn',
+    'calibrate': 'fit a hand to takes of the markers on it',
     'simulate': 'record a simulated hand seen by cameras',
     'record': 'make a packaged recording again',
 }
@@ -35,7 +36,7 @@ def main(arguments: list[str] | None = None) -> int:
             os.environ.setdefault('HAND_TRACKER_JIT', 'background')
         return _import_interruptible(f'hand_tracker.cli.{name}').main(arguments[1:])
     usage = 'usage: hand_tracker COMMAND [--help] ...\n\n' + '\n'.join(
-        f'  {command:8s} {what}' for command, what in COMMANDS.items())
+        f'  {command:9s} {what}' for command, what in COMMANDS.items())
     if name in ('-h', '--help'):
         print(f'{__doc__}\n\n{usage}')
         return 0

@@ -4,6 +4,7 @@ import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import partial
 from multiprocessing import active_children, get_context
 from typing import Any, NamedTuple, TypeVar
@@ -13,7 +14,6 @@ from .core.errors import HandTrackerError
 Task = TypeVar('Task')
 Result = TypeVar('Result')
 
-_interruptions: list[type[BaseException]] = []  # of a worker process
 
 
 class WorkerKilled(HandTrackerError):
@@ -59,8 +59,33 @@ class MessageCollector:
         self.lines.append(text)
 
 
+class Interruptions(list[type[BaseException]]):
+    """Errors of the signals that came, as of `raise_on_interruption`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._only_noted = False
+
+    @contextmanager
+    def only_noted(self) -> Iterator[None]:
+        """Raise nothing from a signal within; what runs has to look for it, and is so never cut."""
+        self._only_noted = True
+        try:
+            yield
+        finally:
+            self._only_noted = False
+        if self:
+            raise self[0]
+
+    def note(self, error: type[BaseException]) -> None:
+        """Take the error of a signal, and raise it unless it is only noted."""
+        self.append(error)
+        if not self._only_noted:
+            raise error
+
+
 def raise_on_interruption(
-        error: type[BaseException] = KeyboardInterrupt) -> list[type[BaseException]]:
+        error: type[BaseException] = KeyboardInterrupt) -> Interruptions:
     """Install signal handlers that raise an error on SIGINT and SIGTERM.
 
     Parameters
@@ -69,14 +94,13 @@ def raise_on_interruption(
 
     Returns
     -------
-    list of type
+    Interruptions
         Gets the error appended on each signal, as extension code may swallow one raised in it.
     """
-    interruptions: list[type[BaseException]] = []
+    interruptions = Interruptions()
 
     def interrupt(number: int, frame: object) -> None:
-        interruptions.append(error)
-        raise error
+        interruptions.note(error)
 
     # SIGTERM too: a closed terminal or killed script leaves no unfinished file either.
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -123,7 +147,10 @@ def parallel_map(function: Callable[[Task], Result], tasks: Sequence[Task], jobs
             raise
 
 
-def run_tasks(work: Callable[[Any, list, MessageCollector], str], tasks: Sequence[Any],
+_interruptions = Interruptions()  # of a worker process
+
+
+def run_tasks(work: Callable[[Any, Interruptions, MessageCollector], str], tasks: Sequence[Any],
               jobs: int) -> Iterator[TaskResult]:
     """Run tasks in up to `jobs` processes; an error ends its task only.
 
@@ -155,7 +182,7 @@ def _start_worker() -> None:
     _interruptions = raise_on_interruption(SystemExit)
 
 
-def _run_task(work: Callable[[Any, list, MessageCollector], str], task: Any) -> TaskResult:
+def _run_task(work: Callable[[Any, Interruptions, MessageCollector], str], task: Any) -> TaskResult:
     messages = MessageCollector()
     try:
         messages.say(work(task, _interruptions, messages))

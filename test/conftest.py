@@ -12,6 +12,12 @@ import pytest
 # Compiles what the tests of tracking and of the fast path need.
 COMPILE_ALL = 'hand_tracker.nodes.fast_path.compile_fast_path'
 COMPILE_TRACKING = 'hand_tracker.tracking.compile_kernels'
+# The longest first, so that no process is left alone with one of them at the end.
+LONGEST = ('viewer/test_viewer_browser.py', 'nodes/test_tracker_node.py',
+           'package/test_end_to_end.py', 'package/test_benchmarks.py',
+           'tracking/test_recording.py', 'nodes/test_replay_node.py', 'calibration/test_fit.py',
+           'nodes/fast_path/test_middleware.py', 'drawing/test_animation.py',
+           'nodes/test_skin_node.py', 'simulation/test_simulator.py', 'package/test_examples.py')
 
 
 def pytest_configure(config):
@@ -23,6 +29,17 @@ def pytest_configure(config):
                           stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     if done.returncode:
         warnings.warn(f'the kernels were not compiled: {done.stderr[-2000:]}', stacklevel=1)
+
+
+def pytest_collection_modifyitems(items):
+    """Run the longest files first."""
+    folder = Path(__file__).parent
+
+    def place(item):
+        name = item.path.relative_to(folder).as_posix() if folder in item.path.parents else ''
+        return LONGEST.index(name) if name in LONGEST else len(LONGEST)
+
+    items.sort(key=place)
 
 
 class LackingFile(pytest.File):

@@ -38,6 +38,7 @@ os.environ['ROS_DOMAIN_ID'] = str(DOMAIN)
 os.environ.update({'ROS_LOCALHOST_ONLY': '1'} if os.environ.get('ROS_DISTRO') == 'humble'
                   else {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'})
 
+TRACKER = 'hand_tracker.nodes.tracker_node'
 PATIENCE = 240.  # [s]: kernels may have to be compiled, and other work run beside
 
 
@@ -139,6 +140,9 @@ class NodeProcess(Process):
 
     def __init__(self, module, parameters=None, remaps=None, environment=None, files=()):
         command = [sys.executable, '-m', module, '--ros-args']
+        if module == TRACKER:
+            # What it answers is compared with the hand that it starts with.
+            parameters = {'auto_size': False, **(parameters or {})}
         for file in files:
             command += ['--params-file', str(file)]
         for name, value in (parameters or {}).items():

@@ -14,6 +14,7 @@ from visualization_msgs.msg import Marker
 
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.numerics import jit
 from hand_tracker.messages.builders import joint_state, prefixed_names
 from hand_tracker.simulation.poses import pose_angles
 from hand_tracker.skin import deform, load_skin
@@ -35,6 +36,8 @@ pytestmark = pytest.mark.ros
 def cache(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv('XDG_CACHE_HOME', str(tmp_path_factory.mktemp('cache')))
+        # The kernels are where they were.
+        patch.setenv('NUMBA_CACHE_DIR', str(jit.CACHE_FOLDER))
         yield
 
 
@@ -76,7 +79,7 @@ def test_triangles_are_the_deformed_skin_while_somebody_looks(cache):
 
 
 def test_it_takes_a_small_part_of_a_core(cache):
-    command = [sys.executable, '-m', 'hand_tracker.nodes.entry', 'skin']
+    command = [sys.executable, '-m', 'hand_tracker.entry', 'skin']
     with Process(command) as process, watching_node() as node:
         publisher = node.create_publisher(JointState, 'joint_states', 10)
         names, angles = prefixed_names('right_'), np.zeros(len(JOINTS))

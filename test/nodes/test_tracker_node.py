@@ -31,13 +31,14 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
 
 from hand_tracker.core.model.hand import DIGITS, JOINTS, LINKS, Hand, preset_limits
-from hand_tracker.core.model.kinematics import tip_offsets
-from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
+from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.hand_file import load_hand, save_hand
 from hand_tracker.messages.stamps import seconds
+from hand_tracker.simulation.motions import motion_named
 from hand_tracker.tracking.diagnostics import STATUS_GAP, STATUS_PERIOD
 from hand_tracker.tracking.distal_flexion import DISTAL_JOINTS
 from hand_tracker.tracking.rate_limit import LOG_LINES, LOG_WINDOW
@@ -173,7 +174,8 @@ def test_parameters_at_run_time(solved):
     pip = JOINTS.index('index_pip_flexion')
     upper, lower = (f'limits.index_pip_flexion.{bound}_deg' for bound in ('upper', 'lower'))
     frame = hand_at()
-    with tracking() as bench:
+    # Angles that are filtered go over to what a parameter allows within some frames.
+    with tracking({'angle_filter': False}) as bench:
         bench.meet(frame)
         assert bench.angles(frame)[pip] == pytest.approx(BENT[pip])
         assert bench.set({upper: 20.}).successful
@@ -218,7 +220,7 @@ def test_a_misspelt_parameter_is_named_and_help_starts_no_node():
         assert process.interrupt() == 0
     assert 'rigidity' not in process.output
     for node, command in (('tracker', False), ('skin', True)):
-        with Process([sys.executable, '-m', 'hand_tracker.nodes.entry', node, '--help']) as shown:
+        with Process([sys.executable, '-m', 'hand_tracker.entry', node, '--help']) as shown:
             assert shown.wait() == 0
         assert f'usage: ros2 run hand_tracker {node}' in shown.output
         assert (f'hand_tracker {node} --help' in shown.output) == command
@@ -388,6 +390,36 @@ def check_confidence(bench, whole, without_index, confidence):
         assert list(confidence[-1].name) == list(bench.joint_states[-1].name)
         assert np.array_equal(
             confidence[-1].position, tracker.update(frame, seconds(stamp)).confidence)
+
+
+def test_the_size_of_the_hand_is_learned_and_reaches_robot_state_publisher():
+    hand = Hand.scaled(.205, .095)
+    angles, rotation, position = motion_named('demo', hand, 7).sample(
+        np.arange(0., 7., 1. / 120.))
+    frames = marker_positions(MarkerLayout().mounting(hand), forward(
+        joint_table(hand), angles, rotation, position), rotation, position)
+    with tracking({'auto_size': True}) as bench, watching_node('robot_state_publisher') as shown:
+        shown.declare_parameter('robot_description', '')
+        told = bench.node.collect(DiagnosticArray, '/diagnostics')
+        bench.meet(frames[0])
+        found = np.array([bench.angles(frame) for frame in frames])
+        bench.node.repeat(lambda: bench.answer(frames[-1]),
+                          lambda: told and values(told[-1])['hand size'] == 'learned', 0.)
+
+        def urdf():
+            shown.spin_for(.01)
+            return shown.get_parameter('robot_description').value
+
+        bench.node.repeat(lambda: bench.answer(frames[-1]), urdf, 0.)
+        description = urdf()
+    pip = JOINTS.index('index_pip_flexion')
+    late = slice(650, None)
+    assert np.degrees(np.abs(found - angles)[late, pip].mean()) < 4.
+    # Nothing jumps once it tracks: 5 rad/s and the motion's own speed.
+    fastest = np.abs(np.diff(angles[:, pip])).max()
+    assert np.abs(np.diff(found[10:, pip])).max() < 5. / 120. + fastest
+    bone = re.search(r'name="right_index_pip_flexion".*?xyz="(\S+)', description, re.DOTALL)
+    assert float(bone.group(1)) == pytest.approx(hand.finger_bones[0, 0], rel=.02)
 
 
 def check_diagnostics(bench, whole, without_index, told):
@@ -648,7 +680,7 @@ def test_a_wrong_command_line_ends_with_one_line_and_exit_code_1(rule):
 @pytest.mark.parametrize('delay', [.2, .35, .5, .7, .9])
 def test_an_interrupt_while_importing_is_quiet(delay):
     # Python tells of each module: the time counts from the entry on, however slow its own start.
-    with Process([sys.executable, '-X', 'importtime', '-m', 'hand_tracker.nodes.entry', 'tracker'],
+    with Process([sys.executable, '-X', 'importtime', '-m', 'hand_tracker.entry', 'tracker'],
                  ) as process:
         process.wait_for_line('hand_tracker.nodes')
         time.sleep(delay)

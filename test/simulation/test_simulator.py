@@ -177,7 +177,7 @@ def test_the_entry_of_the_node_records_when_it_is_given_a_motion(tmp_path):
                                     '--duration', '1'], 0, 'out.mcap: '),
                                   (['clapping'], 2, 'clapping')):
         done = subprocess.run(
-            [sys.executable, '-m', 'hand_tracker.nodes.entry', 'simulate', *arguments],
+            [sys.executable, '-m', 'hand_tracker.entry', 'simulate', *arguments],
             cwd=tmp_path, capture_output=True, text=True,
             env={**os.environ, 'PYTHONPATH': str(ROOT)})
         assert done.returncode == code and said in done.stdout + done.stderr

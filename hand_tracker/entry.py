@@ -1,6 +1,6 @@
 """Entry points of the nodes: Ctrl-C ends a node quietly even while it is still importing.
 
-Where no entry point is installed: `python -m hand_tracker.nodes.entry tracker --ros-args ...`.
+Where no entry point is installed: `python -m hand_tracker.entry tracker --ros-args ...`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import signal
 import sys
 from importlib import import_module
 
-from ..__main__ import main
+from .__main__ import main
 
 HELP = """
 usage: ros2 run hand_tracker {node} [--ros-args -p PARAMETER:=VALUE -r markers:=/topic ...]
@@ -27,7 +27,7 @@ def _run(node: str) -> int:
     if node == 'tracker':
         # Kernels that are not on disk are compiled while plain Python tracks.
         os.environ.setdefault('HAND_TRACKER_JIT', 'background')
-    module = import_module(f'.{node}_node', __package__)
+    module = import_module(f'.nodes.{node}_node', __package__)
     if ASKS & set(sys.argv[1:]):
         print((module.__doc__ or '').strip(), HELP.format(node=node), sep='\n')
         return 0
