@@ -53,7 +53,7 @@ from .tracker_parameters import (
     starting_hand,
 )
 
-REPORT_PERIOD = .25     # [s] between two looks at what is to be logged
+REPORT_PERIOD = .1      # [s] between two looks at what is to be logged
 # Timers of ROS time would stand still without /clock.
 STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 DIAGNOSTICS_DEPTH = 10
@@ -110,6 +110,9 @@ class TrackerNode(Node):
         self.create_timer(REPORT_PERIOD, self._report, clock=STEADY_CLOCK)
         self.create_timer(STATUS_PERIOD, self._publish_status_of_all, clock=STEADY_CLOCK)
         self._latest: tuple[Time, str, HandState] | None = None
+        # Frames of the slow path, and when they were published [s], until they are monitored.
+        self._published: list[tuple[TrackedFrame, float]] = []
+        self._has_viewers = False
         self.get_logger().info(
             f'{self._hand.side} hand: listening for markers on {self._topic}')
 
@@ -209,6 +212,7 @@ class TrackerNode(Node):
                 continue
             self._track(markers, received)
             if markers.stamp is not None:
+                self._drain()
                 self._monitor.left_out(older)
                 return
 
@@ -228,6 +232,7 @@ class TrackerNode(Node):
             markers, received, self._receipt_stamp, self._measured_flexion())
         if isinstance(frame, MarkerFrame):
             # A message without any marker of the hand may be of something else.
+            self._drain()
             self._monitor.received_none(received, frame)
             return
         if self._fast_path is not None:
@@ -237,21 +242,15 @@ class TrackerNode(Node):
                                     'used (mocap_frame)')
         if frame.is_valid and not self._replies.publish(frame):
             self._monitor.warn_once('repeated', 'stamps repeat: /tf has each stamp only once')
-        self._after(TrackedFrames.of(frame, time.monotonic()), frame)
-
-    def _after(self, frames: TrackedFrames, frame: TrackedFrame) -> None:
-        """Do all that can wait until the replies are published."""
-        self._monitored(frames, frame.frame_id, frame.is_valid)
-        if (frame.is_valid and frame.is_regular and self._fast_path is not None
+        self._published.append((frame, time.monotonic()))
+        self._latest = frame.stamp, frame.frame_id, frame.state
+        if not frame.is_valid:
+            return
+        if self._has_viewers:
+            self._show()
+        if (frame.is_regular and self._fast_path is not None
                 and self._stream.size != 'learning'):
             self._install(frame)
-
-    def _monitored(self, frames: TrackedFrames, frame_id: str, is_valid: bool = True) -> None:
-        if self._monitor.update(frames):
-            self._publish_status()
-        self._latest = frames.stamp, frame_id, frames.state
-        if is_valid:
-            self._show(frames.published[-1])
 
     def _install(self, frame: TrackedFrame) -> None:
         """Let the fast path process messages like this one."""
@@ -262,11 +261,19 @@ class TrackerNode(Node):
             self._settings.unit_scale, self._settings.zero_is_missing, self._replies.templates())
 
     def _drain(self) -> None:
-        """Monitor the frames that the fast path has processed."""
+        """Monitor the frames that were published since, by either path."""
+        published, self._published = self._published, []
+        batches = [TrackedFrames.of(frame, when) for frame, when in published]
         frames = None if self._fast_path is None else self._fast_path.drain()
         if frames is not None and self._latest is not None:
             self._replies.published_until(frames.stamp)
-            self._monitored(frames, self._latest[1])
+            self._latest = frames.stamp, self._latest[1], frames.state
+            batches.append(frames)
+        if frames is not None and self._has_viewers:
+            self._show()
+        for batch in batches:
+            if self._monitor.update(batch):
+                self._publish_status(batch.published[-1])
 
     def _on_distal_flexion(self, message: JointState) -> None:
         unknown = self._distal_flexion.received(
@@ -284,11 +291,10 @@ class TrackerNode(Node):
         return self._distal_flexion.fresh(
             seconds(self._now()) or 0., self._settings.distal_flexion_timeout)
 
-    def _show(self, now: float) -> None:
+    def _show(self) -> None:
         assert self._latest is not None
         stamp, frame_id, state = self._latest
-        if (self._display.due(now, self._settings.display_rate)
-                and self._hand_markers.get_subscription_count()):
+        if self._display.due(time.monotonic(), self._settings.display_rate):
             self._hand_markers.publish(hand_markers(
                 time_message(stamp), frame_id, self._names, self._tips, state))
 
@@ -329,8 +335,7 @@ class TrackerNode(Node):
             self._show_size()
         if self._replies.follow_listeners() and self._fast_path is not None:
             self._fast_path.disable()
-        if self._fast_path is not None:
-            self._follow_viewers()
+        self._follow_viewers()
         log = self.get_logger()
         for is_warning, line in (*self._stream.news(), *self._monitor.log_lines(
                 time.monotonic(), self._who_publishes)):
@@ -348,8 +353,11 @@ class TrackerNode(Node):
         self._descriptions.send(urdf(hand, self._names.prefix))
 
     def _follow_viewers(self) -> None:
-        """Drain at the display's rate while somebody looks."""
-        if not self._hand_markers.get_subscription_count():
+        """Draw while somebody looks; for that, drain the fast path at the display's rate."""
+        self._has_viewers = self._hand_markers.get_subscription_count() > 0
+        if self._fast_path is None:
+            return
+        if not self._has_viewers:
             self._drain_timer.cancel()
             return
         self._drain_timer.timer_period_ns = period_ns(self._settings.display_rate)
@@ -358,11 +366,11 @@ class TrackerNode(Node):
 
     def _publish_status_of_all(self) -> None:
         self._drain()
-        self._publish_status()
+        self._publish_status(time.monotonic())
 
-    def _publish_status(self) -> None:
+    def _publish_status(self, now: float) -> None:
         self._monitor.set_size(self._stream.size)
-        status = self._monitor.status(time.monotonic(), self._who_publishes)
+        status = self._monitor.status(now, self._who_publishes)
         self._diagnostics.publish(diagnostics(
             self._now(), f'{self.get_name()}: {self._hand.side} hand', self._topic, status))
 
