@@ -46,14 +46,14 @@ class Quantity(NamedTuple):
     unit : {'mm', 'degrees', ''}
     size : int
         Length of the list; 0 for a single number.
-    lower, upper : tuple of float
+    lower, upper : float
         Of each number, in the file's unit.
     """
 
     unit: str
     size: int
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
+    lower: float
+    upper: float
 
     def to_si(self, value: float) -> float:
         """Convert a number from the file's unit to metres or radians."""
@@ -68,23 +68,18 @@ class Quantity(NamedTuple):
         return numbers if self.size else numbers[0]
 
 
-def _quantity(unit: str, count: int, lower: float, upper: float) -> Quantity:
-    return Quantity(unit, count, (lower,) * max(count, 1), (upper,) * max(count, 1))
-
-
-LENGTH = _quantity('mm', 0, 100., 260.)
-BREADTH = _quantity('mm', 0, 40., 140.)
-POINT = _quantity('mm', 3, -1000. * POSITION_RANGE, 1000. * POSITION_RANGE)
-BONE_LENGTHS = _quantity('mm', 3, *(1000. * v for v in LENGTH_RANGE))
-RADIUS = _quantity('mm', 0, 1., 50.)
-DIGIT_RADII = _quantity('mm', 3, 1., 50.)
-SPLAY = _quantity('degrees', 0, -45., 45.)
-DIRECTION = _quantity('', 3, -1e6, 1e6)
-SLOPE = _quantity('', 0, *SLOPE_RANGE)
-COUPLING_OFFSET = _quantity('degrees', 0, -90., 90.)
-MARKER_OFFSET = _quantity('mm', 3, -1000. * OFFSET_RANGE, 1000. * OFFSET_RANGE)
-LIMIT = Quantity(
-    'degrees', 2, (-math.degrees(ANGLE_RANGE), 0.), (0., math.degrees(ANGLE_RANGE)))
+LENGTH = Quantity('mm', 0, 100., 260.)
+BREADTH = Quantity('mm', 0, 40., 140.)
+POINT = Quantity('mm', 3, -1000. * POSITION_RANGE, 1000. * POSITION_RANGE)
+BONE_LENGTHS = Quantity('mm', 3, *(1000. * v for v in LENGTH_RANGE))
+RADIUS = Quantity('mm', 0, 1., 50.)
+DIGIT_RADII = Quantity('mm', 3, 1., 50.)
+SPLAY = Quantity('degrees', 0, -45., 45.)
+DIRECTION = Quantity('', 3, -1e6, 1e6)
+SLOPE = Quantity('', 0, *SLOPE_RANGE)
+COUPLING_OFFSET = Quantity('degrees', 0, -90., 90.)
+MARKER_OFFSET = Quantity('mm', 3, -1000. * OFFSET_RANGE, 1000. * OFFSET_RANGE)
+LIMIT = Quantity('degrees', 2, -math.degrees(ANGLE_RANGE), math.degrees(ANGLE_RANGE))
 
 # Key of the file: field of Hand, names of its rows, quantity of each row.
 ROW_FIELDS = {
@@ -314,13 +309,13 @@ def _number(where: str, value: Any, quantity: Quantity) -> float | list[float]:
     else:
         raise InvalidHandFile(
             f'{where}: {value!r}; expected a list of {quantity.size} numbers')
-    for place, number, lower, upper in zip(places, values, quantity.lower, quantity.upper):
+    for place, number in zip(places, values):
         if isinstance(number, bool) or not isinstance(number, (int, float)):
             raise InvalidHandFile(f'{where}{place}: {number!r}; expected a number')
         # Also true for NaN.
-        if not lower <= number <= upper:
+        if not quantity.lower <= number <= quantity.upper:
             raise InvalidHandFile(
                 f'{where}{place}: {number}; '
-                f'allowed is {lower:g} to {upper:g} {quantity.unit}'.rstrip())
+                f'allowed is {quantity.lower:g} to {quantity.upper:g} {quantity.unit}'.rstrip())
     numbers = [quantity.to_si(number) for number in values]
     return numbers if quantity.size else numbers[0]

@@ -154,13 +154,12 @@ def live_table(hand: Hand) -> tuple[Parameter, ...]:
     """
     rows = []
     for joint, limits in zip(JOINTS, np.round(np.degrees(hand.limits), DECIMALS).tolist()):
-        for bound, default, allowed in zip(
-                ('lower', 'upper'), limits, ((-DEGREES, 0.), (0., DEGREES))):
+        for bound, default in zip(('lower', 'upper'), limits):
             rows.append(Parameter(
                 f'limits.{joint}.{bound}_deg', default,
                 f'{bound.capitalize()} limit of {joint} [degrees]'
                 + ('; does nothing yet: eight markers do not show this joint, it stays at zero'
-                   if joint in UNOBSERVED_JOINTS else ''), allowed))
+                   if joint in UNOBSERVED_JOINTS else ''), (-DEGREES, DEGREES)))
     for digit, (slope, offset) in zip(DIGITS, hand.coupling.tolist()):
         rule = 'IP = slope MCP + offset' if digit == 'thumb' else 'DIP = slope PIP + offset'
         rows.append(Parameter(f'coupling.{digit}.slope', slope,

@@ -187,7 +187,10 @@ def test_any_input_gives_finite_angles_within_the_limits(
         np.testing.assert_allclose(
             state.wrist_rotation @ state.wrist_rotation.T, np.eye(3), atol=1e-9)
         lower, upper = hand.limits.T
-        hand = hand.replace(limits=np.column_stack((lower * share, upper * (1. - share))))
+        middle, width = lower + share * (upper - lower), .3 * (upper - lower)
+        # 0 is outside the limits of many.
+        hand = hand.replace(limits=np.column_stack(
+            (np.maximum(middle - width, lower), np.minimum(middle + width, upper))))
         tracker.configure(hand=hand)
 
 

@@ -166,10 +166,10 @@ def test_coupling_of_a_preset_and_of_single_digits(write):
     ('limits: narrow', "limits: 'narrow'; allowed are paper, wide"),
     ('limits: [0, 1]', 'limits: [0, 1]; allowed are paper, wide'),
     ('limits: {preset: none}', "limits.preset: 'none'; allowed are paper, wide"),
-    ('limits: {ring_dip_flexion_deg: [5, 90]}',
-     'limits.ring_dip_flexion_deg[0]: 5; allowed is -180 to 0 degrees'),
+    ('limits: {ring_dip_flexion_deg: [50, 5]}', 'limits of ring_dip_flexion: 50 to 5 degrees; '
+     'the lower limit must not exceed the upper'),
     ('limits: {ring_dip_flexion_deg: [-5, 190]}',
-     'limits.ring_dip_flexion_deg[1]: 190; allowed is 0 to 180 degrees'),
+     'limits.ring_dip_flexion_deg[1]: 190; allowed is -180 to 180 degrees'),
     ('limits: {ring_dip_flexion_deg: 90}',
      'limits.ring_dip_flexion_deg: 90; expected a list of 2 numbers'),
     ('length_mm: 18.5', 'length_mm: 18.5; allowed is 100 to 260 mm'),
@@ -244,7 +244,7 @@ def test_files_that_are_no_text_are_refused(tmp_path):
     (COUPLING_OFFSET, lambda v: Hand.scaled(coupling=((.8, v),) * 5)),
 ])
 def test_ranges_in_human_units_are_the_hands(quantity, accept):
-    for edge, beyond in ((quantity.lower[0], -1.), (quantity.upper[0], 1.)):
+    for edge, beyond in ((quantity.lower, -1.), (quantity.upper, 1.)):
         accept(quantity.to_si(edge))
         with pytest.raises(InvalidHand, match='allowed is'):
             accept(quantity.to_si(edge + .001 * beyond))

@@ -182,7 +182,10 @@ def test_parameters_at_run_time(solved):
         assert bench.angles(frame)[pip] == np.radians(20.)
 
         for values, reason in (
-                ({upper: 30., lower: 5.}, rf'{lower} out of range.*Min: -180.*Max: 0.*value: 5'),
+                ({upper: 30., lower: 200.},
+                 rf'{lower} out of range.*Min: -180.*Max: 180.*value: 200'),
+                ({upper: 30., lower: 31.},
+                 'limits of index_pip_flexion: 31 to 30 degrees; the lower limit must not exceed'),
                 ({upper: 30., 'finger_ik': 'magic'},
                  "finger_ik: 'magic' is not one of closed_form, fabrik"),
                 ({upper: 30., 'side': 'left'}, 'read-only parameter: side'),
@@ -197,7 +200,7 @@ def test_parameters_at_run_time(solved):
             assert bench.angles(frame)[pip] == np.radians(20.)
 
         one_by_one = bench.parameters(
-            SetParameters, 'set_parameters', parameters=messages({upper: 30., lower: 5.})).results
+            SetParameters, 'set_parameters', parameters=messages({upper: 30., lower: 200.})).results
         assert [result.successful for result in one_by_one] == [True, False]
         assert bench.angles(frame)[pip] == np.radians(30.)
 

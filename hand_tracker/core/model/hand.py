@@ -190,7 +190,7 @@ class Hand:
     splay : array_like, shape (4,)
         Direction of the straight fingers at zero angles, from x towards the thumb [rad].
     limits : array_like, shape (25, 2)
-        Lower and upper limit of each joint, in the order of `JOINTS`; all include 0 [rad].
+        Lower and upper limit of each joint, in the order of `JOINTS` [rad].
     coupling : array_like, shape (5, 2)
         Intradigital correlation: DIP = slope PIP + offset; the thumb's IP = slope MCP + offset.
     radii : array_like, shape (5, 3)
@@ -245,10 +245,10 @@ class Hand:
         _require('coupling slope', self.coupling[:, 0], *SLOPE_RANGE, '')
         _require('coupling offset', self.coupling[:, 1], *COUPLING_OFFSET_RANGE, 'rad')
         for joint, (lower, upper) in zip(JOINTS, self.limits):
-            if not lower <= 0. <= upper:
+            if lower > upper:
                 raise InvalidHand(
                     f'limits of {joint}: {np.degrees(lower):g} to {np.degrees(upper):g} degrees; '
-                    'the lower limit must not exceed 0, the upper must not be below it')
+                    'the lower limit must not exceed the upper')
         for name in ('thumb_abduction_axis', 'thumb_rest_direction', 'finger_abduction_axes'):
             vectors = getattr(self, name)
             sizes = np.linalg.norm(vectors, axis=-1, keepdims=True)

@@ -194,8 +194,8 @@ def changed(name, index, value):
     ({'palm_radius': .06}, 'palm_radius: 0.06; allowed is 0.001 to 0.05 m'),
     (changed('splay', 0, 1.), 'splay[0]: 1; allowed is -0.785398 to 0.785398 rad'),
     (changed('limits', (3, 1), 4.), 'limits[3, 1]: 4; allowed is -3.14159 to 3.14159 rad'),
-    (changed('limits', (3, 0), .5),
-     'limits of index_pip_flexion: 28.6479 to 95 degrees; the lower limit must not exceed 0'),
+    (changed('limits', (3, 0), 2.), 'limits of index_pip_flexion: 114.592 to 95 degrees; '
+     'the lower limit must not exceed the upper'),
     (changed('coupling', (0, 0), 6.), 'coupling slope[0]: 6; allowed is 0 to 5'),
     (changed('coupling', (4, 1), 2.), 'coupling offset[4]: 2; allowed is -1.5708 to 1.5708 rad'),
     ({'side': 'both'}, "side: 'both' is not one of right, left"),
