@@ -35,8 +35,9 @@ NOISE = 1e-4          # [m]
 HIDDEN = {0: (), 1: ('middle',), 3: ('index_mcp', 'middle', 'little')}
 SEEN_FIRST = 240      # frames with all markers visible, not counted
 PLAIN_FRAMES = 600
-STAGES = ('begin_frame', 'label_markers', 'predict_palm', 'place_wrist', 'predict_digits',
-          'solve_angles', 'blend_angles', 'resolve_contact', 'write_report')
+TRACK_FRAME = getattr(pipeline.track_frame, 'py_func', pipeline.track_frame)
+STAGES = tuple(name for name in TRACK_FRAME.__code__.co_names
+               if getattr(vars(pipeline).get(name), '__module__', '') == pipeline.__name__)
 
 
 def frames(count, hidden, hand):
@@ -69,9 +70,7 @@ def measure_stages(markers, hand):
     """Return the times of each stage [ns], called as separate kernels."""
     times = {name: [] for name in STAGES}
     with ExitStack() as stack:
-        whole = pipeline.track_frame
-        stack.enter_context(
-            mock.patch.object(tracker, 'track_frame', getattr(whole, 'py_func', whole)))
+        stack.enter_context(mock.patch.object(tracker, 'track_frame', TRACK_FRAME))
         for name, found in times.items():
             stage = getattr(pipeline, name)
             stack.enter_context(mock.patch.object(pipeline, name, timed(stage, found)))
