@@ -69,6 +69,7 @@ setup(
     },
     entry_points={
         'console_scripts': [
+            'calibrate = hand_tracker.entry:calibrate',
             'hand_tracker = hand_tracker.__main__:main',
             'replay = hand_tracker.entry:replay',
             'simulate = hand_tracker.entry:simulate',

@@ -24,8 +24,8 @@ def _run(node: str) -> int:
         signal.signal(interrupt, lambda *_: os._exit(0))
     # Another thread of BLAS would spin from frame to frame, and take a core from the trackers.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-    if node == 'tracker':
-        # Kernels that are not on disk are compiled while plain Python tracks.
+    if node in ('calibrate', 'tracker'):
+        # Where kernels are not on disk, plain Python does their work at once.
         os.environ.setdefault('HAND_TRACKER_JIT', 'background')
     module = import_module(f'.nodes.{node}_node', __package__)
     if ASKS & set(sys.argv[1:]):
@@ -46,6 +46,11 @@ def _run_or_command(name: str) -> int:
     if ASKS & set(arguments):
         print(f'Other arguments are those of the command: hand_tracker {name} --help')
     return code
+
+
+def calibrate() -> int:
+    """Run the node of the live calibration, or the command that fits; return the exit code."""
+    return _run_or_command('calibrate')
 
 
 def replay() -> int:
@@ -73,8 +78,8 @@ def viewer() -> int:
     return _run('viewer')
 
 
-NODES = {'replay': replay, 'simulate': simulate, 'skin': skin, 'tracker': tracker,
-         'viewer': viewer}
+NODES = {'calibrate': calibrate, 'replay': replay, 'simulate': simulate, 'skin': skin,
+         'tracker': tracker, 'viewer': viewer}
 
 if __name__ == '__main__':
     if sys.argv[1:2] == [] or sys.argv[1] not in NODES:

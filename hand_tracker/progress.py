@@ -3,7 +3,7 @@
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TextIO, TypeVar
 
 BAR_WIDTH = 24        # [characters]
@@ -11,7 +11,15 @@ BAR_PERIOD = .1       # [s] between redraws of the bar
 PROGRESS_LOG_PERIOD = 10.      # [s] between lines where there is no terminal
 CLEAR_LINE = '\r\x1b[K'
 
+CURSOR_UP = '\x1b[{}A'
+
 Item = TypeVar('Item')
+
+
+def bar(share: float, width: int) -> str:
+    """Return a bar of so many characters, of which a share is full."""
+    full = int(share * width)
+    return f'[{"#" * full}{"." * (width - full)}]'
 
 
 class Progress:
@@ -85,13 +93,32 @@ class Progress:
     def _line(self, done: int, seconds: float) -> str:
         # `total` may be an underestimate.
         share = min(1., done / max(self._total, 1))
-        full = int(share * BAR_WIDTH)
         rate = done / max(seconds, 1e-9)
         rate_text = f'{rate:.0f} a second, ' if rate >= 10. else ''
         time_left = (f'{_minutes(seconds * (1. / share - 1.))} left' if share
                      else _minutes(seconds))
-        return (f'[{"#" * full}{"." * (BAR_WIDTH - full)}] {int(100 * share):3d} %  {done} of '
+        return (f'{bar(share, BAR_WIDTH)} {int(100 * share):3d} %  {done} of '
                 f'{self._total} {self._what}, {rate_text}{time_left}')
+
+
+class Block:
+    """Lines on a terminal that are drawn again in their place.
+
+    Parameters
+    ----------
+    stream : file
+        A terminal.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream, self._drawn = stream, 0
+
+    def draw(self, lines: Sequence[str]) -> None:
+        """Draw lines in the place of the last ones."""
+        up = CURSOR_UP.format(self._drawn) if self._drawn else ''
+        self._stream.write(up + ''.join(f'{CLEAR_LINE}{line}\n' for line in lines))
+        self._stream.flush()
+        self._drawn = len(lines)
 
 
 def _minutes(seconds: float) -> str:

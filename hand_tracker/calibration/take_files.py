@@ -88,6 +88,18 @@ def load_take(path: str | PathLike[str], side: str | None = None) -> MarkerTake:
     return MarkerTake(path.stem, names, points, side, rate, sequence, 'markers' in fields, credit)
 
 
+def save_take(path: str | PathLike[str], take: MarkerTake) -> None:
+    """Write a take that `load_take` reads.
+
+    Parameters
+    ----------
+    path : path-like
+    take : MarkerTake
+    """
+    np.savez(path, markers=take.points, marker_names=np.array(take.names), side=take.side,
+             rate_hz=take.rate, sequence=take.sequence)
+
+
 def _named_points(path: Path, fields: dict[str, np.ndarray]) -> tuple[tuple[str, ...], np.ndarray]:
     """Return names and places of the markers that are ever seen."""
     found: list[str] = []

@@ -6,7 +6,7 @@ import gc
 import os
 import re
 import signal
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from difflib import get_close_matches
 from threading import Event, Thread
@@ -22,6 +22,7 @@ from rcl_interfaces.msg import (
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from ..core.model.hand import Hand
@@ -110,6 +111,20 @@ def names_of(hand: Hand, prefix: str, wrist_frame: str) -> Names:
     """
     return prefixed_names(f'{hand.side}_' if prefix == AUTO else prefix,
                           None if wrist_frame == AUTO else wrist_frame)
+
+
+def qos_of(values: Mapping[str, Any], topic: str) -> QoSProfile:
+    """Return the quality of service that the parameters `qos.TOPIC.*` ask for.
+
+    Parameters
+    ----------
+    values : mapping of str to object
+        Of the parameters by name.
+    topic : str
+    """
+    return QoSProfile(
+        depth=values[f'qos.{topic}.depth'],
+        reliability=ReliabilityPolicy[values[f'qos.{topic}.reliability'].upper()])
 
 
 def spin(node: Node) -> None:

@@ -26,14 +26,14 @@ SKIN_DEPTH = 5
 # Those that the tracker has too and that shape the hand; limits and coupling do not.
 HAND_PARAMETERS = ('hand_file', 'side', 'hand_length', 'hand_breadth', 'thumb', 'prefix',
                    'wrist_frame')
-SKIN_PARAMETERS = tuple(row for row in START if row.name in HAND_PARAMETERS) + tuple(
-    row._replace(read_only=True) for row in (
-        Parameter('mesh', '', 'Closed mesh of the hand with straight joints (OBJ, PLY, STL), in '
-                  'any place and size; empty for one made from the hand'),
-        Parameter('rate', 30., 'Of hand_skin at most [Hz]', range=(.1, 30.)),
-        Parameter('dual_quaternions', False, 'Blend dual quaternions in place of matrices: bent '
-                  'joints keep their volume'),
-    ))
+SKIN_PARAMETERS = tuple(row._replace(read_only=True) for row in (
+    *(row for row in START if row.name in HAND_PARAMETERS),
+    Parameter('mesh', '', 'Closed mesh of the hand with straight joints (OBJ, PLY, STL), in '
+              'any place and size; empty for one made from the hand'),
+    Parameter('rate', 30., 'Of hand_skin at most [Hz]', range=(.1, 30.)),
+    Parameter('dual_quaternions', False, 'Blend dual quaternions in place of matrices: bent '
+              'joints keep their volume'),
+))
 
 
 class SkinNode(Node):

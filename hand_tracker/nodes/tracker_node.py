@@ -15,12 +15,14 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
+from ..calibration.live_take import LiveTake
 from ..core.errors import HandTrackerError
+from ..core.model.hand import Hand
 from ..core.model.kinematics import tip_offsets
+from ..core.model.marker_layout import MarkerLayout
 from ..core.numerics import jit
 from ..core.tracker import HandState, HandTracker
 from ..files.urdf_file import urdf
@@ -40,9 +42,10 @@ from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame
 from .fast_path import FastPath, FastPathUnavailable
 from .fast_path.compile_fast_path import FAST_PATH_PROGRAM, FAST_PATH_SET
 from .fast_path.middleware import AT_ONCE, require_fast_path
+from .hand_services import HandServices
 from .replies import Replies
 from .robot_description import RobotDescription
-from .runner import declare, names_of, run
+from .runner import declare, names_of, qos_of, run
 from .serialization import Serialization
 from .tracker_parameters import (
     START,
@@ -69,6 +72,7 @@ class TrackerNode(Node):
         self._live = live_table(self._hand)
         self._settings = live_settings(self._hand, declare(self, self._live))
         self._has_new_settings = False
+        self._new_hand: tuple[Hand, MarkerLayout] | None = None
         self._mocap_frame = start['mocap_frame']
         self._names = names_of(self._hand, start['prefix'], start['wrist_frame'])
         self._serialization = Serialization(self._names)
@@ -79,12 +83,12 @@ class TrackerNode(Node):
         auto_size = (AutoSize(self._settings.hand, layout, in_background=True)
                      if learns_size(start) else None)
         self._stream = Stream(self._tracker, self._new_reader(), auto_size)
-        self._sizes_shown = 0
+        self._hands_shown = 0
         self._fast_path: FastPath | None = None
         self._loaded_fast_path: FastPath | None = None
         self._prepare_kernels(start['fast_path'])
 
-        qos = {topic: _qos(start, topic) for topic in TOPICS}
+        qos = {topic: qos_of(start, topic) for topic in TOPICS}
         self._replies = Replies(self, self._hand, self._names, self._serialization, qos,
                                 start['broadcast'])
         self._hand_markers = self.create_publisher(
@@ -113,6 +117,7 @@ class TrackerNode(Node):
         # Frames of the slow path, and when they were published [s], until they are monitored.
         self._published: list[tuple[TrackedFrame, float]] = []
         self._has_viewers = False
+        self._hand_services = HandServices(self, start, self._hand.side, layout)
         self.get_logger().info(
             f'{self._hand.side} hand: listening for markers on {self._topic}')
 
@@ -187,6 +192,11 @@ class TrackerNode(Node):
         return (subscription for subscription in super().subscriptions
                 if self._fast_path is None or subscription is not self._subscription)
 
+    def destroy_node(self) -> None:
+        """End a calibration too."""
+        self._hand_services.stop()
+        super().destroy_node()
+
     def _on_markers(self, message: Any) -> None:
         received = time.monotonic()
         if not self._stream.is_fast:
@@ -249,7 +259,7 @@ class TrackerNode(Node):
         if self._has_viewers:
             self._show()
         if (frame.is_regular and self._fast_path is not None
-                and self._stream.size != 'learning'):
+                and not self._stream.needs_each_frame):
             self._install(frame)
 
     def _install(self, frame: TrackedFrame) -> None:
@@ -318,8 +328,37 @@ class TrackerNode(Node):
             self._fast_path.disable()
         return SetParametersResult(successful=True)
 
+    def collect(self, take: LiveTake | None) -> None:
+        """Collect frames for a calibration from the next one on; None to end that."""
+        self._stream.take = take
+        if self._fast_path is not None:
+            self._fast_path.disable()
+
+    def replace_hand(self, hand: Hand, layout: MarkerLayout) -> None:
+        """Track with another hand from the next frame on.
+
+        Limits and couplings that were set as parameters stay; the others become the hand's.
+
+        Parameters
+        ----------
+        hand : Hand
+            Of the same side.
+        layout : MarkerLayout
+        """
+        now, rows = self._live_values(), live_table(hand)
+        self.set_parameters_atomically([
+            Parameter(row.name, value=row.default) for row, former in zip(rows, self._live)
+            if now[row.name] == former.default != row.default])
+        self._hand, self._live, self._new_hand = hand, rows, (hand, layout)
+        self._has_new_settings = True
+        if self._fast_path is not None:
+            self._fast_path.disable()
+
     def _apply_settings(self) -> None:
         self._has_new_settings = False
+        if self._new_hand is not None:
+            self._stream.replace_hand(*self._new_hand)
+            self._new_hand = None
         self._settings = live_settings(self._tracker.hand, self._live_values())
         self._tracker.configure(hand=self._settings.hand, options=self._settings.options)
         self._stream.reader = self._new_reader()
@@ -331,22 +370,25 @@ class TrackerNode(Node):
     def _report(self) -> None:
         self._drain()
         self._start_fast_path()
-        if self._sizes_shown != self._stream.sizes_learned:
-            self._show_size()
+        if self._hands_shown != self._stream.hand_changes:
+            self._show_hand()
+        if self._hand_services.update():
+            self._publish_status(time.monotonic())
         if self._replies.follow_listeners() and self._fast_path is not None:
             self._fast_path.disable()
         self._follow_viewers()
         log = self.get_logger()
-        for is_warning, line in (*self._stream.news(), *self._monitor.log_lines(
-                time.monotonic(), self._who_publishes)):
+        for is_warning, line in (
+                *self._stream.news(), *self._hand_services.news(), *self._monitor.log_lines(
+                    time.monotonic(), self._who_publishes)):
             if is_warning:
                 log.warning(line)
             else:
                 log.info(line)
 
-    def _show_size(self) -> None:
-        """Give the learned size to all that shows the hand."""
-        self._sizes_shown = self._stream.sizes_learned
+    def _show_hand(self) -> None:
+        """Give the learned or loaded hand to all that shows it."""
+        self._hands_shown = self._stream.hand_changes
         hand = self._tracker.hand
         self._tips = tip_offsets(hand)
         self._replies.show_tips(hand)
@@ -370,18 +412,13 @@ class TrackerNode(Node):
 
     def _publish_status(self, now: float) -> None:
         self._monitor.set_size(self._stream.size)
+        self._monitor.set_calibration(self._hand_services.progress())
         status = self._monitor.status(now, self._who_publishes)
         self._diagnostics.publish(diagnostics(
             self._now(), f'{self.get_name()}: {self._hand.side} hand', self._topic, status))
 
     def _who_publishes(self) -> str:
         return who_publishes(self.get_publishers_info_by_topic(self._topic), self._reliability)
-
-
-def _qos(values: dict[str, Any], topic: str) -> QoSProfile:
-    return QoSProfile(
-        depth=values[f'qos.{topic}.depth'],
-        reliability=ReliabilityPolicy[values[f'qos.{topic}.reliability'].upper()])
 
 
 def main(args: list[str] | None = None) -> int:

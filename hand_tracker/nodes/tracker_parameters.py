@@ -27,7 +27,7 @@ from ..core.model.hand import (
     UNOBSERVED_JOINTS,
     Hand,
 )
-from ..core.model.marker_layout import MARKERS, MarkerLayout
+from ..core.model.marker_layout import MARKERS, MarkerLayout, require_solvable
 from ..core.options import TrackerOptions
 from ..files.hand_file import InvalidHandFile, choose_hand
 from ..messages.labels import DEFAULT_LABELS, LabelMap
@@ -85,13 +85,16 @@ START = (
               choices=('wrist', 'all', 'none')),
     Parameter('fast_path', True, "Whether regular frames are tracked in the middleware's own "
               'thread, in compiled code alone'),
+    Parameter('calibration_file', 'my_hand.yaml', 'Hand file that ~/calibrate writes, from the '
+              'folder in which the node was started'),
 ) + tuple(
     row for topic, (reliability, depth) in TOPICS.items() for row in (
         Parameter(f'qos.{topic}.reliability', reliability, f'Reliability of {topic}',
                   choices=RELIABILITIES),
         Parameter(f'qos.{topic}.depth', depth, f'Messages of {topic} that wait at most',
                   range=(1, 1000))))
-START = tuple(row._replace(read_only=True) for row in START)
+# Another hand file is taken by ~/load_hand.
+START = tuple(row._replace(read_only=row.name != 'hand_file') for row in START)
 
 
 def starting_hand(values: Mapping[str, Any]) -> tuple[Hand, MarkerLayout]:
@@ -114,9 +117,8 @@ def starting_hand(values: Mapping[str, Any]) -> tuple[Hand, MarkerLayout]:
     """
     size = {'length': values['hand_length'], 'breadth': values['hand_breadth']}
     path = values['hand_file']
-    if path and tuple(size.values()) != (MEAN_LENGTH, MEAN_BREADTH):
-        raise InvalidParameter('hand_length, hand_breadth: they scale the mean hand, and '
-                               f'hand_file names another: {path}')
+    if path:
+        require_no_size(values, path)
     asked = (None if values[name] == AUTO else values[name]
              for name in ('side', 'limits.preset', 'coupling.preset'))
     try:
@@ -133,10 +135,52 @@ def starting_hand(values: Mapping[str, Any]) -> tuple[Hand, MarkerLayout]:
     return hand, layout
 
 
+def require_no_size(values: Mapping[str, Any], path: str) -> None:
+    """Refuse a hand file where the parameters of the start give the hand's size, too."""
+    if not _has_mean_size(values):
+        raise InvalidParameter('hand_length, hand_breadth: they scale the mean hand, and '
+                               f'hand_file names another: {path}')
+
+
+def _has_mean_size(values: Mapping[str, Any]) -> bool:
+    return (values['hand_length'], values['hand_breadth']) == (MEAN_LENGTH, MEAN_BREADTH)
+
+
+def another_hand(values: Mapping[str, Any], path: str, side: str) -> tuple[Hand, MarkerLayout]:
+    """Return the hand of a file, to be tracked in place of the one of the start.
+
+    Parameters
+    ----------
+    values : dict
+        As for `starting_hand`.
+    path : str
+        Hand file.
+    side : {'right', 'left'}
+        That is tracked, as names and frames tell it.
+
+    Returns
+    -------
+    hand : Hand
+    layout : MarkerLayout
+
+    Raises
+    ------
+    HandTrackerError
+        As `starting_hand`; or if the hand is of the other side, or cannot be tracked.
+    """
+    if not path:
+        raise InvalidParameter("hand_file: ''; expected a hand file to load")
+    hand, layout = starting_hand({**values, 'hand_file': path})
+    if hand.side != side:
+        raise InvalidParameter(f'hand_file: {path}: of a {hand.side} hand; expected a {side} one, '
+                               'as joints and frames are named')
+    require_solvable(layout.mounting(hand.replace(side='right')))
+    return hand, layout
+
+
 def learns_size(values: Mapping[str, Any]) -> bool:
     """Return whether the parameters of the start leave the hand's size to be learned."""
-    is_mean = (values['hand_length'], values['hand_breadth']) == (MEAN_LENGTH, MEAN_BREADTH)
-    return (values['auto_size'] and not values['hand_file'] and is_mean
+    return (values['auto_size'] and not values['hand_file'] and _has_mean_size(values)
             and values['thumb'] == 'saddle')
 
 

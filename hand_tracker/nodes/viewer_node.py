@@ -33,6 +33,7 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
+from ..calibration.live_take import told_progress
 from ..core.constraints import CONSTRAINTS, constrained
 from ..core.inverse_kinematics.palm import place_palm
 from ..core.model.hand import JOINTS
@@ -65,6 +66,7 @@ PALM_POINTS = [SKELETON_POINTS.index(name)
                for name in ('wrist', 'index_proximal', 'little_proximal')]
 PALM_SHOWN = [JOINTS_SHOWN.index(point) for point in PALM_POINTS]
 KINDS, TONES = tuple(STATE_COLOURS), np.array(tuple(STATE_COLOURS.values()))
+CALIBRATE_NODE = 'calibrate'  # beside the tracker
 LATEST = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 NUMBERS = {'rate': ('rate [Hz]', 'Hz'), 'latency': ('latency p50 [ms]', 'ms'),
            'residual': ('mean residual [mm]', 'mm')}
@@ -150,6 +152,7 @@ class Live:
         self._hand_markers: deque[bytes] = deque(maxlen=1)
         self._state: HandState | None = None
         self._numbers: dict[str, str] = {}
+        self._told: dict[str, tuple[str, dict[str, float]] | None] = {}
         self._bare_state: HandState | None = None
         self._subscriptions: dict[str, Subscription] = {}
 
@@ -324,13 +327,21 @@ class Live:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name.startswith(f'{self._tracker}:'):
-                self._numbers = {value.key: value.value for value in status.values}
+            node = status.name.partition(':')[0]
+            values = {value.key: value.value for value in status.values}
+            if node == self._tracker:
+                self._numbers = values
+            if node in (self._tracker, CALIBRATE_NODE):
+                self._told[node] = told_progress(values)
 
     def numbers(self, state: HandState) -> dict[str, str]:
         """Return what the tracker tells of itself, as texts by name."""
         return {name: f'{float(text):.3g} {unit}' if (text := self._numbers.get(key)) else '–'
                 for name, (key, unit) in NUMBERS.items()}
+
+    def calibration(self) -> tuple[str, dict[str, float]] | None:
+        """Return what the tracker or a calibrate node tells of a calibration; None if none."""
+        return self._told.get(self._tracker) or self._told.get(CALIBRATE_NODE)
 
 
 def _array(points: Sequence[Point]) -> np.ndarray:

@@ -1,9 +1,11 @@
 """Named hand motions, reproducible by seed and independent of the sampling rate.
 
 Fingerspelling and grasps vary the hand's shape, typing and piano move single fingers fast,
-shaking moves the whole hand fast, and rest tremor tests the tracker's stability.
+shaking moves the whole hand fast, rest tremor tests the tracker's stability, and the range of
+motion is what a calibration asks for.
 """
 
+import math
 from collections.abc import Callable, Iterable
 
 import numpy as np
@@ -13,6 +15,7 @@ from ..core.model.hand import DIGITS, JOINTS, Hand
 from .gestures import GRASPS, LETTER_SHAPES, REST_SHAPE, Shape, grasp_shape, shape_angles
 from .layers import LayeredMotion, Strokes, Tremor, finger_stroke
 from .motion import SI_OF_SWAY, Keyframe, Motion, Sway, demo_motion, motion_through
+from .range_of_motion import range_of_motion
 
 HandMotion = Motion | LayeredMotion
 MotionMaker = Callable[[Hand, float, np.random.RandomState], HandMotion]
@@ -212,6 +215,14 @@ def rest_tremor(hand: Hand, duration: float, random: np.random.RandomState) -> L
                          tremor=Tremor(rates, amplitude, phase))
 
 
+def ranging(hand: Hand, duration: float, random: np.random.RandomState) -> LayeredMotion:
+    """Return what a calibration asks for, as often as it takes."""
+    once = list(range_of_motion(hand))
+    lasts = sum(key.move + key.hold for key in once) - once[0].move
+    rounds = math.ceil(duration / lasts)
+    return LayeredMotion(motion_through(once * rounds, slow_sway(random)), hand)
+
+
 # Name: maker, a function of (hand, duration [s], random state).
 MOTIONS: dict[str, MotionMaker] = {
     'demo': lambda hand, duration, random: demo_motion(hand),
@@ -223,4 +234,5 @@ MOTIONS: dict[str, MotionMaker] = {
     'piano': striking(REST_SHAPE, (.10, .18), (14., 28.), piano_digits, .5),
     'shaking': shaking,
     'tremor': rest_tremor,
+    'range_of_motion': ranging,
 }

@@ -61,11 +61,14 @@ class Diagnostics:
     ----------
     size : str
         How far the hand's size is learned, as of `Stream.size`.
+    calibration : dict of str to str
+        How far a calibration is, as of `LiveCalibration.values`.
     """
 
     def __init__(self, now: float, input_monitor: InputMonitor) -> None:
         self._input = input_monitor
         self.size = 'given'
+        self.calibration: dict[str, str] = {}
         self._state: HandState | None = None
         self._frames = self._counted = self._on_fast_path = self._left_out = 0
         self._since = now
@@ -137,7 +140,7 @@ class Diagnostics:
         values = {'palm': 'not seen yet', 'rate [Hz]': f'{self._rate:.1f}',
                   'frames': str(self._frames), 'frames on fast path': str(self._on_fast_path),
                   'frames left out': str(self._left_out), 'hand size': self.size,
-                  'mean residual [mm]': '',
+                  **self.calibration, 'mean residual [mm]': '',
                   **_latency_values(self._latency)}
         if state is not None:
             values['palm'] = _words(state.palm)

@@ -122,6 +122,10 @@ class Monitor:
         """Note how far the hand's size is learned, as of `Stream.size`."""
         self._diagnostics.size = size
 
+    def set_calibration(self, values: dict[str, str]) -> None:
+        """Note how far a calibration is, as of `LiveCalibration.values`."""
+        self._diagnostics.calibration = values
+
     def left_out(self, count: int) -> None:
         """Count frames that were left out, as newer ones had come before they could be tracked."""
         self._diagnostics.left_out(count)

@@ -12,6 +12,9 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from ..calibration.live_take import LiveTake
+from ..core.model.hand import Hand
+from ..core.model.marker_layout import MarkerLayout
 from ..core.numerics.jit import DEFERRED, TRACKING_SET
 from ..core.tracker import HandState, HandTracker
 from ..messages.cdr import MessageSignature
@@ -125,14 +128,17 @@ class Stream:
     tracker, reader
     compilation : Compilation or None
         None where the kernels were ready, or there is no numba.
-    sizes_learned : int
-        Times that the tracker's hand has changed its size.
+    take : LiveTake or None
+        What collects the markers of each frame for a calibration.
+    hand_changes : int
+        Times that the tracker's hand has changed: its size learned, or replaced.
     """
 
     def __init__(self, tracker: HandTracker, reader: Reader,
                  auto_size: AutoSize | None = None) -> None:
         self.tracker, self.reader = tracker, reader
-        self.sizes_learned = 0
+        self.take: LiveTake | None = None
+        self.hand_changes = 0
         self._auto_size = auto_size
         self.compilation: Compilation | None = None
         self._time = FrameTime()
@@ -196,6 +202,8 @@ class Stream:
         stamp = markers.stamp if has_stamp else receipt_stamp()
         time = self._time.of(markers.stamp, seconds(stamp))
         tracker = self.tracker
+        if self.take is not None:
+            self.take.add(markers.positions, time)
         if self.size == 'learning':
             self._learn_size(markers.positions, time)
         state = tracker.update(markers.positions, time, distal_flexion)
@@ -210,13 +218,31 @@ class Stream:
             return 'given'
         return 'learning' if self._auto_size.is_learning else 'learned'
 
+    @property
+    def needs_each_frame(self) -> bool:
+        """Whether frames are collected, so that none may pass by `track`."""
+        return self.size == 'learning' or self.take is not None
+
+    def replace_hand(self, hand: Hand, layout: MarkerLayout) -> None:
+        """Track with another hand from the next message on; angles go over as after a re-entry.
+
+        Parameters
+        ----------
+        hand : Hand
+            Of the same side.
+        layout : MarkerLayout
+        """
+        self._auto_size = None
+        self.tracker.configure(hand, layout)
+        self.hand_changes += 1
+
     def _learn_size(self, markers: np.ndarray, time: float | None) -> None:
         assert self._auto_size is not None
         sized = self._auto_size.add(markers, time)
         if sized is not None:
             now = self.tracker.hand
             self.tracker.configure(sized.replace(limits=now.limits, coupling=now.coupling))
-            self.sizes_learned += 1
+            self.hand_changes += 1
         if not self._auto_size.is_learning:
             mcp = self.tracker.hand.finger_mcp
             self._news.append((False, 'the size of the hand is learned: '

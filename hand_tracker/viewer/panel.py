@@ -14,6 +14,7 @@ from ..core.model.states import MarkerState
 from ..core.tracker import HandState
 from ..drawing.palette import MARKER_COLOURS
 from .angle_bars import angle_bars
+from .coverage_bars import coverage_bars
 from .source import FrameSource
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ class Panel:
         self._refreshed = -np.inf
         gui = server.gui
         self._numbers = gui.add_html('')
+        self._calibration = gui.add_html('', visible=False)
         self._playback = Playback(gui, source.playhead) if source.playhead else None
         self.compared = gui.add_checkbox(
             'Side by side', False,
@@ -90,6 +92,10 @@ class Panel:
         self._refreshed = now
         self._undo_refused_switches()
         self._numbers.content = numbers(self._source.numbers(state), state)
+        told = self._source.calibration()
+        self._calibration.visible = told is not None
+        if told is not None:
+            self._calibration.content = coverage_bars(*told)
         self._show_angles(angle_bars(state.angles, self._source.hand.limits))
         if self._playback is not None:
             self._playback.refresh(now)

@@ -210,6 +210,9 @@ class Recording:
         self._bare = self._run(self._bare, frozenset())
         return self._bare.state
 
+    def calibration(self) -> None:
+        """Return None: nobody moves a hand for a calibration here."""
+
     def _run(self, run: TrackingRun | None, constraints: frozenset[str]) -> TrackingRun:
         """Return a run tracked up to now: the given one if it can continue, else a new one."""
         now = self._start + round(1e9 * self.playhead.now())

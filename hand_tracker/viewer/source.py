@@ -40,3 +40,6 @@ class FrameSource(Protocol):
 
     def numbers(self, state: HandState) -> dict[str, str]:
         """Return measured values as texts, by name."""
+
+    def calibration(self) -> tuple[str, dict[str, float]] | None:
+        """Return what to do next in a calibration, and the share of each movement; None if none."""

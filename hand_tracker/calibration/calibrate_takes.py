@@ -1,0 +1,115 @@
+"""From takes to a hand file with its report and its picture."""
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from queue import SimpleQueue
+
+import numpy as np
+
+from ..core.model.hand import FLEXION_JOINTS, preset_limits
+from ..core.model.marker_layout import MarkerLayout
+from ..drawing.fit_picture import FittedPose, save_fit_picture
+from ..files.hand_file import save_hand
+from ..progress import Progress, bar
+from .coverage import Covered, coverage
+from .fit import fit_hand
+from .fit_report import FitReport, average_rate, report_fit
+from .fitted_hand import place_mounted
+from .joint_centres import are_joint_centres, landmark_frames
+from .marker_fit import FIT_STEPS, MarkerFit, fit_gathered
+from .take_checks import check_takes
+from .takes import Gathered, MarkerTake, gather
+
+COVERAGE_BAR = 20          # [characters]
+PICTURED_FLEXION = (0., .5, 1.)  # order of the poses in the picture among all, by flexion [1]
+
+
+def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = 'paper',
+                    picture: Path | None = None) -> str:
+    """Fit a hand to takes, print the report, and write hand file and picture.
+
+    Parameters
+    ----------
+    takes : sequence of MarkerTake
+        Of one hand with its markers left in place.
+    output : Path
+        Hand file to write.
+    limits : str, optional
+        Preset of the joint limits, which the takes widen.
+    picture : Path, optional
+        Beside the hand file when left out.
+
+    Returns
+    -------
+    str
+        What was written.
+
+    Raises
+    ------
+    InvalidTake
+        If the takes are refused, with the reason.
+    OSError
+        If a file cannot be written.
+    """
+    for weak in check_takes(takes):
+        print(f'note: {weak}', file=sys.stderr)
+    gathered = gather(takes)
+    if are_joint_centres(gathered):
+        joints = landmark_frames(gathered) * takes[0].mirror
+        save_hand(output, fit_hand(joints, takes[0].side, preset_limits(limits)), MarkerLayout())
+        return (f'{output}: a hand with markers at its joints, as these are no markers on '
+                'the skin: joints that keep their distances')
+    rate = average_rate([take.rate for take in takes])
+    fit, report = _fit_with_progress(gathered, takes[0].side, limits, rate)
+    covered = coverage(fit.postures)
+    lines = [*report.lines(), '', *_coverage_lines(covered)]
+    print('\n'.join(lines))
+    save_hand(output, fit.hand, fit.layout)
+    with open(output, 'a', encoding='utf-8') as file:
+        file.write(''.join(f'# {line}'.rstrip() + '\n' for line in
+                           ('', f'Fitted to {", ".join(take.name for take in takes)}:', *lines)))
+    picture = picture or output.with_suffix('.png')
+    save_fit_picture(picture, fit.hand, _pictured(fit, gathered))
+    return f'{output}: hand of {1e3 * fit.length:.0f} mm; its markers are drawn in {picture}'
+
+
+def _fit_with_progress(gathered: Gathered, side: str, limits: str,
+                       rate: float) -> tuple[MarkerFit, FitReport]:
+    """Fit and report, with a progress line."""
+    steps: SimpleQueue[bool] = SimpleQueue()
+
+    def work(done: Callable[[], None]) -> tuple[MarkerFit, FitReport]:
+        try:
+            fit = fit_gathered(gathered, side, preset_limits(limits), done)
+            return fit, report_fit(fit, gathered, rate, done)
+        finally:
+            steps.put(False)
+
+    with ThreadPoolExecutor(1) as pool:
+        found = pool.submit(work, lambda: steps.put(True))
+        for _ in Progress(2 * FIT_STEPS, 'fits of a digit').over(iter(steps.get, False)):
+            pass
+        return found.result()
+
+
+def _coverage_lines(covered: list[Covered]) -> Iterator[str]:
+    """Yield how far each joint moved, as bars, and what would show more."""
+    yield 'motion in the take, of what a calibration asks for'
+    names = {'turn': 'abduction', 'first': 'first joint', 'second': 'second joint'}
+    for one in covered:
+        yield (f'{one.digit:7s}{names[one.joint]:13s}{bar(one.share, COVERAGE_BAR)} '
+               f'{one.degrees:4.0f} degrees' + ('' if one.share == 1. else f'; {one.task}'))
+
+
+def _pictured(fit: MarkerFit, gathered: Gathered) -> list[FittedPose]:
+    """Return an open, a half closed and a closed hand of the take."""
+    flexion = fit.postures[:, FLEXION_JOINTS[:, :2].ravel()].sum(axis=1)
+    order = np.argsort(flexion)
+    rows = [int(order[int(share * (len(order) - 1))]) for share in PICTURED_FLEXION]
+    mounts = [fit.mounts[marker.name] for marker in gathered.markers]
+    modelled = place_mounted(fit.hand.replace(side='right'), mounts, fit.postures[rows],
+                             np.tile(np.eye(3), (len(rows), 1, 1)), np.zeros((len(rows), 3)))
+    return [FittedPose(title, fit.postures[row], fit.local[row], points)
+            for title, row, points in zip(('open', 'half closed', 'closed'), rows, modelled)]

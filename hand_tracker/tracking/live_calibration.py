@@ -1,0 +1,176 @@
+"""Calibrate in a running tracker: collect a take, fit a hand in a child process. No ROS."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from ..calibration.live_take import CALIBRATION_KEY, NO_CALIBRATION, LiveTake
+from ..calibration.take_files import save_take
+from ..core.errors import HandTrackerError
+from ..core.model.marker_layout import MarkerLayout
+from ..core.numerics import jit
+
+FIT_NICENESS = 10  # of the child process
+
+
+class CalibrationRefused(HandTrackerError):
+    """A calibration that cannot begin."""
+
+
+def require_writable(path: Path) -> None:
+    """Refuse a file that cannot be written, before somebody moves a hand for it.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    CalibrationRefused
+    """
+    folder = path.parent
+    if path.is_dir() or not os.access(path if path.exists() else folder, os.W_OK):
+        raise CalibrationRefused(f'{path}: cannot be written; expected a file in a folder that '
+                                 'is there and may be written to')
+
+
+class LiveCalibration:
+    """One calibration after another.
+
+    Attributes
+    ----------
+    take : LiveTake or None
+        What collects frames, while they are to be collected.
+    """
+
+    def __init__(self) -> None:
+        self.take: LiveTake | None = None
+        self._text = NO_CALIBRATION
+        self._values: dict[str, str] = {}
+        self._fit: Fit | None = None
+        self._news: list[tuple[bool, str]] = []
+
+    def start(self, layout: MarkerLayout, side: str, limits: str, output: Path) -> None:
+        """Begin to collect a take.
+
+        Parameters
+        ----------
+        layout : MarkerLayout
+            At which joints the digits wear their markers.
+        side : {'right', 'left'}
+        limits : str
+            Preset of the joint limits, which the take widens.
+        output : Path
+            Hand file to write, with report and picture.
+
+        Raises
+        ------
+        CalibrationRefused
+            If another one is not done yet, or the file cannot be written.
+        InvalidTake
+            If the layout is no such that can be calibrated.
+        """
+        if self.take is not None or self._fit is not None:
+            raise CalibrationRefused(f'a calibration is not done yet: {self._text}')
+        require_writable(output)
+        self.take = LiveTake(layout, side)
+        self._limits, self._output = limits, output
+        self._text = ''
+        self.update()
+
+    def update(self) -> Path | None:
+        """Go on, a few times a second.
+
+        Returns
+        -------
+        Path or None
+            The hand file, once, when it has been written.
+        """
+        if self.take is not None:
+            self._collect(self.take)
+        elif self._fit is not None and (ended := self._fit.ended()) is not None:
+            self._fit = None
+            done, self._text = ended
+            self._news.append((not done, f'calibration: {self._text}'))
+            return self._output if done else None
+        return None
+
+    def _collect(self, take: LiveTake) -> None:
+        """Look at what a take has; begin to fit when it is complete."""
+        coverage = take.coverage()
+        if not coverage.is_complete and not take.is_over:
+            if coverage.text != self._text:
+                self._text = coverage.text
+                self._news.append((False, f'calibration: {self._text}'))
+            self._values = coverage.values()
+            return
+        if missing := coverage.missing():
+            self._news.append((True, f'calibration: {take.seconds:.0f} s are over; not shown: '
+                               + '; '.join(missing)))
+        self.take, self._values = None, {}
+        self._text = f'fitting a hand to {take.seconds:.0f} s'
+        self._news.append((False, f'calibration: {self._text}; tracking goes on'))
+        self._fit = Fit(take, self._limits, self._output)
+
+    def values(self) -> dict[str, str]:
+        """Return what /diagnostics tells: what to do next, and how much of each was shown."""
+        return {CALIBRATION_KEY: self._text, **self._values}
+
+    def news(self) -> list[tuple[bool, str]]:
+        """Return what is to be logged: whether it is a warning, and the line."""
+        news, self._news = self._news, []
+        return news
+
+    def stop(self) -> None:
+        """End what runs."""
+        if self._fit is not None:
+            self._fit.stop()
+
+
+class Fit:
+    """The command that fits a hand, in a child process at low priority.
+
+    Parameters
+    ----------
+    take : LiveTake
+    limits : str
+    output : Path
+    """
+
+    def __init__(self, take: LiveTake, limits: str, output: Path) -> None:
+        self._folder = TemporaryDirectory(prefix='hand_tracker-take-')
+        folder = Path(self._folder.name)
+        save_take(folder / 'live_take.npz', take.take())
+        self._said, self._complained = folder / 'said', folder / 'complained'
+        environment = {**os.environ, 'OPENBLAS_NUM_THREADS': '1', 'PYTHONPATH': os.pathsep.join(
+            filter(None, (str(jit.PACKAGE.parent), os.environ.get('PYTHONPATH'))))}
+        with open(self._said, 'wb') as said, open(self._complained, 'wb') as complained:
+            # A session of its own: Ctrl-C is not for it.
+            self._child = subprocess.Popen(
+                [sys.executable, '-m', 'hand_tracker', 'calibrate', folder / 'live_take.npz',
+                 '-o', output, '--limits', limits],
+                env=environment, stdin=subprocess.DEVNULL, stdout=said, stderr=complained,
+                start_new_session=True, cwd=jit.PACKAGE.parent)
+        os.setpriority(os.PRIO_PROCESS, self._child.pid, FIT_NICENESS)
+
+    def ended(self) -> tuple[bool, str] | None:
+        """Return whether it went well, and its last line; None while it works."""
+        code = self._child.poll()
+        if code is None:
+            return None
+        lines = (self._complained if code else self._said).read_text(
+            encoding='utf-8', errors='replace').split('\n')
+        last = next((line for line in reversed(lines) if line.strip()),
+                    f'the fit ended with {code}')
+        self._folder.cleanup()
+        return code == 0, last
+
+    def stop(self) -> None:
+        """End it."""
+        self._child.kill()
+        self._child.wait()
+        self._folder.cleanup()
