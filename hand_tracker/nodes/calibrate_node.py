@@ -78,7 +78,8 @@ class CalibrateNode(Node):
         self._coverage = self._take.coverage()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', STATUS_DEPTH)
         self._subscription = self.create_subscription(
-            MarkerArray, 'markers', self._on_markers, qos_of(values, 'markers'), raw=serialization.raw)
+            MarkerArray, 'markers', self._on_markers, qos_of(values, 'markers'),
+            raw=serialization.raw)
         self.create_timer(SHOW_PERIOD, self._show, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.get_logger().info(f'{hand.side} hand: listening for markers on {self._topic}')
 

@@ -5,6 +5,8 @@ import numpy as np
 from hand_tracker.calibration.fitted_hand import MarkerMount, place_mounted
 from hand_tracker.calibration.takes import MarkerTake
 from hand_tracker.core.model.hand import DIGITS, FINGERS, LINKS
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import marker_positions
 from hand_tracker.simulation.motions import motion_named
 
 SKIN_OFFSET = .008  # [m] dorsal
@@ -46,3 +48,10 @@ def simulated_take(hand, names, seconds=16., rate=30., noise=.0003, seed=1,
     points = points + noise * np.random.default_rng(seed).standard_normal(points.shape)
     return MarkerTake('simulated', tuple(names), points, hand.side, rate,
                       np.zeros(len(points), dtype=int)), angles
+
+
+def worn_markers(hand, layout, angles):
+    """Return the eight markers (T, 8, 3) of a hand that stays in its place [m]."""
+    rotation, position = np.tile(np.eye(3), (len(angles), 1, 1)), np.zeros((len(angles), 3))
+    return marker_positions(layout.mounting(hand), forward(
+        joint_table(hand), angles, rotation, position), rotation, position)

@@ -1,21 +1,27 @@
 """The viewer beside a running tracker: what it hears, and what its switches do there."""
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
 from helpers.ros_process import PATIENCE, NodeProcess, watching_node
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
+from hand_tracker.calibration.live_take import CALIBRATION_KEY, NO_CALIBRATION, Coverage
+from hand_tracker.calibration.prompts import PROMPTS
 from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.core.model.states import MarkerState
+from hand_tracker.messages.builders import diagnostics
 from hand_tracker.messages.stamps import seconds
 from hand_tracker.nodes.runner import spinning
 from hand_tracker.nodes.viewer_node import Live
 from hand_tracker.package_data import packaged_recording
+from hand_tracker.tracking.diagnostics import Level, Status
 
 NEEDS = 'rclpy',
 
@@ -88,6 +94,22 @@ def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
     finally:
         node.destroy_node()
         rclpy.shutdown()
+
+
+def test_it_hears_how_far_a_calibration_is():
+    live = Live(SimpleNamespace(create_client=lambda *_: None))
+    assert live.calibration() is None
+
+    def hear(name, values):
+        live._on_diagnostics(diagnostics(Time(), name, '/markers', Status(Level.OK, '', values)))
+        return live.calibration()
+
+    shares = Coverage(np.linspace(0., 1., len(PROMPTS))).values()
+    assert hear('hand_tracker: right hand', {CALIBRATION_KEY: NO_CALIBRATION}) is None
+    assert hear('hand_left: left hand', {CALIBRATION_KEY: 'fist', **shares}) is None
+    text, bars = hear('calibrate: right hand', {CALIBRATION_KEY: 'fist', **shares})
+    assert text == 'fist' and bars['open hand'] == 0. and bars['thumb circles'] == 1.
+    assert hear('hand_tracker: right hand', {CALIBRATION_KEY: 'spread'}) == ('spread', {})
 
 
 def test_it_pauses_and_slows_the_player():

@@ -28,6 +28,7 @@ from hand_tracker.messages.labels import DEFAULT_LABELS
 from hand_tracker.package_data import packaged_recording
 from hand_tracker.tracking.recording import track
 from hand_tracker.viewer.angle_bars import angle_bars
+from hand_tracker.viewer.coverage_bars import coverage_bars
 from hand_tracker.viewer.page import LOCALHOST, Viewer, free_port
 from hand_tracker.viewer.panel import Panel
 from hand_tracker.viewer.recording_source import LEAD_IN, Playhead, Recording
@@ -255,6 +256,13 @@ def test_bars_tell_angles_and_which_are_at_a_limit():
     assert page.count('<div') == 25
     low, high = np.degrees(hand.limits[DIP])
     assert f'<s>{low:.0f}</s>' in page and f'<s>{high:.0f}</s>' in page
+
+
+def test_bars_tell_what_a_calibration_has_seen():
+    page = coverage_bars('make a <fist>', {'open hand': 1., 'fist': .25})
+    assert 'make a &lt;fist&gt;' in page
+    assert 'class=all><span>open hand' in page and 'width:25%' in page
+    assert page.count('class=all') == 1
 
 
 def test_a_hand_tells_which_constraints_are_off():

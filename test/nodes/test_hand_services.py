@@ -1,0 +1,140 @@
+"""Another hand for a running tracker: `~/load_hand` and `~/calibrate`, between two frames."""
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from helpers.bench import tracking
+from helpers.ros_process import watching_node
+from helpers.skin_markers import worn_markers
+from rcl_interfaces.srv import GetParameters
+from std_srvs.srv import Trigger
+
+from hand_tracker.calibration.live_take import told_progress
+from hand_tracker.calibration.prompts import PROMPTS
+from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.model.marker_layout import MarkerLayout
+from hand_tracker.files.hand_file import load_hand, save_hand
+from hand_tracker.simulation.motions import motion_named
+from hand_tracker.simulation.poses import pose_angles
+from hand_tracker.simulation.visibility import skin_layout
+
+NEEDS = 'rclpy',
+
+HAND = Hand.scaled(.2, .092)
+LAYOUT = skin_layout(HAND)
+REENTRY = 5. / 120.  # [rad] in a frame
+PIP = JOINTS.index('index_pip_flexion')
+
+pytestmark = pytest.mark.ros
+
+
+def relaxed():
+    """Return the angles of a relaxed hand, and a frame of its markers."""
+    angles = pose_angles('relaxed', HAND)
+    return angles, worn_markers(HAND, LAYOUT, angles[None])[0]
+
+
+def call(bench, service):
+    return bench.node.call(Trigger, f'hand_tracker/{service}')
+
+
+def test_a_hand_is_loaded_without_a_jump(tmp_path):
+    angles, frame = relaxed()
+    limits = HAND.limits.copy()
+    limits[PIP, 1] = 1.8
+    save_hand(tmp_path / 'mine.yaml', HAND.replace(limits=limits), LAYOUT)
+    with tracking() as bench, watching_node('robot_state_publisher') as shown:
+        shown.declare_parameter('robot_description', '')
+        bench.meet(frame)
+        before = [bench.angles(frame) for _ in range(60)][-1]
+        assert np.abs(before - angles)[PIP] > .05
+        assert bench.set({'hand_file': str(tmp_path / 'mine.yaml'),
+                          'limits.ring_pip_flexion.upper_deg': 80.}).successful
+        assert np.allclose(bench.angles(frame), before, atol=.01)
+        answer = call(bench, 'load_hand')
+        assert answer.success and 'mine.yaml' in answer.message
+        found = np.array([before, *(bench.angles(frame) for _ in range(120))])
+        assert np.abs(np.diff(found, axis=0)).max() < REENTRY + 1e-3
+        assert np.abs(found[-1] - angles)[:20].max() < .03
+        values = bench.parameters(GetParameters, 'get_parameters', names=[
+            'limits.index_pip_flexion.upper_deg', 'limits.ring_pip_flexion.upper_deg']).values
+        assert [value.double_value for value in values] == [
+            pytest.approx(np.degrees(1.8)), 80.]
+
+        def urdf():
+            shown.spin_for(.01)
+            return shown.get_parameter('robot_description').value
+
+        bench.node.repeat(lambda: bench.answer(frame), urdf, 0.)
+
+
+def test_markers_worn_elsewhere_are_taken_without_a_jump(tmp_path):
+    _, frame = relaxed()
+    moved = LAYOUT.offsets.copy()
+    moved[3:7] += (.006, 0., .004)
+    save_hand(tmp_path / 'mine.yaml', HAND, LAYOUT)
+    save_hand(tmp_path / 'moved.yaml', HAND, MarkerLayout(LAYOUT.places, moved))
+    with tracking({'hand_file': str(tmp_path / 'mine.yaml')}) as bench:
+        bench.meet(frame)
+        before = [bench.angles(frame) for _ in range(30)][-1]
+        assert bench.set({'hand_file': str(tmp_path / 'moved.yaml')}).successful
+        assert call(bench, 'load_hand').success
+        found = np.array([before, *(bench.angles(frame) for _ in range(60))])
+        assert np.abs(found[-1] - before).max() > REENTRY
+        assert np.abs(np.diff(found, axis=0)).max() < REENTRY + 1e-3
+
+
+def test_a_bad_hand_file_is_refused_with_the_reason(tmp_path):
+    _, frame = relaxed()
+    (tmp_path / 'bad.yaml').write_text('finger_bones_mm: {index: [45, 26, 900]}')
+    save_hand(tmp_path / 'left.yaml', HAND.mirrored(), LAYOUT)
+    with tracking() as bench:
+        bench.meet(frame)
+        before = bench.angles(frame)
+        for path, reason in (('', 'expected a hand file'), (tmp_path / 'none.yaml', 'No such file'),
+                             (tmp_path / 'bad.yaml', 'finger_bones_mm.index[2]: 900'),
+                             (tmp_path / 'left.yaml', 'of a left hand; expected a right one')):
+            assert bench.set({'hand_file': str(path)}).successful
+            answer = call(bench, 'load_hand')
+            assert not answer.success and reason in answer.message, answer.message
+            assert np.allclose(bench.angles(frame), before, atol=.01)
+
+
+def test_a_hand_is_calibrated_while_it_is_tracked(tmp_path):
+    moving = motion_named('range_of_motion', HAND, 2)
+    motion = moving.sample(np.arange(0., moving.duration, 1. / 30.))[0]
+    frames = worn_markers(HAND, LAYOUT, motion)
+    angles, frame = relaxed()
+    output = tmp_path / 'my_hand.yaml'
+    with tracking({'calibration_file': str(output)}) as bench:
+        told = bench.node.collect(DiagnosticArray, '/diagnostics')
+
+        def progress():
+            return told and told_progress(
+                {value.key: value.value for value in told[-1].status[0].values})
+
+        bench.meet(frame)
+        bench.answer(frame)
+        answer = call(bench, 'calibrate')
+        assert answer.success and str(output) in answer.message
+        again = call(bench, 'calibrate')
+        assert not again.success and 'not done yet' in again.message
+        bench.node.repeat(lambda: bench.answer(frames[0]),
+                          lambda: progress() and set(progress()[1]) == {
+                              prompt.name for prompt in PROMPTS}, 0.)
+        for each in frames:
+            bench.number += 3  # 30 Hz
+            bench.answer(each)
+        bench.process.wait_for_line('fitting a hand')
+        found = [bench.angles(frame) for _ in range(60)][-1:]
+        bench.node.repeat(lambda: found.append(bench.angles(frame)),
+                          lambda: 'is tracked from the next frame on' in bench.process.output, .01)
+        found += [bench.angles(frame) for _ in range(120)]
+        assert progress()[0].startswith(f'{output}: hand of ') and not progress()[1]
+        assert np.abs(np.diff(found, axis=0)).max() < REENTRY + 1e-3
+        # The fitted hand is tracked: nearer than the mean one was.
+        assert np.abs(found[-1] - angles)[PIP] < .6 * np.abs(found[0] - angles)[PIP]
+        assert 'not shown' not in bench.process.output
+    hand, _ = load_hand(output)
+    np.testing.assert_allclose(hand.finger_bones[:, :2].sum(axis=1),
+                               HAND.finger_bones[:, :2].sum(axis=1), rtol=.12)
