@@ -113,6 +113,7 @@ class LiveTake:
         self._names, self._side, self._max_duration = layout.places, side, max_duration
         self.seconds = 0.
         self._frames: list[np.ndarray] = []
+        self._shares = np.zeros(len(PROMPTS))
         self._last: float | None = None
         self._since_kept = 1. / TAKE_RATE
 
@@ -141,10 +142,12 @@ class LiveTake:
         """Return how much of it is there."""
         frames = self._frames.copy()  # another thread may add to them
         if not frames:
-            return Coverage(np.zeros(len(PROMPTS)))
+            return Coverage(self._shares)
         seen = np.isfinite(np.array(frames[-UNSEEN_FRAMES:])).all(axis=2).mean(axis=0)
         unseen = tuple(marker for marker, share in zip(MARKERS, seen) if share < LEAST_SEEN_NOW)
-        return Coverage(shown_shares(np.array(frames), self._side), unseen)
+        # What was shown stays so, even where a longer reach is seen later.
+        self._shares = np.maximum(self._shares, shown_shares(np.array(frames), self._side))
+        return Coverage(self._shares, unseen)
 
     @property
     def is_over(self) -> bool:

@@ -10,8 +10,8 @@ is the angle of that direction below the palm, 0 straight ahead, 90 degrees at r
 - fist: every finger flexed by more than 70 degrees.
 - spread: between straight fingers, index and little finger turned apart and together by 16 degrees.
 - each finger: flexed by 30 degrees more than the others on the average, and by a bend that takes
-  a tenth more off its reach than off theirs.
-- thumb to each finger: its marker at that finger's, nearer than at any other's.
+  7 % more off its reach than off theirs.
+- thumb to each finger: its marker is near that finger's, clearly nearer than any other's.
 - thumb circles: its marker has gone some way in each of eight directions.
 
 Of the four fingers three have to be seen for open hand and fist, two others for one alone. The
@@ -29,7 +29,7 @@ from ..core.model.marker_layout import PALM_MARKERS
 LASTING_FRAMES = 5      # [frames] of `TAKE_RATE` in which something is to be seen
 REACH_FRAMES = 15       # [frames] of a finger's longest reach
 MOST_COORDINATE = 1e3   # [m] of a marker, else it is no place
-ROOT_DEPTH = .006       # [m] of the joints below the markers of the knuckles: on skin, or in them
+ROOT_DEPTH = .012      # [m] of the joints below the markers of the knuckles, on the skin
 SEEN_FINGERS = 3        # for a shape of the hand
 SEEN_OTHERS = 2         # beside one that moves alone
 STRAIGHT = 35.          # [degrees] of flexion at most, of fingers that are spread
@@ -38,14 +38,15 @@ OPEN_FLEXION = (60., 25.)      # [degrees]
 FIST_FLEXION = (20., 70.)      # [degrees]
 SPREAD_RANGE = (2., 16.)       # [degrees]
 ALONE_FLEXION = (5., 30.)      # [degrees] more than the others
-ALONE_BEND = (.02, .10)        # of its longest reach, more than the others
-TOUCH_DISTANCE = (1.1, .65)    # of the distance of the knuckles of index and little finger
-NEARER = .05                   # of that distance, than to any other finger
+ALONE_BEND = (.02, .07)       # of its longest reach, more than the others
+TOUCH_DISTANCE = (1.1, .75)    # of the distance of the knuckles of index and little finger
+NEARER = .25                   # of that distance, than to any other finger
 # A circle: the way of the thumb's marker in each of `HEADINGS` directions, counted in steps; both
 # relative to the distance of the knuckles.
 HEADINGS = 8
 CIRCLE_STEP = .06
 HEADING_WAY = .3
+LONG_GAP = 6    # [frames] of a hidden marker, behind which its way begins anew
 # Across which the thumb circles: from its root, ahead, to the thumb's side and palmar.
 THUMB_VIEW = np.array((.7, .5, -.5)) / np.sqrt(.99)
 
@@ -97,7 +98,7 @@ def shown_shares(markers: np.ndarray, side: str) -> np.ndarray:
         known = np.isfinite(corners).all(axis=(1, 2))
         if np.count_nonzero(known) < LASTING_FRAMES:
             return np.zeros(len(PROMPTS))
-        corners, ends = np.median(corners[known], axis=0), ends[known]
+        corners = np.median(corners[known], axis=0)
         arms = ends[:, :-1] - _knuckles(corners)
         breadth = float(np.linalg.norm(corners[1] - corners[2]))
         shares = np.concatenate((_shapes(arms), _alone(arms), _touches(ends / breadth),
@@ -208,16 +209,17 @@ def _circles(ends: np.ndarray) -> float:
     aside = np.cross(THUMB_VIEW, (1., 0., 0.))
     aside /= np.linalg.norm(aside)
     seen = ends @ np.stack((aside, np.cross(aside, THUMB_VIEW)), axis=1)  # (T, 2)
+    frames = np.flatnonzero(np.isfinite(seen[:, 0]))
     way = np.zeros(HEADINGS)
-    last = None
-    for place in seen.tolist():
-        if last is None or math.isnan(place[0]):
-            last = None if math.isnan(place[0]) else place
-        else:
-            right, up = place[0] - last[0], place[1] - last[1]
-            step = math.hypot(right, up)
-            if step >= CIRCLE_STEP:
-                turn = math.atan2(up, right) / (2. * math.pi)
-                way[math.floor(HEADINGS * turn) % HEADINGS] += step
-                last = place
+    before, last = -LONG_GAP, (0., 0.)
+    for frame, place in zip(frames.tolist(), seen[frames].tolist()):
+        right, up = place[0] - last[0], place[1] - last[1]
+        step = math.hypot(right, up)
+        if frame - before >= LONG_GAP:
+            last = place
+        elif step >= CIRCLE_STEP:
+            turn = math.atan2(up, right) / (2. * math.pi)
+            way[math.floor(HEADINGS * turn) % HEADINGS] += step
+            last = place
+        before = frame
     return float(np.clip(way / HEADING_WAY, 0., 1.).mean())

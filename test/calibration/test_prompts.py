@@ -47,7 +47,7 @@ def test_the_range_of_motion_shows_everything(hand, layout):
 
 
 def test_it_does_with_gaps_too():
-    shares = shown(ranged(), hide=.25)
+    shares = shown(ranged(), hide=.1)
     assert min(shares.values()) == 1., shares
 
 
@@ -61,7 +61,8 @@ def test_open_and_fist_show_no_finger_alone():
     shares = shown(between('open', 'fist', 'open'))
     assert shares['open hand'] == shares['fist'] == 1.
     assert max(shares[f'{finger} finger'] for finger in ('index', 'middle', 'ring', 'little')) < 1.
-    assert max(shares[name] for name in NAMES[7:]) < 1.
+    # A closing fist passes the thumb by the index finger.
+    assert max(shares[name] for name in NAMES[8:]) < 1.
 
 
 @pytest.mark.parametrize('finger', ('index', 'middle', 'ring', 'little'))
