@@ -151,11 +151,18 @@ class HandTracker:
         if self.hand.side != former.side:
             self.reset()
         elif not has_size_of(former, self.hand):
-            # As if they came back: their angles are blended.
-            self._state.digits.seen[:] = False
+            self.blend_in()
         elif layout is not None:
             # The tracks of the digits move to the new markers of the present pose.
             self._state.digits.mean[:, :3] = self._digit_markers(self._state.angles)
+
+    def blend_in(self) -> None:
+        """Blend the angles of the next frame in, at the rate of a re-entry at most.
+
+        Called before each frame for as long as a digit may need to find its bend on another hand.
+        """
+        # As if the digits came back.
+        self._state.digits.seen[:] = False
 
     def _set_hand(self, hand: Hand, layout: MarkerLayout, options: TrackerOptions) -> None:
         """Derive and pack all that depends on hand, layout and options alone."""

@@ -72,8 +72,8 @@ class HandServices:
         return said
 
     def update(self) -> bool:
-        """Go on with a calibration, a few times a second; return whether there is one."""
-        is_collecting = self._calibration.take is not None
+        """Go on with a calibration, a few times a second; return whether it has changed."""
+        is_collecting, before = self._calibration.take is not None, self.progress()
         written = self._calibration.update()
         if is_collecting and self._calibration.take is None:
             self._node.collect(None)
@@ -83,7 +83,7 @@ class HandServices:
                 self._load(str(written))
             except HandTrackerError as error:
                 self._node.get_logger().error(f'calibration: {error}')
-        return is_collecting
+        return self.progress() != before
 
     def news(self) -> list[tuple[bool, str]]:
         """Return what is to be logged, as of `LiveCalibration.news`."""

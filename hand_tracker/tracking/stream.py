@@ -24,6 +24,7 @@ from .auto_size import AutoSize
 from .compilation import PROGRAM, Compilation
 
 UNNAMED_FRAME = 'world'  # of markers without a frame, as TF needs one
+BLEND_TIME = .25         # [s] in which each digit finds its bend on another hand, at 15 rad/s
 
 
 class Reader(Protocol):
@@ -141,6 +142,8 @@ class Stream:
         self.hand_changes = 0
         self._auto_size = auto_size
         self.compilation: Compilation | None = None
+        self._blends = False
+        self._blended_since: float | None = None  # [s]
         self._time = FrameTime()
         self._switches_kernels = False
         self._news: list[tuple[bool, str]] = []
@@ -206,6 +209,8 @@ class Stream:
             self.take.add(markers.positions, time)
         if self.size == 'learning':
             self._learn_size(markers.positions, time)
+        if self._blends:
+            self._blend_in(time)
         state = tracker.update(markers.positions, time, distal_flexion)
         return TrackedFrame(
             received, stamp, markers.frame_id or UNNAMED_FRAME, time, state, markers,
@@ -221,10 +226,10 @@ class Stream:
     @property
     def needs_each_frame(self) -> bool:
         """Whether frames are collected, so that none may pass by `track`."""
-        return self.size == 'learning' or self.take is not None
+        return self.size == 'learning' or self.take is not None or self._blends
 
     def replace_hand(self, hand: Hand, layout: MarkerLayout) -> None:
-        """Track with another hand from the next message on; angles go over as after a re-entry.
+        """Track with another hand from the next message on; angles go over at the re-entry rate.
 
         Parameters
         ----------
@@ -233,16 +238,28 @@ class Stream:
         layout : MarkerLayout
         """
         self._auto_size = None
+        self._change_hand(hand, layout)
+
+    def _change_hand(self, hand: Hand, layout: MarkerLayout | None = None) -> None:
         self.tracker.configure(hand, layout)
         self.hand_changes += 1
+        self._blends, self._blended_since = True, None
+
+    def _blend_in(self, time: float | None) -> None:
+        """Blend the next frame in, until each digit has found its bend on another hand."""
+        if self._blended_since is None:
+            self._blended_since = time
+        elif time is not None and not 0. <= time - self._blended_since < BLEND_TIME:
+            self._blends = False
+            return
+        self.tracker.blend_in()
 
     def _learn_size(self, markers: np.ndarray, time: float | None) -> None:
         assert self._auto_size is not None
         sized = self._auto_size.add(markers, time)
         if sized is not None:
             now = self.tracker.hand
-            self.tracker.configure(sized.replace(limits=now.limits, coupling=now.coupling))
-            self.hand_changes += 1
+            self._change_hand(sized.replace(limits=now.limits, coupling=now.coupling))
         if not self._auto_size.is_learning:
             mcp = self.tracker.hand.finger_mcp
             self._news.append((False, 'the size of the hand is learned: '

@@ -90,7 +90,7 @@ def test_a_bad_hand_file_is_refused_with_the_reason(tmp_path):
     save_hand(tmp_path / 'left.yaml', HAND.mirrored(), LAYOUT)
     with tracking() as bench:
         bench.meet(frame)
-        before = bench.angles(frame)
+        before = [bench.angles(frame) for _ in range(60)][-1]
         for path, reason in (('', 'expected a hand file'), (tmp_path / 'none.yaml', 'No such file'),
                              (tmp_path / 'bad.yaml', 'finger_bones_mm.index[2]: 900'),
                              (tmp_path / 'left.yaml', 'of a left hand; expected a right one')):
@@ -130,7 +130,8 @@ def test_a_hand_is_calibrated_while_it_is_tracked(tmp_path):
         bench.node.repeat(lambda: found.append(bench.angles(frame)),
                           lambda: 'is tracked from the next frame on' in bench.process.output, .01)
         found += [bench.angles(frame) for _ in range(120)]
-        assert progress()[0].startswith(f'{output}: hand of ') and not progress()[1]
+        bench.node.spin_until(lambda: progress()[0].startswith(f'{output}: hand of '))
+        assert not progress()[1]
         assert np.abs(np.diff(found, axis=0)).max() < REENTRY + 1e-3
         # The fitted hand is tracked: nearer than the mean one was.
         assert np.abs(found[-1] - angles)[PIP] < .6 * np.abs(found[0] - angles)[PIP]
