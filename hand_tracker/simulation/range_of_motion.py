@@ -49,9 +49,9 @@ def range_of_motion(hand: Hand) -> Iterator[Keyframe]:
         for bend in (KNUCKLE_BEND, MIDDLE_BEND):
             yield _keyframe((_alone(finger, bend), THUMB_OUT), hand)
             yield _keyframe((STRAIGHT_FINGERS, THUMB_OUT), hand)
-    for finger in FINGERS:
+    for name in FINGERS:
         yield Keyframe(pose_angles('ready', hand), MOVE, 0.)
-        yield Keyframe(pose_angles(f'oppose_{finger}', hand), MOVE, HOLD)
+        yield Keyframe(pose_angles(f'oppose_{name}', hand), MOVE, HOLD)
     yield from _thumb_circles(hand)
     yield _keyframe((straight, thumb_beside), hand)
 
