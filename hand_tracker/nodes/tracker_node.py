@@ -356,11 +356,13 @@ class TrackerNode(Node):
 
     def _apply_settings(self) -> None:
         self._has_new_settings = False
-        if self._new_hand is not None:
-            self._stream.replace_hand(*self._new_hand)
-            self._new_hand = None
-        self._settings = live_settings(self._tracker.hand, self._live_values())
-        self._tracker.configure(hand=self._settings.hand, options=self._settings.options)
+        hand, layout = self._new_hand or (self._tracker.hand, None)
+        self._new_hand = None
+        self._settings = live_settings(hand, self._live_values())
+        if layout is None:
+            self._tracker.configure(hand=self._settings.hand, options=self._settings.options)
+        else:
+            self._stream.replace_hand(self._settings.hand, layout, self._settings.options)
         self._stream.reader = self._new_reader()
         self._monitor.set_labels(self._settings.labels)
 

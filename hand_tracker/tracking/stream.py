@@ -16,6 +16,7 @@ from ..calibration.live_take import LiveTake
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MarkerLayout
 from ..core.numerics.jit import DEFERRED, TRACKING_SET
+from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
 from ..messages.cdr import MessageSignature
 from ..messages.marker_array import MarkerFrame
@@ -228,7 +229,8 @@ class Stream:
         """Whether frames are collected, so that none may pass by `track`."""
         return self.size == 'learning' or self.take is not None or self._blends
 
-    def replace_hand(self, hand: Hand, layout: MarkerLayout) -> None:
+    def replace_hand(self, hand: Hand, layout: MarkerLayout,
+                     options: TrackerOptions | None = None) -> None:
         """Track with another hand from the next message on; angles go over at the re-entry rate.
 
         Parameters
@@ -236,12 +238,15 @@ class Stream:
         hand : Hand
             Of the same side.
         layout : MarkerLayout
+        options : TrackerOptions, optional
+            The present ones when left out.
         """
         self._auto_size = None
-        self._change_hand(hand, layout)
+        self._change_hand(hand, layout, options)
 
-    def _change_hand(self, hand: Hand, layout: MarkerLayout | None = None) -> None:
-        self.tracker.configure(hand, layout)
+    def _change_hand(self, hand: Hand, layout: MarkerLayout | None = None,
+                     options: TrackerOptions | None = None) -> None:
+        self.tracker.configure(hand, layout, options)
         self.hand_changes += 1
         self._blends, self._blended_since = True, None
 
