@@ -12,12 +12,12 @@ from .gestures import shape_angles
 from .motion import Keyframe
 from .poses import (
     NAMED_POSES,
-    SPREAD_FINGERS,
     STRAIGHT_FINGERS,
     THUMB_OUT,
     pose_angles,
 )
 
+APART_FINGERS = ((14, 0, 3), (2, 0, 3), (11, 0, 3), (14, 0, 3))
 TOGETHER_FINGERS = ((-2, 3, 5), (0, 3, 5), (-1, 3, 5), (-2, 4, 5))
 # [degrees] of the MCP and PIP of a finger that moves alone, and of its neighbours with it.
 KNUCKLE_BEND, MIDDLE_BEND = (58, 12), (8, 80)
@@ -43,7 +43,7 @@ def range_of_motion(hand: Hand) -> Iterator[Keyframe]:
     straight, thumb_beside = NAMED_POSES['open']
     yield _keyframe((straight, thumb_beside), hand)
     yield Keyframe(pose_angles('fist', hand), MOVE, HOLD)
-    for fingers in (STRAIGHT_FINGERS, SPREAD_FINGERS, TOGETHER_FINGERS, STRAIGHT_FINGERS):
+    for fingers in (STRAIGHT_FINGERS, APART_FINGERS, TOGETHER_FINGERS, STRAIGHT_FINGERS):
         yield _keyframe((fingers, THUMB_OUT), hand)
     for finger in range(len(FINGERS)):
         for bend in (KNUCKLE_BEND, MIDDLE_BEND):
