@@ -1,5 +1,6 @@
 """Options of the tracker: one named option for each constraint and each alternative method."""
 
+import math
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
@@ -60,6 +61,9 @@ class TrackerOptions:
     marker_noise: float = _option(
         5e-4, 'Upper bound of the marker noise, which is estimated: standard deviation on each '
         'axis', unit='m', range=(1e-5, 1e-2))
+    prediction: str = _option(
+        'fading', 'Own motion of a hidden marker: its mean velocity, fading, or velocity, '
+        'acceleration and turn of its VTM-UKF as in the paper', choices=('fading', 'vtm_ukf'))
     inertia: float = _option(
         0.04, 'Inertia: time constant in which the own motion of a hidden marker fades; 0 is off',
         unit='s', range=(0., 1.))
@@ -178,7 +182,9 @@ def kernel_options(options: TrackerOptions) -> KernelOptions:
                                    float(options.patience)),
         marker_noise=float(options.marker_noise),
         prediction=Prediction(
-            options.smoothing, float(options.inertia), options.palm_from_fingers,
+            options.smoothing,
+            math.inf if options.prediction == 'vtm_ukf' and options.inertia else
+            float(options.inertia), options.palm_from_fingers,
             float(options.transdigital_memory), float(options.max_prediction_time),
             float(options.relax_time) if options.stale == 'relax' else 0.),
         friction=float(options.friction),

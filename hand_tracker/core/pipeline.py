@@ -31,6 +31,7 @@ from .pose.contact import CONTACT_GAP, drag_hidden, separate
 from .pose.continuity import blend
 from .pose.report import (
     deviation,
+    hang_digits,
     write_confidence,
     write_marker_states,
     write_markers,
@@ -208,8 +209,8 @@ def solve_angles(model: Pack, chains: Pack, options: Pack, state: Pack, seen: np
     model, chains, options, state = model[0], chains[0], options[0], state[0]
     # Abduction follows slowly in a fist: the first frame, without history, iterates it.
     for _ in range(0 if state.wrist.placed[0] else FIRST_FRAME_SOLVES):
-        solve_digits(chains, state.roots, state.digits.mean, state.angles, REFERENCE_STEP, False,
-                     0., 0)
+        solve_digits(chains, state.roots, state.digits.mean, state.angles, REFERENCE_STEP,
+                     options.by_fabrik, options.fabrik_tolerance, options.fabrik_iterations)
     iterations = solve_digits(
         chains, state.roots, state.digits.mean, state.angles, step, options.by_fabrik,
         options.fabrik_tolerance, options.fabrik_iterations)
@@ -295,6 +296,8 @@ def write_report(model: Pack, chains: Pack, options: Pack, state: Pack, markers:
     model, chains, options, state, report = model[0], chains[0], options[0], state[0], report[0]
     write_pose(model.table, state.separated, chains.lower, chains.upper, state.wrist,
                model.mirror, report)
+    if options.by_spheres and state.wrist.placed[0]:
+        hang_digits(state.roots, model.hand_bounds.roots, model.mirror, report)
     write_markers(markers, seen, state.palm, state.digits, state.wrist, model.mirror, report)
     write_marker_states(seen, state.verdict, state.palm, state.digits,
                         options.prediction.max_prediction_time, report)

@@ -11,6 +11,7 @@ about the other two; the baselines all take the smallest rotation, and so agree 
 
 import copy
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
@@ -49,7 +50,9 @@ JUDGED_SHARE = .5                   # least share of a window's frames with all 
 FRAMES_AFTER = 15                   # after a window, in which steps count
 AVAILABLE_WITHIN = .01              # [m] error of a usable prediction; ours, unsourced
 FITTED_LIMITS = 'wide'
-OCCLUSION_METHODS = ('hand_tracker', *BASELINES)
+# The tracker, with its own prediction and with the paper's.
+TRACKER_METHODS = {'hand_tracker': 'fading', 'vtm_ukf': 'vtm_ukf'}
+OCCLUSION_METHODS = (*TRACKER_METHODS, *BASELINES)
 # Landmarks of each digit, from the wrist to the tip, shape (5, 5).
 LANDMARK_CHAINS = np.pad(np.vstack((FINGER_ROWS, THUMB_ROWS)), ((0, 0), (1, 0)))
 DIGIT_MARKER_ROWS = range(len(PALM_MARKERS), len(MARKERS))
@@ -122,7 +125,8 @@ def hidden_sets(seed: int, start: int) -> Iterator[tuple[str, tuple[int, ...]]]:
 
 
 def predicted(tracker: HandTracker, markers: np.ndarray, start: int, lengths: Collection[int],
-              hidden: Sequence[int], rate: float) -> tuple[np.ndarray, list[np.ndarray]]:
+              hidden: Sequence[int], rate: float,
+              prediction: str = 'fading') -> tuple[np.ndarray, list[np.ndarray]]:
     """Track a window with hidden markers in a copy of the tracker.
 
     Parameters
@@ -139,6 +143,8 @@ def predicted(tracker: HandTracker, markers: np.ndarray, start: int, lengths: Co
         Rows of the hidden markers.
     rate : float
         [Hz]
+    prediction : str
+        Of `TrackerOptions`.
 
     Returns
     -------
@@ -149,6 +155,8 @@ def predicted(tracker: HandTracker, markers: np.ndarray, start: int, lengths: Co
         recording [rad].
     """
     tracker = copy.deepcopy(tracker)
+    if prediction != tracker.options.prediction:
+        tracker.configure(options=replace(tracker.options, prediction=prediction))
     window = np.array(markers[start:start + max(lengths)])
     window[:, hidden] = np.nan
     states = []
@@ -206,15 +214,17 @@ def judge(capture: Capture, seed: int) -> list[Row]:
         if frame in starts:
             for kind, rows_hidden in hidden_sets(seed, frame):
                 hidden = list(rows_hidden)
-                places, angles = predicted(tracker, markers, frame, ends, hidden, rate)
+                found = {method: predicted(tracker, markers, frame, ends, hidden, rate, prediction)
+                         for method, prediction in TRACKER_METHODS.items()}
+                angles = found['hand_tracker'][1]
                 steps[kind].append([largest_step(np.vstack((before, path))) for path in angles])
                 part = slice(frame, frame + frames)
                 guesses = predictions(right.markers, poses, part, hidden, rate, template)
                 # The same frames for all methods: those with all markers captured.
                 judged = np.where(capture.whole[part], 0., np.nan)[:, None]
-                guesses['hand_tracker'] = places
+                guesses.update({method: places for method, (places, _) in found.items()})
                 for method, guess in guesses.items():
-                    true = (capture if method == 'hand_tracker' else right).markers[part, hidden]
+                    true = (capture if method in TRACKER_METHODS else right).markers[part, hidden]
                     errors[kind, method].append(
                         np.linalg.norm(guess - true, axis=2) + judged)
         state = advance(tracker, markers[frame], frame, rate)
@@ -224,8 +234,8 @@ def judge(capture: Capture, seed: int) -> list[Row]:
     rows = []
     for kind in HIDDEN_KINDS:
         for method in OCCLUSION_METHODS:
-            found = np.array(errors[kind, method])
-            mine = [_row(capture, kind, method, seconds, found[:, :count])
+            distances = np.array(errors[kind, method])
+            mine = [_row(capture, kind, method, seconds, distances[:, :count])
                     for seconds, count in lengths.items()]
             if method == 'hand_tracker':
                 for row, step in zip(mine, np.max(steps[kind], axis=0)):
@@ -330,7 +340,7 @@ def pictures(rows: list[Row], folder: Path) -> list[Picture]:
             found = [mean_of(_find(rows, kind, method, seconds)) for seconds in HIDDEN_LENGTHS]
             # The tracker on top, visible where a baseline has equal values.
             ax.plot(HIDDEN_LENGTHS, [row['mean_mm'] if row else np.nan for row in found],
-                    marker='osD^'[i], markersize=4, color=SERIES_COLOURS[i],
+                    marker='osD^v'[i], markersize=4, color=SERIES_COLOURS[i],
                     label=words(method) if i else method,
                     linewidth=2.4 if i else 1.4, zorder=3 - .1 * i)
         ax.set_title(f'hidden: {hidden}', fontsize=9)

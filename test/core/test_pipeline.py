@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from hand_tracker.core.inverse_kinematics.palm import place_palm
 from hand_tracker.core.model.capsules import capsules, pair_gaps
-from hand_tracker.core.model.hand import ABDUCTION_JOINTS, FINGERS, FLEXION_JOINTS, Hand
+from hand_tracker.core.model.hand import ABDUCTION_JOINTS, FINGERS, FLEXION_JOINTS, SIDES, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.model.states import MarkerState, PalmState
@@ -77,6 +78,40 @@ def test_by_spheres_a_palm_that_gave_way_stays_as_it_is():
     states = follow([markers] * 20, replace(HELD, palm_method='spheres'))
     for state in states[1:]:
         np.testing.assert_allclose(state.angles, states[0].angles, atol=1e-6)
+
+
+@pytest.mark.parametrize('side', SIDES)
+def test_digits_hang_where_the_spheres_found_their_first_joints(side):
+    mirror = np.array((1., 1., 1.) if side == 'right' else (1., -1., 1.))
+    markers = markers_of(bent(.4), rotation=Rotation.from_rotvec((.3, .2, 1.)).as_matrix(),
+                         position=np.array((.1, .2, .3)))
+    markers[1] += (.002, .003, -.001)
+    markers[2] -= (.001, .002, -.003)
+    hand = HAND.replace(side=side)
+    poses = {method: follow([markers * mirror], replace(HELD, palm_method=method), hand)[0].pose
+             for method in ('rigid', 'spheres')}
+    # The index finger's and the little finger's MCP move by what their markers do.
+    rotation, position, roots = np.empty((3, 3)), np.empty(3), HAND.finger_mcp.copy()
+    roots = np.vstack((roots, HAND.thumb_cmc))
+    template = MarkerLayout().mounting(HAND).position[:3]
+    place_palm(markers[:3], template, True, rotation, position, roots)
+    found = (roots @ rotation.T + position) * mirror
+    np.testing.assert_allclose(
+        poses['spheres'].position[[1, 6, 11, 16, 20]], found, atol=1e-9)
+    moved = np.linalg.norm(poses['spheres'].position - poses['rigid'].position, axis=1)
+    assert (moved[[1, 16]] > 1e-3).all()
+
+
+def test_with_fabrik_markers_on_the_tips_keep_the_coupling():
+    tips = MarkerLayout(places=('wrist', 'index_mcp', 'little_mcp', 'index_tip', 'middle_tip',
+                                'ring_tip', 'little_tip', 'thumb_tip'))
+    pose = forward(joint_table(HAND), bent(.4, pip=.7), None, None)
+    markers = marker_positions(tips.mounting(HAND), pose, None, None)
+    markers[3:] += .004  # which no pose within the coupling reaches
+    state = HandTracker(HAND, tips, replace(HELD, finger_ik='fabrik')).update(markers, 0.)
+    second, third = state.angles[FLEXION_JOINTS[:, 1]], state.angles[FLEXION_JOINTS[:, 2]]
+    np.testing.assert_allclose(
+        third, HAND.coupling[:, 0] * second + HAND.coupling[:, 1], atol=1e-9)
 
 
 def test_a_fist_is_solved_in_its_first_frame():

@@ -107,15 +107,20 @@ def predict_track(tracks: Tracks, row: int, move: Vector, drift: Vector, step: f
         Displacement since the last frame by the neighbours' motion [m].
     drift : Vector
         Velocity by the neighbours' motion: in the first hidden frame the marker's own
-        velocity is its pace minus this [m/s].
+        velocity is its pace, or the filter's, minus this [m/s].
     step : float
         Time since the last frame [s].
     fading : float
-        Time constant of its own motion; 0 for none [s].
+        Time constant of its own motion; 0 for none, infinity for all the motion of its filter,
+        with acceleration and turn [s].
     """
     mean = tracks.mean[row]
     before = vector(mean)
     for k in range(3):
+        if math.isinf(fading):
+            if tracks.seen[row]:
+                mean[3 + k] -= drift[k]
+            continue
         if tracks.seen[row]:
             mean[3 + k] = tracks.pace[row, k] - drift[k]
         # Integrated twice, the noise of the acceleration would dominate.

@@ -178,7 +178,6 @@ def solve_digit(chains: Chains, digit: int, target: Vector, angles: np.ndarray, 
     upper = chains.upper
     bones = chains.bones[digit]
     hinges = chains.hinges[digit]
-    droop = chains.droop[digit]
     tilt = chains.tilt[digit]
     linkage = linkage_of(chains, digit)
     sign = chains.sign[digit]
@@ -200,24 +199,15 @@ def solve_digit(chains: Chains, digit: int, target: Vector, angles: np.ndarray, 
 
     used = 0
     if by_fabrik:
-        joints = FLEXION_JOINTS[digit][:hinges]
-        lows = lower[joints]
-        highs = upper[joints]
-        bends = angles[joints]
-        lows[-1] += droop
-        highs[-1] += droop
-        bends[-1] += droop
-        used = fabrik(along, height, bones[:hinges], lows, highs, bends, tolerance, iterations)
-        bends[-1] -= droop
-        for i in range(hinges):
-            angles[joints[i]] = bends[i]
+        angles[first], angles[second], used = fabrik(
+            along, height, linkage, hinges, (angles[first], angles[second]), tolerance, iterations)
     elif hinges == 2:
         angles[first], angles[second] = solve_two_bone(
             along, height, linkage, NATURAL_FLEXION_RATIO[digit], angles[second], step)
     else:
         angles[first], angles[second], angles[third] = solve_three_bone(
             along, height, linkage, chains.start[digit])
-    if hinges == 2:
+    if hinges == 2 or by_fabrik:
         angles[third] = coupled_angle(linkage, angles[second])
     # Rounding of droop and sign may step past a limit.
     for joint in (abduction, first, second, third):

@@ -3,36 +3,36 @@
 The paper's solver, made dependable: signed angles are clamped in both passes, so that nothing
 breaks at 90 degrees; a straight chain starts slightly bent, as FABRIK never leaves a line
 through a collinear target; the best iterate is returned, and stagnation ends the iteration.
+Of a chain of three hinges the coupled two last bones are one rigid bone in each iteration, so
+that the intradigital correlation holds in every iterate.
 """
 
 import math
 
-import numpy as np
-
 from ..numerics.jit import jit
-from ..numerics.vectors import clamp, clamp_angle
-from .two_bone import flexion_of
+from ..numerics.vectors import clamp, clamp_angle, wrap_angle
+from .three_bone import coupled_angle, coupled_end
+from .two_bone import Linkage, flexion_of
 
-MIN_START_FLEXION = 0.1  # [rad] of the inner hinges
+MIN_START_FLEXION = 0.1  # [rad] of the second hinge
 STAGNATION_GAIN = 1e-3   # [1] share of the error that STAGNATION_PERIOD iterations must gain
 STAGNATION_PERIOD = 8
 
 
 @jit
-def fabrik(along: float, height: float, bones: np.ndarray, lower: np.ndarray, upper: np.ndarray,
-           angles: np.ndarray, tolerance: float, iterations: int) -> int:
-    """Solve a planar chain for its target by FABRIK, within the limits of its hinges.
+def fabrik(along: float, height: float, linkage: Linkage, hinges: int, start: tuple[float, float],
+           tolerance: float, iterations: int) -> tuple[float, float, int]:
+    """Solve a digit's chain for its marker by FABRIK, within the limits of its hinges.
 
     Parameters
     ----------
     along, height : float
         The target from the first hinge [m].
-    bones : ndarray, shape (n,)
-        Lengths [m].
-    lower, upper : ndarray, shape (n,)
-        Limits of each hinge, the first one's against the x axis [rad].
-    angles : ndarray, shape (n,)
-        Flexion of each hinge: the start, replaced by the solution [rad].
+    linkage : Linkage
+    hinges : int
+        2, or 3 of which the third is coupled to the second.
+    start : (float, float)
+        First and second flexion to start from [rad].
     tolerance : float
         Distance from the target at which the iteration stops [m].
     iterations : int
@@ -40,71 +40,61 @@ def fabrik(along: float, height: float, bones: np.ndarray, lower: np.ndarray, up
 
     Returns
     -------
-    int
+    first, second : float
+        Angles of flexion [rad].
+    used : int
         Iterations used.
     """
-    n = len(bones)
-    x = np.zeros(n + 1)
-    z = np.zeros(n + 1)
-    heading = np.zeros(n)
-    for i in range(n):
-        bend = angles[i]
-        if i > 0:
-            bend = max(bend, MIN_START_FLEXION)
-        angles[i] = clamp(bend, lower[i], upper[i])
-    _place(bones, angles, x, z, heading)
+    bone = linkage.bones[0]
+    lower1, upper1 = linkage.lower[0], linkage.upper[0]
+    lower2, upper2 = linkage.lower[1], linkage.upper[1]
+    second = clamp(max(start[1], MIN_START_FLEXION), lower2, upper2)
+    x, z = _end(linkage, hinges, 0.0, second)
     # Without aiming at the target first, a hinge that bends one way only hits its stop.
-    aim = flexion_of(along, height) - flexion_of(x[n], z[n])
-    angles[0] = clamp_angle(angles[0] + aim, lower[0], upper[0])
-    _place(bones, angles, x, z, heading)
-
-    best = math.hypot(x[n] - along, z[n] - height)
-    best_angles = angles.copy()
+    first = clamp_angle(flexion_of(along, height) - flexion_of(x, z), lower1, upper1)
+    x, z = _end(linkage, hinges, first, second)
+    best = math.hypot(x - along, z - height)
+    best1, best2 = first, second
     checked = best
     used = 0
     while used < iterations and best > tolerance:
         used += 1
-        x[n] = along
-        z[n] = height
-        for i in range(n - 1, -1, -1):
-            direction = flexion_of(x[i + 1] - x[i], z[i + 1] - z[i])
-            if i < n - 1:
-                direction = clamp_angle(
-                    direction, heading[i + 1] - upper[i + 1], heading[i + 1] - lower[i + 1])
-            heading[i] = direction
-            x[i] = x[i + 1] - bones[i] * math.cos(direction)
-            z[i] = z[i + 1] + bones[i] * math.sin(direction)
-        x[0] = 0.0
-        z[0] = 0.0
-        base = 0.0
-        for i in range(n):
-            direction = flexion_of(x[i + 1] - x[i], z[i + 1] - z[i])
-            angles[i] = clamp_angle(direction - base, lower[i], upper[i])
-            base += angles[i]
-            heading[i] = base
-            x[i + 1] = x[i] + bones[i] * math.cos(base)
-            z[i + 1] = z[i] - bones[i] * math.sin(base)
-        error = math.hypot(x[n] - along, z[n] - height)
+        rest, lean = _rest_of_chain(linkage, hinges, second)
+        # Backward: the end at the target, the second hinge on the line to where it is.
+        heading = flexion_of(along - bone * math.cos(first), height + bone * math.sin(first))
+        x = along - rest * math.cos(heading)
+        z = height + rest * math.sin(heading)
+        heading -= lean
+        # Forward: the first hinge at the root.
+        first = clamp_angle(
+            clamp_angle(flexion_of(x, z), heading - upper2, heading - lower2), lower1, upper1)
+        heading = flexion_of(along - bone * math.cos(first), height + bone * math.sin(first))
+        second = clamp_angle(heading - first - lean, lower2, upper2)
+        x, z = _end(linkage, hinges, first, second)
+        error = math.hypot(x - along, z - height)
         if error < best:
-            best = error
-            for i in range(n):
-                best_angles[i] = angles[i]
+            best, best1, best2 = error, first, second
         if used % STAGNATION_PERIOD == 0:
             if best > (1.0 - STAGNATION_GAIN) * checked:
                 break
             checked = best
-    for i in range(n):
-        angles[i] = best_angles[i]
-    return used
+    return best1, best2, used
 
 
 @jit
-def _place(bones: np.ndarray, angles: np.ndarray, x: np.ndarray, z: np.ndarray,
-           heading: np.ndarray) -> None:
-    """Write the joints (n + 1,) [m] and headings (n,) [rad] of a chain at given angles."""
-    base = 0.0
-    for i in range(bones.shape[0]):
-        base += angles[i]
-        heading[i] = base
-        x[i + 1] = x[i] + bones[i] * math.cos(base)
-        z[i + 1] = z[i] - bones[i] * math.sin(base)
+def _rest_of_chain(linkage: Linkage, hinges: int, second: float) -> tuple[float, float]:
+    """Return the distance from second hinge to marker, and its flexion there beyond `second`."""
+    if hinges == 2:
+        return linkage.bones[1], linkage.droop
+    x, y = coupled_end(linkage, second, coupled_angle(linkage, second))
+    ahead = x - linkage.bones[0]
+    return math.hypot(ahead, y), wrap_angle(math.atan2(y, ahead) - second)
+
+
+@jit
+def _end(linkage: Linkage, hinges: int, first: float, second: float) -> tuple[float, float]:
+    """Return the marker's place along and above the plane's axis [m]."""
+    rest, lean = _rest_of_chain(linkage, hinges, second)
+    bent = first + second + lean
+    return (linkage.bones[0] * math.cos(first) + rest * math.cos(bent),
+            -linkage.bones[0] * math.sin(first) - rest * math.sin(bent))

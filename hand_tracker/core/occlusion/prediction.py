@@ -30,7 +30,8 @@ class Prediction(NamedTuple):
     smoothing : bool
         Whether a seen marker's position is the filtered one.
     inertia : float
-        Time constant in which a hidden marker's own motion fades; 0 switches it off [s].
+        Time constant in which a hidden marker's own motion fades; 0 switches it off, infinity
+        is the paper's VTM-UKF, which does not fade [s].
     palm_from_fingers : bool
         Whether the fingers' markers correct hidden palm markers.
     transdigital_memory : float

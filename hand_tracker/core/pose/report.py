@@ -17,6 +17,8 @@ from ..numerics.vectors import Vector, add, clamp, distance, frame, rotate, vect
 # Deviations at which confidence falls to 1/e; both are alike on a digit 50 mm long.
 CONFIDENCE_MARKER_SPREAD = .01  # [m] standard deviation of a marker
 CONFIDENCE_ANGLE_OFFSET = .2    # [rad] of an angle from its solution
+# First link of each digit that hangs on the joint of its chain's root: MCP, the thumb's CMC.
+FIRST_LINKS = np.array((1, 6, 11, 16, 20))
 
 
 class Report(NamedTuple):
@@ -88,6 +90,31 @@ def mean_residual(residuals: np.ndarray) -> float:
 def deviation(covariance: np.ndarray) -> float:
     """Return a marker's standard deviation on an axis by its track's covariance (9, 9) [m]."""
     return math.sqrt((covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) / 3.)
+
+
+@jit
+def hang_digits(roots: np.ndarray, hand_roots: np.ndarray, mirror: np.ndarray,
+                report: Report) -> None:
+    """Shift the links of each digit to its first joint as the paper's spheres found it.
+
+    Parameters
+    ----------
+    roots, hand_roots : ndarray, shape (5, 3)
+        First joints as found and on the hand, in the frame of a right hand's wrist [m].
+    mirror : ndarray, shape (3,)
+        As for `write_pose`.
+    report : Report
+        With the pose; changed.
+    """
+    axes = frame(report.wrist_rotation)
+    for digit in range(5):
+        shift = rotate(axes, (
+            mirror[0] * (roots[digit, 0] - hand_roots[digit, 0]),
+            mirror[1] * (roots[digit, 1] - hand_roots[digit, 1]),
+            mirror[2] * (roots[digit, 2] - hand_roots[digit, 2])))
+        for link in range(FIRST_LINKS[digit], 5 * digit + 5):
+            for k in range(3):
+                report.link_positions[link, k] += shift[k]
 
 
 @jit

@@ -57,6 +57,26 @@ def test_a_hidden_marker_goes_on_and_then_fades():
     np.testing.assert_allclose(path[-1] - last, FADING * VELOCITY, rtol=.1)
 
 
+def test_without_fading_it_goes_on_turning_as_the_filter_has_it():
+    """The paper's prediction (VTM-UKF): velocity, acceleration and turn."""
+    radius, rate = .05, 6.
+
+    def place(frame):
+        angle = rate * STEP * frame
+        return radius * np.array((np.cos(angle), np.sin(angle), 0.))
+
+    errors = []
+    for fading in (np.inf, 1e6):
+        tracks = initial_tracks(np.zeros((1, 3)))
+        for frame in range(240):
+            update_track(tracks, 0, tuple(place(frame)), STEP, NOISE, True)
+            tracks.seen[0] = True
+        path = carried(tracks, 24, fading=fading)
+        errors.append(np.linalg.norm(path[-1] - place(263)))
+    turning, straight = errors
+    assert turning < .3 * straight
+
+
 def test_without_inertia_it_stays():
     tracks, last = followed(smooth=False)
     np.testing.assert_allclose(carried(tracks, 50, fading=0.), np.tile(last, (50, 1)), atol=1e-4)

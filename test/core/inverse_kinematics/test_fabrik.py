@@ -1,12 +1,16 @@
 """FABRIK with hinge limits: agrees with the closed form, and survives its known traps."""
 
 import numpy as np
+import pytest
 
 from hand_tracker.core.inverse_kinematics.fabrik import fabrik
+from hand_tracker.core.inverse_kinematics.three_bone import coupled_angle
 from hand_tracker.core.inverse_kinematics.two_bone import Linkage, solve_two_bone
 
 BONES = np.array((.045, .026))
 LOWER, UPPER = np.radians((-10., -10.)), np.radians((85., 95.))
+TWO_HINGES = Linkage((*BONES, 0.), 0., (*LOWER, 0.), (*UPPER, 0.), 0., 0.)
+THREE_BONES = np.array((.045, .026, .018))
 
 
 def end(angles, bones=BONES):
@@ -15,17 +19,15 @@ def end(angles, bones=BONES):
 
 
 def solve(target, start=(0., 0.), tolerance=1e-6, iterations=5000):
-    angles = np.array(start, dtype=float)
-    used = fabrik(*target, BONES, LOWER, UPPER, angles, tolerance, iterations)
-    return angles, used
+    *angles, used = fabrik(*target, TWO_HINGES, 2, tuple(start), tolerance, iterations)
+    return np.array(angles), used
 
 
 def test_agrees_with_the_closed_form():
-    linkage = Linkage((*BONES, 0.), 0., (*LOWER, 0.), (*UPPER, 0.), 0., 0.)
     rng = np.random.default_rng(1)
     for truth in rng.uniform((LOWER[0], np.radians(10.)), UPPER, size=(300, 2)):
         found, _ = solve(end(truth), start=rng.uniform(LOWER, UPPER))
-        exact = solve_two_bone(*end(truth), linkage, 0., 0., 0.)
+        exact = solve_two_bone(*end(truth), TWO_HINGES, 0., 0., 0.)
         np.testing.assert_allclose(found, exact, atol=np.radians(.2))
 
 
@@ -68,3 +70,22 @@ def test_needs_more_iterations_the_straighter_the_finger():
     used = [solve(end(np.radians((10., pip))), start=np.radians((10., pip + 5.)),
                   tolerance=1e-5)[1] for pip in (60., 30., 12.)]
     assert used[0] < used[1] < used[2]
+
+
+@pytest.mark.parametrize('slope, offset, droop', [(.4, 0., 0.), (.8, 0., .1), (1., .1, -.1)])
+def test_three_hinges_keep_their_coupling_in_every_iterate(slope, offset, droop):
+    linkage = Linkage(tuple(THREE_BONES), droop, (*LOWER, LOWER[1]), (*UPPER, UPPER[1]), slope,
+                      offset)
+    rng = np.random.default_rng(2)
+    for first, second in rng.uniform((LOWER[0], .2), (UPPER[0], 1.4), size=(100, 2)):
+        third = coupled_angle(linkage, second)
+        target = end(np.array((first, second, third + droop)), THREE_BONES)
+        near = (clip_to_limits(first + rng.normal(scale=.2), 0),
+                clip_to_limits(second + rng.normal(scale=.2), 1))
+        found1, found2, used = fabrik(*target, linkage, 3, near, 1e-6, 500)
+        np.testing.assert_allclose((found1, found2), (first, second), atol=np.radians(.1))
+        assert used > 0
+
+
+def clip_to_limits(angle, hinge):
+    return float(np.clip(angle, LOWER[hinge], UPPER[hinge]))
