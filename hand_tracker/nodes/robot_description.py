@@ -9,27 +9,31 @@ PUBLISHER = 'robot_state_publisher'  # node of the launch file, in the namespace
 
 
 class RobotDescription:
-    """Set `robot_description` of the robot_state_publisher beside a node.
+    """The `robot_description` of the robot_state_publisher beside a node.
 
     Parameters
     ----------
     node : Node
+    urdf : str
+        That robot_state_publisher was started with.
+
+    Attributes
+    ----------
+    wanted : str
+        URDF that it is to have.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, urdf: str) -> None:
+        self.wanted = self._sent = urdf
         self._node = node
         self._client = node.create_client(SetParameters, f'{PUBLISHER}/set_parameters')
 
-    def send(self, urdf: str) -> None:
-        """Replace the URDF, where a robot_state_publisher runs.
-
-        Parameters
-        ----------
-        urdf : str
-        """
-        if not self._client.service_is_ready():
+    def update(self) -> None:
+        """Send the wanted URDF if it is another, as soon as robot_state_publisher runs."""
+        if self.wanted == self._sent or not self._client.service_is_ready():
             return
-        description = Parameter('robot_description', Parameter.Type.STRING, urdf)
+        self._sent = self.wanted
+        description = Parameter('robot_description', Parameter.Type.STRING, self.wanted)
         done = self._client.call_async(
             SetParameters.Request(parameters=[description.to_parameter_msg()]))
         done.add_done_callback(self._check)

@@ -83,7 +83,6 @@ class TrackerNode(Node):
         auto_size = (AutoSize(self._settings.hand, layout, in_background=True)
                      if learns_size(start) else None)
         self._stream = Stream(self._tracker, self._new_reader(), auto_size)
-        self._hands_shown = 0
         self._fast_path: FastPath | None = None
         self._loaded_fast_path: FastPath | None = None
         self._prepare_kernels(start['fast_path'])
@@ -93,7 +92,9 @@ class TrackerNode(Node):
                                 start['broadcast'])
         self._hand_markers = self.create_publisher(
             MarkerArray, 'hand_markers', qos['hand_markers'])
-        self._descriptions = RobotDescription(self)
+        # The launch file gives robot_state_publisher the hand of the hand file.
+        self._description = RobotDescription(self, urdf(self._hand, self._names.prefix))
+        self._hand_shown = self._hand
         self._display = RateLimiter()
         self._tips = tip_offsets(self._hand)
         self._diagnostics = self.create_publisher(
@@ -114,8 +115,7 @@ class TrackerNode(Node):
         self.create_timer(REPORT_PERIOD, self._report, clock=STEADY_CLOCK)
         self.create_timer(STATUS_PERIOD, self._publish_status_of_all, clock=STEADY_CLOCK)
         self._latest: tuple[Time, str, HandState] | None = None
-        # Frames of the slow path, and when they were published [s], until they are monitored.
-        self._published: list[tuple[TrackedFrame, float]] = []
+        self._published: list[TrackedFrames] = []  # that are not monitored yet
         self._has_viewers = False
         self._hand_services = HandServices(self, start, self._hand.side, layout)
         self.get_logger().info(
@@ -180,7 +180,7 @@ class TrackerNode(Node):
                 or not self._is_served_by_events or not self._tracker.is_compiled):
             return
         self._fast_path = self._loaded_fast_path
-        self._fast_path.start(self, self._subscription, self._drain, self._on_markers)
+        self._fast_path.start(self, self._subscription, self._drain_fast_path, self._on_markers)
 
     @property
     def subscriptions(self) -> Iterator[Any]:
@@ -252,7 +252,7 @@ class TrackerNode(Node):
                                     'used (mocap_frame)')
         if frame.is_valid and not self._replies.publish(frame):
             self._monitor.warn_once('repeated', 'stamps repeat: /tf has each stamp only once')
-        self._published.append((frame, time.monotonic()))
+        self._published.append(TrackedFrames.of(frame, time.monotonic()))
         self._latest = frame.stamp, frame.frame_id, frame.state
         if not frame.is_valid:
             return
@@ -270,20 +270,24 @@ class TrackerNode(Node):
             self._tracker.kernel_arguments(), signature, frame.stamp,
             self._settings.unit_scale, self._settings.zero_is_missing, self._replies.templates())
 
-    def _drain(self) -> None:
-        """Monitor the frames that were published since, by either path."""
-        published, self._published = self._published, []
-        batches = [TrackedFrames.of(frame, when) for frame, when in published]
+    def _drain_fast_path(self) -> None:
+        """Take over the frames that the fast path has processed, before those that follow."""
         frames = None if self._fast_path is None else self._fast_path.drain()
-        if frames is not None and self._latest is not None:
-            self._replies.published_until(frames.stamp)
-            self._latest = frames.stamp, self._latest[1], frames.state
-            batches.append(frames)
-        if frames is not None and self._has_viewers:
+        if frames is None or self._latest is None:
+            return
+        self._replies.published_until(frames.stamp)
+        self._latest = frames.stamp, self._latest[1], frames.state
+        self._published.append(frames)
+        if self._has_viewers:
             self._show()
-        for batch in batches:
-            if self._monitor.update(batch):
-                self._publish_status(batch.published[-1])
+
+    def _drain(self) -> None:
+        """Monitor the frames that either path has published since."""
+        self._drain_fast_path()
+        published, self._published = self._published, []
+        for frames in published:
+            if self._monitor.update(frames):
+                self._publish_status(frames.published[-1])
 
     def _on_distal_flexion(self, message: JointState) -> None:
         unknown = self._distal_flexion.received(
@@ -372,8 +376,9 @@ class TrackerNode(Node):
     def _report(self) -> None:
         self._drain()
         self._start_fast_path()
-        if self._hands_shown != self._stream.hand_changes:
+        if self._hand_shown is not self._tracker.hand:
             self._show_hand()
+        self._description.update()
         if self._hand_services.update():
             self._publish_status(time.monotonic())
         if self._replies.follow_listeners() and self._fast_path is not None:
@@ -389,12 +394,11 @@ class TrackerNode(Node):
                 log.info(line)
 
     def _show_hand(self) -> None:
-        """Give the learned or loaded hand to all that shows it."""
-        self._hands_shown = self._stream.hand_changes
-        hand = self._tracker.hand
+        """Give a hand that was learned, loaded or given other limits to all that shows it."""
+        hand = self._hand_shown = self._tracker.hand
         self._tips = tip_offsets(hand)
         self._replies.show_tips(hand)
-        self._descriptions.send(urdf(hand, self._names.prefix))
+        self._description.wanted = urdf(hand, self._names.prefix)
 
     def _follow_viewers(self) -> None:
         """Draw while somebody looks; for that, drain the fast path at the display's rate."""

@@ -132,15 +132,12 @@ class Stream:
         None where the kernels were ready, or there is no numba.
     take : LiveTake or None
         What collects the markers of each frame for a calibration.
-    hand_changes : int
-        Times that the tracker's hand has changed: its size learned, or replaced.
     """
 
     def __init__(self, tracker: HandTracker, reader: Reader,
                  auto_size: AutoSize | None = None) -> None:
         self.tracker, self.reader = tracker, reader
         self.take: LiveTake | None = None
-        self.hand_changes = 0
         self._auto_size = auto_size
         self.compilation: Compilation | None = None
         self._blends = False
@@ -247,7 +244,6 @@ class Stream:
     def _change_hand(self, hand: Hand, layout: MarkerLayout | None = None,
                      options: TrackerOptions | None = None) -> None:
         self.tracker.configure(hand, layout, options)
-        self.hand_changes += 1
         self._blends, self._blended_since = True, None
 
     def _blend_in(self, time: float | None) -> None:

@@ -8,6 +8,7 @@ import time
 from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -393,6 +394,22 @@ def check_confidence(bench, whole, without_index, confidence):
         assert list(confidence[-1].name) == list(bench.joint_states[-1].name)
         assert np.array_equal(
             confidence[-1].position, tracker.update(frame, seconds(stamp)).confidence)
+
+
+def test_limits_reach_robot_state_publisher_at_the_start_and_at_run_time():
+    def limit():
+        shown.spin_for(.01)
+        robot = ElementTree.fromstring(shown.get_parameter('robot_description').value or '<robot/>')
+        found = robot.find("joint[@name='right_index_pip_flexion']/limit")
+        return None if found is None else round(np.degrees(float(found.get('upper'))), 6)
+
+    upper = 'limits.index_pip_flexion.upper_deg'
+    with tracking({upper: 100.}) as bench, watching_node('robot_state_publisher') as shown:
+        shown.declare_parameter('robot_description', '')
+        bench.meet(hand_at())
+        bench.node.repeat(lambda: bench.answer(hand_at()), lambda: limit() == 100., 0.)
+        assert bench.set({upper: 110.}).successful
+        bench.node.repeat(lambda: bench.answer(hand_at()), lambda: limit() == 110., 0.)
 
 
 def test_the_size_of_the_hand_is_learned_and_reaches_robot_state_publisher():
