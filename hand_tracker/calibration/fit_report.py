@@ -17,6 +17,7 @@ from .digit_chain import (
 )
 from .digit_fit import DigitFit, posture_starts
 from .marker_fit import FIT_STEPS, MarkerFit, fit_gathered
+from .natural_flexion import FlexionLine
 from .palm_template import PalmFit
 from .takes import Gathered
 
@@ -146,7 +147,8 @@ def report_fit(fit: MarkerFit, gathered: Gathered, rate: float,
     return FitReport(
         [MarkerResidual(name, miss, misses.get(name, np.nan)) for name, miss in fitted.items()],
         [parameter for digit, one in enumerate(fit.digits) if one is not None
-         for parameter in _parameters(digit, one, gathered, fit.palm)])
+         for parameter in (*_parameters(digit, one, gathered, fit.palm),
+                           *_flexion_parameters(digit, fit.flexions[digit]))])
 
 
 def marker_misses(fit: MarkerFit, gathered: Gathered) -> dict[str, float]:
@@ -217,6 +219,19 @@ def _parameters(digit: int, fit: DigitFit, gathered: Gathered,
                 deviation <= OBSERVED_SHARE * before
                 and (unit != METRES or deviation <= OBSERVED_DEVIATION)), advice))
     return found
+
+
+def _flexion_parameters(digit: int, line: FlexionLine | None) -> list[Parameter]:
+    """Return slope and offset of a digit's second flexion over the first."""
+    if line is None:
+        return []
+    names = 'MCP beside CMC' if DIGITS[digit] == 'thumb' else 'PIP beside MCP'
+    return [Parameter(
+        DIGITS[digit], f'{names}, {name}', float(factor * value), float(factor * deviation),
+        float(factor * before), unit, bool(deviation <= OBSERVED_SHARE * before),
+        'move it as you do at work') for name, unit, factor, value, deviation, before in zip(
+            ('slope', 'offset'), (PLAIN_NUMBER, RADIANS), (1., 180. / np.pi), line.row,
+            line.deviations, line.before)]
 
 
 def _mean(values: np.ndarray) -> float:

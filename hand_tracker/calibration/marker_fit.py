@@ -9,7 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model.hand import DIGITS, HAND_LENGTH_RANGE, Hand, preset_limits
+from ..core.model.hand import (
+    DIGITS,
+    FLEXION_JOINTS,
+    HAND_LENGTH_RANGE,
+    Hand,
+    average_natural_flexion,
+    preset_limits,
+)
 from ..core.model.marker_layout import MarkerLayout
 from .arrow_solver import solve_angles
 from .digit_chain import BONE_PART, ROOT_PART
@@ -25,6 +32,7 @@ from .fitted_hand import (
 from .least_squares import evenly_spaced
 from .marker_names import NamedMarker, is_knuckle, riding
 from .marker_residuals import DigitProblem
+from .natural_flexion import FlexionLine, fit_flexion_line
 from .palm_template import PalmFit, aligned, fit_palm, rigid_poses
 from .radii import thinned
 from .takes import Gathered, InvalidTake, MarkerTake, gather
@@ -60,6 +68,8 @@ class MarkerFit(NamedTuple):
     palm : PalmFit
     digits : tuple of DigitFit or None
         None where a digit has no marker.
+    flexions : tuple of FlexionLine or None
+        None where a digit has no second marker that would show its bend.
     length : float
         Of the hand, by its bones [m].
     postures : ndarray, shape (n, 25)
@@ -75,6 +85,7 @@ class MarkerFit(NamedTuple):
     mounts: dict[str, MarkerMount]
     palm: PalmFit
     digits: tuple[DigitFit | None, ...]
+    flexions: tuple[FlexionLine | None, ...]
     length: float
     postures: np.ndarray
     local: np.ndarray
@@ -135,12 +146,15 @@ def fit_gathered(gathered: Gathered, side: str, limits: np.ndarray | None = None
     digits = [_with_postures(fit, digit, gathered, shown, worn) for digit, fit in enumerate(fits)]
     hand, postures = fitted_hand(Hand.scaled(length, palm.breadth), digits, side,
                           preset_limits() if limits is None else limits)
+    flexions = _flexion_lines(gathered, postures)
+    hand = hand.replace(natural_flexion=[average if line is None else line.row for line, average
+                                         in zip(flexions, hand.natural_flexion)])
     if len(postures):
         hand = thinned(hand, np.clip(postures, *hand.limits.T))
     names = [gathered.names[i] for i in gathered.of(-1)]
     mounts = mount_markers(hand, digits, {name: palm.places[name] for name in names})
     return MarkerFit(hand, marker_layout(hand, worn, mounts), gathered.markers, worn, mounts, palm,
-                     tuple(fits), length, postures, shown)
+                     tuple(fits), flexions, length, postures, shown)
 
 
 def split_palm(gathered: Gathered) -> tuple[Gathered, PalmFit]:
@@ -240,3 +254,11 @@ def _with_postures(fit: DigitFit | None, digit: int, gathered: Gathered, local: 
     starts = posture_starts(DIGITS[digit] == 'thumb', fit.problem.posture)
     postures, _ = solve_angles(fit.problem._replace(points=points, weight=1.), fit.shape, starts)
     return FittedDigit(fit.problem.chain, fit.shape, _marked(gathered, digit, worn).names, postures)
+
+
+def _flexion_lines(gathered: Gathered, postures: np.ndarray) -> tuple[FlexionLine | None, ...]:
+    """Return how each digit's second flexion goes with the first in postures (n, 25)."""
+    return tuple(
+        fit_flexion_line(*postures[:, FLEXION_JOINTS[digit, :2]].T, average)
+        if sum(not is_knuckle(gathered.markers[i]) for i in gathered.of(digit)) > 1 else None
+        for digit, average in enumerate(average_natural_flexion()))

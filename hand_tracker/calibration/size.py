@@ -52,7 +52,7 @@ def fit_size(markers: ArrayLike, hand: Hand, layout: MarkerLayout | None = None)
     markers : array_like, shape (T, 8, 3)
         Some seconds, in the order of `MARKERS`, NaN where not seen [m].
     hand : Hand
-        Of which side, limits and coupling are kept.
+        Of which side, limits, coupling and natural flexion are kept.
     layout : MarkerLayout, optional
         Where the markers are worn; the paper's places when left out.
 
@@ -79,7 +79,8 @@ def fit_size(markers: ArrayLike, hand: Hand, layout: MarkerLayout | None = None)
     scales = _fit_fingers(local[:, len(PALM_MARKERS):-1], sized, layout,
                           float(np.clip(palm[:2].mean(), *PALM_SCALE_RANGE)))
     return _hand_of(palm, scales).replace(
-        side=hand.side, limits=hand.limits, coupling=hand.coupling)
+        side=hand.side, limits=hand.limits, coupling=hand.coupling,
+        natural_flexion=hand.natural_flexion)
 
 
 def _sides(palm: np.ndarray) -> np.ndarray:

@@ -24,10 +24,14 @@ from ..core.model.hand import (
     JOINTS,
     LENGTH_RANGE,
     LIMIT_PRESETS,
+    NATURAL_OFFSET_RANGE,
+    NATURAL_SLOPE_RANGE,
+    NATURAL_SPREAD_RANGE,
     POSITION_RANGE,
     SIDES,
     SLOPE_RANGE,
     Hand,
+    average_natural_flexion,
     preset_coupling,
     preset_limits,
 )
@@ -78,6 +82,9 @@ SPLAY = Quantity('degrees', 0, -45., 45.)
 DIRECTION = Quantity('', 3, -1e6, 1e6)
 SLOPE = Quantity('', 0, *SLOPE_RANGE)
 COUPLING_OFFSET = Quantity('degrees', 0, -90., 90.)
+NATURAL_SLOPE = Quantity('', 0, *NATURAL_SLOPE_RANGE)
+NATURAL_OFFSET = Quantity('degrees', 0, *(math.degrees(v) for v in NATURAL_OFFSET_RANGE))
+NATURAL_SPREAD = Quantity('degrees', 0, *(math.degrees(v) for v in NATURAL_SPREAD_RANGE))
 MARKER_OFFSET = Quantity('mm', 3, -1000. * OFFSET_RANGE, 1000. * OFFSET_RANGE)
 LIMIT = Quantity('degrees', 2, -math.degrees(ANGLE_RANGE), math.degrees(ANGLE_RANGE))
 
@@ -97,8 +104,10 @@ THUMB_FIELDS = {
     'rest_direction': ('thumb_rest_direction', DIRECTION),
 }
 COUPLING_FIELDS = {'slope': SLOPE, 'offset_deg': COUPLING_OFFSET}
+NATURAL_FIELDS = {
+    'slope': NATURAL_SLOPE, 'offset_deg': NATURAL_OFFSET, 'spread_deg': NATURAL_SPREAD}
 HAND_FILE_KEYS = ('side', 'length_mm', 'breadth_mm', *ROW_FIELDS, 'palm_radius_mm', 'thumb',
-                  'coupling', 'limits', 'markers')
+                  'coupling', 'natural_flexion', 'limits', 'markers')
 
 
 def load_hand(path: str | PathLike[str]) -> tuple[Hand, MarkerLayout]:
@@ -190,10 +199,12 @@ def save_hand(path: str | PathLike[str], hand: Hand, layout: MarkerLayout) -> No
     tree['thumb'] = {
         key: quantity.from_si(getattr(hand, field))
         for key, (field, quantity) in THUMB_FIELDS.items()}
-    tree['coupling'] = {
-        digit: {key: quantity.from_si(value)
-                for (key, quantity), value in zip(COUPLING_FIELDS.items(), row)}
-        for digit, row in zip(DIGITS, hand.coupling)}
+    for key, quantities, rows in (('coupling', COUPLING_FIELDS, hand.coupling),
+                                  ('natural_flexion', NATURAL_FIELDS, hand.natural_flexion)):
+        tree[key] = {
+            digit: {name: quantity.from_si(value)
+                    for (name, quantity), value in zip(quantities.items(), row)}
+            for digit, row in zip(DIGITS, rows)}
     tree['limits'] = {
         f'{joint}_deg': LIMIT.from_si(row) for joint, row in zip(JOINTS, hand.limits)}
     tree['markers'] = {
@@ -222,7 +233,10 @@ def _hand(tree: dict) -> Hand:
         ('length', 'length_mm', LENGTH), ('breadth', 'breadth_mm', BREADTH)) if key in tree}
     mean = Hand.scaled(**size)
     fields: dict[str, Any] = {'limits': _limits(tree.get('limits', 'paper')),
-              'coupling': _coupling(tree.get('coupling', 'natural'))}
+              'coupling': _coupling(tree.get('coupling', 'natural')),
+              'natural_flexion': _of_digits(
+                  'natural_flexion', _mapping('natural_flexion', tree.get('natural_flexion'), DIGITS),
+                  average_natural_flexion(), NATURAL_FIELDS)}
     if 'side' in tree:
         fields['side'] = _choice('side', tree['side'], SIDES)
     for key, (field, names, quantity) in ROW_FIELDS.items():
@@ -256,13 +270,19 @@ def _coupling(value: str | dict) -> np.ndarray:
     if isinstance(value, str):
         return preset_coupling(_choice('coupling', value, COUPLING_PRESETS))
     given = _mapping('coupling', value, ('preset', *DIGITS))
-    coupling = preset_coupling(
-        _choice('coupling.preset', given.get('preset', 'natural'), COUPLING_PRESETS))
+    return _of_digits('coupling', given, preset_coupling(
+        _choice('coupling.preset', given.get('preset', 'natural'), COUPLING_PRESETS)),
+        COUPLING_FIELDS)
+
+
+def _of_digits(where: str, given: dict, values: np.ndarray,
+               quantities: dict[str, Quantity]) -> np.ndarray:
+    """Return a row of quantities for each digit, (5, k): the given ones, else those of `values`."""
     for i, digit in enumerate(DIGITS):
-        for key, number in _mapping(f'coupling.{digit}', given.get(digit), COUPLING_FIELDS).items():
-            coupling[i, list(COUPLING_FIELDS).index(key)] = _number(
-                f'coupling.{digit}.{key}', number, COUPLING_FIELDS[key])
-    return coupling
+        for key, number in _mapping(f'{where}.{digit}', given.get(digit), quantities).items():
+            values[i, list(quantities).index(key)] = _number(
+                f'{where}.{digit}.{key}', number, quantities[key])
+    return values
 
 
 def _layout(markers: dict) -> MarkerLayout:

@@ -31,7 +31,8 @@ BONE_LINKS = tuple(
     for bone in SKINNED_BONES)
 SKIN_LINKS = tuple(sorted(set(BONE_LINKS)))
 RIGHT_TO_LEFT = (1., -1., 1.)
-FIELDS_WITHOUT_EFFECT = ('limits', 'coupling', 'side')  # on the skin of a right hand
+# On the skin of a right hand.
+FIELDS_WITHOUT_EFFECT = ('limits', 'coupling', 'natural_flexion', 'side')
 
 
 class SkinArrays(NamedTuple):

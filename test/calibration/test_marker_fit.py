@@ -10,9 +10,15 @@ from helpers.skin_markers import EVERY_JOINT, SKIN_OFFSET, WORN, simulated_take
 from hand_tracker.calibration.fit_report import marker_misses, report_fit
 from hand_tracker.calibration.fitted_hand import place_mounted
 from hand_tracker.calibration.marker_fit import fit_markers, hand_length
+from hand_tracker.calibration.natural_flexion import fit_flexion_line
 from hand_tracker.calibration.take_files import load_take
 from hand_tracker.calibration.takes import gather
-from hand_tracker.core.model.hand import Hand, preset_limits
+from hand_tracker.core.model.hand import (
+    FLEXION_JOINTS,
+    Hand,
+    average_natural_flexion,
+    preset_limits,
+)
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import marker_positions, require_solvable
 
@@ -75,10 +81,25 @@ def test_limits_are_widened_to_the_postures():
     assert (fit.hand.limits[:, 1] >= paper[:, 1]).all()
 
 
+def test_the_second_flexion_follows_the_first_as_in_the_take():
+    _, angles, fit = large_hand()
+    for digit, found in enumerate(fit.flexions):
+        true = fit_flexion_line(*angles[:, FLEXION_JOINTS[digit, :2]].T,
+                                average_natural_flexion()[digit])
+        flexions = np.percentile(angles[:, FLEXION_JOINTS[digit, 0]], (20., 50., 80.))
+        np.testing.assert_allclose(
+            found.row[0] * flexions + found.row[1], true.row[0] * flexions + true.row[1],
+            atol=np.radians(8. if digit == 4 else 4.))
+        np.testing.assert_array_equal(fit.hand.natural_flexion[digit], found.row)
+
+
 def test_eight_markers_alone_tell_the_length_and_little_else():
     take, _ = simulated_take(LARGE, WORN)
     fit = fit_markers([take])
     assert fit.worn == WORN
+    # One marker on a finger does not show which of two bends it has.
+    assert fit.flexions == (None,) * 5
+    np.testing.assert_array_equal(fit.hand.natural_flexion, average_natural_flexion())
     assert fit.length == pytest.approx(.205, abs=.008)
     report = report_fit(fit, gather([take]), take.rate)
     told = [one for one in report.parameters if one.observed and one.unit == 'mm']

@@ -40,14 +40,16 @@ def test_markers_on_the_skin_tell_it_by_their_offsets():
     np.testing.assert_allclose(found.finger_bones, hand.finger_bones, rtol=.02)
 
 
-def test_side_limits_and_coupling_are_kept_and_a_left_hand_is_a_mirror_image():
+def test_side_limits_and_couplings_are_kept_and_a_left_hand_is_a_mirror_image():
     right = Hand.scaled(.2, .09)
     left = right.mirrored()
-    given = Hand.scaled(side='left', limits=preset_limits('wide'), coupling=((.5, 0.),) * 5)
+    given = Hand.scaled(side='left', limits=preset_limits('wide'), coupling=((.5, 0.),) * 5,
+                        natural_flexion=((1., .1, .2),) * 5)
     found = fit_size(markers_of(left, MarkerLayout(), 'demo'), given)
     assert found.side == 'left'
     np.testing.assert_array_equal(found.limits, given.limits)
     np.testing.assert_array_equal(found.coupling, given.coupling)
+    np.testing.assert_array_equal(found.natural_flexion, given.natural_flexion)
     np.testing.assert_allclose(found.finger_bones, right.finger_bones, rtol=.02)
 
 

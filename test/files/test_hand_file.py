@@ -9,13 +9,23 @@ import pytest
 import yaml
 
 from hand_tracker.core.errors import HandTrackerError, InvalidHand
-from hand_tracker.core.model.hand import JOINTS, SIDES, Hand, preset_coupling, preset_limits
+from hand_tracker.core.model.hand import (
+    JOINTS,
+    SIDES,
+    Hand,
+    average_natural_flexion,
+    preset_coupling,
+    preset_limits,
+)
 from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
 from hand_tracker.files.hand_file import (
     BREADTH,
     COUPLING_OFFSET,
     HAND_FILE_KEYS,
     LENGTH,
+    NATURAL_OFFSET,
+    NATURAL_SLOPE,
+    NATURAL_SPREAD,
     RADIUS,
     SPLAY,
     THUMB_FIELDS,
@@ -141,6 +151,13 @@ def test_hand_written_file(write):
     assert layout.offsets[7] == pytest.approx((-.004, 0., .0085))
 
 
+def test_natural_flexion_of_single_digits(write):
+    hand, _ = load_hand(write('natural_flexion: {ring: {slope: -0.5, spread_deg: 8}}'))
+    natural = average_natural_flexion()
+    natural[2] = -.5, 0., np.radians(8.)
+    assert_same(hand, Hand.scaled(natural_flexion=natural))
+
+
 def test_coupling_of_a_preset_and_of_single_digits(write):
     hand, _ = load_hand(write('coupling: paper'))
     assert_same(hand, Hand.scaled(coupling=preset_coupling('paper')))
@@ -194,6 +211,10 @@ def test_coupling_of_a_preset_and_of_single_digits(write):
     ('coupling: strict', "coupling: 'strict'; allowed are natural, paper"),
     ('coupling: {preset: 0.8}', 'coupling.preset: 0.8; allowed are natural, paper'),
     ('coupling: {pinky: {slope: 1}}', 'coupling.pinky: unknown key'),
+    ('natural_flexion: {index: {spread_deg: 1}}',
+     'natural_flexion.index.spread_deg: 1; allowed is 2 to 90 degrees'),
+    ('natural_flexion: {index: {ratio: 1}}', 'natural_flexion.index.ratio: unknown key; allowed'),
+    ('natural_flexion: wide', "natural_flexion: 'wide'; expected a mapping of index, middle"),
     ('coupling: {index: 0.8}', 'coupling.index: 0.8; expected a mapping of slope, offset_deg'),
     ('thumb: {abduction_axis: [0, 0, 0]}', 'thumb_abduction_axis: [0. 0. 0.] has no direction'),
     ('finger_mcp_mm: {index: [80, -60, 0]}',
@@ -242,6 +263,9 @@ def test_files_that_are_no_text_are_refused(tmp_path):
     (RADIUS, lambda v: Hand.scaled(radii=np.full((5, 3), v))),
     (SPLAY, lambda v: Hand.scaled(splay=(v,) * 4)),
     (COUPLING_OFFSET, lambda v: Hand.scaled(coupling=((.8, v),) * 5)),
+    (NATURAL_SLOPE, lambda v: Hand.scaled(natural_flexion=((v, 0., .3),) * 5)),
+    (NATURAL_OFFSET, lambda v: Hand.scaled(natural_flexion=((1., v, .3),) * 5)),
+    (NATURAL_SPREAD, lambda v: Hand.scaled(natural_flexion=((1., 0., v),) * 5)),
 ])
 def test_ranges_in_human_units_are_the_hands(quantity, accept):
     for edge, beyond in ((quantity.lower, -1.), (quantity.upper, 1.)):

@@ -8,7 +8,7 @@ degrees of the second flexion; in a fist it is as much of abduction.
 Both angles have a Kalman filter of one state. It expects the angle to rest, and of each innovation
 that it has moved as far as that says: so noise is averaged, and motion beyond the noise followed
 within a frame or two, without the overshoot of a filter of velocity. Where the marker tells next
-to nothing, the natural ratio of the flexions decides. What is seen has the last word: the estimate
+to nothing, what is natural for the person decides (`Hand.natural_flexion`). What is seen has the last word: the estimate
 leaves the marker by no more than its noise, and the first flexion aims at it. Ours; no source.
 """
 
@@ -22,16 +22,17 @@ from ..numerics.jit import jit
 from ..numerics.vectors import Vector, clamp, clamp_angle, components, frame, subtract, vector
 from ..occlusion.prediction import Observation
 from .abduction_plane import FIST_NEAR, plane_direction
-from .digit import NATURAL_FLEXION_RATIO, Chains, linkage_of
+from .digit import Chains, linkage_of, natural_flexion_of
 from .three_bone import coupled_angle, coupled_end
-from .two_bone import MAX_SECOND_HINGE_SPEED, Linkage, flexion_of
+from .two_bone import AVERAGE_SPREAD, MAX_SECOND_HINGE_SPEED, Linkage, flexion_of
 
 SHOWING_TIME = .0045       # [s] in which a motion shows itself: of the mean innovation
 # [1] of a smoothed marker's noise: the errors of consecutive frames are alike.
 FLEXION_NOISE_VARIANCE = 2.4
 ABDUCTION_NOISE_VARIANCE = 4.   # more, as digits abduct more slowly than they bend
 FIST_CERTAIN = .28         # [1] of the reach in front of the joint, where the plane is certain
-# Weight of what is natural, as the variance of its mean over a second [rad² s].
+# Weight of what is natural, as the variance of its mean over a second [rad² s]; that of flexion at
+# the average spread.
 NATURAL_FLEXION_VARIANCE = 3e-4
 NEUTRAL_ABDUCTION_VARIANCE = 4e-3
 # Distance of the estimate from the marker: standard deviations, but never more than [m].
@@ -277,9 +278,11 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, sight: Sight,
     variance = min(variance, left) if sight.leap > 0. else left
     bent = angle >= straight
     angle += correction
-    natural = NATURAL_FLEXION_RATIO[digit] * _aim(linkage, hinges, target, angle)[0]
+    natural = natural_flexion_of(chains, digit)
+    usual = natural.offset + natural.slope * _aim(linkage, hinges, target, angle)[0]
+    looseness = natural.spread / AVERAGE_SPREAD
     correction, variance = pull_angle(
-        natural - angle, NATURAL_FLEXION_VARIANCE, sight.step, variance)
+        usual - angle, NATURAL_FLEXION_VARIANCE * looseness * looseness, sight.step, variance)
     angle += correction
     if not crossed:
         angle = max(angle, straight) if bent else min(angle, straight)

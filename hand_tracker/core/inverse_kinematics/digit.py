@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS, RELAXED_FINGERS, RELAXED_THUMB, Hand
+from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS, Hand
 from ..model.kinematics import ABDUCTION_SIGN, digit_base
 from ..model.marker_layout import MARKERS, Mounting
 from ..numerics.jit import jit, packed
@@ -17,12 +17,9 @@ from ..numerics.vectors import Vector, clamp, components, frame, vector
 from .abduction_plane import plane_abduction
 from .fabrik import fabrik
 from .three_bone import coupled_angle, solve_three_bone, straightest
-from .two_bone import Linkage, solve_two_bone
+from .two_bone import Linkage, NaturalFlexion, solve_two_bone
 
 Pack = Any  # sequence of one record, from `numerics.jit.packed`
-# [1] second flexion over the first between the straight and the relaxed hand, (5,)
-NATURAL_FLEXION_RATIO = np.array([
-    second / first for first, second in (*RELAXED_FINGERS, RELAXED_THUMB[1::2])])
 
 
 class Chains(NamedTuple):
@@ -52,6 +49,8 @@ class Chains(NamedTuple):
         Limits [rad].
     coupling : ndarray, shape (5, 2)
         Slope and offset of the third flexion over the second [1, rad].
+    natural : ndarray, shape (5, 3)
+        Slope, offset and spread of the second flexion over the first [1, rad, rad].
     measured : ndarray of bool, shape (5,)
         Whether a measured last joint replaces the coupling.
     """
@@ -68,6 +67,7 @@ class Chains(NamedTuple):
     lower: np.ndarray
     upper: np.ndarray
     coupling: np.ndarray
+    natural: np.ndarray
     measured: np.ndarray
 
 
@@ -96,7 +96,8 @@ def chains(hand: Hand, mounting: Mounting) -> Chains:
     lower, upper = hand.limits.T.copy()
     pack, found = packed(Chains(
         root, base, tilt, np.where(third, 3, 2), bones, droop, markers[:, 1].copy(), np.zeros(5),
-        np.array(ABDUCTION_SIGN), lower, upper, hand.coupling.copy(), np.zeros(5, dtype=bool)))
+        np.array(ABDUCTION_SIGN), lower, upper, hand.coupling.copy(),
+        hand.natural_flexion.copy(), np.zeros(5, dtype=bool)))
     # Without a measured flexion this finds `start`.
     measure(pack, np.full(5, np.nan), pack)
     return found
@@ -144,6 +145,13 @@ def linkage_of(chains: Chains, digit: int) -> Linkage:
                    (lower[first], lower[second], lower[third]),
                    (upper[first], upper[second], upper[third]),
                    chains.coupling[digit, 0], chains.coupling[digit, 1])
+
+
+@jit
+def natural_flexion_of(chains: Chains, digit: int) -> NaturalFlexion:
+    """Return the `NaturalFlexion` of a digit."""
+    natural = chains.natural[digit]
+    return NaturalFlexion(natural[0], natural[1], natural[2])
 
 
 @jit
@@ -203,7 +211,7 @@ def solve_digit(chains: Chains, digit: int, target: Vector, angles: np.ndarray, 
             along, height, linkage, hinges, (angles[first], angles[second]), tolerance, iterations)
     elif hinges == 2:
         angles[first], angles[second] = solve_two_bone(
-            along, height, linkage, NATURAL_FLEXION_RATIO[digit], angles[second], step)
+            along, height, linkage, natural_flexion_of(chains, digit), angles[second], step)
     else:
         angles[first], angles[second], angles[third] = solve_three_bone(
             along, height, linkage, chains.start[digit])

@@ -6,11 +6,15 @@ Angles of flexion count from x towards -z in the digit's plane.
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from ..model.hand import NATURAL_FLEXION_SPREAD
 from ..numerics.jit import jit
 from ..numerics.vectors import clamp, clamp_angle, wrap_angle
 
 # Costs that choose between two bends of equal fit, in turns of the second hinge [rad]. Ours.
-UNNATURAL_COST = 3.0        # [1] per distance from the natural flexion beside the first
+UNNATURAL_COST = 3.0        # [1] per distance from the natural flexion, of the average spread
+AVERAGE_SPREAD = float(np.radians(NATURAL_FLEXION_SPREAD))  # [rad]
 HYPEREXTENSION_COST = 6.0   # [1] per extension of both beyond zero
 MISS_PER_RADIAN = 1e-3      # [m/rad] of the marker
 MAX_SECOND_HINGE_SPEED = 15.0  # [rad/s] of the turn to the chosen bend, as of quick fingers
@@ -40,6 +44,20 @@ class Linkage(NamedTuple):
     offset: float
 
 
+class NaturalFlexion(NamedTuple):
+    """Second flexion that a person holds beside the first: slope first + offset.
+
+    Attributes
+    ----------
+    slope, offset, spread : float
+        Line, and standard deviation from it [1, rad, rad].
+    """
+
+    slope: float
+    offset: float
+    spread: float
+
+
 @jit
 def flexion_of(along: float, height: float) -> float:
     """Return the angle of flexion of a direction in the plane [rad]."""
@@ -47,8 +65,8 @@ def flexion_of(along: float, height: float) -> float:
 
 
 @jit
-def solve_two_bone(along: float, height: float, linkage: Linkage, natural: float, previous2: float,
-                   step: float) -> tuple[float, float]:
+def solve_two_bone(along: float, height: float, linkage: Linkage, natural: NaturalFlexion,
+                   previous2: float, step: float) -> tuple[float, float]:
     """Return the two flexions that bring the end of a two-bone chain nearest the target.
 
     The bend in flexion is unique, unless the end droops dorsally, as a marker on the skin
@@ -62,8 +80,8 @@ def solve_two_bone(along: float, height: float, linkage: Linkage, natural: float
     along, height : float
         The target from the first hinge [m].
     linkage : Linkage
-    natural : float
-        Second flexion over the first, of a hand at ease [1].
+    natural : NaturalFlexion
+        Read where two bends fit alike.
     previous2 : float
         Previous second flexion, read where two bends fit alike [rad].
     step : float
@@ -83,10 +101,12 @@ def solve_two_bone(along: float, height: float, linkage: Linkage, natural: float
     best1 = 0.0
     best2 = 0.0
     least = math.inf
+    unnatural = UNNATURAL_COST * (AVERAGE_SPREAD / natural.spread)
     for sign, low, high in ((1.0, straight, upper2), (-1.0, lower2, straight)):
         angle1, angle2, miss = solve_bend(along, height, linkage, sign, low, high)
         cost = (abs(angle2 - previous2)
-                + UNNATURAL_COST * abs(angle2 - natural * max(angle1, 0.0))
+                + unnatural * abs(
+                    angle2 - (natural.offset + natural.slope * max(angle1, 0.0)))
                 + HYPEREXTENSION_COST * (max(-angle1, 0.0) + max(-angle2, 0.0))
                 + miss / MISS_PER_RADIAN)
         if cost < least:

@@ -102,12 +102,17 @@ THUMB_COUPLING = (1., 0.)      # IP against MCP, in each preset; ours
 # Res. 14 (2020)); the amounts, and the thumb, are ours, near the medians of captured hands.
 RELAXED_FINGERS = ((15, 25), (20, 30), (20, 35), (25, 35))
 RELAXED_THUMB = (10, 5, 0, 10)
+# [degrees] of the second flexion from the natural one beside the first; ours.
+NATURAL_FLEXION_SPREAD = 20
 
 LENGTH_RANGE = (.005, .2)      # [m] of one bone
 POSITION_RANGE = .3            # [m] of a joint from the wrist
 ANGLE_RANGE = np.pi            # [rad] of a limit
 SLOPE_RANGE = (0., 5.)         # [1] of a coupling
 COUPLING_OFFSET_RANGE = (-np.pi / 2, np.pi / 2)  # [rad]
+NATURAL_SLOPE_RANGE = (-2., 5.)                  # [1] of a natural flexion
+NATURAL_OFFSET_RANGE = (-np.pi / 2, np.pi / 2)   # [rad]
+NATURAL_SPREAD_RANGE = tuple(np.radians((2., 90.)))  # [rad]
 RADIUS_RANGE = (.001, .05)     # [m] of a capsule
 SPLAY_RANGE = np.pi / 4        # [rad] to either side
 HAND_LENGTH_RANGE = (.10, .26)   # [m]
@@ -168,6 +173,18 @@ def preset_coupling(preset: str = 'natural') -> np.ndarray:
     return np.array((COUPLING_PRESETS[preset],) * len(FINGERS) + (THUMB_COUPLING,))
 
 
+def average_natural_flexion() -> np.ndarray:
+    """Return the natural flexion of an average person, between the straight and the relaxed hand.
+
+    Returns
+    -------
+    ndarray, shape (5, 3)
+        As `Hand.natural_flexion` [1, rad, rad].
+    """
+    return np.array([(second / first, 0., np.radians(NATURAL_FLEXION_SPREAD))
+                     for first, second in (*RELAXED_FINGERS, RELAXED_THUMB[1::2])])
+
+
 @dataclass(frozen=True, eq=False)
 class Hand:
     """Hand of one person, in the coordinates of a right hand [m, rad].
@@ -193,6 +210,10 @@ class Hand:
         Lower and upper limit of each joint, in the order of `JOINTS` [rad].
     coupling : array_like, shape (5, 2)
         Intradigital correlation: DIP = slope PIP + offset; the thumb's IP = slope MCP + offset.
+    natural_flexion : array_like, shape (5, 3)
+        Slope, offset and spread of each digit's second flexion over its first, as this person
+        moves: PIP = slope MCP + offset; the thumb's MCP = slope CMC + offset. It decides where a
+        marker tells nothing, the more the smaller the spread [1, rad, rad].
     radii : array_like, shape (5, 3)
         Radius of the capsules around the three bones of each digit [m].
     palm_radius : float
@@ -220,6 +241,7 @@ class Hand:
     splay: np.ndarray = field(default_factory=lambda: np.zeros(4))
     limits: np.ndarray = field(default_factory=preset_limits)
     coupling: np.ndarray = field(default_factory=preset_coupling)
+    natural_flexion: np.ndarray = field(default_factory=average_natural_flexion)
     radii: np.ndarray = field(default_factory=lambda: np.array(CAPSULE_RADII))
     palm_radius: float = PALM_CAPSULE_RADIUS
     side: str = 'right'
@@ -230,7 +252,7 @@ class Hand:
                 ('thumb_cmc', (3,)), ('thumb_bones', (3,)), ('thumb_abduction_axis', (3,)),
                 ('thumb_rest_direction', (3,)), ('finger_abduction_axes', (4, 3)), ('splay', (4,)),
                 ('limits', (25, 2)),
-                ('coupling', (5, 2)), ('radii', (5, 3)), ('palm_radius', ())):
+                ('coupling', (5, 2)), ('natural_flexion', (5, 3)), ('radii', (5, 3)), ('palm_radius', ())):
             object.__setattr__(self, name, _array(name, getattr(self, name), shape))
         if self.side not in SIDES:
             raise InvalidHand(f'side: {self.side!r} is not one of {", ".join(SIDES)}')
@@ -244,6 +266,10 @@ class Hand:
         _require('limits', self.limits, -ANGLE_RANGE, ANGLE_RANGE, 'rad')
         _require('coupling slope', self.coupling[:, 0], *SLOPE_RANGE, '')
         _require('coupling offset', self.coupling[:, 1], *COUPLING_OFFSET_RANGE, 'rad')
+        for column, (name, bounds, unit) in enumerate((
+                ('slope', NATURAL_SLOPE_RANGE, ''), ('offset', NATURAL_OFFSET_RANGE, 'rad'),
+                ('spread', NATURAL_SPREAD_RANGE, 'rad'))):
+            _require(f'natural_flexion {name}', self.natural_flexion[:, column], *bounds, unit)
         for joint, (lower, upper) in zip(JOINTS, self.limits):
             if lower > upper:
                 raise InvalidHand(

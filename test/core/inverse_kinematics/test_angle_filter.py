@@ -42,9 +42,9 @@ def markers_of(angles, layout):
 class Filtered:
     """Angles by inverse kinematics and by the filter, frame after frame."""
 
-    def __init__(self, layout='paper', start=None):
+    def __init__(self, layout='paper', start=None, hand=HAND):
         self.layout = LAYOUTS[layout]
-        self.chains = chains(HAND, self.layout.mounting(HAND))
+        self.chains = chains(hand, self.layout.mounting(hand))
         self.solved = HAND.relaxed() if start is None else start.copy()
         self.state = initial_angle_filter(self.solved)
         self.first = True
@@ -130,6 +130,23 @@ def test_near_straight_an_angle_is_quiet_and_its_marker_met_within_the_noise(lay
     excess = np.array(missed)[:, 0] - np.array(missed)[:, 1]
     # The reach's bound and the plane's, which are at right angles
     assert excess.max() < min(1.5 * NOISE, LARGEST_MISS)
+
+
+@pytest.mark.parametrize('offset, spread', [(.2, 5.), (-.1, 5.), (.2, 20.)])
+def test_near_straight_a_person_s_own_flexion_decides_by_its_spread(offset, spread):
+    angles, random = posture(.1, .1), np.random.default_rng(1)
+    own = HAND.natural_flexion.copy()
+    own[:, 0], own[:, 1:] = 0., (.1 + offset, np.radians(spread))
+    usual, of_person = (Filtered(start=angles, hand=HAND.replace(natural_flexion=rows))
+                        for rows in (own - (0., offset, 0.), own))
+    place = markers_of(angles, usual.layout)
+    pulled = []
+    for _ in range(240):
+        markers = place + random.normal(scale=NOISE, size=(5, 3))
+        found = [one.frame(markers)[1][SECOND] for one in (usual, of_person)]
+        pulled.append(found[1] - found[0])
+    share = np.mean(pulled[120:]) / offset
+    assert share > .1 if spread < 10. else 0. < share < .1
 
 
 def test_a_bent_finger_that_moves_is_followed_at_once():

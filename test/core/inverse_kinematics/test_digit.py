@@ -62,6 +62,24 @@ def test_angles_of_an_open_hand_come_back(layout):
         assert used == 0
 
 
+def test_a_person_s_own_flexion_finds_the_bends_that_an_average_one_s_misses():
+    # With markers on the skin: the PIP bends beside a straight MCP, as in a hook grip.
+    skin = MarkerLayout(offsets=np.tile((0., 0., .011), (8, 1)))
+    own = HAND.replace(natural_flexion=((5., 0., np.radians(20.)),) * 5)
+    bends = np.radians(30. - 30. * np.cos(np.linspace(0., 4. * np.pi, 240)))
+    worst = []
+    for hand in (HAND, own):
+        digits, found, misses = chains(hand, skin.mounting(hand)), np.zeros(25), []
+        for bend in bends:
+            angles = np.zeros(25)
+            angles[FIRST[:4]], angles[SECOND[:4]] = np.radians(5.), bend
+            angles[THIRD] = hand.coupling[:, 0] * angles[SECOND]
+            found, _ = solve(digits, markers_of(angles, skin), found)
+            misses.append(np.abs(found - angles)[SECOND[:4]])
+        worst.append(np.degrees(np.max(misses)))
+    assert worst[1] < 8. and worst[0] > 25.
+
+
 @LAYOUTS
 def test_fabrik_brings_every_marker_to_its_place(layout):
     digits = chains(HAND, layout.mounting(HAND))

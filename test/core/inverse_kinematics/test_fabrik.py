@@ -5,7 +5,12 @@ import pytest
 
 from hand_tracker.core.inverse_kinematics.fabrik import fabrik
 from hand_tracker.core.inverse_kinematics.three_bone import coupled_angle
-from hand_tracker.core.inverse_kinematics.two_bone import Linkage, solve_two_bone
+from hand_tracker.core.inverse_kinematics.two_bone import (
+    AVERAGE_SPREAD,
+    Linkage,
+    NaturalFlexion,
+    solve_two_bone,
+)
 
 BONES = np.array((.045, .026))
 LOWER, UPPER = np.radians((-10., -10.)), np.radians((85., 95.))
@@ -27,7 +32,8 @@ def test_agrees_with_the_closed_form():
     rng = np.random.default_rng(1)
     for truth in rng.uniform((LOWER[0], np.radians(10.)), UPPER, size=(300, 2)):
         found, _ = solve(end(truth), start=rng.uniform(LOWER, UPPER))
-        exact = solve_two_bone(*end(truth), TWO_HINGES, 0., 0., 0.)
+        exact = solve_two_bone(
+            *end(truth), TWO_HINGES, NaturalFlexion(0., 0., AVERAGE_SPREAD), 0., 0.)
         np.testing.assert_allclose(found, exact, atol=np.radians(.2))
 
 

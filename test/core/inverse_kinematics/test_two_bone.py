@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.inverse_kinematics.two_bone import (
+    AVERAGE_SPREAD,
     MAX_SECOND_HINGE_SPEED,
+    UNNATURAL_COST,
     Linkage,
+    NaturalFlexion,
     miss_distance,
     solve_bend,
     solve_two_bone,
@@ -13,7 +16,7 @@ from hand_tracker.core.inverse_kinematics.two_bone import (
 
 LOWER, UPPER = np.radians((-10., -10.)), np.radians((85., 95.))
 BONES = (.045, .026)
-NATURAL = 1.5
+NATURAL = NaturalFlexion(1.5, 0., AVERAGE_SPREAD)
 ON_SKIN = np.radians(-25.)  # droop of a marker on the dorsal skin
 
 
@@ -27,8 +30,8 @@ def linkage(droop=0.):
     return Linkage((*BONES, 0.), droop, (*LOWER, 0.), (*UPPER, 0.), 0., 0.)
 
 
-def solve(along, height, droop=0., previous=0., step=1.):
-    return solve_two_bone(along, height, linkage(droop), NATURAL, previous, step)
+def solve(along, height, droop=0., previous=0., step=1., natural=NATURAL):
+    return solve_two_bone(along, height, linkage(droop), natural, previous, step)
 
 
 def test_angles_come_back():
@@ -56,15 +59,39 @@ def test_marker_on_the_skin_is_met_whichever_bend_is_taken():
 
 def test_of_two_bends_that_fit_alike_the_natural_one_is_taken_and_kept():
     for first in np.radians((2., 10., 30., 50.)):
-        truth = first, NATURAL * first
+        truth = first, NATURAL.slope * first
         other = -2. * ON_SKIN - truth[1]
         for previous in (truth[1], other):
             assert solve(*end(*truth, ON_SKIN), ON_SKIN, previous) == pytest.approx(truth)
     # Between the one and the other nature is silent: the previous one tells.
-    straight = -ON_SKIN / NATURAL
+    straight = -ON_SKIN / NATURAL.slope
     for bend in np.radians((-15., 15.)):
         truth = straight - .4 * bend, -ON_SKIN + bend
         assert solve(*end(*truth, ON_SKIN), ON_SKIN, truth[1]) == pytest.approx(truth)
+
+
+def test_the_bend_that_is_natural_for_the_person_is_taken():
+    bent_alone = np.radians((5., 40.))
+    place = end(*bent_alone, ON_SKIN)
+    other = solve(*place, ON_SKIN, previous=.2)
+    assert other[1] < -ON_SKIN
+    # One whose PIP bends first, and one whose PIP is bent even beside a straight MCP
+    for natural in (NaturalFlexion(4., .1, AVERAGE_SPREAD), NaturalFlexion(0., .7, AVERAGE_SPREAD)):
+        assert solve(*place, ON_SKIN, .2, natural=natural) == pytest.approx(bent_alone)
+        # The average person's bend is theirs no more, whatever the previous one.
+        assert solve(*place, ON_SKIN, other[1], natural=natural) == pytest.approx(bent_alone)
+
+
+def test_a_narrow_spread_outweighs_the_previous_bend_and_a_wide_one_does_not():
+    place = end(*np.radians((12., 32.)), ON_SKIN)
+    bends = [solve(*place, ON_SKIN, previous, natural=NaturalFlexion(1.5, 0., np.radians(spread)))[1]
+             for spread in (4., 80.) for previous in np.radians((10., 40.))]
+    assert bends[0] == bends[1]
+    assert bends[2] < -ON_SKIN < bends[3]
+
+
+def test_of_an_average_spread_the_cost_is_that_of_an_average_person():
+    assert UNNATURAL_COST * (AVERAGE_SPREAD / NATURAL.spread) == UNNATURAL_COST
 
 
 def test_a_bend_that_hardly_misses_is_not_left_for_a_far_one_that_fits():

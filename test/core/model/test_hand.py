@@ -10,11 +10,13 @@ from hand_tracker.core.errors import HandTrackerError, InvalidHand
 from hand_tracker.core.model.hand import (
     DIGITS,
     FINGERS,
+    FLEXION_JOINTS,
     JOINTS,
     LINKS,
     RELAXED_FINGERS,
     RELAXED_THUMB,
     Hand,
+    average_natural_flexion,
     joint_kind,
     preset_coupling,
     preset_limits,
@@ -96,6 +98,14 @@ def test_couplings_of_the_presets(hand):
     assert np.array_equal(hand.coupling, preset_coupling('natural'))
     assert (hand.coupling[:4] == (.4, 0.)).all()
     assert np.array_equal(hand.coupling[4], preset_coupling('paper')[4])
+
+
+def test_an_average_person_s_flexion_leads_from_the_straight_to_the_relaxed_hand(hand):
+    angles = hand.relaxed()[FLEXION_JOINTS[:4]]
+    slope, offset, spread = average_natural_flexion().T
+    np.testing.assert_allclose(slope[:4] * angles[:, 0], angles[:, 1])
+    assert not offset.any() and (spread == np.radians(20.)).all()
+    np.testing.assert_array_equal(hand.natural_flexion, average_natural_flexion())
 
 
 def test_joint_kind():
@@ -198,6 +208,11 @@ def changed(name, index, value):
      'the lower limit must not exceed the upper'),
     (changed('coupling', (0, 0), 6.), 'coupling slope[0]: 6; allowed is 0 to 5'),
     (changed('coupling', (4, 1), 2.), 'coupling offset[4]: 2; allowed is -1.5708 to 1.5708 rad'),
+    (changed('natural_flexion', (0, 0), 6.), 'natural_flexion slope[0]: 6; allowed is -2 to 5'),
+    (changed('natural_flexion', (1, 1), 2.),
+     'natural_flexion offset[1]: 2; allowed is -1.5708 to 1.5708 rad'),
+    (changed('natural_flexion', (4, 2), 0.),
+     'natural_flexion spread[4]: 0; allowed is 0.0349066 to 1.5708 rad'),
     ({'side': 'both'}, "side: 'both' is not one of right, left"),
     ({'thumb_bones': 'long'}, "thumb_bones: 'long' is not made of numbers"),
     ({'thumb_bones': (.04, .03)}, 'thumb_bones: its shape is (2,); expected (3,)'),
