@@ -195,8 +195,8 @@ def mount_markers(hand: Hand, digits: Sequence[FittedDigit | None],
     return mounts
 
 
-def marker_layout(hand: Hand, worn: Sequence[str],
-                  mounts: dict[str, MarkerMount]) -> MarkerLayout:
+def marker_layout(hand: Hand, worn: Sequence[str], mounts: dict[str, MarkerMount],
+                  noise: dict[str, float]) -> MarkerLayout:
     """Return the layout of the worn markers; one that is missing stays at the paper's place.
 
     Parameters
@@ -205,6 +205,8 @@ def marker_layout(hand: Hand, worn: Sequence[str],
     worn : sequence of str
         Names of the worn markers, in the order of `MARKERS`; '' where there is none.
     mounts : dict of str to MarkerMount
+    noise : dict of str to float
+        Standard deviation of markers from their places; 0 of others [m].
 
     Returns
     -------
@@ -223,7 +225,7 @@ def marker_layout(hand: Hand, worn: Sequence[str],
             name = min(landmarks, key=lambda place: float(
                 np.linalg.norm(mount.offset - landmarks[place])))
         places[i], offsets[i] = name, mount.offset - landmarks[name]
-    return MarkerLayout(tuple(places), offsets)
+    return MarkerLayout(tuple(places), offsets, [noise.get(name, 0.) for name in worn])
 
 
 def place_mounted(hand: Hand, mounts: Sequence[MarkerMount], angles: np.ndarray,

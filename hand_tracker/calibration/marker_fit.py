@@ -153,7 +153,12 @@ def fit_gathered(gathered: Gathered, side: str, limits: np.ndarray | None = None
         hand = thinned(hand, np.clip(postures, *hand.limits.T))
     names = [gathered.names[i] for i in gathered.of(-1)]
     mounts = mount_markers(hand, digits, {name: palm.places[name] for name in names})
-    return MarkerFit(hand, marker_layout(hand, worn, mounts), gathered.markers, worn, mounts, palm,
+    noise = {digit.names[i]: float(fit.problem.noise[i])
+             for digit, fit, line in zip(digits, fits, flexions)
+             if digit is not None and fit is not None and line is not None
+             for i in range(len(digit.names))}
+    layout = marker_layout(hand, worn, mounts, noise)
+    return MarkerFit(hand, layout, gathered.markers, worn, mounts, palm,
                      tuple(fits), flexions, length, postures, shown)
 
 

@@ -35,7 +35,13 @@ from ..core.model.hand import (
     preset_coupling,
     preset_limits,
 )
-from ..core.model.marker_layout import MARKERS, OFFSET_RANGE, PAPER_PLACES, MarkerLayout
+from ..core.model.marker_layout import (
+    DEVIATION_RANGE,
+    MARKERS,
+    OFFSET_RANGE,
+    PAPER_PLACES,
+    MarkerLayout,
+)
 
 
 class InvalidHandFile(HandTrackerError, ValueError):
@@ -85,6 +91,7 @@ COUPLING_OFFSET = Quantity('degrees', 0, -90., 90.)
 NATURAL_SLOPE = Quantity('', 0, *NATURAL_SLOPE_RANGE)
 NATURAL_OFFSET = Quantity('degrees', 0, *(math.degrees(v) for v in NATURAL_OFFSET_RANGE))
 NATURAL_SPREAD = Quantity('degrees', 0, *(math.degrees(v) for v in NATURAL_SPREAD_RANGE))
+MARKER_DEVIATION = Quantity('mm', 0, *(1000. * v for v in DEVIATION_RANGE))
 MARKER_OFFSET = Quantity('mm', 3, -1000. * OFFSET_RANGE, 1000. * OFFSET_RANGE)
 LIMIT = Quantity('degrees', 2, -math.degrees(ANGLE_RANGE), math.degrees(ANGLE_RANGE))
 
@@ -208,8 +215,10 @@ def save_hand(path: str | PathLike[str], hand: Hand, layout: MarkerLayout) -> No
     tree['limits'] = {
         f'{joint}_deg': LIMIT.from_si(row) for joint, row in zip(JOINTS, hand.limits)}
     tree['markers'] = {
-        marker: {'place': place, 'offset_mm': MARKER_OFFSET.from_si(offset)}
-        for marker, place, offset in zip(MARKERS, layout.places, layout.offsets)}
+        marker: {'place': place, 'offset_mm': MARKER_OFFSET.from_si(offset),
+                 'deviation_mm': MARKER_DEVIATION.from_si(deviation)}
+        for marker, place, offset, deviation in zip(
+            MARKERS, layout.places, layout.offsets, layout.deviations)}
     text = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=99)
     Path(path).write_text(
         f'# A hand for hand_tracker, in millimetres and degrees.\n{text}', encoding='utf-8')
@@ -288,14 +297,18 @@ def _of_digits(where: str, given: dict, values: np.ndarray,
 def _layout(markers: dict) -> MarkerLayout:
     """Return the MarkerLayout of a file's mapping of markers."""
     places, offsets = list(PAPER_PLACES), np.zeros((len(MARKERS), 3))
+    deviations = np.zeros(len(MARKERS))
     for marker, value in markers.items():
-        given = _mapping(f'markers.{marker}', value, ('place', 'offset_mm'))
+        given = _mapping(f'markers.{marker}', value, ('place', 'offset_mm', 'deviation_mm'))
         if 'place' in given:
             places[MARKERS.index(marker)] = given['place']
         if 'offset_mm' in given:
             offsets[MARKERS.index(marker)] = _number(
                 f'markers.{marker}.offset_mm', given['offset_mm'], MARKER_OFFSET)
-    return MarkerLayout(tuple(places), offsets)
+        if 'deviation_mm' in given:
+            deviations[MARKERS.index(marker)] = _number(
+                f'markers.{marker}.deviation_mm', given['deviation_mm'], MARKER_DEVIATION)
+    return MarkerLayout(tuple(places), offsets, deviations)
 
 
 def _mapping(where: str, value: Any, allowed: Collection[str]) -> dict:

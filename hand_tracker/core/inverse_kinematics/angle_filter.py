@@ -24,7 +24,13 @@ from ..occlusion.prediction import Observation
 from .abduction_plane import FIST_NEAR, plane_direction
 from .digit import Chains, linkage_of, natural_flexion_of
 from .three_bone import coupled_angle, coupled_end
-from .two_bone import AVERAGE_SPREAD, MAX_SECOND_HINGE_SPEED, Linkage, flexion_of
+from .two_bone import (
+    AVERAGE_SPREAD,
+    MAX_SECOND_HINGE_SPEED,
+    Linkage,
+    NaturalFlexion,
+    flexion_of,
+)
 
 SHOWING_TIME = .0045       # [s] in which a motion shows itself: of the mean innovation
 # [1] of a smoothed marker's noise: the errors of consecutive frames are alike.
@@ -47,6 +53,8 @@ LONGEST_STEP = .05         # [s] a longer one says no more
 SHIFT_TIME = .5            # [s] time constant of a hidden digit's shift
 LEAP_VARIANCE = .05        # [rad²] where the evidence of a digit changed
 LARGEST_MOTION = 1.        # [rad] that an innovation is taken for
+LIKELY_STEPS = 4           # of Gauss and Newton to the likeliest flexion
+LONGEST_LIKELY_STEP = .3   # [rad]
 SLOPE_STEP = 1e-3          # [rad] between flexions whose reaches give a slope
 
 
@@ -254,7 +262,10 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, sight: Sight,
         linkage = Linkage(linkage.bones, linkage.droop, linkage.lower, linkage.upper,
                           linkage.slope, linkage.offset + beyond)
     target = _in_plane(chains, digit, marker, state.angles[ABDUCTION_JOINTS[digit]])
+    natural = natural_flexion_of(chains, digit)
     found = solved[second]
+    if chains.skin[digit] > 0.:
+        found = _likely_flexion(linkage, hinges, target, found, natural, chains.skin[digit])
     angle, variance = state.angles[second], state.variance[digit, 1]
     straight = chains.start[digit] if hinges == 3 else -linkage.droop
     before = angle
@@ -278,7 +289,6 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, sight: Sight,
     variance = min(variance, left) if sight.leap > 0. else left
     bent = angle >= straight
     angle += correction
-    natural = natural_flexion_of(chains, digit)
     usual = natural.offset + natural.slope * _aim(linkage, hinges, target, angle)[0]
     looseness = natural.spread / AVERAGE_SPREAD
     correction, variance = pull_angle(
@@ -300,13 +310,50 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, sight: Sight,
         angle = found + share * (angle - found)
         aim, miss = _aim(linkage, hinges, target, angle)
     farthest = MAX_SECOND_HINGE_SPEED * sight.step
-    if hinges == 2 and straight > max(linkage.lower[1], 0.) and abs(angle - before) > farthest > 0.:
+    two_bends = (hinges == 2 or chains.skin[digit] > 0.) and straight > max(linkage.lower[1], 0.)
+    if two_bends and abs(angle - before) > farthest > 0.:
         # Two bends may fit alike, as for the solution itself: from one to the other without a leap.
         angle = before + math.copysign(farthest, angle - before)
         aim, _ = _aim(linkage, hinges, target, angle)
     state.angles[first] = aim
     state.angles[second] = angle
     state.angles[third] = coupled_angle(linkage, angle)
+
+
+@jit
+def _likely_flexion(linkage: Linkage, hinges: int, target: tuple[float, float], found: float,
+                    natural: NaturalFlexion, skin: float) -> float:
+    """Return the second flexion most likely by a reach that skin makes uncertain and by nature.
+
+    Parameters
+    ----------
+    linkage, hinges, target
+        Of the digit.
+    found : float
+        Second flexion of exactly this reach [rad].
+    natural : NaturalFlexion
+    skin : float
+        Standard deviation of the reach [m].
+
+    Returns
+    -------
+    float
+        [rad]
+    """
+    wanted = math.hypot(target[0], target[1])
+    angle = found
+    for _ in range(LIKELY_STEPS):
+        by_reach = _slope(linkage, hinges, angle) / skin
+        shortage = (wanted - _reach(linkage, hinges, angle)) / skin
+        aim = _aim(linkage, hinges, target, angle)[0]
+        unnatural = (natural.offset + natural.slope * aim - angle) / natural.spread
+        ahead = _aim(linkage, hinges, target, angle + SLOPE_STEP)[0]
+        by_nature = (1. - natural.slope * (ahead - aim) / SLOPE_STEP) / natural.spread
+        step = (by_reach * shortage + by_nature * unnatural) / (
+            by_reach * by_reach + by_nature * by_nature)
+        angle = clamp(angle + clamp(step, -LONGEST_LIKELY_STEP, LONGEST_LIKELY_STEP),
+                      linkage.lower[1], linkage.upper[1])
+    return angle
 
 
 @jit

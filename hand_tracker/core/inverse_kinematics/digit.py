@@ -16,7 +16,7 @@ from ..numerics.jit import jit, packed
 from ..numerics.vectors import Vector, clamp, components, frame, vector
 from .abduction_plane import plane_abduction
 from .fabrik import fabrik
-from .three_bone import coupled_angle, solve_three_bone, straightest
+from .three_bone import choose_three_bone, coupled_angle, solve_three_bone, straightest
 from .two_bone import Linkage, NaturalFlexion, solve_two_bone
 
 Pack = Any  # sequence of one record, from `numerics.jit.packed`
@@ -51,6 +51,8 @@ class Chains(NamedTuple):
         Slope and offset of the third flexion over the second [1, rad].
     natural : ndarray, shape (5, 3)
         Slope, offset and spread of the second flexion over the first [1, rad, rad].
+    skin : ndarray, shape (5,)
+        Standard deviation of the marker from its place, by skin that moves; 0 where unknown [m].
     measured : ndarray of bool, shape (5,)
         Whether a measured last joint replaces the coupling.
     """
@@ -68,6 +70,7 @@ class Chains(NamedTuple):
     upper: np.ndarray
     coupling: np.ndarray
     natural: np.ndarray
+    skin: np.ndarray
     measured: np.ndarray
 
 
@@ -97,7 +100,8 @@ def chains(hand: Hand, mounting: Mounting) -> Chains:
     pack, found = packed(Chains(
         root, base, tilt, np.where(third, 3, 2), bones, droop, markers[:, 1].copy(), np.zeros(5),
         np.array(ABDUCTION_SIGN), lower, upper, hand.coupling.copy(),
-        hand.natural_flexion.copy(), np.zeros(5, dtype=bool)))
+        hand.natural_flexion.copy(), mounting.deviation[MARKERS.index('index'):].copy(),
+        np.zeros(5, dtype=bool)))
     # Without a measured flexion this finds `start`.
     measure(pack, np.full(5, np.nan), pack)
     return found
@@ -212,6 +216,10 @@ def solve_digit(chains: Chains, digit: int, target: Vector, angles: np.ndarray, 
     elif hinges == 2:
         angles[first], angles[second] = solve_two_bone(
             along, height, linkage, natural_flexion_of(chains, digit), angles[second], step)
+    elif chains.skin[digit] > 0.0:
+        angles[first], angles[second], angles[third] = choose_three_bone(
+            along, height, linkage, chains.start[digit], natural_flexion_of(chains, digit),
+            angles[second], step)
     else:
         angles[first], angles[second], angles[third] = solve_three_bone(
             along, height, linkage, chains.start[digit])

@@ -8,7 +8,13 @@ import math
 
 from ..numerics.jit import jit
 from ..numerics.vectors import clamp, clamp_angle, wrap_angle
-from .two_bone import Linkage, flexion_of
+from .two_bone import (
+    MAX_SECOND_HINGE_SPEED,
+    Linkage,
+    NaturalFlexion,
+    bend_cost,
+    flexion_of,
+)
 
 REGULA_FALSI_STEPS = 40
 FIRST_DESCENT_STEP = 0.1  # [rad]
@@ -82,8 +88,6 @@ def solve_three_bone(along: float, height: float, linkage: Linkage,
     aim = flexion_of(along, height)
     wanted = math.hypot(along, height)
 
-    near = start
-    far = upper2
     angle2 = start
     angle3 = coupled_angle(linkage, start)
     x, y = coupled_end(linkage, angle2, angle3)
@@ -100,27 +104,101 @@ def solve_three_bone(along: float, height: float, linkage: Linkage,
                        / (2.0 * base * third), -1.0, 1.0)
         angle3 = clamp(math.acos(cosine) - lean - linkage.droop, full3, linkage.upper[2])
     elif excess > 0.0:
-        for _ in range(REGULA_FALSI_STEPS):
-            angle2 = (near * shortage - far * excess) / (shortage - excess)
-            angle3 = coupled_angle(linkage, angle2)
-            x, y = coupled_end(linkage, angle2, angle3)
-            difference = math.hypot(x, y) - wanted
-            if abs(difference) < 1e-13:
-                break
-            if difference > 0.0:
-                near = angle2
-                excess = difference
-                shortage *= 0.5
-            else:
-                far = angle2
-                shortage = difference
-                excess *= 0.5
+        angle2 = _bend_of_reach(linkage, wanted, start, upper2)
+        angle3 = coupled_angle(linkage, angle2)
     x, y = coupled_end(linkage, angle2, angle3)
     ideal1 = aim - math.atan2(y, x)
     angle1 = clamp_angle(ideal1, linkage.lower[0], linkage.upper[0])
     if abs(wrap_angle(angle1 - ideal1)) > 1e-9:
         angle2, angle3 = _descend(along, height, linkage, start, angle1, angle2, angle3)
     return angle1, angle2, angle3
+
+
+@jit
+def _bend_of_reach(linkage: Linkage, wanted: float, near: float, far: float) -> float:
+    """Return the second flexion of a reach that is between those at two flexions [rad]."""
+    angle2 = near
+    excess = _coupled_reach(linkage, near) - wanted
+    shortage = _coupled_reach(linkage, far) - wanted
+    for _ in range(REGULA_FALSI_STEPS):
+        angle2 = (near * shortage - far * excess) / (shortage - excess)
+        difference = _coupled_reach(linkage, angle2) - wanted
+        if abs(difference) < 1e-13:
+            break
+        if difference > 0.0:
+            near = angle2
+            excess = difference
+            shortage *= 0.5
+        else:
+            far = angle2
+            shortage = difference
+            excess *= 0.5
+    return angle2
+
+
+@jit
+def _coupled_reach(linkage: Linkage, angle2: float) -> float:
+    """Return the distance of a coupled chain's end from its first hinge [m]."""
+    x, y = coupled_end(linkage, angle2, coupled_angle(linkage, angle2))
+    return math.hypot(x, y)
+
+
+@jit
+def choose_three_bone(along: float, height: float, linkage: Linkage, start: float,
+                      natural: NaturalFlexion, previous2: float, step: float
+                      ) -> tuple[float, float, float]:
+    """Return the three flexions at the bend, on either side of straightest, that costs less.
+
+    A marker on the nail is farthest with the digit bent a little; as for `solve_two_bone`, two
+    bends then fit alike, and the second hinge turns to the cheaper one no faster than fingers do.
+
+    Parameters
+    ----------
+    along, height, linkage, start
+        As for `solve_three_bone`.
+    natural : NaturalFlexion
+    previous2 : float
+        Previous second flexion [rad].
+    step : float
+        Since then [s].
+
+    Returns
+    -------
+    first, second, third : float
+        Angles of flexion [rad].
+    """
+    angle1, angle2, angle3 = solve_three_bone(along, height, linkage, start)
+    lower2 = linkage.lower[1]
+    if start <= max(lower2, 0.0):
+        return angle1, angle2, angle3
+    wanted = math.hypot(along, height)
+    other2 = lower2
+    if wanted >= _coupled_reach(linkage, start):
+        other2 = start
+    elif wanted > _coupled_reach(linkage, lower2):
+        other2 = _bend_of_reach(linkage, wanted, start, lower2)
+    other1, miss = aim_coupled(along, height, linkage, other2, coupled_angle(linkage, other2))
+    _, flexed_miss = aim_coupled(along, height, linkage, angle2, angle3)
+    if (bend_cost(other1, other2, miss, natural, previous2)
+            < bend_cost(angle1, angle2, flexed_miss, natural, previous2)):
+        angle1, angle2, angle3 = other1, other2, coupled_angle(linkage, other2)
+    most = MAX_SECOND_HINGE_SPEED * step
+    if abs(angle2 - previous2) > most:
+        angle2 = previous2 + math.copysign(most, angle2 - previous2)
+        angle3 = coupled_angle(linkage, angle2)
+        angle1, _ = aim_coupled(along, height, linkage, angle2, angle3)
+    return angle1, angle2, angle3
+
+
+@jit
+def aim_coupled(along: float, height: float, linkage: Linkage, angle2: float,
+                angle3: float) -> tuple[float, float]:
+    """Return the first flexion that aims a chain at the target, and the end's distance to it."""
+    x, y = coupled_end(linkage, angle2, angle3)
+    angle1 = clamp_angle(
+        flexion_of(along, height) - math.atan2(y, x), linkage.lower[0], linkage.upper[0])
+    c, s = math.cos(angle1), math.sin(angle1)
+    return angle1, math.hypot(along - x * c + y * s, height + x * s + y * c)
 
 
 @jit

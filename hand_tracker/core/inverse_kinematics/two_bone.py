@@ -101,14 +101,9 @@ def solve_two_bone(along: float, height: float, linkage: Linkage, natural: Natur
     best1 = 0.0
     best2 = 0.0
     least = math.inf
-    unnatural = UNNATURAL_COST * (AVERAGE_SPREAD / natural.spread)
     for sign, low, high in ((1.0, straight, upper2), (-1.0, lower2, straight)):
         angle1, angle2, miss = solve_bend(along, height, linkage, sign, low, high)
-        cost = (abs(angle2 - previous2)
-                + unnatural * abs(
-                    angle2 - (natural.offset + natural.slope * max(angle1, 0.0)))
-                + HYPEREXTENSION_COST * (max(-angle1, 0.0) + max(-angle2, 0.0))
-                + miss / MISS_PER_RADIAN)
+        cost = bend_cost(angle1, angle2, miss, natural, previous2)
         if cost < least:
             least = cost
             best1 = angle1
@@ -118,6 +113,17 @@ def solve_two_bone(along: float, height: float, linkage: Linkage, natural: Natur
         best2 = previous2 + math.copysign(most, best2 - previous2)
         best1 = aimed(along, height, linkage, best2)
     return best1, best2
+
+
+@jit
+def bend_cost(angle1: float, angle2: float, miss: float, natural: NaturalFlexion,
+              previous2: float) -> float:
+    """Return the cost of one of two bends, in turns of the second hinge [rad]."""
+    return (abs(angle2 - previous2)
+            + UNNATURAL_COST * (AVERAGE_SPREAD / natural.spread) * abs(
+                angle2 - (natural.offset + natural.slope * max(angle1, 0.0)))
+            + HYPEREXTENSION_COST * (max(-angle1, 0.0) + max(-angle2, 0.0))
+            + miss / MISS_PER_RADIAN)
 
 
 @jit

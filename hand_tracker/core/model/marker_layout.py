@@ -27,6 +27,7 @@ DIGIT_LANDMARKS = {
     'thumb': ('thumb_ip', 'thumb_tip'),
 }
 OFFSET_RANGE = .06  # [m] greatest offset on each axis
+DEVIATION_RANGE = 0., .01  # [m]
 MIN_LEVER = .005    # [m] least height of the palm's triangle, distance of a marker from its hinge
 
 
@@ -39,10 +40,13 @@ class Mounting(NamedTuple):
         Link that each marker is attached to; -1 is the wrist.
     position : ndarray, shape (8, 3)
         Marker in that link's frame [m].
+    deviation : ndarray, shape (8,)
+        Standard deviation of the marker from there, by skin that moves; 0 where unknown [m].
     """
 
     link: np.ndarray
     position: np.ndarray
+    deviation: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +62,11 @@ class MarkerLayout:
     offsets : array_like, shape (8, 3)
         Marker from its landmark, along the axes of the link that ends there (x along the
         bone, y towards the thumb, z dorsal), as on a right hand [m].
+    deviations : array_like, shape (8,)
+        Standard deviation of each marker from its place on an axis, as skin moves on the bones;
+        0 where it is not known [m]. That of a digit's marker says how far its reach is believed
+        beside `Hand.natural_flexion`, and that two bends of a digit with its marker at the tip
+        are told apart by it.
 
     Raises
     ------
@@ -67,6 +76,7 @@ class MarkerLayout:
 
     places: tuple[str, ...] = PAPER_PLACES
     offsets: np.ndarray = field(default_factory=lambda: np.zeros((len(MARKERS), 3)))
+    deviations: np.ndarray = field(default_factory=lambda: np.zeros(len(MARKERS)))
 
     def __post_init__(self) -> None:
         places = tuple(self.places)
@@ -85,7 +95,17 @@ class MarkerLayout:
             raise InvalidLayout(
                 f'marker {worst}: offset {offsets[MARKERS.index(worst)]} m; '
                 f'allowed is {-OFFSET_RANGE:g} to {OFFSET_RANGE:g} m on each axis')
+        deviations = np.array(self.deviations, dtype=float)
+        if deviations.shape != (len(MARKERS),):
+            raise InvalidLayout(f'deviations: shape {deviations.shape}; expected {(len(MARKERS),)}')
+        least, most = DEVIATION_RANGE
+        for marker, value in zip(MARKERS, deviations):
+            if not least <= value <= most:
+                raise InvalidLayout(f'marker {marker}: deviation {value:g}; '
+                                    f'allowed is {least:g} to {most:g} m')
         offsets.setflags(write=False)
+        deviations.setflags(write=False)
+        object.__setattr__(self, 'deviations', deviations)
         object.__setattr__(self, 'places', places)
         object.__setattr__(self, 'offsets', offsets)
 
@@ -104,7 +124,7 @@ class MarkerLayout:
         positions = np.array(landmarks) + self.offsets
         if hand.side == 'left':
             positions = positions * LEFT_HAND_MIRROR
-        return Mounting(np.array(links), positions)
+        return Mounting(np.array(links), positions, self.deviations.copy())
 
 
 def require_solvable(mounting: Mounting) -> None:
