@@ -243,8 +243,8 @@ def _hand(tree: dict) -> Hand:
     mean = Hand.scaled(**size)
     fields: dict[str, Any] = {'limits': _limits(tree.get('limits', 'paper')),
               'coupling': _coupling(tree.get('coupling', 'natural')),
-              'natural_flexion': _of_digits(
-                  'natural_flexion', _mapping('natural_flexion', tree.get('natural_flexion'), DIGITS),
+              'natural_flexion': _of_digits('natural_flexion', _mapping(
+                  'natural_flexion', tree.get('natural_flexion'), DIGITS),
                   average_natural_flexion(), NATURAL_FIELDS)}
     if 'side' in tree:
         fields['side'] = _choice('side', tree['side'], SIDES)

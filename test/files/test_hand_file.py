@@ -75,12 +75,13 @@ def test_saved_hand_comes_back(seed, tmp_path):
     hand = random_hand(rng)
     places = ('thumb_cmc', 'ring_mcp', 'little_cmc', 'index_tip', 'middle_dip', 'ring_tip',
               'little_dip', 'thumb_ip')
-    layout = MarkerLayout(places, rng.uniform(-.06, .06, (8, 3)))
+    layout = MarkerLayout(places, rng.uniform(-.06, .06, (8, 3)), rng.uniform(0., .01, 8))
     save_hand(tmp_path / 'mine.yaml', hand, layout)
     read, read_layout = load_hand(tmp_path / 'mine.yaml')
     assert_same(read, hand, 1e-9)
     assert read_layout.places == layout.places
     assert read_layout.offsets == pytest.approx(layout.offsets, abs=1e-9)
+    assert read_layout.deviations == pytest.approx(layout.deviations, abs=1e-9)
 
 
 def test_values_on_the_edge_of_what_is_allowed_come_back(tmp_path):
@@ -133,7 +134,7 @@ def test_hand_written_file(write):
         palm_radius_mm: 12.5
         markers:
           index: {place: index_tip, offset_mm: [0, 0, 6]}
-          thumb: {offset_mm: [-4, 0, 8.5]}
+          thumb: {offset_mm: [-4, 0, 8.5], deviation_mm: 1.5}
     """))
     bones = np.array(Hand.scaled(.2, .09).finger_bones)
     bones[0] = .05, .03, .02
@@ -149,6 +150,7 @@ def test_hand_written_file(write):
     assert layout.places == PAPER_PLACES[:3] + ('index_tip',) + PAPER_PLACES[4:]
     assert layout.offsets[3] == pytest.approx((0., 0., .006))
     assert layout.offsets[7] == pytest.approx((-.004, 0., .0085))
+    assert layout.deviations == pytest.approx((0.,) * 7 + (.0015,))
 
 
 def test_natural_flexion_of_single_digits(write):
@@ -224,6 +226,8 @@ def test_coupling_of_a_preset_and_of_single_digits(write):
      "marker index: place 'index_pip' is not one of index_dip, index_tip"),
     ('markers: {index: {offset_mm: [0, 0, 200]}}',
      'markers.index.offset_mm[2]: 200; allowed is -60 to 60 mm'),
+    ('markers: {index: {deviation_mm: -1}}',
+     'markers.index.deviation_mm: -1; allowed is 0 to 10 mm'),
     ('just words', "the file: 'just words'; expected a mapping of side, length_mm"),
 ])
 def test_mistakes_are_named_with_file_field_and_what_is_allowed(write, text, message):

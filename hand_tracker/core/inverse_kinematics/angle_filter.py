@@ -8,8 +8,10 @@ degrees of the second flexion; in a fist it is as much of abduction.
 Both angles have a Kalman filter of one state. It expects the angle to rest, and of each innovation
 that it has moved as far as that says: so noise is averaged, and motion beyond the noise followed
 within a frame or two, without the overshoot of a filter of velocity. Where the marker tells next
-to nothing, what is natural for the person decides (`Hand.natural_flexion`). What is seen has the last word: the estimate
-leaves the marker by no more than its noise, and the first flexion aims at it. Ours; no source.
+to nothing, what is natural for the person decides (`Hand.natural_flexion`); where skin is known to
+move the marker, it and the reach are weighed against each other first. What is seen has the last
+word: the estimate leaves the marker by no more than its noise and its skin, and the first flexion
+aims at it. Ours; no source.
 """
 
 import math
@@ -19,7 +21,7 @@ import numpy as np
 
 from ..model.hand import ABDUCTION_JOINTS, DIGIT_OF_JOINT, FLEXION_JOINTS
 from ..numerics.jit import jit
-from ..numerics.vectors import Vector, clamp, clamp_angle, components, frame, subtract, vector
+from ..numerics.vectors import Vector, clamp, components, frame, subtract, vector
 from ..occlusion.prediction import Observation
 from .abduction_plane import FIST_NEAR, plane_direction
 from .digit import Chains, linkage_of, natural_flexion_of
@@ -29,7 +31,7 @@ from .two_bone import (
     MAX_SECOND_HINGE_SPEED,
     Linkage,
     NaturalFlexion,
-    flexion_of,
+    aim_end,
 )
 
 SHOWING_TIME = .0045       # [s] in which a motion shows itself: of the mean innovation
@@ -396,7 +398,4 @@ def _aim(linkage: Linkage, hinges: int, target: tuple[float, float],
     """Return the first flexion that aims a chain at the target, and the end's distance to it."""
     along, height = target
     x, y = _end(linkage, hinges, angle2)
-    angle1 = clamp_angle(
-        flexion_of(along, height) - math.atan2(y, x), linkage.lower[0], linkage.upper[0])
-    c, s = math.cos(angle1), math.sin(angle1)
-    return angle1, math.hypot(along - x * c + y * s, height + x * s + y * c)
+    return aim_end(along, height, linkage, x, y)

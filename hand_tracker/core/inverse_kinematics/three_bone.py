@@ -12,6 +12,7 @@ from .two_bone import (
     MAX_SECOND_HINGE_SPEED,
     Linkage,
     NaturalFlexion,
+    aim_end,
     bend_cost,
     flexion_of,
 )
@@ -177,8 +178,10 @@ def choose_three_bone(along: float, height: float, linkage: Linkage, start: floa
         other2 = start
     elif wanted > _coupled_reach(linkage, lower2):
         other2 = _bend_of_reach(linkage, wanted, start, lower2)
-    other1, miss = aim_coupled(along, height, linkage, other2, coupled_angle(linkage, other2))
-    _, flexed_miss = aim_coupled(along, height, linkage, angle2, angle3)
+    x, y = coupled_end(linkage, other2, coupled_angle(linkage, other2))
+    other1, miss = aim_end(along, height, linkage, x, y)
+    x, y = coupled_end(linkage, angle2, angle3)
+    _, flexed_miss = aim_end(along, height, linkage, x, y)
     if (bend_cost(other1, other2, miss, natural, previous2)
             < bend_cost(angle1, angle2, flexed_miss, natural, previous2)):
         angle1, angle2, angle3 = other1, other2, coupled_angle(linkage, other2)
@@ -186,19 +189,9 @@ def choose_three_bone(along: float, height: float, linkage: Linkage, start: floa
     if abs(angle2 - previous2) > most:
         angle2 = previous2 + math.copysign(most, angle2 - previous2)
         angle3 = coupled_angle(linkage, angle2)
-        angle1, _ = aim_coupled(along, height, linkage, angle2, angle3)
+        x, y = coupled_end(linkage, angle2, angle3)
+        angle1, _ = aim_end(along, height, linkage, x, y)
     return angle1, angle2, angle3
-
-
-@jit
-def aim_coupled(along: float, height: float, linkage: Linkage, angle2: float,
-                angle3: float) -> tuple[float, float]:
-    """Return the first flexion that aims a chain at the target, and the end's distance to it."""
-    x, y = coupled_end(linkage, angle2, angle3)
-    angle1 = clamp_angle(
-        flexion_of(along, height) - math.atan2(y, x), linkage.lower[0], linkage.upper[0])
-    c, s = math.cos(angle1), math.sin(angle1)
-    return angle1, math.hypot(along - x * c + y * s, height + x * s + y * c)
 
 
 @jit

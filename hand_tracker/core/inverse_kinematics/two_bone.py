@@ -127,6 +127,19 @@ def bend_cost(angle1: float, angle2: float, miss: float, natural: NaturalFlexion
 
 
 @jit
+def aim_end(along: float, height: float, linkage: Linkage, x: float,
+            y: float) -> tuple[float, float]:
+    """Return the first flexion that aims a chain's end at the target, and their distance.
+
+    The end is x along the first bone and y to its palmar side [m].
+    """
+    angle1 = clamp_angle(
+        flexion_of(along, height) - math.atan2(y, x), linkage.lower[0], linkage.upper[0])
+    c, s = math.cos(angle1), math.sin(angle1)
+    return angle1, math.hypot(along - x * c + y * s, height + x * s + y * c)
+
+
+@jit
 def aimed(along: float, height: float, linkage: Linkage, angle2: float) -> float:
     """Return the first flexion that turns a chain of a given bend towards the target [rad]."""
     bone, second = linkage.bones[0], linkage.bones[1]

@@ -252,7 +252,8 @@ class Hand:
                 ('thumb_cmc', (3,)), ('thumb_bones', (3,)), ('thumb_abduction_axis', (3,)),
                 ('thumb_rest_direction', (3,)), ('finger_abduction_axes', (4, 3)), ('splay', (4,)),
                 ('limits', (25, 2)),
-                ('coupling', (5, 2)), ('natural_flexion', (5, 3)), ('radii', (5, 3)), ('palm_radius', ())):
+                ('coupling', (5, 2)), ('natural_flexion', (5, 3)), ('radii', (5, 3)),
+                ('palm_radius', ())):
             object.__setattr__(self, name, _array(name, getattr(self, name), shape))
         if self.side not in SIDES:
             raise InvalidHand(f'side: {self.side!r} is not one of {", ".join(SIDES)}')

@@ -4,12 +4,17 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.inverse_kinematics.three_bone import (
+    choose_three_bone,
     coupled_angle,
     coupled_end,
     solve_three_bone,
     straightest,
 )
-from hand_tracker.core.inverse_kinematics.two_bone import Linkage
+from hand_tracker.core.inverse_kinematics.two_bone import (
+    MAX_SECOND_HINGE_SPEED,
+    Linkage,
+    NaturalFlexion,
+)
 
 BONES = (.046, .036, .029)
 LIMITS = np.radians(((-20., 20.), (-5., 30.), (-10., 95.)))
@@ -41,6 +46,37 @@ def test_coupled_angles_come_back(slope, offset, droop):
         angles = (first, second, coupled_angle(chain, second))
         np.testing.assert_allclose(
             solve(end(angles, droop), slope, offset, droop), angles, atol=1e-7)
+
+
+ON_NAIL = -.35  # droop of a marker on the nail [rad]
+
+
+def choose(angles, natural, previous=0., step=1.):
+    chain = linkage(.5, droop=ON_NAIL)
+    return np.array(choose_three_bone(*end(angles, ON_NAIL), chain, straightest(chain),
+                                      NaturalFlexion(*natural), previous, step))
+
+
+@pytest.mark.parametrize('second', [.02, .4])
+def test_of_two_bends_of_a_digit_with_its_marker_on_the_nail_the_natural_one_is_taken(second):
+    chain = linkage(.5, droop=ON_NAIL)
+    assert .1 < straightest(chain) < .35
+    angles = (.05, second, coupled_angle(chain, second))
+    # The person's own, from the other bend too; by another's it is the other one.
+    for previous in (.0, .5):
+        np.testing.assert_allclose(choose(angles, (0., second, .1), previous), angles, atol=1e-7)
+    other = choose(angles, (0., .42 - second, .05), previous=.42 - second)
+    assert abs(other[1] - second) > .2
+    # It fits as well.
+    np.testing.assert_allclose(end(other, ON_NAIL), end(angles, ON_NAIL), atol=1e-7)
+
+
+def test_to_the_other_bend_a_digit_turns_no_faster_than_fingers_do():
+    chain = linkage(.5, droop=ON_NAIL)
+    angles = (.05, .45, coupled_angle(chain, .45))
+    found = choose(angles, (0., .45, .1), previous=.1, step=.01)
+    assert found[1] == pytest.approx(.1 + .01 * MAX_SECOND_HINGE_SPEED)
+    assert found[2] == pytest.approx(coupled_angle(chain, found[1]))
 
 
 def test_third_hinge_bends_on_alone_where_the_second_is_at_its_limit():

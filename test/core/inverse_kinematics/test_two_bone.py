@@ -84,8 +84,8 @@ def test_the_bend_that_is_natural_for_the_person_is_taken():
 
 def test_a_narrow_spread_outweighs_the_previous_bend_and_a_wide_one_does_not():
     place = end(*np.radians((12., 32.)), ON_SKIN)
-    bends = [solve(*place, ON_SKIN, previous, natural=NaturalFlexion(1.5, 0., np.radians(spread)))[1]
-             for spread in (4., 80.) for previous in np.radians((10., 40.))]
+    bends = [solve(*place, ON_SKIN, previous, natural=NaturalFlexion(1.5, 0., spread))[1]
+             for spread in np.radians((4., 80.)) for previous in np.radians((10., 40.))]
     assert bends[0] == bends[1]
     assert bends[2] < -ON_SKIN < bends[3]
 

@@ -140,6 +140,9 @@ def test_offsets_are_frozen_copies():
     ({'offsets': np.zeros((7, 3))}, 'offsets: shape (7, 3); expected (8, 3)'),
     ({'offsets': offset('ring', (0., .1, 0.))}, 'marker ring: offset [0.  0.1 0. ] m; allowed is'),
     ({'offsets': offset('thumb', (np.nan, 0., 0.))}, 'marker thumb: offset [nan  0.  0.] m'),
+    ({'deviations': np.zeros(5)}, 'deviations: shape (5,); expected (8,)'),
+    ({'deviations': (0.,) * 7 + (.02,)}, 'marker thumb: deviation 0.02; allowed is 0 to 0.01 m'),
+    ({'deviations': (np.nan,) + (0.,) * 7}, 'marker wrist: deviation nan; allowed is'),
 ])
 def test_refusals_name_marker_value_and_what_is_allowed(fields, message):
     with pytest.raises(InvalidLayout, match=re.escape(message)) as refused:
