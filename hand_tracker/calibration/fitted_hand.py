@@ -225,7 +225,8 @@ def marker_layout(hand: Hand, worn: Sequence[str], mounts: dict[str, MarkerMount
             name = min(landmarks, key=lambda place: float(
                 np.linalg.norm(mount.offset - landmarks[place])))
         places[i], offsets[i] = name, mount.offset - landmarks[name]
-    return MarkerLayout(tuple(places), offsets, [noise.get(name, 0.) for name in worn])
+    deviations = np.array([noise.get(name, 0.) for name in worn])
+    return MarkerLayout(tuple(places), offsets, deviations)
 
 
 def place_mounted(hand: Hand, mounts: Sequence[MarkerMount], angles: np.ndarray,

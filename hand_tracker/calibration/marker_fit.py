@@ -264,6 +264,7 @@ def _with_postures(fit: DigitFit | None, digit: int, gathered: Gathered, local: 
 def _flexion_lines(gathered: Gathered, postures: np.ndarray) -> tuple[FlexionLine | None, ...]:
     """Return how each digit's second flexion goes with the first in postures (n, 25)."""
     return tuple(
-        fit_flexion_line(*postures[:, FLEXION_JOINTS[digit, :2]].T, average)
+        fit_flexion_line(postures[:, FLEXION_JOINTS[digit, 0]],
+                         postures[:, FLEXION_JOINTS[digit, 1]], average)
         if sum(not is_knuckle(gathered.markers[i]) for i in gathered.of(digit)) > 1 else None
         for digit, average in enumerate(average_natural_flexion()))

@@ -132,7 +132,7 @@ def test_near_straight_an_angle_is_quiet_and_its_marker_met_within_the_noise(lay
     assert excess.max() < min(1.5 * NOISE, LARGEST_MISS)
 
 
-@pytest.mark.parametrize('offset', [.2, -.1])
+@pytest.mark.parametrize('offset', [.05, -.1])
 def test_near_straight_a_person_s_own_flexion_decides_the_more_the_narrower_it_is(offset):
     angles = posture(.1, .1)
     place = markers_of(angles, LAYOUTS['paper'])
@@ -144,13 +144,13 @@ def test_near_straight_a_person_s_own_flexion_decides_the_more_the_narrower_it_i
         for _ in range(240):
             markers = place + random.normal(scale=NOISE, size=(5, 3))
             pulled.append(own.frame(markers)[1][SECOND] - usual.frame(markers)[1][SECOND])
-        shares.append(np.mean(pulled[120:]) / offset)
+        shares.append(np.mean(pulled) / offset)
     assert shares[0] > 1.2 * shares[1] > 0.
 
 
-@pytest.mark.parametrize('pip', [.35, .45])
+@pytest.mark.parametrize('pip', [.65, .75])
 def test_a_marker_that_moves_with_the_skin_is_believed_less_where_it_is_blind(pip):
-    # Straightest at 23 degrees: there a millimetre of skin is any bend.
+    # Straightest at 19 to 27 degrees: beside it a millimetre of skin is much of the bend.
     layout, angles = LAYOUTS['skin'], posture(.3, pip)
     natural = pip + .1
     hand = HAND.replace(natural_flexion=((0., natural, .15),) * 5)
