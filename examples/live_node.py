@@ -1,6 +1,7 @@
 """A live node: MarkerArrays in, JointStates out. Needs ROS 2."""
 
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
@@ -31,5 +32,8 @@ class LiveNode(Node):
             self.publisher.publish(answer)
 
 
-rclpy.init()
-rclpy.spin(LiveNode())
+try:
+    rclpy.init()
+    rclpy.spin(LiveNode())
+except (KeyboardInterrupt, ExternalShutdownException):
+    pass    # Ctrl-C

@@ -261,7 +261,7 @@ class Stream:
         if sized is not None:
             now = self.tracker.hand
             self._change_hand(sized.replace(limits=now.limits, coupling=now.coupling))
-        if not self._auto_size.is_learning:
+        if not self._auto_size.is_learning and self.tracker.placed:
             mcp = self.tracker.hand.finger_mcp
             self._news.append((False, 'the size of the hand is learned: '
                                f'{1e3 * np.linalg.norm(mcp[0] - mcp[3]):.0f} mm between the '

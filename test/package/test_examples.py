@@ -84,7 +84,7 @@ def test_live_node(tmp_path):
         at.z += 1.    # zero would be a marker that is lost
         marker.header.frame_id, marker.header.stamp.sec = 'mocap', 7
     command = [sys.executable, ROOT / 'examples' / 'live_node.py']
-    with Process(command, cwd=tmp_path), watching_node() as node:
+    with Process(command, cwd=tmp_path) as process, watching_node() as node:
         publisher = node.create_publisher(MarkerArray, 'markers', 10)
         answers = node.collect(JointState, 'joint_states')
 
@@ -93,5 +93,6 @@ def test_live_node(tmp_path):
             return bool(answers)
 
         node.spin_until(answered)
+        assert process.interrupt() == 0
     assert list(answers[0].name) == list(JOINTS)
     assert answers[0].header.stamp.sec == 7
