@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..calibration import LANDMARKS
+from ..calibration.takes import InvalidTake
 from ..core.model.hand import FINGERS, Hand
 from .plain_hand import PlainHand, fit_plain, into_palm, palm_poses, plain_joints
 
@@ -48,6 +49,11 @@ def fit_plain_markers(names: tuple[str, ...], points: np.ndarray,
     Returns
     -------
     PlainMarkers
+
+    Raises
+    ------
+    InvalidTake
+        Without markers on the knuckles of index and little finger.
     """
     columns = {name: points[:, i] for i, name in enumerate(names)}
     tips = tuple(finger for finger, name in zip(FINGERS, worn[3:]) if name.endswith('_tip'))
@@ -59,6 +65,8 @@ def fit_plain_markers(names: tuple[str, ...], points: np.ndarray,
     worn_palm = worn_points[int(np.argmin(np.abs(size - np.median(size, axis=0)).sum(axis=1)))]
     rotation, position = palm_poses(worn_points, worn_palm)
     wanted = ('wrist' if 'wrist' in columns else worn[0], 'index_mcp', 'little_mcp')
+    if missing := [name for name in wanted if name not in columns]:
+        raise InvalidTake(f'no marker {" or ".join(missing)}: a plain hand needs its knuckles')
     corners = np.median(into_palm(
         np.stack([columns[name] for name in wanted], axis=1), rotation, position), axis=0)
     for row, corner in zip(WORN_PALM_ROWS, corners):
