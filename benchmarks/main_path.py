@@ -4,14 +4,16 @@
 
 Two counts, for the structure of the program and not for its speed. Static: imports that run
 upwards between the folders of `ORDER`. Traced, where rclpy is installed: the Python calls of one
-message of eight markers through the subscription's callback, the slow path, until the
-callback returns, with the kernels as plain Python. `files` and `functions` are those of the
+message of eight markers, with the kernels as plain Python, from message to published answer and
+back to rest: the subscription's callback, the slow path, and then one `_drain`, which monitors the
+frame (the node itself drains several frames at a time). Counted twice: up to the return of the
+last answer (`answer_files`, ...), and with monitoring. `files` and `functions` are those of the
 package outside `core/numerics` and `depth` its deepest nesting of calls. `upward_calls` are calls
 from a folder into a higher one; `climbs` counts how often the node calls into a higher folder than
 with its call before, and `calls_after` its calls into other folders once the last answer to the
-frame (joint states, transforms, confidence) is published. The traced frames are of the
-demo motion; the frame that calls most functions is reported, and `all_files` and `all_functions`
-count those of any frame.
+frame (joint states, transforms, confidence) is published. The traced frames are of the demo
+motion; the frame that calls most functions is reported, and `all_files` and `all_functions` count
+those of any frame.
 """
 
 import argparse
@@ -185,14 +187,19 @@ def traced_frames(count):
         node, tracer, found = TrackerNode(), Tracer(), []
         callback = next(one.callback for one in node.subscriptions
                         if one.topic_name == '/markers')
+
+        def process(message):
+            callback(message)
+            node._drain()
+
         lap = messages('right', RATE)
         for i in range(WARM_UP + count):
             data, places = lap[i % len(lap)]
             put_stamps(data, places, RECORDING_START_NS + round(i * 1e9 / RATE))
             if i < WARM_UP:
-                callback(bytes(data))
+                process(bytes(data))
             else:
-                found.append(tracer.run(callback, bytes(data)))
+                found.append(tracer.run(process, bytes(data)))
         node.destroy_node()
     finally:
         rclpy.shutdown()
@@ -227,11 +234,10 @@ def calls_after(calls):
 
 
 def summary(calls):
-    """Return the row of a frame."""
+    """Return the row of a frame, or of its part up to the last answer."""
     return {'files': len({call.file for call in calls}), 'functions': len(functions(calls)),
             'depth': max(call.depth for call in calls), 'calls': len(calls),
-            'upward_calls': len(upward_calls(calls)), 'climbs': len(climbs(calls)),
-            'calls_after': len(calls_after(calls))}
+            'upward_calls': len(upward_calls(calls)), 'climbs': len(climbs(calls))}
 
 
 def print_calls(calls):
@@ -268,12 +274,17 @@ def main():
     else:
         longest = max(frames, key=lambda calls: len(functions(calls)))
         every = [call for calls in frames for call in calls]
-        row.update(summary(longest), all_files=len({call.file for call in every}),
-                   all_functions=len(functions(every)))
-        print('a frame outside {}: {files} files, {functions} functions, depth {depth}, '
-              '{calls} calls, {upward_calls} upward; {climbs} climbs, {calls_after} calls of the '
-              'node after the answer; any frame: {all_files} files, {all_functions} functions'
-              .format(UNCOUNTED, **row))
+        answer = summary([call for call in longest if not call.answered])
+        row.update(summary(longest), calls_after=len(calls_after(longest)),
+                   all_files=len({call.file for call in every}),
+                   all_functions=len(functions(every)),
+                   **{f'answer_{name}': value for name, value in answer.items()})
+        print(f'a frame outside {UNCOUNTED}:')
+        for part, counts in (('up to the last answer', answer), ('with monitoring', row)):
+            print('  {}: {files} files, {functions} functions, depth {depth}, {calls} calls, '
+                  '{upward_calls} upward, {climbs} climbs'.format(part, **counts))
+        print('  {calls_after} calls of the node after the answer; any frame: {all_files} files, '
+              '{all_functions} functions'.format(**row))
         if options.list:
             print_calls(longest)
     write_rows(options.json, [row])
