@@ -106,7 +106,7 @@ class Listener:
 
     @property
     def counts(self) -> tuple[int, int]:
-        """Return how many frames of markers and of joint states arrived."""
+        """Return the numbers of received frames of markers and of joint states."""
         return len(self._markers), len(self._angles)
 
     def heard(self, hand: Hand, layout: MarkerLayout, recent: int | None = None) -> Heard:

@@ -121,8 +121,7 @@ def _names(parser: argparse.ArgumentParser, chosen: str, files: list[Path]) -> l
 
 
 class Given(NamedTuple):
-    """What evaluations are given to judge.
-
+    """Captures and takes that evaluations judge.
     Attributes
     ----------
     captures : tuple of Capture
@@ -149,7 +148,7 @@ def _takes(files: list[Path]) -> tuple[dict[Path, MarkerTake], dict[Path, HandTr
 
 def _given(names: list[str], files: list[Path],
            fit: list[Path]) -> tuple[Given, list[HandTrackerError]]:
-    """Return what evaluations are given to judge, and the faults of files that are neither."""
+    """Return the loaded captures and takes, and the faults of files that are neither."""
     wants_takes = any(EVALUATIONS[name].judges_takes for name in names)
     wants_captures = any(EVALUATIONS[name].judges_captures for name in names)
     captures, faults = load_captures(files) if wants_captures else ([], {})

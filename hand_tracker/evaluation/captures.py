@@ -148,7 +148,7 @@ def load_capture(path: str | PathLike[str]) -> Capture:
 
 
 def _captured(joints: np.ndarray) -> np.ndarray:
-    """Return which of the 21 joints are captured in any frame."""
+    """Return the mask of the joints that are captured in any frame, shape (21,) bool."""
     return np.isfinite(joints).all(axis=2).any(axis=0)
 
 

@@ -68,8 +68,7 @@ def evaluate(options: Options) -> Iterator[Row]:
 
 
 def judgements(takes: Sequence[MarkerTake], fit_takes: Sequence[MarkerTake]) -> list[Judgement]:
-    """Return what is fitted on which takes, and judged on which.
-
+    """Return the splits of the takes into those to fit hands to and those to judge.
     Parameters
     ----------
     takes, fit_takes : sequence of MarkerTake

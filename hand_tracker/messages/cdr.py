@@ -108,8 +108,7 @@ class MarkerReader:
         self._strings = np.zeros(size, np.uint8)
 
     def read(self, data: bytes) -> MarkerFrame:
-        """Return what `markers_from_message` returns of the same message.
-
+        """Decode a serialized MarkerArray, as `markers_from_message` does a message.
         Parameters
         ----------
         data : bytes
@@ -165,7 +164,7 @@ class MarkerReader:
         return self._words.byteswap(), self._numbers.byteswap(), size
 
     def _learn(self, kind: bytes, count: int) -> Sources:
-        """Return where messages of a kind have what they say, and remember it."""
+        """Find the markers' places in messages with a byte signature, and cache them."""
         heads, at = [], 0
         for frame_length, ns_length, number, type_, points in self._heads[:count].tolist():
             strings = self._strings[at:at + frame_length + ns_length].tobytes()
@@ -206,7 +205,7 @@ def _aligned(at: int, to: int) -> int:
 
 @jit
 def _counted(words: np.ndarray, size: int, at: int) -> tuple[int, int]:
-    """Return a length and where what it counts begins; behind the end where it is cut off."""
+    """Read a sequence's length; return it and the offset of its items, `size` + 1 if cut off."""
     at = _aligned(at, 4)
     if at + 4 > size:
         return 0, size + 1
@@ -218,7 +217,7 @@ def _counted(words: np.ndarray, size: int, at: int) -> tuple[int, int]:
 
 @jit
 def _after(words: np.ndarray, size: int, at: int, width: int, alignment: int) -> int:
-    """Return where a sequence of things ``width`` bytes wide ends."""
+    """Return the offset of the end of a sequence of items ``width`` bytes wide."""
     count, at = _counted(words, size, at)
     if count > 0:
         at = _aligned(at, alignment) + count * width

@@ -65,8 +65,7 @@ class Head(NamedTuple):
 
 
 class Sources(NamedTuple):
-    """Where the hand's markers are in a message.
-
+    """Places of the hand's markers in a message.
     Attributes
     ----------
     first : int or None

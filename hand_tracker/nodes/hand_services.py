@@ -86,11 +86,11 @@ class HandServices:
         return self.progress() != before
 
     def news(self) -> list[tuple[bool, str]]:
-        """Return what is to be logged, as of `LiveCalibration.news`."""
+        """Return the lines to log, see `LiveCalibration.news`."""
         return self._calibration.news()
 
     def progress(self) -> dict[str, str]:
-        """Return what /diagnostics tells of a calibration."""
+        """Return the calibration's values for /diagnostics, see `LiveCalibration.values`."""
         return self._calibration.values()
 
     def stop(self) -> None:

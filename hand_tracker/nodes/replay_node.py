@@ -288,7 +288,7 @@ def _message_type(kind: str) -> type | None:
 
 
 def _stamp_finder(kind: str, message_type: Any) -> Callable[[bytes], tuple]:
-    """Return what finds the stamps in the serialised messages of a type."""
+    """Return the function that finds the stamps in serialised messages of a type."""
     if kind == MARKER_ARRAY:
         return marker_stamps
     fields = message_type.get_fields_and_field_types()
@@ -298,7 +298,7 @@ def _stamp_finder(kind: str, message_type: Any) -> Callable[[bytes], tuple]:
 
 
 def _qos(offers: Sequence[Any]) -> QoSProfile:
-    """Return what the recorded publishers offered; reliable if unknown or they differed."""
+    """Return the QoS of the recorded publishers; reliable if unknown or they differed."""
     qos = QoSProfile(depth=REPLAY_DEPTH)
     if len({(offer.reliability, offer.durability) for offer in offers}) == 1:
         offer = offers[0]

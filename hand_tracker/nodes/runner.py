@@ -1,4 +1,4 @@
-"""What every node of the package does alike: declare parameters, run, end."""
+"""Run a node: declare its parameters, spin it until interrupted, shut down."""
 
 from __future__ import annotations
 

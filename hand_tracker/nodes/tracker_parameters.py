@@ -47,7 +47,7 @@ class InvalidParameter(HandTrackerError, ValueError):
 
 
 class Settings(NamedTuple):
-    """What acts from the next frame on."""
+    """Values of the parameters that may be set at run time; used from the next frame on."""
 
     hand: Hand
     options: TrackerOptions
@@ -232,8 +232,7 @@ def live_table(hand: Hand) -> tuple[Parameter, ...]:
 
 
 def live_settings(hand: Hand, values: Mapping[str, Any]) -> Settings:
-    """Return what the parameters that act from the next frame on stand for.
-
+    """Return the settings that the values of the run-time parameters stand for.
     Parameters
     ----------
     hand : Hand

@@ -185,7 +185,7 @@ class Live:
         say('Waiting for the hand: markers come in, and the palm is seen?')
 
     def _points(self, angles: np.ndarray) -> np.ndarray:
-        """Return where the skeleton is, in the wrist's frame."""
+        """Return the skeleton's points in the wrist's frame [m]."""
         return skeleton_points(
             tip_offsets(self.hand), forward(joint_table(self.hand), angles), np.zeros(3))
 
@@ -335,12 +335,12 @@ class Live:
                 self._told[node] = told_progress(values)
 
     def numbers(self, state: HandState) -> dict[str, str]:
-        """Return what the tracker tells of itself, as texts by name."""
+        """Return the tracker's values on /diagnostics as texts, by name."""
         return {name: f'{float(text):.3g} {unit}' if (text := self._numbers.get(key)) else '–'
                 for name, (key, unit) in NUMBERS.items()}
 
     def calibration(self) -> tuple[str, dict[str, float]] | None:
-        """Return what the tracker or a calibrate node tells of a calibration; None if none."""
+        """Return a calibration's prompt and the share of each movement; None if none runs."""
         return self._told.get(self._tracker) or self._told.get(CALIBRATE_NODE)
 
 

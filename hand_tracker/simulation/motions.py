@@ -216,7 +216,7 @@ def rest_tremor(hand: Hand, duration: float, random: np.random.RandomState) -> L
 
 
 def ranging(hand: Hand, duration: float, random: np.random.RandomState) -> LayeredMotion:
-    """Return what a calibration asks for, as often as it takes."""
+    """Return the range-of-motion sequence of a calibration, repeated to last `duration` [s]."""
     once = list(range_of_motion(hand))
     lasts = sum(key.move + key.hold for key in once) - once[0].move
     rounds = math.ceil(duration / lasts)

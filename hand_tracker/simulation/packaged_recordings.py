@@ -89,8 +89,7 @@ def demo_recording(hand: Hand | None = None, layout: MarkerLayout | None = None,
 
 
 def visible(frames: int, rate: float, random: np.random.RandomState) -> np.ndarray:
-    """Return which markers are visible, with random short drop-outs of one or two markers.
-
+    """Return a visibility mask with random short drop-outs of one or two markers.
     Parameters
     ----------
     frames : int

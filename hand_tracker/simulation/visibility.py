@@ -95,8 +95,7 @@ def observe(rig: CameraRig, hand: Hand, layout: MarkerLayout, angles: np.ndarray
 
 
 def markers_inside(hand: Hand, layout: MarkerLayout) -> np.ndarray:
-    """Return which markers lie inside the capsules of the hand at rest, visible to no camera.
-
+    """Return the mask of markers inside the capsules of the resting hand, seen by no camera.
     Parameters
     ----------
     hand : Hand

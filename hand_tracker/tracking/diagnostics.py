@@ -25,7 +25,7 @@ MARKER_TROUBLES = {
 
 
 class Level(enum.IntEnum):
-    """Those of diagnostic_msgs/DiagnosticStatus, as REP 107 has them."""
+    """Severity levels of diagnostic_msgs/DiagnosticStatus (REP 107)."""
 
     OK = 0
     WARN = 1

@@ -117,11 +117,11 @@ class LiveCalibration:
         self._fit = Fit(take, self._limits, self._output)
 
     def values(self) -> dict[str, str]:
-        """Return what /diagnostics tells: what to do next, and how much of each was shown."""
+        """Return the values for /diagnostics: next prompt, and share of each movement shown."""
         return {CALIBRATION_KEY: self._text, **self._values}
 
     def news(self) -> list[tuple[bool, str]]:
-        """Return what is to be logged: whether it is a warning, and the line."""
+        """Return the lines to log, each with whether it is a warning."""
         news, self._news = self._news, []
         return news
 

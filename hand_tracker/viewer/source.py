@@ -42,4 +42,4 @@ class FrameSource(Protocol):
         """Return measured values as texts, by name."""
 
     def calibration(self) -> tuple[str, dict[str, float]] | None:
-        """Return what to do next in a calibration, and the share of each movement; None if none."""
+        """Return a calibration's prompt and the share of each movement; None if none runs."""

@@ -109,8 +109,7 @@ def _adapt_jerk(mean: np.ndarray, covariance: np.ndarray, activity: np.ndarray,
 
 
 def noise_levers(template: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Return how the palm markers' noise propagates to places in the palm's frame.
-
+    """Return the gain of the palm markers' variance at places in the palm's frame.
     Parameters
     ----------
     template : ndarray, shape (3, 3)

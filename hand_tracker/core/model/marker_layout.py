@@ -155,8 +155,7 @@ def require_solvable(mounting: Mounting) -> None:
 
 
 def landmark_on_link(hand: Hand, place: str) -> tuple[int, np.ndarray]:
-    """Return where a landmark is on the right hand.
-
+    """Return the link and position of a landmark on the right hand.
     Parameters
     ----------
     hand : Hand

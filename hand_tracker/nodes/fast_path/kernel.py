@@ -45,8 +45,7 @@ LOG_COLUMNS = 5
 
 
 class FastPathMemory(NamedTuple):
-    """What the fast path has installed, its buffers and its log.
-
+    """Memory of the fast path: installed signature and reply templates, buffers, frame log.
     Attributes
     ----------
     message : ndarray, shape (MESSAGE_CAPACITY // 8,)

@@ -64,8 +64,7 @@ REPORT = -1              # place of the report among the packs of `track_frame`
 
 
 class CallbackContext(NamedTuple):
-    """What the compiled callback works with: addresses, but for the first three.
-
+    """Context of the compiled callback: addresses, but for the first three arrays.
     Attributes
     ----------
     is_enabled : ndarray of int, shape (1,)
