@@ -109,7 +109,8 @@ class Diagnostics:
         Returns
         -------
         bool
-            Whether the status has changed, so that it is to be published at once.
+            Whether the status has changed, so that it is to be published before `STATUS_PERIOD`
+            is over.
         """
         self._frames += count
         self._on_fast_path += count if on_fast_path else 0

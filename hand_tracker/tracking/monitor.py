@@ -103,7 +103,8 @@ class Monitor:
         Returns
         -------
         bool
-            Whether the status has changed, so that it is to be published at once.
+            Whether the status has changed, so that it is to be published before its period is
+            over. The tracker node drains frames to here every `REPORT_PERIOD`.
         """
         for received, published, time in zip(frames.received, frames.published, frames.times):
             self._diagnostics.published(published - received, time)
