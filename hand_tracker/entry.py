@@ -14,8 +14,8 @@ from .__main__ import main
 
 HELP = """
 usage: ros2 run hand_tracker {node} [--ros-args -p PARAMETER:=VALUE -r markers:=/topic ...]
-`ros2 param list` and `ros2 param describe` tell of the parameters while it runs, the README
-of what they mean."""
+`ros2 param list` and `ros2 param describe` show the parameters while it runs; docs/ros.md says
+what they mean."""
 ASKS = {'-h', '--help'}
 
 
