@@ -1,7 +1,7 @@
 """The tracking method: numpy and numba only, no ROS, no files, no plots.
 
 `tracker.HandTracker` keeps the state of a hand; `pipeline.track_frame` is the method, whose steps
-are folders here, in the order in which a frame passes them:
+are folders here, in the order in which a frame passes them (2 to 4: the palm, then the digits):
 
 1. `labelling`: reject invalid measurements, associate the others with markers.
 2. `filtering`: time between frames, noise of the markers, unscented Kalman filters.

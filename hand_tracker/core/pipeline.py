@@ -49,7 +49,9 @@ MIN_CONTACT_OFFSET = 1e-6   # [rad]
 @jit
 def track_frame(model: Pack, chains: Pack, options: Pack, clock: Pack, blank: Pack, state: Pack,
                 report: Pack, markers: np.ndarray, time: float) -> bool:
-    """Track one frame: the steps of the method in order.
+    """Track one frame: the steps of the method, numbered as in `core`.
+
+    The digits' markers are filtered in the wrist's frame: steps 2 to 4 are done for the palm first.
 
     Parameters
     ----------
@@ -73,26 +75,26 @@ def track_frame(model: Pack, chains: Pack, options: Pack, clock: Pack, blank: Pa
     step, restarted = begin_frame(model, clock, blank, state, markers, time)
     seen = np.empty(8, dtype=np.bool_)
     iterations = 0
-    # Labelling: reject invalid measurements, associate the others with markers.
+    # 1 Labelling: reject invalid measurements, associate the others with markers.
     fault = label_markers(model, options, state, markers, seen, step)
-    # Occlusion, palm: filter its markers, predict hidden ones.
+    # 2, 3 Filtering and occlusion, palm: filter its markers, predict hidden ones.
     palm = predict_palm(model, options, state, markers, seen, step)
     if palm == LOST:
         # The digits' markers have located the palm; nothing is left to locate them by.
         seen[3:] = False
     if palm != WAITING:
-        # Inverse kinematics, palm: pose of the wrist, first joints of the digits.
+        # 4 Inverse kinematics, palm: pose of the wrist, first joints of the digits.
         place_wrist(model, options, state)
-        # Occlusion, digits: filter their markers, predict hidden ones from the others.
+        # 2, 3 Filtering and occlusion, digits: the same; hidden ones follow the others.
         predict_digits(model, options, state, markers, seen, palm == TRACKED, step)
-        # Inverse kinematics, fingers and thumb: abduction, then flexion within limits.
+        # 4 Inverse kinematics, fingers and thumb: abduction, then flexion within limits.
         iterations = solve_angles(model, chains, options, state, seen, step)
-        # Filtering: quiet angles, where the digits' markers tell little of them.
+        # 4 Inverse kinematics: quiet angles, where the digits' markers tell little of them.
         estimate_angles(chains, options, state, seen, step)
-        # Pose: continuous angles, digits apart from each other and from the palm.
+        # 5 Pose: continuous angles, digits apart from each other and from the palm.
         blend_angles(chains, options, state, seen, step)
         resolve_contact(model, chains, options, state, seen, step)
-    # Pose: forward kinematics, states of the markers, confidence.
+    # 5 Pose: forward kinematics, states of the markers, confidence.
     write_report(model, chains, options, state, markers, seen, fault if fault else palm,
                  iterations, report)
     return restarted
