@@ -19,7 +19,7 @@ class TrackedFrames(NamedTuple):
 
     Attributes
     ----------
-    count : int
+    frame_count : int
         Frames; more than there are times of where a batch was too long to be logged whole.
     stamp : Time
         Of the last frame, as published.
@@ -38,7 +38,7 @@ class TrackedFrames(NamedTuple):
         Whether time jumped back.
     """
 
-    count: int  # type: ignore[assignment]
+    frame_count: int
     stamp: Time
     state: HandState
     received: list[float]
@@ -117,7 +117,7 @@ class Monitor:
         for published, states in frames.runs:
             self._input.tracked(published, states)
         return self._diagnostics.tracked(
-            frames.published[-1], frames.state, frames.count, frames.on_fast_path)
+            frames.published[-1], frames.state, frames.frame_count, frames.on_fast_path)
 
     def set_size(self, size: str) -> None:
         """Note how far the hand's size is learned, as of `Stream.size`."""

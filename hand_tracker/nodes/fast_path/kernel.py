@@ -56,7 +56,7 @@ class FastPathMemory(NamedTuple):
         The same of the installed signature.
     known : ndarray of int, shape (2,)
         Its number of markers, and bytes of its strings.
-    first, count : ndarray of int, shape (1,)
+    first, marker_count : ndarray of int, shape (1,)
         Place of the marker that has the stamp; number of the hand's markers.
     slots, markers, rows, scale, zero_is_missing
         See `gather_positions`.
@@ -90,7 +90,7 @@ class FastPathMemory(NamedTuple):
     known_strings: np.ndarray
     known: np.ndarray
     first: np.ndarray
-    count: np.ndarray  # type: ignore[assignment]
+    marker_count: np.ndarray
     slots: np.ndarray
     markers: np.ndarray
     rows: np.ndarray
@@ -122,7 +122,7 @@ def new_memory() -> FastPathMemory:
         places=integers(most, 3), strings=np.zeros(MESSAGE_CAPACITY, np.uint8),
         known_heads=np.zeros((most, 5), np.int32),
         known_strings=np.zeros(MESSAGE_CAPACITY, np.uint8),
-        known=np.array((-1, 0)), first=integers(1), count=integers(1), slots=integers(count),
+        known=np.array((-1, 0)), first=integers(1), marker_count=integers(1), slots=integers(count),
         markers=integers(count), rows=np.zeros((count, 3)), scale=np.ones(1),
         zero_is_missing=integers(1), stamp=integers(2), time=np.zeros(1),
         wanted=integers(REPLIES), replies=np.zeros((REPLIES, REPLY_CAPACITY // 8)),
@@ -162,7 +162,7 @@ def install_signature(memory: FastPathMemory, signature: MessageSignature, stamp
     count = len(sources.slots)
     memory.known[:] = len(heads), len(strings)
     memory.known_heads[:len(heads)], memory.known_strings[:len(strings)] = heads, strings
-    memory.first[0], memory.count[0] = sources.first, count
+    memory.first[0], memory.marker_count[0] = sources.first, count
     memory.stamp[:] = stamp.sec, stamp.nanosec
     memory.slots[:count], memory.markers[:count] = sources.slots, sources.markers
     memory.scale[0], memory.zero_is_missing[0] = scale, zero_is_missing
@@ -265,7 +265,7 @@ def process_message(memories: Any, packs: tuple[Any, ...], octets: np.ndarray) -
     # A time that the clock has not believed may come again, which listeners of TF refuse.
     if sec == memory.stamp[0] and nanosec == memory.stamp[1]:
         return False
-    count = memory.count[0]
+    count = memory.marker_count[0]
     gather_positions(memory.message, memory.places, memory.slots[:count], memory.markers[:count],
                      memory.scale[0], memory.zero_is_missing[0] > 0, memory.rows)
     track_frame(model, digits, options, clock, blank, state, report, memory.rows, time)
