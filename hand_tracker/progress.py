@@ -17,7 +17,7 @@ Item = TypeVar('Item')
 
 
 def bar(share: float, width: int) -> str:
-    """Return a bar of so many characters, of which a share is full."""
+    """Return a bar of so many characters, of which a share [1] is full."""
     full = int(share * width)
     return f'[{"#" * full}{"." * (width - full)}]'
 

@@ -128,7 +128,7 @@ class Listener:
         return Heard(np.array(stamps, dtype=np.int64), angles, markers, places)
 
     def line(self, hand: Hand, layout: MarkerLayout, rate: float) -> str:
-        """Return a line on the last second."""
+        """Return a line on the last second at a rate [Hz]."""
         heard = self.heard(hand, layout, max(2, round(rate)))
         if len(heard.stamps) < 2:
             return 'waiting for the first frames'

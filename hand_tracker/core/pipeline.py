@@ -103,7 +103,7 @@ def track_frame(model: Pack, chains: Pack, options: Pack, clock: Pack, blank: Pa
 @jit
 def begin_frame(model: Pack, clock: Pack, blank: Pack, state: Pack, markers: np.ndarray,
                 time: float) -> tuple[float, bool]:
-    """Advance the clock, and mirror a left hand's markers to a right hand's.
+    """Advance the clock to `time` [s], and mirror a left hand's markers to a right hand's.
 
     Returns
     -------
@@ -128,6 +128,8 @@ def begin_frame(model: Pack, clock: Pack, blank: Pack, state: Pack, markers: np.
 def label_markers(model: Pack, options: Pack, state: Pack, markers: np.ndarray, seen: np.ndarray,
                   step: float) -> int:
     """Reject invalid measurements and exchange wrong labels, in `markers` and `seen`.
+
+    `step` is the time since the last frame [s].
 
     Returns
     -------
@@ -166,7 +168,10 @@ def _note_changes(palm: Tracks, digits: Tracks, seen: np.ndarray, changed: np.nd
 @jit
 def predict_palm(model: Pack, options: Pack, state: Pack, markers: np.ndarray, seen: np.ndarray,
                  step: float) -> int:
-    """Filter the palm's markers and predict hidden ones; return the `PalmState`."""
+    """Filter the palm's markers and predict hidden ones; return the `PalmState`.
+
+    `step` is the time since the last frame [s].
+    """
     model, options, state = model[0], options[0], state[0]
     return track_palm(Observation(markers, seen, state.noise.deviation), step, state.palm,
                       state.digits, state.wrist, model.template, options.prediction)
@@ -186,7 +191,10 @@ def place_wrist(model: Pack, options: Pack, state: Pack) -> None:
 @jit
 def predict_digits(model: Pack, options: Pack, state: Pack, markers: np.ndarray, seen: np.ndarray,
                    palm_tracked: bool, step: float) -> None:
-    """Filter the digits' markers in the wrist's frame and predict hidden ones."""
+    """Filter the digits' markers in the wrist's frame and predict hidden ones.
+
+    `step` is the time since the last frame [s].
+    """
     model, options, state = model[0], options[0], state[0]
     # Doubtful labels must not enter the statistics.
     learning = palm_tracked and state.association.doubted_for[0] == 0.
@@ -202,6 +210,8 @@ def predict_digits(model: Pack, options: Pack, state: Pack, markers: np.ndarray,
 def solve_angles(model: Pack, chains: Pack, options: Pack, state: Pack, seen: np.ndarray,
                  step: float) -> int:
     """Solve the digits' angles; hidden fingers stay in their candidate space.
+
+    `step` is the time since the last frame [s].
 
     Returns
     -------
@@ -224,7 +234,10 @@ def solve_angles(model: Pack, chains: Pack, options: Pack, state: Pack, seen: np
 @jit
 def estimate_angles(chains: Pack, options: Pack, state: Pack, seen: np.ndarray,
                     step: float) -> None:
-    """Estimate the seen digits' angles by what their markers tell of them."""
+    """Estimate the seen digits' angles by what their markers tell of them.
+
+    `step` is the time since the last frame [s].
+    """
     chains, options, state = chains[0], options[0], state[0]
     for i in range(5):
         if chains.measured[i] != state.measured[i]:
@@ -242,7 +255,10 @@ def estimate_angles(chains: Pack, options: Pack, state: Pack, seen: np.ndarray,
 
 @jit
 def blend_angles(chains: Pack, options: Pack, state: Pack, seen: np.ndarray, step: float) -> None:
-    """Blend the angles in where a marker vanished, came back or changed its label."""
+    """Blend the angles in where a marker vanished, came back or changed its label.
+
+    `step` is the time since the last frame [s].
+    """
     chains, options, state = chains[0], options[0], state[0]
     if not state.wrist.placed[0]:
         state.wrist.placed[0] = True
@@ -259,7 +275,10 @@ def blend_angles(chains: Pack, options: Pack, state: Pack, seen: np.ndarray, ste
 @jit
 def resolve_contact(model: Pack, chains: Pack, options: Pack, state: Pack, seen: np.ndarray,
                     step: float) -> None:
-    """Separate hidden digits from others (rigidity); drag them along (friction)."""
+    """Separate hidden digits from others (rigidity); drag them along (friction).
+
+    `step` is the time since the last frame [s].
+    """
     model, chains, options, state = model[0], chains[0], options[0], state[0]
     angles, before = state.separated, state.separated.copy()
     for joint in range(25):

@@ -58,7 +58,7 @@ class HandView:
         One of `VIEW_EXTENTS`.
     hand : Hand
     scale : float
-        Relative to `METRES_PER_INCH`.
+        Relative to `METRES_PER_INCH` [1].
     """
 
     def __init__(self, figure: Figure, corner: tuple[float, float], view: str, hand: Hand,

@@ -327,7 +327,7 @@ def bone_mesh(start: np.ndarray, end: np.ndarray, radius: float, end_radius: flo
 
 
 def ball_mesh(centre: np.ndarray, radius: float, colour: ArrayLike) -> Mesh:
-    """Return a sphere; see `bone_mesh`."""
+    """Return a sphere of a radius [m]; see `bone_mesh`."""
     return bone_mesh(centre, centre, radius, radius, colour)
 
 

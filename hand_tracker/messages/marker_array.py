@@ -106,7 +106,7 @@ def markers_from_message(message: Any, labels: LabelMap, frame_id: str = '', sca
         Frame of the markers that count; that of the message's first marker of the hand
         when empty.
     scale : float, optional
-        Metres per unit of the message.
+        Of the message's unit [m].
     zero_is_missing : bool, optional
         Whether a marker at exactly (0, 0, 0) is one that the driver lost.
 

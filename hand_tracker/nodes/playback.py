@@ -34,7 +34,7 @@ class Playback:
     start : int
         Recorded time at which it starts [ns].
     rate : float
-        How many times as fast as recorded.
+        How many times as fast as recorded [1].
     paused : bool
     """
 
@@ -97,6 +97,7 @@ class Playback:
         Parameters
         ----------
         rate : float
+            How many times as fast as recorded [1].
 
         Returns
         -------

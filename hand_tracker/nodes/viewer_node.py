@@ -124,7 +124,7 @@ class Player:
         self.playing = not self.playing
 
     def set_rate(self, rate: float) -> None:
-        """Play so many times as fast as recorded."""
+        """Play so many times as fast as recorded [1]."""
         self._set_rate.call_async(srv.SetRate.Request(rate=rate))
 
 

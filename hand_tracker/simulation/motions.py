@@ -73,7 +73,7 @@ def motion_named(name: str, hand: Hand, seed: int | tuple[int, ...] = 1,
 
 
 def slow_sway(random: np.random.RandomState, strength: float = 1.) -> Sway:
-    """Return a random slow sway of the wrist about the centre of the cameras' view."""
+    """Return a random slow sway of the wrist about the cameras' view, scaled by `strength` [1]."""
     period = random.uniform(7., 9.)
     amplitude = strength * np.outer((.6, .3, .1), WRIST_DRIFT) * random.uniform(.7, 1.3, (3, 6))
     return Sway(period, WRIST_CENTRE * SI_OF_SWAY, amplitude * SI_OF_SWAY,
@@ -81,12 +81,12 @@ def slow_sway(random: np.random.RandomState, strength: float = 1.) -> Sway:
 
 
 def resting_motion(shape: Shape, duration: float, hand: Hand, sway: Sway) -> Motion:
-    """Return a motion that rests in one hand shape."""
+    """Return a motion that rests in one hand shape for `duration` [s]."""
     return motion_through([Keyframe(shape_angles(shape, hand), 0., duration)], sway)
 
 
 def spelling(hand: Hand, duration: float, random: np.random.RandomState) -> LayeredMotion:
-    """Return fingerspelling: random letters, about three in two seconds."""
+    """Return fingerspelling for `duration` [s]: random letters, about three in two seconds."""
     keys, clock, last = [Keyframe(shape_angles(REST_SHAPE, hand), 0., .2)], 0., None
     while clock < duration:
         letter = random.choice([name for name in LETTER_SHAPES if name != last])
@@ -175,7 +175,7 @@ def piano_digits(random: np.random.RandomState) -> list[int]:
 
 
 def shaking(hand: Hand, duration: float, random: np.random.RandomState) -> LayeredMotion:
-    """Return fast shaking of the whole hand with passively moving fingers."""
+    """Return fast shaking of the hand with passively moving fingers, for `duration` [s]."""
     base_rate = random.uniform(*SHAKE_RATE)
     # Harmonic 1 is a slow drift, harmonic 8 the shaking itself.
     amplitude = np.zeros((8, 6))
@@ -193,7 +193,7 @@ def shaking(hand: Hand, duration: float, random: np.random.RandomState) -> Layer
 
 
 def rest_tremor(hand: Hand, duration: float, random: np.random.RandomState) -> LayeredMotion:
-    """Return rest with a tremor of 4 to 6 Hz, the thumb against the fingers."""
+    """Return rest with a tremor of 4 to 6 Hz, thumb against fingers, for `duration` [s]."""
     # Three close frequencies beat, so that the amplitude varies.
     rates = np.sort(random.uniform(*TREMOR_RATE, 3))
     shares = np.array((.3, .5, .2))

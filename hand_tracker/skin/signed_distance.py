@@ -195,7 +195,7 @@ def tapered_capsule(points: np.ndarray, start: np.ndarray, end: np.ndarray, star
     flat_axis : ndarray, shape (3,), optional
         Unit direction along which the capsule is flattened.
     flatness : float
-        Its thickness along that direction, relative to that across.
+        Its thickness along that direction, relative to that across [1].
 
     Returns
     -------
@@ -213,7 +213,7 @@ def tapered_capsule(points: np.ndarray, start: np.ndarray, end: np.ndarray, star
 
 def rounded_quadrilateral(points: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray,
                           d: np.ndarray, radius: float) -> np.ndarray:
-    """Return the signed distance to the triangles a b c and b c d; see `rounded_triangle`."""
+    """Return the distance [m] to the triangles a b c and b c d; see `rounded_triangle`."""
     return np.minimum(rounded_triangle(points, a, b, c, radius),
                       rounded_triangle(points, b, c, d, radius))
 

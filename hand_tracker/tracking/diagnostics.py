@@ -101,6 +101,7 @@ class Diagnostics:
         Parameters
         ----------
         now : float
+            On a clock that never jumps [s].
         state : HandState
             After the last of them.
         count : int
@@ -123,6 +124,7 @@ class Diagnostics:
         Parameters
         ----------
         now : float
+            On a clock that never jumps [s].
         publishers : callable
             Returns a text on who publishes the markers; called when none come.
 

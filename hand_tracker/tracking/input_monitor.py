@@ -101,6 +101,7 @@ class InputMonitor:
         Parameters
         ----------
         now : float
+            On a clock that never jumps [s].
         frame : MarkerFrame
         """
         self._received, self._frame = now, frame
@@ -122,7 +123,7 @@ class InputMonitor:
         Parameters
         ----------
         now : float
-            When the last of them came.
+            When the last of them came [s].
         stamp : Time
             Of that one.
         """
@@ -140,6 +141,7 @@ class InputMonitor:
         Parameters
         ----------
         now : float
+            On a clock that never jumps [s].
         state : HandState or StateRun
         """
         self._state = state
@@ -189,6 +191,7 @@ class InputMonitor:
         Parameters
         ----------
         now : float
+            On a clock that never jumps [s].
         publishers : callable
             Returns a text on who publishes the markers; called when none come.
 
@@ -219,6 +222,7 @@ class InputMonitor:
         Parameters
         ----------
         now : float
+            On a clock that never jumps [s].
 
         Returns
         -------
@@ -241,6 +245,7 @@ class InputMonitor:
         Parameters
         ----------
         now : float
+            On a clock that never jumps [s].
         situation : PalmState, str or None
         publishers : callable
             As for `report`.

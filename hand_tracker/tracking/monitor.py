@@ -89,6 +89,7 @@ class Monitor:
         Parameters
         ----------
         received : float
+            On a clock that never jumps [s].
         markers : MarkerFrame
         """
         self._input.received(received, markers)
@@ -136,11 +137,11 @@ class Monitor:
         self._input.warn_once(key, text)
 
     def log_lines(self, now: float, publishers: Callable[[], str]) -> list[tuple[bool, str]]:
-        """Return the lines to log, see `InputMonitor.report`."""
+        """Return the lines to log at `now` [s], see `InputMonitor.report`."""
         return self._input.report(now, publishers)
 
     def status(self, now: float, publishers: Callable[[], str]) -> Status:
-        """Return the status for /diagnostics, see `Diagnostics.status`."""
+        """Return the status for /diagnostics at `now` [s], see `Diagnostics.status`."""
         return self._diagnostics.status(now, publishers)
 
     def ended(self) -> None:

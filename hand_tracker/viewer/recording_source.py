@@ -65,7 +65,7 @@ class Playhead:
             self._position, self._then = position, time.monotonic()
 
     def set_rate(self, rate: float) -> None:
-        """Set the playback speed, relative to the recording."""
+        """Set the playback speed, relative to the recording [1]."""
         self.now()
         self._rate = rate
 

@@ -168,7 +168,7 @@ class Mesh:
             bone_positions=skin.rest.position)
 
     def move(self, pose: Pose, opacity: float) -> None:
-        """Set the pose of the 25 links and the opacity, if the mesh is visible."""
+        """Set the pose of the 25 links and the opacity [1], if the mesh is visible."""
         if not self.node.visible:
             return
         for bone, link in zip(self.node.bones, self._links):
@@ -246,7 +246,7 @@ def place_camera(camera: 'CameraHandle', hands: int, aspect: float) -> None:
     camera : viser.CameraHandle
     hands : int
     aspect : float
-        Width by height of the picture.
+        Width by height of the picture [1].
     """
     height = 2. * np.linalg.norm(CAMERA_OFFSET) * np.tan(.5 * VIEWER_FIELD_OF_VIEW)
     # On a phone the panel covers the lower part of the picture.

@@ -140,7 +140,7 @@ def noise_in_palm_frame(noise_sd: float, covariances: np.ndarray, lever: float) 
     covariances : ndarray, shape (3, 9, 9)
         Of the palm's markers, after this frame's correction.
     lever : float
-        From `noise_levers`.
+        From `noise_levers` [1].
 
     Returns
     -------

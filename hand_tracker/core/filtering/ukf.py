@@ -251,7 +251,7 @@ def damp(mean: np.ndarray, covariance: np.ndarray, factor: float) -> None:
     mean, covariance : ndarray, shape (9,) and (9, 9)
         Replaced.
     factor : float
-        In (0, 1].
+        Above 0, at most 1 [1].
     """
     covariance = indexed(covariance)
     for i in range(3, STATE_SIZE):

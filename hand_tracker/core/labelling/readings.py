@@ -228,7 +228,7 @@ def set_gates(evidence: Evidence, template: np.ndarray, spread: np.ndarray,
     step : float
         Time since the last frame [s].
     gate : float
-        In standard deviations.
+        In standard deviations [1].
     """
     time = clamp(step, 0.0, MAX_BEND_TIME)
     expected, seen = evidence.expected, evidence.seen
@@ -275,7 +275,7 @@ def read(evidence: Evidence, bounds: HandBounds, kept: Kept, relabel: bool, bar:
     relabel : bool
         Whether the digits may exchange their rows.
     bar : float
-        Cost of the palm at which the digits are not looked at.
+        Cost of the palm at which the digits are not looked at [1].
     reading : Reading
         Its rows are read; those of the digits are replaced if they are exchanged. Its costs
         and places are replaced.
@@ -398,7 +398,10 @@ def palm_size(gaps: np.ndarray, sides: np.ndarray, template: np.ndarray, rows: n
 
 @jit
 def beyond_reach(bounds: HandBounds, place: Vector, digit: int, size: float) -> float:
-    """Return the distance of a place in the palm's frame beyond a digit's reach [m]."""
+    """Return the distance of a place in the palm's frame beyond a digit's reach [m].
+
+    `size` is the palm's, relative to the hand's [1].
+    """
     root = scale(vector(bounds.roots[digit]), size)
     return distance(place, root) - REACH_FACTOR * size * bounds.reach[digit] - REACH_MARGIN
 
@@ -476,9 +479,9 @@ def best_reading(evidence: Evidence, bounds: HandBounds, margin: float, total: f
     evidence : Evidence
     bounds : HandBounds
     margin : float
-        Factor by which the deviations must fall for labels to be exchanged; 0 for never.
+        Factor by which the deviations must fall for labels to be exchanged [1]; 0 for never.
     total : float
-        Cost of the labels as given.
+        Cost of the labels as given [1].
     reading : Reading
         The labels as given, replaced by the best reading.
 

@@ -361,7 +361,10 @@ class Hand:
 
 
 def cmc_joints(mcp: np.ndarray, length: float) -> np.ndarray:
-    """Return the usual CMC joints of fingers with MCP joints (4, 3), shape (4, 3) [m]."""
+    """Return the usual CMC joints of fingers with MCP joints (4, 3), shape (4, 3) [m].
+
+    `length` is the hand's [m].
+    """
     return mcp * (0., CMC_OF_MCP_BREADTH, 0.) + (CMC_OF_LENGTH * length, 0., 0.)
 
 

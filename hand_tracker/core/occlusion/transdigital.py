@@ -92,7 +92,7 @@ def prior_correlation(index_middle: float, middle_ring: float, ring_little: floa
     Parameters
     ----------
     index_middle, middle_ring, ring_little : float
-        Correlation of neighbouring fingers, from 0 to 1; that of other fingers is the product
+        Correlation of neighbouring fingers, 0 to 1 [1]; that of other fingers is the product
         of those between them, and the thumb is free (paper, transdigital correlation).
 
     Returns

@@ -406,7 +406,7 @@ def drag_hidden(capsules: Capsules, before: np.ndarray, after: np.ndarray, hidde
     gap : float
         Between surfaces, below which they touch [m].
     friction : float
-        Share of the neighbour's tangential motion, 0 to 1.
+        Share of the neighbour's tangential motion, 0 to 1 [1].
     displacement : ndarray, shape (5, 3)
         Of the digits' markers, replaced; zero for seen ones and without a contact [m].
     """
