@@ -3,33 +3,35 @@
 Every step takes the records of `records` and `options` whole, as packs of one
 (`numerics.jit.packed`), and hands the kernels of the step's folder what they need.
 """
+# mypy: allow-redefinition
 
 import math
-from typing import Any
 
 import numpy as np
 
-from .filtering.frame_clock import advance_clock
+from .filtering.frame_clock import FrameClock, advance_clock
 from .filtering.noise_estimate import update_noise
 from .filtering.smoothing import noise_in_palm_frame
 from .filtering.tracks import Tracks, clear_motion
 from .inverse_kinematics.abduction_plane import REFERENCE_STEP
 from .inverse_kinematics.angle_filter import filter_angles
-from .inverse_kinematics.digit import solve_digits
+from .inverse_kinematics.digit import Chains, solve_digits
 from .inverse_kinematics.palm import place_palm
 from .labelling.association import associate
 from .labelling.validity import find_valid, reject_frozen
 from .model.capsules import place_capsules
 from .model.states import LOST, TRACKED, WAITING
-from .numerics.jit import jit, overwrite
+from .numerics.jit import Pack, jit, overwrite
 from .numerics.vectors import clamp
 from .occlusion.digit_markers import track_digits
 from .occlusion.palm_markers import check_palm, expected_markers, track_palm
 from .occlusion.prediction import Observation
 from .occlusion.transdigital import limit_neighbour_difference
+from .options import KernelOptions
 from .pose.contact import CONTACT_GAP, drag_hidden, separate
 from .pose.continuity import blend
 from .pose.report import (
+    Report,
     deviation,
     hang_digits,
     write_confidence,
@@ -38,8 +40,7 @@ from .pose.report import (
     write_pose,
     write_residuals,
 )
-
-Pack = Any  # sequence of one record, from `numerics.jit.packed`
+from .records import Model, State
 
 FIRST_FRAME_SOLVES = 150    # repetitions of the inverse kinematics in the first frame
 CONTACT_RELEASE_TIME = .05  # [s] in which a contact's change of the angles falls to 1/e
@@ -47,16 +48,17 @@ MIN_CONTACT_OFFSET = 1e-6   # [rad]
 
 
 @jit
-def track_frame(model: Pack, chains: Pack, options: Pack, clock: Pack, blank: Pack, state: Pack,
-                report: Pack, markers: np.ndarray, time: float) -> bool:
+def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOptions],
+                clock: Pack[FrameClock], blank: Pack[State], state: Pack[State],
+                report: Pack[Report], markers: np.ndarray, time: float) -> bool:
     """Track one frame: the steps of the method, numbered as in `core`.
 
-    The digits' markers are filtered in the wrist's frame: steps 2 to 4 are done for the palm first.
+    The digits' markers are filtered in the wrist's frame: steps 2 to 4 come for the palm first.
 
     Parameters
     ----------
     model, chains, options : packed Model, Chains and KernelOptions
-    clock : packed Clock
+    clock : packed FrameClock
         Changed.
     blank : packed State
         State before the first frame.
@@ -101,8 +103,8 @@ def track_frame(model: Pack, chains: Pack, options: Pack, clock: Pack, blank: Pa
 
 
 @jit
-def begin_frame(model: Pack, clock: Pack, blank: Pack, state: Pack, markers: np.ndarray,
-                time: float) -> tuple[float, bool]:
+def begin_frame(model: Pack[Model], clock: Pack[FrameClock], blank: Pack[State],
+                state: Pack[State], markers: np.ndarray, time: float) -> tuple[float, bool]:
     """Advance the clock to `time` [s], and mirror a left hand's markers to a right hand's.
 
     Returns
@@ -125,8 +127,8 @@ def begin_frame(model: Pack, clock: Pack, blank: Pack, state: Pack, markers: np.
 
 
 @jit
-def label_markers(model: Pack, options: Pack, state: Pack, markers: np.ndarray, seen: np.ndarray,
-                  step: float) -> int:
+def label_markers(model: Pack[Model], options: Pack[KernelOptions], state: Pack[State],
+                  markers: np.ndarray, seen: np.ndarray, step: float) -> int:
     """Reject invalid measurements and exchange wrong labels, in `markers` and `seen`.
 
     `step` is the time since the last frame [s].
@@ -166,8 +168,8 @@ def _note_changes(palm: Tracks, digits: Tracks, seen: np.ndarray, changed: np.nd
 
 
 @jit
-def predict_palm(model: Pack, options: Pack, state: Pack, markers: np.ndarray, seen: np.ndarray,
-                 step: float) -> int:
+def predict_palm(model: Pack[Model], options: Pack[KernelOptions], state: Pack[State],
+                 markers: np.ndarray, seen: np.ndarray, step: float) -> int:
     """Filter the palm's markers and predict hidden ones; return the `PalmState`.
 
     `step` is the time since the last frame [s].
@@ -178,7 +180,7 @@ def predict_palm(model: Pack, options: Pack, state: Pack, markers: np.ndarray, s
 
 
 @jit
-def place_wrist(model: Pack, options: Pack, state: Pack) -> None:
+def place_wrist(model: Pack[Model], options: Pack[KernelOptions], state: Pack[State]) -> None:
     """Place the wrist and the digits' first joints by the palm's markers."""
     model, options, state = model[0], options[0], state[0]
     for i in range(5):
@@ -189,8 +191,8 @@ def place_wrist(model: Pack, options: Pack, state: Pack) -> None:
 
 
 @jit
-def predict_digits(model: Pack, options: Pack, state: Pack, markers: np.ndarray, seen: np.ndarray,
-                   palm_tracked: bool, step: float) -> None:
+def predict_digits(model: Pack[Model], options: Pack[KernelOptions], state: Pack[State],
+                   markers: np.ndarray, seen: np.ndarray, palm_tracked: bool, step: float) -> None:
     """Filter the digits' markers in the wrist's frame and predict hidden ones.
 
     `step` is the time since the last frame [s].
@@ -207,8 +209,8 @@ def predict_digits(model: Pack, options: Pack, state: Pack, markers: np.ndarray,
 
 
 @jit
-def solve_angles(model: Pack, chains: Pack, options: Pack, state: Pack, seen: np.ndarray,
-                 step: float) -> int:
+def solve_angles(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOptions],
+                 state: Pack[State], seen: np.ndarray, step: float) -> int:
     """Solve the digits' angles; hidden fingers stay in their candidate space.
 
     `step` is the time since the last frame [s].
@@ -232,8 +234,8 @@ def solve_angles(model: Pack, chains: Pack, options: Pack, state: Pack, seen: np
 
 
 @jit
-def estimate_angles(chains: Pack, options: Pack, state: Pack, seen: np.ndarray,
-                    step: float) -> None:
+def estimate_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: Pack[State],
+                    seen: np.ndarray, step: float) -> None:
     """Estimate the seen digits' angles by what their markers tell of them.
 
     `step` is the time since the last frame [s].
@@ -254,7 +256,8 @@ def estimate_angles(chains: Pack, options: Pack, state: Pack, seen: np.ndarray,
 
 
 @jit
-def blend_angles(chains: Pack, options: Pack, state: Pack, seen: np.ndarray, step: float) -> None:
+def blend_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: Pack[State],
+                 seen: np.ndarray, step: float) -> None:
     """Blend the angles in where a marker vanished, came back or changed its label.
 
     `step` is the time since the last frame [s].
@@ -273,8 +276,8 @@ def blend_angles(chains: Pack, options: Pack, state: Pack, seen: np.ndarray, ste
 
 
 @jit
-def resolve_contact(model: Pack, chains: Pack, options: Pack, state: Pack, seen: np.ndarray,
-                    step: float) -> None:
+def resolve_contact(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOptions],
+                    state: Pack[State], seen: np.ndarray, step: float) -> None:
     """Separate hidden digits from others (rigidity); drag them along (friction).
 
     `step` is the time since the last frame [s].
@@ -311,8 +314,9 @@ def resolve_contact(model: Pack, chains: Pack, options: Pack, state: Pack, seen:
 
 
 @jit
-def write_report(model: Pack, chains: Pack, options: Pack, state: Pack, markers: np.ndarray,
-                 seen: np.ndarray, palm: int, iterations: int, report: Pack) -> None:
+def write_report(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOptions],
+                 state: Pack[State], markers: np.ndarray, seen: np.ndarray, palm: int,
+                 iterations: int, report: Pack[Report]) -> None:
     """Write the frame's `Report`, of the hand's own side."""
     model, chains, options, state, report = model[0], chains[0], options[0], state[0], report[0]
     write_pose(model.table, state.separated, chains.lower, chains.upper, state.wrist,

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .filtering.frame_clock import initial_clock
+from .filtering.frame_clock import FrameClock, initial_clock
 from .filtering.smoothing import noise_levers
-from .inverse_kinematics.digit import chains, measure, reach
+from .inverse_kinematics.digit import Chains, chains, measure, reach
 from .labelling.plausibility import typical_places
 from .labelling.readings import HandBounds
 from .model.capsules import capsules
@@ -26,18 +26,17 @@ from .model.marker_layout import (
     require_solvable,
 )
 from .model.states import PALM_STATES, MarkerState, PalmState
-from .numerics.jit import COMPILED, Kernel, another, best, load_kernel, packed, parts
+from .numerics.jit import COMPILED, Kernel, Pack, another, best, load_kernel, packed, parts
 from .occlusion.transdigital import DigitPrior, prior_correlation
-from .options import TrackerOptions, kernel_options
+from .options import KernelOptions, TrackerOptions, kernel_options
 from .pipeline import track_frame
-from .pose.report import blank_report
+from .pose.report import Report, blank_report
 from .records import Model, State, blank_state
 
 __all__ = ['HandState', 'HandTracker', 'MarkerState', 'PalmState', 'TrackerOptions']
 
 PALM_COUNT = len(PALM_MARKERS)
 
-Pack = Any  # sequence of one record, from `numerics.jit.packed`
 
 
 class HandState(NamedTuple):
@@ -115,7 +114,7 @@ class HandTracker:
     layout: MarkerLayout
     options: TrackerOptions
     restarted: bool
-    _clock: Pack
+    _clock: Pack[FrameClock]
     _state: State
 
     def __init__(self, hand: Hand | None = None, layout: MarkerLayout | None = None,
@@ -289,7 +288,8 @@ class HandTracker:
         return self.state_from_report(report)
 
     def kernel_arguments(self, distal_flexion: ArrayLike | None = None) -> tuple[
-            Pack, Pack, Pack, Pack, Pack, Pack, Pack]:
+            Pack[Model], Pack[Chains], Pack[KernelOptions], Pack[FrameClock], Pack[State],
+            Pack[State], Pack[Report]]:
         """Return the arguments of `track_frame` up to the report, valid until `configure`.
 
         Parameters
@@ -300,7 +300,7 @@ class HandTracker:
         Returns
         -------
         tuple of packs
-            Model, Chains, KernelOptions, Clock, blank State, State and Report.
+            Model, Chains, KernelOptions, FrameClock, blank State, State and Report.
         """
         return (self._model, self._chains_with(distal_flexion), self._options, self._clock,
                 self._blank, self._state_pack, self._report)

@@ -31,6 +31,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
+Pack = Sequence  # Pack[Record]: a sequence of one record, from `packed`
 
 UNUSED_KERNELS_AGE = 30 * 86400.  # [s] after which kernels of other sources are removed
 
