@@ -37,7 +37,7 @@ from ..messages.marker_array import markers_from_message
 from ..messages.stamps import nanoseconds
 from ..package_data import packaged_recording
 from ..tracking.recording import USUAL_TOPIC, marker_topic
-from ..viewer.recording_source import Recording
+from ..viewer.recording_source import ViewerRecording
 from ..viewer.serve import add_page_options, view
 from .recording_options import add_hand_options
 
@@ -261,7 +261,7 @@ def main(args: list[str] | None = None) -> int:
         hand, layout = choose_hand(options.hand, options.side, options.limits, options.coupling)
         recording = options.recording or packaged_recording(hand.side)
         if options.view:
-            view(Recording(recording, hand, layout), options)
+            view(ViewerRecording(recording, hand, layout), options)
             return 0
         # Before the tracker compiles.
         with open_bag(recording) as bag:

@@ -140,7 +140,7 @@ class Live:
     Attributes
     ----------
     hand, constraints
-        As a `Recording` has them.
+        As a `ViewerRecording` has them.
     playhead : Player or None
         None without rosbag2_interfaces.
     """

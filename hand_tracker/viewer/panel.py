@@ -50,7 +50,7 @@ class Panel:
         gui = server.gui
         self._numbers = gui.add_html('')
         self._calibration = gui.add_html('', visible=False)
-        self._playback = Playback(gui, source.playhead) if source.playhead else None
+        self._playback = PlaybackControls(gui, source.playhead) if source.playhead else None
         self.compared = gui.add_checkbox(
             'Side by side', False,
             hint='A second hand beside it, from the same markers without any constraint')
@@ -111,7 +111,7 @@ class Panel:
             self._angles[number].show(page, client.camera)
 
 
-class Playback:
+class PlaybackControls:
     """Playback controls: position, if known, speed and pause.
 
     Parameters

@@ -127,7 +127,7 @@ class TrackingRun:
             self.state, self._next = self._next.state, next(self._frames, None)
 
 
-class Recording:
+class ViewerRecording:
     """Recording of markers, tracked while it plays.
 
     After a jump, the `LEAD_IN` before the new position is tracked first.

@@ -31,7 +31,7 @@ from hand_tracker.viewer.angle_bars import angle_bars
 from hand_tracker.viewer.coverage_bars import coverage_bars
 from hand_tracker.viewer.page import LOCALHOST, Viewer, free_port
 from hand_tracker.viewer.panel import Panel
-from hand_tracker.viewer.recording_source import LEAD_IN, Playhead, Recording
+from hand_tracker.viewer.recording_source import LEAD_IN, Playhead, ViewerRecording
 from hand_tracker.viewer.scene import (
     MAX_ANCHOR_DISTANCE,
     anchor_near,
@@ -44,7 +44,7 @@ DIP = JOINTS.index('index_dip_flexion')
 
 @pytest.fixture(scope='module')
 def recording():
-    recording = Recording(packaged_recording(), Hand.scaled(), MarkerLayout())
+    recording = ViewerRecording(packaged_recording(), Hand.scaled(), MarkerLayout())
     recording.prepare(print)
     recording.playhead.toggle()
     return recording
@@ -95,7 +95,7 @@ def test_numbers_are_those_of_the_recording(recording):
 
 
 def test_the_tracking_time_is_the_median_of_the_shown_constraints(monkeypatch):
-    recording = Recording(packaged_recording(), Hand.scaled(), MarkerLayout())
+    recording = ViewerRecording(packaged_recording(), Hand.scaled(), MarkerLayout())
     recording.prepare(print)
     recording.playhead.toggle()
     recording.playhead.seek(1.)
@@ -168,9 +168,9 @@ def test_a_recording_without_a_palm_is_refused(tmp_path):
     write_bag(path, (bag_message('/markers', second * 10**9, marker_array_message(
         second * 10**9, 'mocap', DEFAULT_LABELS, positions)) for second in range(3)))
     with pytest.raises(HandTrackerError, match='nothing to show'):
-        Recording(path, Hand.scaled(), MarkerLayout()).prepare(print)
+        ViewerRecording(path, Hand.scaled(), MarkerLayout()).prepare(print)
     with pytest.raises(HandTrackerError, match='no such file'):
-        Recording(tmp_path / 'none.mcap', Hand.scaled(), MarkerLayout())
+        ViewerRecording(tmp_path / 'none.mcap', Hand.scaled(), MarkerLayout())
 
 
 @pytest.mark.parametrize('side', ['right', 'left'])

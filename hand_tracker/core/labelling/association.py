@@ -35,11 +35,11 @@ from .readings import (
     best_reading,
     beyond_reach,
     blank_evidence,
+    cost_reading,
     expect,
     is_as_expected,
     measure,
     palm_size,
-    read,
     set_gates,
 )
 
@@ -162,7 +162,7 @@ def associate(markers: np.ndarray, seen: np.ndarray, expected: ExpectedMarkers, 
               state.incomplete_for[0], step, gate)
     reading = Reading(rows, np.zeros(8), np.zeros((8, 3)))
     kept = (seen[0], seen[1], seen[2])
-    total = read(evidence, bounds, kept, False, np.inf, reading)
+    total = cost_reading(evidence, bounds, kept, False, np.inf, reading)
     if total >= IMPOSSIBLE or not is_as_expected(evidence, bounds, reading.local):
         total, kept = best_reading(evidence, bounds, margin, total, reading)
     if total >= IMPOSSIBLE:

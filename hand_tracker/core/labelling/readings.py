@@ -262,8 +262,8 @@ def _fit_palm(points: np.ndarray, template: np.ndarray) -> tuple[Frame, Vector]:
 
 
 @jit
-def read(evidence: Evidence, bounds: HandBounds, kept: Kept, relabel: bool, bar: float,
-         reading: Reading) -> float:
+def cost_reading(evidence: Evidence, bounds: HandBounds, kept: Kept, relabel: bool, bar: float,
+                 reading: Reading) -> float:
     """Cost a reading: place the palm by its palm rows, then assign the others to the digits.
 
     Parameters
@@ -504,7 +504,7 @@ def best_reading(evidence: Evidence, bounds: HandBounds, margin: float, total: f
             chosen = palm
             _copy_labels(found, reading)
     # Place the rows by the reading chosen
-    return read(evidence, bounds, chosen, False, np.inf, reading), chosen
+    return cost_reading(evidence, bounds, chosen, False, np.inf, reading), chosen
 
 
 @jit
@@ -522,7 +522,7 @@ def _refuse_palm_markers(evidence: Evidence, bounds: HandBounds, total: float,
         if not ((seen[0] or not some[0]) and (seen[1] or not some[1])
                 and (seen[2] or not some[2])):
             continue
-        cost = read(evidence, bounds, some, False, total, trial)
+        cost = cost_reading(evidence, bounds, some, False, total, trial)
         if cost < total:
             total = cost
             kept = some
@@ -553,7 +553,7 @@ def _relabel(evidence: Evidence, bounds: HandBounds, kept: Kept, total: float,
     if total < IMPOSSIBLE:
         for i in range(8):
             found.rows[i] = reading.rows[i]
-        least = read(evidence, bounds, kept, True, np.inf, found)
+        least = cost_reading(evidence, bounds, kept, True, np.inf, found)
     # The palm takes other rows: only those that make a rigid palm
     trial = Reading(np.full(8, -1), np.zeros(8), reading.local)
     count = 0
@@ -569,7 +569,7 @@ def _relabel(evidence: Evidence, bounds: HandBounds, kept: Kept, total: float,
         if rigid >= IMPOSSIBLE or (rigid < RIGID_COST) != (n < len(PALM_TRIPLES)):
             continue
         _fill_rows(triple, trial.rows)
-        cost = read(evidence, bounds, whole, True, least, trial)
+        cost = cost_reading(evidence, bounds, whole, True, least, trial)
         count += 1 if cost < IMPOSSIBLE else 0
         if cost < least:
             least = cost
