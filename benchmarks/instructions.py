@@ -39,10 +39,11 @@ def counted(number, count, cache):
     # All processes start alike.
     variables = environ(**PROCESSOR, NUMBA_CACHE_DIR=str(cache), PYTHONHASHSEED='0')
     subprocess.run(command, check=True, env=variables)
-    told = subprocess.run(
+    output = subprocess.run(
         [*COUNTER, f'--cachegrind-out-file={cache}/%p.out', *command], check=True,
         stderr=subprocess.PIPE, text=True, env=variables).stderr
-    return max(int(found.replace(',', '')) for found in re.findall(r'I\s+refs:\s+([\d,]+)', told))
+    counts = re.findall(r'I\s+refs:\s+([\d,]+)', output)
+    return max(int(found.replace(',', '')) for found in counts)
 
 
 def main():

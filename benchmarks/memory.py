@@ -25,7 +25,7 @@ from benchmarks.common import add_json_option, environment, put_stamps, write_ro
 from benchmarks.round_trip import isolate, messages
 from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.core.model.marker_layout import MARKERS
-from hand_tracker.core.numerics.jit import another, packed
+from hand_tracker.core.numerics.jit import empty_like_pack, packed
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.cdr import MarkerReader
 from hand_tracker.messages.labels import LabelMap
@@ -64,7 +64,7 @@ def fast_path_frames():
     arguments = tracker.kernel_arguments()
     reports = arguments[-1]
     seen = (np.zeros((LOG_CAPACITY, LOG_COLUMNS)),
-            np.zeros((LOG_CAPACITY, len(MARKERS)), np.int8), another(reports))
+            np.zeros((LOG_CAPACITY, len(MARKERS)), np.int8), empty_like_pack(reports))
 
     def frame(i):
         data, places = lap[i % len(lap)]

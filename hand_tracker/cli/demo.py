@@ -1,6 +1,6 @@
 """`hand_tracker demo`: replay and tracker as processes, listened to over ROS topics.
 
-Both nodes run as they do for a user; this program only listens, and leaves what it heard
+Both nodes run as they do for a user; this program only listens, and leaves what it received
 as an animated GIF, a contact sheet and a table of the angles.
 """
 
@@ -51,7 +51,7 @@ LAG = .5         # [s] for the last messages to arrive
 PALM_MARKER_COUNT = len(PALM_MARKERS)
 
 
-class Heard(NamedTuple):
+class ReceivedFrames(NamedTuple):
     """Frames of which both the markers and the joint state arrived.
 
     Attributes
@@ -83,25 +83,25 @@ class Listener:
         self._angles: dict[int, Sequence[float]] = {}
         self._labels = LabelMap(DEFAULT_LABELS)
         quick = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-        node.create_subscription(MarkerArray, 'markers', self._hear_markers, quick)
-        node.create_subscription(JointState, 'joint_states', self._hear_angles, 100)
+        node.create_subscription(MarkerArray, 'markers', self._on_markers, quick)
+        node.create_subscription(JointState, 'joint_states', self._on_angles, 100)
         if TFMessage is not None:
             # Only counted: as bytes they cost this listener nothing.
-            node.create_subscription(TFMessage, '/tf', self._hear_transforms, 100, raw=True)
+            node.create_subscription(TFMessage, '/tf', self._on_transforms, 100, raw=True)
 
-    def _hear_markers(self, message: MarkerArray) -> None:
+    def _on_markers(self, message: MarkerArray) -> None:
         frame = markers_from_message(message, self._labels)
         if frame.stamp is not None:
             self._markers[nanoseconds(frame.stamp)] = frame.positions
 
-    def _hear_angles(self, message: JointState) -> None:
+    def _on_angles(self, message: JointState) -> None:
         stamp = nanoseconds(message.header.stamp)
         # The replay stamps a frame with the time at which it is due.
         self.latencies.append(1e-9 * (time.time_ns() - stamp))
         self.joints = message.name
         self._angles[stamp] = message.position
 
-    def _hear_transforms(self, _: object) -> None:
+    def _on_transforms(self, _: object) -> None:
         self.transforms += 1
 
     @property
@@ -109,7 +109,8 @@ class Listener:
         """Return the numbers of received frames of markers and of joint states."""
         return len(self._markers), len(self._angles)
 
-    def heard(self, hand: Hand, layout: MarkerLayout, recent: int | None = None) -> Heard:
+    def received_frames(self, hand: Hand, layout: MarkerLayout,
+                        recent: int | None = None) -> ReceivedFrames:
         """Return the last so many whole frames, or all, with the palm fitted to its markers."""
         stamps = [stamp for stamp in self._angles if stamp in self._markers]
         stamps = stamps if recent is None else stamps[-recent:]
@@ -125,20 +126,21 @@ class Listener:
                 place_palm(frame[:PALM_MARKER_COUNT], template, False, rotation, position, roots)
             local[:] = (frame - position) @ rotation
         places = marker_positions(mounting, forward(joint_table(hand), angles))
-        return Heard(np.array(stamps, dtype=np.int64), angles, markers, places)
+        return ReceivedFrames(np.array(stamps, dtype=np.int64), angles, markers, places)
 
     def line(self, hand: Hand, layout: MarkerLayout, rate: float) -> str:
         """Return a line on the last second at a rate [Hz]."""
-        heard = self.heard(hand, layout, max(2, round(rate)))
-        if len(heard.stamps) < 2:
+        received = self.received_frames(hand, layout, max(2, round(rate)))
+        if len(received.stamps) < 2:
             return 'waiting for the first frames'
-        return (f'{(len(heard.stamps) - 1) / np.ptp(heard.stamps) * 1e9:6.1f} Hz   '
-                f'{_summary(self.latencies[-len(heard.stamps):], heard)}   markers seen '
-                f'{np.isfinite(heard.markers[-1]).all(axis=1).sum()} of {heard.markers.shape[1]}')
+        seen = np.isfinite(received.markers[-1]).all(axis=1)
+        return (f'{(len(received.stamps) - 1) / np.ptp(received.stamps) * 1e9:6.1f} Hz   '
+                f'{_summary(self.latencies[-len(received.stamps):], received)}   markers seen '
+                f'{seen.sum()} of {len(seen)}')
 
 
-def _summary(latencies: Sequence[float], heard: Heard) -> str:
-    misses = np.linalg.norm(heard.places - heard.markers, axis=2)
+def _summary(latencies: Sequence[float], received: ReceivedFrames) -> str:
+    misses = np.linalg.norm(received.places - received.markers, axis=2)
     p50, p99 = 1e3 * np.percentile(latencies, (50, 99))
     return (f'latency p50 {p50:.2f} ms, p99 {p99:.2f} ms   '
             f'residual {1e3 * np.nanmean(misses):.2f} mm')
@@ -169,7 +171,7 @@ def _play(node: Node, listener: Listener, hand: Hand, layout: MarkerLayout, reco
     presets = {f'{name}.preset': value for name, value in (
         ('limits', options.limits), ('coupling', options.coupling)) if value}
     print('Starting the tracker ...', flush=True)
-    # What is heard is compared with the hand that is given here, the recording's.
+    # What is received is compared with the hand that is given here, the recording's.
     tracker = _start('tracker', hand_file=options.hand, side=options.side, broadcast='all',
                      auto_size='false', **presets)
     processes.append(tracker)
@@ -183,7 +185,7 @@ def _play(node: Node, listener: Listener, hand: Hand, layout: MarkerLayout, reco
     rest = marker_positions(mounting, forward(joint_table(hand), np.zeros(25)))
     palm = rest[:PALM_MARKER_COUNT]
     place_palm(palm, palm, False, np.eye(3), np.zeros(3), np.zeros((5, 3)))
-    # Two are to hear the first frame: the tracker and this listener.
+    # Two wait for the first frame: the tracker and this listener.
     replay = _start('replay', recording=recording, rate=float(options.rate), subscribers=2)
     processes.append(replay)
     due = time.monotonic()
@@ -209,22 +211,23 @@ def _play(node: Node, listener: Listener, hand: Hand, layout: MarkerLayout, reco
 
 
 def _save(listener: Listener, hand: Hand, layout: MarkerLayout, output: Path) -> None:
-    """Write what was heard."""
-    heard = listener.heard(hand, layout)
-    if len(heard.stamps) < 2:
+    """Write what was received."""
+    received = listener.received_frames(hand, layout)
+    if len(received.stamps) < 2:
         raise HandTrackerError('no frame arrived: are there eight labelled markers on /markers?')
     frames, states = listener.counts
     print(f'{frames} frames of markers in, {states} joint states'
           + (f' and {listener.transforms} messages on /tf' if TFMessage else '') + ' out; '
-          + _summary(listener.latencies, heard), flush=True)
+          + _summary(listener.latencies, received), flush=True)
     output.mkdir(parents=True, exist_ok=True)
-    seconds = 1e-9 * (heard.stamps - heard.stamps[0])
+    seconds = 1e-9 * (received.stamps - received.stamps[0])
     write_angle_table(output / 'angles.csv', listener.joints,
-                      ((time_s, row, ()) for time_s, row in zip(seconds, heard.angles)))
+                      ((time_s, row, ()) for time_s, row in zip(seconds, received.angles)))
     points = skeleton_points(
-        tip_offsets(hand), forward(joint_table(hand), heard.angles), np.zeros((len(seconds), 3)))
-    seen = np.isfinite(heard.markers).all(axis=2)
-    markers = np.where(seen[..., None], heard.markers, heard.places)
+        tip_offsets(hand), forward(joint_table(hand), received.angles),
+        np.zeros((len(seconds), 3)))
+    seen = np.isfinite(received.markers).all(axis=2)
+    markers = np.where(seen[..., None], received.markers, received.places)
     motion = HandMotion(seconds, points, markers, seen)
     title = f'{hand.side} hand, tracked over ROS 2'
     save_sheet(output / 'hand.png', motion, hand, title)

@@ -120,7 +120,7 @@ def _names(parser: argparse.ArgumentParser, chosen: str, files: list[Path]) -> l
     return names
 
 
-class Given(NamedTuple):
+class EvaluationInput(NamedTuple):
     """Captures and takes that evaluations judge.
     Attributes
     ----------
@@ -146,8 +146,8 @@ def _takes(files: list[Path]) -> tuple[dict[Path, MarkerTake], dict[Path, HandTr
     return takes, faults
 
 
-def _given(names: list[str], files: list[Path],
-           fit: list[Path]) -> tuple[Given, list[HandTrackerError]]:
+def _evaluation_input(names: list[str], files: list[Path], fit: list[Path]
+                      ) -> tuple[EvaluationInput, list[HandTrackerError]]:
     """Return the loaded captures and takes, and the faults of files that are neither."""
     wants_takes = any(EVALUATIONS[name].judges_takes for name in names)
     wants_captures = any(EVALUATIONS[name].judges_captures for name in names)
@@ -163,7 +163,8 @@ def _given(names: list[str], files: list[Path],
     all_faults = [*faults.values(), *fit_faults.values()]
     if (wants_takes or wants_captures) and not (captures or takes):
         raise HandTrackerError('; '.join(map(str, all_faults)))
-    return Given(tuple(captures), tuple(takes.values()), tuple(fit_takes.values())), all_faults
+    found = EvaluationInput(tuple(captures), tuple(takes.values()), tuple(fit_takes.values()))
+    return found, all_faults
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -175,7 +176,7 @@ def main(arguments: list[str] | None = None) -> int:
                                         if file)):
             if folder:
                 folder.mkdir(parents=True, exist_ok=True)
-        given, faults = _given(names, chosen.files, chosen.fit)
+        given, faults = _evaluation_input(names, chosen.files, chosen.fit)
         names = [name for name in names if not (
             EVALUATIONS[name].judges_takes and not given.takes
             or EVALUATIONS[name].judges_captures and not given.captures)]

@@ -26,7 +26,16 @@ from .model.marker_layout import (
     require_solvable,
 )
 from .model.states import PALM_STATES, MarkerState, PalmState
-from .numerics.jit import COMPILED, Kernel, Pack, another, best, load_kernel, packed, parts
+from .numerics.jit import (
+    COMPILED,
+    Kernel,
+    Pack,
+    empty_like_pack,
+    load_kernel,
+    loaded_or_plain,
+    packed,
+    parts,
+)
 from .occlusion.transdigital import DigitPrior, prior_correlation
 from .options import KernelOptions, TrackerOptions, kernel_options
 from .pipeline import track_frame
@@ -227,7 +236,7 @@ class HandTracker:
         return self._as_record
 
     def _kernel(self, kernel: Kernel) -> Kernel:
-        return best(kernel) if self._as_record else kernel
+        return loaded_or_plain(kernel) if self._as_record else kernel
 
     def _blank_state(self) -> State:
         """Return the state before the first frame."""
@@ -281,7 +290,7 @@ class HandTracker:
         frame = np.array(markers, dtype=float)
         if frame.shape != (len(MARKERS), 3):
             raise ValueError(f'markers: shape {frame.shape}; expected {(len(MARKERS), 3)}')
-        report = another(self._report)
+        report = empty_like_pack(self._report)
         self.restarted = bool(self._kernel(track_frame)(
             *self.kernel_arguments(distal_flexion)[:-1], report, frame,
             np.nan if time is None else float(time)))

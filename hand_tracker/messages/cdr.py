@@ -15,7 +15,7 @@ import numpy as np
 
 from ..core.errors import HandTrackerError
 from ..core.model.marker_layout import MARKERS
-from ..core.numerics.jit import COMPILED, best, jit, load_kernel
+from ..core.numerics.jit import COMPILED, jit, load_kernel, loaded_or_plain
 from .labels import LabelMap
 from .marker_array import (
     ADD,
@@ -92,7 +92,8 @@ class MarkerReader:
 
     def use_loaded_kernels(self) -> None:
         """Go on with the kernels that `load_kernels` has loaded, if it has."""
-        self._parse, self._gather = best(parse_marker_array), best(gather_positions)
+        self._parse = loaded_or_plain(parse_marker_array)
+        self._gather = loaded_or_plain(gather_positions)
         # Plain Python reads single numbers of a memoryview five times as fast as of an array.
         is_compiled = COMPILED or self._parse is not parse_marker_array
         self._indexed: Any = np.asarray if is_compiled else memoryview

@@ -209,7 +209,7 @@ class ReplayNode(Node):
         names = ', '.join(publisher.topic_name for publisher in publishers)
         self.get_logger().info(f'Replay waits for {_subscribers(wanted)} of {names}')
         until = time.monotonic() + patience
-        there, told = 0, False
+        there, is_logged = 0, False
         while there < wanted:
             time.sleep(DISCOVERY_POLL)
             there = max(publisher.get_subscription_count() for publisher in publishers)
@@ -218,8 +218,8 @@ class ReplayNode(Node):
                     self.get_logger().warning(
                         f'{_subscribers(there)} of {names} after {patience:g} s')
                     return
-                if not told:
-                    told = True
+                if not is_logged:
+                    is_logged = True
                     self.get_logger().info(f'Replay waits on: {TRACKER_NODE} is preparing')
         # Discovery runs both ways: a subscriber may learn of this publisher a little later.
         time.sleep(DISCOVERY_TIME)

@@ -152,7 +152,7 @@ class Live:
         self._hand_markers: deque[bytes] = deque(maxlen=1)
         self._state: HandState | None = None
         self._numbers: dict[str, str] = {}
-        self._told: dict[str, tuple[str, dict[str, float]] | None] = {}
+        self._progress: dict[str, tuple[str, dict[str, float]] | None] = {}
         self._bare_state: HandState | None = None
         self._subscriptions: dict[str, Subscription] = {}
 
@@ -218,14 +218,14 @@ class Live:
         values = {row.name: row.default for row in live_table(hand)}
         return {**values, **asdict(options)}
 
-    def attend(self, looked_at: bool, compared: bool) -> None:
-        """Hear what is shown, and nothing else.
+    def set_demand(self, looked_at: bool, compared: bool) -> None:
+        """Subscribe to the topics that are shown, and to no others.
 
         Parameters
         ----------
         looked_at : bool
         compared : bool
-            Whether `bare_state` is to be told.
+            Whether `bare_state` is asked for.
         """
         wanted = set()
         if looked_at and self.playhead is not None:
@@ -245,14 +245,14 @@ class Live:
         if topic == 'markers':
             hand, options = constrained(self._settings.hand, self._settings.options, ())
             kind, quality = MarkerArray, QoSProfile(depth=100)
-            hear: Callable[[bytes], None] = partial(
+            callback: Callable[[bytes], None] = partial(
                 self._on_markers, HandTracker(hand, self._layout, options))
         else:
-            kind, heard = (JointState, self._joint_states) if topic == 'joint_states' else (
+            kind, frames = (JointState, self._joint_states) if topic == 'joint_states' else (
                 MarkerArray, self._hand_markers)
-            quality, hear = LATEST, lambda data: heard.append(data)
+            quality, callback = LATEST, lambda data: frames.append(data)
         # As bytes: of most messages nothing is ever looked at.
-        return self._node.create_subscription(kind, topic, hear, quality, raw=True)
+        return self._node.create_subscription(kind, topic, callback, quality, raw=True)
 
     def constrain(self, constraints: Collection[str]) -> None:
         """Have the tracker track with these constraints from now on.
@@ -332,7 +332,7 @@ class Live:
             if node == self._tracker:
                 self._numbers = values
             if node in (self._tracker, CALIBRATE_NODE):
-                self._told[node] = told_progress(values)
+                self._progress[node] = told_progress(values)
 
     def numbers(self, state: HandState) -> dict[str, str]:
         """Return the tracker's values on /diagnostics as texts, by name."""
@@ -341,7 +341,7 @@ class Live:
 
     def calibration(self) -> tuple[str, dict[str, float]] | None:
         """Return a calibration's prompt and the share of each movement; None if none runs."""
-        return self._told.get(self._tracker) or self._told.get(CALIBRATE_NODE)
+        return self._progress.get(self._tracker) or self._progress.get(CALIBRATE_NODE)
 
 
 def _array(points: Sequence[Point]) -> np.ndarray:

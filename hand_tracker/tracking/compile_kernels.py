@@ -61,8 +61,8 @@ def prepare_kernels(say: Callable[[str], object]) -> None:
 
 
 @contextmanager
-def alone() -> Iterator[None]:
-    """Wait while another process compiles into the same folder, and keep others waiting."""
+def compile_lock() -> Iterator[None]:
+    """Lock the cache folder of kernels: one process at a time compiles into it."""
     try:
         import fcntl
     except ImportError:  # not POSIX: both compile, and the later files replace the others
@@ -85,7 +85,7 @@ def complete_tracking_set() -> None:
 def main() -> int:
     """Compile at low priority, and mark the set as ready; return the exit code."""
     os.nice(NICENESS)
-    with alone():
+    with compile_lock():
         complete_tracking_set()
     return 0
 

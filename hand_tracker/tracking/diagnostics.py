@@ -17,7 +17,7 @@ from .input_monitor import InputMonitor
 from .statistics import LatencyStatistics, LatencySummary
 
 STATUS_PERIOD = 1.  # [s] over which the rate is counted
-STATUS_GAP = .1     # [s] at least between two changes that are told
+STATUS_GAP = .1     # [s] at least between two changes that are published
 
 MARKER_TROUBLES = {
     MarkerState.STALE: 'stale', MarkerState.REJECTED: 'rejected', MarkerState.SWAPPED: 'swapped',

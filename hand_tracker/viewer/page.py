@@ -97,7 +97,7 @@ class Viewer:
             # Without a browser nothing is tracked.
             looked_at = bool(self._server.get_clients())
             compared = looked_at and panel.compared.value
-            source.attend(looked_at, compared)
+            source.set_demand(looked_at, compared)
             state = source.state() if looked_at else None
             if state is not None:
                 anchor = (wrist_pose(state) if panel.held.value or anchor is None

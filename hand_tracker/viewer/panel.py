@@ -92,10 +92,10 @@ class Panel:
         self._refreshed = now
         self._undo_refused_switches()
         self._numbers.content = numbers(self._source.numbers(state), state)
-        told = self._source.calibration()
-        self._calibration.visible = told is not None
-        if told is not None:
-            self._calibration.content = coverage_bars(*told)
+        progress = self._source.calibration()
+        self._calibration.visible = progress is not None
+        if progress is not None:
+            self._calibration.content = coverage_bars(*progress)
         self._show_angles(angle_bars(state.angles, self._source.hand.limits))
         if self._playback is not None:
             self._playback.refresh(now)

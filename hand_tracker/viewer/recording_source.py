@@ -193,7 +193,7 @@ class ViewerRecording:
         with open_bag(self._path) as bag:
             yield from track(bag.messages([self._topic], start), tracker, **self._reading)
 
-    def attend(self, looked_at: bool, compared: bool) -> None:
+    def set_demand(self, looked_at: bool, compared: bool) -> None:
         """Do nothing: a recording needs no subscription."""
 
     def constrain(self, constraints: Iterable[str]) -> None:

@@ -26,8 +26,8 @@ class FrameSource(Protocol):
     def prepare(self, say: Callable[[str], None]) -> None:
         """Wait until there is a hand to show; report through `say` what is waited for."""
 
-    def attend(self, looked_at: bool, compared: bool) -> None:
-        """Take note whether a browser is connected, and whether it shows the comparison."""
+    def set_demand(self, looked_at: bool, compared: bool) -> None:
+        """Set whether a browser is connected, and whether it shows the comparison."""
 
     def constrain(self, constraints: Collection[str]) -> None:
         """Set the active constraints."""

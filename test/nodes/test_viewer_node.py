@@ -54,7 +54,7 @@ def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
             assert 'DIP coupling' in live.constraints
             assert 'Friction' not in live.constraints
             assert not heard(node)
-            live.attend(looked_at=True, compared=False)
+            live.set_demand(looked_at=True, compared=False)
             wait(lambda: live.state() is not None)
             state = live.state()
             np.testing.assert_allclose(state.wrist_rotation @ state.wrist_rotation.T, np.eye(3),
@@ -71,9 +71,9 @@ def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
             assert live._frame(joints, serialize_message(MarkerArray())) is None
             assert live._frame(serialize_message(JointState()), markers) is None
 
-            live.attend(looked_at=True, compared=True)
+            live.set_demand(looked_at=True, compared=True)
             wait(lambda: live.bare_state() is not None)
-            live.attend(looked_at=True, compared=False)
+            live.set_demand(looked_at=True, compared=False)
             assert live.bare_state() is None
             wait(lambda: heard(node) == {'/joint_states', '/hand_markers'})
             wait(lambda: 'Hz' in live.numbers(state)['rate'])

@@ -145,9 +145,9 @@ def test_what_cannot_be_loaded_is_named(tmp_path, monkeypatch):
 TWO_AT_ONCE = """
 import sys, time
 from pathlib import Path
-from hand_tracker.tracking.compile_kernels import alone
+from hand_tracker.tracking.compile_kernels import compile_lock
 log = Path(sys.argv[1])
-with alone():
+with compile_lock():
     with log.open('a') as file:
         file.write('in\\n')
     time.sleep(.2)

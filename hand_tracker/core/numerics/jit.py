@@ -221,8 +221,8 @@ def load_kernel(kernel: Kernel, arguments: Sequence[Any], folder: Path | None = 
     return dispatcher
 
 
-def best(kernel: Kernel) -> Kernel:
-    """Return a kernel as `load_kernel` has loaded it, else unchanged."""
+def loaded_or_plain(kernel: Kernel) -> Kernel:
+    """Return the compiled kernel that `load_kernel` has loaded, else the plain Python one."""
     return _loaded.get(kernel, kernel)  # type: ignore[return-value]
 
 
@@ -278,7 +278,7 @@ def packed(values: Any, as_record: bool = COMPILED) -> tuple[Any, Any]:
     return record, _filled(record[0], values)
 
 
-def another(pack: Any) -> Any:
+def empty_like_pack(pack: Any) -> Any:
     """Return an uninitialised pack of the same layout."""
     if isinstance(pack, np.ndarray):
         return np.empty_like(pack)

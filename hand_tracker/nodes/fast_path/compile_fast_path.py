@@ -8,7 +8,12 @@ import sys
 from contextlib import suppress
 
 from ...core.numerics import jit
-from ...tracking.compile_kernels import NICENESS, alone, compile_tracking, complete_tracking_set
+from ...tracking.compile_kernels import (
+    NICENESS,
+    compile_lock,
+    compile_tracking,
+    complete_tracking_set,
+)
 from ..serialization import codec_agrees
 from .middleware import FastPath
 from .rcl import FastPathUnavailable
@@ -20,7 +25,7 @@ FAST_PATH_PROGRAM = 'hand_tracker.nodes.fast_path.compile_fast_path'
 def main() -> int:
     """Compile at low priority, set by set; return the exit code."""
     os.nice(NICENESS)
-    with alone():
+    with compile_lock():
         complete_tracking_set()
         if not jit.is_ready(FAST_PATH_SET):
             codec_agrees()

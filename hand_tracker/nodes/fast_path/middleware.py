@@ -23,7 +23,7 @@ from ...core.numerics.jit import (
     COMPILED,
     DEFERRED,
     JIT_IS_ON,
-    another,
+    empty_like_pack,
     jit,
     load_kernel,
     packed,
@@ -160,7 +160,7 @@ class FastPath:
         self._set_enabled = load_kernel(_set_enabled, (self._contexts, False), folder)
         self._drain = load_kernel(_drain, (
             self._contexts, self._memories, packs[REPORT], self._log, self._states,
-            another(packs[REPORT])), folder)
+            empty_like_pack(packs[REPORT])), folder)
         self._callback = _callback(
             self._contexts.dtype, self._memories.dtype, *(pack.dtype for pack in packs))
         # Compiled before the first frame waits for them.
@@ -257,7 +257,7 @@ class FastPath:
 
     def drain(self) -> TrackedFrames | None:
         """Return the frames processed since the last call, None where there were none."""
-        last_report = another(self._packs[REPORT])
+        last_report = empty_like_pack(self._packs[REPORT])
         logged, count, sec, nanosec = self._drain(
             self._contexts, self._memories, self._packs[REPORT], self._log, self._states,
             last_report)

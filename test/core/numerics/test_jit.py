@@ -14,7 +14,7 @@ import pytest
 
 from hand_tracker.core.numerics.jit import (
     COMPILED,
-    another,
+    empty_like_pack,
     kernel_sources,
     overwrite,
     packed,
@@ -143,7 +143,7 @@ def test_packed_values_are_those_given():
 def test_another_pack_is_apart():
     pack, values = packed(blank_report())
     values.angles[3] = 7.
-    other = another(pack)
+    other = empty_like_pack(pack)
     overwrite(other, pack)
     angles = parts(other)[values._fields.index('angles')]
     assert angles[3] == 7.

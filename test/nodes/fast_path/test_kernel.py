@@ -17,7 +17,7 @@ from hand_tracker.core.model.states import (
     MarkerState,
     PalmState,
 )
-from hand_tracker.core.numerics.jit import COMPILED, another, overwrite, packed, parts
+from hand_tracker.core.numerics.jit import COMPILED, empty_like_pack, overwrite, packed, parts
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.builders import (
     link_frames,
@@ -97,7 +97,7 @@ class Paths:
     def told(self):
         """Return the state after the last frame of the fast path."""
         reports = self.fast.kernel_arguments()[-1]
-        copy = another(reports)
+        copy = empty_like_pack(reports)
         overwrite(copy, reports)
         return self.fast.state_from_report(copy)
 
@@ -267,7 +267,7 @@ def seen(memories, reports):
     """Look, and return what is new."""
     log = np.zeros((LOG_CAPACITY, LOG_COLUMNS))
     states = np.zeros((LOG_CAPACITY, len(MARKERS)), np.int8)
-    report = another(reports)
+    report = empty_like_pack(reports)
     kept, frames = drain_log(memories, reports, log, states, report)
     return log[:kept], states[:kept], frames, report
 
