@@ -53,7 +53,7 @@ REFUSED_STRAY = .006      # [m] besides that; ours
 SEEN_AGAIN_TIME = .012    # [s] time constant in which `unseen_for` decays once seen; ours
 RECOVERY_RATE = 4.        # [1] at which `incomplete_for` decays while the palm is complete; ours
 ASTRAY_DEVIATIONS = 3.    # [1] of a digit from its prediction, besides what it does in a step; ours
-PLAUSIBILITY_TIME = 2.    # [s] time constant of the labelings' comparison; ours
+PLAUSIBILITY_TIME = 2.    # [s] time constant of the labellings' comparison; ours
 
 
 class LabellingOptions(NamedTuple):

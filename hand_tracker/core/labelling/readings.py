@@ -1,4 +1,4 @@
-"""Readings: candidate labelings of one frame, their cost, and the search for the best.
+"""Readings: candidate labellings of one frame, their cost, and the search for the best.
 
 A reading assigns a row of the input to each marker. The palm is rigid, so its three markers are
 gated and costed by their distances from each other, independent of the hand's motion; the
