@@ -21,7 +21,7 @@ exclude_patterns = ['_build']
 myst_heading_anchors = 3
 napoleon_google_docstring = False
 napoleon_use_ivar = True
-autodoc_typehints = 'none'
+autodoc_typehints = 'description'
 autodoc_member_order = 'bysource'
 autosummary_generate = True
 # What the documented modules import besides numpy and PyYAML.
