@@ -224,7 +224,7 @@ def test_the_command_says_what_is_wrong_in_one_line(tmp_path, capsys, arguments,
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize('rate', [480.])
+@pytest.mark.parametrize('rate', [120.])
 def test_the_node_publishes_at_its_rate_and_ends_cleanly(rate):
     pytest.importorskip('rclpy')
     from helpers.ros_process import NodeProcess, watching_node
@@ -244,11 +244,9 @@ def test_the_node_publishes_at_its_rate_and_ends_cleanly(rate):
         assert 'Traceback' not in process.output
     stamps = np.array([message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
                        for message in truth])
-    # Each lap of one second is followed by the next without a gap, at the rate; a busy machine
-    # may lose some.
-    steps = np.diff(stamps) * rate / 1e9
-    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-3)
-    assert (np.rint(steps) == 1.).mean() > .9
+    # Each lap of one second is followed by the next without a gap, at the rate. The truth is
+    # reliable, and its queues hold more than is waited for: nothing is lost.
+    np.testing.assert_allclose(np.diff(stamps) * rate / 1e9, 1., atol=1e-3)
     assert start < stamps[0] and stamps[-1] < now
     assert len(truth[0].name) == len(truth[0].position) == len(JOINTS)
     assert {marker.text for marker in frames[0].markers} <= set(MARKERS)
