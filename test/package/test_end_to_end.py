@@ -22,8 +22,9 @@ from hand_tracker.files.hand_file import load_hand, save_hand
 
 NEEDS = 'rclpy',
 
-RATES = {'manipnet__cup1_leftHand': 4., 'manipnet__cup1_rightHand': 4.,
-         'dexret__human_joint_right': 8.}  # times as fast as captured
+# Times as fast as captured: the queues hold several seconds.
+RATES = {'manipnet__cup1_leftHand': 2., 'manipnet__cup1_rightHand': 2.,
+         'dexret__human_joint_right': 4.}
 CALIBRATION = .2
 
 
@@ -60,37 +61,31 @@ def test_a_captured_hand_goes_through_replay_and_tracker(name, preset, tmp_path)
     inside = ((lower <= angles) & (angles <= upper)).all(axis=1).mean()
     print(f'{name}, {preset}: {len(judged.joints)} frames in, {len(states)} out, '
           f'{100. * inside:.1f} % of them within the limits')
-    assert len(states) >= .99 * len(judged.joints)
     assert inside == 1.
     assert list(states[0].name) == [f'{capture.side}_{joint}' for joint in JOINTS]
     # What came over DDS is what the core says of the same frames.
-    stamps = {stamp: i for i, stamp in enumerate(capture_stamps(judged).tolist())}
-    rows = [stamps[nanoseconds(state.header.stamp)] for state in states]
-    assert rows == sorted(set(rows))
+    stamps = capture_stamps(judged).tolist()
+    assert [nanoseconds(state.header.stamp) for state in states] == stamps
     hand = load_hand(tmp_path / 'hand.yaml')[0]
     core = HandTracker(hand)
     tracked = [core.update(markers, 1e-9 * (stamp % 10**9) + stamp // 10**9)
                for markers, stamp in zip(judged.markers, stamps)]
     expected = np.array([state.angles for state in tracked])
-    first_lost = next((i for i, row in enumerate(rows) if row != i), len(rows))
-    np.testing.assert_allclose(angles[:first_lost], expected[:first_lost], rtol=0, atol=1e-9)
-    # A frame that was lost leaves its trace only in what is held.
-    assert np.median(np.abs(angles - expected[rows])) < 1e-9
+    np.testing.assert_allclose(angles, expected, rtol=0, atol=1e-9)
 
     # What came over DDS is as near to the hand as what anyone would try first. The joint states
     # have no pose of the wrist: it is the core's, which is that of each frame's palm markers.
-    whole = [i for i, row in enumerate(rows) if np.isfinite(judged.joints[row]).all()]
-    wrists = [tracked[rows[i]] for i in whole]
+    whole = np.flatnonzero(np.isfinite(judged.joints).all(axis=(1, 2)))
+    wrists = [tracked[i] for i in whole]
     rotation, position = (np.array([getattr(state, field) for state in wrists])
                           for field in ('wrist_rotation', 'wrist_position'))
     joints = landmark_positions(
         hand, forward(joint_table(hand), angles[whole], rotation, position), position)
-    truth = judged._replace(joints=judged.joints[[rows[i] for i in whole]])
+    truth = judged._replace(joints=judged.joints[whole])
     errors = class_errors(joints, truth)
     plain = plain_pip_errors(capture._replace(joints=_whole(capture.joints[:part])), truth)
-    print(f'{first_lost} of {len(states)} before the first lost frame; mean errors [mm]: plain pip '
-          f'{1e3 * plain.mean():.2f}; ' + ', '.join(
-              f'{joint} {1e3 * error.mean():.2f}' for joint, error in errors.items()))
+    print(f'mean errors [mm]: plain pip {1e3 * plain.mean():.2f}; ' + ', '.join(
+        f'{joint} {1e3 * error.mean():.2f}' for joint, error in errors.items()))
     if preset == 'wide':
         assert errors['pip'].mean() <= plain.mean()
 
