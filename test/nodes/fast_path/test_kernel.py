@@ -94,7 +94,7 @@ class Paths:
         return process_message(self.memories, self.fast.kernel_arguments(),
                                np.frombuffer(data, np.uint8))
 
-    def told(self):
+    def state(self):
         """Return the state after the last frame of the fast path."""
         reports = self.fast.kernel_arguments()[-1]
         copy = empty_like_pack(reports)
@@ -118,7 +118,7 @@ class Paths:
 
 
 @pytest.fixture
-def ways():
+def paths():
     """Return a hand that was seen once, on the slow path."""
     found = Paths()
     found.install(data_of(markers_of(DEMO['right'][0], 0)))
@@ -134,20 +134,20 @@ def alike(part, other):
 
 @pytest.mark.parametrize('side', ['right', 'left'])
 def test_both_paths_reply_alike(side):
-    ways, frames = Paths(side), DEMO[side].copy()
+    paths, frames = Paths(side), DEMO[side].copy()
     rng = np.random.default_rng(3)
     frames[40:60, rng.integers(0, 8)] = np.nan
     frames[80:90, :3] = np.nan
     frames[100:110, [4, 5]] = frames[100:110, [5, 4]]
     frames[120] += 1e4
-    ways.install(data_of(markers_of(frames[0], 0)))
+    paths.install(data_of(markers_of(frames[0], 0)))
     palms, states = set(), set()
     for number in range(1, len(frames)):
         data = data_of(markers_of(frames[number], number))
-        assert ways.go(data)
-        state, answers = ways.expected(data)
-        assert ways.replies() == answers
-        assert all(map(alike, ways.told(), state))
+        assert paths.go(data)
+        state, answers = paths.expected(data)
+        assert paths.replies() == answers
+        assert all(map(alike, paths.state(), state))
         palms.add(state.palm)
         states.update(state.marker_states.tolist())
     assert {PalmState.TRACKED, PalmState.LOST} <= palms
@@ -183,64 +183,64 @@ ZERO, BEFORE, AGAIN = Time(), Time(sec=4), Time(sec=5)
 ], ids=['namespace', 'no namespace', 'id', 'type', 'no point', 'deleted', 'frame', 'one less',
         'another order', 'one more', 'cut off', 'big-endian', 'nothing', 'half a head', 'head',
         'too long', 'repeated', 'no stamp', 'earlier'])
-def test_what_is_not_alike_is_refused_with_nothing_done(ways, data):
-    before = ways.told()
-    assert not ways.go(data)
-    assert np.array_equal(ways.told().angles, before.angles)
+def test_what_is_not_alike_is_refused_with_nothing_done(paths, data):
+    before = paths.state()
+    assert not paths.go(data)
+    assert np.array_equal(paths.state().angles, before.angles)
     # The next one goes on as if nothing had come.
     data = data_of(markers_of(DEMO['right'][2], 2))
-    assert ways.go(data)
-    assert ways.replies() == ways.expected(data)[1]
+    assert paths.go(data)
+    assert paths.replies() == paths.expected(data)[1]
 
 
-def test_the_last_stamp_passes_once_even_if_time_does_not_believe_it(ways):
+def test_the_last_stamp_passes_once_even_if_time_does_not_believe_it(paths):
     strays = [data_of([marker(number, DEMO['right'][1][number], 'leds', 'mocap', Marker.SPHERE, 0,
                               Time(sec=sec)) for number in range(8)]) for sec in (1000, 5000)]
-    assert ways.go(strays[0])
-    assert not ways.go(strays[0])
+    assert paths.go(strays[0])
+    assert not paths.go(strays[0])
     # As one that came the slow path.
-    ways.install(strays[1])
-    assert not ways.go(strays[1])
+    paths.install(strays[1])
+    assert not paths.go(strays[1])
 
 
 def test_nothing_passes_before_the_palm_was_seen():
-    ways = Paths()
+    paths = Paths()
     hidden = DEMO['right'][0].copy()
     hidden[0] = 0.
-    ways.install(data_of(markers_of(hidden, 0)))
-    assert not ways.go(data_of(markers_of(DEMO['right'][1], 1)))
+    paths.install(data_of(markers_of(hidden, 0)))
+    assert not paths.go(data_of(markers_of(DEMO['right'][1], 1)))
 
 
-def test_points_of_lists_and_messages_of_others_are_not_taught(ways):
+def test_points_of_lists_and_messages_of_others_are_not_installed(paths):
     points = marker(0, (0., 0., 0.), 'leds', 'mocap', Marker.POINTS, 0, Time(sec=6),
                     [tuple(at) for at in DEMO['right'][0]])
     for data in data_of([points]), data_of([marker(99, (0., 0., 1.), 'x', 'mocap')]), data_of([]):
-        ways.reader.read(data)
-        assert not install_signature(ways.memory, ways.reader.signature, Stamp(6, 0), SCALE, True)
-    assert ways.go(data_of(markers_of(DEMO['right'][1], 1)))
+        paths.reader.read(data)
+        assert not install_signature(paths.memory, paths.reader.signature, Stamp(6, 0), SCALE, True)
+    assert paths.go(data_of(markers_of(DEMO['right'][1], 1)))
 
 
-def test_an_answer_that_has_no_room_is_not_taught(ways):
+def test_an_answer_that_has_no_room_is_not_installed(paths):
     long = joint_state_template([f'{joint}{"x" * (REPLY_CAPACITY // 25)}' for joint in JOINTS])
-    assert not install_reply(ways.memory, JOINT_STATES, long)
-    assert not install_reply(ways.memory, JOINT_STATES, joint_state_template(['x'] * 300))
+    assert not install_reply(paths.memory, JOINT_STATES, long)
+    assert not install_reply(paths.memory, JOINT_STATES, joint_state_template(['x'] * 300))
     assert not install_reply(
-        ways.memory, TRANSFORMS, transforms_template([('mocap', f'l{i}') for i in range(33)]))
+        paths.memory, TRANSFORMS, transforms_template([('mocap', f'l{i}') for i in range(33)]))
     data = data_of(markers_of(DEMO['right'][1], 1))
-    assert ways.go(data)
-    assert ways.replies() == ways.expected(data)[1]
+    assert paths.go(data)
+    assert paths.replies() == paths.expected(data)[1]
 
 
-def test_only_what_is_wanted_is_filled(ways):
-    ways.memory.wanted[CONFIDENCES] = 0
-    before = ways.replies()
-    assert ways.go(data_of(markers_of(DEMO['right'][1], 1)))
-    after = ways.replies()
+def test_only_what_is_wanted_is_filled(paths):
+    paths.memory.wanted[CONFIDENCES] = 0
+    before = paths.replies()
+    assert paths.go(data_of(markers_of(DEMO['right'][1], 1)))
+    after = paths.replies()
     assert [after[number] != before[number] for number in range(REPLIES)] == [True, True, False]
 
 
 @pytest.fixture(scope='module')
-def hostile_ways():
+def hostile_paths():
     """Return a hand that was seen once, for all hostile messages."""
     found = Paths()
     found.install(data_of(markers_of(DEMO['right'][0], 0)))
@@ -252,15 +252,15 @@ def hostile_ways():
 @given(st.lists(st.tuples(st.integers(0, 400), st.one_of(
     st.sampled_from([-1, -2**31, 2**31 - 1, 2**30, 2**16, 1000, 25, 5, 1, 0]),
     st.integers(-2**31, 2**31 - 1))), min_size=1, max_size=5), st.integers(0, 2000))
-def test_hostile_messages_are_survived(hostile_ways, changes, end):
+def test_hostile_messages_are_survived(hostile_paths, changes, end):
     data = bytearray(data_of(markers_of(DEMO['right'][1], 1)))
     for at, value in changes:
         at = 4 * (at % (len(data) // 4 - 1)) + ENCAPSULATION
         if at + 4 <= len(data):
             data[at:at + 4] = struct.pack('<i', value)
-    hostile_ways.go(bytes(data[:end] if end < 300 else data))
-    told = hostile_ways.told()
-    assert np.isfinite(told.angles).all() and np.isfinite(told.pose.position).all()
+    hostile_paths.go(bytes(data[:end] if end < 300 else data))
+    state = hostile_paths.state()
+    assert np.isfinite(state.angles).all() and np.isfinite(state.pose.position).all()
 
 
 def seen(memories, reports):
@@ -273,13 +273,13 @@ def seen(memories, reports):
 
 
 @pytest.mark.parametrize('count', [0, 1, 7, LOG_CAPACITY, LOG_CAPACITY + 30])
-def test_what_was_noted_is_looked_at_once(ways, count):
-    reports = ways.fast.kernel_arguments()[-1]
+def test_what_was_noted_is_looked_at_once(paths, count):
+    reports = paths.fast.kernel_arguments()[-1]
     for lap in range(2):
         for i in range(count):
-            ways.memory.time[0] = i
-            log_frame(ways.memory, reports[0], lap + 1e-3 * i, lap + 1e-3 * i + 1e-4)
-        log, states, frames, report = seen(ways.memories, reports)
+            paths.memory.time[0] = i
+            log_frame(paths.memory, reports[0], lap + 1e-3 * i, lap + 1e-3 * i + 1e-4)
+        log, states, frames, report = seen(paths.memories, reports)
         assert frames == count and len(log) == min(count, LOG_CAPACITY)
         numbers = np.arange(count)[-LOG_CAPACITY:]
         assert np.array_equal(log[:, 0], lap + 1e-3 * numbers)
@@ -289,7 +289,7 @@ def test_what_was_noted_is_looked_at_once(ways, count):
             assert all(map(alike, parts(report), parts(reports)))
 
 
-def test_what_stays_the_same_is_glimpsed_when_it_begins_and_ends():
+def test_state_runs_have_the_first_and_last_frame_of_what_stays_the_same():
     log, states = np.zeros((6, LOG_COLUMNS)), np.zeros((6, 8), np.int8)
     log[:, 1], log[:, 3] = np.arange(6), np.arange(6) * 1e-3
     states[2:4, 5] = MarkerState.PREDICTED
