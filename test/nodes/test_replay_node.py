@@ -2,12 +2,14 @@
 
 import os
 import signal
+import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import rclpy
-from helpers.ros_process import PATIENCE, NodeProcess, watching_node
+from helpers.ros_process import PATIENCE, NodeProcess, Process, watching_node
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -29,6 +31,7 @@ from hand_tracker.files.bags import (
     marker_array_message,
     write_bag,
 )
+from hand_tracker.nodes import replay_node
 
 NEEDS = 'rclpy',
 
@@ -245,15 +248,55 @@ def tracker():
         yield node
 
 
-def test_waits_for_as_long_as_a_tracker_is_preparing(bags, tracker):
-    # Long enough for any machine to discover the node.
-    with replay(bags / 'hand.mcap', wait_for_subscriber=6.0, topics='/markers') as process:
-        process.wait_for_line('Replay waits on: hand_tracker is preparing')
-        tracker.spin_for(1.)
-        assert 'Playing' not in process.output
-        markers = tracker.collect(MarkerArray, 'markers')
-        tracker.spin_until(lambda: len(markers) == FRAMES)
-        clean(process, process.wait())
+class ControlledClock:
+    """Stands in for the module `time`: time passes while it is waited for, only."""
+
+    def __init__(self):
+        self.now = 0.
+
+    def monotonic(self):
+        return self.now
+
+    def sleep(self, duration):
+        self.now += duration
+
+
+@pytest.mark.parametrize('patience, prepared, until', [
+    (10., 0., 10.),           # alone, as long as it may
+    (10., 1000., 1000.),      # as long as the tracker prepares
+    (10., 1e9, 3000.),        # until it is heard
+    (float('inf'), 0., 3000.)])
+def test_how_long_it_waits(monkeypatch, patience, prepared, until):
+    clock = ControlledClock()
+    monkeypatch.setattr(replay_node, 'time', clock)
+    publisher = SimpleNamespace(
+        topic_name='/markers', get_subscription_count=lambda: int(clock.now >= 3000.))
+    log = []
+    node = SimpleNamespace(
+        _options=SimpleNamespace(wait_for_subscriber=patience, subscribers=1),
+        _tracker_prepares=lambda: clock.now < prepared,
+        get_logger=lambda: SimpleNamespace(info=log.append, warning=log.append))
+    replay_node.ReplayNode._wait_for_subscribers(node, [publisher])
+    assert clock.now == pytest.approx(until, abs=1.)
+    assert log.count('Replay waits on: hand_tracker is preparing') == (prepared > patience)
+    assert ('no subscribers of /markers after 10 s' in log) == (until < 3000.)
+
+
+def test_a_tracker_that_is_preparing_is_noticed(bags, tracker):
+    # However long this machine takes to discover the node.
+    for patience in (2., 10., 50., PATIENCE):
+        with replay(bags / 'hand.mcap', wait_for_subscriber=patience,
+                    topics='/markers') as process:
+            tracker.spin_until(lambda: any(
+                line in process.output for line in ('is preparing', 'no subscribers')),
+                timeout=2. * PATIENCE)
+            if 'no subscribers' in process.output:
+                continue
+            markers = tracker.collect(MarkerArray, 'markers')
+            tracker.spin_until(lambda heard=markers: len(heard) == FRAMES)
+            clean(process, process.wait())
+            break
+    assert 'Replay waits on: hand_tracker is preparing' in process.output
     assert frames_of(markers) == list(range(FRAMES))
 
 
@@ -269,7 +312,6 @@ def test_waits_for_ever_when_told_to(bags, watch, tmp_path):
     with NodeProcess(MODULE, {'recording': str(bags / 'hand.mcap'), 'topics': '/markers'},
                      files=[tmp_path / 'wait.yaml']) as process:
         process.wait_for_line('Replay waits')
-        watch.spin_for(1.)
         markers = watch.collect(MarkerArray, 'markers')
         watch.spin_until(lambda: len(markers) == FRAMES)
         clean(process, process.wait())
@@ -358,27 +400,29 @@ def test_services_step_resume_pause_rate(bags, watch, srv):
         process.wait_for_line('paused')
         watch.spin_until(lambda: watch.count_publishers('/markers'))
         assert paused()
-        for count in (1, 2, 3):
+        called = []
+        for _ in range(3):
+            called.append(time.time_ns())
             assert watch.call(srv.PlayNext, '/replay/play_next').success
-            watch.spin_until(lambda n=count: len(markers) == n)
-        watch.spin_for(.1)
-        assert frames_of(markers) == [0, 1, 2]
-
+        called.append(time.time_ns())
         watch.call(srv.Resume, '/replay/resume')
         assert not paused()
         assert not watch.call(srv.PlayNext, '/replay/play_next').success
         watch.spin_until(lambda: len(markers) > 20)
+        assert frames_of(markers[:4]) == [0, 1, 2, 3]
+        # A step plays one: the next is due after the next call.
+        assert all(stamp_of(m) >= before for m, before in zip(markers, called))
 
         watch.call(srv.Pause, '/replay/pause')
-        now = time.time_ns()
-        watch.spin_for(.3)
-        assert stamp_of(markers[-1]) < now and paused()
-
-        count = len(markers)
+        pause = time.time_ns()
+        assert paused()
+        pause_end = time.time_ns()
         watch.call(srv.TogglePaused, '/replay/toggle_paused')
-        watch.spin_until(lambda: len(markers) > count + 20)
-        assert np.median(np.diff([stamp_of(m) for m in markers[-15:]])) == pytest.approx(
-            PERIOD, abs=2)
+        watch.spin_until(lambda: stamp_of(markers[-1]) > pause_end)
+        # No frame is due in the pause: it makes one gap longer, by itself.
+        *usual, longest = sorted(np.diff([stamp_of(m) for m in markers[3:]]))
+        assert longest >= PERIOD + pause_end - pause - 2
+        assert np.abs(np.array(usual) - PERIOD).max() <= 2
 
         set_rate = srv.SetRate.Request
         assert not watch.call(srv.SetRate, '/replay/set_rate', set_rate(rate=0.0)).success
@@ -392,25 +436,40 @@ def test_services_step_resume_pause_rate(bags, watch, srv):
 def test_a_pause_while_waiting_for_subscribers_skips_nothing(bags, watch, srv):
     with replay(bags / 'hand.mcap', wait_for_subscriber=PATIENCE, topics='/markers') as process:
         process.wait_for_line('Replay waits')
-        watch.spin_for(1.)
         watch.call(srv.Pause, '/replay/pause')
         watch.call(srv.SetRate, '/replay/set_rate', srv.SetRate.Request(rate=2.))
         watch.call(srv.Resume, '/replay/resume')
+        before = time.time_ns()
         markers = watch.collect(MarkerArray, 'markers')
         watch.spin_until(lambda: len(markers) == FRAMES)
         clean(process, process.wait())
     stamps = np.array([stamp_of(message) for message in markers])
+    # The time stood still while it waited.
+    assert stamps[0] >= before
     assert np.abs(np.diff(stamps) - PERIOD / 2).max() <= 2
 
 
+# The replay node, which says when a step begins.
+STEPS_LOUDLY = '''
+from hand_tracker.nodes import playback, replay_node
+def play_next(self, step=playback.Playback.play_next):
+    print('a step begins', flush=True)
+    return step(self)
+playback.Playback.play_next = play_next
+raise SystemExit(replay_node.main())
+'''
+
+
 def test_interrupt_while_a_step_waits_for_its_turn(bags, watch, srv):
-    with replay(bags / 'long.mcap', wait_for_subscriber=PATIENCE) as process:
+    with Process([sys.executable, '-c', STEPS_LOUDLY, '--ros-args',
+                  '-p', f"recording:={bags / 'long.mcap'}",
+                  '-p', f'wait_for_subscriber:={PATIENCE}']) as process:
         process.wait_for_line('Replay waits')
         watch.call(srv.Pause, '/replay/pause')
         client = watch.create_client(srv.PlayNext, '/replay/play_next')
         assert client.wait_for_service(PATIENCE)
         client.call_async(srv.PlayNext.Request())
-        watch.spin_for(.3)
+        process.wait_for_line('a step begins')
         clean(process, process.interrupt())
 
 
