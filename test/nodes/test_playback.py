@@ -1,6 +1,7 @@
 """Recorded time passes again: rate, pause, steps. No ROS."""
 
 import time
+from queue import Queue
 from threading import Condition, Thread
 from typing import NamedTuple
 
@@ -67,10 +68,15 @@ class Player:
         return self.played
 
     def wait_for(self, count):
-        until = time.monotonic() + PATIENCE
-        while len(self.played) < count:
-            assert time.monotonic() < until
-            time.sleep(.001)
+        wait(lambda: len(self.played) >= count)
+
+
+def wait(condition):
+    """Wait until a condition holds."""
+    until = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(.001)
 
 
 def items(count, period=PERIOD):
@@ -112,10 +118,13 @@ def test_paused_plays_nothing_until_resumed():
     playback = Playback(START, paused=True)
     player = Player(playback, items(3))
     assert playback.paused and playback.now == START
-    player._thread.join(.1)
+    wait(lambda: playback._playing)
     assert player.played == [] and playback.now == START
+    before = time.time_ns()
     playback.resume()
     assert len(player.join()) == 3
+    # Nothing was due before.
+    assert player.due[0] >= before
     assert not playback.paused and playback.now > START
 
 
@@ -124,14 +133,16 @@ def test_pause_acts_at_once_and_time_stands():
     player = Player(playback, items(100))
     player.wait_for(5)
     playback.toggle_paused()
-    now, count = playback.now, len(player.played)
-    player._thread.join(.1)
-    assert playback.now == now and len(player.played) <= count + 1
+    now = playback.now
     playback.set_rate(100.)
+    assert playback.now == now
+    before = time.time_ns()
     playback.toggle_paused()
     player.join()
-    gap = player.played[-1] - now
-    assert player.due[-1] - player.due[count - 1] > gap / 100
+    # What was not due before the pause is due after it.
+    late = [due for recorded, due in zip(player.played, player.due) if recorded > now]
+    assert min(late) >= before
+    assert late[-1] - late[0] == pytest.approx(PERIOD / 100. * (len(late) - 1), abs=2)
 
 
 def test_rate_acts_on_the_wait_under_way():
@@ -186,18 +197,26 @@ def test_close_lets_go_who_waits_for_a_step():
     assert answers == [False]
 
 
-def test_read_ahead_keeps_order_and_bound():
-    taken = []
+def test_read_ahead_keeps_order_and_bound(monkeypatch):
+    taken, taken_when_full = [], []
+
+    class WatchedQueue(Queue):
+        def put(self, item):
+            if self.full():
+                taken_when_full.append(len(taken))
+            super().put(item)
 
     def source():
         for number in range(50):
             taken.append(number)
             yield number
 
+    monkeypatch.setattr(module, 'Queue', WatchedQueue)
     ahead = read_ahead(source(), 5)
     assert next(ahead) == 0
-    time.sleep(.05)
-    assert len(taken) <= 8
+    # One is given, five wait, and the thread waits with one.
+    wait(lambda: taken_when_full[-1:] == [7] or len(taken) == 50)
+    assert len(taken) == 7
     assert list(ahead) == list(range(1, 50))
 
 
