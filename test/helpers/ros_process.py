@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 from threading import Condition, Thread
 
 
@@ -93,13 +92,6 @@ class Process:
     def ended(self):
         """Whether it has ended by itself."""
         return self._process.poll() is not None
-
-    @property
-    def processor_time(self):
-        """What it has taken so far [s], as Linux tells."""
-        told = Path(f'/proc/{self._process.pid}/stat').read_text(encoding='utf-8')
-        user, system = told.rpartition(')')[2].split()[11:13]
-        return (int(user) + int(system)) / os.sysconf('SC_CLK_TCK')
 
     def wait_for_line(self, text, timeout=PATIENCE):
         """Wait until it has printed a text."""

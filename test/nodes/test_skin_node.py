@@ -1,14 +1,15 @@
 """The skin node: triangles where the joint states put the hand, only while somebody looks."""
 
 import os
-import sys
 import time
 
 import numpy as np
 import pytest
+import rclpy
 from builtin_interfaces.msg import Time
-from helpers.ros_process import NodeProcess, Process, watching_node
+from helpers.ros_process import PATIENCE, NodeProcess, watching_node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker
 
@@ -16,6 +17,7 @@ from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.numerics import jit
 from hand_tracker.messages.builders import joint_state, prefixed_names
+from hand_tracker.nodes import skin_node
 from hand_tracker.simulation.poses import pose_angles
 from hand_tracker.skin import deform, load_skin
 
@@ -56,8 +58,6 @@ def test_triangles_are_the_deformed_skin_while_somebody_looks(cache):
             publisher.publish(JointState(name=['wheel'], position=[1.]))
 
         node.create_timer(1. / RATE, send)
-        node.spin_for(1.)
-        assert publisher.get_subscription_count() == 0
         heard = []
         looking = node.create_subscription(
             Marker, 'hand_skin', lambda marker: heard.append((time.monotonic(), marker)), RVIZ)
@@ -78,18 +78,50 @@ def test_triangles_are_the_deformed_skin_while_somebody_looks(cache):
     assert 'Traceback' not in process.output
 
 
-def test_it_takes_a_small_part_of_a_core(cache):
-    command = [sys.executable, '-m', 'hand_tracker.entry', 'skin']
-    with Process(command) as process, watching_node() as node:
-        publisher = node.create_publisher(JointState, 'joint_states', 10)
-        names, angles = prefixed_names('right_'), np.zeros(len(JOINTS))
-        node.create_timer(1. / RATE, lambda: publisher.publish(joint_state(Time(), names, angles)))
-        heard = []
-        node.create_subscription(Marker, 'hand_skin', heard.append, 1, raw=True)
-        node.spin_until(lambda: len(heard) > 5)
-        before = process.processor_time
-        node.spin_for(2.)
-        assert process.processor_time - before < 1.
+def test_it_computes_new_joint_states_alone_and_only_while_somebody_looks(cache, monkeypatch):
+    skins = []
+
+    def counted(*arguments):
+        skins.append(deform(*arguments))
+        return skins[-1]
+
+    def listens():
+        return '/joint_states' in dict(node.get_subscriber_names_and_types_by_node(
+            node.get_name(), node.get_namespace()))
+
+    def show_until(condition):
+        until = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < until
+            node._show()
+
+    monkeypatch.setattr(skin_node, 'deform', counted)
+    state = serialize_message(joint_state(
+        Time(sec=1), prefixed_names('right_'), np.zeros(len(JOINTS))))
+    rclpy.init(args=[])
+    node = skin_node.SkinNode()
+    try:
+        node._show()
+        assert not listens()
+        # What still comes while nobody looks is left alone.
+        node._on_joint_states(state)
+        node._show()
+        assert not skins
+        looking = node.create_subscription(Marker, 'hand_skin', print, RVIZ)
+        show_until(listens)
+        for count in (1, 2):
+            del skins[:]
+            for _ in range(count):
+                node._on_joint_states(state)
+            node._on_joint_states(serialize_message(JointState(name=['wheel'], position=[1.])))
+            for _ in range(3):
+                node._show()
+            assert len(skins) == 1
+        node.destroy_subscription(looking)
+        show_until(lambda: not listens())
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
 
 
 def test_without_its_libraries_it_says_what_is_missing(tmp_path):
