@@ -1,0 +1,152 @@
+"""The monitor in front of logs and diagnostics: single frames and batches of the fast path."""
+
+import pytest
+from helpers.frames import FIRST, SEEN, frame, hidden, state_of
+
+from hand_tracker.core.model.states import MarkerState, PalmState
+from hand_tracker.messages.labels import LabelMap
+from hand_tracker.messages.stamps import Stamp
+from hand_tracker.tracking.diagnostics import STATUS_GAP, Level
+from hand_tracker.tracking.input_monitor import CAUSES_LOGGED, SILENT_AFTER
+from hand_tracker.tracking.monitor import Monitor, TrackedFrames
+from hand_tracker.tracking.stream import TrackedFrame
+
+LATENCY = .002
+
+
+def monitor():
+    return Monitor(0., '/markers', LabelMap())
+
+
+def single(now, state=None, positions=SEEN, restarted=False):
+    """Return a frame of the slow path."""
+    stamp = Stamp(100 + int(now), round(now % 1. * 1e9))
+    tracked = TrackedFrame(now - LATENCY, stamp, 'mocap', 100. + now, state or state_of(),
+                           frame(positions, stamp), True, True, restarted)
+    return TrackedFrames.of(tracked, now)
+
+
+def batch(times, *runs, count=None):
+    """Return a batch of the fast path; of each run its time and state."""
+    runs = runs or ((times[0], state_of()), (times[-1], state_of()))
+    return TrackedFrames(
+        count or len(times), Stamp(100 + int(times[-1]), round(times[-1] % 1. * 1e9)),
+        runs[-1][1], [now - LATENCY for now in times], list(times),
+        [100. + now for now in times], list(runs), None, on_fast_path=True, restarted=False)
+
+
+def logged(found, now):
+    return [line for _, line in found.log_lines(now, lambda: 'nobody is there')]
+
+
+def status(found, now):
+    return found.status(now, lambda: 'nobody is there')
+
+
+def test_a_single_frame_of_the_slow_path():
+    state = state_of()
+    tracked = TrackedFrame(3., FIRST, 'mocap', 5., state, frame(), True, True, True)
+    frames = TrackedFrames.of(tracked, 3.5)
+    assert (frames.count, frames.stamp, frames.received, frames.published, frames.times) == (
+        1, FIRST, [3.], [3.5], [5.])
+    assert frames.runs == [(3.5, state)] and frames.state is state
+    assert frames.markers is tracked.markers
+    assert frames.restarted and not frames.on_fast_path
+
+
+def test_frames_of_both_paths_are_counted_and_timed():
+    found = monitor()
+    found.update(single(.1))
+    found.update(batch([.2, .21, .22], count=48))
+    found.left_out(5)
+    found.set_size('learning')
+    level, text, values = status(found, 1.)
+    assert (level, text) == (Level.OK, 'tracking')
+    assert (values['frames'], values['frames on fast path'], values['frames left out']) == (
+        '49', '48', '5')
+    assert values['hand size'] == 'learning'
+    assert float(values['latency p50 [ms]']) == pytest.approx(1e3 * LATENCY)
+
+
+def test_a_change_is_to_be_published_and_what_stays_is_not():
+    found = monitor()
+    assert found.update(single(.1))
+    status(found, .1)
+    assert not found.update(batch([.5, .6]))
+    hidden_index = state_of(index=MarkerState.PREDICTED)
+    assert found.update(batch([.7, .8], (.7, hidden_index), (.8, hidden_index)))
+    status(found, .8)
+    # Too soon, then due.
+    assert not found.update(single(.8 + .5 * STATUS_GAP))
+    assert found.update(single(.8 + 1.5 * STATUS_GAP))
+
+
+def test_batches_without_markers_of_their_own_are_not_silence():
+    found = monitor()
+    found.update(single(.1))
+    found.update(batch([.2, 5.]))
+    assert status(found, 5.1).level is Level.OK
+    silent = status(found, 5.1 + SILENT_AFTER)
+    assert silent.level is Level.STALE and 'nobody is there' in silent.text
+
+
+def test_every_run_of_a_batch_is_looked_at():
+    found = monitor()
+    found.update(single(.1))
+    assert logged(found, .1) == ['tracking']
+    # The last frame is as the first was; between, a marker was where it cannot be.
+    rejected = state_of(index=MarkerState.REJECTED)
+    found.update(batch([.2, .3, .4], (.2, state_of()), (.3, rejected), (.4, state_of())))
+    line, = logged(found, .5)
+    assert 'not used' in line and '(index)' in line
+    lost = state_of(PalmState.LOST)
+    found.update(batch([.6, .7], (.6, lost), (.7, lost)))
+    line, = logged(found, .7)
+    assert line.startswith('the palm is lost')
+
+
+def test_a_jump_back_is_logged_once():
+    found = monitor()
+    for now in (.1, .2):
+        found.update(single(now, restarted=True))
+    assert sum('jumped back' in line for line in logged(found, .2)) == 1
+    found.update(single(.3, restarted=True))
+    assert not any('jumped back' in line for line in logged(found, .3))
+
+
+def test_messages_without_markers_of_the_hand():
+    found = monitor()
+    others = frame(hidden(*range(8)), stamp=False, unknown=(('leds', 40),))
+    for now in range(5):
+        found.received_none(float(now), others)
+    unlabelled = status(found, 4.1)
+    assert unlabelled.level is Level.ERROR
+    assert 'held no marker of the hand' in unlabelled.text and "'leds/40'" in unlabelled.text
+    assert "'leds/40'" in found.why_never_tracked()
+
+
+def test_other_labels_are_expected_from_the_next_message_on():
+    found = monitor()
+    found.update(single(.1, state_of(thumb=MarkerState.ABSENT)))
+    assert status(found, .2).values['thumb marker'].startswith('absent')
+    found.set_labels(LabelMap([*'0123456', '']))
+    assert status(found, .3).values['thumb marker'] == 'not worn'
+
+
+def test_warnings_are_logged_once_and_their_number_is_bounded():
+    found = monitor()
+    for _ in range(3):
+        found.warn_once('stamp', 'no stamp')
+    assert found.log_lines(0., str) == [(True, 'no stamp')]
+    for key in range(2 * CAUSES_LOGGED):
+        found.warn_once(key, f'cause {key}')
+    assert len(logged(found, 0.)) == CAUSES_LOGGED - 1
+
+
+def test_the_end_names_what_was_never_seen():
+    found = monitor()
+    found.update(single(.1, state_of(ring=MarkerState.ABSENT)))
+    assert logged(found, .1) == ['tracking']
+    found.ended()
+    line, = logged(found, .1)
+    assert line.startswith('never seen so far') and '(ring)' in line

@@ -1,0 +1,201 @@
+"""A stream of messages: read, timed, tracked; sizes and kernels that come later."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers.frames import SEEN
+
+from hand_tracker.core.model.hand import Hand, preset_limits
+from hand_tracker.core.numerics.jit import TRACKING_SET
+from hand_tracker.messages.marker_array import MarkerFrame
+from hand_tracker.messages.stamps import Stamp
+from hand_tracker.tracking import stream as module
+from hand_tracker.tracking.stream import UNNAMED_FRAME, FrameTime, Stream
+
+UNSET = Stamp(0, 0)
+STAMP = Stamp(5, 0)
+RECEIPT = Stamp(70, 0)
+
+
+class Tracker:
+    """A tracker that notes what it is given."""
+
+    def __init__(self):
+        self.hand = Hand.scaled(limits=.5 * preset_limits('wide'))
+        self.placed, self.restarted, self.is_compiled = True, False, False
+        self.updates = []
+
+    def update(self, *given):
+        self.updates.append(given)
+        return 'a state'
+
+    def configure(self, hand):
+        self.hand = hand
+
+    def use_loaded_kernels(self):
+        self.is_compiled = True
+
+
+class Reader:
+    """A reader whose messages are frames in a list."""
+
+    signature = None
+    has_switched = False
+
+    def read(self, message):
+        frame, = message
+        return frame
+
+    def use_loaded_kernels(self):
+        self.has_switched = True
+
+
+def markers(stamp=STAMP, frame_id='mocap'):
+    return MarkerFrame(stamp, frame_id, SEEN, (), (), ())
+
+
+def receipt():
+    return RECEIPT
+
+
+def no_receipt():
+    raise AssertionError('the markers have a stamp')
+
+
+@pytest.fixture
+def stream():
+    return Stream(Tracker(), Reader())
+
+
+def test_the_time_of_receipt_counts_until_a_stamp_has_come():
+    time = FrameTime()
+    assert time.of(UNSET, 3.) == 3.
+    assert time.of(UNSET, None) is None
+    assert time.of(Stamp(5, 10**8), 4.) == 5.1
+    # Of another clock, perhaps.
+    assert time.of(UNSET, 5.) is None
+    assert time.of(Stamp(6, 0), 6.) == 6.
+
+
+def test_a_frame_is_read_timed_and_tracked(stream):
+    frame = stream.track([markers()], 2., no_receipt)
+    (positions, time, flexion), = stream.tracker.updates
+    assert positions is SEEN and time == 5. and flexion is None
+    assert (frame.received, frame.stamp, frame.frame_id, frame.time, frame.state) == (
+        2., STAMP, 'mocap', 5., 'a state')
+    assert frame.is_valid and frame.is_regular and not frame.restarted
+
+
+def test_what_was_read_before_is_not_read_again(stream):
+    stream.reader = None
+    assert stream.track(markers(), 2., no_receipt).time == 5.
+
+
+def test_markers_without_stamp_or_frame(stream):
+    frame = stream.track([markers(UNSET, '')], 2., receipt)
+    assert (frame.stamp, frame.time, frame.frame_id) == (RECEIPT, 70., UNNAMED_FRAME)
+    assert not frame.is_regular
+    stream.track([markers()], 3., no_receipt)
+    # Once there are stamps, its time is unknown.
+    frame = stream.track([markers(UNSET)], 4., receipt)
+    assert (frame.stamp, frame.time) == (RECEIPT, None)
+    assert [time for _, time, _ in stream.tracker.updates] == [70., 5., None]
+
+
+def test_a_message_without_markers_of_the_hand_is_not_tracked(stream):
+    others = markers(None)
+    assert stream.track([others], 2., no_receipt) is others
+    assert not stream.tracker.updates
+
+
+def test_measured_flexion_reaches_the_tracker_and_is_not_regular(stream):
+    flexion = np.full(5, .4)
+    frame = stream.track([markers()], 2., no_receipt, flexion)
+    assert stream.tracker.updates[0][2] is flexion
+    assert not frame.is_regular
+
+
+def test_a_tracker_that_begins_anew_without_a_palm(stream):
+    stream.tracker.placed, stream.tracker.restarted = False, True
+    frame = stream.track([markers()], 2., no_receipt)
+    assert frame.restarted and not frame.is_valid
+
+
+def test_a_learned_size_keeps_limits_and_coupling():
+    sizes = [None, Hand.scaled(.2), None, Hand.scaled(.21)]
+    given = []
+    auto_size = SimpleNamespace(is_learning=True)
+
+    def add(positions, time):
+        given.append((positions, time))
+        auto_size.is_learning = len(given) < len(sizes)
+        return sizes[len(given) - 1]
+
+    auto_size.add = add
+    stream = Stream(Tracker(), Reader(), auto_size)
+    limits = stream.tracker.hand.limits
+    assert stream.size == 'learning'
+    learned = []
+    for second in range(1, 7):
+        stream.track([markers(Stamp(second, 0))], 2., no_receipt)
+        learned.append(stream.sizes_learned)
+    assert learned == [0, 1, 1, 2, 2, 2] and stream.size == 'learned'
+    assert [time for _, time in given] == [1., 2., 3., 4.]
+    hand = stream.tracker.hand
+    assert np.array_equal(hand.finger_bones, Hand.scaled(.21).finger_bones)
+    assert np.array_equal(hand.limits, limits)
+    (is_warning, line), = stream.news()
+    assert not is_warning and line.startswith('the size of the hand is learned: ')
+    assert stream.news() == []
+
+
+def test_a_size_that_was_given(stream):
+    stream.track([markers()], 2., no_receipt)
+    assert (stream.size, stream.sizes_learned, stream.news()) == ('given', 0, [])
+
+
+@pytest.fixture
+def compilation(monkeypatch):
+    """Return a compilation that the test ends, and what it was asked for."""
+    found = SimpleNamespace(loaded=[], error=None)
+
+    def begin(loaders, program):
+        found.loaders, found.program = loaders, program
+        return found
+
+    monkeypatch.setattr(module, 'Compilation', begin)
+    return found
+
+
+def test_compiled_kernels_take_over_between_two_frames(stream, compilation, monkeypatch):
+    monkeypatch.setattr(module, 'DEFERRED', True)
+    stream.compile_in_background('a program', more=print)
+    assert list(compilation.loaders) == [TRACKING_SET, 'more']
+    assert compilation.program == 'a program'
+    (is_warning, line), = stream.news()
+    assert not is_warning and line.startswith('first start')
+    stream.track([markers()], 2., no_receipt)
+    assert not stream.is_fast and stream.news() == []
+    compilation.loaded.append(TRACKING_SET)
+    assert not stream.is_fast
+    for _ in range(2):
+        stream.track([markers()], 2., no_receipt)
+    assert stream.is_fast and stream.reader.has_switched
+    assert stream.news() == [(False, 'compiled kernels have taken over')]
+
+
+def test_an_error_of_the_compilation_is_reported_once(stream, compilation, monkeypatch):
+    monkeypatch.setattr(module, 'DEFERRED', True)
+    stream.compile_in_background()
+    stream.news()
+    compilation.error = 'no compiler'
+    (is_warning, line), = stream.news()
+    assert is_warning and line.endswith('no compiler')
+    assert stream.news() == []
+
+
+def test_nothing_is_compiled_where_nothing_is_missing(stream, compilation, monkeypatch):
+    monkeypatch.setattr(module, 'DEFERRED', False)
+    stream.compile_in_background()
+    assert stream.compilation is None and stream.news() == []
