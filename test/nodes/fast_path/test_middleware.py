@@ -6,6 +6,7 @@ import sys
 from contextlib import contextmanager
 from itertools import count
 from threading import Event, Thread
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from helpers.hands import RIGHT, hand_at, motion
 from helpers.ros_process import NodeProcess, watching_node
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
@@ -264,6 +266,25 @@ def test_a_driver_in_the_same_process_is_heard():
             node.spin_until(lambda: answers[-1].header.stamp == stamp_of(number))
 
         node.repeat(one_more, lambda: tracker._fast_path._memory.frames[0] > 50, 0.)
+
+
+def test_pictures_are_limited_to_the_rate_of_the_parameter():
+    rates = []
+
+    def every_third(now, rate):
+        rates.append(rate)
+        return len(rates) % 3 == 0
+
+    with own_node() as tracker, watching_node() as node:
+        tracker._display = SimpleNamespace(due=every_third)
+        assert tracker.set_parameters([Parameter('display_rate', value=7.)])[0].successful
+        publisher = node.create_publisher(MarkerArray, 'markers', 1000)
+        pictures = node.collect(MarkerArray, 'hand_markers')
+        numbers = count(2, 2)
+        node.repeat(lambda: publisher.publish(message(hand_at(), next(numbers))),
+                    lambda: len(pictures) > 2, .05)
+        node.spin_until(lambda: len(pictures) == len(rates) // 3)
+        assert set(rates) == {7.}
 
 
 @contextmanager
