@@ -302,7 +302,7 @@ def test_a_left_hand_is_tracked_as_its_mirror_image():
         np.testing.assert_allclose(a.residuals, b.residuals, atol=1e-12)
 
 
-def test_where_markers_are_while_they_are_hidden_is_told():
+def test_where_markers_are_while_they_are_hidden_is_reported():
     frames = [waved(i, hidden=['index', 'wrist'] if i > 1 else ()) for i in range(6)]
     states = follow(frames, replace(HELD, max_prediction_time=2.5 * STEP))
     told = np.array([state.marker_states for state in states])

@@ -432,7 +432,7 @@ def test_another_layout_keeps_the_pose_of_a_hidden_finger():
      'the palm needs a triangle at least 5 mm high'),
     (MarkerLayout(offsets=np.diag((0., 0., 0., -.026, 0., 0., 0., 0.))[:, [3, 1, 2]]),
      'marker index: its offset puts it within 5 mm of the axis')])
-def test_a_layout_that_tells_nothing_is_refused(layout, message):
+def test_a_layout_without_information_is_refused(layout, message):
     with pytest.raises(InvalidLayout, match=message):
         HandTracker(layout=layout)
 

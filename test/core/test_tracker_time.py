@@ -11,7 +11,6 @@ from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.stamps import seconds
 from hand_tracker.simulation.packaged_recordings import demo_recording
-from hand_tracker.tracking.stream import FrameTime
 
 WHOLE = demo_recording(rate=30.).markers[0]
 PALMLESS = np.where(np.arange(8)[:, None] == 1, np.nan, WHOLE)
@@ -21,15 +20,6 @@ PALMLESS = np.where(np.arange(8)[:, None] == 1, np.nan, WHOLE)
     (0, 0, None), (0, 1, 1e-9), (12, 500_000_000, 12.5), (1_800_000_000, 0, 1.8e9)])
 def test_a_zero_stamp_is_no_time(sec, nanosec, expected):
     assert seconds(SimpleNamespace(sec=sec, nanosec=nanosec)) == expected
-
-
-def test_time_of_receipt_counts_until_a_stamp_has_come():
-    time, none, some = FrameTime(), SimpleNamespace(sec=0, nanosec=0), SimpleNamespace(
-        sec=3, nanosec=0)
-    assert time.of(none, 100.) == 100. and time.of(none, None) is None
-    assert time.of(some, 101.) == 3.
-    assert time.of(none, 102.) is None
-    assert time.of(some, 103.) == 3.
 
 
 def test_what_comes_out_is_a_hand_from_the_first_palm_on():

@@ -83,7 +83,7 @@ def test_light_comes_from_above_and_throws_shadows():
     assert columns.mean() > ball_columns.mean() and rows.mean() > ball_rows.mean()
 
 
-def test_camera_looks_where_it_is_told():
+def test_camera_looks_along_its_axes():
     camera = Camera(camera_axes((0., 0., 2.), (0., 3., 0.)), (.1, .2, .3), .1)
     np.testing.assert_allclose(camera.axes, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(camera.project(np.array((.1, .2, .3)), SIZE), (50., 50., 0.))

@@ -295,7 +295,7 @@ def test_every_evaluation_has_rows_of_the_same_keys(
     assert ('2 %' in document) == (not evaluation.judges_captures)
 
 
-def test_what_loses_is_told_from_the_rows():
+def test_what_loses_is_found_from_the_rows():
     rows = [{'recording': 'a', 'joint_class': name, 'method': method, 'mean_mm': mean}
             for name in captured_hands.JOINT_CLASSES
             for method, mean in (('hand_tracker', 2. if name == 'dip' else 1.), ('plain', 1.5))]

@@ -159,7 +159,7 @@ def test_an_option_is_a_change(one):
     assert not np.array_equal(tracked.angles, one.track(markers).angles)
 
 
-def test_what_is_above_the_paper_is_told():
+def test_what_is_above_the_paper_is_reported():
     rows = [{'cameras': count, 'against_8_squared': mean, 'against_8_squared_max': top}
             for count, mean, top in ((6, .08, .3), (4, .1, 1.2), (2, .1, .2))]
     assert camera_count.losses(rows).lines == [

@@ -87,7 +87,7 @@ def test_rows_of_a_simulated_hand(takes, fit, monkeypatch):
     assert unseen_markers.losses(rows).reason
 
 
-def test_what_cannot_be_fitted_is_told(takes):
+def test_what_cannot_be_fitted_is_reported(takes):
     broken = takes[0]._replace(points=np.full_like(takes[0].points, np.nan))
     options = Options(takes=(takes[0], broken), quiet=True)
     with pytest.raises(Exception, match='none of the takes can be judged'):

@@ -402,7 +402,7 @@ def test_bones_have_the_lengths_of_the_hand():
     assert lengths.min() > .005
 
 
-def test_picture_tells_seen_held_and_absent_apart():
+def test_picture_shows_seen_held_and_absent_differently():
     hand = Hand.scaled()
     places = marker_positions(
         MarkerLayout().mounting(hand), forward(joint_table(hand), np.zeros(len(JOINTS))))

@@ -90,7 +90,7 @@ def any_marker(draw):
 @settings(max_examples=300, deadline=None)
 @given(st.lists(any_marker(), max_size=12), st.sampled_from(['', 'mocap']),
        st.sampled_from([1., .001, 1e3]), st.booleans())
-def test_any_message_is_read_as_the_normal_way_reads_it(markers, frame_id, scale, zero):
+def test_any_message_is_read_as_message_objects_are(markers, frame_id, scale, zero):
     options = dict(frame_id=frame_id, scale=scale, zero_is_missing=zero)
     data = data_of(markers)
     # rclpy sees strings that DDS has cut or mended.

@@ -307,7 +307,7 @@ def test_does_not_wait_for_a_tracker_of_other_markers(bags, tracker):
         assert 'no subscribers of /markers after 0.2 s' in process.output
 
 
-def test_waits_for_ever_when_told_to(bags, watch, tmp_path):
+def test_waits_for_ever_when_asked_to(bags, watch, tmp_path):
     (tmp_path / 'wait.yaml').write_text('/**: {ros__parameters: {wait_for_subscriber: .inf}}')
     with NodeProcess(MODULE, {'recording': str(bags / 'hand.mcap'), 'topics': '/markers'},
                      files=[tmp_path / 'wait.yaml']) as process:

@@ -340,7 +340,7 @@ def test_markers_without_stamp_or_frame_from_a_best_effort_publisher():
         assert len(lines(bench.process, 'have no frame')) == 1
 
 
-def test_stamps_of_any_kind_and_what_is_told_of_the_state():
+def test_stamps_of_any_kind_confidence_and_diagnostics():
     whole = hand_at()
     without_index, palmless = whole.copy(), whole.copy()
     without_index[3] = palmless[0] = np.nan
@@ -478,7 +478,7 @@ def check_diagnostics(bench, whole, without_index, told):
 
 
 @pytest.mark.skipif(not COMPILED, reason='in plain Python, frames that come too fast are left out')
-def test_a_change_is_told_at_once_but_not_at_the_rate_of_the_frames():
+def test_a_change_is_published_at_once_but_not_at_the_rate_of_the_frames():
     whole, hidden = hand_at(), hand_at()
     hidden[3] = np.nan
     # Each frame is looked at by itself: of those of the fast path several are at a time.
@@ -664,7 +664,7 @@ def test_a_wrong_start_ends_with_one_line_and_exit_code_1(tmp_path):
             assert re.search(said, line), line
 
 
-def test_a_lack_of_numba_is_told_in_one_line(tmp_path):
+def test_a_lack_of_numba_is_logged_in_one_line(tmp_path):
     (tmp_path / 'numba.py').write_text('raise ImportError')
     path = os.pathsep.join((str(tmp_path), os.environ.get('PYTHONPATH', '')))
     with NodeProcess(MODULE, environment={'PYTHONPATH': path}) as process:
@@ -674,7 +674,7 @@ def test_a_lack_of_numba_is_told_in_one_line(tmp_path):
         assert 'pip install numba' in warning and 'compiles' not in process.output
 
 
-def test_numba_turned_off_is_told_in_one_line():
+def test_numba_turned_off_is_logged_in_one_line():
     pytest.importorskip('numba', reason='numba is not installed: there is nothing to turn off')
     with NodeProcess(MODULE, environment={'HAND_TRACKER_JIT': '0'}) as process:
         process.wait_for_line('listening')

@@ -254,7 +254,7 @@ def test_the_node_publishes_at_its_rate_and_ends_cleanly(rate):
 
 
 @pytest.mark.ros
-def test_the_node_tells_the_whole_truth_and_when_it_begins_again():
+def test_the_node_publishes_the_whole_truth_and_logs_when_it_begins_again():
     pytest.importorskip('rclpy')
     from geometry_msgs.msg import PoseStamped
     from helpers.ros_process import NodeProcess, watching_node

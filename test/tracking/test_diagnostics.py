@@ -118,7 +118,7 @@ def test_the_rate_is_counted_anew_each_period_whatever_changed_meanwhile():
     assert hand.status(2.).values['rate [Hz]'] == '0.0'
 
 
-def test_latency_is_told_for_each_period():
+def test_latency_is_reported_for_each_period():
     hand = Hand()
     for i in range(100):
         hand.diagnosis.published(1e-3 * (1 + (i == 50)), 5. + i / 100.)
@@ -133,7 +133,7 @@ def test_latency_is_told_for_each_period():
     assert hand.status(3.).values['latency p50 [ms]'] == ''
 
 
-def test_frames_that_took_the_short_way_count():
+def test_frames_on_the_fast_path_count():
     hand = Hand()
     hand.feed(0., state_of())
     hand.diagnosis.tracked(.5, state_of(), 48, True)
@@ -142,7 +142,7 @@ def test_frames_that_took_the_short_way_count():
     assert values['frames on fast path'] == '48'
 
 
-def test_changes_are_told_at_once_and_only_changes():
+def test_changes_are_reported_at_once_and_only_changes():
     hand = Hand()
     assert hand.feed(1., state_of())
     hand.status(1.)
@@ -153,7 +153,7 @@ def test_changes_are_told_at_once_and_only_changes():
     assert hand.feed(2.1 + 2. * STATUS_GAP, state_of())
 
 
-def test_flickering_is_told_at_a_bounded_rate():
+def test_flickering_is_reported_at_a_bounded_rate():
     hand = Hand()
     told = 0
     for i in range(1000):

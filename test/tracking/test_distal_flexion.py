@@ -27,7 +27,7 @@ def test_names_with_and_without_prefix_and_the_last_value_of_each_counts():
                           equal_nan=True)
 
 
-def test_other_joints_are_told_and_numbers_that_are_none_left_out():
+def test_other_joints_are_returned_and_numbers_that_are_none_left_out():
     flexion = DistalFlexion('right_')
     names = ('index_pip_flexion', 'left_index_dip_flexion', 'index_dip_flexion',
              'middle_dip_flexion', 'ring_dip_flexion')

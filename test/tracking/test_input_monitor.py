@@ -183,7 +183,7 @@ def test_a_hand_of_about_the_mean_size_fits(size, fits):
     assert len(said) == (not fits)
 
 
-def test_a_moment_tells_nothing_of_the_fit():
+def test_a_moment_is_too_short_to_judge_the_fit():
     hand = Hand.scaled()
     assert not said_of_the_demo(hand, skin_layout(hand), hand, MarkerLayout(), 1.5)
 

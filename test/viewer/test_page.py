@@ -216,7 +216,7 @@ def test_a_hand_that_roams_stays_in_view(recording):
     assert moved.rotation is anchor.rotation
 
 
-def test_a_switch_is_not_taken_back_by_what_is_told_meanwhile(recording, monkeypatch):
+def test_a_switch_is_not_taken_back_by_what_is_reported_meanwhile(recording, monkeypatch):
     messages = pytest.importorskip('viser._messages', reason='viser is not installed')
     viewer = Viewer(port=8390)
     server, busy, idle = viewer._server, ThreadPoolExecutor(1), Event()
@@ -265,7 +265,7 @@ def test_bars_tell_what_a_calibration_has_seen():
     assert page.count('class=all') == 1
 
 
-def test_a_hand_tells_which_constraints_are_off():
+def test_the_constraints_that_are_off_are_described():
     assert describe(DEFAULT_CONSTRAINTS) == 'with constraints'
     assert describe(DEFAULT_CONSTRAINTS - {'Rigidity'}) == 'without Rigidity'
     assert describe(DEFAULT_CONSTRAINTS - {'Rigidity', 'Inertia'}) == 'without Rigidity and Inertia'

@@ -71,7 +71,7 @@ def test_an_innovation_is_believed_by_as_much_as_it_exceeds_its_noise():
 
 
 @pytest.mark.parametrize('slope', [0., 1e-300, -1e-12])
-def test_an_observation_that_tells_nothing_changes_nothing(slope):
+def test_an_observation_without_information_changes_nothing(slope):
     correction, variance = observe_angle(1e-3, slope, 1e-7, 1., .01)
     assert abs(correction) < 1e-6 and np.isfinite(variance)
 

@@ -68,14 +68,14 @@ def test_before_the_first_whole_palm_it_waits(hidden):
 @pytest.mark.parametrize('hidden, state', [
     ((), PalmState.TRACKED), ((1,), PalmState.CARRIED), ((0, 2), PalmState.CARRIED),
     ((0, 1, 2), PalmState.LOST)])
-def test_the_state_tells_how_many_are_seen(hidden, state):
+def test_the_state_shows_how_many_are_seen(hidden, state):
     palm = Palm()
     palm.see(*swing(0))
     assert palm.see(*swing(0), hidden)[0] == state
 
 
 @pytest.mark.parametrize('hidden', [(0,), (1,), (2,), (0, 1), (1, 2), (0, 2)])
-def test_hidden_markers_of_a_hand_that_moves_as_a_whole_are_told_by_the_fingers(hidden):
+def test_hidden_markers_of_a_hand_that_moves_as_a_whole_are_found_from_the_fingers(hidden):
     errors = {}
     for by_fingers in (True, False):
         palm = Palm(by_fingers)
@@ -91,7 +91,7 @@ def test_hidden_markers_of_a_hand_that_moves_as_a_whole_are_told_by_the_fingers(
     assert errors[True] < errors[False]
 
 
-def test_a_whole_palm_out_of_sight_is_told_by_the_fingers_while_predictions_hold():
+def test_a_whole_palm_out_of_sight_is_found_from_the_fingers_while_predictions_hold():
     errors = []
     for longest in (2., 0.):
         palm = Palm(longest=longest)

@@ -96,7 +96,7 @@ def test_links_of_fingers_multiply():
 
 
 @pytest.mark.parametrize('hidden', [(), (0, 1, 2, 3, 4)])
-def test_without_one_to_tell_or_to_be_told_there_are_no_shares(hidden):
+def test_without_a_marker_seen_or_one_hidden_there_are_no_shares(hidden):
     assert (coefficients_of(learned(*history(4)), hidden) == 0.).all()
 
 
