@@ -47,7 +47,7 @@ def test_a_single_frame_of_the_slow_path():
     state = state_of()
     tracked = TrackedFrame(3., FIRST, 'mocap', 5., state, frame(), True, True, True)
     frames = TrackedFrames.of(tracked, 3.5)
-    assert (frames.count, frames.stamp, frames.received, frames.published, frames.times) == (
+    assert (frames.frame_count, frames.stamp, frames.received, frames.published, frames.times) == (
         1, FIRST, [3.], [3.5], [5.])
     assert frames.runs == [(3.5, state)] and frames.state is state
     assert frames.markers is tracked.markers

@@ -7,11 +7,12 @@ import pytest
 from helpers.frames import SEEN
 
 from hand_tracker.core.model.hand import Hand, preset_limits
+from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.core.numerics.jit import TRACKING_SET
 from hand_tracker.messages.marker_array import MarkerFrame
 from hand_tracker.messages.stamps import Stamp
 from hand_tracker.tracking import stream as module
-from hand_tracker.tracking.stream import UNNAMED_FRAME, FrameTime, Stream
+from hand_tracker.tracking.stream import BLEND_TIME, UNNAMED_FRAME, FrameTime, Stream
 
 UNSET = Stamp(0, 0)
 STAMP = Stamp(5, 0)
@@ -24,14 +25,19 @@ class Tracker:
     def __init__(self):
         self.hand = Hand.scaled(limits=.5 * preset_limits('wide'))
         self.placed, self.restarted, self.is_compiled = True, False, False
-        self.updates = []
+        self.updates, self.blended = [], 0
+        self.configured = []
 
     def update(self, *given):
         self.updates.append(given)
         return 'a state'
 
-    def configure(self, hand):
-        self.hand = hand
+    def configure(self, *given):
+        self.hand, *_ = given
+        self.configured.append(given)
+
+    def blend_in(self):
+        self.blended += 1
 
     def use_loaded_kernels(self):
         self.is_compiled = True
@@ -139,7 +145,7 @@ def test_a_learned_size_keeps_limits_and_coupling():
     learned = []
     for second in range(1, 7):
         stream.track([markers(Stamp(second, 0))], 2., no_receipt)
-        learned.append(stream.sizes_learned)
+        learned.append(len(stream.tracker.configured))
     assert learned == [0, 1, 1, 2, 2, 2] and stream.size == 'learned'
     assert [time for _, time in given] == [1., 2., 3., 4.]
     hand = stream.tracker.hand
@@ -152,7 +158,27 @@ def test_a_learned_size_keeps_limits_and_coupling():
 
 def test_a_size_that_was_given(stream):
     stream.track([markers()], 2., no_receipt)
-    assert (stream.size, stream.sizes_learned, stream.news()) == ('given', 0, [])
+    assert (stream.size, stream.tracker.configured, stream.news()) == ('given', [], [])
+    assert not stream.needs_each_frame
+
+
+def test_another_hand_is_blended_in(stream):
+    hand, layout = Hand.scaled(.2), MarkerLayout()
+    stream.replace_hand(hand, layout)
+    assert stream.tracker.configured == [(hand, layout, None)]
+    for nanosec in (0, 10**8, 2 * 10**8):
+        stream.track([markers(Stamp(5, nanosec))], 2., no_receipt)
+        assert stream.needs_each_frame
+    stream.track([markers(Stamp(5, round(1e9 * BLEND_TIME) + 1))], 2., no_receipt)
+    assert stream.tracker.blended == 3 and not stream.needs_each_frame
+
+
+def test_a_take_collects_each_frame(stream):
+    taken = []
+    stream.take = SimpleNamespace(add=lambda positions, time: taken.append((positions, time)))
+    assert stream.needs_each_frame
+    stream.track([markers()], 2., no_receipt)
+    assert taken == [(SEEN, 5.)]
 
 
 @pytest.fixture
