@@ -650,7 +650,7 @@ def test_a_wrong_start_ends_with_one_line_and_exit_code_1(tmp_path):
     cases = (
         ({'side': 'middle'}, r"\]: side: 'middle' is not one of auto, right, left$"),
         ({'hand_breadth': 1}, "'hand_breadth'.*expecting type 'DOUBLE'$"),
-        ({'limits.ring_mcp_flexion.upper_deg': -1.}, 'ring_mcp_flexion.upper_deg out of range'),
+        ({'limits.ring_mcp_flexion.upper_deg': -181.}, 'ring_mcp_flexion.upper_deg out of range'),
         ({'labels.thumb': '0'}, "labels.thumb: '0' is already wrist's"),
         ({'hand_file': str(bad)}, r'hand_file: .*hand.yaml: finger_bones_mm.index.*900'))
     with ExitStack() as stack:

@@ -181,7 +181,7 @@ def test_labels_units_and_zeros():
 
 
 @pytest.mark.parametrize('values, said', [
-    ({'limits.index_mcp_flexion.upper_deg': -1.}, 'limits of index_mcp_flexion: -10 to -1'),
+    ({'limits.index_mcp_flexion.upper_deg': -11.}, 'limits of index_mcp_flexion: -10 to -11'),
     ({'coupling.index.slope': 6.}, 'coupling slope'),
     ({'finger_ik': 'magic'}, "finger_ik: 'magic'"),
     ({'labels.wrist': 7}, "labels.thumb: '7' is already wrist's"),
