@@ -119,7 +119,7 @@ class Scene:
         for joint in robot.findall('joint'):
             if joint.get('name') in JOINTS and joint.get('name') not in self.names:
                 joint.set('type', 'fixed')
-        for marker, link, place in zip(MARKERS, *self.mounting):
+        for marker, link, place in zip(MARKERS, self.mounting.link, self.mounting.position):
             ElementTree.SubElement(robot, 'link', name=f'marker_{marker}')
             joint = ElementTree.SubElement(robot, 'joint', name=f'to_{marker}', type='fixed')
             ElementTree.SubElement(joint, 'parent', link=ROOT if link < 0 else LINKS[link])
