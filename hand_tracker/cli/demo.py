@@ -7,6 +7,8 @@ as an animated GIF, a contact sheet and a table of the angles.
 from __future__ import annotations
 
 import argparse
+import errno
+import os
 import signal
 import subprocess
 import sys
@@ -28,6 +30,7 @@ from ..core.model.hand import Hand
 from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.marker_layout import PALM_MARKERS, MarkerLayout, marker_positions
 from ..core.model.skeleton import skeleton_points
+from ..core.numerics.jit import DEFERRED
 from ..drawing.animation import HandMotion, save_animation, save_sheet
 from ..files.angle_table import write_angle_table
 from ..files.bags import open_bag
@@ -219,7 +222,9 @@ def _save(listener: Listener, hand: Hand, layout: MarkerLayout, output: Path) ->
     print(f'{frames} frames of markers in, {states} joint states'
           + (f' and {listener.transforms} messages on /tf' if TFMessage else '') + ' out; '
           + _summary(listener.latencies, received), flush=True)
-    output.mkdir(parents=True, exist_ok=True)
+    if states < frames and DEFERRED:
+        print('The others were left out, as plain Python tracks until the kernels are compiled: '
+              'once, on the first start.')
     seconds = 1e-9 * (received.stamps - received.stamps[0])
     write_angle_table(output / 'angles.csv', listener.joints,
                       ((time_s, row, ()) for time_s, row in zip(seconds, received.angles)))
@@ -266,9 +271,12 @@ def main(args: list[str] | None = None) -> int:
         if options.view:
             view(ViewerRecording(recording, hand, layout), options)
             return 0
-        # Before the tracker compiles.
+        # Before the tracker compiles, and the recording is played.
         with open_bag(recording) as bag:
             marker_topic(bag, USUAL_TOPIC)
+        options.output.mkdir(parents=True, exist_ok=True)
+        if not os.access(options.output, os.W_OK):
+            raise PermissionError(errno.EACCES, 'no permission to write there', options.output)
         rclpy.init()
         node = rclpy.create_node('demo')
         listener = Listener(node)
