@@ -158,7 +158,8 @@ def plot_motions(ax: Axes, rows: Sequence[Row], key: str, value: str) -> None:
         mine = [row for row in rows if row['recording'] == motion]
         ax.plot([str(row[key]) for row in mine], [row[value] for row in mine],
                 marker='osD^v<>PXh*'[i], markersize=4,
-                color=SERIES_COLOURS[i % len(SERIES_COLOURS)], linewidth=1.2, linestyle='-' if i < len(SERIES_COLOURS) else '--',
+                color=SERIES_COLOURS[i % len(SERIES_COLOURS)], linewidth=1.2,
+                linestyle='-' if i < len(SERIES_COLOURS) else '--',
                 label=words(motion))
 
 
