@@ -92,8 +92,7 @@ def rigid_set(points: np.ndarray) -> np.ndarray:
     ndarray of bool, shape (k,)
     """
     count = points.shape[1]
-    points = points[evenly_spaced(len(points), TEMPLATE_FRAMES)]
-    distances = np.linalg.norm(points[:, :, None] - points[:, None], axis=3)
+    _, distances = _sampled(points)
     low, high = np.nanpercentile(distances, (10., 90.), axis=0)
     change = high - low
     best = min(combinations(range(count), 3), key=lambda three: max(
@@ -101,6 +100,12 @@ def rigid_set(points: np.ndarray) -> np.ndarray:
     usual = max(change[i, j] for i, j in combinations(best, 2))
     allowed = max(RIGID_CHANGE, RIGID_RATIO * usual)
     return np.array([all(change[i, j] <= allowed for j in best) for i in range(count)])
+
+
+def _sampled(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return evenly spaced frames, and the markers' distances to each other (m, k, k) [m]."""
+    points = points[evenly_spaced(len(points), TEMPLATE_FRAMES)]
+    return points, np.linalg.norm(points[:, :, None] - points[:, None], axis=3)
 
 
 def rigid_poses(points: np.ndarray, template: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -153,8 +158,7 @@ def rigid_template(points: np.ndarray) -> np.ndarray:
     ndarray, shape (k, 3)
         [m]
     """
-    points = points[evenly_spaced(len(points), TEMPLATE_FRAMES)]
-    distances = np.linalg.norm(points[:, :, None] - points[:, None], axis=3)
+    points, distances = _sampled(points)
     usual = np.nanmedian(distances, axis=0)
     # The first template is the frame nearest to the usual distances.
     missing = np.isnan(distances).sum(axis=(1, 2))
