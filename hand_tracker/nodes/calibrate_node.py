@@ -23,13 +23,12 @@ from ..calibration.live_take import CALIBRATION_KEY, MAX_DURATION, Coverage, Liv
 from ..calibration.prompts import PROMPTS
 from ..core.model.hand import Hand
 from ..messages.builders import diagnostics
-from ..messages.cdr import MalformedMessage
 from ..messages.stamps import seconds
 from ..progress import Block, bar
 from ..tracking.diagnostics import Level, Status
 from ..tracking.input_monitor import InputMonitor, who_publishes
 from ..tracking.live_calibration import CalibrationRefused, require_writable
-from ..tracking.stream import FrameTime
+from ..tracking.stream import FrameTime, read_or_warn
 from .parameters import Parameter
 from .runner import POLL, declare, names_of, qos_of, run, spinning
 from .serialization import Serialization
@@ -112,11 +111,8 @@ class CalibrateNode(Node):
         if self._has_ended.is_set():
             return
         received = time.monotonic()
-        try:
-            frame = self._reader.read(message)
-        except MalformedMessage as error:
-            self._monitor.warn_once(
-                'malformed', f'left out is what is no message of markers: {error}')
+        frame = read_or_warn(self._reader, message, self._monitor.warn_once)
+        if frame is None:
             return
         self._monitor.received(received, frame)
         if frame.stamp is not None:

@@ -27,7 +27,6 @@ from ..core.numerics import jit
 from ..core.tracker import HandState, HandTracker
 from ..files.urdf_file import urdf
 from ..messages.builders import diagnostics, time_message
-from ..messages.cdr import MalformedMessage
 from ..messages.marker_array import MarkerFrame
 from ..messages.rviz_markers import hand_markers
 from ..messages.stamps import Time, seconds
@@ -38,7 +37,7 @@ from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 from ..tracking.input_monitor import who_publishes
 from ..tracking.monitor import Monitor, TrackedFrames
 from ..tracking.rate_limit import RateLimiter, period_ns
-from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame
+from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame, read_or_warn
 from .fast_path import FastPath, FastPathUnavailable
 from .fast_path.compile_fast_path import FAST_PATH_PROGRAM, FAST_PATH_SET
 from .fast_path.middleware import AT_ONCE, require_fast_path
@@ -57,6 +56,7 @@ from .tracker_parameters import (
 )
 
 REPORT_PERIOD = .1      # [s] between two looks at what is to be logged
+CALIBRATION_PERIOD = .25  # [s] between two looks at a calibration's whole take
 # Timers of ROS time would stand still without /clock.
 STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 DIAGNOSTICS_DEPTH = 10
@@ -114,6 +114,7 @@ class TrackerNode(Node):
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.create_timer(REPORT_PERIOD, self._report, clock=STEADY_CLOCK)
         self.create_timer(STATUS_PERIOD, self._publish_status_of_all, clock=STEADY_CLOCK)
+        self.create_timer(CALIBRATION_PERIOD, self._update_calibration, clock=STEADY_CLOCK)
         self._latest: tuple[Time, str, HandState] | None = None
         self._published: list[TrackedFrames] = []  # that are not monitored yet
         self._has_viewers = False
@@ -230,12 +231,7 @@ class TrackerNode(Node):
         """Return the markers of a message by the present settings; None where it has no such."""
         if self._has_new_settings:
             self._apply_settings()
-        try:
-            return self._stream.reader.read(message)
-        except MalformedMessage as error:
-            self._monitor.warn_once(
-                'malformed', f'left out is what is no message of markers: {error}')
-            return None
+        return read_or_warn(self._stream.reader, message, self._monitor.warn_once)
 
     def _track(self, markers: MarkerFrame, received: float) -> None:
         frame = self._stream.track(
@@ -379,8 +375,6 @@ class TrackerNode(Node):
         if self._hand_shown is not self._tracker.hand:
             self._show_hand()
         self._description.update()
-        if self._hand_services.update():
-            self._publish_status(time.monotonic())
         if self._replies.follow_listeners() and self._fast_path is not None:
             self._fast_path.disable()
         self._follow_viewers()
@@ -411,6 +405,10 @@ class TrackerNode(Node):
         self._drain_timer.timer_period_ns = period_ns(self._settings.display_rate)
         if self._drain_timer.is_canceled():
             self._drain_timer.reset()
+
+    def _update_calibration(self) -> None:
+        if self._hand_services.update():
+            self._publish_status(time.monotonic())
 
     def _publish_status_of_all(self) -> None:
         self._drain()

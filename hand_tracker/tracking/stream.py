@@ -18,7 +18,7 @@ from ..core.model.marker_layout import MarkerLayout
 from ..core.numerics.jit import DEFERRED, TRACKING_SET
 from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
-from ..messages.cdr import MessageSignature
+from ..messages.cdr import MalformedMessage, MessageSignature
 from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time, seconds
 from .auto_size import AutoSize
@@ -47,6 +47,24 @@ class Reader(Protocol):
     def use_loaded_kernels(self) -> None:
         """Go on with the kernels that are loaded."""
         ...
+
+
+def read_or_warn(reader: Reader, message: Any,
+                 warn_once: Callable[[str, str], None]) -> MarkerFrame | None:
+    """Return the markers of a message; None, with one warning, of what is no such message.
+
+    Parameters
+    ----------
+    reader : Reader
+    message : bytes or message
+    warn_once : callable
+        Logs a warning (key, text) once for each key.
+    """
+    try:
+        return reader.read(message)
+    except MalformedMessage as error:
+        warn_once('malformed', f'left out is what is no message of markers: {error}')
+        return None
 
 
 class TrackedFrame(NamedTuple):
