@@ -39,6 +39,11 @@ class TrackerOptions:
         1e-5, 'Distance from the marker at which FABRIK stops', unit='m', range=(1e-9, 1e-2))
     fabrik_iterations: int = _option(
         200, 'Iterations after which FABRIK stops, per digit and frame', range=(1, 10000))
+    palm_arch: str = _option(
+        'observed', 'Cupping of the palm at the CMC joints of its fingers: observed where a layout '
+        'has a marker more on a knuckle, else flat; synergy: where none shows it, by the MCP '
+        'flexion of ring and little finger; or flat, as in the paper',
+        choices=('observed', 'synergy', 'flat'))
     palm_stretch: float = _option(
         1.5, 'Longest side of the palm triangle that is accepted, as a multiple of the hand\'s own',
         range=(1.05, 10.))

@@ -10,19 +10,35 @@ import math
 import numpy as np
 
 from .filtering.frame_clock import FrameClock, advance_clock
-from .filtering.noise_estimate import update_noise
-from .filtering.smoothing import noise_in_palm_frame
+from .filtering.noise_estimate import noise_in_palm_frame, update_noise
 from .filtering.tracks import Tracks, clear_motion
 from .inverse_kinematics.abduction_plane import REFERENCE_STEP
 from .inverse_kinematics.angle_filter import filter_angles
-from .inverse_kinematics.digit import Chains, solve_digits
+from .inverse_kinematics.digit import Chains, solve_digits, solve_rooted_digit
+from .inverse_kinematics.digit_angles import (
+    FAR_OFF,
+    new_sketch,
+    principal_place,
+    solve_digit_angles,
+)
 from .inverse_kinematics.palm import place_palm
+from .inverse_kinematics.palm_arch import fit_palm, flexed, synergy
 from .labelling.association import associate
 from .labelling.validity import find_valid, reject_frozen
 from .model.capsules import place_capsules
+from .model.marker_rows import PRINCIPALS
 from .model.states import LOST, TRACKED, WAITING
 from .numerics.jit import Pack, jit, overwrite
-from .numerics.vectors import clamp
+from .numerics.vectors import (
+    add,
+    clamp,
+    components,
+    frame,
+    rotate,
+    store,
+    subtract,
+    vector,
+)
 from .occlusion.digit_markers import track_digits
 from .occlusion.palm_markers import check_palm, expected_markers, track_palm
 from .occlusion.prediction import Observation
@@ -39,6 +55,7 @@ from .pose.report import (
     write_markers,
     write_pose,
     write_residuals,
+    write_rows,
 )
 from .records import Model, State
 
@@ -64,8 +81,8 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
         State before the first frame.
     state, report : packed State and Report
         Changed.
-    markers : ndarray, shape (8, 3)
-        Measured positions; changed [m].
+    markers : ndarray, shape (n, 3)
+        Measured positions, of the eight principal markers first; changed [m].
     time : float
         Time of the frame, NaN when unknown [s].
 
@@ -75,10 +92,11 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
         Whether time jumped back, so that tracking began anew.
     """
     step, restarted = begin_frame(model, clock, blank, state, markers, time)
-    seen = np.empty(8, dtype=np.bool_)
+    seen = np.empty(len(markers), dtype=np.bool_)
     iterations = 0
     # 1 Labelling: reject invalid measurements, associate the others with markers.
-    fault = label_markers(model, options, state, markers, seen, step)
+    fault = label_markers(model, chains, options, state, markers, seen, step)
+    markers, seen = markers[:PRINCIPALS], seen[:PRINCIPALS]
     # 2, 3 Filtering and occlusion, palm: filter its markers, predict hidden ones.
     palm = predict_palm(model, options, state, markers, seen, step)
     if palm == LOST:
@@ -87,12 +105,17 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
     if palm != WAITING:
         # 4 Inverse kinematics, palm: pose of the wrist, first joints of the digits.
         place_wrist(model, options, state)
+        # 4 Inverse kinematics: a digit's other markers tell where its hidden one is.
+        infer_markers(model, chains, state, markers, seen, palm == LOST, step)
         # 2, 3 Filtering and occlusion, digits: the same; hidden ones follow the others.
         predict_digits(model, options, state, markers, seen, palm == TRACKED, step)
+        # 4 Inverse kinematics, digits with several markers: all that are seen, from the last frame.
+        solve_several(model, chains, state, seen, step)
         # 4 Inverse kinematics, fingers and thumb: abduction, then flexion within limits.
         iterations = solve_angles(model, chains, options, state, seen, step)
         # 4 Inverse kinematics: quiet angles, where the digits' markers tell little of them.
         estimate_angles(chains, options, state, seen, step)
+        refine_angles(model, chains, state, seen, step)
         # 5 Pose: continuous angles, digits apart from each other and from the palm.
         blend_angles(chains, options, state, seen, step)
         resolve_contact(model, chains, options, state, seen, step)
@@ -120,15 +143,15 @@ def begin_frame(model: Pack[Model], clock: Pack[FrameClock], blank: Pack[State],
     if paused:
         clear_motion(state[0].palm)
         clear_motion(state[0].digits)
-    for i in range(8):
+    for i in range(len(markers)):
         for k in range(3):
             markers[i, k] *= model[0].mirror[k]
     return step, restarted
 
 
 @jit
-def label_markers(model: Pack[Model], options: Pack[KernelOptions], state: Pack[State],
-                  markers: np.ndarray, seen: np.ndarray, step: float) -> int:
+def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOptions],
+                  state: Pack[State], markers: np.ndarray, seen: np.ndarray, step: float) -> int:
     """Reject invalid measurements and exchange wrong labels, in `markers` and `seen`.
 
     `step` is the time since the last frame [s].
@@ -138,11 +161,15 @@ def label_markers(model: Pack[Model], options: Pack[KernelOptions], state: Pack[
     int
         TRACKED, or the `PalmState` that names the palm's fault.
     """
-    model, options, state = model[0], options[0], state[0]
+    model, chains, options, state = model[0], chains[0], options[0], state[0]
     palm, digits = state.palm, state.digits
     find_valid(markers, seen)
     reject_frozen(markers, seen, state.last_markers, state.repeats, state.repeated_distances,
                   options.frozen_frames)
+    if model.rows.is_needed[0]:
+        _take_rows(model, state, markers, seen, step)
+        _fit_palm_rows(model, chains, state, markers, seen)
+    markers, seen = markers[:PRINCIPALS], seen[:PRINCIPALS]
     expected_markers(palm, digits, model.template, step, state.expected.position)
     for i in range(8):
         state.expected.deviation[i] = deviation(
@@ -152,19 +179,94 @@ def label_markers(model: Pack[Model], options: Pack[KernelOptions], state: Pack[
               options.labelling, state.verdict)
     update_noise(state.noise, markers, seen, step, options.marker_noise)
     fault = check_palm(markers, seen, model.template, state.wrist, options.palm_limits)
-    _note_changes(palm, digits, seen, state.changed)
+    palm_changed = _note_changes(palm, digits, seen, state.changed)
+    if model.rows.is_needed[0]:
+        _note_rows(model, state, markers, seen, palm_changed)
     return fault
 
 
 @jit
-def _note_changes(palm: Tracks, digits: Tracks, seen: np.ndarray, changed: np.ndarray) -> None:
-    """Write which digits are seen, or have their palm seen, otherwise than before, shape (5,)."""
+def _take_rows(model: Model, state: State, markers: np.ndarray, seen: np.ndarray,
+               step: float) -> None:
+    """Note the measured markers of all rows."""
+    rows = state.rows
+    for row in range(model.rows.used[0]):
+        rows.was_measured[row] = rows.is_measured[row]
+        rows.is_measured[row] = row < len(seen) and seen[row] and model.rows.order[row] >= 0
+        rows.hidden_for[row] += step
+        if rows.is_measured[row]:
+            store(rows.points, row, vector(markers[row]))
+
+
+@jit
+def _fit_palm_rows(model: Model, chains: Chains, state: State, markers: np.ndarray,
+                   seen: np.ndarray) -> None:
+    """Put the palm's principal markers where all its markers tell, the palm laid flat.
+
+    As many count as seen as markers of the palm are.
+    """
+    rows, arch, fitted = model.rows, state.rows.arch, state.fitted
+    several = rows.has_several[5] > 0
+    if not (several or rows.is_cupping[0]):
+        return
+    if rows.is_cupping[0] and not several:
+        synergy(rows.synergy, state.separated, chains.lower, chains.upper, arch)
+    for i in range(3):
+        fitted.position[i] = state.wrist.position[i]
+        for k in range(3):
+            fitted.rotation[i, k] = state.wrist.rotation[i, k]
+    fitted.placed[0] = state.wrist.placed[0]
+    count = fit_palm(rows, state.rows, chains.lower, chains.upper,
+                     several and rows.is_cupping[0] > 0, fitted)
+    if count == 0:
+        return
+    shown = 0
+    for i in range(3):
+        shown += seen[i]
+    axes, origin = frame(fitted.rotation), vector(fitted.position)
+    for i in range(3):
+        if not seen[i] and shown < count:
+            seen[i] = True
+            shown += 1
+        store(markers, i, add(origin, rotate(axes, add(
+            vector(rows.end[i]), vector(rows.offset[i])))))
+
+
+@jit
+def _note_rows(model: Model, state: State, markers: np.ndarray, seen: np.ndarray,
+               palm_changed: bool) -> None:
+    """Note which markers of digits are measured after association, and whose evidence changed."""
+    rows = state.rows
+    for row in range(3, PRINCIPALS):
+        rows.is_measured[row] = seen[row]
+        if seen[row]:
+            store(rows.points, row, vector(markers[row]))
+    for digit in range(5):
+        if model.rows.has_several[digit]:
+            state.changed[digit] = palm_changed
+    for row in range(model.rows.used[0]):
+        if rows.is_measured[row]:
+            rows.is_known[row] = True
+            rows.hidden_for[row] = 0.
+        digit = model.rows.digit[row]
+        if digit >= 0 and model.rows.has_several[digit] and (
+                rows.is_measured[row] != rows.was_measured[row]):
+            state.changed[digit] = True
+
+
+@jit
+def _note_changes(palm: Tracks, digits: Tracks, seen: np.ndarray, changed: np.ndarray) -> bool:
+    """Write which digits are seen, or have their palm seen, otherwise than before, shape (5,).
+
+    Return whether the palm is.
+    """
     palm_changed = False
     for i in range(3):
         palm_changed = palm_changed or seen[i] != palm.seen[i]
     lost = not (seen[0] or seen[1] or seen[2])
     for i in range(5):
         changed[i] = palm_changed or (seen[3 + i] and not lost) != digits.seen[i]
+    return palm_changed
 
 
 @jit
@@ -191,6 +293,40 @@ def place_wrist(model: Pack[Model], options: Pack[KernelOptions], state: Pack[St
 
 
 @jit
+def infer_markers(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
+                  markers: np.ndarray, seen: np.ndarray, is_lost: bool, step: float) -> None:
+    """Place each digit's hidden principal marker by the digit's other markers.
+
+    `is_lost` says that no marker of the palm is seen: then no digit is placed by its own. `step`
+    is the time since the last frame [s].
+    """
+    model, chains, state = model[0], chains[0], state[0]
+    if not model.rows.is_needed[0]:
+        return
+    rows, table = state.rows, model.rows
+    axes, origin = frame(state.wrist.rotation), vector(state.wrist.position)
+    for row in range(table.used[0]):
+        digit = table.digit[row]
+        if is_lost:
+            rows.is_measured[row] = False
+        if digit >= 0 and rows.is_measured[row]:
+            local = components(axes, subtract(vector(rows.points[row]), origin))
+            if digit < 4:
+                local = flexed(local, vector(table.cmc[digit]), -rows.arch[digit])
+            store(rows.local, row, local)
+    for digit in range(5):
+        if seen[3 + digit] or not table.has_several[digit] or is_lost:
+            continue
+        sketch = new_sketch()
+        if solve_digit_angles(chains, table, rows, digit, state.angles, step, sketch)[0]:
+            local = principal_place(chains, table, rows, digit, sketch)
+            if digit < 4:
+                local = flexed(local, vector(table.cmc[digit]), rows.arch[digit])
+            store(markers, 3 + digit, add(origin, rotate(axes, local)))
+            seen[3 + digit] = True
+
+
+@jit
 def predict_digits(model: Pack[Model], options: Pack[KernelOptions], state: Pack[State],
                    markers: np.ndarray, seen: np.ndarray, palm_tracked: bool, step: float) -> None:
     """Filter the digits' markers in the wrist's frame and predict hidden ones.
@@ -209,6 +345,34 @@ def predict_digits(model: Pack[Model], options: Pack[KernelOptions], state: Pack
 
 
 @jit
+def solve_several(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
+                  seen: np.ndarray, step: float) -> None:
+    """Solve the digits with several markers from the last frame's angles, and note which.
+
+    Those whose evidence changed, or that are far from where they were, are left to the principal
+    marker first. `step` is the time since the last frame [s].
+    """
+    model, chains, state = model[0], chains[0], state[0]
+    rows = state.rows
+    for digit in range(5):
+        rows.is_solved[digit] = False
+    if model.rows.has_several[:5].any() and state.wrist.placed[0]:
+        sketch = new_sketch()
+        for digit in range(5):
+            if not model.rows.has_several[digit] or not seen[3 + digit] or (
+                    state.changed[digit] or not rows.is_measured[3 + digit]):
+                continue
+            count, cost = solve_digit_angles(
+                chains, model.rows, rows, digit, rows.angles, step, sketch)
+            rows.is_solved[digit] = count > 1 and cost < FAR_OFF
+            if rows.is_solved[digit]:
+                for joint in range(5 * digit, 5 * digit + 5):
+                    state.angles[joint] = rows.angles[joint]
+    for digit in range(5):
+        rows.is_followed[digit] = seen[3 + digit] and not rows.is_solved[digit]
+
+
+@jit
 def solve_angles(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOptions],
                  state: Pack[State], seen: np.ndarray, step: float) -> int:
     """Solve the digits' angles; hidden fingers stay in their candidate space.
@@ -221,13 +385,23 @@ def solve_angles(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelO
         Iterations of FABRIK, over all digits.
     """
     model, chains, options, state = model[0], chains[0], options[0], state[0]
+    targets = state.rows.targets
+    for i in range(5):
+        store(targets, i, vector(state.digits.mean[i]))
+        if i < 4 and model.rows.is_cupping[0]:
+            store(targets, i, flexed(
+                vector(targets[i]), vector(model.rows.cmc[i]), -state.rows.arch[i]))
+            state.angles[5 * i] = state.rows.arch[i]
     # Abduction follows slowly in a fist: the first frame, without history, iterates it.
     for _ in range(0 if state.wrist.placed[0] else FIRST_FRAME_SOLVES):
-        solve_digits(chains, state.roots, state.digits.mean, state.angles, REFERENCE_STEP,
+        solve_digits(chains, state.roots, targets, state.angles, REFERENCE_STEP,
                      options.by_fabrik, options.fabrik_tolerance, options.fabrik_iterations)
-    iterations = solve_digits(
-        chains, state.roots, state.digits.mean, state.angles, step, options.by_fabrik,
-        options.fabrik_tolerance, options.fabrik_iterations)
+    iterations = 0
+    for i in range(5):
+        if not state.rows.is_solved[i]:
+            iterations += solve_rooted_digit(
+                chains, i, subtract(vector(targets[i]), vector(state.roots[i])), state.angles,
+                step, options.by_fabrik, options.fabrik_tolerance, options.fabrik_iterations)
     limit_neighbour_difference(state.angles, seen[3:], model.flexion_bounds,
                                state.neighbour_difference, chains.lower, chains.upper)
     return iterations
@@ -250,9 +424,35 @@ def estimate_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: P
             state.estimate.angles[joint] = state.angles[joint]
         return
     filter_angles(chains, state.roots,
-                  Observation(state.digits.mean, seen[3:], state.digit_noise),
+                  Observation(state.rows.targets, state.rows.is_followed, state.digit_noise),
                   state.angles, state.blended if state.wrist.placed[0] else state.angles,
                   state.changed, step, state.estimate)
+
+
+@jit
+def refine_angles(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
+                  seen: np.ndarray, step: float) -> None:
+    """Solve the angles of digits with several markers by all that are seen.
+
+    `step` is the time since the last frame [s].
+    """
+    model, chains, state = model[0], chains[0], state[0]
+    if not model.rows.has_several[:5].any():
+        return
+    sketch = new_sketch()
+    for digit in range(5):
+        is_solved = False
+        if model.rows.has_several[digit] and seen[3 + digit]:
+            # One whose principal marker is hidden was solved before.
+            is_solved = (
+                state.rows.is_solved[digit] or not state.rows.is_measured[3 + digit]
+                or solve_digit_angles(chains, model.rows, state.rows, digit,
+                                      state.estimate.angles, step, sketch)[0] > 1)
+        for joint in range(5 * digit, 5 * digit + 5):
+            if is_solved and not (digit < 4 and joint == 5 * digit):
+                state.estimate.angles[joint] = state.rows.angles[joint]
+            else:
+                state.rows.angles[joint] = state.estimate.angles[joint]
 
 
 @jit
@@ -327,5 +527,8 @@ def write_report(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelO
     write_marker_states(seen, state.verdict, state.palm, state.digits,
                         options.prediction.max_prediction_time, report)
     write_residuals(seen, model.mounting, report)
+    if model.rows.is_needed[0]:
+        write_rows(model.rows, state.rows, options.prediction.max_prediction_time, model.mirror,
+                   report)
     write_confidence(state.palm, state.digits, state.offset, state.wrist.placed[0] > 0, report)
     report.palm[0], report.iterations[0] = palm, iterations

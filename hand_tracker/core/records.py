@@ -12,12 +12,13 @@ from .labelling.readings import ExpectedMarkers, HandBounds, unknown_markers
 from .model.capsules import Capsules
 from .model.kinematics import JointTable
 from .model.marker_layout import MARKERS, Mounting
+from .model.marker_rows import ROW_CAPACITY, MarkerRows, RowState, initial_rows
 from .model.palm_triangle import Wrist, wrist_at_origin
 from .occlusion.transdigital import DigitPrior, Transdigital, nothing_learned
 
 
 class Model(NamedTuple):
-    """Constants of one hand with its markers; of a right hand but for the last three.
+    """Constants of one hand with its markers; of a right hand but for table, mounting and mirror.
 
     Attributes
     ----------
@@ -33,6 +34,9 @@ class Model(NamedTuple):
     capsules : Capsules
     table : JointTable
     mounting : Mounting
+        Of the principal markers.
+    rows : MarkerRows
+        Of the right hand.
     mirror : ndarray, shape (3,)
         -1 on the axes that a left hand mirrors, else 1.
     """
@@ -45,6 +49,7 @@ class Model(NamedTuple):
     capsules: Capsules
     table: JointTable
     mounting: Mounting
+    rows: MarkerRows
     mirror: np.ndarray
 
 
@@ -75,7 +80,7 @@ class State(NamedTuple):
         MCP flexion between neighbouring fingers when both were last seen [rad].
     pushes : ndarray, shape (5, 3)
         Displacement of the hidden digits' markers by contact [m].
-    last_markers, repeats, repeated_distances : ndarray, shape (8, 3), (8,) and (3, 3)
+    last_markers, repeats, repeated_distances : ndarray, shape (65, 3), (65,) and (3, 3)
         Memory of `reject_frozen`.
     expected : ExpectedMarkers
         This frame's predictions.
@@ -87,6 +92,10 @@ class State(NamedTuple):
         Digits whose evidence differs from the last frame's.
     roots : ndarray, shape (5, 3)
         This frame's first joints of the digits, in the wrist's frame [m].
+    rows : RowState
+        Of the markers of layouts with more than the principal ones.
+    fitted : Wrist
+        This frame's wrist by all markers of the palm.
     """
 
     palm: Tracks
@@ -112,6 +121,8 @@ class State(NamedTuple):
     measured: np.ndarray
     changed: np.ndarray
     roots: np.ndarray
+    rows: RowState
+    fitted: Wrist
 
 
 def blank_state(template: np.ndarray, rest: np.ndarray, relaxed: np.ndarray,
@@ -141,7 +152,9 @@ def blank_state(template: np.ndarray, rest: np.ndarray, relaxed: np.ndarray,
         estimate=initial_angle_filter(relaxed), blended=relaxed.copy(), offset=np.zeros(joints),
         separated=relaxed.copy(), contact_offset=np.zeros(joints),
         neighbour_difference=np.zeros(3), pushes=np.zeros(rest.shape),
-        last_markers=np.full((count, 3), np.nan), repeats=np.zeros(count, dtype=np.int64),
+        last_markers=np.full((ROW_CAPACITY, 3), np.nan),
+        repeats=np.zeros(ROW_CAPACITY, dtype=np.int64),
         repeated_distances=np.full((3, 3), np.nan), expected=unknown_markers(),
         verdict=np.zeros(count, dtype=np.int64), measured=np.zeros(len(rest), dtype=bool),
-        changed=np.zeros(len(rest), dtype=bool), roots=np.zeros(rest.shape))
+        changed=np.zeros(len(rest), dtype=bool), roots=np.zeros(rest.shape),
+        rows=initial_rows(relaxed), fitted=wrist_at_origin())

@@ -1,4 +1,4 @@
-"""The tracker: positions of eight markers in, angles and pose of the hand out, frame by frame.
+"""The tracker: positions of markers in, angles and pose of the hand out, frame by frame.
 
 `HandTracker` validates the input and owns all state; the method is `pipeline.track_frame`.
 """
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .filtering.frame_clock import FrameClock, initial_clock
-from .filtering.smoothing import noise_levers
+from .filtering.noise_estimate import noise_levers
 from .inverse_kinematics.digit import Chains, chains, measure, reach
 from .labelling.plausibility import typical_places
 from .labelling.readings import HandBounds
@@ -25,6 +25,8 @@ from .model.marker_layout import (
     marker_positions,
     require_solvable,
 )
+from .model.marker_rows import layout_rows, marker_rows, shows_arch
+from .model.observability import unobserved_joints
 from .model.states import PALM_STATES, MarkerState, PalmState
 from .numerics.jit import (
     COMPILED,
@@ -39,13 +41,12 @@ from .numerics.jit import (
 from .occlusion.transdigital import DigitPrior, prior_correlation
 from .options import KernelOptions, TrackerOptions, kernel_options
 from .pipeline import track_frame
-from .pose.report import Report, blank_report
+from .pose.report import LISTED_RESIDUAL, LISTED_TIME, Report, blank_report
 from .records import Model, State, blank_state
 
 __all__ = ['HandState', 'HandTracker', 'MarkerState', 'PalmState', 'TrackerOptions']
 
 PALM_COUNT = len(PALM_MARKERS)
-
 
 
 class HandState(NamedTuple):
@@ -62,15 +63,15 @@ class HandState(NamedTuple):
         In the markers' frame [m].
     pose : Pose
         The 25 links in the markers' frame: forward kinematics of the above.
-    markers : ndarray, shape (8, 3)
-        Positions used, measured or predicted [m].
-    marker_states : ndarray of int, shape (8,)
+    markers : ndarray, shape (n, 3)
+        Positions used, measured or predicted, in the order of the layout [m].
+    marker_states : ndarray of int, shape (n,)
         `MarkerState` of each marker.
-    hidden_for : ndarray, shape (8,)
+    hidden_for : ndarray, shape (n,)
         Time since each marker was seen, 0 for seen ones [s].
     confidence : ndarray, shape (25,)
         Of each angle, from 1 (measured now) to 0 (unknown).
-    residuals : ndarray, shape (8,)
+    residuals : ndarray, shape (n,)
         Distance of each seen marker from its place on the pose, NaN for hidden ones [m].
     iterations : int
         Of FABRIK, over all digits.
@@ -103,6 +104,7 @@ class HandTracker:
     Attributes
     ----------
     hand : Hand
+        With limits that let the palm cup, where the layout shows that or the option asks for it.
     layout : MarkerLayout
     options : TrackerOptions
     restarted : bool
@@ -174,10 +176,16 @@ class HandTracker:
 
     def _set_hand(self, hand: Hand, layout: MarkerLayout, options: TrackerOptions) -> None:
         """Derive and pack all that depends on hand, layout and options alone."""
+        if shows_arch(layout, options.palm_arch):
+            hand = hand.with_open_palm()
         right = hand.replace(side='right')
-        mounting = layout.mounting(right)
+        mounting = layout.principal_mounting(right)
         require_solvable(mounting)
         self.hand, self.layout, self.options = hand, layout, options
+        rows = layout_rows(layout)
+        # Rows of the layout in those of the kernels, where they are not the same.
+        self._rows = None if layout.names == MARKERS else np.maximum(rows, 0)
+        self._lacking = np.flatnonzero(rows < 0)
         digits = chains(right, mounting)
         self._right_table, self._right_mounting = joint_table(right), mounting
         self._template = mounting.position[:PALM_COUNT].copy()
@@ -195,7 +203,8 @@ class HandTracker:
             np.array((options.bound_index_middle, options.bound_middle_ring,
                       options.bound_ring_little)),
             HandBounds(digits.root.copy(), reach(digits), typical_places(right, mounting)),
-            capsules(right), joint_table(hand), layout.mounting(hand),
+            capsules(right), joint_table(hand), layout.principal_mounting(hand),
+            marker_rows(right, layout, options.palm_arch),
             LEFT_HAND_MIRROR if hand.side == 'left' else np.ones(3)))
         self._blank, _ = self._packed(self._blank_state())
 
@@ -248,6 +257,17 @@ class HandTracker:
         return marker_positions(
             self._right_mounting, forward(self._right_table, angles))[PALM_COUNT:]
 
+    def unobserved_joints(self) -> tuple[str, ...]:
+        """Return the names of the joints that the layout does not show.
+
+        Those follow another joint, or stay where they are at rest.
+
+        Returns
+        -------
+        tuple of str
+        """
+        return unobserved_joints(self.hand, self.layout)
+
     @property
     def placed(self) -> bool:
         """Whether the palm has been seen; before, the pose is not a measured one."""
@@ -266,9 +286,9 @@ class HandTracker:
 
         Parameters
         ----------
-        markers : array_like, shape (8, 3)
-            In the order of `MARKERS` [m]; a row with a number that is not finite, or beyond a
-            kilometre, is not seen.
+        markers : array_like, shape (n, 3)
+            In the order of the layout, that is of `MARKERS` unless it names others [m]; a row
+            with a number that is not finite, or beyond a kilometre, is not seen.
         time : float, optional
             Of the frame, on any clock; tracking begins anew when it jumps back. When left out
             frames are taken as evenly spaced, at the rate so far or 120 Hz [s].
@@ -288,13 +308,19 @@ class HandTracker:
             If a shape is another.
         """
         frame = np.array(markers, dtype=float)
-        if frame.shape != (len(MARKERS), 3):
-            raise ValueError(f'markers: shape {frame.shape}; expected {(len(MARKERS), 3)}')
+        if frame.shape != (len(self.layout.names), 3):
+            raise ValueError(f'markers: shape {frame.shape}; expected '
+                             f'{(len(self.layout.names), 3)}')
+        if self._rows is not None:
+            frame = frame.take(self._rows, axis=0)
+            if len(self._lacking):
+                frame[self._lacking] = np.nan
         report = empty_like_pack(self._report)
         self.restarted = bool(self._kernel(track_frame)(
             *self.kernel_arguments(distal_flexion)[:-1], report, frame,
             np.nan if time is None else float(time)))
-        return self.state_from_report(report)
+        return self.state_from_report(
+            report, 0 if self._rows is None else len(self.layout.names))
 
     def kernel_arguments(self, distal_flexion: ArrayLike | None = None) -> tuple[
             Pack[Model], Pack[Chains], Pack[KernelOptions], Pack[FrameClock], Pack[State],
@@ -311,22 +337,28 @@ class HandTracker:
         tuple of packs
             Model, Chains, KernelOptions, FrameClock, blank State, State and Report.
         """
-        return (self._model, self._chains_with(distal_flexion), self._options, self._clock,
-                self._blank, self._state_pack, self._report)
+        chains = self._chains if distal_flexion is None else self._chains_with(distal_flexion)
+        return (self._model, chains, self._options, self._clock, self._blank, self._state_pack,
+                self._report)
 
     @staticmethod
-    def state_from_report(report: Any) -> HandState:
-        """Return the `HandState` of a packed `Report`; they share their arrays."""
+    def state_from_report(report: Any, listed: int = 0) -> HandState:
+        """Return the `HandState` of a packed `Report`; they share their arrays.
+
+        `listed` is the number of markers of another layout than the paper's eight, else 0.
+        """
         ((palm,), angles, rotation, position, rotations, positions, markers, states, hidden_for,
-         confidence, residuals, (iterations,)) = parts(report)
+         confidence, residuals, (iterations,), rows, kinds) = parts(report)
+        if listed:
+            rows, states = rows[:listed], kinds[:listed]
+            markers, hidden_for, residuals = (
+                rows[:, :3], rows[:, LISTED_TIME], rows[:, LISTED_RESIDUAL])
         return HandState(PALM_STATES[palm], angles, rotation, position,
                          Pose(rotations, positions), markers, states, hidden_for, confidence,
                          residuals, int(iterations))
 
-    def _chains_with(self, distal_flexion: ArrayLike | None) -> Any:
+    def _chains_with(self, distal_flexion: ArrayLike) -> Pack[Chains]:
         """Return the packed chains, with measured last joints in place of their couplings."""
-        if distal_flexion is None:
-            return self._chains
         flexion = np.array(distal_flexion, dtype=float)
         if flexion.shape != (len(DIGITS),):
             raise ValueError(

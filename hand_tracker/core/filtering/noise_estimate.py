@@ -1,4 +1,4 @@
-"""Estimate of each marker's measurement noise from third differences of its positions.
+"""Measurement noise of each marker: estimated by its third differences, and in the palm's frame.
 
 Third differences contain little motion but 20 times the variance of white noise. A low
 quantile of their squares is tracked, which moments of motion do not reach. Ours; no source.
@@ -17,6 +17,7 @@ CHI_SQUARE_QUANTILE = 1.213   # that quantile of a χ² of 3 degrees of freedom
 THIRD_DIFFERENCE_GAIN = 20.   # variance of a third difference over the noise's: 1 + 9 + 9 + 1
 NOISE_TIME = .3               # [s] time constant of the estimate
 MIN_NOISE = 1e-5              # [m] lower limit of the estimate
+PALM_ERROR_INFLATION = 3.     # of the smoothed palm's variance: its errors are correlated
 
 
 class NoiseEstimate(NamedTuple):
@@ -80,3 +81,52 @@ def update_noise(noise: NoiseEstimate, markers: np.ndarray, seen: np.ndarray, st
             past[2, k] = past[1, k]
             past[1, k] = past[0, k]
             past[0, k] = markers[i, k]
+
+
+def noise_levers(template: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Return the gain of the palm markers' variance at places in the palm's frame.
+
+    Parameters
+    ----------
+    template : ndarray, shape (3, 3)
+        Palm markers in the palm's frame [m].
+    places : ndarray, shape (n, 3)
+        Digit markers at rest in the palm's frame [m].
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Variance of a coordinate there, due to a rigid fit, over that of the palm's markers.
+    """
+    centre = template.mean(axis=0)
+    arms = template - centre
+    inertia = np.trace(arms.T @ arms) * np.eye(3) - arms.T @ arms
+    turned = np.cross(np.eye(3), (places - centre)[:, None, :])
+    return 1. / 3. + np.einsum('nij,ik,nkj->n', turned, np.linalg.inv(inertia), turned) / 3.
+
+
+@jit
+def noise_in_palm_frame(noise_sd: float, covariances: np.ndarray, lever: float) -> float:
+    """Return the noise of a digit's marker in the frame of the smoothed palm.
+
+    Parameters
+    ----------
+    noise_sd : float
+        Standard deviation of a coordinate of the markers in the world frame [m].
+    covariances : ndarray, shape (3, 9, 9)
+        Of the palm's markers, after this frame's correction.
+    lever : float
+        From `noise_levers` [1].
+
+    Returns
+    -------
+    float
+        Standard deviation of a coordinate [m].
+    """
+    variance = 0.
+    for i in range(3):
+        for k in range(3):
+            variance += covariances[i, k, k] / 9.
+    noise = noise_sd * noise_sd
+    # Errors of a smoothed palm at rest are correlated in time: the variance is inflated.
+    return math.sqrt(noise + lever * min(PALM_ERROR_INFLATION * variance, noise))

@@ -18,8 +18,8 @@ REFERENCE_STEP = DEFAULT_STEP  # [s] for which these weights hold
 
 @jit
 def plane_abduction(target: Vector, lateral: float, reach: float, lower: float, upper: float,
-                    previous: float, step: float) -> tuple[float, float, float]:
-    """Return the turn of a digit's plane about its abduction axis, and the target in it.
+                    previous: float, step: float) -> float:
+    """Return the turn of a digit's plane about its abduction axis [rad].
 
     The turn is less than a quarter from straight, so that the plane never flips when a fist
     brings the marker under the joint and behind it: as it comes under the joint abduction keeps
@@ -37,38 +37,49 @@ def plane_abduction(target: Vector, lateral: float, reach: float, lower: float, 
         Limits and previous value of the turn about z [rad].
     step : float
         Since the previous value, `REFERENCE_STEP` where no time passes [s].
-
-    Returns
-    -------
-    turn, along, height : float
-        The turn [rad] and the target in the plane, along x and along z [m].
     """
-    x, y, z = target
     turn = previous
     direction, weight, _ = plane_direction(target, lateral, reach, FIST_NEAR, FIST_FAR, step)
     if weight > 0.0:
         turn = previous + weight * (direction - previous)
-    turn = clamp(turn, lower, upper)
-    return turn, x * math.cos(turn) + y * math.sin(turn), z
+    return clamp(turn, lower, upper)
+
+
+@jit
+def in_plane(target: Vector, turn: float, tilt: float) -> tuple[float, float]:
+    """Return a target in a digit's plane: along the rest direction, and above it [m].
+
+    Parameters
+    ----------
+    target : vector
+        In the digit's base [m].
+    turn : float
+        Of the plane about the abduction axis [rad].
+    tilt : float
+        Flexion of the rest direction in the base [rad].
+    """
+    along, height = target[0] * math.cos(turn) + target[1] * math.sin(turn), target[2]
+    c, s = math.cos(tilt), math.sin(tilt)
+    return c * along - s * height, s * along + c * height
 
 
 @jit
 def plane_direction(target: Vector, lateral: float, reach: float, near: float, far: float,
                     step: float) -> tuple[float, float, float]:
-    """Return the turn at which a digit's plane holds its marker, and how far that is believed.
+    """Return the turn of a digit's plane towards its marker, with weight and certainty.
 
     Parameters
     ----------
     target, lateral, reach, step
         As for `plane_abduction`.
     near, far : float
-        Distance of the marker in front of the joint, as a share of the reach, below which its
-        direction says nothing, and above which it is certain [1].
+        Distance of the marker in front of the joint, as a share of the reach: below `near` its
+        direction carries no information, above `far` it is certain [1].
 
     Returns
     -------
     direction : float
-        0 where it says nothing [rad].
+        0 without information [rad].
     weight, certainty : float
         Of the direction over a step, less behind the joint, and by the distance alone [1].
     """

@@ -1,17 +1,17 @@
-"""Filter of a digit's angles: where its marker tells little of an angle, the angle is quiet.
+"""Kalman filter of a digit's angles, for poses in which its marker hardly constrains them.
 
-The marker's direction tells the first flexion exactly. Only two angles of a digit have to be
+The marker's direction determines the first flexion exactly. Only two angles of a digit have to be
 estimated: abduction by the direction of the digit's plane, and the second flexion by the distance
 of the marker from the first joint, its reach. Near straight half a millimetre of reach is ten
 degrees of the second flexion; in a fist it is as much of abduction.
 
-Both angles have a Kalman filter of one state. It expects the angle to rest, and of each innovation
-that it has moved as far as that says: so noise is averaged, and motion beyond the noise followed
-within a frame or two, without the overshoot of a filter of velocity. Where the marker tells next
-to nothing, what is natural for the person decides (`Hand.natural_flexion`); where skin is known to
-move the marker, it and the reach are weighed against each other first. What is seen has the last
-word: the estimate leaves the marker by no more than its noise and its skin, and the first flexion
-aims at it. Ours; no source.
+Both angles have a Kalman filter of one state, a random walk whose process noise follows the
+innovation: noise is averaged, and motion beyond the noise followed within a frame or two, without
+the overshoot of a filter of velocity. Without information by the marker the person's natural
+flexion decides (`Hand.natural_flexion`); where skin is known to move the marker, natural flexion
+and reach are weighed against each other first. The measurement bounds the estimate: its distance
+from the marker is at most the noise and the motion of the skin, and the first flexion aims at the
+marker. Ours; no source.
 """
 
 import math
@@ -23,9 +23,9 @@ from ..model.hand import ABDUCTION_JOINTS, DIGIT_OF_JOINT, FLEXION_JOINTS
 from ..numerics.jit import jit
 from ..numerics.vectors import Vector, clamp, components, frame, subtract, vector
 from ..occlusion.prediction import Observation
-from .abduction_plane import FIST_NEAR, plane_direction
-from .digit import Chains, linkage_of, natural_flexion_of
-from .three_bone import coupled_angle, coupled_end
+from .abduction_plane import FIST_NEAR, in_plane, plane_direction
+from .digit import Chains, beside_plane, linkage_of, natural_flexion_of
+from .three_bone import chain_end, chain_reach, coupled_angle
 from .two_bone import (
     AVERAGE_SPREAD,
     MAX_SECOND_HINGE_SPEED,
@@ -81,17 +81,17 @@ class AngleFilter(NamedTuple):
     running: np.ndarray
 
 
-class Sight(NamedTuple):
-    """What one frame shows of a digit.
+class DigitEvidence(NamedTuple):
+    """Noise and history of one frame's marker of a digit.
 
     Attributes
     ----------
     noise : float
         Standard deviation of the marker on an axis [m].
     step : float
-        Time since the last frame in which it was seen too, else 0 [s].
+        Time since the last frame; 0 if the marker was hidden there [s].
     leap : float
-        Variance that the angles have besides where the evidence changed [rad²].
+        Additional variance of the angles after a change of the evidence [rad²].
     """
 
     noise: float
@@ -121,7 +121,7 @@ def filter_angles(chains: Chains, roots: np.ndarray, observation: Observation, s
     solved : ndarray, shape (25,)
         By inverse kinematics [rad].
     published : ndarray, shape (25,)
-        Of the last frame: where a digit that comes back starts from [rad].
+        Of the last frame: start of a digit seen again [rad].
     changed : ndarray of bool, shape (5,)
         Digits whose evidence differs from the last frame's.
     step : float
@@ -148,14 +148,16 @@ def filter_angles(chains: Chains, roots: np.ndarray, observation: Observation, s
         if begins:
             state.variance[digit, :] = 0.
         if observation.seen[digit]:
-            marker = components(frame(chains.base[digit]), subtract(
-                vector(observation.positions[digit]), vector(roots[digit])))
-            sight = Sight(
+            marker = subtract(vector(observation.positions[digit]), vector(roots[digit]))
+            if chains.aside[digit] != 0.:
+                marker = subtract(marker, beside_plane(chains, digit, solved))
+            marker = components(frame(chains.base[digit]), marker)
+            evidence = DigitEvidence(
                 observation.noise[digit], 0. if begins else min(step, LONGEST_STEP),
                 # A leap is blended in later: it has to be in this frame.
                 LEAP_VARIANCE if begins or changed[digit] else 0.)
-            _estimate_abduction(chains, digit, marker, sight, state)
-            _estimate_flexion(chains, digit, marker, sight, solved, state)
+            _estimate_abduction(chains, digit, marker, evidence, state)
+            _estimate_flexion(chains, digit, marker, evidence, solved, state)
     for joint in range(25):
         if observation.seen[DIGIT_OF_JOINT[joint]]:
             state.shift[joint] = state.angles[joint] - solved[joint]
@@ -164,7 +166,7 @@ def filter_angles(chains: Chains, roots: np.ndarray, observation: Observation, s
 @jit
 def observe_angle(innovation: float, slope: float, noise_variance: float, shown: float,
                   variance: float) -> tuple[float, float]:
-    """Return the correction of an angle by an observation that depends on it, and its variance.
+    """Return the Kalman correction of an angle by a scalar observation, and its variance.
 
     Parameters
     ----------
@@ -175,7 +177,7 @@ def observe_angle(innovation: float, slope: float, noise_variance: float, shown:
     noise_variance : float
         Of the observation [unit²].
     shown : float
-        Share of the innovation that may be motion [1].
+        Share of the innovation taken for motion [1].
     variance : float
         Of the angle before [rad²].
 
@@ -217,33 +219,29 @@ def pull_angle(distance: float, mean_variance: float, step: float,
 
 
 @jit
-def _estimate_abduction(chains: Chains, digit: int, marker: Vector, sight: Sight,
+def _estimate_abduction(chains: Chains, digit: int, marker: Vector, evidence: DigitEvidence,
                         state: AngleFilter) -> None:
-    """Estimate a digit's abduction by the direction of its plane, towards which it may turn."""
+    """Estimate a digit's abduction by the direction of its plane."""
     joint = ABDUCTION_JOINTS[digit]
     sign = chains.sign[digit]
-    low = min(sign * chains.lower[joint], sign * chains.upper[joint])
-    high = max(sign * chains.lower[joint], sign * chains.upper[joint])
-    reach = 0.
-    for i in range(chains.hinges[digit]):
-        reach += chains.bones[digit, i]
+    low, high = chains.turn_limits[digit]
     direction, weight, certain = plane_direction(
-        marker, chains.lateral[digit], reach, FIST_NEAR, FIST_CERTAIN, sight.step)
+        marker, chains.lateral[digit], chains.length[digit], FIST_NEAR, FIST_CERTAIN, evidence.step)
     direction = clamp(direction, low, high)
     turn, variance = sign * state.angles[joint], state.variance[digit, 0]
     distance = math.hypot(marker[0], marker[1])
     if weight > 0.:
-        noise = sight.noise / (distance * weight)
-        shown = weight * (1. - math.exp(-sight.step / SHOWING_TIME))
+        noise = evidence.noise / (distance * weight)
+        shown = weight * (1. - math.exp(-evidence.step / SHOWING_TIME))
         correction, left = observe_angle(
             direction - turn, 1., ABDUCTION_NOISE_VARIANCE * noise * noise, shown,
-            variance + sight.leap)
+            variance + evidence.leap)
         turn += correction
-        variance = min(variance, left) if sight.leap > 0. else left
-    correction, variance = pull_angle(-turn, NEUTRAL_ABDUCTION_VARIANCE, sight.step, variance)
+        variance = min(variance, left) if evidence.leap > 0. else left
+    correction, variance = pull_angle(-turn, NEUTRAL_ABDUCTION_VARIANCE, evidence.step, variance)
     turn += correction
     if marker[0] > 0. and certain > 0.:
-        most = (min(ABDUCTION_BOUND * sight.noise, LARGEST_MISS)
+        most = (min(ABDUCTION_BOUND * evidence.noise, LARGEST_MISS)
                 + FIST_MISS * (1. - certain) / certain) / distance
         turn = clamp(turn, direction - most, direction + most)
     state.variance[digit, 0] = variance
@@ -252,7 +250,7 @@ def _estimate_abduction(chains: Chains, digit: int, marker: Vector, sight: Sight
 
 
 @jit
-def _estimate_flexion(chains: Chains, digit: int, marker: Vector, sight: Sight,
+def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: DigitEvidence,
                       solved: np.ndarray, state: AngleFilter) -> None:
     """Estimate a digit's second flexion by its reach; aim the first at the marker."""
     first, second, third = FLEXION_JOINTS[digit]
@@ -262,74 +260,75 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, sight: Sight,
         # Where the third bends on alone it keeps what it has beyond the coupling.
         beyond = solved[third] - coupled_angle(linkage, solved[second])
         linkage = Linkage(linkage.bones, linkage.droop, linkage.lower, linkage.upper,
-                          linkage.slope, linkage.offset + beyond)
-    target = _in_plane(chains, digit, marker, state.angles[ABDUCTION_JOINTS[digit]])
+                          linkage.slope, linkage.offset + beyond, hinges)
+    turn = chains.sign[digit] * state.angles[ABDUCTION_JOINTS[digit]]
+    target = in_plane(marker, turn, chains.tilt[digit])
     natural = natural_flexion_of(chains, digit)
     found = solved[second]
     if chains.skin[digit] > 0.:
-        found = _likely_flexion(linkage, hinges, target, found, natural, chains.skin[digit])
+        found = _likely_flexion(linkage, target, found, natural, chains.skin[digit])
     angle, variance = state.angles[second], state.variance[digit, 1]
     straight = chains.start[digit] if hinges == 3 else -linkage.droop
     before = angle
 
-    reach_found = _reach(linkage, hinges, found)
-    reach_before = _reach(linkage, hinges, angle)
+    reach_found = chain_reach(linkage, found)
+    reach_before = chain_reach(linkage, angle)
     crossed = (angle - straight) * (found - straight) < 0.
     if crossed:
         # Bent to the other side: the distance of the reaches says nothing of the way.
-        slope = _slope(linkage, hinges, found)
+        slope = _slope(linkage, found)
         innovation = slope * (found - angle)
     else:
         slope = ((reach_found - reach_before) / (found - angle)
-                 if abs(found - angle) > SLOPE_STEP else _slope(linkage, hinges, angle))
-        unreached = UNREACHED_NOISE * sight.noise
+                 if abs(found - angle) > SLOPE_STEP else _slope(linkage, angle))
+        unreached = UNREACHED_NOISE * evidence.noise
         innovation = reach_found - reach_before + clamp(
             math.hypot(target[0], target[1]) - reach_found, -unreached, unreached)
     correction, left = observe_angle(
-        innovation, slope, FLEXION_NOISE_VARIANCE * sight.noise * sight.noise,
-        1. - math.exp(-sight.step / SHOWING_TIME), variance + sight.leap)
-    variance = min(variance, left) if sight.leap > 0. else left
+        innovation, slope, FLEXION_NOISE_VARIANCE * evidence.noise * evidence.noise,
+        1. - math.exp(-evidence.step / SHOWING_TIME), variance + evidence.leap)
+    variance = min(variance, left) if evidence.leap > 0. else left
     bent = angle >= straight
     angle += correction
-    usual = natural.offset + natural.slope * _aim(linkage, hinges, target, angle)[0]
+    usual = natural.offset + natural.slope * _aim(linkage, target, angle)[0]
     looseness = natural.spread / AVERAGE_SPREAD
     correction, variance = pull_angle(
-        usual - angle, NATURAL_FLEXION_VARIANCE * looseness * looseness, sight.step, variance)
+        usual - angle, NATURAL_FLEXION_VARIANCE * looseness * looseness, evidence.step, variance)
     angle += correction
     if not crossed:
         angle = max(angle, straight) if bent else min(angle, straight)
     angle = clamp(angle, linkage.lower[1], linkage.upper[1])
     state.variance[digit, 1] = variance
 
-    # What is seen has the last word.
-    least = _aim(linkage, hinges, target, found)[1]
-    most = min(FLEXION_BOUND * sight.noise, LARGEST_MISS)
-    aim, miss = _aim(linkage, hinges, target, angle)
+    # The measurement bounds the estimate.
+    least = _aim(linkage, target, found)[1]
+    most = min(FLEXION_BOUND * evidence.noise, LARGEST_MISS)
+    aim, miss = _aim(linkage, target, angle)
     for rest in range(RETURNS):
         if miss - least <= most:
             break
         share = RETURN_SHARE * most / (miss - least) if rest < RETURNS - 1 else 0.
         angle = found + share * (angle - found)
-        aim, miss = _aim(linkage, hinges, target, angle)
-    farthest = MAX_SECOND_HINGE_SPEED * sight.step
+        aim, miss = _aim(linkage, target, angle)
+    farthest = MAX_SECOND_HINGE_SPEED * evidence.step
     two_bends = (hinges == 2 or chains.skin[digit] > 0.) and straight > max(linkage.lower[1], 0.)
     if two_bends and abs(angle - before) > farthest > 0.:
         # Two bends may fit alike, as for the solution itself: from one to the other without a leap.
         angle = before + math.copysign(farthest, angle - before)
-        aim, _ = _aim(linkage, hinges, target, angle)
+        aim, _ = _aim(linkage, target, angle)
     state.angles[first] = aim
     state.angles[second] = angle
     state.angles[third] = coupled_angle(linkage, angle)
 
 
 @jit
-def _likely_flexion(linkage: Linkage, hinges: int, target: tuple[float, float], found: float,
+def _likely_flexion(linkage: Linkage, target: tuple[float, float], found: float,
                     natural: NaturalFlexion, skin: float) -> float:
-    """Return the second flexion most likely by a reach that skin makes uncertain and by nature.
+    """Return the likeliest second flexion by uncertain reach and natural flexion (MAP).
 
     Parameters
     ----------
-    linkage, hinges, target
+    linkage, target
         Of the digit.
     found : float
         Second flexion of exactly this reach [rad].
@@ -345,11 +344,11 @@ def _likely_flexion(linkage: Linkage, hinges: int, target: tuple[float, float], 
     wanted = math.hypot(target[0], target[1])
     angle = found
     for _ in range(LIKELY_STEPS):
-        by_reach = _slope(linkage, hinges, angle) / skin
-        shortage = (wanted - _reach(linkage, hinges, angle)) / skin
-        aim = _aim(linkage, hinges, target, angle)[0]
+        by_reach = _slope(linkage, angle) / skin
+        shortage = (wanted - chain_reach(linkage, angle)) / skin
+        aim = _aim(linkage, target, angle)[0]
         unnatural = (natural.offset + natural.slope * aim - angle) / natural.spread
-        ahead = _aim(linkage, hinges, target, angle + SLOPE_STEP)[0]
+        ahead = _aim(linkage, target, angle + SLOPE_STEP)[0]
         by_nature = (1. - natural.slope * (ahead - aim) / SLOPE_STEP) / natural.spread
         step = (by_reach * shortage + by_nature * unnatural) / (
             by_reach * by_reach + by_nature * by_nature)
@@ -359,43 +358,17 @@ def _likely_flexion(linkage: Linkage, hinges: int, target: tuple[float, float], 
 
 
 @jit
-def _in_plane(chains: Chains, digit: int, marker: Vector, abduction: float) -> tuple[float, float]:
-    """Return the marker along the rest direction of a digit's plane and above it [m]."""
-    turn, tilt = chains.sign[digit] * abduction, chains.tilt[digit]
-    along = marker[0] * math.cos(turn) + marker[1] * math.sin(turn)
-    c, s = math.cos(tilt), math.sin(tilt)
-    return c * along - s * marker[2], s * along + c * marker[2]
-
-
-@jit
-def _end(linkage: Linkage, hinges: int, angle2: float) -> tuple[float, float]:
-    """Return the end of a chain, along the first bone and to its palmar side [m]."""
-    if hinges == 3:
-        return coupled_end(linkage, angle2, coupled_angle(linkage, angle2))
-    bent = angle2 + linkage.droop
-    return (linkage.bones[0] + linkage.bones[1] * math.cos(bent),
-            linkage.bones[1] * math.sin(bent))
-
-
-@jit
-def _reach(linkage: Linkage, hinges: int, angle2: float) -> float:
-    """Return the distance of the end of a chain from its first hinge [m]."""
-    x, y = _end(linkage, hinges, angle2)
-    return math.hypot(x, y)
-
-
-@jit
-def _slope(linkage: Linkage, hinges: int, angle2: float) -> float:
+def _slope(linkage: Linkage, angle2: float) -> float:
     """Return the derivative of the reach by the second flexion [m/rad]."""
     half = .5 * SLOPE_STEP
-    return (_reach(linkage, hinges, angle2 + half)
-            - _reach(linkage, hinges, angle2 - half)) / SLOPE_STEP
+    return (chain_reach(linkage, angle2 + half)
+            - chain_reach(linkage, angle2 - half)) / SLOPE_STEP
 
 
 @jit
-def _aim(linkage: Linkage, hinges: int, target: tuple[float, float],
+def _aim(linkage: Linkage, target: tuple[float, float],
          angle2: float) -> tuple[float, float]:
-    """Return the first flexion that aims a chain at the target, and the end's distance to it."""
+    """Return the first flexion to aim a chain at the target, and the end's distance from it."""
     along, height = target
-    x, y = _end(linkage, hinges, angle2)
+    x, y = chain_end(linkage, angle2)
     return aim_end(along, height, linkage, x, y)

@@ -3,24 +3,32 @@
 The thumb is solved like a finger; only the abduction axis and the rest direction of its saddle
 joint are its own (`Hand`), where the paper puts its plane through the index MCP.
 """
+# mypy: allow-redefinition
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS, Hand
+from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS, JOINTS, Hand
 from ..model.kinematics import ABDUCTION_SIGN, digit_base
 from ..model.marker_layout import MARKERS, Mounting
-from ..numerics.jit import jit, packed
-from ..numerics.vectors import Vector, clamp, components, frame, vector
-from .abduction_plane import plane_abduction
+from ..numerics.jit import Pack, jit, packed
+from ..numerics.vectors import Vector, clamp, components, frame, rotate, subtract, vector
+from .abduction_plane import in_plane, plane_abduction
 from .fabrik import fabrik
-from .three_bone import choose_three_bone, coupled_angle, solve_three_bone, straightest
+from .three_bone import (
+    choose_three_bone,
+    coupled_angle,
+    coupled_end,
+    solve_three_bone,
+    straightest,
+)
 from .two_bone import Linkage, NaturalFlexion, solve_two_bone
 
-Pack = Any  # sequence of one record, from `numerics.jit.packed`
-
+ASIDE_ROUNDS = 5  # solutions of a digit that leaves its plane; each is nearer by a factor of ten
+THUMB = 4         # among the digits
+THUMB_MCP_ABDUCTION_JOINT = JOINTS.index('thumb_mcp_abduction')
 
 class Chains(NamedTuple):
     """Chains of the five digits for inverse kinematics, of a right hand.
@@ -28,7 +36,7 @@ class Chains(NamedTuple):
     Attributes
     ----------
     root : ndarray, shape (5, 3)
-        Joint at which each chain starts, in the wrist's frame [m].
+        First joint of each chain, in the wrist's frame [m].
     base : ndarray, shape (5, 3, 3)
         Rotation from the chain's base to the wrist's frame (`digit_base`).
     tilt : ndarray, shape (5,)
@@ -37,24 +45,32 @@ class Chains(NamedTuple):
         Hinges of flexion up to the marker, 2 or 3.
     bones : ndarray, shape (5, 3)
         Distances hinge to hinge, the last of `hinges` to the marker [m].
+    length : ndarray, shape (5,)
+        Of the chain from its root to the marker, stretched [m].
     droop : ndarray, shape (5,)
         Flexion of the marker seen from its hinge at zero angle [rad].
     lateral : ndarray, shape (5,)
         Distance of the marker from the plane, along y [m].
     start : ndarray, shape (5,)
-        Second flexion at which a coupled chain is `straightest` [rad].
+        Second flexion of a coupled chain at its `straightest` [rad].
     sign : ndarray, shape (5,)
-        Sign of a turn about z that abducts.
+        Sign of abduction as a turn about z.
+    turn_limits : ndarray, shape (5, 2)
+        Least and greatest turn about z, by the limits of abduction [rad].
     lower, upper : ndarray, shape (25,)
         Limits [rad].
     coupling : ndarray, shape (5, 2)
         Slope and offset of the third flexion over the second [1, rad].
+    coupling_spread : ndarray, shape (5,)
+        Standard deviation of the last joint from its coupling [rad].
     natural : ndarray, shape (5, 3)
         Slope, offset and spread of the second flexion over the first [1, rad, rad].
     skin : ndarray, shape (5,)
-        Standard deviation of the marker from its place, by skin that moves; 0 where unknown [m].
+        Standard deviation of the marker from its place, by motion of the skin; 0 if unknown [m].
     measured : ndarray of bool, shape (5,)
         Whether a measured last joint replaces the coupling.
+    aside : ndarray, shape (5,)
+        Abduction of the second hinge, by which what is behind it leaves the plane [rad].
     """
 
     root: np.ndarray
@@ -62,16 +78,20 @@ class Chains(NamedTuple):
     tilt: np.ndarray
     hinges: np.ndarray
     bones: np.ndarray
+    length: np.ndarray
     droop: np.ndarray
     lateral: np.ndarray
     start: np.ndarray
     sign: np.ndarray
+    turn_limits: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
     coupling: np.ndarray
+    coupling_spread: np.ndarray
     natural: np.ndarray
     skin: np.ndarray
     measured: np.ndarray
+    aside: np.ndarray
 
 
 def chains(hand: Hand, mounting: Mounting) -> Chains:
@@ -96,12 +116,18 @@ def chains(hand: Hand, mounting: Mounting) -> Chains:
     bones = np.vstack((hand.finger_bones, hand.thumb_bones))
     bones[np.arange(5), np.where(third, 2, 1)] = np.hypot(markers[:, 0], markers[:, 2])
     droop = np.arctan2(-markers[:, 2], markers[:, 0])
+    hinges = np.where(third, 3, 2)
+    length = (bones * (np.arange(3) < hinges[:, None])).sum(axis=1)
     lower, upper = hand.limits.T.copy()
+    sign = np.array(ABDUCTION_SIGN)
+    turn_limits = np.sort(sign[:, None] * hand.limits[ABDUCTION_JOINTS], axis=1)
+    aside = np.zeros(5)
+    aside[-1] = np.clip(hand.thumb_mcp_abduction, *hand.limits[THUMB_MCP_ABDUCTION_JOINT])
     pack, found = packed(Chains(
-        root, base, tilt, np.where(third, 3, 2), bones, droop, markers[:, 1].copy(), np.zeros(5),
-        np.array(ABDUCTION_SIGN), lower, upper, hand.coupling.copy(),
+        root, base, tilt, hinges, bones, length, droop, markers[:, 1].copy(), np.zeros(5),
+        sign, turn_limits, lower, upper, hand.coupling.copy(), hand.coupling_spread.copy(),
         hand.natural_flexion.copy(), mounting.deviation[MARKERS.index('index'):].copy(),
-        np.zeros(5, dtype=bool)))
+        np.zeros(5, dtype=bool), aside))
     # Without a measured flexion this finds `start`.
     measure(pack, np.full(5, np.nan), pack)
     return found
@@ -109,12 +135,11 @@ def chains(hand: Hand, mounting: Mounting) -> Chains:
 
 def reach(chains: Chains) -> np.ndarray:
     """Return how far each digit's marker can be from the root of its chain, shape (5,) [m]."""
-    counted = np.arange(3) < chains.hinges[:, None]
-    return np.hypot((chains.bones * counted).sum(axis=1), chains.lateral)
+    return np.hypot(chains.length, chains.lateral)
 
 
 @jit
-def measure(chains: Pack, distal_flexion: np.ndarray, measured: Pack) -> None:
+def measure(chains: Pack[Chains], distal_flexion: np.ndarray, measured: Pack[Chains]) -> None:
     """Replace the couplings of last joints by measured flexions.
 
     Parameters
@@ -123,7 +148,7 @@ def measure(chains: Pack, distal_flexion: np.ndarray, measured: Pack) -> None:
     distal_flexion : ndarray, shape (5,)
         Clamped to the joints' limits; NaN where not measured [rad].
     measured : packed Chains
-        Equal to `chains` but for `coupling`, `measured` and `start`, which are replaced.
+        Equal to `chains`; its `coupling`, `measured` and `start` are replaced.
     """
     chains, measured = chains[0], measured[0]
     for digit in range(5):
@@ -148,7 +173,7 @@ def linkage_of(chains: Chains, digit: int) -> Linkage:
     return Linkage((bones[0], bones[1], bones[2]), chains.droop[digit],
                    (lower[first], lower[second], lower[third]),
                    (upper[first], upper[second], upper[third]),
-                   chains.coupling[digit, 0], chains.coupling[digit, 1])
+                   chains.coupling[digit, 0], chains.coupling[digit, 1], chains.hinges[digit])
 
 
 @jit
@@ -177,7 +202,7 @@ def solve_digit(chains: Chains, digit: int, target: Vector, angles: np.ndarray, 
     by_fabrik : bool
         FABRIK instead of the closed form.
     tolerance, iterations : float, int
-        At which FABRIK stops [m, 1].
+        Bounds of FABRIK's iteration [m, 1].
 
     Returns
     -------
@@ -188,31 +213,21 @@ def solve_digit(chains: Chains, digit: int, target: Vector, angles: np.ndarray, 
     first, second, third = FLEXION_JOINTS[digit]
     lower = chains.lower
     upper = chains.upper
-    bones = chains.bones[digit]
     hinges = chains.hinges[digit]
-    tilt = chains.tilt[digit]
     linkage = linkage_of(chains, digit)
     sign = chains.sign[digit]
 
-    reach = 0.0
-    for i in range(hinges):
-        reach += bones[i]
-    low = min(sign * lower[abduction], sign * upper[abduction])
-    high = max(sign * lower[abduction], sign * upper[abduction])
-    turn, along, height = plane_abduction(
-        components(frame(chains.base[digit]), target), chains.lateral[digit], reach,
-        low, high, sign * angles[abduction], step)
+    target = components(frame(chains.base[digit]), target)
+    least, most = chains.turn_limits[digit]
+    turn = plane_abduction(target, chains.lateral[digit], chains.length[digit], least, most,
+                           sign * angles[abduction], step)
     angles[abduction] = sign * turn
-
     # In the frame of the rest direction flexion starts at zero.
-    c = math.cos(tilt)
-    s = math.sin(tilt)
-    along, height = c * along - s * height, s * along + c * height
-
+    along, height = in_plane(target, turn, chains.tilt[digit])
     used = 0
     if by_fabrik:
         angles[first], angles[second], used = fabrik(
-            along, height, linkage, hinges, (angles[first], angles[second]), tolerance, iterations)
+            along, height, linkage, (angles[first], angles[second]), tolerance, iterations)
     elif hinges == 2:
         angles[first], angles[second] = solve_two_bone(
             along, height, linkage, natural_flexion_of(chains, digit), angles[second], step)
@@ -229,6 +244,40 @@ def solve_digit(chains: Chains, digit: int, target: Vector, angles: np.ndarray, 
     for joint in (abduction, first, second, third):
         angles[joint] = clamp(angles[joint], lower[joint], upper[joint])
     return used
+
+
+@jit
+def beside_plane(chains: Chains, digit: int, angles: np.ndarray) -> Vector:
+    """Return a marker's displacement by the abduction of the digit's second hinge.
+
+    Parameters
+    ----------
+    chains : Chains
+    digit : int
+    angles : ndarray, shape (25,)
+        [rad]
+
+    Returns
+    -------
+    vector
+        From where the marker would be without it, in the wrist's frame [m].
+    """
+    first, second, third = FLEXION_JOINTS[digit]
+    linkage = linkage_of(chains, digit)
+    if chains.hinges[digit] == 3:
+        ahead = coupled_end(linkage, angles[second], angles[third])[0] - linkage.bones[0]
+    else:
+        ahead = linkage.bones[1] * math.cos(angles[second] + linkage.droop)
+    aside = chains.sign[digit] * chains.aside[digit]
+    c, s = math.cos(aside) - 1.0, math.sin(aside)
+    along = c * ahead - s * chains.lateral[digit]
+    across = s * ahead + c * chains.lateral[digit]
+    flexion = angles[first] + chains.tilt[digit]
+    turn = chains.sign[digit] * angles[ABDUCTION_JOINTS[digit]]
+    level = along * math.cos(flexion)
+    return rotate(frame(chains.base[digit]), (
+        level * math.cos(turn) - across * math.sin(turn),
+        level * math.sin(turn) + across * math.cos(turn), -along * math.sin(flexion)))
 
 
 @jit
@@ -253,9 +302,34 @@ def solve_digits(chains: Chains, roots: np.ndarray, markers: np.ndarray, angles:
     """
     used = 0
     for digit in range(5):
-        root = vector(roots[digit])
-        marker = vector(markers[digit])
-        target = (marker[0] - root[0], marker[1] - root[1], marker[2] - root[2])
-        used += solve_digit(
-            chains, digit, target, angles, step, by_fabrik, tolerance, iterations)
+        target = subtract(vector(markers[digit]), vector(roots[digit]))
+        used += solve_rooted_digit(chains, digit, target, angles, step, by_fabrik, tolerance,
+                                   iterations)
+    return used
+
+
+@jit
+def solve_rooted_digit(chains: Chains, digit: int, target: Vector, angles: np.ndarray,
+                       step: float, by_fabrik: bool, tolerance: float, iterations: int) -> int:
+    """Solve a digit for its marker's place from its first joint, in the wrist's frame [m].
+
+    Parameters and returned value are as for `solve_digit`, but that the thumb's second hinge may
+    be abducted.
+    """
+    used = 0
+    if chains.aside[digit] == 0.:
+        used = solve_digit(chains, digit, target, angles, step, by_fabrik, tolerance, iterations)
+    else:
+        joints = (ABDUCTION_JOINTS[digit], FLEXION_JOINTS[digit, 0], FLEXION_JOINTS[digit, 1],
+                  FLEXION_JOINTS[digit, 2])
+        before = angles[joints[0]], angles[joints[1]], angles[joints[2]], angles[joints[3]]
+        for _ in range(ASIDE_ROUNDS):
+            flat = subtract(target, beside_plane(chains, digit, angles))
+            # Each round goes on from the last frame, not from the round before.
+            for i in range(4):
+                angles[joints[i]] = before[i]
+            used += solve_digit(chains, digit, flat, angles, step, by_fabrik, tolerance,
+                                iterations)
+    if digit == THUMB:
+        angles[THUMB_MCP_ABDUCTION_JOINT] = chains.aside[digit]
     return used

@@ -11,7 +11,7 @@ import math
 
 from ..numerics.jit import jit
 from ..numerics.vectors import clamp, clamp_angle, wrap_angle
-from .three_bone import coupled_angle, coupled_end
+from .three_bone import chain_end
 from .two_bone import Linkage, flexion_of
 
 MIN_START_FLEXION = 0.1  # [rad] of the second hinge
@@ -20,7 +20,7 @@ STAGNATION_PERIOD = 8
 
 
 @jit
-def fabrik(along: float, height: float, linkage: Linkage, hinges: int, start: tuple[float, float],
+def fabrik(along: float, height: float, linkage: Linkage, start: tuple[float, float],
            tolerance: float, iterations: int) -> tuple[float, float, int]:
     """Solve a digit's chain for its marker by FABRIK, within the limits of its hinges.
 
@@ -29,12 +29,10 @@ def fabrik(along: float, height: float, linkage: Linkage, hinges: int, start: tu
     along, height : float
         The target from the first hinge [m].
     linkage : Linkage
-    hinges : int
-        2, or 3 of which the third is coupled to the second.
     start : (float, float)
         First and second flexion to start from [rad].
     tolerance : float
-        Distance from the target at which the iteration stops [m].
+        Distance from the target to stop at [m].
     iterations : int
         Limit of the iterations.
 
@@ -49,17 +47,17 @@ def fabrik(along: float, height: float, linkage: Linkage, hinges: int, start: tu
     lower1, upper1 = linkage.lower[0], linkage.upper[0]
     lower2, upper2 = linkage.lower[1], linkage.upper[1]
     second = clamp(max(start[1], MIN_START_FLEXION), lower2, upper2)
-    x, z = _end(linkage, hinges, 0.0, second)
+    x, z = _end(linkage, 0.0, second)
     # Without aiming at the target first, a hinge that bends one way only hits its stop.
     first = clamp_angle(flexion_of(along, height) - flexion_of(x, z), lower1, upper1)
-    x, z = _end(linkage, hinges, first, second)
+    x, z = _end(linkage, first, second)
     best = math.hypot(x - along, z - height)
     best1, best2 = first, second
     checked = best
     used = 0
     while used < iterations and best > tolerance:
         used += 1
-        rest, lean = _rest_of_chain(linkage, hinges, second)
+        rest, lean = _rest_of_chain(linkage, second)
         # Backward: the end at the target, the second hinge on the line to where it is.
         heading = flexion_of(along - bone * math.cos(first), height + bone * math.sin(first))
         x = along - rest * math.cos(heading)
@@ -70,7 +68,7 @@ def fabrik(along: float, height: float, linkage: Linkage, hinges: int, start: tu
             clamp_angle(flexion_of(x, z), heading - upper2, heading - lower2), lower1, upper1)
         heading = flexion_of(along - bone * math.cos(first), height + bone * math.sin(first))
         second = clamp_angle(heading - first - lean, lower2, upper2)
-        x, z = _end(linkage, hinges, first, second)
+        x, z = _end(linkage, first, second)
         error = math.hypot(x - along, z - height)
         if error < best:
             best, best1, best2 = error, first, second
@@ -82,19 +80,19 @@ def fabrik(along: float, height: float, linkage: Linkage, hinges: int, start: tu
 
 
 @jit
-def _rest_of_chain(linkage: Linkage, hinges: int, second: float) -> tuple[float, float]:
+def _rest_of_chain(linkage: Linkage, second: float) -> tuple[float, float]:
     """Return the distance from second hinge to marker, and its flexion there beyond `second`."""
-    if hinges == 2:
+    if linkage.hinges == 2:
         return linkage.bones[1], linkage.droop
-    x, y = coupled_end(linkage, second, coupled_angle(linkage, second))
+    x, y = chain_end(linkage, second)
     ahead = x - linkage.bones[0]
     return math.hypot(ahead, y), wrap_angle(math.atan2(y, ahead) - second)
 
 
 @jit
-def _end(linkage: Linkage, hinges: int, first: float, second: float) -> tuple[float, float]:
+def _end(linkage: Linkage, first: float, second: float) -> tuple[float, float]:
     """Return the marker's place along and above the plane's axis [m]."""
-    rest, lean = _rest_of_chain(linkage, hinges, second)
+    rest, lean = _rest_of_chain(linkage, second)
     bent = first + second + lean
     return (linkage.bones[0] * math.cos(first) + rest * math.cos(bent),
             -linkage.bones[0] * math.sin(first) - rest * math.sin(bent))

@@ -37,7 +37,19 @@ def triad_palm(r: Vector, p: Vector, q: Vector, template_r: Vector, template_p: 
                template_q: Vector) -> tuple[Frame, Vector]:
     """Return the wrist pose of the paper: orientation of Φx and the line pq, position of r.
 
-    Parameters and returns as for `rigid_palm`. The wrist has the full noise of r.
+    The wrist has the full noise of r.
+
+    Parameters
+    ----------
+    r, p, q : vector
+        Markers [m]; not collinear.
+    template_r, template_p, template_q : vector
+        The same markers in the wrist's frame [m].
+
+    Returns
+    -------
+    axes, origin : frame, vector
+        As of `rigid_palm`.
     """
     axes = compose(triad(r, p, q), inverse(triad(template_r, template_p, template_q)))
     return axes, subtract(r, rotate(axes, template_r))
@@ -59,7 +71,7 @@ def spheres_and_plane(p: Vector, q: Vector, radius_p: float, radius_q: float, no
     offset : float
         Distance of the plane from the origin along `normal` [m].
     side : vector
-        Direction that selects the farther one of the two solutions.
+        Direction towards the wanted one of the two solutions.
 
     Returns
     -------
@@ -141,8 +153,8 @@ def place_palm(markers: np.ndarray, template: np.ndarray, by_spheres: bool, rota
         construction replaces them by measured ones [m].
     """
     r, p, q = vector(markers[0]), vector(markers[1]), vector(markers[2])
-    tr, tp, tq = vector(template[0]), vector(template[1]), vector(template[2])
     if by_spheres:
+        tr, tp, tq = vector(template[0]), vector(template[1]), vector(template[2])
         axes, origin = triad_palm(r, p, q, tr, tp, tq)
         p_local = components(axes, subtract(p, origin))
         q_local = components(axes, subtract(q, origin))
@@ -154,7 +166,7 @@ def place_palm(markers: np.ndarray, template: np.ndarray, by_spheres: bool, rota
             roots[0, k] += p_local[k] - tp[k]
             roots[3, k] += q_local[k] - tq[k]
     else:
-        axes, origin = rigid_palm(r, p, q, tr, tp, tq)
+        axes, origin = rigid_palm((r, p, q), template)
     for i in range(3):
         position[i] = origin[i]
         for k in range(3):

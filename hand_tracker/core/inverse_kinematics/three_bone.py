@@ -24,7 +24,7 @@ LAST_DESCENT_STEP = 1e-8  # [rad]
 
 @jit
 def coupled_angle(linkage: Linkage, angle2: float) -> float:
-    """Return the third flexion that follows the second, within its limits [rad]."""
+    """Return the third flexion coupled to the second, within its limits [rad]."""
     return clamp(linkage.slope * angle2 + linkage.offset, linkage.lower[2], linkage.upper[2])
 
 
@@ -38,8 +38,25 @@ def coupled_end(linkage: Linkage, angle2: float, angle3: float) -> tuple[float, 
 
 
 @jit
+def chain_end(linkage: Linkage, angle2: float) -> tuple[float, float]:
+    """Return the end of a chain of two or three bones, as `coupled_end` does, coupled [m]."""
+    if linkage.hinges == 3:
+        return coupled_end(linkage, angle2, coupled_angle(linkage, angle2))
+    bent = angle2 + linkage.droop
+    return (linkage.bones[0] + linkage.bones[1] * math.cos(bent),
+            linkage.bones[1] * math.sin(bent))
+
+
+@jit
+def chain_reach(linkage: Linkage, angle2: float) -> float:
+    """Return the distance of a chain's end from its first hinge [m]."""
+    x, y = chain_end(linkage, angle2)
+    return math.hypot(x, y)
+
+
+@jit
 def straightest(linkage: Linkage) -> float:
-    """Return the second flexion at which a coupled chain reaches farthest [rad].
+    """Return the second flexion of a coupled chain's greatest reach [rad].
 
     Beyond it the distance of the end decreases, so that the solution of `solve_three_bone` is
     unique.
@@ -65,10 +82,10 @@ def straightest(linkage: Linkage) -> float:
 @jit
 def solve_three_bone(along: float, height: float, linkage: Linkage,
                      start: float) -> tuple[float, float, float]:
-    """Return the three flexions that bring the end of a coupled chain to the target.
+    """Solve the three flexions of a coupled chain for its end at the target.
 
-    The third flexion follows the second, which is found by the target's distance (regula falsi,
-    Illinois variant); the first aims. Where the second is at its limit the third bends on
+    The second flexion is found by the target's distance (regula falsi, Illinois variant), the
+    third follows it, and the first aims. Where the second is at its limit the third bends on
     alone; where the first is, the others approach the target as near as they can.
 
     Parameters
@@ -77,7 +94,7 @@ def solve_three_bone(along: float, height: float, linkage: Linkage,
         The target from the first hinge [m].
     linkage : Linkage
     start : float
-        The second flexion at which the chain is `straightest` [rad].
+        The second flexion of the chain at its `straightest` [rad].
 
     Returns
     -------
@@ -117,13 +134,13 @@ def solve_three_bone(along: float, height: float, linkage: Linkage,
 
 @jit
 def _bend_of_reach(linkage: Linkage, wanted: float, near: float, far: float) -> float:
-    """Return the second flexion of a reach that is between those at two flexions [rad]."""
+    """Return the second flexion of a reach, between two flexions of more and less reach [rad]."""
     angle2 = near
-    excess = _coupled_reach(linkage, near) - wanted
-    shortage = _coupled_reach(linkage, far) - wanted
+    excess = chain_reach(linkage, near) - wanted
+    shortage = chain_reach(linkage, far) - wanted
     for _ in range(REGULA_FALSI_STEPS):
         angle2 = (near * shortage - far * excess) / (shortage - excess)
-        difference = _coupled_reach(linkage, angle2) - wanted
+        difference = chain_reach(linkage, angle2) - wanted
         if abs(difference) < 1e-13:
             break
         if difference > 0.0:
@@ -138,17 +155,10 @@ def _bend_of_reach(linkage: Linkage, wanted: float, near: float, far: float) -> 
 
 
 @jit
-def _coupled_reach(linkage: Linkage, angle2: float) -> float:
-    """Return the distance of a coupled chain's end from its first hinge [m]."""
-    x, y = coupled_end(linkage, angle2, coupled_angle(linkage, angle2))
-    return math.hypot(x, y)
-
-
-@jit
 def choose_three_bone(along: float, height: float, linkage: Linkage, start: float,
                       natural: NaturalFlexion, previous2: float, step: float
                       ) -> tuple[float, float, float]:
-    """Return the three flexions at the bend, on either side of straightest, that costs less.
+    """Return the three flexions of the cheaper bend, of the two on either side of straightest.
 
     A marker on the nail is farthest with the digit bent a little; as for `solve_two_bone`, two
     bends then fit alike, and the second hinge turns to the cheaper one no faster than fingers do.
@@ -174,11 +184,11 @@ def choose_three_bone(along: float, height: float, linkage: Linkage, start: floa
         return angle1, angle2, angle3
     wanted = math.hypot(along, height)
     other2 = lower2
-    if wanted >= _coupled_reach(linkage, start):
+    if wanted >= chain_reach(linkage, start):
         other2 = start
-    elif wanted > _coupled_reach(linkage, lower2):
+    elif wanted > chain_reach(linkage, lower2):
         other2 = _bend_of_reach(linkage, wanted, start, lower2)
-    x, y = coupled_end(linkage, other2, coupled_angle(linkage, other2))
+    x, y = chain_end(linkage, other2)
     other1, miss = aim_end(along, height, linkage, x, y)
     x, y = coupled_end(linkage, angle2, angle3)
     _, flexed_miss = aim_end(along, height, linkage, x, y)

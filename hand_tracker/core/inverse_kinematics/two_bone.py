@@ -34,6 +34,8 @@ class Linkage(NamedTuple):
         Limits of the flexions [rad].
     slope, offset : float
         Coupling of the third flexion to the second [1, rad].
+    hinges : int
+        2, or 3 with the third coupled to the second.
     """
 
     bones: tuple[float, float, float]
@@ -42,10 +44,11 @@ class Linkage(NamedTuple):
     upper: tuple[float, float, float]
     slope: float
     offset: float
+    hinges: int
 
 
 class NaturalFlexion(NamedTuple):
-    """Second flexion that a person holds beside the first: slope first + offset.
+    """Usual second flexion of a person beside the first: slope first + offset.
 
     Attributes
     ----------
@@ -67,7 +70,7 @@ def flexion_of(along: float, height: float) -> float:
 @jit
 def solve_two_bone(along: float, height: float, linkage: Linkage, natural: NaturalFlexion,
                    previous2: float, step: float) -> tuple[float, float]:
-    """Return the two flexions that bring the end of a two-bone chain nearest the target.
+    """Solve the two flexions of a two-bone chain for its end nearest the target.
 
     The bend in flexion is unique, unless the end droops dorsally, as a marker on the skin
     does: then the chain is straightest in flexion, and two bends, one on each side of that, fit
@@ -129,7 +132,7 @@ def bend_cost(angle1: float, angle2: float, miss: float, natural: NaturalFlexion
 @jit
 def aim_end(along: float, height: float, linkage: Linkage, x: float,
             y: float) -> tuple[float, float]:
-    """Return the first flexion that aims a chain's end at the target, and their distance.
+    """Return the first flexion to aim a chain's end at the target, and their distance.
 
     The end is x along the first bone and y to its palmar side [m].
     """
@@ -141,7 +144,7 @@ def aim_end(along: float, height: float, linkage: Linkage, x: float,
 
 @jit
 def aimed(along: float, height: float, linkage: Linkage, angle2: float) -> float:
-    """Return the first flexion that turns a chain of a given bend towards the target [rad]."""
+    """Return the first flexion to aim a two-bone chain of a given bend at the target [rad]."""
     bone, second = linkage.bones[0], linkage.bones[1]
     bent = angle2 + linkage.droop
     return clamp_angle(flexion_of(along, height) - math.atan2(

@@ -127,9 +127,7 @@ def label_cost(markers: np.ndarray, seen: np.ndarray, rows: np.ndarray,
     if not PALM_SIZE_RANGE[0] <= size <= PALM_SIZE_RANGE[1]:
         return math.inf
     grown = 1.0 / size  # scales the hand to the template
-    axes, origin = rigid_palm(
-        scale(r, grown), scale(p, grown), scale(q, grown),
-        vector(template[0]), vector(template[1]), vector(template[2]))
+    axes, origin = rigid_palm((scale(r, grown), scale(p, grown), scale(q, grown)), template)
     cost = 0.0
     for i in range(3):
         cost += ((ratio[i] / size - 1.0) / SIDE_RATIO_DEVIATION) ** 2

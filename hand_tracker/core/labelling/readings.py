@@ -15,7 +15,6 @@ import numpy as np
 from ..model.palm_triangle import complete_palm, rigid_palm
 from ..numerics.jit import jit
 from ..numerics.vectors import (
-    Frame,
     Vector,
     clamp,
     components,
@@ -232,7 +231,8 @@ def set_gates(evidence: Evidence, template: np.ndarray, spread: np.ndarray,
     """
     time = clamp(step, 0.0, MAX_BEND_TIME)
     expected, seen = evidence.expected, evidence.seen
-    axes, origin = _fit_palm(expected, template)
+    axes, origin = rigid_palm(
+        (vector(expected[0]), vector(expected[1]), vector(expected[2])), template)
     roll = 0.0
     if seen[0] and seen[1] and seen[2]:
         roll = min(ROLL_SPEED * incomplete_for, MAX_ROLL)
@@ -252,13 +252,6 @@ def set_gates(evidence: Evidence, template: np.ndarray, spread: np.ndarray,
         store(evidence.home, i, home)
         evidence.deviation[i] = deviation
         evidence.gate[i] = limit
-
-
-@jit
-def _fit_palm(points: np.ndarray, template: np.ndarray) -> tuple[Frame, Vector]:
-    """Return the wrist's frame and origin [m] by a rigid fit to palm markers, shape (3, 3)."""
-    return rigid_palm(vector(points[0]), vector(points[1]), vector(points[2]),
-                      vector(template[0]), vector(template[1]), vector(template[2]))
 
 
 @jit
@@ -303,8 +296,7 @@ def cost_reading(evidence: Evidence, bounds: HandBounds, kept: Kept, relabel: bo
     if not spans_plane(r, p, q):
         return IMPOSSIBLE
     template = bounds.typical.template
-    axes, origin = rigid_palm(
-        r, p, q, vector(template[0]), vector(template[1]), vector(template[2]))
+    axes, origin = rigid_palm((r, p, q), template)
     for i in range(8):
         if seen[i]:
             store(local, i, components(axes, subtract(vector(markers[i]), origin)))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..numerics.jit import jit
-from ..numerics.vectors import Vector, distance, vector
+from ..numerics.vectors import distance, is_equal, vector
 
 COORDINATE_LIMIT = 1e3  # [m] greatest valid coordinate
 SKIN_STRETCH = .003     # [m] by which skin lets distances of palm markers vary; ours
@@ -57,12 +57,12 @@ def reject_frozen(markers: np.ndarray, seen: np.ndarray, last: np.ndarray, still
     """
     moved = 0
     for i in range(3):
-        if seen[i] and not _is_equal(markers[i], last[i]):
+        if seen[i] and not is_equal(markers[i], last[i]):
             moved += 1
     for i in range(markers.shape[0]):
         if not seen[i]:
             continue
-        if not _is_equal(markers[i], last[i]) or _is_equal(markers[i], (0., 0., 0.)):
+        if not is_equal(markers[i], last[i]) or is_equal(markers[i], (0., 0., 0.)):
             still[i] = 0
             for j in range(3 if i < 3 else 0):
                 stood[i, j] = _gap(markers, seen, i, j)
@@ -91,9 +91,3 @@ def _has_moved_in_palm(markers: np.ndarray, seen: np.ndarray, stood: np.ndarray,
         # False if one was not seen
         parted = parted or abs(_gap(markers, seen, i, j) - stood[i, j]) > SKIN_STRETCH
     return parted
-
-
-@jit
-def _is_equal(a: np.ndarray | Vector, b: np.ndarray | Vector) -> bool:
-    """Return whether three coordinates are equal bit for bit."""
-    return a[0] == b[0] and a[1] == b[1] and a[2] == b[2]

@@ -18,6 +18,7 @@ from ..errors import InvalidHand
 FINGERS = ('index', 'middle', 'ring', 'little')
 DIGITS = FINGERS + ('thumb',)
 SIDES = ('right', 'left')
+BOTH = 'both'  # sides at once, where a side is asked for
 LEFT_HAND_MIRROR = np.array((1., -1., 1.))  # signs of the axes, of a left hand against a right
 
 # Along the chain: abduction precedes flexion, so that one plane through the
@@ -33,24 +34,26 @@ LINKS = tuple(f'{finger}_{link}' for finger in FINGERS for link in FINGER_LINKS)
     f'thumb_{link}' for link in THUMB_LINKS)
 ROOT = 'wrist'
 
-# Joints that eight markers do not determine: they stay at zero.
+# Joints that eight markers do not determine: unless a layout shows them they stay at zero, the
+# thumb's as the hand says.
 UNOBSERVED_JOINTS = *(f'{finger}_cmc_flexion' for finger in FINGERS), 'thumb_mcp_abduction'
 
-# Rows of `JOINTS`: abduction of each digit, (5,), and its three flexions, (5, 3). Digit of each
-# joint, (25,).
+# Rows of `JOINTS`: abduction of each digit, (5,), its three flexions, (5, 3), CMC flexion of each
+# finger, (4,). Digit of each joint, (25,).
 ABDUCTION_JOINTS = np.array([JOINTS.index(
     'thumb_cmc_abduction' if digit == 'thumb' else f'{digit}_mcp_abduction')
     for digit in DIGITS])
 FLEXION_JOINTS = np.array([[JOINTS.index(f'{digit}_{joint}_flexion') for joint in (
     ('cmc', 'mcp', 'ip') if digit == 'thumb' else ('mcp', 'pip', 'dip'))]
     for digit in DIGITS])
+CMC_JOINTS = np.array([JOINTS.index(f'{finger}_cmc_flexion') for finger in FINGERS])
 DIGIT_OF_JOINT = np.array([DIGITS.index(joint.split('_')[0]) for joint in JOINTS])
 
 # [degrees] (extension, flexion) and (adduction, abduction) of each kind of joint.
 # paper: Table 1. The finger CMC's have no entry there: the paper's palm is flat.
 # wide: the ranges of motion of the AAOS where they exceed Table 1. Ours, from recorded grasps,
 # unsourced: PIP to 115, thumb CMC flexion, thumb MCP and IP.
-LIMIT_PRESETS = {
+LIMIT_TABLES = {
     'paper': {
         'cmc_flexion': (0, 0), 'mcp_abduction': (-15, 15), 'mcp_flexion': (-10, 85),
         'pip_flexion': (-10, 95), 'dip_flexion': (-10, 90),
@@ -66,6 +69,12 @@ LIMIT_PRESETS = {
         'thumb_ip_flexion': (-15, 95),
     },
 }
+WEARER_LIMITS = 'wearer'  # Table 1, widened to the range of motion that a calibration has seen
+LIMIT_PRESETS = (*LIMIT_TABLES, WEARER_LIMITS)
+
+# [degrees] of the fingers' CMC joints where markers show the palm's arch, from a palm that is
+# nearly flat: about the ranges of El-shennawy et al. (2001), 11, 7, 20 and 27, with a margin.
+ARCH_LIMITS = ((-4, 8), (-4, 4), (-6, 20), (-8, 35))
 
 # Relative to the hand's length [1] and breadth [1]: Buchholz et al., Ergonomics 35 (1992).
 FINGER_BONES_OF_LENGTH = (
@@ -96,6 +105,9 @@ MEAN_BREADTH = .085  # [m]
 COUPLING_PRESETS = {'natural': (.4, 0.), 'paper': (.8, 0.)}
 THUMB_COUPLING = (1., 0.)      # IP against MCP, in each preset; ours
 
+# [degrees] of the last joint from its coupling, beside the errors of Roda-Sales et al.; ours.
+USUAL_COUPLING_SPREAD = 12
+
 # [degrees] of a relaxed hand: MCP and PIP of the fingers, CMC abduction and flexion, MCP
 # abduction and flexion of the thumb. Fingers flex in all joints, PIP most (Lee & Jung, Int. J.
 # Occup. Saf. Ergon. 20 (2014)), and more from index to little (Varghese et al., J. Clin. Diagn.
@@ -110,11 +122,16 @@ POSITION_RANGE = .3            # [m] of a joint from the wrist
 ANGLE_RANGE = np.pi            # [rad] of a limit
 SLOPE_RANGE = (0., 5.)         # [1] of a coupling
 COUPLING_OFFSET_RANGE = (-np.pi / 2, np.pi / 2)  # [rad]
+COUPLING_SPREAD_RANGE = (np.pi / 90, np.pi / 2)  # [rad]
+# To the ends of the CMC joints' ranges at 85 degrees of MCP flexion, El-shennawy et al. (2001) [1].
+PALM_SYNERGY = (0., 0., .2, .3)
+PALM_SYNERGY_RANGE = (0., .6)
 NATURAL_SLOPE_RANGE = (-2., 5.)                  # [1] of a natural flexion
 NATURAL_OFFSET_RANGE = (-np.pi / 2, np.pi / 2)   # [rad]
 NATURAL_SPREAD_RANGE = (np.pi / 90, np.pi / 2)   # [rad]
 RADIUS_RANGE = (.001, .05)     # [m] of a capsule
 SPLAY_RANGE = np.pi / 4        # [rad] to either side
+THUMB_MCP_ABDUCTION_RANGE = (-np.pi / 4, np.pi / 4)  # [rad]
 HAND_LENGTH_RANGE = (.10, .26)   # [m]
 HAND_BREADTH_RANGE = (.04, .14)  # [m]
 
@@ -125,13 +142,16 @@ def joint_kind(joint: str) -> str:
     return joint if digit == 'thumb' else kind
 
 
-def preset_limits(preset: str = 'paper') -> np.ndarray:
+def preset_limits(preset: str = 'paper', range_of_motion: ArrayLike | None = None) -> np.ndarray:
     """Return the joint limits of a preset.
 
     Parameters
     ----------
-    preset : {'paper', 'wide'}
-        'paper' is Table 1 of the paper; 'wide' adds wider published ranges of motion.
+    preset : {'paper', 'wide', 'wearer'}
+        'paper' is Table 1 of the paper; 'wide' adds wider published ranges of motion; 'wearer' is
+        Table 1 widened to the person's own range of motion, never narrowed.
+    range_of_motion : array_like, shape (25, 2), optional
+        As `Hand.range_of_motion`, for 'wearer'; Table 1 alone when left out [rad].
 
     Returns
     -------
@@ -145,8 +165,17 @@ def preset_limits(preset: str = 'paper') -> np.ndarray:
     """
     if preset not in LIMIT_PRESETS:
         raise InvalidHand(f"limits: no preset '{preset}'; there are {', '.join(LIMIT_PRESETS)}")
-    table = LIMIT_PRESETS[preset]
-    return np.radians([table[joint_kind(joint)] for joint in JOINTS])
+    table = LIMIT_TABLES['paper' if preset == WEARER_LIMITS else preset]
+    limits = np.radians([table[joint_kind(joint)] for joint in JOINTS])
+    if preset == WEARER_LIMITS and range_of_motion is not None:
+        return widened_limits(limits, np.asarray(range_of_motion))
+    return limits
+
+
+def widened_limits(limits: np.ndarray, range_of_motion: np.ndarray) -> np.ndarray:
+    """Return joint limits widened to a range of motion, each of shape (25, 2) [rad]."""
+    return np.column_stack((np.minimum(limits[:, 0], range_of_motion[:, 0]),
+                            np.maximum(limits[:, 1], range_of_motion[:, 1])))
 
 
 def preset_coupling(preset: str = 'natural') -> np.ndarray:
@@ -202,18 +231,30 @@ class Hand:
     thumb_abduction_axis, thumb_rest_direction : array_like, shape (3,)
         Saddle joint: axis of abduction, fixed in the palm, and direction of the metacarpal at
         zero angles. The flexion axis is normal to both. Normalised.
+    thumb_mcp_abduction : float
+        Angle of the thumb's MCP abduction, which stays: the phalanges bend in another plane than
+        the metacarpal [rad].
     finger_abduction_axes : array_like, shape (4, 3)
         Axes of the fingers' abduction, fixed in the palm; dorsal in the paper. Normalised.
     splay : array_like, shape (4,)
         Direction of the straight fingers at zero angles, from x towards the thumb [rad].
     limits : array_like, shape (25, 2)
         Lower and upper limit of each joint, in the order of `JOINTS` [rad].
+    range_of_motion : array_like, shape (25, 2)
+        Least and greatest angle of each joint that a calibration has seen, with a margin; both 0
+        where it has seen none. The limits 'wearer' follow from it [rad].
     coupling : array_like, shape (5, 2)
         Intradigital correlation: DIP = slope PIP + offset; the thumb's IP = slope MCP + offset.
+    coupling_spread : array_like, shape (5,)
+        Standard deviation of each digit's last joint from its coupling: its weight beside markers
+        that show that joint too [rad].
     natural_flexion : array_like, shape (5, 3)
         Slope, offset and spread of each digit's second flexion over its first, as this person
         moves: PIP = slope MCP + offset; the thumb's MCP = slope CMC + offset. It decides where a
         marker tells nothing, the more the smaller the spread [1, rad, rad].
+    palm_synergy : array_like, shape (4,)
+        CMC flexion of each finger per mean MCP flexion of ring and little finger, where the palm
+        cups and no marker shows it [1].
     radii : array_like, shape (5, 3)
         Radius of the capsules around the three bones of each digit [m].
     palm_radius : float
@@ -236,12 +277,17 @@ class Hand:
         default_factory=lambda: np.array(THUMB_ABDUCTION_AXIS))
     thumb_rest_direction: np.ndarray = field(
         default_factory=lambda: np.array(THUMB_REST_DIRECTION))
+    thumb_mcp_abduction: float = 0.
     finger_abduction_axes: np.ndarray = field(
         default_factory=lambda: np.array(((0., 0., 1.),) * 4))
     splay: np.ndarray = field(default_factory=lambda: np.zeros(4))
     limits: np.ndarray = field(default_factory=preset_limits)
+    range_of_motion: np.ndarray = field(default_factory=lambda: np.zeros((len(JOINTS), 2)))
     coupling: np.ndarray = field(default_factory=preset_coupling)
+    coupling_spread: np.ndarray = field(
+        default_factory=lambda: np.full(len(DIGITS), np.radians(USUAL_COUPLING_SPREAD)))
     natural_flexion: np.ndarray = field(default_factory=average_natural_flexion)
+    palm_synergy: np.ndarray = field(default_factory=lambda: np.array(PALM_SYNERGY))
     radii: np.ndarray = field(default_factory=lambda: np.array(CAPSULE_RADII))
     palm_radius: float = PALM_CAPSULE_RADIUS
     side: str = 'right'
@@ -251,9 +297,10 @@ class Hand:
                 ('finger_cmc', (4, 3)), ('finger_mcp', (4, 3)), ('finger_bones', (4, 3)),
                 ('thumb_cmc', (3,)), ('thumb_bones', (3,)), ('thumb_abduction_axis', (3,)),
                 ('thumb_rest_direction', (3,)), ('finger_abduction_axes', (4, 3)), ('splay', (4,)),
-                ('limits', (25, 2)),
-                ('coupling', (5, 2)), ('natural_flexion', (5, 3)), ('radii', (5, 3)),
-                ('palm_radius', ())):
+                ('limits', (25, 2)), ('range_of_motion', (25, 2)),
+                ('coupling', (5, 2)), ('coupling_spread', (5,)), ('natural_flexion', (5, 3)),
+                ('palm_synergy', (4,)), ('radii', (5, 3)), ('palm_radius', ()),
+                ('thumb_mcp_abduction', ())):
             object.__setattr__(self, name, _array(name, getattr(self, name), shape))
         if self.side not in SIDES:
             raise InvalidHand(f'side: {self.side!r} is not one of {", ".join(SIDES)}')
@@ -263,19 +310,23 @@ class Hand:
             _require(name, getattr(self, name), -POSITION_RANGE, POSITION_RANGE, 'm')
         for name in ('radii', 'palm_radius'):
             _require(name, getattr(self, name), *RADIUS_RANGE, 'm')
+        _require('thumb_mcp_abduction', self.thumb_mcp_abduction, *THUMB_MCP_ABDUCTION_RANGE, 'rad')
         _require('splay', self.splay, -SPLAY_RANGE, SPLAY_RANGE, 'rad')
-        _require('limits', self.limits, -ANGLE_RANGE, ANGLE_RANGE, 'rad')
+        for name in ('limits', 'range_of_motion'):
+            _require(name, getattr(self, name), -ANGLE_RANGE, ANGLE_RANGE, 'rad')
+            for joint, (lower, upper) in zip(JOINTS, getattr(self, name)):
+                if lower > upper:
+                    raise InvalidHand(
+                        f'{name} of {joint}: {np.degrees(lower):g} to {np.degrees(upper):g} '
+                        'degrees; the lower limit must not exceed the upper')
         _require('coupling slope', self.coupling[:, 0], *SLOPE_RANGE, '')
         _require('coupling offset', self.coupling[:, 1], *COUPLING_OFFSET_RANGE, 'rad')
+        _require('coupling spread', self.coupling_spread, *COUPLING_SPREAD_RANGE, 'rad')
         for column, (name, bounds, unit) in enumerate((
                 ('slope', NATURAL_SLOPE_RANGE, ''), ('offset', NATURAL_OFFSET_RANGE, 'rad'),
                 ('spread', NATURAL_SPREAD_RANGE, 'rad'))):
             _require(f'natural_flexion {name}', self.natural_flexion[:, column], *bounds, unit)
-        for joint, (lower, upper) in zip(JOINTS, self.limits):
-            if lower > upper:
-                raise InvalidHand(
-                    f'limits of {joint}: {np.degrees(lower):g} to {np.degrees(upper):g} degrees; '
-                    'the lower limit must not exceed the upper')
+        _require('palm_synergy', self.palm_synergy, *PALM_SYNERGY_RANGE, '')
         for name in ('thumb_abduction_axis', 'thumb_rest_direction', 'finger_abduction_axes'):
             vectors = getattr(self, name)
             sizes = np.linalg.norm(vectors, axis=-1, keepdims=True)
@@ -342,6 +393,7 @@ class Hand:
         angles = np.zeros((len(DIGITS), len(FINGER_JOINTS)))
         angles[:len(FINGERS), 2:4] = np.radians(RELAXED_FINGERS)
         angles[len(FINGERS), :4] = np.radians(RELAXED_THUMB)
+        angles[len(FINGERS), 2] = self.thumb_mcp_abduction
         lower, upper = self.limits.T.reshape(2, *angles.shape)
         angles = np.clip(angles, lower, upper)
         angles[:, 4] = self.coupling[:, 0] * angles[:, 3] + self.coupling[:, 1]
@@ -350,6 +402,14 @@ class Hand:
     def mirrored(self) -> 'Hand':
         """Return this hand with the other side."""
         return self.replace(side=SIDES[1 - SIDES.index(self.side)])
+
+    def with_open_palm(self) -> 'Hand':
+        """Return this hand with the usual limits of those CMC joints that are locked at zero."""
+        limits = np.array(self.limits)
+        for row, usual in zip(CMC_JOINTS, np.radians(ARCH_LIMITS)):
+            if not limits[row].any():
+                limits[row] = usual
+        return self.replace(limits=limits)
 
     def with_paper_thumb(self) -> 'Hand':
         """Return this hand with the paper's thumb plane, through CMC, tip and index MCP.

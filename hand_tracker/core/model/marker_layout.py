@@ -1,10 +1,14 @@
-"""Marker layout: landmark and offset of each of the eight markers on the hand.
+"""Marker layout: landmark and offset of each marker on the hand.
 
-Markers in the paper's order: r on the wrist, p and q on the knuckles of index and little
-finger, one at the DIP joint of each finger, one at the thumb's tip.
+The paper's eight, in its order: r on the wrist, p and q on the knuckles of index and little
+finger, one at the DIP joint of each finger, one at the thumb's tip. Other layouts list other
+markers, each at a landmark; of those three of the palm and one of each digit, the principal
+markers, stand for the paper's eight wherever the method wants eight.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -26,21 +30,38 @@ DIGIT_LANDMARKS = {
     **{finger: (f'{finger}_dip', f'{finger}_tip') for finger in FINGERS},
     'thumb': ('thumb_ip', 'thumb_tip'),
 }
+# Landmarks at which a further marker of a digit may be, beside those of its principal one.
+LANDMARKS_OF_DIGIT = {
+    **{finger: tuple(f'{finger}_{joint}' for joint in ('pip', 'dip', 'tip'))
+       for finger in FINGERS},
+    'thumb': ('thumb_mcp', 'thumb_ip', 'thumb_tip'),
+}
+ALL_LANDMARKS = PALM_LANDMARKS + tuple(
+    place for places in LANDMARKS_OF_DIGIT.values() for place in places)
+# Link that a marker may be said to ride on, and the landmark at that link's distal end.
+LANDMARK_OF_LINK = {
+    'wrist': 'wrist', **{
+        f'{finger}_{link}': f'{finger}_{joint}' for finger in FINGERS for link, joint in (
+            ('metacarpal', 'mcp'), ('proximal', 'pip'), ('middle', 'dip'), ('distal', 'tip'))},
+    'thumb_metacarpal': 'thumb_mcp', 'thumb_proximal': 'thumb_ip', 'thumb_distal': 'thumb_tip'}
+LINK_OF_LANDMARK = {place: link for link, place in LANDMARK_OF_LINK.items()}
+COUNT_RANGE = 3, 60  # markers of a layout
 OFFSET_RANGE = .06  # [m] greatest offset on each axis
 DEVIATION_RANGE = 0., .01  # [m]
+SKIN_SHARE_RANGE = -1., 1.5
 MIN_LEVER = .005    # [m] least height of the palm's triangle, distance of a marker from its hinge
 
 
 class Mounting(NamedTuple):
-    """Mounting of the markers on one hand: link and position of each.
+    """Mounting of n markers on one hand: link and position of each.
 
     Attributes
     ----------
-    link : ndarray of int, shape (8,)
+    link : ndarray of int, shape (n,)
         Link that each marker is attached to; -1 is the wrist.
-    position : ndarray, shape (8, 3)
+    position : ndarray, shape (n, 3)
         Marker in that link's frame [m].
-    deviation : ndarray, shape (8,)
+    deviation : ndarray, shape (n,)
         Standard deviation of the marker from there, by skin that moves; 0 where unknown [m].
     """
 
@@ -51,22 +72,33 @@ class Mounting(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MarkerLayout:
-    """Landmarks and offsets of the eight markers, for hands of any size.
+    """Landmarks and offsets of the markers, for hands of any size.
 
     Parameters
     ----------
     places : sequence of str
-        Landmark of each of `MARKERS`: for the first three a place on the palm
-        ('wrist', 'index_cmc', 'index_mcp', ...), for a finger its 'dip' or 'tip',
-        for the thumb its 'ip' or 'tip'.
-    offsets : array_like, shape (8, 3)
+        Landmark of each marker. Of the paper's eight markers, for the first three a place on the
+        palm ('wrist', 'index_cmc', 'index_mcp', ...), for a finger its 'dip' or 'tip', for the
+        thumb its 'ip' or 'tip'; of markers with `names` any of `ALL_LANDMARKS`.
+    offsets : array_like, shape (n, 3), optional
         Marker from its landmark, along the axes of the link that ends there (x along the
-        bone, y towards the thumb, z dorsal), as on a right hand [m].
-    deviations : array_like, shape (8,)
+        bone, y towards the thumb, z dorsal), as on a right hand; zero when left out [m].
+    deviations : array_like, shape (n,), optional
         Standard deviation of each marker from its place on an axis, as skin moves on the bones;
         0 where it is not known [m]. That of a digit's marker says how far its reach is believed
         beside `Hand.natural_flexion`, and that two bends of a digit with its marker at the tip
         are told apart by it.
+    names : sequence of str, optional
+        Names of 3 to 60 markers, three of them on the palm; the paper's eight, `MARKERS`, when
+        left out.
+    skin_shares : array_like, shape (n,), optional
+        Share of the flexion of the joint at its landmark by which each marker's offset turns, as
+        skin over a joint does; zero when left out [1].
+
+    Attributes
+    ----------
+    principal : tuple of int
+        Row of the marker that stands for each of `MARKERS`; -1 where there is none.
 
     Raises
     ------
@@ -74,40 +106,51 @@ class MarkerLayout:
         With the marker, its value and the allowed values.
     """
 
-    places: tuple[str, ...] = PAPER_PLACES
-    offsets: np.ndarray = field(default_factory=lambda: np.zeros((len(MARKERS), 3)))
-    deviations: np.ndarray = field(default_factory=lambda: np.zeros(len(MARKERS)))
+    places: Sequence[str] = PAPER_PLACES
+    offsets: np.ndarray = None  # type: ignore[assignment]
+    deviations: np.ndarray = None  # type: ignore[assignment]
+    names: Sequence[str] = MARKERS
+    skin_shares: np.ndarray = None  # type: ignore[assignment]
+    principal: tuple[int, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        places = tuple(self.places)
-        if len(places) != len(MARKERS):
+        places, names = tuple(self.places), tuple(self.names)
+        is_paper = names == MARKERS
+        if is_paper and len(places) != len(MARKERS):
             raise InvalidLayout(f'places: {len(places)} given; expected one for each of {MARKERS}')
-        for marker, place in zip(MARKERS, places):
-            allowed = DIGIT_LANDMARKS.get(marker, PALM_LANDMARKS)
+        if not is_paper:
+            _require_names(names, places)
+        for marker, place in zip(names, places):
+            allowed = (DIGIT_LANDMARKS.get(marker, PALM_LANDMARKS) if is_paper else ALL_LANDMARKS)
             if place not in allowed:
                 raise InvalidLayout(
                     f'marker {marker}: place {place!r} is not one of {", ".join(allowed)}')
-        offsets = np.array(self.offsets, dtype=float)
-        if offsets.shape != (len(MARKERS), 3):
-            raise InvalidLayout(f'offsets: shape {offsets.shape}; expected {(len(MARKERS), 3)}')
+        offsets = _rows('offsets', self.offsets, (len(names), 3))
         if not (np.abs(offsets) <= OFFSET_RANGE).all():
-            worst = MARKERS[int(np.argmin((np.abs(offsets) <= OFFSET_RANGE).all(axis=1)))]
+            worst = int(np.argmin((np.abs(offsets) <= OFFSET_RANGE).all(axis=1)))
             raise InvalidLayout(
-                f'marker {worst}: offset {offsets[MARKERS.index(worst)]} m; '
+                f'marker {names[worst]}: offset {offsets[worst]} m; '
                 f'allowed is {-OFFSET_RANGE:g} to {OFFSET_RANGE:g} m on each axis')
-        deviations = np.array(self.deviations, dtype=float)
-        if deviations.shape != (len(MARKERS),):
-            raise InvalidLayout(f'deviations: shape {deviations.shape}; expected {(len(MARKERS),)}')
-        least, most = DEVIATION_RANGE
-        for marker, value in zip(MARKERS, deviations):
-            if not least <= value <= most:
-                raise InvalidLayout(f'marker {marker}: deviation {value:g}; '
-                                    f'allowed is {least:g} to {most:g} m')
-        offsets.setflags(write=False)
-        deviations.setflags(write=False)
-        object.__setattr__(self, 'deviations', deviations)
+        deviations = _rows('deviations', self.deviations, (len(names),))
+        _require_range('deviation', names, deviations, DEVIATION_RANGE, ' m')
+        shares = _rows('skin_shares', self.skin_shares, (len(names),))
+        _require_range('skin_share', names, shares, SKIN_SHARE_RANGE, '')
+        object.__setattr__(self, 'names', names)
         object.__setattr__(self, 'places', places)
         object.__setattr__(self, 'offsets', offsets)
+        object.__setattr__(self, 'deviations', deviations)
+        object.__setattr__(self, 'skin_shares', shares)
+        object.__setattr__(self, 'principal', tuple(range(len(MARKERS))) if is_paper
+                           else _principal_markers(places, offsets))
+
+    @property
+    def further(self) -> tuple[int, ...]:
+        """Rows of the markers that are not principal ones."""
+        return tuple(row for row in range(len(self.names)) if row not in self.principal)
+
+    def with_offsets(self, offsets: ArrayLike) -> 'MarkerLayout':
+        """Return the same markers at other offsets, shape (n, 3) [m]."""
+        return replace(self, offsets=np.array(offsets, dtype=float))
 
     def mounting(self, hand: Hand) -> Mounting:
         """Return the mounting of the markers on `hand`, of its own side.
@@ -120,19 +163,110 @@ class MarkerLayout:
         -------
         Mounting
         """
-        links, landmarks = zip(*(landmark_on_link(hand, place) for place in self.places))
-        positions = np.array(landmarks) + self.offsets
+        return self._mounting(hand, range(len(self.names)), rides=self.names != MARKERS)
+
+    def principal_mounting(self, hand: Hand) -> Mounting:
+        """Return the mounting of the principal markers, palm flat; parameters as of `mounting`.
+
+        Where there is no marker it is the paper's.
+        """
+        found = self._mounting(hand, [max(row, 0) for row in self.principal], rides=False)
+        usual = MarkerLayout().mounting(hand) if -1 in self.principal else found
+        missing = np.array(self.principal) < 0
+        return Mounting(*(np.where(missing[:, None] if part.ndim > 1 else missing, other, part)
+                          for part, other in zip(found, usual)))
+
+    def _mounting(self, hand: Hand, rows: Sequence[int], rides: bool) -> Mounting:
+        """Return the mounting of some rows; knuckles ride on their metacarpals or on the wrist."""
+        right = hand.replace(side='right')
+        links, landmarks = zip(*(landmark_on_link(right, self.places[row], rides) for row in rows))
+        positions = np.array(landmarks) + self.offsets[list(rows)]
         if hand.side == 'left':
             positions = positions * LEFT_HAND_MIRROR
-        return Mounting(np.array(links), positions, self.deviations.copy())
+        return Mounting(np.array(links), positions, self.deviations[list(rows)])
+
+
+def _require_names(names: tuple[str, ...], places: tuple[str, ...]) -> None:
+    """Refuse names of markers that are not as many as the places, or stand twice."""
+    least, most = COUNT_RANGE
+    if not least <= len(names) <= most:
+        raise InvalidLayout(f'names: {len(names)} given; allowed is {least} to {most} markers')
+    if len(places) != len(names):
+        raise InvalidLayout(f'places: {len(places)} given; expected one for each of the '
+                            f'{len(names)} names')
+    for name in names:
+        if not isinstance(name, str) or not name:
+            raise InvalidLayout(f'names: {name!r}; expected a text')
+        if names.count(name) > 1:
+            raise InvalidLayout(f'names: {name!r} stands twice')
+
+
+def _rows(name: str, values: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
+    """Return a field as a read-only array of a shape; zeros when it is None."""
+    try:
+        array = np.zeros(shape) if values is None else np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidLayout(f'{name}: {values!r} is not made of numbers') from None
+    if array.shape != shape:
+        raise InvalidLayout(f'{name}: shape {array.shape}; expected {shape}')
+    array.setflags(write=False)
+    return array
+
+
+def _require_range(name: str, markers: tuple[str, ...], values: np.ndarray,
+                   allowed: tuple[float, float], unit: str) -> None:
+    """Refuse a marker's value outside the allowed range."""
+    least, most = allowed
+    for marker, value in zip(markers, values):
+        if not least <= value <= most:
+            raise InvalidLayout(f'marker {marker}: {name} {value:g}; '
+                                f'allowed is {least:g} to {most:g}{unit}')
+
+
+def _principal_markers(places: tuple[str, ...], offsets: np.ndarray) -> tuple[int, ...]:
+    """Return the rows that stand for the paper's eight markers; -1 where there is none."""
+    def nearest(rows: list[int]) -> int:
+        return min(rows, key=lambda row: float(np.linalg.norm(offsets[row])), default=-1)
+
+    def at(landmark: str) -> int:
+        return nearest([row for row, place in enumerate(places) if place == landmark])
+
+    palm = tuple(at(landmark) for landmark in PAPER_PLACES[:3])
+    if -1 in palm:
+        palm = _largest_triangle(places, offsets)
+    # The thumb's tip shows its last joint; a finger's DIP is the paper's.
+    return palm + tuple(
+        next((row for row in map(at, sorted(
+            DIGIT_LANDMARKS[digit], key=PAPER_PLACES.__contains__, reverse=True)) if row >= 0), -1)
+        for digit in MARKERS[3:])
+
+
+def _largest_triangle(places: tuple[str, ...], offsets: np.ndarray) -> tuple[int, ...]:
+    """Return the rows of the three palm markers of the largest triangle, r, p and q."""
+    hand = Hand.scaled()
+    rows = [row for row, place in enumerate(places) if place in PALM_LANDMARKS]
+    if len(rows) < 3:
+        raise InvalidLayout(f'{len(rows)} markers at {", ".join(PALM_LANDMARKS)}; expected at '
+                            'least three, which place the wrist')
+    points = {row: landmark_on_link(hand, places[row])[1] + offsets[row] for row in rows}
+
+    def area(a: int, b: int, c: int) -> float:
+        return float(np.linalg.norm(np.cross(points[b] - points[a], points[c] - points[a])))
+
+    # r is the nearest to the wrist, p on the thumb's side of q.
+    largest = max(combinations(rows, 3), key=lambda three: area(*three))
+    r, *ahead = sorted(largest, key=lambda row: float(points[row][0]))
+    p, q = sorted(ahead, key=lambda row: -float(points[row][1]))
+    return r, p, q
 
 
 def require_solvable(mounting: Mounting) -> None:
-    """Check that wrist and digits can be solved from the markers.
+    """Check that wrist and digits can be solved from the principal markers.
 
     Parameters
     ----------
     mounting : Mounting
+        Of the principal markers.
 
     Raises
     ------
@@ -154,13 +288,16 @@ def require_solvable(mounting: Mounting) -> None:
                 'about which it turns')
 
 
-def landmark_on_link(hand: Hand, place: str) -> tuple[int, np.ndarray]:
+def landmark_on_link(hand: Hand, place: str, rides: bool = False) -> tuple[int, np.ndarray]:
     """Return the link and position of a landmark on the right hand.
+
     Parameters
     ----------
     hand : Hand
     place : str
-        Of `PALM_LANDMARKS` or `DIGIT_LANDMARKS`.
+        Of `ALL_LANDMARKS`.
+    rides : bool, optional
+        Whether a knuckle is on its metacarpal, which turns as the palm cups; else on the wrist.
 
     Returns
     -------
@@ -175,11 +312,14 @@ def landmark_on_link(hand: Hand, place: str) -> tuple[int, np.ndarray]:
     if place == 'thumb_cmc':
         return -1, hand.thumb_cmc
     index = DIGITS.index(digit)
-    if joint in ('cmc', 'mcp') and digit in FINGERS:
+    if joint == 'cmc' or joint == 'mcp' and digit in FINGERS and not rides:
         return -1, (hand.finger_cmc if joint == 'cmc' else hand.finger_mcp)[index]
-    bone, link = {'dip': (1, 'middle'), 'ip': (1, 'proximal'), 'tip': (2, 'distal')}[joint]
+    row = LINKS.index(LINK_OF_LANDMARK[place])
+    if joint == 'mcp' and digit in FINGERS:
+        return row, hand.finger_mcp[index] - hand.finger_cmc[index]
     bones = hand.thumb_bones if digit == 'thumb' else hand.finger_bones[index]
-    return LINKS.index(f'{digit}_{link}'), np.array((bones[bone], 0., 0.))
+    bone = LANDMARKS_OF_DIGIT[digit].index(place)
+    return row, np.array((bones[bone], 0., 0.))
 
 
 def marker_positions(mounting: Mounting, pose: Pose, wrist_rotation: ArrayLike | None = None,
@@ -196,7 +336,7 @@ def marker_positions(mounting: Mounting, pose: Pose, wrist_rotation: ArrayLike |
 
     Returns
     -------
-    ndarray, shape (..., 8, 3)
+    ndarray, shape (..., n, 3)
         [m]
     """
     turned = np.eye(3) if wrist_rotation is None else np.asarray(wrist_rotation)

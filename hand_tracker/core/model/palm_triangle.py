@@ -21,6 +21,7 @@ from ..numerics.vectors import (
     rotate_about,
     scale,
     subtract,
+    triangle_area,
     unit,
     vector,
 )
@@ -74,8 +75,7 @@ def triad(r: Vector, p: Vector, q: Vector) -> Frame:
 
 
 @jit
-def rigid_palm(r: Vector, p: Vector, q: Vector, template_r: Vector, template_p: Vector,
-               template_q: Vector) -> tuple[Frame, Vector]:
+def rigid_palm(corners: Corners, template: np.ndarray) -> tuple[Frame, Vector]:
     """Return the wrist pose of the least-squares rigid fit to the palm markers.
 
     Kabsch's rotation in closed form: of two triangles of the same orientation it aligns the
@@ -83,9 +83,9 @@ def rigid_palm(r: Vector, p: Vector, q: Vector, template_r: Vector, template_p: 
 
     Parameters
     ----------
-    r, p, q : vector
-        Markers [m]; not collinear.
-    template_r, template_p, template_q : vector
+    corners : tuple of three vectors
+        Markers r, p, q [m]; not collinear.
+    template : ndarray, shape (3, 3)
         The same markers in the wrist's frame [m].
 
     Returns
@@ -95,6 +95,9 @@ def rigid_palm(r: Vector, p: Vector, q: Vector, template_r: Vector, template_p: 
     origin : vector
         Origin of the wrist's frame [m].
     """
+    r, p, q = corners
+    template_r, template_p, template_q = (
+        vector(template[0]), vector(template[1]), vector(template[2]))
     center = scale(add(add(r, p), q), 1.0 / 3.0)
     template_center = scale(add(add(template_r, template_p), template_q), 1.0 / 3.0)
     axes = triad(r, p, q)
@@ -217,14 +220,6 @@ def palm_fault(markers: np.ndarray, template: np.ndarray, limits: PalmLimits) ->
         return TOO_CLOSE if shortest > 0.0 else COINCIDENT
     if shortest < limits.shrink:
         return COINCIDENT
-    if _area(markers) < limits.flatness * size * size * _area(template):
+    if triangle_area(markers) < limits.flatness * size * size * triangle_area(template):
         return COLLINEAR
     return TRACKED
-
-
-@jit
-def _area(points: np.ndarray) -> float:
-    """Return the area of a triangle, its corners as rows [m²]."""
-    r = vector(points[0])
-    return 0.5 * length(cross(
-        subtract(vector(points[1]), r), subtract(vector(points[2]), r)))

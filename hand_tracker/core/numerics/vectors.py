@@ -84,6 +84,20 @@ def distance(a: Vector, b: Vector) -> float:
 
 
 @jit
+def is_equal(a: np.ndarray | Vector, b: np.ndarray | Vector) -> bool:
+    """Return whether three coordinates are equal bit for bit."""
+    return a[0] == b[0] and a[1] == b[1] and a[2] == b[2]
+
+
+@jit
+def triangle_area(corners: np.ndarray) -> float:
+    """Return the area of a triangle, its corners as rows [m²]."""
+    first = vector(corners[0])
+    return 0.5 * length(cross(
+        subtract(vector(corners[1]), first), subtract(vector(corners[2]), first)))
+
+
+@jit
 def unit(a: Vector) -> Vector:
     """Return a / |a|; the zero vector stays zero."""
     size = length(a)

@@ -5,7 +5,6 @@ A hidden palm marker is completed rigidly from the seen ones, moves on by its ow
 their places in the wrist's frame while the palm turns.
 """
 
-
 import numpy as np
 
 from ..filtering.tracks import Tracks, predict_track, update_track
@@ -154,8 +153,7 @@ def _fit_to_fingers(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, digit
                     template: np.ndarray, count: int) -> None:
     """Move hidden palm markers to their places in a rigid fit that includes the fingers."""
     axes, origin = rigid_palm(
-        vector(tracks.mean[0]), vector(tracks.mean[1]), vector(tracks.mean[2]),
-        vector(template[0]), vector(template[1]), vector(template[2]))
+        (vector(tracks.mean[0]), vector(tracks.mean[1]), vector(tracks.mean[2])), template)
     points = np.zeros((8, 3))
     aims = np.zeros((8, 3))
     weights = np.zeros(8)
@@ -243,8 +241,7 @@ def expected_markers(palm: Tracks, digits: Tracks, template: np.ndarray, step: f
         Replaced [m].
     """
     places = (_extrapolate(palm, 0, step), _extrapolate(palm, 1, step), _extrapolate(palm, 2, step))
-    axes, origin = rigid_palm(places[0], places[1], places[2], vector(template[0]),
-                              vector(template[1]), vector(template[2]))
+    axes, origin = rigid_palm(places, template)
     for i in range(8):
         store(expected, i, places[i] if i < 3 else add(
             origin, rotate(axes, _extrapolate(digits, i - 3, step))))

@@ -6,19 +6,21 @@ from typing import NamedTuple
 import numpy as np
 
 from ..filtering.tracks import Tracks
-from ..model.hand import DIGIT_OF_JOINT
+from ..model.hand import DIGIT_OF_JOINT, FINGERS
 from ..model.kinematics import JointTable, place_links
 from ..model.marker_layout import Mounting
+from ..model.marker_rows import LAYOUT_CAPACITY, PRINCIPALS, MarkerRows, RowState
 from ..model.palm_triangle import Wrist
-from ..model.states import ABSENT, PREDICTED, REJECTED, SEEN, STALE
+from ..model.states import ABSENT, PREDICTED, REJECTED, SEEN, STALE, SWAPPED
 from ..numerics.jit import jit
-from ..numerics.vectors import Vector, add, clamp, distance, frame, rotate, vector
+from ..numerics.vectors import Vector, add, clamp, distance, frame, rotate, subtract, vector
 
 # Deviations at which confidence falls to 1/e; both are alike on a digit 50 mm long.
 CONFIDENCE_MARKER_SPREAD = .01  # [m] standard deviation of a marker
 CONFIDENCE_ANGLE_OFFSET = .2    # [rad] of an angle from its solution
 # First link of each digit that hangs on the joint of its chain's root: MCP, the thumb's CMC.
 FIRST_LINKS = np.array((1, 6, 11, 16, 20))
+LISTED_TIME, LISTED_RESIDUAL, LISTED_COLUMNS = 3, 4, 5  # behind the position
 
 
 class Report(NamedTuple):
@@ -45,6 +47,11 @@ class Report(NamedTuple):
     residuals : ndarray, shape (8,)
         [m]
     iterations : ndarray of int, shape (1,)
+    listed : ndarray, shape (60, 5)
+        Markers of another layout than the paper's eight, in its order: position [m], time
+        hidden [s] and residual [m].
+    listed_states : ndarray of int, shape (60,)
+        Their `MarkerState`.
     """
 
     palm: np.ndarray
@@ -59,6 +66,8 @@ class Report(NamedTuple):
     confidence: np.ndarray
     residuals: np.ndarray
     iterations: np.ndarray
+    listed: np.ndarray
+    listed_states: np.ndarray
 
 
 def blank_report() -> Report:
@@ -66,7 +75,8 @@ def blank_report() -> Report:
     return Report(np.zeros(1, dtype=np.int64), np.zeros(25), np.zeros((3, 3)), np.zeros(3),
                   np.zeros((25, 3, 3)), np.zeros((25, 3)), np.zeros((8, 3)),
                   np.zeros(8, dtype=np.int64), np.zeros(8), np.zeros(25), np.zeros(8),
-                  np.zeros(1, dtype=np.int64))
+                  np.zeros(1, dtype=np.int64), np.zeros((LAYOUT_CAPACITY, LISTED_COLUMNS)),
+                  np.zeros(LAYOUT_CAPACITY, dtype=np.int64))
 
 
 @jit
@@ -219,19 +229,89 @@ def write_residuals(seen: np.ndarray, mounting: Mounting, report: Report) -> Non
         Changed; its pose and markers are written already.
     """
     for i in range(8):
-        report.residuals[i] = distance(
-            _place(mounting, i, report), vector(report.markers[i])) if seen[i] else math.nan
+        if not seen[i]:
+            report.residuals[i] = math.nan
+            continue
+        link = mounting.link[i]
+        if link < 0:
+            axes, origin = frame(report.wrist_rotation), vector(report.wrist_position)
+        else:
+            axes, origin = frame(report.link_rotations[link]), vector(report.link_positions[link])
+        place = add(origin, rotate(axes, vector(mounting.position[i])))
+        report.residuals[i] = distance(place, vector(report.markers[i]))
 
 
 @jit
-def _place(mounting: Mounting, marker: int, report: Report) -> Vector:
-    """Return a marker's place on the reported pose [m]."""
-    link = mounting.link[marker]
-    if link < 0:
+def write_rows(rows: MarkerRows, state: RowState, longest: float, mirror: np.ndarray,
+               report: Report) -> None:
+    """Write the markers of another layout than the paper's eight.
+
+    Parameters
+    ----------
+    rows : MarkerRows
+    state : RowState
+    longest : float
+        Time for which a prediction holds [s].
+    mirror : ndarray, shape (3,)
+        As for `write_pose`.
+    report : Report
+        Changed; its pose and principal markers are written already.
+    """
+    for row in range(rows.used[0]):
+        place = _place_of_row(rows, row, mirror, report)
+        measured = state.is_measured[row] > 0
+        x, y, z = state.points[row]
+        if measured:
+            place, miss = (mirror[0] * x, mirror[1] * y, mirror[2] * z), distance(
+                (mirror[0] * x, mirror[1] * y, mirror[2] * z), place)
+        else:
+            miss = math.nan
+        kind = SEEN if measured else ABSENT if not state.is_known[row] else (
+            STALE if state.hidden_for[row] > longest else PREDICTED)
+        if row < PRINCIPALS:
+            if measured or report.marker_states[row] == SEEN:
+                for k in range(3):
+                    report.markers[row, k] = place[k]
+            # A verdict of the association stands.
+            if report.marker_states[row] not in (REJECTED, SWAPPED):
+                report.marker_states[row] = kind
+            kind = report.marker_states[row]
+            # What the association has refused, or found under another label, is known only now.
+            if kind != SEEN and kind != SWAPPED:
+                miss = math.nan
+            elif not measured:
+                miss = distance(vector(report.markers[row]), _place_of_row(
+                    rows, row, mirror, report))
+            report.hidden_for[row] = state.hidden_for[row]
+            report.residuals[row] = miss
+            place = vector(report.markers[row])
+        if rows.order[row] >= 0:
+            listed = report.listed[rows.order[row]]
+            for k in range(3):
+                listed[k] = place[k]
+            listed[LISTED_TIME], listed[LISTED_RESIDUAL] = state.hidden_for[row], miss
+            report.listed_states[rows.order[row]] = kind
+
+
+@jit
+def _place_of_row(rows: MarkerRows, row: int, mirror: np.ndarray, report: Report) -> Vector:
+    """Return a marker's place on the reported pose, its offset turned with the skin [m]."""
+    digit, link = rows.digit[row], rows.link[row]
+    end, offset = vector(rows.end[row]), vector(rows.offset[row])
+    at = 5 * digit + link if digit >= 0 else 5 * link
+    if digit < 0 and link >= 0:
+        end = subtract(end, vector(rows.cmc[link]))
+    if digit >= 0 and link < len(FINGERS) and rows.share[row] != 0.:
+        turn = rows.share[row] * report.angles[at + 1]
+        c, s = math.cos(turn), math.sin(turn)
+        offset = (c * offset[0] + s * offset[2], offset[1], c * offset[2] - s * offset[0])
+    local = add(end, offset)
+    local = (mirror[0] * local[0], mirror[1] * local[1], mirror[2] * local[2])
+    if digit < 0 and link < 0:
         axes, origin = frame(report.wrist_rotation), vector(report.wrist_position)
     else:
-        axes, origin = frame(report.link_rotations[link]), vector(report.link_positions[link])
-    return add(origin, rotate(axes, vector(mounting.position[marker])))
+        axes, origin = frame(report.link_rotations[at]), vector(report.link_positions[at])
+    return add(origin, rotate(axes, local))
 
 
 @jit

@@ -5,12 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hand_tracker.core.filtering.smoothing import (
-    ACTIVITY_SIZE,
-    noise_in_palm_frame,
-    noise_levers,
-    update_filter,
-)
+from hand_tracker.core.filtering.tracks import ACTIVITY_SIZE, update_filter
 from hand_tracker.core.numerics import jit
 
 NOISE = 3e-4     # [m]
@@ -144,25 +139,3 @@ def test_all_stays_finite_and_definite_whatever_comes(seed):
             correlations = marker.covariance / np.outer(deviations, deviations)
             assert (correlations == correlations.T).all()
             assert np.linalg.eigvalsh(correlations)[0] > 0.
-
-
-def test_levers_are_those_of_a_rigid_fit():
-    """Against the spread of places carried by fits to a palm with noise."""
-    rng = np.random.default_rng(7)
-    template = np.array(((0., 0., 0.), (.083, .021, -.003), (.068, -.034, -.006)))
-    places = np.array(((.15, .03, .01), (.05, .06, -.04)))
-    noisy = template + rng.normal(scale=1e-5, size=(4000, 3, 3))
-    middle = template.mean(axis=0)
-    shift = noisy - noisy.mean(axis=1, keepdims=True)
-    u, _, vt = np.linalg.svd(np.einsum('nij,ik->njk', shift, template - middle))
-    flip = np.stack((np.ones(4000), np.ones(4000), np.linalg.det(u @ vt)), axis=1)
-    turns = u * flip[:, None, :] @ vt
-    carried = np.einsum('njk,pk->npj', turns, places - middle) + noisy.mean(axis=1)[:, None]
-    np.testing.assert_allclose(
-        carried.var(axis=0).mean(axis=1) / 1e-10, noise_levers(template, places), rtol=.1)
-
-
-def test_a_still_palm_adds_little_noise_and_no_palm_more_than_its_markers():
-    still, moving = np.zeros((3, 9, 9)), np.tile(np.eye(9), (3, 1, 1))
-    assert noise_in_palm_frame(NOISE, still, 2.) == pytest.approx(NOISE)
-    assert noise_in_palm_frame(NOISE, moving, 2.) == pytest.approx(np.sqrt(3.) * NOISE)

@@ -8,6 +8,7 @@ from hand_tracker.core.inverse_kinematics.abduction_plane import (
     FIST_FAR,
     FIST_NEAR,
     REFERENCE_STEP,
+    in_plane,
     plane_abduction,
 )
 
@@ -15,26 +16,8 @@ FREE = (-np.pi / 2, np.pi / 2)
 
 
 def turn_of(target, lateral=0., reach=.07, limits=FREE, previous=0., step=REFERENCE_STEP):
-    return plane_abduction(tuple(target), lateral, reach, *limits, previous, step)
-
-
-def test_plane_is_the_conformal_plane_through_joint_marker_and_normal(conformal):
-    rng = np.random.default_rng(1)
-    for _ in range(200):
-        target = rng.uniform((.02, -.05, -.05), (.07, .05, .02))
-        normal, _, _ = conformal.plane_through(np.zeros(3), target, (0., 0., 1.))
-        turn, along, height = turn_of(target)
-        assert abs(normal @ (-np.sin(turn), np.cos(turn), 0.)) == pytest.approx(1., abs=1e-9)
-        assert (along, height) == pytest.approx((np.hypot(*target[:2]), target[2]))
-
-
-def test_a_degenerate_conformal_plane_leaves_abduction_as_it_was(conformal):
-    # Joint, marker and normal on one line span no plane: F ∧ M ∧ n̂ ∧ n vanishes.
-    joint, marker, normal = np.zeros(3), np.array((0., 0., -.03)), np.array((0., 0., 1.))
-    points = [conformal.up(conformal.to_multivector(point)) for point in (joint, marker, normal)]
-    plane = points[0] ^ points[1] ^ points[2] ^ conformal.einf
-    assert abs(plane) < 1e-12
-    assert turn_of(marker, previous=.07)[0] == .07
+    turn = plane_abduction(tuple(target), lateral, reach, *limits, previous, step)
+    return turn, *in_plane(tuple(target), turn, 0.)
 
 
 def test_lateral_offset_keeps_the_marker_beside_the_plane():

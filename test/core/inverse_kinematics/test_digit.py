@@ -7,7 +7,13 @@ from hand_tracker.core.inverse_kinematics.abduction_plane import REFERENCE_STEP
 from hand_tracker.core.inverse_kinematics.digit import chains, measure, solve_digits
 from hand_tracker.core.inverse_kinematics.three_bone import straightest
 from hand_tracker.core.inverse_kinematics.two_bone import MAX_SECOND_HINGE_SPEED, Linkage
-from hand_tracker.core.model.hand import ABDUCTION_JOINTS, DIGITS, FLEXION_JOINTS, Hand
+from hand_tracker.core.model.hand import (
+    ABDUCTION_JOINTS,
+    DIGITS,
+    FLEXION_JOINTS,
+    JOINTS,
+    Hand,
+)
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import (
     PALM_MARKERS,
@@ -24,6 +30,7 @@ TIPS = MarkerLayout(places=(*PAPER_PLACES[:3], *(f'{digit}_tip' for digit in DIG
 BESIDE = MarkerLayout(offsets=np.vstack((np.zeros((3, 3)), np.tile((.001, .003, -.002), (5, 1)))))
 LAYOUTS = pytest.mark.parametrize('layout', [PAPER, TIPS, BESIDE], ids=['paper', 'tips', 'beside'])
 FIRST, SECOND, THIRD = FLEXION_JOINTS.T
+MCP_ABDUCTION = JOINTS.index('thumb_mcp_abduction')
 
 
 def poses(count, hand=HAND, seed=1):
@@ -60,6 +67,26 @@ def test_angles_of_an_open_hand_come_back(layout):
         found, used = solve(digits, markers_of(angles, layout))
         np.testing.assert_allclose(found, angles, atol=1e-6)
         assert used == 0
+
+
+@LAYOUTS
+def test_a_thumb_whose_phalanges_lean_from_its_plane_comes_back(layout):
+    hand = HAND.replace(thumb_mcp_abduction=np.radians(-8.))
+    digits = chains(hand, layout.mounting(hand))
+    for angles in poses(20, hand):
+        angles[MCP_ABDUCTION] = hand.thumb_mcp_abduction
+        found, _ = solve(digits, markers_of(angles, layout, hand))
+        np.testing.assert_allclose(found, angles, atol=2e-4)
+        np.testing.assert_allclose(markers_of(found, layout, hand),
+                                   markers_of(angles, layout, hand), atol=2e-6)
+
+
+def test_the_thumb_s_lean_stays_within_its_limits():
+    limits = HAND.limits.copy()
+    limits[MCP_ABDUCTION] = np.radians((-3., 3.))
+    hand = HAND.replace(limits=limits, thumb_mcp_abduction=np.radians(-8.))
+    found, _ = solve(chains(hand, PAPER.mounting(hand)), markers_of(next(poses(1))))
+    assert np.degrees(found[MCP_ABDUCTION]) == pytest.approx(-3.)
 
 
 def test_a_person_s_own_flexion_finds_the_bends_that_an_average_one_s_misses():
@@ -154,7 +181,8 @@ def test_measured_last_joints_take_the_place_of_their_coupling():
         assert measured.start[digit] == straightest(Linkage(
             tuple(coupled.bones[digit]), coupled.droop[digit],
             tuple(HAND.limits[FLEXION_JOINTS[digit], 0]),
-            tuple(HAND.limits[FLEXION_JOINTS[digit], 1]), *measured.coupling[digit]))
+            tuple(HAND.limits[FLEXION_JOINTS[digit], 1]), *measured.coupling[digit],
+            coupled.hinges[digit]))
     # And what was measured is forgotten where it no longer is.
     measure(pack, np.full(5, np.nan), copy)
     for part, expected in zip(measured, coupled):

@@ -14,7 +14,7 @@ from hand_tracker.core.inverse_kinematics.two_bone import (
 
 BONES = np.array((.045, .026))
 LOWER, UPPER = np.radians((-10., -10.)), np.radians((85., 95.))
-TWO_HINGES = Linkage((*BONES, 0.), 0., (*LOWER, 0.), (*UPPER, 0.), 0., 0.)
+TWO_HINGES = Linkage((*BONES, 0.), 0., (*LOWER, 0.), (*UPPER, 0.), 0., 0., 2)
 THREE_BONES = np.array((.045, .026, .018))
 
 
@@ -24,7 +24,7 @@ def end(angles, bones=BONES):
 
 
 def solve(target, start=(0., 0.), tolerance=1e-6, iterations=5000):
-    *angles, used = fabrik(*target, TWO_HINGES, 2, tuple(start), tolerance, iterations)
+    *angles, used = fabrik(*target, TWO_HINGES, tuple(start), tolerance, iterations)
     return np.array(angles), used
 
 
@@ -81,14 +81,14 @@ def test_needs_more_iterations_the_straighter_the_finger():
 @pytest.mark.parametrize('slope, offset, droop', [(.4, 0., 0.), (.8, 0., .1), (1., .1, -.1)])
 def test_three_hinges_keep_their_coupling_in_every_iterate(slope, offset, droop):
     linkage = Linkage(tuple(THREE_BONES), droop, (*LOWER, LOWER[1]), (*UPPER, UPPER[1]), slope,
-                      offset)
+                      offset, 3)
     rng = np.random.default_rng(2)
     for first, second in rng.uniform((LOWER[0], .2), (UPPER[0], 1.4), size=(100, 2)):
         third = coupled_angle(linkage, second)
         target = end(np.array((first, second, third + droop)), THREE_BONES)
         near = (clip_to_limits(first + rng.normal(scale=.2), 0),
                 clip_to_limits(second + rng.normal(scale=.2), 1))
-        found1, found2, used = fabrik(*target, linkage, 3, near, 1e-6, 500)
+        found1, found2, used = fabrik(*target, linkage, near, 1e-6, 500)
         np.testing.assert_allclose((found1, found2), (first, second), atol=np.radians(.1))
         assert used > 0
 

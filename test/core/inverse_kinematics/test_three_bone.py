@@ -21,7 +21,8 @@ LIMITS = np.radians(((-20., 20.), (-5., 30.), (-10., 95.)))
 
 
 def linkage(slope, offset=0., droop=0.):
-    return Linkage(BONES, droop, tuple(LIMITS[:, 0]), tuple(LIMITS[:, 1]), slope, offset)
+    return Linkage(BONES, droop, tuple(LIMITS[:, 0]), tuple(LIMITS[:, 1]), slope, offset,
+                   3)
 
 
 def end(angles, droop=0.):

@@ -27,7 +27,7 @@ def end(first, second, droop=0., bones=BONES):
 
 
 def linkage(droop=0.):
-    return Linkage((*BONES, 0.), droop, (*LOWER, 0.), (*UPPER, 0.), 0., 0.)
+    return Linkage((*BONES, 0.), droop, (*LOWER, 0.), (*UPPER, 0.), 0., 0., 2)
 
 
 def solve(along, height, droop=0., previous=0., step=1., natural=NATURAL):

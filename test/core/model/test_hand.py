@@ -32,7 +32,7 @@ TABLE_1 = {
     'thumb_ip': (10, 95, None, None),
     'finger_dip': (10, 90, None, None),
 }
-NOT_ARRAYS = ('palm_radius', 'side')
+NOT_ARRAYS = ('side', 'palm_radius', 'thumb_mcp_abduction')
 
 # Pads meet: abduction, MCP, PIP, DIP of the finger; the thumb's five [degrees].
 OPPOSITION = {
@@ -86,8 +86,19 @@ def test_wide_contains_paper_in_every_joint():
     assert np.degrees(wide[JOINTS.index('ring_pip_flexion'), 1]) >= 111.
 
 
+def test_wearer_is_table_1_widened_to_the_range_of_motion_and_never_narrowed():
+    shown = np.zeros((25, 2))
+    index, ring = JOINTS.index('index_mcp_flexion'), JOINTS.index('ring_pip_flexion')
+    shown[index], shown[ring] = (-.5, .3), (.2, 2.)
+    expected = preset_limits('paper')
+    expected[index, 0], expected[ring, 1] = -.5, 2.
+    assert np.array_equal(preset_limits('wearer', shown), expected)
+    assert np.array_equal(preset_limits('wearer'), preset_limits('paper'))
+    assert np.array_equal(preset_limits('wide', shown), preset_limits('wide'))
+
+
 def test_unknown_preset_names_those_there_are():
-    with pytest.raises(InvalidHand, match="no preset 'strict'; there are paper, wide"):
+    with pytest.raises(InvalidHand, match="no preset 'strict'; there are paper, wide, wearer"):
         preset_limits('strict')
     with pytest.raises(InvalidHand, match="no preset 'strict'; there are natural, paper"):
         preset_coupling('strict')
@@ -213,6 +224,7 @@ def changed(name, index, value):
      'natural_flexion offset[1]: 2; allowed is -1.5708 to 1.5708 rad'),
     (changed('natural_flexion', (4, 2), 0.),
      'natural_flexion spread[4]: 0; allowed is 0.0349066 to 1.5708 rad'),
+    (changed('palm_synergy', 3, .7), 'palm_synergy[3]: 0.7; allowed is 0 to 0.6'),
     ({'side': 'both'}, "side: 'both' is not one of right, left"),
     ({'thumb_bones': 'long'}, "thumb_bones: 'long' is not made of numbers"),
     ({'thumb_bones': (.04, .03)}, 'thumb_bones: its shape is (2,); expected (3,)'),

@@ -28,7 +28,7 @@ def test_rigid_palm_is_the_least_squares_fit():
     rng = np.random.default_rng(4)
     for _ in range(200):
         markers, _, _ = random_palm(rng, noise=.003)
-        axes, origin = rigid_palm(*vectors(*markers), *vectors(*TEMPLATE))
+        axes, origin = rigid_palm(tuple(vectors(*markers)), TEMPLATE)
         expected, _ = Rotation.align_vectors(
             markers - markers.mean(axis=0), TEMPLATE - TEMPLATE.mean(axis=0))
         np.testing.assert_allclose(np.array(axes).T, expected.as_matrix(), atol=1e-9)

@@ -1,0 +1,331 @@
+"""Angles of a digit with several markers: damped Gauss-Newton on all its joints.
+
+Each marker is weighted by its deviation, and less the farther it is from the digit. What the
+markers leave open is decided by the coupling of the last joint, by the flexion natural for the
+person, and, while the principal marker is hidden, by the last frame. Ours.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..model.marker_rows import MarkerRows, RowState
+from ..numerics.cholesky import solve_damped
+from ..numerics.jit import jit
+from ..numerics.vectors import (
+    Frame,
+    Vector,
+    add,
+    clamp,
+    cross,
+    frame,
+    rotate,
+    scale,
+    subtract,
+    vector,
+)
+from .digit import THUMB, Chains
+
+CHAIN_JOINTS = 5
+MOST_STEPS = 12
+SOLVE_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-4, 1e-7, 1e4
+SETTLED = 1e-6                # [rad²] of the step after which there is none
+OUTLIER = .015                # [m] distance at which a marker's weight falls to a quarter
+# Standard deviations of the joints about zero, along the chain [rad]: wide, but for the thumb's MCP
+# abduction, which hardly moves. Ours.
+FINGER_SPREADS = (1., .35, 1., 1., 1.)
+THUMB_SPREADS = (.6, .6, .09, 1., 1.)
+MEASURED_SPREAD = .01         # [rad] of a last joint that a sensor measures
+# Random walk of a joint while the digit's principal marker is hidden [rad/√s].
+WALK = 1.5
+FAR_OFF = 25.                 # [1] mean cost of a marker, as of five deviations
+NATURAL_WEIGHT = .1           # [1] of the natural flexion beside markers that show the bend
+
+
+class Sketch(NamedTuple):
+    """Scratch memory of a digit's fit.
+
+    Attributes
+    ----------
+    frames : ndarray, shape (5, 3, 3)
+        Axes of the links, one a row, in the wrist's frame.
+    origins, axes : ndarray, shape (5, 3)
+        Joints, and the axes about which they turn [m].
+    matrix, factor : ndarray, shape (5, 5)
+        Normal equations, and their factor.
+    gradient, step : ndarray, shape (5,)
+    angles, tried, last : ndarray, shape (5,)
+        Of the digit's joints [rad].
+    by : ndarray, shape (3, 5)
+        Derivatives of a marker by the joints [m/rad].
+    """
+
+    frames: np.ndarray
+    origins: np.ndarray
+    axes: np.ndarray
+    matrix: np.ndarray
+    factor: np.ndarray
+    gradient: np.ndarray
+    step: np.ndarray
+    angles: np.ndarray
+    tried: np.ndarray
+    last: np.ndarray
+    by: np.ndarray
+
+
+@jit
+def new_sketch() -> Sketch:
+    """Return scratch memory."""
+    return Sketch(np.empty((5, 3, 3)), np.empty((5, 3)), np.empty((5, 3)), np.empty((5, 5)),
+                  np.empty((5, 5)), np.empty(5), np.empty(5), np.empty(5), np.empty(5),
+                  np.empty(5), np.empty((3, 5)))
+
+
+@jit
+def turn_about_y(axes: Frame, angle: float) -> Frame:
+    """Return a frame turned about its y axis by an angle [rad]: flexion."""
+    c, s = math.cos(angle), math.sin(angle)
+    return (subtract(scale(axes[0], c), scale(axes[2], s)), axes[1],
+            add(scale(axes[0], s), scale(axes[2], c)))
+
+
+@jit
+def turn_about_z(axes: Frame, angle: float) -> Frame:
+    """Return a frame turned about its z axis by an angle [rad]: abduction."""
+    c, s = math.cos(angle), math.sin(angle)
+    return (add(scale(axes[0], c), scale(axes[1], s)),
+            subtract(scale(axes[1], c), scale(axes[0], s)), axes[2])
+
+
+@jit
+def place_digit(chains: Chains, bones: np.ndarray, digit: int, angles: np.ndarray,
+                sketch: Sketch) -> None:
+    """Write the links of a digit, the palm flat, for angles (5,) along its chain [rad]."""
+    axes, origin = frame(chains.base[digit]), vector(chains.root[digit])
+    is_thumb = digit == THUMB
+    sign = chains.sign[digit]
+    for j in range(CHAIN_JOINTS):
+        if j == 0 and not is_thumb:
+            _write_link(sketch, 0, axes, origin, (0., 0., 0.))
+            continue
+        if j == 0 or j == 1 and not is_thumb or j == 2 and is_thumb:
+            if j == 2:
+                origin = add(origin, scale(axes[0], bones[digit, 0]))
+            axes = turn_about_z(axes, sign * angles[j])
+            _write_link(sketch, j, axes, origin, scale(axes[2], sign))
+            continue
+        if j >= 3 and not (j == 3 and is_thumb):
+            origin = add(origin, scale(axes[0], bones[digit, 1 if is_thumb else j - 3]))
+        first = j == (1 if is_thumb else 2)
+        axes = turn_about_y(axes, angles[j] + (chains.tilt[digit] if first else 0.))
+        _write_link(sketch, j, axes, origin, axes[1])
+
+
+@jit
+def _write_link(sketch: Sketch, j: int, axes: Frame, origin: Vector, turn: Vector) -> None:
+    """Write a link's frame and its joint into the sketch."""
+    for i in range(3):
+        sketch.origins[j, i], sketch.axes[j, i] = origin[i], turn[i]
+        for k in range(3):
+            sketch.frames[j, k, i] = axes[k][i]
+
+
+@jit
+def on_digit(rows: MarkerRows, row: int, angles: np.ndarray,
+             sketch: Sketch) -> tuple[Vector, Vector]:
+    """Return a marker's place on a placed digit, and the landmark that it is at [m]."""
+    link = rows.link[row]
+    axes = (vector(sketch.frames[link, 0]), vector(sketch.frames[link, 1]),
+            vector(sketch.frames[link, 2]))
+    end = add(vector(sketch.origins[link]), rotate(axes, vector(rows.end[row])))
+    share = rows.share[row]
+    if share != 0. and link < CHAIN_JOINTS - 1:
+        axes = turn_about_y(axes, share * angles[link + 1])
+    return add(end, rotate(axes, vector(rows.offset[row]))), end
+
+
+@jit
+def solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit: int,
+                       solved: np.ndarray, step: float, sketch: Sketch) -> tuple[int, float]:
+    """Solve a digit's angles by all its measured markers, in `state.angles`.
+
+    Parameters
+    ----------
+    chains : Chains
+    rows : MarkerRows
+    state : RowState
+        Its `local` are the markers; its `angles` are the last frame's and replaced.
+    digit : int
+    solved : ndarray, shape (25,)
+        Angles by the principal marker, where the solution begins if they fit better [rad].
+    step : float
+        Since the last frame [s].
+    sketch : Sketch
+
+    Returns
+    -------
+    seen : int
+        Measured markers of the digit; angles are replaced if there is one.
+    cost : float
+        Of the solution, as a mean over these markers, in squared deviations [1].
+    """
+    seen = 0
+    for row in range(rows.used[0]):
+        if rows.digit[row] == digit and state.is_measured[row]:
+            seen += 1
+    if seen == 0:
+        return 0, 0.
+    # The thumb's joints are all free; the palm's arch is solved already.
+    first = 0 if digit == THUMB else 1
+    walk = 0. if state.is_measured[3 + digit] else WALK * math.sqrt(max(step, 1e-4))
+    angles, tried = sketch.angles, sketch.tried
+    for j in range(CHAIN_JOINTS):
+        angles[j] = clamp(state.angles[5 * digit + j], chains.lower[5 * digit + j],
+                          chains.upper[5 * digit + j])
+        sketch.last[j] = angles[j]
+        tried[j] = solved[5 * digit + j]
+    cost = _equations(chains, rows, state, digit, angles, walk, sketch)
+    if cost > seen * FAR_OFF:
+        # The last frame says little: begin where the principal marker's solution fits better.
+        if _equations(chains, rows, state, digit, tried, walk, sketch) < cost:
+            for j in range(CHAIN_JOINTS):
+                angles[j] = tried[j]
+        cost = _equations(chains, rows, state, digit, angles, walk, sketch)
+    damping = SOLVE_DAMPING
+    for _ in range(MOST_STEPS):
+        _hold(chains, digit, first, sketch)
+        if not solve_damped(sketch.matrix, sketch.gradient, CHAIN_JOINTS, damping,
+                            sketch.factor, sketch.step):
+            break
+        size = 0.
+        for j in range(CHAIN_JOINTS):
+            joint = 5 * digit + j
+            tried[j] = clamp(angles[j] + sketch.step[j], chains.lower[joint], chains.upper[joint])
+            size += (tried[j] - angles[j]) ** 2
+        if size < SETTLED and damping <= SOLVE_DAMPING:
+            # So small a step of an undamped solution needs no proof.
+            for j in range(CHAIN_JOINTS):
+                angles[j] = tried[j]
+            break
+        found = _equations(chains, rows, state, digit, tried, walk, sketch)
+        if found <= cost:
+            cost = found
+            for j in range(CHAIN_JOINTS):
+                angles[j] = tried[j]
+            damping = max(.1 * damping, LEAST_DAMPING)
+            if size < SETTLED:
+                break
+        else:
+            damping = 10. * max(damping, .01)
+            if damping > MOST_DAMPING or size < 1e-2 * SETTLED:
+                break
+            _equations(chains, rows, state, digit, angles, walk, sketch)
+    for j in range(first, CHAIN_JOINTS):
+        state.angles[5 * digit + j] = angles[j]
+    return seen, cost / seen
+
+
+@jit
+def _hold(chains: Chains, digit: int, first: int, sketch: Sketch) -> None:
+    """Hold joints at a limit that they are pulled beyond, and those before the first."""
+    for j in range(CHAIN_JOINTS):
+        joint = 5 * digit + j
+        pull = sketch.gradient[j]
+        if j >= first and not (sketch.angles[j] <= chains.lower[joint] and pull < 0.
+                               or sketch.angles[j] >= chains.upper[joint] and pull > 0.):
+            continue
+        for k in range(CHAIN_JOINTS):
+            sketch.matrix[j, k] = 0.
+            sketch.matrix[k, j] = 0.
+        sketch.matrix[j, j] = 1.
+        sketch.gradient[j] = 0.
+
+
+@jit
+def _equations(chains: Chains, rows: MarkerRows, state: RowState, digit: int, angles: np.ndarray,
+               walk: float, sketch: Sketch) -> float:
+    """Write the normal equations at angles (5,) into the sketch; return the cost."""
+    matrix, gradient, by = sketch.matrix, sketch.gradient, sketch.by
+    matrix[:] = 0.
+    gradient[:] = 0.
+    cost = 0.
+    place_digit(chains, rows.bones, digit, angles, sketch)
+    for row in range(rows.used[0]):
+        if rows.digit[row] != digit or not state.is_measured[row]:
+            continue
+        place, end = on_digit(rows, row, angles, sketch)
+        miss = subtract(vector(state.local[row]), place)
+        square = miss[0] * miss[0] + miss[1] * miss[1] + miss[2] * miss[2]
+        loss = 1. + square / (OUTLIER * OUTLIER)
+        cost += square / (rows.variance[row] * loss)
+        weight = 1. / (rows.variance[row] * loss * loss)
+        link = rows.link[row]
+        joints = link + 1
+        for j in range(joints):
+            v = cross(vector(sketch.axes[j]), subtract(place, vector(sketch.origins[j])))
+            by[0, j], by[1, j], by[2, j] = v[0], v[1], v[2]
+        share = rows.share[row]
+        if share != 0. and link < CHAIN_JOINTS - 1:
+            v = cross(vector(sketch.frames[link, 1]), subtract(place, end))
+            by[0, joints], by[1, joints], by[2, joints] = share * v[0], share * v[1], share * v[2]
+            joints += 1
+        for i in range(joints):
+            gradient[i] += weight * (by[0, i] * miss[0] + by[1, i] * miss[1] + by[2, i] * miss[2])
+            for j in range(i + 1):
+                matrix[i, j] += weight * (
+                    by[0, i] * by[0, j] + by[1, i] * by[1, j] + by[2, i] * by[2, j])
+    return cost + _priors(chains, digit, angles, walk, sketch)
+
+
+@jit
+def _priors(chains: Chains, digit: int, angles: np.ndarray, walk: float,
+            sketch: Sketch) -> float:
+    """Add the usual angles, the natural flexion, the coupling and the last frame; return costs."""
+    matrix, gradient = sketch.matrix, sketch.gradient
+    spreads = THUMB_SPREADS if digit == THUMB else FINGER_SPREADS
+    cost = 0.
+    for j in range(CHAIN_JOINTS):
+        weight = spreads[j] ** -2
+        cost += weight * angles[j] * angles[j]
+        matrix[j, j] += weight
+        gradient[j] -= weight * angles[j]
+        if walk > 0.:
+            off = angles[j] - sketch.last[j]
+            weight = walk ** -2
+            cost += weight * off * off
+            matrix[j, j] += weight
+            gradient[j] -= weight * off
+    first = 1 if digit == THUMB else 2
+    second = 3
+    natural = chains.natural[digit]
+    cost += _link(matrix, gradient, angles, second, first, natural[0], natural[1],
+                  natural[2] / math.sqrt(NATURAL_WEIGHT))
+    cost += _link(matrix, gradient, angles, 4, 3, chains.coupling[digit, 0],
+                  chains.coupling[digit, 1],
+                  MEASURED_SPREAD if chains.measured[digit] else chains.coupling_spread[digit])
+    return cost
+
+
+@jit
+def _link(matrix: np.ndarray, gradient: np.ndarray, angles: np.ndarray, joint: int, of: int,
+          slope: float, offset: float, spread: float) -> float:
+    """Add that a joint follows an earlier one: slope, offset and spread; return the cost."""
+    weight = spread ** -2
+    off = angles[joint] - slope * angles[of] - offset
+    matrix[joint, joint] += weight
+    matrix[joint, of] -= weight * slope
+    matrix[of, of] += weight * slope * slope
+    gradient[joint] -= weight * off
+    gradient[of] += weight * slope * off
+    return weight * off * off
+
+
+@jit
+def principal_place(chains: Chains, rows: MarkerRows, state: RowState, digit: int,
+                    sketch: Sketch) -> Vector:
+    """Return where a digit's principal marker is by its solved angles, the palm flat [m]."""
+    for j in range(CHAIN_JOINTS):
+        sketch.angles[j] = state.angles[5 * digit + j]
+    place_digit(chains, rows.bones, digit, sketch.angles, sketch)
+    return on_digit(rows, 3 + digit, sketch.angles, sketch)[0]

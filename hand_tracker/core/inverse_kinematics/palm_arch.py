@@ -1,0 +1,270 @@
+"""Pose and arch of a palm with any number of markers: damped Gauss-Newton on both.
+
+Markers on the knuckles ride on the metacarpals, which flex at the fingers' CMC joints as the palm
+cups. A marker more than three makes that arch observable; how far the metacarpals usually flex,
+and that the ring finger's goes along with the little's, decides where markers tell little. Ours.
+"""
+
+import math
+
+import numpy as np
+
+from ..model.hand import FLEXION_JOINTS
+from ..model.marker_rows import MarkerRows, RowState
+from ..model.palm_triangle import Wrist, rigid_palm
+from ..numerics.cholesky import solve_damped
+from ..numerics.jit import jit
+from ..numerics.vectors import (
+    Vector,
+    add,
+    clamp,
+    components,
+    frame,
+    rotate_about,
+    store,
+    subtract,
+    vector,
+)
+
+POSE_UNKNOWNS, UNKNOWNS = 6, 10       # turn and shift of the wrist; then the four CMC flexions
+MOST_PALM_STEPS, LEAST_PALM_STEPS = 10, 3
+PALM_DAMPING = 1e-9                   # [1]
+PALM_STEP_SPREADS = (1., .3)          # [rad, m] of one step: what no marker tells stays
+SETTLED_PALM = 1e-11                  # [rad², m²] of the step after which there is none
+PALM_OUTLIER = .015                   # [m] distance at which a marker's weight falls to a quarter
+FIRST_PALM_OUTLIER = .04              # [m] in the second step; the first takes all markers alike
+LOST_PALM = .03                       # [m] of the markers from the last pose: begin anew
+# Standard deviations of the CMC flexions from flat: index and middle, ring about its share of the
+# little's, little [rad]. Flexion ranges over 11, 7, 20 and 27 degrees, El-shennawy et al. (2001),
+# but those of index and middle hardly move by themselves: skin looks as if they did.
+CMC_SPREADS = (.008, .008, .07, .35)
+RING_SHARE = .5                       # [1] of the little finger's CMC flexion
+RING_FLEXION, LITTLE_FLEXION = (int(joint) for joint in FLEXION_JOINTS[2:4, 0])
+LEAST_FREE = 4                        # markers of the palm that tell an arch
+
+
+@jit
+def synergy(gains: np.ndarray, angles: np.ndarray, lower: np.ndarray, upper: np.ndarray,
+            arch: np.ndarray) -> None:
+    """Write the CMC flexions (4,) that usually go with the angles (25,), within limits [rad].
+
+    `gains` is as `Hand.palm_synergy`.
+    """
+    flexion = max(.5 * (angles[RING_FLEXION] + angles[LITTLE_FLEXION]), 0.)
+    for finger in range(4):
+        arch[finger] = clamp(gains[finger] * flexion, lower[5 * finger], upper[5 * finger])
+
+
+@jit
+def on_palm(rows: MarkerRows, row: int, flexion: float) -> Vector:
+    """Return a palm marker's place with its metacarpal flexed, in the wrist's frame [m]."""
+    flat = add(vector(rows.end[row]), vector(rows.offset[row]))
+    return flexed(flat, vector(rows.cmc[rows.link[row]]), flexion)
+
+
+@jit
+def flexed(place: Vector, center: Vector, flexion: float) -> Vector:
+    """Return a place turned about a CMC joint by its flexion, which lowers what is distal."""
+    if flexion == 0.:
+        return place
+    x, y, z = subtract(place, center)
+    c, s = math.cos(flexion), math.sin(flexion)
+    return add(center, (c * x + s * z, y, c * z - s * x))
+
+
+@jit
+def fit_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upper: np.ndarray,
+             is_free: bool, wrist: Wrist) -> int:
+    """Fit wrist and arch to the measured markers of the palm.
+
+    Parameters
+    ----------
+    rows : MarkerRows
+    state : RowState
+        Its `arch` is where the fit begins, and is replaced where it is free.
+    lower, upper : ndarray, shape (25,)
+        Joint limits [rad].
+    is_free : bool
+        Whether the arch is fitted too.
+    wrist : Wrist
+        Where the fit begins if it was placed; pose replaced.
+
+    Returns
+    -------
+    int
+        Measured markers of the palm.
+    """
+    seen = 0
+    for row in range(rows.used[0]):
+        if rows.digit[row] < 0 and state.is_measured[row]:
+            seen += 1
+    if seen == 0 or seen < 3 and not wrist.placed[0]:
+        return 0
+    if seen >= 3 and (not wrist.placed[0] or _mean_miss(rows, state, wrist) > LOST_PALM):
+        _place_by_three(rows, state, wrist)
+    is_free = is_free and seen >= LEAST_FREE
+    count = UNKNOWNS if is_free else POSE_UNKNOWNS
+    matrix = np.empty((UNKNOWNS, UNKNOWNS))
+    factor = np.empty((UNKNOWNS, UNKNOWNS))
+    gradient = np.empty(UNKNOWNS)
+    step = np.zeros(UNKNOWNS)
+    for number in range(MOST_PALM_STEPS):
+        outlier = (math.inf if number == 0 else FIRST_PALM_OUTLIER if number == 1
+                   else PALM_OUTLIER)
+        _palm_equations(rows, state, wrist, outlier, matrix, gradient)
+        if is_free:
+            _arch_prior(state.arch, lower, upper, matrix, gradient)
+        if not solve_damped(matrix, gradient, count, PALM_DAMPING, factor, step):
+            break
+        _move(wrist, step)
+        size = 0.
+        for finger in range(4):
+            if is_free:
+                joint = 5 * finger
+                state.arch[finger] = clamp(state.arch[finger] + step[POSE_UNKNOWNS + finger],
+                                           lower[joint], upper[joint])
+        for k in range(UNKNOWNS):
+            size += step[k] * step[k]
+        if number + 1 >= LEAST_PALM_STEPS and size < SETTLED_PALM:
+            break
+    return seen
+
+
+@jit
+def _mean_miss(rows: MarkerRows, state: RowState, wrist: Wrist) -> float:
+    """Return the mean distance of the palm's markers from their places on the last pose [m]."""
+    axes, origin = frame(wrist.rotation), vector(wrist.position)
+    total, count = 0., 0
+    for row in range(rows.used[0]):
+        if rows.digit[row] < 0 and state.is_measured[row]:
+            flexion = state.arch[rows.link[row]] if rows.link[row] >= 0 else 0.
+            x, y, z = subtract(components(axes, subtract(vector(state.points[row]), origin)),
+                               on_palm(rows, row, flexion))
+            total += math.sqrt(x * x + y * y + z * z)
+            count += 1
+    return total / count
+
+
+@jit
+def _place_by_three(rows: MarkerRows, state: RowState, wrist: Wrist) -> None:
+    """Place the wrist by the three measured markers of the largest triangle on the hand."""
+    largest, a, b, c = -1., 0, 0, 0
+    for i in range(rows.used[0]):
+        for j in range(i):
+            for k in range(j):
+                if not (_is_shown(rows, state, i) and _is_shown(rows, state, j)
+                        and _is_shown(rows, state, k)):
+                    continue
+                size = _triangle(on_palm(rows, i, 0.), on_palm(rows, j, 0.), on_palm(rows, k, 0.))
+                if size > largest:
+                    largest, a, b, c = size, i, j, k
+    corners = vector(state.points[a]), vector(state.points[b]), vector(state.points[c])
+    if _triangle(*corners) <= 0.:
+        return
+    template = np.empty((3, 3))
+    store(template, 0, on_palm(rows, a, 0.))
+    store(template, 1, on_palm(rows, b, 0.))
+    store(template, 2, on_palm(rows, c, 0.))
+    axes, origin = rigid_palm(corners, template)
+    for i in range(3):
+        wrist.position[i] = origin[i]
+        for k in range(3):
+            wrist.rotation[i, k] = axes[k][i]
+
+
+@jit
+def _is_shown(rows: MarkerRows, state: RowState, row: int) -> bool:
+    """Return whether a row is a measured marker of the palm."""
+    return rows.digit[row] < 0 and state.is_measured[row]
+
+
+@jit
+def _triangle(a: Vector, b: Vector, c: Vector) -> float:
+    """Return four times the squared area of a triangle [m⁴]."""
+    u, v = subtract(b, a), subtract(c, a)
+    x, y, z = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
+    return x * x + y * y + z * z
+
+
+@jit
+def _palm_equations(rows: MarkerRows, state: RowState, wrist: Wrist, outlier: float,
+                    matrix: np.ndarray, gradient: np.ndarray) -> None:
+    """Write the normal equations of a step by the measured markers, in the wrist's frame."""
+    matrix[:] = 0.
+    gradient[:] = 0.
+    for k in range(POSE_UNKNOWNS):
+        matrix[k, k] = PALM_STEP_SPREADS[k // 3] ** -2
+    axes, origin = frame(wrist.rotation), vector(wrist.position)
+    by = np.zeros((3, UNKNOWNS))
+    for row in range(rows.used[0]):
+        if not _is_shown(rows, state, row):
+            continue
+        finger = rows.link[row]
+        x, y, z = on_palm(rows, row, state.arch[finger] if finger >= 0 else 0.)
+        ex, ey, ez = subtract(
+            components(axes, subtract(vector(state.points[row]), origin)), (x, y, z))
+        loss = 1. + (ex * ex + ey * ey + ez * ez) / (outlier * outlier)
+        weight = 1. / (rows.variance[row] * loss * loss)
+        by[:] = 0.
+        by[0, 1], by[0, 2], by[0, 3] = z, -y, 1.
+        by[1, 0], by[1, 2], by[1, 4] = -z, x, 1.
+        by[2, 0], by[2, 1], by[2, 5] = y, -x, 1.
+        last = POSE_UNKNOWNS
+        if finger >= 0:
+            last = POSE_UNKNOWNS + finger + 1
+            by[0, last - 1] = z - rows.cmc[finger, 2]
+            by[2, last - 1] = rows.cmc[finger, 0] - x
+        for i in range(last):
+            if POSE_UNKNOWNS <= i < last - 1:
+                continue
+            gradient[i] += weight * (by[0, i] * ex + by[1, i] * ey + by[2, i] * ez)
+            for j in range(i + 1):
+                matrix[i, j] += weight * (
+                    by[0, i] * by[0, j] + by[1, i] * by[1, j] + by[2, i] * by[2, j])
+
+
+@jit
+def _arch_prior(arch: np.ndarray, lower: np.ndarray, upper: np.ndarray, matrix: np.ndarray,
+                gradient: np.ndarray) -> None:
+    """Add how the metacarpals usually flex to the equations; hold those pulled beyond limits."""
+    first, ring, little = POSE_UNKNOWNS, POSE_UNKNOWNS + 2, POSE_UNKNOWNS + 3
+    for finger in (0, 1, 3):
+        weight = CMC_SPREADS[finger] ** -2
+        matrix[first + finger, first + finger] += weight
+        gradient[first + finger] -= weight * arch[finger]
+    weight = CMC_SPREADS[2] ** -2
+    off = arch[2] - RING_SHARE * arch[3]
+    matrix[ring, ring] += weight
+    matrix[little, ring] -= weight * RING_SHARE
+    matrix[little, little] += weight * RING_SHARE * RING_SHARE
+    gradient[ring] -= weight * off
+    gradient[little] += weight * RING_SHARE * off
+    for finger in range(4):
+        at = first + finger
+        pull = gradient[at]
+        if not (arch[finger] <= lower[5 * finger] and pull < 0.
+                or arch[finger] >= upper[5 * finger] and pull > 0.):
+            continue
+        for k in range(UNKNOWNS):
+            matrix[at, k] = 0.
+            matrix[k, at] = 0.
+        matrix[at, at] = 1.
+        gradient[at] = 0.
+
+
+@jit
+def _move(wrist: Wrist, step: np.ndarray) -> None:
+    """Turn and shift the wrist by a step in its own frame."""
+    turn = (step[0], step[1], step[2])
+    angle = math.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
+    axes = frame(wrist.rotation)
+    for k in range(3):
+        for i in range(3):
+            wrist.position[i] += axes[k][i] * step[3 + k]
+    if angle > 0.:
+        about = (turn[0] / angle, turn[1] / angle, turn[2] / angle)
+        for k in range(3):
+            unit = (1. if k == 0 else 0., 1. if k == 1 else 0., 1. if k == 2 else 0.)
+            x, y, z = rotate_about(about, angle, unit)
+            for i in range(3):
+                wrist.rotation[i, k] = axes[0][i] * x + axes[1][i] * y + axes[2][i] * z

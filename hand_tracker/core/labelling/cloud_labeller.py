@@ -1,0 +1,393 @@
+"""Labels for points without names: which point is which marker of which hand.
+
+`CloudLabeller` owns the state: one or two hands that are searched, found and followed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .following import (
+    ASTRAY,
+    DOUBT,
+    LEAST_FOLLOWED,
+    HandTrack,
+    begin_track,
+    continue_clutter,
+    follow_hands,
+    no_clutter,
+    relabel,
+    remember_clutter,
+    start_places,
+)
+from .palm_search import (
+    COST,
+    DISTANCE,
+    Finding,
+    blank_candidates,
+    blank_finding,
+    label_candidates,
+    search_palms,
+)
+from .prototypes import HandPrototype, Prototype
+
+SEARCH_BUDGET = 60_000      # distances of points from markers in a frame's search; ours
+DOUBT_BUDGET = 6_000        # the same where the hand is followed; ours
+LONGEST_PAUSE = .25          # [s] after which nothing is followed
+ACCEPTED_DISTANCE = 4.      # of a hand that is found, relative to the typical one; ours
+# Cost by which another labelling must be better, where it changes labels just given, and where
+# these have long been the best; it counts once for each time in which postures change, up to
+# some of them [variances, s]; ours.
+RIVAL_MARGIN = 6.
+TRUSTED_MARGIN = 40.
+RIVAL_TIME = .1
+RIVAL_TIMES = 4.
+TRUST_TIME = 1.             # [s] in which labels that are the best become trusted; ours
+RELABELLING_FRAMES = 6      # between two looks for another labelling
+SEARCH_FRAMES = 36          # between two searches for another place of the palm
+PRESSING_FRAMES = 2         # the same where the present one is in doubt
+STILL_SEEN = .75            # of the markers seen before; with fewer the frame may be cut, ours
+SHAKEN_TIME = .1            # [s] for which another labelling is then taken at once; ours
+SHAKEN_MARGIN = 3.          # by which it must be better, in variances; ours
+UNLIKELY = 1.5              # posture, relative to the typical, that puts labels in doubt; ours
+NEWLY_SEEN_COST = 12.       # of each marker that another labelling of a followed hand sees more
+MIRROR_MARGIN = 6.            # by which the mirrored hand must not fit better; ours
+UNTIMED_STEP = 1. / 120.     # [s]
+
+
+@dataclass(frozen=True)
+class LabellerOptions:
+    """Options of the labeller.
+
+    Parameters
+    ----------
+    patience : float
+        Time after which a label that the others contradict is given up, and a hand that is not
+        seen is lost [s].
+    """
+
+    patience: float = .2
+
+
+class CloudLabels(NamedTuple):
+    """Labels of a frame.
+
+    Attributes
+    ----------
+    rows : tuple of ndarray of int, shape (M,)
+        For each hand the point of each marker, -1 where it is hidden; all -1 where the hand is
+        not found.
+    found : tuple of bool
+        Whether each hand is followed.
+    other_side : tuple of bool
+        Whether the last search of each found a hand of the other side instead.
+    """
+
+    rows: tuple[np.ndarray, ...]
+    found: tuple[bool, ...]
+    other_side: tuple[bool, ...]
+
+
+class _Hand:
+    """State of one hand: its prototype, track, and what its search has found."""
+
+    def __init__(self, prototype: HandPrototype) -> None:
+        self.prototype = prototype
+        self.statistics: Prototype = prototype.statistics
+        self.mirrored: Prototype = prototype.mirrored().statistics
+        self.count = len(prototype.names)
+        self.track: HandTrack | None = None
+        self.confirmed = False
+        self.searched = 0
+        self.first = 0
+        self.since_relabelling = 0
+        self.shaken_for = 0.
+        self.since_search = 0
+        self.is_other_side = False
+
+    def lose(self) -> None:
+        self.track, self.confirmed, self.searched = None, False, 0
+
+
+def _lead(rival: Finding, present: Finding) -> float:
+    """Return by how much a rival costs less than the present labels of a followed hand.
+
+    Markers that are hidden are expected to stay so.
+    """
+    more = (rival.rows >= 0).sum() - (present.rows >= 0).sum()
+    return float(present.numbers[COST] - rival.numbers[COST] - NEWLY_SEEN_COST * max(more, 0))
+
+
+class CloudLabeller:
+    """Label points that have no names, or names that change.
+
+    Parameters
+    ----------
+    prototypes : sequence of HandPrototype
+        Of the hands to find, each once.
+    options : LabellerOptions, optional
+
+    Examples
+    --------
+    >>> labeller = CloudLabeller([prototype])
+    >>> labels = labeller.update(points)  # points: (n, 3) [m], in any order
+    >>> index = labels.rows[0][prototype.names.index('index')]
+    """
+
+    def __init__(self, prototypes: Sequence[HandPrototype],
+                 options: LabellerOptions | None = None) -> None:
+        self.options = LabellerOptions() if options is None else options
+        self._hands = [_Hand(prototype) for prototype in prototypes]
+        self._time: float | None = None
+        self._clutter = no_clutter()
+
+    @property
+    def prototypes(self) -> tuple[HandPrototype, ...]:
+        """The hands' prototypes."""
+        return tuple(hand.prototype for hand in self._hands)
+
+    def reset(self) -> None:
+        """Forget all hands."""
+        self._time = None
+        for hand in self._hands:
+            hand.lose()
+
+    def update(self, points: ArrayLike, time: float | None = None,
+               ids: ArrayLike | None = None) -> CloudLabels:
+        """Label the points of the next frame.
+
+        Parameters
+        ----------
+        points : array_like, shape (n, 3)
+            In any order [m]; rows with a number that is not finite are left out.
+        time : float, optional
+            Of the frame; when left out frames are taken as evenly spaced at 120 Hz [s].
+        ids : array_like of int, shape (n,), optional
+            By which the source tells points apart, as a hint; negative where it does not.
+
+        Returns
+        -------
+        CloudLabels
+
+        Raises
+        ------
+        ValueError
+            If a shape is another.
+        """
+        cloud = np.array(points, dtype=float).reshape(-1, 3) if np.size(points) == 0 else (
+            np.array(points, dtype=float))
+        if cloud.ndim != 2 or cloud.shape[1] != 3:
+            raise ValueError(f'points: shape {cloud.shape}; expected (n, 3)')
+        names = np.full(len(cloud), -1) if ids is None else np.asarray(ids)
+        if names.shape != (len(cloud),):
+            raise ValueError(f'ids: shape {names.shape}; expected {(len(cloud),)}')
+        step = self._step(time)
+        finite = np.flatnonzero(np.abs(cloud).max(axis=1, initial=0.) < 1e3)
+        cloud, names = np.ascontiguousarray(cloud[finite]), names[finite]
+        free = np.ones(len(cloud), dtype=bool)
+        before = self._follow(cloud, names, free, step)
+        self._search(cloud, free)
+        for hand in self._hands:
+            if hand.track is not None:
+                free[hand.track.finding.rows[hand.track.finding.rows >= 0]] = False
+        self._clutter = remember_clutter(self._clutter, cloud, free, before, step)
+        # Rows of all points, those that were left out among them.
+        rows = tuple(np.where(hand.track.finding.rows >= 0, finite[hand.track.finding.rows], -1)
+                     if hand.track is not None and hand.confirmed and len(finite)
+                     else np.full(hand.count, -1) for hand in self._hands)
+        return CloudLabels(rows, tuple(hand.confirmed for hand in self._hands),
+                           tuple(hand.is_other_side for hand in self._hands))
+
+    def _step(self, time: float | None) -> float:
+        """Return the time since the last frame; lose all where it is no step."""
+        if time is None:
+            return UNTIMED_STEP
+        step = UNTIMED_STEP if self._time is None else time - self._time
+        self._time = time
+        if not 0. <= step <= LONGEST_PAUSE:
+            for hand in self._hands:
+                hand.lose()
+            return UNTIMED_STEP
+        return step or UNTIMED_STEP  # stamps that stand still tell nothing
+
+    def _follow(self, points: np.ndarray, ids: np.ndarray, free: np.ndarray,
+                step: float) -> np.ndarray:
+        """Follow the hands that are found; return what each point was in the last frame."""
+        before, clutter = np.empty(len(points), dtype=np.int64), np.empty(len(points))
+        continue_clutter(self._clutter, points, step, before, clutter)
+        hands = [hand for hand in self._hands if hand.track is not None]
+        if not hands:
+            return before
+        was = [hand.track.hidden_for <= 0. for hand in hands if hand.track is not None]
+        follow_hands(tuple(hand.statistics for hand in hands),
+                     tuple(hand.track for hand in hands if hand.track is not None),
+                     points, ids, clutter, step, free)
+        for hand, seen in zip(hands, was):
+            assert hand.track is not None
+            # Where the frame is cut, many go and as many come.
+            gone = (seen & (hand.track.finding.rows < 0)).sum()
+            come = (free & np.isneginf(clutter)).sum()
+            if min(gone, come) >= max(2., (1. - STILL_SEEN) * seen.sum()):
+                hand.shaken_for = SHAKEN_TIME
+            self._check(hand, points, free, step)
+        return before
+
+    def _check(self, hand: _Hand, points: np.ndarray, free: np.ndarray, step: float) -> None:
+        """Give up labels and hands that are contradicted; take a better labelling."""
+        track = hand.track
+        assert track is not None
+        finding, patience = track.finding, self.options.patience
+        seen = finding.rows >= 0
+        few = seen.sum() < max(3., LEAST_FOLLOWED * hand.count)
+        if track.numbers[ASTRAY] > patience or not np.isfinite(finding.position).all():
+            hand.lose()
+            return
+        for i in np.flatnonzero(track.suspected_for > .5 * patience):
+            free[finding.rows[i]] = True
+            finding.rows[i] = -1
+            track.suspected_for[i] = 0.
+            track.hidden_for[i] = step
+        hand.since_relabelling += 1
+        hand.since_search += 1
+        unlikely = finding.numbers[DISTANCE] > UNLIKELY * max(hand.statistics.typical, .5)
+        hand.shaken_for -= step
+        shaken = hand.shaken_for > 0.
+        pressing = few or unlikely or shaken
+        if hand.since_relabelling < (PRESSING_FRAMES if pressing or track.numbers[DOUBT] > 0.
+                                     else RELABELLING_FRAMES):
+            return
+        elapsed = hand.since_relabelling * step
+        hand.since_relabelling = 0
+        own = free.copy()
+        own[finding.rows[finding.rows >= 0]] = True
+        rival = blank_finding(hand.count)
+        if not few:
+            relabel(hand.statistics, track, points, own, rival)
+        if len(points) and (pressing or hand.since_search >= SEARCH_FRAMES):
+            hand.since_search = 0
+            tried = self._find(hand, points, own, hand.first, rival,
+                               SEARCH_BUDGET if pressing else DOUBT_BUDGET)
+            hand.first = (hand.first + tried) % len(points)
+        lead = _lead(rival, finding)
+        changed = (rival.rows != finding.rows) & seen
+        whole = seen[hand.statistics.rigid > 0.].all()
+        # A palm with a hidden marker is roughly placed: its cost alone says little.
+        poor = (not whole and (rival.rows >= 0).sum() <= seen.sum()
+                and changed[hand.statistics.rigid > 0.].any())
+        if (np.array_equal(rival.rows, finding.rows) or not lead > 0. or poor
+                or rival.numbers[DISTANCE] > UNLIKELY * max(hand.statistics.typical, 1.)):
+            track.numbers[DOUBT] = max(track.numbers[DOUBT] - RIVAL_MARGIN * elapsed / RIVAL_TIME,
+                                       0.)
+            if not changed.any() or lead < 0.:
+                track.trusted_for[seen] += elapsed
+            return
+        trust = min(track.trusted_for[changed].min(initial=TRUST_TIME) / TRUST_TIME, 1.)
+        margin = SHAKEN_MARGIN if shaken else RIVAL_MARGIN + (
+            TRUSTED_MARGIN - RIVAL_MARGIN) * (trust if changed.any() else 0.)
+        track.numbers[DOUBT] = min(track.numbers[DOUBT] + lead * elapsed / RIVAL_TIME,
+                                   RIVAL_TIMES * lead)
+        if track.numbers[DOUBT] >= margin or (shaken and lead >= margin):
+            free[finding.rows[finding.rows >= 0]] = True
+            for part, new in zip(finding, rival):
+                part[...] = new
+            free[rival.rows[rival.rows >= 0]] = False
+            start_places(hand.statistics, points, track)
+            track.numbers[DOUBT] = hand.shaken_for = 0.
+            track.trusted_for[changed] = 0.
+
+    def _search(self, points: np.ndarray, free: np.ndarray) -> None:
+        """Search the hands that are not found, as far as a frame has time for it."""
+        missing = [hand for hand in self._hands if not hand.confirmed]
+        if not missing or len(points) < 3:
+            return
+        for hand in missing:
+            own = free.copy()
+            if hand.track is not None:
+                own[hand.track.finding.rows[hand.track.finding.rows >= 0]] = True
+            found = blank_finding(hand.count)
+            tried = self._find(hand, points, own, hand.first, found)
+            hand.first = (hand.first + tried) % len(points)
+            hand.searched += tried
+            if found.numbers[COST] < (hand.track.finding.numbers[COST]
+                                      if hand.track is not None else np.inf):
+                hand.track = begin_track(hand.statistics, found, points)
+        for hand in missing:
+            if hand.searched >= len(points):
+                hand.searched = 0
+                self._settle(hand, points)
+
+    def _find(self, hand: _Hand, points: np.ndarray, free: np.ndarray, first: int,
+              found: Finding, budget: int | None = SEARCH_BUDGET) -> int:
+        """Search a hand, as far as a frame has time for it; all points where `budget` is None.
+
+        `found` is replaced by what is better; returned is how many first corners were tried.
+        """
+        candidates = blank_candidates()
+        palms = len(points) ** 3 if budget is None else budget // (hand.count * len(points))
+        tried = search_palms(hand.statistics, points, free, first, max(palms, 1), candidates)
+        label_candidates(hand.statistics, points, free, candidates, found)
+        return tried
+
+    def _settle(self, hand: _Hand, points: np.ndarray) -> None:
+        """Confirm what a whole search has found, or drop it."""
+        if hand.track is None:
+            return
+        finding = hand.track.finding
+        mine = finding.rows[finding.rows >= 0]
+        rivals = [other for other in self._hands if other is not hand
+                  and other.track is not None
+                  and np.isin(other.track.finding.rows, mine).any()
+                  and (other.confirmed
+                       or other.track.finding.numbers[COST] < finding.numbers[COST])]
+        limit = ACCEPTED_DISTANCE * max(hand.statistics.typical, 1.)
+        hand.is_other_side = self._is_other_side(hand, points, mine)
+        if rivals or finding.numbers[DISTANCE] > limit or hand.is_other_side:
+            hand.lose()
+            return
+        hand.confirmed = True
+
+    def _is_other_side(self, hand: _Hand, points: np.ndarray, mine: np.ndarray) -> bool:
+        """Return whether points are rather of a hand of the other side."""
+        assert hand.track is not None
+        own = np.zeros(len(points), dtype=bool)
+        own[mine] = True
+        candidates, found = blank_candidates(), blank_finding(hand.count)
+        search_palms(hand.mirrored, points, own, 0, len(points) ** 3, candidates)
+        label_candidates(hand.mirrored, points, own, candidates, found)
+        return bool(found.numbers[COST] < hand.track.finding.numbers[COST] - MIRROR_MARGIN)
+
+    def label_frame(self, points: ArrayLike) -> CloudLabels:
+        """Label the points of a single frame, without history and in as long as it takes.
+
+        Parameters
+        ----------
+        points : array_like, shape (n, 3)
+            In any order [m].
+
+        Returns
+        -------
+        CloudLabels
+        """
+        cloud = np.ascontiguousarray(np.array(points, dtype=float))
+        best: list[Finding] = []
+        least = np.inf
+        orders = [list(range(len(self._hands)))]
+        if len(self._hands) == 2:
+            orders.append([1, 0])
+        for order in orders:
+            free = np.isfinite(cloud).all(axis=1)
+            found: dict[int, Finding] = {}
+            for i in order:
+                found[i] = blank_finding(self._hands[i].count)
+                self._find(self._hands[i], cloud, free, 0, found[i], None)
+                rows = found[i].rows
+                free[rows[rows >= 0]] = False
+            total = sum(min(one.numbers[COST], 0.) for one in found.values())
+            if total < least:
+                least, best = total, [found[i] for i in range(len(self._hands))]
+        return CloudLabels(tuple(one.rows for one in best),
+                           tuple(bool(one.numbers[COST] < np.inf) for one in best),
+                           tuple(False for _ in best))

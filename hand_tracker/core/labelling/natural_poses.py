@@ -1,0 +1,92 @@
+"""Prototype of a hand that nobody recorded: its markers in natural poses of the hand model."""
+
+import numpy as np
+
+from ..model.hand import ABDUCTION_JOINTS, DIGITS, FLEXION_JOINTS, LINKS, Hand, preset_limits
+from ..model.kinematics import forward, joint_table
+from ..model.marker_layout import MarkerLayout, marker_positions
+from .prototypes import HandPrototype, learn_prototype
+
+POSES = 1500
+COMMON_CURL = .7            # share of a finger's bend that all fingers have together; ours
+CURL_SCATTER = .12          # of the second joint's bend about the first's, of its range; ours
+ABDUCTION_SHARE = .25       # standard deviation, of the range of abduction; ours
+ANYBODY_DEVIATIONS = .006, .012, .006   # as those of `learn_prototype`; ours
+ANYBODY_SIZES = .7, 1.45    # of palms, relative to the model's; ours
+ANYBODY_SHAPE = .15         # by which a side of the palm may differ, relative to its length; ours
+
+
+def natural_poses(hand: Hand, count: int = POSES) -> np.ndarray:
+    """Draw poses in which fingers bend together, the same ones at each call.
+
+    Parameters
+    ----------
+    hand : Hand
+    count : int, optional
+
+    Returns
+    -------
+    ndarray, shape (count, 25)
+        Angles within the 'wide' limits [rad].
+    """
+    random = np.random.RandomState(1)
+    lower, upper = preset_limits('wide').T
+    reach = upper - lower
+    angles = np.zeros((count, len(lower)))
+    common = random.uniform(size=(count, 1))
+    curl = np.clip(COMMON_CURL * common + (1. - COMMON_CURL) * random.uniform(size=(count, 5)),
+                   0., 1.)
+    # The thumb goes its own way.
+    curl[:, -1] = random.uniform(size=count)
+    for i, joints in enumerate((FLEXION_JOINTS[:, 0], FLEXION_JOINTS[:, 1])):
+        bend = np.clip(curl + CURL_SCATTER * (1. + i) * random.normal(size=curl.shape), 0., 1.)
+        # From a little hyperextension on: hands are rarely bent back as far as they go.
+        start = .5 * lower[joints]
+        angles[:, joints] = start + bend * (upper[joints] - start)
+    spread = ABDUCTION_SHARE * random.normal(size=(count, 5))
+    middle = .5 * (lower + upper)[ABDUCTION_JOINTS]
+    angles[:, ABDUCTION_JOINTS] = np.clip(
+        np.where(np.arange(5) == 4, middle, 0.) + spread * reach[ABDUCTION_JOINTS],
+        lower[ABDUCTION_JOINTS], upper[ABDUCTION_JOINTS])
+    last = FLEXION_JOINTS[:, 2]
+    angles[:, last] = np.clip(
+        angles[:, FLEXION_JOINTS[:, 1]] * hand.coupling[:, 0] + hand.coupling[:, 1],
+        lower[last], upper[last])
+    return angles
+
+
+def model_prototype(hand: Hand, layout: MarkerLayout, names: tuple[str, ...]) -> HandPrototype:
+    """Return the prototype of a hand by its model.
+
+    Parameters
+    ----------
+    hand : Hand
+    layout : MarkerLayout
+    names : tuple of str
+        Of the layout's markers.
+
+    Returns
+    -------
+    HandPrototype
+
+    Raises
+    ------
+    InvalidLayout
+        If the palm has no triangle of markers.
+    """
+    right = hand.replace(side='right')
+    mounting = layout.mounting(right)
+    places = marker_positions(mounting, forward(joint_table(right), natural_poses(right)))
+    found = learn_prototype(names, places, marker_digits(mounting.link), 'right',
+                            ANYBODY_DEVIATIONS, ANYBODY_SIZES, ANYBODY_SHAPE)
+    return found if hand.side == 'right' else found.mirrored()
+
+
+def marker_digits(links: np.ndarray) -> list[int]:
+    """Return the digit of the markers on links, -1 for those on the palm."""
+    digits = []
+    for link in links:
+        digit, _, bone = ('wrist' if link < 0 else LINKS[link]).partition('_')
+        on_palm = digit not in DIGITS or (bone == 'metacarpal' and digit != 'thumb')
+        digits.append(-1 if on_palm else DIGITS.index(digit))
+    return digits

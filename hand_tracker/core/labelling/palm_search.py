@@ -1,0 +1,391 @@
+"""Hands in a cloud of points, from a single frame: palms by rigid geometry, digits by statistics.
+
+Three points that are as far apart as a triangle of palm markers are a candidate for the palm. The
+best candidates, by how near points are to where the other markers use to be, get all their
+labels: an optimal assignment of points to markers, refined by all markers together.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..numerics.assignment import assign_rows
+from ..numerics.jit import jit
+from ..numerics.rigid_fit import fit_rigid
+from .posture import (
+    HIDDEN_COST,
+    SEEN_COST,
+    chain_labels,
+    complete_labels,
+    label_costs,
+    quadratic,
+)
+from .prototypes import Prototype
+
+CANDIDATES = 16         # palms of a search that get all their labels; ours
+CHAIN_ROUNDS = 4        # at most
+LEAST_SHARE = .55       # of a hand's markers that must be seen for it to be found; ours
+
+
+class Candidates(NamedTuple):
+    """Candidates for the palm, the cheapest first.
+
+    Attributes
+    ----------
+    corners : ndarray of int, shape (C, 4)
+        Base, and the points of its corners.
+    cost : ndarray, shape (C,)
+        Infinite where there is none.
+    """
+
+    corners: np.ndarray
+    cost: np.ndarray
+
+
+class Finding(NamedTuple):
+    """A hand found among points.
+
+    Attributes
+    ----------
+    rows : ndarray of int, shape (M,)
+        Point of each marker, -1 for none.
+    rotation : ndarray, shape (3, 3)
+        From the palm's frame to that of the points.
+    position : ndarray, shape (3,)
+        Origin of the palm's frame [m].
+    numbers : ndarray, shape (3,)
+        Size of the palm relative to the prototype's, cost, and squared Mahalanobis distance per
+        coordinate.
+    """
+
+    rows: np.ndarray
+    rotation: np.ndarray
+    position: np.ndarray
+    numbers: np.ndarray
+
+
+SIZE, COST, DISTANCE = range(3)
+
+
+def blank_candidates() -> Candidates:
+    """Return no candidates."""
+    return Candidates(np.zeros((CANDIDATES, 4), dtype=np.int64), np.full(CANDIDATES, np.inf))
+
+
+def blank_finding(count: int) -> Finding:
+    """Return the `Finding` of nothing, for `count` markers."""
+    return Finding(np.full(count, -1), np.eye(3), np.zeros(3), np.array((1., np.inf, np.inf)))
+
+
+@jit
+def to_palm_frame(points: np.ndarray, rotation: np.ndarray, position: np.ndarray, size: float,
+                  local: np.ndarray) -> None:
+    """Write points in the palm's frame, scaled to the prototype's size, shape (n, 3) [m]."""
+    for j in range(len(points)):
+        x = (points[j, 0] - position[0]) / size
+        y = (points[j, 1] - position[1]) / size
+        z = (points[j, 2] - position[2]) / size
+        for k in range(3):
+            local[j, k] = rotation[0, k] * x + rotation[1, k] * y + rotation[2, k] * z
+
+
+@jit
+def search_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, first: int,
+                 budget: int, candidates: Candidates) -> int:
+    """Collect candidates for the palm, beginning with one of the points as first corner.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    points : ndarray, shape (n, 3)
+        [m]
+    free : ndarray of bool, shape (n,)
+        Points that may be taken.
+    first : int
+        Point from which to begin.
+    budget : int
+        Palms to try, after which the search stops before the next first corner.
+    candidates : Candidates
+        Updated.
+
+    Returns
+    -------
+    int
+        Number of first corners that were tried.
+    """
+    count, markers = len(points), len(prototype.template)
+    tried = 0
+    corners, rest = np.empty((3, 3)), np.empty((3, 3))
+    rotation, position = np.empty((3, 3)), np.empty(3)
+    local = np.empty((count, 3))
+    weights = np.ones(3)
+    place = np.empty((markers, 3))
+    for i in range(markers):
+        for k in range(3):
+            place[i, k] = prototype.template[i, k]
+    gap = np.empty((count, count))
+    for a in range(count):
+        for b in range(a + 1):
+            gap[a, b] = gap[b, a] = math.sqrt(
+                (points[a, 0] - points[b, 0]) ** 2 + (points[a, 1] - points[b, 1]) ** 2
+                + (points[a, 2] - points[b, 2]) ** 2)
+    for offset in range(count):
+        a = (first + offset) % count
+        if tried >= budget:
+            return offset
+        if not free[a]:
+            continue
+        for base in range(len(prototype.bases)):
+            for k in range(3):
+                for i in range(3):
+                    rest[i, k] = place[prototype.bases[base, i], k]
+            side = (math.sqrt((rest[0, 0] - rest[1, 0]) ** 2 + (rest[0, 1] - rest[1, 1]) ** 2
+                              + (rest[0, 2] - rest[1, 2]) ** 2),
+                    math.sqrt((rest[1, 0] - rest[2, 0]) ** 2 + (rest[1, 1] - rest[2, 1]) ** 2
+                              + (rest[1, 2] - rest[2, 2]) ** 2),
+                    math.sqrt((rest[2, 0] - rest[0, 0]) ** 2 + (rest[2, 1] - rest[0, 1]) ** 2
+                              + (rest[2, 2] - rest[0, 2]) ** 2))
+            allowed = prototype.sides[base]
+            for b in range(count):
+                grown = gap[a, b] / side[0]
+                if b == a or not free[b] or not (
+                        prototype.sizes[0] - allowed[0] <= grown
+                        <= prototype.sizes[1] + allowed[0]):
+                    continue
+                # The first side may be too short and the others too long, or the reverse.
+                second, third = (allowed[1] + allowed[0]) * side[1], (
+                    allowed[2] + allowed[0]) * side[2]
+                for c in range(count):
+                    if c == a or c == b or not free[c] or (
+                            abs(gap[c, a] / grown - side[2]) > third) or (
+                            abs(gap[b, c] / grown - side[1]) > second):
+                        continue
+                    for k in range(3):
+                        corners[0, k], corners[1, k] = points[a, k], points[b, k]
+                        corners[2, k] = points[c, k]
+                    size = fit_rigid(rest, corners, weights, rotation, position)
+                    if not prototype.sizes[0] <= size <= prototype.sizes[1]:
+                        continue
+                    tried += 1
+                    _scaled_origin(rest, corners, size, rotation, position)
+                    to_palm_frame(points, rotation, position, size, local)
+                    cost = _quick_cost(prototype, local, free,
+                                       candidates.cost[len(candidates.cost) - 1])
+                    _insert(candidates, cost, base, a, b, c)
+    return count
+
+
+@jit
+def _scaled_origin(rest: np.ndarray, corners: np.ndarray, size: float, rotation: np.ndarray,
+                   position: np.ndarray) -> None:
+    """Move the palm's origin to where the scaled template lies on its corners' centre."""
+    for k in range(3):
+        position[k] = 0.
+        for i in range(len(corners)):
+            position[k] += corners[i, k] - size * (
+                rotation[k, 0] * rest[i, 0] + rotation[k, 1] * rest[i, 1]
+                + rotation[k, 2] * rest[i, 2])
+        position[k] /= len(corners)
+
+
+@jit
+def _quick_cost(prototype: Prototype, local: np.ndarray, free: np.ndarray,
+                limit: float) -> float:
+    """Return the cost of a palm if each marker took its nearest point; inf beyond `limit`."""
+    total = 0.
+    best = len(prototype.template) * HIDDEN_COST
+    for i in range(len(prototype.template)):
+        base = SEEN_COST + prototype.marginal_constant[i]
+        best += min(base - HIDDEN_COST, 0.)
+    for i in range(len(prototype.template)):
+        base = SEEN_COST + prototype.marginal_constant[i]
+        least = HIDDEN_COST
+        for j in range(len(local)):
+            if free[j]:
+                least = min(least, base + quadratic(
+                    prototype.marginal[i], local[j, 0] - prototype.template[i, 0],
+                    local[j, 1] - prototype.template[i, 1],
+                    local[j, 2] - prototype.template[i, 2]))
+        total += least
+        # What the markers so far cost more than they could cannot be made good.
+        best += least - min(base, HIDDEN_COST)
+        if best > limit:
+            return math.inf
+    return total
+
+
+@jit
+def _insert(candidates: Candidates, cost: float, base: int, a: int, b: int, c: int) -> None:
+    """Insert a candidate in the order of costs; the last one falls out."""
+    last = len(candidates.cost) - 1
+    if not cost < candidates.cost[last]:
+        return
+    while last > 0 and candidates.cost[last - 1] > cost:
+        candidates.cost[last] = candidates.cost[last - 1]
+        candidates.corners[last] = candidates.corners[last - 1]
+        last -= 1
+    candidates.cost[last] = cost
+    candidates.corners[last, 0] = base
+    candidates.corners[last, 1] = a
+    candidates.corners[last, 2] = b
+    candidates.corners[last, 3] = c
+
+
+@jit
+def label_candidates(prototype: Prototype, points: np.ndarray, free: np.ndarray,
+                     candidates: Candidates, finding: Finding) -> None:
+    """Label the candidates' markers, and keep the cheapest labelling.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    points : ndarray, shape (n, 3)
+        [m]
+    free : ndarray of bool, shape (n,)
+    candidates : Candidates
+    finding : Finding
+        Replaced where a labelling costs less.
+    """
+    count = len(prototype.template)
+    rest, corners = np.empty((3, 3)), np.empty((3, 3))
+    weights = np.ones(3)
+    found = Finding(np.empty(count, dtype=np.int64), np.empty((3, 3)), np.empty(3), np.empty(3))
+    improved = False
+    for n in range(len(candidates.cost)):
+        if candidates.cost[n] == math.inf:
+            break
+        base = prototype.bases[candidates.corners[n, 0]]
+        same = finding.numbers[COST] < math.inf
+        for i in range(3):
+            same = same and finding.rows[base[i]] == candidates.corners[n, 1 + i]
+        if same:
+            continue
+        for i in range(3):
+            for k in range(3):
+                rest[i, k] = prototype.template[base[i], k]
+                corners[i, k] = points[candidates.corners[n, 1 + i], k]
+        size = fit_rigid(rest, corners, weights, found.rotation, found.position)
+        _scaled_origin(rest, corners, size, found.rotation, found.position)
+        found.numbers[SIZE] = size
+        label_palm(prototype, points, free, found)
+        if found.numbers[COST] < finding.numbers[COST]:
+            copy_finding(found, finding)
+            improved = True
+    if improved:
+        chain_palm(prototype, points, free, finding)
+
+
+@jit
+def label_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
+               found: Finding) -> None:
+    """Label all markers of a palm that is roughly placed, and place it by its own markers.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    points : ndarray, shape (n, 3)
+        [m]
+    free : ndarray of bool, shape (n,)
+    found : Finding
+        With the palm's place and size; replaced.
+    """
+    count = len(prototype.template)
+    local = np.empty((len(points), 3))
+    cost = np.empty((count, len(points)))
+    to_palm_frame(points, found.rotation, found.position, found.numbers[SIZE], local)
+    label_costs(prototype, local, free, cost)
+    assign_rows(cost, HIDDEN_COST, found.rows)
+    complete_palm(prototype, points, free, found)
+    if not palm_is_seen(prototype, found.rows):
+        found.numbers[COST] = math.inf
+
+
+@jit
+def palm_is_seen(prototype: Prototype, rows: np.ndarray) -> bool:
+    """Return whether three markers of the palm are seen."""
+    seen = 0
+    for i in range(len(rows)):
+        seen += 1 if rows[i] >= 0 and prototype.rigid[i] > 0. else 0
+    return seen >= 3
+
+
+@jit
+def complete_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
+                   found: Finding) -> None:
+    """Place the palm by its labels where it is seen, improve these, and write what they cost."""
+    count = len(prototype.template)
+    local = np.empty((len(points), 3))
+    matrix = np.empty((3 * count, 3 * count))
+    place_by_palm(prototype, points, found.rows, found)
+    to_palm_frame(points, found.rotation, found.position, found.numbers[SIZE], local)
+    total, distance = complete_labels(prototype, local, free, found.rows, matrix)
+    total += size_cost(prototype, found.numbers[SIZE])
+    seen = 0
+    for i in range(count):
+        seen += 1 if found.rows[i] >= 0 else 0
+    place_by_palm(prototype, points, found.rows, found)
+    found.numbers[COST] = total if seen >= LEAST_SHARE * count else math.inf
+    found.numbers[DISTANCE] = distance / (3. * max(seen, 1))
+
+
+@jit
+def chain_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
+               finding: Finding) -> None:
+    """Improve a finding's labels by `chain_labels`, as long as they become cheaper."""
+    count = len(prototype.template)
+    local = np.empty((len(points), 3))
+    matrix = np.empty((3 * count, 3 * count))
+    found = Finding(finding.rows.copy(), finding.rotation.copy(), finding.position.copy(),
+                    finding.numbers.copy())
+    for _ in range(CHAIN_ROUNDS):
+        to_palm_frame(points, found.rotation, found.position, found.numbers[SIZE], local)
+        cost = found.numbers[COST] - size_cost(prototype, found.numbers[SIZE])
+        if not chain_labels(prototype, local, free, found.rows, matrix, cost):
+            break
+        complete_palm(prototype, points, free, found)
+        if not found.numbers[COST] < finding.numbers[COST]:
+            break
+        copy_finding(found, finding)
+
+
+@jit
+def copy_finding(source: Finding, target: Finding) -> None:
+    """Overwrite a finding by another."""
+    target.rows[:] = source.rows
+    target.rotation[:] = source.rotation
+    target.position[:] = source.position
+    target.numbers[:] = source.numbers
+
+
+@jit
+def size_cost(prototype: Prototype, size: float) -> float:
+    """Return the cost of a palm's size: sizes are normal, with 95 % of them in their range."""
+    half = .5 * (prototype.sizes[1] - prototype.sizes[0])
+    return (2. * (size - 1.) / half) ** 2
+
+
+@jit
+def place_by_palm(prototype: Prototype, points: np.ndarray, rows: np.ndarray,
+                  found: Finding) -> bool:
+    """Place a palm by its seen rigid markers; return whether there were three of them."""
+    count = 0
+    for i in range(len(rows)):
+        count += 1 if rows[i] >= 0 and prototype.rigid[i] > 0. else 0
+    if count < 3:
+        return False
+    rest, corners = np.empty((count, 3)), np.empty((count, 3))
+    n = 0
+    for i in range(len(rows)):
+        if rows[i] >= 0 and prototype.rigid[i] > 0.:
+            for k in range(3):
+                rest[n, k] = prototype.template[i, k]
+                corners[n, k] = points[rows[i], k]
+            n += 1
+    size = fit_rigid(rest, corners, np.ones(count), found.rotation, found.position)
+    if size <= 0.:
+        return False
+    size = min(max(size, prototype.sizes[0]), prototype.sizes[1])
+    _scaled_origin(rest, corners, size, found.rotation, found.position)
+    found.numbers[SIZE] = size
+    return True

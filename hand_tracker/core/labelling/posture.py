@@ -1,0 +1,515 @@
+"""Cost of a labelling by the posture: all markers of a hand together against its prototype.
+
+Costs are in variances: twice the negative logarithm of the likelihood, relative to points that
+are no marker of the hand, which are taken as evenly spread.
+"""
+
+import math
+
+import numpy as np
+
+from ..numerics.jit import jit
+from .prototypes import Prototype
+
+CLUTTER_DENSITY = 200.  # [1/m³] of points that are no marker of the hand; ours
+# Cost of a seen marker besides its Mahalanobis distance and the logarithm of its determinant.
+SEEN_COST = 3. * math.log(2. * math.pi) + 2. * math.log(CLUTTER_DENSITY)
+HIDDEN_COST = 16.              # of a marker that is not among the points; ours
+# Degrees of freedom of Student's distribution, which the posture as a whole has: hands that bend
+# as those that were learned from never did are rare, not impossible; ours.
+FREEDOM = 6.
+EXCHANGE_ROUNDS = 40    # at most
+SMALLEST_GAIN = 1e-6    # below which costs are equal
+CHAIN = 5               # markers that pass their points on, at most
+
+
+@jit
+def sweep(matrix: np.ndarray, k: int) -> float:
+    """Sweep a symmetric matrix on its diagonal element k (Beaton 1964); return that pivot.
+
+    Sweeping an inverse covariance on hidden coordinates leaves the inverse covariance of the
+    others, how the hidden ones follow them, and the hidden ones' negative covariance given them.
+    """
+    pivot = matrix[k, k]
+    size = len(matrix)
+    for i in range(size):
+        if i == k:
+            continue
+        share = matrix[i, k] / pivot
+        if share != 0.:
+            for j in range(size):
+                if j != k:
+                    matrix[i, j] -= share * matrix[k, j]
+    for i in range(size):
+        if i != k:
+            matrix[i, k] /= pivot
+            matrix[k, i] = matrix[i, k]
+    matrix[k, k] = -1. / pivot
+    return pivot
+
+
+@jit
+def quadratic(matrix: np.ndarray, x: float, y: float, z: float) -> float:
+    """Return vᵀ A v of a symmetric (3, 3) matrix."""
+    return (matrix[0, 0] * x * x + matrix[1, 1] * y * y + matrix[2, 2] * z * z
+            + 2. * (matrix[0, 1] * x * y + matrix[0, 2] * x * z + matrix[1, 2] * y * z))
+
+
+@jit
+def hide(matrix: np.ndarray, marker: int) -> float:
+    """Sweep the three coordinates of a marker; return the logarithm of the pivots' product."""
+    return (math.log(sweep(matrix, 3 * marker)) + math.log(sweep(matrix, 3 * marker + 1))
+            + math.log(sweep(matrix, 3 * marker + 2)))
+
+
+@jit
+def posture_distance(matrix: np.ndarray, mean: np.ndarray, local: np.ndarray, rows: np.ndarray,
+                     residual: np.ndarray, gradient: np.ndarray) -> float:
+    """Return the squared Mahalanobis distance of the seen markers from their mean places.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (3 M, 3 M)
+        Inverse covariance, swept on hidden markers.
+    mean : ndarray, shape (M, 3)
+    local : ndarray, shape (n, 3)
+        Points in the palm's frame [m].
+    rows : ndarray of int, shape (M,)
+        Point of each marker, -1 for none.
+    residual, gradient : ndarray, shape (3 M,)
+        Of the places, 0 where hidden, and the matrix times it; replaced.
+    """
+    for i in range(len(rows)):
+        for k in range(3):
+            residual[3 * i + k] = (
+                local[rows[i], k] - mean[i, k] if rows[i] >= 0 else 0.)
+    total = 0.
+    for a in range(len(residual)):
+        value = 0.
+        for b in range(len(residual)):
+            value += matrix[a, b] * residual[b]
+        gradient[a] = value
+        total += residual[a] * value
+    return total
+
+
+@jit
+def tail_cost(distance: float, dimensions: int) -> float:
+    """Return the cost of a squared Mahalanobis distance by Student's distribution.
+
+    Twice the negative logarithm of its density, without the determinant and with `SEEN_COST` for
+    each three of the dimensions.
+    """
+    return ((FREEDOM + dimensions) * math.log1p(distance / FREEDOM)
+            + 2. * (math.lgamma(.5 * FREEDOM) - math.lgamma(.5 * (FREEDOM + dimensions)))
+            + dimensions * (math.log(.5 * FREEDOM) + SEEN_COST / 3.))
+
+
+@jit
+def label_costs(prototype: Prototype, local: np.ndarray, free: np.ndarray,
+                cost: np.ndarray) -> None:
+    """Write the cost of each free point as each marker, by the marker alone, (M, n)."""
+    for i in range(len(cost)):
+        base = SEEN_COST + prototype.marginal_constant[i]
+        for j in range(cost.shape[1]):
+            cost[i, j] = base + quadratic(
+                prototype.marginal[i], local[j, 0] - prototype.template[i, 0],
+                local[j, 1] - prototype.template[i, 1],
+                local[j, 2] - prototype.template[i, 2]) if free[j] else math.inf
+
+
+@jit
+def _step(local: np.ndarray, rows: np.ndarray, marker: int, point: int,
+          step: np.ndarray) -> None:
+    """Write how a marker moves that takes another point, shape (3,) [m]."""
+    for k in range(3):
+        step[k] = local[point, k] - local[rows[marker], k]
+
+
+@jit
+def _change(matrix: np.ndarray, gradient: np.ndarray, marker: int, step: np.ndarray) -> float:
+    """Return how the squared distance changes as one marker moves by `step` [m]."""
+    a = 3 * marker
+    total = 0.
+    for k in range(3):
+        total += 2. * step[k] * gradient[a + k]
+    return total + quadratic(matrix[a:a + 3, a:a + 3], step[0], step[1], step[2])
+
+
+@jit
+def refine_labels(matrix: np.ndarray, mean: np.ndarray, local: np.ndarray, free: np.ndarray,
+                  rows: np.ndarray, residual: np.ndarray, gradient: np.ndarray) -> float:
+    """Exchange labels, and take other points, as long as the posture becomes more likely.
+
+    Parameters
+    ----------
+    matrix, mean, local, residual, gradient
+        As for `posture_distance`.
+    free : ndarray of bool, shape (n,)
+        Points that may be taken.
+    rows : ndarray of int, shape (M,)
+        Point of each marker, updated; which are hidden stays.
+
+    Returns
+    -------
+    float
+        Squared Mahalanobis distance.
+    """
+    count = len(rows)
+    taken = ~free
+    for i in range(count):
+        if rows[i] >= 0:
+            taken[rows[i]] = True
+    one, other = np.empty(3), np.empty(3)
+    total = posture_distance(matrix, mean, local, rows, residual, gradient)
+    for _ in range(EXCHANGE_ROUNDS):
+        least = -SMALLEST_GAIN
+        marker, partner, point = -1, -1, -1
+        for i in range(count):
+            if rows[i] < 0:
+                continue
+            for j in range(i):
+                if rows[j] < 0:
+                    continue
+                _step(local, rows, i, rows[j], one)
+                change = (_change(matrix, gradient, i, one))
+                for k in range(3):
+                    other[k] = -one[k]
+                change += _change(matrix, gradient, j, other)
+                for a in range(3):
+                    for b in range(3):
+                        change += 2. * one[a] * matrix[3 * i + a, 3 * j + b] * other[b]
+                if change < least:
+                    least, marker, partner = change, i, j
+            for j in range(len(local)):
+                if not taken[j]:
+                    _step(local, rows, i, j, one)
+                    change = _change(matrix, gradient, i, one)
+                    if change < least:
+                        least, marker, partner, point = change, i, -1, j
+        if marker < 0:
+            break
+        if partner >= 0:
+            rows[marker], rows[partner] = rows[partner], rows[marker]
+        else:
+            taken[rows[marker]], taken[point] = False, True
+            rows[marker] = point
+        total = posture_distance(matrix, mean, local, rows, residual, gradient)
+    return total
+
+
+@jit
+def complete_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray,
+                    rows: np.ndarray, matrix: np.ndarray) -> tuple[float, float]:
+    """Refine labels; drop markers, take hidden ones, or both, where that costs less.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    local : ndarray, shape (n, 3)
+        Points in the palm's frame [m].
+    free : ndarray of bool, shape (n,)
+    rows : ndarray of int, shape (M,)
+        Point of each marker, -1 for none; updated.
+    matrix : ndarray, shape (3 M, 3 M)
+        Replaced by the prototype's inverse covariance, swept on the hidden markers.
+
+    Returns
+    -------
+    cost : float
+        Of the labelling.
+    distance : float
+        Squared Mahalanobis distance of the seen markers.
+    """
+    count = len(rows)
+    mean = prototype.template
+    residual, gradient = np.empty(3 * count), np.empty(3 * count)
+    constant, hidden = reset_matrix(prototype, rows, matrix)
+    distance = refine_labels(matrix, mean, local, free, rows, residual, gradient)
+    for _ in range(2 * count):
+        giver, taker = _best_handover(matrix, mean, gradient, local, rows, distance)
+        if giver >= 0:
+            rows[taker], rows[giver] = rows[giver], -1
+            constant, hidden = reset_matrix(prototype, rows, matrix)
+            distance = refine_labels(matrix, mean, local, free, rows, residual, gradient)
+            continue
+        # The seen marker that is least believed, given all others
+        seen = count - hidden
+        worst, most = -1, 0.
+        for i in range(count):
+            if rows[i] >= 0:
+                gain = dropping_gain(matrix, gradient, i, distance, seen)
+                if gain > most:
+                    most, worst = gain, i
+        if worst >= 0:
+            rows[worst] = -1
+            constant += hide(matrix, worst)
+            hidden += 1
+            distance = posture_distance(matrix, mean, local, rows, residual, gradient)
+            continue
+        marker, point = _best_addition(matrix, mean, gradient, local, free, rows, distance)
+        if marker < 0:
+            break
+        rows[marker] = point
+        constant, hidden = reset_matrix(prototype, rows, matrix)
+        distance = refine_labels(matrix, mean, local, free, rows, residual, gradient)
+    return constant + tail_cost(distance, 3 * (count - hidden)) + hidden * HIDDEN_COST, distance
+
+
+@jit
+def reset_matrix(prototype: Prototype, rows: np.ndarray,
+                 matrix: np.ndarray) -> tuple[float, int]:
+    """Write the inverse covariance, swept on hidden markers; return its constant, their number."""
+    matrix[:] = prototype.precision
+    constant, hidden = prototype.constant, 0
+    for i in range(len(rows)):
+        if rows[i] < 0:
+            constant += hide(matrix, i)
+            hidden += 1
+    return constant, hidden
+
+
+@jit
+def _block(block: np.ndarray, sign: float, inverse: np.ndarray) -> float:
+    """Write the inverse of a symmetric (3, 3) block times `sign`; return their determinant."""
+    xx, yy, zz = sign * block[0, 0], sign * block[1, 1], sign * block[2, 2]
+    xy, xz, yz = sign * block[0, 1], sign * block[0, 2], sign * block[1, 2]
+    a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    determinant = xx * a + xy * b + xz * c
+    inverse[0, 0], inverse[0, 1], inverse[0, 2] = a / determinant, b / determinant, c / determinant
+    inverse[1, 1] = (xx * zz - xz * xz) / determinant
+    inverse[1, 2] = (xy * xz - xx * yz) / determinant
+    inverse[2, 2] = (xx * yy - xy * xy) / determinant
+    inverse[1, 0], inverse[2, 0], inverse[2, 1] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
+    return determinant
+
+
+@jit
+def dropping_gain(matrix: np.ndarray, gradient: np.ndarray, marker: int, distance: float,
+                   seen: int) -> float:
+    """Return by how much the cost falls if one of `seen` markers is taken for hidden."""
+    covariance = np.empty((3, 3))
+    a = 3 * marker
+    determinant = _block(matrix[a:a + 3, a:a + 3], 1., covariance)
+    fall = quadratic(covariance, gradient[a], gradient[a + 1], gradient[a + 2])
+    return (tail_cost(distance, 3 * seen) - tail_cost(max(distance - fall, 0.), 3 * seen - 3)
+            - math.log(determinant) - HIDDEN_COST)
+
+
+@jit
+def contradiction(matrix: np.ndarray, gradient: np.ndarray, marker: int, distance: float,
+                  seen: int) -> float:
+    """Return the squared deviations of a seen marker from where the others expect it.
+
+    Its covariance is that of Student's distribution given the others: wider the more unusual
+    their posture is.
+    """
+    covariance = np.empty((3, 3))
+    a = 3 * marker
+    _block(matrix[a:a + 3, a:a + 3], 1., covariance)
+    fall = quadratic(covariance, gradient[a], gradient[a + 1], gradient[a + 2])
+    others = max(distance - fall, 0.)
+    return fall * (FREEDOM + 3. * seen - 3.) / (FREEDOM + others)
+
+
+@jit
+def _best_addition(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray,
+                   local: np.ndarray, free: np.ndarray, rows: np.ndarray,
+                   distance: float) -> tuple[int, int]:
+    """Return the hidden marker and the free point that lower the cost most, -1 for none."""
+    best, chosen, least = -1, -1, -SMALLEST_GAIN
+    for i in range(len(rows)):
+        if rows[i] < 0:
+            point, change = _best_point(matrix, mean, gradient, local, free, rows, i, distance)
+            if change < least:
+                best, chosen, least = i, point, change
+    return best, chosen
+
+
+@jit
+def _best_point(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, local: np.ndarray,
+                free: np.ndarray, rows: np.ndarray, marker: int,
+                distance: float) -> tuple[int, float]:
+    """Return the free point that a hidden marker takes at the lowest cost, and the change."""
+    taken = ~free
+    seen = 0
+    for i in range(len(rows)):
+        if rows[i] >= 0:
+            taken[rows[i]] = True
+            seen += 1
+    chosen, least = -1, math.inf
+    precision = np.empty((3, 3))
+    a = 3 * marker
+    # Of the negative covariance, swept; the gradient there is minus the expected residual.
+    determinant = _block(matrix[a:a + 3, a:a + 3], -1., precision)
+    base = math.log(determinant) - tail_cost(distance, 3 * seen) - HIDDEN_COST
+    for j in range(len(local)):
+        if not taken[j]:
+            rise = quadratic(
+                precision, local[j, 0] - mean[marker, 0] + gradient[a],
+                local[j, 1] - mean[marker, 1] + gradient[a + 1],
+                local[j, 2] - mean[marker, 2] + gradient[a + 2])
+            change = base + tail_cost(distance + rise, 3 * seen + 3)
+            if change < least:
+                least, chosen = change, j
+    return chosen, least
+
+
+@jit
+def _handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, place: np.ndarray,
+              giver: int, taker: int, distance: float, seen: int) -> float:
+    """Return how the cost changes if a hidden marker takes the point of a seen one.
+
+    `place` is that point, shape (3,), in the palm's frame [m]; others are as for `refine_labels`.
+    """
+    covariance, precision = np.empty((3, 3)), np.empty((3, 3))
+    left, off = np.empty((3, 3)), np.empty(3)
+    a, b = 3 * taker, 3 * giver
+    dropped = math.log(_block(matrix[b:b + 3, b:b + 3], 1., covariance))
+    others = distance - quadratic(covariance, gradient[b], gradient[b + 1], gradient[b + 2])
+    # As if the matrix were swept on the giver: see `sweep`.
+    for m in range(3):
+        off[m] = place[m] - mean[taker, m] + gradient[a + m]
+        for n in range(3):
+            left[m, n] = 0.
+            for k in range(3):
+                left[m, n] += matrix[a + m, b + k] * covariance[k, n]
+            off[m] -= left[m, n] * gradient[b + n]
+    for m in range(3):
+        for n in range(3):
+            precision[m, n] = matrix[a + m, a + n]
+            for k in range(3):
+                precision[m, n] -= left[m, k] * matrix[b + k, a + n]
+    added = math.log(_block(precision, -1., precision))
+    rise = quadratic(precision, off[0], off[1], off[2])
+    return (dropped + added + tail_cost(max(others, 0.) + rise, 3 * seen)
+            - tail_cost(distance, 3 * seen))
+
+
+@jit
+def _best_handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray,
+                   local: np.ndarray, rows: np.ndarray, distance: float) -> tuple[int, int]:
+    """Return the seen marker whose point a hidden one takes at the lowest cost, and that one.
+
+    Both are -1 where no such change lowers the cost.
+    """
+    giver, taker, least = -1, -1, -SMALLEST_GAIN
+    seen = 0
+    for i in range(len(rows)):
+        seen += 1 if rows[i] >= 0 else 0
+    for i in range(len(rows)):
+        if rows[i] >= 0:
+            continue
+        for j in range(len(rows)):
+            if rows[j] >= 0:
+                change = _handover(
+                    matrix, mean, gradient, local[rows[j]], j, i, distance, seen)
+                if change < least:
+                    giver, taker, least = j, i, change
+    return giver, taker
+
+
+@jit
+def _best_giver(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, local: np.ndarray,
+                rows: np.ndarray, taker: int, moved: np.ndarray, distance: float) -> int:
+    """Return the marker whose point a hidden one takes at the lowest cost, but those `moved`."""
+    giver, least, seen = -1, math.inf, 0
+    for i in range(len(rows)):
+        seen += 1 if rows[i] >= 0 else 0
+    for j in range(len(rows)):
+        if rows[j] >= 0 and not moved[j]:
+            change = _handover(matrix, mean, gradient, local[rows[j]], j, taker, distance, seen)
+            if change < least:
+                giver, least = j, change
+    return giver
+
+
+@jit
+def chain_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray, rows: np.ndarray,
+                 matrix: np.ndarray, cost: float) -> bool:
+    """Pass points on from marker to marker, where that costs less in the end.
+
+    A marker takes another's point, that one the next one's, and so on: exchanges of two markers
+    cannot undo a finger that is labelled a joint too far (ejection chains, as of Lin and Kernighan,
+    An effective heuristic algorithm for the traveling-salesman problem, 1973).
+
+    Parameters
+    ----------
+    prototype : Prototype
+    local : ndarray, shape (n, 3)
+        Points in the palm's frame [m].
+    free : ndarray of bool, shape (n,)
+    rows : ndarray of int, shape (M,)
+        Point of each marker, -1 for none; replaced where others cost less.
+    matrix : ndarray, shape (3 M, 3 M)
+        Replaced.
+    cost : float
+        Of the present rows.
+
+    Returns
+    -------
+    bool
+        Whether others cost less.
+    """
+    count, mean = len(rows), prototype.template
+    residual, gradient = np.empty(3 * count), np.empty(3 * count)
+    trial, best = np.empty(count, dtype=np.int64), rows.copy()
+    moved = np.empty(count, dtype=np.bool_)
+    found = False
+    least = cost - SMALLEST_GAIN
+    for start in range(count):
+        trial[:] = rows
+        trial[start] = -1
+        moved[:] = False
+        moved[start] = True
+        marker = start
+        for _ in range(CHAIN):
+            constant, hidden = reset_matrix(prototype, trial, matrix)
+            seen = count - hidden
+            if seen < 3:
+                break
+            distance = posture_distance(matrix, mean, local, trial, residual, gradient)
+            total = constant + tail_cost(distance, 3 * seen) + hidden * HIDDEN_COST
+            if total < least:
+                least, found = total, True
+                best[:] = trial
+            # The end of the chain: a point that nobody has
+            point, change = _best_point(
+                matrix, mean, gradient, local, free, trial, marker, distance)
+            if point >= 0 and total + change < least:
+                least, found = total + change, True
+                best[:] = trial
+                best[marker] = point
+            giver = _best_giver(matrix, mean, gradient, local, trial, marker, moved, distance)
+            if giver < 0:
+                break
+            trial[marker], trial[giver] = trial[giver], -1
+            moved[giver] = True
+            marker = giver
+    if found:
+        rows[:] = best
+    return found
+
+
+@jit
+def hidden_places(prototype: Prototype, local: np.ndarray, rows: np.ndarray, matrix: np.ndarray,
+                  places: np.ndarray) -> None:
+    """Write where the seen markers leave each hidden one, shape (M, 3), in the palm's frame [m].
+
+    Parameters
+    ----------
+    prototype : Prototype
+    local : ndarray, shape (n, 3)
+        Points in the palm's frame [m].
+    rows : ndarray of int, shape (M,)
+        Point of each marker, -1 for none.
+    matrix : ndarray, shape (3 M, 3 M)
+        Of `reset_matrix`.
+    places : ndarray, shape (M, 3)
+        Replaced; rows of seen markers are of no use [m].
+    """
+    residual, gradient = np.empty(len(matrix)), np.empty(len(matrix))
+    posture_distance(matrix, prototype.template, local, rows, residual, gradient)
+    for i in range(len(rows)):
+        for k in range(3):
+            places[i, k] = prototype.template[i, k] - gradient[3 * i + k]

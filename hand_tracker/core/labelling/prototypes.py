@@ -1,0 +1,219 @@
+"""Statistics of a hand's markers in the palm's frame: one normal distribution of all together.
+
+Learned from labelled frames of the wearer, or from natural poses of a hand model. As it is one
+distribution, a finger's markers tell where its other markers and its neighbours' are.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import InvalidLayout
+from ..model.hand import LEFT_HAND_MIRROR
+
+ALIGNMENT_ROUNDS = 6         # of alignment to the mean palm
+LEARNED_FRAMES = 3000       # at most, evenly spread
+MIN_LEARNED_FRAMES = 20
+# Added to what the frames show, as hands also do what was not recorded: standard deviations of a
+# palm marker, of a digit as a whole, and of each of its markers [m]; ours.
+DEVIATIONS = .003, .010, .006
+WEARER_SIZES = .94, 1.06    # of the palm, relative to the learned one; ours
+WEARER_SHAPE = .03          # by which a side of a palm may differ, relative to its length; ours
+MAX_BASES = 6               # triangles of the palm from which it is searched
+MIN_BASE_AREA = 2e-4        # [m²]
+TYPICAL_SHARE = .999        # of the learned frames that count as typical
+SIDE_DEVIATIONS = 4.        # [1] of a side of a base, within which it is searched
+
+
+class Prototype(NamedTuple):
+    """Statistics of M markers in the palm's frame, as kernels take them.
+
+    Attributes
+    ----------
+    template : ndarray, shape (M, 3)
+        Mean place of each marker [m].
+    rigid : ndarray, shape (M,)
+        Weight of each marker in the rigid fit of the palm; 0 for those of the digits.
+    bases : ndarray of int, shape (B, 3)
+        Triangles of palm markers.
+    sides : ndarray, shape (B, 3)
+        Tolerance of the sides 0 1, 1 2 and 2 0 of each, relative to their lengths in a palm of
+        its size.
+    precision : ndarray, shape (3 M, 3 M)
+        Inverse covariance of all markers together [1/m²].
+    constant : float
+        Logarithm of the covariance's determinant.
+    marginal : ndarray, shape (M, 3, 3)
+        Inverse covariance of each marker alone [1/m²].
+    marginal_constant : ndarray, shape (M,)
+        Logarithms of their determinants.
+    sizes : ndarray, shape (2,)
+        Least and greatest size of the palm, relative to the template.
+    typical : float
+        Squared Mahalanobis distance, per coordinate, that typical frames do not exceed.
+    """
+
+    template: np.ndarray
+    rigid: np.ndarray
+    bases: np.ndarray
+    sides: np.ndarray
+    precision: np.ndarray
+    constant: float
+    marginal: np.ndarray
+    marginal_constant: np.ndarray
+    sizes: np.ndarray
+    typical: float
+
+
+@dataclass(frozen=True, eq=False)
+class HandPrototype:
+    """Markers of one hand, and the statistics by which they are known.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the M markers.
+    side : {'right', 'left'}
+    statistics : Prototype
+        In the palm's frame of that side.
+    """
+
+    names: tuple[str, ...]
+    side: str
+    statistics: Prototype
+
+    def mirrored(self) -> 'HandPrototype':
+        """Return the same hand of the other side."""
+        one = self.statistics
+        count = len(self.names)
+        signs = np.tile(LEFT_HAND_MIRROR, count)
+        return replace(
+            self, side='left' if self.side == 'right' else 'right', statistics=one._replace(
+                template=one.template * LEFT_HAND_MIRROR,
+                precision=one.precision * np.outer(signs, signs),
+                marginal=one.marginal * np.outer(LEFT_HAND_MIRROR, LEFT_HAND_MIRROR)))
+
+
+def learn_prototype(names: Sequence[str], frames: np.ndarray, digits: Sequence[int], side: str,
+                    deviations: tuple[float, float, float] = DEVIATIONS,
+                    sizes: tuple[float, float] = WEARER_SIZES,
+                    shape: float = WEARER_SHAPE) -> HandPrototype:
+    """Learn the statistics of a hand's markers from labelled frames.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the M markers.
+    frames : ndarray, shape (T, M, 3)
+        Frames with a missing marker are left out [m].
+    digits : sequence of int
+        Digit that each marker is on; -1 for the palm, which needs at least three.
+    side : {'right', 'left'}
+        Of the hand that wears them.
+    deviations : (float, float, float), optional
+        Added to those of the frames: of a palm marker, of a digit, and of each of its markers [m].
+    sizes : (float, float), optional
+        Least and greatest size of a palm that is taken for this one.
+    shape : float, optional
+        By which its sides may differ besides, relative to their lengths.
+
+    Returns
+    -------
+    HandPrototype
+
+    Raises
+    ------
+    InvalidLayout
+        If there are too few frames, or no triangle of palm markers.
+    """
+    whole = np.asarray(frames, dtype=float)
+    whole = whole[np.isfinite(whole).all(axis=(1, 2))]
+    if len(whole) < MIN_LEARNED_FRAMES:
+        raise InvalidLayout(f'{len(whole)} frames with all of the {len(names)} markers; at least '
+                            f'{MIN_LEARNED_FRAMES} are needed to learn how to tell them apart')
+    whole = whole[np.unique(np.linspace(0, len(whole) - 1, LEARNED_FRAMES).astype(int))]
+    digit = np.array(digits)
+    palm = np.flatnonzero(digit < 0).tolist()
+    template, local = _aligned(whole, palm)
+    rigid = (digit < 0).astype(float)
+    bases, tolerances = _bases(template[palm], whole[:, palm], shape)
+    off = (local - template).reshape(len(local), -1)
+    of_palm, of_digit, of_marker = (deviation ** 2 for deviation in deviations)
+    extra = np.where(np.equal.outer(digit, digit) & (digit >= 0), of_digit, 0.)
+    extra += np.diag(np.where(digit < 0, of_palm, of_marker))
+    covariance = off.T @ off / len(off) + np.kron(extra, np.eye(3))
+    precision = np.linalg.inv(covariance)
+    alone = np.array([covariance[i:i + 3, i:i + 3] for i in range(0, len(covariance), 3)])
+    distances = np.einsum('ni,ij,nj->n', off, precision, off)
+    return HandPrototype(tuple(names), side, Prototype(
+        template, rigid, np.array(palm)[bases], tolerances, precision,
+        float(np.linalg.slogdet(covariance)[1]), np.linalg.inv(alone),
+        np.linalg.slogdet(alone)[1], np.array(sizes),
+        float(np.quantile(distances, TYPICAL_SHARE)) / off.shape[1]))
+
+
+def _aligned(frames: np.ndarray, palm: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the palm's frame as mean places (M, 3), and the frames in it (T, M, 3) [m]."""
+    template = frames[0] - frames[0, palm].mean(axis=0)
+    local = frames
+    for _ in range(ALIGNMENT_ROUNDS):
+        rest = template[palm]
+        centre = frames[:, palm].mean(axis=1, keepdims=True)
+        moment = np.einsum('ki,nkj->nij', rest - rest.mean(axis=0), frames[:, palm] - centre)
+        u, _, vt = np.linalg.svd(moment)
+        turn = np.linalg.det(u) * np.linalg.det(vt)
+        u[:, :, 2] *= turn[:, None]
+        rotation = u @ vt
+        local = np.einsum('nij,nkj->nki', rotation, frames - centre) + rest.mean(axis=0)
+        template = local.mean(axis=0)
+    return template, local
+
+
+def _bases(palm: np.ndarray, frames: np.ndarray,
+           shape: float) -> tuple[np.ndarray, np.ndarray]:
+    """Choose triangles of palm markers, the largest first, that share few corners.
+
+    Parameters
+    ----------
+    palm : ndarray, shape (P, 3)
+        Mean places [m].
+    frames : ndarray, shape (T, P, 3)
+        [m]
+    shape : float
+        By which sides may differ besides what they do in the frames, relative to their lengths.
+
+    Returns
+    -------
+    bases : ndarray of int, shape (B, 3)
+    tolerances : ndarray, shape (B, 3)
+        Of the sides, relative to their lengths.
+    """
+    triangles = np.array(list(combinations(range(len(palm)), 3)))
+    if not len(triangles):
+        raise InvalidLayout(f'{len(palm)} markers on the palm; at least three are needed to find '
+                            'a hand among points without names')
+    a, b, c = (palm[triangles[:, i]] for i in range(3))
+    area = .5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    left = area.copy()
+    chosen: list[int] = []
+    uses = np.zeros(len(palm))
+    while len(chosen) < MAX_BASES and (left >= MIN_BASE_AREA).any():
+        # A corner that others have is worth less: any marker may be hidden.
+        best = int(np.argmax(left / (1. + uses[triangles].sum(axis=1))))
+        chosen.append(best)
+        uses[triangles[best]] += 1.
+        left[best] = 0.
+    if not chosen:
+        raise InvalidLayout('the markers of the palm lie on one line, or too near each other; a '
+                            f'triangle of at least {1e4 * MIN_BASE_AREA:g} cm² is needed to find '
+                            'a hand among points without names')
+    tolerances = np.empty((len(chosen), 3))
+    for row, triangle in enumerate(triangles[chosen]):
+        for i in range(3):
+            sides = np.linalg.norm(
+                frames[:, triangle[i]] - frames[:, triangle[(i + 1) % 3]], axis=1)
+            tolerances[row, i] = min(shape + SIDE_DEVIATIONS * sides.std() / sides.mean(), .4)
+    return triangles[chosen], tolerances

@@ -1,0 +1,57 @@
+"""Small symmetric systems of equations: the normal equations of Gauss-Newton steps."""
+
+import math
+
+import numpy as np
+
+from .jit import jit
+
+
+@jit
+def solve_damped(matrix: np.ndarray, vector: np.ndarray, count: int, damping: float,
+                 factor: np.ndarray, solution: np.ndarray) -> bool:
+    """Solve (A + damping diag(A)) x = b by Cholesky's factorisation.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (>= count, >= count)
+        A, symmetric; its lower triangle is read.
+    vector : ndarray, shape (>= count,)
+        b
+    count : int
+        Number of unknowns.
+    damping : float
+    factor : ndarray, shape (>= count, >= count)
+        Scratch memory, replaced.
+    solution : ndarray, shape (>= count,)
+        x, replaced.
+
+    Returns
+    -------
+    bool
+        Whether the matrix is positive definite; the solution is of no use if not.
+    """
+    for i in range(count):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            if i == j:
+                total += damping * matrix[i, i]
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            if i != j:
+                factor[i, j] = total / factor[j, j]
+            elif total > 0.:
+                factor[i, i] = math.sqrt(total)
+            else:
+                return False
+    for i in range(count):
+        total = vector[i]
+        for k in range(i):
+            total -= factor[i, k] * solution[k]
+        solution[i] = total / factor[i, i]
+    for i in range(count - 1, -1, -1):
+        total = solution[i]
+        for k in range(i + 1, count):
+            total -= factor[k, i] * solution[k]
+        solution[i] = total / factor[i, i]
+    return True

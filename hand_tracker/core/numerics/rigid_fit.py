@@ -1,0 +1,125 @@
+"""Rigid fit of weighted points: the rotation by the largest eigenvector of Horn's matrix."""
+
+import math
+
+import numpy as np
+
+from .jit import jit
+
+JACOBI_SWEEPS = 12  # at most; three to five suffice for a symmetric matrix of four rows
+
+
+@jit
+def fit_rigid(template: np.ndarray, points: np.ndarray, weights: np.ndarray,
+              rotation: np.ndarray, position: np.ndarray) -> float:
+    """Fit a rotation and a translation that lay a template on points.
+
+    Horn's closed form (Closed-form solution of absolute orientation using unit quaternions, 1987).
+    Minimises Σ w |R t + o - x|², and takes the ratio of the sizes apart.
+
+    Parameters
+    ----------
+    template, points : ndarray, shape (n, 3)
+        Corresponding places [m].
+    weights : ndarray, shape (n,)
+        Not negative; points of weight 0 are not read.
+    rotation : ndarray, shape (3, 3)
+        From the template's frame to that of the points, replaced.
+    position : ndarray, shape (3,)
+        Origin of the template's frame, replaced [m].
+
+    Returns
+    -------
+    float
+        Size of the points over the template's, by their root mean squares about the centres; 0
+        where nothing is determined, and then nothing is replaced.
+    """
+    total = 0.
+    here = np.zeros(3)
+    there = np.zeros(3)
+    for i in range(len(weights)):
+        if weights[i] > 0.:
+            total += weights[i]
+            for k in range(3):
+                there[k] += weights[i] * template[i, k]
+                here[k] += weights[i] * points[i, k]
+    if total <= 0.:
+        return 0.
+    for k in range(3):
+        there[k] /= total
+        here[k] /= total
+    moment = np.zeros((3, 3))
+    spread = np.zeros(2)
+    for i in range(len(weights)):
+        if weights[i] > 0.:
+            for j in range(3):
+                a = template[i, j] - there[j]
+                spread[0] += weights[i] * a * a
+                spread[1] += weights[i] * (points[i, j] - here[j]) ** 2
+                for k in range(3):
+                    moment[j, k] += weights[i] * a * (points[i, k] - here[k])
+    if not (spread[0] > 0. and spread[1] > 0.):
+        return 0.
+    size = math.sqrt(spread[1] / spread[0])
+    w, x, y, z = _largest_eigenvector(moment)
+    rotation[0, 0] = w * w + x * x - y * y - z * z
+    rotation[1, 1] = w * w - x * x + y * y - z * z
+    rotation[2, 2] = w * w - x * x - y * y + z * z
+    rotation[0, 1], rotation[1, 0] = 2. * (x * y - w * z), 2. * (x * y + w * z)
+    rotation[0, 2], rotation[2, 0] = 2. * (x * z + w * y), 2. * (x * z - w * y)
+    rotation[1, 2], rotation[2, 1] = 2. * (y * z - w * x), 2. * (y * z + w * x)
+    for k in range(3):
+        position[k] = here[k] - (rotation[k, 0] * there[0] + rotation[k, 1] * there[1]
+                                 + rotation[k, 2] * there[2])
+    return size
+
+
+@jit
+def _largest_eigenvector(moment: np.ndarray) -> tuple[float, float, float, float]:
+    """Return the quaternion of the largest eigenvalue of Horn's matrix, by Jacobi rotations."""
+    s = moment
+    a = np.empty((4, 4))
+    a[0, 0] = s[0, 0] + s[1, 1] + s[2, 2]
+    a[1, 1] = s[0, 0] - s[1, 1] - s[2, 2]
+    a[2, 2] = -s[0, 0] + s[1, 1] - s[2, 2]
+    a[3, 3] = -s[0, 0] - s[1, 1] + s[2, 2]
+    a[0, 1] = a[1, 0] = s[1, 2] - s[2, 1]
+    a[0, 2] = a[2, 0] = s[2, 0] - s[0, 2]
+    a[0, 3] = a[3, 0] = s[0, 1] - s[1, 0]
+    a[1, 2] = a[2, 1] = s[0, 1] + s[1, 0]
+    a[1, 3] = a[3, 1] = s[2, 0] + s[0, 2]
+    a[2, 3] = a[3, 2] = s[1, 2] + s[2, 1]
+    vectors = np.eye(4)
+    scale = 0.
+    for i in range(4):
+        scale += abs(a[i, i])
+    for _ in range(JACOBI_SWEEPS):
+        off = 0.
+        for p in range(3):
+            for q in range(p + 1, 4):
+                off += abs(a[p, q])
+        if off <= 1e-15 * scale:
+            break
+        for p in range(3):
+            for q in range(p + 1, 4):
+                if a[p, q] == 0.:
+                    continue
+                theta = .5 * (a[q, q] - a[p, p]) / a[p, q]
+                t = (1. if theta >= 0. else -1.) / (abs(theta) + math.sqrt(theta * theta + 1.))
+                c = 1. / math.sqrt(t * t + 1.)
+                d = t * c
+                for k in range(4):
+                    a[k, p], a[k, q] = c * a[k, p] - d * a[k, q], d * a[k, p] + c * a[k, q]
+                for k in range(4):
+                    a[p, k], a[q, k] = c * a[p, k] - d * a[q, k], d * a[p, k] + c * a[q, k]
+                for k in range(4):
+                    vectors[k, p], vectors[k, q] = (c * vectors[k, p] - d * vectors[k, q],
+                                                    d * vectors[k, p] + c * vectors[k, q])
+    best = 0
+    for i in range(1, 4):
+        if a[i, i] > a[best, best]:
+            best = i
+    size = math.sqrt(vectors[0, best] ** 2 + vectors[1, best] ** 2
+                     + vectors[2, best] ** 2 + vectors[3, best] ** 2)
+    return (vectors[0, best] / size, vectors[1, best] / size,
+            vectors[2, best] / size, vectors[3, best] / size)

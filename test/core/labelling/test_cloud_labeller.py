@@ -1,0 +1,144 @@
+"""Labels of points without names: simulated hands, shuffled, with ghosts and hidden markers."""
+
+import numpy as np
+import pytest
+
+from hand_tracker.core.errors import HandTrackerError
+from hand_tracker.core.labelling.cloud_labeller import CloudLabeller
+from hand_tracker.core.labelling.natural_poses import marker_digits, model_prototype, natural_poses
+from hand_tracker.core.labelling.prototypes import learn_prototype
+from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
+
+RATE = 120.
+SIDES = 'right', 'left'
+
+
+def prototype(side='right', **size):
+    return model_prototype(Hand.scaled(side=side, **size), MarkerLayout(), MARKERS)
+
+
+def moving(frames, side='right', at=(0., 0., 0.), seed=0):
+    """Return the markers of a hand that goes smoothly from pose to pose, and moves, (T, 8, 3)."""
+    hand = Hand.scaled(side=side)
+    keys = natural_poses(hand, 400)[100 * seed:][:2 + frames // 60]
+    places = np.arange(frames) / 60.
+    angles = np.array([np.interp(places, np.arange(len(keys)), column) for column in keys.T]).T
+    time = np.arange(frames) / RATE
+    position = np.array(at) + .1 * np.sin(np.outer(time, (1.1, 1.7, .9)))
+    turn, rotation = .5 * np.sin(2. * time), np.tile(np.eye(3), (frames, 1, 1))
+    rotation[:, 0, 0] = rotation[:, 1, 1] = np.cos(turn)
+    rotation[:, 1, 0], rotation[:, 0, 1] = np.sin(turn), -np.sin(turn)
+    return marker_positions(
+        MarkerLayout().mounting(hand), forward(joint_table(hand), angles, rotation, position),
+        rotation, position)
+
+
+def shuffled(markers, random, ghosts=0):
+    """Return the visible of markers (M, 3) and ghosts in random order; the row of each marker."""
+    visible = np.flatnonzero(np.isfinite(markers[:, 0]))
+    false = np.nanmean(markers, axis=0) + random.uniform(-.25, .25, (ghosts, 3))
+    order = random.permutation(len(visible) + ghosts)
+    rows = np.full(len(markers), -1)
+    rows[visible] = np.argsort(order)[:len(visible)]
+    return np.concatenate((markers[visible], false))[order], rows
+
+
+def test_a_single_frame_is_labelled_whatever_the_order_and_the_pose_of_the_wrist():
+    random = np.random.default_rng(1)
+    labeller = CloudLabeller([prototype()])
+    right = 0
+    for frame in moving(400)[::20]:
+        points, rows = shuffled(frame, random)
+        right += np.array_equal(labeller.label_frame(points).rows[0], rows)
+    assert right >= 19  # of 20
+
+
+def test_a_stream_keeps_its_labels_beside_ghosts():
+    random = np.random.default_rng(2)
+    labeller = CloudLabeller([prototype()])
+    right = 0
+    for number, frame in enumerate(moving(300, seed=1)):
+        points, rows = shuffled(frame, random, ghosts=4)
+        right += np.array_equal(labeller.update(points, number / RATE).rows[0], rows)
+    assert right >= 295
+
+
+def test_a_hidden_marker_has_no_label_and_gets_its_own_back():
+    random = np.random.default_rng(3)
+    labeller = CloudLabeller([prototype()])
+    frames = moving(240, seed=1)
+    frames[60:90, 4] = np.nan
+    frames[120:140, 1] = np.nan
+    for number, frame in enumerate(frames):
+        points, rows = shuffled(frame, random)
+        found = labeller.update(points, number / RATE).rows[0]
+        assert np.array_equal(found, rows), number
+
+
+def test_two_hands_in_one_cloud_keep_their_own_markers():
+    random = np.random.default_rng(4)
+    labeller = CloudLabeller([prototype(side) for side in SIDES])
+    hands = [moving(200, side, at, seed) for seed, (side, at) in enumerate(
+        zip(SIDES, ((0., 0., 0.), (.1, .3, 0.))))]
+    for number, frame in enumerate(np.concatenate(hands, axis=1)):
+        points, rows = shuffled(frame, random, ghosts=2)
+        found = labeller.update(points, number / RATE)
+    assert found.found == (True, True)
+    assert np.array_equal(np.concatenate(found.rows), rows)
+
+
+def test_a_hand_of_the_other_side_is_named_not_labelled():
+    labeller = CloudLabeller([prototype('left')])
+    named = 0
+    for number, frame in enumerate(moving(120, seed=1)):
+        found = labeller.update(frame, number / RATE)
+        named += found.other_side[0]
+        assert not found.found[0]
+    assert named > 60
+
+
+def test_a_hand_that_is_lost_is_found_again():
+    labeller = CloudLabeller([prototype()])
+    frames = moving(300, seed=1)
+    for number in range(100):
+        labeller.update(frames[number], number / RATE)
+    for number in range(100, 150):
+        found = labeller.update(np.empty((0, 3)), number / RATE)
+        assert (found.rows[0] < 0).all()
+    assert not found.found[0]
+    for number in range(150, 180):
+        found = labeller.update(frames[number], number / RATE)
+    assert np.array_equal(found.rows[0], np.arange(8))
+
+
+def test_rows_are_those_of_all_points_where_some_are_not_finite():
+    labeller = CloudLabeller([prototype()])
+    points = np.insert(moving(1)[0], 3, np.nan, axis=0)
+    assert labeller.update(points).rows[0].tolist() == [0, 1, 2, 4, 5, 6, 7, 8]
+
+
+def test_clouds_without_a_hand_are_none():
+    random = np.random.default_rng(5)
+    labeller = CloudLabeller([prototype()])
+    for number, count in enumerate((0, 1, 2, 3, 40, 80, 5)):
+        found = labeller.update(random.uniform(-5., 5., (count, 3)), number / RATE)
+        assert (found.rows[0] == -1).all() or found.found[0]
+    with pytest.raises(ValueError, match=r'points: shape \(4, 2\); expected \(n, 3\)'):
+        labeller.update(np.zeros((4, 2)))
+    with pytest.raises(ValueError, match=r'ids: shape \(3,\); expected \(4,\)'):
+        labeller.update(np.zeros((4, 3)), ids=np.zeros(3))
+
+
+def test_a_learned_hand_needs_frames_and_a_triangle_of_palm_markers():
+    frames, digits = moving(60), marker_digits(MarkerLayout().mounting(Hand.scaled()).link)
+    assert digits == [-1, -1, -1, 0, 1, 2, 3, 4]
+    learned = learn_prototype(MARKERS, frames, digits, 'right')
+    assert CloudLabeller([learned]).label_frame(frames[7]).rows[0].tolist() == list(range(8))
+    with pytest.raises(HandTrackerError, match='5 frames with all of the 8 markers; at least 20'):
+        learn_prototype(MARKERS, frames[:5], digits, 'right')
+    with pytest.raises(HandTrackerError, match='2 markers on the palm; at least three'):
+        learn_prototype(MARKERS, frames, [0, *digits[1:]], 'right')
+    with pytest.raises(HandTrackerError, match='lie on one line'):
+        learn_prototype(MARKERS, frames[:, [0, 0, 0, 3, 4, 5, 6, 7]], digits, 'right')

@@ -1,0 +1,39 @@
+"""Rigid fit of weighted points, against SciPy's."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from hand_tracker.core.numerics.rigid_fit import fit_rigid
+
+
+def test_the_pose_is_that_of_least_squares():
+    random = np.random.default_rng(2)
+    for _ in range(100):
+        count = random.integers(3, 9)
+        template, weights = random.normal(size=(count, 3)), random.uniform(.1, 2., count)
+        turn, move = Rotation.random(random_state=random), random.normal(size=3)
+        points = turn.apply(template) + move + .05 * random.normal(size=(count, 3))
+        rotation, position = np.empty((3, 3)), np.empty(3)
+        fit_rigid(template, points, weights, rotation, position)
+        there, here = (np.average(p, axis=0, weights=weights) for p in (template, points))
+        expected, _ = Rotation.align_vectors(points - here, template - there, weights)
+        assert np.allclose(rotation, expected.as_matrix(), rtol=0, atol=1e-7)
+        assert np.allclose(position, here - expected.apply(there), rtol=0, atol=1e-7)
+
+
+def test_the_size_is_told_apart_and_weightless_points_are_not_read():
+    template = np.array(((0., 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 3)))
+    points = 2. * template + 1.
+    points[3] = np.nan
+    rotation, position = np.empty((3, 3)), np.empty(3)
+    size = fit_rigid(template, points, np.array((1., 1., 1., 0.)), rotation, position)
+    assert np.isclose(size, 2.)
+    assert np.allclose(rotation, np.eye(3), rtol=0, atol=1e-12)
+
+
+def test_nothing_is_replaced_where_nothing_is_determined():
+    rotation, position = np.full((3, 3), 7.), np.full(3, 7.)
+    here = np.ones((3, 3))
+    assert fit_rigid(here, here, np.ones(3), rotation, position) == 0.
+    assert fit_rigid(here, here, np.zeros(3), rotation, position) == 0.
+    assert (rotation == 7.).all() and (position == 7.).all()

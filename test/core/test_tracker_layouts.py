@@ -1,0 +1,190 @@
+"""The tracker with layouts of any markers: accuracy, hidden markers, the palm's arch."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hand_tracker.core.model.hand import DIGITS, FINGERS, JOINTS, Hand
+from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
+from hand_tracker.core.model.layout_presets import preset_layout
+from hand_tracker.core.model.marker_layout import (
+    ALL_LANDMARKS,
+    MARKERS,
+    PAPER_PLACES,
+    MarkerLayout,
+    marker_positions,
+)
+from hand_tracker.core.model.states import MarkerState, PalmState
+from hand_tracker.core.tracker import HandTracker, TrackerOptions
+from hand_tracker.simulation.motions import motion_named
+
+RATE = 120.
+HAND = Hand.scaled()
+LAST_LINKS = [4, 9, 14, 19, 24]
+
+
+def motion(count, start=3., hand=HAND, **angles):
+    """Return angles and wrist of some frames of the demo motion, some joints replaced [deg]."""
+    found, rotation, position = motion_named('demo', hand).sample(np.arange(count) / RATE + start)
+    for joint, value in angles.items():
+        found[:, JOINTS.index(joint)] = np.radians(value)
+    return found, rotation, position
+
+
+def markers_of(layout, moved, hand=HAND, noise=0.):
+    # Not named as the paper's eight, knuckles ride on their metacarpals.
+    riding = MarkerLayout(layout.places, layout.offsets, layout.deviations,
+                          [f'{name}.' for name in layout.names], layout.skin_shares)
+    found = marker_positions(
+        riding.mounting(hand), forward(joint_table(hand), *moved), *moved[1:])
+    return found + np.random.default_rng(0).normal(scale=noise, size=found.shape)
+
+
+def tips(hand, *pose):
+    links = forward(joint_table(hand), *pose)
+    return links.position[..., LAST_LINKS, :] + np.einsum(
+        '...ijk,ik->...ij', links.rotation[..., LAST_LINKS, :, :], tip_offsets(hand))
+
+
+def tracked(tracker, frames):
+    return [tracker.update(frame, i / RATE) for i, frame in enumerate(frames)]
+
+
+def with_fourth(place, offset=(0., 0., 0.)):
+    return MarkerLayout([*PAPER_PLACES, place], np.vstack((np.zeros((8, 3)), offset)),
+                        names=[*MARKERS, 'fourth'])
+
+
+@pytest.mark.parametrize('side', ['right', 'left'])
+def test_many_markers_tell_all_angles(side):
+    hand = HAND.replace(side=side)
+    layout, moved = preset_layout('kyutech23'), motion(40, hand=hand)
+    states = tracked(HandTracker(hand, layout), markers_of(layout, moved, hand))
+    off = np.abs([state.angles for state in states] - moved[0])
+    assert np.degrees(off.mean()) < .5
+    assert np.nanmax([state.residuals for state in states[5:]]) < 1e-3
+    assert states[-1].markers.shape == (23, 3)
+    assert (states[-1].marker_states == MarkerState.SEEN).all()
+
+
+def test_a_permuted_layout_of_the_eight_is_tracked_to_the_bit_as_the_eight():
+    order = np.random.default_rng(1).permutation(8)
+    layout = MarkerLayout([PAPER_PLACES[i] for i in order],
+                          names=[f'm{i}' for i in range(8)])
+    frames = markers_of(MarkerLayout(), motion(20), noise=2e-4)
+    eight, permuted = HandTracker(HAND), HandTracker(HAND, layout)
+    for frame in frames:
+        one, other = eight.update(frame), permuted.update(frame[order])
+        assert np.array_equal(one.angles, other.angles)
+        assert np.array_equal(one.markers[order], other.markers)
+        assert one.residuals[order] == pytest.approx(other.residuals, abs=1e-12)
+
+
+def test_a_digit_goes_on_by_its_other_markers_as_one_after_the_other_is_hidden():
+    layout, moved = preset_layout('kyutech23'), motion(60)
+    frames = markers_of(layout, moved)
+    rows = [row for row, place in enumerate(layout.places) if place.startswith('index_')
+            and place != 'index_mcp']
+    frames[20:, rows[1]] = np.nan          # the principal one, at the DIP
+    frames[40:, rows[2]] = np.nan          # the tip
+    states = tracked(HandTracker(HAND, layout), frames)
+    off = 1e3 * np.linalg.norm(
+        np.array([state.markers for state in states])
+        - markers_of(layout, moved), axis=2)[:, rows]
+    assert off[20:40].max() < 3.
+    assert off[40:].max() < 25.
+    assert states[30].marker_states[rows[1]] == MarkerState.PREDICTED
+    assert np.isnan(states[30].residuals[rows[1]]) and states[30].hidden_for[rows[1]] > 0.
+
+
+def test_the_palm_is_placed_by_the_markers_that_are_seen():
+    layout, moved = preset_layout('sig18_19'), motion(40)
+    frames = markers_of(layout, moved)
+    frames[10:, list(layout.principal[:3])] = np.nan
+    states = tracked(HandTracker(HAND, layout), frames)
+    off = np.linalg.norm([state.wrist_position for state in states] - moved[2], axis=1)
+    assert off.max() < 2e-3
+    assert states[-1].palm is PalmState.TRACKED
+
+
+def test_an_outlier_among_many_markers_moves_the_hand_little():
+    layout, moved = preset_layout('kyutech23'), motion(30)
+    frames = markers_of(layout, moved)
+    clean = tracked(HandTracker(HAND, layout), frames)
+    frames[10:, layout.further[3]] += (.05, .03, 0.)
+    states = tracked(HandTracker(HAND, layout), frames)
+    off = np.array([tips(HAND, one.angles, one.wrist_rotation, one.wrist_position)
+                    - tips(HAND, other.angles, other.wrist_rotation, other.wrist_position)
+                    for one, other in zip(clean, states)])
+    assert np.linalg.norm(off, axis=2).max() < 6e-3
+
+
+@pytest.mark.parametrize('place, offset', [
+    ('middle_mcp', (0., 0., 0.)), ('ring_mcp', (0., 0., 0.)), ('index_mcp', (-.02, 0., .01))])
+@pytest.mark.parametrize('ring, little', [(10., 20.), (15., 30.)])
+def test_a_fourth_palm_marker_shows_the_arch(place, offset, ring, little):
+    moved = motion(25, ring_cmc_flexion=ring, little_cmc_flexion=little)
+    layout = with_fourth(place, offset)
+    states = tracked(HandTracker(HAND, layout), markers_of(layout, moved, noise=1e-4))
+    off = 1e3 * np.linalg.norm(np.array([
+        tips(HAND, state.angles, state.wrist_rotation, state.wrist_position)
+        for state in states]) - tips(HAND, *moved), axis=2)
+    assert off[:, FINGERS.index('little')].mean() < 3.
+    arch = np.degrees(states[-1].angles[[10, 15]])
+    assert arch == pytest.approx((ring, little), abs=2.)
+
+
+def test_without_a_fourth_marker_the_palm_is_flat_unless_a_synergy_is_asked_for():
+    moved = motion(10, ring_cmc_flexion=10., little_cmc_flexion=20.)
+    frames = markers_of(MarkerLayout(), moved)
+    cmc = [JOINTS.index(f'{finger}_cmc_flexion') for finger in FINGERS]
+    for option, cups in (('observed', False), ('flat', False), ('synergy', True)):
+        states = tracked(HandTracker(HAND, options=TrackerOptions(palm_arch=option)), frames)
+        assert (states[-1].angles[cmc] != 0.).any() == cups
+    flat = tracked(HandTracker(HAND, with_fourth('middle_mcp'), TrackerOptions(palm_arch='flat')),
+                   np.concatenate((frames, frames[:, :1] + .001), axis=1))
+    assert (flat[-1].angles[cmc] == 0.).all()
+
+
+@st.composite
+def layouts(draw):
+    extra = draw(st.lists(st.sampled_from(ALL_LANDMARKS), max_size=20))
+    palm = draw(st.permutations(('wrist', 'index_mcp', 'little_mcp')))
+    places = [*palm, *extra]
+    offset = st.floats(-.01, .01)
+    offsets = np.array([draw(st.tuples(offset, offset, offset)) for _ in places])
+    offsets[:3] = 0.
+    return MarkerLayout(places, offsets, names=[f'm{i}' for i in range(len(places))])
+
+
+@settings(max_examples=10, deadline=None)
+@given(layouts(), st.integers(0, 2**32 - 1))
+def test_whatever_comes_the_hand_stays_finite_and_within_its_limits(layout, seed):
+    random = np.random.default_rng(seed)
+    side = ('right', 'left')[seed % 2]
+    hand = HAND.replace(side=side)
+    tracker = HandTracker(hand, layout)
+    frames = markers_of(layout, motion(6, hand=hand), hand)
+    for i, frame in enumerate(frames):
+        frame[random.random(len(frame)) < .3] = np.nan
+        wild = random.random(len(frame)) < .1
+        frame[wild] = random.normal(scale=10. ** random.integers(-2, 4), size=(wild.sum(), 3))
+        state = tracker.update(frame, i / RATE)
+        assert np.isfinite(state.angles).all() and np.isfinite(state.pose.position).all()
+        assert np.isfinite(state.markers).all() and np.isfinite(state.wrist_rotation).all()
+        lower, upper = tracker.hand.limits.T
+        assert (state.angles >= lower).all() and (state.angles <= upper).all()
+
+
+@pytest.mark.parametrize('digit', DIGITS)
+def test_a_digit_with_one_marker_is_solved_in_closed_form_among_others_with_more(digit):
+    places = [*PAPER_PLACES, *(f'{other}_{"mcp" if other == "thumb" else "pip"}'
+                               for other in DIGITS if other != digit)]
+    layout = MarkerLayout(places, names=[f'm{i}' for i in range(len(places))])
+    frames = markers_of(layout, motion(10))
+    one, many = HandTracker(HAND), HandTracker(HAND, layout)
+    rows = slice(5 * DIGITS.index(digit), 5 * DIGITS.index(digit) + 5)
+    for frame in frames:
+        assert np.array_equal(one.update(frame[:8]).angles[rows],
+                              many.update(frame).angles[rows])
