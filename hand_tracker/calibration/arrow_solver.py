@@ -84,7 +84,7 @@ def solve_angles(problem: DigitProblem, shape: np.ndarray, starts: np.ndarray
     problem : DigitProblem
     shape : ndarray, shape (p,)
     starts : ndarray, shape (s, 4) or (s, n, 4)
-        Of which the one that ends with the least cost is taken, frame by frame [rad].
+        Initial angles; the result of least cost is taken, frame by frame [rad].
 
     Returns
     -------

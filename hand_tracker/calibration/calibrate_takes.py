@@ -1,4 +1,4 @@
-"""From takes to a hand file with its report and its picture."""
+"""Calibrate a hand by takes: fit it, print the report, write hand file and picture."""
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -8,15 +8,17 @@ from queue import SimpleQueue
 
 import numpy as np
 
-from ..core.model.hand import FLEXION_JOINTS, preset_limits
-from ..core.model.marker_layout import MarkerLayout
+from ..core.model.hand import FLEXION_JOINTS, WEARER_LIMITS
+from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..drawing.fit_picture import FittedPose, save_fit_picture
 from ..files.hand_file import save_hand
+from ..output_files import require_writable
 from ..progress import Progress, bar
 from .coverage import Covered, coverage
 from .fit import fit_hand
 from .fit_report import FitReport, average_rate, report_fit
 from .fitted_hand import place_mounted
+from .full_layout import fitted_layout
 from .joint_centres import are_joint_centres, landmark_frames
 from .marker_fit import FIT_STEPS, MarkerFit, fit_gathered
 from .take_checks import check_takes
@@ -26,8 +28,8 @@ COVERAGE_BAR = 20          # [characters]
 PICTURED_FLEXION = (0., .5, 1.)  # order of the poses in the picture among all, by flexion [1]
 
 
-def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = 'paper',
-                    picture: Path | None = None) -> str:
+def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEARER_LIMITS,
+                    picture: Path | None = None, layout: MarkerLayout | None = None) -> str:
     """Fit a hand to takes, print the report, and write hand file and picture.
 
     Parameters
@@ -37,28 +39,34 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = 'pa
     output : Path
         Hand file to write.
     limits : str, optional
-        Preset of the joint limits, which the takes widen.
+        Preset of the joint limits; by default Table 1, widened to what the takes show.
     picture : Path, optional
         Beside the hand file when left out.
+    layout : MarkerLayout, optional
+        Whose markers the takes have, and the hand file gets; when left out it gets the paper's
+        eight.
 
     Returns
     -------
     str
-        What was written.
+        The files written, in words.
 
     Raises
     ------
     InvalidTake
         If the takes are refused, with the reason.
-    OSError
+    OutputError
         If a file cannot be written.
     """
+    picture = picture or output.with_suffix('.png')
+    for path in (output, picture):
+        require_writable(path)
     for weak in check_takes(takes):
         print(f'note: {weak}', file=sys.stderr)
     gathered = gather(takes)
     if are_joint_centres(gathered):
         joints = landmark_frames(gathered) * takes[0].mirror
-        save_hand(output, fit_hand(joints, takes[0].side, preset_limits(limits)), MarkerLayout())
+        save_hand(output, fit_hand(joints, takes[0].side, limits), layout or MarkerLayout())
         return (f'{output}: a hand with markers at its joints, as these are no markers on '
                 'the skin: joints that keep their distances')
     rate = average_rate([take.rate for take in takes])
@@ -66,11 +74,11 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = 'pa
     covered = coverage(fit.postures)
     lines = [*report.lines(), '', *_coverage_lines(covered)]
     print('\n'.join(lines))
-    save_hand(output, fit.hand, fit.layout)
+    worn = fit.layout if layout is None or layout.names == MARKERS else fitted_layout(fit, layout)
+    save_hand(output, fit.hand, worn)
     with open(output, 'a', encoding='utf-8') as file:
         file.write(''.join(f'# {line}'.rstrip() + '\n' for line in
                            ('', f'Fitted to {", ".join(take.name for take in takes)}:', *lines)))
-    picture = picture or output.with_suffix('.png')
     save_fit_picture(picture, fit.hand, _pictured(fit, gathered))
     return f'{output}: hand of {1e3 * fit.length:.0f} mm; its markers are drawn in {picture}'
 
@@ -82,7 +90,7 @@ def _fit_with_progress(gathered: Gathered, side: str, limits: str,
 
     def work(done: Callable[[], None]) -> tuple[MarkerFit, FitReport]:
         try:
-            fit = fit_gathered(gathered, side, preset_limits(limits), done)
+            fit = fit_gathered(gathered, side, limits, done)
             return fit, report_fit(fit, gathered, rate, done)
         finally:
             steps.put(False)
@@ -95,7 +103,7 @@ def _fit_with_progress(gathered: Gathered, side: str, limits: str,
 
 
 def _coverage_lines(covered: list[Covered]) -> Iterator[str]:
-    """Yield how far each joint moved, as bars, and what would show more."""
+    """Yield the coverage of each joint as a bar, with the movement to add."""
     yield 'motion in the take, of what a calibration asks for'
     names = {'turn': 'abduction', 'first': 'first joint', 'second': 'second joint'}
     for one in covered:

@@ -1,4 +1,4 @@
-"""Coverage: how far each joint moved in a take, and what to do where it did not."""
+"""Coverage: range of motion of each joint in a take, and the movements still needed."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,11 @@ import numpy as np
 from ..core.model.hand import ABDUCTION_JOINTS, DIGITS, FLEXION_JOINTS
 
 # Range of a joint that a calibration asks for [degrees]; ours.
-WANTED_RANGE = {'turn': 20., 'first': 50., 'second': 50.}
+WANTED_FLEXION = 50.
+# Of the abduction of each digit, index finger to thumb: the live calibration asks for 16 between
+# index and little finger, of which each has a share as in a spread of simulated hands; the middle
+# finger, from which the others spread, hardly turns.
+WANTED_ABDUCTION = (6., 1., 4., 10., 20.)
 MOTION_ENDS = (1., 99.)  # percentiles of the angles
 TASKS = {
     ('finger', 'turn'): 'spread the fingers and close them again, straight',
@@ -32,7 +36,7 @@ class Covered(NamedTuple):
     share : float
         Of the range asked for, at most 1.
     task : str
-        What shows more of it.
+        Movement to widen it.
     """
 
     digit: str
@@ -61,7 +65,8 @@ def coverage(angles: np.ndarray) -> list[Covered]:
     found = []
     for row, digit in enumerate(DIGITS):
         rows = (ABDUCTION_JOINTS[row], *FLEXION_JOINTS[row, :2])
-        for joint, (kind, wanted) in zip(rows, WANTED_RANGE.items()):
+        for joint, kind, wanted in zip(rows, ('turn', 'first', 'second'), (
+                WANTED_ABDUCTION[row], WANTED_FLEXION, WANTED_FLEXION)):
             seen = float(high[joint] - low[joint])
             task = TASKS['thumb' if digit == 'thumb' else 'finger', kind].format(digit=digit)
             found.append(Covered(digit, kind, seen, min(1., seen / wanted), task))

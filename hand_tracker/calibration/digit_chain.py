@@ -29,7 +29,7 @@ class Chain(NamedTuple):
         Axes of the base without lean, as columns, in the palm's frame: x ahead, z the axis of
         abduction.
     links : ndarray of int, shape (m,)
-        Link that each marker is attached to, 0 to 2.
+        Link of each marker, 0 to 2.
     """
 
     base: np.ndarray
@@ -81,7 +81,7 @@ class Lean(NamedTuple):
     base : ndarray, shape (3, 3)
         Axes of the base, as columns, in the palm's frame.
     tilt : float
-        Flexion from its x axis to that of the base without lean [rad].
+        Flexion from its x axis to the x axis of the base without lean [rad].
     """
 
     base: np.ndarray

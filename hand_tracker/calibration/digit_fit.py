@@ -53,14 +53,14 @@ class DigitFit(NamedTuple):
 
 
 def posture_starts(is_thumb: bool, posture: PosturePrior) -> np.ndarray:
-    """Return the postures from which a frame's is sought, shape (s, 4) [rad]."""
+    """Return the initial postures of each frame's search, shape (s, 4) [rad]."""
     if not is_thumb:
         return np.radians(FINGER_STARTS)
     return np.radians(THUMB_STARTS) + (0., posture.mean[1], 0., 0.)
 
 
 def chosen_problem(problem: DigitProblem) -> DigitProblem:
-    """Return the problem with the frames that cover its motion best, weighted."""
+    """Return the problem reduced to the frames of best coverage, weighted."""
     frames = spread_frames(problem.points, CHOSEN_FRAMES, LEAST_DISTANCE)
     return problem._replace(
         points=problem.points[frames],
@@ -76,7 +76,7 @@ def fit_digit(problem: DigitProblem, starts: np.ndarray,
     problem : DigitProblem
         With the chosen frames.
     starts : ndarray, shape (s, 4)
-        Postures from which each frame's is sought [rad].
+        Initial postures of each frame's search [rad].
     shape : ndarray, shape (p,), optional
         Where to begin; else the usual shape.
     rounds : int, optional

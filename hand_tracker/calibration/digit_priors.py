@@ -1,4 +1,4 @@
-"""What is known of a digit before its markers are seen: proportions, skin, postures.
+"""Priors of a digit's fit: proportions, skin, postures.
 
 All spreads are standard deviations over people; where no source stands they are ours.
 """
@@ -121,7 +121,7 @@ def digit_prior(hand: Hand, digit: int, marked: Marked, length: float,
         0 to 4, index finger to thumb.
     marked : Marked
     length : float
-        Length of the hand, of which bones are shares [m].
+        Length of the hand; bones are shares of it [m].
     knuckle : ndarray, shape (3,), optional
         Place of the marker over the digit's root, in the palm's frame; one that rides on the
         digit, its median [m].

@@ -7,10 +7,10 @@ import numpy as np
 
 from ..core.model.hand import COUPLING_OFFSET_RANGE, FINGERS, SLOPE_RANGE, Hand
 from ..core.model.kinematics import digit_base
+from .landmarks import STRONG_FLEXION, digit_angles
 from .least_squares import evenly_spaced, regularised_fit
 
 FINGER_FIT_FRAMES = 400
-STRONG_FLEXION = np.radians(60.)  # above which a phalanx hardly shows its abduction
 MOTION_PERCENTILES = (1., 99.)  # of recorded angles, the limits of the range of motion
 
 # Standard deviation of an axis's lean from dorsal, as a tangent; ours, unsourced.
@@ -56,8 +56,8 @@ def fit_fingers(hand: Hand, fingers: np.ndarray) -> Hand:
              for finger in range(len(FINGERS))]
     coupling = hand.coupling.copy()
     for finger in range(len(FINGERS)):
-        coupling[finger] = _fitted_coupling(
-            *_flexions(hand, finger, fingers[:, finger]), coupling[finger, 0])
+        pip, dip = digit_angles(hand, finger, fingers[:, finger])[:, 2:].T
+        coupling[finger] = _fitted_coupling(pip, dip, coupling[finger, 0])
     return hand.replace(splay=splay, coupling=coupling)
 
 
@@ -90,21 +90,6 @@ def _middle_of_abduction(hand: Hand, finger: int, proximal: np.ndarray) -> float
     axis = base[:, 2]
     rest = direction - direction[2] / axis[2] * axis
     return np.arctan2(rest[1], rest[0])
-
-
-def _flexions(hand: Hand, finger: int, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the flexions of PIP and DIP, shape (T,) each [rad].
-
-    They are measured in the plane that contains the abduction axis and fits all bones between
-    the joints (T, 4, 3) best, so that a single bone along the axis does not turn it.
-    """
-    base, _, _ = digit_base(hand, finger)
-    x, y, z = np.moveaxis(np.diff(joints, axis=1) @ base, -1, 0)
-    # Squared, as opposite directions lie in the same plane.
-    turn = np.angle(((x + 1j * y) ** 2).sum(axis=1, keepdims=True)) / 2.
-    bent = np.arctan2(-z, x * np.cos(turn) + y * np.sin(turn))
-    pip, dip = ((np.diff(bent, axis=1) + np.pi) % (2. * np.pi) - np.pi).T
-    return pip, dip
 
 
 def _fitted_coupling(pip: np.ndarray, dip: np.ndarray, usual: float) -> tuple[float, float]:

@@ -9,13 +9,25 @@ from ..core.model.hand import (
     LEFT_HAND_MIRROR,
     MCP_OF_LENGTH,
     SIDES,
+    WEARER_LIMITS,
     Hand,
     cmc_joints,
     preset_limits,
 )
+from ..core.model.marker_layout import PALM_LANDMARKS
 from .fingers import fit_fingers
-from .landmarks import FINGER_ROWS, INDEX_MCP, LANDMARKS, LITTLE_MCP, MIDDLE_MCP, THUMB_ROWS
+from .fitted_hand import range_of_motion
+from .landmarks import (
+    FINGER_ROWS,
+    INDEX_MCP,
+    LANDMARKS,
+    LITTLE_MCP,
+    MIDDLE_MCP,
+    THUMB_ROWS,
+    landmark_angles,
+)
 from .palm_frame import median_lengths, palm_areas, palm_coordinates
+from .palm_synergy import fit_palm_synergy
 from .radii import fit_radii
 from .thumb import fit_thumb
 
@@ -23,8 +35,8 @@ MIN_CALIBRATION_FRAMES = 10
 MIN_PALM_AREA = 1e-4  # [m²]
 
 
-def fit_hand(joints: ArrayLike, side: str, limits: ArrayLike | None = None) -> Hand:
-    """Return the hand that fits recorded joint positions.
+def fit_hand(joints: ArrayLike, side: str, limits: str | ArrayLike = WEARER_LIMITS) -> Hand:
+    """Fit a hand to recorded joint positions.
 
     Parameters
     ----------
@@ -32,14 +44,15 @@ def fit_hand(joints: ArrayLike, side: str, limits: ArrayLike | None = None) -> H
         In the order of `LANDMARKS`, NaN where not recorded [m].
     side : {'right', 'left'}
         Of the recorded hand.
-    limits : array_like, shape (25, 2), optional
-        Joint limits of the hand; the preset 'paper' when left out [rad].
+    limits : str or array_like, shape (25, 2), optional
+        Joint limits of the hand, a preset or of each joint; by default Table 1, widened to what
+        the recording shows [rad].
 
     Returns
     -------
     Hand
-        Of `side`, with palm, bones, axes and coupling of all digits and radii of the capsules
-        fitted. `hand.replace(coupling=preset_coupling())` restores the usual coupling.
+        Of `side`, with palm, bones, axes and coupling of all digits, range of motion and radii of
+        the capsules fitted. `hand.replace(coupling=preset_coupling())` restores the usual coupling.
 
     Raises
     ------
@@ -61,7 +74,6 @@ def fit_hand(joints: ArrayLike, side: str, limits: ArrayLike | None = None) -> H
     if side == 'left':
         complete = complete * LEFT_HAND_MIRROR
 
-    limits = preset_limits() if limits is None else np.array(limits, dtype=float)
     local = palm_coordinates(complete)
     palm = np.median(local, axis=0)
     mcp = palm[FINGER_ROWS[:, 0]]
@@ -73,5 +85,18 @@ def fit_hand(joints: ArrayLike, side: str, limits: ArrayLike | None = None) -> H
         finger_mcp=mcp,
         finger_cmc=cmc_joints(mcp, length),
         finger_bones=median_lengths(fingers),
-        thumb_cmc=palm[THUMB_ROWS[0]], thumb_bones=median_lengths(thumb), limits=limits, side=side)
-    return fit_radii(fit_thumb(fit_fingers(hand, fingers), thumb), local)
+        thumb_cmc=palm[THUMB_ROWS[0]], thumb_bones=median_lengths(thumb), side=side)
+    # The thumb is solved within its limits: they are known before, and told better after.
+    hand = fit_thumb(_limited(fit_fingers(hand, fingers), local, limits), thumb)
+    hand = hand.replace(palm_synergy=fit_palm_synergy(
+        hand, {name: local[:, LANDMARKS.index(name)] for name in LANDMARKS
+               if name in PALM_LANDMARKS}, landmark_angles(hand, local)))
+    return fit_radii(_limited(hand, local, limits), local)
+
+
+def _limited(hand: Hand, local: np.ndarray, limits: str | ArrayLike) -> Hand:
+    """Return `hand` with the range of motion of landmarks (T, 21, 3), and with its limits."""
+    shown = range_of_motion(landmark_angles(hand, local))
+    return hand.replace(
+        range_of_motion=shown,
+        limits=preset_limits(limits, shown) if isinstance(limits, str) else limits)

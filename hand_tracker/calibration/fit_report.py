@@ -1,4 +1,4 @@
-"""Report of a fit: residuals of markers, deviations of parameters, what was not observed."""
+"""Report of a fit: residuals of markers, deviations of parameters, unobserved movements."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -45,7 +45,7 @@ class Parameter(NamedTuple):
     observed : bool
         Whether the take told of it.
     advice : str
-        What would show it.
+        Movement to observe it.
     """
 
     digit: str
@@ -101,7 +101,7 @@ class FitReport(NamedTuple):
         return found + [''] + self.unobserved()
 
     def unobserved(self) -> list[str]:
-        """Return what the takes did not show, in words, and what would show it."""
+        """Return the unobserved parameters, in words, with the movements to observe them."""
         told: dict[tuple[str, str], list[str]] = {}
         for one in self.parameters:
             if not one.observed:
@@ -118,7 +118,7 @@ def report_fit(fit: MarkerFit, gathered: Gathered, rate: float,
     ----------
     fit : MarkerFit
     gathered : Gathered
-        What it was fitted to.
+        The takes of the fit.
     rate : float
         [Hz]
     done : callable, optional
@@ -235,7 +235,7 @@ def _flexion_parameters(digit: int, line: FlexionLine | None) -> list[Parameter]
 
 
 def _mean(values: np.ndarray) -> float:
-    """Return the mean of what is finite; NaN if nothing is."""
+    """Return the mean of the finite numbers; NaN if there are none."""
     values = values[np.isfinite(values)]
     return float(values.mean()) if len(values) else float('nan')
 

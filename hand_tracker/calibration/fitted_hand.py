@@ -1,4 +1,4 @@
-"""From fitted digits to the `Hand` and `MarkerLayout` that the tracker uses."""
+"""Convert fitted digits to `Hand` and `MarkerLayout` of the tracker."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -9,6 +9,7 @@ from ..core.model.hand import (
     ABDUCTION_JOINTS,
     ANGLE_RANGE,
     COUPLING_OFFSET_RANGE,
+    COUPLING_SPREAD_RANGE,
     DIGITS,
     FINGERS,
     FLEXION_JOINTS,
@@ -20,6 +21,7 @@ from ..core.model.hand import (
     SPLAY_RANGE,
     Hand,
     cmc_joints,
+    preset_limits,
 )
 from ..core.model.kinematics import ABDUCTION_SIGN, digit_base, forward, joint_table
 from ..core.model.marker_layout import (
@@ -65,7 +67,7 @@ class FittedDigit(NamedTuple):
 
 
 class MarkerMount(NamedTuple):
-    """Where a marker is on a right hand.
+    """Place of a marker on a right hand.
 
     Attributes
     ----------
@@ -89,18 +91,18 @@ class MarkerMount(NamedTuple):
 
 
 def fitted_hand(scaled: Hand, digits: Sequence[FittedDigit | None], side: str,
-                limits: np.ndarray) -> tuple[Hand, np.ndarray]:
+                limits: str) -> tuple[Hand, np.ndarray]:
     """Return the hand of fitted digits.
 
     Parameters
     ----------
     scaled : Hand
-        The mean hand in the person's size: what no digit tells is its.
+        The mean hand in the person's size: source of all parameters without an estimate.
     digits : sequence of FittedDigit or None
         Index finger to thumb.
     side : {'right', 'left'}
-    limits : ndarray, shape (25, 2)
-        Joint limits, widened to the postures [rad].
+    limits : str
+        One of `LIMIT_PRESETS`; 'wearer' is widened to the postures.
 
     Returns
     -------
@@ -109,7 +111,8 @@ def fitted_hand(scaled: Hand, digits: Sequence[FittedDigit | None], side: str,
         Postures of the take, the digits' as long as they go, else 0 [rad].
     """
     fields: dict[str, Any] = {name: np.array(getattr(scaled, name)) for name in (
-        'finger_mcp', 'finger_bones', 'finger_abduction_axes', 'splay', 'coupling')}
+        'finger_mcp', 'finger_bones', 'finger_abduction_axes', 'splay', 'coupling',
+        'coupling_spread')}
     for row, digit in enumerate(digits):
         if digit is None:
             continue
@@ -117,6 +120,11 @@ def fitted_hand(scaled: Hand, digits: Sequence[FittedDigit | None], side: str,
         slope, offset = shape[COUPLING_PART]
         fields['coupling'][row] = (
             np.clip(slope, *SLOPE_RANGE), np.clip(offset, *COUPLING_OFFSET_RANGE))
+        if (digit.chain.links == 2).any() and (digit.chain.links < 2).any():
+            # Only markers before and behind the last joint show how it leaves its coupling.
+            off = digit.postures[:, 3] - slope * digit.postures[:, 2] - offset
+            fields['coupling_spread'][row] = np.clip(
+                np.sqrt(np.mean(off ** 2)) if len(off) else 0., *COUPLING_SPREAD_RANGE)
         axis = leaning(digit.chain, shape[LEAN_PART]).base[:, 2]
         if DIGITS[row] in FINGERS:
             fields['finger_mcp'][row] = shape[ROOT_PART]
@@ -126,12 +134,14 @@ def fitted_hand(scaled: Hand, digits: Sequence[FittedDigit | None], side: str,
         else:
             fields.update(thumb_cmc=shape[ROOT_PART], thumb_bones=shape[BONE_PART],
                           thumb_abduction_axis=axis,
-                          thumb_rest_direction=_rest_direction(digit, limits))
+                          thumb_rest_direction=_rest_direction(digit, preset_limits(limits)))
     mcp, middle = fields['finger_mcp'], FINGERS.index('middle')
     fields['finger_cmc'] = cmc_joints(mcp, mcp[middle, 0] / MCP_OF_LENGTH[middle])
     hand = scaled.replace(side='right', **fields)
     angles = hand_angles(hand, digits)
-    return hand.replace(side=side, limits=widened(limits, angles)), angles
+    shown = range_of_motion(angles)
+    return hand.replace(side=side, range_of_motion=shown,
+                        limits=preset_limits(limits, shown)), angles
 
 
 def hand_angles(hand: Hand, digits: Sequence[FittedDigit | None]) -> np.ndarray:
@@ -154,16 +164,26 @@ def hand_angles(hand: Hand, digits: Sequence[FittedDigit | None]) -> np.ndarray:
     return angles
 
 
-def widened(limits: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Return joint limits (25, 2) widened to what postures (n, 25) show, with a margin [rad]."""
-    if not len(angles):
-        return limits
-    lower, upper = np.percentile(angles, SHOWN_PERCENTILES, axis=0)
-    moved = upper - lower > 0.
-    lower = np.where(moved, lower - SHOWN_MARGIN, 0.)
-    upper = np.where(moved, upper + SHOWN_MARGIN, 0.)
-    return np.clip(np.column_stack((np.minimum(limits[:, 0], lower),
-                                    np.maximum(limits[:, 1], upper))), -ANGLE_RANGE, ANGLE_RANGE)
+def range_of_motion(angles: np.ndarray) -> np.ndarray:
+    """Return what postures show of each joint's range, with a margin.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (n, 25)
+        NaN where a posture does not show a joint [rad].
+
+    Returns
+    -------
+    ndarray, shape (25, 2)
+        As `Hand.range_of_motion`: 0 of joints that do not move [rad].
+    """
+    found = np.zeros((angles.shape[1], 2))
+    for joint, seen in enumerate(angles.T):
+        seen = seen[np.isfinite(seen)]
+        lower, upper = np.percentile(seen, SHOWN_PERCENTILES) if len(seen) else (0., 0.)
+        if upper > lower:
+            found[joint] = lower - SHOWN_MARGIN, upper + SHOWN_MARGIN
+    return np.clip(found, -ANGLE_RANGE, ANGLE_RANGE)
 
 
 def mount_markers(hand: Hand, digits: Sequence[FittedDigit | None],
@@ -197,7 +217,7 @@ def mount_markers(hand: Hand, digits: Sequence[FittedDigit | None],
 
 def marker_layout(hand: Hand, worn: Sequence[str], mounts: dict[str, MarkerMount],
                   noise: dict[str, float]) -> MarkerLayout:
-    """Return the layout of the worn markers; one that is missing stays at the paper's place.
+    """Return the layout of the worn markers; a missing one stays at the paper's place.
 
     Parameters
     ----------
@@ -279,7 +299,7 @@ def _splay(digit: FittedDigit, axis: np.ndarray) -> float:
 
 
 def _rest_direction(digit: FittedDigit, limits: np.ndarray) -> np.ndarray:
-    """Return the direction that centres the thumb's postures within its limits, shape (3,)."""
+    """Return the rest direction to centre the thumb's postures within its limits, shape (3,)."""
     row = DIGITS.index('thumb')
     base, tilt = leaning(digit.chain, digit.shape[LEAN_PART])
     turn, flexion = 0., tilt

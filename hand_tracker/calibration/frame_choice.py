@@ -1,4 +1,4 @@
-"""Choice of the frames that a fit uses: those that cover a digit's motion."""
+"""Choice of frames for a fit, by their coverage of a digit's motion."""
 
 import numpy as np
 

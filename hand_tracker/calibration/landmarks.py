@@ -3,8 +3,16 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.model.hand import FINGERS, LINKS, Hand
-from ..core.model.kinematics import Pose, tip_offsets
+from ..core.model.hand import (
+    ABDUCTION_JOINTS,
+    DIGITS,
+    FINGERS,
+    FLEXION_JOINTS,
+    JOINTS,
+    LINKS,
+    Hand,
+)
+from ..core.model.kinematics import ABDUCTION_SIGN, Pose, digit_base, tip_offsets
 
 # The wrist, then each digit from root to tip, the thumb first.
 LANDMARKS = ('wrist', 'thumb_cmc', 'thumb_mcp', 'thumb_ip', 'thumb_tip') + tuple(
@@ -21,6 +29,7 @@ FINGER_ROWS = np.array([[LANDMARKS.index(f'{finger}_{joint}') for joint in (
 THUMB_ROWS = np.array([LANDMARKS.index(f'thumb_{joint}') for joint in ('cmc', 'mcp', 'ip', 'tip')])
 WRIST, INDEX_MCP, MIDDLE_MCP, LITTLE_MCP = (LANDMARKS.index(name) for name in (
     'wrist', 'index_mcp', 'middle_mcp', 'little_mcp'))
+STRONG_FLEXION = np.radians(60.)  # above which a bone hardly shows its abduction
 
 
 def landmark_positions(hand: Hand, pose: Pose,
@@ -45,3 +54,59 @@ def landmark_positions(hand: Hand, pose: Pose,
     points[..., TIP_ROWS - 1, :] += np.einsum('...ij,...j->...i', distal, tip_offsets(hand))
     wrist = np.broadcast_to(wrist_position, points.shape[:-2] + (3,))
     return np.concatenate((wrist[..., None, :], points), axis=-2)
+
+
+def digit_angles(hand: Hand, digit: int, joints: np.ndarray) -> np.ndarray:
+    """Return the angles of a digit in recorded postures.
+
+    Flexions are measured in the plane that contains the abduction axis and fits all bones between
+    the joints best, so that a single bone along the axis does not turn it.
+
+    Parameters
+    ----------
+    hand : Hand
+        Whose joints' axes are used.
+    digit : int
+        0 to 4, index finger to thumb.
+    joints : ndarray, shape (T, 4, 3)
+        From the digit's root to its tip, on a right hand, in the wrist's frame [m].
+
+    Returns
+    -------
+    ndarray, shape (T, 4)
+        Abduction, then the three flexions [rad].
+    """
+    base, _, tilt = digit_base(hand, digit)
+    x, y, z = np.moveaxis(np.diff(joints, axis=1) @ base, -1, 0)
+    # Squared, as opposite directions lie in the same plane.
+    turn = np.angle(((x + 1j * y) ** 2).sum(axis=1, keepdims=True)) / 2.
+    bent = np.arctan2(-z, x * np.cos(turn) + y * np.sin(turn))
+    flexions = np.diff(bent, axis=1, prepend=tilt)
+    return np.column_stack((ABDUCTION_SIGN[digit] * turn,
+                            (flexions + np.pi) % (2. * np.pi) - np.pi))
+
+
+def landmark_angles(hand: Hand, local: np.ndarray) -> np.ndarray:
+    """Return the joint angles of recorded landmarks.
+
+    Parameters
+    ----------
+    hand : Hand
+        Whose joints' axes are used.
+    local : ndarray, shape (T, 21, 3)
+        Landmarks of a right hand in the wrist's frame, in the order of `LANDMARKS` [m].
+
+    Returns
+    -------
+    ndarray, shape (T, 25)
+        0 of joints that landmarks do not show; NaN of an abduction that the digit's first bone,
+        strongly bent, does not show [rad].
+    """
+    angles = np.zeros((len(local), len(JOINTS)))
+    for digit, rows in enumerate((*FINGER_ROWS, THUMB_ROWS)):
+        found = digit_angles(hand, digit, local[:, rows])
+        if DIGITS[digit] in FINGERS:
+            found[np.abs(found[:, 1]) > STRONG_FLEXION, 0] = np.nan
+        angles[:, ABDUCTION_JOINTS[digit]] = found[:, 0]
+        angles[:, FLEXION_JOINTS[digit]] = found[:, 1:]
+    return angles

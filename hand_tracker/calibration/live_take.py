@@ -1,4 +1,4 @@
-"""A take for a calibration, collected frame by frame until all that is asked for was shown."""
+"""Take for a live calibration, collected frame by frame until every movement was shown."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -21,14 +21,14 @@ SHARE_KEY = 'calibration {} [%]'
 
 
 class Coverage(NamedTuple):
-    """How much of a take is there.
+    """Progress of a take.
 
     Attributes
     ----------
     shares : ndarray, shape (12,)
         Of each of `PROMPTS`, from 0 to 1.
     unseen : tuple of str
-        Markers that were hardly seen in the last seconds.
+        Markers hardly seen in the last seconds.
     """
 
     shares: np.ndarray
@@ -36,12 +36,12 @@ class Coverage(NamedTuple):
 
     @property
     def is_complete(self) -> bool:
-        """Whether all that is asked for was shown."""
+        """Whether every movement was shown."""
         return bool((self.shares >= 1.).all())
 
     @property
     def text(self) -> str:
-        """What to do next."""
+        """The next instruction for the person."""
         if self.is_complete:
             return 'everything was shown'
         prompt = PROMPTS[int(np.argmin(self.shares >= 1.))]
@@ -49,7 +49,7 @@ class Coverage(NamedTuple):
         return f'{prompt.text}{hidden}'
 
     def missing(self) -> list[str]:
-        """Return what was not shown, or not all of it."""
+        """Return the movements not yet shown in full."""
         return [prompt.text for prompt, share in zip(PROMPTS, self.shares) if share < 1.]
 
     def values(self) -> dict[str, str]:
@@ -59,7 +59,7 @@ class Coverage(NamedTuple):
 
 
 def told_progress(values: Mapping[str, str]) -> tuple[str, dict[str, float]] | None:
-    """Return what /diagnostics tells of a calibration.
+    """Return a calibration's progress by the values of /diagnostics.
 
     Parameters
     ----------
@@ -88,10 +88,10 @@ class LiveTake:
     Parameters
     ----------
     layout : MarkerLayout
-        At which joints the digits wear their markers.
+        Joints of the digits' markers.
     side : {'right', 'left'}
     max_duration : float, optional
-        After which it ends, whatever was shown [s].
+        Time to end after, complete or not [s].
 
     Attributes
     ----------
@@ -106,6 +106,9 @@ class LiveTake:
 
     def __init__(self, layout: MarkerLayout, side: str,
                  max_duration: float = MAX_DURATION) -> None:
+        if layout.names != MARKERS:
+            raise InvalidTake(f'the layout has {len(layout.names)} markers of its own; a live '
+                              f'calibration expects the eight {", ".join(MARKERS)}')
         for marker, place, expected in zip(MARKERS, layout.places[:3], PAPER_PLACES):
             if place != expected:
                 raise InvalidTake(f'the {marker} marker is at {place}; a calibration expects the '
@@ -155,7 +158,7 @@ class LiveTake:
         return self.seconds >= self._max_duration
 
     def take(self) -> MarkerTake:
-        """Return the take, without markers that were never seen."""
+        """Return the take of the markers seen at all."""
         points = np.array(self._frames).reshape(-1, len(MARKERS), 3)
         seen = np.isfinite(points).all(axis=2).any(axis=0)
         rate = len(points) / self.seconds if self.seconds else TAKE_RATE

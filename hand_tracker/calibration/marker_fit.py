@@ -13,9 +13,9 @@ from ..core.model.hand import (
     DIGITS,
     FLEXION_JOINTS,
     HAND_LENGTH_RANGE,
+    WEARER_LIMITS,
     Hand,
     average_natural_flexion,
-    preset_limits,
 )
 from ..core.model.marker_layout import MarkerLayout
 from .arrow_solver import solve_angles
@@ -33,6 +33,7 @@ from .least_squares import evenly_spaced
 from .marker_names import NamedMarker, is_knuckle, riding
 from .marker_residuals import DigitProblem
 from .natural_flexion import FlexionLine, fit_flexion_line
+from .palm_synergy import fit_palm_synergy
 from .palm_template import PalmFit, aligned, fit_palm, rigid_poses
 from .radii import thinned
 from .takes import Gathered, InvalidTake, MarkerTake, gather
@@ -60,7 +61,7 @@ class MarkerFit(NamedTuple):
     layout : MarkerLayout
         Of the worn markers.
     markers : tuple of NamedMarker
-        Of the takes, those knuckles on their digits that are not rigid in the palm.
+        Of the takes, with knuckles that move in the palm assigned to their digits.
     worn : tuple of str
         Names of the worn markers in the takes, in the order of `MARKERS`; '' where there is none.
     mounts : dict of str to MarkerMount
@@ -69,7 +70,7 @@ class MarkerFit(NamedTuple):
     digits : tuple of DigitFit or None
         None where a digit has no marker.
     flexions : tuple of FlexionLine or None
-        None where a digit has no second marker that would show its bend.
+        None for a digit without a second marker on its bend.
     length : float
         Of the hand, by its bones [m].
     postures : ndarray, shape (n, 25)
@@ -91,16 +92,16 @@ class MarkerFit(NamedTuple):
     local: np.ndarray
 
 
-def fit_markers(takes: Sequence[MarkerTake], limits: np.ndarray | None = None,
+def fit_markers(takes: Sequence[MarkerTake], limits: str = WEARER_LIMITS,
                 done: Callable[[], None] = lambda: None) -> MarkerFit:
-    """Return the hand that fits takes of markers.
+    """Fit a hand and its markers' offsets to takes of markers.
 
     Parameters
     ----------
     takes : sequence of MarkerTake
         Of one hand with its markers left in place.
-    limits : ndarray, shape (25, 2), optional
-        Joint limits, which the fitted postures widen; preset 'paper' when left out [rad].
+    limits : str, optional
+        Preset of the joint limits; by default Table 1, widened to the fitted postures.
     done : callable, optional
         Called after each of the `FIT_STEPS` parts of the work.
 
@@ -117,9 +118,9 @@ def fit_markers(takes: Sequence[MarkerTake], limits: np.ndarray | None = None,
     return fit_gathered(gathered, takes[0].side, limits, done)
 
 
-def fit_gathered(gathered: Gathered, side: str, limits: np.ndarray | None = None,
+def fit_gathered(gathered: Gathered, side: str, limits: str = WEARER_LIMITS,
                  done: Callable[[], None] = lambda: None) -> MarkerFit:
-    """Return the hand that fits gathered markers; parameters as for `fit_markers`."""
+    """Fit a hand to gathered markers; parameters as for `fit_markers`."""
     gathered, palm = split_palm(gathered)
     worn = worn_names(gathered.markers, palm.held)
     fits: list[DigitFit | None] = [None] * len(DIGITS)
@@ -144,11 +145,12 @@ def fit_gathered(gathered: Gathered, side: str, limits: np.ndarray | None = None
         whole = np.arange(len(local))
     shown = local[whole[evenly_spaced(len(whole), POSTURE_FRAMES)]]
     digits = [_with_postures(fit, digit, gathered, shown, worn) for digit, fit in enumerate(fits)]
-    hand, postures = fitted_hand(Hand.scaled(length, palm.breadth), digits, side,
-                          preset_limits() if limits is None else limits)
+    hand, postures = fitted_hand(Hand.scaled(length, palm.breadth), digits, side, limits)
     flexions = _flexion_lines(gathered, postures)
     hand = hand.replace(natural_flexion=[average if line is None else line.row for line, average
                                          in zip(flexions, hand.natural_flexion)])
+    hand = hand.replace(palm_synergy=fit_palm_synergy(
+        hand, {name: shown[:, gathered.names.index(name)] for name in palm.names}, postures))
     if len(postures):
         hand = thinned(hand, np.clip(postures, *hand.limits.T))
     names = [gathered.names[i] for i in gathered.of(-1)]
@@ -163,14 +165,15 @@ def fit_gathered(gathered: Gathered, side: str, limits: np.ndarray | None = None
 
 
 def split_palm(gathered: Gathered) -> tuple[Gathered, PalmFit]:
-    """Return the markers with knuckles that are not rigid on their digits, and the palm."""
+    """Assign knuckles that move in the palm to their digits; return the markers and the palm."""
     columns = gathered.of(-1)
     seen = np.isfinite(gathered.points[:, columns]).all(axis=2).sum(axis=1)
     if np.count_nonzero(seen >= 3) < MIN_PALM_FRAMES:
         raise InvalidTake(f'three markers of the palm are seen in {np.count_nonzero(seen >= 3)} '
                           f'frames; expected at least {MIN_PALM_FRAMES}, of markers such as wrist, '
                           'index_mcp and little_mcp')
-    palm = fit_palm([gathered.markers[i].name for i in columns], gathered.points[:, columns])
+    palm = fit_palm([gathered.markers[i].name for i in columns], gathered.points[:, columns],
+                    gathered.usual)
     markers = list(gathered.markers)
     for i, rigid in zip(columns, palm.rigid):
         if not rigid:
@@ -179,7 +182,7 @@ def split_palm(gathered: Gathered) -> tuple[Gathered, PalmFit]:
 
 
 def hand_length(by_palm: float, length: float, fits: Sequence[DigitFit | None]) -> float:
-    """Return the hand's length by its palm and by what the markers tell of the bones [m].
+    """Return the hand's length by its palm and by the fitted bones [m].
 
     A Gauss-Newton step of the length's logarithm beside all shapes, with the bones' usual lengths
     in proportion to it.
@@ -187,7 +190,7 @@ def hand_length(by_palm: float, length: float, fits: Sequence[DigitFit | None]) 
     Parameters
     ----------
     by_palm, length : float
-        Told by the palm, and that of the priors of the fits [m].
+        Length by the palm, and that of the priors of the fits [m].
     fits : sequence of DigitFit or None
 
     Returns

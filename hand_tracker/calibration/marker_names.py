@@ -1,4 +1,4 @@
-"""Markers by their names: which landmark each is at, and which link it rides on."""
+"""Marker names: landmark and link of each marker."""
 
 import re
 from typing import NamedTuple
@@ -33,6 +33,20 @@ class NamedMarker(NamedTuple):
     link: int
 
 
+class UsualPlace(NamedTuple):
+    """Offset of a palm marker that is at no landmark.
+
+    Attributes
+    ----------
+    landmark : str
+    offset : tuple of three float
+        From it, in the wrist's frame of a right hand [m].
+    """
+
+    landmark: str
+    offset: tuple[float, float, float]
+
+
 def canonical_name(text: str) -> str:
     """Return a marker's name in words with underscores: 'ThumbCMC' becomes 'thumb_cmc'."""
     spaced = re.sub(r'(?<=[a-z])(?=[A-Z0-9])', '_', text.strip())
@@ -46,7 +60,7 @@ def canonical_name(text: str) -> str:
 
 
 def identify(names: tuple[str, ...]) -> list[NamedMarker | None]:
-    """Return what each name stands for, None for what is no marker of a hand.
+    """Return the meaning of each name, None for other markers.
 
     Parameters
     ----------
@@ -61,7 +75,7 @@ def identify(names: tuple[str, ...]) -> list[NamedMarker | None]:
 
 
 def riding(marker: NamedMarker) -> NamedMarker:
-    """Return a palm marker that is not rigid in it: a knuckle's rides on its digit's first bone."""
+    """Return a knuckle that moves in the palm as a marker of its digit's first bone."""
     digit, _, landmark = marker.name.partition('_')
     if digit in DIGITS and landmark in ('mcp', 'cmc'):
         return NamedMarker(marker.name, DIGITS.index(digit), 0)

@@ -1,4 +1,4 @@
-"""What a digit's fit minimises: markers' distances, postures' and shape's deviations from usual.
+"""Residuals of a digit's fit: distances of markers, deviations from usual posture and shape.
 
 All residuals are in standard deviations. A frame's angles appear in that frame's residuals only;
 `ArrowSystem` keeps that structure.
@@ -16,7 +16,7 @@ BEYOND_LIMIT_SPREAD = np.radians(2.)  # of angles beyond the limits of hands; ou
 
 
 class PosturePrior(NamedTuple):
-    """How digits are usually held.
+    """Prior of the usual posture of the digits.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class PosturePrior(NamedTuple):
     ratio : float
         Second flexion over first [1].
     lower, upper : ndarray, shape (4,)
-        Beyond which a joint hardly turns [rad].
+        Usual limits of a joint [rad].
     """
 
     mean: np.ndarray
@@ -44,7 +44,7 @@ class ShapePrior(NamedTuple):
 
 
 class DigitProblem(NamedTuple):
-    """A digit's markers, and what is known before.
+    """A digit's markers and priors.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class DigitProblem(NamedTuple):
     posture : PosturePrior
     prior : ShapePrior
     meets : ndarray, shape (m,)
-        Share of the noise that counts for a marker: less for one that the tracker meets [1].
+        Share of the noise to weigh a marker by: less for the tracker's own [1].
     weight : float
         Of a frame: independent frames for each one given [1].
     """

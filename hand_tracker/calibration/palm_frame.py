@@ -40,7 +40,7 @@ def palm_coordinates(joints: np.ndarray) -> np.ndarray:
     local = np.empty_like(joints)
     for t, frame in enumerate(joints):
         fitted, origin = rigid_palm(
-            *(vector(frame[row]) for row in rows), *(vector(marker) for marker in template))
+            (vector(frame[WRIST]), vector(frame[INDEX_MCP]), vector(frame[LITTLE_MCP])), template)
         local[t] = (frame - origin) @ np.array(fitted).T
     return local
 

@@ -17,7 +17,9 @@ from ..core.model.hand import (
     MEAN_LENGTH,
     Hand,
 )
+from ..core.model.marker_layout import landmark_on_link
 from .least_squares import evenly_spaced
+from .marker_names import UsualPlace
 
 TEMPLATE_ROUNDS = 6
 # Change of distance, from the 10th to the 90th percentile, that a rigid pair may show [m], and that
@@ -33,6 +35,8 @@ THUMB_BASE_SPREAD = (.012, .012, .012)
 # Of a marker somewhere on the back of the hand: its place ahead, as a share of the hand's length.
 BACK_OF_LENGTH, BACK_SPREAD = .27, (.03, .03, .005)
 BACK_HEIGHT = .013
+# Of a marker at the place that its layout usually has it [m].
+USUAL_SPREAD = (.015, .012, .006)
 BACK_NAMES = ('back', 'dorsum', 'hand', 'metacarp')
 # Spreads of the logarithms of people's lengths and breadths, adults of both sexes; ours, unsourced.
 LENGTH_SPREAD, BREADTH_SPREAD = .07, .07
@@ -46,11 +50,13 @@ class PalmFit(NamedTuple):
     ----------
     names : tuple of str
     template : ndarray, shape (k, 3)
-        Medians of those that are not rigid [m].
+        Medians of the markers that are not rigid [m].
     rigid : ndarray of bool, shape (k,)
-        Markers that keep their distances: the palm's pose is that of these.
+        Markers of constant distances, which define the palm's pose.
     length, breadth : float
-        Of the mean hand that the palm's markers fit best, as for `Hand.scaled` [m].
+        Of the mean hand of best fit to the palm's markers, as for `Hand.scaled` [m].
+    usual : dict of str to UsualPlace
+        Of markers at no landmark.
     """
 
     names: tuple[str, ...]
@@ -58,6 +64,7 @@ class PalmFit(NamedTuple):
     rigid: np.ndarray
     length: float
     breadth: float
+    usual: dict[str, UsualPlace] = {}
 
     @property
     def places(self) -> dict[str, np.ndarray]:
@@ -71,14 +78,14 @@ class PalmFit(NamedTuple):
             self.names, self.template, self.rigid) if rigid}
 
     def into_palm(self, names: Sequence[str], points: np.ndarray) -> np.ndarray:
-        """Return markers (n, M, 3), named, in the palm's frame by those that are rigid [m]."""
+        """Return named markers (n, M, 3) in the palm's frame, by the rigid ones [m]."""
         held = self.held
         columns = [list(names).index(name) for name in held]
         return to_palm(points, *rigid_poses(points[:, columns], np.array(list(held.values()))))
 
 
 def rigid_set(points: np.ndarray) -> np.ndarray:
-    """Return which markers keep their distances to each other, shape (k,) bool.
+    """Return the mask of the rigid markers, by their distances to each other, shape (k,).
 
     The three that keep them best, and all that keep theirs to those about as well.
 
@@ -121,7 +128,7 @@ def rigid_poses(points: np.ndarray, template: np.ndarray) -> tuple[np.ndarray, n
     Returns
     -------
     rotation : ndarray, shape (n, 3, 3)
-        From the template's frame to that of the markers; NaN where fewer than three are seen.
+        From the template's frame to the markers' frame; NaN with fewer than three seen.
     position : ndarray, shape (n, 3)
         [m]
     """
@@ -169,8 +176,9 @@ def rigid_template(points: np.ndarray) -> np.ndarray:
     return template
 
 
-def fit_palm(names: Sequence[str], points: np.ndarray) -> PalmFit:
-    """Return the palm's markers in the frame of the mean hand that fits them best.
+def fit_palm(names: Sequence[str], points: np.ndarray,
+             usual: dict[str, UsualPlace] | None = None) -> PalmFit:
+    """Return the palm's markers in the frame of the mean hand of best fit.
 
     Parameters
     ----------
@@ -178,6 +186,8 @@ def fit_palm(names: Sequence[str], points: np.ndarray) -> PalmFit:
         Of the palm's markers, as 'index_mcp'; those at no landmark follow.
     points : ndarray, shape (n, k, 3)
         Of a right hand [m].
+    usual : dict of str to UsualPlace, optional
+        Of markers at no landmark.
 
     Returns
     -------
@@ -188,11 +198,12 @@ def fit_palm(names: Sequence[str], points: np.ndarray) -> PalmFit:
     template[rigid] = rigid_template(points[:, rigid])
     template[~rigid] = np.nanmedian(to_palm(
         points[:, ~rigid], *rigid_poses(points[:, rigid], template[rigid])), axis=0)
-    return aligned(PalmFit(tuple(names), template, rigid, MEAN_LENGTH, MEAN_BREADTH))
+    return aligned(PalmFit(tuple(names), template, rigid, MEAN_LENGTH, MEAN_BREADTH,
+                           usual or {}))
 
 
 def aligned(palm: PalmFit, length_spread: float = LENGTH_SPREAD) -> PalmFit:
-    """Return the palm moved to the frame of the mean hand that fits it best.
+    """Return the palm moved to the frame of the mean hand of best fit.
 
     Parameters
     ----------
@@ -205,8 +216,8 @@ def aligned(palm: PalmFit, length_spread: float = LENGTH_SPREAD) -> PalmFit:
     -------
     PalmFit
     """
-    anchored = [i for i, name in enumerate(palm.names) if _spread(name) is not None]
-    spreads = np.array([_spread(palm.names[i]) for i in anchored])
+    anchored = [i for i, name in enumerate(palm.names) if _spread(palm, name) is not None]
+    spreads = np.array([_spread(palm, palm.names[i]) for i in anchored])
 
     def placed(x: np.ndarray) -> np.ndarray:
         return palm.template @ Rotation.from_rotvec(x[:3]).as_matrix().T + x[3:6]
@@ -218,21 +229,23 @@ def aligned(palm: PalmFit, length_spread: float = LENGTH_SPREAD) -> PalmFit:
 
     def residuals(x: np.ndarray) -> np.ndarray:
         hand = Hand.scaled(*sized(x))
-        anchors = np.array([_anchor(hand, palm.names[i]) for i in anchored])
+        anchors = np.array([_anchor(palm, hand, palm.names[i]) for i in anchored])
         misses = (placed(x)[anchored] - anchors) / spreads
         return np.append(misses.ravel(), (x[6] / length_spread, x[7] / BREADTH_SPREAD))
 
     mean = Hand.scaled()
-    anchors = np.array([_anchor(mean, palm.names[i]) for i in anchored])
+    anchors = np.array([_anchor(palm, mean, palm.names[i]) for i in anchored])
     rotation, position = rigid_poses(anchors[None], palm.template[anchored])
     start = np.concatenate((
         Rotation.from_matrix(rotation[0]).as_rotvec(), position[0], np.zeros(2)))
     found = least_squares(residuals, start).x
-    return PalmFit(palm.names, placed(found), palm.rigid, *sized(found))
+    return PalmFit(palm.names, placed(found), palm.rigid, *sized(found), palm.usual)
 
 
-def _spread(name: str) -> tuple[float, float, float] | None:
+def _spread(palm: PalmFit, name: str) -> tuple[float, float, float] | None:
     """Return how far a marker is from its usual place; None of one at no landmark [m]."""
+    if name in palm.usual:
+        return USUAL_SPREAD
     if name == 'wrist':
         return WRIST_SPREAD
     if name == 'thumb_cmc':
@@ -242,8 +255,11 @@ def _spread(name: str) -> tuple[float, float, float] | None:
     return KNUCKLE_SPREAD if name.endswith('_mcp') else None
 
 
-def _anchor(hand: Hand, name: str) -> np.ndarray:
+def _anchor(palm: PalmFit, hand: Hand, name: str) -> np.ndarray:
     """Return the usual place of a palm marker on a hand, shape (3,) [m]."""
+    if name in palm.usual:
+        landmark, offset = palm.usual[name]
+        return landmark_on_link(hand, landmark)[1] + offset
     above = np.array((0., 0., PALM_MARKER_HEIGHT))
     if name == 'wrist':
         return above

@@ -1,4 +1,4 @@
-"""What a live calibration asks for, and how much of it the eight markers have shown so far.
+"""Prompts of a live calibration, and the share of each shown so far by the eight markers.
 
 Each prompt has a measure, one number a frame, that grows as the hand does what is asked. It
 counts what the measure has reached in `LASTING_FRAMES` frames, so that a marker out of its place
@@ -52,7 +52,7 @@ THUMB_VIEW = np.array((.7, .5, -.5)) / np.sqrt(.99)
 
 
 class Prompt(NamedTuple):
-    """What a person is asked to do.
+    """Movement to ask a person for.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ def _knuckles(corners: np.ndarray) -> np.ndarray:
 
 
 def _lasting(values: np.ndarray, frames: int = LASTING_FRAMES) -> np.ndarray:
-    """Return what values (T, ...) have reached in some frames; -inf where in fewer."""
+    """Return the level reached by values (T, ...) in some frames; -inf if in fewer."""
     values = np.where(np.isfinite(values), values, -np.inf)
     if len(values) < frames:
         return np.full(values.shape[1:], -np.inf)
@@ -148,7 +148,7 @@ def _lasting(values: np.ndarray, frames: int = LASTING_FRAMES) -> np.ndarray:
 
 
 def _share(reached: np.ndarray, goal: tuple[float, float]) -> np.ndarray:
-    """Return how far a measure has come from nothing to all that is asked, from 0 to 1."""
+    """Return the share of the asked range that a measure has covered, from 0 to 1."""
     nothing, everything = goal
     return np.clip((reached - nothing) / (everything - nothing), 0., 1.)
 
@@ -176,7 +176,7 @@ def _shapes(arms: np.ndarray) -> np.ndarray:
 
 
 def _alone(arms: np.ndarray) -> np.ndarray:
-    """Return the share of each finger that moved alone, of fingers with arms (T, 4, 3), (4,)."""
+    """Return how much each finger moved alone, of fingers with arms (T, 4, 3), as shares (4,)."""
     reach = np.linalg.norm(arms, axis=2)
     longest = _lasting(reach, REACH_FRAMES)
     flexed = _share(_lasting(_beyond_others(_flexion(arms))), ALONE_FLEXION)

@@ -1,4 +1,4 @@
-"""Size of a hand that nobody measured, from the first seconds of its eight markers.
+"""Size of an unmeasured hand, from the first seconds of its markers.
 
 The palm follows from the distances of its three markers. A finger's length is the one with
 which its poses are the most natural: a finger that is too short never reaches its marker, one
@@ -45,24 +45,27 @@ NATURAL_BEND = np.array([second / first for first, second in RELAXED_FINGERS])
 
 
 def fit_size(markers: ArrayLike, hand: Hand, layout: MarkerLayout | None = None) -> Hand | None:
-    """Return the mean hand in the size of the hand that wears the markers.
+    """Return the mean hand in the size of the wearer's hand.
 
     Parameters
     ----------
-    markers : array_like, shape (T, 8, 3)
-        Some seconds, in the order of `MARKERS`, NaN where not seen [m].
+    markers : array_like, shape (T, n, 3)
+        Some seconds, in the order of the layout, NaN where not seen [m].
     hand : Hand
-        Of which side, limits, coupling and natural flexion are kept.
+        Source of side, limits, coupling and natural flexion.
     layout : MarkerLayout, optional
         Where the markers are worn; the paper's places when left out.
 
     Returns
     -------
     Hand or None
-        None where the palm is seen whole in too few frames, or is not that of a hand.
+        None with too few frames of the three principal markers of the palm, with these at one
+        landmark, or a palm that is no hand's.
     """
     layout = MarkerLayout() if layout is None else layout
-    frames = np.array(markers, dtype=float)
+    if len({layout.places[row] for row in layout.principal[:len(PALM_MARKERS)]}) == 1:
+        return None  # as on the plate of a glove, whose size is its own
+    frames = principal_markers(np.asarray(markers, dtype=float), layout)
     if hand.side == 'left':
         frames = frames * LEFT_HAND_MIRROR
     whole = frames[np.isfinite(frames[:, :len(PALM_MARKERS)]).all(axis=(1, 2))]
@@ -74,13 +77,19 @@ def fit_size(markers: ArrayLike, hand: Hand, layout: MarkerLayout | None = None)
         sized = _hand_of(palm, np.ones(len(FINGERS)))
     except InvalidHand:
         return None
-    template = layout.mounting(sized).position[:len(PALM_MARKERS)]
+    template = layout.principal_mounting(sized).position[:len(PALM_MARKERS)]
     local = to_palm(whole, *rigid_poses(whole[:, :len(PALM_MARKERS)], template))
     scales = _fit_fingers(local[:, len(PALM_MARKERS):-1], sized, layout,
                           float(np.clip(palm[:2].mean(), *PALM_SCALE_RANGE)))
     return _hand_of(palm, scales).replace(
         side=hand.side, limits=hand.limits, coupling=hand.coupling,
         natural_flexion=hand.natural_flexion)
+
+
+def principal_markers(markers: np.ndarray, layout: MarkerLayout) -> np.ndarray:
+    """Return a layout's markers (..., n, 3) that stand for the paper's eight, (..., 8, 3) [m]."""
+    rows = np.array(layout.principal)
+    return np.where((rows < 0)[:, None], np.nan, markers[..., rows, :])
 
 
 def _sides(palm: np.ndarray) -> np.ndarray:
@@ -119,7 +128,8 @@ def _fit_palm(sides: np.ndarray, layout: MarkerLayout) -> np.ndarray:
     fingers = np.ones(len(FINGERS))
 
     def distances(palm: np.ndarray) -> np.ndarray:
-        return _sides(layout.mounting(_hand_of(palm, fingers)).position[:len(PALM_MARKERS)])
+        return _sides(layout.principal_mounting(
+            _hand_of(palm, fingers)).position[:len(PALM_MARKERS)])
 
     def misses(palm: np.ndarray) -> np.ndarray:
         along, across, shear = palm
@@ -133,7 +143,7 @@ def _fit_palm(sides: np.ndarray, layout: MarkerLayout) -> np.ndarray:
 
 def _fit_fingers(markers: np.ndarray, hand: Hand, layout: MarkerLayout,
                  usual: float) -> np.ndarray:
-    """Return the scales of the fingers' bones with which their poses are most natural, (4,).
+    """Return the scales of the fingers' bones for the most natural poses, (4,).
 
     Parameters
     ----------
@@ -159,8 +169,8 @@ def _fit_fingers(markers: np.ndarray, hand: Hand, layout: MarkerLayout,
 def _unnaturalness(markers: np.ndarray, hand: Hand, layout: MarkerLayout,
                    finger: int) -> np.ndarray:
     """Return how unnatural a finger's poses are with its bones at each of `SCALES` [1]."""
-    row = len(PALM_MARKERS) + finger
-    if not layout.places[row].endswith('_dip'):
+    row = layout.principal[len(PALM_MARKERS) + finger]
+    if row < 0 or not layout.places[row].endswith('_dip'):
         return np.zeros(len(SCALES))  # the last joint's coupling would have to be known
     ahead, _, above = layout.offsets[row]
     arms = markers[np.isfinite(markers).all(axis=1)] - hand.finger_mcp[finger]

@@ -1,4 +1,4 @@
-"""Takes to which no hand can be fitted, and why."""
+"""Checks of takes before a fit: reasons to refuse them, and weaknesses."""
 
 from collections.abc import Sequence
 
@@ -11,6 +11,7 @@ from .takes import Gathered, InvalidTake, MarkerTake, gather
 from .worn_markers import worn_names
 
 LEAST_DURATION = 5.              # [s] of all takes together
+KNUCKLES = 'index_mcp', 'little_mcp'
 KNUCKLE_DISTANCE = (.03, .12)    # [m] of index and little finger's: others are another unit
 LEAST_MOTION = .012              # [m] of a finger's marker in the palm, else it does not move
 PALM_BEND = .008                 # [m] RMS by which a palm may differ from a rigid one
@@ -28,7 +29,7 @@ def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
     Returns
     -------
     list of str
-        What is weak, but no reason to refuse.
+        Weaknesses that are no reason to refuse.
 
     Raises
     ------
@@ -46,7 +47,8 @@ def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
                           f'{LEAST_DURATION:g} s of a moving hand, best 40 s')
     gathered = gather(takes)
     there = gathered.names
-    missing = [name for name in ('index_mcp', 'little_mcp') if name not in there]
+    # A layout says where its markers of the palm are; else the knuckles tell.
+    missing = [name for name in KNUCKLES if name not in there and not gathered.usual]
     if missing or len(gathered.of(-1)) < 3:
         raise InvalidTake(f'{named}: it has {", ".join(there) or "no markers of a hand"}; expected '
                           'at least wrist, index_mcp and little_mcp')
@@ -68,8 +70,10 @@ def _column(gathered: Gathered, name: str) -> int:
 def _check_size(named: str, gathered: Gathered) -> None:
     """Refuse markers in another unit than metres."""
     points = gathered.points
+    if not set(KNUCKLES) <= set(gathered.names):
+        return
     distance = float(np.nanmedian(np.linalg.norm(
-        points[:, _column(gathered, 'index_mcp')] - points[:, _column(gathered, 'little_mcp')],
+        points[:, _column(gathered, KNUCKLES[0])] - points[:, _column(gathered, KNUCKLES[1])],
         axis=1)))
     if not np.isfinite(distance):
         raise InvalidTake(f'{named}: index and little knuckle are never seen together')
@@ -86,7 +90,7 @@ def _check_size(named: str, gathered: Gathered) -> None:
 
 def _check_palm(named: str, gathered: Gathered, worn: tuple[str, ...],
                 palm: PalmFit) -> np.ndarray:
-    """Return the markers in the palm's frame; refuse a palm that is not rigid."""
+    """Return the markers in the palm's frame; refuse a palm of varying distances."""
     corners = [_column(gathered, name) for name in worn[:3]]
     seen = np.isfinite(gathered.points[:, corners]).all(axis=(1, 2))
     if seen.mean() < LEAST_SEEN:
@@ -108,7 +112,7 @@ def _check_palm(named: str, gathered: Gathered, worn: tuple[str, ...],
 
 def _check_motion(named: str, side: str, gathered: Gathered, worn: tuple[str, ...],
                   local: np.ndarray) -> list[str]:
-    """Return digits that hardly move; refuse still hands, the other side, and wrong labels."""
+    """Return the digits without motion; refuse still hands, the other side, and wrong labels."""
     ends = local[:, [_column(gathered, name) for name in worn[3:]]]
     middle = np.nanmedian(ends, axis=0)
     spread = np.nanpercentile(np.linalg.norm(ends - middle, axis=2), 95., axis=0)
@@ -119,7 +123,8 @@ def _check_motion(named: str, side: str, gathered: Gathered, worn: tuple[str, ..
     # Fingers that bend go palmar, with the wrong side dorsal.
     low, high = np.nanpercentile(ends[:, :len(FINGERS), 2], (2., 98.), axis=0)
     moving = spread[:len(FINGERS)] > LEAST_MOTION
-    roots = local[:, [_column(gathered, name) for name in ('index_mcp', 'little_mcp')], 2]
+    across_palm = KNUCKLES if set(KNUCKLES) <= set(gathered.names) else worn[1:3]
+    roots = local[:, [_column(gathered, name) for name in across_palm], 2]
     middles = (low + high)[moving] / 2. - np.nanmedian(roots)
     across = np.nanmedian(ends[:, :len(FINGERS), 1], axis=0)
     if len(middles) and middles.mean() > SIDE_MARGIN:

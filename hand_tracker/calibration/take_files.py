@@ -1,17 +1,20 @@
-"""Takes of markers from npz files."""
+"""Takes of markers from files: npz, or a recording of points of any format."""
 
-import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES
-from .marker_names import identify
+from ..core.model.marker_layout import MarkerLayout
+from ..files.npz_file import open_arrays
+from ..files.point_recording import PointRecording
+from ..files.recordings import NPZ, ReadingOptions, read_recording, recognised_format
+from .hand_axes import HandPoints, hands_of, side_likelihood, with_recognised_axes
+from .hand_markers import choose_markers, labelled_column, marker_points
+from .layout_names import layout_named, names_in_layout
+from .marker_names import UsualPlace, canonical_name, identify
 from .takes import InvalidTake, MarkerTake
 
 TAKE_RATE_RANGE = (5., 2000.)  # [Hz]
@@ -21,33 +24,9 @@ MARKER_FIELDS = (('markers', 'marker_names'), ('positions', 'joints'))
 NAMED_AT_LEAST = 8             # markers, for a file to be read
 
 
-@contextmanager
-def open_arrays(path: Path, refusal: type[HandTrackerError]) -> Iterator[Any]:
-    """Open an npz file, and refuse one that cannot be read.
-
-    Parameters
-    ----------
-    path : Path
-    refusal : type of HandTrackerError
-        Raised where the file, or an array that is read of it, is not what numpy.savez writes.
-
-    Yields
-    ------
-    NpzFile
-    """
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            yield data
-    # A file with a bare array is no context manager: TypeError, AttributeError before Python 3.11.
-    except (OSError, ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
-        reason = getattr(error, 'strerror', None)
-        raise refusal(f'{path}: no npz file that can be read'
-                      + (f' ({reason})' if reason else '')
-                      + '; expected plain arrays, as numpy.savez writes them') from None
-
-
-def load_take(path: str | PathLike[str], side: str | None = None) -> MarkerTake:
-    """Load a take from an npz file.
+def load_take(path: str | PathLike[str], side: str | None = None,
+              by_layout: bool = False, layout: MarkerLayout | None = None) -> MarkerTake:
+    """Load a take from an npz file, or as `recorded_take` from one of another format.
 
     Parameters
     ----------
@@ -57,6 +36,10 @@ def load_take(path: str | PathLike[str], side: str | None = None) -> MarkerTake:
         changes where the recording was cut.
     side : {'right', 'left'}, optional
         Instead of the file's.
+    by_layout : bool, optional
+        Whether markers named as those of `layout` are taken for those.
+    layout : MarkerLayout, optional
+        When left out, the preset with markers of just these names, if there is one.
 
     Returns
     -------
@@ -66,16 +49,23 @@ def load_take(path: str | PathLike[str], side: str | None = None) -> MarkerTake:
     Raises
     ------
     InvalidTake
-        Naming the file, the fault and what is expected.
+        With file, fault and expectation.
     """
     path = Path(path)
+    if path.exists() and path.suffix != NPZ.suffixes[0] and recognised_format(path) is not NPZ:
+        return recorded_take(path, side)
     with open_arrays(path, InvalidTake) as data:
         fields = {name: data[name] for name in data.files}
     side = side or str(fields.get('side', np.array('right')))
     if side not in SIDES:
         raise InvalidTake(f'{path}: side {side!r}; expected {" or ".join(SIDES)}')
+    usual: dict[str, UsualPlace] = {}
+    if by_layout and (known := layout_named(
+            fields.get('marker_names', ()), layout)) is not None:
+        names, usual = names_in_layout(known)
+        fields = {**fields, 'marker_names': np.array(names)}
     names, points = _named_points(path, fields)
-    rate = float(fields['rate_hz']) if 'rate_hz' in fields else np.nan
+    rate = _number(path, 'rate_hz', fields.get('rate_hz', np.array(np.nan)))
     rate = UNKNOWN_RATE if np.isnan(rate) else rate
     if not TAKE_RATE_RANGE[0] <= rate <= TAKE_RATE_RANGE[1]:
         raise InvalidTake(f'{path}: rate_hz {rate:g}; allowed is {TAKE_RATE_RANGE[0]:g} to '
@@ -85,11 +75,80 @@ def load_take(path: str | PathLike[str], side: str | None = None) -> MarkerTake:
         raise InvalidTake(f'{path}: sequence of shape {sequence.shape}; expected a number for '
                           f'each of the {len(points)} frames')
     credit = str(fields.get('source', '')), str(fields.get('licence', ''))
-    return MarkerTake(path.stem, names, points, side, rate, sequence, 'markers' in fields, credit)
+    return MarkerTake(path.stem, names, points, side, rate, sequence, 'markers' in fields, credit,
+                      usual)
+
+
+def recorded_take(path: str | PathLike[str], side: str | None = None,
+                  reading: ReadingOptions | None = None, layout: MarkerLayout | None = None,
+                  names: Mapping[str, str] | None = None) -> MarkerTake:
+    """Load a take from a recording of points of any format, by its labels.
+
+    Parameters
+    ----------
+    path : path-like
+    side : {'right', 'left'}, optional
+        Of the hand, where the recording may have two; by its labels and shape when left out.
+    reading : ReadingOptions, optional
+    layout : MarkerLayout, optional
+        Whose markers are taken; all whose labels name a place on the hand when left out.
+    names : mapping of str to str, optional
+        Label of each marker that is not found by itself, by its name in the layout; without a
+        layout by one of `MARKERS` or of `ALL_LANDMARKS`.
+
+    Returns
+    -------
+    MarkerTake
+
+    Raises
+    ------
+    HandTrackerError
+        Naming the file, the fault and what is expected.
+    """
+    path = Path(path)
+    recording = with_recognised_axes(read_recording(path, reading))
+    usual: dict[str, UsualPlace] = {}
+    if layout is not None:
+        chosen = choose_markers(recording, side, names, layout)
+        points, own_side = marker_points(recording, chosen).astype(float), chosen.side
+        known, usual = names_in_layout(layout)
+    else:
+        columns, own_side = _named_columns(recording, side, names or {})
+        known = tuple(columns)
+        points = recording.points[:, list(columns.values())].astype(float)
+    if side is None and not own_side:
+        hand = HandPoints('', dict(zip(known, range(len(known)))))
+        likelihood = side_likelihood(recording._replace(points=points), hand)
+        side = 'left' if likelihood < .5 else 'right'
+    kept = np.isfinite(points).any(axis=(0, 2))
+    rate = recording.rate if np.isfinite(recording.rate) else UNKNOWN_RATE
+    return MarkerTake(
+        path.stem, tuple(name for name, keep in zip(known, kept) if keep), points[:, kept],
+        side or own_side, float(np.clip(rate, *TAKE_RATE_RANGE)),
+        np.zeros(len(points), dtype=int), not recording.is_landmarks, usual=usual)
+
+
+def _named_columns(recording: PointRecording, side: str | None,
+                   names: Mapping[str, str]) -> tuple[dict[str, int], str]:
+    """Return the columns of a hand's markers by landmark or place, and the side of its labels."""
+    hands = hands_of(recording)
+    shared = next((hand.columns for hand in hands if not hand.side), {})
+    own = next((hand for hand in hands if hand.side and side in (None, hand.side)), None)
+    columns = {**shared, **(own.columns if own else {})}
+    for marker, label in names.items():
+        columns[canonical_name(marker)] = labelled_column(recording, marker, label)
+    columns = {name: column for (name, column), marker in zip(
+        columns.items(), identify(tuple(columns))) if marker}
+    if len(columns) < NAMED_AT_LEAST:
+        some = ', '.join(label for label in recording.labels if label) or 'nothing'
+        raise InvalidTake(f'{recording.name}: its labels are {some}; expected at least '
+                          f'{NAMED_AT_LEAST} names such as wrist, index_mcp, index_dip, '
+                          'thumb_tip, --markers that say which is which, or a --layout')
+    return columns, own.side if own else ''
 
 
 def save_take(path: str | PathLike[str], take: MarkerTake) -> None:
-    """Write a take that `load_take` reads.
+    """Write a take for `load_take`.
 
     Parameters
     ----------
@@ -100,9 +159,18 @@ def save_take(path: str | PathLike[str], take: MarkerTake) -> None:
              rate_hz=take.rate, sequence=take.sequence)
 
 
+def _number(path: Path, name: str, value: np.ndarray) -> float:
+    """Return the number that an array holds; refuse other arrays."""
+    if value.size != 1 or value.dtype.kind not in 'fiu':
+        raise InvalidTake(f'{path}: {name} of shape {value.shape}, {value.dtype}; expected a '
+                          'number')
+    return float(value.item())
+
+
 def _named_points(path: Path, fields: dict[str, np.ndarray]) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return names and places of the markers that are ever seen."""
+    """Return names and places of the markers seen at all."""
     found: list[str] = []
+    unseen: list[str] = []
     for places, labels in MARKER_FIELDS:
         if places not in fields or labels not in fields:
             continue
@@ -116,13 +184,18 @@ def _named_points(path: Path, fields: dict[str, np.ndarray]) -> tuple[tuple[str,
         points = points.astype(float)
         points[~np.isfinite(points).all(axis=2)] = np.nan
         kept = np.isfinite(points).any(axis=(0, 2))
+        unseen += [name for name, keep in zip(names, kept) if not keep]
         names = tuple(name for name, keep in zip(names, kept) if keep)
         known = [marker for marker in identify(names) if marker is not None]
         if len(known) >= NAMED_AT_LEAST:
             return names, points[:, kept]
         found += names
+    if unseen and not found:
+        raise InvalidTake(f'{path}: none of its markers is ever seen: all places of '
+                          f'{", ".join(unseen)} are NaN; expected metres')
     if not found:
         raise InvalidTake(f'{path}: it has {", ".join(fields) or "nothing"}; expected markers and '
                           'marker_names, or positions and joints')
     raise InvalidTake(f'{path}: its markers are {", ".join(found)}; expected at least '
-                      f'{NAMED_AT_LEAST} names such as wrist, index_mcp, index_dip, thumb_tip')
+                      f'{NAMED_AT_LEAST} names such as wrist, index_mcp, index_dip, thumb_tip'
+                      + (f'; never seen are {", ".join(unseen)}' if unseen else ''))

@@ -7,11 +7,11 @@ import numpy as np
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import LEFT_HAND_MIRROR
-from .marker_names import NamedMarker, canonical_name, identify
+from .marker_names import NamedMarker, UsualPlace, canonical_name, identify
 
 
 class InvalidTake(HandTrackerError, ValueError):
-    """A file that is no take of markers, or a take to which no hand can be fitted."""
+    """A file without a take of markers, or a take unfit for a hand."""
 
 
 class MarkerTake(NamedTuple):
@@ -30,9 +30,11 @@ class MarkerTake(NamedTuple):
     sequence : ndarray of int, shape (T,)
         Changes where the recording was cut.
     is_optical : bool
-        Whether the file says that these are markers, not joints solved from them.
+        Whether the file declares these as markers, not as joints solved from them.
     credit : tuple of str
         Source and licence; empty where the file does not say.
+    usual : dict of str to UsualPlace
+        Of palm markers at no landmark, where their layout has them.
     """
 
     name: str
@@ -43,6 +45,7 @@ class MarkerTake(NamedTuple):
     sequence: np.ndarray
     is_optical: bool = True
     credit: tuple[str, str] = ('', '')
+    usual: dict[str, UsualPlace] = {}
 
     @property
     def mirror(self) -> np.ndarray:
@@ -71,10 +74,12 @@ class Gathered(NamedTuple):
     markers : tuple of NamedMarker
     points : ndarray, shape (T, M, 3)
         [m]
+    usual : dict of str to UsualPlace
     """
 
     markers: tuple[NamedMarker, ...]
     points: np.ndarray
+    usual: dict[str, UsualPlace] = {}
 
     @property
     def names(self) -> list[str]:
@@ -93,4 +98,5 @@ def gather(takes: Sequence[MarkerTake]) -> Gathered:
         found.update((marker.name, marker) for marker in identify(take.names) if marker)
     points = np.concatenate([take.columns(tuple(found)) * take.mirror for take in takes])
     points[~np.isfinite(points).all(axis=2)] = np.nan
-    return Gathered(tuple(found.values()), points)
+    usual = {name: place for take in takes for name, place in take.usual.items()}
+    return Gathered(tuple(found.values()), points, usual)

@@ -1,4 +1,4 @@
-"""Fit the thumb's saddle joint (CMC): position, abduction axis, and coupling of the IP.
+"""Fit the thumb: position and axis of the saddle joint, MCP abduction, coupling of the IP.
 
 It is fitted so that the thumb solved from its tip alone reproduces the recorded MCP and IP.
 """
@@ -7,12 +7,14 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
+from ..core.inverse_kinematics.digit import ASIDE_ROUNDS
 from ..core.model.hand import DIGITS, JOINTS, THUMB_ABDUCTION_AXIS, THUMB_COUPLING, Hand
 from ..core.model.kinematics import digit_base
 from .fingers import MOTION_PERCENTILES
 from .least_squares import evenly_spaced, regularised_fit
 
 THUMB_ROW = DIGITS.index('thumb')
+MCP_ABDUCTION_ROW = JOINTS.index('thumb_mcp_abduction')
 THUMB_FIT_FRAMES = 250
 FLEXION_TABLE_STEPS = 500
 
@@ -21,6 +23,7 @@ AXIS_SPREAD = np.tan(np.radians(20.))
 CMC_SPREAD = .0025                # [m] from the median of the recorded joint
 SLOPE_SPREAD = .5                 # of the slope's logarithm
 OFFSET_SPREAD = np.radians(15.)
+MCP_ABDUCTION_SPREAD = np.radians(8.)
 SLOPE_BOUNDS = (.3, 3.)
 OFFSET_BOUNDS = (-np.pi / 4, np.pi / 4)
 AXIS_BOUND = 2.5                  # [AXIS_SPREAD], 42 degrees
@@ -38,12 +41,15 @@ class Saddle(NamedTuple):
         Unit length.
     thumb_coupling : tuple of float
         Slope and offset of the IP's flexion against the MCP's [1, rad].
+    thumb_mcp_abduction : float
+        [rad]
     """
 
     thumb_cmc: np.ndarray
     thumb_abduction_axis: np.ndarray
     thumb_rest_direction: np.ndarray
     thumb_coupling: tuple[float, float]
+    thumb_mcp_abduction: float = 0.
 
 
 class ThumbAngles(NamedTuple):
@@ -64,7 +70,7 @@ class ThumbAngles(NamedTuple):
 
 
 def fit_thumb(hand: Hand, thumb: np.ndarray) -> Hand:
-    """Return `hand` with the thumb's CMC, axes and coupling fitted.
+    """Return `hand` with the thumb's CMC, axes, MCP abduction and coupling fitted.
 
     Parameters
     ----------
@@ -83,9 +89,10 @@ def fit_thumb(hand: Hand, thumb: np.ndarray) -> Hand:
         axis, across, along = _default_axes()
         axis = axis + AXIS_SPREAD * (x[0] * across + x[1] * along)
         return Saddle(
-            hand.thumb_cmc + CMC_SPREAD * x[4:], axis / np.linalg.norm(axis),
+            hand.thumb_cmc + CMC_SPREAD * x[4:7], axis / np.linalg.norm(axis),
             hand.thumb_rest_direction, (THUMB_COUPLING[0] * np.exp(SLOPE_SPREAD * x[2]),
-                                        THUMB_COUPLING[1] + OFFSET_SPREAD * x[3]))
+                                        THUMB_COUPLING[1] + OFFSET_SPREAD * x[3]),
+            MCP_ABDUCTION_SPREAD * x[7])
 
     def residuals(x: np.ndarray) -> np.ndarray:
         part = saddle(x)
@@ -96,13 +103,15 @@ def fit_thumb(hand: Hand, thumb: np.ndarray) -> Hand:
     slopes = np.log(np.divide(SLOPE_BOUNDS, THUMB_COUPLING[0])) / SLOPE_SPREAD
     offsets = np.subtract(OFFSET_BOUNDS, THUMB_COUPLING[1]) / OFFSET_SPREAD
     bounds = np.array([(-AXIS_BOUND, AXIS_BOUND)] * 2 + [slopes, offsets]
-                      + [(-CMC_BOUND, CMC_BOUND)] * 3).T
-    starts = [np.array((a, b, k, 0., 0., 0., 0.)) for k in (-.7, .7)
+                      + [(-CMC_BOUND, CMC_BOUND)] * 3
+                      + [hand.limits[MCP_ABDUCTION_ROW] / MCP_ABDUCTION_SPREAD]).T
+    starts = [np.array((a, b, k, 0., 0., 0., 0., 0.)) for k in (-.7, .7)
               for a, b in ((0., 0.), (1., 0.), (-1., 0.), (0., 1.), (0., -1.))]
     part = saddle(regularised_fit(residuals, starts, bounds))
     return hand.replace(
         thumb_cmc=part.thumb_cmc, thumb_abduction_axis=part.thumb_abduction_axis,
         thumb_rest_direction=_rest_direction(hand, part, thumb[:, 3] - part.thumb_cmc),
+        thumb_mcp_abduction=part.thumb_mcp_abduction,
         coupling=np.vstack((hand.coupling[:4], part.thumb_coupling)))
 
 
@@ -122,26 +131,48 @@ def solve_thumb(hand: Hand, saddle: Saddle, tips: np.ndarray) -> ThumbAngles:
     ThumbAngles
     """
     base, _, _ = digit_base(cast(Hand, saddle), THUMB_ROW)
-    x, y, z = (tips @ base).T
-    abduction = np.arctan2(np.copysign(y, x * y), np.abs(x))
-    along = x * np.cos(abduction) + y * np.sin(abduction)
+    local = tips @ base
+    table = _flexion_table(hand, saddle.thumb_coupling)
+    _, middle, last = hand.thumb_bones
+    beside = np.zeros_like(local)  # of the tip by the MCP's abduction
+    aside = saddle.thumb_mcp_abduction
+    for _ in range(ASIDE_ROUNDS if aside else 1):
+        turn, flexion, mcp, ip = _solve_plane(hand, table, local - beside)
+        axes = _metacarpal_axes(turn, flexion)
+        ahead = middle * np.cos(mcp) + last * np.cos(mcp + ip)
+        beside = (axes[:, :, :2] @ (np.cos(aside) - 1., np.sin(aside))) * ahead[:, None]
+    first = hand.thumb_bones[0] * axes[:, :, 0]
+    bent = np.stack((np.cos(aside) * np.cos(mcp), np.sin(aside) * np.cos(mcp), -np.sin(mcp)),
+                    axis=1)
+    second = first + middle * (axes @ bent[:, :, None])[:, :, 0]
+    return ThumbAngles(turn, flexion, first @ base.T, second @ base.T)
 
-    reach, mcp, ip = _flexion_table(hand, saddle.thumb_coupling)
+
+def _solve_plane(hand: Hand, table: tuple[np.ndarray, np.ndarray, np.ndarray], tips: np.ndarray
+                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return turn, flexion, MCP and IP of a thumb that stays in its plane, (n,) each [rad].
+
+    `tips` (n, 3) are in its base [m].
+    """
+    x, y, z = tips.T
+    turn = np.arctan2(np.copysign(y, x * y), np.abs(x))
+    along = x * np.cos(turn) + y * np.sin(turn)
+    reach, mcp, ip = table
     wanted = np.hypot(along, z)
     mcp = np.interp(wanted, reach, mcp)
     ip = np.interp(wanted, reach, ip)
     bones = hand.thumb_bones
     ahead = bones[0] + bones[1] * np.cos(mcp) + bones[2] * np.cos(mcp + ip)
     below = bones[1] * np.sin(mcp) + bones[2] * np.sin(mcp + ip)
-    flexion = np.arctan2(-z, along) - np.arctan2(below, ahead)
+    return turn, np.arctan2(-z, along) - np.arctan2(below, ahead), mcp, ip
 
-    def bone(length: float, angle: np.ndarray) -> np.ndarray:
-        return np.stack((length * np.cos(angle) * np.cos(abduction),
-                         length * np.cos(angle) * np.sin(abduction),
-                         -length * np.sin(angle)), axis=1) @ base.T
 
-    first = bone(bones[0], flexion)
-    return ThumbAngles(abduction, flexion, first, first + bone(bones[1], flexion + mcp))
+def _metacarpal_axes(turn: np.ndarray, flexion: np.ndarray) -> np.ndarray:
+    """Return the axes of metacarpals in the thumb's base, as columns, (n, 3, 3)."""
+    c, s, cf, sf = np.cos(turn), np.sin(turn), np.cos(flexion), np.sin(flexion)
+    return np.stack((np.stack((c * cf, s * cf, -sf), axis=1),
+                     np.stack((-s, c, 0. * s), axis=1),
+                     np.stack((c * sf, s * sf, cf), axis=1)), axis=2)
 
 
 def _default_axes() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -174,7 +205,7 @@ def _flexion_table(hand: Hand, coupling: tuple[float, float]
 
 
 def _rest_direction(hand: Hand, saddle: Saddle, tips: np.ndarray) -> np.ndarray:
-    """Return the rest direction that centres recorded CMC angles within their limits, (3,)."""
+    """Return the rest direction to centre recorded CMC angles within their limits, (3,)."""
     solved = solve_thumb(hand, saddle, tips)
     rows = [JOINTS.index('thumb_cmc_abduction'), JOINTS.index('thumb_cmc_flexion')]
     abduction, flexion = (

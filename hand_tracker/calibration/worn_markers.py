@@ -1,4 +1,4 @@
-"""The eight markers among a take's that the tracker will get."""
+"""Choice of the tracker's eight markers among those of a take."""
 
 from itertools import combinations
 

@@ -9,7 +9,7 @@ from hand_tracker.calibration import LANDMARKS, landmark_positions
 from hand_tracker.calibration.coverage import coverage
 from hand_tracker.calibration.frame_choice import spread_frames
 from hand_tracker.cli.calibrate import main
-from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.hand import Hand, preset_limits
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.files.bags import bag_message, marker_array_message, write_bag
@@ -32,6 +32,8 @@ def test_hand_file_and_picture_are_written(tmp_path, capsys):
     hand, layout = load_hand(output)
     np.testing.assert_allclose(hand.finger_bones, HAND.finger_bones, atol=.003)
     np.testing.assert_allclose(layout.offsets[3:7, 2], .008, atol=.002)
+    assert '\nlimits: wearer\n' in output.read_text(encoding='utf-8')
+    assert hand.range_of_motion.any()
     assert Image.open(output.with_suffix('.png')).size[0] > 600
     text = output.read_text(encoding='utf-8')
     printed = capsys.readouterr().out
@@ -55,6 +57,45 @@ def test_a_recording_of_the_worn_markers(tmp_path):
     np.testing.assert_allclose(reach, HAND.finger_bones[:, :2].sum(axis=1), atol=.006)
 
 
+def test_a_recording_in_which_no_marker_is_seen(tmp_path, capsys):
+    nowhere = np.zeros((8, 3))
+    write_bag(tmp_path / 'take.mcap', (
+        bag_message('/markers', stamp, marker_array_message(stamp, 'mocap', MARKERS, nowhere))
+        for stamp in range(10 ** 18, 10 ** 18 + 10 ** 9, 10 ** 7)))
+    assert main([str(tmp_path / 'take.mcap'), '-o', str(tmp_path / 'hand.yaml')]) == 1
+    assert 'none of the markers is ever seen in 100 messages' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('name', 'fault'), (
+    ('absent.mcap', 'no such file or folder'), ('notes.txt', 'the file has no bytes')))
+def test_what_is_no_take_is_told_what_would_be_one(tmp_path, capsys, name, fault):
+    (tmp_path / 'notes.txt').touch()
+    assert main([str(tmp_path / name), '-o', str(tmp_path / 'hand.yaml')]) == 1
+    said = capsys.readouterr().err
+    assert f'{name}: {fault}; expected' in said and 'rosbag2' in said and 'npz' in said
+
+
+def test_an_output_that_cannot_be_written_is_refused_before_the_fit(tmp_path, capsys):
+    take, _ = simulated_take(HAND, EVERY_JOINT, seconds=8.)
+    path = str(written(tmp_path / 'take.npz', take))
+    for arguments in (('-o', 'absent/hand.yaml'),
+                      ('-o', str(tmp_path / 'hand.yaml'), '--picture', 'absent/hand.png')):
+        assert main([path, *arguments]) == 1
+        said = capsys.readouterr()
+        assert f'{arguments[-1]}: cannot be written' in said.err and not said.out
+    assert not (tmp_path / 'hand.yaml').exists()
+
+
+def test_a_left_recording_is_not_fitted_as_a_right_hand(tmp_path, capsys):
+    take, _ = simulated_take(HAND.mirrored(), WORN, seconds=8.)
+    write_bag(tmp_path / 'take.mcap', (
+        bag_message('/markers', stamp, marker_array_message(stamp, 'mocap', MARKERS, frame))
+        for stamp, frame in ((10 ** 18 + round(1e9 * i / take.rate), frame)
+                             for i, frame in enumerate(take.points))))
+    assert main([str(tmp_path / 'take.mcap'), '-o', str(tmp_path / 'hand.yaml')]) == 1
+    assert 'this is a left one (--side left)' in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(('change', 'reason'), (
     (lambda take: take.part(np.arange(60)), '2.0 s long'),
     (lambda take: take._replace(points=1e3 * take.points), 'millimetres'),
@@ -75,11 +116,12 @@ def test_joint_centres_are_no_markers_on_the_skin(tmp_path, capsys):
     np.savez(path, positions=landmark_positions(HAND, pose, position), side='right', rate_hz=30.,
              joints=np.array(LANDMARKS))
     output = tmp_path / 'hand.yaml'
-    assert main([str(path), '-o', str(output)]) == 0
+    assert main([str(path), '-o', str(output), '--limits', 'paper']) == 0
     assert 'no markers on the skin' in capsys.readouterr().out
     hand, layout = load_hand(output)
     np.testing.assert_allclose(hand.finger_bones, HAND.finger_bones, atol=1e-4)
     assert not layout.offsets.any()
+    assert np.array_equal(hand.limits, preset_limits('paper')) and hand.range_of_motion.any()
 
 
 def test_coverage_says_what_to_do():
@@ -90,6 +132,16 @@ def test_coverage_says_what_to_do():
     assert {one.share for one in still} == {0.}
     assert 'bend the ring finger in its middle joint' in still[8].task
     assert coverage(np.zeros((0, 25))) == []
+
+
+def test_the_range_of_motion_covers_all_that_is_asked_for():
+    moving = motion_named('range_of_motion', HAND, 2)
+    covered = coverage(moving.sample(np.arange(0., moving.duration, .1))[0])
+    assert {(one.digit, one.joint) for one in covered if one.share < 1.} <= {
+        ('thumb', 'first'), ('thumb', 'second')}
+    # The others spread from the middle finger, which is not asked to turn as far.
+    turns = {one.digit: one.degrees for one in covered if one.joint == 'turn'}
+    assert turns['middle'] < 5. < 10. < min(turns['index'], turns['ring'], turns['little'])
 
 
 def test_chosen_frames_cover_the_motion():

@@ -8,6 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from hand_tracker.calibration import LANDMARKS, fit_hand, landmark_positions
 from hand_tracker.calibration.fingers import USUAL_SLOPE_WORTH
+from hand_tracker.calibration.fitted_hand import SHOWN_PERCENTILES
+from hand_tracker.calibration.landmarks import landmark_angles
 from hand_tracker.calibration.palm_frame import median_lengths
 from hand_tracker.calibration.thumb import Saddle, solve_thumb
 from hand_tracker.core.errors import InvalidHand
@@ -40,6 +42,7 @@ def person(side='right'):
         thumb_abduction_axis=turn @ mean.thumb_abduction_axis,
         thumb_rest_direction=turn @ mean.thumb_rest_direction,
         thumb_cmc=flat @ mean.thumb_cmc + (.002, -.001, .001), thumb_bones=(.044, .033, .027),
+        thumb_mcp_abduction=np.radians(-6.),
         finger_abduction_axes=((.2, .05, 1.), (.1, 0., 1.), (.05, -.1, 1.), (-.1, -.05, 1.)),
         splay=np.radians((6., 0., -5., -12.)),
         coupling=((.4, .2), (.6, 0.), (.2, .3), (.5, -.1), (1.5, -.1)),
@@ -51,7 +54,7 @@ def recorded(hand, seed=0, noise=0.):
     random = np.random.default_rng(seed)
     lower, upper = preset_limits('paper').T
     angles = random.uniform(.9 * lower, .9 * upper, (FRAMES, len(JOINTS)))
-    angles[:, JOINTS.index('thumb_mcp_abduction')] = 0.
+    angles[:, JOINTS.index('thumb_mcp_abduction')] = hand.thumb_mcp_abduction
     mcp = angles[:, JOINTS.index('thumb_mcp_flexion')]
     mcp[:] = random.uniform(.1, .5, FRAMES)
     angles[:, LEADERS + 1] = np.clip(
@@ -98,6 +101,7 @@ def test_recovers_a_hand(side, noise, bone, lean, axis):
         fitted.finger_abduction_axes, hand.finger_abduction_axes)]) < axis
     if not noise:
         np.testing.assert_allclose(fitted.coupling[4], hand.coupling[4], atol=.02)
+        assert np.degrees(fitted.thumb_mcp_abduction) == pytest.approx(-6., abs=.5)
     np.testing.assert_array_equal(fitted.limits, hand.limits)
 
 
@@ -159,11 +163,45 @@ def test_rest_direction_centres_the_range_of_motion():
         assert middle == pytest.approx(hand.limits[joint].mean(), abs=np.radians(2.))
 
 
+def test_limits_are_widened_to_the_recorded_range_of_motion():
+    hand, fitted = refitted()
+    angles, joints = recorded(hand)
+    shown = np.degrees(fitted.range_of_motion)
+    moved = [JOINTS.index(f'{finger}_{joint}') for finger in FINGERS
+             for joint in ('mcp_flexion', 'pip_flexion', 'dip_flexion')]
+    true = np.degrees(np.percentile(angles[:, moved], SHOWN_PERCENTILES, axis=0)).T
+    np.testing.assert_allclose(shown[moved], true + (-3., 3.), atol=.2)
+    # Splay and rest direction are in the middle of what was recorded, not where the hand's are.
+    for joint in ('index_mcp_abduction', 'thumb_cmc_abduction', 'thumb_cmc_flexion'):
+        row = JOINTS.index(joint)
+        width = np.degrees(np.ptp(np.percentile(angles[:, row], SHOWN_PERCENTILES)))
+        assert np.ptp(shown[row]) == pytest.approx(width + 6., abs=3.), joint
+    assert not shown[JOINTS.index('thumb_mcp_abduction')].any()
+    np.testing.assert_array_equal(fitted.limits, hand.limits)
+    usual = fit_hand(joints, 'right')
+    np.testing.assert_array_equal(usual.limits, preset_limits('wearer', usual.range_of_motion))
+
+
+def test_angles_of_landmarks_are_those_of_the_hand():
+    hand = person()
+    angles, _ = recorded(hand)
+    found = landmark_angles(hand, landmark_positions(hand, forward(joint_table(hand), angles)))
+    seen = np.isfinite(found)
+    assert seen[:, LEADERS].all() and .5 < seen.mean(axis=0).min() < .9
+    fingers = np.array([not joint.startswith('thumb') and not joint.endswith('cmc_flexion')
+                        for joint in JOINTS])
+    np.testing.assert_allclose(found[seen & fingers], angles[seen & fingers], atol=1e-6)
+    # The thumb's bones lie in one plane but for the MCP's abduction.
+    thumb = [JOINTS.index(f'thumb_{joint}') for joint in (
+        'cmc_abduction', 'cmc_flexion', 'mcp_flexion', 'ip_flexion')]
+    np.testing.assert_allclose(found[:, thumb], angles[:, thumb], atol=np.radians(4.))
+
+
 def test_solved_thumb_is_the_trackers():
     hand = person()
     angles, joints = recorded(hand)
     saddle = Saddle(hand.thumb_cmc, hand.thumb_abduction_axis, hand.thumb_rest_direction,
-                    hand.coupling[4])
+                    hand.coupling[4], hand.thumb_mcp_abduction)
     local = landmark_positions(hand, forward(joint_table(hand), angles))
     solved = solve_thumb(hand, saddle, local[:, 4] - hand.thumb_cmc)
     tracker = HandTracker(hand, options=APART)

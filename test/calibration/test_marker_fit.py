@@ -8,7 +8,12 @@ from helpers.captures import capture_path
 from helpers.skin_markers import EVERY_JOINT, SKIN_OFFSET, WORN, simulated_take
 
 from hand_tracker.calibration.fit_report import marker_misses, report_fit
-from hand_tracker.calibration.fitted_hand import place_mounted
+from hand_tracker.calibration.fitted_hand import (
+    SHOWN_MARGIN,
+    SHOWN_PERCENTILES,
+    place_mounted,
+    range_of_motion,
+)
 from hand_tracker.calibration.marker_fit import fit_markers, hand_length
 from hand_tracker.calibration.natural_flexion import fit_flexion_line
 from hand_tracker.calibration.take_files import load_take
@@ -74,11 +79,24 @@ def test_the_layout_puts_markers_where_the_mounts_do():
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-def test_limits_are_widened_to_the_postures():
+def test_limits_are_those_of_the_wearer():
     _, angles, fit = large_hand()
-    paper = preset_limits()
-    assert (fit.hand.limits[:, 0] <= paper[:, 0]).all()
-    assert (fit.hand.limits[:, 1] >= paper[:, 1]).all()
+    shown = fit.hand.range_of_motion
+    np.testing.assert_array_equal(fit.hand.limits, preset_limits('wearer', shown))
+    pip = FLEXION_JOINTS[:4, 1]
+    true = np.percentile(angles[:, pip], SHOWN_PERCENTILES, axis=0).T
+    np.testing.assert_allclose(shown[pip], true + (-SHOWN_MARGIN, SHOWN_MARGIN),
+                               atol=np.radians(5.))
+
+
+def test_the_range_of_motion_leaves_out_instants_and_joints_that_do_not_move():
+    angles = np.zeros((1000, 25))
+    angles[:, 1] = np.linspace(-.2, .3, 1000)
+    angles[500, 1], angles[::3, 1] = 3., np.nan
+    found = range_of_motion(angles)
+    np.testing.assert_allclose(found[1], (-.2 - SHOWN_MARGIN, .3 + SHOWN_MARGIN), atol=.01)
+    assert not np.delete(found, 1, 0).any()
+    assert not range_of_motion(np.zeros((0, 25))).any()
 
 
 def test_the_second_flexion_follows_the_first_as_in_the_take():

@@ -6,6 +6,7 @@ import pytest
 from hand_tracker.calibration.size import fit_size
 from hand_tracker.core.model.hand import FINGERS, Hand, preset_limits
 from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
 from hand_tracker.simulation.motions import motion_named
 from hand_tracker.simulation.visibility import skin_layout
@@ -38,6 +39,19 @@ def test_markers_on_the_skin_tell_it_by_their_offsets():
     layout = skin_layout(hand)
     found = fit_size(markers_of(hand, layout, 'demo'), Hand.scaled(), layout)
     np.testing.assert_allclose(found.finger_bones, hand.finger_bones, rtol=.02)
+
+
+@pytest.mark.parametrize('name', ['mediapipe21', 'sig18_19', 'kyutech23'])
+def test_the_principal_markers_of_any_layout_tell_it(name):
+    hand, layout = Hand.scaled(.2, .095), preset_layout(name)
+    found = fit_size(markers_of(hand, layout, 'demo'), Hand.scaled(), layout)
+    np.testing.assert_allclose(found.finger_mcp[[0, 3]], hand.finger_mcp[[0, 3]], atol=2e-3)
+    np.testing.assert_allclose(found.finger_bones, hand.finger_bones, rtol=.05)
+
+
+def test_the_plate_of_a_glove_tells_no_size():
+    layout = preset_layout('dfki13')
+    assert fit_size(markers_of(Hand.scaled(), layout, 'demo'), Hand.scaled(), layout) is None
 
 
 def test_side_limits_and_couplings_are_kept_and_a_left_hand_is_a_mirror_image():

@@ -47,12 +47,33 @@ def test_markers_never_seen_are_left_out(tmp_path, fields):
 @pytest.mark.parametrize(('change', 'message'), (
     ({'side': 'both'}, "side 'both'; expected right or left"),
     ({'rate_hz': 9000.}, 'rate_hz 9000; allowed is 5 to 2000 Hz'),
+    ({'rate_hz': np.array((30., 60.))}, r'rate_hz of shape \(2,\), float64; expected a number'),
+    ({'rate_hz': 'fast'}, 'rate_hz of shape .*; expected a number'),
     ({'sequence': np.zeros(3)}, 'expected a number for each of the'),
     ({'marker_names': np.array(['a'] * len(EVERY_JOINT))}, 'expected at least 8 names'),
     ({'markers': np.zeros((4, 2, 3))}, 'expected numbers')))
 def test_faults_are_named(tmp_path, fields, change, message):
     with pytest.raises(InvalidTake, match=message):
         load_take(written(tmp_path, fields | change))
+
+
+def test_markers_that_are_never_seen_are_not_taken_for_absent_ones(tmp_path, fields):
+    unseen = fields | {'markers': np.full_like(fields['markers'], np.nan)}
+    with pytest.raises(InvalidTake, match='none of its markers is ever seen: all places of wrist'):
+        load_take(written(tmp_path, unseen))
+    fields['markers'][:, 7:] = np.nan
+    with pytest.raises(InvalidTake, match='at least 8 names .*; never seen are index_tip, '):
+        load_take(written(tmp_path, fields))
+
+
+def test_a_damaged_npz_file(tmp_path, fields):
+    path = tmp_path / 'take.npz'
+    np.savez_compressed(path, **fields)
+    data = bytearray(path.read_bytes())
+    data[200:400] = bytes(200)
+    path.write_bytes(data)
+    with pytest.raises(InvalidTake, match='take.npz: no npz file that can be read'):
+        load_take(path)
 
 
 def test_no_npz_file(tmp_path):

@@ -1,0 +1,225 @@
+"""Unit and handedness of recorded points, and the side of a hand, told from the hand itself."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.model.hand import FINGERS
+from ..files.point_recording import UNIT_SPELLINGS, PointRecording
+from .hand_labels import hand_labels
+
+# [m] of grown-up hands: index to little knuckle, and wrist to knuckles.
+KNUCKLE_BREADTH = .062
+PALM_LENGTH = .088
+# Points of a finger from its root to its tip, and beginnings of names of points of the palm.
+CHAIN_PLACES = ('mcp', 'pip', 'middle', 'dip', 'tip')
+PALM_NAMES = ('hand', 'back', 'palm')
+SIZE_UNITS = ('m', 'dm', 'cm', 'mm')
+SAMPLED_FRAMES = 500
+SURE = .9                  # likelihood above which axes are taken for mirrored
+LEAST_DOUBT = .02          # of a side that every frame shows
+WRONG_SIZE = 2.5           # times as large or small as hands are, that is told of
+
+
+class HandPoints(NamedTuple):
+    """Points of one hand of a recording.
+
+    Attributes
+    ----------
+    side : str
+        As the labels say, empty where they do not.
+    columns : mapping of str to int
+        Column of each landmark.
+    """
+
+    side: str
+    columns: Mapping[str, int]
+
+
+def hands_of(recording: PointRecording) -> list[HandPoints]:
+    """Return the hands that a recording's labels name, as `labelled_hands`."""
+    return labelled_hands(recording.labels, recording.is_landmarks)
+
+
+def labelled_hands(labels: Sequence[str], is_landmarks: bool = False) -> list[HandPoints]:
+    """Return the hands that labels name, those with more points first.
+
+    Parameters
+    ----------
+    labels : sequence of str
+    is_landmarks : bool, optional
+        Whether these are joint centres, not markers on the skin.
+
+    Returns
+    -------
+    list of HandPoints
+        Points whose label names no side belong to every hand with one.
+    """
+    found: dict[str, dict[str, int]] = {}
+    for column, label in enumerate(hand_labels(labels, is_landmarks)):
+        if label is not None:
+            columns = found.setdefault(label.side, {})
+            # A joint that a skeleton has in two parts, as THUMB_CMC_FE and _AA, ends in the last.
+            if label.name not in columns or (is_landmarks and not label.name.endswith('_tip')):
+                columns[label.name] = column
+    return sorted((HandPoints(side, columns) for side, columns in found.items()),
+                  key=lambda hand: -len(hand.columns))
+
+
+def side_likelihood(recording: PointRecording, hand: HandPoints) -> float:
+    """Return how likely a hand is a right one by its shape, .5 where that cannot be told.
+
+    Fingers bend to the palm, so that back, fingers and thumb's side are those of a right hand or
+    of its mirror image.
+
+    Parameters
+    ----------
+    recording : PointRecording
+    hand : HandPoints
+
+    Returns
+    -------
+    float
+        0 to 1.
+    """
+    points = _sampled(recording, hand)
+    base = next((place for place in CHAIN_PLACES
+                 if f'index_{place}' in points and f'little_{place}' in points), None)
+    if base is None:
+        return .5
+    index, little = points[f'index_{base}'], points[f'little_{base}']
+    lateral = index - little
+    dorsal, distal = np.zeros_like(lateral), np.zeros_like(lateral)
+    beyond = CHAIN_PLACES[CHAIN_PLACES.index(base) + 1:]
+    for finger in FINGERS:
+        chain = [points[name] for name in (f'{finger}_{place}' for place in CHAIN_PLACES)
+                 if name in points]
+        if len(chain) > 1:
+            distal += np.nan_to_num(_unit(chain[1] - chain[0]))
+        for a, b, c in zip(chain, chain[1:], chain[2:]):
+            dorsal += np.nan_to_num(b - (a + c) / 2.)
+    palm = [point for name, point in points.items() if name.startswith(PALM_NAMES)]
+    if 'wrist' in points or palm:
+        middle = (index + little) / 2.
+        along = middle - (points['wrist'] if 'wrist' in points else np.mean(palm, axis=0))
+        distal = np.nan_to_num(_unit(along))
+        normal = _unit(np.cross(along, lateral))
+        for name, point in points.items():
+            if name.endswith(beyond):
+                height = np.einsum('ti,ti->t', point - middle, normal)
+                dorsal -= np.nan_to_num(height[:, None] * normal)
+    heights = np.einsum('ti,ti->t', np.cross(distal, lateral), dorsal)
+    told = heights[np.isfinite(heights) & (heights != 0.)]
+    if not len(told):
+        return .5
+    weights = np.abs(told)
+    return float(np.clip(weights[told > 0.].sum() / weights.sum(), LEAST_DOUBT, 1. - LEAST_DOUBT))
+
+
+def side_by_shape(recording: PointRecording, side: str = '') -> str:
+    """Return the side of a hand that its shape tells for sure, empty where it does not.
+
+    Parameters
+    ----------
+    recording : PointRecording
+    side : str, optional
+        That the hand's labels name.
+    """
+    hands = {hand.side: hand.columns for hand in hands_of(recording)}
+    right = side_likelihood(recording, HandPoints(side, {**hands.get('', {}),
+                                                        **hands.get(side, {})}))
+    return 'right' if right > SURE else 'left' if right < 1. - SURE else ''
+
+
+def hand_scale(recording: PointRecording, hand: HandPoints) -> float | None:
+    """Return the size of a hand over that of a grown-up's, None where it cannot be told [1]."""
+    points = _sampled(recording, hand)
+    sizes = []
+    if 'index_mcp' in points and 'little_mcp' in points:
+        sizes.append((points['index_mcp'] - points['little_mcp'], KNUCKLE_BREADTH))
+    if 'wrist' in points:
+        sizes += [(points[name] - points['wrist'], PALM_LENGTH)
+                  for name in ('index_mcp', 'middle_mcp', 'ring_mcp') if name in points]
+    ratios = []
+    for vectors, usual in sizes:
+        lengths = np.linalg.norm(vectors, axis=1)
+        lengths = lengths[np.isfinite(lengths) & (lengths > 0.)]
+        if len(lengths):
+            ratios.append(float(np.median(lengths)) / usual)
+    return float(np.median(ratios)) if ratios else None
+
+
+def with_recognised_axes(recording: PointRecording) -> PointRecording:
+    """Return a recording in the unit and on the side that its hands tell, where its file does not.
+
+    Parameters
+    ----------
+    recording : PointRecording
+        Its points are changed.
+
+    Returns
+    -------
+    PointRecording
+        With notes on what was recognised, or on what does not fit.
+    """
+    hands = [hand for hand in hands_of(recording) if len(hand.columns) > 2]
+    notes = recording.notes
+    scales = [scale for hand in hands if (scale := hand_scale(recording, hand))]
+    axes = recording.axes
+    if scales and not recording.said.units:
+        unit = min(SIZE_UNITS, key=lambda name: abs(np.log(
+            scales[0] * UNIT_SPELLINGS[name][0] / axes.scale)))
+        if unit != axes.units:
+            _scale_points(recording, UNIT_SPELLINGS[unit][0] / axes.scale)
+            axes = axes._replace(units=unit)
+        notes += (f'in {unit}, as the hand is {KNUCKLE_BREADTH * 1e3:.0f} mm wide then, more or '
+                  'less',)
+    elif scales and not 1. / WRONG_SIZE < scales[0] < WRONG_SIZE:
+        notes += (f'the hand is {scales[0]:.2g} times as large as hands are: is the file in '
+                  f'{axes.units}? (--units)',)
+    for hand in hands:
+        side = hand.side or _side_of_name(recording.name)
+        likelihood = side_likelihood(recording, hand)
+        if not side or (likelihood if side == 'left' else 1. - likelihood) < SURE:
+            continue
+        if recording.format == 'BVH' and not recording.said.handed:
+            for rows in recording.blocks():
+                rows[..., 0] *= -1.
+            axes = axes._replace(handed='left')
+            notes += (f'left-handed axes, as the {side} hand is the image of one in a mirror '
+                      '(--handed)',)
+            break
+        notes += (f'the {side} hand has the shape of the other one: other side, or left-handed '
+                  'axes (--handed left)?',)
+    return recording._replace(axes=axes, notes=notes)
+
+
+def _scale_points(recording: PointRecording, factor: float) -> None:
+    for rows in recording.blocks():
+        rows *= recording.points.dtype.type(factor)
+
+
+def _side_of_name(name: str) -> str:
+    """Return the side that a file's name says, empty where it says none or both."""
+    words = set(re.findall(r'right|left', name.lower()))
+    return words.pop() if len(words) == 1 else ''
+
+
+def _sampled(recording: PointRecording, hand: HandPoints) -> dict[str, np.ndarray]:
+    """Return each landmark in some frames, shape (t, 3), the wrist as the mean of its markers."""
+    step = max(len(recording.points) // SAMPLED_FRAMES, 1)
+    points = {name: recording.points[::step, column].astype(float)
+              for name, column in hand.columns.items()}
+    wrists = [places for name, places in points.items() if 'wrist' in name]
+    if wrists and 'wrist' not in points:
+        points['wrist'] = np.mean(wrists, axis=0)
+    return points
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    with np.errstate(invalid='ignore', divide='ignore'):
+        return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)

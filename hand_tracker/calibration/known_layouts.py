@@ -1,0 +1,149 @@
+"""How well a recording's labels match the layout presets, and on which side the hand is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.model.hand import SIDES
+from ..core.model.layout_presets import LAYOUT_PRESETS, preset_layout
+from ..core.model.marker_layout import PAPER_PLACES
+from ..files.point_recording import PointRecording
+from .hand_axes import HandPoints, hands_of, side_likelihood
+from .layout_labels import labelled_layout, point_names
+
+LEAST_LIKELIHOOD = .2      # of layouts that are told of
+LEAST_PRESENT = .5         # of a layout's markers that are there
+NAMED_SIDE = .99           # likelihood of a side that labels name
+HAND_SPAN = .30            # [m] that a hand's markers are within
+UNNAMED_LAYOUT = 'anonymous8'
+
+
+class LikelyLayout(NamedTuple):
+    """A layout that a recording may have.
+
+    Attributes
+    ----------
+    name : str
+        Of `LAYOUT_PRESETS`, or 'anonymous8' for points without labels within a hand's size.
+    side : {'right', 'left', 'unknown'}
+    likelihood : float
+        0 to 1.
+    is_complete : bool
+        Whether all its markers are there.
+    """
+
+    name: str
+    side: str
+    likelihood: float
+    is_complete: bool = False
+
+
+def likely_layouts(recording: PointRecording) -> list[LikelyLayout]:
+    """Return the layouts that a recording may have, by its labels and the hand's shape.
+
+    Parameters
+    ----------
+    recording : PointRecording
+
+    Returns
+    -------
+    list of LikelyLayout
+        The most likely first. The likelihood is the share of names that layout and recording
+        have in common, times that of the side.
+    """
+    hands = {hand.side: hand.columns for hand in hands_of(recording)}
+    shared = hands.get('', {})
+    likelihoods = {side: _right_likelihood(recording, HandPoints(side, {
+        **shared, **hands.get(side, {})})) for side in ('', *SIDES)}
+    found: dict[tuple[str, str], LikelyLayout] = {}
+    for name, match in _matches(recording, hands):
+        if not match.side and any(len(hands.get(side, ())) > 2 for side in SIDES):
+            continue
+        right = likelihoods[match.side]
+        for side, share in (('right', right), ('left', 1. - right)):
+            likelihood = match.share if right == .5 else match.share * share
+            if likelihood < LEAST_LIKELIHOOD or right == .5 and side == 'left':
+                continue
+            one = LikelyLayout(name, 'unknown' if right == .5 else side, round(likelihood, 3),
+                               match.is_complete)
+            # Of points that name a side and of those that name none.
+            other = found.setdefault((one.name, one.side), one)
+            found[one.name, one.side] = max(one, other, key=lambda layout: layout.likelihood)
+    return sorted(found.values() or _anonymous(recording), key=lambda one: -one.likelihood)
+
+
+def complete_layout(recording: PointRecording) -> LikelyLayout | None:
+    """Return the likeliest preset whose markers are all in a recording, None for none."""
+    return next((layout for layout in likely_layouts(recording) if layout.is_complete), None)
+
+
+def _right_likelihood(recording: PointRecording, hand: HandPoints) -> float:
+    """Return how likely a hand is a right one, by its labels and by its shape."""
+    by_shape = side_likelihood(recording, hand)
+    if not hand.side:
+        return by_shape
+    by_name = NAMED_SIDE if hand.side == 'right' else 1. - NAMED_SIDE
+    both = by_name * by_shape
+    return both / (both + (1. - by_name) * (1. - by_shape))
+
+
+class LayoutMatch(NamedTuple):
+    """How far a layout and a hand of a recording have the same markers.
+
+    Attributes
+    ----------
+    side : str
+        As the labels say, empty where they do not.
+    share : float
+        Of the markers of both that they have in common (F1 score) [1].
+    is_complete : bool
+    """
+
+    side: str
+    share: float
+    is_complete: bool
+
+
+def _matches(recording: PointRecording, hands: Mapping[str, Mapping[str, int]]
+             ) -> Iterator[tuple[str, LayoutMatch]]:
+    """Yield how far each preset and each hand have the same markers."""
+    labels = recording.labels
+    names = point_names(labels, recording.is_landmarks)
+    # Numbers name a layout only where there are no others.
+    unnumbered = point_names(['' if label.isdecimal() else label for label in labels],
+                             recording.is_landmarks)
+    for preset in LAYOUT_PRESETS:
+        layout = preset_layout(preset)
+        is_numbered = (all(name.isdecimal() for name in layout.names)
+                       and len(list(filter(None, labels))) != len(layout.names))
+        matches = {}
+        for wanted in SIDES:
+            found = labelled_layout(unnumbered if is_numbered else names, layout, wanted)
+            mine, total = len(found.found), len(layout.names)
+            there = found.found.union(hands.get('', {}).values(),
+                                      hands.get(found.side, {}).values())
+            if mine >= LEAST_PRESENT * total:
+                matches[found.side] = LayoutMatch(
+                    found.side, 2. * mine / (total + len(there)), mine == total)
+        yield from ((preset, match) for match in matches.values())
+
+
+def _anonymous(recording: PointRecording) -> list[LikelyLayout]:
+    """Return the layout of points without labels: eight or more within a hand's size."""
+    unnamed = [i for i, label in enumerate(recording.labels) if not label]
+    points = recording.points[::max(len(recording.points) // 200, 1)][:, unnamed]
+    if points.size == 0:
+        return []
+    seen = np.isfinite(points).all(axis=2)
+    counts = seen.sum(axis=1)
+    full = points[counts >= len(PAPER_PLACES)]
+    if not len(full):
+        return []
+    span = np.nanmax(full, axis=1) - np.nanmin(full, axis=1)
+    near = float(np.mean(np.linalg.norm(span, axis=1) < HAND_SPAN))
+    usual = float(np.mean(counts == len(PAPER_PLACES)))
+    likelihood = round(near * max(usual, .1), 3)
+    return [LikelyLayout(UNNAMED_LAYOUT, 'unknown', likelihood)] if likelihood else []

@@ -1,0 +1,119 @@
+"""Which point of a recording is which marker of a layout: by its name, or by the landmark's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.model.hand import SIDES
+from ..core.model.marker_layout import MarkerLayout
+from .hand_axes import labelled_hands
+from .hand_labels import spellings
+
+AT_LANDMARK = .013  # [m] from a landmark, within which a marker may be named after it
+NOT_THERE = -1
+
+
+class PointNames(NamedTuple):
+    """Columns of points by the names that their labels have without a side.
+
+    Attributes
+    ----------
+    own, landmarks : mapping of str to mapping of str to int
+        By side, empty for labels that say none: names as of `spellings`, and landmarks as of
+        `labelled_hands`.
+    """
+
+    own: Mapping[str, Mapping[str, int]]
+    landmarks: Mapping[str, Mapping[str, int]]
+
+
+class LabelledLayout(NamedTuple):
+    """Markers of a layout among the points of a recording.
+
+    Attributes
+    ----------
+    columns : tuple of int
+        Of the points, in the order of the layout; -1 where none is the marker.
+    side : str
+        Of the hand, as the labels say; empty where they do not.
+    """
+
+    columns: tuple[int, ...]
+    side: str
+
+    @property
+    def found(self) -> set[int]:
+        """Columns of the markers that are there."""
+        return {column for column in self.columns if column != NOT_THERE}
+
+
+def point_names(labels: Sequence[str], is_landmarks: bool = False) -> PointNames:
+    """Return the names of points by their labels.
+
+    Parameters
+    ----------
+    labels : sequence of str
+        Empty for points without one.
+    is_landmarks : bool, optional
+        See `labelled_hands`.
+
+    Returns
+    -------
+    PointNames
+    """
+    own: dict[str, dict[str, int]] = {'': {}, **{side: {} for side in SIDES}}
+    for column, label in enumerate(labels):
+        for side, name in spellings(label) if label else ():
+            own[side].setdefault(name, column)
+    return PointNames(
+        own, {hand.side: hand.columns for hand in labelled_hands(labels, is_landmarks)})
+
+
+def labelled_layout(names: PointNames, layout: MarkerLayout,
+                    side: str | None = None) -> LabelledLayout:
+    """Find the markers of a layout by the names of points.
+
+    Parameters
+    ----------
+    names : PointNames
+    layout : MarkerLayout
+    side : {'right', 'left'}, optional
+        Of the hand; the one with more of the markers when left out.
+
+    Returns
+    -------
+    LabelledLayout
+        A marker is found by its own name, in any spelling and with a side in front; else, if it is
+        the one at a landmark, by that landmark's; else several at a landmark by its numbered
+        names, as wrist_1 and wrist_2.
+    """
+    found = []
+    for one in (side,) if side else SIDES:
+        mine = [column for of in names for column in of.get(one, {}).values()]
+        columns = _columns(layout, *({**of.get('', {}), **of.get(one, {})} for of in names))
+        found.append(LabelledLayout(columns, one if set(columns) & set(mine) else ''))
+    return max(found, key=lambda match: len(match.found))
+
+
+def _columns(layout: MarkerLayout, own: Mapping[str, int],
+             landmarks: Mapping[str, int]) -> tuple[int, ...]:
+    """Return the column of each marker by the names of a hand's points, -1 for none."""
+    columns = [own.get(spellings(name)[0][1], NOT_THERE) for name in layout.names]
+    for place in dict.fromkeys(layout.places):
+        rows = [row for row, other in enumerate(layout.places) if other == place]
+        numbered = [landmarks.get(f'{place}_{number}', NOT_THERE)
+                    for number in range(1, len(rows) + 1)]
+        if (len(rows) > 1 and NOT_THERE not in numbered
+                and all(columns[row] == NOT_THERE for row in rows)):
+            for row, column in zip(rows, numbered):
+                columns[row] = column
+            continue
+        nearest = min(rows, key=lambda row: float(np.linalg.norm(layout.offsets[row])))
+        column = landmarks.get(place, NOT_THERE)
+        if (columns[nearest] == NOT_THERE and column not in columns
+                and np.linalg.norm(layout.offsets[nearest]) < AT_LANDMARK):
+            columns[nearest] = column
+    return tuple(columns)
