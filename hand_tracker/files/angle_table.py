@@ -5,12 +5,12 @@ import os
 from collections.abc import Iterable, Sequence
 from os import PathLike
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.errors import HandTrackerError
+from ..output_files import folder_beside
 
 WRIST_COLUMNS = ('wrist_x_m', 'wrist_y_m', 'wrist_z_m',
                  'wrist_qx', 'wrist_qy', 'wrist_qz', 'wrist_qw')
@@ -22,7 +22,8 @@ class TableError(HandTrackerError):
 
 def write_angle_table(
         path: str | PathLike[str], joints: Sequence[str],
-        rows: Iterable[tuple[float, ArrayLike, Sequence[float]]], wrist: bool = False) -> None:
+        rows: Iterable[tuple[float, ArrayLike, Sequence[float]]],
+        wrists: Sequence[str] = ()) -> None:
     """Write an angle table row by row, to a temporary file that is renamed at the end.
 
     Parameters
@@ -31,26 +32,26 @@ def write_angle_table(
         Replaced if it exists.
     joints : sequence of str, length n
     rows : iterable of (float, array_like, sequence of float)
-        Time [s], n angles [rad], and the wrist's pose: position [m] and quaternion x, y, z, w;
-        empty without `wrist`.
-    wrist : bool, optional
-        Write columns for the wrist's pose.
+        Time [s], n angles [rad], and the pose of each wrist: position [m] and quaternion
+        x, y, z, w.
+    wrists : sequence of str, optional
+        For each wrist what its columns' names begin with.
 
     Raises
     ------
     TableError
-        If the folder to write into does not exist.
+        If the folder to write into does not exist, or the file cannot be written.
     """
     path = Path(path)
+    poses = [wrist + column for wrist in wrists for column in WRIST_COLUMNS]
     if not path.parent.is_dir():
         raise TableError(f'{path}: no folder {path.parent}; expected one to write into')
-    with TemporaryDirectory(dir=path.parent) as scratch:
-        unfinished = Path(scratch, path.name)
+    with folder_beside(path, TableError) as scratch:
+        unfinished = scratch / path.name
         with open(unfinished, 'w', newline='', encoding='utf-8') as file:
-            csv.writer(file).writerow(['time_s', *(f'{joint}_deg' for joint in joints),
-                                       *(WRIST_COLUMNS if wrist else ())])
-            line = ','.join(['%.6f', *['%.3f'] * len(joints),
-                             *['%.6f'] * len(WRIST_COLUMNS if wrist else ())]) + '\r\n'
+            csv.writer(file).writerow(['time_s', *(f'{joint}_deg' for joint in joints), *poses])
+            line = ','.join(
+                ['%.6f', *['%.3f'] * len(joints), *['%.6f'] * len(poses)]) + '\r\n'
             for seconds, angles, pose in rows:
                 file.write(line % (seconds, *np.degrees(angles).tolist(), *pose))
         os.replace(unfinished, path)

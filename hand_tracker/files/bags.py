@@ -9,7 +9,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 from ..core.errors import HandTrackerError
 from ..core.numerics.quaternion import quaternion
 from ..messages.marker_array import MARKER_ARRAY
+from ..output_files import folder_beside
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 TF = 'tf2_msgs/msg/TFMessage'
@@ -197,8 +197,8 @@ def write_bag(path: str | PathLike[str], messages: Iterable[BagMessage]) -> None
     if not path.parent.is_dir():
         raise BagError(f'{path}: no folder {path.parent}; expected one to write into')
     # rosbags writes a folder; the file in it is a complete recording by itself.
-    with TemporaryDirectory(dir=path.parent) as scratch:
-        folder = Path(scratch, path.stem)
+    with folder_beside(path, BagError) as scratch:
+        folder = scratch / path.stem
         writer = Writer(folder, version=BAG_METADATA_VERSION, storage_plugin=STORAGE[path.suffix])
         if path.suffix == '.mcap':
             writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
@@ -238,7 +238,7 @@ def bag_message(topic: str, time: int, message: Any) -> BagMessage:
 
 
 def marker_array_message(stamp: int, frame_id: str, labels: Sequence[str], positions: ArrayLike,
-                         diameter: float = .01) -> Any:
+                         diameter: float = .01, namespace: str = 'hand') -> Any:
     """Build a MarkerArray with a sphere for each marker that is not missing.
 
     Parameters
@@ -247,11 +247,13 @@ def marker_array_message(stamp: int, frame_id: str, labels: Sequence[str], posit
         [ns].
     frame_id : str
     labels : sequence of str, length n
-        The `text` of each marker; its `ns` is 'hand', its `id` the index.
+        The `text` of each marker; its `id` is the index.
     positions : array-like, shape (n, 3)
         [m]; a marker with a NaN is missing.
     diameter : float
         Of the spheres [m].
+    namespace : str, optional
+        Of all markers.
 
     Returns
     -------
@@ -273,7 +275,7 @@ def marker_array_message(stamp: int, frame_id: str, labels: Sequence[str], posit
             continue
         point = _make('geometry_msgs/msg/Point', *position.tolist())
         markers.append(_make(
-            'visualization_msgs/msg/Marker', header, 'hand', index, sphere, add,
+            'visualization_msgs/msg/Marker', header, namespace, index, sphere, add,
             _make('geometry_msgs/msg/Pose', point, upright), scale, white, forever, False,
             [], [], '', texture, [], label, '', mesh, False))
     return _make(MARKER_ARRAY, markers)

@@ -1,24 +1,21 @@
 """Read and write hand files: hand and marker layout in YAML, in millimetres and degrees.
 
-`config/hand.yaml` shows every key. All keys are optional; the defaults are those of the mean hand
-scaled to `length_mm` and `breadth_mm`.
+`config/hand.yaml` shows every key. Each is optional, but one has to be there; the
+defaults are those of the mean hand scaled to `length_mm` and `breadth_mm`.
 """
 
-import difflib
 import math
-from collections.abc import Collection
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import ArrayLike
 
-from ..core.errors import HandTrackerError
 from ..core.model.hand import (
     ANGLE_RANGE,
     COUPLING_PRESETS,
+    COUPLING_SPREAD_RANGE,
     DIGITS,
     FINGERS,
     JOINTS,
@@ -27,55 +24,23 @@ from ..core.model.hand import (
     NATURAL_OFFSET_RANGE,
     NATURAL_SLOPE_RANGE,
     NATURAL_SPREAD_RANGE,
+    PALM_SYNERGY_RANGE,
     POSITION_RANGE,
     SIDES,
     SLOPE_RANGE,
+    THUMB_MCP_ABDUCTION_RANGE,
+    USUAL_COUPLING_SPREAD,
     Hand,
     average_natural_flexion,
     preset_coupling,
     preset_limits,
 )
-from ..core.model.marker_layout import (
-    DEVIATION_RANGE,
-    MARKERS,
-    OFFSET_RANGE,
-    PAPER_PLACES,
-    MarkerLayout,
-)
+from ..core.model.marker_layout import MarkerLayout
+from ..core.model.marker_rows import shows_arch
+from .layout_file import choose_layout, layout_of_tree, tree_of_layout
+from .yaml_fields import InvalidHandFile, Quantity, choice, mapping, number, parse_yaml, read_yaml
 
-
-class InvalidHandFile(HandTrackerError, ValueError):
-    """A hand file is invalid; the message names file, field, value and what is allowed."""
-
-
-class Quantity(NamedTuple):
-    """Unit and bounds of a number, or of a list of numbers, in a hand file.
-
-    Attributes
-    ----------
-    unit : {'mm', 'degrees', ''}
-    size : int
-        Length of the list; 0 for a single number.
-    lower, upper : float
-        Of each number, in the file's unit.
-    """
-
-    unit: str
-    size: int
-    lower: float
-    upper: float
-
-    def to_si(self, value: float) -> float:
-        """Convert a number from the file's unit to metres or radians."""
-        if self.unit == 'degrees':
-            return np.radians(value)
-        return value / 1000. if self.unit == 'mm' else float(value)
-
-    def from_si(self, values: ArrayLike) -> float | list[float]:
-        """Convert metres or radians to the file's unit, as plain numbers."""
-        scale = {'mm': 1000., 'degrees': 180. / math.pi}.get(self.unit, 1.)
-        numbers = [round(float(v) * scale, 12) + 0. for v in np.atleast_1d(values)]
-        return numbers if self.size else numbers[0]
+__all__ = ['InvalidHandFile', 'choose_hand', 'load_hand', 'save_hand']
 
 
 LENGTH = Quantity('mm', 0, 100., 260.)
@@ -85,14 +50,16 @@ BONE_LENGTHS = Quantity('mm', 3, *(1000. * v for v in LENGTH_RANGE))
 RADIUS = Quantity('mm', 0, 1., 50.)
 DIGIT_RADII = Quantity('mm', 3, 1., 50.)
 SPLAY = Quantity('degrees', 0, -45., 45.)
+THUMB_MCP_ABDUCTION = Quantity(
+    'degrees', 0, *(math.degrees(v) for v in THUMB_MCP_ABDUCTION_RANGE))
 DIRECTION = Quantity('', 3, -1e6, 1e6)
 SLOPE = Quantity('', 0, *SLOPE_RANGE)
 COUPLING_OFFSET = Quantity('degrees', 0, -90., 90.)
+COUPLING_DEVIATION = Quantity('degrees', 0, *(math.degrees(v) for v in COUPLING_SPREAD_RANGE))
 NATURAL_SLOPE = Quantity('', 0, *NATURAL_SLOPE_RANGE)
 NATURAL_OFFSET = Quantity('degrees', 0, *(math.degrees(v) for v in NATURAL_OFFSET_RANGE))
 NATURAL_SPREAD = Quantity('degrees', 0, *(math.degrees(v) for v in NATURAL_SPREAD_RANGE))
-MARKER_DEVIATION = Quantity('mm', 0, *(1000. * v for v in DEVIATION_RANGE))
-MARKER_OFFSET = Quantity('mm', 3, -1000. * OFFSET_RANGE, 1000. * OFFSET_RANGE)
+PALM_GAIN = Quantity('', 0, *PALM_SYNERGY_RANGE)
 LIMIT = Quantity('degrees', 2, -math.degrees(ANGLE_RANGE), math.degrees(ANGLE_RANGE))
 
 # Key of the file: field of Hand, names of its rows, quantity of each row.
@@ -102,6 +69,7 @@ ROW_FIELDS = {
     'finger_bones_mm': ('finger_bones', FINGERS, BONE_LENGTHS),
     'abduction_axes': ('finger_abduction_axes', FINGERS, DIRECTION),
     'splay_deg': ('splay', FINGERS, SPLAY),
+    'palm_synergy': ('palm_synergy', FINGERS, PALM_GAIN),
     'radii_mm': ('radii', DIGITS, DIGIT_RADII),
 }
 THUMB_FIELDS = {
@@ -109,12 +77,15 @@ THUMB_FIELDS = {
     'bones_mm': ('thumb_bones', BONE_LENGTHS),
     'abduction_axis': ('thumb_abduction_axis', DIRECTION),
     'rest_direction': ('thumb_rest_direction', DIRECTION),
+    'mcp_abduction_deg': ('thumb_mcp_abduction', THUMB_MCP_ABDUCTION),
 }
-COUPLING_FIELDS = {'slope': SLOPE, 'offset_deg': COUPLING_OFFSET}
+COUPLING_FIELDS = {
+    'slope': SLOPE, 'offset_deg': COUPLING_OFFSET, 'spread_deg': COUPLING_DEVIATION}
 NATURAL_FIELDS = {
     'slope': NATURAL_SLOPE, 'offset_deg': NATURAL_OFFSET, 'spread_deg': NATURAL_SPREAD}
+JOINT_KEYS = tuple(f'{joint}_deg' for joint in JOINTS)
 HAND_FILE_KEYS = ('side', 'length_mm', 'breadth_mm', *ROW_FIELDS, 'palm_radius_mm', 'thumb',
-                  'coupling', 'natural_flexion', 'limits', 'markers')
+                  'coupling', 'natural_flexion', 'limits', 'range_of_motion', 'markers')
 
 
 def load_hand(path: str | PathLike[str]) -> tuple[Hand, MarkerLayout]:
@@ -134,26 +105,41 @@ def load_hand(path: str | PathLike[str]) -> tuple[Hand, MarkerLayout]:
     InvalidHandFile
         Naming the file, the field by its dotted path, its value and what is allowed.
     """
-    try:
-        with open(path, encoding='utf-8') as file:
-            tree = yaml.load(file, _UniqueKeyLoader)
-        tree = _mapping('', tree, HAND_FILE_KEYS)
-        return _hand(tree), _layout(_mapping('markers', tree.get('markers'), MARKERS))
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        raise InvalidHandFile(
-            f'{path}:{mark.line + 1}:{mark.column + 1}: {error.problem}') from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InvalidHandFile(f'{path}: no YAML text: {error}') from None
-    except OSError as error:
-        raise InvalidHandFile(f'{path}: {error.strerror}') from None
-    except HandTrackerError as error:
-        raise InvalidHandFile(f'{path}: {error}') from None
+    return read_yaml(path, _parse)
+
+
+def parse_hand(text: str, name: str | PathLike[str]) -> tuple[Hand, MarkerLayout]:
+    """Read the text of a hand file.
+
+    Parameters
+    ----------
+    text : str
+    name : str or path-like
+        Of the file, for messages.
+
+    Returns
+    -------
+    hand : Hand
+    layout : MarkerLayout
+
+    Raises
+    ------
+    InvalidHandFile
+        As `load_hand`.
+    """
+    return parse_yaml(text, name, _parse)
+
+
+def _parse(tree: Any) -> tuple[Hand, MarkerLayout]:
+    """Return the hand and the layout of a file's tree."""
+    if not (tree := mapping('', tree, HAND_FILE_KEYS)):
+        raise InvalidHandFile(f'it is empty; expected at least one of {", ".join(HAND_FILE_KEYS)}')
+    return _hand(tree), layout_of_tree(tree.get('markers'))
 
 
 def choose_hand(path: str | PathLike[str] | None = None, side: str | None = None,
                 limits: str | None = None, coupling: str | None = None,
-                **size: float) -> tuple[Hand, MarkerLayout]:
+                layout: str | None = None, **size: float) -> tuple[Hand, MarkerLayout]:
     """Return the hand of a file, or the mean hand, with side and presets overridden.
 
     Parameters
@@ -165,6 +151,8 @@ def choose_hand(path: str | PathLike[str] | None = None, side: str | None = None
         One of `LIMIT_PRESETS`.
     coupling : str, optional
         One of `COUPLING_PRESETS`.
+    layout : str, optional
+        Name of a layout preset, or a layout file, in place of the hand file's markers.
     **size
         `length` and `breadth` of the mean hand [m].
 
@@ -178,15 +166,17 @@ def choose_hand(path: str | PathLike[str] | None = None, side: str | None = None
     InvalidHandFile
         As `load_hand`.
     """
-    hand, layout = load_hand(path) if path else (Hand.scaled(**size), MarkerLayout())
+    hand, markers = load_hand(path) if path else (Hand.scaled(**size), MarkerLayout())
     overrides: dict[str, Any] = {}
     if side:
         overrides['side'] = side
     if limits:
-        overrides['limits'] = preset_limits(limits)
+        overrides['limits'] = preset_limits(limits, hand.range_of_motion)
     if coupling:
         overrides['coupling'] = preset_coupling(coupling)
-    return hand.replace(**overrides), layout
+    markers = choose_layout(layout) if layout else markers
+    hand = hand.replace(**overrides)
+    return hand.with_open_palm() if shows_arch(markers) else hand, markers
 
 
 def save_hand(path: str | PathLike[str], hand: Hand, layout: MarkerLayout) -> None:
@@ -198,6 +188,21 @@ def save_hand(path: str | PathLike[str], hand: Hand, layout: MarkerLayout) -> No
     hand : Hand
     layout : MarkerLayout
     """
+    Path(path).write_text(hand_text(hand, layout), encoding='utf-8')
+
+
+def hand_text(hand: Hand, layout: MarkerLayout) -> str:
+    """Return the text of a hand file, which `parse_hand` reads.
+
+    Parameters
+    ----------
+    hand : Hand
+    layout : MarkerLayout
+
+    Returns
+    -------
+    str
+    """
     tree: dict[str, Any] = {'side': hand.side}
     for key, (field, names, quantity) in ROW_FIELDS.items():
         tree[key] = {
@@ -206,149 +211,98 @@ def save_hand(path: str | PathLike[str], hand: Hand, layout: MarkerLayout) -> No
     tree['thumb'] = {
         key: quantity.from_si(getattr(hand, field))
         for key, (field, quantity) in THUMB_FIELDS.items()}
-    for key, quantities, rows in (('coupling', COUPLING_FIELDS, hand.coupling),
+    for key, quantities, rows in (
+            ('coupling', COUPLING_FIELDS,
+             np.column_stack((hand.coupling, hand.coupling_spread))),
                                   ('natural_flexion', NATURAL_FIELDS, hand.natural_flexion)):
         tree[key] = {
             digit: {name: quantity.from_si(value)
                     for (name, quantity), value in zip(quantities.items(), row)}
             for digit, row in zip(DIGITS, rows)}
-    tree['limits'] = {
-        f'{joint}_deg': LIMIT.from_si(row) for joint, row in zip(JOINTS, hand.limits)}
-    tree['markers'] = {
-        marker: {'place': place, 'offset_mm': MARKER_OFFSET.from_si(offset),
-                 'deviation_mm': MARKER_DEVIATION.from_si(deviation)}
-        for marker, place, offset, deviation in zip(
-            MARKERS, layout.places, layout.offsets, layout.deviations)}
+    tree['limits'] = _preset_of_limits(hand) or _joint_ranges(hand.limits)
+    if hand.range_of_motion.any():
+        tree['range_of_motion'] = _joint_ranges(hand.range_of_motion)
+    tree['markers'] = tree_of_layout(layout)
     text = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=99)
-    Path(path).write_text(
-        f'# A hand for hand_tracker, in millimetres and degrees.\n{text}', encoding='utf-8')
+    return f'# A hand for hand_tracker, in millimetres and degrees.\n{text}'
 
 
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """YAML loader that refuses duplicate keys, instead of silently keeping the last."""
+def _preset_of_limits(hand: Hand) -> str | None:
+    """Return the preset that a hand's limits are, the wearer's first; None if they are none."""
+    presets = LIMIT_PRESETS[::-1] if hand.range_of_motion.any() else LIMIT_PRESETS
+    return next((preset for preset in presets if np.array_equal(
+        hand.limits, preset_limits(preset, hand.range_of_motion))), None)
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
-        names = [key for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        for i, key in enumerate(names):
-            if key.value in [other.value for other in names[:i]]:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"key '{key.value}' stands twice", key.start_mark)
-        return super().construct_mapping(node, deep)
+
+def _joint_ranges(ranges: np.ndarray) -> dict[str, Any]:
+    """Return a range of each joint, (25, 2) [rad], as a file's mapping."""
+    return {key: LIMIT.from_si(row) for key, row in zip(JOINT_KEYS, ranges)}
 
 
 def _hand(tree: dict) -> Hand:
     """Return the Hand of a file's mapping."""
-    size: dict[str, Any] = {name: _number(key, tree[key], quantity) for name, key, quantity in (
+    size: dict[str, Any] = {name: number(key, tree[key], quantity) for name, key, quantity in (
         ('length', 'length_mm', LENGTH), ('breadth', 'breadth_mm', BREADTH)) if key in tree}
     mean = Hand.scaled(**size)
-    fields: dict[str, Any] = {'limits': _limits(tree.get('limits', 'paper')),
-              'coupling': _coupling(tree.get('coupling', 'natural')),
-              'natural_flexion': _of_digits('natural_flexion', _mapping(
+    shown = _ranges('range_of_motion', mapping('range_of_motion', tree.get('range_of_motion'),
+                                                JOINT_KEYS), np.zeros((len(JOINTS), 2)))
+    fields: dict[str, Any] = {'limits': _limits(tree.get('limits', 'paper'), shown),
+              'range_of_motion': shown,
+              **dict(zip(('coupling', 'coupling_spread'),
+                         _coupling(tree.get('coupling', 'natural')))),
+              'natural_flexion': _of_digits('natural_flexion', mapping(
                   'natural_flexion', tree.get('natural_flexion'), DIGITS),
                   average_natural_flexion(), NATURAL_FIELDS)}
     if 'side' in tree:
-        fields['side'] = _choice('side', tree['side'], SIDES)
+        fields['side'] = choice('side', tree['side'], SIDES)
     for key, (field, names, quantity) in ROW_FIELDS.items():
         values = np.array(getattr(mean, field))
-        for name, value in _mapping(key, tree.get(key), names).items():
-            values[names.index(name)] = _number(f'{key}.{name}', value, quantity)
+        for name, value in mapping(key, tree.get(key), names).items():
+            values[names.index(name)] = number(f'{key}.{name}', value, quantity)
         fields[field] = values
     if 'palm_radius_mm' in tree:
-        fields['palm_radius'] = _number('palm_radius_mm', tree['palm_radius_mm'], RADIUS)
-    for key, value in _mapping('thumb', tree.get('thumb'), THUMB_FIELDS).items():
+        fields['palm_radius'] = number('palm_radius_mm', tree['palm_radius_mm'], RADIUS)
+    for key, value in mapping('thumb', tree.get('thumb'), THUMB_FIELDS).items():
         field, quantity = THUMB_FIELDS[key]
-        fields[field] = _number(f'thumb.{key}', value, quantity)
+        fields[field] = number(f'thumb.{key}', value, quantity)
     return mean.replace(**fields)
 
 
-def _limits(value: str | dict) -> np.ndarray:
+def _limits(value: str | dict, shown: np.ndarray) -> np.ndarray:
     """Return joint limits from a preset's name, or a mapping of single joints, (25, 2) [rad]."""
     if not isinstance(value, dict):
-        return preset_limits(_choice('limits', value, LIMIT_PRESETS))
-    keys = tuple(f'{joint}_deg' for joint in JOINTS)
-    given = _mapping('limits', value, ('preset', *keys))
-    limits = preset_limits(_choice('limits.preset', given.get('preset', 'paper'), LIMIT_PRESETS))
-    for key in given:
-        if key != 'preset':
-            limits[keys.index(key)] = _number(f'limits.{key}', given[key], LIMIT)
-    return limits
+        return preset_limits(choice('limits', value, LIMIT_PRESETS), shown)
+    given = mapping('limits', value, ('preset', *JOINT_KEYS))
+    preset = choice('limits.preset', given.pop('preset', 'paper'), LIMIT_PRESETS)
+    return _ranges('limits', given, preset_limits(preset, shown))
 
 
-def _coupling(value: str | dict) -> np.ndarray:
-    """Return the coupling from a preset's name, or a mapping of digits, (5, 2) [1, rad]."""
+def _ranges(where: str, given: dict, values: np.ndarray) -> np.ndarray:
+    """Return a range of each joint, (25, 2): the given ones, else those of `values` [rad]."""
+    for key, value in given.items():
+        values[JOINT_KEYS.index(key)] = number(f'{where}.{key}', value, LIMIT)
+    return values
+
+
+def _coupling(value: str | dict) -> tuple[np.ndarray, np.ndarray]:
+    """Return coupling and spread of a preset, or of a mapping of digits, (5, 2), (5,) [1, rad]."""
+    usual = np.full((len(DIGITS), 1), np.radians(USUAL_COUPLING_SPREAD))
     if isinstance(value, str):
-        return preset_coupling(_choice('coupling', value, COUPLING_PRESETS))
-    given = _mapping('coupling', value, ('preset', *DIGITS))
-    return _of_digits('coupling', given, preset_coupling(
-        _choice('coupling.preset', given.get('preset', 'natural'), COUPLING_PRESETS)),
+        return preset_coupling(choice('coupling', value, COUPLING_PRESETS)), usual[:, 0]
+    given = mapping('coupling', value, ('preset', *DIGITS))
+    rows = _of_digits('coupling', given, np.hstack((preset_coupling(
+        choice('coupling.preset', given.get('preset', 'natural'), COUPLING_PRESETS)), usual)),
         COUPLING_FIELDS)
+    return rows[:, :2], rows[:, 2]
 
 
 def _of_digits(where: str, given: dict, values: np.ndarray,
                quantities: dict[str, Quantity]) -> np.ndarray:
     """Return a row of quantities for each digit, (5, k): the given ones, else those of `values`."""
     for i, digit in enumerate(DIGITS):
-        for key, number in _mapping(f'{where}.{digit}', given.get(digit), quantities).items():
-            values[i, list(quantities).index(key)] = _number(
-                f'{where}.{digit}.{key}', number, quantities[key])
+        for key, value in mapping(f'{where}.{digit}', given.get(digit), quantities).items():
+            values[i, list(quantities).index(key)] = number(
+                f'{where}.{digit}.{key}', value, quantities[key])
     return values
 
 
-def _layout(markers: dict) -> MarkerLayout:
-    """Return the MarkerLayout of a file's mapping of markers."""
-    places, offsets = list(PAPER_PLACES), np.zeros((len(MARKERS), 3))
-    deviations = np.zeros(len(MARKERS))
-    for marker, value in markers.items():
-        given = _mapping(f'markers.{marker}', value, ('place', 'offset_mm', 'deviation_mm'))
-        if 'place' in given:
-            places[MARKERS.index(marker)] = given['place']
-        if 'offset_mm' in given:
-            offsets[MARKERS.index(marker)] = _number(
-                f'markers.{marker}.offset_mm', given['offset_mm'], MARKER_OFFSET)
-        if 'deviation_mm' in given:
-            deviations[MARKERS.index(marker)] = _number(
-                f'markers.{marker}.deviation_mm', given['deviation_mm'], MARKER_DEVIATION)
-    return MarkerLayout(tuple(places), offsets, deviations)
-
-
-def _mapping(where: str, value: Any, allowed: Collection[str]) -> dict:
-    """Return a mapping after checking its keys; None becomes an empty one."""
-    if value is None:
-        return {}
-    if not isinstance(value, dict):
-        raise InvalidHandFile(
-            f'{where or "the file"}: {value!r}; expected a mapping of {", ".join(allowed)}')
-    for key in value:
-        if key not in allowed:
-            dotted = f'{where}.{key}' if where else f'{key}'
-            near = difflib.get_close_matches(str(key), allowed, 1)
-            hint = f"did you mean '{near[0]}'?" if near else f'allowed are {", ".join(allowed)}'
-            raise InvalidHandFile(f'{dotted}: unknown key; {hint}')
-    return value
-
-
-def _choice(where: str, value: Any, allowed: Collection[str]) -> str:
-    if value not in tuple(allowed):
-        raise InvalidHandFile(f'{where}: {value!r}; allowed are {", ".join(allowed)}')
-    return value
-
-
-def _number(where: str, value: Any, quantity: Quantity) -> float | list[float]:
-    """Return a value of the file in metres, radians or no unit, after checking its range."""
-    if not quantity.size:
-        values, places = [value], ['']
-    elif isinstance(value, list) and len(value) == quantity.size:
-        values, places = value, [f'[{i}]' for i in range(quantity.size)]
-    else:
-        raise InvalidHandFile(
-            f'{where}: {value!r}; expected a list of {quantity.size} numbers')
-    for place, number in zip(places, values):
-        if isinstance(number, bool) or not isinstance(number, (int, float)):
-            raise InvalidHandFile(f'{where}{place}: {number!r}; expected a number')
-        # Also true for NaN.
-        if not quantity.lower <= number <= quantity.upper:
-            raise InvalidHandFile(
-                f'{where}{place}: {number}; '
-                f'allowed is {quantity.lower:g} to {quantity.upper:g} {quantity.unit}'.rstrip())
-    numbers = [quantity.to_si(number) for number in values]
-    return numbers if quantity.size else numbers[0]

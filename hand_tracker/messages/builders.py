@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -15,8 +15,6 @@ from std_msgs.msg import Header
 
 from ..core.model.hand import DIGITS, JOINTS, LINKS, ROOT
 from ..core.model.kinematics import JointTable
-from ..core.numerics.quaternion import write_transforms
-from ..core.tracker import HandState
 from .stamps import Time as StampLike
 
 Frames = tuple[tuple[str, str], ...]  # (parent, child) of transforms
@@ -79,21 +77,21 @@ def time_message(stamp: StampLike) -> Time:
     return Time(sec=stamp.sec, nanosec=stamp.nanosec)
 
 
-def joint_state(stamp: StampLike, names: Names, angles: np.ndarray) -> JointState:
-    """Return the JointState of a hand.
+def joint_state(stamp: StampLike, joints: Sequence[str], angles: np.ndarray) -> JointState:
+    """Return the JointState of a hand, or of several.
 
     Parameters
     ----------
     stamp : Time or Stamp
-    names : Names
-    angles : ndarray, shape (25,)
+    joints : sequence of str, length n
+    angles : ndarray, shape (n,)
         [rad]
 
     Returns
     -------
     JointState
     """
-    return JointState(header=Header(stamp=time_message(stamp)), name=names.joints,
+    return JointState(header=Header(stamp=time_message(stamp)), name=joints,
                       position=array('d', np.asarray(angles, dtype=float).tobytes()))
 
 
@@ -149,7 +147,7 @@ def fill_transforms(messages: list[TransformStamped], stamp: StampLike,
     messages : list of TransformStamped, length n
     stamp : Time
     numbers : ndarray, shape (n, 7)
-        As of `transform_numbers`.
+        As of `templates.transform_numbers`.
     """
     for message, row in zip(messages, numbers.tolist()):
         message.header.stamp = stamp
@@ -172,29 +170,3 @@ def link_frames(names: Names, table: JointTable) -> Frames:
 def tip_frames(names: Names) -> Frames:
     """Return (parent, child) of the five tips."""
     return tuple((f'{names.prefix}{digit}_distal', tip) for digit, tip in zip(DIGITS, names.tips))
-
-
-ALL_TRANSFORMS = 1 + len(LINKS)  # the wrist, and the links in their parents
-
-
-def transform_numbers(table: JointTable, state: HandState,
-                      count: int = ALL_TRANSFORMS) -> np.ndarray:
-    """Return the transforms of the wrist in its frame and of the links in their parents.
-
-    Parameters
-    ----------
-    table : JointTable
-        Of the tracked hand.
-    state : HandState
-    count : int, optional
-        1 for the wrist alone.
-
-    Returns
-    -------
-    ndarray, shape (count, 7)
-        x, y, z of the translation and x, y, z, w of the rotation of each [m].
-    """
-    numbers = np.empty((count, 7))
-    write_transforms(table.parent, *state.pose, state.wrist_rotation, state.wrist_position,
-                     numbers)
-    return numbers

@@ -8,6 +8,7 @@ encoding is plain CDR (XCDR1), DDS-XTypes 1.3, 7.4. Hostile bytes are refused.
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +23,7 @@ from .marker_array import (
     CUBE,
     CUBE_LIST,
     CYLINDER,
+    LIST_TYPES,
     POINTS,
     SPHERE,
     SPHERE_LIST,
@@ -32,7 +34,7 @@ from .marker_array import (
     placed,
     scaled,
 )
-from .stamps import Stamp
+from .stamps import Stamp, Time
 
 ENCAPSULATION = 4  # [bytes] before the message proper, from which on alignment counts
 LITTLE_ENDIAN = b'\0\1\0\0'
@@ -62,6 +64,30 @@ class MessageSignature(NamedTuple):
     heads: np.ndarray
     strings: np.ndarray
     sources: Sources
+
+
+class PointMarker(NamedTuple):
+    """A point-like marker of a message.
+
+    Attributes
+    ----------
+    stamp : Time
+    frame_id, ns : str
+    id : int
+    position : ndarray, shape (3,)
+    orientation : ndarray, shape (4,)
+        x, y, z, w.
+    points : ndarray, shape (n, 3), or None
+        Of a list.
+    """
+
+    stamp: Time
+    frame_id: str
+    ns: str
+    id: int
+    position: np.ndarray
+    orientation: np.ndarray
+    points: np.ndarray | None
 
 
 class MarkerReader:
@@ -123,15 +149,11 @@ class MarkerReader:
         ------
         MalformedMessage
         """
-        words, numbers, size = self._take(data)
-        count, used = self._parse(self._octets, self._indexed(words), size, self._heads,
-                                 self._places, self._strings)
-        if count < 0:
-            raise MalformedMessage(f'{len(data)} bytes that are no MarkerArray')
+        words, numbers, count, used = self._parsed(data)
         kind = self._heads[:count].tobytes() + self._strings[:used].tobytes()
         sources = self._sources.get(kind) or self._learn(kind, count)
         self._read = count, used, sources
-        rows = np.empty((len(MARKERS), 3))
+        rows = np.empty((len(self._labels.labels), 3))
         self._gather(self._indexed(numbers), self._places, sources.slots, sources.markers,
                      self._scale, self._zero_is_missing, rows)
         if sources.has_lists:
@@ -143,6 +165,25 @@ class MarkerReader:
         return MarkerFrame(stamp, sources.frame_id, rows, sources.unknown, sources.foreign,
                            sources.doubled)
 
+    def points(self, data: bytes) -> Iterator[PointMarker]:
+        """Yield the point-like markers that a serialized MarkerArray adds, whatever their labels.
+
+        Parameters
+        ----------
+        data : bytes
+
+        Raises
+        ------
+        MalformedMessage
+        """
+        words, numbers, count, _ = self._parsed(data)
+        for head, (at, pose, points) in zip(self._named_heads(count), self._places[:count]):
+            listed = numbers[points:points + 3 * head.points].reshape(-1, 3)
+            yield PointMarker(
+                Stamp(int(words[at]), int(words[at + 1]) & 0xffffffff), head.frame_id, head.ns,
+                head.id, numbers[pose:pose + 3].copy(), numbers[pose + 3:pose + 7].copy(),
+                listed.copy() if head.type in LIST_TYPES else None)
+
     @property
     def signature(self) -> MessageSignature:
         """The `MessageSignature` of the last message."""
@@ -150,8 +191,20 @@ class MarkerReader:
         count, used, sources = self._read
         return MessageSignature(self._heads[:count], self._strings[:used], sources)
 
-    def _take(self, data: bytes) -> tuple[np.ndarray, np.ndarray, int]:
-        """Return a message by four bytes as integers and by eight as floats, and its size."""
+    def _parsed(self, data: bytes) -> tuple[np.ndarray, np.ndarray, int, int]:
+        """Parse a message into heads, places and strings.
+
+        Returns
+        -------
+        words, numbers : ndarray
+            The message by four bytes as integers and by eight as floats.
+        count, used : int
+            Of the markers, and of the bytes of their strings.
+
+        Raises
+        ------
+        MalformedMessage
+        """
         order = ORDERS.get(data[:2])
         size = len(data) - ENCAPSULATION
         if order is None or size < 0:
@@ -160,24 +213,33 @@ class MarkerReader:
             self._reserve(2 * size)
         # In memory of its own the message is aligned, as the kernels are compiled for.
         self._memory[:size] = memoryview(data)[ENCAPSULATION:]
-        if order == sys.byteorder:
-            return self._words, self._numbers, size
-        return self._words.byteswap(), self._numbers.byteswap(), size
+        words, numbers = self._words, self._numbers
+        if order != sys.byteorder:
+            words, numbers = words.byteswap(), numbers.byteswap()
+        count, used = self._parse(self._octets, self._indexed(words), size, self._heads,
+                                  self._places, self._strings)
+        if count < 0:
+            raise MalformedMessage(f'{len(data)} bytes that are no MarkerArray')
+        return words, numbers, count, used
 
     def _learn(self, kind: bytes, count: int) -> Sources:
         """Find the markers' places in messages with a byte signature, and cache them."""
+        sources = find_sources(self._named_heads(count), self._labels, self._frame_id)
+        if len(kind) <= SIGNATURE_BYTES:
+            if len(self._sources) == SIGNATURES_KEPT:
+                self._sources.clear()
+            self._sources[kind] = sources
+        return sources
+
+    def _named_heads(self, count: int) -> list[Head]:
+        """Return the heads of the markers that were parsed."""
         heads, at = [], 0
         for frame_length, ns_length, number, type_, points in self._heads[:count].tolist():
             strings = self._strings[at:at + frame_length + ns_length].tobytes()
             at += frame_length + ns_length
             heads.append(Head(_text(strings[:frame_length]), _text(strings[frame_length:]),
                               number, type_, ADD, points))
-        sources = find_sources(heads, self._labels, self._frame_id)
-        if len(kind) <= SIGNATURE_BYTES:
-            if len(self._sources) == SIGNATURES_KEPT:
-                self._sources.clear()
-            self._sources[kind] = sources
-        return sources
+        return heads
 
     def _place_lists(self, numbers: np.ndarray, sources: Sources, rows: np.ndarray) -> None:
         """Put the points of lists into the rows of their markers."""
@@ -313,7 +375,7 @@ def gather_positions(numbers: np.ndarray, places: np.ndarray, slots: np.ndarray,
         See `Sources`.
     scale, zero_is_missing
         See `markers_from_message`.
-    rows : ndarray, shape (8, 3)
+    rows : ndarray, shape (n, 3)
         Filled: NaN where not seen.
     """
     rows[:] = np.nan

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..core.errors import HandTrackerError
 from ..core.model.marker_layout import MARKERS
 
-DEFAULT_LABELS = tuple(str(slot) for slot in range(len(MARKERS)))
+
+def default_labels(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the labels of a layout's markers: ids from 0 on."""
+    return tuple(str(slot) for slot in range(len(names)))
+
+
+DEFAULT_LABELS = default_labels(MARKERS)
 ID_RANGE = (-2**31, 2**31 - 1)
 
 
@@ -22,9 +28,13 @@ class LabelMap:
     Parameters
     ----------
     labels : sequence of str or int
-        One for each of `MARKERS`: '3' is id 3 in any namespace, 'leds/3' is id 3 in
+        One for each of the markers: '3' is id 3 in any namespace, 'leds/3' is id 3 in
         namespace 'leds', ``'thumb/*'`` is any id in namespace 'thumb', and '' is a marker
         that is not worn. A namespace may hold slashes. The most precise label wins.
+    names : sequence of str, optional
+        Of the markers of a layout; `MARKERS` when left out.
+    others : sequence of LabelMap, optional
+        Of other hands in the same messages; the most precise label of all hands wins.
 
     Raises
     ------
@@ -32,21 +42,30 @@ class LabelMap:
         Naming the marker, its label and what is allowed.
     """
 
-    def __init__(self, labels: Sequence[str | int] = DEFAULT_LABELS) -> None:
-        if len(labels) != len(MARKERS):
-            raise InvalidLabel(f'labels: {len(labels)} given; expected one for each of {MARKERS}')
+    def __init__(self, labels: Sequence[str | int] = DEFAULT_LABELS,
+                 names: Sequence[str] = MARKERS, others: Sequence[LabelMap] = ()) -> None:
+        self.names = tuple(names)
+        if len(labels) != len(self.names):
+            raise InvalidLabel(
+                f'labels: {len(labels)} given; expected one for each of {self.names}')
         self._exact: dict[tuple[str, int], int] = {}
         self._any_namespace: dict[int, int] = {}
         self._any_id: dict[str, int] = {}
         texts = []
-        for slot, (marker, label) in enumerate(zip(MARKERS, labels)):
+        for slot, (marker, label) in enumerate(zip(self.names, labels)):
             table, key, text = self._parse(marker, label)
             if table is not None:
                 other = table.setdefault(key, slot)
                 if other != slot:
-                    raise InvalidLabel(f"labels.{marker}: '{text}' is already {MARKERS[other]}'s")
+                    raise InvalidLabel(
+                        f"labels.{marker}: '{text}' is already {self.names[other]}'s")
             texts.append(text)
         self.labels = tuple(texts)
+        self._others = tuple(others)
+        for label in sorted(filter(None, texts)):
+            if any(label in other.labels for other in others):
+                raise InvalidLabel(f"labels: '{label}' is a marker of both hands; expected "
+                                   'another namespace or other ids for each')
 
     def _parse(self, marker: str, label: str | int) -> tuple[Any, Any, str]:
         """Return the table a label belongs to, its key there and its text."""
@@ -71,16 +90,98 @@ class LabelMap:
         return self._any_namespace, number, text
 
     def slot(self, namespace: str, number: int) -> int | None:
-        """Return the place in `MARKERS` of a message's marker, None when it is no marker of ours.
+        """Return the place in `names` of a message's marker, None when it is no marker of ours.
 
         Parameters
         ----------
         namespace : str
         number : int
         """
-        slot = self._exact.get((namespace, number))
-        if slot is None:
-            slot = self._any_namespace.get(number)
-        if slot is None:
-            slot = self._any_id.get(namespace)
+        rank, slot = self._find(namespace, number)
+        if slot is None or any(other._find(namespace, number)[0] < rank for other in self._others):
+            return None
         return slot
+
+    def is_of_other_hand(self, namespace: str, number: int) -> bool:
+        """Return whether a message's marker that is none of ours is one of another hand."""
+        return any(other._find(namespace, number)[1] is not None for other in self._others)
+
+    def _find(self, namespace: str, number: int) -> tuple[int, int | None]:
+        """Return the most precise label's rank, the lowest for the most precise, and its slot."""
+        slot = self._exact.get((namespace, number))
+        if slot is not None:
+            return 0, slot
+        slot = self._any_namespace.get(number)
+        if slot is not None:
+            return 1, slot
+        return 2, self._any_id.get(namespace)
+
+
+def labels_of_hand(labels: Sequence[str | int], markers: str) -> tuple[str, ...]:
+    """Return the labels of one hand of several in a message.
+
+    Parameters
+    ----------
+    labels : sequence of str or int
+        As of `LabelMap`, the same for each hand.
+    markers : str
+        Where the hand's markers are: '8' adds 8 to each id, 'left/0' puts the ids into namespace
+        'left', 'left/8' does both.
+
+    Returns
+    -------
+    tuple of str
+
+    Raises
+    ------
+    InvalidLabel
+        Naming what is not of such a form.
+    """
+    namespace, slash, first = markers.strip().rpartition('/')
+    if not first.isdecimal():
+        raise InvalidLabel(f"'{markers}'; expected namespace/id of the hand's first marker "
+                           "('left/0'), or its id alone ('8')")
+    found = []
+    for label in labels:
+        own, own_slash, number = str(label).strip().rpartition('/')
+        if slash and own_slash:
+            raise InvalidLabel(f"labels: '{label}'; expected an id, as the namespace of the hand "
+                               f"is '{namespace}'")
+        if number.lstrip('-').isdecimal():
+            number = str(int(number) + int(first))
+        found.append(f'{namespace}/{number}' if slash and number else own + own_slash + number)
+    return tuple(found)
+
+
+def label_maps(labels: Sequence[str | int], markers: Mapping[str, str],
+               names: Sequence[str] = MARKERS) -> dict[str, LabelMap]:
+    """Return the labels of several hands in a message.
+
+    Parameters
+    ----------
+    labels : sequence of str or int
+        As of `LabelMap`, the same for each hand.
+    markers : mapping of str to str
+        By the hand's side, where its markers are, as of `labels_of_hand`.
+    names : sequence of str, optional
+        As of `LabelMap`.
+
+    Returns
+    -------
+    dict of str to LabelMap
+        By side.
+
+    Raises
+    ------
+    InvalidLabel
+        As `labels_of_hand`, naming the side; or if a label is a marker of two hands.
+    """
+    texts = {}
+    for side, place in markers.items():
+        try:
+            texts[side] = labels_of_hand(labels, place)
+        except InvalidLabel as error:
+            raise InvalidLabel(f'{side}.markers: {error}') from None
+    return {side: LabelMap(own, names, [
+        LabelMap(text, names) for other, text in texts.items() if other != side])
+        for side, own in texts.items()}

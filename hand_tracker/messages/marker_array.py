@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.model.marker_layout import MARKERS
 from .labels import LabelMap
 from .stamps import Time
 
@@ -35,14 +34,14 @@ class MarkerFrame(NamedTuple):
         Of the first marker of the hand; None when the message has none of its markers.
     frame_id : str
         The markers' frame.
-    positions : ndarray, shape (8, 3)
-        In the order of `MARKERS`, NaN where not seen [m].
+    positions : ndarray, shape (n, 3)
+        In the order of the labels, NaN where not seen [m].
     unknown : tuple of (str, int)
         Some of the point-like markers, by namespace and id, that no label names.
     foreign : tuple of str
         Frames of markers that were left out because their frame is another.
     doubled : tuple of int
-        Markers, by their place in `MARKERS`, to which several of the message answer.
+        Markers, by their place among the labels, to which several of the message answer.
     """
 
     stamp: Time | None
@@ -71,7 +70,7 @@ class Sources(NamedTuple):
     first : int or None
         Place in the message of the first marker of the hand, which has the stamp.
     slots, markers, points : ndarray of int, shape (n,)
-        Place in `MARKERS`, place of the marker in the message, and of the point in the
+        Place among the labels, place of the marker in the message, and of the point in the
         marker's list, -1 for the marker itself.
     has_lists : bool
         Whether any of them is the point of a list.
@@ -118,7 +117,7 @@ def markers_from_message(message: Any, labels: LabelMap, frame_id: str = '', sca
                   len(marker.points) if marker.type in LIST_TYPES else 0)
              for marker in message.markers]
     sources = find_sources(heads, labels, frame_id)
-    rows = np.full((len(MARKERS), 3), np.nan)
+    rows = np.full((len(labels.labels), 3), np.nan)
     lists = {}
     for slot, number, point in zip(sources.slots, sources.markers, sources.points):
         marker = message.markers[number]
@@ -167,7 +166,7 @@ def find_sources(heads: Iterable[Head], labels: LabelMap, frame_id: str) -> Sour
         for number, point in points:
             slot = labels.slot(ns, number)
             if slot is None:
-                if len(unknown) < REPORTED:
+                if len(unknown) < REPORTED and not labels.is_of_other_hand(ns, number):
                     unknown.add((ns, number))
                 continue
             frame_id = frame_id or own

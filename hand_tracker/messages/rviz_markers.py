@@ -1,5 +1,6 @@
 """Visualization markers of the tracked hand for RViz: bones, joints, hand markers and skin."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,6 +9,7 @@ from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from ..core.model.marker_layout import MARKERS
 from ..core.model.skeleton import SKELETON_BONES, skeleton_points
 from ..core.model.states import MarkerState, PalmState
 from ..core.tracker import HandState
@@ -61,6 +63,38 @@ def hand_markers(stamp: Time, frame_id: str, names: Names, tips: np.ndarray,
         _marker(header, names.prefix + 'markers', Marker.SPHERE_LIST, MARKER_DIAMETER,
                 colours[MarkerState.SEEN], _points(state.markers[known]),
                 [colours[state.marker_states[i]] for i in known])])
+
+
+def labelled_markers(stamp: Time, frame_id: str, prefix: str,
+                     positions: np.ndarray, names: Sequence[str] = MARKERS) -> MarkerArray:
+    """Return the markers that are seen, each in a namespace of its name.
+
+    Parameters
+    ----------
+    stamp : Time
+    frame_id : str
+    prefix : str
+        Of the namespaces, as ``'right_'``.
+    positions : ndarray, shape (M, 3)
+        NaN where not seen [m].
+    names : sequence of str, optional
+        Of the M markers, in the order of the ids.
+
+    Returns
+    -------
+    MarkerArray
+    """
+    header = Header(stamp=stamp, frame_id=frame_id)
+    colour = _colour(STATE_COLOURS[MarkerState.SEEN])
+    shown = []
+    for number, (name, place) in enumerate(zip(names, positions.tolist())):
+        if math.isfinite(place[0]):
+            marker = _marker(header, prefix + name, Marker.SPHERE, MARKER_DIAMETER, colour, [])
+            marker.id = number
+            at = marker.pose.position
+            at.x, at.y, at.z = place
+            shown.append(marker)
+    return MarkerArray(markers=shown)
 
 
 def hand_skin(stamp: Time, names: Names, corners: np.ndarray) -> Marker:

@@ -9,10 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.model.hand import LINKS
+from ..core.model.kinematics import JointTable
 from ..core.numerics.jit import jit
+from ..core.numerics.quaternion import write_transforms
+from ..core.tracker import HandState
 from .cdr import ENCAPSULATION, LITTLE_ENDIAN
-from .marker_array import ADD, TRIANGLE_LIST
+from .marker_array import ADD, SPHERE, TRIANGLE_LIST
 from .stamps import Time
+
+# Messages that answer a frame, by number
+JOINT_STATES, TRANSFORMS, CONFIDENCES = range(3)
+REPLIES = 3
+ALL_TRANSFORMS = 1 + len(LINKS)  # the wrist, and the links in their parents
 
 
 @jit
@@ -119,6 +128,20 @@ class _Writer:
         self._numbers += range(len(self._data), len(self._data) + 8 * count, 8)
         self._data += bytes(8 * count)
 
+    def end_of_marker(self) -> None:
+        """Write a Marker's fields behind its points, all empty."""
+        self.count(0)               # colours
+        self.string('')             # texture
+        self.pack('2i', 0, 0)
+        self.string('')
+        self.string('')
+        self.count(0)
+        self.count(0)               # its coordinates
+        for _ in range(3):          # text, mesh and its file
+            self.string('')
+        self.count(0)
+        self.pack('?', False)
+
     def template(self) -> Template:
         return Template(bytes(self._data), self._stamps, self._numbers)
 
@@ -169,6 +192,39 @@ def transforms_template(frames: Sequence[tuple[str, str]]) -> Template:
     return writer.template()
 
 
+def markers_template(frame_id: str, markers: Sequence[tuple[str, int]],
+                     diameter: float = .01) -> Template:
+    """Return the template of a MarkerArray of spheres.
+
+    Parameters
+    ----------
+    frame_id : str
+    markers : sequence of (str, int)
+        Namespace and id of each.
+    diameter : float, optional
+        [m]
+
+    Returns
+    -------
+    Template
+        Of three numbers for each: its position.
+    """
+    writer = _Writer()
+    writer.count(len(markers))
+    for namespace, number in markers:
+        writer.header(frame_id)
+        writer.string(namespace)
+        writer.pack('3i', number, SPHERE, ADD)
+        writer.numbers(3)
+        writer.pack('7d', 0., 0., 0., 1., diameter, diameter, diameter)
+        writer.pack('4f', 1., 1., 1., 1.)
+        writer.pack('2i', 0, 0)
+        writer.pack('?', False)
+        writer.count(0)
+        writer.end_of_marker()
+    return writer.template()
+
+
 def triangles_template(frame_id: str, namespace: str, colour: tuple[float, ...], lifetime: int,
                        corners: int) -> Template:
     """Return the template of a Marker of triangles that stays with its frame.
@@ -198,15 +254,28 @@ def triangles_template(frame_id: str, namespace: str, colour: tuple[float, ...],
     writer.pack('?', True)
     writer.count(corners)
     writer.numbers(3 * corners)
-    writer.count(0)             # colours
-    writer.string('')           # texture
-    writer.pack('2i', 0, 0)
-    writer.string('')
-    writer.string('')
-    writer.count(0)
-    writer.count(0)             # its coordinates
-    for _ in range(3):          # text, mesh and its file
-        writer.string('')
-    writer.count(0)
-    writer.pack('?', False)
+    writer.end_of_marker()
     return writer.template()
+
+
+def transform_numbers(table: JointTable, state: HandState,
+                      count: int = ALL_TRANSFORMS) -> np.ndarray:
+    """Return the transforms of the wrist in its frame and of the links in their parents.
+
+    Parameters
+    ----------
+    table : JointTable
+        Of the tracked hand.
+    state : HandState
+    count : int, optional
+        1 for the wrist alone.
+
+    Returns
+    -------
+    ndarray, shape (count, 7)
+        x, y, z of the translation and x, y, z, w of the rotation of each [m].
+    """
+    numbers = np.empty((count, 7))
+    write_transforms(table.parent, *state.pose, state.wrist_rotation, state.wrist_position,
+                     numbers)
+    return numbers

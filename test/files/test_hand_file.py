@@ -65,6 +65,8 @@ def random_hand(rng):
     noise['finger_mcp'] = noise['finger_mcp'] + rng.uniform(-.002, .002, (4, 3))
     noise['finger_abduction_axes'] = (0., 0., 1.) + rng.uniform(-.3, .3, (4, 3))
     noise['splay'] = rng.uniform(-.2, .2, 4)
+    noise['range_of_motion'] = rng.uniform(0., 2., (25, 2)) * (-1., 1.)
+    noise['thumb_mcp_abduction'] = rng.uniform(-.3, .3)
     noise['coupling'] = noise['coupling'] + rng.uniform(0., .3, (5, 2))
     return mean.replace(**noise, side=str(rng.choice(SIDES)))
 
@@ -113,7 +115,8 @@ def test_example_shows_and_explains_every_key():
 
 
 @pytest.mark.parametrize('text', [
-    '', '# nothing\n', '{}', 'limits: paper', 'coupling: natural', 'coupling:\n', 'markers:\n'])
+    'side: right', 'limits: paper', 'limits: wearer', 'coupling: natural', 'coupling:\n',
+    'markers:\n'])
 def test_what_is_left_out_is_the_default(write, text):
     hand, layout = load_hand(write(text))
     assert_same(hand, Hand.scaled())
@@ -153,6 +156,41 @@ def test_hand_written_file(write):
     assert layout.deviations == pytest.approx((0.,) * 7 + (.0015,))
 
 
+def test_limits_of_the_wearer(write):
+    shown = 'range_of_motion: {index_pip_flexion_deg: [20, 110], ring_mcp_flexion_deg: [-30, 40]}'
+    hand, _ = load_hand(write(f'limits: wearer\n{shown}'))
+    index, ring = JOINTS.index('index_pip_flexion'), JOINTS.index('ring_mcp_flexion')
+    range_of_motion = np.zeros((25, 2))
+    range_of_motion[[index, ring]] = np.radians(((20., 110.), (-30., 40.)))
+    limits = preset_limits('paper')
+    limits[index, 1], limits[ring, 0] = np.radians((110., -30.))
+    assert_same(hand, Hand.scaled(limits=limits, range_of_motion=range_of_motion))
+    # What a calibration has seen is kept for other presets, and for limits of single joints.
+    path = write(f'limits: {{preset: wearer, index_pip_flexion_deg: [0, 90]}}\n{shown}')
+    limits[index] = np.radians((0., 90.))
+    assert_same(load_hand(path)[0], hand.replace(limits=limits))
+    for preset in ('paper', 'wide', 'wearer'):
+        assert_same(choose_hand(path, limits=preset)[0],
+                    hand.replace(limits=preset_limits(preset, range_of_motion)))
+
+
+@pytest.mark.parametrize('preset', ['paper', 'wide', 'wearer'])
+def test_limits_of_a_preset_are_saved_by_its_name(tmp_path, preset):
+    shown = np.tile((-.4, 1.7), (25, 1))
+    hand = Hand.scaled(range_of_motion=shown, limits=preset_limits(preset, shown))
+    save_hand(tmp_path / 'mine.yaml', hand, MarkerLayout())
+    assert yaml.safe_load((tmp_path / 'mine.yaml').read_text(encoding='utf-8'))['limits'] == preset
+    assert_same(load_hand(tmp_path / 'mine.yaml')[0], hand)
+
+
+@pytest.mark.parametrize('text', ['', '# nothing\n', '{}'])
+def test_an_empty_file_is_not_taken_for_the_mean_hand(write, text):
+    path = write(text)
+    with pytest.raises(InvalidHandFile, match=re.escape(
+            f'{path}: it is empty; expected at least one of side, length_mm, breadth_mm')):
+        load_hand(path)
+
+
 def test_natural_flexion_of_single_digits(write):
     hand, _ = load_hand(write('natural_flexion: {ring: {slope: -0.5, spread_deg: 8}}'))
     natural = average_natural_flexion()
@@ -182,9 +220,9 @@ def test_coupling_of_a_preset_and_of_single_digits(write):
     ('markers: {index: {offset: [0, 0, 0]}}',
      "markers.index.offset: unknown key; did you mean 'offset_mm'?"),
     ('side: Left', "side: 'Left'; allowed are right, left"),
-    ('limits: narrow', "limits: 'narrow'; allowed are paper, wide"),
-    ('limits: [0, 1]', 'limits: [0, 1]; allowed are paper, wide'),
-    ('limits: {preset: none}', "limits.preset: 'none'; allowed are paper, wide"),
+    ('limits: narrow', "limits: 'narrow'; allowed are paper, wide, wearer"),
+    ('limits: [0, 1]', 'limits: [0, 1]; allowed are paper, wide, wearer'),
+    ('limits: {preset: none}', "limits.preset: 'none'; allowed are paper, wide, wearer"),
     ('limits: {ring_dip_flexion_deg: [50, 5]}', 'limits of ring_dip_flexion: 50 to 5 degrees; '
      'the lower limit must not exceed the upper'),
     ('limits: {ring_dip_flexion_deg: [-5, 190]}',

@@ -26,11 +26,11 @@ from hand_tracker.messages.builders import (
     new_transforms,
     prefixed_names,
     tip_frames,
-    transform_numbers,
 )
 from hand_tracker.messages.labels import InvalidLabel, LabelMap
 from hand_tracker.messages.marker_array import markers_from_message
 from hand_tracker.messages.rviz_markers import HELD_OPACITY, STATE_COLOURS, hand_markers
+from hand_tracker.messages.templates import transform_numbers
 from hand_tracker.tracking.diagnostics import Level, Status
 
 NEEDS = 'rclpy', 'visualization_msgs'
@@ -261,7 +261,7 @@ def test_any_numbers_go_through_and_are_tracked(numbers, zero_is_missing, scale)
     assert np.array_equal(frame.positions[~lost], expected[~lost], equal_nan=True)
     state = HandTracker().update(frame.positions)
     assert np.isfinite(state.angles).all()
-    assert np.isfinite(joint_state(STAMP, prefixed_names(''), state.angles).position).all()
+    assert np.isfinite(joint_state(STAMP, prefixed_names('').joints, state.angles).position).all()
 
 
 @settings(max_examples=100, deadline=None)
@@ -276,7 +276,7 @@ def test_a_list_and_single_markers_say_the_same(positions):
 
 def test_joint_state():
     angles = np.linspace(-1., 1., 25)
-    message = joint_state(STAMP, prefixed_names('left_'), angles)
+    message = joint_state(STAMP, prefixed_names('left_').joints, angles)
     assert list(message.name) == [f'left_{joint}' for joint in JOINTS]
     assert np.array_equal(message.position, angles)
     assert message.header.stamp == STAMP

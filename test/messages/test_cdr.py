@@ -270,7 +270,7 @@ def test_joint_states_are_the_messages(frames, prefix):
     template = joint_state_template(names.joints)
     for stamp, angles in frames:
         message = deserialize_message(template.fill(stamp, angles), JointState)
-        expected = joint_state(stamp, names, angles)
+        expected = joint_state(stamp, names.joints, angles)
         assert message.header == expected.header
         assert list(message.name) == list(names.joints)
         assert np.array_equal(message.position, expected.position, equal_nan=True)
@@ -326,7 +326,7 @@ def test_another_layout_of_what_goes_out_is_noticed(monkeypatch):
 
 @pytest.mark.parametrize('agrees', [True, False])
 def test_a_node_publishes_the_same_either_way(monkeypatch, agrees):
-    from hand_tracker.nodes.fast_path.kernel import JOINT_STATES
+    from hand_tracker.messages.templates import JOINT_STATES
     from hand_tracker.nodes.tracker_node import TrackerNode
     hand = rest_state().markers + 1.  # none at zero, which is a lost one
     warnings, published = [], []
@@ -336,10 +336,11 @@ def test_a_node_publishes_the_same_either_way(monkeypatch, agrees):
                         lambda self, text, **_: warnings.append(text) or True)
     node = TrackerNode()
     try:
-        reply = node._replies._replies[JOINT_STATES]
-        monkeypatch.setattr(reply.publisher, 'publish', published.append)
+        markers, = node.inputs
+        publisher = markers.replies._publishers[JOINT_STATES, 0]
+        monkeypatch.setattr(publisher, 'publish', published.append)
         message = MarkerArray(markers=eight(hand))
-        node._track(serialize_message(message) if agrees else message, time.monotonic())
+        markers._track(serialize_message(message) if agrees else message, time.monotonic())
     finally:
         node.destroy_node()
         rclpy.shutdown()

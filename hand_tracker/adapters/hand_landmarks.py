@@ -1,0 +1,223 @@
+"""Landmarks of a hand, as cameras and headsets estimate them, as named points.
+
+Known are the 21 of MediaPipe, the 25 of WebXR and the 26 of OpenXR, by their number in a message
+or, in a NamedPoseArray of IsaacTeleop, by their names, 'left_INDEX_TIP'. OpenXR and IsaacTeleop
+call a joint by the bone that begins there: INDEX_PROXIMAL is the index finger's MCP.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..calibration.landmarks import LANDMARKS
+from ..core.model.hand import FINGERS
+from .point_frame import MalformedFrame, PointFrame, SourceUnavailable, point_frame
+
+# Joints of a finger and of the thumb by the bones that begin there, as XR names them.
+XR_FINGER = {'METACARPAL': 'cmc', 'PROXIMAL': 'mcp', 'INTERMEDIATE': 'pip', 'DISTAL': 'dip',
+             'TIP': 'tip'}
+XR_THUMB = {'METACARPAL': 'cmc', 'PROXIMAL': 'mcp', 'DISTAL': 'ip', 'TIP': 'tip'}
+# Our landmark by its name in OpenXR, in the order of OpenXR.
+OPENXR = {'PALM': 'palm', 'WRIST': 'wrist',
+          **{f'THUMB_{bone}': f'thumb_{joint}' for bone, joint in XR_THUMB.items()},
+          **{f'{finger.upper()}_{bone}': f'{finger}_{joint}'
+             for finger in FINGERS for bone, joint in XR_FINGER.items()}}
+# Landmarks in the order of messages without names, by how many there are.
+LANDMARK_ORDERS = {21: LANDMARKS, 25: tuple(OPENXR.values())[1:], 26: tuple(OPENXR.values())}
+PALM_LENGTHS = .04, .16  # [m] from wrist to middle MCP, of any hand
+CURLED = .15             # of the palm's length, by which finger tips are in front of it [1]
+BESIDE_ORIGIN = 1e-9, 0., 0.  # [m]
+SIDE_FRAMES = 30         # that agree on a side before it is told
+
+
+def landmark_order(count: int) -> tuple[str, ...]:
+    """Return the names of as many landmarks, in their order.
+
+    Raises
+    ------
+    SourceUnavailable
+        If no hand has as many.
+    """
+    if count not in LANDMARK_ORDERS:
+        raise SourceUnavailable(f'landmarks: {count}; expected one of '
+                                f'{", ".join(map(str, LANDMARK_ORDERS))}')
+    return LANDMARK_ORDERS[count]
+
+
+def named_landmarks(message: Any, side: str) -> PointFrame:
+    """Return the landmarks of one hand of a NamedPoseArray.
+
+    Parameters
+    ----------
+    message : teleop_ros2_interfaces/NamedPoseArray
+    side : {'right', 'left'}
+
+    Returns
+    -------
+    PointFrame
+        NaN where `is_valid` is false.
+
+    Raises
+    ------
+    MalformedFrame
+        If names, poses and validity are not equally many, or none is of this side.
+    """
+    counts = len(message.name), len(message.pose), len(message.is_valid)
+    if len(set(counts)) > 1:
+        raise MalformedFrame('NamedPoseArray: {} names, {} poses, {} validities; expected as '
+                             'many of each'.format(*counts))
+    names, points = [], []
+    for name, pose, is_valid in zip(message.name, message.pose, message.is_valid):
+        own, _, landmark = name.partition('_')
+        if own.lower() == side and landmark.upper() in OPENXR:
+            names.append(OPENXR[landmark.upper()])
+            at = pose.position
+            points.append((at.x, at.y, at.z) if is_valid else (np.nan,) * 3)
+    if not names:
+        raise MalformedFrame(f"NamedPoseArray: no name like '{side}_INDEX_TIP' among "
+                             f"{', '.join(message.name[:3]) or 'none'}, ...")
+    return point_frame(message.header.stamp, message.header.frame_id, names, points)
+
+
+def landmarks_of_poses(message: Any) -> PointFrame:
+    """Return the landmarks of a PoseArray, by their number.
+
+    Parameters
+    ----------
+    message : geometry_msgs/PoseArray
+        Of 21, 25 or 26 poses.
+
+    Returns
+    -------
+    PointFrame
+        NaN where a pose has no finite place, or several are at exactly (0, 0, 0).
+
+    Raises
+    ------
+    MalformedFrame
+        If there are others in number.
+    """
+    names = LANDMARK_ORDERS.get(len(message.poses))
+    if names is None:
+        raise MalformedFrame(f'PoseArray of {len(message.poses)} poses; expected are '
+                             f'{", ".join(map(str, LANDMARK_ORDERS))} landmarks')
+    points = np.array([(pose.position.x, pose.position.y, pose.position.z)
+                       for pose in message.poses])
+    _mark_missing(points)
+    return point_frame(message.header.stamp, message.header.frame_id, names, points)
+
+
+def landmarks_of_markers(message: Any, count: int) -> PointFrame:
+    """Return the landmarks of a MarkerArray: a marker's id is the landmark's number.
+
+    Parameters
+    ----------
+    message : visualization_msgs/MarkerArray
+    count : int
+        Of the landmarks, a key of `LANDMARK_ORDERS`: those not seen may be absent.
+
+    Returns
+    -------
+    PointFrame
+        NaN where a landmark is absent, or several are at exactly (0, 0, 0).
+
+    Raises
+    ------
+    MalformedFrame
+        If no marker has the id of a landmark.
+    """
+    names = LANDMARK_ORDERS[count]
+    points, header = np.full((count, 3), np.nan), None
+    for marker in message.markers:
+        if marker.action == marker.ADD and 0 <= marker.id < count and marker.type in (
+                marker.SPHERE, marker.CUBE, marker.CYLINDER):
+            at = marker.pose.position
+            points[marker.id] = at.x, at.y, at.z
+            header = header or marker.header
+    if header is None:
+        raise MalformedFrame(f'MarkerArray of {len(message.markers)} markers; expected spheres '
+                             f'with the ids 0 to {count - 1} of landmarks')
+    _mark_missing(points)
+    return point_frame(header.stamp, header.frame_id, names, points)
+
+
+def _mark_missing(points: np.ndarray) -> None:
+    """Set points at exactly (0, 0, 0) to NaN; but one alone is where its source has the origin.
+
+    That one is moved by nothing to speak of, as drivers' markers at exactly zero are lost ones.
+    """
+    at_origin = ~points.any(axis=1)
+    points[at_origin] = np.nan if at_origin.sum() > 1 else BESIDE_ORIGIN
+
+
+class LandmarkChecks:
+    """Warn of landmarks of the other hand, and of such that are not in metres.
+
+    Parameters
+    ----------
+    side : {'right', 'left'}
+        Side that is tracked.
+    warn_once : callable
+        Logs a warning (key, text) once for each key.
+    """
+
+    def __init__(self, side: str, warn_once: Callable[[str, str], None]) -> None:
+        self._side, self._warn_once = side, warn_once
+        self._votes = 0
+
+    def check(self, frame: PointFrame) -> None:
+        """Take a frame into account."""
+        points = dict(zip(frame.names, frame.markers))
+        length = palm_length(points)
+        if not PALM_LENGTHS[0] <= length <= PALM_LENGTHS[1]:  # False of NaN
+            if np.isfinite(length):
+                self._warn_once(
+                    'length', f'from wrist to middle MCP the landmarks measure {length:.3g}; '
+                    f'expected {PALM_LENGTHS[0]:g} to {PALM_LENGTHS[1]:g} m (of MediaPipe: its '
+                    'world landmarks, not those in the image)')
+            return
+        side = side_of_landmarks(points)
+        if side is None:
+            return
+        self._votes = max(-SIDE_FRAMES, min(
+            SIDE_FRAMES, self._votes + (1 if side == self._side else -1)))
+        if self._votes == -SIDE_FRAMES:
+            self._warn_once('side', f'these landmarks bend as a {side} hand does, but side is '
+                                    f'{self._side}: another hand, or a mirrored image')
+
+
+def palm_length(points: dict[str, np.ndarray]) -> float:
+    """Return the distance from wrist to middle MCP; NaN where not seen."""
+    nowhere = np.full(3, np.nan)
+    return float(np.linalg.norm(points.get('middle_mcp', nowhere) - points.get('wrist', nowhere)))
+
+
+def side_of_landmarks(points: dict[str, np.ndarray]) -> str | None:
+    """Return the side of a hand by the way its fingers bend.
+
+    Parameters
+    ----------
+    points : dict of str to ndarray
+        By the names of landmarks.
+
+    Returns
+    -------
+    {'right', 'left'} or None
+        None where they are too straight to tell, or the palm is not seen.
+    """
+    if not {'wrist', 'index_mcp', 'little_mcp'} <= points.keys():
+        return None
+    wrist = points['wrist']
+    # Points out of the palm of a right hand, and out of the back of a left one.
+    normal = np.cross(points['index_mcp'] - wrist, points['little_mcp'] - wrist)
+    tips = [points[f'{finger}_tip'] - points[f'{finger}_mcp'] for finger in FINGERS
+            if f'{finger}_tip' in points and f'{finger}_mcp' in points]
+    heights = np.array(tips).reshape(-1, 3) @ normal
+    heights = heights[np.isfinite(heights)]
+    scale = np.linalg.norm(normal) * palm_length(points)
+    if not len(heights) or not abs(heights.mean()) > CURLED * scale:
+        return None
+    return 'right' if heights.mean() > 0. else 'left'

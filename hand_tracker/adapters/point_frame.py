@@ -1,0 +1,87 @@
+"""Frame of points: named markers and anonymous points of one instant, from any source."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core.errors import HandTrackerError
+from ..messages.stamps import Time
+
+# Rows: x, y, z of a frame with z up in the source's axes, by its upward axis.
+UPRIGHT = {'z': np.eye(3), 'y': np.array(((1., 0., 0.), (0., 0., -1.), (0., 1., 0.)))}
+
+
+class MalformedFrame(HandTrackerError, ValueError):
+    """A packet or message that holds no frame: which, where, what was expected."""
+
+
+class SourceUnavailable(HandTrackerError):
+    """A source cannot be opened: which, why, and what it takes."""
+
+
+class PointFrame(NamedTuple):
+    """Points of one instant.
+
+    Attributes
+    ----------
+    stamp : Time or None
+        None where the source has no clock.
+    frame_id : str
+        Empty where the source does not say.
+    names : tuple of str
+        Names of the named markers: 'index', or with their subject 'RHand:index'.
+    markers : ndarray, shape (len(names), 3)
+        NaN where not seen [m].
+    points : ndarray, shape (n, 3)
+        Anonymous points, in any order [m].
+    """
+
+    stamp: Time | None
+    frame_id: str
+    names: tuple[str, ...]
+    markers: np.ndarray
+    points: np.ndarray
+
+
+def point_frame(stamp: Time | None, frame_id: str, names: Sequence[str] = (),
+                markers: ArrayLike = (), points: ArrayLike = ()) -> PointFrame:
+    """Return a `PointFrame` of sequences of points.
+
+    A marker without finite coordinates is NaN; such an anonymous point is left out.
+    """
+    named = np.array(markers, dtype=float).reshape(-1, 3)
+    named[~np.isfinite(named).all(axis=1)] = np.nan
+    anonymous = np.array(points, dtype=float).reshape(-1, 3)
+    return PointFrame(stamp, frame_id, tuple(names), named,
+                      anonymous[np.isfinite(anonymous).all(axis=1)])
+
+
+def of_subject(frame: PointFrame, subject: str) -> PointFrame:
+    """Return a frame with the markers of one subject alone, all anonymous points among them.
+
+    Parameters
+    ----------
+    frame : PointFrame
+    subject : str
+        As in 'subject:marker'.
+    """
+    rows = [row for row, name in enumerate(frame.names) if name.startswith(f'{subject}:')]
+    return frame._replace(names=tuple(frame.names[row] for row in rows),
+                          markers=frame.markers[rows])
+
+
+def turned_upright(frame: PointFrame, up: str) -> PointFrame:
+    """Return a frame with z up.
+
+    Parameters
+    ----------
+    frame : PointFrame
+    up : str
+        Its upward axis, one of `UPRIGHT`.
+    """
+    turn = UPRIGHT[up].T
+    return frame._replace(markers=frame.markers @ turn, points=frame.points @ turn)

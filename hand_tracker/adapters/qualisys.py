@@ -1,0 +1,182 @@
+"""Receive frames of Qualisys Track Manager over its real-time protocol, with Qualisys' qtm-rt.
+
+Frames have QTM's time since the start of the measurement, in microseconds of the camera system's
+clock; `ClockEstimate` maps it to this machine's, less the least delay seen, which QTM tells nobody:
+`latency` gives it where it is known.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from collections.abc import Callable
+from contextlib import suppress
+from threading import Event
+from time import monotonic_ns
+from typing import Any
+from xml.etree import ElementTree
+
+from ..messages.stamps import stamp_of
+from .clock_estimate import ClockEstimate, wall_offset
+from .point_frame import PointFrame, SourceUnavailable, point_frame
+
+QTM_PORT = 22223
+QTM_COMPONENTS = '3d', '3dres', '3dnolabels', '3dnolabelsres'
+MILLIMETRE = .001
+RETRY_TIME = 2.     # [s]
+END_POLL = .05      # [s]
+ANSWER_TIME = 5.    # [s]
+
+
+class QualisysClient:
+    """Client of one QTM.
+
+    Parameters
+    ----------
+    server : str
+        Address or host name.
+    on_frame, on_news : callable
+        As of `NatNetClient`.
+    components : tuple of str, optional
+        Some of `QTM_COMPONENTS`: named markers, anonymous points, each with or without residuals.
+    latency : float, optional
+        Least time from exposure to receipt [s].
+    port : int, optional
+        Of the little-endian protocol.
+
+    Raises
+    ------
+    SourceUnavailable
+        If qtm-rt is not installed, or a component is none of these.
+    """
+
+    def __init__(self, server: str, on_frame: Callable[[PointFrame], None],
+                 on_news: Callable[[bool, str], None],
+                 components: tuple[str, ...] = ('3d', '3dnolabels'), latency: float = 0.,
+                 port: int = QTM_PORT) -> None:
+        try:
+            import qtm_rt
+        except ImportError:
+            raise SourceUnavailable('Qualisys needs the package qtm-rt: pip install qtm-rt'
+                                    ) from None
+        if not components or not set(components) <= set(QTM_COMPONENTS):
+            raise SourceUnavailable(f"Qualisys: components {' '.join(components)!r}; expected some "
+                                    f"of {' '.join(QTM_COMPONENTS)}")
+        self._qtm = qtm_rt
+        self._server, self._port, self._components = server, port, components
+        self._on_frame, self._on_news, self._latency = on_frame, on_news, latency
+        self._clock = ClockEstimate()
+        self._names: tuple[str, ...] = ()
+        self._last = -1
+        self._is_told = False
+
+    def run(self, ended: Event) -> None:
+        """Receive until `ended` is set, also from a QTM that is started later or anew."""
+        asyncio.run(self._run(ended))
+
+    async def _run(self, ended: Event) -> None:
+        # A packet that qtm-rt cannot read ends the connection, which is told as such.
+        asyncio.get_running_loop().set_exception_handler(lambda loop, context: None)
+        while not ended.is_set():
+            await self._serve(ended)
+            for _ in range(round(RETRY_TIME / END_POLL)):
+                if not ended.is_set():
+                    await asyncio.sleep(END_POLL)
+
+    async def _serve(self, ended: Event) -> None:
+        """Receive until the connection ends."""
+        lost = asyncio.Event()
+        reason = 'the connection has ended'
+        connection = None
+        try:
+            connection = await asyncio.wait_for(
+                self._qtm.connect(self._server, self._port, timeout=ANSWER_TIME,
+                                  on_disconnect=lambda error: lost.set()), ANSWER_TIME)
+            if connection is None:
+                raise OSError('it does not answer')
+            xml = await connection.get_parameters(['3d'])
+            self._names = marker_labels(xml.decode(errors='replace'))
+            self._clock.reset()
+            self._last = -1
+            await connection.stream_frames(
+                components=list(self._components), on_packet=self.take)
+            self._on_news(False, f'QTM on {self._server} streams {", ".join(self._components)}, '
+                                 f'{len(self._names)} named markers')
+            self._is_told = False
+            while not ended.is_set() and not lost.is_set():
+                with suppress(asyncio.TimeoutError):
+                    await asyncio.wait_for(lost.wait(), END_POLL)
+        except (OSError, asyncio.TimeoutError, ElementTree.ParseError,
+                self._qtm.QRTCommandException) as error:
+            reason = str(error) or 'it does not answer'
+        finally:
+            if connection is not None and connection.has_transport():
+                connection.disconnect()
+        if not ended.is_set() and not self._is_told:
+            self._is_told = True
+            self._on_news(True, f'QTM on {self._server}:{self._port}: {reason}; trying again every '
+                                f'{RETRY_TIME:g} s. Is QTM measuring, with real-time output on?')
+
+    def take(self, packet: Any) -> None:
+        """Take a qtm_rt.QRTPacket as it arrives."""
+        received = monotonic_ns()
+        # QTM's frames come in order over TCP; one that is older begins another measurement.
+        if packet.framenumber == self._last:
+            return
+        if packet.framenumber < self._last:
+            self._clock.reset()
+        self._last = packet.framenumber
+        try:
+            frame = points_of_packet(packet, self._names)
+        except (struct.error, ValueError) as error:
+            if not self._is_told:
+                self._is_told = True
+                self._on_news(True, f'left out is a damaged frame of QTM: {error}')
+            return
+        exposed = 1e-6 * packet.timestamp
+        self._clock.received(exposed, 1e-9 * received - self._latency)
+        self._on_frame(frame._replace(
+            stamp=stamp_of(round(1e9 * self._clock.local(exposed)) + wall_offset())))
+
+
+def marker_labels(xml: str) -> tuple[str, ...]:
+    """Return the names of the labelled markers, in the order of QTM's 3D data.
+
+    Parameters
+    ----------
+    xml : str
+        QTM's parameters of 3D.
+
+    Raises
+    ------
+    xml.etree.ElementTree.ParseError
+    """
+    return tuple(label.findtext('Name', '').strip()
+                 for label in ElementTree.fromstring(xml).iter('Label'))
+
+
+def points_of_packet(packet: Any, names: tuple[str, ...]) -> PointFrame:
+    """Return the points of a packet of QTM.
+
+    Parameters
+    ----------
+    packet : qtm_rt.QRTPacket
+    names : tuple of str
+        As of `marker_labels`; markers beyond them are anonymous.
+
+    Returns
+    -------
+    PointFrame
+        Without stamp.
+
+    Raises
+    ------
+    struct.error
+        If the packet is cut.
+    """
+    found = packet.get_3d_markers() or packet.get_3d_markers_residual()
+    rows = [marker[:3] for marker in found[1]] if found else []
+    unnamed = packet.get_3d_markers_no_label() or packet.get_3d_markers_no_label_residual()
+    others = [marker[:3] for marker in unnamed[1]] if unnamed else []
+    frame = point_frame(None, '', names[:len(rows)], rows[:len(names)], rows[len(names):] + others)
+    return frame._replace(markers=MILLIMETRE * frame.markers, points=MILLIMETRE * frame.points)

@@ -1,0 +1,145 @@
+"""Read and write npz files of points, as numpy.savez writes them."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from ..core.errors import HandTrackerError
+from .point_recording import (
+    MAX_POINT_BYTES,
+    Axes,
+    PointBuffer,
+    PointRecording,
+    RecordingError,
+    unique_labels,
+)
+
+NPZ_START = b'PK'
+# Fields that hold points and their names, markers first.
+NPZ_FIELDS = (('markers', 'marker_names'), ('positions', 'joints'))
+
+
+@contextmanager
+def open_arrays(path: Path, refusal: type[HandTrackerError]) -> Iterator[Any]:
+    """Open an npz file, and refuse one that cannot be read.
+
+    Parameters
+    ----------
+    path : Path
+    refusal : type of HandTrackerError
+        Raised where the file, or an array that is read of it, is not what numpy.savez writes.
+
+    Yields
+    ------
+    NpzFile
+    """
+    try:
+        _check_sizes(path)
+        # Opened here: numpy leaves its own file open where it cannot read it.
+        with open(path, 'rb') as file, np.load(file, allow_pickle=False) as data:
+            yield data
+    except (HandTrackerError, KeyError):  # an array that is not there is its reader's to name
+        raise
+    # Damaged bytes raise whatever the parsers of zipfile and numpy do.
+    except Exception as error:
+        reason = getattr(error, 'strerror', None)
+        raise refusal(f'{path}: no npz file that can be read'
+                      + (f' ({reason})' if reason else '')
+                      + '; expected plain arrays, as numpy.savez writes them') from None
+
+
+def _check_sizes(path: Path) -> None:
+    """Raise ValueError for an archive that says its arrays are larger than they may be."""
+    if not zipfile.is_zipfile(path):
+        return
+    with zipfile.ZipFile(path) as archive:
+        for entry in archive.infolist():
+            if entry.file_size > MAX_POINT_BYTES:
+                raise ValueError(f'{entry.filename}: {entry.file_size} bytes')
+            with archive.open(entry) as file:
+                version = np.lib.format.read_magic(file)
+                read = (np.lib.format.read_array_header_1_0 if version == (1, 0)
+                        else np.lib.format.read_array_header_2_0)
+                shape, _, kind = read(file)
+                size = kind.itemsize
+                for length in shape:
+                    size *= max(length, 0)
+                if size > entry.file_size:
+                    raise ValueError(f'{entry.filename}: shape {shape}')
+
+
+def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
+             partial: bool = False) -> tuple[PointRecording, Axes]:
+    """Read points from an npz file: `markers` and `marker_names`, else `positions` and `joints`.
+
+    Parameters
+    ----------
+    path : Path
+    file : binary file
+        Not used: the archive is read by its path.
+    zero_is_missing : bool
+        See `ReadingOptions`.
+    partial : bool
+        Not used: an archive that is cut cannot be read.
+
+    Returns
+    -------
+    PointRecording
+        Its points as in the file.
+    Axes
+        Metres, z up.
+
+    Raises
+    ------
+    RecordingError
+    """
+    del file, partial
+    with open_arrays(path, RecordingError) as data:
+        fields = {name: data[name] for name in data.files}
+    pairs = [pair for pair in NPZ_FIELDS if set(pair) <= set(fields)]
+    # Markers with numbers for names say less than the joints beside them.
+    pair = next((pair for pair in pairs if any(
+        str(name).strip().upper().isupper() for name in np.atleast_1d(fields[pair[1]]))),
+        next(iter(pairs), None))
+    if pair is None:
+        raise RecordingError(f'{path}: it has {", ".join(fields) or "nothing"}; expected markers '
+                             'and marker_names, or positions and joints')
+    points, names = fields[pair[0]], [str(name) for name in np.atleast_1d(fields[pair[1]])]
+    if (points.ndim != 3 or points.shape[1:] != (len(names), 3) or points.dtype.kind not in 'fiu'
+            or not points.size):
+        raise RecordingError(f'{path}: {pair[0]} of shape {points.shape}, {points.dtype}; '
+                             f'expected numbers (T, {len(names)}, 3), as {pair[1]} names '
+                             f'{len(names)}')
+    try:
+        rate = float(fields['rate_hz']) if 'rate_hz' in fields else np.nan
+    except (TypeError, ValueError):
+        raise RecordingError(f'{path}: rate_hz {fields["rate_hz"]}; expected a number') from None
+    labels, repeated = unique_labels(names)
+    buffer = PointBuffer(path, labels, zero_is_missing, len(points))
+    buffer.append(points)
+    found, points = buffer.finish()
+    return PointRecording(
+        path.name, 'npz', found, points, rate if rate > 0. else np.nan, None, Axes(),
+        (repeated,) if repeated else (), pair[0] != 'markers'), Axes('m', 'z')
+
+
+def write_npz(path: Path, recording: PointRecording) -> None:
+    """Write points as an npz file: `markers` [m] and `marker_names`, or `positions`, `joints`.
+
+    Parameters
+    ----------
+    path : Path
+    recording : PointRecording
+    """
+    points, names = NPZ_FIELDS[recording.is_landmarks]
+    labels = [label or f'unlabeled {i + 1}' for i, label in enumerate(recording.labels)]
+    fields: dict[str, Any] = {points: recording.points, names: np.array(labels),
+                              'rate_hz': np.array(recording.rate)}
+    with open(path, 'wb') as file:
+        np.savez(file, **fields)

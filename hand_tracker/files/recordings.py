@@ -1,0 +1,262 @@
+"""Motion capture files of any format: recognised, read as points, written."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from os import PathLike
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+from .bag_points import read_bag_points, write_bag_points
+from .bags import STORAGE
+from .bvh_file import BVH_START, read_bvh
+from .c3d_file import C3D_KEY, read_c3d, write_c3d
+from .npz_file import NPZ_START, read_npz, write_npz
+from .optitrack_csv import MOTIVE_START, read_optitrack_csv, write_optitrack_csv
+from .point_recording import (
+    HANDEDNESS,
+    UNIT_SPELLINGS,
+    UP_AXES,
+    Axes,
+    PointRecording,
+    RecordingError,
+    Said,
+)
+from .qualisys_tsv import QTM_START, read_qualisys_tsv, write_qualisys_tsv
+from .text_table import open_packed
+from .trc_file import TRC_START, read_trc, write_trc
+from .vicon_csv import OTHER_VICON_BLOCKS, VICON_BLOCK, read_vicon_csv, write_vicon_csv
+
+HEAD_BYTES = 2**12         # that tell the format
+BAG_STARTS = (b'\x89MCAP0', b'SQLite format 3\0')
+PACKED_SUFFIX = '.gz'
+
+
+class ReadingOptions(NamedTuple):
+    """Overrides of the recognised labels, axes and units of a motion capture file.
+
+    Attributes
+    ----------
+    units : str or None
+        Key of `UNIT_SPELLINGS`; the file's when left out.
+    up : str or None
+        One of `UP_AXES`; the file's when left out.
+    handed : str or None
+        'right' or 'left' axes; as recognised when left out.
+    zero_is_missing : bool
+        Whether a point at exactly (0, 0, 0) is one that the system lost.
+    partial : bool
+        Whether a file that is cut is read as far as it goes, with a note.
+    """
+
+    units: str | None = None
+    up: str | None = None
+    handed: str | None = None
+    zero_is_missing: bool = True
+    partial: bool = False
+
+
+class FileFormat(NamedTuple):
+    """A format of motion capture files.
+
+    Attributes
+    ----------
+    name : str
+    suffixes : tuple of str
+        The first is the usual one.
+    is_like : callable
+        Tells a file of it by its first bytes.
+    read : callable
+        Returns a `PointRecording` with the file's points, and their `Axes`.
+    write : callable or None
+        Writes a `PointRecording` to a path; None where points alone are not enough.
+    usual_up, usual_units : str
+        Upward axis and unit where neither file nor user say.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    is_like: Callable[[bytes], bool]
+    read: Callable[..., tuple[PointRecording, Axes]]
+    write: Callable[[Path, PointRecording], None] | None
+    usual_up: str = 'z'
+    usual_units: str = 'm'
+
+
+def _starts(*texts: str) -> Callable[[bytes], bool]:
+    octets = tuple(text.lower().encode() for text in texts)
+    return lambda head: head.removeprefix(b'\xef\xbb\xbf').lstrip(b' \t\r\n"').lower().startswith(
+        octets)
+
+
+def _is_vicon(head: bytes) -> bool:
+    first = head.removeprefix(b'\xef\xbb\xbf').partition(b'\n')[0].strip(b' ,;"\t\r')
+    return first.decode('latin-1') in (VICON_BLOCK, *OTHER_VICON_BLOCKS)
+
+
+C3D, TRC, TSV, MOTIVE_CSV, VICON_CSV, BVH, NPZ = FORMATS = (
+    FileFormat('C3D', ('.c3d',),
+               lambda head: len(head) > 1 and head[1] == C3D_KEY and head[0] in range(1, 9),
+               read_c3d, write_c3d, usual_units='mm'),
+    FileFormat('TRC', ('.trc',), _starts(TRC_START), read_trc, write_trc, 'y', 'mm'),
+    FileFormat('Qualisys TSV', ('.tsv',), _starts(QTM_START), read_qualisys_tsv,
+               write_qualisys_tsv),
+    FileFormat('OptiTrack CSV', ('.csv',), _starts(MOTIVE_START), read_optitrack_csv,
+               write_optitrack_csv, 'y'),
+    FileFormat('Vicon CSV', ('.csv',), _is_vicon, read_vicon_csv, write_vicon_csv,
+               usual_units='mm'),
+    FileFormat('BVH', ('.bvh',), _starts(BVH_START), read_bvh, None, 'y'),
+    FileFormat('npz', ('.npz',), lambda head: head.startswith(NPZ_START), read_npz, write_npz),
+)
+FILE_SUFFIXES = tuple(dict.fromkeys(suffix for one in FORMATS for suffix in one.suffixes))
+KNOWN_FORMATS = ('C3D, TRC, Qualisys TSV, OptiTrack CSV, Vicon CSV, BVH, npz, or a rosbag2 '
+                 'recording (folder, .mcap, .db3)')
+
+
+def is_bag(path: str | PathLike[str]) -> bool:
+    """Return whether a path is, by content or name, a rosbag2 recording."""
+    path = Path(path)
+    if path.is_dir() or not path.exists():
+        return path.is_dir() or path.suffix in STORAGE or not path.suffix
+    try:
+        with open(path, 'rb') as file:
+            head = file.read(max(map(len, BAG_STARTS)))
+    except OSError:
+        return path.suffix in STORAGE
+    return head.startswith(BAG_STARTS) or path.suffix in STORAGE
+
+
+def recognised_format(path: str | PathLike[str]) -> FileFormat:
+    """Return the format of a file, by its first bytes, else by its name.
+
+    Raises
+    ------
+    RecordingError
+        If it is none of `FORMATS`, or cannot be read.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise RecordingError(f'{path}: no such file; expected a motion capture file')
+    with open_packed(path) as file:
+        head = file.read(HEAD_BYTES)
+    if not head:
+        raise RecordingError(f'{path}: the file has no bytes; expected {KNOWN_FORMATS}')
+    found = next((one for one in FORMATS if one.is_like(head)), None) or _by_name(path)
+    if found is None:
+        raise RecordingError(f'{path}: its beginning is that of no known format; expected '
+                             f'{KNOWN_FORMATS}')
+    return found
+
+
+def _by_name(path: Path) -> FileFormat | None:
+    suffix = Path(path.name.removesuffix(PACKED_SUFFIX)).suffix.lower()
+    return next((one for one in FORMATS if suffix in one.suffixes), None)
+
+
+def read_recording(path: str | PathLike[str],
+                   options: ReadingOptions | None = None) -> PointRecording:
+    """Read a motion capture file of any format.
+
+    Parameters
+    ----------
+    path : path-like
+        Also gzipped, where the format is a text.
+    options : ReadingOptions, optional
+
+    Returns
+    -------
+    PointRecording
+        In metres, z up, right-handed; its notes say what was converted and assumed.
+
+    Raises
+    ------
+    HandTrackerError
+        Naming the file, the place and what is expected.
+    """
+    path = Path(path)
+    options = options or ReadingOptions()
+    for name, value, allowed in (('units', options.units, UNIT_SPELLINGS),
+                                 ('up', options.up, UP_AXES),
+                                 ('handed', options.handed, HANDEDNESS)):
+        if value is not None and value not in allowed:
+            raise RecordingError(f'{name}: {value!r}; expected one of {", ".join(allowed)}')
+    usual = Axes('m', 'z')
+    # Damaged bytes are refused by every reader; none may end in another error.
+    try:
+        if is_bag(path):
+            recording, axes = read_bag_points(path, options.zero_is_missing)
+        else:
+            form = recognised_format(path)
+            usual = Axes(form.usual_units, form.usual_up)
+            with open_packed(path) as file:
+                recording, axes = form.read(path, file, options.zero_is_missing, options.partial)
+    except MemoryError:
+        raise RecordingError(f'{path}: not enough memory; expected a recording that fits') from None
+    return _in_metres(recording, axes, usual, options)
+
+
+def _in_metres(recording: PointRecording, axes: Axes, usual: Axes,
+               options: ReadingOptions) -> PointRecording:
+    """Convert a recording's points, and say so."""
+    units, up = (options.units or axes.units or usual.units,
+                 options.up or axes.up or usual.up)
+    final = Axes(units, up, options.handed or axes.handed)
+    assumed = [f'--{name}' for name, given in (('units', options.units or axes.units),
+                                               ('up', options.up or axes.up)) if not given]
+    notes = recording.notes
+    if final != Axes('m', 'z') or assumed:
+        handed = ', left-handed' if final.handed == 'left' else ''
+        notes += (f'the file is in {units}, {up} up{handed}; read as metres, z up'
+                  + (f' (assumed, as it does not say: {", ".join(assumed)})' if assumed else ''),)
+    return recording.converted(final)._replace(notes=notes, said=Said(
+        bool(options.units or axes.units), bool(options.handed)))
+
+
+def write_recording(path: str | PathLike[str], recording: PointRecording,
+                    form: FileFormat | None = None) -> None:
+    """Write points as a motion capture file; it appears when it is whole.
+
+    Parameters
+    ----------
+    path : path-like
+        Replaced if it exists.
+    recording : PointRecording
+    form : FileFormat, optional
+        That of the path's suffix when left out: for .csv that of OptiTrack.
+
+    Raises
+    ------
+    HandTrackerError
+        If the format is not known, or cannot hold the recording.
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise RecordingError(f'{path}: no folder {path.parent}; expected one to write into')
+    if form is None and path.suffix in STORAGE:
+        write_bag_points(path, recording)
+        return
+    form = form or _by_name(path)
+    if form is None or form.write is None:
+        written = sorted({suffix for one in FORMATS if one.write for suffix in one.suffixes})
+        raise RecordingError(f'{path}: points are not written as {path.suffix!r}; expected '
+                             f'{", ".join((*written, *STORAGE))}')
+    write_whole(path, lambda unfinished: form.write(unfinished, recording))  # type: ignore[misc]
+
+
+def write_whole(path: Path, write: Callable[[Path], None]) -> None:
+    """Write a file beside its place, and move it there when it is whole.
+
+    Parameters
+    ----------
+    path : Path
+        Replaced if it exists.
+    write : callable
+        Writes a file to a path.
+    """
+    with TemporaryDirectory(dir=path.parent) as scratch:
+        unfinished = Path(scratch, path.name)
+        write(unfinished)
+        os.replace(unfinished, path)
+

@@ -1,0 +1,245 @@
+"""A tracked hand as a skeleton in motion, for animation files: joints, offsets, rotations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.model.hand import DIGITS, JOINTS, LINKS, Hand
+from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
+from .point_recording import ROTATIONS, Axes, PointRecording
+
+# Joints behind the wrist: the link that each turns, parents first. Abduction and flexion of a
+# knuckle are one joint.
+SKELETON_LINKS = tuple(
+    f'{digit}_{link}' for digit in DIGITS for link in (
+        ('metacarpal', 'proximal', 'distal') if digit == 'thumb' else
+        ('metacarpal', 'proximal', 'middle', 'distal')))
+LANDMARK_AT_LINK = {
+    f'{digit}_{link}': f'{digit}_{landmark}' for digit in DIGITS for link, landmark in zip(
+        ('metacarpal', 'proximal', 'distal') if digit == 'thumb' else
+        ('metacarpal', 'proximal', 'middle', 'distal'),
+        ('cmc', 'mcp', 'ip') if digit == 'thumb' else ('cmc', 'mcp', 'pip', 'dip'))}
+NAMINGS = ('humanik', 'mixamo', 'xsens', 'unity', 'rokoko', 'optitrack')
+PINKY_NAMINGS = 'humanik', 'mixamo', 'optitrack'    # others say little
+ORDINALS = {'thumb': 'First', 'index': 'Second', 'middle': 'Third', 'ring': 'Fourth',
+            'little': 'Fifth'}
+# A hand of a T-pose has its fingers along x on the left and against x on the right, the back up.
+T_POSE_TURN = {'left': np.eye(3), 'right': np.diag((-1., 1., -1.))}
+POSES_AT_ONCE = 2**12
+SINGLE_FRAME = .01         # [s] that a motion of one frame lasts
+
+
+class SkeletonMotion(NamedTuple):
+    """A skeleton whose joints have the axes of the world, y up, in the T-pose, and its motion.
+
+    Attributes
+    ----------
+    names : tuple of str, length J
+        Of the joints, the root (of a hand: the wrist) first, each after its parent.
+    parents : tuple of int, length J
+        -1 for the root.
+    offsets : ndarray, shape (J, 3)
+        From the parent, in the T-pose [m].
+    ends : mapping of int to ndarray, shape (3,)
+        End of each chain from its last joint: a finger's tip [m].
+    root_position : ndarray, shape (T, 3)
+        [m]
+    rotation : ndarray, shape (T, J, 4)
+        From each joint's axes to those of its parent: quaternions x, y, z, w.
+    times : ndarray, shape (T,)
+        The first is 0 [s].
+    translations : mapping of int to ndarray, shape (T, 3)
+        From the parent, of other joints than the root that move in it [m].
+    """
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    offsets: np.ndarray
+    ends: Mapping[int, np.ndarray]
+    root_position: np.ndarray
+    rotation: np.ndarray
+    times: np.ndarray
+    translations: Mapping[int, np.ndarray] = {}
+
+    @property
+    def period(self) -> float:
+        """The usual time between two frames [s]."""
+        return usual_step(self.times)
+
+
+class TrackedHand(NamedTuple):
+    """Angles and wrist of one hand over time.
+
+    Attributes
+    ----------
+    hand : Hand
+    angles : ndarray, shape (T, 25)
+        [rad]
+    wrist_position : ndarray, shape (T, 3)
+        [m]
+    wrist_rotation : ndarray, shape (T, 3, 3)
+    times : ndarray, shape (T,)
+        [s]
+    """
+
+    hand: Hand
+    angles: np.ndarray
+    wrist_position: np.ndarray
+    wrist_rotation: np.ndarray
+    times: np.ndarray
+
+
+def usual_step(times: np.ndarray) -> float:
+    """Return the usual time between two frames [s]."""
+    return float(np.median(np.diff(times))) if len(times) > 1 else SINGLE_FRAME
+
+
+def t_pose_turn(side: str) -> np.ndarray:
+    """Return the turn from the wrist's frame to the axes of the T-pose, shape (3, 3)."""
+    return T_POSE_TURN[side] @ np.array(ROTATIONS['y'], dtype=float).T
+
+
+def joint_names(naming: str, side: str) -> tuple[str, ...]:
+    """Return the names of the wrist and of `SKELETON_LINKS` as a program knows them.
+
+    HumanIK, Mixamo, Unity and OptiTrack have no names for all metacarpals: they get ones that
+    retargeting leaves alone.
+
+    Parameters
+    ----------
+    naming : str
+        One of `NAMINGS`.
+    side : {'right', 'left'}
+
+    Returns
+    -------
+    tuple of str, length 20
+    """
+    hand = side[:1].upper() if naming == 'optitrack' else side.title()
+    prefix = f'mixamorig:{hand}' if naming == 'mixamo' else hand
+    names = [f'{prefix}Hand']
+    for link in SKELETON_LINKS:
+        digit, _, bone = link.partition('_')
+        finger = 'Pinky' if digit == 'little' and naming in PINKY_NAMINGS else digit.title()
+        is_thumb = digit == 'thumb'
+        if naming == 'xsens':
+            short = {'metacarpal': 'MC', 'proximal': 'PP', 'middle': 'MP', 'distal': 'DP'}[bone]
+            names.append(f'{hand}{ORDINALS[digit]}{short}')
+        elif naming == 'unity':
+            part = {'metacarpal': 'Proximal', 'proximal': 'Intermediate', 'distal': 'Distal'}[
+                bone] if is_thumb else {'metacarpal': 'Metacarpal', 'proximal': 'Proximal',
+                                        'middle': 'Intermediate', 'distal': 'Distal'}[bone]
+            names.append(f'{hand}{finger}{part}')
+        elif naming == 'rokoko':
+            part = 'Medial' if bone == 'middle' else bone.title()
+            names.append(f'{hand}Finger{1 + list(ORDINALS).index(digit)}{part}')
+        else:
+            number = ('metacarpal', 'proximal', 'middle', 'distal').index(bone)
+            number = {0: 1, 1: 2, 3: 3}[number] if is_thumb else number
+            if not number and naming in ('humanik', 'optitrack'):
+                names.append(f'{hand}InHand{finger}')
+            elif naming == 'optitrack':
+                names.append(f'{hand}{finger}{number}')
+            else:
+                names.append(f'{prefix}Hand{finger}{number}')
+    return tuple(names)
+
+
+def skeleton_motion(tracked: TrackedHand, naming: str = NAMINGS[0]) -> SkeletonMotion:
+    """Return a tracked hand as a skeleton in motion.
+
+    Parameters
+    ----------
+    tracked : TrackedHand
+    naming : str, optional
+        One of `NAMINGS`.
+
+    Returns
+    -------
+    SkeletonMotion
+    """
+    from scipy.spatial.transform import Rotation
+
+    hand = tracked.hand
+    rest = _skeleton_pose(forward(joint_table(hand), np.zeros(len(JOINTS))))
+    parents = _parents()
+    to_y_up = np.array(ROTATIONS['y'], dtype=float).T
+    to_t_pose = t_pose_turn(hand.side)
+    origins = np.concatenate((np.zeros((1, 3)), rest.position))
+    offsets = origins - origins[np.maximum(parents, 0)]
+    rotation = np.empty((len(tracked.angles), len(parents), 4))
+    rotation[:, 0] = Rotation.from_matrix(
+        to_y_up @ tracked.wrist_rotation @ to_t_pose.T).as_quat()
+    for first in range(0, len(rotation), POSES_AT_ONCE):
+        frames = slice(first, first + POSES_AT_ONCE)
+        pose = _skeleton_pose(forward(joint_table(hand), tracked.angles[frames]))
+        # From the T-pose, in axes of the wrist.
+        turned = pose.rotation @ rest.rotation.swapaxes(1, 2)
+        for joint in range(1, len(parents)):
+            local = turned[:, joint - 1]
+            if parents[joint]:
+                local = turned[:, parents[joint] - 1].swapaxes(1, 2) @ local
+            rotation[frames, joint] = Rotation.from_matrix(
+                to_t_pose @ local @ to_t_pose.T).as_quat()
+    _make_continuous(rotation)
+    last = [1 + SKELETON_LINKS.index(f'{digit}_distal') for digit in DIGITS]
+    tips = np.einsum('dij,dj->di', rest.rotation[np.array(last) - 1], tip_offsets(hand))
+    return SkeletonMotion(
+        joint_names(naming, hand.side), tuple(parents), offsets @ to_t_pose.T,
+        dict(zip(last, tips @ to_t_pose.T)), tracked.wrist_position @ to_y_up.T, rotation,
+        tracked.times - tracked.times[:1])
+
+
+def joint_centres(tracked: TrackedHand, name: str) -> PointRecording:
+    """Return the joint centres and tips of a tracked hand as a recording of points.
+
+    Parameters
+    ----------
+    tracked : TrackedHand
+    name : str
+        Of the recording.
+
+    Returns
+    -------
+    PointRecording
+        Labels such as 'right_index_pip'.
+    """
+    hand = tracked.hand
+    labels = ['wrist', *(LANDMARK_AT_LINK[link] for link in SKELETON_LINKS),
+              *(f'{digit}_tip' for digit in DIGITS)]
+    points = np.empty((len(tracked.angles), len(labels), 3), dtype=np.float32)
+    distal = [SKELETON_LINKS.index(f'{digit}_distal') for digit in DIGITS]
+    for first in range(0, len(points), POSES_AT_ONCE):
+        frames = slice(first, first + POSES_AT_ONCE)
+        pose = _skeleton_pose(forward(
+            joint_table(hand), tracked.angles[frames], tracked.wrist_rotation[frames],
+            tracked.wrist_position[frames]))
+        tips = pose.position[:, distal] + np.einsum(
+            'tdij,dj->tdi', pose.rotation[:, distal], tip_offsets(hand))
+        points[frames] = np.concatenate(
+            (tracked.wrist_position[frames, None], pose.position, tips), axis=1)
+    stamps = tracked.times - tracked.times[0] if len(points) else None
+    return PointRecording(name, 'tracked hand', tuple(f'{hand.side}_{label}' for label in labels),
+                          points, 1. / usual_step(tracked.times), stamps, Axes('m', 'z'), (), True)
+
+
+def _skeleton_pose(pose: Pose) -> Pose:
+    rows = [LINKS.index(link) for link in SKELETON_LINKS]
+    return Pose(pose.rotation[..., rows, :, :], pose.position[..., rows, :])
+
+
+def _parents() -> np.ndarray:
+    """Return the parent of the wrist, -1, and of each of `SKELETON_LINKS`, 0 being the wrist."""
+    digits = [link.partition('_')[0] for link in SKELETON_LINKS]
+    return np.array([-1, *(i if i and digits[i] == digits[i - 1] else 0
+                           for i in range(len(digits)))])
+
+
+def _make_continuous(rotation: np.ndarray) -> None:
+    """Choose of q and -q the one nearer to the frame before, in place, (T, J, 4)."""
+    steps = np.einsum('tji,tji->tj', rotation[1:], rotation[:-1])
+    signs = np.cumprod(np.where(steps < 0., -1., 1.), axis=0)
+    rotation[1:] *= signs[..., None]

@@ -1,0 +1,142 @@
+"""YAML of hand and layout files: reading with errors that name file, line and field."""
+
+import difflib
+import math
+from collections.abc import Callable, Collection
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike
+
+from ..core.errors import HandTrackerError
+
+Parsed = TypeVar('Parsed')
+
+
+class InvalidHandFile(HandTrackerError, ValueError):
+    """A hand file is invalid; the message names file, field, value and what is allowed."""
+
+
+class Quantity(NamedTuple):
+    """Unit and bounds of a number, or of a list of numbers, in a hand file.
+
+    Attributes
+    ----------
+    unit : {'mm', 'degrees', ''}
+    size : int
+        Length of the list; 0 for a single number.
+    lower, upper : float
+        Of each number, in the file's unit.
+    """
+
+    unit: str
+    size: int
+    lower: float
+    upper: float
+
+    def to_si(self, value: float) -> float:
+        """Convert a number from the file's unit to metres or radians."""
+        if self.unit == 'degrees':
+            return np.radians(value)
+        return value / 1000. if self.unit == 'mm' else float(value)
+
+    def from_si(self, values: ArrayLike) -> float | list[float]:
+        """Convert metres or radians to the file's unit, as plain numbers."""
+        scale = {'mm': 1000., 'degrees': 180. / math.pi}.get(self.unit, 1.)
+        numbers = [round(float(v) * scale, 12) + 0. for v in np.atleast_1d(values)]
+        return numbers if self.size else numbers[0]
+
+
+class UniqueKeyLoader(yaml.SafeLoader):
+    """YAML loader that refuses duplicate keys, instead of silently keeping the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
+        names = [key for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        for i, key in enumerate(names):
+            if key.value in [other.value for other in names[:i]]:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"key '{key.value}' stands twice", key.start_mark)
+        return super().construct_mapping(node, deep)
+
+
+def read_yaml(path: str | PathLike[str], parse: Callable[[Any], Parsed]) -> Parsed:
+    """Read and parse a YAML file; errors name the file.
+
+    Parameters
+    ----------
+    path : str or path-like
+    parse : callable
+        Takes the file's tree; may raise `HandTrackerError`.
+
+    Raises
+    ------
+    InvalidHandFile
+    """
+    try:
+        text = Path(path).read_text(encoding='utf-8')
+    except OSError as error:
+        raise InvalidHandFile(f'{path}: {error.strerror}') from None
+    except UnicodeDecodeError as error:
+        raise InvalidHandFile(f'{path}: no YAML text: {error}') from None
+    return parse_yaml(text, path, parse)
+
+
+def parse_yaml(text: str, name: str | PathLike[str], parse: Callable[[Any], Parsed]) -> Parsed:
+    """Parse YAML text as `read_yaml` does; errors name it by `name`."""
+    try:
+        return parse(yaml.load(text, UniqueKeyLoader))
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        raise InvalidHandFile(
+            f'{name}:{mark.line + 1}:{mark.column + 1}: {error.problem}') from None
+    except yaml.YAMLError as error:
+        raise InvalidHandFile(f'{name}: no YAML text: {error}') from None
+    except HandTrackerError as error:
+        raise InvalidHandFile(f'{name}: {error}') from None
+
+
+def mapping(where: str, value: Any, allowed: Collection[str]) -> dict:
+    """Return a mapping after checking its keys; None becomes an empty one."""
+    if value is None:
+        return {}
+    if not isinstance(value, dict):
+        raise InvalidHandFile(
+            f'{where or "the file"}: {value!r}; expected a mapping of {", ".join(allowed)}')
+    for key in value:
+        if key not in allowed:
+            dotted = f'{where}.{key}' if where else f'{key}'
+            near = difflib.get_close_matches(str(key), allowed, 1)
+            hint = f"did you mean '{near[0]}'?" if near else f'allowed are {", ".join(allowed)}'
+            raise InvalidHandFile(f'{dotted}: unknown key; {hint}')
+    return value
+
+
+def choice(where: str, value: Any, allowed: Collection[str]) -> str:
+    """Return a value after checking that it is one of those allowed."""
+    if value not in tuple(allowed):
+        raise InvalidHandFile(f'{where}: {value!r}; allowed are {", ".join(allowed)}')
+    return value
+
+
+def number(where: str, value: Any, quantity: Quantity) -> float | list[float]:
+    """Return a value of the file in metres, radians or no unit, after checking its range."""
+    if not quantity.size:
+        values, places = [value], ['']
+    elif isinstance(value, list) and len(value) == quantity.size:
+        values, places = value, [f'[{i}]' for i in range(quantity.size)]
+    else:
+        raise InvalidHandFile(
+            f'{where}: {value!r}; expected a list of {quantity.size} numbers')
+    for place, number in zip(places, values):
+        if isinstance(number, bool) or not isinstance(number, (int, float)):
+            raise InvalidHandFile(f'{where}{place}: {number!r}; expected a number')
+        # Also true for NaN.
+        if not quantity.lower <= number <= quantity.upper:
+            raise InvalidHandFile(
+                f'{where}{place}: {number}; '
+                f'allowed is {quantity.lower:g} to {quantity.upper:g} {quantity.unit}'.rstrip())
+    numbers = [quantity.to_si(number) for number in values]
+    return numbers if quantity.size else numbers[0]

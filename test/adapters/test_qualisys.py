@@ -1,0 +1,142 @@
+"""The client of Qualisys before a simulated QTM, through Qualisys' own package."""
+
+import sys
+import time
+from contextlib import contextmanager
+from threading import Event, Thread
+
+import numpy as np
+import pytest
+from helpers.qtm_server import QtmServer, data_packet
+
+from hand_tracker.adapters import qualisys
+from hand_tracker.adapters.clock_estimate import wall_offset
+from hand_tracker.adapters.point_frame import SourceUnavailable
+from hand_tracker.adapters.qualisys import QualisysClient
+from hand_tracker.messages.stamps import nanoseconds
+
+NEEDS = ('qtm_rt',)
+
+LABELS = 'wrist', 'index'
+PATIENCE = 60.  # [s]
+NOWHERE = [np.nan] * 3
+
+
+@contextmanager
+def receiving(server, components=('3d', '3dnolabels'), **more):
+    """Let a client receive; yield its frames and news."""
+    frames, news, ended = [], [], Event()
+    client = QualisysClient('127.0.0.1', frames.append, lambda *each: news.append(each),
+                            components, port=server.port, **more)
+    thread = Thread(target=client.run, args=(ended,))
+    thread.start()
+    try:
+        yield frames, news
+    finally:
+        ended.set()
+        thread.join(PATIENCE)
+        assert not thread.is_alive()
+
+
+def streams_begun(server):
+    """Return how often a client has asked for data."""
+    return sum(command.lower().startswith('streamframes') for command in server.commands)
+
+
+def wait(condition):
+    until = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(.002)
+
+
+@pytest.mark.parametrize('ending', ['', 'res'])
+def test_named_markers_and_anonymous_points_are_read(ending):
+    named, anonymous = f'3d{ending}', f'3dnolabels{ending}'
+    with QtmServer(LABELS) as server, receiving(server, (named, anonymous)) as (frames, news):
+        wait(lambda: server.streams)
+        server.send(data_packet(1, 5000, {
+            named: [[1., 2., 3.], NOWHERE, [10., 0., 0.]], anonymous: [[4., 5., 6.]]}))
+        server.send(data_packet(2, 15000, {named: [[1., 2., 3.], [7., 8., 9.]], anonymous: []}))
+        wait(lambda: len(frames) == 2)
+    assert frames[0].names == frames[1].names == LABELS
+    np.testing.assert_allclose(frames[0].markers, [[.001, .002, .003], NOWHERE], rtol=1e-7)
+    # A marker that QTM has no name for is anonymous.
+    np.testing.assert_allclose(frames[0].points, [[.01, 0., 0.], [.004, .005, .006]], rtol=1e-7)
+    np.testing.assert_allclose(frames[1].markers[1], [.007, .008, .009], rtol=1e-7)
+    assert f'streamframes allframes {named} {anonymous}' in server.commands
+    assert news == [(False, f'QTM on 127.0.0.1 streams {named}, {anonymous}, 2 named markers')]
+
+
+def test_packets_in_pieces_repeated_and_lost():
+    with QtmServer(LABELS) as server, receiving(server) as (frames, _):
+        wait(lambda: server.streams)
+        sent = b''.join(data_packet(number, 1000 * number, {'3d': [[number, 0., 0.]] * 2})
+                        for number in (1, 2, 2, 3, 7, 8))
+        for start in range(0, len(sent), 13):
+            server.send(sent[start:start + 13])
+        wait(lambda: len(frames) == 5)
+    assert [round(1e3 * frame.markers[0, 0]) for frame in frames] == [1, 2, 3, 7, 8]
+
+
+def test_a_damaged_packet_and_a_lost_connection_are_survived(monkeypatch, capfd):
+    monkeypatch.setattr(qualisys, 'RETRY_TIME', .1)
+    cut = bytearray(data_packet(1, 1000, {'3d': [[1., 2., 3.]] * 2}))
+    cut[32] = 200  # markers, of which there are two
+    unreadable = bytearray(data_packet(2, 1000, {'3d': []}))
+    unreadable[28] = 77  # a component that does not exist
+    with QtmServer(LABELS) as server, receiving(server) as (frames, news):
+        wait(lambda: server.streams)
+        server.send(bytes(cut))
+        server.send(data_packet(3, 3000, {'3d': [[3., 0., 0.]] * 2}))
+        wait(lambda: len(frames) == 1)
+        server.send(bytes(unreadable))
+        wait(lambda: streams_begun(server) == 2)
+        server.hang_up()
+        wait(lambda: streams_begun(server) == 3)
+        server.send(data_packet(1, 1000, {'3d': [[4., 0., 0.]] * 2}))
+        wait(lambda: len(frames) == 2)
+    assert any('damaged frame' in text for _, text in news)
+    assert any('connection has ended' in text for _, text in news)
+    assert 'Traceback' not in ''.join(capfd.readouterr())
+
+
+def test_a_qtm_that_is_not_there_is_told_once_and_found_when_it_comes(monkeypatch):
+    monkeypatch.setattr(qualisys, 'RETRY_TIME', .1)
+    with QtmServer(LABELS) as former:
+        pass
+    with receiving(former) as (frames, news):
+        wait(lambda: news)
+        with QtmServer(LABELS, former.port) as server:
+            wait(lambda: server.streams)
+            server.send(data_packet(1, 1000, {'3d': [[1., 0., 0.]] * 2}))
+            wait(lambda: frames)
+    assert [is_warning for is_warning, _ in news[:2]] == [True, False]
+    assert 'Is QTM measuring' in news[0][1]
+
+
+def test_components_are_checked_and_the_package_is_named(monkeypatch):
+    with pytest.raises(SourceUnavailable, match='6d.*expected some of 3d 3dres'):
+        QualisysClient('127.0.0.1', print, print, ('3d', '6d'))
+    monkeypatch.setitem(sys.modules, 'qtm_rt', None)
+    with pytest.raises(SourceUnavailable, match='pip install qtm-rt'):
+        QualisysClient('127.0.0.1', print, print)
+
+
+def test_stamps_are_the_exposures_times_under_jitter(monkeypatch):
+    """Packets are handed over at simulated times: 5 ms of jitter, no waiting."""
+    from qtm_rt.packet import QRTPacket
+    rng, frames, now = np.random.default_rng(4), [], [0.]
+    monkeypatch.setattr(qualisys, 'monotonic_ns', lambda: round(1e9 * now[0]))
+    client = QualisysClient('127.0.0.1', frames.append, print, latency=.003)
+    start, rate, drift = 1000., 120., 5e-5
+    exposed = start + np.arange(40. * rate) / rate
+    last = 0.
+    for number, at in enumerate(exposed):
+        # TCP keeps the order: what waits, waits for what was sent before.
+        now[0] = last = max(last, at + .003 + .005 * rng.random())
+        data = data_packet(number, round(1e6 * (50. + at * (1. + drift))), {'3d': [[1., 2., 3.]]})
+        client.take(QRTPacket(data[8:]))
+    wall = wall_offset()
+    errors = np.array([1e-9 * (nanoseconds(frame.stamp) - wall) for frame in frames]) - exposed
+    assert np.abs(errors[exposed > start + 10.]).max() < 2e-4

@@ -1,0 +1,48 @@
+"""Recordings of an object store, tracked into another of its folders."""
+
+import fsspec
+import pytest
+from helpers.point_files import hand_recording
+
+from hand_tracker.cli.track import main
+from hand_tracker.files.recordings import write_recording
+from hand_tracker.files.remote_files import RemoteFileError, Url, local_copy, located, matching
+
+NEEDS = ('fsspec',)
+
+
+@pytest.fixture
+def store(tmp_path):
+    """Return a store with two recordings in memory."""
+    write_recording(tmp_path / 'take.mcap', hand_recording())
+    memory = fsspec.filesystem('memory')
+    for name in ('one', 'two'):
+        memory.put_file(str(tmp_path / 'take.mcap'), f'/takes/{name}.mcap')
+    yield memory
+    memory.store.clear()
+    memory.pseudo_dirs[:] = ['']
+
+
+def test_recordings_of_a_store_are_tracked_into_it(store, tmp_path, capsys):
+    assert main(['memory://takes/*.mcap', '-o', 'memory://angles']) == 0
+    assert main([str(tmp_path / 'take.mcap'), '-o', str(tmp_path / 'here.csv')]) == 0
+    for name in ('one', 'two'):
+        assert store.cat(f'/angles/{name}.csv') == (tmp_path / 'here.csv').read_bytes()
+    capsys.readouterr()
+    assert main(['memory://takes/*.mcap', '-o', 'memory://angles', '--resume']) == 0
+    assert capsys.readouterr().out.count('already there') == 2
+    assert main(['memory://takes/one.mcap', '-o', str(tmp_path / 'copied.csv')]) == 0
+    assert (tmp_path / 'copied.csv').read_bytes() == (tmp_path / 'here.csv').read_bytes()
+
+
+def test_what_is_not_there_is_named(store):
+    assert located('s3://bucket/a.c3d') == 's3://bucket/a.c3d'
+    assert not isinstance(located('a.c3d'), Url)
+    with pytest.raises(RemoteFileError, match='no file there'):
+        matching(Url('memory://takes/*.c3d'))
+    with pytest.raises(RemoteFileError, match='memory://takes/three.mcap: FileNotFound'):
+        with local_copy(Url('memory://takes/three.mcap')):
+            pass
+    with pytest.raises(RemoteFileError, match='nosuch://a'):
+        with local_copy(Url('nosuch://a')):
+            pass
