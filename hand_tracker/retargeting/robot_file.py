@@ -1,0 +1,256 @@
+"""Robot files: which URDF, which links are tips, and how to retarget, in YAML.
+
+The presets in `config/robots` are such files, all but `plain` without a URDF's path, which a
+parameter gives. All keys are optional; what is not given is found by geometry. Tip links may hold
+``{side}``, right or left, and ``{S}``, R or L; the URDF's path may hold ``{side}``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+
+from ..core.model.hand import JOINTS, SIDES
+from ..package_data import share_directory
+from .dexretargeting_file import translated
+from .retarget_options import RetargetOptions
+from .robot_anatomy import ROLES, find_anatomy
+from .robot_hand import Follow, RobotHand, TipSphere, tip_sphere
+from .robot_model import RobotModel, robot_model
+from .robot_urdf import InvalidRobot, UrdfTree, load_urdf_tree, read_urdf_tree
+
+ROBOT_FILE_KEYS = ('name', 'urdf', 'side', 'digits', 'rest', 'follow', 'options', 'order')
+DIGIT_KEYS = ('tip', 'tip_offset_mm', 'radius_mm')
+FOLLOW_KEYS = ('angle', 'scale', 'offset_deg')
+PACKAGE_SCHEME = 'package://'
+
+
+class LoadedRobot(NamedTuple):
+    """A robot hand with the settings of its file.
+
+    Attributes
+    ----------
+    hand : RobotHand
+    options : RetargetOptions
+    order : tuple of str
+        Names of the joints in the order of commands without names.
+    notes : tuple of str
+        What a person should know: what the geometry left open, what of a file is not used.
+    urdf : str
+        Path of its URDF; empty where that was given as XML.
+    """
+
+    hand: RobotHand
+    options: RetargetOptions
+    order: tuple[str, ...]
+    notes: tuple[str, ...]
+    urdf: str = ''
+
+
+def preset_names() -> list[str]:
+    """Return the names of the packaged robot files."""
+    return sorted(path.stem for path in (share_directory() / 'config' / 'robots').glob('*.yaml'))
+
+
+def load_robot(robot: str, urdf: str = '', side: str | None = None,
+               preferred_side: str = SIDES[0]) -> LoadedRobot:
+    """Return a robot of a preset, a robot file, a dex-retargeting file or a URDF.
+
+    Parameters
+    ----------
+    robot : str
+        Name of a preset, or path of a file.
+    urdf : str
+        Path, package:// path, or XML of the URDF; that of the file when empty.
+    side : {'right', 'left'}, optional
+        Of the robot; as in the file, or as the geometry says.
+    preferred_side : {'right', 'left'}
+        Of the URDF that is taken where a robot file has one for each side.
+
+    Raises
+    ------
+    InvalidRobot
+        Naming the file, the key, its value and what is expected.
+    """
+    if robot.endswith(('.urdf', '.xml')):
+        file = resolve_path(robot, Path())
+        return _assemble({}, load_urdf_tree(file), side, robot)._replace(urdf=str(file.resolve()))
+    path = share_directory() / 'config' / 'robots' / f'{robot}.yaml'
+    if not path.is_file():
+        path = resolve_path(robot, Path())
+        if not path.is_file():
+            raise InvalidRobot(f"robot: '{robot}' is no file and no preset; presets are "
+                               f'{", ".join(preset_names())}')
+    settings = read_settings(path)
+    notes: tuple[str, ...] = ()
+    if 'retargeting' in settings:
+        settings, notes = translated(settings['retargeting'], str(path))
+    given = urdf or str(settings.get('urdf', '')).replace('{side}', side or preferred_side)
+    if not given:
+        raise InvalidRobot(f'{path}: no urdf: give the path of the robot\'s URDF')
+    if given.lstrip().startswith('<'):
+        tree, place = read_urdf_tree(given, 'robot_description'), ''
+    else:
+        file = resolve_path(given, Path() if urdf else path.parent)
+        tree, place = load_urdf_tree(file), str(file.resolve())
+    loaded = _assemble(settings, tree, side, str(path))
+    return loaded._replace(notes=(*notes, *loaded.notes), urdf=place)
+
+
+def read_settings(path: Path) -> dict[str, Any]:
+    """Return the mapping of a YAML file.
+
+    Raises
+    ------
+    InvalidRobot
+        If there is none.
+    """
+    try:
+        tree = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        reason = ' '.join(str(getattr(error, 'strerror', None) or error).split())
+        raise InvalidRobot(f'{path}: {reason}') from None
+    if not isinstance(tree, dict):
+        raise InvalidRobot(f'{path}: expected a mapping with keys as {", ".join(ROBOT_FILE_KEYS)}')
+    return tree
+
+
+def resolve_path(text: str, folder: Path) -> Path:
+    """Return the file of a path, a path relative to a folder, or a package:// path.
+
+    Raises
+    ------
+    InvalidRobot
+        If the package is in none of the prefixes of AMENT_PREFIX_PATH.
+    """
+    if not text.startswith(PACKAGE_SCHEME):
+        return folder / Path(text).expanduser()
+    package, _, rest = text[len(PACKAGE_SCHEME):].partition('/')
+    for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
+        if (share := Path(prefix) / 'share' / package).is_dir():
+            return share / rest
+    raise InvalidRobot(f"{text}: there is no package '{package}'; source its workspace, or give a "
+                       'path')
+
+
+def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
+              source: str) -> LoadedRobot:
+    """Return a robot from its settings and its URDF."""
+    _require_keys('', settings, ROBOT_FILE_KEYS, source)
+    side = side or settings.get('side')
+    if side not in (None, *SIDES):
+        raise InvalidRobot(f"{source}: side: '{side}'; expected {' or '.join(SIDES)}")
+    digits = _mapping(settings, 'digits', source)
+    _require_keys('digits', digits, ROLES, source)
+    for role, digit in digits.items():
+        if not isinstance(digit, dict):
+            raise InvalidRobot(f'{source}: digits.{role}: expected keys as '
+                               f'{", ".join(DIGIT_KEYS)}')
+        _require_keys(f'digits.{role}', digit, DIGIT_KEYS, source)
+    model = robot_model(tree)
+    try:
+        anatomy = find_anatomy(model, _tips(digits, model, side), side)
+    except InvalidRobot as error:
+        raise InvalidRobot(f'{source}: {error}') from None
+    spheres = {}
+    for role in anatomy.digits:
+        given = digits.get(role, {})
+        radius = given.get('radius_mm')
+        sphere = tip_sphere(anatomy, role, tree.spheres, None if radius is None else _number(
+            radius, f'{source}: digits.{role}.radius_mm') / 1e3)
+        if 'tip_offset_mm' in given:
+            centre = _offset(given['tip_offset_mm'], f'{source}: digits.{role}.tip_offset_mm')
+            place = model.links[anatomy.digits[role].tip_link]
+            sphere = TipSphere(place.translation + place.rotation @ centre, sphere.radius)
+        spheres[role] = sphere
+    hand = RobotHand(str(settings.get('name') or tree.name), model, anatomy, spheres,
+                     _rest(settings, model, source), _follow(settings, model, source))
+    order = tuple(settings.get('order') or model.variables)
+    unknown = [name for name in order if name not in model.joint_names]
+    if unknown:
+        raise InvalidRobot(f"{source}: order: there is no movable joint '{unknown[0]}'; there are "
+                           f'{", ".join(model.joint_names)}')
+    return LoadedRobot(hand, _options(settings, source), order, anatomy.unsure)
+
+
+def _tips(digits: Mapping[str, Any], model: RobotModel, side: str | None) -> dict[str, str] | None:
+    """Return the tip links that are given, with the side that the URDF has."""
+    patterns = {role: str(digit['tip']) for role, digit in digits.items() if 'tip' in digit}
+    if not patterns:
+        return None
+    for one in (side,) if side else SIDES:
+        tips = {role: pattern.replace('{side}', one).replace('{S}', one[0].upper())
+                for role, pattern in patterns.items()}
+        if all(link in model.links for link in tips.values()):
+            break
+    return tips
+
+
+def _rest(settings: Mapping[str, Any], model: RobotModel, source: str) -> np.ndarray:
+    rest = model.open_position()
+    for name, value in _mapping(settings, 'rest', source).items():
+        rest[_variable(name, model, f'{source}: rest')] = _number(value, f'{source}: rest.{name}')
+    return np.clip(rest, model.lower, model.upper)
+
+
+def _follow(settings: Mapping[str, Any], model: RobotModel, source: str) -> tuple[Follow, ...]:
+    found = []
+    for name, given in _mapping(settings, 'follow', source).items():
+        place = f'{source}: follow.{name}'
+        given = given if isinstance(given, dict) else {'angle': given}
+        _require_keys(f'follow.{name}', given, FOLLOW_KEYS, source)
+        if given.get('angle') not in JOINTS:
+            raise InvalidRobot(f"{place}: angle: '{given.get('angle')}'; expected one of "
+                               f'{", ".join(JOINTS)}')
+        found.append(Follow(
+            _variable(name, model, f'{source}: follow'), JOINTS.index(given['angle']),
+            _number(given.get('scale', 1.), f'{place}: scale'),
+            float(np.radians(_number(given.get('offset_deg', 0.), f'{place}: offset_deg')))))
+    return tuple(found)
+
+
+def _options(settings: Mapping[str, Any], source: str) -> RetargetOptions:
+    given = _mapping(settings, 'options', source)
+    _require_keys('options', given, tuple(option.name for option in fields(RetargetOptions)),
+                  source)
+    return RetargetOptions(**given)
+
+
+def _variable(name: str, model: RobotModel, place: str) -> int:
+    if name not in model.variables:
+        raise InvalidRobot(f"{place}: there is no independent joint '{name}'; there are "
+                           f'{", ".join(model.variables)}')
+    return model.variables.index(name)
+
+
+def _mapping(settings: Mapping[str, Any], key: str, source: str) -> dict[str, Any]:
+    value = settings.get(key) or {}
+    if not isinstance(value, dict):
+        raise InvalidRobot(f'{source}: {key}: {value!r}; expected a mapping')
+    return value
+
+
+def _require_keys(place: str, given: Mapping[str, Any], known: tuple[str, ...],
+                  source: str) -> None:
+    for key in given:
+        if key not in known:
+            raise InvalidRobot(f"{source}: {place + ': ' if place else ''}there is no key '{key}'; "
+                               f'expected are {", ".join(known)}')
+
+
+def _number(value: Any, place: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+        raise InvalidRobot(f'{place}: {value!r}; expected a number')
+    return float(value)
+
+
+def _offset(value: Any, place: str) -> np.ndarray:
+    if not isinstance(value, list) or len(value) != 3:
+        raise InvalidRobot(f'{place}: {value!r}; expected three numbers')
+    return np.array([_number(number, place) for number in value]) / 1e3

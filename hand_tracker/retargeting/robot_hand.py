@@ -1,0 +1,153 @@
+"""A robot hand ready for retargeting: model, anatomy, and a sphere at each tip."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .robot_anatomy import RobotAnatomy, find_anatomy
+from .robot_model import RobotModel, robot_model
+from .robot_urdf import UrdfTree
+
+TIP_RADIUS_SHARE = .09             # [1] of a digit's length, where no radius is known
+TIP_RADIUS_RANGE = (.001, .05)     # [m]
+
+
+class TipSphere(NamedTuple):
+    """Sphere at the tip of a digit, with which it touches others.
+
+    Attributes
+    ----------
+    centre : ndarray, shape (3,)
+        In the last joint's frame [m].
+    radius : float
+        [m]
+    """
+
+    centre: np.ndarray
+    radius: float
+
+
+class Follow(NamedTuple):
+    """Joint-to-joint map: variable = scale * angle + offset.
+
+    Attributes
+    ----------
+    variable, angle : int
+        Index in `RobotModel.variables` and in `JOINTS`.
+    scale, offset : float
+        [1] and [rad]
+    """
+
+    variable: int
+    angle: int
+    scale: float
+    offset: float
+
+
+class RobotHand(NamedTuple):
+    """A robot hand.
+
+    Attributes
+    ----------
+    name : str
+    model : RobotModel
+    anatomy : RobotAnatomy
+    spheres : dict of str to TipSphere
+        By role.
+    rest : ndarray, shape (n,)
+        Position of the variables at rest [rad or m].
+    follow : tuple of Follow
+    """
+
+    name: str
+    model: RobotModel
+    anatomy: RobotAnatomy
+    spheres: dict[str, TipSphere]
+    rest: np.ndarray
+    follow: tuple[Follow, ...] = ()
+
+    @property
+    def side(self) -> str:
+        """'right' or 'left'."""
+        return self.anatomy.side
+
+    def tip_positions(self, position: np.ndarray) -> np.ndarray:
+        """Return the centres of the tip spheres in the palm's frame, shape (digits, 3) [m].
+
+        Parameters
+        ----------
+        position : ndarray, shape (n,)
+            Of the variables [rad or m].
+        """
+        frames = self.model.frames(position)
+        points = [frames[1][digit.joints[-1]] + frames[0][digit.joints[-1]]
+                  @ self.spheres[role].centre for role, digit in self.anatomy.digits.items()]
+        return self._in_palm(np.array(points), frames)
+
+    def chains(self, position: np.ndarray) -> dict[str, np.ndarray]:
+        """Return joints and tip of each digit in the palm's frame, by role, shape (k, 3) [m].
+
+        Parameters
+        ----------
+        position : ndarray, shape (n,)
+            Of the variables [rad or m].
+        """
+        frames = self.model.frames(position)
+        rotations, origins = frames
+        return {role: self._in_palm(np.array(
+            [*(origins[joint] for joint in digit.joints),
+             origins[digit.joints[-1]] + rotations[digit.joints[-1]] @ digit.tip]), frames)
+            for role, digit in self.anatomy.digits.items()}
+
+    def _in_palm(self, points: np.ndarray, frames: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        """Return points of the base in the palm's frame, shape (n, 3) [m]."""
+        palm = self.anatomy.palm_joint
+        if palm >= 0:
+            points = (points - frames[1][palm]) @ frames[0][palm]
+        return points @ self.anatomy.axes
+
+
+def robot_hand(tree: UrdfTree, tips: dict[str, str] | None = None,
+               side: str | None = None) -> RobotHand:
+    """Return a robot hand of which everything is found by geometry.
+
+    Parameters
+    ----------
+    tree : UrdfTree
+    tips, side : optional
+        As for `find_anatomy`.
+
+    Raises
+    ------
+    InvalidRobot
+        If there is no hand to be found.
+    """
+    model = robot_model(tree)
+    anatomy = find_anatomy(model, tips, side)
+    spheres = {role: tip_sphere(anatomy, role, tree.spheres) for role in anatomy.digits}
+    return RobotHand(tree.name, model, anatomy, spheres, model.open_position())
+
+
+def tip_sphere(anatomy: RobotAnatomy, role: str, known: dict[str, float],
+               radius: float | None = None) -> TipSphere:
+    """Return the sphere that ends at a digit's tip.
+
+    Parameters
+    ----------
+    anatomy : RobotAnatomy
+    role : str
+    known : dict of str to float
+        Radius of spheres among the shapes of links [m].
+    radius : float, optional
+        Of the tip link's shape, else a share of the digit's length, when left out [m].
+    """
+    digit = anatomy.digits[role]
+    if radius is None:
+        lengths = [one.length for one in anatomy.digits.values()]
+        radius = known.get(digit.tip_link, TIP_RADIUS_SHARE * float(np.median(lengths)))
+        radius = float(np.clip(radius, *TIP_RADIUS_RANGE))
+    if not digit.bones or digit.bones[-1].joint != digit.joints[-1]:
+        return TipSphere(digit.tip, radius)
+    return TipSphere(digit.tip - radius * digit.bones[-1].direction, radius)

@@ -1,0 +1,91 @@
+"""What was found of a robot, in words and as a commented robot file."""
+
+from __future__ import annotations
+
+from .hand_frame import DEX_AXES, MOST_TURNED_DEG, axes_in_words, turn_deg
+from .robot_file import LoadedRobot
+from .robot_hand import RobotHand
+
+DECIMALS_MM = 2
+
+
+def findings(loaded: LoadedRobot) -> list[str]:
+    """Return what was found of a robot, a line each.
+
+    Parameters
+    ----------
+    loaded : LoadedRobot
+    """
+    robot = loaded.hand
+    model, anatomy = robot.model, robot.anatomy
+    kind = 'gripper' if anatomy.is_gripper else f'{anatomy.side} hand'
+    lines = [f'{robot.name}: {kind} of {len(anatomy.digits)} digits, '
+             f'{len(model.variables)} independent of {len(model.joint_names)} movable joints',
+             f"palm: '{anatomy.palm_link}', {_palm_frame(robot)}"]
+    for role, digit in anatomy.digits.items():
+        names = ', '.join(model.joint_names[joint] for joint in digit.joints)
+        lines.append(f"{role}: tip '{digit.tip_link}', {1e3 * digit.length:.0f} mm from its base, "
+                     f'sphere of {1e3 * robot.spheres[role].radius:.1f} mm; joints {names}')
+    idle = [name for i, name in enumerate(model.variables) if i not in _moving(robot)]
+    if idle:
+        lines.append(f'joints that move no digit, and stay: {", ".join(idle)}')
+    return lines
+
+
+def _moving(robot: RobotHand) -> set[int]:
+    return {int(robot.model.joints.variable[joint]) for digit in robot.anatomy.digits.values()
+            for joint in digit.joints}
+
+
+def _palm_frame(robot: RobotHand) -> str:
+    """Return how the palm's frame is turned, and whether dex-retargeting would go wrong."""
+    axes = robot.anatomy.axes
+    words = f'its axes are {axes_in_words(axes, robot.side)}'
+    away = turn_deg(axes @ DEX_AXES)
+    if robot.anatomy.is_gripper or away <= MOST_TURNED_DEG:
+        return words
+    return (f'{words}: turned by {away:.0f} degrees against the frame that dex-retargeting '
+            'expects (x palmar, z distal); here that is accounted for')
+
+
+def robot_file_text(loaded: LoadedRobot, urdf: str) -> str:
+    """Return a robot file with comments; `load_robot` returns the same robot from it.
+
+    Parameters
+    ----------
+    loaded : LoadedRobot
+    urdf : str
+        Path of its URDF.
+    """
+    robot = loaded.hand
+    lines = ['# Robot hand for retargeting, made by hand_tracker robot inspect.']
+    lines += [f'# {line}' for line in findings(loaded)]
+    lines += [f'# UNSURE: {line}' for line in loaded.notes]
+    lines += [f'name: {_text(robot.name)}', f'urdf: {_text(urdf)}',
+              f'side: {robot.side}', '',
+              '# Link at the tip of each digit; centre [mm, in the frame of that link] and radius',
+              "# [mm] of the sphere with which it touches: measure your robot's.", 'digits:']
+    frames = robot.model.frames(robot.model.open_position())
+    for role, digit in robot.anatomy.digits.items():
+        centre, radius = robot.spheres[role]
+        last = digit.joints[-1]
+        rotation, place = robot.model.link_pose(digit.tip_link, frames)
+        world = frames[1][last] + frames[0][last] @ centre
+        offset = [round(1e3 * float(v), DECIMALS_MM) + 0. for v in rotation.T @ (world - place)]
+        lines.append(f'  {role}: {{tip: {_text(digit.tip_link)}, tip_offset_mm: {offset}, '
+                     f'radius_mm: {round(1e3 * radius, DECIMALS_MM)}}}')
+    lines += ['', '# Positions at rest [rad or m].', 'rest:']
+    lines += [f'  {_text(name)}: {round(float(value), 6) + 0.}'
+              for name, value in zip(robot.model.variables, robot.rest)]
+    lines += ['', '# Order of commands that have no names.',
+              f'order: [{", ".join(map(_text, loaded.order))}]', '',
+              '# Joints may follow human joints one to one, in place of the tips:',
+              '# follow: {JOINT: {angle: index_mcp_flexion, scale: 1, offset_deg: 0}}',
+              '# Weights and distances: hand_tracker/retargeting/retarget_options.py.',
+              '# options: {touch: 0.005, escape: 0.04}']
+    return '\n'.join(lines) + '\n'
+
+
+def _text(value: str) -> str:
+    """Return a text quoted for YAML."""
+    return "'" + value.replace("'", "''") + "'"

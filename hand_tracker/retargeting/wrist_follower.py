@@ -1,0 +1,212 @@
+"""Pose and twist of a robot's wrist that follow the person's wrist, with a clutch. No ROS.
+
+The robot's wrist is moved by as much as the person's since both were engaged: by the same turn,
+and by the same way, scaled. While the clutch is held the robot's wrist stays, and the person's may
+go elsewhere; from its release on the robot's goes on from where it is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from ..core.errors import HandTrackerError
+
+
+class InvalidWristOption(HandTrackerError, ValueError):
+    """An option of the wrist has a value outside its range."""
+
+
+def _option(default: float, lower: float, upper: float, unit: str, description: str) -> Any:
+    return field(default=default, metadata={
+        'range': (lower, upper), 'unit': unit, 'description': description})
+
+
+@dataclass(frozen=True)
+class WristOptions:
+    """How a robot's wrist follows.
+
+    Raises
+    ------
+    InvalidWristOption
+        Naming the option, its value and what is allowed.
+    """
+
+    scale: float = _option(
+        1., .01, 10., '1', "Robot's metres per metre of the person's wrist")
+    yaw_deg: float = _option(
+        0., -360., 360., 'degrees', "About the vertical, from the markers' frame to that of the "
+        "robot's base")
+    max_speed: float = _option(
+        .25, .001, 5., 'm/s', "Of the robot's wrist")
+    max_turn_rate: float = _option(
+        1., .01, 20., 'rad/s', "Of the robot's wrist")
+    max_jump: float = _option(
+        .1, .001, 10., 'm', "Of the person's wrist from one frame to the next; after a larger one "
+        'the robot goes on from where it is')
+    max_dt: float = _option(
+        .05, .001, 1., 's', 'Time since the last command that counts at most')
+    timeout: float = _option(
+        .15, .01, 10., 's', "Age of the last pose of the person's wrist from which the robot's "
+        'stays')
+
+    def __post_init__(self) -> None:
+        for option in fields(self):
+            value = getattr(self, option.name)
+            lower, upper = option.metadata['range']
+            is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if not is_number or not lower <= value <= upper:
+                raise InvalidWristOption(
+                    f"wrist.{option.name}: {value!r}; allowed is {lower:g} to {upper:g} "
+                    f"{option.metadata['unit']}")
+
+
+class WristPose(NamedTuple):
+    """A pose.
+
+    Attributes
+    ----------
+    position : ndarray, shape (3,)
+        [m]
+    rotation : Rotation
+    """
+
+    position: np.ndarray
+    rotation: Rotation
+
+
+class WristCommand(NamedTuple):
+    """What is sent for the robot's wrist, in the frame of its base.
+
+    Attributes
+    ----------
+    pose : WristPose
+    linear, angular : ndarray, shape (3,)
+        Velocity with which it goes there [m/s] and [rad/s].
+    """
+
+    pose: WristPose
+    linear: np.ndarray
+    angular: np.ndarray
+
+
+def wrist_pose_of(position: ArrayLike, quaternion: ArrayLike) -> WristPose | None:
+    """Return a pose of a position [m] and a quaternion (x, y, z, w); None where it is none."""
+    place, turn = np.array(position, dtype=float), np.array(quaternion, dtype=float)
+    norm = float(np.linalg.norm(turn))
+    if place.shape != (3,) or turn.shape != (4,) or not np.isfinite(place).all() or (
+            not math.isfinite(norm)) or norm < 1e-6:
+        return None
+    return WristPose(place, Rotation.from_quat(turn))
+
+
+class WristFollower:
+    """Move a robot's wrist as the person moves theirs.
+
+    Times come from a clock that never jumps [s].
+
+    Parameters
+    ----------
+    options : WristOptions, optional
+
+    Attributes
+    ----------
+    refused_jumps : int
+        Times that the person's wrist jumped.
+    """
+
+    def __init__(self, options: WristOptions | None = None) -> None:
+        self.options = options or WristOptions()
+        self.refused_jumps = 0
+        self._axes = Rotation.from_euler('z', self.options.yaw_deg, degrees=True)
+        self._person: WristPose | None = None
+        self._person_time = -math.inf
+        self._is_clutched = False
+        # Poses that belong together: of the person and of the robot.
+        self._reference: tuple[WristPose, WristPose] | None = None
+        self._sent: WristPose | None = None
+        self._time = -math.inf
+
+    @property
+    def is_engaged(self) -> bool:
+        """Whether commands are made."""
+        return self._sent is not None
+
+    def observe(self, pose: WristPose | None, now: float) -> None:
+        """Take the pose of the person's wrist, in the markers' frame; None is left out."""
+        if pose is None or not math.isfinite(now):
+            return
+        if self._person is not None:
+            jumped = np.linalg.norm(pose.position - self._person.position) > self.options.max_jump
+            self.refused_jumps += int(jumped)
+            if jumped or now - self._person_time > self.options.timeout:
+                self._reference = None
+        self._person, self._person_time = pose, now
+
+    def engage(self, robot: WristPose | None, now: float) -> str:
+        """Let the robot's wrist follow from where it is; return why not, or nothing.
+
+        Parameters
+        ----------
+        robot : WristPose or None
+            Where it is, in the frame of its base.
+        now : float
+            [s]
+        """
+        if robot is None:
+            return "the pose of the robot's wrist is missing"
+        if self._person is None or now - self._person_time > self.options.timeout:
+            return "the pose of the person's wrist is missing"
+        self._sent, self._time, self._reference = robot, now, (self._person, robot)
+        return ''
+
+    def disengage(self) -> None:
+        """Make no more commands."""
+        self._sent = None
+
+    def clutch(self, is_held: bool) -> None:
+        """Hold the clutch, so that the robot's wrist stays, or release it."""
+        if is_held != self._is_clutched:
+            self._is_clutched, self._reference = is_held, None
+
+    def command(self, now: float) -> WristCommand | None:
+        """Return the command to send now; None where nothing is to be sent.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        """
+        if self._sent is None or not math.isfinite(now):
+            return None
+        step = min(max(now - self._time, 0.), self.options.max_dt)
+        self._time = max(now, self._time)
+        still = WristCommand(self._sent, np.zeros(3), np.zeros(3))
+        is_lost = now - self._person_time > self.options.timeout
+        if self._person is None or is_lost or self._is_clutched or step <= 0.:
+            if is_lost:
+                self._reference = None
+            return still
+        if self._reference is None:
+            self._reference = self._person, self._sent
+        person, robot = self._reference
+        way = self.options.scale * self._axes.apply(self._person.position - person.position)
+        turn = self._axes * self._person.rotation * person.rotation.inv() * self._axes.inv()
+        move = _shortened(robot.position + way - self._sent.position,
+                          self.options.max_speed * step)
+        rest = turn * robot.rotation * self._sent.rotation.inv()
+        turned = _shortened(rest.as_rotvec(), self.options.max_turn_rate * step)
+        self._sent = WristPose(self._sent.position + move,
+                               Rotation.from_rotvec(turned) * self._sent.rotation)
+        return WristCommand(self._sent, move / step, turned / step)
+
+
+def _shortened(vector: np.ndarray, most: float) -> np.ndarray:
+    """Return a vector shortened to a length at most."""
+    length = float(np.linalg.norm(vector))
+    return vector * (most / length) if length > most else vector

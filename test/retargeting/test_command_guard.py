@@ -1,0 +1,366 @@
+"""The guard: each rule of safety is broken on purpose, and faults come at random 10,000 times."""
+
+import numpy as np
+import pytest
+
+from hand_tracker.retargeting.command_guard import CommandGuard, GuardState
+from hand_tracker.retargeting.guard_options import GuardOptions, InvalidGuardOption
+
+NAMES = ('thumb', 'index', 'wrist')
+LOWER, UPPER = np.array((-.5, 0., -1.)), np.array((1., 1.6, 1.))
+SPEED = np.array((0., 2., 40.))
+REST = np.array((0., .1, 0.))
+ROBOT = np.array((.4, 1., -.3))
+HAND = np.array((.1, .6, .2))
+STEP = .01
+
+
+class Rig:
+    """A guard, a hand and a robot on one clock."""
+
+    def __init__(self, **options):
+        self.options = GuardOptions(**options)
+        self.guard = CommandGuard(NAMES, LOWER, UPPER, SPEED, REST, self.options)
+        self.now = 100.
+
+    def tick(self, hand=HAND, robot=ROBOT, step=STEP):
+        """Let a period pass, with a frame of the hand unless that is None; return the command."""
+        self.now += step
+        if robot is not None:
+            self.guard.observe_robot(robot, self.now)
+        if hand is not None:
+            self.guard.observe_hand(hand, self.now)
+        return self.guard.command(self.now)
+
+    def run(self, seconds, **given):
+        return [self.tick(**given) for _ in range(round(seconds / STEP))]
+
+    def engaged(self):
+        """Engage and return the rig."""
+        self.tick()
+        assert self.guard.engage(self.now) == ''
+        return self
+
+    def following(self):
+        """Engage, follow, and return the rig."""
+        self.engaged().run(4.)
+        assert self.guard.state is GuardState.FOLLOWING
+        return self
+
+
+def test_nothing_moves_before_it_is_engaged():
+    rig = Rig()
+    assert all(command is None for command in rig.run(2.))
+    assert rig.guard.state is GuardState.DISENGAGED
+    assert rig.engaged().tick() is not None
+
+
+@pytest.mark.parametrize('hand, robot, reason', [
+    (None, ROBOT, 'no hand'), (HAND, None, 'joint states are missing'),
+    (np.full(3, np.nan), ROBOT, 'no hand'), (HAND, np.full(3, np.nan), 'missing'),
+    (HAND, np.array((.4, 1.9, 0.)), 'index is at 1.900, outside its limits 0.000 to 1.600')])
+def test_without_a_hand_or_a_robot_it_is_not_engaged(hand, robot, reason):
+    rig = Rig()
+    rig.run(.1, hand=hand, robot=robot)
+    assert reason in rig.guard.engage(rig.now)
+    assert reason in rig.guard.reason and rig.tick(hand=hand, robot=robot) is None
+
+
+def test_old_joint_states_are_no_start():
+    rig = Rig()
+    rig.tick()
+    rig.run(1., robot=None)
+    assert 'joint states are missing or old' in rig.guard.engage(rig.now)
+
+
+def test_a_robot_whose_joint_states_end_is_moved_no_more():
+    rig = Rig().following()
+    commands = rig.run(rig.options.robot_timeout + .1, robot=None)
+    assert commands[0] is not None and commands[-1] is None
+    assert "the robot's joint states ended" in rig.guard.reason
+    assert rig.run(1.)[-1] is None
+    without = Rig(require_robot_state=False).following()
+    assert without.run(1., robot=None)[-1] is not None
+
+
+def test_a_robot_without_joint_states_starts_at_rest_by_choice():
+    rig = Rig(require_robot_state=False)
+    rig.run(.1, robot=None)
+    assert rig.guard.engage(rig.now) == ''
+    assert np.abs(rig.tick(robot=None) - REST).max() < .01
+
+
+def test_it_eases_from_where_the_robot_is():
+    rig = Rig().engaged()
+    commands = [ROBOT]
+    while rig.guard.state is GuardState.EASING:
+        commands.append(rig.tick())
+    assert len(commands) > .3 / (rig.options.ease_speed * STEP)
+    assert np.abs(np.diff(commands, axis=0)).max() <= rig.options.ease_speed * STEP + 1e-12
+    np.testing.assert_allclose(rig.run(3.)[-1], HAND, atol=1e-6)
+
+
+def test_from_easing_on_the_speed_rises_gradually():
+    rig = Rig(max_jump=10.).engaged()
+    while rig.guard.state is GuardState.EASING:
+        last = rig.tick()
+    far = np.array((.9, 1.5, -.9))
+    speeds = []
+    for _ in range(10):
+        command = rig.tick(hand=far)
+        speeds.append(np.abs(command - last).max() / STEP)
+        last = command
+    assert speeds[0] < 1.2 * rig.options.ease_speed
+    assert np.diff(speeds).max() <= .1 * (rig.options.max_speed - rig.options.ease_speed)
+    assert speeds[-1] > speeds[0] + .5
+
+
+@pytest.mark.parametrize('degrees, rate_hz', [(15., 1.), (4., 3.), (4., 10.)])
+def test_a_swing_is_followed_without_delay(degrees, rate_hz):
+    """A guard that brakes before each position of the hand trails it by 13 to 29 ms here."""
+    rig, step = Rig(require_robot_state=False), 1. / 120.
+    times = np.arange(240) * step
+    middle = np.array((.2, .8, 0.))
+    swing = np.radians(degrees) * np.sin(2. * np.pi * rate_hz * times)
+    rig.tick(hand=middle)
+    assert rig.guard.engage(rig.now) == ''
+    rig.run(4., hand=middle)
+    sent = np.array([rig.tick(hand=middle + (one, 0., 0.), step=step)[0] for one in swing])
+    wave = np.exp(-2j * np.pi * rate_hz * times[120:])
+    followed = ((sent[120:] - middle[0]) @ wave) / (swing[120:] @ wave)
+    assert abs(np.angle(followed)) / (2. * np.pi * rate_hz) < 1e-3
+    assert abs(followed) == pytest.approx(1., abs=.02)
+
+
+def test_a_hand_that_stops_dead_is_hardly_overshot():
+    rig = Rig().following()
+    hand = HAND.copy()
+    for _ in range(20):
+        hand = hand + (0., .015, 0.)
+        rig.tick(hand=hand)
+    beyond = max(rig.tick(hand=hand)[1] - hand[1] for _ in range(20))
+    speed = 1.5
+    assert beyond <= speed**2 / (2. * rig.options.max_acceleration) + speed * STEP
+
+
+def test_engaging_again_starts_from_the_robot_and_not_from_the_last_command():
+    rig = Rig().following()
+    rig.guard.disengage()
+    assert rig.tick() is None
+    moved = ROBOT + (.2, -.5, .1)
+    rig.run(.1, robot=moved)
+    assert rig.guard.engage(rig.now) == ''
+    assert np.abs(rig.tick(robot=moved) - moved).max() < .01
+
+
+def test_speed_and_acceleration_hold_and_the_urdf_counts():
+    rig = Rig(max_jump=10., max_speed=3., max_acceleration=30.).following()
+    last, before = rig.tick(), None
+    for _ in range(300):
+        command = rig.tick(hand=np.array((.9, 1.5, -.9)))
+        velocity = (command - last) / STEP
+        assert np.abs(velocity[0]) <= rig.options.max_speed + 1e-9
+        assert np.abs(velocity[1]) <= 2. + 1e-9    # the URDF
+        if before is not None:
+            assert np.abs(velocity - before).max() <= rig.options.max_acceleration * STEP + 1e-9
+        last, before = command, velocity
+    np.testing.assert_allclose(last, (.9, 1.5, -.9), atol=1e-6)
+
+
+def test_a_long_gap_between_commands_counts_as_a_short_one():
+    rig = Rig().following()
+    before = rig.tick()
+    after = rig.tick(hand=HAND + .5, step=5.)
+    assert np.abs(after - before).max() <= rig.options.max_speed * rig.options.max_dt + 1e-12
+
+
+def test_time_that_stands_still_or_goes_back_moves_nothing():
+    rig = Rig().following()
+    before = rig.tick()
+    for step in (0., -1.):
+        np.testing.assert_array_equal(rig.tick(hand=HAND + .3, step=step), before)
+
+
+def test_a_jump_is_followed_only_when_it_persists():
+    rig = Rig(max_jump=.3).following()
+    far = HAND + (0., .8, 0.)
+    for _ in range(rig.options.jump_frames - 1):
+        assert np.abs(rig.tick(hand=far) - HAND).max() < 1e-3
+    assert rig.guard.refused_jumps == rig.options.jump_frames - 1
+    assert np.abs(np.array(rig.run(2., hand=far))[-1] - far).max() < 1e-3
+    rig.tick(hand=HAND)
+    assert np.abs(rig.tick(hand=far) - far).max() < 1e-3
+
+
+def test_a_lost_hand_holds_and_is_never_zero():
+    rig = Rig().following()
+    held = np.array([c for c in rig.run(.9, hand=None)])
+    np.testing.assert_allclose(held, np.tile(HAND, (len(held), 1)), atol=1e-3)
+    assert rig.guard.state is GuardState.HOLDING
+    assert rig.tick() is not None and rig.guard.state is not GuardState.HOLDING
+
+
+def test_a_hand_that_is_said_to_be_lost_holds_at_once():
+    rig = Rig().following()
+    rig.guard.lose_hand()
+    rig.tick(hand=None)
+    assert rig.guard.state is GuardState.HOLDING
+
+
+def test_a_hand_that_stays_lost_needs_engaging_anew():
+    rig = Rig().following()
+    rig.run(2., hand=None)
+    assert rig.guard.state is GuardState.DISENGAGED and 'engage again' in rig.guard.reason
+    assert all(command is None for command in rig.run(1.))
+    assert rig.engaged().tick() is not None
+
+
+def test_by_choice_the_stream_stops_while_the_hand_is_lost():
+    rig = Rig(on_lost='stop').following()
+    commands = rig.run(.5, hand=None)
+    assert commands[-1] is None and rig.guard.state is GuardState.HOLDING
+
+
+def test_by_choice_it_relaxes_slowly_and_then_disengages():
+    rig = Rig(relax=True).following()
+    commands = [c for c in rig.run(10., hand=None) if c is not None]
+    assert np.abs(np.diff(commands, axis=0)).max() <= rig.options.relax_speed * STEP + 1e-9
+    np.testing.assert_allclose(commands[-1], np.clip(REST, .02 + LOWER, UPPER - .02), atol=2e-3)
+    assert rig.guard.state is GuardState.DISENGAGED
+
+
+def test_hold_to_engage_moves_only_while_it_is_pressed():
+    rig = Rig(hold_to_engage=True)
+    rig.tick()
+    assert 'deadman' in rig.guard.engage(rig.now)
+    for _ in range(50):
+        rig.guard.press(rig.now)
+        assert rig.tick() is not None
+    commands = rig.run(.5)
+    assert commands[-1] is None and 'released' in rig.guard.reason
+    rig.guard.press(rig.now)
+    assert rig.tick() is not None
+
+
+@pytest.mark.parametrize('robot', [LOWER, UPPER, LOWER - .1, UPPER + .1])
+def test_limits_are_kept_with_a_margin_that_a_robot_at_its_limit_enters_slowly(robot):
+    rig = Rig()
+    rig.tick(robot=robot)
+    assert rig.guard.engage(rig.now) == ''
+    hand, easing = np.where(robot > 0., UPPER, LOWER) * 3., []
+    while rig.guard.state is GuardState.EASING:
+        easing.append(rig.tick(hand=hand))
+    commands = np.array([*easing, *rig.run(4., hand=hand)])
+    assert (commands >= LOWER).all() and (commands <= UPPER).all()
+    # As far as it comes in by the margin, and on to what the hand wants.
+    assert np.abs(commands[0] - np.clip(robot, LOWER, UPPER)).max() <= .7 * STEP + 1e-9
+    assert np.abs(np.diff(easing, axis=0)).max(initial=0.) <= .7 * STEP + 1e-9
+    assert (commands[-1] >= LOWER + .02 - 1e-9).all()
+    assert (commands[-1] <= UPPER - .02 + 1e-9).all()
+
+
+@pytest.mark.parametrize('bad', [np.nan, np.inf, -np.inf, 1e308])
+def test_what_is_not_finite_comes_in_and_never_out(bad):
+    rig = Rig().following()
+    for slot in range(3):
+        hand = HAND.copy()
+        hand[slot] = bad
+        command = rig.tick(hand=hand)
+        assert np.isfinite(command).all() and (command >= LOWER).all() and (
+            command <= UPPER).all()
+    assert rig.guard.command(bad) is None or np.isfinite(bad)
+
+
+@pytest.mark.parametrize('fields, message', [
+    ({'max_speed': 0.}, 'max_speed: 0.0; allowed is 0.01 to 100 rad/s or m/s'),
+    ({'on_lost': 'open'}, "on_lost: 'open'; expected one of hold, stop"),
+    ({'relax': 1}, 'relax: 1; expected true or false')])
+def test_options_are_checked(fields, message):
+    with pytest.raises(InvalidGuardOption) as refusal:
+        GuardOptions(**fields)
+    assert message in str(refusal.value)
+
+
+FAULTS = ('none', 'frozen', 'killed', 'late', 'nan', 'jump', 'noise', 'robot lost', 'clock jumps',
+          'disengaged', 'reengaged', 'released', 'huge', 'short')
+
+
+@pytest.mark.parametrize('options', [
+    {}, {'on_lost': 'stop'}, {'relax': True, 'disengage_after': .1},
+    {'hold_to_engage': True, 'jump_frames': 2}])
+def test_ten_thousand_faults_break_no_rule(options):
+    random = np.random.default_rng(len(options) + sum(map(len, options)))
+    rig = Rig(**options)
+    guard, robot, frozen = rig.guard, ROBOT.copy(), HAND.copy()
+    margin, last, last_time = rig.options.limit_margin, None, 0.
+    most = np.where(SPEED > 0., np.minimum(SPEED, rig.options.max_speed), rig.options.max_speed)
+    seen, sent = set(), 0
+    for _ in range(2500):
+        fault = FAULTS[random.integers(len(FAULTS))]
+        for _ in range(int(random.integers(1, 7))):
+            wanted = HAND + .4 * np.sin(rig.now * np.array((2., 3., 5.)))
+            hand, robot_seen, step = faulty(fault, wanted, frozen, robot, random)
+            frozen = wanted
+            if fault == 'disengaged':
+                guard.disengage()
+            elif fault != 'released':
+                guard.press(rig.now)
+            may_move = guard.is_engaged
+            if not may_move:
+                last = None
+            elif last is None:
+                # It has just been engaged: where the robot was, is where it starts.
+                last, last_time, velocity = robot.copy(), rig.now, np.zeros(3)
+            command = rig.tick(hand=hand, robot=robot_seen, step=step)
+            seen.add(guard.state)
+            if command is None:
+                velocity = np.zeros(3)
+                if not guard.is_engaged:
+                    last = None
+                continue
+            sent += 1
+            assert may_move
+            assert np.isfinite(command).all()
+            assert (command >= LOWER).all() and (command <= UPPER).all()
+            since = min(max(rig.now - last_time, 0.), rig.options.max_dt)
+            assert (np.abs(command - last) <= most * since + 1e-9).all()
+            if since > 0.:
+                now_at = (command - last) / since
+                # Where a longer step than the last would lead over a limit, the limit counts.
+                free = (command > LOWER + margin + 1e-9) & (command < UPPER - margin - 1e-9)
+                assert (np.abs(now_at - velocity)[free]
+                        <= rig.options.max_acceleration * since + 1e-6).all()
+                velocity = now_at
+            inside = (last >= LOWER + margin) & (last <= UPPER - margin)
+            assert (command >= LOWER + margin - 1e-9)[inside].all()
+            assert (command <= UPPER - margin + 1e-9)[inside].all()
+            last_time = max(rig.now, last_time)
+            last = command if guard.is_engaged else None
+            robot = command.copy()
+    assert sent > 1000
+    assert seen >= {GuardState.DISENGAGED, GuardState.EASING, GuardState.FOLLOWING,
+                    GuardState.HOLDING} | ({GuardState.RELAXING} if rig.options.relax else set())
+
+
+def faulty(fault, wanted, frozen, robot, random):
+    """Return the hand, what is seen of the robot, and the time step, with a fault."""
+    hand, step = wanted, float(random.uniform(.002, .02))
+    if fault == 'frozen':
+        hand = frozen
+    elif fault == 'killed':
+        hand, step = None, .1
+    elif fault == 'late':
+        step = float(random.uniform(.1, 3.))
+    elif fault == 'nan':
+        hand = np.where(random.random(3) < .5, np.nan, wanted)
+    elif fault == 'jump':
+        hand = random.uniform(-5., 5., 3)
+    elif fault == 'noise':
+        hand = wanted + random.normal(scale=.3, size=3)
+    elif fault == 'clock jumps':
+        step = float(random.choice((-2., 0., 50.)))
+    elif fault == 'huge':
+        hand = random.choice((1e300, -1e300, np.inf), 3)
+    elif fault == 'short':
+        hand = wanted[:2]
+    return hand, None if fault == 'robot lost' else robot, step

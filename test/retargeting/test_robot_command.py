@@ -1,0 +1,39 @@
+"""`hand_tracker robot inspect`: what it prints, writes and draws."""
+
+import numpy as np
+from helpers.robots import GRIPPER, wide_hand
+from PIL import Image
+
+from hand_tracker.cli import robot
+from hand_tracker.files.urdf_file import urdf
+from hand_tracker.retargeting.robot_file import load_robot
+
+
+def test_inspecting_prints_writes_and_draws(tmp_path, capsys):
+    (tmp_path / 'hand.urdf').write_text(urdf(wide_hand('left')))
+    assert robot.main(['inspect', str(tmp_path / 'hand.urdf'), '-o', str(tmp_path / 'hand.yaml'),
+                       '--picture', str(tmp_path / 'hand.png')]) == 0
+    printed = capsys.readouterr().out
+    assert 'left hand of 5 digits' in printed and "thumb: tip 'thumb_tip'" in printed
+    assert load_robot(str(tmp_path / 'hand.yaml')).hand.side == 'left'
+    picture = np.asarray(Image.open(tmp_path / 'hand.png').convert('RGB'))
+    # Every digit's colour is in both rows of hands, person and robot.
+    for colour in ((86, 180, 233), (0, 114, 178), (0, 158, 115), (204, 121, 167), (230, 159, 0)):
+        found = (np.abs(picture.astype(int) - colour).max(axis=2) < 8).any(axis=1)
+        assert [part.any() for part in np.array_split(found, 4)] == [True] * 4
+
+
+def test_what_is_written_of_a_preset_names_its_urdf(tmp_path, capsys):
+    (tmp_path / 'hand.urdf').write_text(GRIPPER)
+    written = str(tmp_path / 'hand.yaml')
+    assert robot.main(['inspect', 'robotiq_2f', '--urdf', str(tmp_path / 'hand.urdf'),
+                       '-o', written]) == 0
+    assert load_robot(written).urdf == str(tmp_path / 'hand.urdf')
+    assert robot.main(['inspect', 'plain', '--side', 'left', '-o', written]) == 0
+    assert load_robot(written).urdf.endswith('plain_hand_left.urdf')
+
+
+def test_what_cannot_be_read_is_one_line(tmp_path, capsys):
+    assert robot.main(['inspect', str(tmp_path / 'none.urdf')]) == 1
+    error = capsys.readouterr().err
+    assert error.count('\n') == 1 and 'none.urdf: No such file' in error

@@ -1,0 +1,191 @@
+"""Robot files: presets, dex-retargeting's files, what inspecting writes, and clear refusals."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from helpers.captures import capture_folder
+from helpers.robots import GRIPPER, wide_hand
+
+from hand_tracker.core.model.hand import JOINTS
+from hand_tracker.files.urdf_file import urdf
+from hand_tracker.retargeting.robot_file import load_robot, preset_names
+from hand_tracker.retargeting.robot_inspection import findings, robot_file_text
+from hand_tracker.retargeting.robot_urdf import InvalidRobot
+
+PRESETS = ('ability', 'allegro', 'fourier', 'inspire', 'leap', 'plain', 'robotiq_2f',
+           'schunk_svh', 'shadow')
+
+
+@pytest.fixture
+def hand_urdf(tmp_path):
+    path = tmp_path / 'hand.urdf'
+    path.write_text(urdf(wide_hand()))
+    return path
+
+
+def robot_file(tmp_path, settings):
+    path = tmp_path / 'robot.yaml'
+    path.write_text(yaml.safe_dump({'urdf': 'hand.urdf', **settings}))
+    return str(path)
+
+
+def test_the_presets_are_there():
+    assert tuple(preset_names()) == PRESETS
+
+
+@pytest.mark.parametrize('side', ['right', 'left'])
+@pytest.mark.parametrize('preset', ['ability', 'allegro', 'inspire', 'leap', 'shadow'])
+def test_a_preset_takes_the_urdf_of_either_side(preset, side):
+    path = capture_folder() / 'robots' / f'{preset}_hand_{side}.urdf'
+    if not path.exists():
+        pytest.skip(f'no URDF {path}')
+    loaded = load_robot(preset, str(path))
+    assert loaded.hand.side == side and loaded.notes == ()
+    assert set(loaded.order) == set(loaded.hand.model.variables)
+
+
+def test_the_plain_hand_comes_with_its_urdfs_of_which_one_mirrors_the_other():
+    right, left = (load_robot('plain', preferred_side=side) for side in ('right', 'left'))
+    assert right.urdf.endswith('plain_hand_right.urdf') and right.notes == left.notes == ()
+    assert (right.hand.side, left.hand.side) == ('right', 'left')
+    assert len(right.hand.model.shapes) == len(left.hand.model.shapes) > 20
+    share = np.random.default_rng(0).random(len(right.order))
+    lower, upper = right.hand.model.lower, right.hand.model.upper
+    position = lower + share * (upper - lower)
+    # Fingers of both spread about z; the axes of the other joints are mirrored.
+    signs = np.array([-1. if name.endswith('spread') else 1. for name in right.order])
+    np.testing.assert_allclose(
+        right.hand.tip_positions(position),
+        left.hand.tip_positions(signs * position) * (1., -1., 1.), atol=1e-4)
+
+
+def test_a_gripper_preset_takes_a_gripper_and_xml():
+    loaded = load_robot('robotiq_2f', GRIPPER)
+    assert loaded.hand.anatomy.is_gripper and loaded.options.escape == .1
+
+
+def test_what_inspecting_writes_is_the_same_robot(hand_urdf, tmp_path):
+    found = load_robot(str(hand_urdf))
+    text = robot_file_text(found, str(hand_urdf))
+    (tmp_path / 'written.yaml').write_text(text)
+    again = load_robot(str(tmp_path / 'written.yaml'))
+    assert again.order == found.order and again.hand.side == 'right'
+    for role, (centre, radius) in found.hand.spheres.items():
+        np.testing.assert_allclose(again.hand.spheres[role].centre, centre, atol=1e-5)
+        assert again.hand.spheres[role].radius == pytest.approx(radius, abs=1e-5)
+    assert all(line in text for line in findings(found))
+    assert any("index: tip 'index_tip'" in line for line in findings(found))
+
+
+def test_joints_follow_human_joints(hand_urdf, tmp_path):
+    path = robot_file(tmp_path, {'follow': {'index_pip_flexion': {
+        'angle': 'little_pip_flexion', 'scale': .5, 'offset_deg': 90.}, 'thumb_ip_flexion':
+        'thumb_ip_flexion'}, 'rest': {'index_mcp_flexion': .3}})
+    robot = load_robot(path).hand
+    first, second = robot.follow
+    assert robot.model.variables[first.variable] == 'index_pip_flexion'
+    assert (first.angle, first.scale) == (JOINTS.index('little_pip_flexion'), .5)
+    assert first.offset == pytest.approx(np.pi / 2) and second.scale == 1.
+    assert robot.rest[robot.model.variables.index('index_mcp_flexion')] == .3
+
+
+def test_a_package_path_is_resolved_where_ros_knows_it(hand_urdf, tmp_path, monkeypatch):
+    (tmp_path / 'share' / 'my_hand').mkdir(parents=True)
+    hand_urdf.rename(tmp_path / 'share' / 'my_hand' / 'hand.urdf')
+    path = robot_file(tmp_path, {'urdf': 'package://my_hand/hand.urdf'})
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    assert load_robot(path).hand.side == 'right'
+    monkeypatch.setenv('AMENT_PREFIX_PATH', '')
+    with pytest.raises(InvalidRobot, match="there is no package 'my_hand'"):
+        load_robot(path)
+
+
+@pytest.mark.parametrize('settings, message', [
+    ({'palm': 1}, "there is no key 'palm'; expected are name, urdf"),
+    ({'side': 'both'}, "side: 'both'; expected right or left"),
+    ({'digits': {'pinky': {}}}, "digits: there is no key 'pinky'; expected are thumb"),
+    ({'digits': {'thumb': 'x'}}, 'digits.thumb: expected keys as tip'),
+    ({'digits': {'thumb': {'tip': 'x'}, 'index': {'tip': 'index_tip'}}}, "there is no link 'x'"),
+    ({'digits': {'index': {'radius_mm': 'big'}}}, "digits.index.radius_mm: 'big'; expected a"),
+    ({'digits': {'index': {'tip_offset_mm': [1]}}}, 'tip_offset_mm: [1]; expected three'),
+    ({'rest': {'knee': 0.}}, "rest: there is no independent joint 'knee'"),
+    ({'follow': {'index_pip_flexion': 'knee'}}, "angle: 'knee'; expected one of index_cmc"),
+    ({'options': {'speed': 1.}}, "options: there is no key 'speed'"),
+    ({'options': {'touch': 9.}}, 'touch: 9.0; allowed is 0 to 0.05 m'),
+    ({'order': ['knee']}, "order: there is no movable joint 'knee'"),
+    ({'urdf': ''}, "no urdf: give the path"),
+    ({'urdf': 'none.urdf'}, 'none.urdf: No such file'),
+])
+def test_what_is_wrong_is_named(settings, message, hand_urdf, tmp_path):
+    with pytest.raises(ValueError) as refusal:
+        load_robot(robot_file(tmp_path, settings))
+    assert message in str(refusal.value)
+
+
+def test_an_unknown_robot_is_told_the_presets(tmp_path):
+    with pytest.raises(InvalidRobot, match="'hal' is no file and no preset; presets are ability"):
+        load_robot('hal')
+    (tmp_path / 'list.yaml').write_text('- 1')
+    with pytest.raises(InvalidRobot, match='expected a mapping'):
+        load_robot(str(tmp_path / 'list.yaml'))
+
+
+TIPS = ['thumb_tip', 'index_tip', 'middle_tip', 'ring_tip', 'little_tip']
+DEX = {
+    'vector': {'target_origin_link_names': ['wrist'] * 6,
+               'target_task_link_names': [*TIPS, 'index_middle'],
+               'target_link_human_indices': [[0] * 6, [4, 8, 12, 16, 20, 7]]},
+    'position': {'target_link_names': TIPS, 'target_link_human_indices': [4, 8, 12, 16, 20]},
+    'DexPilot': {'wrist_link_name': 'wrist', 'finger_tip_link_names': TIPS[:4],
+                 'low_pass_alpha': .2, 'scaling_factor': 1.6},
+}
+
+
+@pytest.mark.parametrize('kind', DEX)
+def test_files_of_dex_retargeting_are_read_as_they_are(kind, hand_urdf, tmp_path):
+    path = tmp_path / 'dex.yml'
+    path.write_text(yaml.safe_dump({'retargeting': {
+        'type': kind, 'urdf_path': 'hand.urdf', **DEX[kind]}}))
+    loaded = load_robot(str(path))
+    tips = {role: digit.tip_link for role, digit in loaded.hand.anatomy.digits.items()}
+    assert tips == {tip.split('_')[0]: tip for tip in TIPS[:4 if kind == 'DexPilot' else 5]}
+    told = ' '.join(loaded.notes)
+    assert ('scaling_factor 1.6: not used' in told) == (kind == 'DexPilot')
+    assert ('index_middle: vectors to links other than tips' in told) == (kind == 'vector')
+
+
+def test_a_gripper_of_dex_retargeting_has_its_tips_as_origin_and_task(tmp_path):
+    (tmp_path / 'gripper.urdf').write_text(GRIPPER)
+    path = tmp_path / 'dex.yml'
+    path.write_text(yaml.safe_dump({'retargeting': {
+        'type': 'vector', 'urdf_path': 'gripper.urdf', 'target_origin_link_names': ['left_tip'],
+        'target_task_link_names': ['right_tip'], 'target_link_human_indices': [[4], [8]]}}))
+    digits = load_robot(str(path)).hand.anatomy.digits
+    assert (digits['thumb'].tip_link, digits['index'].tip_link) == ('left_tip', 'right_tip')
+
+
+@pytest.mark.parametrize('section, message', [
+    (1, 'retargeting: 1; expected a mapping'),
+    ({'type': 'magic'}, "retargeting.type: 'magic'; expected one of vector"),
+    ({'type': 'vector'}, 'retargeting.urdf_path: missing'),
+    ({'type': 'dexpilot', 'urdf_path': 'hand.urdf'}, 'finger_tip_link_names: None; expected a'),
+    ({'type': 'position', 'urdf_path': 'hand.urdf', 'target_link_names': ['a'],
+      'target_link_human_indices': [4]}, 'names 1 finger tips; expected at least two'),
+])
+def test_broken_files_of_dex_retargeting_are_refused(section, message, tmp_path):
+    path = tmp_path / 'dex.yml'
+    path.write_text(yaml.safe_dump({'retargeting': section}))
+    with pytest.raises(InvalidRobot) as refusal:
+        load_robot(str(path))
+    assert message in str(refusal.value)
+
+
+def test_the_controllers_of_the_plain_hand_have_its_joints_in_the_order_of_commands():
+    loaded = load_robot('plain')
+    settings = yaml.safe_load(
+        (Path(loaded.urdf).parents[1] / 'plain_hand_controllers.yaml').read_text())
+    for controller in ('hand_positions', 'hand_trajectory'):
+        assert controller in settings['controller_manager']['ros__parameters']
+        assert tuple(settings[controller]['ros__parameters']['joints']) == loaded.order

@@ -1,0 +1,158 @@
+"""From joint states of a hand to commands: names, orders, sides, what is lost."""
+
+import numpy as np
+import pytest
+from helpers.robots import GRIPPER, wide_hand
+
+from hand_tracker.core.model.hand import JOINTS
+from hand_tracker.files.urdf_file import urdf
+from hand_tracker.retargeting.command_guard import GuardState
+from hand_tracker.retargeting.guard_options import GuardOptions
+from hand_tracker.retargeting.robot_file import load_robot
+from hand_tracker.retargeting.robot_urdf import InvalidRobot
+from hand_tracker.retargeting.teleoperation import Teleoperation
+from hand_tracker.simulation.poses import pose_angles
+
+STEP = .01
+RIGHT = [f'right_{joint}' for joint in JOINTS]
+# A wrist joint before the hand: it moves no digit against the palm.
+ON_AN_ARM = urdf(wide_hand()).replace('</robot>', (
+    '<link name="arm"/><joint name="bend" type="revolute"><parent link="arm"/>'
+    '<child link="wrist"/><axis xyz="0 1 0"/><limit lower="-1" upper="1"/></joint></robot>'))
+
+
+class Rig:
+    """A hand and a robot on one clock; the robot does at once what it is told."""
+
+    def __init__(self, text=None, robot=None, hand=None, **more):
+        path = 'robotiq_2f' if text == GRIPPER else robot
+        self.loaded = load_robot(path, text or '')
+        self.hand = hand or wide_hand()
+        self.it = Teleoperation(self.loaded, self.hand, f'{self.hand.side}_', **more)
+        self.names = list(self.loaded.hand.model.joint_names)
+        self.position = self.loaded.hand.model.joint_positions(self.loaded.hand.rest)
+        self.now = 10.
+
+    def tick(self, angles=None, names=RIGHT):
+        self.now += STEP
+        angles = self.hand.relaxed() if angles is None else angles
+        self.it.observe_robot(self.names, self.position, self.now)
+        self.it.observe_hand(names, angles, self.now)
+        command = self.it.command(self.now)
+        if command is not None:
+            for name, value in zip(*command):
+                self.position[self.names.index(name)] = value
+        return command
+
+    def engaged(self):
+        self.tick()
+        assert self.it.guard.engage(self.now) == ''
+        return self
+
+
+@pytest.fixture
+def own_hand(tmp_path):
+    path = tmp_path / 'robot.yaml'
+    path.write_text('name: ours\n')
+    return str(path)
+
+
+def test_the_robot_follows_the_hand(own_hand):
+    rig = Rig(urdf(wide_hand()), own_hand).engaged()
+    fist = pose_angles('fist', rig.hand)
+    for _ in range(600):
+        command = rig.tick(fist)
+    assert rig.it.guard.state is GuardState.FOLLOWING
+    at = dict(zip(*command))
+    for finger in ('index', 'middle', 'ring', 'little'):
+        for joint in ('mcp', 'pip'):
+            name = f'{finger}_{joint}_flexion'
+            assert at[name] == pytest.approx(fist[JOINTS.index(name)], abs=.25)
+
+
+def test_joints_that_move_no_digit_stay_where_they_are(own_hand):
+    rig = Rig(ON_AN_ARM, own_hand)
+    rig.position[rig.names.index('bend')] = .4
+    rig.engaged()
+    commands = [dict(zip(*rig.tick())) for _ in range(50)]
+    assert [command['bend'] for command in commands] == pytest.approx([.4] * 50)
+
+
+def test_a_command_has_the_order_that_is_asked_for_and_mimics_by_name(own_hand):
+    rig = Rig(GRIPPER, order=('other', 'slide')).engaged()
+    command = rig.tick()
+    assert command.names == ('other', 'slide')
+    assert command.position[0] == command.position[1]
+    for order, message in ((('slide', 'slide'), 'a joint comes twice'),
+                           (('slide', 'knee'), "there is no movable joint 'knee'"),
+                           (('other',), 'order: slide missing')):
+        with pytest.raises(InvalidRobot, match=message):
+            Rig(GRIPPER, order=order)
+
+
+def test_a_hand_of_the_other_side_is_refused(own_hand):
+    rig = Rig(urdf(wide_hand()), own_hand)
+    left = [f'left_{joint}' for joint in JOINTS]
+    rig.tick(names=left)
+    assert 'a hand of the other side is refused: left_' in rig.it.fault
+    assert 'no hand' in rig.it.guard.engage(rig.now)
+    rig.tick()
+    assert rig.it.fault == '' and rig.it.guard.engage(rig.now) == ''
+    with pytest.raises(InvalidRobot, match="the person's a left one"):
+        Rig(urdf(wide_hand()), own_hand, wide_hand('left'))
+
+
+def test_what_is_no_hand_is_named_and_left_out(own_hand):
+    rig = Rig(urdf(wide_hand()), own_hand)
+    rig.tick(names=['wheel'], angles=[1.])
+    assert rig.it.fault == 'joint states without right_index_cmc_flexion: they are not of this hand'
+    rig.tick(angles=[0.] * 3)
+    broken = rig.hand.relaxed()
+    broken[3] = np.nan
+    rig.tick(angles=broken)
+    assert 'no hand' in rig.it.guard.engage(rig.now)
+
+
+def test_a_jump_of_the_hand_is_followed_only_when_it_persists(own_hand):
+    rig = Rig(urdf(wide_hand()), own_hand).engaged()
+    for _ in range(300):
+        before = rig.tick().position
+    fist = pose_angles('fist', rig.hand)
+    for _ in range(rig.it.guard.options.jump_frames - 1):
+        assert np.abs(rig.tick(fist).position - before).max() < 1e-3
+    assert rig.it.refused_jumps == rig.it.guard.options.jump_frames - 1
+    assert rig.it.guard.state is GuardState.FOLLOWING
+    for _ in range(100):
+        after = rig.tick(fist).position
+    assert np.abs(after - before).max() > .5
+
+
+def test_a_hand_without_confidence_is_lost(own_hand):
+    rig = Rig(urdf(wide_hand()), own_hand, min_confidence=.2).engaged()
+    assert rig.tick() is not None
+    rig.it.observe_confidence(RIGHT, [.1] * len(RIGHT))
+    before = rig.tick(pose_angles('fist', rig.hand)).position
+    assert rig.it.guard.state is GuardState.HOLDING
+    for _ in range(20):
+        after = rig.tick(pose_angles('fist', rig.hand)).position
+    assert np.abs(after - before).max() < .01
+    rig.it.observe_confidence(RIGHT, [.9] * len(RIGHT))
+    rig.tick()
+    assert rig.it.guard.is_following
+
+
+def test_a_robot_whose_states_lack_a_joint_is_not_engaged(own_hand):
+    rig = Rig(urdf(wide_hand()), own_hand)
+    rig.names, rig.position = rig.names[1:], rig.position[1:]
+    rig.tick()
+    assert 'joint states are missing' in rig.it.guard.engage(rig.now)
+
+
+def test_two_hands_drive_two_robots_independently(own_hand):
+    right = Rig(urdf(wide_hand()), own_hand).engaged()
+    left = Rig(urdf(wide_hand('left')), own_hand, wide_hand('left'), options=GuardOptions())
+    names = [f'left_{joint}' for joint in JOINTS]
+    assert right.tick() is not None and left.tick(names=names) is None
+    assert left.it.guard.engage(left.now) == ''
+    right.it.guard.disengage()
+    assert right.tick() is None and left.tick(names=names) is not None
