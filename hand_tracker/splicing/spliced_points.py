@@ -1,0 +1,146 @@
+"""Points of a body with the joints of tracked hands: for full-body capture in markers alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from ..files.point_recording import PointRecording, unique_labels
+from ..files.skeleton_motion import TrackedHand, joint_centres
+from .body_skeleton import SkeletonError
+from .clock_alignment import ClockAlignment, Trajectory
+from .hand_mount import nearest_rotation
+from .spliced_body import overlapping
+
+# 'RWRA', 'Anna:LWristOut', 'right_wrist': all of one side are about its wrist.
+WRIST_MARKER = re.compile(r'(?P<side>left|right|l|r)[_\s.-]?(wr[a-z]?|wrist\w*)', re.IGNORECASE)
+ASSUMED_BODY_RATE = 100.   # [Hz] of files that say none
+LEAST_WRIST_FRAMES = 3     # with the body's wrist seen, to place a hand in its world
+SAME_WORLD = .08           # [m] median distance of the wrists up to which the worlds are one
+
+
+class World(NamedTuple):
+    """Where the hand's world is in the body's.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (3, 3)
+    origin : ndarray, shape (3,)
+        [m]
+    is_same : bool
+        Whether both are one world, in which the hand stays where it was measured.
+    distance : float
+        Median distance of the two wrists in it [m].
+    """
+
+    rotation: np.ndarray
+    origin: np.ndarray
+    is_same: bool
+    distance: float
+
+
+def marker_wrist(body: PointRecording, side: str) -> Trajectory:
+    """Return the middle of a wrist's markers, in metres.
+
+    Parameters
+    ----------
+    body : PointRecording
+    side : {'right', 'left'}
+
+    Returns
+    -------
+    Trajectory
+        NaN where one of them is missing.
+
+    Raises
+    ------
+    SkeletonError
+        If no label names the wrist.
+    """
+    named = [WRIST_MARKER.fullmatch(label.rpartition(':')[2].strip()) for label in body.labels]
+    columns = [i for i, one in enumerate(named) if one and one['side'][0].lower() == side[0]]
+    if not columns:
+        raise SkeletonError(
+            f"{body.name}: no marker is at the {side} wrist by its name; expected "
+            f'{side[0].upper()}WRA and {side[0].upper()}WRB, {side[0].upper()}WristIn, '
+            f'{side}_wrist or alike; there are {", ".join(body.labels[:60])}')
+    points = body.points[:, columns].astype(float).mean(axis=1)
+    return Trajectory(body.times(ASSUMED_BODY_RATE), points)
+
+
+def hand_world(wrist: Trajectory, tracked: TrackedHand, alignment: ClockAlignment) -> World:
+    """Return where the hand's world is in the body's, by the wrist's path in both.
+
+    Parameters
+    ----------
+    wrist : Trajectory
+        Of the body.
+    tracked : TrackedHand
+    alignment : ClockAlignment
+
+    Returns
+    -------
+    World
+    """
+    own = tracked.times - tracked.times[0]
+    times = alignment.hand_times(wrist.times)
+    seen = overlapping(own, times) & np.isfinite(wrist.positions).all(axis=1)
+    if seen.sum() < LEAST_WRIST_FRAMES:
+        raise SkeletonError(f"{tracked.hand.side} wrist: its markers are seen in {seen.sum()} of "
+                            f"the hand's frames; expected {LEAST_WRIST_FRAMES} or more")
+    body = wrist.positions[seen]
+    hand = np.stack([np.interp(times[seen], own, axis) for axis in tracked.wrist_position.T],
+                    axis=1)
+    apart = float(np.median(np.linalg.norm(body - hand, axis=1)))
+    if apart < SAME_WORLD:
+        return World(np.eye(3), np.zeros(3), True, apart)
+    middle, own_middle = body.mean(axis=0), hand.mean(axis=0)
+    turn = nearest_rotation((body - middle).T @ (hand - own_middle))
+    origin = middle - turn @ own_middle
+    left = np.linalg.norm(body - hand @ turn.T - origin, axis=1)
+    return World(turn, origin, False, float(np.median(left)))
+
+
+def splice_points(body: PointRecording, hands: Sequence[tuple[TrackedHand, ClockAlignment, World]]
+                  ) -> PointRecording:
+    """Return a body's points, untouched, and behind them the joint centres and tips of hands.
+
+    Parameters
+    ----------
+    body : PointRecording
+    hands : sequence of (TrackedHand, ClockAlignment, World)
+
+    Returns
+    -------
+    PointRecording
+        Joints are NaN in frames that the hand's recording does not cover.
+    """
+    labels, points = list(body.labels), [body.points]
+    for tracked, alignment, world in hands:
+        own = tracked.times - tracked.times[0]
+        times = alignment.hand_times(body.times(ASSUMED_BODY_RATE))
+        inside = overlapping(own, times)
+        joints = joint_centres(_resampled_hand(tracked, own, times[inside]), body.name)
+        found = np.full((len(times), len(joints.labels), 3), np.nan, dtype=body.points.dtype)
+        found[inside] = joints.points @ world.rotation.T + world.origin
+        labels += joints.labels
+        points.append(found)
+    unique, _ = unique_labels(labels)
+    return body._replace(labels=unique, points=np.concatenate(points, axis=1))
+
+
+def _resampled_hand(tracked: TrackedHand, own: np.ndarray, times: np.ndarray) -> TrackedHand:
+    """Return a tracked hand at other times within its own."""
+    own, first = np.unique(own, return_index=True)
+
+    def interpolated(values: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(times, own, column) for column in values[first].T], axis=1)
+
+    turns = Slerp(own, Rotation.from_matrix(tracked.wrist_rotation[first]))(times)
+    return tracked._replace(
+        angles=interpolated(tracked.angles), wrist_rotation=turns.as_matrix(),
+        wrist_position=interpolated(tracked.wrist_position), times=times)
