@@ -21,16 +21,16 @@ from visualization_msgs.msg import MarkerArray
 from ..calibration.calibrate_takes import calibrate_takes
 from ..calibration.live_take import CALIBRATION_KEY, MAX_DURATION, Coverage, LiveTake
 from ..calibration.prompts import PROMPTS
-from ..core.model.hand import Hand
+from ..core.model.hand import WEARER_LIMITS, Hand
 from ..messages.builders import diagnostics
 from ..messages.stamps import seconds
+from ..output_files import OutputError, require_writable
 from ..progress import Block, bar
 from ..tracking.diagnostics import Level, Status
 from ..tracking.input_monitor import InputMonitor, who_publishes
-from ..tracking.live_calibration import CalibrationRefused, require_writable
 from ..tracking.stream import FrameTime, read_or_warn
 from .parameters import Parameter
-from .runner import POLL, declare, names_of, qos_of, run, spinning
+from .runner import POLL, declare, qos_of, run, spinning
 from .serialization import Serialization
 from .tracker_parameters import AUTO, START, live_settings, live_table, starting_hand
 
@@ -60,12 +60,13 @@ class CalibrateNode(Node):
         hand, layout = starting_hand({**{row.name: row.default for row in START}, **values})
         settings = live_settings(
             hand, {**{row.name: row.default for row in live_table(hand)}, **values})
-        self._limits = 'paper' if values['limits.preset'] == AUTO else values['limits.preset']
+        self._limits = (WEARER_LIMITS if values['limits.preset'] == AUTO
+                        else values['limits.preset'])
         self._output = Path(values['output']).expanduser().absolute()
         require_writable(self._output)
         self._side = hand.side
         self._take = LiveTake(layout, hand.side, values['max_duration'])
-        serialization = Serialization(names_of(hand, AUTO, AUTO))
+        serialization = Serialization()
         self._reader = serialization.markers(settings, values['mocap_frame'])
         self._time = FrameTime()
         self._topic = self.resolve_topic_name('markers')
@@ -89,7 +90,7 @@ class CalibrateNode(Node):
         ------
         InvalidTake
             If the take is refused.
-        CalibrationRefused
+        OutputError
             If the files cannot be written.
         """
         with spinning(self):
@@ -103,7 +104,7 @@ class CalibrateNode(Node):
         try:
             done = calibrate_takes([self._take.take()], self._output, self._limits)
         except OSError as error:
-            raise CalibrationRefused(f'{self._output}: {error.strerror}') from None
+            raise OutputError(f'{self._output}: {error.strerror}') from None
         self._publish(done, {})
         self.get_logger().info(done)
 

@@ -6,49 +6,56 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from ..core.errors import HandTrackerError
+from ..core.model.hand import WEARER_LIMITS
 from ..core.model.marker_layout import MarkerLayout
 from ..tracking.live_calibration import LiveCalibration
-from .tracker_parameters import AUTO, another_hand, require_no_size
+from .tracker_parameters import AUTO, InvalidParameter, another_hand, require_no_size
 
 if TYPE_CHECKING:
-    from .tracker_node import TrackerNode
+    from .tracked_hand import TrackedHand
 
 
 class HandServices:
-    """Serve `~/calibrate` and `~/load_hand`.
+    """Serve `~/calibrate` and `~/load_hand`; of one of both hands `~/right/calibrate` and so on.
 
     Parameters
     ----------
-    node : TrackerNode
+    node : rclpy.node.Node
+    hand : TrackedHand
     start : mapping of str to object
-        Value of each of `START` when the node started.
-    side : {'right', 'left'}
+        Value of each of `START` when the node started, for this hand.
     layout : MarkerLayout
         Of the markers that are worn.
+    scope, topics : str
+        Before the name of its parameter and of its services: both empty, or 'right.' and
+        'right/'.
     """
 
-    def __init__(self, node: TrackerNode, start: Mapping[str, Any], side: str,
-                 layout: MarkerLayout) -> None:
-        self._node, self._start, self._side, self._layout = node, start, side, layout
+    def __init__(self, node: Node, hand: TrackedHand, start: Mapping[str, Any],
+                 layout: MarkerLayout, scope: str, topics: str) -> None:
+        self._node, self._hand, self._start, self._layout = node, hand, start, layout
+        self._side, self._file_parameter = hand.hand.side, f'{scope}hand_file'
         self._calibration = LiveCalibration()
         self._output = Path(start['calibration_file']).expanduser().absolute()
-        node.create_service(Trigger, '~/calibrate', self._on_calibrate)
-        node.create_service(Trigger, '~/load_hand', self._on_load_hand)
+        node.create_service(Trigger, f'~/{topics}calibrate', self._on_calibrate)
+        node.create_service(Trigger, f'~/{topics}load_hand', self._on_load_hand)
 
     def _on_calibrate(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         limits = self._start['limits.preset']
         try:
             require_no_size(self._start, str(self._output))
             self._calibration.start(
-                self._layout, self._side, 'paper' if limits == AUTO else limits, self._output)
+                self._layout, self._side, WEARER_LIMITS if limits == AUTO else limits,
+                self._output)
         except HandTrackerError as error:
             response.message = str(error)
             return response
-        self._node.collect(self._calibration.take)
+        self._hand.collect(self._calibration.take)
         response.success = True
         response.message = (f'the hand will be written to {self._output}; /diagnostics tells what '
                             'to do')
@@ -57,7 +64,7 @@ class HandServices:
 
     def _on_load_hand(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
-            response.message = self._load(self._node.get_parameter('hand_file').value)
+            response.message = self._load(self._node.get_parameter(self._file_parameter).value)
             response.success = True
         except HandTrackerError as error:
             response.message = str(error)
@@ -65,8 +72,12 @@ class HandServices:
 
     def _load(self, path: str) -> str:
         """Have the hand of a file tracked; return what to say of it."""
-        hand, self._layout = another_hand(self._start, path, self._side)
-        self._node.replace_hand(hand, self._layout)
+        hand, layout = another_hand(self._start, path, self._side)
+        if layout.names != self._layout.names:
+            raise InvalidParameter(f'hand_file: {path}: {len(layout.names)} markers; expected the '
+                                   f'{len(self._layout.names)} that labels.* name')
+        self._layout = layout
+        self._hand.replace_hand(hand, layout)
         said = f'the hand of {path} is tracked from the next frame on'
         self._node.get_logger().info(said)
         return said
@@ -76,9 +87,9 @@ class HandServices:
         is_collecting, before = self._calibration.take is not None, self.progress()
         written = self._calibration.update()
         if is_collecting and self._calibration.take is None:
-            self._node.collect(None)
+            self._hand.collect(None)
         if written is not None:
-            self._node.set_parameters([Parameter('hand_file', value=str(written))])
+            self._node.set_parameters([Parameter(self._file_parameter, value=str(written))])
             try:
                 self._load(str(written))
             except HandTrackerError as error:

@@ -24,10 +24,21 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from ..files.bags import BagError, open_bag
+from ..core.model.hand import SIDES
+from ..core.model.marker_layout import MARKERS
+from ..files.bags import BagError
+from ..files.layout_file import choose_layout
+from ..files.point_recording import HANDEDNESS, UNIT_SPELLINGS, UP_AXES
+from ..files.recordings import ReadingOptions
 from ..messages.marker_array import MARKER_ARRAY
 from ..messages.stamps import header_stamp, marker_stamps, restamp
 from ..package_data import packaged_recording
+from ..tracking.opened_recording import (
+    MarkerChoice,
+    PointBag,
+    named_labels,
+    open_recording,
+)
 from .parameters import Parameter
 from .playback import Playback, read_ahead
 from .runner import declare, run, spinning
@@ -50,8 +61,8 @@ ACKNOWLEDGE_TIME = 1.     # [s]
 ONE_MESSAGE_LAP = 10**8   # [ns] lap of a recording of a single message
 
 REPLAY_PARAMETERS = tuple(row._replace(read_only=True) for row in (
-    Parameter('recording', '', 'rosbag2 folder, .mcap or .db3 file; empty for the packaged one '
-              'of a right hand'),
+    Parameter('recording', '', 'rosbag2 folder, .mcap or .db3 file, or a file of points (C3D, TRC, '
+              'TSV, CSV, BVH, npz); empty for the packaged one of a right hand'),
     Parameter('rate', 1., 'How many times as fast as recorded', (1e-3, 1e3)),
     Parameter('loop', False, 'Begin again at the end instead of exiting'),
     Parameter('start_offset', 0., 'Where in the recording each lap begins [s]', (0., 1e9)),
@@ -69,6 +80,19 @@ REPLAY_PARAMETERS = tuple(row._replace(read_only=True) for row in (
               'before playing [s], .inf for ever; longer while a tracker in the same namespace '
               'is preparing; not when started paused', (0., inf)),
     Parameter('subscribers', 1, 'How many subscribers of the markers to wait for', (1, 100)),
+    Parameter('side', '', 'Of the hand, where a file of points has two',
+              choices=('', *SIDES)),
+    Parameter('layout', '', "Markers of a file of points: a layout preset's name, or a layout file "
+              "(YAML); empty for the paper's eight"),
+    Parameter('markers', '', 'Which point of a file is which marker, as index=LFIN,thumb=LTHM: '
+              'those that their labels do not tell'),
+    Parameter('units', '', 'Unit of a file of points; empty: as it says',
+              choices=('', *UNIT_SPELLINGS)),
+    Parameter('up', '', 'Upward axis of a file of points; empty: as it says, else as its format '
+              f'has it; one of {", ".join(UP_AXES)}', any_type=True),
+    Parameter('handed', '', "Handedness of a file's axes; empty: as the hand tells",
+              choices=('', *HANDEDNESS)),
+    Parameter('partial', False, 'Play a file of points that is cut as far as it goes'),
 ))
 
 
@@ -122,7 +146,17 @@ class ReplayNode(Node):
             If it cannot be played.
         """
         options = self._options
-        with open_bag(options.recording or packaged_recording()) as bag:
+        # ROS reads y as a yes.
+        up = 'y' if options.up is True else str(options.up)
+        reading = ReadingOptions(options.units or None, up or None, options.handed or None,
+                                 partial=options.partial)
+        layout = choose_layout(options.layout) if options.layout else None
+        with open_recording(options.recording or packaged_recording(), MarkerChoice(
+                reading, options.side or None,
+                named_labels(options.markers, MARKERS if layout is None else layout.names),
+                layout)) as bag:
+            for note in bag.notes if isinstance(bag, PointBag) else ():
+                self.get_logger().info(f'{bag.path}: {note}')
             start = bag.start + round(options.start_offset * 1e9)
             outputs = self._open_outputs(bag)
             markers = [topic for topic in outputs if bag.topics[topic] == MARKER_ARRAY]

@@ -1,8 +1,9 @@
-"""The messages that answer each frame: which go out, where, and how they are filled."""
+"""Answers to each frame: their publishers, templates and numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,12 +21,12 @@ from ..messages.builders import (
     link_frames,
     new_transforms,
     tip_frames,
-    transform_numbers,
     wrist_frames,
 )
-from ..messages.stamps import nanoseconds
+from ..messages.stamps import Time, nanoseconds
+from ..messages.templates import CONFIDENCES, JOINT_STATES, TRANSFORMS, transform_numbers
 from ..tracking.stream import TrackedFrame
-from .fast_path.kernel import CONFIDENCES, JOINT_STATES, TRANSFORMS
+from .fast_path import InstalledReply
 from .serialization import Serialization, TFMessage
 
 try:
@@ -33,55 +34,63 @@ try:
 except ImportError:
     StaticTransformBroadcaster = None
 
-TF_DEPTH = 100  # that of tf2_ros
+TF_DEPTH = 100       # that of tf2_ros
+TEMPLATES_KEPT = 64  # hostile messages may name a new frame each
+TOPIC_OF = {JOINT_STATES: 'joint_states', CONFIDENCES: 'joint_confidence'}
 
 
-class Reply(NamedTuple):
-    """A message that answers each frame.
+class AnsweredHand(NamedTuple):
+    """A hand of the messages that are answered.
 
     Attributes
     ----------
-    publisher : Publisher
-    template : Template
-        Or what fills message objects as a template does.
-    numbers : callable
-        Returns of a `HandState` the numbers to fill in.
+    hand : Hand
+    names : Names
+    topics : str
+        Before the names of its own topics: empty, or 'right/'.
     """
 
-    publisher: Publisher
-    template: Any
-    numbers: Callable[[HandState], np.ndarray]
+    hand: Hand
+    names: Names
+    topics: str
 
 
 class Replies:
-    """Joint states, transforms and confidences of one hand.
+    """Joint states, transforms and confidences of the hands in the messages of one topic.
+
+    Hands of one stamp are answered together. They are numbered as they are given.
 
     Parameters
     ----------
     node : Node
-    hand : Hand
-    names : Names
+    hands : sequence of AnsweredHand
     serialization : Serialization
     qos : mapping of str to QoSProfile
         Of the topics.
     broadcast : {'wrist', 'all', 'none'}
         Frames on /tf.
+    has_separate_topics : bool, optional
+        Whether joint states and confidences of each hand go out on a topic of their own.
     """
 
-    def __init__(self, node: Node, hand: Hand, names: Names, serialization: Serialization,
-                 qos: Mapping[str, QoSProfile], broadcast: str) -> None:
-        self._names, self._serialization = names, serialization
-        self._table = joint_table(hand)
-        self._links = link_frames(names, self._table) if broadcast == 'all' else ()
-        self._replies = {JOINT_STATES: Reply(
-            node.create_publisher(JointState, 'joint_states', qos['joint_states']),
-            serialization.joint_states(), lambda state: state.angles)}
-        self._confidences = Reply(
-            node.create_publisher(JointState, 'joint_confidence', qos['joint_confidence']),
-            serialization.joint_states(), lambda state: state.confidence)
+    def __init__(self, node: Node, hands: Sequence[AnsweredHand], serialization: Serialization,
+                 qos: Mapping[str, QoSProfile], broadcast: str,
+                 has_separate_topics: bool = False) -> None:
+        self._names = [hand.names for hand in hands]
+        self._serialization = serialization
+        self._tables = [joint_table(hand.hand) for hand in hands]
+        self._links = [link_frames(names, table) if broadcast == 'all' else ()
+                       for names, table in zip(self._names, self._tables)]
+        self._is_separate = has_separate_topics
+        self._publishers = {
+            (kind, number): node.create_publisher(JointState, topics + topic, qos[topic])
+            for kind, topic in TOPIC_OF.items()
+            for number, topics in enumerate(
+                [hand.topics for hand in hands] if has_separate_topics else [''])}
+        self._has_listeners = False
+        self._templates: dict[Any, Any] = {}
         self._tf: Publisher | None = None
-        self._frame_id: str | None = None
-        self._last_transform: int | None = None  # stamp [ns]
+        self._last_transform: list[int | None] = [None] * len(hands)  # stamp [ns]
         self._static_broadcaster: Any = None
         if broadcast == 'none':
             return
@@ -93,23 +102,25 @@ class Replies:
         if broadcast == 'all':
             self._clock = node.get_clock()
             self._static_broadcaster = StaticTransformBroadcaster(node)
-            self.show_tips(hand)
+            for number, (hand, _, _) in enumerate(hands):
+                self.show_tips(number, hand)
 
-    def show_tips(self, hand: Hand) -> None:
-        """Broadcast the tips of a hand, where all frames are broadcast."""
+    def show_tips(self, number: int, hand: Hand) -> None:
+        """Broadcast the tips of a hand, by its number, where all frames are broadcast."""
         if self._static_broadcaster is None:
             return
-        tips = new_transforms(tip_frames(self._names))
+        tips = new_transforms(tip_frames(self._names[number]))
         fill_transforms(tips, self._clock.now().to_msg(), np.hstack(
             (tip_offsets(hand), np.tile((0., 0., 0., 1.), (len(tips), 1)))))
         self._static_broadcaster.sendTransform(tips)
 
-    def publish(self, frame: TrackedFrame) -> bool:
-        """Publish the replies to a frame.
+    def publish(self, frames: Mapping[int, TrackedFrame]) -> bool:
+        """Publish the replies to the frames of a message.
 
         Parameters
         ----------
-        frame : TrackedFrame
+        frames : mapping of int to TrackedFrame
+            By the hand's number, in its order.
 
         Returns
         -------
@@ -117,43 +128,73 @@ class Replies:
             Whether all went out: listeners of TF refuse a second transform of one stamp, each
             with a warning, so that /tf has each stamp only once.
         """
-        if self._tf is not None and frame.frame_id != self._frame_id:
-            self._broadcast_in(frame.frame_id)
-        time = nanoseconds(frame.stamp)
-        is_new = time != self._last_transform
-        for number, reply in self._replies.items():
-            if number != TRANSFORMS or is_new:
-                reply.publisher.publish(
-                    reply.template.fill(frame.stamp, reply.numbers(frame.state)))
-        self._last_transform = time
-        return is_new or self._tf is None
+        has_sent_all = True
+        for time, of_one_stamp in groupby(
+                frames.items(), lambda item: nanoseconds(item[1].stamp)):
+            together = dict(of_one_stamp)
+            new = {number: frame for number, frame in together.items()
+                   if time != self._last_transform[number]}
+            for publisher, template, kind, numbers in (
+                    *self._joint_replies(tuple(together)), *self._transform_replies(new)):
+                stamp: Time = together[numbers[0]].stamp
+                publisher.publish(template.fill(stamp, np.concatenate(
+                    [self._numbers(kind, number, together[number].state) for number in numbers])))
+            for number in together:
+                self._last_transform[number] = time
+            has_sent_all = has_sent_all and (self._tf is None or len(new) == len(together))
+        return has_sent_all
 
-    def _broadcast_in(self, frame_id: str) -> None:
-        """Broadcast the wrist in another frame from now on."""
-        assert self._tf is not None
-        self._frame_id = frame_id
-        frames = wrist_frames(self._names, frame_id) + self._links
-        self._replies[TRANSFORMS] = Reply(
-            self._tf, self._serialization.transforms(frames),
-            lambda state: transform_numbers(self._table, state, len(frames)))
+    def replies_to(self, frames: Mapping[int, TrackedFrame]) -> list[InstalledReply]:
+        """Return the messages that answer frames of one stamp, for the fast path.
 
-    def published_until(self, stamp: Any) -> None:
-        """Note the stamp of the last frame that the fast path has answered."""
-        self._last_transform = nanoseconds(stamp)
+        Parameters
+        ----------
+        frames : mapping of int to TrackedFrame
+            As for `publish`.
+        """
+        return [*self._joint_replies(tuple(frames)), *self._transform_replies(frames)]
+
+    def _joint_replies(self, hands: tuple[int, ...]) -> list[InstalledReply]:
+        kinds = [JOINT_STATES, CONFIDENCES] if self._has_listeners else [JOINT_STATES]
+        groups = [(number,) for number in hands] if self._is_separate else [hands]
+        return [InstalledReply(
+            self._publishers[kind, group[0] if self._is_separate else 0],
+            self._template((kind, group), lambda group=group: self._serialization.joint_states(
+                [joint for number in group for joint in self._names[number].joints])),
+            kind, group) for kind in kinds for group in groups]
+
+    def _transform_replies(self, frames: Mapping[int, TrackedFrame]) -> list[InstalledReply]:
+        if self._tf is None or not frames:
+            return []
+        parents = tuple((number, frame.frame_id) for number, frame in frames.items())
+        template = self._template((TRANSFORMS, parents), lambda: self._serialization.transforms(
+            [pair for number, frame_id in parents
+             for pair in wrist_frames(self._names[number], frame_id) + self._links[number]]))
+        return [InstalledReply(self._tf, template, TRANSFORMS, tuple(frames))]
+
+    def _template(self, key: Any, new: Any) -> Any:
+        """Return the template of a key; a new one where there is none."""
+        if key not in self._templates:
+            if len(self._templates) >= TEMPLATES_KEPT:
+                self._templates.clear()
+            self._templates[key] = new()
+        return self._templates[key]
+
+    def _numbers(self, kind: int, number: int, state: HandState) -> np.ndarray:
+        """Return the numbers of a hand in a message of a kind."""
+        if kind == TRANSFORMS:
+            return transform_numbers(
+                self._tables[number], state, 1 + len(self._links[number])).ravel()
+        return state.angles if kind == JOINT_STATES else state.confidence
+
+    def published_until(self, number: int, stamp: Any) -> None:
+        """Note the stamp of the last frame of a hand that the fast path has answered."""
+        self._last_transform[number] = nanoseconds(stamp)
 
     def follow_listeners(self) -> bool:
         """Publish confidences only while somebody listens; return whether that has changed."""
         # To ask in each frame would cost more than filling the message.
-        is_wanted = self._confidences.publisher.get_subscription_count() > 0
-        if is_wanted == (CONFIDENCES in self._replies):
-            return False
-        if is_wanted:
-            self._replies[CONFIDENCES] = self._confidences
-        else:
-            del self._replies[CONFIDENCES]
-        return True
-
-    def templates(self) -> dict[int, tuple[Publisher, Any]]:
-        """Return publisher and template of each reply, by its number on the fast path."""
-        return {number: (reply.publisher, reply.template)
-                for number, reply in self._replies.items()}
+        had_listeners, self._has_listeners = self._has_listeners, any(
+            publisher.get_subscription_count() > 0
+            for (kind, _), publisher in self._publishers.items() if kind == CONFIDENCES)
+        return self._has_listeners != had_listeners

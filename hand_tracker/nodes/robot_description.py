@@ -16,6 +16,8 @@ class RobotDescription:
     node : Node
     urdf : str
         That robot_state_publisher was started with.
+    namespace : str, optional
+        Of robot_state_publisher in the node's: empty, or 'right/'.
 
     Attributes
     ----------
@@ -23,10 +25,11 @@ class RobotDescription:
         URDF that it is to have.
     """
 
-    def __init__(self, node: Node, urdf: str) -> None:
+    def __init__(self, node: Node, urdf: str, namespace: str = '') -> None:
         self.wanted = self._sent = urdf
         self._node = node
-        self._client = node.create_client(SetParameters, f'{PUBLISHER}/set_parameters')
+        self._client = node.create_client(
+            SetParameters, f'{namespace}{PUBLISHER}/set_parameters')
 
     def update(self) -> None:
         """Send the wanted URDF if it is another, as soon as robot_state_publisher runs."""

@@ -7,7 +7,7 @@ import os
 import re
 import signal
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 from threading import Event, Thread
 from typing import Any
@@ -20,22 +20,16 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from ..core.model.hand import Hand
-from ..messages.builders import Names
-from .parameters import Parameter
-
-try:
-    from rclpy.experimental.events_executor import EventsExecutor
-except ImportError:  # before Jazzy
-    EventsExecutor = None
-
 from ..core.errors import HandTrackerError
-from ..messages.builders import prefixed_names
+from ..core.model.hand import Hand
+from ..messages.builders import Names, prefixed_names
+from .executors import fastest_executor
+from .parameters import Parameter
 from .tracker_parameters import AUTO
 
 POLL = .1  # [s]
@@ -135,7 +129,7 @@ def spin(node: Node) -> None:
     node : rclpy.node.Node
     """
     interrupts = []
-    with _served(node) as executor:
+    with fastest_executor(node) as executor:
         # An exception that a signal raises inside EventsExecutor comes out as another one.
         _handle_interrupts(lambda *interrupt: interrupts.append(interrupt))
         # What has been made stays: else a collection among the frames would go through all of it.
@@ -156,7 +150,7 @@ def spinning(node: Node) -> Iterator[None]:
             while rclpy.ok() and not ended.is_set():
                 executor.spin_once(POLL)
 
-    with _served(node) as executor:
+    with fastest_executor(node) as executor:
         thread = Thread(target=serve, daemon=True)
         thread.start()
         try:
@@ -164,22 +158,6 @@ def spinning(node: Node) -> Iterator[None]:
         finally:
             ended.set()
             thread.join()
-
-
-@contextmanager
-def _served(node: Node) -> Iterator[Any]:
-    """Yield the fastest executor there is for a node, which may be `served_by_events`."""
-    if EventsExecutor is None:
-        executor, serving = SingleThreadedExecutor(), nullcontext
-    else:
-        executor = EventsExecutor()
-        serving = getattr(node, 'served_by_events', nullcontext)
-    try:
-        with serving():
-            executor.add_node(node)
-            yield executor
-    finally:
-        executor.shutdown()
 
 
 def run(make_node: Callable[[], Node], work: Callable[[Any], object] = spin,

@@ -46,11 +46,7 @@ SAMPLE_STAMP = Stamp(-7, 2**32 - 1)
 
 
 class Serialization:
-    """Read and fill the messages of one hand.
-
-    Parameters
-    ----------
-    names : Names
+    """Read markers and fill replies.
 
     Attributes
     ----------
@@ -58,9 +54,8 @@ class Serialization:
         Whether messages are bytes, so that markers are subscribed to as such.
     """
 
-    def __init__(self, names: Names) -> None:
+    def __init__(self) -> None:
         self.raw = codec_agrees()
-        self._names = names
 
     def markers(self, settings: Settings, frame_id: str) -> MarkerReader | _ObjectReader:
         """Return a reader of markers: its `read` returns the MarkerFrame of a message.
@@ -76,14 +71,14 @@ class Serialization:
             return MarkerReader(*how)
         return _ObjectReader(lambda message: markers_from_message(message, *how))
 
-    def joint_states(self) -> Template | _ObjectTemplate:
-        """Return the template of a JointState of 25 numbers."""
+    def joint_states(self, joints: Sequence[str]) -> Template | _ObjectTemplate:
+        """Return the template of a JointState of a number for each of the joints."""
         if self.raw:
-            return joint_state_template(self._names.joints)
-        return _ObjectTemplate(lambda stamp, numbers: joint_state(stamp, self._names, numbers))
+            return joint_state_template(joints)
+        return _ObjectTemplate(lambda stamp, numbers: joint_state(stamp, joints, numbers))
 
     def transforms(self, frames: Sequence[tuple[str, str]]) -> Template | _ObjectTemplate:
-        """Return the template of a TFMessage of numbers (n, 7).
+        """Return the template of a TFMessage of n times 7 numbers.
 
         Parameters
         ----------
@@ -95,23 +90,24 @@ class Serialization:
         messages = new_transforms(frames)
 
         def filled(stamp: Time, numbers: np.ndarray) -> Any:
-            fill_transforms(messages, time_message(stamp), numbers)
+            fill_transforms(messages, time_message(stamp), numbers.reshape(-1, 7))
             return TFMessage(transforms=messages)
 
         return _ObjectTemplate(filled)
 
-    def skin(self, corners: int) -> Template | _ObjectTemplate:
+    def skin(self, names: Names, corners: int) -> Template | _ObjectTemplate:
         """Return the template of a Marker of triangles with corners (3 F, 3).
 
         Parameters
         ----------
+        names : Names
         corners : int
             Three for each triangle.
         """
         if self.raw:
-            return _skin_template(self._names, corners)
+            return _skin_template(names, corners)
         return _ObjectTemplate(
-            lambda stamp, places: hand_skin(time_message(stamp), self._names, places))
+            lambda stamp, places: hand_skin(time_message(stamp), names, places))
 
 
 class _ObjectReader(NamedTuple):
@@ -180,7 +176,7 @@ def _sample_markers() -> MarkerArray:
 def _writes_alike() -> bool:
     names, numbers = prefixed_names('left_'), np.linspace(-1., 1., 25)
     data = joint_state_template(names.joints).fill(SAMPLE_STAMP, numbers)
-    if not _says(data, joint_state(SAMPLE_STAMP, names, numbers)):
+    if not _says(data, joint_state(SAMPLE_STAMP, names.joints, numbers)):
         return False
     corners = np.arange(18.).reshape(6, 3)
     data = _skin_template(names, len(corners)).fill(SAMPLE_STAMP, corners.ravel())

@@ -51,6 +51,8 @@ SIMULATE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('duration', MOTION_DURATION, 'After which the motion begins again, at least [s]; '
               'the demo has its own', DURATION_RANGE),
     Parameter('hand_file', '', 'Hand file (YAML) of the simulated hand; empty for the mean hand'),
+    Parameter('layout', '', "Markers that are worn: a layout preset's name, or a layout file "
+              "(YAML); empty for the hand file's"),
     Parameter('side', 'file', "Side of the hand; 'file' for the hand file's",
               choices=('file', *SIDES)),
     Parameter('swaps', 0., 'Labels of neighbours exchanged [1/s]', FAULT_RATE_RANGE),
@@ -91,7 +93,7 @@ class SimulateNode(Node):
         super().__init__('simulate')
         values = declare(self, SIMULATE_PARAMETERS)
         side = None if values['side'] == 'file' else values['side']
-        hand, layout = simulated_hand(values['hand_file'], side)
+        hand, layout = simulated_hand(values['hand_file'], side, values['layout'])
         self._simulation = Simulation(
             values['motion'], hand, layout, CameraRig.ring(values['cameras']), values['rate'],
             values['seed'], values['duration'],
@@ -134,7 +136,8 @@ class SimulateNode(Node):
         side, period, frame = self._simulation.hand.side, 1e9 * self._period, 0
         for lap in count():
             for part in self._simulation.blocks():
-                for markers, *truth in frame_messages(part, side, bool(self._truth)):
+                for markers, *truth in frame_messages(
+                        part, side, bool(self._truth), self._simulation.layout.names):
                     due = round(frame * period)
                     yield SimulatedMessage(
                         lap, due, self._markers, markers.data, marker_stamps(markers.data))

@@ -1,6 +1,7 @@
 """Skin node: subscribe to joint states, publish the hand's skin as triangles for RViz.
 
-It computes only for subscribers: while `hand_skin` has none, it subscribes to nothing.
+The hand is the one that the tracker beside it publishes on `hand_description`, until then that of
+the parameters. It computes only for subscribers: while `hand_skin` has none, it hears no angles.
 """
 
 import sys
@@ -14,8 +15,14 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker
 
+from ..background import NewestCall
+from ..core.errors import HandTrackerError
+from ..core.model.hand import Hand, has_size_of
 from ..core.model.kinematics import forward, joint_table
+from ..core.model.marker_layout import MarkerLayout
 from ..skin import deform, load_skin
+from ..skin.skinning import Skin
+from .hand_description import follow_hand
 from .parameters import Parameter
 from .runner import declare, names_of, run
 from .serialization import Serialization
@@ -45,19 +52,44 @@ class SkinNode(Node):
         hand, _ = starting_hand({**{row.name: row.default for row in START}, **values})
         self._names = names_of(hand, values['prefix'], values['wrist_frame'])
         self._dual_quaternions = values['dual_quaternions']
+        self._side, mesh = hand.side, values['mesh'] or None
+        self._loading: NewestCall[Hand, Skin] = NewestCall(
+            lambda another: load_skin(another, mesh))
         start = time.monotonic()
-        self._skin = load_skin(hand, values['mesh'] or None)
+        self._skin = load_skin(hand, mesh)
         self._joints = joint_table(hand)
-        self._triangles = Serialization(self._names).skin(self._skin.faces.size)
+        self._serialization = Serialization()
+        self._triangles = self._serialization.skin(self._names, self._skin.faces.size)
         self._own = self._names.joints[0].encode()
         self._subscription = None
         self._data: bytes | None = None
         self._publisher = self.create_publisher(Marker, 'hand_skin', SKIN_DEPTH)
+        self._hand, self._followed = hand, follow_hand(self, self._on_hand)
         self.create_timer(1. / values['rate'], self._show,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.get_logger().info(
             f'{hand.side} hand: a skin of {len(self._skin.vertices)} vertices, '
             f'ready after {time.monotonic() - start:.1f} s')
+
+    def _on_hand(self, hand: Hand, _: MarkerLayout) -> None:
+        # A tracker of the other hand may publish on this topic too.
+        if hand.side == self._side and not has_size_of(hand, self._hand):
+            self._hand = hand
+            self._loading.ask(hand)
+
+    def _take_hand(self) -> None:
+        """Take over the skin of another hand, when it is loaded."""
+        try:
+            loaded = self._loading.poll()
+        except HandTrackerError as error:
+            self.get_logger().error(f'the skin stays that of the former hand: {error}')
+            return
+        if loaded is not None:
+            hand, self._skin = loaded
+            self._joints = joint_table(hand)
+            self._triangles = self._serialization.skin(self._names, self._skin.faces.size)
+            self.get_logger().info(f'a skin of {len(self._skin.vertices)} vertices, of the hand '
+                                   'that the tracker has now')
 
     def _show(self) -> None:
         is_subscribed = self._publisher.get_subscription_count() > 0
@@ -68,6 +100,8 @@ class SkinNode(Node):
         elif self._subscription and not is_subscribed:
             self.destroy_subscription(self._subscription)
             self._subscription = self._data = None
+        if is_subscribed:
+            self._take_hand()
         if is_subscribed and self._data:
             data, self._data = self._data, None
             self._publish(deserialize_message(data, JointState))

@@ -1,132 +1,138 @@
-"""The tracker node: markers in; joint states, TF and a picture of the hand out."""
+"""The tracker node: markers in; joint states, TF and a picture of one hand or of both out."""
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
-from visualization_msgs.msg import MarkerArray
 
-from ..calibration.live_take import LiveTake
 from ..core.errors import HandTrackerError
-from ..core.model.hand import Hand
-from ..core.model.kinematics import tip_offsets
-from ..core.model.marker_layout import MarkerLayout
+from ..core.model.hand import BOTH, SIDES
 from ..core.numerics import jit
-from ..core.tracker import HandState, HandTracker
-from ..files.urdf_file import urdf
-from ..messages.builders import diagnostics, time_message
-from ..messages.marker_array import MarkerFrame
-from ..messages.rviz_markers import hand_markers
-from ..messages.stamps import Time, seconds
-from ..tracking.auto_size import AutoSize
+from ..core.tracker import HandTracker
+from ..messages.labels import LabelMap
+from ..messages.stamps import Time
 from ..tracking.compile_kernels import compile_tracking
 from ..tracking.diagnostics import STATUS_PERIOD
-from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 from ..tracking.input_monitor import who_publishes
-from ..tracking.monitor import Monitor, TrackedFrames
-from ..tracking.rate_limit import RateLimiter, period_ns
-from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame, read_or_warn
 from .fast_path import FastPath, FastPathUnavailable
-from .fast_path.compile_fast_path import FAST_PATH_PROGRAM, FAST_PATH_SET
-from .fast_path.middleware import AT_ONCE, require_fast_path
-from .hand_services import HandServices
-from .replies import Replies
-from .robot_description import RobotDescription
-from .runner import declare, names_of, qos_of, run
+from .marker_input import STEADY_CLOCK, MarkerInput
+from .replies import AnsweredHand, Replies
+from .runner import declare, qos_of, run
 from .serialization import Serialization
+from .tracked_hand import TrackedHand
 from .tracker_parameters import (
+    SEPARATE,
+    SHARED,
     START,
+    START_OF_BOTH,
     TOPICS,
-    learns_size,
-    live_settings,
-    live_table,
-    starting_hand,
+    common_table,
+    labels_of_both,
+    labels_table,
+    markers_parameter,
+    names_of_both,
+    start_of_hand,
+    values_of_hand,
 )
 
 REPORT_PERIOD = .1      # [s] between two looks at what is to be logged
 CALIBRATION_PERIOD = .25  # [s] between two looks at a calibration's whole take
-# Timers of ROS time would stand still without /clock.
-STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 DIAGNOSTICS_DEPTH = 10
 
 
 class TrackerNode(Node):
-    """Track one hand."""
+    """Track one hand or both.
+
+    Attributes
+    ----------
+    hands : tuple of TrackedHand
+        The right one first.
+    inputs : tuple of MarkerInput
+        One for each topic of markers.
+    diagnostics : rclpy.publisher.Publisher
+        Of /diagnostics.
+    """
+
+    inputs: tuple[MarkerInput, ...] = ()
 
     def __init__(self) -> None:
         super().__init__('hand_tracker')
         start = declare(self, START)
-        self._hand, layout = starting_hand(start)
-        self._live = live_table(self._hand)
-        self._settings = live_settings(self._hand, declare(self, self._live))
-        self._has_new_settings = False
-        self._new_hand: tuple[Hand, MarkerLayout] | None = None
-        self._mocap_frame = start['mocap_frame']
-        self._names = names_of(self._hand, start['prefix'], start['wrist_frame'])
-        self._serialization = Serialization(self._names)
+        self._live = common_table()
+        declare(self, self._live)
+        self._serialization = Serialization()
         if not self._serialization.raw:
             self.get_logger().warning(
                 'rclpy lays messages out in a way that the codec does not know: slower')
-        self._tracker = HandTracker(self._settings.hand, layout, self._settings.options)
-        auto_size = (AutoSize(self._settings.hand, layout, in_background=True)
-                     if learns_size(start) else None)
-        self._stream = Stream(self._tracker, self._new_reader(), auto_size)
-        self._fast_path: FastPath | None = None
-        self._loaded_fast_path: FastPath | None = None
-        self._prepare_kernels(start['fast_path'])
-
-        qos = {topic: qos_of(start, topic) for topic in TOPICS}
-        self._replies = Replies(self, self._hand, self._names, self._serialization, qos,
-                                start['broadcast'])
-        self._hand_markers = self.create_publisher(
-            MarkerArray, 'hand_markers', qos['hand_markers'])
-        # The launch file gives robot_state_publisher the hand of the hand file.
-        self._description = RobotDescription(self, urdf(self._hand, self._names.prefix))
-        self._hand_shown = self._hand
-        self._display = RateLimiter()
-        self._tips = tip_offsets(self._hand)
-        self._diagnostics = self.create_publisher(
+        self._qos = {topic: qos_of(start, topic) for topic in TOPICS}
+        self.diagnostics = self.create_publisher(
             DiagnosticArray, '/diagnostics', DIAGNOSTICS_DEPTH)
-        self._distal_flexion = DistalFlexion(self._names.prefix)
-        self._distal_subscription = self.create_subscription(
-            JointState, 'distal_flexion', self._on_distal_flexion, qos['distal_flexion'])
-        self._subscription = self.create_subscription(
-            MarkerArray, 'markers', self._on_markers, qos['markers'],
-            raw=self._serialization.raw)
-        self._waiting: list[tuple[Any, float]] = []
-        self._newest_timer = self.create_timer(AT_ONCE, self._track_newest, clock=STEADY_CLOCK)
-        self._newest_timer.cancel()
         self._reliability = start['qos.markers.reliability']
-        self._topic = self.resolve_topic_name('markers')
-        self._monitor = Monitor(time.monotonic(), self._topic, self._settings.labels)
+        self._loaded_fast_paths: list[FastPath] = []
+        self._is_served_by_events = False
+
+        if start['side'] == BOTH:
+            self.hands, groups, is_separate = self._both_hands(start)
+        else:
+            self.hands = TrackedHand(self, start, '', self._serialization, self._qos),
+            groups, is_separate = {'markers': self.hands}, False
+        self._prepare_kernels(start['fast_path'], len(groups))
+        self.inputs = tuple(MarkerInput(
+            self, topic, self._qos['markers'], hands, Replies(
+                self, [AnsweredHand(hand.hand, hand.names, hand.topics) for hand in hands],
+                self._serialization, self._qos, start['broadcast'], is_separate),
+            self._serialization.raw) for topic, hands in groups.items())
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.create_timer(REPORT_PERIOD, self._report, clock=STEADY_CLOCK)
-        self.create_timer(STATUS_PERIOD, self._publish_status_of_all, clock=STEADY_CLOCK)
-        self.create_timer(CALIBRATION_PERIOD, self._update_calibration, clock=STEADY_CLOCK)
-        self._latest: tuple[Time, str, HandState] | None = None
-        self._published: list[TrackedFrames] = []  # that are not monitored yet
-        self._has_viewers = False
-        self._hand_services = HandServices(self, start, self._hand.side, layout)
+        self.create_timer(STATUS_PERIOD, self._publish_status, clock=STEADY_CLOCK)
+        self.create_timer(CALIBRATION_PERIOD, self._update_calibrations, clock=STEADY_CLOCK)
         self.get_logger().info(
-            f'{self._hand.side} hand: listening for markers on {self._topic}')
+            f"{' and '.join(hand.hand.side for hand in self.hands)} hand: listening for markers "
+            f"on {' and '.join(one.subscription.topic_name for one in self.inputs)}")
+        for hand in self.hands:
+            hand.log_unobserved_joints()
 
-    def _new_reader(self) -> Any:
-        return self._serialization.markers(self._settings, self._mocap_frame)
+    def _both_hands(self, start: Mapping[str, Any]) -> tuple[
+            tuple[TrackedHand, ...], dict[str, tuple[TrackedHand, ...]], bool]:
+        """Return both hands, those of each topic of markers, and whether joint states are apart."""
+        of_hands = [row for side in SIDES for row in start_of_hand(side)]
+        start = {**start, **declare(self, (*START_OF_BOTH, *of_hands))}
+        topics = start['marker_topics']
+        names = names_of_both(start)
+        rows = labels_table(names) + tuple(markers_parameter(side, topics) for side in SIDES)
+        declare(self, rows)
+        self._live += rows
 
-    def _prepare_kernels(self, wants_fast_path: bool) -> None:
-        """Load the kernels that are on disk, or have them compiled in the background."""
+        def labels(side: str, values: Mapping[str, Any]) -> LabelMap:
+            return labels_of_both(values, topics, names)[side]
+
+        hands = tuple(TrackedHand(
+            self, values_of_hand(start, side), side, self._serialization, self._qos,
+            partial(labels, side)) for side in SIDES)
+        groups: dict[str, tuple[TrackedHand, ...]] = (
+            {'markers': hands} if topics == SHARED
+            else {f'{hand.topics}markers': (hand,) for hand in hands})
+        return hands, groups, start['joint_state_topics'] == SEPARATE
+
+    def _prepare_kernels(self, wants_fast_path: bool, count: int) -> None:
+        """Load the kernels from disk, or start their compilation in the background.
+
+        Parameters
+        ----------
+        wants_fast_path : bool
+        count : int
+            Of fast paths.
+        """
         loaders = {}
         if not jit.JIT_IS_ON:
             cause, cure = (('HAND_TRACKER_JIT=0 turns numba off', 'unset it') if jit.HAS_NUMBA
@@ -140,289 +146,121 @@ class TrackerNode(Node):
             # Loaded before the first frame would wait for them.
             compile_tracking()
         if wants_fast_path and self._serialization.raw:
+            load = partial(self._load_fast_paths, count)
             try:
-                require_fast_path()
-                if jit.DEFERRED or jit.SWITCH == 'background' and not jit.is_ready(FAST_PATH_SET):
-                    loaders[FAST_PATH_SET] = self._load_fast_path
+                FastPath.require()
+                if jit.DEFERRED or (
+                        jit.SWITCH == 'background' and not jit.is_ready(FastPath.KERNEL_SET)):
+                    loaders[FastPath.KERNEL_SET] = load
                 else:
-                    self._load_fast_path(None)
+                    load(None)
             except FastPathUnavailable as error:
                 self.get_logger().info(f'no fast path, frames are slower: {error}')
-        self._stream.compile_in_background(FAST_PATH_PROGRAM, **loaders)
+        first, *others = (hand.stream for hand in self.hands)
+        first.compile_in_background(FastPath.PROGRAM, **loaders)
+        for other in others:
+            other.share_compilation(first)
 
-    def _load_fast_path(self, folder: Path | None) -> None:
+    def _load_fast_paths(self, count: int, folder: Path | None) -> None:
         """Load the fast path's kernels; in a thread of its own where they were compiled."""
         scratch = HandTracker()
         if not scratch.is_compiled:
             scratch.use_loaded_kernels()
-        self._loaded_fast_path = FastPath(scratch.kernel_arguments(), folder)
+        packs = scratch.kernel_arguments()
+        self._loaded_fast_paths = [FastPath(packs, folder) for _ in range(count)]
 
     @contextmanager
     def served_by_events(self) -> Iterator[None]:
         """Use the fast path while an EventsExecutor serves the node."""
         self._is_served_by_events = True
-        self._drain_timer = self.create_timer(REPORT_PERIOD, self._drain, clock=STEADY_CLOCK)
-        self._drain_timer.cancel()
         self._start_fast_path()
         try:
             yield
         finally:
-            if self._fast_path is not None:
-                self._fast_path.stop()
-            self._fast_path = None
+            for one in self.inputs:
+                one.stop_fast_path()
             self._is_served_by_events = False
-            self.destroy_timer(self._drain_timer)
-
-    _is_served_by_events = False
 
     def _start_fast_path(self) -> None:
         """Start the fast path as soon as its kernels are loaded, and those of the tracker."""
-        if (self._loaded_fast_path is None or self._fast_path is not None
-                or not self._is_served_by_events or not self._tracker.is_compiled):
+        if not self._is_served_by_events or not all(hand.stream.is_fast for hand in self.hands):
             return
-        self._fast_path = self._loaded_fast_path
-        self._fast_path.start(self, self._subscription, self._drain_fast_path, self._on_markers)
+        for one, fast_path in zip(self.inputs, self._loaded_fast_paths):
+            if one.fast_path is None:
+                one.start_fast_path(fast_path)
+
+    def disable_fast_path(self) -> None:
+        """Let the next message of each topic take the slow path."""
+        for one in self.inputs:
+            one.disable_fast_path()
 
     @property
     def subscriptions(self) -> Iterator[Any]:
-        """Those that executors serve.
+        """Subscriptions for executors to serve: all but those of the fast path.
 
-        Executors have no other way to leave out the one that the fast path takes from: rclpy
-        would set a callback of its own in place of the fast path's.
+        Executors have no other way to leave a subscription out: rclpy would set a callback of its
+        own in place of the fast path's.
         """
+        taken = [one.subscription for one in self.inputs if one.fast_path is not None]
         return (subscription for subscription in super().subscriptions
-                if self._fast_path is None or subscription is not self._subscription)
+                if subscription not in taken)
 
     def destroy_node(self) -> None:
-        """End a calibration too."""
-        self._hand_services.stop()
+        """End calibrations too."""
+        for hand in self.hands:
+            hand.services.stop()
         super().destroy_node()
 
-    def _on_markers(self, message: Any) -> None:
-        received = time.monotonic()
-        if not self._stream.is_fast:
-            # Plain Python may be slower than frames come: all that wait are taken before the
-            # newest is tracked, and other callbacks have their turn in between.
-            self._waiting.append((message, received))
-            if self._newest_timer.is_canceled():
-                self._newest_timer.reset()
-        elif (markers := self._read(message)) is not None:
-            self._track(markers, received)
-
-    def _track_newest(self) -> None:
-        """Track the newest frame that waits, and count those that are left out."""
-        self._newest_timer.cancel()
-        # Executors that wait for conditions bring one message at a time.
-        take, kind = self._subscription.handle.take_message, self._subscription.msg_type
-        while (taken := take(kind, self._serialization.raw)) is not None:
-            self._waiting.append((taken[0], time.monotonic()))
-        waiting, self._waiting = self._waiting, []
-        for older, (message, received) in reversed(list(enumerate(waiting))):
-            markers = self._read(message)
-            if markers is None:
-                continue
-            self._track(markers, received)
-            if markers.stamp is not None:
-                self._drain()
-                self._monitor.left_out(older)
-                return
-
-    def _read(self, message: Any) -> MarkerFrame | None:
-        """Return the markers of a message by the present settings; None where it has no such."""
-        if self._has_new_settings:
-            self._apply_settings()
-        return read_or_warn(self._stream.reader, message, self._monitor.warn_once)
-
-    def _track(self, markers: MarkerFrame, received: float) -> None:
-        frame = self._stream.track(
-            markers, received, self._receipt_stamp, self._measured_flexion())
-        if isinstance(frame, MarkerFrame):
-            # A message without any marker of the hand may be of something else.
-            self._drain()
-            self._monitor.received_none(received, frame)
-            return
-        if self._fast_path is not None:
-            self._fast_path.invalidate()
-        if not frame.markers.frame_id:
-            self._monitor.warn_once('frame_id', f"the markers have no frame; '{UNNAMED_FRAME}' is "
-                                    'used (mocap_frame)')
-        if frame.is_valid and not self._replies.publish(frame):
-            self._monitor.warn_once('repeated', 'stamps repeat: /tf has each stamp only once')
-        self._published.append(TrackedFrames.of(frame, time.monotonic()))
-        self._latest = frame.stamp, frame.frame_id, frame.state
-        if not frame.is_valid:
-            return
-        if self._has_viewers:
-            self._show()
-        if (frame.is_regular and self._fast_path is not None
-                and not self._stream.needs_each_frame):
-            self._install(frame)
-
-    def _install(self, frame: TrackedFrame) -> None:
-        """Let the fast path process messages like this one."""
-        signature = self._stream.reader.signature
-        assert self._fast_path is not None and signature is not None
-        self._fast_path.install(
-            self._tracker.kernel_arguments(), signature, frame.stamp,
-            self._settings.unit_scale, self._settings.zero_is_missing, self._replies.templates())
-
-    def _drain_fast_path(self) -> None:
-        """Take over the frames that the fast path has processed, before those that follow."""
-        frames = None if self._fast_path is None else self._fast_path.drain()
-        if frames is None or self._latest is None:
-            return
-        self._replies.published_until(frames.stamp)
-        self._latest = frames.stamp, self._latest[1], frames.state
-        self._published.append(frames)
-        if self._has_viewers:
-            self._show()
-
-    def _drain(self) -> None:
-        """Monitor the frames that either path has published since."""
-        self._drain_fast_path()
-        published, self._published = self._published, []
-        for frames in published:
-            if self._monitor.update(frames):
-                self._publish_status(frames.published[-1])
-
-    def _on_distal_flexion(self, message: JointState) -> None:
-        unknown = self._distal_flexion.received(
-            seconds(self._now()) or 0., message.name, message.position)
-        if self._fast_path is not None:
-            self._fast_path.disable()
-        if unknown:
-            self._monitor.warn_once(
-                'distal_flexion', f"distal_flexion: left out is '{unknown[0]}', expected are "
-                f"{', '.join(DISTAL_JOINTS)}, with '{self._names.prefix}' before or without")
-
-    def _measured_flexion(self) -> np.ndarray | None:
-        if not self._distal_flexion.heard:
-            return None
-        return self._distal_flexion.fresh(
-            seconds(self._now()) or 0., self._settings.distal_flexion_timeout)
-
-    def _show(self) -> None:
-        assert self._latest is not None
-        stamp, frame_id, state = self._latest
-        if self._display.due(time.monotonic(), self._settings.display_rate):
-            self._hand_markers.publish(hand_markers(
-                time_message(stamp), frame_id, self._names, self._tips, state))
-
-    def _receipt_stamp(self) -> Time:
-        self._monitor.warn_once(
-            'stamp', 'the markers have no stamp; the time of receipt is used')
-        return self._now()
-
-    def _now(self) -> Time:
+    def now(self) -> Time:
+        """Return the time of the node's clock."""
         return self.get_clock().now().to_msg()
 
+    def live_values(self) -> dict[str, Any]:
+        """Return the values of the parameters that act on every hand from the next frame on."""
+        return {row.name: self.get_parameter(row.name).value for row in self._live}
+
     def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        values = {parameter.name: parameter.value for parameter in parameters}
+        changes = {parameter.name: parameter.value for parameter in parameters}
         try:
-            live_settings(self._hand, {**self._live_values(), **values})
+            for hand in self.hands:
+                hand.require_allowed(changes)
         except HandTrackerError as error:
             return SetParametersResult(successful=False, reason=str(error))
         # Not applied yet: another callback may still refuse the whole set.
-        self._has_new_settings = True
-        if self._fast_path is not None:
-            self._fast_path.disable()
+        for hand in self.hands:
+            hand.renew_settings()
+        self.disable_fast_path()
         return SetParametersResult(successful=True)
 
-    def collect(self, take: LiveTake | None) -> None:
-        """Collect frames for a calibration from the next one on; None to end that."""
-        self._stream.take = take
-        if self._fast_path is not None:
-            self._fast_path.disable()
-
-    def replace_hand(self, hand: Hand, layout: MarkerLayout) -> None:
-        """Track with another hand from the next frame on.
-
-        Limits and couplings that were set as parameters stay; the others become the hand's.
-
-        Parameters
-        ----------
-        hand : Hand
-            Of the same side.
-        layout : MarkerLayout
-        """
-        now, rows = self._live_values(), live_table(hand)
-        self.set_parameters_atomically([
-            Parameter(row.name, value=row.default) for row, former in zip(rows, self._live)
-            if now[row.name] == former.default != row.default])
-        self._hand, self._live, self._new_hand = hand, rows, (hand, layout)
-        self._has_new_settings = True
-        if self._fast_path is not None:
-            self._fast_path.disable()
-
-    def _apply_settings(self) -> None:
-        self._has_new_settings = False
-        hand, layout = self._new_hand or (self._tracker.hand, None)
-        self._new_hand = None
-        self._settings = live_settings(hand, self._live_values())
-        if layout is None:
-            self._tracker.configure(hand=self._settings.hand, options=self._settings.options)
-        else:
-            self._stream.replace_hand(self._settings.hand, layout, self._settings.options)
-        self._stream.reader = self._new_reader()
-        self._monitor.set_labels(self._settings.labels)
-
-    def _live_values(self) -> dict[str, Any]:
-        return {row.name: self.get_parameter(row.name).value for row in self._live}
-
     def _report(self) -> None:
-        self._drain()
         self._start_fast_path()
-        if self._hand_shown is not self._tracker.hand:
-            self._show_hand()
-        self._description.update()
-        if self._replies.follow_listeners() and self._fast_path is not None:
-            self._fast_path.disable()
-        self._follow_viewers()
-        log = self.get_logger()
-        for is_warning, line in (
-                *self._stream.news(), *self._hand_services.news(), *self._monitor.log_lines(
-                    time.monotonic(), self._who_publishes)):
-            if is_warning:
-                log.warning(line)
-            else:
-                log.info(line)
+        for one in self.inputs:
+            one.drain()
+            has_viewers = False
+            for number, hand in enumerate(one.hands):
+                new_hand = hand.new_hand_to_show()
+                if new_hand is not None:
+                    one.replies.show_tips(number, new_hand)
+                has_viewers = hand.follow_viewers() or has_viewers
+            if one.replies.follow_listeners():
+                one.disable_fast_path()
+            one.drain_at(one.hands[0].settings.display_rate if has_viewers else None)
+        for hand in self.hands:
+            hand.log()
 
-    def _show_hand(self) -> None:
-        """Give a hand that was learned, loaded or given other limits to all that shows it."""
-        hand = self._hand_shown = self._tracker.hand
-        self._tips = tip_offsets(hand)
-        self._replies.show_tips(hand)
-        self._description.wanted = urdf(hand, self._names.prefix)
+    def _update_calibrations(self) -> None:
+        for hand in self.hands:
+            hand.update_calibration()
 
-    def _follow_viewers(self) -> None:
-        """Draw while somebody looks; for that, drain the fast path at the display's rate."""
-        self._has_viewers = self._hand_markers.get_subscription_count() > 0
-        if self._fast_path is None:
-            return
-        if not self._has_viewers:
-            self._drain_timer.cancel()
-            return
-        self._drain_timer.timer_period_ns = period_ns(self._settings.display_rate)
-        if self._drain_timer.is_canceled():
-            self._drain_timer.reset()
+    def _publish_status(self) -> None:
+        for one in self.inputs:
+            one.drain()
+        for hand in self.hands:
+            hand.publish_status(time.monotonic())
 
-    def _update_calibration(self) -> None:
-        if self._hand_services.update():
-            self._publish_status(time.monotonic())
-
-    def _publish_status_of_all(self) -> None:
-        self._drain()
-        self._publish_status(time.monotonic())
-
-    def _publish_status(self, now: float) -> None:
-        self._monitor.set_size(self._stream.size)
-        self._monitor.set_calibration(self._hand_services.progress())
-        status = self._monitor.status(now, self._who_publishes)
-        self._diagnostics.publish(diagnostics(
-            self._now(), f'{self.get_name()}: {self._hand.side} hand', self._topic, status))
-
-    def _who_publishes(self) -> str:
-        return who_publishes(self.get_publishers_info_by_topic(self._topic), self._reliability)
+    def who_publishes(self, topic: str) -> str:
+        """Return a line on the publishers of a topic of markers."""
+        return who_publishes(self.get_publishers_info_by_topic(topic), self._reliability)
 
 
 def main(args: list[str] | None = None) -> int:

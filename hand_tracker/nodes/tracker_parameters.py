@@ -6,7 +6,7 @@ node. The defaults of the others come from that hand; they act from the next fra
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +16,7 @@ import numpy as np
 from ..core.errors import HandTrackerError
 from ..core.model.hand import (
     ANGLE_RANGE,
+    BOTH,
     COUPLING_PRESETS,
     DIGITS,
     JOINTS,
@@ -28,15 +29,19 @@ from ..core.model.hand import (
     Hand,
 )
 from ..core.model.marker_layout import MARKERS, MarkerLayout, require_solvable
+from ..core.model.marker_rows import shows_arch
 from ..core.options import TrackerOptions
 from ..files.hand_file import InvalidHandFile, choose_hand
-from ..messages.labels import DEFAULT_LABELS, LabelMap
+from ..files.layout_file import choose_layout
+from ..messages.labels import LabelMap, default_labels, label_maps
+from ..tracking.point_labels import LABEL_SOURCES
 from .parameters import Parameter
 
 AUTO = 'auto'
 RELIABILITIES = ('best_effort', 'reliable')
 TOPICS = {'markers': ('best_effort', 5), 'joint_states': ('reliable', 10),
-          'hand_markers': ('reliable', 5), 'joint_confidence': ('reliable', 10),
+          'hand_markers': ('reliable', 5), 'labelled_markers': ('reliable', 5),
+          'joint_confidence': ('reliable', 10),
           'distal_flexion': ('best_effort', 10)}
 DEGREES = float(np.degrees(ANGLE_RANGE))
 DECIMALS = 12  # of degrees, so that 85 degrees come back from radians as 85
@@ -61,8 +66,10 @@ class Settings(NamedTuple):
 START = (
     Parameter('hand_file', '', 'Hand file (YAML) with lengths, limits and marker places; '
               'empty for the mean hand'),
-    Parameter('side', AUTO, "Side of the hand; auto is the hand file's, else right",
-              choices=(AUTO, *SIDES)),
+    Parameter('layout', '', "Markers that are worn: a preset's name (docs/layouts.md) or a layout "
+              "file (YAML); empty for the hand file's, else the paper's eight"),
+    Parameter('side', AUTO, "Side of the hand, or both hands; auto is the hand file's, else right",
+              choices=(AUTO, *SIDES, BOTH)),
     Parameter('hand_length', MEAN_LENGTH, 'Wrist crease to tip of the middle finger [m]; '
               'for the mean hand only', range=(.10, .26)),
     Parameter('hand_breadth', MEAN_BREADTH, 'Across the knuckles of index and little finger '
@@ -71,8 +78,10 @@ START = (
               'markers, where neither hand_file nor another hand_length or hand_breadth gives it'),
     Parameter('thumb', 'saddle', "Plane of the thumb: the hand's saddle joint, or the paper's "
               'plane through the index MCP', choices=('saddle', 'index_mcp')),
-    Parameter('limits.preset', AUTO, "Limits of all joints that have none of their own here; "
-              "auto is the hand file's, else paper", choices=(AUTO, *LIMIT_PRESETS)),
+    Parameter('limits.preset', AUTO, "Limits of all joints that have none of their own here: "
+              "the paper's Table 1, wider ones, or the wearer's, Table 1 widened to what the "
+              "hand file's calibration has seen; auto is the hand file's, else paper",
+              choices=(AUTO, *LIMIT_PRESETS)),
     Parameter('coupling.preset', AUTO, 'Intradigital correlation of all digits that have none of '
               "their own here; auto is the hand file's, else natural",
               choices=(AUTO, *COUPLING_PRESETS)),
@@ -83,6 +92,9 @@ START = (
     Parameter('broadcast', 'wrist', 'Frames to broadcast on /tf: the wrist alone, when '
               'robot_state_publisher broadcasts the rest, all or none',
               choices=('wrist', 'all', 'none')),
+    Parameter('labels', LABEL_SOURCES[0], 'source: markers have the labels of labels.*; none: '
+              'they are points without usable ids, and are labelled by the shape of the hand',
+              choices=LABEL_SOURCES),
     Parameter('fast_path', True, "Whether regular frames are tracked in the middleware's own "
               'thread, in compiled code alone'),
     Parameter('calibration_file', 'my_hand.yaml', 'Hand file that ~/calibrate writes, from the '
@@ -95,6 +107,88 @@ START = (
                   range=(1, 1000))))
 # Another hand file is taken by ~/load_hand.
 START = tuple(row._replace(read_only=row.name != 'hand_file') for row in START)
+# Of both hands at once
+SHARED, SEPARATE = 'shared', 'separate'
+START_OF_BOTH = (
+    Parameter('marker_topics', SHARED, 'Whether the markers of both hands come in the messages of '
+              'one topic, markers, or of one each, right/markers and left/markers',
+              choices=(SHARED, SEPARATE), read_only=True),
+    Parameter('joint_state_topics', SHARED, 'Whether the joint states of both hands, and their '
+              'confidences, go out in one message, or on a topic each, as right/joint_states',
+              choices=(SHARED, SEPARATE), read_only=True))
+
+
+def start_of_hand(side: str) -> tuple[Parameter, ...]:
+    """Return the parameters of the start that each of both hands has for its own.
+
+    Parameters
+    ----------
+    side : {'right', 'left'}
+
+    Returns
+    -------
+    tuple of Parameter
+    """
+    return (Parameter(f'{side}.hand_file', '', f'Hand file (YAML) of the {side} hand; empty for '
+                      'that of both hands, hand_file'),
+            Parameter(f'{side}.calibration_file', f'my_{side}_hand.yaml',
+                      f'Hand file that ~/{side}/calibrate writes', read_only=True))
+
+
+def values_of_hand(start: Mapping[str, Any], side: str) -> dict[str, Any]:
+    """Return the parameters of the start as one of both hands alone would have them.
+
+    Parameters
+    ----------
+    start : mapping of str to object
+        Value of each of `START` and of `start_of_hand`.
+    side : {'right', 'left'}
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    InvalidParameter
+        Where a name is given that both hands would have, or markers without labels, which are
+        tracked of one hand alone.
+    """
+    for name in ('prefix', 'wrist_frame'):
+        if start[name] != AUTO:
+            raise InvalidParameter(f"{name}: '{start[name]}'; expected {AUTO} for both hands, "
+                                   'whose names begin with right_ and left_')
+    if start['labels'] == 'none':
+        raise InvalidParameter("labels: 'none'; expected source for both hands: points without "
+                               'labels are labelled for one hand alone')
+    return {**start, 'side': side, 'hand_file': start[f'{side}.hand_file'] or start['hand_file'],
+            'calibration_file': start[f'{side}.calibration_file']}
+
+
+def names_of_both(start: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the names of the markers that each of both hands wears.
+
+    Parameters
+    ----------
+    start : mapping of str to object
+        As of `values_of_hand`.
+
+    Returns
+    -------
+    tuple of str
+
+    Raises
+    ------
+    HandTrackerError
+        As `values_of_hand` and `starting_hand`; or if the hands wear different markers.
+    """
+    of_hands = [values_of_hand(start, side) for side in SIDES]
+    right, left = (tuple(starting_hand(values)[1].names) for values in of_hands)
+    if right != left:
+        files = ' and '.join(f"'{values['hand_file']}'" for values in of_hands)
+        raise InvalidParameter(f'hand_file: {files} have {len(right)} and {len(left)} markers; '
+                               'expected the same for both hands, whose labels are the same')
+    return right
 
 
 def starting_hand(values: Mapping[str, Any]) -> tuple[Hand, MarkerLayout]:
@@ -125,6 +219,9 @@ def starting_hand(values: Mapping[str, Any]) -> tuple[Hand, MarkerLayout]:
         hand, layout = choose_hand(path and Path(path).expanduser(), *asked, **size)
     except InvalidHandFile as error:
         raise InvalidParameter(f'hand_file: {error}') from None
+    if values['layout']:
+        layout = choose_layout(values['layout'])
+        hand = hand.with_open_palm() if shows_arch(layout) else hand
     if values['thumb'] == 'index_mcp':
         hand = hand.with_paper_thumb()
     for name in ('prefix', 'mocap_frame', 'wrist_frame'):
@@ -174,7 +271,7 @@ def another_hand(values: Mapping[str, Any], path: str, side: str) -> tuple[Hand,
     if hand.side != side:
         raise InvalidParameter(f'hand_file: {path}: of a {hand.side} hand; expected a {side} one, '
                                'as joints and frames are named')
-    require_solvable(layout.mounting(hand.replace(side='right')))
+    require_solvable(layout.principal_mounting(hand.replace(side='right')))
     return hand, layout
 
 
@@ -184,13 +281,15 @@ def learns_size(values: Mapping[str, Any]) -> bool:
             and values['thumb'] == 'saddle')
 
 
-def live_table(hand: Hand) -> tuple[Parameter, ...]:
-    """Return the parameters that act from the next frame on.
+def hand_table(hand: Hand, scope: str = '') -> tuple[Parameter, ...]:
+    """Return the parameters that act from the next frame on and have the hand's own defaults.
 
     Parameters
     ----------
     hand : Hand
         Of whom the limits and couplings are the defaults.
+    scope : str, optional
+        Before each name: 'right.' or 'left.' where both hands are tracked.
 
     Returns
     -------
@@ -200,27 +299,29 @@ def live_table(hand: Hand) -> tuple[Parameter, ...]:
     for joint, limits in zip(JOINTS, np.round(np.degrees(hand.limits), DECIMALS).tolist()):
         for bound, default in zip(('lower', 'upper'), limits):
             rows.append(Parameter(
-                f'limits.{joint}.{bound}_deg', default,
+                f'{scope}limits.{joint}.{bound}_deg', default,
                 f'{bound.capitalize()} limit of {joint} [degrees]'
-                + ('; does nothing yet: eight markers do not show this joint, it stays at zero'
+                + ('; does nothing where the layout does not show this joint: it stays '
+                   + ('as the hand file has it' if joint.startswith('thumb') else 'at zero')
                    if joint in UNOBSERVED_JOINTS else ''), (-DEGREES, DEGREES)))
     for digit, (slope, offset) in zip(DIGITS, hand.coupling.tolist()):
         rule = 'IP = slope MCP + offset' if digit == 'thumb' else 'DIP = slope PIP + offset'
-        rows.append(Parameter(f'coupling.{digit}.slope', slope,
+        rows.append(Parameter(f'{scope}coupling.{digit}.slope', slope,
                               f'Intradigital correlation of the {digit}, {rule}', SLOPE_RANGE))
         rows.append(Parameter(
-            f'coupling.{digit}.offset_deg', round(float(np.degrees(offset)), DECIMALS),
+            f'{scope}coupling.{digit}.offset_deg', round(float(np.degrees(offset)), DECIMALS),
             f'Intradigital correlation of the {digit}, {rule} [degrees]', (-90., 90.)))
+    return tuple(rows)
+
+
+def common_table() -> tuple[Parameter, ...]:
+    """Return the parameters that act from the next frame on and are the same for every hand."""
+    rows = []
     for option in fields(TrackerOptions):
         about = option.metadata
         unit = f" [{about['unit']}]" if 'unit' in about else ''
         rows.append(Parameter(option.name, option.default, about['description'] + unit,
                               about.get('range'), about.get('choices', ())))
-    for marker, label in zip(MARKERS, DEFAULT_LABELS):
-        rows.append(Parameter(
-            f'labels.{marker}', label, f"Which marker of the messages is the {marker} marker: id "
-            "('3'), namespace/id ('leds/3'), namespace/* ('thumb/*'), empty if not worn",
-            any_type=True))
     rows.append(Parameter('unit_scale', 1., 'Metres per unit of the markers: 0.001 for mm',
                           (1e-6, 1e3)))
     rows.append(Parameter('zero_is_missing', True,
@@ -231,13 +332,75 @@ def live_table(hand: Hand) -> tuple[Parameter, ...]:
     return tuple(rows)
 
 
-def live_settings(hand: Hand, values: Mapping[str, Any]) -> Settings:
+def labels_table(names: Sequence[str] = MARKERS) -> tuple[Parameter, ...]:
+    """Return the parameters that tell which marker is which; they act from the next frame on.
+
+    Parameters
+    ----------
+    names : sequence of str, optional
+        Of the layout's markers.
+
+    Returns
+    -------
+    tuple of Parameter
+    """
+    return tuple(Parameter(
+        f'labels.{marker}', label, f"Which marker of the messages is the {marker} marker: id "
+        "('3'), namespace/id ('leds/3'), namespace/* ('thumb/*'), empty if not worn",
+        any_type=True) for marker, label in zip(names, default_labels(names)))
+
+
+def live_table(hand: Hand, names: Sequence[str] = MARKERS) -> tuple[Parameter, ...]:
+    """Return the parameters that act from the next frame on where one hand is tracked.
+
+    Parameters
+    ----------
+    hand : Hand
+        Of whom the limits and couplings are the defaults.
+    names : sequence of str, optional
+        Of the layout's markers.
+
+    Returns
+    -------
+    tuple of Parameter
+    """
+    return hand_table(hand) + common_table() + labels_table(names)
+
+
+def markers_parameter(side: str, topics: str) -> Parameter:
+    """Return the parameter that tells one hand's markers from the other's.
+
+    Parameters
+    ----------
+    side : {'right', 'left'}
+    topics : {'shared', 'separate'}
+        Of the markers.
+
+    Returns
+    -------
+    Parameter
+    """
+    return Parameter(f'{side}.markers', f'{side}/0' if topics == SHARED else '0',
+                     f"Which markers of the messages are the {side} hand's: 'leds/8' adds 8 to the "
+                     "ids of the labels and puts them into namespace leds, '8' only adds",
+                     any_type=True)
+
+
+def live_settings(hand: Hand, values: Mapping[str, Any], names: Sequence[str] = MARKERS,
+                  scope: str = '', labels: LabelMap | None = None) -> Settings:
     """Return the settings that the values of the run-time parameters stand for.
+
     Parameters
     ----------
     hand : Hand
     values : dict
-        Value of each of `live_table` by its name.
+        Value of each of `hand_table`, `common_table` and `labels_table` by its name.
+    names : sequence of str, optional
+        Of the layout's markers.
+    scope : str, optional
+        As of `hand_table`.
+    labels : LabelMap, optional
+        Of this hand of both; where left out, that of the parameters.
 
     Returns
     -------
@@ -248,13 +411,50 @@ def live_settings(hand: Hand, values: Mapping[str, Any]) -> Settings:
     HandTrackerError
         Naming the parameter, its value and what is allowed.
     """
-    limits = [[values[f'limits.{joint}.{bound}_deg'] for bound in ('lower', 'upper')]
+    limits = [[values[f'{scope}limits.{joint}.{bound}_deg'] for bound in ('lower', 'upper')]
               for joint in JOINTS]
-    coupling = [(values[f'coupling.{digit}.slope'],
-                 np.radians(values[f'coupling.{digit}.offset_deg'])) for digit in DIGITS]
+    coupling = [(values[f'{scope}coupling.{digit}.slope'],
+                 np.radians(values[f'{scope}coupling.{digit}.offset_deg'])) for digit in DIGITS]
     return Settings(
         hand.replace(limits=np.radians(limits), coupling=coupling),
         TrackerOptions(**{option.name: values[option.name] for option in fields(TrackerOptions)}),
-        LabelMap([values[f'labels.{marker}'] for marker in MARKERS]),
+        LabelMap(label_values(values, names), names) if labels is None else labels,
         values['unit_scale'], values['zero_is_missing'], values['distal_flexion_timeout'],
         values['display_rate'])
+
+
+def label_values(values: Mapping[str, Any], names: Sequence[str] = MARKERS) -> list[Any]:
+    """Return the value of each marker's label, in the order of the names."""
+    return [values[f'labels.{marker}'] for marker in names]
+
+
+def labels_of_both(values: Mapping[str, Any], topics: str,
+                   names: Sequence[str] = MARKERS) -> dict[str, LabelMap]:
+    """Return the labels of both hands.
+
+    Parameters
+    ----------
+    values : dict
+        Value of each of `labels_table` and `markers_parameter` by its name.
+    topics : {'shared', 'separate'}
+        Of the markers.
+    names : sequence of str, optional
+        Of the layout's markers.
+
+    Returns
+    -------
+    dict of str to LabelMap
+        By side.
+
+    Raises
+    ------
+    HandTrackerError
+        Naming the parameter, its value and what is allowed.
+    """
+    labels = label_values(values, names)
+    places = {side: str(values[f'{side}.markers']) for side in SIDES}
+    if topics == SHARED:
+        return label_maps(labels, places, names)
+    # What is on the other hand's topic is no marker of this message.
+    return {side: label_maps(labels, {side: place}, names)[side]
+            for side, place in places.items()}

@@ -16,6 +16,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
 from queue import Empty, Queue
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -36,19 +37,33 @@ from visualization_msgs.msg import MarkerArray
 from ..calibration.live_take import told_progress
 from ..core.constraints import CONSTRAINTS, constrained
 from ..core.inverse_kinematics.palm import place_palm
-from ..core.model.hand import JOINTS
+from ..core.model.hand import BOTH, JOINTS, SIDES, Hand
 from ..core.model.kinematics import forward, joint_table, tip_offsets
-from ..core.model.marker_layout import MARKERS
+from ..core.model.marker_layout import MarkerLayout
 from ..core.model.skeleton import SKELETON_POINTS, skeleton_points
 from ..core.model.states import MarkerState, PalmState
 from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
 from ..messages.rviz_markers import HELD_OPACITY, JOINTS_SHOWN, STATE_COLOURS
-from ..messages.stamps import seconds
+from ..messages.stamps import Time
+from ..tracking.stream import Stream, TrackedFrame, read_or_warn
 from ..viewer.serve import add_page_options, view
+from .hand_description import follow_hand
 from .runner import names_of, run, spinning
 from .serialization import Serialization
-from .tracker_parameters import START, live_settings, live_table, starting_hand
+from .tracker_parameters import (
+    AUTO,
+    SEPARATE,
+    SHARED,
+    START,
+    START_OF_BOTH,
+    common_table,
+    hand_table,
+    labels_of_both,
+    labels_table,
+    live_settings,
+    markers_parameter,
+)
 
 try:
     from rosbag2_interfaces import srv
@@ -135,7 +150,10 @@ class Live:
     ----------
     node : Node
     tracker, player : str, optional
-        Nodes of the tracker and of what plays a recording to it.
+        Nodes of the tracker and of what plays a recording to it; empty for no player.
+    side : {'right', 'left'}, optional
+        Of the hand, of a tracker of both; where left out, such a tracker's right hand is shown,
+        and the left one `beside` it.
 
     Attributes
     ----------
@@ -143,18 +161,26 @@ class Live:
         As a `ViewerRecording` has them.
     playhead : Player or None
         None without rosbag2_interfaces.
+    beside : Live or None
+        None before `prepare`.
     """
 
-    def __init__(self, node: Node, tracker: str = 'hand_tracker', player: str = 'replay') -> None:
-        self._node, self._tracker = node, tracker
-        self.playhead = Player(node, player) if srv else None
+    def __init__(self, node: Node, tracker: str = 'hand_tracker', player: str = 'replay',
+                 side: str = '') -> None:
+        self._node, self._tracker, self._side = node, tracker, side
+        self.playhead = Player(node, player) if srv and player else None
+        self.beside: Live | None = None
         self._joint_states: deque[bytes] = deque(maxlen=KEPT)
         self._hand_markers: deque[bytes] = deque(maxlen=1)
         self._state: HandState | None = None
         self._numbers: dict[str, str] = {}
         self._progress: dict[str, tuple[str, dict[str, float]] | None] = {}
         self._bare_state: HandState | None = None
+        self._bare_hand: Hand | None = None
         self._subscriptions: dict[str, Subscription] = {}
+        self._topics = {name: name for name in ('joint_states', 'hand_markers', 'markers')}
+        self._scope = ''    # before the names of the hand's parameters
+        self._causes: set[str] = set()  # warned of
 
     def prepare(self, say: Callable[[str], object]) -> None:
         """Wait for the tracker, and ask it whose hand it tracks, and how.
@@ -171,23 +197,55 @@ class Live:
         while not self._get.wait_for_service(SERVICE_POLL):
             pass
         start = self._values(row.name for row in START)
-        self.hand, self._layout = starting_hand(start)
-        values = self._values(row.name for row in live_table(self.hand))
-        self._settings = live_settings(self.hand, values)
-        self._changes = {name: self._change(name) for name in CONSTRAINTS}
+        topics = SHARED
+        if start['side'] == BOTH:
+            both = self._values(row.name for row in START_OF_BOTH)
+            topics = both['marker_topics']
+            if not self._side:
+                self._side, left = SIDES
+                self.beside = Live(self._node, self._tracker, '', left)
+            self._topics.update(hand_markers=f'{self._side}/hand_markers')
+            if both['joint_state_topics'] == SEPARATE:
+                self._topics.update(joint_states=f'{self._side}/joint_states')
+            if topics == SEPARATE:
+                self._topics.update(markers=f'{self._side}/markers')
+        self._scope = f'{self._side}.' if self._side else ''
+        known = Event()
+
+        def take(hand: Hand, layout: MarkerLayout) -> None:
+            # A tracker of the other hand may publish on this topic too.
+            if start['side'] in (AUTO, BOTH, hand.side):
+                self._take_hand(hand, layout)
+                known.set()
+
+        follow_hand(self._node, take, f'{self._side}/' if self._side else '')
+        known.wait()
+        names = self._layout.names
+        rows = (*hand_table(self.hand, self._scope), *common_table(), *labels_table(names))
+        if self._side:
+            rows += tuple(markers_parameter(side, topics) for side in SIDES)
+        values = self._values(row.name for row in rows)
+        self._settings = live_settings(
+            self.hand, values, names, self._scope,
+            labels_of_both(values, topics, names)[self._side] if self._side else None)
         self.constraints = frozenset(
             name for name, (_, off) in self._changes.items()
             if any(values[parameter] != value for parameter, value in off.items()))
         self._names = names_of(self.hand, start['prefix'], start['wrist_frame'])
-        self._reader = Serialization(self._names).markers(self._settings, start['mocap_frame'])
-        self._template = self._points(np.zeros(len(JOINTS)))[PALM_POINTS]
+        self._serialization = Serialization()
+        self._mocap_frame = start['mocap_frame']
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        if self.beside is not None:
+            self.beside.prepare(say)
         say('Waiting for the hand: markers come in, and the palm is seen?')
 
-    def _points(self, angles: np.ndarray) -> np.ndarray:
-        """Return the skeleton's points in the wrist's frame [m]."""
-        return skeleton_points(
-            tip_offsets(self.hand), forward(joint_table(self.hand), angles), np.zeros(3))
+    def _take_hand(self, hand: Hand, layout: MarkerLayout) -> None:
+        """Show another hand."""
+        self._layout = layout
+        self._changes = {name: _change(hand, name, self._scope) for name in CONSTRAINTS}
+        rest = forward(joint_table(hand), np.zeros(len(JOINTS)))
+        self._template = skeleton_points(tip_offsets(hand), rest, np.zeros(3))[PALM_POINTS]
+        self.hand = hand
 
     def _values(self, names: Iterable[str]) -> dict[str, Any]:
         """Return the values of the tracker's parameters by name."""
@@ -205,19 +263,6 @@ class Live:
             with suppress(Empty):
                 return answers.get(timeout=ANSWER)
 
-    def _change(self, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return the parameters of a constraint, with their values while it is on and off."""
-        on, off = (self._parameters(constraints) for constraints in (
-            CONSTRAINTS.keys(), CONSTRAINTS.keys() - {name}))
-        changed = [parameter for parameter in on if on[parameter] != off[parameter]]
-        return ({parameter: on[parameter] for parameter in changed},
-                {parameter: off[parameter] for parameter in changed})
-
-    def _parameters(self, constraints: Collection[str]) -> dict[str, Any]:
-        hand, options = constrained(self.hand, TrackerOptions(), constraints)
-        values = {row.name: row.default for row in live_table(hand)}
-        return {**values, **asdict(options)}
-
     def set_demand(self, looked_at: bool, compared: bool) -> None:
         """Subscribe to the topics that are shown, and to no others.
 
@@ -234,6 +279,8 @@ class Live:
             wanted |= {'joint_states', 'hand_markers'}
         if compared:
             wanted |= {'markers'}
+        if self._bare_hand is not self.hand and 'markers' in self._subscriptions:
+            self._node.destroy_subscription(self._subscriptions.pop('markers'))
         for topic in self._subscriptions.keys() - wanted:
             self._node.destroy_subscription(self._subscriptions.pop(topic))
         for topic in wanted - self._subscriptions.keys():
@@ -243,22 +290,26 @@ class Live:
 
     def _subscribe(self, topic: str) -> Subscription:
         if topic == 'markers':
-            hand, options = constrained(self._settings.hand, self._settings.options, ())
-            kind, quality = MarkerArray, QoSProfile(depth=100)
-            callback: Callable[[bytes], None] = partial(
-                self._on_markers, HandTracker(hand, self._layout, options))
-        else:
-            kind, frames = (JointState, self._joint_states) if topic == 'joint_states' else (
-                MarkerArray, self._hand_markers)
-            quality, callback = LATEST, lambda data: frames.append(data)
+            self._bare_hand = self.hand
+            hand, options = constrained(self.hand, self._settings.options, ())
+            stream = Stream(HandTracker(hand, self._layout, options), self._serialization.markers(
+                self._settings, self._mocap_frame))
+            return self._node.create_subscription(
+                MarkerArray, self._topics[topic], partial(self._on_markers, stream),
+                QoSProfile(depth=100), raw=self._serialization.raw)
+        kind, frames = (JointState, self._joint_states) if topic == 'joint_states' else (
+            MarkerArray, self._hand_markers)
         # As bytes: of most messages nothing is ever looked at.
-        return self._node.create_subscription(kind, topic, callback, quality, raw=True)
+        return self._node.create_subscription(
+            kind, self._topics[topic], lambda data: frames.append(data), LATEST, raw=True)
 
     def constrain(self, constraints: Collection[str]) -> None:
         """Have the tracker track with these constraints from now on.
 
         What the tracker refuses is as before in `constraints` again, once it has answered.
         """
+        if self.beside is not None:
+            self.beside.constrain(constraints)
         for name in self.constraints ^ frozenset(constraints):
             values = self._changes[name][0 if name in constraints else 1]
             request = SetParametersAtomically.Request(parameters=[
@@ -288,25 +339,29 @@ class Live:
 
         None if they are not this tracker's.
         """
-        angles = np.array(deserialize_message(joint_state, JointState).position)
+        message, first = deserialize_message(joint_state, JointState), self._names.joints[0]
+        # Of both hands one follows the other.
+        at = message.name.index(first) if first in message.name else 0
+        angles = np.array(message.position[at:at + len(JOINTS)])
         shown = {marker.ns.removeprefix(self._names.prefix): marker for marker in
                  deserialize_message(hand_markers, MarkerArray).markers}
         if not {'joints', 'markers'} <= shown.keys() or len(angles) != len(JOINTS):
             return None
         joints, known = shown['joints'], shown['markers']
-        if len(joints.points) != len(JOINTS_SHOWN) or len(known.points) > len(MARKERS):
+        if len(joints.points) != len(JOINTS_SHOWN) or len(known.points) > len(self._layout.names):
             return None
         rotation, position = np.empty((3, 3)), np.empty(3)
         place_palm(_array(joints.points)[PALM_SHOWN], self._template, False, rotation, position,
                    np.zeros((5, 3)))
-        markers = np.tile(position, (len(MARKERS), 1))
-        states = np.full(len(MARKERS), int(MarkerState.ABSENT))
+        count = len(self._layout.names)
+        markers = np.tile(position, (count, 1))
+        states = np.full(count, int(MarkerState.ABSENT))
         if known.points:
             markers[:len(known.points)] = _array(known.points)
             colours = np.array([(tone.r, tone.g, tone.b) for tone in known.colors])
             nearest = np.abs(colours[:, None] - TONES).sum(axis=2).argmin(axis=1)
             states[:len(nearest)] = [KINDS[i] for i in nearest]
-        unknown = np.full(len(MARKERS), np.nan)
+        unknown = np.full(count, np.nan)
         found = joints.color.a > .5 * (1. + HELD_OPACITY)
         return HandState(
             PalmState.TRACKED if found else PalmState.LOST, angles, rotation, position,
@@ -318,16 +373,27 @@ class Live:
         """Return the hand tracked here without any constraint; None before the first frame."""
         return self._bare_state
 
-    def _on_markers(self, tracker: HandTracker, data: bytes) -> None:
-        frame = self._reader.read(data)
-        if frame.stamp is not None:
-            state = tracker.update(frame.positions, seconds(frame.stamp))
-            if tracker.placed:
-                self._bare_state = state
+    def _on_markers(self, stream: Stream, message: Any) -> None:
+        markers = read_or_warn(stream.reader, message, self._warn_once)
+        if markers is None:
+            return
+        frame = stream.track(markers, time.monotonic(), self._receipt_stamp)
+        if isinstance(frame, TrackedFrame) and frame.is_valid:
+            self._bare_state = frame.state
+
+    def _warn_once(self, key: str, text: str) -> None:
+        if key not in self._causes:
+            self._causes.add(key)
+            self._node.get_logger().warning(text)
+
+    def _receipt_stamp(self) -> Time:
+        return self._node.get_clock().now().to_msg()
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            node = status.name.partition(':')[0]
+            node, _, hand = status.name.partition(': ')
+            if self._side and node == self._tracker and not hand.startswith(self._side):
+                continue
             values = {value.key: value.value for value in status.values}
             if node == self._tracker:
                 self._numbers = values
@@ -342,6 +408,21 @@ class Live:
     def calibration(self) -> tuple[str, dict[str, float]] | None:
         """Return a calibration's prompt and the share of each movement; None if none runs."""
         return self._progress.get(self._tracker) or self._progress.get(CALIBRATE_NODE)
+
+
+def _change(hand: Hand, name: str, scope: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the parameters of a constraint, with their values while it is on and off."""
+    on, off = (_parameters(hand, constraints, scope) for constraints in (
+        CONSTRAINTS.keys(), CONSTRAINTS.keys() - {name}))
+    changed = [parameter for parameter in on if on[parameter] != off[parameter]]
+    return ({parameter: on[parameter] for parameter in changed},
+            {parameter: off[parameter] for parameter in changed})
+
+
+def _parameters(hand: Hand, constraints: Collection[str], scope: str) -> dict[str, Any]:
+    constrained_hand, options = constrained(hand, TrackerOptions(), constraints)
+    values = {row.name: row.default for row in hand_table(constrained_hand, scope)}
+    return {**values, **asdict(options)}
 
 
 def _array(points: Sequence[Point]) -> np.ndarray:

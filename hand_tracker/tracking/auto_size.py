@@ -36,6 +36,7 @@ class AutoSize:
     def __init__(self, hand: Hand, layout: MarkerLayout, in_background: bool = False) -> None:
         self.is_learning = True
         self._hand, self._layout, self._in_background = hand, layout, in_background
+        self._palm = list(layout.principal[:len(PALM_MARKERS)])
         self._kept: list[np.ndarray] = []
         self._seen_for = 0.
         self._last: float | None = None
@@ -48,8 +49,8 @@ class AutoSize:
 
         Parameters
         ----------
-        markers : ndarray, shape (8, 3)
-            NaN where not seen [m].
+        markers : ndarray, shape (n, 3)
+            In the order of the layout, NaN where not seen [m].
         time : float or None
             Of the frame; frames without a time tell nothing [s].
 
@@ -73,7 +74,7 @@ class AutoSize:
         return found
 
     def _keep(self, markers: np.ndarray, time: float) -> None:
-        if not np.isfinite(markers[:len(PALM_MARKERS)]).all():
+        if not np.isfinite(markers[self._palm]).all():
             self._last = None
             return
         step = SAMPLE_PERIOD if self._last is None else time - self._last

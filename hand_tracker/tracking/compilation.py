@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from threading import Thread
 from typing import IO
@@ -17,6 +18,7 @@ from typing import IO
 from ..core.numerics import jit
 
 POLL_PERIOD = .1  # [s]
+NICENESS = 10      # of the compiling process: tracking comes first
 PROGRAM = 'hand_tracker.tracking.compile_kernels'
 
 
@@ -81,11 +83,14 @@ class Compilation:
                        'PYTHONPATH': os.pathsep.join(filter(None, (
                            str(jit.PACKAGE.parent), os.environ.get('PYTHONPATH'))))}
         # A session of its own: Ctrl-C is not for it.
-        return subprocess.Popen(
+        child = subprocess.Popen(
             [sys.executable, '-m', self._program], env=environment, stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL, stderr=complaints, start_new_session=True,
             # The folder that `python -m` looks into first.
             cwd=jit.PACKAGE.parent)
+        with suppress(OSError):  # it has ended, or the system has no priorities
+            os.setpriority(os.PRIO_PROCESS, child.pid, NICENESS)
+        return child
 
 
 def _temporary_folder() -> Path:

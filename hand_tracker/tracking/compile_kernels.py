@@ -3,7 +3,6 @@
 Run as ``python -m hand_tracker.tracking.compile_kernels`` by `Compilation`.
 """
 
-import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -22,7 +21,6 @@ from ..messages.labels import LabelMap
 from ..messages.stamps import Stamp, seconds
 from ..messages.templates import joint_state_template
 
-NICENESS = 10  # of the compiling process
 EMPTY_MARKER_ARRAY = LITTLE_ENDIAN + bytes(4)
 
 
@@ -44,7 +42,7 @@ def compile_tracking() -> HandTracker:
 
 
 def prepare_kernels(say: Callable[[str], object]) -> None:
-    """Compile what is not on disk before much is to be computed; say what is waited for.
+    """Compile missing kernels before a long computation, and announce the wait.
 
     Parameters
     ----------
@@ -83,8 +81,7 @@ def complete_tracking_set() -> None:
 
 
 def main() -> int:
-    """Compile at low priority, and mark the set as ready; return the exit code."""
-    os.nice(NICENESS)
+    """Compile, and mark the set as ready; return the exit code."""
     with compile_lock():
         complete_tracking_set()
     return 0

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import enum
 import math
+from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model.marker_layout import MARKERS
 from ..core.model.states import MarkerState, PalmState
 from ..core.pose.report import mean_residual
 from ..core.tracker import HandState
 from .input_monitor import InputMonitor
-from .statistics import LatencyStatistics, LatencySummary
 
 STATUS_PERIOD = 1.  # [s] over which the rate is counted
 STATUS_GAP = .1     # [s] at least between two changes that are published
+FRAMES_KEPT = 10_000  # between two summaries of latency
+STAMP_GAP = 1.      # [s] between two stamps that counts as a pause, not as lost frames
 
 MARKER_TROUBLES = {
     MarkerState.STALE: 'stale', MarkerState.REJECTED: 'rejected', MarkerState.SWAPPED: 'swapped',
@@ -48,6 +49,73 @@ class Status(NamedTuple):
     values: dict[str, str]
 
 
+class LatencySummary(NamedTuple):
+    """Latency of the frames since the last summary, and counts since the start.
+
+    Attributes
+    ----------
+    p50, p99, longest : float
+        From receipt to published, NaN where there was no frame [s].
+    late : int
+        Frames that took longer than the time between two.
+    dropped : int
+        Frames that never came, by the stamps of the others.
+    """
+
+    p50: float
+    p99: float
+    longest: float
+    late: int
+    dropped: int
+
+
+class LatencyStatistics:
+    """Collect the times of frames; all arithmetic waits for the summary."""
+
+    def __init__(self) -> None:
+        self._latencies: deque[float] = deque(maxlen=FRAMES_KEPT)
+        self._times: deque[float] = deque(maxlen=FRAMES_KEPT)
+        self._late = self._dropped = self._left_out = 0
+
+    def add(self, latency: float, time: float | None) -> None:
+        """Add a frame.
+
+        Parameters
+        ----------
+        latency : float
+            From receipt to published [s].
+        time : float or None
+            Of its stamp [s].
+        """
+        self._latencies.append(latency)
+        if time is not None:
+            self._times.append(time)
+
+    def left_out(self, count: int) -> None:
+        """Note frames that came and were not tracked: they are not dropped."""
+        self._left_out += count
+
+    def summary(self) -> LatencySummary:
+        """Return the statistics of the frames since the last summary."""
+        latencies = np.array(self._latencies)
+        steps = np.diff(np.array(self._times))
+        forward = steps[steps > 0.]
+        if forward.size:
+            step = np.median(forward)
+            self._late += int((latencies > step).sum())
+            whole = forward[forward < STAMP_GAP]
+            missing = int((np.round(whole / step) - 1.).clip(0).sum())
+            self._dropped += max(0, missing - self._left_out)
+            self._left_out = 0
+        self._latencies.clear()
+        # The last stamp stays, as frames may be lost after it.
+        for _ in range(len(self._times) - 1):
+            self._times.popleft()
+        p50, p99, longest = (np.percentile(latencies, (50, 99, 100)).tolist() if latencies.size
+                             else (np.nan,) * 3)
+        return LatencySummary(p50, p99, longest, self._late, self._dropped)
+
+
 class Diagnostics:
     """Collect the status of one hand's tracking.
 
@@ -59,6 +127,8 @@ class Diagnostics:
 
     Attributes
     ----------
+    latency : LatencyStatistics
+        Of the frames, added by the caller.
     size : str
         How far the hand's size is learned, as of `Stream.size`.
     calibration : dict of str to str
@@ -73,27 +143,15 @@ class Diagnostics:
         self._frames = self._counted = self._on_fast_path = self._left_out = 0
         self._since = now
         self._rate = 0.  # [Hz]
-        self._statistics = LatencyStatistics()
-        self._latency = self._statistics.summary()
+        self.latency = LatencyStatistics()
+        self._last_latency = self.latency.summary()
         self._last_summary: object = None
         self._last_status = -np.inf
-
-    def published(self, latency: float, time: float | None) -> None:
-        """Add the times of a frame.
-
-        Parameters
-        ----------
-        latency : float
-            From receipt to published [s].
-        time : float or None
-            Of its stamp [s].
-        """
-        self._statistics.add(latency, time)
 
     def left_out(self, count: int) -> None:
         """Count frames that were left out, as newer ones had come before they could be tracked."""
         self._left_out += count
-        self._statistics.left_out(count)
+        self.latency.left_out(count)
 
     def tracked(self, now: float, state: HandState, count: int, on_fast_path: bool) -> bool:
         """Add the results of consecutive frames.
@@ -136,7 +194,7 @@ class Diagnostics:
         if now - self._since >= .9 * STATUS_PERIOD:
             self._rate = (self._frames - self._counted) / (now - self._since)
             self._counted, self._since = self._frames, now
-            self._latency = self._statistics.summary()
+            self._last_latency = self.latency.summary()
         state = self._state
         worn = [bool(label) for label in self._input.labels.labels]
         level, text = self._level(now, publishers, worn)
@@ -144,11 +202,11 @@ class Diagnostics:
                   'frames': str(self._frames), 'frames on fast path': str(self._on_fast_path),
                   'frames left out': str(self._left_out), 'hand size': self.size,
                   **self.calibration, 'mean residual [mm]': '',
-                  **_latency_values(self._latency)}
+                  **_latency_values(self._last_latency)}
         if state is not None:
             values['palm'] = _words(state.palm)
             values['mean residual [mm]'] = _number(1e3 * mean_residual(state.residuals), 2)
-        for slot, marker in enumerate(MARKERS):
+        for slot, marker in enumerate(self._input.labels.names):
             values[f'{marker} marker'] = _marker(state, slot) if worn[slot] else 'not worn'
         return Status(level, text, values)
 
@@ -168,7 +226,7 @@ class Diagnostics:
             return Level.ERROR, text
         assert self._state is not None
         troubles = [f'{text}: {", ".join(markers)}' for kind, text in MARKER_TROUBLES.items()
-                    if (markers := [MARKERS[slot] for slot in np.flatnonzero(
+                    if (markers := [self._input.labels.names[slot] for slot in np.flatnonzero(
                         worn & (self._state.marker_states == kind))])]
         return Level.WARN if troubles else Level.OK, '; '.join([text, *troubles])
 

@@ -21,7 +21,6 @@ from ..messages.marker_array import MARKER_ARRAY, MarkerFrame
 from ..messages.stamps import Time, nanoseconds, seconds
 from .marker_events import MarkerEvents
 from .rate_limit import LogRateLimiter
-from .statistics import FitStatistics
 
 SILENT_AFTER = 3.   # [s] without markers before that is said
 NEVER_SEEN_AFTER = 5.    # [s] of tracking before a marker that was never seen is named
@@ -31,6 +30,7 @@ OFF_HAND_AFTER = 2.  # [s] before more than that is said
 BAD_FIT_RESIDUAL = .005  # [m] that seen markers are off a hand which fits badly, on average over
 FIT_AFTER = 10.  # [s] of tracking, or in a recording that ends at least
 FIT_AFTER_AT_END = 2.  # [s]
+FIT_STEP = .1          # [s] that a frame counts for at most: a pause tells nothing of the fit
 STANDING_STAMPS = 10  # frames in a row with one stamp before that is said
 CAUSES_LOGGED = 32   # distinct causes that are said at most
 
@@ -59,6 +59,52 @@ class StateRun(NamedTuple):
     palm: PalmState
     marker_states: np.ndarray
     residuals: np.ndarray
+
+
+class FitStatistics:
+    """The mean residual of the seen markers over seconds of tracking."""
+
+    def __init__(self) -> None:
+        self._last: float | None = None
+        self._reset()
+
+    def _reset(self) -> None:
+        self._seconds = self._total = 0.
+
+    def add(self, now: float, residual: float) -> None:
+        """Add a frame.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        residual : float
+            Mean distance of its seen markers from the hand [m].
+        """
+        if self._last is not None:
+            step = min(now - self._last, FIT_STEP)
+            self._seconds += step
+            self._total += step * residual
+        self._last = now
+
+    def mean(self, least: float) -> float | None:
+        """Return the mean residual once enough was tracked, and begin anew.
+
+        Parameters
+        ----------
+        least : float
+            [s]
+
+        Returns
+        -------
+        float or None
+            [m]
+        """
+        if self._seconds < least:
+            return None
+        mean = self._total / self._seconds
+        self._reset()
+        return mean
 
 
 class InputMonitor:
@@ -91,12 +137,12 @@ class InputMonitor:
         self._time: int | None = None
         self._standing = 0
         self._limiter = LogRateLimiter()
-        self._events = MarkerEvents()
+        self._events = MarkerEvents(len(labels.labels))
         self._causes: set[Hashable] = set()
         self._pending: list[str] = []
 
     def received(self, now: float, frame: MarkerFrame) -> None:
-        """Note what a message held.
+        """Note the contents of a message.
 
         Parameters
         ----------
@@ -111,7 +157,7 @@ class InputMonitor:
             self.warn_once(('frame', name), f"markers in frame '{name}' are left out, as those of "
                            f"frame '{frame.frame_id}' are tracked (mocap_frame)")
         for slot in frame.doubled:
-            marker = MARKERS[slot]
+            marker = self.labels.names[slot]
             self.warn_once(
                 ('doubled', slot), 'several markers of one message answer to the label '
                 f"'{self.labels.labels[slot]}' of {marker}; the last one counts. "
@@ -261,7 +307,7 @@ class InputMonitor:
         if situation == 'unlabelled':
             return (f'messages on {self._topic} have held no marker of the hand for '
                     f'{now - self._labelled:.0f} s: {self._others()}; '
-                    f'expected are the labels {self._expected(range(len(MARKERS)))}')
+                    f'expected are the labels {self._expected(range(len(self.labels.names)))}')
         if situation == 'off':
             return (f'the markers are on average {1e3 * self._residual:.0f} mm off the hand: '
                     'wrong side, labels or hand size?')
@@ -269,7 +315,8 @@ class InputMonitor:
             return 'tracking'
         if situation is PalmState.WAITING:
             assert self._frame is not None
-            hidden = np.flatnonzero(np.isnan(self._frame.positions[:len(PALM_MARKERS), 0]))
+            palm = self._palm_slots()
+            hidden = palm[np.isnan(self._frame.positions[palm, 0])]
             if not hidden.size:
                 return ('waiting for the palm: its markers are more than a kilometre away; '
                         f'{WHAT_TO_CHECK}')
@@ -289,7 +336,7 @@ class InputMonitor:
             return self._fault
         if self._palm is PalmState.WAITING:
             return self.describe(self._since, self._palm, str)
-        return (f'expected are the labels {self._expected(range(len(PALM_MARKERS)))}; '
+        return (f'expected are the labels {self._expected(self._palm_slots())}; '
                 f'{self._others()}')
 
     def _others(self) -> str:
@@ -302,8 +349,14 @@ class InputMonitor:
             return 'there are ' + ', '.join(f"'{ns}/{i}'" for ns, i in self._frame.unknown)
         return 'there is no other point-like marker'
 
+    def _palm_slots(self) -> np.ndarray:
+        """Return the palm's markers; of another layout than the paper's eight, all."""
+        names = self.labels.names
+        return np.arange(len(PALM_MARKERS if names == MARKERS else names))
+
     def _expected(self, slots: Iterable[int] | np.ndarray) -> str:
-        return ', '.join(f"'{self.labels.labels[slot]}' ({MARKERS[slot]})" for slot in slots)
+        labels, names = self.labels.labels, self.labels.names
+        return ', '.join(f"'{labels[slot]}' ({names[slot]})" for slot in slots)
 
     def _judge_fit(self, least: float) -> None:
         miss = self._fit.mean(least)

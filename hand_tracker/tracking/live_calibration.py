@@ -13,29 +13,13 @@ from ..calibration.take_files import save_take
 from ..core.errors import HandTrackerError
 from ..core.model.marker_layout import MarkerLayout
 from ..core.numerics import jit
+from ..output_files import require_writable
 
 FIT_NICENESS = 10  # of the child process
 
 
 class CalibrationRefused(HandTrackerError):
     """A calibration that cannot begin."""
-
-
-def require_writable(path: Path) -> None:
-    """Refuse a file that cannot be written, before somebody moves a hand for it.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    CalibrationRefused
-    """
-    folder = path.parent
-    if path.is_dir() or not os.access(path if path.exists() else folder, os.W_OK):
-        raise CalibrationRefused(f'{path}: cannot be written; expected a file in a folder that '
-                                 'is there and may be written to')
 
 
 class LiveCalibration:
@@ -63,14 +47,16 @@ class LiveCalibration:
             At which joints the digits wear their markers.
         side : {'right', 'left'}
         limits : str
-            Preset of the joint limits, which the take widens.
+            Preset of the joint limits.
         output : Path
             Hand file to write, with report and picture.
 
         Raises
         ------
         CalibrationRefused
-            If another one is not done yet, or the file cannot be written.
+            If another one is not done yet.
+        OutputError
+            If the file cannot be written.
         InvalidTake
             If the layout is no such that can be calibrated.
         """
@@ -100,7 +86,7 @@ class LiveCalibration:
         return None
 
     def _collect(self, take: LiveTake) -> None:
-        """Look at what a take has; begin to fit when it is complete."""
+        """Update the progress of the take; begin to fit when it is complete."""
         coverage = take.coverage()
         if not coverage.is_complete and not take.is_over:
             if coverage.text != self._text:

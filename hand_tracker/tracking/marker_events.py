@@ -20,12 +20,18 @@ AS_EXPECTED = int(MarkerState.SEEN)
 
 
 class MarkerEvents:
-    """Follow the states of the markers; report each change once, flickering or not."""
+    """Follow the states of the markers; report each change once, flickering or not.
 
-    def __init__(self) -> None:
-        self._noted = np.full(len(MARKERS), AS_EXPECTED)
-        self._reported = np.full(len(MARKERS), AS_EXPECTED)
-        self._unseen_at = np.zeros(len(MARKERS))
+    Parameters
+    ----------
+    count : int, optional
+        Number of markers; the paper's eight when left out.
+    """
+
+    def __init__(self, count: int = len(MARKERS)) -> None:
+        self._noted = np.full(count, AS_EXPECTED)
+        self._reported = np.full(count, AS_EXPECTED)
+        self._unseen_at = np.zeros(count)
         self._now = 0.
         self._limiter = LogRateLimiter()
 
@@ -36,7 +42,7 @@ class MarkerEvents:
         ----------
         now : float
             [s]
-        marker_states : ndarray of int, shape (8,)
+        marker_states : ndarray of int, shape (n,)
             `MarkerState` of each marker.
         palm_is_tracked : bool
             While it is not, that alone is reported, elsewhere.

@@ -108,7 +108,7 @@ class Monitor:
             over. The tracker node drains frames to here every `REPORT_PERIOD`.
         """
         for received, published, time in zip(frames.received, frames.published, frames.times):
-            self._diagnostics.published(published - received, time)
+            self._diagnostics.latency.add(published - received, time)
         if frames.markers is None:
             self._input.received_alike(frames.received[-1], frames.stamp)
         else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -25,15 +25,18 @@ from ..files.bags import (
 from ..messages.cdr import MalformedMessage, MarkerReader
 from ..messages.labels import LabelMap
 from ..messages.marker_array import MARKER_ARRAY, MarkerFrame
+from ..messages.points import PointReader
 from ..messages.stamps import nanoseconds, stamp_of
 from ..messages.templates import Template, joint_state_template, transforms_template
 from .auto_size import AutoSize
 from .monitor import Monitor, TrackedFrames
-from .stream import Stream
+from .point_labels import PointLabelReader
+from .stream import Reader, Stream
 
 USUAL_TOPIC = '/markers'
 TABLE = '.csv'
 OUTPUT_KINDS = (TABLE, *STORAGE)
+POSE_SIZE = 7  # numbers of a position and a quaternion
 
 
 class RecordedFrame(NamedTuple):
@@ -92,7 +95,7 @@ def marker_topic(bag: Bag, topic: str | None = None) -> str:
 def track(messages: Iterable[BagMessage], tracker: HandTracker, labels: LabelMap | None = None,
           frame_id: str = '', scale: float = 1., zero_is_missing: bool = True,
           monitor: Monitor | None = None, say: Callable[[str], None] | None = None,
-          auto_size: bool = False) -> Iterator[RecordedFrame]:
+          auto_size: bool = False, has_labels: bool = True) -> Iterator[RecordedFrame]:
     """Track recorded markers as the tracker node tracks them live.
 
     As there, messages without any marker of the hand are left out, and so are all before
@@ -114,6 +117,8 @@ def track(messages: Iterable[BagMessage], tracker: HandTracker, labels: LabelMap
         Told in a line that kernels are compiled meanwhile, and when they take over.
     auto_size : bool, optional
         Whether the size of the hand is learned from the first seconds.
+    has_labels : bool, optional
+        Whether the markers have labels; else `labels` is not used, and points are labelled.
 
     Yields
     ------
@@ -124,12 +129,42 @@ def track(messages: Iterable[BagMessage], tracker: HandTracker, labels: LabelMap
     BagError
         If a message is damaged.
     """
-    stream = Stream(tracker, MarkerReader(
-        LabelMap() if labels is None else labels, frame_id, scale, zero_is_missing),
-        AutoSize(tracker.hand, tracker.layout) if auto_size else None)
-    stream.compile_in_background()
+    hand = RecordedHand(
+        tracker, labels, frame_id, scale, zero_is_missing, monitor, auto_size, has_labels)
     for message in messages:
-        now = 1e-9 * message.time
+        frame = hand.track(message, say)
+        if frame is not None:
+            yield frame
+
+
+class RecordedHand:
+    """Track one hand, message by message.
+
+    Parameters
+    ----------
+    tracker, labels, frame_id, scale, zero_is_missing, monitor, auto_size, has_labels
+        See `track`.
+    """
+
+    def __init__(self, tracker: HandTracker, labels: LabelMap | None = None, frame_id: str = '',
+                 scale: float = 1., zero_is_missing: bool = True, monitor: Monitor | None = None,
+                 auto_size: bool = False, has_labels: bool = True) -> None:
+        self._monitor = monitor
+        reader: Reader
+        if has_labels:
+            reader = MarkerReader(
+                LabelMap() if labels is None else labels, frame_id, scale, zero_is_missing)
+        else:
+            reader = PointLabelReader(tracker.hand, tracker.layout,
+                                      PointReader(frame_id, scale, zero_is_missing))
+        self._stream = Stream(
+            tracker, reader, AutoSize(tracker.hand, tracker.layout) if auto_size else None)
+        self._stream.compile_in_background()
+
+    def track(self, message: BagMessage,
+              say: Callable[[str], None] | None = None) -> RecordedFrame | None:
+        """Track the hand in a message; return None where it is left out, see `track`."""
+        stream, monitor, now = self._stream, self._monitor, 1e-9 * message.time
         try:
             frame = stream.track(message.data, now, partial(stamp_of, message.time))
         except MalformedMessage as error:
@@ -141,12 +176,35 @@ def track(messages: Iterable[BagMessage], tracker: HandTracker, labels: LabelMap
         if isinstance(frame, MarkerFrame):
             if monitor is not None:
                 monitor.received_none(now, frame)
-            continue
+            return None
         if monitor is not None:
             monitor.update(TrackedFrames.of(frame, now))
-        if frame.is_valid:
-            yield RecordedFrame(message.time, nanoseconds(frame.stamp), frame.frame_id,
-                                frame.state)
+        if not frame.is_valid:
+            return None
+        return RecordedFrame(
+            message.time, nanoseconds(frame.stamp), frame.frame_id, frame.state)
+
+
+def track_hands(messages: Iterable[BagMessage], hands: Mapping[str, RecordedHand],
+                say: Callable[[str], None] | None = None) -> Iterator[dict[str, RecordedFrame]]:
+    """Track several hands in the same messages.
+
+    Parameters
+    ----------
+    messages, say
+        See `track`.
+    hands : mapping of str to RecordedHand
+
+    Yields
+    ------
+    dict of str to RecordedFrame
+        Of each message the hands that were tracked in it.
+    """
+    for message in messages:
+        frames = {name: hand.track(message, say) for name, hand in hands.items()}
+        tracked = {name: frame for name, frame in frames.items() if frame is not None}
+        if tracked:
+            yield tracked
 
 
 def save(path: str | Path, frames: Iterable[RecordedFrame], prefix: str,
@@ -169,34 +227,68 @@ def save(path: str | Path, frames: Iterable[RecordedFrame], prefix: str,
     HandTrackerError
         If the path has another extension, or cannot be written to.
     """
+    save_hands(path, ({prefix: frame} for frame in frames), [prefix], [''] if wrist else ())
+
+
+def save_hands(path: str | Path, frames: Iterable[Mapping[str, RecordedFrame]],
+               prefixes: Sequence[str], wrists: Sequence[str] = ()) -> None:
+    """Write tracked frames of several hands, see `save`.
+
+    A table has NaN for a hand that a frame has not, a recording leaves it out.
+
+    Parameters
+    ----------
+    path : path-like
+    frames : iterable of mapping of str to RecordedFrame
+        By the prefixes, of one stamp.
+    prefixes : sequence of str
+        Of the joints' names and the wrists' frames.
+    wrists : sequence of str
+        Of each hand what the table's columns of its wrist's pose begin with; where empty, the
+        poses are not written.
+    """
     path = Path(path)
-    joints = [prefix + joint for joint in JOINTS]
     if path.suffix == TABLE:
-        write_angle_table(path, joints, _rows(frames, wrist), wrist)
+        joints = [prefix + joint for prefix in prefixes for joint in JOINTS]
+        write_angle_table(path, joints, _rows(frames, prefixes, bool(wrists)), wrists)
     else:
-        write_bag(path, _messages(frames, joints, prefix + ROOT if wrist else None))
+        write_bag(path, _messages(frames, bool(wrists)))
 
 
-def _rows(frames: Iterable[RecordedFrame],
-          wrist: bool) -> Iterator[tuple[float, np.ndarray, tuple[float, ...]]]:
+def _rows(frames: Iterable[Mapping[str, RecordedFrame]], prefixes: Sequence[str],
+          has_wrists: bool) -> Iterator[tuple[float, np.ndarray, list[float]]]:
     first = None
-    for _, stamp, _, state in frames:
+    for tracked in frames:
+        stamp = next(iter(tracked.values())).stamp
         first = stamp if first is None else first
-        yield 1e-9 * (stamp - first), state.angles, _pose(state) if wrist else ()
+        states = [tracked[prefix].state if prefix in tracked else None for prefix in prefixes]
+        poses = [number for state in states for number in (
+            [np.nan] * POSE_SIZE if state is None else _pose(state))] if has_wrists else []
+        yield 1e-9 * (stamp - first), np.concatenate(
+            [np.full(len(JOINTS), np.nan) if state is None else state.angles
+             for state in states]), poses
 
 
-def _messages(frames: Iterable[RecordedFrame], joints: list[str],
-              wrist: str | None) -> Iterator[BagMessage]:
-    joint_states = joint_state_template(joints)
-    transforms: dict[str, Template] = {}
-    for recorded, time, frame_id, state in frames:
+def _messages(frames: Iterable[Mapping[str, RecordedFrame]],
+              has_wrists: bool) -> Iterator[BagMessage]:
+    joint_states: dict[tuple[str, ...], Template] = {}
+    transforms: dict[tuple[tuple[str, str], ...], Template] = {}
+    for tracked in frames:
+        prefixes = tuple(tracked)
+        recorded, time, _, _ = tracked[prefixes[0]]
         stamp = stamp_of(time)
-        yield BagMessage('/joint_states', JOINT_STATE, recorded,
-                         joint_states.fill(stamp, state.angles))
-        if wrist is not None:
-            if frame_id not in transforms:
-                transforms = {frame_id: transforms_template([(frame_id, wrist)])}
-            yield BagMessage('/tf', TF, recorded, transforms[frame_id].fill(stamp, _pose(state)))
+        if prefixes not in joint_states:
+            joint_states[prefixes] = joint_state_template(
+                [prefix + joint for prefix in prefixes for joint in JOINTS])
+        yield BagMessage('/joint_states', JOINT_STATE, recorded, joint_states[prefixes].fill(
+            stamp, np.concatenate([frame.state.angles for frame in tracked.values()])))
+        if has_wrists:
+            frame_ids = tuple(
+                (frame.frame_id, prefix + ROOT) for prefix, frame in tracked.items())
+            if frame_ids not in transforms:
+                transforms = {frame_ids: transforms_template(frame_ids)}
+            yield BagMessage('/tf', TF, recorded, transforms[frame_ids].fill(
+                stamp, np.concatenate([_pose(frame.state) for frame in tracked.values()])))
 
 
 def _pose(state: HandState) -> tuple[float, ...]:

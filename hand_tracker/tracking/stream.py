@@ -23,13 +23,15 @@ from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time, seconds
 from .auto_size import AutoSize
 from .compilation import PROGRAM, Compilation
+from .point_labels import PointLabelReader
+from .side_check import SideCheck
 
 UNNAMED_FRAME = 'world'  # of markers without a frame, as TF needs one
 BLEND_TIME = .25         # [s] in which each digit finds its bend on another hand, at 15 rad/s
 
 
 class Reader(Protocol):
-    """What reads markers of messages: a `MarkerReader`, or one of message objects."""
+    """Interface of readers of marker messages: `MarkerReader`, or of message objects."""
 
     @property
     def signature(self) -> MessageSignature | None:
@@ -45,13 +47,13 @@ class Reader(Protocol):
         ...
 
     def use_loaded_kernels(self) -> None:
-        """Go on with the kernels that are loaded."""
+        """Go on with the loaded kernels."""
         ...
 
 
 def read_or_warn(reader: Reader, message: Any,
                  warn_once: Callable[[str, str], None]) -> MarkerFrame | None:
-    """Return the markers of a message; None, with one warning, of what is no such message.
+    """Return the markers of a message; None, with one warning, of a malformed message.
 
     Parameters
     ----------
@@ -68,12 +70,12 @@ def read_or_warn(reader: Reader, message: Any,
 
 
 class TrackedFrame(NamedTuple):
-    """A message of markers, tracked.
+    """Tracked frame of a message of markers.
 
     Attributes
     ----------
     received : float
-        When the message came, on a clock that never jumps [s].
+        Time of receipt, on a clock that never jumps [s].
     stamp : Time
         Of the markers, else of their receipt.
     frame_id : str
@@ -86,7 +88,8 @@ class TrackedFrame(NamedTuple):
     is_valid : bool
         Whether the palm has been seen yet: before, there is no pose to publish.
     is_regular : bool
-        Whether the frame has a stamp of its own and nothing but markers went into it.
+        Whether messages like this one need not be seen by `Stream.track`: it has a stamp and a
+        signature, and nothing but its markers went into the frame.
     restarted : bool
         Whether time jumped back, so that tracking began anew.
     """
@@ -103,7 +106,7 @@ class TrackedFrame(NamedTuple):
 
 
 class FrameTime:
-    """The time given to the tracker: the stamp's, or that of receipt until a stamp has come."""
+    """Time of frames for the tracker: of the stamp, or of receipt until the first stamp."""
 
     def __init__(self) -> None:
         self._is_stamped = False
@@ -141,7 +144,7 @@ class Stream:
     reader : Reader
         May be replaced between two messages.
     auto_size : AutoSize, optional
-        What learns the size of the hand, where nobody gave it.
+        Learner of the hand's size; left out where the size is given.
 
     Attributes
     ----------
@@ -149,7 +152,7 @@ class Stream:
     compilation : Compilation or None
         None where the kernels were ready, or there is no numba.
     take : LiveTake or None
-        What collects the markers of each frame for a calibration.
+        Collector of each frame's markers for a calibration.
     """
 
     def __init__(self, tracker: HandTracker, reader: Reader,
@@ -164,17 +167,18 @@ class Stream:
         self._switches_kernels = False
         self._news: list[tuple[bool, str]] = []
         self._has_reported_error = False
+        self._side_check = SideCheck(tracker.hand.side)
 
     def compile_in_background(self, program: str = PROGRAM,
                               **loaders: Callable[[Path], None]) -> None:
-        """Have a child process compile what is missing, and take it over when it is done.
+        """Compile missing kernels in a child process; take them over once they are compiled.
 
         Parameters
         ----------
         program : str
-            Module that compiles, see `Compilation`.
+            Compiling module, see `Compilation`.
         **loaders
-            What loads further sets of kernels, by the set's name.
+            Loaders of further sets of kernels, by the set's name.
         """
         if DEFERRED:
             loaders = {TRACKING_SET: self._load_kernels, **loaders}
@@ -183,6 +187,11 @@ class Stream:
                                'about a minute; until then plain Python tracks, more slowly'))
         if loaders:
             self.compilation = Compilation(loaders, program)
+
+    def share_compilation(self, other: Stream) -> None:
+        """Take over the kernels that another stream of this process has compiled."""
+        self.compilation, self._switches_kernels = other.compilation, other._switches_kernels
+        self._has_reported_error = True  # by the other
 
     def _load_kernels(self, folder: Path) -> None:
         self.tracker.load_kernels(folder)
@@ -195,9 +204,9 @@ class Stream:
         Parameters
         ----------
         message : bytes or MarkerArray
-            As the reader takes it, or a `MarkerFrame` that it has read.
+            For the reader, or a `MarkerFrame` by it.
         received : float
-            When it came, on a clock that never jumps [s].
+            Time of receipt, on a clock that never jumps [s].
         receipt_stamp : callable
             Returns the stamp for markers without one.
         distal_flexion : ndarray, shape (5,), optional
@@ -223,14 +232,17 @@ class Stream:
         tracker = self.tracker
         if self.take is not None:
             self.take.add(markers.positions, time)
-        if self.size == 'learning':
+        if self._auto_size is not None and self._auto_size.is_learning:
             self._learn_size(markers.positions, time)
+        if not self._side_check.is_settled:
+            self._check_side(markers.positions, time)
         if self._blends:
             self._blend_in(time)
         state = tracker.update(markers.positions, time, distal_flexion)
         return TrackedFrame(
             received, stamp, markers.frame_id or UNNAMED_FRAME, time, state, markers,
-            tracker.placed, has_stamp and distal_flexion is None, tracker.restarted)
+            tracker.placed, has_stamp and distal_flexion is None and not self.needs_each_frame,
+            tracker.restarted)
 
     @property
     def size(self) -> str:
@@ -241,8 +253,9 @@ class Stream:
 
     @property
     def needs_each_frame(self) -> bool:
-        """Whether frames are collected, so that none may pass by `track`."""
-        return self.size == 'learning' or self.take is not None or self._blends
+        """Whether `track` must see every frame: to label, learn the size, collect or blend in."""
+        return (isinstance(self.reader, PointLabelReader) or self.size == 'learning'
+                or self.take is not None or self._blends)
 
     def replace_hand(self, hand: Hand, layout: MarkerLayout,
                      options: TrackerOptions | None = None) -> None:
@@ -285,6 +298,16 @@ class Stream:
                                f'{1e3 * np.linalg.norm(mcp[0] - mcp[3]):.0f} mm between the '
                                'knuckles of index and little finger'))
 
+    def _check_side(self, markers: np.ndarray, time: float | None) -> None:
+        side = self.tracker.hand.side
+        # Row -1 stands for no marker.
+        principal = np.vstack((markers, np.full(3, np.nan)))[list(self.tracker.layout.principal)]
+        if self._side_check.add(principal, time):
+            other = 'left' if side == 'right' else 'right'
+            self._news.append((True, f'the fingers bend away from the palm of a {side} hand: set '
+                               f'side:={other} if it is a {other} one, else an axis is mirrored, '
+                               'or two are exchanged'))
+
     @property
     def is_fast(self) -> bool:
         """Whether compiled kernels track."""
@@ -299,8 +322,10 @@ class Stream:
             self._switches_kernels = False
 
     def news(self) -> list[tuple[bool, str]]:
-        """Return what is to be logged of the kernels: whether it is a warning, and the line."""
+        """Return the lines to log of kernels and size: whether it is a warning, and the line."""
         news, self._news = self._news, []
+        if isinstance(self.reader, PointLabelReader):
+            news += self.reader.news()
         error = None if self.compilation is None else self.compilation.error
         if error is not None and not self._has_reported_error:
             self._has_reported_error = True

@@ -14,6 +14,7 @@ from hand_tracker.calibration.prompts import PROMPTS
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.files.hand_file import load_hand, save_hand
+from hand_tracker.nodes.hand_description import follow_hand
 from hand_tracker.simulation.motions import motion_named
 from hand_tracker.simulation.poses import pose_angles
 from hand_tracker.simulation.visibility import skin_layout
@@ -66,6 +67,13 @@ def test_a_hand_is_loaded_without_a_jump(tmp_path):
             return shown.get_parameter('robot_description').value
 
         bench.node.repeat(lambda: bench.answer(frame), urdf, 0.)
+        # Who comes now is told of the hand, without what was set as a parameter.
+        described = []
+        follow_hand(bench.node, lambda *hand: described.append(hand))
+        bench.node.spin_until(lambda: described)
+        np.testing.assert_allclose(described[0][0].finger_bones, HAND.finger_bones, atol=1e-12)
+        np.testing.assert_allclose(described[0][0].limits, limits, atol=1e-12)
+        np.testing.assert_allclose(described[0][1].offsets, LAYOUT.offsets, atol=1e-12)
 
 
 def test_markers_worn_elsewhere_are_taken_without_a_jump(tmp_path):

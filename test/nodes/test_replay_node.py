@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import rclpy
+from helpers.point_files import hand_recording
 from helpers.ros_process import PATIENCE, NodeProcess, Process, watching_node
 from rosbags.interfaces import (
     Qos,
@@ -31,6 +32,7 @@ from hand_tracker.files.bags import (
     marker_array_message,
     write_bag,
 )
+from hand_tracker.files.recordings import write_recording
 from hand_tracker.nodes import replay_node
 
 NEEDS = 'rclpy',
@@ -194,6 +196,23 @@ def test_topics_remaps_and_late_subscriber(bags, watch):
     assert frames_of(markers) == list(range(FRAMES))
 
 
+def test_a_file_of_points_is_played_as_markers(watch, tmp_path):
+    recording = hand_recording(FRAMES)
+    write_recording(tmp_path / 'take.trc', recording)
+    with replay(tmp_path / 'take.trc', up='y', units='mm') as process:
+        markers = watch.collect(MarkerArray, 'markers')
+        watch.spin_until(lambda: len(markers) == FRAMES)
+        clean(process, process.wait())
+        assert 'in mm, y up' in process.output
+    for message, truth in zip(markers, recording.points.tolist(), strict=True):
+        found = {marker.id: marker.pose.position for marker in message.markers}
+        for slot, place in enumerate(truth):
+            assert (slot in found) == (place[0] == place[0])
+            if slot in found:
+                point = found[slot]
+                assert (point.x, point.y, point.z) == pytest.approx(place, abs=1e-6)
+
+
 def test_excluded_topics_are_left_out_unless_named(bags, watch, tmp_path):
     def earlier_run():
         for message in frames():
@@ -349,7 +368,7 @@ def test_interrupt(bags, state):
 
 ERRORS = {
     'missing': ({'recording': 'none.mcap'}, 'no such file or folder; expected a rosbag2 folder'),
-    'extension': ({'recording': 'hand.bag'}, "unknown extension '.bag'; expected"),
+    'extension': ({'recording': 'hand.bag'}, "that of no known format; expected C3D"),
     'folder': ({'recording': 'folder'}, 'a folder without metadata.yaml; expected'),
     'no bytes': ({'recording': 'no_bytes.mcap'}, 'the file has no bytes; expected'),
     'no messages': ({'recording': 'no_messages'}, 'a recording without messages; expected'),

@@ -15,9 +15,12 @@ from visualization_msgs.msg import Marker
 
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.core.numerics import jit
+from hand_tracker.files.hand_file import hand_text, parse_hand
 from hand_tracker.messages.builders import joint_state, prefixed_names
 from hand_tracker.nodes import skin_node
+from hand_tracker.nodes.hand_description import HandDescription
 from hand_tracker.simulation.poses import pose_angles
 from hand_tracker.skin import deform, load_skin
 from hand_tracker.tracking.rate_limit import period_ns
@@ -54,7 +57,7 @@ def test_triangles_are_the_deformed_skin_while_somebody_looks(cache):
 
         def send():
             sent.append(Time(sec=1 + len(sent)))
-            publisher.publish(joint_state(sent[-1], names, angles))
+            publisher.publish(joint_state(sent[-1], names.joints, angles))
             publisher.publish(JointState(name=['wheel'], position=[1.]))
 
         node.create_timer(1. / RATE, send)
@@ -71,6 +74,35 @@ def test_triangles_are_the_deformed_skin_while_somebody_looks(cache):
         node.destroy_subscription(looking)
         node.spin_until(lambda: publisher.get_subscription_count() == 0)
         assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output
+
+
+def test_it_follows_the_hand_that_is_tracked(cache):
+    # As the node reads it, to the bit, so that it finds this skin in the cache.
+    larger, _ = parse_hand(
+        hand_text(Hand.scaled(.2, .095, side='left'), MarkerLayout()), 'larger hand')
+    skin = load_skin(larger)
+    names, angles = prefixed_names('left_'), pose_angles('pinch', LEFT)
+    expected = deform(skin, forward(joint_table(larger), angles))[skin.faces].reshape(-1, 3)
+    with NodeProcess(MODULE, {'side': 'left'}) as process, watching_node() as node:
+        # Said before the node is there, as by a tracker that has learned a size.
+        HandDescription(node).publish(larger, MarkerLayout())
+        # A tracker of the other hand has no part in it.
+        other = HandDescription(node)
+        other.publish(larger.mirrored(), MarkerLayout())
+        publisher = node.create_publisher(JointState, 'joint_states', 10)
+        process.wait_for_line('a skin of')
+        heard = []
+        node.create_subscription(Marker, 'hand_skin', heard.append, RVIZ)
+
+        def is_shown():
+            places = heard and np.array([(p.x, p.y, p.z) for p in heard[-1].points])
+            return len(places) == len(expected) and np.allclose(places, expected, atol=1e-9)
+
+        node.repeat(lambda: publisher.publish(joint_state(Time(sec=1), names.joints, angles)),
+                    is_shown, .05)
+        assert process.interrupt() == 0, process.output
+    assert 'of the hand that the tracker has now' in process.output
     assert 'Traceback' not in process.output
 
 
@@ -93,7 +125,7 @@ def test_it_computes_new_joint_states_alone_and_only_while_somebody_looks(cache,
 
     monkeypatch.setattr(skin_node, 'deform', counted)
     state = serialize_message(joint_state(
-        Time(sec=1), prefixed_names('right_'), np.zeros(len(JOINTS))))
+        Time(sec=1), prefixed_names('right_').joints, np.zeros(len(JOINTS))))
     rclpy.init(args=[])
     node = skin_node.SkinNode()
     try:

@@ -11,20 +11,33 @@ import yaml
 from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.model.hand import (
     JOINTS,
+    SIDES,
     UNOBSERVED_JOINTS,
     Hand,
     preset_coupling,
     preset_limits,
 )
+from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
 from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.files.hand_file import save_hand
+from hand_tracker.files.hand_file import load_hand, save_hand
 from hand_tracker.nodes.tracker_parameters import (
+    SEPARATE,
+    SHARED,
     START,
+    InvalidParameter,
+    common_table,
+    hand_table,
+    labels_of_both,
+    labels_table,
     live_settings,
     live_table,
+    markers_parameter,
+    names_of_both,
+    start_of_hand,
     starting_hand,
+    values_of_hand,
 )
 from hand_tracker.simulation.packaged_recordings import demo_recording
 
@@ -82,6 +95,15 @@ def test_hand_file_gives_way_to_what_is_given(tmp_path):
     assert hand.side == 'right'
     assert np.array_equal(hand.limits, preset_limits('paper'))
     assert np.allclose(hand.finger_bones, mine.finger_bones)
+
+
+def test_limits_of_the_wearer_are_chosen_by_name(tmp_path):
+    shown = np.tile((-.6, .3), (25, 1))
+    save_hand(tmp_path / 'hand.yaml', Hand.scaled(range_of_motion=shown), MarkerLayout())
+    for preset in ('paper', 'wearer', 'wide'):
+        hand, _ = start(hand_file=str(tmp_path / 'hand.yaml'), limits__preset=preset)
+        assert np.allclose(hand.limits, preset_limits(preset, shown), rtol=0, atol=1e-12)
+    assert np.array_equal(start(limits__preset='wearer')[0].limits, preset_limits('paper'))
 
 
 def test_hand_file_in_the_home_folder(tmp_path, monkeypatch):
@@ -159,7 +181,7 @@ def test_the_parameter_file_documents_the_defaults_and_replaces_nothing_of_a_han
 
 def test_limits_without_effect_say_so():
     joints = {row.name.split('.')[1] for row in live_table(Hand.scaled())
-              if 'does nothing yet' in row.description}
+              if 'does nothing where' in row.description}
     assert joints == set(UNOBSERVED_JOINTS) < set(JOINTS)
     moved = HandTracker(Hand.scaled(limits=preset_limits('wide')))
     reached = np.zeros(len(JOINTS))
@@ -199,3 +221,68 @@ def test_names_are_distinct_and_described():
         assert not row.choices or row.default in row.choices
         assert not row.range or row.range[0] <= row.default <= row.range[1]
         assert isinstance(row.default, (bool, str)) or row.range
+
+
+def both(**values):
+    """Return the values of the start of both hands, by side."""
+    given = {name.replace('__', '.'): value for name, value in values.items()}
+    defaults = {row.name: row.default
+                for row in (*START, *(row for side in SIDES for row in start_of_hand(side)))}
+    assert set(given) <= set(defaults)
+    return {side: values_of_hand({**defaults, 'side': 'both', **given}, side) for side in SIDES}
+
+
+def test_each_of_both_hands_has_its_own_side_hand_file_and_limits(tmp_path):
+    path, other = tmp_path / 'hand.yaml', tmp_path / 'other.yaml'
+    save_hand(path, Hand.scaled(.2, .09), MarkerLayout())
+    save_hand(other, Hand.scaled(.17, .08, side='left'), MarkerLayout())
+    found = {side: starting_hand(values)[0] for side, values in both(
+        hand_file=str(path), left__hand_file=str(other)).items()}
+    assert same(found['right'], load_hand(path)[0])
+    assert same(found['left'], load_hand(other)[0])
+    mirrored = starting_hand(both(hand_file=str(path))['left'])[0]
+    assert same(mirrored, load_hand(path)[0].mirrored())
+    hand = found['left']
+    values = {row.name: row.default for row in (
+        *hand_table(hand, 'left.'), *common_table(), *labels_table())}
+    values['left.limits.index_pip_flexion.upper_deg'] = 30.
+    limits = live_settings(hand, values, scope='left.').hand.limits
+    assert limits[JOINTS.index('index_pip_flexion'), 1] == pytest.approx(np.radians(30.))
+
+
+def test_names_that_both_hands_would_have_are_refused():
+    for name in 'prefix', 'wrist_frame':
+        with pytest.raises(InvalidParameter, match=f"{name}: 'mine'; expected auto"):
+            both(**{name: 'mine'})
+
+
+def test_markers_that_are_tracked_of_one_hand_alone_are_refused(tmp_path):
+    with pytest.raises(InvalidParameter, match="labels: 'none'; expected source for both hands"):
+        both(labels='none')
+
+
+def test_both_hands_wear_the_same_markers(tmp_path):
+    defaults = {row.name: row.default
+                for row in (*START, *(row for side in SIDES for row in start_of_hand(side)))}
+    assert names_of_both({**defaults, 'layout': 'sig18_19'}) == preset_layout('sig18_19').names
+    path = tmp_path / 'hand.yaml'
+    save_hand(path, Hand.scaled(), preset_layout('tips5_palm3'))
+    with pytest.raises(InvalidParameter, match='hand.yaml.* have 8 and 8 markers; expected the '
+                       'same for both hands'):
+        names_of_both({**defaults, 'right.hand_file': str(path)})
+    values = {row.name: row.default for row in (
+        *labels_table(('a', 'b')), *(markers_parameter(side, SHARED) for side in SIDES))}
+    assert labels_of_both(values, SHARED, ('a', 'b'))['left'].labels == ('left/0', 'left/1')
+
+
+def test_markers_of_both_hands_are_told_apart():
+    values = {row.name: row.default for row in labels_table()}
+    for topics, expected in (SHARED, ('right/3', 'left/3')), (SEPARATE, ('3', '3')):
+        rows = {row.name: row.default for row in (
+            markers_parameter(side, topics) for side in SIDES)}
+        found = labels_of_both({**values, **rows}, topics)
+        assert tuple(found[side].labels[3] for side in SIDES) == expected
+    with pytest.raises(HandTrackerError, match="left.markers: 'x'; expected namespace/id"):
+        labels_of_both({**values, 'right.markers': '0', 'left.markers': 'x'}, SHARED)
+    with pytest.raises(HandTrackerError, match='of both hands'):
+        labels_of_both({**values, 'right.markers': 0, 'left.markers': 7}, SHARED)

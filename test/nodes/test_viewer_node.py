@@ -7,21 +7,33 @@ import numpy as np
 import pytest
 import rclpy
 from builtin_interfaces.msg import Time
+from helpers.bench import hand_at, message, messages
+from helpers.markers import marker
 from helpers.ros_process import PATIENCE, NodeProcess, watching_node
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
-from visualization_msgs.msg import MarkerArray
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker, MarkerArray
 
 from hand_tracker.calibration.live_take import CALIBRATION_KEY, NO_CALIBRATION, Coverage
 from hand_tracker.calibration.prompts import PROMPTS
-from hand_tracker.core.model.hand import JOINTS
+from hand_tracker.core.model.hand import JOINTS, Hand, preset_limits
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.layout_presets import preset_layout
+from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
 from hand_tracker.core.model.states import MarkerState
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.files.hand_file import save_hand
 from hand_tracker.messages.builders import diagnostics
+from hand_tracker.messages.cdr import MarkerReader
+from hand_tracker.messages.labels import LabelMap
 from hand_tracker.messages.stamps import seconds
 from hand_tracker.nodes.runner import spinning
 from hand_tracker.nodes.viewer_node import Live
 from hand_tracker.package_data import packaged_recording
 from hand_tracker.tracking.diagnostics import Level, Status
+from hand_tracker.tracking.stream import Stream
 
 NEEDS = 'rclpy',
 
@@ -91,6 +103,100 @@ def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
             live.constrain(live.constraints - {'Rigidity'})
             later = Live(node)
             wait(lambda: 'Rigidity' not in (later.prepare(print), later.constraints)[1])
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+def test_without_constraints_it_tracks_markers_without_stamps_and_warns_once_of_other_bytes():
+    said = []
+    live = Live(SimpleNamespace(
+        create_client=lambda *_: None, get_logger=lambda: SimpleNamespace(warning=said.append),
+        get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(to_msg=lambda: Time(sec=1)))))
+    stream = Stream(HandTracker(), MarkerReader(LabelMap()))
+    for _ in range(2):
+        live._on_markers(stream, b'other bytes')
+    assert len(said) == 1 and 'no message of markers' in said[0]
+    assert live.bare_state() is None
+    live._on_markers(stream, serialize_message(message(hand_at(), 0)))
+    assert np.isfinite(live.bare_state().angles).all()
+
+
+def test_it_follows_the_hand_that_is_tracked(tmp_path):
+    mine = Hand.scaled(.2, .095, side='left', limits=preset_limits('wide'))
+    layout = MarkerLayout(offsets=np.full((8, 3), .002))
+    save_hand(tmp_path / 'mine.yaml', mine, layout)
+    rclpy.init()
+    node = rclpy.create_node('viewer')
+    try:
+        with NodeProcess('hand_tracker.nodes.tracker_node', {'side': 'left'}), NodeProcess(
+                'hand_tracker.nodes.replay_node', {
+                    'recording': str(packaged_recording('left')), 'loop': True}), spinning(node):
+            live = Live(node)
+            live.prepare(print)
+            live.set_demand(looked_at=True, compared=True)
+            wait(lambda: live.bare_state() is not None)
+            # Limits that are switched off are no other hand's.
+            live.constrain(live.constraints - {'Joint limits'})
+            live._answer(live._set, SetParametersAtomically.Request(parameters=messages(
+                {'hand_file': str(tmp_path / 'mine.yaml')})))
+            load = node.create_client(Trigger, 'hand_tracker/load_hand')
+            assert load.wait_for_service(PATIENCE)
+            assert live._answer(load, Trigger.Request()).success
+            wait(lambda: np.allclose(live.hand.finger_bones, mine.finger_bones, atol=1e-12))
+            np.testing.assert_allclose(live.hand.limits, mine.limits, atol=1e-12)
+            np.testing.assert_allclose(live._layout.offsets, layout.offsets, atol=1e-12)
+            live.set_demand(looked_at=True, compared=True)
+            assert live._bare_hand is live.hand
+            # Switched on again, they are the new hand's.
+            on, _ = live._changes['Joint limits']
+            assert on['limits.index_pip_flexion.upper_deg'] == pytest.approx(115.)
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+def test_it_shows_both_hands_of_any_layout():
+    rclpy.init()
+    node = rclpy.create_node('viewer')
+    layout = preset_layout('tips5_palm3')
+    try:
+        with NodeProcess('hand_tracker.nodes.tracker_node', {
+                'side': 'both', 'layout': 'tips5_palm3'}), spinning(node):
+            live = Live(node)
+            live.prepare(print)
+            hands = live, live.beside
+            assert [one.hand.side for one in hands] == ['right', 'left']
+            assert [one._layout.names for one in hands] == [layout.names] * 2
+            for one in hands:
+                one.set_demand(looked_at=True, compared=False)
+            publisher = node.create_publisher(MarkerArray, 'markers', 10)
+            rest = {one.hand.side: marker_positions(layout.mounting(one.hand), forward(
+                joint_table(one.hand), np.zeros(25))) for one in hands}
+            frame = iter(range(10**6))
+
+            def show(shown):
+                """Publish the hands, apart from each other, until they are shown."""
+                message = MarkerArray(markers=[
+                    marker(number, place + (0., .4 * (side == 'left'), 0.), side, 'mocap',
+                           Marker.SPHERE, 0, Time(sec=9 + next(frame)))
+                    for side in shown for number, place in enumerate(rest[side])])
+                publisher.publish(message)
+
+            def both_shown():
+                show(('right', 'left'))
+                return all(one.state() is not None for one in hands)
+
+            wait(both_shown)
+            for one in hands:
+                state = one.state()
+                assert len(state.markers) == len(layout.names)
+                np.testing.assert_allclose(
+                    state.wrist_position, (0., .4 * (one.hand.side == 'left'), 0.), atol=.02)
+            live.constrain(live.constraints - {'Joint limits'})
+            assert live.beside.constraints == live.constraints
+            wait(lambda: live._values(('left.limits.index_pip_flexion.upper_deg',))[
+                'left.limits.index_pip_flexion.upper_deg'] > 100.)
     finally:
         node.destroy_node()
         rclpy.shutdown()

@@ -121,12 +121,12 @@ def test_the_rate_is_counted_anew_each_period_whatever_changed_meanwhile():
 def test_latency_is_reported_for_each_period():
     hand = Hand()
     for i in range(100):
-        hand.diagnosis.published(1e-3 * (1 + (i == 50)), 5. + i / 100.)
+        hand.diagnosis.latency.add(1e-3 * (1 + (i == 50)), 5. + i / 100.)
     values = hand.status(1.).values
     assert values['latency p50 [ms]'] == '1.000'
     assert values['latency max [ms]'] == '2.000'
     assert (values['frames late'], values['frames dropped']) == ('0', '0')
-    hand.diagnosis.published(.02, 6.03)
+    hand.diagnosis.latency.add(.02, 6.03)
     assert hand.status(1.5).values == values
     values = hand.status(2.).values
     assert values['latency p99 [ms]'] == '20.000'

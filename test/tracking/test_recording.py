@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.offline import measure_one
 from hand_tracker.cli.track import main
-from hand_tracker.core.model.hand import JOINTS, Hand, preset_coupling, preset_limits
+from hand_tracker.core.model.hand import JOINTS, SIDES, Hand, preset_coupling, preset_limits
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.angle_table import WRIST_COLUMNS
@@ -37,7 +37,12 @@ from hand_tracker.files.hand_file import save_hand
 from hand_tracker.messages import marker_array
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.progress import Progress
-from hand_tracker.simulation.packaged_recordings import demo_recording, recording_messages
+from hand_tracker.simulation.packaged_recordings import (
+    both_hands_messages,
+    demo_recording,
+    packaged_recordings,
+    recording_messages,
+)
 from hand_tracker.tracking.monitor import Monitor
 from hand_tracker.tracking.recording import track
 
@@ -121,6 +126,45 @@ def test_table_holds_what_the_tracker_says_of_the_arrays(recording, bag, wrist, 
         assert np.allclose(Rotation.from_quat(table[:, 29:]).as_matrix(),
                            [state.wrist_rotation for state in states], rtol=0, atol=4e-6)
     assert list(tmp_path.iterdir()) == [output]
+
+
+def test_both_hands_of_a_recording_are_tracked_as_each_alone(tmp_path, capsys):
+    recordings = {side: part._replace(stamps=part.stamps[:60], markers=part.markers[850:910],
+                                      angles=part.angles[850:910])
+                  for side, part in packaged_recordings('both').items()}
+    recordings['left'].markers[20:30] = np.nan  # not in the messages at all
+    write_bag(tmp_path / 'in.mcap', both_hands_messages(recordings))
+    arguments = [str(tmp_path / 'in.mcap'), '--side', 'both', '--wrist', GIVEN, '-o']
+    assert main([*arguments, str(tmp_path / 'out.csv')]) == 0
+    assert '60 of 60 frames tracked' in capsys.readouterr().out
+    header, table = read_table(tmp_path / 'out.csv')
+    assert header == ['time_s', *(f'{side}_{joint}_deg' for side in SIDES for joint in JOINTS),
+                      *(f'{side}_{column}' for side in SIDES for column in WRIST_COLUMNS)]
+    expected, seen = {}, {}
+    for side, part in recordings.items():
+        tracker = HandTracker(Hand.scaled(side=side))
+        seen[side] = np.isfinite(part.markers).any(axis=(1, 2))
+        expected[side] = [tracker.update(markers, time_of(stamp)) for stamp, markers in zip(
+            part.stamps[seen[side]].tolist(), part.markers[seen[side]])]
+    for number, side in enumerate(SIDES):
+        columns = table[:, 1 + 25 * number:26 + 25 * number]
+        assert np.array_equal(np.isfinite(columns).all(axis=1), seen[side])
+        assert np.allclose(columns[seen[side]], np.degrees(
+            [state.angles for state in expected[side]]), rtol=0, atol=1.01 * HALF_MILLIDEGREE)
+        places = table[seen[side], 51 + 7 * number:54 + 7 * number]
+        assert np.allclose(places, [state.wrist_position for state in expected[side]], rtol=0,
+                           atol=.6e-6)
+    assert main([*arguments, str(tmp_path / 'out.mcap')]) == 0
+    with open_bag(tmp_path / 'out.mcap') as bag:
+        states = [TYPE_STORE.deserialize_cdr(message.data, message.type)
+                  for message in bag.messages(['/joint_states'])]
+        transforms = [TYPE_STORE.deserialize_cdr(message.data, message.type).transforms
+                      for message in bag.messages(['/tf'])]
+    assert [len(state.name) for state in states] == [25 + 25 * bool(left) for left in seen['left']]
+    assert np.array_equal(states[0].position, np.concatenate(
+        [expected[side][0].angles for side in SIDES]))
+    assert [[sent.child_frame_id for sent in sent_together] for sent_together in transforms] == [
+        ['right_wrist', 'left_wrist'][:1 + bool(left)] for left in seen['left']]
 
 
 def test_the_size_of_the_hand_is_learned_unless_it_is_given(tmp_path):
@@ -398,6 +442,8 @@ def cut_off(path):
     (two_topics, ('--hand', 'absent.yaml'), 'absent.yaml: No such file'),
     (two_topics, ('-o', 'out.txt'), "unknown extension '.txt'; expected .csv, .mcap, .db3"),
     (two_topics, ('-o', 'in.mcap'), 'in.mcap: would replace the recording'),
+    (two_topics, ('--side', 'both', '--labels', 'none'), '--labels none: points without labels'),
+    (two_topics, ('--side', 'both', '-o', 'out.bvh'), 'out.bvh: a .bvh file has one hand'),
     (two_topics, ('--topic', 'left', '-o', 'absent/out.csv'), 'no folder absent'),
     (two_topics, ('--topic', 'left', '-o', 'absent/out.mcap'), 'no folder absent')])
 def test_says_what_is_wrong_and_writes_nothing(
@@ -478,7 +524,9 @@ def test_several_recordings_become_the_files_of_a_folder(bag, jobs, tmp_path, ca
     folder = tmp_path / 'new' / 'out'
     assert main([*map(str, recordings), '-o', str(folder), '--jobs', str(jobs)]) == 0
     said, lines = capsys.readouterr()
-    assert said == f'{folder}: 3 recordings tracked\n'
+    assert said.endswith(f'\n{folder}: 3 recordings tracked\n')
+    assert [line.split()[:3] for line in said.splitlines()[1:4]] == [
+        [name, str(FRAMES), '100.0'] for name in names]
     assert f'three.mcap: {folder / "three.csv"}: {FRAMES} of {FRAMES} frames tracked' in lines
     assert {path.name for path in folder.iterdir()} == {f'{name}.csv' for name in names}
     for path in folder.iterdir():
@@ -495,6 +543,24 @@ def test_what_is_wrong_with_one_recording_leaves_the_others_alone(bag, tmp_path,
     assert 'bad.mcap: cannot be read' in lines and lines.count('bad.mcap') == 1
     assert 'absent.mcap: no such file' in lines
     assert [path.name for path in (tmp_path / 'out').iterdir()] == ['good.db3']
+
+
+def test_a_folder_of_recordings_is_resumed_where_it_stopped(bag, tmp_path, capsys):
+    (tmp_path / 'in').mkdir()
+    for name in ('one', 'two'):
+        (tmp_path / 'in' / f'{name}.mcap').write_bytes(bag.read_bytes())
+    (tmp_path / 'in' / 'notes.txt').write_text('no recording')
+    (tmp_path / 'out').mkdir()
+    (tmp_path / 'out' / 'one.csv').write_text('of yesterday')
+    assert main([str(tmp_path / 'in'), '-o', str(tmp_path / 'out'), '--resume']) == 0
+    table = capsys.readouterr().out.splitlines()
+    assert table[1].split() == ['one', 'already', 'there'] and 'two.csv' in table[2]
+    assert (tmp_path / 'out' / 'one.csv').read_text() == 'of yesterday'
+    assert (tmp_path / 'out' / 'two.csv').stat().st_size > 1000
+    assert main([str(tmp_path / 'out'), '-o', str(tmp_path / 'further')]) == 1
+    capsys.readouterr()
+    assert main([str(bag), '-o', str(tmp_path / 'one.csv'), '--resume']) == 1
+    assert 'fill a folder' in capsys.readouterr().err
 
 
 def test_recordings_of_one_name_are_refused(bag, tmp_path, capsys):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers.frames import SEEN
+from helpers.hands import hand_at
 
 from hand_tracker.core.model.hand import Hand, preset_limits
 from hand_tracker.core.model.marker_layout import MarkerLayout
@@ -24,6 +25,7 @@ class Tracker:
 
     def __init__(self):
         self.hand = Hand.scaled(limits=.5 * preset_limits('wide'))
+        self.layout = MarkerLayout()
         self.placed, self.restarted, self.is_compiled = True, False, False
         self.updates, self.blended = [], 0
         self.configured = []
@@ -225,3 +227,16 @@ def test_nothing_is_compiled_where_nothing_is_missing(stream, compilation, monke
     monkeypatch.setattr(module, 'DEFERRED', False)
     stream.compile_in_background()
     assert stream.compilation is None and stream.news() == []
+
+
+def test_a_hand_of_the_other_side_is_said_with_the_cure():
+    tracker = Tracker()
+    tracker.hand = Hand.scaled(side='left')
+    stream = Stream(tracker, Reader())
+    bent = hand_at() - np.where(np.arange(8) > 2, .05, 0.)[:, None] * (0., 0., 1.)
+    for number in range(60):
+        frame = MarkerFrame(Stamp(5, 10_000_000 * number), 'mocap', bent, (), (), ())
+        stream.track([frame], .01 * number, lambda: STAMP)
+    (is_warning, line), = stream.news()
+    assert is_warning
+    assert 'set side:=right if it is a right one' in line

@@ -19,7 +19,7 @@ Lock order: the middleware's locks, then the mutex. Never wait for the GIL while
 mutex: the middleware's thread never asks for it.
 """
 
-from .middleware import FastPath
+from .middleware import FastPath, InstalledHand, InstalledReply
 from .rcl import FastPathUnavailable
 
-__all__ = ['FastPath', 'FastPathUnavailable']
+__all__ = ['FastPath', 'FastPathUnavailable', 'InstalledHand', 'InstalledReply']

@@ -9,17 +9,20 @@ processed here, and give the same replies. No ROS.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...core.model.hand import JOINTS
-from ...core.model.marker_layout import MARKERS
+from ...core.filtering.frame_clock import FrameClock
+from ...core.model.marker_layout import MARKERS, MarkerLayout
+from ...core.model.marker_rows import LAYOUT_CAPACITY, ROW_CAPACITY, layout_rows
 from ...core.model.states import PALM_STATES
 from ...core.numerics.jit import jit, overwrite
 from ...core.numerics.quaternion import write_transforms
 from ...core.pipeline import track_frame
-from ...core.pose.report import Report, mean_residual
+from ...core.pose.report import LISTED_RESIDUAL, Report, mean_residual
+from ...core.records import State
 from ...messages.cdr import (
     ENCAPSULATION,
     LITTLE_ENDIAN,
@@ -29,23 +32,34 @@ from ...messages.cdr import (
     parse_marker_array,
 )
 from ...messages.stamps import Time, stamp_time
-from ...messages.templates import Template, fill_template
+from ...messages.templates import (
+    ALL_TRANSFORMS,
+    CONFIDENCES,
+    JOINT_STATES,
+    REPLIES,
+    TRANSFORMS,
+    Template,
+    fill_template,
+)
 from ...tracking.input_monitor import StateRun
 
 MESSAGE_CAPACITY = 2**14  # [bytes] of a MarkerArray
-REPLY_CAPACITY = 2**13    # [bytes] of a reply
-STAMPS_CAPACITY, NUMBERS_CAPACITY = 32, 256  # stamps and numbers in a reply
+MOST_HANDS = 2            # in a MarkerArray
+MOST_REPLIES = REPLIES * MOST_HANDS
+REPLY_CAPACITY = 2**14    # [bytes] of a reply
+STAMPS_CAPACITY = ALL_TRANSFORMS * MOST_HANDS       # stamps in a reply
+NUMBERS_CAPACITY = 7 * ALL_TRANSFORMS * MOST_HANDS  # numbers in a reply
+NOT_WANTED = -1
 LOG_CAPACITY = 1024       # frames until the log is drained
-# Replies, by their number
-JOINT_STATES, TRANSFORMS, CONFIDENCES = range(3)
-REPLIES = 3
 # Columns of the log
 RECEIVED, PUBLISHED, TIME, RESIDUAL, PALM_STATE = range(5)
 LOG_COLUMNS = 5
+CLOCK, STATE = 3, 5       # places among the arguments of `track_frame`
 
 
 class FastPathMemory(NamedTuple):
-    """Memory of the fast path: installed signature and reply templates, buffers, frame log.
+    """Memory of one subscription: installed signature, reply templates and buffers.
+
     Attributes
     ----------
     message : ndarray, shape (MESSAGE_CAPACITY // 8,)
@@ -56,30 +70,17 @@ class FastPathMemory(NamedTuple):
         The same of the installed signature.
     known : ndarray of int, shape (2,)
         Its number of markers, and bytes of its strings.
-    first, marker_count : ndarray of int, shape (1,)
-        Place of the marker that has the stamp; number of the hand's markers.
-    slots, markers, rows, scale, zero_is_missing
+    scale, zero_is_missing
         See `gather_positions`.
-    stamp : ndarray of int, shape (2,)
-        Seconds and nanoseconds of the last frame.
-    time : ndarray, shape (1,)
-        The same as a number [s].
-    wanted : ndarray of int, shape (3,)
-        Which replies are filled.
-    replies : ndarray, shape (3, REPLY_CAPACITY // 8)
+    hand_count : ndarray of int, shape (1,)
+        Hands that are in such a message.
+    replies : ndarray, shape (MOST_REPLIES, REPLY_CAPACITY // 8)
         Each after half a double, so that all behind its encapsulation is aligned.
-    stamps_at, numbers_at : ndarray of int, shape (3, STAMPS_CAPACITY), (3, NUMBERS_CAPACITY)
+    stamps_at : ndarray of int, shape (MOST_REPLIES, STAMPS_CAPACITY)
+    numbers_at : ndarray of int, shape (MOST_REPLIES, NUMBERS_CAPACITY)
         Where stamps and numbers are in the replies, by four and by eight bytes.
-    stamps, numbers : ndarray of int, shape (3,)
-        How many there are.
-    transforms : ndarray, shape (26, 7)
-        See `write_transforms`.
-    frames, drained : ndarray of int, shape (1,)
-        Frames processed so far, and those of them drained from the log.
-    log : ndarray, shape (LOG_CAPACITY, 5)
-        When a frame was received and published, its time [s]; its mean residual [m]; its palm.
-    states : ndarray of int, shape (LOG_CAPACITY, 8)
-        States of its markers.
+    stamps : ndarray of int, shape (MOST_REPLIES,)
+        How many stamps there are.
     """
 
     message: np.ndarray
@@ -89,21 +90,57 @@ class FastPathMemory(NamedTuple):
     known_heads: np.ndarray
     known_strings: np.ndarray
     known: np.ndarray
+    scale: np.ndarray
+    zero_is_missing: np.ndarray
+    hand_count: np.ndarray
+    replies: np.ndarray
+    stamps_at: np.ndarray
+    numbers_at: np.ndarray
+    stamps: np.ndarray
+
+
+class HandMemory(NamedTuple):
+    """Memory of one hand of a subscription: its markers' places, its parts of replies, its log.
+
+    Attributes
+    ----------
+    first, marker_count : ndarray of int, shape (1,)
+        Place of the marker that has the stamp; number of the hand's markers.
+    slots, markers, rows
+        See `gather_positions`; slots are rows of the kernels, of which a layout uses the first.
+    row_of_slot : ndarray of int, shape (60,)
+        Row of the kernels in which each marker of the layout is.
+    listed : ndarray of int, shape (1,)
+        Markers of another layout than the paper's eight, else 0.
+    stamp : ndarray of int, shape (2,)
+        Seconds and nanoseconds of the last frame.
+    time : ndarray, shape (1,)
+        The same as a number [s].
+    reply, first_number, number_count : ndarray of int, shape (3,)
+        By `JOINT_STATES`, `TRANSFORMS` and `CONFIDENCES`: in which reply the hand's numbers are,
+        `NOT_WANTED` if in none, from which of its numbers on, and how many.
+    transforms : ndarray, shape (26, 7)
+        See `write_transforms`.
+    frames, drained : ndarray of int, shape (1,)
+        Frames processed so far, and those of them drained from the log.
+    log : ndarray, shape (LOG_CAPACITY, 5)
+        When a frame was received and published, its time [s]; its mean residual [m]; its palm.
+    states : ndarray of int, shape (LOG_CAPACITY, 60)
+        States of its markers, in the order of the layout.
+    """
+
     first: np.ndarray
     marker_count: np.ndarray
     slots: np.ndarray
     markers: np.ndarray
     rows: np.ndarray
-    scale: np.ndarray
-    zero_is_missing: np.ndarray
+    row_of_slot: np.ndarray
+    listed: np.ndarray
     stamp: np.ndarray
     time: np.ndarray
-    wanted: np.ndarray
-    replies: np.ndarray
-    stamps_at: np.ndarray
-    numbers_at: np.ndarray
-    stamps: np.ndarray
-    numbers: np.ndarray
+    reply: np.ndarray
+    first_number: np.ndarray
+    number_count: np.ndarray
     transforms: np.ndarray
     frames: np.ndarray
     drained: np.ndarray
@@ -111,39 +148,66 @@ class FastPathMemory(NamedTuple):
     states: np.ndarray
 
 
+def _integers(*shape: int) -> np.ndarray:
+    return np.zeros(shape, np.int64)
+
+
 def new_memory() -> FastPathMemory:
     """Return a `FastPathMemory` with nothing installed."""
-    def integers(*shape: int) -> np.ndarray:
-        return np.zeros(shape, np.int64)
-
-    most, count = MESSAGE_CAPACITY // SMALLEST_MARKER + 1, len(MARKERS)
+    most = MESSAGE_CAPACITY // SMALLEST_MARKER + 1
     return FastPathMemory(
         message=np.zeros(MESSAGE_CAPACITY // 8), heads=np.zeros((most, 5), np.int32),
-        places=integers(most, 3), strings=np.zeros(MESSAGE_CAPACITY, np.uint8),
+        places=_integers(most, 3), strings=np.zeros(MESSAGE_CAPACITY, np.uint8),
         known_heads=np.zeros((most, 5), np.int32),
         known_strings=np.zeros(MESSAGE_CAPACITY, np.uint8),
-        known=np.array((-1, 0)), first=integers(1), marker_count=integers(1), slots=integers(count),
-        markers=integers(count), rows=np.zeros((count, 3)), scale=np.ones(1),
-        zero_is_missing=integers(1), stamp=integers(2), time=np.zeros(1),
-        wanted=integers(REPLIES), replies=np.zeros((REPLIES, REPLY_CAPACITY // 8)),
-        stamps_at=integers(REPLIES, STAMPS_CAPACITY),
-        numbers_at=integers(REPLIES, NUMBERS_CAPACITY),
-        stamps=integers(REPLIES), numbers=integers(REPLIES),
-        transforms=np.zeros((1 + len(JOINTS), 7)),
-        frames=integers(1), drained=integers(1), log=np.zeros((LOG_CAPACITY, LOG_COLUMNS)),
-        states=np.zeros((LOG_CAPACITY, count), np.int8))
+        known=np.array((-1, 0)), scale=np.ones(1), zero_is_missing=_integers(1),
+        hand_count=_integers(1),
+        replies=np.zeros((MOST_REPLIES, REPLY_CAPACITY // 8)),
+        stamps_at=_integers(MOST_REPLIES, STAMPS_CAPACITY),
+        numbers_at=_integers(MOST_REPLIES, NUMBERS_CAPACITY), stamps=_integers(MOST_REPLIES))
 
 
-def install_signature(memory: FastPathMemory, signature: MessageSignature, stamp: Time,
-                      scale: float, zero_is_missing: bool) -> bool:
+def new_hand_memory() -> HandMemory:
+    """Return a `HandMemory` with nothing installed."""
+    return HandMemory(
+        first=_integers(1), marker_count=_integers(1), slots=_integers(LAYOUT_CAPACITY),
+        markers=_integers(LAYOUT_CAPACITY), rows=np.zeros((ROW_CAPACITY, 3)),
+        row_of_slot=np.arange(LAYOUT_CAPACITY), listed=_integers(1), stamp=_integers(2),
+        time=np.zeros(1),
+        reply=np.full(REPLIES, NOT_WANTED), first_number=_integers(REPLIES),
+        number_count=_integers(REPLIES), transforms=np.zeros((ALL_TRANSFORMS, 7)),
+        frames=_integers(1), drained=_integers(1), log=np.zeros((LOG_CAPACITY, LOG_COLUMNS)),
+        states=np.zeros((LOG_CAPACITY, LAYOUT_CAPACITY), np.int8))
+
+
+def install_layout(hand: HandMemory, layout: MarkerLayout) -> None:
+    """Have a hand's markers read and logged as those of a layout.
+
+    Parameters
+    ----------
+    hand : HandMemory
+        Changed.
+    layout : MarkerLayout
+    """
+    hand.listed[0] = 0 if layout.names == MARKERS else len(layout.names)
+    for row, slot in enumerate(layout_rows(layout)):
+        if slot >= 0:
+            hand.row_of_slot[slot] = row
+
+
+def install_signature(memory: FastPathMemory, hands: Sequence[HandMemory],
+                      signatures: Sequence[MessageSignature], stamp: Time, scale: float,
+                      zero_is_missing: bool) -> bool:
     """Install the signature of the messages to process.
 
     Parameters
     ----------
     memory : FastPathMemory
         Changed.
-    signature : MessageSignature
-        Of a message that the slow path has decoded.
+    hands : sequence of HandMemory
+        Of the hands in the message; changed.
+    signatures : sequence of MessageSignature
+        Of a message that the slow path has decoded, with the sources of each hand.
     stamp : Time
         Of that message.
     scale, zero_is_missing
@@ -154,18 +218,21 @@ def install_signature(memory: FastPathMemory, signature: MessageSignature, stamp
     bool
         Whether the fast path supports it: points of list markers it does not.
     """
-    heads, strings, sources = signature
-    if sources.first is None or sources.has_lists:
+    heads, strings, _ = signatures[0]
+    if any(sources.first is None or sources.has_lists for _, _, sources in signatures):
         return False
     if len(heads) > len(memory.known_heads) or len(strings) > len(memory.known_strings):
         return False
-    count = len(sources.slots)
     memory.known[:] = len(heads), len(strings)
     memory.known_heads[:len(heads)], memory.known_strings[:len(strings)] = heads, strings
-    memory.first[0], memory.marker_count[0] = sources.first, count
-    memory.stamp[:] = stamp.sec, stamp.nanosec
-    memory.slots[:count], memory.markers[:count] = sources.slots, sources.markers
+    memory.hand_count[0] = len(hands)
     memory.scale[0], memory.zero_is_missing[0] = scale, zero_is_missing
+    for hand, (_, _, sources) in zip(hands, signatures):
+        count = len(sources.slots)
+        hand.first[0], hand.marker_count[0] = sources.first, count
+        hand.stamp[:] = stamp.sec, stamp.nanosec
+        hand.slots[:count] = hand.row_of_slot[sources.slots]
+        hand.markers[:count] = sources.markers
     return True
 
 
@@ -177,7 +244,7 @@ def install_reply(memory: FastPathMemory, number: int, template: Template) -> bo
     memory : FastPathMemory
         Changed.
     number : int
-        `JOINT_STATES`, `TRANSFORMS` or `CONFIDENCES`.
+        Of the reply, below `MOST_REPLIES`.
     template : Template
 
     Returns
@@ -190,11 +257,28 @@ def install_reply(memory: FastPathMemory, number: int, template: Template) -> bo
             or len(numbers) > NUMBERS_CAPACITY):
         return False
     memory.replies[number, :body.size] = body
-    memory.stamps[number], memory.numbers[number] = len(stamps), len(numbers)
+    memory.stamps[number] = len(stamps)
     memory.stamps_at[number, :len(stamps)] = stamps
     memory.numbers_at[number, :len(numbers)] = numbers
-    memory.wanted[number] = True
     return True
+
+
+def install_part(hand: HandMemory, kind: int, reply: int, part: slice) -> None:
+    """Have a hand's numbers written into a part of a reply.
+
+    Parameters
+    ----------
+    hand : HandMemory
+        Changed.
+    kind : int
+        `JOINT_STATES`, `TRANSFORMS` or `CONFIDENCES`.
+    reply : int
+        Its number.
+    part : slice
+        Which of the reply's numbers are the hand's.
+    """
+    hand.reply[kind] = reply
+    hand.first_number[kind], hand.number_count[kind] = part.start, part.stop - part.start
 
 
 @jit
@@ -230,18 +314,22 @@ def matches_signature(memory: FastPathMemory, size: int) -> bool:
 
 
 @jit
-def process_message(memories: Any, packs: tuple[Any, ...], octets: np.ndarray) -> bool:
+def process_message(memories: Any, hands: tuple[Any, ...], packs: tuple[tuple[Any, ...], ...],
+                    octets: np.ndarray) -> bool:
     """Track a message and fill the replies, if it has the installed signature.
 
-    Only regular frames are processed: with stamps that go forward, after the palm was seen.
+    Only regular frames are processed: of one stamp, which goes forward, after the palms were
+    seen.
 
     Parameters
     ----------
     memories : packed FastPathMemory
         Changed.
-    packs : tuple
-        What `track_frame` takes before the markers: model, digits, options, clock, blank state,
-        state and report, all packed; the last four are changed.
+    hands : tuple of packed HandMemory
+        Of the hands in the message, at least; changed.
+    packs : tuple of tuples
+        For each of `hands` the arguments of `track_frame` before the markers: model, digits,
+        options, clock, blank state, state and report, all packed; the last four are changed.
     octets : ndarray of uint8, shape (n,)
         The message.
 
@@ -250,86 +338,120 @@ def process_message(memories: Any, packs: tuple[Any, ...], octets: np.ndarray) -
     bool
         Whether it was processed; nothing was tracked if not.
     """
-    model, digits, options, clock, blank, state, report = packs
     memory = memories[0]
     size = copy_payload(memory, octets)
-    if size < 0 or not state[0].wrist.placed[0] or not matches_signature(memory, size):
+    if size < 0 or not matches_signature(memory, size):
         return False
-    at = memory.places[memory.first[0], 0]
-    words = memory.message.view(np.int32)
-    sec, nanosec = np.int64(words[at]), np.int64(words[at + 1]) & 0xffffffff
-    time = stamp_time(sec, nanosec)
-    # False for NaN, the time of an unset stamp.
-    if not time > clock[0].last[0]:
-        return False
-    # A time that the clock has not believed may come again, which listeners of TF refuse.
-    if sec == memory.stamp[0] and nanosec == memory.stamp[1]:
-        return False
-    count = memory.marker_count[0]
-    gather_positions(memory.message, memory.places, memory.slots[:count], memory.markers[:count],
-                     memory.scale[0], memory.zero_is_missing[0] > 0, memory.rows)
-    track_frame(model, digits, options, clock, blank, state, report, memory.rows, time)
-    memory.stamp[0], memory.stamp[1], memory.time[0] = sec, nanosec, time
-    fill_replies(memory, model[0].table.parent, report[0])
+    sec, nanosec = _stamp_of(memory, hands[0][0])
+    count = memory.hand_count[0]
+    # Before any hand is tracked.
+    for i in range(count):
+        if not _is_next(memory, hands[i][0], packs[i][CLOCK][0], packs[i][STATE][0], sec, nanosec):
+            return False
+    for i in range(count):
+        _track_hand(memory, hands[i][0], packs[i], sec, nanosec)
     return True
 
 
 @jit
-def fill_replies(memory: FastPathMemory, parent: np.ndarray, report: Report) -> None:
-    """Write stamp and numbers of the frame into the wanted replies."""
-    if memory.wanted[JOINT_STATES]:
-        _fill_reply(memory, JOINT_STATES, report.angles)
-    if memory.wanted[TRANSFORMS]:
-        transforms = memory.transforms[:memory.numbers[TRANSFORMS] // 7]
+def _stamp_of(memory: FastPathMemory, hand: HandMemory) -> tuple[int, int]:
+    """Return seconds and nanoseconds of the stamp of a hand's markers."""
+    at = memory.places[hand.first[0], 0]
+    words = memory.message.view(np.int32)
+    return np.int64(words[at]), np.int64(words[at + 1]) & 0xffffffff
+
+
+@jit
+def _is_next(memory: FastPathMemory, hand: HandMemory, clock: FrameClock, state: State,
+             sec: int, nanosec: int) -> bool:
+    """Return whether a stamp is that of a hand's markers, and a later one than the last."""
+    own_sec, own_nanosec = _stamp_of(memory, hand)
+    if own_sec != sec or own_nanosec != nanosec or not state.wrist.placed[0]:
+        return False
+    # False for NaN, the time of an unset stamp.
+    if not stamp_time(sec, nanosec) > clock.last[0]:
+        return False
+    # A time that the clock has not believed may come again, which listeners of TF refuse.
+    return sec != hand.stamp[0] or nanosec != hand.stamp[1]
+
+
+@jit
+def _track_hand(memory: FastPathMemory, hand: HandMemory, packs: tuple[Any, ...], sec: int,
+                nanosec: int) -> None:
+    """Track a hand's markers of the message, and fill its parts of the replies."""
+    model, digits, options, clock, blank, state, report = packs
+    count, rows = hand.marker_count[0], hand.rows[:model[0].rows.used[0]]
+    gather_positions(memory.message, memory.places, hand.slots[:count], hand.markers[:count],
+                     memory.scale[0], memory.zero_is_missing[0] > 0, rows)
+    hand.stamp[0], hand.stamp[1], hand.time[0] = sec, nanosec, stamp_time(sec, nanosec)
+    track_frame(model, digits, options, clock, blank, state, report, rows, hand.time[0])
+    fill_replies(memory, hand, model[0].table.parent, report[0])
+
+
+@jit
+def fill_replies(memory: FastPathMemory, hand: HandMemory, parent: np.ndarray,
+                 report: Report) -> None:
+    """Write stamp and numbers of a hand's frame into its parts of the replies."""
+    if hand.reply[JOINT_STATES] != NOT_WANTED:
+        _fill_part(memory, hand, JOINT_STATES, report.angles)
+    if hand.reply[TRANSFORMS] != NOT_WANTED:
+        transforms = hand.transforms[:hand.number_count[TRANSFORMS] // 7]
         write_transforms(parent, report.link_rotations, report.link_positions,
                         report.wrist_rotation, report.wrist_position, transforms)
-        _fill_reply(memory, TRANSFORMS, transforms.reshape(transforms.size))
-    if memory.wanted[CONFIDENCES]:
-        _fill_reply(memory, CONFIDENCES, report.confidence)
+        _fill_part(memory, hand, TRANSFORMS, transforms.reshape(transforms.size))
+    if hand.reply[CONFIDENCES] != NOT_WANTED:
+        _fill_part(memory, hand, CONFIDENCES, report.confidence)
 
 
 @jit
-def _fill_reply(memory: FastPathMemory, reply: int, numbers: np.ndarray) -> None:
+def _fill_part(memory: FastPathMemory, hand: HandMemory, kind: int, numbers: np.ndarray) -> None:
+    reply, first = hand.reply[kind], hand.first_number[kind]
     doubles = memory.replies[reply]
     fill_template(doubles.view(np.uint32), doubles, memory.stamps_at[reply, :memory.stamps[reply]],
-                  memory.numbers_at[reply, :memory.numbers[reply]], memory.stamp[0],
-                  memory.stamp[1], numbers)
+                  memory.numbers_at[reply, first:first + hand.number_count[kind]], hand.stamp[0],
+                  hand.stamp[1], numbers)
 
 
 @jit
-def log_frame(memory: FastPathMemory, report: Report, received: float, published: float) -> None:
-    """Log the last frame.
+def log_frame(hand: HandMemory, report: Report, received: float, published: float) -> None:
+    """Log the last frame of a hand.
 
     Parameters
     ----------
-    memory : FastPathMemory
+    hand : HandMemory
         Changed.
     report : Report
     received, published : float
         [s]
     """
-    at = memory.frames[0] % LOG_CAPACITY
-    log = memory.log
-    log[at, RECEIVED], log[at, PUBLISHED], log[at, TIME] = received, published, memory.time[0]
-    log[at, RESIDUAL] = mean_residual(report.residuals)
+    at = hand.frames[0] % LOG_CAPACITY
+    log = hand.log
+    log[at, RECEIVED], log[at, PUBLISHED], log[at, TIME] = received, published, hand.time[0]
+    listed = hand.listed[0]
     log[at, PALM_STATE] = report.palm[0]
-    for i in range(len(report.marker_states)):
-        memory.states[at, i] = report.marker_states[i]
-    memory.frames[0] += 1
+    if listed:
+        log[at, RESIDUAL] = mean_residual(report.listed[:listed, LISTED_RESIDUAL])
+        for i in range(listed):
+            hand.states[at, i] = report.listed_states[i]
+    else:
+        log[at, RESIDUAL] = mean_residual(report.residuals)
+        for i in range(len(report.marker_states)):
+            hand.states[at, i] = report.marker_states[i]
+    hand.frames[0] += 1
 
 
 @jit
-def drain_log(memories: Any, reports: Any, log: np.ndarray, states: np.ndarray,
+def drain_log(hands: Any, reports: Any, log: np.ndarray, states: np.ndarray,
               last_report: Any) -> tuple[int, int]:
-    """Copy the log since the last call, and the last frame's report.
+    """Copy the log of a hand since the last call, and its last frame's report.
 
     Parameters
     ----------
-    memories : packed FastPathMemory
+    hands : packed HandMemory
         Changed.
     reports : packed Report
     log, states : ndarray
-        Of the shapes in `FastPathMemory`; filled.
+        Of the shapes in `HandMemory`; filled.
     last_report : packed Report
         Filled.
 
@@ -338,14 +460,14 @@ def drain_log(memories: Any, reports: Any, log: np.ndarray, states: np.ndarray,
     logged, frames : int
         Rows that are filled, and frames processed since the last call.
     """
-    memory = memories[0]
-    frames = memory.frames[0] - memory.drained[0]
+    hand = hands[0]
+    frames = hand.frames[0] - hand.drained[0]
     logged = min(frames, LOG_CAPACITY)
     for i in range(logged):
-        at = (memory.frames[0] - logged + i) % LOG_CAPACITY
-        log[i] = memory.log[at]
-        states[i] = memory.states[at]
-    memory.drained[0] = memory.frames[0]
+        at = (hand.frames[0] - logged + i) % LOG_CAPACITY
+        log[i] = hand.log[at]
+        states[i] = hand.states[at]
+    hand.drained[0] = hand.frames[0]
     if logged:
         overwrite(last_report, reports)
     return logged, frames
@@ -356,7 +478,7 @@ def state_runs(log: np.ndarray, states: np.ndarray) -> list[tuple[float, Any]]:
 
     Parameters
     ----------
-    log, states : ndarray, shape (n, 5) and (n, 8)
+    log, states : ndarray, shape (n, 5) and (n, m)
         See `drain_log`.
 
     Returns

@@ -5,19 +5,19 @@ from __future__ import annotations
 import atexit
 import ctypes
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from rclpy.utilities import get_rmw_implementation_identifier
 
-from ...core.model.marker_layout import MARKERS
+from ...core.model.marker_layout import MARKERS, MarkerLayout
+from ...core.model.marker_rows import LAYOUT_CAPACITY
 from ...core.numerics.jit import (
     CACHE_FOLDER,
     COMPILED,
@@ -33,18 +33,23 @@ from ...messages.cdr import ENCAPSULATION, MessageSignature
 from ...messages.stamps import Stamp, Time
 from ...messages.templates import Template
 from ...tracking.monitor import TrackedFrames
-from ..runner import EventsExecutor
+from ..executors import EventsExecutor, wake_timer
 from .kernel import (
     LOG_CAPACITY,
     LOG_COLUMNS,
+    MOST_HANDS,
+    MOST_REPLIES,
+    NOT_WANTED,
     PUBLISHED,
     RECEIVED,
-    REPLIES,
     TIME,
     drain_log,
+    install_layout,
+    install_part,
     install_reply,
     install_signature,
     log_frame,
+    new_hand_memory,
     new_memory,
     process_message,
     state_runs,
@@ -58,13 +63,13 @@ if COMPILED:
 SUPPORTED_MIDDLEWARES = 'rmw_fastrtps_cpp',
 TAKE_CAPACITY = 2**16    # [bytes] of a message at first
 SLOW_PATH_TURN = 16      # messages on the slow path before other callbacks have their turn
-AT_ONCE = 1e-9           # [s], period of timers that are reset to wake the executor
 MONOTONIC_CLOCK = time.CLOCK_MONOTONIC
 REPORT = -1              # place of the report among the packs of `track_frame`
 
 
 class CallbackContext(NamedTuple):
     """Context of the compiled callback: addresses, but for the first three arrays.
+
     Attributes
     ----------
     is_enabled : ndarray of int, shape (1,)
@@ -73,9 +78,11 @@ class CallbackContext(NamedTuple):
     now : ndarray of int, shape (2,)
         Seconds and nanoseconds of clock_gettime.
     memory : int
-    packs : ndarray of int, shape (7,)
-        What `track_frame` takes before the markers.
-    publishers, outgoing : ndarray of int, shape (3,)
+    hands : ndarray of int, shape (MOST_HANDS,)
+        Addresses of the memories of the hands in a message, filled up with the first.
+    packs : ndarray of int, shape (MOST_HANDS, 7)
+        Addresses of each hand's arguments of `track_frame` before the markers.
+    publishers, outgoing : ndarray of int, shape (MOST_REPLIES,)
         0 where a reply is not wanted.
     incoming, mutex : int
     subscription, timer : ndarray of int, shape (1,)
@@ -87,6 +94,7 @@ class CallbackContext(NamedTuple):
     has_missed_message: np.ndarray
     now: np.ndarray
     memory: int
+    hands: np.ndarray
     packs: np.ndarray
     publishers: np.ndarray
     outgoing: np.ndarray
@@ -106,15 +114,43 @@ class CallbackContext(NamedTuple):
 C_FUNCTIONS = CallbackContext._fields[CallbackContext._fields.index('take'):]
 
 
-def require_fast_path() -> None:
-    """Raise `FastPathUnavailable`, with the reason, where there can be no fast path."""
-    if not JIT_IS_ON:
-        raise FastPathUnavailable('the kernels are not compiled')
-    if EventsExecutor is None:
-        raise FastPathUnavailable('rclpy has no EventsExecutor')
-    if get_rmw_implementation_identifier() not in SUPPORTED_MIDDLEWARES:
-        raise FastPathUnavailable(
-            f'it was not tried with {get_rmw_implementation_identifier()}')
+class InstalledHand(NamedTuple):
+    """A hand in the messages to process.
+
+    Attributes
+    ----------
+    number : int
+        Of the hand, below `MOST_HANDS`.
+    packs : tuple
+        As of `HandTracker.kernel_arguments`.
+    layout : MarkerLayout
+    signature : MessageSignature
+    """
+
+    number: int
+    packs: tuple[Any, ...]
+    layout: MarkerLayout
+    signature: MessageSignature
+
+
+class InstalledReply(NamedTuple):
+    """A message that answers the frame of one hand or of several.
+
+    Attributes
+    ----------
+    publisher : rclpy.publisher.Publisher
+    template : Template
+        Its numbers are those of its hands, one after the other, as many of each.
+    kind : int
+        `JOINT_STATES`, `TRANSFORMS` or `CONFIDENCES`.
+    hands : tuple of int
+        Numbers of its hands.
+    """
+
+    publisher: Publisher
+    template: Template
+    kind: int
+    hands: tuple[int, ...]
 
 
 class FastPath:
@@ -132,26 +168,38 @@ class FastPath:
     FastPathUnavailable
     KernelsUnavailable
         If its kernels are neither compiled here nor on disk.
+
+    Attributes
+    ----------
+    KERNEL_SET : str
+        Name of its set of kernels, as of `jit.is_ready`.
+    PROGRAM : str
+        Module that compiles them, run as ``python -m``.
     """
 
+    KERNEL_SET = 'fast_path'
+    PROGRAM = f'{__package__}.compile_fast_path'
+
     def __init__(self, packs: tuple[Any, ...], folder: Path | None = None) -> None:
-        require_fast_path()
+        self.require()
         self._rcl = Rcl()
-        self._packs = packs
+        self._packs = [packs] * MOST_HANDS
         self._subscription: Subscription | None = None
         self._is_installed = False
         self._templates: dict[int, Template] = {}
         self._memories, self._memory = packed(new_memory(), as_record=True)
+        hands = [packed(new_hand_memory(), as_record=True) for _ in range(MOST_HANDS)]
+        self._hand_packs, self._hands = zip(*hands)
         self._log = np.zeros((LOG_CAPACITY, LOG_COLUMNS))
-        self._states = np.zeros((LOG_CAPACITY, len(MARKERS)), np.int8)
+        self._states = np.zeros((LOG_CAPACITY, LAYOUT_CAPACITY), np.int8)
         self._incoming = self._rcl.octets(TAKE_CAPACITY)
-        self._outgoing = [self._rcl.octets() for _ in range(REPLIES)]
+        self._outgoing = [self._rcl.octets() for _ in range(MOST_REPLIES)]
         self._mutex = self._rcl.mutex()
         zeros = partial(np.zeros, dtype=np.int64)
         self._contexts, self._context = packed(CallbackContext(
             is_enabled=zeros(1), has_missed_message=zeros(1), now=zeros(2),
-            memory=self._memories.ctypes.data, packs=zeros(len(packs)),
-            publishers=zeros(REPLIES),
+            memory=self._memories.ctypes.data, hands=zeros(MOST_HANDS),
+            packs=zeros((MOST_HANDS, len(packs))), publishers=zeros(MOST_REPLIES),
             outgoing=np.array([ctypes.addressof(octets) for octets in self._outgoing]),
             incoming=ctypes.addressof(self._incoming), mutex=ctypes.addressof(self._mutex),
             subscription=zeros(1), timer=zeros(1),
@@ -159,13 +207,25 @@ class FastPath:
             as_record=True)
         self._set_enabled = load_kernel(_set_enabled, (self._contexts, False), folder)
         self._drain = load_kernel(_drain, (
-            self._contexts, self._memories, packs[REPORT], self._log, self._states,
+            self._contexts, self._hand_packs[0], packs[REPORT], self._log, self._states,
             empty_like_pack(packs[REPORT])), folder)
         self._callback = _callback(
-            self._contexts.dtype, self._memories.dtype, *(pack.dtype for pack in packs))
+            self._contexts.dtype, self._memories.dtype, self._hand_packs[0].dtype,
+            *(pack.dtype for pack in packs))
         # Compiled before the first frame waits for them.
-        self.drain()
+        self.drain(0)
         self._set_enabled(self._contexts, False)
+
+    @staticmethod
+    def require() -> None:
+        """Raise `FastPathUnavailable`, with the reason, where there can be no fast path."""
+        if not JIT_IS_ON:
+            raise FastPathUnavailable('the kernels are not compiled')
+        if EventsExecutor is None:
+            raise FastPathUnavailable('rclpy has no EventsExecutor')
+        if get_rmw_implementation_identifier() not in SUPPORTED_MIDDLEWARES:
+            raise FastPathUnavailable(
+                f'it was not tried with {get_rmw_implementation_identifier()}')
 
     def start(self, node: Node, subscription: Subscription, on_disabled: Callable[[], None],
               on_message: Callable[[bytes], None]) -> None:
@@ -185,9 +245,7 @@ class FastPath:
         self._on_disabled, self._on_message = on_disabled, on_message
         self._node, self._subscription = node, subscription
         self._has_callback = False
-        # Resetting a timer is what wakes an executor from another thread.
-        self._timer = node.create_timer(
-            AT_ONCE, self._serve_slow_path, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = wake_timer(node, self._serve_slow_path)
         self._context.timer[0] = self._timer.handle.pointer
         self._context.subscription[0] = subscription.handle.pointer
 
@@ -213,7 +271,7 @@ class FastPath:
         return self._subscription is not None
 
     def invalidate(self) -> None:
-        """Drop what is installed; only while the slow path handles a message."""
+        """Drop the installed signature and replies; only while the slow path handles a message."""
         self._is_installed = False
 
     def disable(self) -> None:
@@ -221,45 +279,61 @@ class FastPath:
         self.invalidate()
         self._set_enabled(self._contexts, False)
 
-    def install(self, packs: tuple[Any, ...], signature: MessageSignature, stamp: Time,
-                scale: float, zero_is_missing: bool,
-                replies: Mapping[int, tuple[Publisher, Template]]) -> None:
+    def install(self, hands: Sequence[InstalledHand], stamp: Time, scale: float,
+                zero_is_missing: bool, replies: Sequence[InstalledReply]) -> None:
         """Process messages like the last one, which the slow path has handled, from now on.
 
         Parameters
         ----------
-        packs : tuple
-            As of `HandTracker.kernel_arguments`.
-        signature, stamp, scale, zero_is_missing
+        hands : sequence of InstalledHand
+            That the message has, all of one stamp.
+        stamp, scale, zero_is_missing
             See `install_signature`.
-        replies : mapping of int to (rclpy.publisher.Publisher, Template)
-            What is published, by the reply's number.
+        replies : sequence of InstalledReply
+            At most `MOST_REPLIES`.
         """
-        if not install_signature(self._memory, signature, stamp, scale, zero_is_missing):
+        memories = [self._hands[hand.number] for hand in hands]
+        for memory, hand in zip(memories, hands):
+            install_layout(memory, hand.layout)
+        if not install_signature(self._memory, memories, [hand.signature for hand in hands],
+                                 stamp, scale, zero_is_missing):
             return
-        for number in range(REPLIES):
-            publisher, template = replies.get(number, (None, None))
+        for memory in memories:
+            memory.reply[:] = NOT_WANTED
+        self._context.publishers[:] = 0
+        for number, (publisher, template, kind, members) in enumerate(replies):
             if self._templates.get(number) is not template:
                 self._templates.pop(number, None)
-                self._memory.wanted[number] = False
-                if template is not None:
-                    if not install_reply(self._memory, number, template):
-                        return
-                    self._templates[number] = template
-            if template is not None:
-                octets = self._outgoing[number]
-                octets.buffer = self._memory.replies[number].ctypes.data + ENCAPSULATION
-                octets.length = octets.capacity = template.size
-            self._context.publishers[number] = publisher.handle.pointer if publisher else 0
-        self._packs = packs
-        self._context.packs[:] = [pack.ctypes.data for pack in packs]
+                if not install_reply(self._memory, number, template):
+                    return
+                self._templates[number] = template
+            size = len(template.numbers) // len(members)
+            for place, member in enumerate(members):
+                install_part(self._hands[member], kind, number,
+                             slice(place * size, (place + 1) * size))
+            octets = self._outgoing[number]
+            octets.buffer = self._memory.replies[number].ctypes.data + ENCAPSULATION
+            octets.length = octets.capacity = template.size
+            self._context.publishers[number] = publisher.handle.pointer
+        for place in range(MOST_HANDS):
+            hand = hands[place if place < len(hands) else 0]
+            self._packs[hand.number] = hand.packs
+            self._context.hands[place] = self._hand_packs[hand.number].ctypes.data
+            self._context.packs[place] = [pack.ctypes.data for pack in hand.packs]
         self._is_installed = True
 
-    def drain(self) -> TrackedFrames | None:
-        """Return the frames processed since the last call, None where there were none."""
-        last_report = empty_like_pack(self._packs[REPORT])
+    def drain(self, hand: int) -> TrackedFrames | None:
+        """Return the frames of a hand processed since the last call, None where there were none.
+
+        Parameters
+        ----------
+        hand : int
+            Its number.
+        """
+        packs = self._packs[hand]
+        last_report = empty_like_pack(packs[REPORT])
         logged, count, sec, nanosec = self._drain(
-            self._contexts, self._memories, self._packs[REPORT], self._log, self._states,
+            self._contexts, self._hand_packs[hand], packs[REPORT], self._log, self._states,
             last_report)
         if not logged:
             return None
@@ -268,14 +342,20 @@ class FastPath:
         if logged < count:
             times[0] = np.nan
         stamp = Stamp(sec, nanosec)
+        listed = int(self._hands[hand].listed[0])
         # The runs keep what they are given.
-        runs = state_runs(log, self._states[:logged].copy())
+        runs = state_runs(log, self._states[:logged, :listed or len(MARKERS)].copy())
         return TrackedFrames(
-            count, stamp, HandTracker.state_from_report(last_report), received, published, times,
-            runs, None, on_fast_path=True, restarted=False)
+            count, stamp, HandTracker.state_from_report(last_report, listed), received, published,
+            times, runs, None, on_fast_path=True, restarted=False)
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames of hands processed so far."""
+        return int(sum(hand.frames[0] for hand in self._hands))
 
     def _serve_slow_path(self) -> None:
-        """Hand what was not processed to the slow path."""
+        """Hand unprocessed messages to the slow path."""
         self._timer.cancel()
         if not self.is_started:
             return
@@ -324,13 +404,13 @@ def _set_enabled(contexts: Any, is_enabled: bool) -> None:
 
 
 @partial(jit, nogil=True)
-def _drain(contexts: Any, memories: Any, reports: Any, log: np.ndarray, states: np.ndarray,
+def _drain(contexts: Any, hands: Any, reports: Any, log: np.ndarray, states: np.ndarray,
            last_report: Any) -> tuple[int, int, int, int]:
-    """Drain the log while no message is processed; return also the last stamp."""
+    """Drain a hand's log while no message is processed; return also the last stamp."""
     context = contexts[0]
     call(context.lock, context.mutex, 0, 0, 0)
-    logged, count = drain_log(memories, reports, log, states, last_report)
-    sec, nanosec = memories[0].stamp[0], memories[0].stamp[1]
+    logged, count = drain_log(hands, reports, log, states, last_report)
+    sec, nanosec = hands[0].stamp[0], hands[0].stamp[1]
     call(context.unlock, context.mutex, 0, 0, 0)
     return logged, count, sec, nanosec
 
@@ -345,7 +425,7 @@ def _now(context: Any) -> float:
 @jit
 def _publish(context: Any) -> None:
     """Publish the replies; disable the fast path where one fails, for the slow path to report."""
-    for i in range(REPLIES):
+    for i in range(MOST_REPLIES):
         if context.publishers[i] and call(
                 context.publish, context.publishers[i], context.outgoing[i], 0, 0):
             context.is_enabled[0] = 0
@@ -355,7 +435,7 @@ def _callback(*layouts: np.dtype) -> Any:
     """Return the compiled callback for new messages, for packs of these layouts."""
     import numba
 
-    (of_context, of_memory, of_model, of_digits, of_options, of_clock, of_blank, of_state,
+    (of_context, of_memory, of_hand, of_model, of_digits, of_options, of_clock, of_blank, of_state,
      of_report) = layouts
 
     @numba.cfunc('void(voidptr, uintp)', cache=DEFERRED or CACHE_FOLDER is not None,
@@ -371,18 +451,30 @@ def _callback(*layouts: np.dtype) -> Any:
                 context.take, context.subscription[0], context.incoming, 0, 0) == 0
             if taken:
                 received = _now(context)
-                packs = context.packs
-                reports = numba.carray(at(packs[6]), (1,), of_report)
-                if process_message(
-                        memories, (numba.carray(at(packs[0]), (1,), of_model),
-                                   numba.carray(at(packs[1]), (1,), of_digits),
-                                   numba.carray(at(packs[2]), (1,), of_options),
-                                   numba.carray(at(packs[3]), (1,), of_clock),
-                                   numba.carray(at(packs[4]), (1,), of_blank),
-                                   numba.carray(at(packs[5]), (1,), of_state), reports),
-                        numba.carray(at(incoming[0]), (incoming[1],), np.uint8)):
+                # A message has one hand or two.
+                hands = (numba.carray(at(context.hands[0]), (1,), of_hand),
+                         numba.carray(at(context.hands[1]), (1,), of_hand))
+                one, other = context.packs[0], context.packs[1]
+                packs = ((numba.carray(at(one[0]), (1,), of_model),
+                          numba.carray(at(one[1]), (1,), of_digits),
+                          numba.carray(at(one[2]), (1,), of_options),
+                          numba.carray(at(one[3]), (1,), of_clock),
+                          numba.carray(at(one[4]), (1,), of_blank),
+                          numba.carray(at(one[5]), (1,), of_state),
+                          numba.carray(at(one[6]), (1,), of_report)),
+                         (numba.carray(at(other[0]), (1,), of_model),
+                          numba.carray(at(other[1]), (1,), of_digits),
+                          numba.carray(at(other[2]), (1,), of_options),
+                          numba.carray(at(other[3]), (1,), of_clock),
+                          numba.carray(at(other[4]), (1,), of_blank),
+                          numba.carray(at(other[5]), (1,), of_state),
+                          numba.carray(at(other[6]), (1,), of_report)))
+                if process_message(memories, hands, packs,
+                                   numba.carray(at(incoming[0]), (incoming[1],), np.uint8)):
                     _publish(context)
-                    log_frame(memories[0], reports[0], received, _now(context))
+                    published = _now(context)
+                    for i in range(memories[0].hand_count[0]):
+                        log_frame(hands[i][0], packs[i][REPORT][0], received, published)
                 else:
                     context.has_missed_message[0] = 1
                     context.is_enabled[0] = 0

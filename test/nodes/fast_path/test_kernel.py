@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 from visualization_msgs.msg import Marker
 
 from hand_tracker.core.model.hand import JOINTS, Hand
-from hand_tracker.core.model.kinematics import joint_table
-from hand_tracker.core.model.marker_layout import MARKERS
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.layout_presets import preset_layout
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.model.marker_rows import LAYOUT_CAPACITY
 from hand_tracker.core.model.states import (
     MarkerState,
     PalmState,
@@ -22,30 +24,43 @@ from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.builders import (
     link_frames,
     prefixed_names,
-    transform_numbers,
     wrist_frames,
 )
 from hand_tracker.messages.cdr import ENCAPSULATION, MarkerReader
-from hand_tracker.messages.labels import LabelMap
+from hand_tracker.messages.labels import (
+    DEFAULT_LABELS,
+    LabelMap,
+    default_labels,
+    labels_of_hand,
+)
 from hand_tracker.messages.stamps import Stamp, seconds
-from hand_tracker.messages.templates import joint_state_template, transforms_template
-from hand_tracker.nodes.fast_path.kernel import (
+from hand_tracker.messages.templates import (
     CONFIDENCES,
     JOINT_STATES,
+    TRANSFORMS,
+    joint_state_template,
+    transform_numbers,
+    transforms_template,
+)
+from hand_tracker.nodes.fast_path.kernel import (
     LOG_CAPACITY,
     LOG_COLUMNS,
     MESSAGE_CAPACITY,
-    REPLIES,
+    NOT_WANTED,
     REPLY_CAPACITY,
-    TRANSFORMS,
+    RESIDUAL,
     drain_log,
+    install_layout,
+    install_part,
     install_reply,
     install_signature,
     log_frame,
+    new_hand_memory,
     new_memory,
     process_message,
     state_runs,
 )
+from hand_tracker.simulation.motion import demo_motion
 from hand_tracker.simulation.packaged_recordings import demo_recording
 
 NEEDS = 'rclpy', 'visualization_msgs'
@@ -66,32 +81,40 @@ def markers_of(positions, frame, labels=range(8)):
 class Paths:
     """A hand that is tracked on both paths."""
 
-    def __init__(self, side='right'):
-        hand = Hand.scaled(side=side)
+    def __init__(self, side='right', labels=DEFAULT_LABELS, layout=None):
+        hand, layout = Hand.scaled(side=side), layout or MarkerLayout()
         table = joint_table(hand)
-        self.reader = MarkerReader(LabelMap(), scale=SCALE)
-        self.slow, self.fast = HandTracker(hand), HandTracker(hand)
+        self.reader = MarkerReader(LabelMap(labels, layout.names), scale=SCALE)
+        self.slow, self.fast = HandTracker(hand, layout), HandTracker(hand, layout)
         self.templates = {
             JOINT_STATES: joint_state_template(NAMES.joints),
             CONFIDENCES: joint_state_template(NAMES.joints),
             TRANSFORMS: transforms_template(
                 wrist_frames(NAMES, 'mocap') + link_frames(NAMES, table))}
         self.memories, self.memory = packed(new_memory())
+        self.hands, self.hand = packed(new_hand_memory())
+        install_layout(self.hand, layout)
         self.table = table
 
     def install(self, data):
         """Track a message on the slow path with both trackers, and install its signature."""
-        frame = self.reader.read(data)
-        for tracker in self.slow, self.fast:
-            state = tracker.update(frame.positions, seconds(frame.stamp))
-        assert install_signature(self.memory, self.reader.signature, frame.stamp, SCALE, True)
+        frame = self.begin(data)
+        assert install_signature(
+            self.memory, [self.hand], [self.reader.signature], frame.stamp, SCALE, True)
         for number, template in self.templates.items():
             assert install_reply(self.memory, number, template)
-        return state
+            install_part(self.hand, number, number, slice(0, len(template.numbers)))
+
+    def begin(self, data):
+        """Track a message on the slow path with both trackers; return its markers."""
+        frame = self.reader.read(data)
+        for tracker in self.slow, self.fast:
+            tracker.update(frame.positions, seconds(frame.stamp))
+        return frame
 
     def go(self, data):
         """Process a message; return whether that was possible."""
-        return process_message(self.memories, self.fast.kernel_arguments(),
+        return process_message(self.memories, (self.hands,), (self.fast.kernel_arguments(),),
                                np.frombuffer(data, np.uint8))
 
     def state(self):
@@ -99,7 +122,7 @@ class Paths:
         reports = self.fast.kernel_arguments()[-1]
         copy = empty_like_pack(reports)
         overwrite(copy, reports)
-        return self.fast.state_from_report(copy)
+        return self.fast.state_from_report(copy, self.hand.listed[0])
 
     def replies(self):
         """Return the replies of the fast path, as bytes."""
@@ -152,6 +175,83 @@ def test_both_paths_reply_alike(side):
         states.update(state.marker_states.tolist())
     assert {PalmState.TRACKED, PalmState.LOST} <= palms
     assert {MarkerState.SEEN, MarkerState.PREDICTED} < states
+
+
+@pytest.mark.parametrize('name', ['vicon_production5', 'sig18_19'])
+def test_both_paths_reply_alike_for_other_layouts(name):
+    layout, count = preset_layout(name), len(preset_layout(name).names)
+    paths = Paths(labels=default_labels(layout.names), layout=layout)
+    motion = demo_motion(paths.slow.hand)
+    pose = motion.sample(np.arange(60) / 100.)
+    frames = 1e3 * marker_positions(layout.mounting(paths.slow.hand), forward(
+        paths.table, *pose), *pose[1:])
+    frames[20:30, layout.further[0]] = np.nan
+    frames[40:45, layout.principal[5:]] = np.nan
+    frames[50:, layout.principal[0]] = np.nan
+    paths.install(data_of(markers_of(frames[0], 0, range(count))))
+    for number in range(1, len(frames)):
+        data = data_of(markers_of(frames[number], number, range(count)))
+        assert paths.go(data)
+        state, answers = paths.expected(data)
+        assert paths.replies() == answers
+        assert all(map(alike, paths.state(), state))
+        log_frame(paths.hand, paths.fast.kernel_arguments()[-1][0], number, number)
+    log, states = np.zeros(
+        (LOG_CAPACITY, LOG_COLUMNS)), np.zeros((LOG_CAPACITY, LAYOUT_CAPACITY), np.int8)
+    reports = paths.fast.kernel_arguments()[-1]
+    logged, _ = drain_log(paths.hands, reports, log, states, empty_like_pack(reports))
+    assert logged == len(frames) - 1
+    np.testing.assert_array_equal(states[logged - 1, :count], state.marker_states)
+    assert log[logged - 1, RESIDUAL] == pytest.approx(np.nanmean(state.residuals))
+
+
+def both_at(frames, frame, sides=('right', 'left'), late=()):
+    """Return the message of a frame [mm] of both hands, each in the namespace of its side."""
+    at = {side: Time(sec=5, nanosec=10_000_000 * frame + (side in late)) for side in sides}
+    return data_of([marker(number, np.nan_to_num(frames[side][frame, number]), side, 'mocap',
+                           Marker.SPHERE, 0, at[side]) for side in sides for number in range(8)])
+
+
+def test_both_hands_of_a_message_are_tracked_as_each_alone():
+    hands = {side: Paths(side, labels_of_hand(DEFAULT_LABELS, f'{side}/0')) for side in DEMO}
+    one, other = hands.values()
+    memories, memory = packed(new_memory())
+    frames = {side: positions.copy() for side, positions in DEMO.items()}
+    frames['left'][40:60] = np.nan
+
+    def install(data):
+        first = [hand.begin(data) for hand in hands.values()][0]
+        assert install_signature(memory, [one.hand, other.hand],
+                                 [hand.reader.signature for hand in hands.values()], first.stamp,
+                                 SCALE, True)
+
+    def go(data):
+        return process_message(
+            memories, tuple(hand.hands for hand in hands.values()),
+            tuple(hand.fast.kernel_arguments() for hand in hands.values()),
+            np.frombuffer(data, np.uint8))
+
+    template = joint_state_template([f'{side}_{joint}' for side in DEMO for joint in JOINTS])
+    assert install_reply(memory, 0, template)
+    install_part(one.hand, JOINT_STATES, 0, slice(0, 25))
+    install_part(other.hand, JOINT_STATES, 0, slice(25, 50))
+    install(both_at(frames, 0))
+    for number in range(1, 100):
+        data = both_at(frames, number)
+        assert go(data)
+        expected = [hand.expected(data)[0] for hand in hands.values()]
+        assert all(all(map(alike, hand.state(), state))
+                   for hand, state in zip(hands.values(), expected))
+        reply = memory.replies[0].view(np.uint8)[ENCAPSULATION:ENCAPSULATION + template.size]
+        assert reply.tobytes() == template.fill(
+            Stamp(5, 10_000_000 * number), np.concatenate([state.angles for state in expected]))
+    # One stamp is of both; nothing is done where it is not.
+    before = [hand.state() for hand in hands.values()]
+    assert not go(both_at(frames, 100, late=('left',)))
+    assert not go(both_at(frames, 100, sides=('right',)))
+    assert not go(both_at(frames, 99))
+    assert all(all(map(alike, hand.state(), state)) for hand, state in zip(hands.values(), before))
+    assert go(both_at(frames, 100))
 
 
 def changed(number=1, **fields):
@@ -216,27 +316,28 @@ def test_points_of_lists_and_messages_of_others_are_not_installed(paths):
                     [tuple(at) for at in DEMO['right'][0]])
     for data in data_of([points]), data_of([marker(99, (0., 0., 1.), 'x', 'mocap')]), data_of([]):
         paths.reader.read(data)
-        assert not install_signature(paths.memory, paths.reader.signature, Stamp(6, 0), SCALE, True)
+        assert not install_signature(
+            paths.memory, [paths.hand], [paths.reader.signature], Stamp(6, 0), SCALE, True)
     assert paths.go(data_of(markers_of(DEMO['right'][1], 1)))
 
 
 def test_an_answer_that_has_no_room_is_not_installed(paths):
     long = joint_state_template([f'{joint}{"x" * (REPLY_CAPACITY // 25)}' for joint in JOINTS])
     assert not install_reply(paths.memory, JOINT_STATES, long)
-    assert not install_reply(paths.memory, JOINT_STATES, joint_state_template(['x'] * 300))
+    assert not install_reply(paths.memory, JOINT_STATES, joint_state_template(['x'] * 400))
     assert not install_reply(
-        paths.memory, TRANSFORMS, transforms_template([('mocap', f'l{i}') for i in range(33)]))
+        paths.memory, TRANSFORMS, transforms_template([('mocap', f'l{i}') for i in range(53)]))
     data = data_of(markers_of(DEMO['right'][1], 1))
     assert paths.go(data)
     assert paths.replies() == paths.expected(data)[1]
 
 
 def test_only_what_is_wanted_is_filled(paths):
-    paths.memory.wanted[CONFIDENCES] = 0
+    paths.hand.reply[CONFIDENCES] = NOT_WANTED
     before = paths.replies()
     assert paths.go(data_of(markers_of(DEMO['right'][1], 1)))
     after = paths.replies()
-    assert [after[number] != before[number] for number in range(REPLIES)] == [True, True, False]
+    assert [after[number] != before[number] for number in sorted(before)] == [True, True, False]
 
 
 @pytest.fixture(scope='module')
@@ -263,13 +364,13 @@ def test_hostile_messages_are_survived(hostile_paths, changes, end):
     assert np.isfinite(state.angles).all() and np.isfinite(state.pose.position).all()
 
 
-def seen(memories, reports):
+def seen(hands, reports):
     """Look, and return what is new."""
     log = np.zeros((LOG_CAPACITY, LOG_COLUMNS))
-    states = np.zeros((LOG_CAPACITY, len(MARKERS)), np.int8)
+    states = np.zeros((LOG_CAPACITY, LAYOUT_CAPACITY), np.int8)
     report = empty_like_pack(reports)
-    kept, frames = drain_log(memories, reports, log, states, report)
-    return log[:kept], states[:kept], frames, report
+    kept, frames = drain_log(hands, reports, log, states, report)
+    return log[:kept], states[:kept, :len(MARKERS)], frames, report
 
 
 @pytest.mark.parametrize('count', [0, 1, 7, LOG_CAPACITY, LOG_CAPACITY + 30])
@@ -277,9 +378,9 @@ def test_what_was_noted_is_looked_at_once(paths, count):
     reports = paths.fast.kernel_arguments()[-1]
     for lap in range(2):
         for i in range(count):
-            paths.memory.time[0] = i
-            log_frame(paths.memory, reports[0], lap + 1e-3 * i, lap + 1e-3 * i + 1e-4)
-        log, states, frames, report = seen(paths.memories, reports)
+            paths.hand.time[0] = i
+            log_frame(paths.hand, reports[0], lap + 1e-3 * i, lap + 1e-3 * i + 1e-4)
+        log, states, frames, report = seen(paths.hands, reports)
         assert frames == count and len(log) == min(count, LOG_CAPACITY)
         numbers = np.arange(count)[-LOG_CAPACITY:]
         assert np.array_equal(log[:, 0], lap + 1e-3 * numbers)

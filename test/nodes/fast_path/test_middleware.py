@@ -252,7 +252,7 @@ def own_node():
 
 def test_a_driver_in_the_same_process_is_heard():
     with own_node() as tracker, watching_node() as node:
-        assert tracker._subscription not in list(tracker.subscriptions)
+        assert tracker.inputs[0].subscription not in list(tracker.subscriptions)
         publisher = node.create_publisher(MarkerArray, 'markers', 1000)
         answers = node.collect(JointState, 'joint_states')
         node.spin_until(lambda: publisher.get_subscription_count() > 0)
@@ -265,7 +265,7 @@ def test_a_driver_in_the_same_process_is_heard():
             publisher.publish(message(hand_at(), number))
             node.spin_until(lambda: answers[-1].header.stamp == stamp_of(number))
 
-        node.repeat(one_more, lambda: tracker._fast_path._memory.frames[0] > 50, 0.)
+        node.repeat(one_more, lambda: tracker.inputs[0].fast_path.frame_count > 50, 0.)
 
 
 def test_pictures_are_limited_to_the_rate_of_the_parameter():
@@ -276,7 +276,7 @@ def test_pictures_are_limited_to_the_rate_of_the_parameter():
         return len(rates) % 3 == 0
 
     with own_node() as tracker, watching_node() as node:
-        tracker._display = SimpleNamespace(due=every_third)
+        tracker.hands[0]._display = SimpleNamespace(due=every_third)
         assert tracker.set_parameters([Parameter('display_rate', value=7.)])[0].successful
         publisher = node.create_publisher(MarkerArray, 'markers', 1000)
         pictures = node.collect(MarkerArray, 'hand_markers')
@@ -355,8 +355,8 @@ def test_an_executor_that_waits_for_conditions_takes_the_slow_path():
     rclpy.init()
     tracker, executor = TrackerNode(), SingleThreadedExecutor()
     try:
-        assert tracker._loaded_fast_path is not None and tracker._fast_path is None
-        assert tracker._subscription in list(tracker.subscriptions)
+        assert tracker._loaded_fast_paths and tracker.inputs[0].fast_path is None
+        assert tracker.inputs[0].subscription in list(tracker.subscriptions)
         executor.add_node(tracker)
         with watching_node() as node:
             publisher = node.create_publisher(MarkerArray, 'markers', 10)
@@ -377,5 +377,5 @@ def test_an_executor_that_waits_for_conditions_takes_the_slow_path():
 def test_a_middleware_that_was_not_tried_takes_the_slow_path(monkeypatch):
     monkeypatch.setattr(middleware, 'SUPPORTED_MIDDLEWARES', ())
     with own_node() as tracker:
-        assert tracker._loaded_fast_path is None
-        assert tracker._subscription in list(tracker.subscriptions)
+        assert not tracker._loaded_fast_paths
+        assert tracker.inputs[0].subscription in list(tracker.subscriptions)

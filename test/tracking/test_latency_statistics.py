@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from hand_tracker.tracking.diagnostics import FRAMES_KEPT, LatencyStatistics
 from hand_tracker.tracking.rate_limit import RateLimiter
-from hand_tracker.tracking.statistics import FRAMES_KEPT, LatencyStatistics
 
 STEP = 1. / 128.  # [s], exact in binary
 

@@ -1,0 +1,179 @@
+"""The markers of one topic, for one hand or both: subscription, slow path and fast path."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.timer import Timer
+from visualization_msgs.msg import MarkerArray
+
+from ..tracking.rate_limit import period_ns
+from ..tracking.stream import TrackedFrame
+from .executors import wake_timer
+from .fast_path import FastPath, InstalledHand
+from .replies import Replies
+from .tracked_hand import TrackedHand
+
+# Timers of ROS time would stand still without /clock.
+STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
+
+
+class MarkerInput:
+    """Track the hands whose markers come on one topic, each message on the slow or the fast path.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    topic : str
+    qos : QoSProfile
+    hands : sequence of TrackedHand
+        That are in its messages.
+    replies : Replies
+        Of these hands, in this order.
+    raw : bool
+        Whether messages are taken as bytes.
+
+    Attributes
+    ----------
+    subscription : rclpy.subscription.Subscription
+    hands, replies
+    fast_path : FastPath or None
+        While it serves the subscription.
+    """
+
+    def __init__(self, node: Node, topic: str, qos: QoSProfile, hands: Sequence[TrackedHand],
+                 replies: Replies, raw: bool) -> None:
+        self.hands, self.replies = hands, replies
+        self.fast_path: FastPath | None = None
+        self._node, self._raw = node, raw
+        self.subscription = node.create_subscription(
+            MarkerArray, topic, self._on_markers, qos, raw=raw)
+        self._waiting: list[tuple[Any, float]] = []
+        self._newest_timer = wake_timer(node, self._track_newest)
+        self._newest_timer.cancel()
+        self._drain_timer: Timer | None = None
+        for hand in hands:
+            hand.listen_to(self.subscription.topic_name)
+
+    def start_fast_path(self, fast_path: FastPath) -> None:
+        """Serve the subscription by a fast path, until `stop_fast_path`."""
+        self.fast_path = fast_path
+        self._drain_timer = self._node.create_timer(1., self.drain, clock=STEADY_CLOCK)
+        self._drain_timer.cancel()
+        fast_path.start(self._node, self.subscription, self._drain_fast_path, self._on_markers)
+
+    def stop_fast_path(self) -> None:
+        """Leave the subscription to the executor; to be called while it is still there."""
+        if self.fast_path is not None:
+            self.fast_path.stop()
+            self._node.destroy_timer(self._drain_timer)
+        self.fast_path = self._drain_timer = None
+
+    def disable_fast_path(self) -> None:
+        """Let the next message take the slow path."""
+        if self.fast_path is not None:
+            self.fast_path.disable()
+
+    def _on_markers(self, message: Any) -> None:
+        received = time.monotonic()
+        if not all(hand.stream.is_fast for hand in self.hands):
+            # Plain Python may be slower than frames come: all that wait are taken before the
+            # newest is tracked, and other callbacks have their turn in between.
+            self._waiting.append((message, received))
+            if self._newest_timer.is_canceled():
+                self._newest_timer.reset()
+        else:
+            self._track(message, received)
+
+    def _track_newest(self) -> None:
+        """Track the newest of the waiting frames; count the others as left out."""
+        self._newest_timer.cancel()
+        # Executors that wait for conditions bring one message at a time.
+        take, kind = self.subscription.handle.take_message, self.subscription.msg_type
+        while (taken := take(kind, self._raw)) is not None:
+            self._waiting.append((taken[0], time.monotonic()))
+        waiting, self._waiting = self._waiting, []
+        for older, (message, received) in reversed(list(enumerate(waiting))):
+            if self._track(message, received):
+                self.drain()
+                for hand in self.hands:
+                    hand.left_out(older)
+                return
+
+    def _track(self, message: Any, received: float) -> bool:
+        """Track each hand's markers of a message, and answer with all together.
+
+        Returns
+        -------
+        bool
+            Whether a marker of a hand was in it.
+        """
+        markers = [hand.read(message) for hand in self.hands]
+        if any(found is not None and found.stamp is None for found in markers):
+            # What has none of a hand's markers is noted after the frames before it.
+            self.drain()
+        frames: dict[int, TrackedFrame] = {}
+        for number, (hand, found) in enumerate(zip(self.hands, markers)):
+            frame = None if found is None else hand.track(found, received)
+            if frame is not None:
+                frames[number] = frame
+        if not frames:
+            return False
+        if self.fast_path is not None:
+            self.fast_path.invalidate()
+        valid = {number: frame for number, frame in frames.items() if frame.is_valid}
+        if not self.replies.publish(valid):
+            self.hands[0].warn_once('repeated', 'stamps repeat: /tf has each stamp only once')
+        for number, frame in frames.items():
+            self.hands[number].published(frame)
+        if self.fast_path is not None and all(
+                frame.is_valid and frame.is_regular for frame in frames.values()):
+            self._install(self.fast_path, frames)
+        return True
+
+    def _install(self, fast_path: FastPath, frames: dict[int, TrackedFrame]) -> None:
+        """Let the fast path process messages like this one."""
+        hands = []
+        for number in frames:
+            stream = self.hands[number].stream
+            signature = stream.reader.signature
+            assert signature is not None
+            hands.append(InstalledHand(
+                number, stream.tracker.kernel_arguments(), stream.tracker.layout, signature))
+        settings = self.hands[0].settings
+        first, *others = (frame.stamp for frame in frames.values())
+        if all(stamp == first for stamp in others):
+            fast_path.install(hands, first, settings.unit_scale, settings.zero_is_missing,
+                              self.replies.replies_to(frames))
+
+    def _drain_fast_path(self) -> None:
+        """Take over the frames of the fast path, before those of the slow path."""
+        if self.fast_path is None:
+            return
+        for number, hand in enumerate(self.hands):
+            frames = self.fast_path.drain(number)
+            if frames is not None:
+                self.replies.published_until(number, frames.stamp)
+                hand.published_by_fast_path(frames)
+
+    def drain(self) -> None:
+        """Monitor the frames published since the last call, of both paths."""
+        self._drain_fast_path()
+        for hand in self.hands:
+            hand.monitor()
+
+    def drain_at(self, rate: float | None) -> None:
+        """Drain the fast path at a rate [Hz], for displays; None to leave it to the caller."""
+        if self._drain_timer is None:
+            return
+        if rate is None:
+            self._drain_timer.cancel()
+            return
+        self._drain_timer.timer_period_ns = period_ns(rate)
+        if self._drain_timer.is_canceled():
+            self._drain_timer.reset()

@@ -1,0 +1,324 @@
+"""Retarget node: joint states of a hand in, commands for a robot hand out, and for its wrist.
+
+Nothing moves before the robot is engaged: ~/engage (service or topic), or the deadman. See
+docs/teleoperation.md.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from functools import partial
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, TwistStamped, Vector3
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Float64MultiArray, Header, String
+from std_srvs.srv import SetBool
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from ..core.model.hand import SIDES
+from ..messages.builders import diagnostics
+from ..messages.cdr import MalformedMessage
+from ..messages.joint_states import JointPositions, JointStateReader
+from ..messages.stamps import Stamp, stamp_of
+from ..retargeting.guard_options import GuardOptions
+from ..retargeting.robot_file import load_robot
+from ..retargeting.teleoperation import Command, Teleoperation
+from ..retargeting.wrist_follower import (
+    WristCommand,
+    WristFollower,
+    WristOptions,
+    WristPose,
+    wrist_pose_of,
+)
+from ..tracking.diagnostics import Level, Status
+from .parameters import Parameter
+from .runner import InvalidArguments, declare, names_of, run
+from .serialization import Serialization
+from .source_node import imported_message
+from .tracker_parameters import AUTO, START, starting_hand
+
+RETARGET_DEPTH = 10     # messages that wait at most
+RETARGET_STATUS_PERIOD = 1.  # [s]
+OUTPUTS = {'joint_state': ('robot/command', JointState),
+           'joint_trajectory': ('robot/joint_trajectory', JointTrajectory),
+           'position_array': ('robot/position_array', Float64MultiArray)}
+WRIST_OUTPUTS = {'pose': ('robot/wrist_target', PoseStamped),
+                 'twist': ('robot/wrist_twist', TwistStamped)}
+# Those that the tracker has too and that shape the hand.
+PERSON_PARAMETERS = ('hand_file', 'side', 'hand_length', 'hand_breadth', 'limits.preset', 'thumb',
+                     'prefix', 'wrist_frame')
+RETARGET_PARAMETERS = tuple(row._replace(read_only=True) for row in (
+    *(row for row in START if row.name in PERSON_PARAMETERS),
+    Parameter('robot', '', 'Robot hand: a preset, a robot file, a dex-retargeting file or a URDF'),
+    Parameter('robot_description', '', "The robot's URDF: path, package:// path or XML; empty for "
+              "the robot file's"),
+    Parameter('outputs', 'joint_state', f'What is sent, separated by spaces: {" ".join(OUTPUTS)}'),
+    Parameter('order', '', "Joints of a command in their order, separated by spaces; empty for the "
+              "robot file's"),
+    Parameter('rate', 100., 'Of commands while no frame of the hand comes [Hz]; each frame is '
+              'answered at once', (1., 1000.)),
+    Parameter('min_confidence', .05, "Mean confidence of the hand's angles below which the hand "
+              'is lost', (0., 1.)),
+    *(Parameter(f'safety.{option.name}', option.default, option.metadata['description'] + (
+        f" [{option.metadata['unit']}]" if 'unit' in option.metadata else ''),
+        option.metadata.get('range'), option.metadata.get('choices', ()))
+        for option in fields(GuardOptions)),
+    Parameter('wrist.outputs', '', "What is sent for the robot's wrist, separated by spaces: "
+              f'{" ".join(WRIST_OUTPUTS)}; empty for nothing'),
+    Parameter('wrist.base_frame', 'base_link', "Frame of the robot's base, in which it is sent"),
+    *(Parameter(f'wrist.{option.name}', option.default, f"{option.metadata['description']} "
+                f"[{option.metadata['unit']}]", option.metadata['range'])
+      for option in fields(WristOptions)),
+))
+
+
+class RetargetNode(Node):
+    """Node that drives one robot hand by one human hand."""
+
+    def __init__(self) -> None:
+        super().__init__('retarget')
+        values = declare(self, RETARGET_PARAMETERS)
+        if not values['robot']:
+            raise InvalidArguments('robot: empty; expected a preset or a file, as '
+                                   '--ros-args -p robot:=allegro')
+        person = {**{row.name: row.default for row in START}, **values}
+        follows_robot = values['side'] == AUTO and not values['hand_file']
+        preferred = SIDES[0] if follows_robot else starting_hand(person)[0].side
+        loaded = load_robot(values['robot'], values['robot_description'], preferred_side=preferred)
+        if follows_robot:
+            person['side'] = loaded.hand.side
+        hand, _ = starting_hand(person)
+        names = names_of(hand, values['prefix'], values['wrist_frame'])
+        self._teleoperation = Teleoperation(
+            loaded, hand, names.prefix,
+            GuardOptions(**{option.name: values[f'safety.{option.name}']
+                            for option in fields(GuardOptions)}),
+            values['order'].split(), values['min_confidence'])
+        self._teleoperation.prepare()
+        self._period = 1. / values['rate']
+        self._outputs = self._make_outputs('outputs', OUTPUTS, values['outputs'].split())
+        if not self._outputs:
+            raise InvalidArguments(f"outputs: empty; expected of {', '.join(OUTPUTS)}")
+        self._wrist_outputs = self._make_outputs(
+            'wrist.outputs', WRIST_OUTPUTS, values['wrist.outputs'].split())
+        self._wrist = WristFollower(WristOptions(**{
+            option.name: values[f'wrist.{option.name}'] for option in fields(WristOptions)}))
+        self._wrist_frame, self._base_frame = names.wrist, values['wrist.base_frame']
+        self._robot_wrist: WristPose | None = None
+        self._robot_wrist_time = -math.inf
+        self._is_clutched, self._wrist_fault = False, ''
+        self._status_name = f'{self.get_name()}: {loaded.hand.name} {loaded.hand.side}'
+        self._said: tuple[str, str] | None = None
+        self._sent = -self._period
+        serialization = Serialization()
+        self._command_template = serialization.joint_states(self._teleoperation.order)
+        self._listen(serialization.raw)
+        for line in loaded.notes:
+            self.get_logger().warning(f'unsure: {line}')
+        self.get_logger().info(f'{loaded.hand.name}: not engaged; listening for the {hand.side} '
+                               f"hand on {self.resolve_topic_name('joint_states')}")
+        self._tell_state()
+
+    def _make_outputs(self, parameter: str, known: Mapping[str, tuple[str, Any]],
+                      chosen: list[str]) -> list[tuple[str, Any]]:
+        for name in chosen:
+            if name not in known:
+                raise InvalidArguments(f"{parameter}: '{name}'; expected of {', '.join(known)}")
+        return [(name, self.create_publisher(known[name][1], known[name][0], RETARGET_DEPTH))
+                for name in dict.fromkeys(chosen)]
+
+    def _listen(self, raw: bool) -> None:
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        latest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', RETARGET_DEPTH)
+        self._state = self.create_publisher(String, '~/state', latched)
+        for topic, callback in (('joint_states', self._on_hand),
+                                ('joint_confidence', self._on_confidence),
+                                ('robot/joint_states', self._on_robot)):
+            self.create_subscription(
+                JointState, topic, partial(self._read, _reader(raw), callback), latest, raw=raw)
+        self.create_subscription(Bool, '~/engage', self._on_engage, RETARGET_DEPTH)
+        self.create_subscription(Bool, '~/deadman', self._on_deadman, latest)
+        self.create_service(SetBool, '~/engage', self._serve_engage)
+        if self._wrist_outputs:
+            self.create_subscription(
+                imported_message('tf2_msgs', 'TFMessage'), '/tf', self._on_transforms,
+                QoSProfile(depth=RETARGET_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT))
+            self.create_subscription(PoseStamped, 'robot/wrist_pose', self._on_robot_wrist, latest)
+            self.create_subscription(Bool, '~/clutch', self._on_clutch, RETARGET_DEPTH)
+        self.create_timer(self._period, self._on_timer, clock=steady)
+        self.create_timer(RETARGET_STATUS_PERIOD, self._publish_status, clock=steady)
+
+    def _read(self, read: Callable[[Any], JointPositions],
+              callback: Callable[[JointPositions], None], message: Any) -> None:
+        try:
+            callback(read(message))
+        except MalformedMessage as error:
+            self.get_logger().warning(f'left out: {error}', throttle_duration_sec=10.)
+
+    def _on_hand(self, hand: JointPositions) -> None:
+        now = time.monotonic()
+        if self._teleoperation.observe_hand(hand.names, hand.positions, now):
+            self._send(now, hand.stamp)
+        self._tell_state()
+
+    def _on_confidence(self, hand: JointPositions) -> None:
+        self._teleoperation.observe_confidence(hand.names, hand.positions)
+
+    def _on_robot(self, robot: JointPositions) -> None:
+        self._teleoperation.observe_robot(robot.names, robot.positions, time.monotonic())
+
+    def _on_transforms(self, message: Any) -> None:
+        for transform in message.transforms:
+            if transform.child_frame_id == self._wrist_frame:
+                at, turn = transform.transform.translation, transform.transform.rotation
+                self._wrist.observe(wrist_pose_of(
+                    (at.x, at.y, at.z), (turn.x, turn.y, turn.z, turn.w)), time.monotonic())
+
+    def _on_robot_wrist(self, message: PoseStamped) -> None:
+        at, turn = message.pose.position, message.pose.orientation
+        self._robot_wrist = wrist_pose_of((at.x, at.y, at.z), (turn.x, turn.y, turn.z, turn.w))
+        self._robot_wrist_time = time.monotonic()
+
+    def _on_clutch(self, message: Bool) -> None:
+        self._is_clutched = message.data
+
+    def _on_timer(self) -> None:
+        now = time.monotonic()
+        # Frames of the hand are answered as they come; this is for when they do not.
+        if now - self._sent >= self._period:
+            self._send(now)
+        self._tell_state()
+
+    def _wrist_start(self, now: float) -> WristPose | None:
+        """Return where the robot's wrist is; for twists alone any pose will do."""
+        if now - self._robot_wrist_time <= self._teleoperation.guard.options.robot_timeout:
+            return self._robot_wrist
+        asks_for_pose = any(name == 'pose' for name, _ in self._wrist_outputs)
+        return None if asks_for_pose else wrist_pose_of((0., 0., 0.), (0., 0., 0., 1.))
+
+    def _on_deadman(self, message: Bool) -> None:
+        if message.data:
+            self._teleoperation.guard.press(time.monotonic())
+        else:
+            self._teleoperation.guard.disengage('the deadman was released')
+        self._tell_state()
+
+    def _on_engage(self, message: Bool) -> None:
+        self._engage(message.data)
+
+    def _serve_engage(self, request: Any, response: Any) -> Any:
+        reason = self._engage(request.data)
+        response.success, response.message = not reason, (
+            reason or self._teleoperation.guard.reason)
+        return response
+
+    def _engage(self, wanted: bool) -> str:
+        guard, reason = self._teleoperation.guard, ''
+        if wanted:
+            reason = guard.engage(time.monotonic())
+        else:
+            guard.disengage()
+        self._tell_state()
+        return reason
+
+    def _send(self, now: float, stamp: Stamp | None = None) -> None:
+        """Send the commands of now; those that answer a frame of the hand have its stamp."""
+        command = self._teleoperation.command(now)
+        if command is not None:
+            self._sent = now
+            for name, publisher in self._outputs:
+                publisher.publish(self._message(name, command, stamp))
+        if self._wrist_outputs:
+            self._send_wrist(now)
+
+    def _send_wrist(self, now: float) -> None:
+        """Send the wrist's command; it moves only while the fingers follow."""
+        guard = self._teleoperation.guard
+        self._wrist.clutch(self._is_clutched or not guard.is_following)
+        if not guard.is_engaged:
+            self._wrist.disengage()
+            self._wrist_fault = ''
+        elif not self._wrist.is_engaged:
+            self._wrist_fault = self._wrist.engage(self._wrist_start(now), now)
+        sent = self._wrist.command(now)
+        if sent is None:
+            return
+        header = Header(stamp=self.get_clock().now().to_msg(), frame_id=self._base_frame)
+        for name, publisher in self._wrist_outputs:
+            publisher.publish(_wrist_message(name, header, sent))
+
+    def _message(self, name: str, command: Command, stamp: Stamp | None) -> Any:
+        if name == 'joint_state':
+            if stamp is None:
+                stamp = stamp_of(self.get_clock().now().nanoseconds)
+            return self._command_template.fill(stamp, command.position)
+        position = command.position.tolist()
+        if name == 'position_array':
+            return Float64MultiArray(data=position)
+        point = JointTrajectoryPoint(
+            positions=position, time_from_start=Duration(seconds=self._period).to_msg())
+        # No stamp: the controller begins at once.
+        return JointTrajectory(joint_names=command.names, points=[point])
+
+    def _tell_state(self) -> None:
+        """Publish and log the state where it has changed."""
+        guard = self._teleoperation.guard
+        told = guard.state.value, self._teleoperation.fault or guard.reason
+        if told == self._said:
+            return
+        self._said = told
+        self._state.publish(String(data=told[0]))
+        self.get_logger().info(f'{told[0]}: {told[1]}')
+        self._publish_status()
+
+    def _publish_status(self) -> None:
+        guard, fault = self._teleoperation.guard, self._teleoperation.fault
+        level = Level.ERROR if fault else Level.OK if guard.is_following else Level.WARN
+        status = Status(level, fault or f'{guard.state.value}: {guard.reason}', {
+            'state': guard.state.value, 'refused jumps': str(self._teleoperation.refused_jumps),
+            'refused values': str(guard.refused_values),
+            **({'wrist': self._wrist_fault or 'ok'} if self._wrist_outputs else {})})
+        self._diagnostics.publish(diagnostics(
+            self.get_clock().now().to_msg(), self._status_name, self.get_namespace(), status))
+
+
+def _wrist_message(name: str, header: Header, sent: WristCommand) -> PoseStamped | TwistStamped:
+    """Return one of `WRIST_OUTPUTS`."""
+    if name == 'twist':
+        linear, angular = (Vector3(**dict(zip('xyz', vector.tolist())))
+                           for vector in (sent.linear, sent.angular))
+        return TwistStamped(header=header, twist=Twist(linear=linear, angular=angular))
+    place, turn = sent.pose.position.tolist(), sent.pose.rotation.as_quat().tolist()
+    return PoseStamped(header=header, pose=Pose(
+        position=Point(**dict(zip('xyz', place))),
+        orientation=Quaternion(**dict(zip('xyzw', turn)))))
+
+
+def _reader(raw: bool) -> Callable[[Any], JointPositions]:
+    """Return a reader of the JointStates of one topic, as bytes or as objects."""
+    if raw:
+        return JointStateReader().read
+    return lambda message: JointPositions(
+        Stamp(message.header.stamp.sec, message.header.stamp.nanosec), message.name,
+        message.position)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the retarget node until it is interrupted; return its exit code."""
+    return run(RetargetNode, args=args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

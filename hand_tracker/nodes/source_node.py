@@ -1,0 +1,221 @@
+"""Source node: take a motion capture system's points, publish them as the tracker's MarkerArrays.
+
+`source` names the system: PointCloud2, messages of mocap4r2's drivers, OptiTrack over NatNet,
+Qualisys over its real-time protocol, or landmarks of a headset or camera. What it publishes on
+~/markers has the name of each marker as namespace; docs/sources.md says more.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+from threading import Event, Thread
+from typing import Any
+
+from geometry_msgs.msg import PoseArray
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import PointCloud2
+from visualization_msgs.msg import MarkerArray
+
+from ..adapters.hand_landmarks import (
+    LANDMARK_ORDERS,
+    LandmarkChecks,
+    landmark_order,
+    landmarks_of_markers,
+    landmarks_of_poses,
+    named_landmarks,
+)
+from ..adapters.marker_arrays import MarkerArrayWriter
+from ..adapters.mocap4r2 import points_of_markers, points_of_rigid_bodies
+from ..adapters.natnet_client import COMMAND_PORT, NatNetClient
+from ..adapters.point_cloud import points_of_cloud
+from ..adapters.point_frame import (
+    UPRIGHT,
+    MalformedFrame,
+    PointFrame,
+    SourceUnavailable,
+    of_subject,
+    turned_upright,
+)
+from ..adapters.qualisys import QTM_PORT, QualisysClient
+from ..core.model.hand import SIDES
+from .parameters import Parameter
+from .runner import declare, run
+
+SOURCE_DEPTH = 10    # messages of ~/markers
+INPUT_DEPTH = 5      # messages of a topic that wait
+SILENT_TIME = 5.     # [s] without a frame, after which a line says so
+MOCAP4R2, TELEOP = 'mocap4r2_msgs', 'teleop_ros2_interfaces'
+# Topic that each message comes on where the parameter names none.
+USUAL_TOPICS = {'point_cloud': '/pointCloud', 'markers': '/markers',
+                'rigid_bodies': '/rigid_bodies', 'pose_array': 'landmarks',
+                'named_pose_array': '/xr_teleop/hand', 'marker_array': 'landmarks'}
+MESSAGES_OF = {'point_cloud': ('point_cloud',), 'mocap4r2': ('markers', 'rigid_bodies'),
+               'landmarks': ('pose_array', 'named_pose_array', 'marker_array')}
+SERVED = 'natnet', 'qualisys'
+FIRST = 'first'
+
+SOURCE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
+    Parameter('source', 'point_cloud', 'Where points come from', choices=(*MESSAGES_OF, *SERVED)),
+    Parameter('message', FIRST, 'Of mocap4r2: markers, or rigid_bodies with their markers; of '
+              'landmarks: pose_array, named_pose_array or marker_array; first is the first of '
+              'these', choices=(FIRST, *USUAL_TOPICS)),
+    Parameter('topic', '', "Topic of the messages; empty for the system's usual one"),
+    Parameter('server', '127.0.0.1', 'Address of the computer with Motive or QTM'),
+    Parameter('port', 0, "Its port; 0 for the system's usual one", range=(0, 65535)),
+    Parameter('local_address', '', "Address of this computer in Motive's network; empty for any"),
+    Parameter('components', '3d 3dnolabels', 'Of QTM: 3d or 3dres, 3dnolabels or 3dnolabelsres'),
+    Parameter('latency', 0., 'Least time from exposure to receipt, for Qualisys [s]',
+              range=(0., 1.)),
+    Parameter('subject', '', 'Rigid body, marker set or subject whose markers alone are taken; '
+              'empty for all'),
+    Parameter('side', 'right', 'Side of the landmarks', choices=SIDES),
+    Parameter('landmarks', 21, 'Landmarks of a hand in a marker_array: 21, 25 or 26',
+              range=(min(LANDMARK_ORDERS), max(LANDMARK_ORDERS))),
+    Parameter('frame', 'mocap', 'Frame of points whose source names none'),
+    Parameter('up', 'z', "Axis that is up in the source's data; y is turned upright",
+              choices=tuple(UPRIGHT)),
+))
+
+
+class SourceNode(Node):
+    """Node that publishes the points of one source as MarkerArrays."""
+
+    def __init__(self) -> None:
+        super().__init__('source')
+        values = self._values = declare(self, SOURCE_PARAMETERS)
+        landmark_order(values['landmarks'])
+        self._warned: set[str] = set()
+        self._writer = MarkerArrayWriter(self._warn_once)
+        self._publisher = self.create_publisher(MarkerArray, '~/markers', SOURCE_DEPTH)
+        self._checks: LandmarkChecks | None = None
+        self._has_frame = False
+        self._ended, self._thread = Event(), None
+        if values['source'] in SERVED:
+            client = self._client()
+            self._origin = f"{values['source']} server {values['server']}"
+            self._thread = Thread(target=client.run, args=(self._ended,), daemon=True)
+            self._thread.start()
+        else:
+            self._subscribe()
+            self._origin = self._input.topic_name
+            self._silence = self.create_timer(
+                SILENT_TIME, self._report_silence, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.get_logger().info(f'{self._origin}: publishing on {self._publisher.topic_name}')
+
+    def _client(self) -> NatNetClient | QualisysClient:
+        values = self._values
+        common = values['server'], self._publish, self._tell
+        if values['source'] == 'natnet':
+            return NatNetClient(*common, values['local_address'], values['port'] or COMMAND_PORT)
+        return QualisysClient(*common, tuple(values['components'].split()), values['latency'],
+                              values['port'] or QTM_PORT)
+
+    def _subscribe(self) -> None:
+        values = self._values
+        allowed = MESSAGES_OF[values['source']]
+        name = allowed[0] if values['message'] == FIRST else values['message']
+        if name not in allowed:
+            raise SourceUnavailable(f"message: '{name}' is none of {values['source']}'s: "
+                                    f"{', '.join(allowed)}")
+        readers: dict[str, tuple[Any, Callable[[Any], PointFrame]]] = {
+            'point_cloud': (PointCloud2, points_of_cloud),
+            'markers': ((MOCAP4R2, 'Markers'), points_of_markers),
+            'rigid_bodies': ((MOCAP4R2, 'RigidBodies'), points_of_rigid_bodies),
+            'pose_array': (PoseArray, landmarks_of_poses),
+            'named_pose_array': ((TELEOP, 'NamedPoseArray'),
+                                 partial(named_landmarks, side=values['side'])),
+            'marker_array': (MarkerArray, partial(landmarks_of_markers,
+                                                  count=values['landmarks']))}
+        kind, self._read = readers[name]
+        if values['source'] == 'landmarks':
+            self._checks = LandmarkChecks(values['side'], self._warn_once)
+        self._input = self.create_subscription(
+            imported_message(*kind) if isinstance(kind, tuple) else kind,
+            values['topic'] or USUAL_TOPICS[name], self._on_message,
+            QoSProfile(depth=INPUT_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT))
+
+    def _on_message(self, message: Any) -> None:
+        try:
+            frame = self._read(message)
+        except MalformedFrame as error:
+            self._warn_once('malformed', f'left out is a message on {self._origin}: {error}')
+            return
+        if self._checks is not None:
+            self._checks.check(frame)
+        self._publish(frame)
+
+    def _publish(self, frame: PointFrame) -> None:
+        """Publish a frame, in the thread in which it came."""
+        values = self._values
+        if values['subject']:
+            frame = of_subject(frame, values['subject'])
+        if values['up'] != 'z':
+            frame = turned_upright(frame, values['up'])
+        if not frame.frame_id:
+            frame = frame._replace(frame_id=values['frame'])
+        stamp = self.get_clock().now().to_msg() if frame.stamp is None else frame.stamp
+        self._publisher.publish(self._writer.write(frame, stamp))
+        if not self._has_frame:
+            self._has_frame = True
+            self._tell(False, f'{self._origin}: {len(frame.names)} named markers '
+                              f'({", ".join(frame.names[:3])}{"..." if frame.names[3:] else ""}), '
+                              f'{len(frame.points)} anonymous points')
+
+    def _report_silence(self) -> None:
+        self._silence.cancel()
+        if self._has_frame:
+            return
+        kinds = sorted({info.topic_type for info in
+                        self.get_publishers_info_by_topic(self._origin)})
+        self._warn_once('silence', f'{self._origin}: no frame yet; '
+                        + (f'it is published as {", ".join(kinds)}' if kinds else
+                           'nobody publishes it'))
+
+    def _warn_once(self, key: str, text: str) -> None:
+        if key not in self._warned:
+            self._warned.add(key)
+            self._tell(True, text)
+
+    def _tell(self, is_warning: bool, text: str) -> None:
+        log = self.get_logger()
+        if is_warning:
+            log.warning(text)
+        else:
+            log.info(text)
+
+    def destroy_node(self) -> None:
+        """End the client too."""
+        self._ended.set()
+        if self._thread is not None:
+            self._thread.join()
+        super().destroy_node()
+
+
+def imported_message(package: str, name: str) -> Any:
+    """Return a message class.
+
+    Raises
+    ------
+    SourceUnavailable
+        If its package is not installed.
+    """
+    try:
+        return getattr(import_module(f'{package}.msg'), name)
+    except ImportError:
+        raise SourceUnavailable(
+            f'{package} is not installed: it has the messages {package}/{name} of this source. '
+            'Build it in your workspace, or install its package for your ROS 2') from None
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the source node until it is interrupted; return its exit code."""
+    return run(SourceNode, args=args, name='source')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

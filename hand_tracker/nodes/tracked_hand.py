@@ -1,0 +1,354 @@
+"""One hand of the tracker node: settings, stream of frames, display topics and log lines."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
+
+from ..calibration.live_take import LiveTake
+from ..core.model.hand import Hand
+from ..core.model.kinematics import tip_offsets
+from ..core.model.marker_layout import MARKERS, MarkerLayout
+from ..core.tracker import HandState, HandTracker
+from ..files.urdf_file import urdf
+from ..messages.builders import diagnostics, time_message
+from ..messages.labels import LabelMap
+from ..messages.marker_array import MarkerFrame
+from ..messages.points import PointReader
+from ..messages.rviz_markers import hand_markers, labelled_markers
+from ..messages.stamps import Time, seconds
+from ..tracking.auto_size import AutoSize
+from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
+from ..tracking.monitor import Monitor, TrackedFrames
+from ..tracking.point_labels import LabelChanges, PointLabelReader
+from ..tracking.rate_limit import RateLimiter
+from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame, read_or_warn
+from .hand_description import HandDescription
+from .hand_services import HandServices
+from .robot_description import RobotDescription
+from .runner import declare, names_of
+from .serialization import Serialization
+from .tracker_parameters import (
+    Settings,
+    hand_table,
+    labels_table,
+    learns_size,
+    live_settings,
+    starting_hand,
+)
+
+if TYPE_CHECKING:
+    from .tracker_node import TrackerNode
+
+
+class TrackedHand:
+    """A hand that a tracker node tracks; owner of all that belongs to it alone.
+
+    Parameters
+    ----------
+    node : TrackerNode
+        Has declared the parameters of the start and `common_table`.
+    start : mapping of str to object
+        Value of each of `START`, for this hand.
+    scope : str
+        Before the names of its parameters, topics and services, where the node tracks both
+        hands: 'right' or 'left'; else empty.
+    serialization : Serialization
+    qos : mapping of str to QoSProfile
+        Of the topics.
+    labels : callable, optional
+        Returns the hand's LabelMap for the values of the parameters; where left out, they are
+        `labels.*`.
+
+    Attributes
+    ----------
+    hand : Hand
+        With the limits of its parameters' defaults.
+    names : Names
+    topics : str
+        Before the names of its topics.
+    stream : Stream
+    settings : Settings
+        In use.
+    services : HandServices
+    """
+
+    def __init__(self, node: TrackerNode, start: Mapping[str, Any], scope: str,
+                 serialization: Serialization, qos: Mapping[str, QoSProfile],
+                 labels: Callable[[Mapping[str, Any]], LabelMap] | None = None) -> None:
+        self._node, self._serialization, self._labels = node, serialization, labels
+        self.hand, layout = starting_hand(start)
+        self._scope, self.topics = (f'{scope}.', f'{scope}/') if scope else ('', '')
+        self._marker_names = layout.names
+        self._rows = self._table(self.hand)
+        declare(node, self._rows)
+        self.settings = self._settings_of(self.hand, self._values())
+        self._has_new_settings = False
+        self._new_hand: tuple[Hand, MarkerLayout] | None = None
+        self._mocap_frame = start['mocap_frame']
+        self.names = names_of(self.hand, start['prefix'], start['wrist_frame'])
+        self._tracker = HandTracker(self.settings.hand, layout, self.settings.options)
+        auto_size = (AutoSize(self.settings.hand, layout, in_background=True)
+                     if learns_size(start) else None)
+        self._labels_points = start['labels'] == 'none'
+        self._label_changes = LabelChanges(len(layout.names))
+        self.stream = Stream(self._tracker, self._new_reader(), auto_size)
+
+        self._hand_markers = node.create_publisher(
+            MarkerArray, f'{self.topics}hand_markers', qos['hand_markers'])
+        self._labelled = node.create_publisher(
+            MarkerArray, f'{self.topics}labelled_markers', qos['labelled_markers'])
+        # The launch file gives robot_state_publisher the hand of the hand file.
+        self._description = RobotDescription(
+            node, urdf(self.hand, self.names.prefix), self.topics)
+        self._hand_description = HandDescription(node, self.topics)
+        self._hand_description.publish(self.hand, layout)
+        self._hand_shown = self.hand
+        self._display = RateLimiter()
+        self._tips = tip_offsets(self.hand)
+        self._has_viewers = False
+        self._distal_flexion = DistalFlexion(self.names.prefix)
+        node.create_subscription(
+            JointState, f'{self.topics}distal_flexion', self._on_distal_flexion,
+            qos['distal_flexion'])
+        self._topic = ''
+        self._published: list[TrackedFrames] = []  # that are not monitored yet
+        self._latest: tuple[Time, str, HandState] | None = None
+        self.services = HandServices(node, self, start, layout, self._scope, self.topics)
+
+    def listen_to(self, topic: str) -> None:
+        """Monitor the markers that come from a topic, by its resolved name."""
+        self._topic = topic
+        self._monitor = Monitor(time.monotonic(), topic, self.settings.labels)
+
+    # Frames
+
+    def read(self, message: Any) -> MarkerFrame | None:
+        """Return its markers in a message by the present settings; None of a malformed message."""
+        if self._has_new_settings:
+            self._apply_settings()
+        return read_or_warn(self.stream.reader, message, self._monitor.warn_once)
+
+    def track(self, markers: MarkerFrame, received: float) -> TrackedFrame | None:
+        """Track the markers of a message, received at a time [s]; None where it has none."""
+        frame = self.stream.track(
+            markers, received, self._receipt_stamp,
+            self._measured_flexion() if self._distal_flexion.heard else None)
+        if isinstance(frame, MarkerFrame):
+            # A message without any marker of the hand may be of something else.
+            self._monitor.received_none(received, frame)
+            self._note_labels(received, frame)
+            return None
+        self._note_labels(received, markers)
+        if not frame.markers.frame_id:
+            self._monitor.warn_once('frame_id', f"the markers have no frame; '{UNNAMED_FRAME}' is "
+                                    'used (mocap_frame)')
+        return frame
+
+    def published(self, frame: TrackedFrame) -> None:
+        """Note a frame of the slow path, published if it is valid."""
+        self._published.append(TrackedFrames.of(frame, time.monotonic()))
+        self._latest = frame.stamp, frame.frame_id, frame.state
+        if not frame.is_valid:
+            return
+        if self._has_viewers:
+            self._show()
+        if self._labels_points:
+            self._labelled.publish(labelled_markers(
+                time_message(frame.stamp), frame.frame_id, self.names.prefix,
+                frame.markers.positions, self._marker_names))
+
+    def _note_labels(self, received: float, frame: MarkerFrame) -> None:
+        """Label points by the hand's shape once labels have been of no use for some time."""
+        # Points of both hands would be labelled for one hand alone.
+        if self._scope or self._labels_points:
+            return
+        reason = self._label_changes.add(frame, received)
+        if reason:
+            self._monitor.warn_once('labels', f'{reason}: points are labelled by the shape of '
+                                    "the hand, as with labels:='none'")
+            self._labels_points = True
+            self.stream.reader = self._new_reader()
+            self._node.disable_fast_path()
+
+    def published_by_fast_path(self, frames: TrackedFrames) -> None:
+        """Note frames of the fast path."""
+        assert self._latest is not None
+        self._latest = frames.stamp, self._latest[1], frames.state
+        self._published.append(frames)
+        if self._has_viewers:
+            self._show()
+
+    def monitor(self) -> None:
+        """Monitor the frames published since the last call."""
+        published, self._published = self._published, []
+        for frames in published:
+            if self._monitor.update(frames):
+                self.publish_status(frames.published[-1])
+
+    def left_out(self, count: int) -> None:
+        """Count frames that were left out, see `Monitor.left_out`."""
+        self._monitor.left_out(count)
+
+    def warn_once(self, key: str, text: str) -> None:
+        """Log a warning once for each key."""
+        self._monitor.warn_once(key, text)
+
+    def _receipt_stamp(self) -> Time:
+        self._monitor.warn_once(
+            'stamp', 'the markers have no stamp; the time of receipt is used')
+        return self._node.now()
+
+    def _on_distal_flexion(self, message: JointState) -> None:
+        unknown = self._distal_flexion.received(
+            seconds(self._node.now()) or 0., message.name, message.position)
+        self._node.disable_fast_path()
+        if unknown:
+            self._monitor.warn_once(
+                'distal_flexion', f"distal_flexion: left out is '{unknown[0]}', expected are "
+                f"{', '.join(DISTAL_JOINTS)}, with '{self.names.prefix}' before or without")
+
+    def _measured_flexion(self) -> np.ndarray | None:
+        """Return the measured flexion of the last joints [rad]; None if it is too old."""
+        return self._distal_flexion.fresh(
+            seconds(self._node.now()) or 0., self.settings.distal_flexion_timeout)
+
+    # Settings
+
+    def _table(self, hand: Hand) -> tuple[Parameter, ...]:
+        """Return the parameters that are this hand's alone and act from the next frame on."""
+        rows = hand_table(hand, self._scope)
+        return rows if self._labels is not None else rows + labels_table(self._marker_names)
+
+    def _new_reader(self) -> Any:
+        if self._labels_points:
+            return PointLabelReader(
+                self._tracker.hand, self._tracker.layout, PointReader(
+                    self._mocap_frame, self.settings.unit_scale, self.settings.zero_is_missing))
+        return self._serialization.markers(self.settings, self._mocap_frame)
+
+    def _values(self) -> dict[str, Any]:
+        """Return the value of each parameter that acts from the next frame on."""
+        return self._node.live_values() | {
+            row.name: self._node.get_parameter(row.name).value for row in self._rows}
+
+    def _settings_of(self, hand: Hand, values: Mapping[str, Any]) -> Settings:
+        """Return the settings that values of the parameters stand for, see `live_settings`."""
+        return live_settings(
+            hand, values, self._marker_names, self._scope,
+            None if self._labels is None else self._labels(values))
+
+    def require_allowed(self, changes: Mapping[str, Any]) -> None:
+        """Raise a HandTrackerError that names a changed parameter whose value is not allowed."""
+        self._settings_of(self.hand, {**self._values(), **changes})
+
+    def renew_settings(self) -> None:
+        """Apply the parameters before the next frame."""
+        self._has_new_settings = True
+
+    def _apply_settings(self) -> None:
+        self._has_new_settings = False
+        hand, layout = self._new_hand or (self._tracker.hand, None)
+        self._new_hand = None
+        self.settings = self._settings_of(hand, self._values())
+        if layout is None:
+            self._tracker.configure(hand=self.settings.hand, options=self.settings.options)
+        else:
+            self.stream.replace_hand(self.settings.hand, layout, self.settings.options)
+        self.stream.reader = self._new_reader()
+        self._monitor.set_labels(self.settings.labels)
+
+    def collect(self, take: LiveTake | None) -> None:
+        """Collect frames for a calibration from the next one on; None to end that."""
+        self.stream.take = take
+        self._node.disable_fast_path()
+
+    def replace_hand(self, hand: Hand, layout: MarkerLayout) -> None:
+        """Track with another hand from the next frame on.
+
+        Limits and couplings set as parameters stay; the others become the hand's.
+
+        Parameters
+        ----------
+        hand : Hand
+            Of the same side.
+        layout : MarkerLayout
+        """
+        now, rows = self._values(), self._table(hand)
+        self._node.set_parameters_atomically([
+            Parameter(row.name, value=row.default) for row, former in zip(rows, self._rows)
+            if now[row.name] == former.default != row.default])
+        self.hand, self._rows, self._new_hand = hand, rows, (hand, layout)
+        self._has_new_settings = True
+        self._node.disable_fast_path()
+
+    # What it shows and logs
+
+    def _show(self) -> None:
+        assert self._latest is not None
+        stamp, frame_id, state = self._latest
+        if self._display.due(time.monotonic(), self.settings.display_rate):
+            self._hand_markers.publish(hand_markers(
+                time_message(stamp), frame_id, self.names, self._tips, state))
+
+    def follow_viewers(self) -> bool:
+        """Draw while there are subscribers; return whether there are."""
+        self._has_viewers = self._hand_markers.get_subscription_count() > 0
+        return self._has_viewers
+
+    def new_hand_to_show(self) -> Hand | None:
+        """Return the tracker's hand if it is another than the one shown, and show it."""
+        hand = self._tracker.hand
+        self._description.update()
+        if hand is self._hand_shown:
+            return None
+        self._hand_shown, self._tips = hand, tip_offsets(hand)
+        self._description.wanted = urdf(hand, self.names.prefix)
+        self._description.update()
+        self._hand_description.publish(hand.replace(
+            limits=self.hand.limits, coupling=self.hand.coupling), self._tracker.layout)
+        return hand
+
+    def log_unobserved_joints(self) -> None:
+        """Log the joints that the layout does not show, where it is not the paper's."""
+        if self._marker_names != MARKERS and (unobserved := self._tracker.unobserved_joints()):
+            self._node.get_logger().info(
+                'joints that these markers do not show, which follow others or stay at rest: '
+                + ', '.join(unobserved))
+
+    def log(self) -> None:
+        """Log the lines of the monitor and of the stream."""
+        log = self._node.get_logger()
+        for is_warning, line in (
+                *self.stream.news(), *self.services.news(), *self._monitor.log_lines(
+                    time.monotonic(), self._who_publishes)):
+            # One of both hands is named.
+            line = f"{self.hand.side} hand: {line}" if self._scope else line
+            if is_warning:
+                log.warning(line)
+            else:
+                log.info(line)
+
+    def update_calibration(self) -> None:
+        """Go on with a calibration."""
+        if self.services.update():
+            self.publish_status(time.monotonic())
+
+    def publish_status(self, now: float) -> None:
+        """Publish the status on /diagnostics."""
+        self._monitor.set_size(self.stream.size)
+        self._monitor.set_calibration(self.services.progress())
+        status = self._monitor.status(now, self._who_publishes)
+        self._node.diagnostics.publish(diagnostics(
+            self._node.now(), f'{self._node.get_name()}: {self.hand.side} hand', self._topic,
+            status))
+
+    def _who_publishes(self) -> str:
+        return self._node.who_publishes(self._topic)

@@ -1,0 +1,144 @@
+"""Marker messages without usable labels: read all points, and label those of the hand."""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.labelling.cloud_labeller import CloudLabeller
+from ..core.labelling.natural_poses import model_prototype
+from ..core.model.hand import Hand
+from ..core.model.marker_layout import MARKERS, MarkerLayout
+from ..messages.marker_array import MarkerFrame
+from ..messages.points import PointReader
+from ..messages.stamps import seconds
+
+LABEL_SOURCES = ('source', 'none')
+UNLABELLED_AFTER = 1.   # [s] of points without a label, before points are labelled
+CHANGED_LABELS = 12     # frames with labels that changed places, within that time; ours
+POINT_STEP = .005       # [m] that points move in a frame at most, where a label changes; ours
+LABEL_STEP = .015       # [m] that the label moves then at least; ours
+SEARCHED_LONG = 3.  # [s] without the hand among enough points, before a pose is asked for
+
+
+class LabelChanges:
+    """Tell whether the labels of a source are of no use, as none of them stays with its marker.
+
+    Parameters
+    ----------
+    count : int
+        Markers of the hand.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._last = np.full((count, 3), np.nan)
+        self._missing_since: float | None = None
+        self._changes: deque[float] = deque(maxlen=CHANGED_LABELS)
+
+    def add(self, frame: MarkerFrame, received: float) -> str | None:
+        """Note a frame; return why points are to be labelled by shape, None where they are not.
+
+        Parameters
+        ----------
+        frame : MarkerFrame
+        received : float
+            On a clock that never jumps [s].
+        """
+        now, last = frame.positions, self._last
+        seen = np.isfinite(now[:, 0])
+        self._last = np.where(seen[:, None], now, last)
+        # Reported are at most some labels of others.
+        if seen.any() or len(frame.unknown) < min(self._count, len(MARKERS)):
+            self._missing_since = None
+        elif self._missing_since is None:
+            self._missing_since = received
+        elif received - self._missing_since >= UNLABELLED_AFTER:
+            return 'no marker has a label of labels.*'
+        steps = now - last
+        leapt = np.flatnonzero(np.einsum('ij,ij->i', steps, steps) > LABEL_STEP**2)
+        if len(leapt) >= 2:
+            gaps = np.linalg.norm(now[leapt, None] - last, axis=2)
+            if (gaps < POINT_STEP).any(axis=1).sum() >= 2:
+                self._changes.append(received)
+        if (len(self._changes) == CHANGED_LABELS
+                and received - self._changes[0] <= UNLABELLED_AFTER):
+            return 'labels change from marker to marker'
+        return None
+
+
+class PointLabelReader:
+    """Read the hand's markers from messages of points without labels.
+
+    It stands in for a reader of labelled markers.
+
+    Parameters
+    ----------
+    hand : Hand
+    layout : MarkerLayout
+    points : PointReader
+    """
+
+    signature = None  # such messages are never alike
+
+    def __init__(self, hand: Hand, layout: MarkerLayout, points: PointReader) -> None:
+        self._points = points
+        self._side, self._count = hand.side, len(layout.names)
+        self._labeller = CloudLabeller([model_prototype(hand, layout, tuple(layout.names))])
+        self._searched_since: float | None = None
+        self._was_found = False
+        self._asked = False
+        self._news: list[tuple[bool, str]] = []
+
+    def read(self, message: Any) -> MarkerFrame:
+        """Return the markers of a message; those not found are not seen."""
+        frame = self._points.read(message)
+        positions = np.full((self._count, 3), np.nan)
+        if frame.stamp is None:
+            return MarkerFrame(None, frame.frame_id, positions, (), frame.foreign, ())
+        time = seconds(frame.stamp)
+        labels = self._labeller.update(frame.points, time, frame.ids)
+        rows = labels.rows[0]
+        positions[rows >= 0] = frame.points[rows[rows >= 0]]
+        self._note(time, labels.found[0], len(frame.points), labels.other_side[0])
+        return MarkerFrame(frame.stamp, frame.frame_id, positions, (), frame.foreign, ())
+
+    def _note(self, time: float | None, found: bool, count: int, other_side: bool) -> None:
+        """Collect what to log: the hand found, a hand of the other side, a pose to ask for."""
+        if found:
+            if not self._was_found:
+                self._news.append((False, f'the {self._side} hand is found among {count} points '
+                                   'without labels'))
+            self._was_found, self._searched_since, self._asked = True, None, False
+            return
+        if time is None:
+            return
+        if self._searched_since is None or time < self._searched_since:
+            self._searched_since = time
+        if self._asked or time - self._searched_since < SEARCHED_LONG:
+            return
+        self._asked, self._was_found = True, False
+        other = 'left' if self._side == 'right' else 'right'
+        if other_side:
+            self._news.append((True, f'the points look like a {other} hand: set side:={other}, or '
+                               'check whether axes are exchanged or mirrored'))
+        elif count < self._count:
+            self._news.append((True, f'only {count} points; the hand has {self._count} markers'))
+        else:
+            self._news.append((True, f'the {self._side} hand is not found among {count} points: '
+                               'spread your fingers for a moment; else check unit_scale, side and '
+                               'where the markers are'))
+
+    def news(self) -> list[tuple[bool, str]]:
+        """Return the lines to log since the last call: whether it is a warning, and the line."""
+        news, self._news = self._news, []
+        return news
+
+    def load_kernels(self, folder: Path | None = None) -> None:
+        """Do nothing: points are labelled by kernels that are compiled as they are needed."""
+
+    def use_loaded_kernels(self) -> None:
+        """Do nothing, as `load_kernels`."""

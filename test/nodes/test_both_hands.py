@@ -1,0 +1,198 @@
+"""The tracker node of both hands over DDS: each as it would be tracked alone."""
+
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from helpers.bench import LOSSLESS, MODULE, Bench, begun_anew, message
+from helpers.hands import RIGHT, hand_at, motion
+from helpers.ros_process import NodeProcess, watching_node
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
+
+from hand_tracker.core.model.hand import JOINTS, SIDES
+from hand_tracker.core.numerics.jit import COMPILED
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.messages.stamps import seconds
+
+NEEDS = 'rclpy',
+
+LEFT = RIGHT.mirrored()
+MIRROR = np.array((1., -1., 1.))
+HANDS = {'right': RIGHT, 'left': LEFT}
+AT_REST = hand_at(), hand_at(hand=LEFT)
+
+
+class BothBench(Bench):
+    """A bench whose frames are pairs: markers of the right and of the left hand, or None."""
+
+    namespaces = SIDES
+    first_ids = 0, 0
+
+    def send(self, positions, **fields):
+        """Send a frame of both hands in one message; return the stamp that it has."""
+        self.number += 1
+        stamp = None
+        array = MarkerArray()
+        for of_hand, ns, first in zip(positions, self.namespaces, self.first_ids):
+            if of_hand is None:
+                continue
+            for marker in message(of_hand, self.number, ns=ns).markers:
+                marker.id += first
+                stamp = marker.header.stamp
+                array.markers.append(marker)
+        self.publisher.publish(array)
+        return stamp
+
+
+@contextmanager
+def tracking_both(parameters=None, kind=BothBench):
+    """Yield a bench of a tracker of both hands that loses nothing."""
+    with NodeProcess(MODULE, {'side': 'both', **LOSSLESS, **(parameters or {})}) as process, \
+            watching_node() as node:
+        yield kind(process, node, 1000, 'hand_tracker')
+        assert process.interrupt() == 0, process.output
+        assert 'Traceback' not in process.output
+
+
+def names(*sides):
+    return [f'{side}_{joint}' for side in sides for joint in JOINTS]
+
+
+def test_each_hand_is_tracked_as_if_it_were_alone_while_the_other_vanishes():
+    rights, lefts = motion(RIGHT, 120), motion(LEFT, 120)
+    lefts[40:60] = [np.full((8, 3), np.nan)] * 20  # now as NaN, now left out
+    alone = {side: begun_anew(HandTracker(HANDS[side]), frame)
+             for side, frame in zip(SIDES, AT_REST)}
+    with tracking_both() as bench:
+        transforms = collected_transforms(bench.node)
+        diagnostics = bench.node.collect(DiagnosticArray, '/diagnostics')
+        bench.meet(AT_REST, heard=(transforms,) if transforms is not None else ())
+        for number, frames in enumerate(zip(rights, lefts)):
+            seen = {side: frame for side, frame in zip(SIDES, frames)
+                    if not (number % 30 > 24 and side == SIDES[number // 30 % 2])}
+            heard = bench.answer([seen.get(side) for side in SIDES])
+            if bench.number % 2:
+                # Markers that are NaN were left out: a hand without any is not in the message.
+                seen = {side: frame for side, frame in seen.items() if not np.isnan(frame).all()}
+            assert list(heard.name) == names(*seen)
+            expected = [alone[side].update(
+                np.where(frame.any(axis=1)[:, None], frame, np.nan), seconds(heard.header.stamp))
+                for side, frame in seen.items()]
+            assert np.array_equal(heard.position, np.concatenate(
+                [state.angles for state in expected])), number
+            if transforms is not None:
+                bench.node.spin_until(lambda stamp=heard.header.stamp: (
+                    transforms[-1].transforms[0].header.stamp == stamp))
+                check_wrists(transforms[-1], dict(zip(seen, expected)))
+
+        def on_fast_path():
+            return {status.name: int(value.value) for array in diagnostics
+                    for status in array.status for value in status.values
+                    if value.key == 'frames on fast path'}
+
+        bench.node.repeat(lambda: bench.answer(AT_REST),
+                          lambda: len(on_fast_path()) == 2 and (
+                              not COMPILED or min(on_fast_path().values()) > 0))
+        assert set(on_fast_path()) == {f'hand_tracker: {side} hand' for side in SIDES}
+
+
+def collected_transforms(node):
+    """Return a list of the messages on /tf; None where there is none."""
+    try:
+        from tf2_msgs.msg import TFMessage
+    except ImportError:
+        return None
+    return node.collect(TFMessage, '/tf')
+
+
+def check_wrists(message, states):
+    """Check that one message has the wrist of each hand."""
+    assert [sent.child_frame_id for sent in message.transforms] == [
+        f'{side}_wrist' for side in states]
+    for sent, state in zip(message.transforms, states.values()):
+        at = sent.transform.translation
+        assert np.array_equal((at.x, at.y, at.z), state.wrist_position)
+
+
+def test_mirrored_markers_give_mirrored_hands():
+    frames = motion(RIGHT, 60)
+    with tracking_both() as bench:
+        transforms = collected_transforms(bench.node)
+        bench.meet(AT_REST)
+        for frame in frames:
+            heard = bench.answer((frame, frame * MIRROR))
+            assert np.array_equal(heard.position[:25], heard.position[25:])
+        if transforms is not None:
+            bench.node.spin_until(
+                lambda: transforms[-1].transforms[0].header.stamp == heard.header.stamp)
+            right, left = (sent.transform for sent in transforms[-1].transforms)
+            assert right.translation.x == left.translation.x
+            assert right.translation.y == -left.translation.y
+            # A mirror reverses the turns about the two axes in its plane.
+            assert (right.rotation.x, right.rotation.y) == (-left.rotation.x, left.rotation.y)
+            assert (right.rotation.z, right.rotation.w) == (-left.rotation.z, left.rotation.w)
+
+
+class IdBench(BothBench):
+    """A bench with both hands in one namespace, told apart by their ids."""
+
+    namespaces = 'leds', 'leds'
+    first_ids = 0, 8
+
+
+def test_hands_are_told_apart_by_ids_and_two_of_one_place_are_refused():
+    frames = {'right.markers': '0', 'left.markers': 'leds/8'}
+    with tracking_both(frames, IdBench) as bench:
+        pictures = {side: bench.node.collect(MarkerArray, f'{side}/hand_markers')
+                    for side in SIDES}
+        bench.meet(AT_REST, heard=tuple(pictures.values()))
+        assert list(bench.answer(AT_REST).name) == names(*SIDES)
+        for side in SIDES:
+            assert {part.ns.split('_')[0] for part in pictures[side][-1].markers} == {side}
+        result = bench.set({'left.markers': '0'})
+        assert not result.successful and 'of both hands' in result.reason
+        result = bench.set({'left.markers': 'leds'})
+        assert not result.successful and 'left.markers' in result.reason
+        # An option is of both hands, a limit of one.
+        joint = JOINTS.index('index_pip_flexion')
+        before = bench.angles(AT_REST)
+        limit = np.degrees(before[joint]) - 5.
+        assert bench.set({'left.limits.index_pip_flexion.upper_deg': limit,
+                          'smoothing': False}).successful
+        for _ in range(3):
+            after = bench.angles(AT_REST)
+        assert after[joint] == pytest.approx(before[joint], abs=1e-6)
+        assert after[25 + joint] == pytest.approx(np.radians(limit))
+        assert 'belong' not in bench.process.output
+
+
+def test_each_hand_may_have_topics_of_its_own():
+    with tracking_both({'marker_topics': 'separate', 'joint_state_topics': 'separate'}) as bench:
+        node = bench.node
+        publishers = {side: node.create_publisher(MarkerArray, f'{side}/markers', 1000)
+                      for side in SIDES}
+        answers = {side: node.collect(JointState, f'{side}/joint_states') for side in SIDES}
+        bench.process.wait_for_line('listening for markers on /right/markers and /left/markers')
+
+        def send(*sides):
+            bench.number += 1
+            for side in sides:
+                publishers[side].publish(message(hand_at(hand=HANDS[side]), bench.number))
+
+        node.repeat(lambda: send(*SIDES), lambda: all(answers.values()))
+        for side in SIDES:
+            assert list(answers[side][-1].name) == names(side)
+        # What comes of one hand alone is answered alone.
+        send('left')
+        last = message(hand_at(), bench.number).markers[0].header.stamp
+        node.spin_until(lambda: answers['left'][-1].header.stamp == last)
+        assert answers['right'][-1].header.stamp != last
+
+
+def test_names_of_one_hand_are_refused_for_both():
+    with NodeProcess(MODULE, {'side': 'both', 'prefix': 'my_'}) as process:
+        assert process.wait() == 1
+        assert "prefix: 'my_'; expected auto for both hands" in process.output
+        assert 'Traceback' not in process.output

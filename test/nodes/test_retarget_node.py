@@ -1,0 +1,176 @@
+"""The retarget node: nothing moves before it is engaged, then commands come in every form."""
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped
+from helpers.robots import wide_hand
+from helpers.ros_process import NodeProcess, watching_node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Float64MultiArray, String
+from std_srvs.srv import SetBool
+from trajectory_msgs.msg import JointTrajectory
+
+from hand_tracker.files.urdf_file import urdf
+from hand_tracker.messages.builders import joint_state, prefixed_names
+
+NEEDS = 'rclpy', 'trajectory_msgs'
+MODULE = 'hand_tracker.nodes.retarget_node'
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+PERIOD = .01  # [s] of the hand's frames
+
+pytestmark = pytest.mark.ros
+
+
+class Bench:
+    """A retarget node, a hand that relaxes and a robot that is told what to do."""
+
+    def __init__(self, node, side='right'):
+        self.node, self.hand = node, wide_hand(side)
+        self.commands = node.collect(JointState, 'robot/command')
+        self.arrays = node.collect(Float64MultiArray, 'robot/position_array')
+        self.trajectories = node.collect(JointTrajectory, 'robot/joint_trajectory')
+        self.states = []
+        self._state = node.create_subscription(
+            String, 'retarget/state', lambda message: self.states.append(message.data), LATCHED)
+        self._hand = node.create_publisher(JointState, 'joint_states', 10)
+        self._robot = node.create_publisher(JointState, 'robot/joint_states', 10)
+        self.by_topic = node.create_publisher(Bool, 'retarget/engage', 10)
+        self.deadman = node.create_publisher(Bool, 'retarget/deadman', 10)
+        self.names = prefixed_names(f'{side}_')
+        self.is_seen = True
+        self.start = None
+        node.create_timer(PERIOD, self._tick)
+
+    def _tick(self):
+        stamp = Time(sec=1)
+        if self.is_seen:
+            self._hand.publish(joint_state(stamp, self.names.joints, self.hand.relaxed()))
+        if self.start is not None:
+            self._robot.publish(self.start)
+
+    def engage(self, wanted=True):
+        return self.node.call(SetBool, 'retarget/engage', SetBool.Request(data=wanted))
+
+    def until_engaged(self):
+        answers = []
+        self.node.repeat(lambda: answers.append(self.engage()), lambda: bool(
+            answers and answers[-1].success), .1)
+        self.node.spin_until(lambda: len(self.commands) > 3)
+
+
+def robot_states(urdf_joints, value):
+    return JointState(name=urdf_joints, position=[value] * len(urdf_joints))
+
+
+@pytest.fixture
+def robot(tmp_path):
+    path = tmp_path / 'robot.urdf'
+    path.write_text(urdf(wide_hand()))
+    return str(path)
+
+
+def joints():
+    return [name.removeprefix('right_') for name in prefixed_names('right_').joints]
+
+
+def test_it_moves_from_where_the_robot_is_in_every_form_once_engaged(robot):
+    parameters = {'robot': robot, 'outputs': 'joint_state joint_trajectory position_array',
+                  'rate': 50.}
+    with NodeProcess(MODULE, parameters) as process, watching_node() as node:
+        bench = Bench(node)
+        process.wait_for_line('listening for the right hand')
+        node.spin_until(lambda: bench.states == ['disengaged'])
+        # With a hand but without the robot's joint states it does not engage.
+        refused = []
+        node.repeat(lambda: refused.append(bench.engage()), lambda: bool(
+            refused and 'joint states' in refused[-1].message), .1)
+        assert not refused[-1].success and not bench.commands
+        at = .05
+        bench.start = robot_states(joints(), at)
+        bench.until_engaged()
+        first = bench.commands[0]
+        moved = dict(zip(first.name, first.position))
+        # The locked joints cannot be elsewhere than at zero.
+        assert all(abs(moved[name] - at) < .03 for name in moved if 'cmc_flexion' not in name
+                   or 'thumb' in name)
+        assert set(first.name) == set(joints())
+        node.spin_until(lambda: bench.arrays and bench.trajectories)
+        trajectory, array = bench.trajectories[0], bench.arrays[0]
+        assert list(trajectory.joint_names) == list(first.name)
+        assert (trajectory.header.stamp.sec, trajectory.header.stamp.nanosec) == (0, 0)
+        (point,) = trajectory.points
+        assert (point.time_from_start.sec, point.time_from_start.nanosec) == (0, 20_000_000)
+        assert list(point.positions) == list(first.position) == list(array.data)
+        # The hand dies: the stream holds, and ends as it has to be engaged anew.
+        bench.is_seen = False
+        node.spin_until(lambda: bench.states[-1] == 'disengaged')
+        assert 'holding' in bench.states
+        sent = len(bench.commands)
+        assert np.isfinite(bench.commands[-1].position).all()
+        bench.is_seen = True
+        bench.until_engaged()
+        assert len(bench.commands) > sent
+        # The topic ends it as the service does, and /diagnostics says so.
+        bench.by_topic.publish(Bool(data=False))
+        node.spin_until(lambda: bench.states[-1] == 'disengaged')
+        diagnostics = node.collect(DiagnosticArray, '/diagnostics')
+        node.spin_until(lambda: any(
+            'disengaged by the person' in status.message
+            for message in diagnostics for status in message.status))
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output
+
+
+def test_the_deadman_engages_and_its_release_ends_it_and_the_wrist_too(robot):
+    tf2_msgs = pytest.importorskip('tf2_msgs.msg')
+    parameters = {'robot': robot, 'safety.hold_to_engage': True, 'wrist.outputs': 'pose twist',
+                  'wrist.base_frame': 'arm_base'}
+    with NodeProcess(MODULE, parameters) as process, watching_node() as node:
+        bench = Bench(node)
+        bench.start = robot_states(joints(), .05)
+        wrist = TransformStamped(child_frame_id='right_wrist')
+        wrist.transform.rotation.w = 1.
+        hand = node.create_publisher(tf2_msgs.TFMessage, '/tf', 10)
+        arm = PoseStamped()
+        arm.pose.position.z, arm.pose.orientation.w = .7, 1.
+        arms = node.create_publisher(PoseStamped, 'robot/wrist_pose', 10)
+        targets = node.collect(PoseStamped, 'robot/wrist_target')
+        twists = node.collect(TwistStamped, 'robot/wrist_twist')
+        process.wait_for_line('listening')
+
+        def press():
+            bench.deadman.publish(Bool(data=True))
+            arms.publish(arm)
+            # Once the arm follows, the person's wrist rises by 5 cm.
+            wrist.transform.translation.z = .05 * bool(targets)
+            hand.publish(tf2_msgs.TFMessage(transforms=[wrist]))
+
+        node.repeat(press, lambda: len(bench.commands) > 3 and targets
+                    and targets[-1].pose.position.z > .74, .05)
+        assert targets[0].header.frame_id == twists[0].header.frame_id == 'arm_base'
+        assert targets[0].pose.position.z == pytest.approx(.7)
+        assert max(one.twist.linear.z for one in twists) == pytest.approx(.25)
+        # It is pressed no more.
+        node.spin_until(lambda: bench.states[-1] == 'disengaged')
+        process.wait_for_line('the deadman was released')
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output
+
+
+@pytest.mark.parametrize('parameters, message', [
+    ({}, 'robot: empty; expected a preset or a file'),
+    ({'robot': 'hal'}, "robot: 'hal' is no file and no preset"),
+    ({'outputs': 'morse'}, "outputs: 'morse'; expected of joint_state"),
+    ({'side': 'left'}, "the robot's hand is a right one, the person's a left one"),
+    ({'order': 'knee'}, "order: there is no movable joint 'knee'"),
+])
+def test_what_is_wrong_ends_it_with_one_line(parameters, message, robot):
+    given = parameters if not parameters or 'robot' in parameters else {
+        'robot': robot, **parameters}
+    with NodeProcess(MODULE, given) as process:
+        assert process.wait() == 1
+    assert process.output.count(message) == 1
+    assert 'Traceback' not in process.output

@@ -1,0 +1,73 @@
+"""Points without usable labels: whether labels change, and markers of any layout."""
+
+import numpy as np
+import pytest
+from helpers.hands import hand_at
+
+from hand_tracker.core.labelling.cloud_labeller import CloudLabels
+from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.layout_presets import preset_layout
+from hand_tracker.messages.marker_array import MarkerFrame
+from hand_tracker.messages.points import PointFrame
+from hand_tracker.messages.stamps import Stamp
+from hand_tracker.tracking.point_labels import LabelChanges, PointLabelReader
+
+PERIOD = .01
+
+
+def frame(positions, unknown=()):
+    return MarkerFrame(Stamp(1, 0), 'mocap', positions, tuple(unknown), (), ())
+
+
+def reasons(frames):
+    changes = LabelChanges(8)
+    return [changes.add(one, PERIOD * number) for number, one in enumerate(frames)]
+
+
+def test_labels_that_change_from_frame_to_frame_are_of_no_use():
+    random = np.random.default_rng(1)
+    still = hand_at()
+    found = reasons(frame(still[random.permutation(8)]) for _ in range(20))
+    assert found[0] is None
+    assert found[-1] == 'labels change from marker to marker'
+
+
+@pytest.mark.parametrize('moves', [
+    lambda t: hand_at() + (.02 * t, 0., 0.),            # 2 m/s
+    lambda t: hand_at()[[0, 1, 2, 4, 3, 5, 6, 7]] if t == 60 else hand_at(),
+    lambda t: np.where(np.arange(8)[:, None] == t % 8, np.nan, hand_at()),
+], ids=['fast', 'one swap', 'hidden by turns'])
+def test_labels_that_stay_are_kept(moves):
+    assert reasons(frame(moves(t)) for t in range(200)) == [None] * 200
+
+
+def test_points_without_any_label_are_told_from_a_hand_that_is_hidden():
+    nothing = np.full((8, 3), np.nan)
+    others = [('', number) for number in range(20, 28)]
+    assert reasons([frame(nothing, others[:7])] * 300) == [None] * 300
+    found = reasons([frame(nothing, others)] * 120)
+    assert found[:90] == [None] * 90
+    assert found[-1] == 'no marker has a label of labels.*'
+
+
+def test_the_markers_of_any_layout_are_read():
+    layout = preset_layout('sig18_19')
+    cloud = np.random.default_rng(2).uniform(size=(30, 3))
+    rows = np.arange(19)[::-1].copy()
+    rows[3] = -1
+
+    class Labeller:
+        def update(self, points, time, ids):
+            return CloudLabels((rows,), (True,), (False,))
+
+    class Points:
+        def read(self, message):
+            return PointFrame(Stamp(1, 0), 'mocap', cloud, np.arange(30), ())
+
+    reader = PointLabelReader(Hand.scaled(), layout, Points())
+    assert reader._labeller.prototypes[0].names == layout.names
+    reader._labeller = Labeller()
+    positions = reader.read(b'').positions
+    assert np.isnan(positions[3]).all()
+    assert np.array_equal(np.delete(positions, 3, 0), cloud[np.delete(rows, 3)])
+    assert reader.news() == [(False, 'the right hand is found among 30 points without labels')]

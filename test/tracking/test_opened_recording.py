@@ -1,0 +1,235 @@
+"""Recordings of any format are tracked alike: by their labels, in their units."""
+
+import json
+
+import numpy as np
+import pytest
+from helpers.point_files import hand_recording
+
+from hand_tracker.__main__ import main
+from hand_tracker.calibration.hand_axes import hands_of, side_likelihood, with_recognised_axes
+from hand_tracker.calibration.hand_labels import hand_labels
+from hand_tracker.calibration.hand_markers import UnknownMarkers, choose_markers
+from hand_tracker.calibration.take_files import load_take
+from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.layout_presets import preset_layout
+from hand_tracker.core.model.marker_layout import PAPER_PLACES, marker_positions
+from hand_tracker.evaluation.captures import load_capture
+from hand_tracker.files.point_recording import Axes, PointRecording, Said
+from hand_tracker.files.recordings import VICON_CSV, write_recording
+from hand_tracker.simulation.motion import demo_motion
+from hand_tracker.tracking.opened_recording import MarkerChoice, PointBag, open_recording
+
+
+def both_hands(frames=40):
+    """Return a recording with both hands."""
+    right, left = hand_recording(frames), hand_recording(frames, 'left')
+    return right._replace(labels=right.labels + left.labels,
+                          points=np.concatenate((right.points, left.points), axis=1))
+
+
+@pytest.mark.parametrize('labels, skeleton, names', [
+    (('RightHandIndex1', 'RightInHandPinky', 'mixamorig:RightHandThumb3', 'RightHandIndex3_end',
+      'RightHand'), True, ('index_mcp', 'little_cmc', 'thumb_ip', 'index_tip', 'wrist')),
+    (('RightThumbProximal', 'RightThumbIntermediate', 'RightThumbDistal', 'RightLittleProximal'),
+     True, ('thumb_cmc', 'thumb_mcp', 'thumb_ip', 'little_mcp')),
+    (('RightSecondPP', 'RightFirstMC', 'RightFifthDP', 'RightFifthDP_end'), True,
+     ('index_mcp', 'thumb_cmc', 'little_dip', 'little_tip')),
+    (('Anna:RIndexTip', 'R_index_mcp', 'right_wrist', 'RThumbTip', 'index_tip_r'), False,
+     ('index_tip', 'index_mcp', 'wrist', 'thumb_tip', 'index_tip'))])
+def test_labels_of_every_spelling_name_the_right_hand(labels, skeleton, names):
+    found = hand_labels(labels, skeleton)
+    assert [one.name for one in found] == list(names)
+    assert {one.side for one in found} == {'right'}
+
+
+def test_labels_without_a_side():
+    found = hand_labels(('index-finger-phalanx-intermediate', 'thumb-phalanx-proximal',
+                         'INDEX_FINGER_DIP', 'hand_left', 'index_middle', 'LFIN', 'C7', ''), True)
+    assert [(one.side, one.name) if one else None for one in found] == [
+        ('', 'index_pip'), ('', 'thumb_mcp'), ('', 'index_dip'), ('', 'hand_left'),
+        ('', 'index_middle'), None, None, None]
+
+
+@pytest.mark.parametrize('side', ['right', 'left'])
+def test_the_shape_of_a_hand_tells_its_side(side):
+    recording = hand_recording(400, side, labels=PAPER_PLACES)
+    hand, = hands_of(recording)
+    right = side_likelihood(recording, hand)
+    assert (right if side == 'right' else 1. - right) > .9
+
+
+@pytest.mark.parametrize('unit, size', [('m', 1.), ('dm', 10.), ('cm', 100.), ('mm', 1000.)])
+def test_the_size_of_a_hand_tells_the_unit_and_its_side_the_axes(unit, size):
+    recording = hand_recording(400)
+    mirrored = size * recording.points * np.array((-1., 1., 1.), dtype=np.float32)
+    found = with_recognised_axes(recording._replace(
+        points=mirrored, format='BVH', said=Said(False, False)))
+    assert found.axes == Axes(unit, 'z', 'left')
+    np.testing.assert_allclose(found.points, recording.points, rtol=1e-5)
+
+
+def test_a_declared_unit_that_cannot_be_is_told_of():
+    recording = hand_recording(40)
+    found = with_recognised_axes(recording._replace(points=100. * recording.points))
+    assert any('as large as hands are' in note for note in found.notes)
+    np.testing.assert_array_equal(found.points, 100. * recording.points)
+
+
+@pytest.mark.parametrize('side, first', [('right', 0), ('left', 8)])
+def test_markers_of_one_hand_of_two_are_chosen(side, first):
+    chosen = choose_markers(both_hands(), side)
+    assert chosen.side == side and chosen.layout.places == PAPER_PLACES
+    assert chosen.columns == tuple((first + i,) for i in range(8))
+
+
+def test_markers_are_chosen_by_name_and_at_the_tips():
+    labels = ('W', 'S:IndexMCP', 'S:LittleMCP', 'IndexTip', 'MiddleTip', 'RingTip', 'LittleTip',
+              'T')
+    recording = hand_recording(5, labels=labels)
+    with pytest.raises(UnknownMarkers, match='no label for wrist, thumb; expected --markers'):
+        choose_markers(recording)
+    chosen = choose_markers(recording, names={'wrist': 'W', 'thumb': 'T'})
+    assert chosen.layout.places[3:] == (
+        'index_tip', 'middle_tip', 'ring_tip', 'little_tip', 'thumb_tip')
+    assert chosen.columns[0] == (0,) and chosen.columns[7] == (7,)
+    with pytest.raises(UnknownMarkers, match="no points with the label 'X' for wrist"):
+        choose_markers(recording, names={'wrist': 'X'})
+
+
+def test_two_markers_of_a_wrist_are_one():
+    recording = hand_recording(5, labels=(*PAPER_PLACES[1:], 'wrist_in'))
+    both = recording._replace(labels=(*recording.labels, 'wrist_out'), points=np.concatenate(
+        (recording.points, recording.points[:, -1:] + np.float32(.02)), axis=1))
+    assert choose_markers(both).columns[0] == (7, 8)
+
+
+def test_a_file_of_points_is_a_bag_of_markers(tmp_path):
+    recording = hand_recording()
+    recording.points[3, 2] = np.nan
+    path = tmp_path / 'take.trc'
+    write_recording(path, recording)
+    with open_recording(path, MarkerChoice()) as bag:
+        assert isinstance(bag, PointBag) and bag.side == 'right'
+        assert len(list(bag.messages(['/markers']))) == len(recording.points)
+        late = list(bag.messages(['/markers'], bag.start + bag.duration // 2))
+        assert len(late) == len(recording.points) // 2
+        assert bag.duration == pytest.approx(1e9 * (len(recording.points) - 1) / 120., rel=1e-6)
+
+
+def angles(path):
+    return np.genfromtxt(path, delimiter=',', skip_header=1)
+
+
+@pytest.fixture(scope='module')
+def tracked(tmp_path_factory):
+    """Return a folder with a recording in every format, and the angles of the rosbag2 one."""
+    folder = tmp_path_factory.mktemp('tracked')
+    recording = hand_recording(240, start=100)
+    for name in ('take.c3d', 'take.trc', 'take.tsv', 'take.csv', 'take.npz'):
+        write_recording(folder / name, recording)
+    write_recording(folder / 'vicon.csv', recording, VICON_CSV)
+    write_recording(folder / 'bag.mcap', recording._replace(labels=('hand',) * 8))
+    assert main(['track', str(folder / 'bag.mcap'), '-o', str(folder / 'bag_angles.csv')]) == 0
+    return folder
+
+
+@pytest.mark.parametrize('name', ['take.c3d', 'take.trc', 'take.tsv', 'take.csv', 'vicon.csv',
+                                  'take.npz'])
+def test_every_format_is_tracked_alike(tracked, tmp_path, name):
+    assert main(['track', str(tracked / name), '-o', str(tmp_path / 'angles.csv')]) == 0
+    np.testing.assert_allclose(angles(tmp_path / 'angles.csv'), angles(tracked / 'bag_angles.csv'),
+                               atol=.05)
+
+
+@pytest.mark.parametrize('name', ['take.c3d', 'take.trc', 'take.tsv', 'take.csv', 'vicon.csv',
+                                  'take.npz', 'bag.mcap'])
+def test_inspect_says_what_is_in_it_and_what_to_run(tracked, tmp_path, name, capsys, monkeypatch):
+    assert main(['inspect', str(tracked / name), '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {'labels', 'rate_hz', 'units', 'up', 'frames', 'gaps_pct', 'layouts'} <= set(found)
+    assert found['frames'] == 240 and found['rate_hz'] == pytest.approx(120., rel=1e-3)
+    best = found['layouts'][0]
+    assert (best['name'], best['side']) == ('paper8', 'right') and best['likelihood'] > .9
+    assert main(['inspect', str(tracked / name)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    # The command that it prints runs.
+    command = lines[-1].removeprefix('next: hand_tracker ').split()
+    monkeypatch.chdir(tmp_path)
+    assert main(command) == 0
+    assert len(angles(command[command.index('-o') + 1])) == 240
+
+
+@pytest.mark.parametrize('output', ['out.c3d', 'out.trc', 'out.tsv', 'out.csv', 'out.npz',
+                                    'out.mcap', 'out.bvh', 'out.glb'])
+def test_convert_writes_what_is_read_again(tracked, tmp_path, output):
+    path = tmp_path / output
+    assert main(['convert', str(tracked / 'take.c3d'), str(path)]) == 0
+    if path.suffix == '.glb':
+        assert path.read_bytes()[:4] == b'glTF'
+    else:
+        assert main(['track', str(path), '-o', str(tmp_path / 'angles.csv')]) == 0
+        assert len(angles(tmp_path / 'angles.csv')) == 240
+
+
+def test_convert_refuses_what_it_cannot_write(tracked, tmp_path, capsys):
+    assert main(['convert', str(tracked / 'take.c3d'), str(tmp_path / 'out.fbx')]) == 1
+    assert "points are not written as '.fbx'" in capsys.readouterr().err
+    assert main(['convert', str(tracked / 'take.c3d'), str(tracked / 'take.c3d')]) == 1
+    assert 'would replace the recording' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('arguments, message', [
+    (['inspect', 'none.c3d'], 'no such file'),
+    (['track', '{file}', '-o', 'out.csv', '--markers', 'nose=A'], "'nose=A'; expected MARKER="),
+    (['track', '{file}', '-o', 'out.csv', '--side', 'left'], 'no label for wrist'),
+    (['track', '{file}', '--side', 'both', '-o', 'out.csv'],
+     'a file of points is tracked for one hand'),
+    (['convert', '{file}', 'none/out.trc'], 'no folder')])
+def test_faults_are_told_in_a_line(tracked, tmp_path, monkeypatch, capsys, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    words = [word.format(file=tracked / 'take.c3d') for word in arguments]
+    assert main(words) == 1
+    error = capsys.readouterr().err
+    assert message in error and 'Traceback' not in error
+
+
+def test_takes_and_captures_are_read_from_every_format(tracked, tmp_path):
+    take = load_take(tracked / 'take.trc')
+    assert take.side == 'right' and take.names == PAPER_PLACES and take.rate == 120.
+    assert take.is_optical
+    # A posed hand is a capture of its joints.
+    assert main(['convert', str(tracked / 'take.c3d'), str(tmp_path / 'hand.bvh')]) == 0
+    path = tmp_path / 'hand.bvh'
+    text = path.read_text(encoding='utf-8')
+    head, motion = text.split('MOTION\n')
+    rows = motion.splitlines()[2:]
+    path.write_text(f'{head}MOTION\nFrames: {3 * len(rows)}\nFrame Time: 0.0083333\n'
+                    + '\n'.join(rows * 3) + '\n', encoding='utf-8')
+    capture = load_capture(path)
+    assert capture.side == 'right' and not capture.missing and len(capture.joints) == 720
+
+
+def test_other_layouts_are_tracked_by_their_labels_or_their_shape(tmp_path, capsys):
+    layout = preset_layout('vicon_production5')
+    hand = Hand.scaled(side='left')
+    pose = demo_motion(hand).sample(np.arange(60) / 60.)
+    points = marker_positions(layout.mounting(hand), forward(joint_table(hand), *pose), *pose[1:])
+    labels = tuple(f'Anna:L{name}' for name in layout.names[:-1]) + ('nail',)
+    path = tmp_path / 'vicon.c3d'
+    write_recording(path, PointRecording('vicon', 'test', labels, points.astype(np.float32), 60.,
+                                         None, Axes('m', 'z')))
+    command = ['track', str(path), '-o', str(tmp_path / 'angles.csv'), '--layout',
+               'vicon_production5']
+    assert main([*command, '--no-auto-size']) == 0
+    assert 'no label for PNK6; the other 8 markers are tracked' in capsys.readouterr().err
+    assert main([*command, '--no-auto-size', '--markers', 'PNK6=nail']) == 0
+    assert 'no label' not in capsys.readouterr().err
+    found = np.radians(angles(tmp_path / 'angles.csv')[:, 1:])
+    joint = JOINTS.index('little_mcp_flexion')
+    assert np.abs(found[:, joint] - pose[0][:, joint]).max() < np.radians(6.)
+    by_labels = found
+    assert main([*command, '--no-auto-size', '--labels', 'none', '--side', 'left']) == 0
+    found = np.radians(angles(tmp_path / 'angles.csv')[:, 1:])
+    assert np.abs(found[-30:] - by_labels[-30:]).max() < np.radians(1.)
