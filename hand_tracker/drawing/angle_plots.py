@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterable, Sequence
 from os import PathLike
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
@@ -22,9 +21,10 @@ from matplotlib.ticker import MaxNLocator
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import DIGITS, JOINTS, UNOBSERVED_JOINTS, Hand
-from ..core.model.marker_layout import MARKERS, PALM_MARKERS
+from ..core.model.marker_layout import PALM_LANDMARKS, PALM_MARKERS, MarkerLayout
 from ..core.model.states import MarkerState
 from ..core.tracker import HandState
+from ..output_files import folder_beside
 from .palette import BLUE, GRID, INK, MARKER_COLOURS, MUTED, PAPER_WHITE, VERMILLION
 
 PDF, PNG = '.pdf', '.png'
@@ -53,9 +53,9 @@ class TrackedAngles(NamedTuple):
         Not decreasing [s].
     angles : ndarray, shape (n, 25)
         [rad]
-    marker_states : ndarray of int, shape (n, 8)
+    marker_states : ndarray of int, shape (n, markers)
         Values of `MarkerState`.
-    residuals : ndarray, shape (n, 8)
+    residuals : ndarray, shape (n, markers)
         Distance of each seen marker from its place on the hand, else NaN [m].
     """
 
@@ -96,7 +96,7 @@ def tracked_angles(frames: Iterable[tuple[float, HandState]]) -> TrackedAngles:
 
 
 def save_pages(path: str | PathLike[str], tracked: TrackedAngles, hand: Hand,
-               title: str = '') -> list[Path]:
+               title: str = '', layout: MarkerLayout | None = None) -> list[Path]:
     """Plot a page for each digit: angles, limits, marker states and residual.
 
     Parameters
@@ -109,6 +109,8 @@ def save_pages(path: str | PathLike[str], tracked: TrackedAngles, hand: Hand,
         Its limits are drawn.
     title : str, optional
         In the header of each page.
+    layout : MarkerLayout, optional
+        The paper's eight markers when left out.
 
     Returns
     -------
@@ -126,9 +128,9 @@ def save_pages(path: str | PathLike[str], tracked: TrackedAngles, hand: Hand,
     names = [path] if path.suffix == PDF else [
         path.with_name(f'{path.stem}_{digit}{PNG}') if path.suffix else path / f'{digit}{PNG}'
         for digit in DIGITS]
-    pages = (digit_page(tracked, hand, digit, title) for digit in DIGITS)
-    with TemporaryDirectory(dir=names[0].parent) as scratch:
-        unfinished = [Path(scratch, name.name) for name in names]
+    pages = (digit_page(tracked, hand, digit, title, layout=layout) for digit in DIGITS)
+    with folder_beside(names[0], PlotError) as scratch:
+        unfinished = [scratch / name.name for name in names]
         if path.suffix == PDF:
             with PdfPages(unfinished[0], metadata={'Title': title}) as pdf:
                 for figure in pages:
@@ -163,8 +165,17 @@ def require_output(path: str | PathLike[str]) -> Path:
     return path
 
 
+def shown_markers(digit: str, layout: MarkerLayout) -> list[int]:
+    """Return the rows of a digit's markers, its principal one first, and of the palm's three."""
+    palm, rest = layout.principal[:len(PALM_MARKERS)], layout.principal[len(PALM_MARKERS):]
+    first = rest[DIGITS.index(digit)]
+    return [*(row for row in (first,) if row >= 0),
+            *(row for row in layout.further if layout.places[row].startswith(f'{digit}_')
+              and layout.places[row] not in PALM_LANDMARKS), *palm]
+
+
 def digit_page(tracked: TrackedAngles, hand: Hand, digit: str, title: str = '',
-               truth: np.ndarray | None = None) -> Figure:
+               truth: np.ndarray | None = None, layout: MarkerLayout | None = None) -> Figure:
     """Plot the page of a digit.
 
     Parameters
@@ -177,15 +188,18 @@ def digit_page(tracked: TrackedAngles, hand: Hand, digit: str, title: str = '',
     title : str, optional
     truth : ndarray, shape (n, 25), optional
         True angles, drawn beneath those tracked [rad].
+    layout : MarkerLayout, optional
+        The paper's eight markers when left out.
 
     Returns
     -------
     matplotlib.figure.Figure
     """
+    layout = layout or MarkerLayout()
     # Unobserved joints, and joints locked by their limits, are left out.
     joints = [i for i, joint in enumerate(JOINTS) if joint.startswith(digit)
               and joint not in UNOBSERVED_JOINTS and np.ptp(hand.limits[i]) > 0.]
-    markers = [MARKERS.index(marker) for marker in (digit, *PALM_MARKERS)]
+    markers = shown_markers(digit, layout)
     figure, axes = _stacked_panels([MARKERS_HEIGHT] + [ANGLE_HEIGHT] * (len(joints) + 1))
     times = tracked.times - tracked.times[0]
     steps = np.diff(times)
@@ -194,7 +208,7 @@ def digit_page(tracked: TrackedAngles, hand: Hand, digit: str, title: str = '',
         _style_panel(ax, ax is axes[-1])
         ax.set_xlim(times[0], times[-1] + step)
     spans = [_state_spans(times, step, tracked.marker_states[:, marker]) for marker in markers]
-    _draw_marker_states(axes[0], markers, spans)
+    _draw_marker_states(axes[0], [layout.names[marker] for marker in markers], spans)
     missing = np.flatnonzero(steps > MAX_STEP_RATIO * step) + 1
     for ax, joint in zip(axes[1:], joints):
         _shade_unseen(ax, spans[0])
@@ -267,15 +281,15 @@ def _with_gaps(values: np.ndarray, missing: np.ndarray) -> np.ndarray:
     return np.insert(values, missing, np.nan)
 
 
-def _draw_marker_states(ax: Axes, markers: Sequence[int],
+def _draw_marker_states(ax: Axes, markers: Sequence[str],
                         spans: Sequence[dict[MarkerState, np.ndarray]]) -> None:
     for row, by_state in enumerate(spans):
         for state, where in by_state.items():
             ax.broken_barh(where.tolist(), (row - .36, .72), linewidth=0,
                            color=MARKER_COLOURS[state])
     ax.set_ylim(len(markers) - .4, -.6)
-    ax.set_yticks(range(len(markers)), [MARKERS[marker].replace('_mcp', ' MCP')
-                                        for marker in markers])
+    ax.set_yticks(range(len(markers)), [marker.replace('_mcp', ' MCP') for marker in markers],
+                  fontsize=None if len(markers) < 9 else 5)
     for spine in ax.spines.values():
         spine.set_visible(False)
     ax.tick_params(length=0)

@@ -1,5 +1,6 @@
 """A tracked hand's skeleton and markers as an animated GIF and a contact sheet, in two views."""
 
+from collections.abc import Sequence
 from os import PathLike
 from typing import NamedTuple
 
@@ -118,30 +119,41 @@ def view_size(view: str, scale: float = 1.) -> tuple[float, float]:
     return scale * (right - left) / METRES_PER_INCH, scale * (top - bottom) / METRES_PER_INCH
 
 
-def save_animation(path: str | PathLike[str], motion: HandMotion, hand: Hand,
-                   title: str = '') -> None:
-    """Write an animated GIF of a tracked hand, both views in each frame.
+def save_animation(path: str | PathLike[str], motion: HandMotion, hand: Hand, title: str = '',
+                   others: Sequence[tuple[HandMotion, Hand]] = ()) -> None:
+    """Write an animated GIF of tracked hands, both views of each in each frame.
 
     Parameters
     ----------
     path : path-like
     motion : HandMotion
+        Of the times shown.
     hand : Hand
     title : str
+    others : sequence of (HandMotion, Hand)
+        Further hands, each in a row below.
     """
     (width, height), (second_width, second_height) = (view_size(view) for view in VIEW_EXTENTS)
-    figure = Figure(figsize=(width + second_width, height + TITLE_BAR_HEIGHT), dpi=80)
-    corners = ((0., 0.), (width, .5 * (height - second_height)))
-    views = [HandView(figure, corner, view, hand) for corner, view in zip(corners, VIEW_EXTENTS)]
+    rows = [(motion, hand), *others]
+    figure = Figure(figsize=(width + second_width, len(rows) * height + TITLE_BAR_HEIGHT), dpi=80)
+    views = []
+    for row, (_, shown) in enumerate(reversed(rows)):
+        corners = ((0., row * height), (width, row * height + .5 * (height - second_height)))
+        views.append([HandView(figure, corner, view, shown)
+                      for corner, view in zip(corners, VIEW_EXTENTS)])
+    views.reverse()
     for share, name in zip((.25, .75), VIEW_EXTENTS):
         figure.text(share, .02, name, ha='center', color=INK, fontsize=9)
     _draw_title_bar(figure, title)
     clock = figure.text(.985, .02, '', ha='right', color=INK, fontsize=9)
     images = []
-    for frame in _frames_at(motion.times, np.arange(
-            motion.times[0], motion.times[-1], 1. / ANIMATION_RATE)):
-        for view in views:
-            view.draw(motion.points[frame], motion.markers[frame], motion.seen[frame])
+    for now in np.arange(motion.times[0], motion.times[-1], 1. / ANIMATION_RATE):
+        for of_hand, (shown_motion, _) in zip(views, rows):
+            frame = _frames_at(shown_motion.times, now)
+            for view in of_hand:
+                view.draw(shown_motion.points[frame], shown_motion.markers[frame],
+                          shown_motion.seen[frame])
+        frame = _frames_at(motion.times, now)
         clock.set_text(f'{motion.times[frame] - motion.times[0]:.1f} s')
         images.append(figure_image(figure).convert('RGB'))
     save_gif(path, images, ANIMATION_RATE, ANIMATION_COLOURS,
@@ -196,6 +208,6 @@ def _draw_title_bar(figure: Figure, title: str) -> None:
                   columnspacing=.8, handletextpad=.4, handlelength=1.)
 
 
-def _frames_at(times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def _frames_at(times: np.ndarray, wanted: np.ndarray | float) -> np.ndarray:
     """Return the index of the first frame at or after each wanted time."""
     return np.minimum(np.searchsorted(times, wanted), len(times) - 1)

@@ -1,15 +1,15 @@
 """The packaged recordings: noisy markers of the demo motion with drop-outs, and the true angles.
 
-`hand_tracker record` reproduces them byte for byte: the right hand, or with `--side left` a left
-hand in the same motion.
+`hand_tracker record` reproduces them byte for byte: the right hand, with `--side left` a left
+hand in the same motion, or with `--side both` the two side by side.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model.hand import JOINTS, Hand
+from ..core.model.hand import BOTH, JOINTS, SIDES, Hand
 from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from ..files.bags import BagMessage, bag_message, joint_state_message, marker_array_message
@@ -19,6 +19,7 @@ from .motion import demo_motion
 RECORDING_RATE = 120.        # [Hz]
 RECORDING_NOISE = .0003      # [m] standard deviation per axis
 RECORDING_SEED = 1
+LEFT_SEED = 2                # beside a right hand: their markers are lost at different times
 RECORDING_START_NS = 1_700_000_000_000_000_000
 RECORDING_DECIMALS = 6       # of stored [m] and [rad]: hides rounding differences of platforms
 RECORDING_FRAME_ID = 'mocap'
@@ -90,6 +91,7 @@ def demo_recording(hand: Hand | None = None, layout: MarkerLayout | None = None,
 
 def visible(frames: int, rate: float, random: np.random.RandomState) -> np.ndarray:
     """Return a visibility mask with random short drop-outs of one or two markers.
+
     Parameters
     ----------
     frames : int
@@ -114,7 +116,8 @@ def visible(frames: int, rate: float, random: np.random.RandomState) -> np.ndarr
     return seen
 
 
-def recording_messages(recording: Recording, side: str) -> Iterator[BagMessage]:
+def recording_messages(recording: Recording, side: str,
+                       markers: Sequence[str] = MARKERS) -> Iterator[BagMessage]:
     """Yield a recording as bag messages: MarkerArray and true JointState of each frame.
 
     Parameters
@@ -122,15 +125,59 @@ def recording_messages(recording: Recording, side: str) -> Iterator[BagMessage]:
     recording : Recording
     side : {'right', 'left'}
         Prefix of the joints' names.
+    markers : sequence of str, optional
+        Names of the markers.
 
     Yields
     ------
     BagMessage
     """
     names = [f'{side}_{joint}' for joint in JOINTS]
-    for stamp, markers, angles in zip(
+    for stamp, places, angles in zip(
             recording.stamps.tolist(), recording.markers, recording.angles):
         yield bag_message(MARKER_TOPIC, stamp, marker_array_message(
-            stamp, RECORDING_FRAME_ID, MARKERS, markers))
+            stamp, RECORDING_FRAME_ID, markers, places))
         yield bag_message(JOINT_TRUTH_TOPIC, stamp, joint_state_message(
             stamp, names, angles, RECORDING_FRAME_ID))
+
+
+def packaged_recordings(side: str) -> dict[str, Recording]:
+    """Return the recordings of the hands in a packaged recording, by side.
+
+    Parameters
+    ----------
+    side : {'right', 'left', 'both'}
+    """
+    if side != BOTH:
+        return {side: demo_recording(Hand.scaled(side=side))}
+    return {side: demo_recording(Hand.scaled(side=side), seed=seed)
+            for side, seed in zip(SIDES, (RECORDING_SEED, LEFT_SEED))}
+
+
+def both_hands_messages(recordings: Mapping[str, Recording]) -> Iterator[BagMessage]:
+    """Yield hands side by side as bag messages: MarkerArray and true JointState of each frame.
+
+    The markers of each hand are in the namespace of its side, 'right' or 'left'.
+
+    Parameters
+    ----------
+    recordings : mapping of str to Recording
+        By side, of the same stamps.
+
+    Yields
+    ------
+    BagMessage
+    """
+    names = [f'{side}_{joint}' for side in recordings for joint in JOINTS]
+    stamps = next(iter(recordings.values())).stamps.tolist()
+    for number, stamp in enumerate(stamps):
+        first, *others = (marker_array_message(
+            stamp, RECORDING_FRAME_ID, MARKERS, recording.markers[number], namespace=side)
+            for side, recording in recordings.items())
+        for other in others:
+            first.markers.extend(other.markers)
+        yield bag_message(MARKER_TOPIC, stamp, first)
+        yield bag_message(JOINT_TRUTH_TOPIC, stamp, joint_state_message(
+            stamp, names, np.concatenate(
+                [recording.angles[number] for recording in recordings.values()]),
+            RECORDING_FRAME_ID))

@@ -4,7 +4,7 @@ The markers are on the skin. `calibrated` gives the hand and the layout with the
 calibration, as a tracker would be given them.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
@@ -27,7 +27,7 @@ from .packaged_recordings import (
     Recording,
     recording_messages,
 )
-from .visibility import markers_inside, observe, skin_layout
+from .visibility import markers_inside, observe, raised_to_skin, skin_layout
 
 WRIST_TRUTH_TOPIC, MARKER_TRUTH_TOPIC = '/wrist_truth', '/markers_truth'
 
@@ -51,7 +51,7 @@ class Simulated(NamedTuple):
     ----------
     stamps : ndarray of int, shape (n,)
         [ns]
-    markers : ndarray, shape (n, 8, 3)
+    markers : ndarray, shape (n, m, 3)
         Reported by the camera system, NaN where lost [m].
     angles : ndarray, shape (n, 25)
         True joint angles, in the order of `JOINTS` [rad].
@@ -59,7 +59,7 @@ class Simulated(NamedTuple):
         True rotation, wrist frame to world.
     position : ndarray, shape (n, 3)
         True position of the wrist [m].
-    places : ndarray, shape (n, 8, 3)
+    places : ndarray, shape (n, m, 3)
         True positions of the markers [m].
     """
 
@@ -125,7 +125,8 @@ class Simulation:
         Simulated
         """
         random = np.random.RandomState((self.seed, 1))
-        events = fault_events(self.faults, self.moving.duration, len(MARKERS),
+        count = len(self.layout.names)
+        events = fault_events(self.faults, self.moving.duration, count,
                               np.random.RandomState((self.seed, 2)))
         held: dict[Event, np.ndarray] = {}
         frames = np.arange(self.frames)
@@ -134,7 +135,7 @@ class Simulation:
             part = frames[first:first + step]
             times = part / self.rate
             angles, rotation, position = self.moving.sample(times)
-            noise = random.standard_normal((len(part), len(MARKERS), len(self.rig.positions), 2))
+            noise = random.standard_normal((len(part), count, len(self.rig.positions), 2))
             observed = observe(self.rig, self.hand, self.layout, angles, rotation, position, noise)
             markers = with_faults(observed.positions, observed.truth, times, events, held)
             stamps = RECORDING_START_NS + np.round(part * (1e9 / self.rate)).astype(np.int64)
@@ -178,11 +179,11 @@ def calibrated(hand: Hand, layout: MarkerLayout, seed: int) -> tuple[Hand, Marke
     coupling = np.column_stack((
         slope * (1. + COUPLING_SLOPE_ERROR * random.standard_normal(len(slope))),
         offset + COUPLING_OFFSET_ERROR * random.standard_normal(len(offset))))
-    return hand.replace(coupling=coupling, **fields), MarkerLayout(layout.places, offsets)
+    return hand.replace(coupling=coupling, **fields), layout.with_offsets(offsets)
 
 
-def simulated_hand(path: str | PathLike[str] | None = None,
-                   side: str | None = None) -> tuple[Hand, MarkerLayout]:
+def simulated_hand(path: str | PathLike[str] | None = None, side: str | None = None,
+                   layout: str | None = None) -> tuple[Hand, MarkerLayout]:
     """Load a hand and its marker layout; a marker without an offset is placed on the skin.
 
     Parameters
@@ -190,6 +191,9 @@ def simulated_hand(path: str | PathLike[str] | None = None,
     path : path-like, optional
         Hand file; default: the mean hand.
     side : {'right', 'left'}, optional
+    layout : str, optional
+        Name of a layout preset, or a layout file, in place of the hand file's markers. Of other
+        layouts than the paper's eight all markers inside the hand are placed on the skin.
 
     Returns
     -------
@@ -201,20 +205,22 @@ def simulated_hand(path: str | PathLike[str] | None = None,
     InvalidLayout
         Naming markers inside the hand, visible to no camera.
     """
-    hand, layout = choose_hand(path, side)
-    at_joint = np.all(layout.offsets == 0., axis=1)
-    layout = MarkerLayout(layout.places, np.where(
-        at_joint[:, None], skin_layout(hand).offsets, layout.offsets))
-    inside = markers_inside(hand, layout)
+    hand, worn = choose_hand(path, side, layout=layout)
+    if worn.names != MARKERS:
+        return hand, raised_to_skin(hand, worn)
+    at_joint = np.all(worn.offsets == 0., axis=1)
+    worn = MarkerLayout(worn.places, np.where(
+        at_joint[:, None], skin_layout(hand).offsets, worn.offsets))
+    inside = markers_inside(hand, worn)
     if inside.any():
         named = ', '.join(name for name, hidden in zip(MARKERS, inside) if hidden)
         raise InvalidLayout(f'{path}: offset of {named}: inside the hand, where no camera sees '
                             'them; expected places outside its capsules')
-    return hand, layout
+    return hand, worn
 
 
-def frame_messages(part: Simulated, side: str, truth: bool = True
-                   ) -> Iterator[tuple[BagMessage, ...]]:
+def frame_messages(part: Simulated, side: str, truth: bool = True,
+                   names: Sequence[str] = MARKERS) -> Iterator[tuple[BagMessage, ...]]:
     """Yield the bag messages of each frame: markers, and the true joints, wrist and markers.
 
     Parameters
@@ -223,13 +229,16 @@ def frame_messages(part: Simulated, side: str, truth: bool = True
     side : {'right', 'left'}
     truth : bool
         Whether to include the ground truth.
+    names : sequence of str, optional
+        Of the markers.
 
     Yields
     ------
     tuple of BagMessage
         MarkerArray; with `truth` also JointState, PoseStamped and MarkerArray.
     """
-    messages = recording_messages(Recording(part.stamps, part.markers, part.angles), side)
+    messages = recording_messages(
+        Recording(part.stamps, part.markers, part.angles), side, names)
     for stamp, rotation, position, places in zip(
             part.stamps.tolist(), part.rotation, part.position, part.places):
         markers, joints = next(messages), next(messages)
@@ -238,4 +247,4 @@ def frame_messages(part: Simulated, side: str, truth: bool = True
             bag_message(WRIST_TRUTH_TOPIC, stamp, pose_message(
                 stamp, RECORDING_FRAME_ID, position, rotation)),
             bag_message(MARKER_TRUTH_TOPIC, stamp, marker_array_message(
-                stamp, RECORDING_FRAME_ID, MARKERS, places)))
+                stamp, RECORDING_FRAME_ID, names, places)))

@@ -19,6 +19,7 @@ from ..core.model.skeleton import SKELETON_BONES, bone_radii, skeleton_points
 from .cameras import CameraRig, camera_coordinates
 
 LED_RADIUS = .004            # [m]
+RAISE, MOST_RAISES = .0005, 80  # [m] at once of a marker inside the hand, and how often
 TRIANGULATING_CAMERAS = 2    # least number that see a marker
 FRAMES_AT_ONCE = 250         # block of frames that fits into the processor's cache
 
@@ -64,6 +65,32 @@ def skin_layout(hand: Hand, marker_radius: float = LED_RADIUS) -> MarkerLayout:
     return MarkerLayout(offsets=offsets)
 
 
+def raised_to_skin(hand: Hand, layout: MarkerLayout) -> MarkerLayout:
+    """Return a layout whose markers inside the hand are raised to the dorsal skin.
+
+    Parameters
+    ----------
+    hand : Hand
+    layout : MarkerLayout
+
+    Returns
+    -------
+    MarkerLayout
+        With other offsets along z.
+    """
+    offsets = layout.offsets.copy()
+    raised = np.zeros(len(offsets), dtype=bool)
+    for _ in range(MOST_RAISES):
+        layout = layout.with_offsets(offsets)
+        inside = markers_inside(hand, layout)
+        if not inside.any():
+            break
+        raised |= inside
+        offsets[inside, 2] += RAISE
+    offsets[raised, 2] += LED_RADIUS
+    return layout.with_offsets(offsets)
+
+
 def observe(rig: CameraRig, hand: Hand, layout: MarkerLayout, angles: np.ndarray,
             rotation: np.ndarray, position: np.ndarray, noise: np.ndarray) -> MarkerObservation:
     """Return the markers of a moving hand as a camera rig measures them.
@@ -96,6 +123,7 @@ def observe(rig: CameraRig, hand: Hand, layout: MarkerLayout, angles: np.ndarray
 
 def markers_inside(hand: Hand, layout: MarkerLayout) -> np.ndarray:
     """Return the mask of markers inside the capsules of the resting hand, seen by no camera.
+
     Parameters
     ----------
     hand : Hand
@@ -103,7 +131,7 @@ def markers_inside(hand: Hand, layout: MarkerLayout) -> np.ndarray:
 
     Returns
     -------
-    ndarray of bool, shape (8,)
+    ndarray of bool, shape (n,)
     """
     pose = forward(joint_table(hand), np.zeros(len(JOINTS)))
     markers = marker_positions(layout.mounting(hand), pose)

@@ -32,7 +32,8 @@ BONE_LINKS = tuple(
 SKIN_LINKS = tuple(sorted(set(BONE_LINKS)))
 RIGHT_TO_LEFT = (1., -1., 1.)
 # On the skin of a right hand.
-FIELDS_WITHOUT_EFFECT = ('limits', 'coupling', 'natural_flexion', 'side')
+FIELDS_WITHOUT_EFFECT = ('limits', 'range_of_motion', 'coupling', 'natural_flexion',
+                         'palm_synergy', 'thumb_mcp_abduction', 'side')
 
 
 class SkinArrays(NamedTuple):

@@ -7,7 +7,7 @@ from ..drawing.palette import BLUE, BLUISH_GREEN
 
 COVERAGE_STYLE = f'''<style>
 .cb {{font: 12px/1.4 system-ui, sans-serif; padding: 4px 12px 8px}}
-.cb div {{display: grid; grid-template-columns: 92px 1fr; gap: 6px; align-items: center}}
+.cb div {{display: grid; grid-template-columns: 104px 1fr; gap: 6px; align-items: center}}
 .cb i {{height: 7px; border-radius: 3px; background: #8884; overflow: hidden}}
 .cb b {{display: block; height: 7px; background: {BLUE}}}
 .cb .all b {{background: {BLUISH_GREEN}}}

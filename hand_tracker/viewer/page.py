@@ -6,16 +6,23 @@ import io
 import socket
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from ..background import NewestCall
 from ..core.constraints import DEFAULT_CONSTRAINTS, describe
 from ..core.errors import HandTrackerError
+from ..core.model.hand import Hand
 from ..core.model.kinematics import Pose
 from ..core.tracker import HandState
+from ..retargeting.robot_file import LoadedRobot
 from ..skin.skinning import Skin
 from .panel import Panel
+from .robot_scene import RobotScene
 from .scene import HAND_SPACING, Framing, HandScene, anchor_near, light, wrist_pose
 from .source import FrameSource
+
+if TYPE_CHECKING:
+    from viser import SceneApi
 
 PAGE_RATE = 30.       # [Hz]
 FIRST_PORT = 8080
@@ -25,7 +32,7 @@ DOCUMENTATION_ADDRESS = '192.0.2.1', 9    # reserved (RFC 5737); nothing is sent
 
 
 class Viewer:
-    """Web page with one hand, or two for comparison.
+    """Web page with one hand, two for comparison, or both hands of a person.
 
     Parameters
     ----------
@@ -74,50 +81,50 @@ class Viewer:
         """Show a line of text while there is no hand."""
         self._waiting.content = text
 
-    def show(self, source: FrameSource, skin: Skin | None, running: Callable[[], bool]) -> None:
-        """Show the hand of a source in a loop.
+    def show(self, source: FrameSource, skin_of: Callable[[Hand], Skin | None],
+             running: Callable[[], bool], robot: LoadedRobot | None = None) -> None:
+        """Show the hand of a source in a loop, and beside it a robot that follows it.
 
         Parameters
         ----------
         source : FrameSource
             Prepared.
-        skin : Skin or None
+        skin_of : callable
+            Returns the skin of a hand, None where there is none; slow.
         running : callable
             The loop ends when it returns False.
+        robot : LoadedRobot, optional
+            It follows the hand of `source`.
+
+        Raises
+        ------
+        InvalidRobot
+            If robot and hand do not fit.
         """
         self._waiting.remove()
-        scene = self._server.scene
-        panel = Panel(self._server, source, skin is not None)
-        hand = HandScene(scene, '/hand', source.hand, skin)
-        bare = HandScene(scene, '/bare', source.hand, skin)
-        bare.visible = False
-        anchor: Pose | None = None
+        hands = [ShownHand(self._server.scene, '/hand', source, skin_of, robot)]
+        if source.beside is not None:
+            hands.append(ShownHand(self._server.scene, '/other_hand', source.beside, skin_of))
+        from_the_left = sorted(hands, key=lambda one: one.source.hand.side)
+        panel = Panel(self._server, source, hands[0].has_skin)
         due = time.monotonic()
         while running():
             # Without a browser nothing is tracked.
             looked_at = bool(self._server.get_clients())
             compared = looked_at and panel.compared.value
-            source.set_demand(looked_at, compared)
-            state = source.state() if looked_at else None
-            if state is not None:
-                anchor = (wrist_pose(state) if panel.held.value or anchor is None
-                          else anchor_near(anchor, state))
-                other = source.bare_state() if compared else None
-                self._set_hands(1 + compared)
+            for one in hands:
+                one.follow(looked_at, compared)
+            if any(one.state is not None for one in hands):
+                self._set_hands(sum(one.count for one in hands))
 
-                async def draw(state: HandState = state, other: HandState | None = other,
-                               anchor: Pose = anchor, compared: bool = compared) -> None:
+                async def draw(compared: bool = compared) -> None:
+                    left = .5 * (self._hands - 1) * HAND_SPACING
                     with self._server.atomic():
-                        for one in (hand, bare):
-                            one.show(panel.skin.value, panel.skeleton.value, panel.markers.value)
-                        hand.draw(state, anchor, .5 * HAND_SPACING * compared)
-                        hand.caption(describe(source.constraints) if compared
-                                     or not source.constraints >= DEFAULT_CONSTRAINTS else '')
-                        bare.visible = other is not None
-                        if other is not None:
-                            bare.draw(other, anchor, -.5 * HAND_SPACING)
-                            bare.caption(describe(()))
-                        panel.refresh(state)
+                        for one in from_the_left:
+                            one.draw(panel, left, compared)
+                            left -= one.count * HAND_SPACING
+                        if hands[0].state is not None:
+                            panel.refresh(hands[0].state)
 
                 # In viser's thread, as its message queue is not thread-safe.
                 asyncio.run_coroutine_threadsafe(draw(), self._server.get_event_loop()).result()
@@ -134,6 +141,88 @@ class Viewer:
         """Close the page."""
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
+
+
+class ShownHand:
+    """The hand of a source in the scene, the same without constraints, and a robot's beside it.
+
+    Parameters
+    ----------
+    scene : viser.SceneApi
+    name : str
+        Of its node.
+    source : FrameSource
+    skin_of : callable
+        See `Viewer.show`.
+    robot : LoadedRobot, optional
+
+    Attributes
+    ----------
+    source : FrameSource
+    state : HandState or None
+        Of the present frame.
+    has_skin : bool
+    count : int
+        Hands side by side: this, with the one without constraints and the robot.
+    """
+
+    def __init__(self, scene: 'SceneApi', name: str, source: FrameSource,
+                 skin_of: Callable[[Hand], Skin | None],
+                 robot: LoadedRobot | None = None) -> None:
+        self.source, self._robot = source, robot
+        self.count = 1
+        self.state: HandState | None = None
+        self._scene, self._name, self._loading = scene, name, NewestCall(skin_of)
+        self._hand = source.hand
+        self._anchor: Pose | None = None
+        self._bare_state: HandState | None = None
+        skin = skin_of(self._hand)
+        self.has_skin = skin is not None
+        self._add(self._hand, skin)
+
+    def _add(self, hand: Hand, skin: Skin | None) -> None:
+        """Add the hand to the scene, and the hidden one without constraints."""
+        self._shown, self._bare = (HandScene(self._scene, f'{self._name}{of}', hand, skin)
+                                   for of in ('', '_bare'))
+        self._shown.visible = self._bare.visible = False
+        self._follower = (None if self._robot is None
+                          else RobotScene(self._scene, '/robot', self._robot, hand))
+
+    def follow(self, looked_at: bool, compared: bool) -> None:
+        """Take the source's present hand and frame; demand only what is seen."""
+        self.source.set_demand(looked_at, compared)
+        if self.source.hand is not self._hand:
+            self._hand = self.source.hand
+            self._loading.ask(self._hand)
+        if (loaded := self._loading.poll()) is not None:
+            self._shown.remove()
+            self._bare.remove()
+            if self._follower is not None:
+                self._follower.remove()
+            self._add(*loaded)
+        self.state = self.source.state() if looked_at else None
+        self._bare_state = self.source.bare_state() if looked_at and compared else None
+        self.count = 1 + compared + (self._follower is not None)
+
+    def draw(self, panel: Panel, offset: float, compared: bool) -> None:
+        """Draw the frame, if there is one, at an offset to the left [m]."""
+        if self.state is None:
+            return
+        for one in (self._shown, self._bare):
+            one.show(panel.skin.value, panel.skeleton.value, panel.markers.value)
+        self._anchor = (wrist_pose(self.state) if panel.held.value or self._anchor is None
+                        else anchor_near(self._anchor, self.state))
+        constraints = self.source.constraints
+        self._shown.visible = True
+        self._shown.draw(self.state, self._anchor, offset)
+        self._shown.caption(describe(constraints) if compared
+                            or not constraints >= DEFAULT_CONSTRAINTS else '')
+        self._bare.visible = self._bare_state is not None
+        if self._bare_state is not None:
+            self._bare.draw(self._bare_state, self._anchor, offset - HAND_SPACING)
+            self._bare.caption(describe(()))
+        if self._follower is not None:
+            self._follower.draw(self.state, self._anchor, offset - (self.count - 1) * HAND_SPACING)
 
 
 def free_port(host: str, port: int) -> int:

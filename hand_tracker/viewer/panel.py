@@ -53,7 +53,8 @@ class Panel:
         self._playback = PlaybackControls(gui, source.playhead) if source.playhead else None
         self.compared = gui.add_checkbox(
             'Side by side', False,
-            hint='A second hand beside it, from the same markers without any constraint')
+            hint='A second hand beside it, from the same markers without any constraint',
+            visible=source.beside is None)
         picture = gui.add_button('Save PNG')
         picture.on_click(save_picture)
         # A separate panel, which is folded on phones.

@@ -16,8 +16,8 @@ from ..core.model.hand import Hand
 from ..core.model.marker_layout import MarkerLayout
 from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
-from ..files.bags import open_bag
 from ..tracking.compile_kernels import prepare_kernels
+from ..tracking.opened_recording import PointBag, open_recording
 from ..tracking.recording import RecordedFrame, marker_topic, track
 
 LEAD_IN = 10.         # [s] of the recording, tracked before a shown frame
@@ -134,10 +134,13 @@ class ViewerRecording:
 
     Parameters
     ----------
-    path : path-like
+    path : path-like or PointBag
+        See `open_recording`.
     hand : Hand
     layout : MarkerLayout
     topic : str, optional
+    beside : ViewerRecording, optional
+        The other hand of the same recording, which is shown too.
     **reading
         For `track`: labels, frame_id, scale, zero_is_missing.
 
@@ -148,17 +151,21 @@ class ViewerRecording:
         Active ones of `CONSTRAINTS`.
     playhead : Playhead
         None before `prepare`.
+    beside : ViewerRecording or None
     """
 
-    def __init__(self, path: str | PathLike[str], hand: Hand, layout: MarkerLayout,
-                 topic: str | None = None, **reading: Any) -> None:
+    def __init__(self, path: str | PathLike[str] | PointBag, hand: Hand, layout: MarkerLayout,
+                 topic: str | None = None, beside: 'ViewerRecording | None' = None,
+                 **reading: Any) -> None:
+        self.beside = beside
         self.hand, self._layout = hand, layout
         self.constraints = DEFAULT_CONSTRAINTS
         self.playhead: Any = None    # a `Playhead` once prepared
         self._path, self._reading = path, reading
         self._shown: TrackingRun | None = None
         self._bare: TrackingRun | None = None
-        with open_bag(path) as bag:
+        with open_recording(path) as bag:
+            self._name = bag.path
             self._topic = marker_topic(bag, topic)
             self._start, self._end = bag.start, bag.start + bag.duration
             self._rate = (bag.counts[self._topic] - 1) / max(1e-9 * bag.duration, 1e-9)
@@ -180,17 +187,21 @@ class ViewerRecording:
         prepare_kernels(say)
         first = next(self._track(self._tracker(DEFAULT_CONSTRAINTS), self._start), None)
         if first is None or first.time >= self._end:
-            raise HandTrackerError(f'{self._path}: nothing to show; expected frames in which the '
+            raise HandTrackerError(f'{self._name}: nothing to show; expected frames in which the '
                                    "palm's three markers are seen together")
         self._start = first.time
         self.playhead = Playhead(1e-9 * (self._end - self._start))
+        if self.beside is not None:
+            self.beside.prepare(say)
+            # Both at one time, whichever is seen first.
+            self.beside._start, self.beside.playhead = self._start, self.playhead
 
     def _tracker(self, constraints: frozenset[str]) -> TimedTracker:
         hand, options = constrained(self.hand, TrackerOptions(), constraints)
         return TimedTracker(hand, self._layout, options)
 
     def _track(self, tracker: TimedTracker, start: int) -> Iterator[RecordedFrame]:
-        with open_bag(self._path) as bag:
+        with open_recording(self._path) as bag:
             yield from track(bag.messages([self._topic], start), tracker, **self._reading)
 
     def set_demand(self, looked_at: bool, compared: bool) -> None:
@@ -199,6 +210,8 @@ class ViewerRecording:
     def constrain(self, constraints: Iterable[str]) -> None:
         """Set the active constraints."""
         self.constraints = frozenset(constraints)
+        if self.beside is not None:
+            self.beside.constrain(self.constraints)
 
     def state(self) -> HandState | None:
         """Return the current hand; None if the palm was not seen within `LEAD_IN`."""

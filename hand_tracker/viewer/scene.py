@@ -7,7 +7,6 @@ import numpy as np
 
 from ..core.model.hand import Hand
 from ..core.model.kinematics import Pose
-from ..core.model.marker_layout import MARKERS
 from ..core.model.states import MarkerState, PalmState
 from ..core.numerics.quaternion import quaternion
 from ..core.tracker import HandState
@@ -16,7 +15,7 @@ from ..skin.skinning import Skin
 from .skeleton_mesh import skeleton_mesh
 
 if TYPE_CHECKING:
-    from viser import CameraHandle, SceneApi
+    from viser import CameraHandle, IcosphereHandle, SceneApi
 
 SKIN_RGB, BONE_RGB = (255, 158, 104), (240, 240, 235)
 MARKER_RGB = {int(kind): tuple(round(255. * share) for share in rgb(colour))
@@ -80,13 +79,12 @@ class HandScene:
     """
 
     def __init__(self, scene: 'SceneApi', name: str, hand: Hand, skin: Skin | None) -> None:
+        self._scene, self._name = scene, name
         self._node = scene.add_frame(name, show_axes=False)
         self._skin = None if skin is None else Mesh(scene, f'{name}/skin', skin, SKIN_RGB)
         self._bones = Mesh(scene, f'{name}/bones', skeleton_mesh(hand), BONE_RGB)
-        self._markers = [scene.add_icosphere(f'{name}/markers/{marker}', MARKER_BALL_RADIUS,
-                                             receive_shadow=False)
-                         for marker in MARKERS]
-        self._kinds: list[MarkerState | None] = [None] * len(MARKERS)
+        self._markers: list[IcosphereHandle] = []    # as many as frames have
+        self._kinds: list[MarkerState] = []
         self._caption = scene.add_label(f'{name}/caption', '', position=CAPTION_POSITION,
                                         anchor='top-center', visible=False,
                                         font_screen_scale=1.3)
@@ -98,6 +96,10 @@ class HandScene:
             self._skin.node.visible = skin
         self._bones.node.visible = skeleton or self._skin is None
         self._show_markers = markers
+
+    def remove(self) -> None:
+        """Remove the hand from the scene."""
+        self._node.remove()
 
     @property
     def visible(self) -> bool:
@@ -126,7 +128,7 @@ class HandScene:
             Shift to the left [m].
         """
         turned, at = anchor.rotation.T, state.wrist_position - anchor.position
-        self._node.wxyz = _wxyz(turned @ state.wrist_rotation)
+        self._node.wxyz = wxyz(turned @ state.wrist_rotation)
         self._node.position = turned @ at + (0., offset, 0.)
         local = in_wrist(state)
         found = state.palm <= PalmState.CARRIED
@@ -136,7 +138,13 @@ class HandScene:
                             else TRANSLUCENT_OPACITY if inside else 1.)
         self._bones.move(local, 1. if found else LOST_HAND_OPACITY)
         places = (state.markers - state.wrist_position) @ state.wrist_rotation
-        for i, (marker, place, kind) in enumerate(zip(self._markers, places, state.marker_states)):
+        for i, (place, kind) in enumerate(zip(places, state.marker_states)):
+            if i == len(self._markers):
+                self._markers.append(self._scene.add_icosphere(
+                    f'{self._name}/markers/{i}', MARKER_BALL_RADIUS, color=MARKER_RGB[kind],
+                    receive_shadow=False))
+                self._kinds.append(kind)
+            marker = self._markers[i]
             marker.position = place
             if kind != self._kinds[i]:
                 self._kinds[i] = kind
@@ -164,7 +172,7 @@ class Mesh:
             color=colour,
             # With both walls drawn, each can be more translucent.
             side='double', receive_shadow=False,
-            bone_wxyzs=np.array([_wxyz(rotation) for rotation in skin.rest.rotation]),
+            bone_wxyzs=np.array([wxyz(rotation) for rotation in skin.rest.rotation]),
             bone_positions=skin.rest.position)
 
     def move(self, pose: Pose, opacity: float) -> None:
@@ -172,7 +180,7 @@ class Mesh:
         if not self.node.visible:
             return
         for bone, link in zip(self.node.bones, self._links):
-            bone.wxyz = _wxyz(pose.rotation[link])
+            bone.wxyz = wxyz(pose.rotation[link])
             bone.position = pose.position[link]
         shown = None if opacity == 1. else opacity
         if self.node.opacity != shown:
@@ -216,7 +224,8 @@ def in_wrist(state: HandState) -> Pose:
                 (state.pose.position - state.wrist_position) @ state.wrist_rotation)
 
 
-def _wxyz(rotation: np.ndarray) -> tuple[float, float, float, float]:
+def wxyz(rotation: np.ndarray) -> tuple[float, float, float, float]:
+    """Return a rotation matrix (3, 3) as the browser has it: w, x, y, z."""
     x, y, z, w = quaternion(rotation.tolist())
     return w, x, y, z
 

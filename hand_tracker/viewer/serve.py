@@ -8,22 +8,24 @@ from ..core.model.hand import Hand
 from ..parallel import raise_on_interruption
 from ..skin.skinning import Skin
 from .page import FIRST_PORT, LOCALHOST, Viewer
+from .robot_scene import add_robot_options, chosen_robot
 from .source import FrameSource
 
 INSTALL_HINT = 'pip install ".[fast,view]"'
 
 
 def add_page_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options `--host` and `--port` to a command line."""
+    """Add the options of the page to a command line: where it listens, and a robot."""
     parser.add_argument('--host', default=LOCALHOST, metavar='ADDRESS',
                         help='where to listen: 0.0.0.0 for the whole network, which anybody in it '
                         'can then see and steer (default: this machine alone)')
     parser.add_argument('--port', type=int, default=FIRST_PORT,
                         help=f'first port that is tried (default: {FIRST_PORT})')
+    add_robot_options(parser)
 
 
 def view(source: FrameSource, options: argparse.Namespace) -> None:
-    """Serve a page that shows a source, until SIGINT or SIGTERM.
+    """Serve a page that shows a source, and a robot if one is asked for, until interrupted.
 
     Parameters
     ----------
@@ -34,7 +36,8 @@ def view(source: FrameSource, options: argparse.Namespace) -> None:
     Raises
     ------
     HandTrackerError
-        If it cannot listen there, or viser is not installed.
+        If it cannot listen there, viser is not installed, or the robot cannot be loaded or does
+        not fit the hand.
     """
     interruptions = raise_on_interruption()
     try:
@@ -44,7 +47,8 @@ def view(source: FrameSource, options: argparse.Namespace) -> None:
     try:
         print(f'The hand is at {" and ".join(viewer.addresses)} (Ctrl-C ends it)', flush=True)
         source.prepare(viewer.say)
-        viewer.show(source, skin_of(source.hand), lambda: not interruptions)
+        robot = chosen_robot(options, source.hand.side)
+        viewer.show(source, skin_of, lambda: not interruptions, robot)
     except KeyboardInterrupt:
         print()
     finally:

@@ -13,15 +13,22 @@ class FrameSource(Protocol):
     Attributes
     ----------
     hand : Hand
+        May be replaced by another of the same side.
     constraints : frozenset of str
         Active ones of `CONSTRAINTS`.
     playhead : object or None
         With `Playhead`'s methods; None if playback cannot be controlled.
+    beside : FrameSource or None
+        Of the other hand, shown beside this one; it is prepared and constrained with this one.
     """
 
     hand: Hand
     constraints: frozenset[str]
     playhead: Any
+
+    @property
+    def beside(self) -> 'FrameSource | None':
+        """The other hand's source."""
 
     def prepare(self, say: Callable[[str], None]) -> None:
         """Wait until there is a hand to show; report through `say` what is waited for."""

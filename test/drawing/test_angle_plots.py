@@ -142,9 +142,9 @@ def test_command_plots_what_the_tracker_says_of_the_arrays(
     write_bag(tmp_path / 'in.mcap', recording_messages(recording, 'right'))
     drawn = []
 
-    def note(path, tracked, hand, title):
+    def note(path, tracked, hand, title, layout):
         drawn.append((tracked, hand, title))
-        return save_pages(path, tracked, hand, title)
+        return save_pages(path, tracked, hand, title, layout)
 
     monkeypatch.setattr(plot, 'save_pages', note)
     monkeypatch.chdir(tmp_path)

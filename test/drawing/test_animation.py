@@ -2,6 +2,7 @@
 
 import csv
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -132,12 +133,13 @@ def ros():
     from helpers import ros_process  # noqa: F401  sets a domain of its own
 
 
-def test_demo_runs_both_nodes_and_leaves_pictures_and_a_table(ros, tmp_path):
+def test_demo_runs_its_nodes_and_leaves_pictures_and_a_table(ros, tmp_path):
     recording = demo_recording()
     short = recording._replace(stamps=recording.stamps[:360], markers=recording.markers[:360],
                                angles=recording.angles[:360])
     write_bag(tmp_path / 'short.mcap', recording_messages(short, 'right'))
-    done = run_demo('--recording', tmp_path / 'short.mcap', '--output', tmp_path / 'out')
+    done = run_demo('--recording', tmp_path / 'short.mcap', '--output', tmp_path / 'out',
+                    '--robot')
     assert done.returncode == 0, done.stdout + done.stderr
     assert '360 frames of markers in' in done.stdout
     for unit in ('Hz', 'latency p50', 'mm', 'markers seen 8 of 8'):
@@ -149,15 +151,18 @@ def test_demo_runs_both_nodes_and_leaves_pictures_and_a_table(ros, tmp_path):
     assert len(angles) >= .95 * 360
     # The recording's noise in an open hand: degrees at the PIP.
     assert np.degrees(np.abs(angles - short.angles[-len(angles):])).mean() < 3.
-    for name in ('hand.gif', 'hand.png'):
+    assert int(re.search(r'(\d+) commands', done.stdout).group(1)) > 100
+    for name in ('hand.gif', 'hand.png', 'robot.gif', 'robot.png'):
         with Image.open(tmp_path / 'out' / name) as image:
             image.verify()
 
 
 @pytest.mark.parametrize('arguments, message', [
     (('--recording', 'absent.mcap'), 'absent.mcap'),
-    (('--recording', __file__), "unknown extension '.py'"),
-    (('--hand', 'absent.yaml'), 'absent.yaml')])
+    (('--recording', __file__), "that of no known format"),
+    (('--hand', 'absent.yaml'), 'absent.yaml'),
+    (('--robot', 'hal'), "robot: 'hal' is no file and no preset"),
+    (('--robot', '--side', 'both'), 'a robot follows one hand')])
 def test_demo_says_what_is_wrong_before_it_starts(ros, arguments, message, tmp_path):
     done = run_demo(*arguments, '--output', tmp_path)
     assert done.returncode == 1

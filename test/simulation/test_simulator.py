@@ -14,10 +14,13 @@ from hand_tracker.cli.simulate import main
 from hand_tracker.core.errors import InvalidLayout
 from hand_tracker.core.model.hand import FINGERS, JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.bags import JOINT_STATE, MARKER_ARRAY, POSE, TYPE_STORE, open_bag
 from hand_tracker.files.hand_file import load_hand, save_hand
+from hand_tracker.messages.cdr import MarkerReader
+from hand_tracker.messages.labels import LabelMap, default_labels
 from hand_tracker.simulation import layers
 from hand_tracker.simulation.cameras import CameraRig
 from hand_tracker.simulation.faults import Faults
@@ -31,9 +34,10 @@ from hand_tracker.simulation.simulator import (
     InvalidRate,
     Simulation,
     calibrated,
+    frame_messages,
     simulated_hand,
 )
-from hand_tracker.simulation.visibility import skin_layout
+from hand_tracker.simulation.visibility import markers_inside, skin_layout
 
 ROOT = Path(__file__).resolve().parents[2]
 HAND = Hand.scaled()
@@ -125,6 +129,23 @@ def test_markers_without_an_offset_are_put_on_the_skin_and_none_may_be_inside(tm
     save_hand(tmp_path / 'own.yaml', HAND, MarkerLayout(offsets=offsets))
     with pytest.raises(InvalidLayout, match='own.yaml: offset of middle: inside the hand'):
         simulated_hand(tmp_path / 'own.yaml')
+
+
+@pytest.mark.parametrize('name', ['mediapipe21', 'dfki13'])
+def test_other_layouts_are_simulated_on_the_skin(name):
+    hand, layout = simulated_hand(side='left', layout=name)
+    preset = preset_layout(name)
+    assert layout.names == preset.names and not markers_inside(hand, layout).any()
+    lifted = layout.offsets - preset.offsets
+    np.testing.assert_array_equal(lifted[:, :2], 0.)
+    assert (lifted[:, 2] >= 0.).all() and (name == 'dfki13') == (not lifted.any())
+    part = next(Simulation('demo', hand, layout, rate=30.).blocks())
+    assert part.markers.shape == part.places.shape == (15, len(layout.names), 3)
+    markers, *_ = next(frame_messages(part, 'left', names=layout.names))
+    reader = MarkerReader(LabelMap(default_labels(layout.names), layout.names))
+    np.testing.assert_array_equal(reader.read(markers.data).positions, part.markers[0])
+    found, erred = calibrated(hand, layout, 1)
+    assert erred.names == layout.names and not np.array_equal(erred.offsets, layout.offsets)
 
 
 def test_refuses_impossible_rates():

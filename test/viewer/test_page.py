@@ -12,7 +12,7 @@ import pytest
 
 from hand_tracker.core.constraints import CONSTRAINTS, DEFAULT_CONSTRAINTS, constrained, describe
 from hand_tracker.core.errors import HandTrackerError
-from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.model.hand import JOINTS, SIDES, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
 from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.core.model.skeleton import (
@@ -24,16 +24,17 @@ from hand_tracker.core.model.skeleton import (
 from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.bags import bag_message, marker_array_message, open_bag, write_bag
-from hand_tracker.messages.labels import DEFAULT_LABELS
+from hand_tracker.messages.labels import DEFAULT_LABELS, label_maps
 from hand_tracker.package_data import packaged_recording
 from hand_tracker.tracking.recording import track
 from hand_tracker.viewer.angle_bars import angle_bars
 from hand_tracker.viewer.coverage_bars import coverage_bars
-from hand_tracker.viewer.page import LOCALHOST, Viewer, free_port
+from hand_tracker.viewer.page import LOCALHOST, ShownHand, Viewer, free_port
 from hand_tracker.viewer.panel import Panel
 from hand_tracker.viewer.recording_source import LEAD_IN, Playhead, ViewerRecording
 from hand_tracker.viewer.scene import (
     MAX_ANCHOR_DISTANCE,
+    HandScene,
     anchor_near,
     strongest_weights,
     wrist_pose,
@@ -271,6 +272,70 @@ def test_the_constraints_that_are_off_are_described():
     assert describe(DEFAULT_CONSTRAINTS - {'Rigidity', 'Inertia'}) == 'without Rigidity and Inertia'
     assert describe({'Rigidity'}) == f'with 1 of {len(CONSTRAINTS)} constraints'
     assert describe(()) == 'without any constraint'
+
+
+def test_another_hand_takes_the_place_of_the_first(recording, monkeypatch):
+    pytest.importorskip('viser', reason='viser is not installed')
+    first, other = recording.hand, Hand.scaled(.2)
+    drawn, removed = [], []
+
+    class Counted(HandScene):
+        def __init__(self, scene, name, hand, skin):
+            super().__init__(scene, name, hand, skin)
+            drawn.append((name, hand))
+
+        def remove(self):
+            removed.append(self)
+            super().remove()
+
+    def running():
+        monkeypatch.setattr(recording, 'hand', other)
+        return len(drawn) < 4
+
+    monkeypatch.setattr('hand_tracker.viewer.page.HandScene', Counted)
+    viewer = Viewer(port=8390)
+    try:
+        viewer.show(recording, lambda hand: None, running)
+    finally:
+        viewer.stop()
+    assert drawn == [('/hand', first), ('/hand_bare', first), ('/hand', other),
+                     ('/hand_bare', other)]
+    assert len(removed) == 2
+
+
+def test_both_hands_of_a_recording_play_together():
+    path, layout = packaged_recording('both'), MarkerLayout()
+    labels = label_maps(DEFAULT_LABELS, {side: f'{side}/0' for side in SIDES})
+    left = ViewerRecording(path, Hand.scaled(side='left'), layout, labels=labels['left'])
+    both = ViewerRecording(path, Hand.scaled(), layout, beside=left, labels=labels['right'])
+    both.prepare(print)
+    both.playhead.toggle()
+    both.playhead.seek(1.)
+    assert left.playhead is both.playhead
+    right_state, left_state = both.state(), left.state()
+    assert left_state.wrist_position[1] - right_state.wrist_position[1] == pytest.approx(
+        .4, abs=.02)
+    both.constrain(DEFAULT_CONSTRAINTS - {'Rigidity'})
+    assert left.constraints == both.constraints
+    pytest.importorskip('viser', reason='viser is not installed')
+    drawn = []
+
+    class Placed(HandScene):
+        def draw(self, state, anchor, offset=0.):
+            super().draw(state, anchor, offset)
+            drawn.append((self._name, offset, len(self._markers)))
+
+    viewer = Viewer(port=8390)
+    try:
+        hands = [ShownHand(viewer._server.scene, name, one, lambda hand: None)
+                 for name, one in (('/hand', both), ('/other_hand', left))]
+        for one, place in zip(hands, (-.09, .09)):
+            one.follow(looked_at=True, compared=False)
+            one._shown.__class__ = Placed
+            one.draw(Panel(viewer._server, both, False), place, False)
+    finally:
+        viewer.stop()
+    assert drawn == [('/hand', -.09, 8), ('/other_hand', .09, 8)]
 
 
 def test_the_addresses_lead_to_the_page():

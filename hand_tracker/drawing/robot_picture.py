@@ -1,0 +1,172 @@
+"""Pictures and animations of a human and a robot hand in the same poses, from two sides."""
+
+from collections.abc import Sequence
+from os import PathLike
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from .images import figure_image, save_gif
+from .palette import DIGIT_COLOURS, GREY, INK, MUTED
+
+ROBOT_PANEL = 2.4  # [inches] width of a pose
+ROBOT_GIF_SIZE, ROBOT_GIF_COLOURS = (6.4, 5.6), 32   # [inches], entries of the palette
+COLOUR_OF = dict(zip(('index', 'middle', 'ring', 'little', 'thumb'), DIGIT_COLOURS))
+PALM_MARGIN = 6.   # [mm] around what is drawn
+
+
+class PalmView(NamedTuple):
+    """View along an axis of the palm's frame.
+
+    Attributes
+    ----------
+    name : str
+    across, up : int
+        Axes that point to the right and upwards.
+    """
+
+    name: str
+    across: int
+    up: int
+
+    def flat(self, points: np.ndarray) -> np.ndarray:
+        """Return points (n, 3) [m] in the view, shape (n, 2) [mm]."""
+        return 1e3 * points[:, (self.across, self.up)]
+
+
+ROBOT_VIEWS = PalmView('from the palm', 1, 0), PalmView("from the thumb's side", 0, 2)
+
+
+class RobotPose(NamedTuple):
+    """One pose of both hands, each in its palm's frame.
+
+    Attributes
+    ----------
+    title : str
+    human, robot : dict of str to ndarray, shape (k, 3)
+        Points of each digit from its root to its tip, by role [m].
+    """
+
+    title: str
+    human: dict[str, np.ndarray]
+    robot: dict[str, np.ndarray]
+
+
+class DigitLines:
+    """A hand's digits as lines on axes.
+
+    Parameters
+    ----------
+    ax : Axes
+    roles : sequence of str
+        The digits.
+    view : PalmView
+    """
+
+    def __init__(self, ax: Axes, roles: Sequence[str], view: PalmView) -> None:
+        self._view = view
+        self._palm = {role: ax.plot([], [], color=GREY, linewidth=1.)[0] for role in roles}
+        self._digits = {role: ax.plot([], [], color=COLOUR_OF[role], linewidth=3., marker='o',
+                                      markersize=3.5, solid_capstyle='round')[0]
+                        for role in roles}
+        ax.set_aspect('equal', adjustable='box')
+        ax.tick_params(labelsize=6, colors=MUTED)
+        for side in ('top', 'right'):
+            ax.spines[side].set_visible(False)
+
+    def draw(self, digits: dict[str, np.ndarray]) -> None:
+        """Draw one pose: points (k, 3) of each digit, by role [m]."""
+        roots = np.array([points[0] for points in digits.values()])
+        centre = np.zeros((1, 3)) if len(roots) > 2 else roots.mean(axis=0)[None]
+        for role, points in digits.items():
+            self._digits[role].set_data(*self._view.flat(points).T)
+            self._palm[role].set_data(*self._view.flat(
+                np.concatenate((centre, points[:1]))).T)
+
+
+def save_robot_picture(path: str | PathLike[str], name: str, poses: Sequence[RobotPose]) -> None:
+    """Draw both hands in some poses.
+
+    Parameters
+    ----------
+    path : path-like
+        PNG.
+    name : str
+        Of the robot.
+    poses : sequence of RobotPose
+    """
+    rows = [(view, hand) for view in ROBOT_VIEWS for hand in ('human', 'robot')]
+    figure = Figure(figsize=(ROBOT_PANEL * len(poses), ROBOT_PANEL * len(rows)), dpi=100,
+                    layout='constrained')
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(rows), len(poses), squeeze=False)
+    for row, (view, hand) in enumerate(rows):
+        limits = _limits(poses, (hand,), view)
+        for column, (ax, pose) in enumerate(zip(axes[row], poses)):
+            digits = getattr(pose, hand)
+            DigitLines(ax, list(digits), view).draw(digits)
+            ax.set(xlim=limits[0], ylim=limits[1])
+            if not row:
+                ax.set_title(pose.title, fontsize=10, color=INK)
+            if not column:
+                ax.set_ylabel(f'{_whose(hand, name)}\n{view.name}', fontsize=8, color=MUTED)
+    figure.savefig(path, metadata={'Software': None})
+
+
+def save_robot_animation(path: str | PathLike[str], name: str, poses: Sequence[RobotPose],
+                         rate: float) -> None:
+    """Write an animated GIF of both hands side by side, to one scale.
+
+    Parameters
+    ----------
+    path : path-like
+    name : str
+        Of the robot.
+    poses : sequence of RobotPose
+        One each frame; their titles are shown.
+    rate : float
+        [Hz]
+    """
+    hands = 'human', 'robot'
+    limits = [_limits(poses, hands, view) for view in ROBOT_VIEWS]
+    figure = Figure(figsize=ROBOT_GIF_SIZE, dpi=80, layout='constrained')
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(ROBOT_VIEWS), len(hands), squeeze=False,
+                           height_ratios=[np.ptp(up) for _, up in limits])
+    lines = []
+    for row, view in enumerate(ROBOT_VIEWS):
+        for column, hand in enumerate(hands):
+            ax = axes[row][column]
+            ax.set(xlim=limits[row][0], ylim=limits[row][1])
+            if not row:
+                ax.set_title(_whose(hand, name), fontsize=10, color=INK)
+            if not column:
+                ax.set_ylabel(f'{view.name} [mm]', fontsize=8, color=MUTED)
+            lines.append((hand, DigitLines(ax, list(getattr(poses[0], hand)), view)))
+    clock = figure.text(.99, .985, '', ha='right', va='top', color=INK, fontsize=9)
+    images = []
+    for pose in poses:
+        for hand, drawn in lines:
+            drawn.draw(getattr(pose, hand))
+        clock.set_text(pose.title)
+        images.append(figure_image(figure).convert('RGB'))
+        # The layout of the first frame is that of all.
+        figure.set_layout_engine('none')
+    save_gif(path, images, rate, ROBOT_GIF_COLOURS, (*DIGIT_COLOURS, GREY, INK, MUTED))
+
+
+def _whose(hand: str, name: str) -> str:
+    return name if hand == 'robot' else 'person'
+
+
+def _limits(poses: Sequence[RobotPose], hands: Sequence[str],
+            view: PalmView) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the limits across and up within which hands are in all poses [mm]."""
+    points = np.concatenate([np.zeros((1, 3)), *(
+        digit for pose in poses for hand in hands for digit in getattr(pose, hand).values())])
+    flat = view.flat(points)
+    lower, upper = flat.min(axis=0) - PALM_MARGIN, flat.max(axis=0) + PALM_MARGIN
+    return (lower[0], upper[0]), (lower[1], upper[1])
