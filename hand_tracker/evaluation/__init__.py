@@ -11,6 +11,7 @@ with
   a baseline or a variant, and why.
 """
 
+from collections.abc import Collection
 from importlib import import_module
 from types import ModuleType
 from typing import NamedTuple
@@ -27,17 +28,19 @@ class Evaluation(NamedTuple):
         Heading in the results.
     summary : str
         Line of help.
-    judges_captures : bool
-        Whether it needs captures given as files.
-    judges_takes : bool
-        Whether it needs takes of real markers given as files.
+    judges : tuple of str
+        Kinds of files, of which at least one is needed: 'captures'; 'takes' of real markers;
+        'layouts', takes with markers named as in a layout preset. Empty: it needs no files.
     """
 
     module: str
     title: str
     summary: str
-    judges_captures: bool = False
-    judges_takes: bool = False
+    judges: tuple[str, ...] = ()
+
+    def can_judge(self, given: Collection[str]) -> bool:
+        """Return whether the given kinds of files are enough."""
+        return not self.judges or any(kind in given for kind in self.judges)
 
     def load(self) -> ModuleType:
         """Import the module of the evaluation."""
@@ -53,13 +56,24 @@ EVALUATIONS = {
         'ablation', 'Without each constraint (Fig. 13)', 'Fig. 13: each constraint off in turn'),
     'markers': Evaluation(
         'unseen_markers', 'Markers that the tracker did not get',
-        'real markers: a hand fitted to all of them, tracked from eight', judges_takes=True),
+        'real markers: a hand fitted to all of them, tracked from eight', judges=('takes',)),
+    'layouts': Evaluation(
+        'layout_markers', 'All markers of a layout worn',
+        'real markers: a hand tracked from all, each left out once', judges=('layouts',)),
     'recordings': Evaluation(
         'captured_hands', 'Captured hands',
-        'errors per joint class on captures, beside a plain baseline', judges_captures=True),
+        'errors per joint class on captures, beside a plain baseline', judges=('captures',)),
     'occlusion': Evaluation(
         'hidden_markers', 'Hidden markers',
-        'hidden markers on captures, beside three baselines', judges_captures=True),
+        'hidden markers on captures, beside three baselines', judges=('captures',)),
+    'labelling': Evaluation(
+        'point_labelling', 'Points without names',
+        'labels of points without names, with ghosts and hidden markers',
+        judges=('captures', 'takes')),
+    'landmarks': Evaluation(
+        'landmark_steadiness', 'Landmarks of cameras',
+        'breathing of bones and jitter of 21 landmarks, as given and tracked',
+        judges=('captures',)),
     'noise': Evaluation(
         'noise_sensitivity', 'Marker noise and size of the hand',
         'marker noise of 0 to 2 mm, hand size wrong by up to 10 %'),

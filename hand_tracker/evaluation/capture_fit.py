@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..calibration import LANDMARKS, fit_hand
-from ..core.model.hand import FINGERS, MCP_OF_LENGTH, Hand, preset_limits
+from ..core.model.hand import FINGERS, MCP_OF_LENGTH, Hand
 from ..core.options import TrackerOptions
 from ..core.tracker import HandTracker
 from .capture_tracking import track, tracked_joints
@@ -52,7 +52,7 @@ def fitted_hand(capture: Capture, limits: str) -> Hand:
     -------
     Hand
     """
-    return fit_hand(fitting_joints(capture), capture.side, preset_limits(limits))
+    return fit_hand(fitting_joints(capture), capture.side, limits)
 
 
 def fitted_plain(capture: Capture) -> PlainHand:

@@ -5,8 +5,8 @@ with all eight markers captured, the same for all methods. The tracker runs from
 on. Joints missing in a recording are not judged.
 
 `hand_tracker` has a fully fitted hand model with the limits `wide`. Its variants differ in what
-their names say only: the limits `paper`, the default, which captured hands exceed; the coupling
-`natural` (usual) or `paper` instead of the fitted one; or both.
+their names say only: the limits `wearer`, the default of a calibrated hand, or `paper`, which
+captured hands exceed; the coupling `natural` (usual) or `paper` instead of the fitted one; or both.
 """
 
 from collections.abc import Iterator
@@ -41,6 +41,7 @@ HAND_VARIANTS: dict[str, tuple[str, str | None]] = {
     'hand_tracker': ('wide', None),
     'hand_tracker_usual_coupling': ('wide', 'natural'),
     'hand_tracker_paper_coupling': ('wide', 'paper'),
+    'hand_tracker_wearer_limits': ('wearer', None),
     'hand_tracker_paper_limits': ('paper', None),
     'hand_tracker_paper_limits_usual_coupling': ('paper', 'natural'),
     'hand_tracker_paper_limits_and_coupling': ('paper', 'paper'),

@@ -8,10 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..calibration import LANDMARKS
-from ..calibration.take_files import open_arrays
+from ..calibration.marker_names import canonical_name
+from ..calibration.take_files import recorded_take
 from ..core.errors import HandTrackerError
 from ..core.model.hand import LEFT_HAND_MIRROR, SIDES
 from ..core.model.marker_layout import PAPER_PLACES
+from ..files.npz_file import open_arrays
+from ..files.recordings import NPZ, recognised_format
 from .evaluation_options import Options
 from .rows import Row
 
@@ -78,7 +81,7 @@ class Capture(NamedTuple):
 
 
 def load_capture(path: str | PathLike[str]) -> Capture:
-    """Load a capture from an npz file.
+    """Load a capture from an npz file, or from one of another format with joints by name.
 
     Parameters
     ----------
@@ -96,6 +99,8 @@ def load_capture(path: str | PathLike[str]) -> Capture:
         Naming the file, the fault and what is expected.
     """
     path = Path(path)
+    if path.exists() and path.suffix != NPZ.suffixes[0] and recognised_format(path) is not NPZ:
+        return _checked(path, _recorded_capture(path))
     try:
         with open_arrays(path, InvalidCapture) as data:
             fields = {name: data[name] for name in ('positions', 'joints', 'side', 'rate_hz')}
@@ -127,7 +132,24 @@ def load_capture(path: str | PathLike[str]) -> Capture:
     joints = positions[:, [names.index(name) for name in LANDMARKS]].astype(float)
     # A joint with a missing coordinate is not captured.
     joints[~np.isfinite(joints).all(axis=2)] = np.nan
-    capture = Capture(path.stem, joints, str(fields['side'].item()), rate, *credit)
+    return _checked(path, Capture(path.stem, joints, str(fields['side'].item()), rate, *credit))
+
+
+def _recorded_capture(path: Path) -> Capture:
+    """Return the capture of a file of points, such as BVH, whose labels name the joints."""
+    take = recorded_take(path)
+    names = [canonical_name(name) for name in take.names]
+    joints = np.full((len(take.points), len(LANDMARKS), 3), np.nan)
+    for row, name in enumerate(LANDMARKS):
+        if name in names:
+            joints[:, row] = take.points[:, names.index(name)]
+    joints[~np.isfinite(joints).all(axis=2)] = np.nan
+    return Capture(path.stem, joints, take.side, take.rate)
+
+
+def _checked(path: Path, capture: Capture) -> Capture:
+    """Return a capture, or raise `InvalidCapture` where too little of it can be judged."""
+    joints = capture.joints
     never = f'; never captured: {", ".join(capture.missing)}' if capture.missing else ''
     # The fit takes joints that are never captured from a mean hand.
     fitted = np.isfinite(joints[:, _captured(joints[:capture.split])]).all(axis=(1, 2))

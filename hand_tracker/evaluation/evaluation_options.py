@@ -37,6 +37,8 @@ class Options:
         Captures that could not be judged, and why; appended to by `leave_out`.
     takes, fit_takes : tuple of MarkerTake
         Takes of real markers to judge, and to fit hands to.
+    layout_takes, fit_layout_takes : tuple of MarkerTake
+        The same, their markers named by the layout presets that have them.
     """
 
     captures: tuple['Capture', ...] = ()
@@ -47,6 +49,8 @@ class Options:
     left_out: list[str] = field(default_factory=list)
     takes: tuple['MarkerTake', ...] = ()
     fit_takes: tuple['MarkerTake', ...] = ()
+    layout_takes: tuple['MarkerTake', ...] = ()
+    fit_layout_takes: tuple['MarkerTake', ...] = ()
 
     def say(self, line: str) -> None:
         """Print a line of progress."""
@@ -54,7 +58,7 @@ class Options:
             _print(line)
 
     def leave_out(self, what: str) -> None:
-        """Print and record what is left out and why."""
+        """Print and record an omission and its reason."""
         _print(f'left out: {what}')
         self.left_out.append(what)
 

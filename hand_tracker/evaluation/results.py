@@ -85,8 +85,7 @@ def write_results(path: Path, rows: list[Row], names: Sequence[str], options: Op
              f'- Versions: {made}; kernels {"compiled" if COMPILED else "not compiled"}.\n'
              f'- Hardware: {hardware()}.']
     parts += _losses(rows_of)
-    if not all(EVALUATIONS[name].judges_captures or EVALUATIONS[name].judges_takes
-               for name in names):
+    if not all(EVALUATIONS[name].judges for name in names):
         parts += ['## How hands are simulated',
                   _documentation(simulated).partition('\n')[2].strip()]
     if options.captures or options.left_out:

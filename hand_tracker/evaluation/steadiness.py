@@ -1,9 +1,10 @@
 """Steadiness: how far angles are off and how they move from frame to frame, beside the truth.
 
-The shipped recording (the very hand, 0.3 mm of noise) and simulated motions (eight cameras, a hand
-with calibration errors). Judged are seen digits: in two frames in a row with their marker and the
-palm's three. A step is the change of an angle from a frame to the next; steps and errors are root
-mean squares.
+The shipped recording (the very hand, 0.3 mm of noise) and simulated motions (eight cameras, the
+hand as `hand_tracker calibrate` finds it from a simulated take of markers at all joints; truth is
+the angle of the true bones about its axes). Judged are seen digits: in two frames in a row with
+their marker and the palm's three. A step is the change of an angle from a frame to the next; steps
+and errors are root mean squares.
 """
 
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ import numpy as np
 from ..core.model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS, Hand
 from ..core.tracker import HandTracker
 from ..simulation.packaged_recordings import demo_recording
+from .calibrated_fit import calibrated_fit, true_angles
 from .capture_tracking import track, tracked_joints
 from .demo_frames import demo_frames
 from .evaluation_options import Options
@@ -57,8 +59,9 @@ def judge(task: tuple[str, float], seed: int) -> list[Row]:
         tracked = track(HandTracker(hand), markers, rate)
     else:
         one = trial(motion, seed + STEADY_MOTIONS.index(motion), rate, STEADINESS_DURATION)
-        markers, true, joints, hand = one.measured(), one.angles, one.joints, one.calibrated_hand
-        tracked = one.track(markers)
+        fit = calibrated_fit(seed)
+        markers, true, joints, hand = one.measured(), true_angles(one, fit), one.joints, fit.hand
+        tracked = track(HandTracker(hand, fit.layout), markers, rate)
     found = tracked.angles
     errors = joint_errors(tracked_joints(hand, tracked), joints)['all']
     seen = np.isfinite(markers).all(axis=2)
@@ -66,6 +69,7 @@ def judge(task: tuple[str, float], seed: int) -> list[Row]:
     judged[:round(SETTLING_TIME * rate)] = False
     rows = []
     for name, angles, mask in _classes(true, judged):
+        mask = mask & np.isfinite(true[:, angles])
         pairs = mask[1:] & mask[:-1]
         if not pairs.any():
             continue

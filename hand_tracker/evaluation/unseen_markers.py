@@ -3,7 +3,7 @@
 What is judged are the markers that the tracker does not get. With takes to fit on the hand is
 fitted to those and judged on the others; else one take of a hand is left out in turn, and the first
 fifth of a take that stands alone is fitted and the rest judged. `hand_tracker` fits the hand and
-where the markers are on it (limits: `wide`, widened by what the take shows) and tracks the worn
+where the markers are on it (limits: `wide`, widened by what the takes show) and tracks the worn
 markers; `plain` is the plain hand of the captures, its joints taken for the markers at them;
 `ridge` is a regression without any hand.
 """
@@ -18,7 +18,7 @@ from ..calibration.fitted_hand import place_mounted
 from ..calibration.marker_fit import MarkerFit, fit_markers
 from ..calibration.marker_names import identify
 from ..calibration.takes import InvalidTake, MarkerTake
-from ..core.model.hand import preset_limits
+from ..core.model.hand import widened_limits
 from ..core.model.kinematics import Pose
 from ..core.model.marker_layout import MARKERS
 from ..core.tracker import HandTracker
@@ -110,7 +110,9 @@ def judge(task: Judgement) -> list[Row]:
     InvalidTake
         If a marker is missing that is to be worn, or to be judged.
     """
-    fit = fit_markers(task.fitted, preset_limits('wide'))
+    fit = fit_markers(task.fitted, 'wide')
+    fit = fit._replace(hand=fit.hand.replace(limits=widened_limits(
+        fit.hand.limits, fit.hand.range_of_motion)))
     if '' in fit.worn:
         raise InvalidTake('the takes that the hand is fitted to lack a marker of '
                           + ', '.join(marker for marker, name in zip(MARKERS, fit.worn)

@@ -10,7 +10,8 @@ from helpers.captures import capture_path
 from hand_tracker.__main__ import main
 from hand_tracker.calibration import LANDMARKS, fit_hand
 from hand_tracker.cli import evaluate
-from hand_tracker.core.model.hand import FINGERS, JOINTS
+from hand_tracker.core.errors import HandTrackerError
+from hand_tracker.core.model.hand import FINGERS, JOINTS, preset_limits
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.evaluation import (
     baselines,
@@ -61,7 +62,7 @@ def fitted_hand(moving):
 def fitted_once(fitted_hand, monkeypatch):
     """Fit the one hand of these tests once: that takes most of the time."""
     monkeypatch.setattr(capture_fit, 'fit_hand', lambda joints, side, limits: fitted_hand.replace(
-        side=side, limits=limits))
+        side=side, limits=preset_limits(limits, fitted_hand.range_of_motion)))
 
 
 def local_markers(frames=240):
@@ -259,8 +260,8 @@ def test_a_joint_that_is_never_captured_is_not_judged(moving, tmp_path):
 KEYS = {'evaluation', 'recording', 'method', 'mean_mm', 'p95_mm', 'frames'}
 
 
-@pytest.mark.parametrize('name', [  # that of takes has other rows: test_unseen_markers.py
-    name for name, one in evaluate.EVALUATIONS.items() if not one.judges_takes])
+@pytest.mark.parametrize('name', [  # those of markers have other rows and tests of their own
+    name for name, one in evaluate.EVALUATIONS.items() if one.judges in ((), ('captures',))])
 def test_every_evaluation_has_rows_of_the_same_keys(
         name, moving, few_windows, fitted_once, monkeypatch, tmp_path):
     evaluation = evaluate.EVALUATIONS[name]
@@ -292,7 +293,7 @@ def test_every_evaluation_has_rows_of_the_same_keys(
                           Options((moving,)), 'hand_tracker evaluate')
     document = (tmp_path / 'results.md').read_text()
     assert ('## Where it loses' in document) == hasattr(module, 'losses')
-    assert ('2 %' in document) == (not evaluation.judges_captures)
+    assert ('2 %' in document) == (not evaluation.judges)
 
 
 def test_what_loses_is_found_from_the_rows():
@@ -395,11 +396,13 @@ def test_files_that_are_no_captures_are_refused(tmp_path):
     np.save(tmp_path / 'alone.npy', np.zeros(3))
     (tmp_path / 'cut.npz').write_bytes((tmp_path / 'other.npz').read_bytes()[:200])
     unread = 'can be read; expected plain arrays, as numpy.savez writes them$'
-    for name, message in (('text.npz', unread), ('objects.npz', unread), ('alone.npy', unread),
-                          ('cut.npz', unread), ('other.npz', 'joints'),
+    for name, message in (('text.npz', unread), ('objects.npz', unread), ('cut.npz', unread),
+                          ('other.npz', 'joints'),
                           ('none.npz', r'can be read \(No such file or directory\); expected')):
         with pytest.raises(InvalidCapture, match=message):
             load_capture(tmp_path / name)
+    with pytest.raises(HandTrackerError, match='alone.npy: its beginning is that of no known'):
+        load_capture(tmp_path / 'alone.npy')
 
 
 def test_joints_may_come_in_any_order_and_without_a_rate(tmp_path, moving):

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.model.capsules import capsules, pair_gaps
-from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.model.hand import FLEXION_JOINTS, JOINTS, Hand
 from hand_tracker.core.options import TrackerOptions
-from hand_tracker.evaluation import ablation, camera_count, frame_rates
+from hand_tracker.evaluation import ablation, camera_count, frame_rates, steadiness
+from hand_tracker.evaluation.calibrated_fit import calibrated_fit, true_angles
 from hand_tracker.evaluation.evaluation_options import Options
 from hand_tracker.evaluation.overlap import deepest_overlaps
 from hand_tracker.evaluation.simulated import distances, mean_max, tasks, trial
@@ -171,3 +172,23 @@ def test_every_motion_has_a_seed_of_its_own():
     found = tasks(Options(seed=5))
     assert [motion for motion, _ in found] == list(MOTIONS)
     assert len({seed for _, seed in found}) == len(MOTIONS)
+
+
+def test_a_hand_that_was_calibrated_is_steady_and_right():
+    rows = {row['joint_class']: row for row in steadiness.judge(('power_grasp', 120.), 7)}
+    for name, most, ratio in (('pip', 5., 1.3), ('mcp_flexion', 3., 1.3),
+                              ('mcp_abduction', 2.5, 2.)):
+        assert rows[name]['error_deg'] < most, name
+        assert rows[name]['step_deg'] < ratio * rows[name]['truth_step_deg'], name
+    assert rows['pip']['mean_mm'] < 2.5
+
+
+def test_true_angles_are_about_the_joints_that_were_found():
+    one, fit = trial('power_grasp', 7, 120., 2.), calibrated_fit(7)
+    found = true_angles(one, fit)
+    # Bends between bones do not depend on axes and zeros, others do by a few degrees.
+    np.testing.assert_allclose(found[:, FLEXION_JOINTS[:4, 1:]], one.angles[
+        :, FLEXION_JOINTS[:4, 1:]], atol=np.radians(1.))
+    np.testing.assert_allclose(found[:, FLEXION_JOINTS[:4, 0]], one.angles[
+        :, FLEXION_JOINTS[:4, 0]], atol=np.radians(6.))
+    assert np.isnan(found).any() and not np.isnan(found[:, FLEXION_JOINTS]).any()

@@ -10,7 +10,7 @@ from helpers.skin_markers import EVERY_JOINT, WORN, simulated_take
 from hand_tracker.__main__ import main
 from hand_tracker.calibration.marker_fit import fit_markers
 from hand_tracker.calibration.take_files import load_take
-from hand_tracker.core.model.hand import Hand, preset_limits
+from hand_tracker.core.model.hand import Hand
 from hand_tracker.evaluation import unseen_markers
 from hand_tracker.evaluation.evaluation_options import Options
 from hand_tracker.evaluation.plain_markers import fit_plain_markers, plain_markers
@@ -30,7 +30,7 @@ def takes():
 
 @pytest.fixture(scope='module')
 def fit(takes):
-    return fit_markers(takes, preset_limits('wide'))
+    return fit_markers(takes, 'wide')
 
 
 def test_each_take_is_left_out_in_turn(takes):

@@ -1,0 +1,350 @@
+"""Labels of points without names, on recorded markers whose names are known.
+
+The markers of each frame are shuffled, ghosts are added, and markers are hidden in bursts. The
+statistics of the hand are learned from the first fifth of the recording (`own`), from another
+recording of other files (`other`), or from the hand model alone (`model`); judged is the rest.
+A frame is right if every visible marker has its own point, and no hidden one any.
+"""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..calibration.marker_names import identify
+from ..calibration.takes import MarkerTake
+from ..core.errors import HandTrackerError
+from ..core.labelling.cloud_labeller import CloudLabeller
+from ..core.labelling.natural_poses import model_prototype
+from ..core.labelling.prototypes import HandPrototype, learn_prototype
+from ..core.model.hand import Hand
+from ..core.model.marker_layout import MARKERS, MarkerLayout
+from .captures import Capture, InvalidCapture
+from .evaluation_options import Options
+from .rows import Row
+from .tables import SERIES_COLOURS, Picture, Table, figure_with, number, save
+
+LEARNED_SHARE = .2
+SINGLE_FRAMES = 300
+STREAM_FRAMES = 3000            # at most, from where the judged part begins
+FINDINGS = 40                   # starts from nothing in a stream
+LONGEST_FINDING = 1.            # [s]
+# Ghosts in the cloud, and share of markers hidden.
+CLOUDS = ((0, 0.), (2, 0.), (4, 0.), (8, 0.), (0, .1), (4, .1), (4, .3))
+PAIR_CLOUDS = ((0, 0.), (4, .1))
+STRANGER_CLOUDS = ((0, 0.), (4, 0.))
+BURST_TIMES = .05, 1.           # [s] for which a marker is hidden, or a ghost seen
+GHOST_RANGE = .2                # [m] from the hand's middle, on each axis
+GHOST_SPEED = .1                # [m/s] standard deviation on each axis
+
+
+class Recording(NamedTuple):
+    """Markers of one hand with their names.
+
+    Attributes
+    ----------
+    name : str
+    markers : tuple of str
+    digits : tuple of int
+        Digit of each marker, -1 for the palm.
+    points : ndarray, shape (T, M, 3)
+        NaN where missing [m].
+    side : {'right', 'left'}
+    rate : float
+        [Hz]
+    sequence : ndarray of int, shape (T,)
+        Changes where the recording was cut.
+    """
+
+    name: str
+    markers: tuple[str, ...]
+    digits: tuple[int, ...]
+    points: np.ndarray
+    side: str
+    rate: float
+    sequence: np.ndarray
+
+    @property
+    def split(self) -> int:
+        """Number of the first judged frame."""
+        return int(LEARNED_SHARE * len(self.points))
+
+    def prototype(self, side: str | None = None, whole: bool = False) -> HandPrototype:
+        """Learn the hand from the first part, or from all, for its own or the other side."""
+        found = learn_prototype(
+            self.markers, self.points[:None if whole else self.split], self.digits, self.side)
+        return found if side in (None, self.side) else found.mirrored()
+
+
+class Trial(NamedTuple):
+    """Recordings of one or two hands in one cloud, and the prototypes to find them by.
+
+    Attributes
+    ----------
+    recordings : tuple of Recording
+        Of as many frames.
+    prototypes : tuple of HandPrototype
+    learned : {'own', 'other', 'model'}
+    clouds : tuple of (int, float)
+        Ghosts and share of hidden markers.
+    """
+
+    recordings: tuple[Recording, ...]
+    prototypes: tuple[HandPrototype, ...]
+    learned: str
+    clouds: tuple[tuple[int, float], ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the recordings."""
+        return ' and '.join(recording.name for recording in self.recordings)
+
+
+def evaluate(options: Options) -> Iterator[Row]:
+    """Yield a row for each recording, source of the statistics, kind of start and cloud.
+
+    `right_pct` is the share of right frames, of random frames (`start`: single_frame) or of a
+    stream; `wrong_per_10000` are labels on wrong points, of all markers; `markers_right_pct` the
+    share of visible markers with their own point; `found_after_s_p95` the time after a total loss
+    until a frame is right, where the hand is not found within a second that [s].
+    """
+    recordings = [*map(of_take, options.takes)]
+    taken = {recording.name for recording in recordings}
+    recordings += [of_capture(one) for one in options.captures if one.name not in taken]
+    yield from options.judge_each(
+        'clouds', partial(judge, seed=options.seed), list(trials(recordings)),
+        lambda trial: trial.name, InvalidCapture('none of the recordings can be labelled'))
+
+
+def of_capture(capture: Capture) -> Recording:
+    """Return the paper's eight markers of a capture."""
+    return Recording(capture.name, MARKERS, (-1, -1, -1, 0, 1, 2, 3, 4), capture.markers,
+                     capture.side, capture.rate, np.zeros(len(capture.joints), dtype=int))
+
+
+def of_take(take: MarkerTake) -> Recording:
+    """Return the markers of a take whose names tell where they are."""
+    known = [(i, marker) for i, marker in enumerate(identify(take.names)) if marker]
+    return Recording(take.name, tuple(marker.name for _, marker in known),
+                     tuple(marker.digit for _, marker in known),
+                     take.points[:, [i for i, _ in known]], take.side, take.rate, take.sequence)
+
+
+def trials(recordings: Sequence[Recording]) -> Iterator[Trial]:
+    """Yield the trials of recordings: each alone, by others and by the model, and in pairs."""
+    for recording in recordings:
+        try:
+            own = recording.prototype()
+        except HandTrackerError:
+            continue
+        yield Trial((recording,), (own,), 'own', CLOUDS)
+        # Not its other hand, which one person holds alike.
+        others = [one for one in recordings
+                  if one.markers == recording.markers and person(one) != person(recording)]
+        if others:
+            yield Trial((recording,), (others[0].prototype(recording.side, whole=True),),
+                        'other', STRANGER_CLOUDS)
+        if recording.markers == MARKERS:
+            yield Trial((recording,), (model_prototype(
+                Hand.scaled(side=recording.side), MarkerLayout(), MARKERS),), 'model',
+                STRANGER_CLOUDS)
+    for right in recordings:
+        for left in recordings:
+            if (right.side, left.side) == ('right', 'left') and person(right) == person(left):
+                pair = together(right, left)
+                yield Trial(pair, tuple(one.prototype() for one in pair), 'own', PAIR_CLOUDS)
+
+
+def person(recording: Recording) -> str:
+    """Return the name of a recording without the side of its hand."""
+    return recording.name.replace('left', '').replace('right', '')
+
+
+def together(right: Recording, left: Recording) -> tuple[Recording, ...]:
+    """Return the frames that two recordings have in common, by their sequences."""
+    kept: tuple[list[np.ndarray], list[np.ndarray]] = [], []
+    for sequence in np.intersect1d(right.sequence, left.sequence):
+        rows = [np.flatnonzero(one.sequence == sequence) for one in (right, left)]
+        count = min(map(len, rows))
+        for mine, row in zip(kept, rows):
+            mine.append(row[:count])
+    return tuple(one._replace(points=one.points[np.concatenate(rows)],
+                              sequence=one.sequence[np.concatenate(rows)])
+                 for one, rows in zip((right, left), kept))
+
+
+class Clouds(NamedTuple):
+    """Points of the judged frames.
+
+    Attributes
+    ----------
+    points : list of ndarray, shape (n, 3)
+        Of each frame, in random order [m].
+    rows : ndarray of int, shape (T, hands, M)
+        Point of each marker, -1 where hidden.
+    """
+
+    points: list[np.ndarray]
+    rows: np.ndarray
+
+
+def clouds(recordings: Sequence[Recording], ghosts: int, hidden: float,
+           random: np.random.RandomState) -> Clouds:
+    """Shuffle the markers of all hands together, hide some in bursts, and add ghosts.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        With equal numbers of frames and of markers.
+    ghosts : int
+        In each frame.
+    hidden : float
+        Share of the markers that is hidden.
+    random : RandomState
+
+    Returns
+    -------
+    Clouds
+    """
+    markers = np.concatenate([one.points for one in recordings], axis=1)
+    rate, hands, count = recordings[0].rate, len(recordings), len(recordings[0].markers)
+    seen = np.isfinite(markers).all(axis=2) & ~bursts(markers.shape[:2], hidden, rate, random)
+    false = ghost_places(markers, ghosts, rate, random)
+    points, rows = [], np.full(markers.shape[:2], -1)
+    for frame in range(len(markers)):
+        visible = np.flatnonzero(seen[frame])
+        cloud = np.concatenate((markers[frame, visible], false[frame]))
+        order = random.permutation(len(cloud))
+        place = np.argsort(order)
+        points.append(cloud[order])
+        rows[frame, visible] = place[:len(visible)]
+    return Clouds(points, rows.reshape(len(markers), hands, count))
+
+
+def bursts(shape: tuple[int, int], share: float, rate: float,
+           random: np.random.RandomState) -> np.ndarray:
+    """Draw when markers are hidden, (frames, markers) bool: in bursts, for a share of the time."""
+    hidden = np.zeros(shape, dtype=bool)
+    if share > 0.:
+        pause = np.mean(BURST_TIMES) * (1. - share) / share
+        for marker in range(shape[1]):
+            start = 0.
+            while start < shape[0]:
+                start += random.exponential(pause) * rate
+                end = start + random.uniform(*BURST_TIMES) * rate
+                hidden[int(start):int(end), marker] = True
+                start = end
+    return hidden
+
+
+def ghost_places(markers: np.ndarray, ghosts: int, rate: float,
+                 random: np.random.RandomState) -> np.ndarray:
+    """Draw ghosts near the hands, each for a burst and slowly moving, (frames, ghosts, 3) [m]."""
+    places = np.full((len(markers), ghosts, 3), np.nan)
+    middle = np.nanmean(markers, axis=1)
+    for ghost in range(ghosts):
+        start = 0
+        while start < len(markers):
+            end = min(start + max(1, int(random.uniform(*BURST_TIMES) * rate)), len(markers))
+            first = middle[start] + random.uniform(-GHOST_RANGE, GHOST_RANGE, 3)
+            speed = random.normal(0., GHOST_SPEED, 3)
+            places[start:end, ghost] = first + speed * np.arange(end - start)[:, None] / rate
+            start = end
+    return places
+
+
+def judge(trial: Trial, seed: int) -> list[Row]:
+    """Return the rows of one trial."""
+    first = trial.recordings[0].split
+    judged = [one._replace(points=one.points[first:], sequence=one.sequence[first:])
+              for one in trial.recordings]
+    rate = judged[0].rate
+    rows = []
+    for ghosts, hidden in trial.clouds:
+        random = np.random.RandomState([seed, ghosts, int(100 * hidden)])
+        made = clouds(judged, ghosts, hidden, random)
+        for start in ('single_frame', 'stream'):
+            if start == 'single_frame':
+                frames = random.randint(len(made.points), size=SINGLE_FRAMES)
+                labeller = CloudLabeller(trial.prototypes)
+                labels = np.array([labeller.label_frame(made.points[i]).rows for i in frames])
+                after = None
+            else:
+                frames = np.arange(min(STREAM_FRAMES, len(made.points)))
+                labels = stream_labels(trial, made, frames, rate)
+                after = finding_times(trial, made, rate, random)
+            true = made.rows[frames]
+            visible = true >= 0
+            wrong = (labels >= 0) & (labels != true)
+            rows.append({
+                'evaluation': 'labelling', 'recording': trial.name, 'start': start,
+                'hands': len(judged), 'markers': true.shape[2], 'learned': trial.learned,
+                'ghosts': ghosts, 'hidden_pct': round(100. * hidden),
+                'right_pct': round(100. * float((labels == true).all(axis=(1, 2)).mean()), 2),
+                'markers_right_pct': round(
+                    100. * float((labels == true)[visible].mean()), 3),
+                'wrong_per_10000': round(1e4 * float(wrong.mean()), 2),
+                'found_after_s_p95': None if after is None else round(
+                    float(np.percentile(after, 95.)), 3),
+                'frames': len(frames)})
+    return rows
+
+
+def stream_labels(trial: Trial, made: Clouds, frames: np.ndarray, rate: float) -> np.ndarray:
+    """Return the labels of consecutive frames, (frames, hands, M)."""
+    labeller = CloudLabeller(trial.prototypes)
+    return np.array([labeller.update(made.points[i], i / rate).rows for i in frames])
+
+
+def finding_times(trial: Trial, made: Clouds, rate: float,
+                  random: np.random.RandomState) -> np.ndarray:
+    """Return the times until a frame is right, from starts from nothing, (n,) [s]."""
+    labeller = CloudLabeller(trial.prototypes)
+    longest = int(LONGEST_FINDING * rate)
+    times = []
+    for start in random.randint(max(len(made.points) - longest, 1), size=FINDINGS):
+        labeller.reset()
+        after = LONGEST_FINDING
+        for i in range(start, min(start + longest, len(made.points))):
+            if np.array_equal(labeller.update(made.points[i], i / rate).rows, made.rows[i]):
+                after = (i - start) / rate
+                break
+        times.append(after)
+    return np.array(times)
+
+
+def tables(rows: list[Row]) -> list[Table]:
+    """Return a table for each kind of start."""
+    found = []
+    for start, caption in (('single_frame', 'Random single frames, without history'),
+                           ('stream', 'Streams')):
+        lines = [(row['recording'], str(row['hands']), str(row['markers']), row['learned'],
+                  str(row['ghosts']), str(row['hidden_pct']), number(row['right_pct'], 1),
+                  number(row['markers_right_pct'], 1), number(row['wrong_per_10000'], 1),
+                  number(row['found_after_s_p95'], 2))
+                 for row in rows if row['start'] == start]
+        found.append(Table(
+            caption, ('recording', 'hands', 'markers', 'learned from', 'ghosts', 'hidden, %',
+                      'right frames, %', 'right markers, %', 'wrong of 10,000',
+                      'found after, s, p95'), lines))
+    return found
+
+
+def pictures(rows: list[Row], folder: Path) -> list[Picture]:
+    """Draw the share of right frames of each recording by its own statistics."""
+    own = [row for row in rows if row['learned'] == 'own' and row['hands'] == 1]
+    starts = list(dict.fromkeys(row['start'] for row in own))
+    figure, axes = figure_with(len(starts), width=5.)
+    for ax, start in zip(axes, starts):
+        for i, name in enumerate(dict.fromkeys(row['recording'] for row in own)):
+            mine = [row for row in own if (row['start'], row['recording']) == (start, name)]
+            ax.plot(range(len(mine)), [row['right_pct'] for row in mine], marker='o',
+                    markersize=4, color=SERIES_COLOURS[i % len(SERIES_COLOURS)], label=name)
+            ax.set_xticks(range(len(mine)), [
+                f'{row["ghosts"]} ghosts\n{row["hidden_pct"]} %' for row in mine], fontsize=7)
+        ax.set_title(start.replace('_', ' '), fontsize=9)
+    axes[0].set_ylabel('right frames [%]', fontsize=8)
+    save(figure, folder / 'labelling.png', axes[0])
+    return [Picture('labelling.png', 'Right frames by ghosts and share of hidden markers')]
