@@ -10,10 +10,14 @@ from types import ModuleType
 COMMANDS = {
     'demo': 'replay a recording through the tracker and draw the hand',
     'track': 'track a recording; write a table or a recording of angles',
+    'inspect': 'print what is in a recording, and the command to run next',
+    'convert': 'write a recording in another format',
+    'splice': 'put tracked hands on the body that another system captured',
     'plot': 'track a recording; plot the angles of each digit over time',
     'skin': 'draw the skin of a hand, its weights and blending',
     'view': 'show a recording in the browser',
     'urdf': 'print or write the URDF of a hand',
+    'robot': 'find palm, digits and axes of a robot hand; write its file, draw it',
     'evaluate': 'measure the tracker, each table in turn',
     'calibrate': 'fit a hand to takes of the markers on it',
     'simulate': 'record a simulated hand seen by cameras',
@@ -21,7 +25,7 @@ COMMANDS = {
 }
 
 # Commands that track at once, in plain Python where the kernels are not on disk yet.
-START_AT_ONCE = {'demo', 'track', 'plot'}
+START_AT_ONCE = {'convert', 'demo', 'inspect', 'plot', 'splice', 'track'}
 
 INTERRUPTED_EXIT_CODE = 130
 

@@ -53,9 +53,20 @@ def calibrate() -> int:
     return _run_or_command('calibrate')
 
 
+def landmarks() -> int:
+    """Run the node that publishes the hand as landmarks; return its exit code."""
+    os.environ.setdefault('HAND_TRACKER_JIT', '0')
+    return _run('landmarks')
+
+
 def replay() -> int:
     """Run the replay node; return its exit code."""
     return _run('replay')
+
+
+def retarget() -> int:
+    """Run the node that drives a robot hand; return its exit code."""
+    return _run('retarget')
 
 
 def simulate() -> int:
@@ -68,6 +79,13 @@ def skin() -> int:
     return _run_or_command('skin')
 
 
+def source() -> int:
+    """Run the node of a motion capture system; return its exit code."""
+    # Its one kernel is small: compiling or loading it takes longer than it saves.
+    os.environ.setdefault('HAND_TRACKER_JIT', '0')
+    return _run('source')
+
+
 def tracker() -> int:
     """Run the tracker node; return its exit code."""
     return _run('tracker')
@@ -78,8 +96,9 @@ def viewer() -> int:
     return _run('viewer')
 
 
-NODES = {'calibrate': calibrate, 'replay': replay, 'simulate': simulate, 'skin': skin,
-         'tracker': tracker, 'viewer': viewer}
+NODES = {'calibrate': calibrate, 'landmarks': landmarks, 'replay': replay, 'retarget': retarget,
+         'simulate': simulate, 'skin': skin, 'source': source, 'tracker': tracker,
+         'viewer': viewer}
 
 if __name__ == '__main__':
     if sys.argv[1:2] == [] or sys.argv[1] not in NODES:

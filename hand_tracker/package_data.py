@@ -3,7 +3,8 @@
 from pathlib import Path
 
 PACKAGE_NAME = 'hand_tracker'
-PACKAGED_RECORDINGS = {'right': 'recordings/demo.mcap', 'left': 'recordings/demo_left.mcap'}
+PACKAGED_RECORDINGS = {'right': 'recordings/demo.mcap', 'left': 'recordings/demo_left.mcap',
+                       'both': 'recordings/demo_both.mcap'}
 
 
 def share_directory() -> Path:
@@ -26,11 +27,11 @@ def share_directory() -> Path:
 
 
 def packaged_recording(side: str = 'right') -> Path:
-    """Return the packaged recording of a hand.
+    """Return the packaged recording of a hand or of both.
 
     Parameters
     ----------
-    side : {'right', 'left'}
+    side : {'right', 'left', 'both'}
 
     Returns
     -------

@@ -1,12 +1,15 @@
-"""Process pool: map a function over tasks in spawned processes, with clean interruption."""
+"""Map a function over tasks: in processes of this machine, or on a Dask cluster."""
 
+from __future__ import annotations
+
+import inspect
+import re
 import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children
 from typing import Any, NamedTuple, TypeVar
 
 from .core.errors import HandTrackerError
@@ -14,10 +17,16 @@ from .core.errors import HandTrackerError
 Task = TypeVar('Task')
 Result = TypeVar('Result')
 
+CLUSTER_ADDRESS = re.compile(r'[a-z]+://[^/]+:\d+/?')
+CLUSTER_TIMEOUT = 10.      # [s] within which a cluster answers
 
 
 class WorkerKilled(HandTrackerError):
     """A worker process was killed before it finished its task."""
+
+
+class ClusterUnavailable(HandTrackerError):
+    """A cluster that does not answer, or whose library is not installed."""
 
 
 class TaskResult(NamedTuple):
@@ -25,13 +34,13 @@ class TaskResult(NamedTuple):
 
     Attributes
     ----------
-    is_done : bool
-        False if the task raised an error.
+    value : object
+        What the task returned, None if it raised an error.
     lines : list of str
-        Messages of the task; the last one is its return value or its error.
+        Messages of the task; the last one is its value or its error.
     """
 
-    is_done: bool
+    value: Any
     lines: list[str]
 
 
@@ -46,7 +55,7 @@ class MessageCollector:
     def __init__(self) -> None:
         self.lines: list[str] = []
 
-    def __call__(self, total: int, what: str) -> 'MessageCollector':
+    def __call__(self, total: int, what: str) -> MessageCollector:
         """Return itself, in place of `Progress(total, what)`."""
         return self
 
@@ -60,44 +69,62 @@ class MessageCollector:
 
 
 class Interruptions(list[type[BaseException]]):
-    """Errors of the signals that came, as of `raise_on_interruption`."""
+    """Errors of the signals that came, as of `raise_on_interruption`.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    only_noted : bool, optional
+        Whether signals raise nothing; what runs has to look for them.
+    """
+
+    def __init__(self, only_noted: bool = False) -> None:
         super().__init__()
-        self._only_noted = False
+        self._only_noted = only_noted
+        self._on_note: Callable[[], None] | None = None
 
     @contextmanager
-    def only_noted(self) -> Iterator[None]:
-        """Raise nothing from a signal within; what runs has to look for it, and is so never cut."""
-        self._only_noted = True
+    def only_noted(self, on_note: Callable[[], None] | None = None) -> Iterator[None]:
+        """Raise nothing from a signal within; what runs has to look for it, and is so never cut.
+
+        Parameters
+        ----------
+        on_note : callable, optional
+            Called on each signal.
+        """
+        before = self._only_noted, self._on_note
+        self._only_noted, self._on_note = True, on_note
         try:
             yield
         finally:
-            self._only_noted = False
+            self._only_noted, self._on_note = before
         if self:
             raise self[0]
 
     def note(self, error: type[BaseException]) -> None:
         """Take the error of a signal, and raise it unless it is only noted."""
         self.append(error)
+        if self._on_note is not None:
+            self._on_note()
         if not self._only_noted:
             raise error
 
 
-def raise_on_interruption(
-        error: type[BaseException] = KeyboardInterrupt) -> Interruptions:
+def raise_on_interruption(error: type[BaseException] = KeyboardInterrupt,
+                          only_noted: bool = False) -> Interruptions:
     """Install signal handlers that raise an error on SIGINT and SIGTERM.
 
     Parameters
     ----------
     error : type of BaseException
+    only_noted : bool, optional
+        See `Interruptions`.
 
     Returns
     -------
     Interruptions
         Gets the error appended on each signal, as extension code may swallow one raised in it.
     """
-    interruptions = Interruptions()
+    interruptions = Interruptions(only_noted)
 
     def interrupt(number: int, frame: object) -> None:
         interruptions.note(error)
@@ -108,8 +135,8 @@ def raise_on_interruption(
     return interruptions
 
 
-def parallel_map(function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int,
-                 initializer: Callable[[], None] | None = None) -> Iterator[Result]:
+def parallel_map(function: Callable[[Task], Result], tasks: Sequence[Task],
+                 jobs: int) -> Iterator[Result]:
     """Yield `function(task)` for each task, in order, computed in up to `jobs` processes.
 
     Parameters
@@ -119,8 +146,6 @@ def parallel_map(function: Callable[[Task], Result], tasks: Sequence[Task], jobs
     tasks : sequence
         Picklable.
     jobs : int
-    initializer : callable, optional
-        Called at the start of each process.
 
     Yields
     ------
@@ -131,37 +156,39 @@ def parallel_map(function: Callable[[Task], Result], tasks: Sequence[Task], jobs
     WorkerKilled
         If a process was killed.
     """
-    # Spawned, as forked processes would inherit locks of libraries' threads.
-    with ProcessPoolExecutor(
-            min(jobs, len(tasks)), get_context('spawn'), initializer) as pool:
-        try:
-            yield from pool.map(function, tasks)
-        except BrokenProcessPool as error:
-            raise WorkerKilled('a process was killed, perhaps for lack of memory; '
-                               'expected is a smaller number of jobs') from error
-        except BaseException:
-            # On interruption end running tasks at once; they clean up on SIGTERM.
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in active_children():
-                process.terminate()
-            raise
+    # Here, as only commands with several processes need it.
+    from joblib import Parallel, delayed
+
+    # Before joblib 1.3 results come all together.
+    options = {'return_as': 'generator'} if 'return_as' in inspect.signature(
+        Parallel).parameters else {}
+    results = Parallel(min(jobs, max(len(tasks), 1)), batch_size=1, pre_dispatch='all', **options)(
+        delayed(function)(task) for task in tasks)
+    try:
+        yield from results
+    except BrokenProcessPool as error:
+        raise WorkerKilled('a process was killed, perhaps for lack of memory; '
+                           'expected is a smaller number of jobs') from error
 
 
-_interruptions = Interruptions()  # of a worker process
-
-
-def run_tasks(work: Callable[[Any, Interruptions, MessageCollector], str], tasks: Sequence[Any],
-              jobs: int) -> Iterator[TaskResult]:
-    """Run tasks in up to `jobs` processes; an error ends its task only.
+def run_tasks(work: Callable[[Any, Interruptions, MessageCollector], Any], tasks: Sequence[Any],
+              jobs: int, interrupted: Interruptions, cluster: str = '') -> Iterator[TaskResult]:
+    """Run tasks in up to `jobs` processes, or on a cluster; an error ends its task only.
 
     Parameters
     ----------
     work : callable
         At the top level of a module; takes a task, the list from `raise_on_interruption` and a
-        `MessageCollector`; returns a message, and may raise `HandTrackerError` or `OSError`.
+        `MessageCollector`; returns a value with a `str`, and may raise errors.
     tasks : sequence
         Picklable.
     jobs : int
+        With 1, this process.
+    interrupted : Interruptions
+        Of this process.
+    cluster : str, optional
+        Address of a Dask scheduler, as tcp://10.0.0.5:8786; its workers replace the processes.
+        What a worker was at when it died is done again by another one.
 
     Yields
     ------
@@ -172,21 +199,87 @@ def run_tasks(work: Callable[[Any, Interruptions, MessageCollector], str], tasks
     ------
     WorkerKilled
         If a process was killed.
+    ClusterUnavailable
     """
-    return parallel_map(partial(_run_task, work), tasks, jobs, _start_worker)
+    if cluster:
+        return _cluster_map(partial(_run_task, work, Interruptions()), tasks, cluster)
+    if jobs == 1:
+        return map(partial(_run_task, work, interrupted), tasks)
+    return _process_map(partial(_run_in_worker, work), tasks, jobs, interrupted)
 
 
-def _start_worker() -> None:
-    global _interruptions
-    # SystemExit, unlike KeyboardInterrupt, ends a process without a traceback.
-    _interruptions = raise_on_interruption(SystemExit)
+def _process_map(function: Callable[[Task], TaskResult], tasks: Sequence[Task], jobs: int,
+                 interrupted: Interruptions) -> Iterator[TaskResult]:
+    """Map in processes; on a signal running tasks clean up, and no other one begins."""
+    with interrupted.only_noted(_terminate_children):
+        try:
+            yield from parallel_map(function, tasks, jobs)
+        except WorkerKilled:
+            if not interrupted:
+                raise
 
 
-def _run_task(work: Callable[[Any, Interruptions, MessageCollector], str], task: Any) -> TaskResult:
+def _terminate_children() -> None:
+    for process in active_children():
+        process.terminate()
+
+
+def _cluster_map(function: Callable[[Task], TaskResult], tasks: Sequence[Task],
+                 cluster: str) -> Iterator[TaskResult]:
+    expected = 'expected an address such as tcp://10.0.0.5:8786'
+    if not CLUSTER_ADDRESS.fullmatch(cluster):
+        raise ClusterUnavailable(f'--cluster {cluster}: no address of a scheduler; {expected}')
+    try:
+        from distributed import Client, KilledWorker
+    except ImportError:
+        raise ClusterUnavailable('--cluster needs Dask: pip install distributed') from None
+    try:
+        client = Client(cluster, timeout=CLUSTER_TIMEOUT, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ClusterUnavailable(
+            f'--cluster {cluster}: no scheduler answers ({error}); {expected}') from None
+    with client:
+        # Tasks write files: the results of an earlier command are not theirs.
+        futures = client.map(function, tasks, pure=False)
+        for future in futures:
+            try:
+                yield future.result()
+            except KilledWorker:
+                yield TaskResult(None, ['each worker that began it died, perhaps for lack of '
+                                        'memory'])
+
+
+_of_worker: list[Interruptions] = []     # of a worker process, installed by its first task
+
+
+def _run_in_worker(work: Callable[[Any, Interruptions, MessageCollector], Any],
+                   task: Any) -> TaskResult:
+    """Run a task in a process whose tasks end on a signal, but not the process itself.
+
+    A pool would end its other processes with one that ended, in the middle of a file.
+    """
+    if not _of_worker:
+        _of_worker.append(raise_on_interruption(SystemExit, only_noted=True))
+    interruptions, = _of_worker
+    if not interruptions:
+        try:
+            return _run_task(work, interruptions, task)
+        except SystemExit:
+            pass
+    return TaskResult(None, ['interrupted'])
+
+
+def _run_task(work: Callable[[Any, Interruptions, MessageCollector], Any],
+              interrupted: Interruptions, task: Any) -> TaskResult:
     messages = MessageCollector()
     try:
-        messages.say(work(task, _interruptions, messages))
+        value = work(task, interrupted, messages)
     except (HandTrackerError, OSError) as error:
         messages.say(str(error))
-        return TaskResult(False, messages.lines)
-    return TaskResult(True, messages.lines)
+        return TaskResult(None, messages.lines)
+    except Exception as error:
+        # A fault of this package, too, ends this task alone.
+        messages.say(f'{type(error).__name__}: {error}')
+        return TaskResult(None, messages.lines)
+    messages.say(str(value))
+    return TaskResult(value, messages.lines)

@@ -9,35 +9,55 @@ from pathlib import Path
 import numpy as np
 
 from ..calibration.calibrate_takes import calibrate_takes
-from ..calibration.take_files import load_take
+from ..calibration.layout_names import names_in_layout
+from ..calibration.take_files import load_take, recorded_take
 from ..calibration.takes import InvalidTake, MarkerTake
-from ..core.model.hand import LIMIT_PRESETS, SIDES
-from ..core.model.marker_layout import MARKERS, PAPER_PLACES
-from ..files.bags import open_bag
+from ..core.model.hand import LIMIT_PRESETS, SIDES, WEARER_LIMITS
+from ..core.model.marker_layout import ALL_LANDMARKS, MARKERS, PAPER_PLACES, MarkerLayout
+from ..files.bags import EXPECTED, STORAGE, open_bag
+from ..files.layout_file import choose_layout
+from ..files.recordings import is_bag
 from ..messages.cdr import MarkerReader
 from ..messages.stamps import seconds
 from ..parallel import Interruptions
 from ..tracking.recording import marker_topic
-from .recording_options import add_marker_options, label_map, run_command
+from .recording_options import (
+    add_layout_option,
+    add_marker_options,
+    chosen_labels,
+    equated,
+    label_map,
+    reading_options,
+    run_command,
+)
 
 TAKE_SUFFIX = '.npz'
 
 
-def recorded_take(path: Path, options: argparse.Namespace) -> MarkerTake:
-    """Return a take of the eight worn markers from a rosbag2 recording.
+def take_of_bag(path: Path, options: argparse.Namespace,
+                layout: MarkerLayout | None = None) -> MarkerTake:
+    """Return a take of the worn markers from a rosbag2 recording.
 
     Parameters
     ----------
     path : Path
     options : argparse.Namespace
         Of the command line.
+    layout : MarkerLayout, optional
+        The paper's eight markers when left out.
 
     Returns
     -------
     MarkerTake
     """
-    reader = MarkerReader(label_map(options.label), options.frame, options.unit_scale,
-                          not options.keep_zeros)
+    worn = MARKERS if layout is None else layout.names
+    reader = MarkerReader(
+        label_map([*options.label, *equated(options.markers, worn)], worn), options.frame,
+        options.unit_scale, not options.keep_zeros)
+    if not path.is_dir() and (path.suffix not in STORAGE or not path.exists()):
+        fault = (f'unknown extension {path.suffix!r}' if path.exists()
+                 else 'no such file or folder')
+        raise InvalidTake(f'{path}: {fault}; {EXPECTED}, or a {TAKE_SUFFIX} file')
     frames, times = [], []
     with open_bag(path) as bag:
         for message in bag.messages([marker_topic(bag, options.topic)]):
@@ -52,30 +72,42 @@ def recorded_take(path: Path, options: argparse.Namespace) -> MarkerTake:
     steps = np.diff(times)
     rate = 1. / max(float(np.median(steps[steps > 0.])) if (steps > 0.).any() else 1., 1e-4)
     points = np.array(frames, dtype=float)
-    names = tuple(place.replace('dip', options.fingers) if marker in place else place
-                  for marker, place in zip(MARKERS, PAPER_PLACES))
+    names, usual = names_in_layout(layout or MarkerLayout([
+        place.replace('dip', options.fingers) for place in PAPER_PLACES]))
     seen = np.isfinite(points).all(axis=2).any(axis=0)
+    if not seen.any():
+        raise InvalidTake(f'{path}: none of the markers is ever seen in {len(points)} messages: '
+                          'all are absent, NaN or at zero; expected its markers (--label, '
+                          '--layout)')
     return MarkerTake(path.stem, tuple(name for name, there in zip(names, seen) if there),
                       points[:, seen], options.side or 'right', rate,
-                      np.zeros(len(points), dtype=int))
+                      np.zeros(len(points), dtype=int), usual=usual)
 
 
 def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
     """Do what the command line asks for; return what to say at the end."""
     takes = []
+    layout = choose_layout(options.layout) if options.layout else None
+    nameable = (*MARKERS, *ALL_LANDMARKS) if layout is None else layout.names
     for path in options.takes:
-        take = (load_take(path, options.side) if path.suffix == TAKE_SUFFIX
-                else recorded_take(path, options))
-        scale = options.unit_scale if path.suffix == TAKE_SUFFIX else 1.
-        takes.append(take._replace(points=scale * take.points))
-    return calibrate_takes(takes, options.output, options.limits, options.picture)
+        if is_bag(path):
+            takes.append(take_of_bag(path, options, layout))
+            continue
+        if path.suffix == TAKE_SUFFIX and layout is None and not options.markers:
+            take = load_take(path, options.side)
+        else:
+            take = recorded_take(path, options.side, reading_options(options), layout,
+                                 chosen_labels(options.markers, nameable))
+        takes.append(take._replace(points=options.unit_scale * take.points))
+    return calibrate_takes(takes, options.output, options.limits, options.picture, layout)
 
 
 def _parse(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='hand_tracker calibrate', description=main.__doc__)
     parser.add_argument('takes', nargs='+', type=Path, metavar='TAKE',
-                        help='recordings of the eight markers (folder, .mcap, .db3), or .npz with '
-                        'markers (T, M, 3) [m] and marker_names, more than eight if there are')
+                        help='recordings of the eight markers (folder, .mcap, .db3), or points '
+                        'with names, more than eight if there are: .npz with markers (T, M, 3) [m] '
+                        'and marker_names, C3D, TRC, TSV, CSV, BVH')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='HAND.yaml',
                         help='hand file to write')
     parser.add_argument('--picture', type=Path, metavar='FILE.png',
@@ -84,8 +116,11 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument('--fingers', choices=('dip', 'tip'), default='dip',
                         help='joint at which the fingers wear their markers, of recordings; '
                         'default: %(default)s')
-    parser.add_argument('--limits', choices=tuple(LIMIT_PRESETS), default='paper',
-                        help='joint limits, which the take widens; default: %(default)s')
+    parser.add_argument('--limits', choices=LIMIT_PRESETS, default=WEARER_LIMITS,
+                        help='joint limits: Table 1 of the paper, wider ranges, or Table 1 widened '
+                        'to what the take shows; default: %(default)s')
+    add_layout_option(parser, "those whose labels name a place on the hand; of a recording the "
+                      "paper's eight. The hand file gets all of them")
     add_marker_options(parser)
     return parser.parse_args(arguments)
 

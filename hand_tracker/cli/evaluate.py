@@ -11,12 +11,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..calibration.take_files import load_take
-from ..calibration.takes import InvalidTake, MarkerTake
+from ..calibration.takes import MarkerTake
 from ..core.errors import HandTrackerError
+from ..core.model.marker_layout import MarkerLayout
 from ..evaluation import EVALUATIONS
 from ..evaluation.captures import Capture, load_captures
 from ..evaluation.evaluation_options import Options
 from ..evaluation.results import command_line, write_results
+from ..files.layout_file import choose_layout
 from ..tracking.compile_kernels import prepare_kernels
 
 SEEDS = 2**31 - 1  # at most: each motion has a seed of its own above it
@@ -88,11 +90,15 @@ def _parse(
         epilog='\n'.join(f'{name:10s} {one.summary}' for name, one in EVALUATIONS.items()))
     parser.add_argument('name', choices=(*EVALUATIONS, 'all'), metavar='NAME',
                         help=', '.join((*EVALUATIONS, 'all')))
-    parser.add_argument('files', nargs='*', type=Path, metavar='FILE.npz',
-                        help='captures: positions (T, 21, 3) [m], joints, side, rate_hz')
+    parser.add_argument('files', nargs='*', type=Path, metavar='FILE',
+                        help='captures: npz with positions (T, 21, 3) [m], joints, side, rate_hz, '
+                        'or markers, marker_names; BVH, C3D, TRC, TSV, CSV with names')
     parser.add_argument('--fit', nargs='+', type=Path, default=[], metavar='FILE.npz',
                         help='markers: fit the hand to these, judge the others; default: leave '
                         'each one out in turn')
+    parser.add_argument('--layout', metavar='NAME|FILE',
+                        help='layouts: the layout whose names the markers of the files have; '
+                        'default: a preset with just these names')
     parser.add_argument('--seed', type=_whole(0, SEEDS), default=1,
                         help='of all that is drawn (default: 1)')
     parser.add_argument('--json', type=_file, metavar='OUT', help='file for the rows')
@@ -109,11 +115,11 @@ def _names(parser: argparse.ArgumentParser, chosen: str, files: list[Path]) -> l
     """Return the evaluations to run."""
     if chosen != 'all':
         one = EVALUATIONS[chosen]
-        if (one.judges_captures or one.judges_takes) and not files:
+        if one.judges and not files:
             parser.error(f'{chosen} judges captures: name at least one npz file')
         return [chosen]
     names = [name for name, one in EVALUATIONS.items()
-             if files or not (one.judges_captures or one.judges_takes)]
+             if files or not one.judges]
     if not files:
         print('no captures given: ' + ' and '.join(sorted(set(EVALUATIONS) - set(names)))
               + ' are left out', file=sys.stderr)
@@ -127,43 +133,62 @@ class EvaluationInput(NamedTuple):
     captures : tuple of Capture
     takes, fit_takes : tuple of MarkerTake
         To judge, and to fit hands to.
+    layout_takes, fit_layout_takes : tuple of MarkerTake
+        The same, their markers named by the layout presets that have them.
     """
 
     captures: tuple[Capture, ...]
     takes: tuple[MarkerTake, ...]
     fit_takes: tuple[MarkerTake, ...]
+    layout_takes: tuple[MarkerTake, ...]
+    fit_layout_takes: tuple[MarkerTake, ...]
+
+    def kinds(self) -> list[str]:
+        """Return the kinds of files that are here, as in `Evaluation.judges`."""
+        return [kind for kind, found in (('captures', self.captures), ('takes', self.takes),
+                                         ('layouts', self.layout_takes)) if found]
 
 
-def _takes(files: list[Path]) -> tuple[dict[Path, MarkerTake], dict[Path, HandTrackerError]]:
+def _takes(files: list[Path], by_layout: bool = False, layout: MarkerLayout | None = None
+           ) -> tuple[dict[Path, MarkerTake], dict[Path, HandTrackerError]]:
     """Return the takes of files, and the faults of the others, by file."""
     takes: dict[Path, MarkerTake] = {}
     faults: dict[Path, HandTrackerError] = {}
     for path in files:
         try:
-            takes[path] = load_take(path)
-        except InvalidTake as fault:
+            takes[path] = load_take(path, by_layout=by_layout, layout=layout)
+        except HandTrackerError as fault:
             faults[path] = fault
     return takes, faults
 
 
-def _evaluation_input(names: list[str], files: list[Path], fit: list[Path]
+def _evaluation_input(names: list[str], files: list[Path], fit: list[Path],
+                      layout: MarkerLayout | None
                       ) -> tuple[EvaluationInput, list[HandTrackerError]]:
     """Return the loaded captures and takes, and the faults of files that are neither."""
-    wants_takes = any(EVALUATIONS[name].judges_takes for name in names)
-    wants_captures = any(EVALUATIONS[name].judges_captures for name in names)
+    wants_takes = any('takes' in EVALUATIONS[name].judges for name in names)
+    wants_layouts = any('layouts' in EVALUATIONS[name].judges for name in names)
+    wants_captures = any('captures' in EVALUATIONS[name].judges for name in names)
     captures, faults = load_captures(files) if wants_captures else ([], {})
     takes, take_faults = _takes(files) if wants_takes else ({}, {})
     fit_takes, fit_faults = _takes(fit) if wants_takes else ({}, {})
+    layout_takes, layout_faults = _takes(files, True, layout) if wants_layouts else ({}, {})
+    fit_layout_takes, fit_layout_faults = (_takes(fit, True, layout) if wants_layouts
+                                           else ({}, {}))
     if wants_takes and wants_captures:
         # A file of markers alone is no capture, one of joints alone no take.
         takes = {path: take for path, take in takes.items() if take.is_optical}
         faults = {path: fault for path, fault in faults.items() if path not in takes}
     else:
         faults.update(take_faults)
+    if not (wants_takes or wants_captures):
+        faults, fit_faults = layout_faults, fit_layout_faults
     all_faults = [*faults.values(), *fit_faults.values()]
-    if (wants_takes or wants_captures) and not (captures or takes):
+    if (wants_takes or wants_captures or wants_layouts) and not (
+            captures or takes or layout_takes):
         raise HandTrackerError('; '.join(map(str, all_faults)))
-    found = EvaluationInput(tuple(captures), tuple(takes.values()), tuple(fit_takes.values()))
+    found = EvaluationInput(tuple(captures), tuple(takes.values()), tuple(fit_takes.values()),
+                            tuple(layout_takes.values()), tuple(fit_layout_takes.values()))
     return found, all_faults
 
 
@@ -176,12 +201,14 @@ def main(arguments: list[str] | None = None) -> int:
                                         if file)):
             if folder:
                 folder.mkdir(parents=True, exist_ok=True)
-        given, faults = _evaluation_input(names, chosen.files, chosen.fit)
-        names = [name for name in names if not (
-            EVALUATIONS[name].judges_takes and not given.takes
-            or EVALUATIONS[name].judges_captures and not given.captures)]
+        given, faults = _evaluation_input(
+            names, chosen.files, chosen.fit,
+            choose_layout(chosen.layout) if chosen.layout else None)
+        names = [name for name in names if EVALUATIONS[name].can_judge(given.kinds())]
         options = Options(given.captures, chosen.seed, chosen.jobs, chosen.output, chosen.quiet,
-                          takes=given.takes, fit_takes=given.fit_takes)
+                          takes=given.takes, fit_takes=given.fit_takes,
+                          layout_takes=given.layout_takes,
+                          fit_layout_takes=given.fit_layout_takes)
         for fault in faults:
             options.leave_out(str(fault))
         prepare_kernels(options.say)

@@ -6,31 +6,38 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import HandTrackerError
-from ..core.model.hand import SIDES, Hand
+from ..core.model.hand import BOTH
 from ..files.bags import write_bag
 from ..package_data import PACKAGED_RECORDINGS
-from ..simulation.packaged_recordings import RECORDING_RATE, demo_recording, recording_messages
+from ..simulation.packaged_recordings import (
+    RECORDING_RATE,
+    both_hands_messages,
+    packaged_recordings,
+    recording_messages,
+)
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Make a packaged recording again."""
     parser = argparse.ArgumentParser(prog='hand_tracker record', description=main.__doc__)
-    parser.add_argument('--side', choices=SIDES, default='right',
-                        help='of the hand (default: %(default)s)')
+    parser.add_argument('--side', choices=tuple(PACKAGED_RECORDINGS), default='right',
+                        help='of the hand, or both hands (default: %(default)s)')
     parser.add_argument('-o', '--output', type=Path, metavar='OUT',
                         help='file to write, .mcap or .db3 (default: the packaged one of the '
                         'side, below the current folder)')
     chosen = parser.parse_args(arguments)
     output = chosen.output or Path(PACKAGED_RECORDINGS[chosen.side])
-    hand = Hand.scaled(side=chosen.side)
-    recording = demo_recording(hand)
+    recordings = packaged_recordings(chosen.side)
+    messages = (both_hands_messages(recordings) if chosen.side == BOTH
+                else recording_messages(recordings[chosen.side], chosen.side))
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
-        write_bag(output, recording_messages(recording, hand.side))
+        write_bag(output, messages)
     except (OSError, HandTrackerError) as error:
         parser.exit(1, f'{parser.prog}: {error}\n')
-    lost = np.isnan(recording.markers).any(axis=2).mean()
-    print(f'{output}: {len(recording.stamps)} frames at {RECORDING_RATE:g} Hz, '
+    markers = np.stack([recording.markers for recording in recordings.values()])
+    lost = np.isnan(markers).any(axis=3).mean()
+    print(f'{output}: {markers.shape[1]} frames at {RECORDING_RATE:g} Hz, '
           f'{100 * lost:.1f} % of the markers lost')
 
 

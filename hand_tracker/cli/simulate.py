@@ -9,7 +9,6 @@ import numpy as np
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES
-from ..core.model.marker_layout import MARKERS
 from ..files.bags import BagMessage, write_bag
 from ..files.hand_file import save_hand
 from ..progress import Progress
@@ -23,6 +22,7 @@ from ..simulation.simulator import (
     frame_messages,
     simulated_hand,
 )
+from .recording_options import add_layout_option
 
 
 def _frames(simulation: Simulation, count: dict[str, int]) -> Iterator[tuple[BagMessage, ...]]:
@@ -30,7 +30,8 @@ def _frames(simulation: Simulation, count: dict[str, int]) -> Iterator[tuple[Bag
     for part in simulation.blocks():
         count['frames'] += len(part.stamps)
         count['lost'] += int(np.isnan(part.markers[..., 0]).sum())
-        yield from frame_messages(part, simulation.hand.side)
+        yield from frame_messages(
+            part, simulation.hand.side, names=simulation.layout.names)
 
 
 def _parse(
@@ -50,6 +51,7 @@ def _parse(
     parser.add_argument('--seed', type=int, default=1, help='of all that is drawn')
     parser.add_argument('--hand', type=Path, help='hand file (YAML) of the simulated hand')
     parser.add_argument('--side', choices=SIDES, help='of the hand')
+    add_layout_option(parser)
     for kind, what in (('swaps', 'labels of neighbours exchanged'),
                        ('ghosts', 'reflections taken for markers'),
                        ('dropouts', 'labels lost'),
@@ -68,7 +70,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser, chosen = _parse(arguments)
     count = {'frames': 0, 'lost': 0}
     try:
-        hand, layout = simulated_hand(chosen.hand, chosen.side)
+        hand, layout = simulated_hand(chosen.hand, chosen.side, chosen.layout)
         simulation = Simulation(
             chosen.motion, hand, layout, CameraRig.ring(chosen.cameras), chosen.rate, chosen.seed,
             chosen.duration, Faults(chosen.swaps, chosen.ghosts, chosen.dropouts, chosen.frozen))
@@ -81,7 +83,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt:
         return 130
-    share = 100. * count['lost'] / (count['frames'] * len(MARKERS))
+    share = 100. * count['lost'] / (count['frames'] * len(layout.names))
     print(f'{chosen.output}: {count["frames"]} frames at {chosen.rate:g} Hz, '
           f'{share:.1f} % of the markers lost')
     print('Its markers are on the skin: track it with --hand '

@@ -8,17 +8,56 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
+from ..core.model.hand import BOTH, SIDES
 from ..files.bags import STORAGE, BagError
-from ..parallel import Interruptions, run_tasks
+from ..files.bvh_file import EULER_ORDERS
+from ..files.recordings import FILE_SUFFIXES
+from ..files.remote_files import Url, exists, local_copy, located, matching, upload
+from ..files.skeleton_motion import NAMINGS
+from ..parallel import Interruptions, TaskResult, run_tasks
 from ..progress import Progress
 from ..tracking.compile_kernels import prepare_kernels
-from ..tracking.recording import OUTPUT_KINDS, TABLE, save
-from .recording_options import add_recording_options, run_command, tracked_recording
+from ..tracking.recording import OUTPUT_KINDS, TABLE, save, save_hands
+from ..tracking.save_motion import MOTION_KINDS, collect_frames, save_motion
+from .recording_options import (
+    add_recording_options,
+    run_command,
+    tracked_hands,
+    tracked_recording,
+)
+
+TRACKED_KINDS = (*OUTPUT_KINDS, *MOTION_KINDS)
+BAG_CONTENTS = 'metadata.yaml'     # file by which a folder is a recording
+ALREADY_THERE = 'already there'
 
 
-def _refuse_to_replace(recording: Path, output: Path) -> None:
+class TrackedFile(NamedTuple):
+    """What came of a recording.
+
+    Attributes
+    ----------
+    output : Path or Url
+    read, tracked : int
+        Frames.
+    rate : float
+        Frames in a second of work.
+    """
+
+    output: Path | Url
+    read: int
+    tracked: int
+    rate: float
+
+    def __str__(self) -> str:
+        return (f'{self.output}: {self.tracked} of {self.read} frames tracked, '
+                f'{self.rate:.0f} a second')
+
+
+def refuse_to_replace(recording: Path, output: Path) -> None:
+    """Raise `BagError` where an output would replace the recording, or a folder."""
     sources = recording.iterdir() if recording.is_dir() else (recording,)
     there = output.exists() and recording.exists()
     if output.is_dir() or there and any(map(output.samefile, sources)):
@@ -26,57 +65,142 @@ def _refuse_to_replace(recording: Path, output: Path) -> None:
                        'expected another name for the output')
 
 
-def _track_file(options: argparse.Namespace, interrupted: Interruptions,
-                progress: Callable[..., Any] = Progress) -> str:
-    """Do what the command line asks for; return what to say at the end."""
+def track_file(options: argparse.Namespace, interrupted: Interruptions,
+                progress: Callable[..., Any] = Progress) -> TrackedFile:
+    """Do what the command line asks for; return what came of it, to be said at the end."""
     output = options.output
-    if output.suffix not in OUTPUT_KINDS:
+    if output.suffix not in TRACKED_KINDS:
         raise BagError(f'{output}: unknown extension {output.suffix!r}; '
-                       f'expected {", ".join(OUTPUT_KINDS)}')
+                       f'expected {", ".join(TRACKED_KINDS)}')
     prepare_kernels(partial(print, file=sys.stderr))
     start = time.monotonic()
-    _refuse_to_replace(options.recording, output)
+    refuse_to_replace(options.recording, output)
     # The frames look for an interruption: it never comes while a file is begun or ended.
-    with (tracked_recording(options, interrupted, progress) as (hand, job, frames),
-          interrupted.only_noted()):
-        save(output, frames, f'{hand.side}_', options.wrist)
+    if options.side == BOTH:
+        if output.suffix not in OUTPUT_KINDS:
+            raise BagError(f'{output}: a {output.suffix} file has one hand; expected '
+                           f'{", ".join(OUTPUT_KINDS)} with --side both')
+        with (tracked_hands(options, interrupted, progress) as (job, of_hands),
+              interrupted.only_noted()):
+            prefixes = [f'{side}_' for side in SIDES]
+            save_hands(output, ({f'{side}_': frame for side, frame in frames.items()}
+                                for frames in of_hands), prefixes,
+                       prefixes if options.wrist else ())
+    else:
+        with (tracked_recording(options, interrupted, progress) as (hand, job, frames),
+              interrupted.only_noted()):
+            if output.suffix in OUTPUT_KINDS:
+                save(output, frames, f'{hand.side}_', options.wrist)
+            else:
+                tracked = collect_frames(frames, lambda: job.hand)
+                save_motion(output, tracked, options.names, options.order)
     elapsed = time.monotonic() - start
-    return (f'{output}: {job.tracked} of {job.read} frames tracked, '
-            f'{job.read / elapsed:.0f} a second')
+    return TrackedFile(output, job.read, job.tracked, job.read / elapsed)
+
+
+def _track_located(options: argparse.Namespace, interrupted: Interruptions,
+                   progress: Callable[..., Any] = Progress) -> TrackedFile:
+    """Track a recording of which the input, the output or both may be elsewhere."""
+    if isinstance(options.recording, Url):
+        with local_copy(options.recording) as copy:
+            return _track_located(_with(options, recording=copy), interrupted, progress)
+    if isinstance(options.output, Url):
+        with TemporaryDirectory(prefix='hand_tracker-') as folder:
+            local = Path(folder, options.output.name)
+            found = track_file(_with(options, output=local), interrupted, progress)
+            upload(local, options.output)
+        return found._replace(output=options.output)
+    return track_file(options, interrupted, progress)
+
+
+def _with(options: argparse.Namespace, **changed: Any) -> argparse.Namespace:
+    return argparse.Namespace(**{**vars(options), **changed})
+
+
+def _expanded(recordings: list[Path | Url]) -> list[Path | Url]:
+    """Return recordings, those in a folder that is no rosbag2 recording in its place."""
+    found: list[Path | Url] = []
+    for one in recordings:
+        if isinstance(one, Url):
+            found += matching(one)
+        elif one.is_dir() and not (one / BAG_CONTENTS).exists():
+            inside = [path for path in sorted(one.iterdir())
+                      if path.suffix in (*STORAGE, *FILE_SUFFIXES)
+                      or (path / BAG_CONTENTS).exists()]
+            if not inside:
+                raise BagError(f'{one}: no recording in this folder')
+            found += inside
+        else:
+            found.append(one)
+    return found
 
 
 def _track_into_folder(options: argparse.Namespace, interrupted: Interruptions) -> str:
     """Track several recordings, a file for each; return what to say at the end."""
-    tasks = [argparse.Namespace(**{
-        **vars(options), 'recording': recording,
-        'output': options.output / f'{_name(recording)}.{options.format or TABLE[1:]}'})
-        for recording in options.recordings]
-    if options.output.suffix in OUTPUT_KINDS:
-        raise BagError(f'{options.output}: several recordings, or --format, fill a folder; '
-                       f'expected a name without {options.output.suffix}')
-    outputs = [task.output for task in tasks]
-    for output in outputs:
+    folder = options.output
+    if Path(folder).suffix in TRACKED_KINDS:
+        raise BagError(f'{folder}: several recordings, or --format, fill a folder; '
+                       f'expected a name without {Path(folder).suffix}')
+    names = [f'{_name(recording)}.{options.format or TABLE[1:]}'
+             for recording in options.recordings]
+    outputs = [Url(f'{folder.rstrip("/")}/{name}') if isinstance(folder, Url)
+               else (folder / name).absolute() for name in names]
+    for name, output in zip(names, outputs):
         if outputs.count(output) > 1:
-            raise BagError(f'{output}: several recordings have this name; '
+            raise BagError(f'{folder}/{name}: several recordings have this name; '
                            'expected different names, or a command for each')
-    options.output.mkdir(parents=True, exist_ok=True)
-    count, tracked = len(tasks), 0
-    progress = Progress(count, 'recordings')
-    results = run_tasks(_track_file, tasks, options.jobs)
-    for task, (is_tracked, lines) in zip(tasks, progress.over(results)):
-        tracked += is_tracked
-        for line in lines:
+    if isinstance(folder, Path):
+        folder.mkdir(parents=True, exist_ok=True)
+    is_there = [options.resume and (exists(output) if isinstance(output, Url)
+                                    else output.exists()) for output in outputs]
+    # Workers of a cluster may be in other folders.
+    tasks = [_with(options, recording=recording if isinstance(recording, Url)
+                   else recording.absolute(), output=output)
+             for recording, output, skip in zip(options.recordings, outputs, is_there) if not skip]
+    rows: dict[Path | Url, tuple[str, ...]] = {
+        output: (ALREADY_THERE,) for output, skip in zip(outputs, is_there) if skip}
+    progress = Progress(len(tasks), 'recordings')
+    results = run_tasks(_track_located, tasks, options.jobs, interrupted, options.cluster)
+    tracked = len(rows)
+    for result, task in zip(progress.over(results), tasks):
+        tracked += result.value is not None
+        rows[task.output] = _row(result, task)
+        for line in result.lines:
+            line = line.replace(f'{Path(task.output).parent}/', f'{folder}/') \
+                if isinstance(folder, Path) else line
             named = line.startswith(str(task.recording))
             progress.say(line if named else f'{task.recording.name}: {line}')
+    print(_table([(_name(recording), *rows[output])
+                  for recording, output in zip(options.recordings, outputs)]))
+    count = len(options.recordings)
     if tracked < count:
-        raise BagError(f'{options.output}: only {tracked} of {count} recordings tracked')
-    return f'{options.output}: {count} recordings tracked'
+        raise BagError(f'{folder}: only {tracked} of {count} recordings tracked')
+    return f'{folder}: {count} recordings tracked'
 
 
-def _name(recording: Path) -> str:
+def _row(result: TaskResult, task: argparse.Namespace) -> tuple[str, ...]:
+    """Return the cells of a recording's row behind its name: result, frames, share, speed."""
+    found = result.value
+    if found is None:
+        return (f'failed: {result.lines[-1].removeprefix(f"{task.recording}: ")}',)
+    return (task.output.name, str(found.read), f'{100. * found.tracked / max(found.read, 1):.1f}',
+            f'{found.rate:.0f}')
+
+
+def _table(rows: list[tuple[str, ...]]) -> str:
+    """Return the summary of several recordings."""
+    cells = [('recording', 'frames', 'tracked %', 'frames/s', 'result')]
+    cells += [(name, *(numbers or ('',) * 3), result) for name, result, *numbers in rows]
+    widths = [max(len(row[k]) for row in cells) for k in range(4)]
+    return '\n'.join('  '.join([row[0].ljust(widths[0]),
+                                *(row[k].rjust(widths[k]) for k in (1, 2, 3)), row[4]])
+                     for row in cells)
+
+
+def _name(recording: Path | Url) -> str:
     # A folder's name may have dots.
-    recording = recording.resolve()
-    return recording.stem if recording.suffix in STORAGE else recording.name
+    recording = Path(recording.name) if isinstance(recording, Url) else recording.resolve()
+    return recording.stem if recording.suffix in (*STORAGE, *FILE_SUFFIXES) else recording.name
 
 
 def _jobs(text: str) -> int:
@@ -85,28 +209,52 @@ def _jobs(text: str) -> int:
     return int(text)
 
 
+def add_motion_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a command line that writes skeletons in motion."""
+    parser.add_argument('--names', choices=NAMINGS, default=NAMINGS[0],
+                        help='of the joints of .bvh and .glb; default: %(default)s')
+    parser.add_argument('--order', choices=EULER_ORDERS, default=EULER_ORDERS[0],
+                        help='of the Euler angles of .bvh; default: %(default)s')
+
+
 def _parse(args: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='hand_tracker track', description=main.__doc__)
-    add_recording_options(parser, several=True)
-    parser.add_argument('-o', '--output', type=Path, required=True, metavar='OUT',
-                        help='table (.csv) or recording of /joint_states (.mcap, .db3); '
-                        'for several recordings the folder of such')
-    parser.add_argument('--format', choices=[kind[1:] for kind in OUTPUT_KINDS],
+    add_recording_options(parser, several=True, both=True, located=located)
+    parser.add_argument('-o', '--output', type=located, required=True, metavar='OUT',
+                        help='table of angles (.csv), recording of /joint_states (.mcap, .db3), '
+                        'skeleton in motion (.bvh; .glb: with skin), joint centres (.trc, .c3d); '
+                        'for several recordings the folder of such; also a URL, as s3://...')
+    parser.add_argument('--format', choices=[kind[1:] for kind in TRACKED_KINDS],
                         help='of the files in a folder OUT, for one recording too; default: csv')
     parser.add_argument('--jobs', type=_jobs, default=1, metavar='N',
                         help='processes for several recordings; default: 1')
+    parser.add_argument('--cluster', default='', metavar='ADDRESS', help='Dask scheduler whose '
+                        'workers track several recordings, as tcp://10.0.0.5:8786; they see '
+                        'the same files')
+    parser.add_argument('--resume', action='store_true',
+                        help='leave out recordings whose file in the folder is there')
     parser.add_argument('--wrist', action='store_true', help="write the wrist's pose too: as "
                         'columns of the table, or as /tf')
+    add_motion_options(parser)
     return parser.parse_args(args)
 
 
 def main(args: list[str] | None = None) -> int:
     """Track recordings without ROS, and write the angles of every frame."""
     options = _parse(args)
-    if len(options.recordings) > 1 or options.format:
-        return run_command('hand_tracker track', _track_into_folder, options)
+    return run_command('hand_tracker track', _track, options)
+
+
+def _track(options: argparse.Namespace, interrupted: Interruptions) -> str:
+    """Track one recording into a file, or several into a folder."""
+    given, options.recordings = options.recordings, _expanded(options.recordings)
+    if given != options.recordings or len(given) > 1 or options.format:
+        return _track_into_folder(options, interrupted)
+    if options.cluster or options.resume:
+        raise BagError('--cluster and --resume fill a folder; expected several recordings, a '
+                       'folder, or --format')
     options.recording, = options.recordings
-    return run_command('hand_tracker track', _track_file, options)
+    return str(_track_located(options, interrupted))
 
 
 if __name__ == '__main__':

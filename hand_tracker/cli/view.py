@@ -4,11 +4,19 @@ import argparse
 import sys
 
 from ..core.errors import HandTrackerError
+from ..core.model.hand import BOTH
 from ..files.hand_file import choose_hand
+from ..messages.labels import InvalidLabel
 from ..package_data import packaged_recording
+from ..tracking.opened_recording import PointBag
 from ..viewer.recording_source import ViewerRecording
 from ..viewer.serve import add_page_options, skin_of, view
-from .recording_options import add_recording_options, label_map
+from .recording_options import (
+    add_recording_options,
+    recorded_hand,
+    recorded_hands,
+    recorded_labels,
+)
 
 
 def warm_up() -> None:
@@ -20,20 +28,37 @@ def warm_up() -> None:
 
 def _parse(args: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='hand_tracker view', description=main.__doc__)
-    add_recording_options(parser)
+    add_recording_options(parser, both=True)
     add_page_options(parser)
     return parser.parse_args(args)
+
+
+def _source(options: argparse.Namespace) -> ViewerRecording:
+    """Return the hand that the command line asks for, or both."""
+    reading = {'frame_id': options.frame, 'scale': options.unit_scale,
+               'zero_is_missing': not options.keep_zeros}
+    if options.labels == 'none':
+        raise InvalidLabel('--labels none: the page shows labelled markers; `hand_tracker track` '
+                           'takes points without labels')
+    if options.side == BOTH:
+        right, left = recorded_hands(options).values()
+        other = ViewerRecording(
+            options.recording, *left[:2], options.topic, labels=left[2], **reading)
+        return ViewerRecording(
+            options.recording, *right[:2], options.topic, other, labels=right[2], **reading)
+    hand, layout, recording = recorded_hand(options)
+    for note in recording.notes if isinstance(recording, PointBag) else ():
+        print(f'{options.recording}: {note}', file=sys.stderr)
+    return ViewerRecording(
+        recording, hand, layout, options.topic,
+        labels=recorded_labels(options, recording, layout), **reading)
 
 
 def main(args: list[str] | None = None) -> int:
     """Track a recording and show the hand in the browser, with controls to play it."""
     options = _parse(args)
     try:
-        hand, layout = choose_hand(options.hand, options.side, options.limits, options.coupling)
-        view(ViewerRecording(options.recording, hand, layout, options.topic,
-                             labels=label_map(options.label), frame_id=options.frame,
-                             scale=options.unit_scale, zero_is_missing=not options.keep_zeros),
-             options)
+        view(_source(options), options)
     except (HandTrackerError, OSError) as error:
         print(f'hand_tracker view: {error}', file=sys.stderr)
         return 1

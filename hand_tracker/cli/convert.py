@@ -1,0 +1,58 @@
+"""`hand_tracker convert`: write a recording in another format."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ..files.point_recording import RecordingError
+from ..files.recordings import FORMATS, write_recording
+from ..parallel import Interruptions
+from ..progress import Progress
+from ..tracking.opened_recording import recorded_points
+from ..tracking.save_motion import MOTION_KINDS, POINT_KINDS
+from .recording_options import add_recording_options, reading_options, run_command
+from .track import add_motion_options, refuse_to_replace, track_file
+
+SKELETON_KINDS = tuple(kind for kind in MOTION_KINDS if kind not in POINT_KINDS)
+WRITTEN_AS = {one.name.lower().replace(' ', '-'): one for one in FORMATS if one.write}
+
+
+def _convert(options: argparse.Namespace, interrupted: Interruptions,
+             progress: Callable[..., Any] = Progress) -> str:
+    """Do what the command line asks for; return what to say at the end."""
+    output = options.output
+    refuse_to_replace(options.recording, output)
+    if output.suffix in SKELETON_KINDS and not options.format:
+        # A skeleton is what the tracker finds in the points.
+        return str(track_file(options, interrupted, progress))
+    recording = recorded_points(options.recording, reading_options(options))
+    for note in recording.notes:
+        print(f'{options.recording}: {note}', file=sys.stderr)
+    if not len(recording.points):
+        raise RecordingError(f'{options.recording}: no frames to convert')
+    write_recording(output, recording, WRITTEN_AS[options.format] if options.format else None)
+    return (f'{output}: {len(recording.points)} frames of {len(recording.labels)} points')
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write a recording in another format, known by the suffix of OUT.
+
+    Points are written as .c3d, .trc, .tsv (Qualisys), .csv (OptiTrack), .npz, .mcap or .db3; a
+    skeleton (.bvh) and one with skin (.glb) by tracking the hand.
+    """
+    parser = argparse.ArgumentParser(prog='hand_tracker convert', description=main.__doc__)
+    add_recording_options(parser)
+    parser.add_argument('output', type=Path, metavar='OUT')
+    parser.add_argument('--format', choices=tuple(WRITTEN_AS),
+                        help='of OUT, where its suffix does not tell')
+    add_motion_options(parser)
+    options = parser.parse_args(arguments)
+    return run_command('hand_tracker convert', _convert, options)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,109 @@
+"""The robot of the demo: engaged once there is a hand, it does at once what it is told.
+
+It stands for the driver of a robot: it tells its joint states, takes commands, and engages the
+retarget node by its service. What it was told is drawn beside the hand.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool
+
+from ..calibration.landmarks import landmark_positions
+from ..core.errors import HandTrackerError
+from ..core.model.hand import Hand
+from ..core.model.kinematics import forward, joint_table
+from ..drawing.robot_picture import save_robot_animation, save_robot_picture
+from ..retargeting.robot_file import LoadedRobot
+from .robot import robot_pose
+
+ROBOT_STATES_PERIOD = .02  # [s]
+ENGAGE_EVERY = .25         # [s]
+ROBOT_GIF_RATE = 10.       # [Hz]
+DRAWN_POSES = 6
+
+
+class DrivenRobot:
+    """Robot that follows the commands of a retarget node.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    loaded : LoadedRobot
+    """
+
+    def __init__(self, node: Node, loaded: LoadedRobot) -> None:
+        self.loaded = loaded
+        self._model = loaded.hand.model
+        self._position = self._model.joint_positions(loaded.hand.rest)
+        self.commands: dict[int, np.ndarray] = {}   # of the variables, by time of receipt [ns]
+        self._is_engaged, self._asked = False, 0.
+        self._states = node.create_publisher(JointState, 'robot/joint_states', 10)
+        self._engage = node.create_client(SetBool, 'retarget/engage')
+        node.create_subscription(JointState, 'robot/command', self._on_command, 100)
+        node.create_timer(ROBOT_STATES_PERIOD, self._tell)
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the retarget node is there."""
+        return self._engage.service_is_ready()
+
+    def _on_command(self, message: JointState) -> None:
+        at = dict(zip(message.name, message.position))
+        self._position = np.array([at.get(name, before) for name, before in zip(
+            self._model.joint_names, self._position)])
+        self.commands[time.time_ns()] = np.array(
+            [at[name] for name in self._model.variables])
+
+    def _tell(self) -> None:
+        self._states.publish(JointState(
+            name=self._model.joint_names, position=self._position.tolist()))
+        now = time.monotonic()
+        if not self._is_engaged and self.is_ready and now - self._asked > ENGAGE_EVERY:
+            self._asked = now
+            self._engage.call_async(SetBool.Request(data=True)).add_done_callback(self._on_answer)
+
+    def _on_answer(self, answer: object) -> None:
+        self._is_engaged = answer.result().success  # type: ignore[attr-defined]
+
+    def save(self, output: Path, hand: Hand, stamps: np.ndarray, angles: np.ndarray) -> None:
+        """Draw what it was told beside what the hand did: `robot.gif` and `robot.png`.
+
+        Parameters
+        ----------
+        output : Path
+        hand : Hand
+            The person's.
+        stamps : ndarray of int, shape (n,)
+            Of the frames of the hand [ns].
+        angles : ndarray, shape (n, 25)
+            [rad]
+
+        Raises
+        ------
+        HandTrackerError
+            If no command came, or only after the recording.
+        """
+        if len(self.commands) < 2:
+            raise HandTrackerError('the robot got no command; see the messages of retarget above')
+        sent = np.array(sorted(self.commands))
+        times = np.arange(max(sent[0], stamps[0]), min(sent[-1], stamps[-1]),
+                          round(1e9 / ROBOT_GIF_RATE))
+        if len(times) < 2:
+            raise HandTrackerError('the robot was engaged only as the recording ended; expected a '
+                                   'longer one, or a smaller --rate')
+        rows = np.minimum(np.searchsorted(stamps, times), len(stamps) - 1)
+        table, robot = joint_table(hand), self.loaded.hand
+        poses = [robot_pose(f'{1e-9 * (now - stamps[0]):.1f} s', landmark_positions(
+            hand, forward(table, angles[row])), robot, self.commands[sent[at]])
+            for now, row, at in zip(times, rows, np.searchsorted(sent, times))]
+        save_robot_animation(output / 'robot.gif', robot.name, poses, ROBOT_GIF_RATE)
+        drawn = np.linspace(0., len(poses) - 1, DRAWN_POSES + 2)[1:-1].astype(int)
+        save_robot_picture(output / 'robot.png', robot.name, [poses[i] for i in drawn])
+        print(f'  {output / "robot.gif"}, {output / "robot.png"}: {robot.name} beside the hand, '
+              f'{len(sent)} commands')

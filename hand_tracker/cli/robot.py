@@ -1,0 +1,113 @@
+"""`hand_tracker robot`: find palm, digits, side and axes of a robot, write its file, show it."""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from ..calibration.landmarks import landmark_positions
+from ..core.errors import HandTrackerError
+from ..core.model.hand import SIDES, Hand, preset_limits
+from ..core.model.kinematics import forward, joint_table
+from ..drawing.robot_picture import RobotPose, save_robot_picture
+from ..files.hand_file import choose_hand
+from ..package_data import packaged_recording
+from ..retargeting.retarget_problem import digit_landmarks
+from ..retargeting.retargeter import Retargeter
+from ..retargeting.robot_anatomy import ROLES
+from ..retargeting.robot_file import LoadedRobot, load_robot
+from ..retargeting.robot_hand import RobotHand
+from ..retargeting.robot_inspection import findings, robot_file_text
+from ..simulation.poses import pose_angles
+from . import view
+
+INSPECTED_POSES = {
+    'open': 'open', 'relaxed': 'relaxed', 'pinch': 'pinch', 'point': 'one', 'fist': 'fist'}
+SETTLING_FRAMES = 60
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the command.
+
+    Parameters
+    ----------
+    args : list of str, optional
+        Those of the command line when left out.
+
+    Returns
+    -------
+    int
+        Exit code: 0, or 1 if the robot or a file is invalid.
+    """
+    parser = argparse.ArgumentParser(
+        prog='hand_tracker robot', description='Add a robot hand to retarget to.')
+    commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
+    inspect = commands.add_parser(
+        'inspect', help='find palm, digits, side and axes of a URDF; write a robot file, draw it')
+    inspect.add_argument('robot', help='URDF, robot file, dex-retargeting file, or preset')
+    inspect.add_argument('--urdf', default='', help="the URDF's path, for a preset or a file")
+    inspect.add_argument('--side', choices=SIDES, help="instead of the geometry's")
+    inspect.add_argument('--hand', metavar='FILE', help='hand file of the person to draw beside')
+    inspect.add_argument('-o', '--output', metavar='FILE', help='robot file (YAML) to write')
+    inspect.add_argument('--picture', metavar='FILE', help='PNG to draw: five poses of both hands')
+    show = commands.add_parser(
+        'view', help='show the robot in the browser, following the packaged recording')
+    show.add_argument('robot', help='as for inspect')
+    show.add_argument('--urdf', default='', help='as for inspect')
+    show.add_argument('--side', choices=SIDES, default=SIDES[0], help="the person's")
+    options = parser.parse_args(args)
+    if options.command == 'view':
+        return view.main([str(packaged_recording(options.side)), '--side', options.side, '--robot',
+                          options.robot, '--robot-description', options.urdf])
+    try:
+        loaded = load_robot(options.robot, options.urdf, options.side)
+        for line in findings(loaded):
+            print(line)
+        for line in loaded.notes:
+            print(f'unsure: {line}')
+        if options.output:
+            text = robot_file_text(loaded, loaded.urdf)
+            Path(options.output).write_text(text, encoding='utf-8')
+        if options.picture:
+            _draw(options.picture, loaded, options.hand)
+    except (HandTrackerError, OSError) as error:
+        print(f'{parser.prog}: {error}', file=sys.stderr)
+        return 1
+    return 0
+
+
+def _draw(path: str, loaded: LoadedRobot, hand_file: str | None) -> None:
+    hand = (choose_hand(hand_file, loaded.hand.side)[0] if hand_file else
+            Hand.scaled(side=loaded.hand.side, limits=preset_limits('wide')))
+    table = joint_table(hand)
+    poses = []
+    for title, pose in INSPECTED_POSES.items():
+        angles = pose_angles(pose, hand)
+        landmarks = landmark_positions(hand, forward(table, angles))
+        solver = Retargeter(loaded.hand, hand, loaded.options)
+        for _ in range(SETTLING_FRAMES):
+            position = solver.update(landmarks, np.inf, angles)
+        poses.append(robot_pose(title, landmarks, loaded.hand, position))
+    save_robot_picture(path, loaded.hand.name, poses)
+
+
+def robot_pose(title: str, landmarks: np.ndarray, robot: RobotHand,
+               position: np.ndarray) -> RobotPose:
+    """Return both hands as they are drawn.
+
+    Parameters
+    ----------
+    title : str
+    landmarks : ndarray, shape (21, 3)
+        Of the person, in the wrist's frame [m].
+    robot : RobotHand
+    position : ndarray, shape (n,)
+        Of its variables [rad or m].
+    """
+    return RobotPose(title, {role: landmarks[digit_landmarks(role)] for role in ROLES},
+                     robot.chains(position))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,221 @@
+"""`hand_tracker splice`: put tracked hands on the body that another system captured."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from copy import copy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.errors import HandTrackerError
+from ..core.model.hand import BOTH, SIDES
+from ..files.bvh_file import read_bvh_motion, write_bvh_motion
+from ..files.glb_file import write_glb
+from ..files.point_recording import UNIT_SPELLINGS
+from ..files.recordings import (
+    BVH,
+    ReadingOptions,
+    read_recording,
+    recognised_format,
+    write_recording,
+    write_whole,
+)
+from ..files.skeleton_motion import TrackedHand, skeleton_motion
+from ..parallel import Interruptions
+from ..progress import Progress
+from ..splicing.body_glb import body_mesh, skeleton_of
+from ..splicing.body_skeleton import body_unit, require_hand, skeleton_naming
+from ..splicing.clock_alignment import AlignmentError, ClockAlignment, Trajectory, align_clocks
+from ..splicing.spliced_body import (
+    WRISTS,
+    SplicedHand,
+    body_times,
+    mount_hand,
+    overlapping,
+    splice,
+    wrist_motion,
+)
+from ..splicing.spliced_points import hand_world, marker_wrist, splice_points
+from ..tracking.compile_kernels import prepare_kernels
+from ..tracking.save_motion import collect_frames
+from .recording_options import add_recording_options, run_command, tracked_recording
+from .track import refuse_to_replace
+
+BVH_SUFFIX = '.bvh'
+SKELETONS_OUT, POINTS_OUT = (BVH_SUFFIX, '.glb'), ('.c3d', '.trc')
+
+
+def _splice(options: argparse.Namespace, interrupted: Interruptions,
+            progress: Callable[..., Any] = Progress) -> str:
+    """Do what the command line asks for; return what to say at the end."""
+    output = options.output
+    is_skeleton = recognised_format(options.body) is BVH
+    expected = SKELETONS_OUT if is_skeleton else POINTS_OUT
+    if output.suffix not in expected:
+        raise HandTrackerError(
+            f'{output}: unknown extension {output.suffix!r}; expected {", ".join(expected)}, as '
+            f'{options.body} has {"a skeleton" if is_skeleton else "points and no skeleton"}')
+    if not output.parent.is_dir():
+        raise HandTrackerError(f'{output}: no folder {output.parent}; expected one to write into')
+    if options.side == BOTH:
+        raise HandTrackerError('--side both: a recording is of one hand; expected that of the '
+                               'right one, then that of the left one, which may be the same file')
+    if len(options.recordings) > len(SIDES):
+        raise HandTrackerError(f'{len(options.recordings)} recordings of hands; expected that of '
+                               'the right one, then that of the left one')
+    if len(options.recordings) > 1 and options.side:
+        raise HandTrackerError(f'--side {options.side}: two recordings are of the right and of '
+                               'the left hand; expected no --side')
+    for recording in (options.body, *options.recordings):
+        refuse_to_replace(recording, output)
+    prepare_kernels(lambda line: print(line, file=sys.stderr))
+    if not is_skeleton:
+        return _splice_points(options, _tracked(options, interrupted, progress))
+    body = read_bvh_motion(options.body, options.partial)
+    tracked = _tracked(options, interrupted, progress)
+    hands, unit = _placed(options, body, tracked)
+    naming = skeleton_naming(body.joints)
+    spliced = splice(body, hands, unit, options.wrist)
+    if output.suffix == BVH_SUFFIX:
+        write_whole(output, lambda path: write_bvh_motion(path, spliced))
+    else:
+        skeleton = skeleton_of(spliced, unit)
+        mesh = body_mesh(skeleton, [(hand, one.hand) for hand, one in zip(hands, tracked)],
+                         naming)
+        write_whole(output, lambda path: write_glb(path, skeleton, mesh))
+    return (f'{output}: {len(spliced.values)} frames, {len(spliced.joints)} joints and ends, '
+            f'names of {naming}')
+
+
+def _tracked(options: argparse.Namespace, interrupted: Interruptions,
+             progress: Callable[..., Any]) -> list[TrackedHand]:
+    """Return the tracked hands of the recordings."""
+    tracked = []
+    for side, recording in zip(SIDES if len(options.recordings) > 1 else (options.side,),
+                               options.recordings):
+        one = copy(options)
+        one.recording, one.side = recording, side
+        with (tracked_recording(one, interrupted, progress) as (_, job, frames),
+              interrupted.only_noted()):
+            tracked.append(collect_frames(frames, lambda job=job: job.hand))  # type: ignore[misc]
+    return tracked
+
+
+def _splice_points(options: argparse.Namespace, tracked: list[TrackedHand]) -> str:
+    """Write the body's points and the hands' joints."""
+    body = read_recording(options.body, ReadingOptions(partial=options.partial))
+    for note in body.notes:
+        print(f'{options.body}: {note}', file=sys.stderr)
+    hands = []
+    for one in tracked:
+        side = one.hand.side
+        wrist = marker_wrist(body, side)
+        alignment = _alignment(options.offset, wrist, Trajectory(
+            one.times - one.times[0], one.wrist_position), side)
+        _frames_covered(options.body, side, one.times - one.times[0], alignment, wrist.times)
+        world = hand_world(wrist, one, alignment)
+        print(f'{side} hand: ' + ('in the same world as the body' if world.is_same else
+                                  "its world turned to the body's by the wrist's path")
+              + f'; the wrists {1e3 * world.distance:.0f} mm apart', file=sys.stderr)
+        hands.append((one, alignment, world))
+    spliced = splice_points(body, hands)
+    write_recording(options.output, spliced)
+    return f'{options.output}: {len(spliced.points)} frames of {len(spliced.labels)} points'
+
+
+def _frames_covered(body: Path, side: str, hand_times: np.ndarray, alignment: ClockAlignment,
+                    times: np.ndarray) -> str:
+    """Return how many of the body's frames a hand's recording covers, as text.
+
+    Raises
+    ------
+    HandTrackerError
+        If it covers none.
+    """
+    inside = overlapping(hand_times, alignment.hand_times(times))
+    if not inside.any():
+        raise HandTrackerError(f'{side} hand: at an offset of {alignment.offset:g} s no frame of '
+                               f'{body} is in its recording')
+    return f'{inside.sum()} of {len(inside)} frames'
+
+
+def _placed(options: argparse.Namespace, body: Any,
+            tracked: list[TrackedHand]) -> tuple[list[SplicedHand], float]:
+    """Return the hands, each aligned and placed on the body, and the body's unit [m]."""
+    places = [require_hand(body.joints, one.hand.side, str(options.body)) for one in tracked]
+    motions = [skeleton_motion(one) for one in tracked]
+    alignments = [_alignment(options.offset, wrist_motion(body, place.wrist)[0], Trajectory(
+        motion.times, motion.root_position), place.side) for place, motion in zip(places, motions)]
+    gains = [one.gain for one in alignments if one.is_sure and one.gain > 0.]
+    measured = 1. / float(np.median(gains)) if gains else None
+    unit, how = body_unit(body.joints, measured)
+    if options.body_units:
+        unit, how = UNIT_SPELLINGS[options.body_units][0], f'in {options.body_units}, as given'
+    print(f'{options.body}: {how}', file=sys.stderr)
+    hands = []
+    for place, motion, alignment in zip(places, motions, alignments):
+        mount = mount_hand(body, place, motion, alignment, unit)
+        covered = _frames_covered(options.body, place.side, motion.times, alignment,
+                                  body_times(body))
+        how = (f'the wrists turn alike within {np.degrees(mount.spread):.1f} degrees'
+               if mount.is_fitted else 'wrist straight with the forearm at rest, as its turn '
+               'cannot be told from the recordings')
+        print(f'{place.side} hand: {how}; on {covered}, as first and last seen on the others',
+              file=sys.stderr)
+        hands.append(SplicedHand(place, motion, alignment, mount))
+    return hands, unit
+
+
+def _alignment(offset: float | None, path: Trajectory, hand_path: Trajectory,
+               side: str) -> ClockAlignment:
+    """Return the clock of a hand in the body's: as given, else by the speed of the wrist."""
+    if offset is not None:
+        try:
+            found = align_clocks(path, hand_path)
+        except AlignmentError:
+            return ClockAlignment(offset, gain=np.nan)
+        return ClockAlignment(offset, gain=found.gain if found.is_sure else np.nan)
+    try:
+        found = align_clocks(path, hand_path)
+    except AlignmentError as error:
+        raise AlignmentError(f'{side} hand: {error}') from None
+    print(f'{side} hand: begins at {found.offset:.4f} s of the body, within '
+          f'{1e3 * found.deviation:.2f} ms; its clock {1e6 * found.drift:+.1f} ppm; speeds '
+          f'correlate by {found.correlation:.3f}, confidence {found.confidence:.2f}',
+          file=sys.stderr)
+    if not found.is_sure:
+        print(f'{side} hand: that is unsure, as the wrist moves little, or otherwise in the two; '
+              'compare the result, or give --offset SECONDS', file=sys.stderr)
+    return found
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Put tracked hands on the body that another system captured, whose joints stay as they are.
+
+    The clocks are aligned by the speed of the wrist. One recording is of the hand that its
+    labels, --hand or --side say; of two the first is of the right hand.
+    """
+    parser = argparse.ArgumentParser(prog='hand_tracker splice', description=main.__doc__)
+    parser.add_argument('body', type=Path, metavar='BODY', help='motion of the body: a '
+                        'skeleton (.bvh), or markers (.c3d, .trc, ...)')
+    add_recording_options(parser, several=True)
+    parser.add_argument('-o', '--output', type=Path, required=True, metavar='OUT',
+                        help='body with fingers (.bvh; .glb: with bones and the skin of '
+                        'hands); of a body of markers these and the joints (.c3d, .trc)')
+    parser.add_argument('--wrist', choices=WRISTS, default=WRISTS[0],
+                        help="whose rotation the wrists keep: the body's (default), or that of "
+                        'the tracked hands')
+    parser.add_argument('--offset', type=float, metavar='SECONDS',
+                        help="time of the body at which the hands' recordings begin; default: "
+                        'as the speeds of the wrist tell')
+    parser.add_argument('--body-units', choices=tuple(UNIT_SPELLINGS),
+                        help='of BODY; default: as the wrist moves, else by its size')
+    return run_command('hand_tracker splice', _splice, parser.parse_args(arguments))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,52 @@
+"""Output files: checked before the work, written beside their place, renamed when complete."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from .core.errors import HandTrackerError
+
+
+class OutputError(HandTrackerError):
+    """An output file cannot be written; the message names it."""
+
+
+def require_writable(path: Path) -> None:
+    """Refuse a file that cannot be written, before the work for it begins.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    OutputError
+    """
+    if path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise OutputError(f'{path}: cannot be written; expected a file in a folder that is there '
+                          'and may be written to')
+
+
+@contextmanager
+def folder_beside(output: Path, refusal: type[HandTrackerError]) -> Iterator[Path]:
+    """Make a folder for unfinished output beside its place, and remove it at the end.
+
+    Parameters
+    ----------
+    output : Path
+        Named by errors, in place of a file that nobody has asked for.
+    refusal : type of HandTrackerError
+        Raised where a file cannot be written.
+
+    Yields
+    ------
+    Path
+    """
+    try:
+        with TemporaryDirectory(dir=output.parent) as folder:
+            yield Path(folder)
+    except OSError as error:
+        raise refusal(f'{output}: cannot be written ({error.strerror or error}); expected a name '
+                      'in a folder that may be written to') from None
