@@ -2,8 +2,10 @@
 
 import ast
 import importlib.util
+import os
 import subprocess
 import sys
+import tempfile
 import warnings
 from pathlib import Path
 
@@ -13,15 +15,26 @@ import pytest
 COMPILE_ALL = 'hand_tracker.nodes.fast_path.compile_fast_path'
 COMPILE_TRACKING = 'hand_tracker.tracking.compile_kernels'
 # The longest first, so that no process is left alone with one of them at the end.
-LONGEST = ('viewer/test_viewer_browser.py', 'nodes/test_tracker_node.py',
-           'package/test_end_to_end.py', 'package/test_benchmarks.py',
-           'tracking/test_recording.py', 'nodes/test_replay_node.py', 'calibration/test_fit.py',
-           'nodes/fast_path/test_middleware.py', 'drawing/test_animation.py',
-           'nodes/test_skin_node.py', 'simulation/test_simulator.py', 'package/test_examples.py')
+LONGEST = ('viewer/test_viewer_browser.py', 'nodes/test_tracker_node.py', 'core/test_tracker.py',
+           'core/test_tracker_occlusion.py', 'evaluation/test_evaluation.py',
+           'evaluation/test_captures.py', 'package/test_end_to_end.py',
+           'package/test_benchmarks.py', 'nodes/test_replay_node.py', 'skin/test_load.py',
+           'core/pose/test_contact.py', 'calibration/test_fit.py', 'tracking/test_recording.py',
+           'drawing/test_animation.py', 'simulation/test_visibility.py',
+           'simulation/test_motions.py', 'nodes/fast_path/test_middleware.py',
+           'nodes/test_skin_node.py', 'simulation/test_simulator.py', 'package/test_examples.py',
+           'retargeting/test_retargeter.py', 'test_parallel.py')
 
 
 def pytest_configure(config):
-    """Compile the kernels once, where several processes would do so side by side."""
+    """Keep the byte code of the processes that tests start; compile the kernels once.
+
+    A node imports for three seconds where nothing keeps byte code, and tests start some hundred.
+    """
+    if os.environ.pop('PYTHONDONTWRITEBYTECODE', None):
+        folder = tempfile.TemporaryDirectory(prefix='hand_tracker-byte-code-')
+        config.add_cleanup(folder.cleanup)
+        os.environ.setdefault('PYTHONPYCACHEPREFIX', folder.name)
     if not getattr(config.option, 'numprocesses', None) or hasattr(config, 'workerinput'):
         return
     program = COMPILE_ALL if importlib.util.find_spec('rclpy') else COMPILE_TRACKING

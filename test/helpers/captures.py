@@ -27,7 +27,12 @@ def capture_folder():
 
 def capture_path(name):
     """Return the file of a capture; the test that asks is skipped where it is absent."""
-    path = capture_folder() / f'{name}.npz'
+    return capture_file(f'{name}.npz')
+
+
+def capture_file(name):
+    """Return a file in the folder of captures; the test that asks is skipped without it."""
+    path = capture_folder() / name
     if not path.exists():
         pytest.skip(f'no capture {path}; set {VARIABLE} to the folder that has it')
     return path

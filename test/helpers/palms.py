@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from hand_tracker.core.inverse_kinematics.palm import place_palm
 from hand_tracker.core.numerics.vectors import vector
 
 TEMPLATE = np.array(((0., 0., 0.), (.083, .021, -.003), (.068, -.034, -.006)))
@@ -17,3 +18,11 @@ def random_palm(rng, noise=0.):
     position = rng.normal(size=3)
     return (TEMPLATE + rng.normal(scale=noise, size=(3, 3))) @ rotation.T + position, \
         rotation, position
+
+
+def placed(markers, by_spheres, roots=None):
+    """Return rotation, position and first joints of the digits of a palm by its markers."""
+    rotation, position = np.eye(3), np.zeros(3)
+    roots = np.zeros((5, 3)) if roots is None else roots
+    place_palm(markers, TEMPLATE, by_spheres, rotation, position, roots)
+    return rotation, position, roots

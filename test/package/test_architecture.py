@@ -6,17 +6,12 @@ import sys
 from collections import defaultdict
 from pathlib import Path
 
+from benchmarks.import_order import ORDER, PACKAGE, imported_files, place, upward_imports
+
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGE = ROOT / 'hand_tracker'
+FAST_PATH = 'nodes/fast_path/'
 MODULES = {path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text(encoding='utf-8'))
            for path in sorted(PACKAGE.rglob('*.py'))}
-# A folder imports from those before it. The modules beside the folders are in one of them all.
-ORDER = ('core', 'package_data', 'parallel', 'progress', 'drawing', 'messages', 'files',
-         'calibration', 'simulation', 'skin', 'tracking', 'evaluation', 'viewer', 'nodes', 'cli',
-         '__main__', 'entry', '__init__')
-# Within the core: tools, then the hand, then the steps of the method in their order.
-CORE_ORDER = ('errors', 'numerics', 'model', 'filtering', 'labelling', 'occlusion',
-              'inverse_kinematics', 'pose')
 
 
 def top(name):
@@ -51,29 +46,23 @@ def top_level_constants(tree):
 def repeated(pairs):
     """Return the names that stand for several places."""
     places = defaultdict(list)
-    for name, place in pairs:
-        places[name].append(place)
+    for name, where in pairs:
+        places[name].append(where)
     return {name: where for name, where in places.items() if len(where) > 1}
 
 
-def test_every_folder_has_its_place_in_the_order():
-    assert {top(name) for name in MODULES} == set(ORDER)
+def test_every_file_has_its_place_in_the_order_and_every_place_a_file():
+    assert {place(name) for name in MODULES} == set(ORDER)
 
 
 def test_no_import_runs_upwards():
-    upwards = [(name, target) for name, tree in MODULES.items()
-               for target in imports_of(name, tree)
-               if target != '__version__'
-               and ORDER.index(target.split('.')[0]) > ORDER.index(top(name))]
-    assert upwards == []
+    assert upward_imports() == []
 
 
-def test_no_import_runs_upwards_within_the_core():
-    upwards = [(name, target) for name, tree in MODULES.items()
-               if top(name) == 'core' and name.split('/')[1] in CORE_ORDER
-               for target in imports_of(name, tree)
-               if CORE_ORDER.index(target.split('.')[1]) > CORE_ORDER.index(name.split('/')[1])]
-    assert upwards == []
+def test_only_the_fast_path_imports_from_its_modules():
+    imported = {target for name in MODULES if not name.startswith(FAST_PATH)
+                for target in imported_files(PACKAGE / name) if target.startswith(FAST_PATH)}
+    assert imported == {f'{FAST_PATH}__init__.py'}
 
 
 def test_imports_within_the_package_are_relative():

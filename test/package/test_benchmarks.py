@@ -10,6 +10,8 @@ import pytest
 
 from benchmarks import peers, report
 from benchmarks.offline import measure_many
+from hand_tracker.core.model.hand import Hand, preset_limits
+from hand_tracker.files.urdf_file import urdf
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -54,6 +56,18 @@ def test_quadratic_programmes_converge_to_the_markers(name, kind, module, given)
     assert row['mean_mm'] < .001
 
 
+def test_retargeting_touches_where_the_person_does_without_a_peer(tmp_path):
+    # Our own hand in the place of a robot's, as no robot's URDF is in this repository.
+    (tmp_path / 'shadow_hand_right.urdf').write_text(urdf(Hand.scaled(
+        limits=preset_limits('wide'))))
+    rows = run('retarget', '--urdfs', tmp_path, '--robots', 'shadow', folder=tmp_path)
+    row = next(row for row in rows if row['method'] == 'hand_tracker')
+    assert (row['robot'], row['recording']) == ('shadow', 'pinches (simulated)')
+    assert row['pinch_frames'] > 200 and row['pinch_share'] > .99
+    assert row['max_step_rad'] <= .08 and abs(row['lag_ms']) < 2.
+    assert 0. < row['median_us'] <= row['p99_us']
+
+
 def test_recordings_are_tracked_in_parallel(tmp_path):
     row = measure_many(50., 2., 2, 2, tmp_path)
     assert (row['frames'], row['recordings'], row['jobs']) == (100, 2, 2)
@@ -73,14 +87,16 @@ def test_nothing_grows_in_a_few_frames(tmp_path):
 @pytest.mark.ros
 def test_every_round_trip_is_kept(tmp_path):
     pytest.importorskip('rclpy')
-    rows = run('round_trip', '--rates', 100, '--seconds', .5, '--samples', tmp_path / 'trips.npz',
-               folder=tmp_path)
-    assert {row['node'] for row in rows} >= {'hand_tracker', 'rclpy_echo'}
+    rows = run('round_trip', '--rates', 100, '--seconds', .5, '--hands', 1, 'both',
+               '--samples', tmp_path / 'trips.npz', folder=tmp_path)
+    assert {(row['node'], row['hands']) for row in rows} >= {
+        (node, hands) for node in ('hand_tracker', 'rclpy_echo') for hands in (1, 'both')}
     with np.load(tmp_path / 'trips.npz') as trips:
         assert len(trips.files) == len(rows)
         for row in rows:
             taken = trips[f"{row['node']}_100_{row['hands']}"]
-            assert len(taken) == 50 * row['hands']
+            # Both hands in one message are one answer.
+            assert len(taken) == 50 * (1 if row['hands'] == 'both' else row['hands'])
             assert np.isnan(taken).mean() == pytest.approx(.01 * row['dropped_percent'], abs=1e-5)
             assert row['median_us'] == pytest.approx(np.nanmedian(taken), abs=.06)
 

@@ -139,7 +139,7 @@ def test_test_adds_its_requirements_and_passes_arguments_on(machine):
     machine.calls()
     result = machine.run('test', '-k', 'palm or thumb')
     assert result.stdout == 'ran: -m pytest -k palm or thumb\n'
-    assert machine.calls() == ['pip requirements']
+    assert machine.calls() == ['pip requirements', 'overlay']
     machine.run('demo')
     assert machine.calls() == []
 

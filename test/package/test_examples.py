@@ -32,7 +32,7 @@ def rows_of(path):
 
 def test_each_example_is_short_and_has_a_test():
     assert [path.stem for path in EXAMPLES] == [
-        'both_hands', 'fit_hand', 'live_node', 'track_array', 'track_bag']
+        'both_hands', 'fit_hand', 'live_node', 'mujoco_hand', 'track_array', 'track_bag']
     for path in EXAMPLES:
         assert len(path.read_text(encoding='utf-8').splitlines()) < 40, path
 
@@ -51,6 +51,12 @@ def test_track_bag(tmp_path):
     assert set(head) > {f'right_{joint}_deg' for joint in JOINTS}
     assert 0 < len(rows) <= messages
     assert np.isfinite(np.array(rows, dtype=float)).all()
+
+
+def test_mujoco_hand(tmp_path):
+    pytest.importorskip('mujoco')
+    frames, error = run('mujoco_hand', tmp_path)[:2]
+    assert frames > 2500 and 0. < error < 5.
 
 
 def test_fit_hand(tmp_path):

@@ -37,9 +37,10 @@ RECORDING = ROOT / 'recordings' / 'demo.mcap'
 FEW = 40  # frames
 
 CHOICES = {
-    'source': ['recording', 'live'],
+    'source': ['recording', 'markers', 'live', 'point_cloud', 'mocap4r2', 'natnet', 'qualisys',
+               'landmarks'],
     'loop': ['true', 'false'],
-    'side': ['auto', *SIDES],
+    'side': ['auto', *SIDES, 'both'],
     'limits': ['auto', *LIMIT_PRESETS],
     'coupling': ['auto', *COUPLING_PRESETS],
     'thumb': ['saddle', 'index_mcp'],
@@ -47,8 +48,9 @@ CHOICES = {
     'skin': ['auto', 'true', 'false'],
     'use_sim_time': ['true', 'false'],
 }
-FREE = {'recording', 'rate', 'markers', 'hand', 'prefix', 'namespace', 'parameters',
-        'publish_frequency', 'fixed_frame'}
+FREE = {'recording', 'rate', 'markers', 'hand', 'layout', 'prefix', 'namespace', 'parameters',
+        'publish_frequency', 'fixed_frame', 'robot', 'robot_description', 'topic', 'message',
+        'server', 'subject', 'left_hand'}
 
 # Those that RViz of humble (11.2.27), jazzy (14.1.22) and lyrical (15.2.4) share, from
 # plugins_description.xml in the releases of rviz_default_plugins, github.com/ros2-gbp/rviz-release;
@@ -206,8 +208,9 @@ def test_tracks_the_packaged_recording(watch):
     static = watch.collect(TFMessage, '/tf_static', LATCHED)
     with Launch() as process:
         watch.spin_until(lambda: states, FIRST_START)
-        # From then on, all that is published is heard.
-        watch.spin_until(lambda: markers and transforms and static, FIRST_START)
+        # From then on, all that is published is heard; robot_state_publisher may come later.
+        watch.spin_until(lambda: markers and static and frames(transforms) >= {
+            'right_wrist', *named('right_', LINKS)}, FIRST_START)
         states.clear()
         watch.spin_until(lambda: len(states) > FEW and len(
             between(joint_stamps(states), marker_stamps(markers))) > FEW, FIRST_START)
@@ -219,7 +222,6 @@ def test_tracks_the_packaged_recording(watch):
     check_rate(tracked)
     # The markers of the last few may be on their way.
     assert np.isin(between(tracked, seen), seen).all()
-    assert frames(transforms) >= {'right_wrist', *named('right_', LINKS)}
     wrist = [transform for message in transforms for transform in message.transforms
              if transform.child_frame_id == 'right_wrist']
     assert {transform.header.frame_id for transform in wrist} == {'mocap'}
@@ -262,14 +264,30 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 
 def generate_launch_description():
     return LaunchDescription([
-        DeclareLaunchArgument('robot'),
+        DeclareLaunchArgument('arm'),
         IncludeLaunchDescription(
             PythonLaunchDescriptionSource({str(LAUNCH)!r}),
             launch_arguments=[('recording', {str(short)!r}), ('loop', 'false')])])
 ''')
-    with Launch(file=tmp_path / 'mine.launch.py', robot='arm') as process:
+    with Launch(file=tmp_path / 'mine.launch.py', arm='left') as process:
         check_clean(process, process.wait(FIRST_START), *STARTED)
         assert 'Played to the end' in process.output
+
+
+@launches
+def test_both_hands_in_one_tracker(watch):
+    states = watch.collect(JointState, 'joint_states')
+    transforms = watch.collect(TFMessage, '/tf')
+    with Launch(side='both') as process:
+        watch.spin_until(lambda: len(states) > FEW and frames(transforms) >= {
+            *named('right_', LINKS), *named('left_', LINKS), 'right_wrist', 'left_wrist'},
+            FIRST_START)
+        assert process.interrupt() == 0
+        assert '/demo_both.mcap' in process.output and 'Traceback' not in process.output
+        assert process.output.count('process started') == len(STARTED) + (
+            'robot_state_publisher' in STARTED)
+    assert all(list(state.name) == named('right_', JOINTS) + named('left_', JOINTS)
+               for state in states)
 
 
 @launches
@@ -385,6 +403,15 @@ def test_skin_is_published(watch, short):
 
 
 @launches
+@pytest.mark.skipif(find_spec('trajectory_msgs') is None, reason='no trajectory_msgs')
+def test_a_robot_waits_to_be_engaged(watch, short, tmp_path):
+    (tmp_path / 'robot.urdf').write_text(urdf(Hand.scaled(limits=preset_limits('wide'))))
+    with Launch(recording=short, robot=tmp_path / 'robot.urdf') as process:
+        process.wait_for_line('not engaged; listening for the right hand', FIRST_START)
+        check_clean(process, process.interrupt(), *STARTED, 'retarget')
+
+
+@launches
 def test_all_else_goes_on_without_the_libraries_of_the_skin(watch, short, tmp_path):
     # Only a hand without a skin in the cache needs the libraries.
     save_hand(tmp_path / 'new.yaml', Hand.scaled(random.uniform(.15, .2)), MarkerLayout())
@@ -475,6 +502,10 @@ def canonical(xml):
     ({'recording': '/nowhere/bag'}, '/nowhere/bag: no such file or folder'),
     ({'rate': 'fast'}, "rate: 'fast'; expected a number"),
     ({'side': 'upper'}, '"upper" is not valid'),
+    ({'left_hand': 'mine.yaml'}, "left_hand: 'mine.yaml'; expected none but for side:=both"),
+    ({'side': 'both', 'prefix': 'my_'}, "prefix: 'my_'; expected auto for both hands"),
+    ({'side': 'both', 'layout': 'mediapipe21'}, "layout: 'mediapipe21' has 21 markers; expected"),
+    ({'side': 'both', 'robot': 'allegro'}, "robot: 'allegro'; expected none for side:=both"),
 ])
 def test_errors_of_the_user(arguments, line):
     with Launch(**arguments) as process:
@@ -523,6 +554,6 @@ def test_rviz_configuration():
 def test_topics_of_the_rviz_configuration_are_published():
     sources = '\n'.join(path.read_text() for path in (ROOT / 'hand_tracker/nodes').glob('*.py'))
     published = dict((topic, kind) for kind, topic in re.findall(
-        r"create_publisher\(\s*(\w+), '(\w+)'", sources))
+        r"create_publisher\(\s*(\w+), f?'(?:\{[\w.]+\})?(\w+)'", sources))
     assert published['hand_markers'] == 'MarkerArray'
     assert published['hand_skin'] == 'Marker'

@@ -18,11 +18,12 @@ from hand_tracker import TrackerOptions, package_data
 from hand_tracker.nodes.tracker_parameters import START
 
 ROOT = Path(__file__).resolve().parents[2]
-DATA_FOLDERS = ('config', 'examples', 'launch', 'recordings', 'urdf')
+DATA_FOLDERS = ('config', 'config/robots', 'examples', 'launch', 'recordings', 'urdf')
 
 # Import name -> rosdep key, where they differ.
 ROSDEP_KEYS = {
     'PIL': 'python3-pil',
+    'joblib': 'python3-joblib',
     'matplotlib': 'python3-matplotlib',
     'numpy': 'python3-numpy',
     'rosbags': 'python3-rosbags-pip',
@@ -35,10 +36,10 @@ ROSDEP_KEYS = {
 # Started, not imported.
 STARTED_ONLY = {'ros2launch'}
 # Imported only where it is found, and without a package on some supported platforms.
-OPTIONAL = {'numba', 'llvmlite', 'viser'}
+OPTIONAL = {'distributed', 'fsspec', 'numba', 'llvmlite', 'qtm_rt', 'viser'}
 
-FORBIDDEN_IN_CORE = {'PIL', 'matplotlib', 'rclpy', 'rosbags', 'scipy', 'skimage', 'tf2_ros',
-                     'trimesh', 'yaml'}
+FORBIDDEN_IN_CORE = {'PIL', 'joblib', 'matplotlib', 'rclpy', 'rosbags', 'scipy', 'skimage',
+                     'tf2_ros', 'trimesh', 'yaml'}
 CORE = sorted((ROOT / 'hand_tracker' / 'core').rglob('*.py'))
 
 
@@ -181,7 +182,7 @@ def test_an_interrupt_while_a_command_is_imported_is_quiet():
 
 def test_entry_points_lead_to_functions():
     targets = re.findall(r"'\w+ = ([\w.]+):(\w+)'", (ROOT / 'setup.py').read_text())
-    assert len(targets) == 7
+    assert len(targets) == 10
     for module, function in targets:
         path = ROOT / (module.replace('.', '/') + '.py')
         assert path.is_file()

@@ -1,0 +1,50 @@
+"""The README's commands for files run, each on a file of its name."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from helpers.bodies import body_that_carries
+from helpers.point_files import hand_recording
+
+from hand_tracker.__main__ import main
+from hand_tracker.files.bvh_file import write_bvh_motion
+from hand_tracker.files.recordings import VICON_CSV, write_recording
+
+ROOT = Path(__file__).resolve().parents[2]
+COMMANDS = re.findall(r'^\| .* \| `(hand_tracker [^`]*)` \|$',
+                      (ROOT / 'README.md').read_text(encoding='utf-8'), re.MULTILINE)
+VICON_NAMES = {'R_Wrist': 'Anna:WRA', 'R_IndexMCP': 'Anna:FIN', 'R_PinkyMCP': 'Anna:PIN'}
+
+
+@pytest.fixture(scope='module')
+def recordings(tmp_path_factory):
+    """Return a folder with the files that the README names."""
+    folder = tmp_path_factory.mktemp('recordings')
+    recording = hand_recording(480, start=100)
+    for name in ('take.c3d', 'take.trc', 'take.tsv', 'optitrack.csv', 'take.npz', 'take.mcap'):
+        write_recording(folder / name, recording)
+    own = tuple(VICON_NAMES.get(label, label) for label in recording.labels)
+    write_recording(folder / 'vicon.csv', recording._replace(labels=own), VICON_CSV)
+    assert main(['track', str(folder / 'take.c3d'), '-o', str(folder / 'hand.bvh')]) == 0
+    write_bvh_motion(folder / 'body.bvh', body_that_carries(recording.points[:, 0]))
+    return folder
+
+
+def test_the_readme_has_a_command_for_every_format():
+    assert len(COMMANDS) >= 11
+    for suffix in ('.c3d', '.trc', '.tsv', '.csv', '.bvh', '.npz', '.mcap', '.glb'):
+        assert any(suffix in command for command in COMMANDS)
+
+
+@pytest.mark.parametrize('command', COMMANDS)
+def test_the_commands_of_the_readme_run(recordings, monkeypatch, command):
+    monkeypatch.chdir(recordings)
+    before = {path: path.stat().st_mtime_ns for path in recordings.iterdir()}
+    words = shlex.split(command)[1:]
+    assert main(words) == 0
+    if words[0] != 'inspect':
+        output = Path(words[words.index('-o') + 1] if '-o' in words else words[2])
+        assert output.stat().st_size > 500
+    assert {path: path.stat().st_mtime_ns for path in before} == before
