@@ -1,10 +1,11 @@
 """Count the instructions that a frame costs the core, where times are too noisy.
 
-    python -m benchmarks.instructions [--frames 10000] [--json OUT]
+    python -m benchmarks.instructions [--frames 10000] [--layouts NAME ...] [--json OUT]
 
-The frames of `benchmarks.core`, markers hidden in half of each second, under valgrind's
-cachegrind, compiled for a processor that it knows: what a longer run takes more than a shorter
-one, by frame. Starts differ by tens of millions: about a hundredth of what so many frames take.
+The frames of `benchmarks.core`, markers hidden in half of each second, or with --layouts those of
+`benchmarks.layouts`, all markers seen, under valgrind's cachegrind, compiled for a processor that
+it knows: what a longer run takes more than a shorter one, by frame. Starts differ by tens of
+millions: about a hundredth of what so many frames take.
 """
 
 import argparse
@@ -20,22 +21,32 @@ if not __package__:
 
 from benchmarks.common import add_json_option, environ, environment, write_rows
 from benchmarks.core import HIDDEN, SEEN_FIRST, frames, measure_all
+from benchmarks.layouts import layout_frames
 from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.layout_presets import LAYOUT_PRESETS, preset_layout
+from hand_tracker.core.tracker import HandTracker
 
 COUNTER = 'valgrind', '--tool=cachegrind', '--cache-sim=no', '--trace-children=yes'
+MOST_LAYOUT_FRAMES = 20_000
 # Without the instructions that valgrind has not learned.
 PROCESSOR = {'NUMBA_CPU_NAME': 'haswell', 'NUMBA_CPU_FEATURES': '+avx2,+fma,+bmi,+bmi2'}
 
 
-def track(number, count):
-    """Track so many frames after the first ones."""
+def track(what, count):
+    """Track so many frames after the first ones, of a layout or with so many markers hidden."""
     hand = Hand.scaled()
-    measure_all(frames(SEEN_FIRST + count, HIDDEN[number], hand)[0], hand)
+    if what not in LAYOUT_PRESETS:
+        measure_all(frames(SEEN_FIRST + count, HIDDEN[int(what)], hand)[0], hand)
+        return
+    tracker = HandTracker(hand, preset_layout(what))
+    # As many are made for the shorter run.
+    for frame in layout_frames(what, MOST_LAYOUT_FRAMES, hand)[:SEEN_FIRST + count]:
+        tracker.update(frame)
 
 
-def counted(number, count, cache):
+def counted(what, count, cache):
     """Return the instructions of a process that tracks, its kernels kept in `cache`."""
-    command = [sys.executable, '-m', 'benchmarks.instructions', '--here', str(number), str(count)]
+    command = [sys.executable, '-m', 'benchmarks.instructions', '--here', str(what), str(count)]
     # All processes start alike.
     variables = environ(**PROCESSOR, NUMBA_CACHE_DIR=str(cache), PYTHONHASHSEED='0')
     subprocess.run(command, check=True, env=variables)
@@ -51,11 +62,16 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--frames', type=int, default=10_000)
     add_json_option(parser)
-    parser.add_argument('--here', type=int, nargs=2, help=argparse.SUPPRESS)
+    parser.add_argument('--layouts', nargs='+', choices=tuple(LAYOUT_PRESETS), default=(),
+                        metavar='NAME', help='in place of the markers hidden')
+    parser.add_argument('--here', nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.here:
-        track(*options.here)
+        track(options.here[0], int(options.here[1]))
         return 0
+    if options.layouts and SEEN_FIRST + options.frames > MOST_LAYOUT_FRAMES:
+        parser.error(f'--frames: {options.frames}; expected at most '
+                     f'{MOST_LAYOUT_FRAMES - SEEN_FIRST} with --layouts')
     if shutil.which(COUNTER[0]) is None:
         raise SystemExit(
             'valgrind is not installed. On Debian and Ubuntu: sudo apt install valgrind')
@@ -63,12 +79,16 @@ def main():
     print(environment())
     rows = []
     with TemporaryDirectory() as cache:
-        none = counted(0, 0, cache)
-        for number in HIDDEN:
-            more = counted(number, options.frames, cache) - none
-            rows.append({'stage': 'all', 'markers_hidden': number,
+        if not options.layouts:
+            none = counted(0, 0, cache)
+        for what in options.layouts or HIDDEN:
+            if options.layouts:
+                none = counted(what, 0, cache)
+            more = counted(what, options.frames, cache) - none
+            rows.append({'stage': 'all', 'layout' if options.layouts else 'markers_hidden': what,
                          'instructions': round(more / options.frames)})
-            print('{markers_hidden} hidden: {instructions} a frame'.format(**rows[-1]))
+            print(f'{what}' + ('' if options.layouts else ' hidden')
+                  + f': {rows[-1]["instructions"]} a frame', flush=True)
     write_rows(options.json, rows)
     return 0
 

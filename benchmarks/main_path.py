@@ -3,21 +3,20 @@
     python -m benchmarks.main_path [--frames 240] [--list] [--json OUT]
 
 Two counts, for the structure of the program and not for its speed. Static: imports that run
-upwards between the folders of `ORDER`. Traced, where rclpy is installed: the Python calls of one
-message of eight markers, with the kernels as plain Python, from message to published answer and
-back to rest: the subscription's callback, the slow path, and then one `_drain`, which monitors the
-frame (the node itself drains several frames at a time). Counted twice: up to the return of the
+upwards in `import_order.ORDER`. Traced, where rclpy is installed: the Python calls of one message
+of eight markers, with the kernels as plain Python, from message to published answer and back to
+rest: the subscription's callback, the slow path, and then one `MarkerInput.drain`, which monitors
+the frame (the node itself drains several frames at a time). Counted twice: up to the return of the
 last answer (`answer_files`, ...), and with monitoring. `files` and `functions` are those of the
 package outside `core/numerics` and `depth` its deepest nesting of calls. `upward_calls` are calls
 from a folder into a higher one; `climbs` counts how often the node calls into a higher folder than
 with its call before, and `calls_after` its calls into other folders once the last answer to the
-frame (joint states, transforms, confidence) is published. The traced frames are of the demo
-motion; the frame that calls most functions is reported, and `all_files` and `all_functions` count
-those of any frame.
+frame (joint states, transforms, confidence) is published. The traced frames are of the demo motion;
+the frame that calls most functions is reported, and `all_files` and `all_functions` count those of
+any frame.
 """
 
 import argparse
-import ast
 import os
 import sys
 from collections import Counter
@@ -29,18 +28,10 @@ if not __package__:
 # Compiled kernels show none of their calls.
 os.environ['HAND_TRACKER_JIT'] = '0'
 
-from benchmarks.common import ROOT, add_json_option, put_stamps, write_rows
+from benchmarks.common import add_json_option, put_stamps, write_rows
+from benchmarks.import_order import ORDER, PACKAGE, is_upward, upward_imports
 from benchmarks.round_trip import isolate, messages
 
-PACKAGE = ROOT / 'hand_tracker'
-# Folders and files from the lowest to the highest: each imports only those before it.
-ORDER = ('core/errors.py', 'core/numerics', 'core/model', 'core/filtering',
-         'core/labelling', 'core/occlusion', 'core/inverse_kinematics', 'core/pose', 'core',
-         'package_data.py', 'progress.py', 'parallel.py', 'drawing', 'calibration', 'messages',
-         'files', '__init__.py', 'tracking', 'simulation', 'skin', 'viewer',
-         'nodes/parameters.py', 'nodes/tracker_parameters.py', 'nodes/runner.py',
-         'nodes/serialization.py', 'nodes/fast_path',
-         'nodes', 'evaluation', 'cli', '__main__.py', 'entry.py', 'launch')
 UNCOUNTED = 'core/numerics'
 ANSWERS = '/joint_states', '/tf', '/joint_confidence'
 RATE = 120.      # [Hz] of the frames
@@ -69,51 +60,6 @@ class Call(NamedTuple):
     function: str
     depth: int
     answered: bool
-
-
-def level(file):
-    """Return the index in `ORDER` of a file, or of the innermost listed folder it is in."""
-    path = Path(file)
-    return next(ORDER.index(str(part)) for part in (path, *path.parents) if str(part) in ORDER)
-
-
-def is_upward(source, target):
-    """Return whether file `target` is at a higher level than file `source`."""
-    return level(target) > level(source)
-
-
-def imported_files(path):
-    """Return the files of the package that a file imports, relative to the package.
-
-    Parameters
-    ----------
-    path : Path
-        Of a Python file of the package.
-
-    Returns
-    -------
-    set of str
-    """
-    package, found = list(path.relative_to(PACKAGE).parts[:-1]), set()
-    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
-        if not isinstance(node, ast.ImportFrom) or not node.level:
-            continue
-        base = package[:len(package) - node.level + 1]
-        base += node.module.split('.') if node.module else []
-        for alias in node.names:
-            names = (Path(*base, f'{alias.name}.py'), Path(*base, alias.name, '__init__.py'),
-                     Path(*base).with_suffix('.py') if base else Path('__init__.py'),
-                     Path(*base, '__init__.py'))
-            found.add(next(str(name) for name in names if (PACKAGE / name).is_file()))
-    return found
-
-
-def upward_imports():
-    """Return pairs (file, imported file) of which the second is in a higher folder."""
-    return sorted(
-        (source, target) for path in PACKAGE.rglob('*.py')
-        for source in [str(path.relative_to(PACKAGE))]
-        for target in imported_files(path) if is_upward(source, target))
 
 
 class Tracer:
@@ -187,12 +133,13 @@ def traced_frames(count):
         node, tracer, found = TrackerNode(), Tracer(), []
         callback = next(one.callback for one in node.subscriptions
                         if one.topic_name == '/markers')
+        markers, = node.inputs
 
         def process(message):
             callback(message)
-            node._drain()
+            markers.drain()
 
-        lap = messages('right', RATE)
+        lap = messages(['right'], RATE)
         for i in range(WARM_UP + count):
             data, places = lap[i % len(lap)]
             put_stamps(data, places, RECORDING_START_NS + round(i * 1e9 / RATE))

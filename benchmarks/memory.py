@@ -24,21 +24,22 @@ import psutil
 from benchmarks.common import add_json_option, environment, put_stamps, write_rows
 from benchmarks.round_trip import isolate, messages
 from hand_tracker.core.model.hand import JOINTS
-from hand_tracker.core.model.marker_layout import MARKERS
+from hand_tracker.core.model.marker_rows import LAYOUT_CAPACITY
 from hand_tracker.core.numerics.jit import empty_like_pack, packed
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.cdr import MarkerReader
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.messages.stamps import seconds
-from hand_tracker.messages.templates import joint_state_template
+from hand_tracker.messages.templates import JOINT_STATES, joint_state_template
 from hand_tracker.nodes.fast_path.kernel import (
-    JOINT_STATES,
     LOG_CAPACITY,
     LOG_COLUMNS,
     drain_log,
+    install_part,
     install_reply,
     install_signature,
     log_frame,
+    new_hand_memory,
     new_memory,
     process_message,
 )
@@ -60,11 +61,12 @@ def fast_path_frames():
     """Return a function that processes the message of frame number i on the fast path."""
     tracker, reader = HandTracker(), MarkerReader(LabelMap())
     memories, memory = packed(new_memory())
-    lap, answer = messages('right', RATE), joint_state_template(JOINTS)
+    hands, hand = packed(new_hand_memory())
+    lap, answer = messages(['right'], RATE), joint_state_template(JOINTS)
     arguments = tracker.kernel_arguments()
     reports = arguments[-1]
     seen = (np.zeros((LOG_CAPACITY, LOG_COLUMNS)),
-            np.zeros((LOG_CAPACITY, len(MARKERS)), np.int8), empty_like_pack(reports))
+            np.zeros((LOG_CAPACITY, LAYOUT_CAPACITY), np.int8), empty_like_pack(reports))
 
     def frame(i):
         data, places = lap[i % len(lap)]
@@ -72,14 +74,16 @@ def fast_path_frames():
         if i == 0:
             first = reader.read(bytes(data))
             tracker.update(first.positions, seconds(first.stamp))
-            install_signature(memory, reader.signature, first.stamp, 1., True)
-            install_reply(memory, JOINT_STATES, answer)
+            install_signature(memory, [hand], [reader.signature], first.stamp, 1., True)
+            install_reply(memory, 0, answer)
+            install_part(hand, JOINT_STATES, 0, slice(0, len(JOINTS)))
             return
-        if not process_message(memories, arguments, np.frombuffer(data, np.uint8)):
+        if not process_message(
+                memories, (hands,), (arguments,), np.frombuffer(data, np.uint8)):
             raise RuntimeError(f'frame {i} left the fast path')
-        log_frame(memory, reports[0], 0., 0.)
+        log_frame(hand, reports[0], 0., 0.)
         if i % TIMERS_EVERY == 0:
-            drain_log(memories, reports, *seen)
+            drain_log(hands, reports, *seen)
 
     return frame
 
@@ -93,7 +97,7 @@ def node_frames():
     rclpy.init(args=['--ros-args', '-p', 'auto_size:=false'])
     node, executor = TrackerNode(), SingleThreadedExecutor()
     executor.add_node(node)
-    lap = messages('right', RATE)
+    lap = messages(['right'], RATE)
     subscription, = (one for one in node.subscriptions if one.topic_name == '/markers')
 
     def frame(i):

@@ -36,6 +36,8 @@ from benchmarks.common import (
 )
 
 HANDS = 'right', 'left'
+BOTH = 'both'          # hands in one message, for one node
+SIDES_OF = {'1': HANDS[:1], '2': HANDS, BOTH: (BOTH,)}
 START = 1_700_000_000  # [s] of the first stamp
 PATIENCE = 300.        # [s] for the first answer: kernels may have to be compiled
 WARM = .5              # [s] before the measurement
@@ -64,13 +66,15 @@ def echo(args):
     from visualization_msgs.msg import MarkerArray
 
     from hand_tracker.core.model.hand import JOINTS
+    from hand_tracker.core.model.marker_layout import MARKERS
 
     rclpy.init(args=args)
     node = Node('echo')
     publisher = node.create_publisher(JointState, 'joint_states', 10)
 
     def answer(message):
-        found = JointState(name=JOINTS, position=[0.] * len(JOINTS))
+        names = JOINTS * (len(message.markers) // len(MARKERS))
+        found = JointState(name=names, position=[0.] * len(names))
         found.header.stamp = message.markers[0].header.stamp
         publisher.publish(found)
 
@@ -83,7 +87,7 @@ def echo(args):
 
 
 def compiled_echo(folder):
-    """Compile the C echo node; return its command, None if it cannot be compiled."""
+    """Compile the C echo node; return its command by number of hands, none if that fails."""
     from hand_tracker.core.model.hand import JOINTS
     from hand_tracker.messages.stamps import Stamp
     from hand_tracker.messages.templates import joint_state_template
@@ -92,9 +96,14 @@ def compiled_echo(folder):
                    if prefix and Path(prefix, 'include/rcl').is_dir()), None)
     compiler = shutil.which('cc')
     if prefix is None or compiler is None:
-        return None
-    program, answer = Path(folder, 'echo'), Path(folder, 'answer')
-    answer.write_bytes(joint_state_template(JOINTS).fill(Stamp(0, 0), np.zeros(len(JOINTS))))
+        return {}
+    program = Path(folder, 'echo')
+    answers = {}
+    for hands in 1, 2:
+        answers[hands] = Path(folder, f'answer_{hands}')
+        joints = [f'{side}_{joint}' for side in HANDS[:hands] for joint in JOINTS]
+        answers[hands].write_bytes(
+            joint_state_template(joints).fill(Stamp(0, 0), np.zeros(len(joints))))
     # Libraries from wheels have symbols that the Python library resolves.
     folder, python = map(sysconfig.get_config_var, ('LIBDIR', 'LDLIBRARY'))
     done = subprocess.run(
@@ -105,8 +114,8 @@ def compiled_echo(folder):
          *(f'-l{library}' for library in LIBRARIES)], stderr=subprocess.PIPE, text=True)
     if done.returncode:
         print(done.stderr, file=sys.stderr)
-        return None
-    return [program, answer]
+        return {}
+    return {hands: [program, answer] for hands, answer in answers.items()}
 
 
 class Driver:
@@ -116,9 +125,11 @@ class Driver:
     ----------
     names : sequence of str
         Namespaces of the nodes.
+    topics : mapping of str to str, optional
+        Topics of the answers in their namespaces, where they are not `joint_states`.
     """
 
-    def __init__(self, names):
+    def __init__(self, names, topics=None):
         import rclpy
         from rclpy.node import Node
         from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -130,18 +141,20 @@ class Driver:
             from rclpy.experimental.events_executor import EventsExecutor as Executor
         except ImportError:
             from rclpy.executors import SingleThreadedExecutor as Executor
-        self._node = Node('round_trip')
+        self.node = Node('round_trip')
         best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+        topics = topics or {}
         self._publishers, self._answers, self._subscriptions = {}, {}, []
         for name in names:
-            self._publishers[name] = self._node.create_publisher(
+            self._publishers[name] = self.node.create_publisher(
                 MarkerArray, f'/{name}/markers', best_effort)
             self._answers[name] = answers = {}
-            self._subscriptions.append(self._node.create_subscription(
-                JointState, f'/{name}/joint_states', lambda data, answers=answers:
-                answers.setdefault(data[4:12], time.perf_counter_ns()), 100, raw=True))
+            self._subscriptions.append(self.node.create_subscription(
+                JointState, f"/{name}/{topics.get(name, 'joint_states')}",
+                lambda data, answers=answers: answers.setdefault(
+                    data[4:12], time.perf_counter_ns()), 100, raw=True))
         self._executor = Executor()
-        self._executor.add_node(self._node)
+        self._executor.add_node(self.node)
         self._sent, self._time = 0, START * 10**9
 
     def wait_for(self, name, process, frames):
@@ -150,8 +163,8 @@ class Driver:
         while not self._answers[name]:
             if process.poll() is not None or time.monotonic() > until:
                 return None
-            self._send([name], [frames], 100.)
-            self._spin_until(time.perf_counter_ns() + 10_000_000)
+            self.send([name], [frames], 100.)
+            self.spin_until(time.perf_counter_ns() + 10_000_000)
         return min(self._answers[name].values())
 
     def measure(self, names, frames, rate, seconds):
@@ -160,15 +173,16 @@ class Driver:
             self._answers[name].clear()
         sent, due = {}, time.perf_counter_ns()
         for _ in range(round(rate * seconds)):
-            self._spin_until(due)
-            stamp = self._send(names, frames, rate)
+            self.spin_until(due)
+            stamp = self.send(names, frames, rate)
             sent[stamp] = self._given
             due += round(1e9 / rate)
-        self._spin_until(time.perf_counter_ns() + round(1e9 * REST))
+        self.spin_until(time.perf_counter_ns() + round(1e9 * REST))
         return [[answers[stamp] - given[i] for stamp, given in sent.items() if stamp in answers]
                 for i, answers in enumerate(self._answers[name] for name in names)], len(sent)
 
-    def _send(self, names, frames, rate):
+    def send(self, names, frames, rate):
+        """Send a frame to each of the nodes; return its stamp."""
         self._sent += 1
         # Stamps continue over runs: trackers restart when time jumps back.
         self._time += round(1e9 / rate)
@@ -181,13 +195,17 @@ class Driver:
             self._publishers[name].publish(message)
         return stamp
 
-    def _spin_until(self, due):
+    def spin_until(self, due):
+        """Take answers until a time [ns]."""
         while (left := due - time.perf_counter_ns()) > 0:
             self._executor.spin_once(1e-9 * left)
 
 
-def messages(side, rate):
-    """Return frames of a moving hand as pairs: serialized MarkerArray, offsets of its stamps."""
+def messages(sides, rate):
+    """Return frames of moving hands as pairs: serialized MarkerArray, offsets of its stamps.
+
+    The markers of one hand are in namespace 'leds', those of both each in that of its side.
+    """
     from builtin_interfaces.msg import Time
     from rclpy.serialization import serialize_message
     from visualization_msgs.msg import Marker, MarkerArray
@@ -197,12 +215,15 @@ def messages(side, rate):
     from hand_tracker.simulation.packaged_recordings import demo_recording
 
     mark = Time(sec=MARK, nanosec=MARK)
-    markers = MarkerArray(markers=[Marker(ns='leds', id=number, type=Marker.SPHERE)
-                                   for number in range(len(MARKERS))])
+    markers = MarkerArray(markers=[
+        Marker(ns='leds' if len(sides) == 1 else side, id=number, type=Marker.SPHERE)
+        for side in sides for number in range(len(MARKERS))])
     for marker in markers.markers:
         marker.header.frame_id, marker.header.stamp = 'mocap', mark
     found = []
-    recording = demo_recording(Hand.scaled(side=side), rate=rate).markers[:round(LAP * rate)]
+    recording = np.concatenate(
+        [demo_recording(Hand.scaled(side=side), rate=rate).markers[:round(LAP * rate)]
+         for side in sides], axis=1)
     # Forwards and backwards: the motion is continuous.
     for positions in (*recording, *recording[-2:0:-1]):
         for marker, position in zip(markers.markers, positions.tolist()):
@@ -213,22 +234,22 @@ def messages(side, rate):
     return found
 
 
-def start(stack, folder):
-    """Start all nodes; return their processes by namespace."""
+def start(stack, folder, sides):
+    """Start all nodes for these of the sides, or `BOTH`; return their processes by namespace."""
     commands = {'hand_tracker': [sys.executable, '-m', 'hand_tracker.nodes.tracker_node'],
-                'rclpy_echo': [sys.executable, '-m', 'benchmarks.round_trip', '--echo'],
-                'c_echo': compiled_echo(folder)}
+                'rclpy_echo': [sys.executable, '-m', 'benchmarks.round_trip', '--echo']}
+    echoes = compiled_echo(folder)
+    if not echoes:
+        print('c_echo: not there, it needs a C compiler and the headers of rcl')
     processes = {}
-    for node in NODES:
-        if commands[node] is None:
-            print(f'{node}: not there, it needs a C compiler and the headers of rcl')
-            continue
-        for side in HANDS:
+    for node in NODES if echoes else commands:
+        for side in sides:
             more = (['-p', f'side:={side}', '-p', 'auto_size:=false'] if node == 'hand_tracker'
                     else [])
             name = f'{node}_{side}'
+            command = commands.get(node) or echoes[2 if side == BOTH else 1]
             process = stack.enter_context(subprocess.Popen(
-                [*map(str, commands[node]), '--ros-args', '-r', f'__ns:=/{name}', *more],
+                [*map(str, command), '--ros-args', '-r', f'__ns:=/{name}', *more],
                 stderr=subprocess.DEVNULL, env=environ()))
             stack.callback(process.terminate)
             processes[name] = process
@@ -242,9 +263,10 @@ def cpu_time(process):
     return times.user + times.system
 
 
-def measure(driver, processes, nodes, frames, rate, hands, seconds):
+def measure(driver, processes, nodes, frames, rate, sides, seconds):
     """Return a row for each node, and its round-trip times [µs], NaN for dropped frames.
 
+    Each of the sides has a process and messages of its own; `BOTH` has one of both hands.
     Nodes are measured in short turns, since the speed of the machine varies.
     """
     found = {node: Bouts() for node in nodes}
@@ -253,20 +275,21 @@ def measure(driver, processes, nodes, frames, rate, hands, seconds):
     gc.disable()
     for _ in range(BOUTS):
         for node, bouts in found.items():
-            names = [f'{node}_{side}' for side in HANDS[:hands]]
+            names = [f'{node}_{side}' for side in sides]
             driver.measure(names, frames, rate, WARM)
             before, began = [cpu_time(processes[name]) for name in names], time.monotonic()
             trips, sent = driver.measure(names, frames, rate, seconds / BOUTS)
             bouts.seconds += time.monotonic() - began
             bouts.used += sum(cpu_time(processes[name]) for name in names) - sum(before)
             bouts.answered.append(np.concatenate(trips) * 1e-3)
-            bouts.sent += sent * hands
+            bouts.sent += sent * len(sides)
     rows, samples = [], []
     for node, bouts in found.items():
         answered = np.concatenate(bouts.answered)
         median, p99 = np.percentile(answered, (50, 99)) if answered.size else (np.nan,) * 2
         rows.append({
-            'node': node, 'rate_hz': rate, 'hands': hands, 'median_us': round(float(median), 1),
+            'node': node, 'rate_hz': rate,
+            'hands': 'both' if BOTH in sides else len(sides), 'median_us': round(float(median), 1),
             'p99_us': round(float(p99), 1),
             'cpu_percent': round(100. * bouts.used / bouts.seconds, 1),
             'dropped_percent': round(100. * (1. - answered.size / bouts.sent), 3)})
@@ -291,6 +314,8 @@ def main():
     parser.add_argument('--rates', type=float, nargs='+', default=[120., 480., 960.],
                         help='frames per second')
     parser.add_argument('--seconds', type=float, default=5., help='of each measurement')
+    parser.add_argument('--hands', nargs='+', choices=SIDES_OF, default=list(SIDES_OF),
+                        help='one node, two nodes, both hands in one message for one node')
     add_json_option(parser)
     parser.add_argument('--samples', metavar='OUT', help='write every round trip [µs] here, NaN '
                         'if dropped: an NPZ archive with an array NODE_HZ_HANDS for each row')
@@ -305,8 +330,11 @@ def main():
     print(get_rmw_implementation_identifier())
     rows, samples = [], {}
     with TemporaryDirectory() as folder, ExitStack() as stack:
-        processes = start(stack, folder)
-        frames = {rate: {side: messages(side, rate) for side in HANDS} for rate in options.rates}
+        measured_sides = [SIDES_OF[hands] for hands in options.hands]
+        processes = start(stack, folder, dict.fromkeys(
+            side for sides in measured_sides for side in sides))
+        frames = {rate: {side: messages(HANDS if side == BOTH else (side,), rate)
+                         for side in (*HANDS, BOTH)} for rate in options.rates}
         driver = Driver(processes)
         for name, process in processes.items():
             side = name.rpartition('_')[2]
@@ -314,15 +342,15 @@ def main():
                 raise SystemExit(f'{name} does not answer')
         print(f"{'node':14}{'Hz':>6}{'hands':>7}{'median µs':>11}{'p99 µs':>9}{'CPU %':>7}"
               f"{'dropped %':>11}")
-        for hands in (1, 2):
+        nodes = dict.fromkeys(name.rpartition('_')[0] for name in processes)
+        for sides in measured_sides:
             for rate in options.rates:
-                nodes = [node for node in NODES if f'{node}_right' in processes]
-                sides = [frames[rate][side] for side in HANDS[:hands]]
                 measured, trips = measure(
-                    driver, processes, nodes, sides, rate, hands, options.seconds)
+                    driver, processes, nodes, [frames[rate][side] for side in sides], rate, sides,
+                    options.seconds)
                 rows += measured
                 for row, trip in zip(measured, trips):
-                    samples[f"{row['node']}_{rate:g}_{hands}"] = trip
+                    samples[f"{row['node']}_{rate:g}_{row['hands']}"] = trip
                     print('{node:14}{rate_hz:6g}{hands:7}{median_us:11.0f}{p99_us:9.0f}'
                           '{cpu_percent:7.1f}{dropped_percent:11.2f}'.format(**row))
     write_rows(options.json, rows)

@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.common import add_json_option, environ, environment, write_rows
 from benchmarks.round_trip import Driver, cpu_time, isolate, messages
-from hand_tracker.nodes.fast_path.compile_fast_path import FAST_PATH_SET
+from hand_tracker.nodes.fast_path import FastPath
 
 RATE = 120.
 COMPILING_LIMIT = 1800.  # [s]
@@ -47,7 +47,7 @@ def start(driver, name, frames, cache):
 def wait_for_kernels(cache):
     """Wait until the compiling process has filled the cache; return how long that took [s]."""
     began = time.perf_counter()
-    while not any(cache.glob(f'ready-{FAST_PATH_SET}-*')):
+    while not any(cache.glob(f'ready-{FastPath.KERNEL_SET}-*')):
         if time.perf_counter() - began > COMPILING_LIMIT:
             raise SystemExit('the kernels were not compiled')
         time.sleep(.1)
@@ -62,7 +62,7 @@ def main():
     options = parser.parse_args()
     isolate()
     print(environment())
-    frames = messages('right', RATE)
+    frames = messages(['right'], RATE)
     names = [f'start_{i}' for i in range(options.starts + 1)]
     driver = Driver(names)
     with TemporaryDirectory() as cache:

@@ -1,0 +1,239 @@
+"""Measure round trips of each source: a system's frame out, joint states back.
+
+    python -m benchmarks.adapters [--rate 120] [--seconds 5] [--json OUT]
+
+Each source has a source node and a tracker; `markers` is a tracker alone, which gets MarkerArrays.
+All run at once and are measured in turns, one frame on its way at a time, of eight markers. NatNet
+comes from a simulated Motive on this machine.
+"""
+
+import argparse
+import gc
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+sys.path.append(str(Path(__file__).resolve().parent.parent / 'test'))
+
+import numpy as np
+
+from benchmarks.common import add_json_option, environ, environment, write_rows
+from benchmarks.round_trip import BOUTS, PATIENCE, WARM, isolate
+
+BASE = 'markers'
+SOURCES = 'point_cloud', 'mocap4r2', 'landmarks', 'natnet'
+UNLABELLED = 1000  # id of the first point of a cloud
+
+
+def hand_frames(rate):
+    """Return eight markers of the demo motion, forwards and backwards, shape (n, 8, 3)."""
+    from hand_tracker.core.model.hand import Hand
+    from hand_tracker.simulation.packaged_recordings import demo_recording
+    motion = demo_recording(Hand.scaled(), rate=rate).markers[:round(2. * rate)]
+    motion = np.where(np.isfinite(motion), motion, motion[0])
+    return np.concatenate((motion, motion[-2:0:-1]))
+
+
+class Sender:
+    """Send frames as one source does.
+
+    Parameters
+    ----------
+    name : str
+        `BASE` or one of `SOURCES`.
+    node : rclpy.node.Node
+    server : NatNetServer
+    """
+
+    def __init__(self, name, node, server):
+        from geometry_msgs.msg import PoseArray
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
+        from sensor_msgs.msg import PointCloud2
+        from visualization_msgs.msg import MarkerArray
+        kinds = {BASE: (MarkerArray, 'markers'), 'point_cloud': (PointCloud2, 'in'),
+                 'landmarks': (PoseArray, 'in')}
+        if name == 'mocap4r2':
+            from mocap4r2_msgs.msg import Markers
+            kinds[name] = Markers, 'in'
+        self._name, self._server = name, server
+        if name in kinds:
+            kind, topic = kinds[name]
+            self._publisher = node.create_publisher(kind, f'/{name}/{topic}', QoSProfile(
+                depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+
+    def prepare(self, positions, stamp):
+        """Return what sends a frame."""
+        if self._name == 'natnet':
+            # Its frame is packed as it is sent, which takes longer than to hand bytes over.
+            return lambda: self._server.send_at_once({'hand': positions})
+        data = getattr(self, f'_{self._name}')(positions, stamp)
+        return lambda: self._publisher.publish(data)
+
+    def _markers(self, positions, stamp):
+        from hand_tracker.messages.stamps import Stamp
+        from hand_tracker.messages.templates import markers_template
+        template = markers_template('mocap', [('leds', number) for number in range(8)])
+        return template.fill(Stamp(stamp.sec, stamp.nanosec), positions)
+
+    def _point_cloud(self, positions, stamp):
+        from helpers.clouds import cloud
+
+        from hand_tracker.files.bags import TYPE_STORE
+        message = cloud(positions, form='f4')
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp.sec, stamp.nanosec
+        return bytes(TYPE_STORE.serialize_cdr(message, 'sensor_msgs/msg/PointCloud2'))
+
+    def _mocap4r2(self, positions, stamp):
+        from geometry_msgs.msg import Point
+        from mocap4r2_msgs.msg import Marker, Markers
+        from rclpy.serialization import serialize_message
+
+        from hand_tracker.core.model.marker_layout import MARKERS
+        message = Markers(markers=[
+            Marker(marker_name=name, translation=Point(x=x, y=y, z=z))
+            for name, (x, y, z) in zip(MARKERS, positions.tolist())])
+        message.header.stamp, message.header.frame_id = stamp, 'map'
+        return serialize_message(message)
+
+    def _landmarks(self, positions, stamp):
+        from geometry_msgs.msg import Point, Pose, PoseArray
+        from rclpy.serialization import serialize_message
+
+        from hand_tracker.calibration.landmarks import LANDMARKS
+        from hand_tracker.core.model.marker_layout import PAPER_PLACES
+        rows = dict(zip(PAPER_PLACES, positions.tolist()))
+        message = PoseArray(poses=[
+            Pose(position=Point(**dict(zip('xyz', rows.get(name, (np.nan,) * 3)))))
+            for name in LANDMARKS])
+        message.header.stamp, message.header.frame_id = stamp, 'head'
+        return serialize_message(message)
+
+
+def start(stack, server):
+    """Start a tracker and, for all but `BASE`, a source node of each name."""
+    def run(name, node, *arguments):
+        process = stack.enter_context(subprocess.Popen(
+            [sys.executable, '-m', 'hand_tracker.entry', node, '--ros-args', '-r',
+             f'__ns:=/{name}', *arguments], stderr=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL, env=environ()))
+        stack.callback(process.terminate)
+
+    from hand_tracker.core.model.marker_layout import MARKERS
+    for name in (BASE, *SOURCES):
+        more = []
+        if name == 'point_cloud':
+            more = [part for row, marker in enumerate(MARKERS)
+                    for part in ('-p', f'labels.{marker}:="{UNLABELLED + row}"')]
+        if name != BASE:
+            more += ['-r', f'markers:=/{name}/source/markers']
+            run(name, 'source', '-p', f'source:={name}', '-p', f'topic:=/{name}/in',
+                '-p', f'port:={server.port if name == "natnet" else 0}')
+        run(name, 'tracker', '-p', 'auto_size:=false', *more)
+
+
+class Measurement:
+    """Round trips of all sources, by one node.
+
+    Parameters
+    ----------
+    server : NatNetServer
+    rate : float
+        [Hz]
+    """
+
+    def __init__(self, server, rate):
+        import rclpy
+        from rclpy.node import Node
+        from sensor_msgs.msg import JointState
+        try:
+            from rclpy.experimental.events_executor import EventsExecutor as Executor
+        except ImportError:
+            from rclpy.executors import SingleThreadedExecutor as Executor
+        rclpy.init()
+        self._node, self._rate, self._count = Node('adapters'), rate, 0
+        self._answered = {}
+        self._senders = {}
+        for name in (BASE, *SOURCES):
+            self._senders[name] = Sender(name, self._node, server)
+            self._node.create_subscription(
+                JointState, f'/{name}/joint_states',
+                lambda data, name=name: self._answered.setdefault(name, time.perf_counter_ns()),
+                100, raw=True)
+        self._executor = Executor()
+        self._executor.add_node(self._node)
+        self._frames = hand_frames(rate)
+
+    def trips(self, name, seconds):
+        """Return the round trips [µs] of a source, NaN for frames without answer."""
+        found, due = [], time.perf_counter_ns()
+        for _ in range(round(seconds * self._rate)):
+            self._count += 1
+            send = self._senders[name].prepare(
+                self._frames[self._count % len(self._frames)],
+                self._node.get_clock().now().to_msg())
+            self._spin_until(due)
+            self._answered.pop(name, None)
+            given = time.perf_counter_ns()
+            send()
+            due += round(1e9 / self._rate)
+            self._spin_until(max(due - 1_000_000, given + 4_000_000), name)
+            found.append((self._answered.get(name, np.nan) - given) * 1e-3)
+        return np.array(found)
+
+    def wait_for(self, name):
+        """Send until a source answers each frame of half a second."""
+        until = time.monotonic() + PATIENCE
+        while not np.isfinite(self.trips(name, .5)).all():
+            if time.monotonic() > until:
+                raise SystemExit(f'{name} does not answer')
+
+    def _spin_until(self, due, answered=''):
+        while (left := due - time.perf_counter_ns()) > 0 and answered not in self._answered:
+            self._executor.spin_once(1e-9 * left)
+
+
+def main():
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--rate', type=float, default=120., help='frames per second')
+    parser.add_argument('--seconds', type=float, default=5., help='of each measurement')
+    add_json_option(parser)
+    options = parser.parse_args()
+    isolate()
+    from helpers.natnet_server import NatNetServer
+
+    from hand_tracker.core.model.marker_layout import MARKERS
+    print(environment())
+    with NatNetServer((4, 1), {'hand': MARKERS}) as server, ExitStack() as stack:
+        start(stack, server)
+        measurement = Measurement(server, options.rate)
+        for name in (BASE, *SOURCES):
+            measurement.wait_for(name)
+        found = {name: [] for name in (BASE, *SOURCES)}
+        gc.collect()
+        gc.disable()
+        for _ in range(BOUTS):
+            for name, trips in found.items():
+                measurement.trips(name, WARM)
+                trips.append(measurement.trips(name, options.seconds / BOUTS))
+    rows = []
+    base = np.nanmedian(np.concatenate(found[BASE]))
+    print(f"{'source':14}{'median µs':>11}{'p99 µs':>9}{'of markers':>12}{'dropped %':>11}")
+    for name, trips in found.items():
+        trips = np.concatenate(trips)
+        median, p99 = np.nanpercentile(trips, (50, 99))
+        rows.append({'source': name, 'median_us': round(float(median), 1),
+                     'p99_us': round(float(p99), 1), 'of_markers': round(float(median / base), 2),
+                     'dropped_percent': round(100. * float(np.isnan(trips).mean()), 3)})
+        print('{source:14}{median_us:11.0f}{p99_us:9.0f}{of_markers:12.2f}'
+              '{dropped_percent:11.2f}'.format(**rows[-1]))
+    write_rows(options.json, rows)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,137 @@
+"""Measure the way from markers to a robot's command over DDS, beside the C echo's round trip.
+
+    python -m benchmarks.teleoperation [--rates 120 480] [--seconds 5] [--robot ROBOT] [--json OUT]
+
+Markers are published; a tracker node and a retarget node, each in a process of its own and with
+its defaults, answer with the command of a robot. In turns with them, in the same run, the tracker
+alone answers with joint states, and a minimal echo in C answers each MarkerArray. Processor time is
+that of all processes of a row together.
+"""
+
+import argparse
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import numpy as np
+
+from benchmarks.common import add_json_option, environ, environment, write_rows
+from benchmarks.round_trip import (
+    BOUTS,
+    PATIENCE,
+    WARM,
+    Driver,
+    compiled_echo,
+    cpu_time,
+    isolate,
+    messages,
+)
+
+TELEOPERATION, TRACKER, C_ECHO = 'teleoperation', 'tracker', 'c_echo'
+ENGAGE_RATE = 100.  # [Hz] of markers meanwhile
+
+
+def start(stack, folder, robot, urdf):
+    """Start all nodes; return their processes by namespace."""
+    def begin(command, namespace, *parameters):
+        process = stack.enter_context(subprocess.Popen(
+            [*map(str, command), '--ros-args', '-r', f'__ns:=/{namespace}',
+             *(word for parameter in parameters for word in ('-p', parameter))],
+            stderr=subprocess.DEVNULL, env=environ()))
+        stack.callback(process.terminate)
+        return process
+
+    def node(name):
+        return [sys.executable, '-m', f'hand_tracker.nodes.{name}_node']
+
+    tracking = 'side:=right', 'auto_size:=false'
+    processes = {
+        # No driver of a robot is there to tell where it is.
+        TELEOPERATION: [begin(node('tracker'), TELEOPERATION, *tracking), begin(
+            node('retarget'), TELEOPERATION, f'robot:={robot}', 'safety.require_robot_state:=false',
+            *([f'robot_description:={urdf}'] if urdf else []))],
+        TRACKER: [begin(node('tracker'), TRACKER, *tracking)]}
+    if echo := compiled_echo(folder):
+        processes[C_ECHO] = [begin(echo[1], C_ECHO)]
+    else:
+        print('c_echo: not there, it needs a C compiler and the headers of rcl')
+    return processes
+
+
+def engage(driver, frames):
+    """Send markers and ask until the robot is engaged."""
+    from std_srvs.srv import SetBool
+    client = driver.node.create_client(SetBool, f'/{TELEOPERATION}/retarget/engage')
+    asked, until = None, time.monotonic() + PATIENCE
+    while asked is None or not (asked.done() and asked.result().success):
+        if time.monotonic() > until:
+            raise SystemExit('the robot is not engaged')
+        if client.service_is_ready() and (asked is None or asked.done()):
+            asked = client.call_async(SetBool.Request(data=True))
+        # Without a pause: a hand that is lost does not engage.
+        driver.send([TELEOPERATION], frames, ENGAGE_RATE)
+        driver.spin_until(time.perf_counter_ns() + round(1e9 / ENGAGE_RATE))
+
+
+def main():
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--rates', type=float, nargs='+', default=[120., 480.],
+                        help='frames per second')
+    parser.add_argument('--seconds', type=float, default=5., help='of each measurement')
+    parser.add_argument('--robot', default='plain', help='preset or robot file')
+    parser.add_argument('--urdf', default='', help="the robot's, for a preset")
+    add_json_option(parser)
+    options = parser.parse_args()
+    isolate()
+    print(environment())
+    rows = []
+    with TemporaryDirectory() as folder, ExitStack() as stack:
+        processes = start(stack, folder, options.robot, options.urdf)
+        frames = {rate: [messages(('right',), rate)] for rate in options.rates}
+        driver = Driver(processes, {TELEOPERATION: 'robot/command'})
+        for name in processes:
+            if name != TELEOPERATION and driver.wait_for(
+                    name, processes[name][0], frames[options.rates[0]][0]) is None:
+                raise SystemExit(f'{name} does not answer')
+        for rate in options.rates:
+            found = {name: ([], [], 0, 0.) for name in processes}
+            for _ in range(BOUTS):
+                for name, (trips, sent, used, seconds) in found.items():
+                    if name == TELEOPERATION:
+                        # In the pause of the other turns the hand was lost.
+                        engage(driver, frames[rate])
+                    driver.measure([name], frames[rate], rate, WARM)
+                    before, began = sum(map(cpu_time, processes[name])), time.monotonic()
+                    (answered,), count = driver.measure(
+                        [name], frames[rate], rate, options.seconds / BOUTS)
+                    trips.extend(answered)
+                    sent.append(count)
+                    found[name] = (trips, sent, used + sum(
+                        map(cpu_time, processes[name])) - before,
+                        seconds + time.monotonic() - began)
+            rows += [row_of(name, rate, *measured) for name, measured in found.items()]
+            for row in rows[-len(found):]:
+                print('{node:14} {rate_hz:5g} Hz  median {median_us:6.0f} µs  p99 {p99_us:6.0f} µs'
+                      '  CPU {cpu_percent:5.1f} %  unanswered {unanswered_percent:.2f} %'.format(
+                          **row), flush=True)
+    write_rows(options.json, rows)
+    return 0
+
+
+def row_of(name, rate, trips, sent, used, seconds):
+    """Return the row of a measurement."""
+    median, p99 = np.percentile(trips, (50, 99)) * 1e-3 if trips else (np.nan, np.nan)
+    return {'node': name, 'rate_hz': rate, 'median_us': round(float(median), 1),
+            'p99_us': round(float(p99), 1), 'cpu_percent': round(100. * used / seconds, 1),
+            'unanswered_percent': round(100. * (1. - len(trips) / sum(sent)), 3)}
+
+
+if __name__ == '__main__':
+    sys.exit(main())
