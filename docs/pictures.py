@@ -5,8 +5,10 @@ reproducible but the latency, which is measured.
 """
 
 import argparse
+import shutil
 import subprocess
 import sys
+import tarfile
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,12 +18,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, FancyBboxPatch
 from PIL import Image
 
-from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.model.hand import JOINTS, Hand, preset_limits
 from hand_tracker.core.model.kinematics import Pose, forward, joint_table, tip_offsets
-from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
+from hand_tracker.core.model.layout_presets import LAYOUT_PRESETS, preset_layout
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.model.skeleton import (
     DIGIT_CHAINS,
     PALM_BONES,
+    SKELETON_BONES,
     SKELETON_POINTS,
     skeleton_points,
 )
@@ -36,8 +40,12 @@ from hand_tracker.drawing.images import (
     write_text,
 )
 from hand_tracker.drawing.palette import (
+    BLUE,
     DIGIT_COLOURS,
+    GREY,
+    LIGHT_GREY,
     ORANGE,
+    PAPER_WHITE,
     REDDISH_PURPLE,
     SKIN_TONE,
     SKY_BLUE,
@@ -49,11 +57,24 @@ from hand_tracker.evaluation import ablation
 from hand_tracker.evaluation.capture_tracking import tracked_joints
 from hand_tracker.evaluation.results import hardware
 from hand_tracker.evaluation.simulated import trial
+from hand_tracker.files.urdf_file import urdf
+from hand_tracker.package_data import packaged_recording
+from hand_tracker.retargeting.command_guard import GuardState
+from hand_tracker.retargeting.robot_file import load_robot
+from hand_tracker.retargeting.teleoperation import Teleoperation
+from hand_tracker.simulation.motions import motion_named
 from hand_tracker.simulation.packaged_recordings import RECORDING_RATE, demo_recording
 from hand_tracker.skin import deform, load_skin
 
 FOLDER = Path(__file__).resolve().parent / 'pictures'
+# Of the robot that is driven while the tracker fails [s].
+DRIVEN_JOINT, DRIVEN_START, DRIVEN_SECONDS = 'index_pip_flexion', 0., 14.
+ENGAGED_AT, JUMPS, KILLED = (1., 11.5), ((5., 5.03), (6.5, 6.53)), ((3.5, 4.1), (8., 10.5))
+STATE_COLOURS = {GuardState.DISENGAGED: LIGHT_GREY, GuardState.EASING: SKY_BLUE,
+                 GuardState.FOLLOWING: PAPER_WHITE, GuardState.HOLDING: ORANGE}
+LAYOUT_SIZE = 170, 245    # [px]
 GIF_RATE, GIF_COLOURS, GIF_TOLERANCE = 20., 40, 13  # [Hz], entries, of 255
+THREE_VERSION = '0.170.0'    # as docs/glb.html has it
 SEED = 1                 # that of the evaluations
 CONDITIONS = {'occluded': 'markers hidden', 'wrong': 'labels exchanged, reflections'}
 WRONG_MARKER_ERROR = .01  # [m] above which a measured marker counts as wrong
@@ -384,6 +405,50 @@ def latency(samples=None):
     save(figure, 'latency.png')
 
 
+def teleoperation():
+    """Plot a robot's command over time while the tracker fails in several ways."""
+    hand = Hand.scaled(limits=preset_limits('wide'))
+    motion, step = motion_named('demo', hand), 1. / RECORDING_RATE
+    with TemporaryDirectory() as folder:
+        Path(folder, 'robot.urdf').write_text(urdf(hand))
+        robot = load_robot(str(Path(folder, 'robot.urdf')))
+    driver = Teleoperation(robot, hand, 'right_')
+    names, row = [f'right_{joint}' for joint in JOINTS], robot.order.index(DRIVEN_JOINT)
+    position = robot.hand.rest.copy()
+    times = np.arange(0., DRIVEN_SECONDS, step)
+    angles, _, _ = motion.sample(DRIVEN_START + times)
+    wanted, sent, states = [], [], []
+    for now, frame in zip(times, angles):
+        seen = frame.copy()
+        if any(start <= now < end for start, end in JUMPS):
+            seen[:] = hand.limits[:, 1]
+        driver.observe_robot(robot.order, position, now)
+        if not any(start <= now < end for start, end in KILLED):
+            driver.observe_hand(names, seen, now)
+        if any(abs(now - engaged) < .5 * step for engaged in ENGAGED_AT):
+            driver.guard.engage(now)
+        command = driver.command(now)
+        position = position if command is None else command.position.copy()
+        wanted.append(np.nan if any(start <= now < end for start, end in KILLED)
+                      else seen[JOINTS.index(DRIVEN_JOINT)])
+        sent.append(np.nan if command is None else command.position[row])
+        states.append(driver.guard.state)
+    figure = blank_figure(1100, 420, layout='constrained')
+    axes = figure.subplots()
+    for state, colour in STATE_COLOURS.items():
+        axes.fill_between(times, 0, 1, where=[one is state for one in states], color=colour,
+                          alpha=.35, linewidth=0, transform=axes.get_xaxis_transform(),
+                          label=state.value)
+    axes.plot(times, np.degrees(wanted), color=GREY, linewidth=1., label='hand')
+    axes.plot(times, np.degrees(sent), color=BLUE, linewidth=2., label='command sent')
+    axes.set_xlabel('time [s]')
+    axes.set_ylabel(f'{DRIVEN_JOINT} [degrees]')
+    axes.set_xlim(0., DRIVEN_SECONDS)
+    figure.legend(loc='outside upper center', ncols=6, frameon=False)
+    FOLDER.mkdir(exist_ok=True)
+    figure.savefig(FOLDER / 'teleoperation.png', metadata={'Software': None})
+
+
 def _log_axis(axes, is_lowest):
     """Style axes as a line of logarithmic time [ms], labelled in the lowest row."""
     axes.set_facecolor('none')
@@ -397,8 +462,69 @@ def _log_axis(axes, is_lowest):
         spine.set(visible=name == 'bottom', color=CARD_MUTED)
 
 
+def layouts():
+    """Draw each layout preset on the hand at rest, seen from the back of a right hand."""
+    hand = Hand.scaled()
+    rest = forward(joint_table(hand), hand.relaxed() * .3)
+    points = skeleton_points(tip_offsets(hand), rest, np.zeros(3))
+    for name in LAYOUT_PRESETS:
+        layout = preset_layout(name)
+        markers = marker_positions(layout.mounting(hand), rest)
+        figure = blank_figure(*LAYOUT_SIZE, facecolor='white')
+        axes = figure.add_axes((0., 0., 1., 1.))
+        # Fingers up, the thumb to the left.
+        for bone in SKELETON_BONES:
+            axes.plot(-points[bone, 1], points[bone, 0], color=LIGHT_GREY, linewidth=5,
+                      solid_capstyle='round', zorder=1)
+        is_principal = np.isin(np.arange(len(markers)), layout.principal)
+        for chosen, colour in ((is_principal, VERMILLION), (~is_principal, SKY_BLUE)):
+            axes.scatter(-markers[chosen, 1], markers[chosen, 0], s=22, color=colour,
+                         edgecolor='black', linewidth=.4, zorder=2)
+        axes.set_aspect('equal')
+        axes.set_xlim(-.085, .075)
+        axes.set_ylim(-.035, .2)
+        axes.axis('off')
+        save(figure, f'layout_{name}.png')
+
+
+def glb(time=2.):
+    """Photograph a GLB of the packaged recording in docs/glb.html, in Chromium.
+
+    Needs npm, for three.js, and Playwright with a Chromium.
+    """
+    # Here, as only this picture needs it.
+    from playwright.sync_api import sync_playwright
+
+    with TemporaryDirectory() as folder:
+        done = subprocess.run(['npm', 'pack', f'three@{THREE_VERSION}'], cwd=folder, check=True,
+                              capture_output=True, text=True)
+        with tarfile.open(Path(folder, done.stdout.split()[-1])) as archive:
+            archive.extractall(folder, filter='data')
+        hand = Path(folder, 'hand.glb')
+        subprocess.run([sys.executable, '-m', 'hand_tracker', 'track', packaged_recording(), '-o',
+                        hand], check=True)
+
+        def answer(route):
+            path = route.request.url.partition('?')[0]
+            library = path.partition(f'three@{THREE_VERSION}/')[2]
+            route.fulfill(path=Path(folder, 'package', library) if library else
+                          hand if path.endswith('.glb') else FOLDER.parent / 'glb.html')
+
+        with sync_playwright() as playwright:
+            browser = playwright.chromium.launch(
+                executable_path=shutil.which('chromium'),
+                args=['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader',
+                      '--enable-unsafe-swiftshader'])
+            page = browser.new_page(viewport={'width': 1200, 'height': 380})
+            page.route('**/*', answer)
+            page.goto(f'http://page/glb.html?file=hand.glb&time={time}&frames=4')
+            page.wait_for_function("document.title == 'drawn'", timeout=120_000)
+            page.screenshot(path=FOLDER / 'glb.png')
+            browser.close()
+
+
 PICTURES = {'hero': hero, 'motion': motion, 'constraints': constraints, 'angles': angles,
-            'latency': latency}
+            'latency': latency, 'layouts': layouts, 'teleoperation': teleoperation, 'glb': glb}
 
 
 def main():

@@ -1,11 +1,17 @@
-"""Take pictures of the viewer's page: `python -m docs.viewer`. Needs playwright and Chromium."""
+"""Take pictures of the viewer's page: `python -m docs.viewer [NAME ...]`.
+
+`recording` and `calibration`; needs playwright and Chromium, and rclpy for the second.
+"""
 
 import re
 import shutil
 import subprocess
 import sys
+from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+from PIL import Image
 from playwright.sync_api import sync_playwright
 
 from hand_tracker.package_data import packaged_recording
@@ -15,8 +21,12 @@ BROWSER = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser', '
                None)
 SOFTWARE = ('--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader')
 SIZE = {'width': 1280, 'height': 720}
+SIZE_WITH_BARS = {'width': 1280, 'height': 860}
 HIDDEN = '16.2'                 # [s] of the recording: a marker is hidden
 PATIENCE, SETTLED, DRAWN = 120e3, 2e3, 8e3    # [ms]
+SHOWN_MOVEMENTS = 6             # of twelve, at which a calibration is photographed
+COLOURS = 256                   # of a picture
+PACE = 60.                      # [Hz] of the simulated markers: the browser draws by software
 
 
 def photograph(address):
@@ -44,7 +54,7 @@ def photograph(address):
         browser.close()
 
 
-def main():
+def recording():
     """Serve the packaged recording, and photograph the page."""
     command = [sys.executable, '-m', 'hand_tracker', 'view', packaged_recording()]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as viewer:
@@ -55,5 +65,46 @@ def main():
             viewer.wait()
 
 
+def calibration():
+    """Calibrate the simulated hand live, and photograph the page while its bars fill."""
+    with ExitStack() as running:
+        folder = running.enter_context(TemporaryDirectory())
+        running.enter_context(started('tracker_node'))
+        running.enter_context(started('simulate_node', motion='range_of_motion', rate=PACE))
+        viewer = running.enter_context(started('viewer_node'))
+        address = re.search(r'http://\S+', viewer.stdout.readline()).group()
+        browser = running.enter_context(sync_playwright()).chromium.launch(
+            executable_path=BROWSER, args=SOFTWARE)
+        page = browser.new_page(viewport=SIZE_WITH_BARS)
+        page.set_default_timeout(PATIENCE)
+        page.goto(address)
+        page.locator('.mantine-Notification-closeButton').click()
+        page.get_by_text('seen').wait_for()
+        page.wait_for_timeout(DRAWN)
+        file = Path(folder, 'my_hand.yaml')
+        calibrating = running.enter_context(started('calibrate_node', output=file))
+        page.locator('.cb .all').nth(SHOWN_MOVEMENTS - 1).wait_for()
+        picture = FOLDER / 'viewer_calibration.png'
+        page.screenshot(path=picture)
+        Image.open(picture).convert('RGB').quantize(COLOURS).save(picture, optimize=True)
+        calibrating.wait()
+        print(f'{picture}; {file.stat().st_size} bytes of the hand that was fitted')
+        browser.close()
+
+
+class started(subprocess.Popen):
+    """A node of this package as a process, ended at the end of a `with`."""
+
+    def __init__(self, module, **parameters):
+        given = [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
+        super().__init__([sys.executable, '-m', f'hand_tracker.nodes.{module}', '--ros-args',
+                          *given], stdout=subprocess.PIPE, text=True)
+
+    def __exit__(self, *error):
+        self.terminate()
+        super().__exit__(*error)
+
+
 if __name__ == '__main__':
-    main()
+    for name in sys.argv[1:] or ('recording', 'calibration'):
+        {'recording': recording, 'calibration': calibration}[name]()

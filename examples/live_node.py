@@ -1,7 +1,7 @@
 """A live node: MarkerArrays in, JointStates out. Needs ROS 2."""
 
-import rclpy
-from rclpy.executors import ExternalShutdownException
+import sys
+
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
@@ -12,6 +12,7 @@ from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.messages.marker_array import markers_from_message
 from hand_tracker.messages.stamps import seconds
+from hand_tracker.nodes.runner import run
 
 
 class LiveNode(Node):
@@ -32,8 +33,5 @@ class LiveNode(Node):
             self.publisher.publish(answer)
 
 
-try:
-    rclpy.init()
-    rclpy.spin(LiveNode())
-except (KeyboardInterrupt, ExternalShutdownException):
-    pass    # Ctrl-C
+if __name__ == '__main__':
+    sys.exit(run(LiveNode))    # until Ctrl-C

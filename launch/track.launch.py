@@ -1,4 +1,4 @@
-"""Track a hand: replay or live driver, tracker, robot_state_publisher and, if asked, RViz."""
+"""Track a hand or both: replay or live driver, tracker, robot_state_publisher, RViz if asked."""
 
 import atexit
 import shutil
@@ -7,6 +7,7 @@ import tempfile
 from difflib import get_close_matches
 from math import inf
 from pathlib import Path
+from typing import NamedTuple
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutdown
@@ -14,35 +15,70 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from hand_tracker.core.errors import HandTrackerError
+from hand_tracker.core.model.hand import BOTH, SIDES, Hand
 from hand_tracker.files.parameter_file import node_parameters
 from hand_tracker.files.urdf_file import urdf
-from hand_tracker.nodes.tracker_parameters import AUTO, START, starting_hand
+from hand_tracker.nodes.tracker_parameters import (
+    AUTO,
+    SEPARATE,
+    START,
+    start_of_hand,
+    starting_hand,
+    values_of_hand,
+)
 from hand_tracker.package_data import packaged_recording
 from launch import LaunchDescription
 
+# Systems that the source node takes points from.
+SYSTEMS = 'point_cloud', 'mocap4r2', 'natnet', 'qualisys', 'landmarks'
 ARGUMENTS = (
     DeclareLaunchArgument(
-        'source', default_value='recording', choices=['recording', 'live'],
-        description='Where markers come from: a recording that is replayed, or a live driver'),
+        'source', default_value='recording', choices=['recording', 'markers', 'live', *SYSTEMS],
+        description='Where markers come from: a recording that is replayed, a driver that '
+                    'publishes MarkerArrays (markers or live), or another system'),
+    DeclareLaunchArgument(
+        'topic', default_value='',
+        description="Topic of a source's messages; empty: the system's usual one"),
+    DeclareLaunchArgument(
+        'message', default_value='',
+        description='Of mocap4r2: markers or rigid_bodies; of landmarks: pose_array, '
+                    'named_pose_array or marker_array; empty: the first of these'),
+    DeclareLaunchArgument(
+        'server', default_value='',
+        description='Address of the computer with Motive (natnet) or QTM (qualisys)'),
+    DeclareLaunchArgument(
+        'subject', default_value='',
+        description='Rigid body, marker set or subject of the hand; empty: whatever there is'),
     DeclareLaunchArgument(
         'recording', default_value='',
-        description='rosbag2 recording to replay (.mcap, .db3 or folder), but for what the nodes '
-                    'here publish; empty: the packaged one of the side'),
+        description='recording to replay (rosbag2, C3D, TRC, TSV, CSV, BVH, npz), but for what the '
+                    'nodes here publish; empty: the packaged one of the side'),
     DeclareLaunchArgument(
         'rate', default_value='1.0', description='Speed of the replay'),
     DeclareLaunchArgument(
         'loop', default_value='true', choices=['true', 'false'],
         description='Replay for ever; with false all ends after the recording'),
     DeclareLaunchArgument(
-        'markers', default_value='markers', description='Topic of the MarkerArrays'),
+        'markers', default_value='markers',
+        description='Topic of the MarkerArrays; those of the source node are on source/markers'),
     DeclareLaunchArgument(
         'hand', default_value='', description='Hand file (YAML); empty: the mean hand'),
     DeclareLaunchArgument(
-        'side', default_value='auto', choices=['auto', 'right', 'left'],
-        description="Side of the hand; auto: the hand file's, else right"),
+        'layout', default_value='',
+        description="Markers that are worn: a preset's name (docs/layouts.md) or a layout file "
+                    "(YAML); empty: the hand file's, else the paper's eight"),
     DeclareLaunchArgument(
-        'limits', default_value='auto', choices=['auto', 'paper', 'wide'],
-        description="Joint limits: Table 1 of the paper, or wider ranges of motion; "
+        'side', default_value='auto', choices=['auto', 'right', 'left', 'both'],
+        description="Side of the hand, or both hands in one tracker; auto: the hand file's, else "
+                    "right"),
+    DeclareLaunchArgument(
+        'left_hand', default_value='',
+        description='Hand file (YAML) of the left one of both hands; empty: that of the right one, '
+                    'mirrored'),
+    DeclareLaunchArgument(
+        'limits', default_value='auto', choices=['auto', 'paper', 'wide', 'wearer'],
+        description="Joint limits: Table 1 of the paper, wider ranges of motion, or Table 1 "
+                    "widened to what the hand file's calibration has seen; "
                     "auto: the hand file's, else paper"),
     DeclareLaunchArgument(
         'coupling', default_value='auto', choices=['auto', 'natural', 'paper'],
@@ -73,6 +109,13 @@ ARGUMENTS = (
         'skin', default_value='auto', choices=['auto', 'true', 'false'],
         description='Publish the skin of the hand for RViz; auto: when RViz is shown'),
     DeclareLaunchArgument(
+        'robot', default_value='',
+        description='Robot hand to drive: a preset such as allegro, a robot file, a '
+                    'dex-retargeting file or a URDF; empty: none. It moves only once engaged'),
+    DeclareLaunchArgument(
+        'robot_description', default_value='',
+        description="The robot's URDF: path, package:// path or XML; empty: the robot file's"),
+    DeclareLaunchArgument(
         'fixed_frame', default_value='mocap', description='Fixed frame of RViz'),
     DeclareLaunchArgument(
         'use_sim_time', default_value='false', choices=['true', 'false'],
@@ -82,15 +125,19 @@ ARGUMENTS = (
 NONE = 'none'  # as `ros2 launch` takes no empty value
 START_DEFAULTS = {row.name: row.default for row in START}
 TRACKER_NAME = 'hand_tracker'
+SOURCE_NAME = 'source'
 # Parameters of the tracker that the URDF depends on, and the arguments that set them too.
 ARGUMENT_OF = {
-    'hand_file': 'hand', 'side': 'side', 'limits.preset': 'limits', 'coupling.preset': 'coupling',
-    'thumb': 'thumb', 'prefix': 'prefix', 'hand_length': None, 'hand_breadth': None}
+    'hand_file': 'hand', 'layout': 'layout', 'side': 'side', 'limits.preset': 'limits',
+    'coupling.preset': 'coupling', 'thumb': 'thumb', 'prefix': 'prefix', 'hand_length': None,
+    'hand_breadth': None}
+ROBOT_TAKES = 'hand_file', 'hand_length', 'hand_breadth', 'limits.preset', 'thumb', 'prefix'
 SKIN_TAKES = 'hand_file', 'side', 'hand_length', 'hand_breadth', 'thumb', 'prefix'
+SHOWN_TOPICS = 'robot_description', 'hand_markers', 'hand_skin'
 FOLLOWED = 'Target Frame: {}middle_knuckle'  # by RViz's view: amid the hand, still in the palm
 # A recording may hold these from an earlier run; two publishers of a frame fight.
 PUBLISHED_HERE = ('tf tf_static joint_states joint_confidence hand_markers hand_skin '
-                  'robot_description diagnostics')
+                  'robot_description hand_description diagnostics')
 
 
 def start(context):
@@ -103,52 +150,124 @@ def start(context):
     publishes_links = installed('robot_state_publisher')
     in_file = file_parameters(given)
     hand_parameters = shared_parameters(given, in_file)
-    hand, _ = starting_hand({**START_DEFAULTS, **hand_parameters})
-    prefix = hand_parameters['prefix']
-    if prefix == AUTO:
-        prefix = f'{hand.side}_'
+    hands = hands_of(given, in_file, hand_parameters)
+    recording = given['recording'] or str(packaged_recording(
+        BOTH if len(hands) > 1 else hands[0].hand.side))
     broadcast = 'wrist' if publishes_links else 'all'
-    check_frames(in_file, broadcast, f'{prefix}wrist')
+    check_frames(in_file, broadcast, f'{hands[0].prefix}wrist')
     common = {'use_sim_time': agreed(
         'use_sim_time', given['use_sim_time'] == 'true', False, in_file)}
 
-    def node(executable, parameters, package='hand_tracker', files=(), **more):
+    def node(executable, parameters, package='hand_tracker', files=(), namespace='', **more):
         return Node(
-            package=package, executable=executable, namespace=given['namespace'],
+            package=package, executable=executable,
+            namespace='/'.join(filter(None, (given['namespace'], namespace))),
             parameters=[*files, common, *map(texts_kept, parameters)], output='screen', **more)
 
+    of_both = {}
+    if len(hands) > 1:
+        of_both = {f'{hand.hand.side}.hand_file': hand.parameters['hand_file'] for hand in hands}
     actions = [node(
-        'tracker', [{**hand_parameters, 'broadcast': broadcast}], name=TRACKER_NAME,
+        'tracker', [{**hand_parameters, **of_both, 'broadcast': broadcast}], name=TRACKER_NAME,
         files=[given['parameters']] if given['parameters'] else [],
-        remappings=[('markers', given['markers'])], on_exit=ended('tracker'))]
+        remappings=[('markers', topic_of_markers(given))], on_exit=ended('tracker'))]
     if publishes_links:
-        actions.append(node(
+        actions += [node(
             'robot_state_publisher',
             [{'robot_description': urdf(hand, prefix),
               'publish_frequency': number(given, 'publish_frequency')}],
-            package='robot_state_publisher', on_exit=ended('robot_state_publisher')))
+            package='robot_state_publisher', namespace=namespace,
+            remappings=joint_states_of(given, namespace, in_file),
+            on_exit=ended('robot_state_publisher')) for hand, prefix, namespace, _ in hands]
     else:
         actions.append(LogInfo(msg='robot_state_publisher is not installed: '
                                    'the tracker broadcasts every frame itself'))
+    if given['source'] in SYSTEMS:
+        actions.append(node(
+            'source',
+            [{'source': given['source'], 'side': hands[0].hand.side, **{
+                name: given[name] for name in ('topic', 'message', 'server', 'subject')
+                if given[name]}}],
+            files=[given['parameters']] if given['parameters'] else [], name=SOURCE_NAME,
+            remappings=[('~/markers', topic_of_markers(given))], on_exit=ended('source')))
     if given['source'] == 'recording':
         # The launch ends with the tracker, so nothing is waited for in vain.
         actions.append(node(
             'replay',
-            [{'recording': given['recording'] or str(packaged_recording(hand.side)),
+            [{'recording': recording, 'layout': hand_parameters['layout'],
               'exclude_topics': PUBLISHED_HERE, 'rate': number(given, 'rate'),
               'loop': given['loop'] == 'true', 'wait_for_subscriber': inf}],
             remappings=[('markers', given['markers'])],
             on_exit=ended('replay')))
     if given['skin'] == 'true' or given['skin'] == 'auto' and given['rviz'] == 'true':
         # Without its libraries it says so and ends, and all else goes on.
-        actions.append(node('skin', [{
-            **{name: hand_parameters[name] for name in SKIN_TAKES},
-            'wrist_frame': in_file.get('wrist_frame', AUTO)}]))
+        actions += [node('skin', [{
+            **{name: hand.parameters[name] for name in SKIN_TAKES},
+            'wrist_frame': in_file.get('wrist_frame', AUTO)}], namespace=hand.namespace,
+            remappings=joint_states_of(given, hand.namespace, in_file)) for hand in hands]
+    if given['robot']:
+        # A robot that is not of the hand's side is refused by name, and all else goes on.
+        actions.append(node('retarget', [{
+            **{name: hand_parameters[name] for name in ROBOT_TAKES}, 'side': hands[0].hand.side,
+            'wrist_frame': in_file.get('wrist_frame', AUTO), 'robot': given['robot'],
+            'robot_description': given['robot_description']}]))
     if given['rviz'] == 'true':
         actions.append(node(
             'rviz2', [], package='rviz2',
-            arguments=['-d', str(rviz_config(prefix)), '-f', given['fixed_frame']]))
+            arguments=['-d', str(rviz_config(hands[0].prefix, hands[0].namespace)),
+                       '-f', given['fixed_frame']]))
     return actions
+
+
+def topic_of_markers(given):
+    """Return the topic of the tracker's markers; drivers of mocap4r2 have their own /markers."""
+    if given['source'] in SYSTEMS and given['markers'] == 'markers':
+        return f'{SOURCE_NAME}/markers'
+    return given['markers']
+
+
+class LaunchedHand(NamedTuple):
+    """A hand of the launch: prefix of its names, namespace of what is its alone, parameters."""
+
+    hand: Hand
+    prefix: str
+    namespace: str
+    parameters: dict
+
+
+def hands_of(given, in_file, parameters):
+    """Return each hand that is tracked, the right one of both first."""
+    if parameters['side'] != BOTH:
+        if given['left_hand']:
+            raise RuntimeError(f"left_hand: '{given['left_hand']}'; expected none but for "
+                               "side:=both: hand is the hand file")
+        hand, _ = starting_hand({**START_DEFAULTS, **parameters})
+        prefix = parameters['prefix']
+        return [LaunchedHand(hand, f'{hand.side}_' if prefix == AUTO else prefix, '', parameters)]
+    if given['robot']:
+        raise RuntimeError(f"robot: '{given['robot']}'; expected none for side:=both: it follows "
+                           'one hand; run retarget for that side beside this launch')
+    if given['source'] in SYSTEMS:
+        raise RuntimeError(f"source: '{given['source']}'; expected markers or recording for "
+                           'side:=both: a source node reads one hand')
+    files = {f'{side}.hand_file': agreed(
+        f'{side}.hand_file', given['left_hand'] if side == 'left' else '', '', in_file)
+        for side in SIDES}
+    own = {row.name: row.default for side in SIDES for row in start_of_hand(side)}
+    hands = []
+    for side in SIDES:
+        values = values_of_hand({**START_DEFAULTS, **own, **parameters, **files}, side)
+        hand, _ = starting_hand(values)
+        hands.append(LaunchedHand(hand, f'{side}_', side, values))
+    return hands
+
+
+def joint_states_of(given, namespace, in_file):
+    """Return the remappings by which a node of one of both hands finds its joint states."""
+    if not namespace or in_file.get('joint_state_topics') == SEPARATE:
+        return []
+    parts = [part for part in given['namespace'].split('/') if part]
+    return [('joint_states', '/'.join(('', *parts, 'joint_states')))]
 
 
 def check_names():
@@ -216,11 +335,14 @@ def check_frames(in_file, broadcast, root):
             f"parameters: wrist_frame: '{wrist}'; for robot_state_publisher it is '{root}'")
 
 
-def rviz_config(prefix):
-    """Return RViz's configuration, which follows the hand: for other frame names a copy."""
+def rviz_config(prefix, namespace):
+    """Return RViz's configuration, which follows the hand: for other names a copy."""
     path = Path(get_package_share_directory('hand_tracker')) / 'config' / 'hand_tracker.rviz'
     packaged = path.read_text(encoding='utf-8')
     config = packaged.replace(FOLLOWED.format('right_'), FOLLOWED.format(prefix))
+    if namespace:
+        for topic in SHOWN_TOPICS:
+            config = config.replace(f'Value: {topic}\n', f'Value: {namespace}/{topic}\n')
     if config != packaged:
         folder = tempfile.mkdtemp(prefix='hand_tracker_')
         atexit.register(shutil.rmtree, folder, ignore_errors=True)

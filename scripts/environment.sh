@@ -14,7 +14,7 @@ prepare() {
     leave_other_environments
     lock
     install_requirements "$1"
-    install_overlay
+    install_overlay "$1"
     install_package
     python=$venv/bin/python
     export PATH=$venv/bin:$PATH AMENT_PREFIX_PATH=$venv
@@ -163,14 +163,17 @@ explain_pip() {
 }
 
 # Without the overlay all works but /tf and the replay's services, so that its lack is told, not fatal.
+# The tests also need the messages of other systems' drivers.
 install_overlay() {
-  local sources lack
+  local sources lack stamp=overlay
+  [[ $1 != test ]] || stamp=overlay_of_tests
   sources=$(contents "$root/overlay" -type f | fingerprint -)
-  is_done overlay "$sources" && return
+  is_done "$stamp" "$sources" && return
   if lack=$(overlay_lacks); then
     say "No /tf and no replay services, all else works: $lack."
-  elif step "building overlay/ (/tf and the replay services)" "$root/overlay/build" "$venv"; then
+  elif step "building overlay/ (/tf and the replay services)" "$root/overlay/build" "$venv" "$1"; then
     mark_done overlay "$sources"
+    mark_done "$stamp" "$sources"
   else
     say "No /tf and no replay services, all else works: overlay/ did not build. The log: $log"
   fi
