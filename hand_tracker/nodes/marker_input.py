@@ -132,7 +132,9 @@ class MarkerInput:
         for number, frame in frames.items():
             self.hands[number].published(frame)
         if self.fast_path is not None and all(
-                frame.is_valid and frame.is_regular for frame in frames.values()):
+                frame.is_valid and frame.is_regular
+                and not self.hands[number].stream.needs_each_frame
+                for number, frame in frames.items()):
             self._install(self.fast_path, frames)
         return True
 

@@ -144,9 +144,9 @@ class TrackedHand:
         if isinstance(frame, MarkerFrame):
             # A message without any marker of the hand may be of something else.
             self._monitor.received_none(received, frame)
-            self._note_labels(received, frame)
+            if not self._labels_points:
+                self._note_labels(received, frame)
             return None
-        self._note_labels(received, markers)
         if not frame.markers.frame_id:
             self._monitor.warn_once('frame_id', f"the markers have no frame; '{UNNAMED_FRAME}' is "
                                     'used (mocap_frame)')
@@ -156,11 +156,11 @@ class TrackedHand:
         """Note a frame of the slow path, published if it is valid."""
         self._published.append(TrackedFrames.of(frame, time.monotonic()))
         self._latest = frame.stamp, frame.frame_id, frame.state
-        if not frame.is_valid:
-            return
-        if self._has_viewers:
+        if frame.is_valid and self._has_viewers:
             self._show()
-        if self._labels_points:
+        if not self._labels_points:
+            self._note_labels(frame.received, frame.markers)
+        elif frame.is_valid:
             self._labelled.publish(labelled_markers(
                 time_message(frame.stamp), frame.frame_id, self.names.prefix,
                 frame.markers.positions, self._marker_names))
@@ -168,9 +168,7 @@ class TrackedHand:
     def _note_labels(self, received: float, frame: MarkerFrame) -> None:
         """Label points by the hand's shape once labels have been of no use for some time."""
         # Points of both hands would be labelled for one hand alone.
-        if self._scope or self._labels_points:
-            return
-        reason = self._label_changes.add(frame, received)
+        reason = None if self._scope else self._label_changes.add(frame, received)
         if reason:
             self._monitor.warn_once('labels', f'{reason}: points are labelled by the shape of '
                                     "the hand, as with labels:='none'")
@@ -192,6 +190,7 @@ class TrackedHand:
         for frames in published:
             if self._monitor.update(frames):
                 self.publish_status(frames.published[-1])
+            self.stream.check_side(frames.state, frames.times[-1])
 
     def left_out(self, count: int) -> None:
         """Count frames that were left out, see `Monitor.left_out`."""

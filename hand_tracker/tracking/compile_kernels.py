@@ -1,4 +1,4 @@
-"""Compile the kernels of tracking into the cache.
+"""Compile the kernels of tracking and of labelling into the cache.
 
 Run as ``python -m hand_tracker.tracking.compile_kernels`` by `Compilation`.
 """
@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 
 import numpy as np
 
+from ..core.labelling.cloud_labeller import compile_kernels as compile_labelling
 from ..core.model.hand import DIGITS, JOINTS
 from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import marker_positions
@@ -73,17 +74,18 @@ def compile_lock() -> Iterator[None]:
         yield
 
 
-def complete_tracking_set() -> None:
-    """Compile the kernels of tracking, and mark them as ready, unless they are on disk."""
-    if not jit.is_ready(jit.TRACKING_SET):
-        compile_tracking()
-        jit.mark_ready(jit.TRACKING_SET)
+def complete_set(kernel_set: str, compile_set: Callable[[], object]) -> None:
+    """Compile a set of kernels, and mark it as ready, unless it is on disk."""
+    if not jit.is_ready(kernel_set):
+        compile_set()
+        jit.mark_ready(kernel_set)
 
 
 def main() -> int:
-    """Compile, and mark the set as ready; return the exit code."""
+    """Compile set by set; return the exit code."""
     with compile_lock():
-        complete_tracking_set()
+        complete_set(jit.TRACKING_SET, compile_tracking)
+        complete_set(jit.LABELLING_SET, compile_labelling)
     return 0
 
 

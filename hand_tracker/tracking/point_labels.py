@@ -138,7 +138,7 @@ class PointLabelReader:
         return news
 
     def load_kernels(self, folder: Path | None = None) -> None:
-        """Do nothing: points are labelled by kernels that are compiled as they are needed."""
+        """Do nothing: the kernels that label points are loaded for all readers."""
 
     def use_loaded_kernels(self) -> None:
-        """Do nothing, as `load_kernels`."""
+        """Do nothing: loaded kernels are used at once."""

@@ -179,6 +179,7 @@ class RecordedHand:
             return None
         if monitor is not None:
             monitor.update(TrackedFrames.of(frame, now))
+        stream.check_side(frame.state, frame.time)
         if not frame.is_valid:
             return None
         return RecordedFrame(

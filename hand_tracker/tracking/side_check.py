@@ -11,7 +11,7 @@ from ..core.model.marker_layout import PALM_MARKERS
 BEYOND_PALM = .035
 LEAST_FINGERS = 3       # that are beyond it, of those that are seen
 LEAST_BENT = .4         # [s] for which they are, before it is said
-GREATEST_STEP = .05     # [s] that a frame counts for at most
+GREATEST_STEP = .25     # [s] that a frame counts for at most
 MINOR_SHARE = .25       # of that time, for which they are beyond it on the other side at most
 
 
@@ -22,26 +22,15 @@ class SideCheck:
     ----------
     side : {'right', 'left'}
         Of the hand that is tracked.
-
-    Attributes
-    ----------
-    is_wrong, is_right : bool
-        Whether fingers have bent away from the palm, or to it, for long: then it is settled.
     """
 
     def __init__(self, side: str) -> None:
-        self.is_wrong = self.is_right = False
         self._sign = 1. if side == 'right' else -1.
         self._last: float | None = None
         self._palmar = self._dorsal = 0.
 
-    @property
-    def is_settled(self) -> bool:
-        """Whether the side is known."""
-        return self.is_wrong or self.is_right
-
-    def add(self, markers: np.ndarray, time: float | None) -> bool:
-        """Note a frame; return whether the side has been found wrong by this one.
+    def add(self, markers: np.ndarray, time: float | None) -> bool | None:
+        """Note a frame; return whether the side is wrong, None where that is not known yet.
 
         Parameters
         ----------
@@ -50,23 +39,23 @@ class SideCheck:
         time : float or None
             Of the frame [s].
         """
-        if time is None or self.is_settled:
-            return False
+        if time is None:
+            return None
         step = 0. if self._last is None else min(max(time - self._last, 0.), GREATEST_STEP)
         self._last = time
         r, p, q = markers[:len(PALM_MARKERS)]
         normal = self._sign * np.cross(p - r, q - r)  # to the palm's inner side
         length = float(np.sqrt(normal @ normal))
         if not length > 0.:  # a marker is hidden
-            return False
+            return None
         fingers = markers[len(PALM_MARKERS):len(PALM_MARKERS) + len(FINGERS)]
         depths = (fingers - p) @ (normal / length)
         if (depths > BEYOND_PALM).sum() >= LEAST_FINGERS:
             self._palmar += step
         elif (depths < -BEYOND_PALM).sum() >= LEAST_FINGERS:
             self._dorsal += step
-        self.is_wrong = (self._dorsal >= LEAST_BENT
-                         and self._palmar < MINOR_SHARE * self._dorsal)
-        self.is_right = (self._palmar >= LEAST_BENT
-                         and self._dorsal < MINOR_SHARE * self._palmar)
-        return self.is_wrong
+        if max(self._palmar, self._dorsal) < LEAST_BENT:
+            return None
+        if self._palmar < MINOR_SHARE * self._dorsal:
+            return True
+        return False if self._dorsal < MINOR_SHARE * self._palmar else None

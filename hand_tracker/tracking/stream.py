@@ -13,9 +13,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ..calibration.live_take import LiveTake
+from ..core.labelling.cloud_labeller import load_kernels as load_labelling_kernels
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MarkerLayout
-from ..core.numerics.jit import DEFERRED, TRACKING_SET
+from ..core.model.states import SEEN, SWAPPED
+from ..core.numerics.jit import DEFERRED, LABELLING_SET, TRACKING_SET
 from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
 from ..messages.cdr import MalformedMessage, MessageSignature
@@ -167,7 +169,7 @@ class Stream:
         self._switches_kernels = False
         self._news: list[tuple[bool, str]] = []
         self._has_reported_error = False
-        self._side_check = SideCheck(tracker.hand.side)
+        self._side_check: SideCheck | None = SideCheck(tracker.hand.side)
 
     def compile_in_background(self, program: str = PROGRAM,
                               **loaders: Callable[[Path], None]) -> None:
@@ -181,7 +183,8 @@ class Stream:
             Loaders of further sets of kernels, by the set's name.
         """
         if DEFERRED:
-            loaders = {TRACKING_SET: self._load_kernels, **loaders}
+            loaders = {TRACKING_SET: self._load_kernels, **loaders,
+                       LABELLING_SET: load_labelling_kernels}
             self._switches_kernels = True
             self._news.append((False, 'first start: kernels are compiled in the background for '
                                'about a minute; until then plain Python tracks, more slowly'))
@@ -234,15 +237,12 @@ class Stream:
             self.take.add(markers.positions, time)
         if self._auto_size is not None and self._auto_size.is_learning:
             self._learn_size(markers.positions, time)
-        if not self._side_check.is_settled:
-            self._check_side(markers.positions, time)
         if self._blends:
             self._blend_in(time)
         state = tracker.update(markers.positions, time, distal_flexion)
         return TrackedFrame(
             received, stamp, markers.frame_id or UNNAMED_FRAME, time, state, markers,
-            tracker.placed, has_stamp and distal_flexion is None and not self.needs_each_frame,
-            tracker.restarted)
+            tracker.placed, has_stamp and distal_flexion is None, tracker.restarted)
 
     @property
     def size(self) -> str:
@@ -298,11 +298,27 @@ class Stream:
                                f'{1e3 * np.linalg.norm(mcp[0] - mcp[3]):.0f} mm between the '
                                'knuckles of index and little finger'))
 
-    def _check_side(self, markers: np.ndarray, time: float | None) -> None:
-        side = self.tracker.hand.side
+    def check_side(self, state: HandState, time: float | None) -> None:
+        """Check the hand's side by a tracked frame, until it is known; needs not every frame.
+
+        Parameters
+        ----------
+        state : HandState
+        time : float or None
+            Of the frame [s].
+        """
+        if self._side_check is None:
+            return
+        markers = state.markers.copy()
+        markers[(state.marker_states != SEEN) & (state.marker_states != SWAPPED)] = np.nan
         # Row -1 stands for no marker.
         principal = np.vstack((markers, np.full(3, np.nan)))[list(self.tracker.layout.principal)]
-        if self._side_check.add(principal, time):
+        is_wrong = self._side_check.add(principal, time)
+        if is_wrong is None:
+            return
+        self._side_check = None
+        if is_wrong:
+            side = self.tracker.hand.side
             other = 'left' if side == 'right' else 'right'
             self._news.append((True, f'the fingers bend away from the palm of a {side} hand: set '
                                f'side:={other} if it is a {other} one, else an axis is mirrored, '

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from hand_tracker.core.labelling.natural_poses import natural_poses
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
@@ -45,3 +46,12 @@ def rest_state(seen=range(8), side='right'):
     hidden = np.full((8, 3), np.nan)
     hidden[list(seen)] = places[list(seen)]
     return tracker.update(hidden)
+
+
+def from_pose_to_pose(seed, poses=20):
+    """Return the markers of a right hand that takes natural poses, 0.1 s each, at 100 Hz."""
+    hand = Hand.scaled()
+    keys = natural_poses(hand)[poses * seed:poses * (seed + 1)]
+    times = np.arange(poses * 10) / 10.
+    angles = np.array([np.interp(times, np.arange(poses), column) for column in keys.T]).T
+    return marker_positions(MarkerLayout().mounting(hand), forward(joint_table(hand), angles))

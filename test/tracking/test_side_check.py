@@ -2,24 +2,15 @@
 
 import numpy as np
 import pytest
+from helpers.hands import from_pose_to_pose
 
-from hand_tracker.core.labelling.natural_poses import natural_poses
 from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
 from hand_tracker.tracking.side_check import SideCheck
 
 RATE = 100.
-POSES = 20
 HAND = Hand.scaled()
-
-
-def moving(seed):
-    """Return the markers of a right hand that goes from pose to pose in 0.1 s each."""
-    keys = natural_poses(HAND)[POSES * seed:POSES * (seed + 1)]
-    times = np.arange(POSES * 10) / 10.
-    angles = np.array([np.interp(times, np.arange(POSES), column) for column in keys.T]).T
-    return marker_positions(MarkerLayout().mounting(HAND), forward(joint_table(HAND), angles))
 
 
 def found_after(side, frames):
@@ -30,7 +21,7 @@ def found_after(side, frames):
 
 @pytest.mark.parametrize('seed', range(3))
 def test_the_other_hand_is_found_within_two_seconds_and_the_own_never(seed):
-    frames = moving(seed)
+    frames = from_pose_to_pose(seed)
     for side, mine in (('right', frames), ('left', frames * LEFT_HAND_MIRROR)):
         other = 'left' if side == 'right' else 'right'
         assert found_after(side, mine) is None
@@ -42,12 +33,6 @@ def test_a_flat_hand_or_a_palm_that_is_hidden_tells_nothing():
     flat = marker_positions(
         MarkerLayout().mounting(HAND), forward(joint_table(HAND), np.zeros(25)))
     assert found_after('left', [flat] * 500) is None
-    hidden = moving(0)
+    hidden = from_pose_to_pose(0)
     hidden[:, 1] = np.nan
     assert found_after('left', hidden) is None
-
-
-def test_it_is_said_once():
-    check = SideCheck('left')
-    assert sum(check.add(frame, n / RATE) for n, frame in enumerate(moving(0))) == 1
-    assert check.is_wrong

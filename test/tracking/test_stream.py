@@ -5,11 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers.frames import SEEN
-from helpers.hands import hand_at
+from helpers.hands import from_pose_to_pose
 
 from hand_tracker.core.model.hand import Hand, preset_limits
 from hand_tracker.core.model.marker_layout import MarkerLayout
-from hand_tracker.core.numerics.jit import TRACKING_SET
+from hand_tracker.core.numerics.jit import LABELLING_SET, TRACKING_SET
+from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.marker_array import MarkerFrame
 from hand_tracker.messages.stamps import Stamp
 from hand_tracker.tracking import stream as module
@@ -199,7 +200,7 @@ def compilation(monkeypatch):
 def test_compiled_kernels_take_over_between_two_frames(stream, compilation, monkeypatch):
     monkeypatch.setattr(module, 'DEFERRED', True)
     stream.compile_in_background('a program', more=print)
-    assert list(compilation.loaders) == [TRACKING_SET, 'more']
+    assert list(compilation.loaders) == [TRACKING_SET, 'more', LABELLING_SET]
     assert compilation.program == 'a program'
     (is_warning, line), = stream.news()
     assert not is_warning and line.startswith('first start')
@@ -229,14 +230,14 @@ def test_nothing_is_compiled_where_nothing_is_missing(stream, compilation, monke
     assert stream.compilation is None and stream.news() == []
 
 
-def test_a_hand_of_the_other_side_is_said_with_the_cure():
-    tracker = Tracker()
-    tracker.hand = Hand.scaled(side='left')
-    stream = Stream(tracker, Reader())
-    bent = hand_at() - np.where(np.arange(8) > 2, .05, 0.)[:, None] * (0., 0., 1.)
-    for number in range(60):
-        frame = MarkerFrame(Stamp(5, 10_000_000 * number), 'mocap', bent, (), (), ())
-        stream.track([frame], .01 * number, lambda: STAMP)
+@pytest.mark.parametrize('step', [1, 20])
+def test_a_hand_of_the_other_side_is_said_with_the_cure(step):
+    stream = Stream(HandTracker(Hand.scaled(side='left')), Reader())
+    for number, positions in enumerate(from_pose_to_pose(0, 80)):
+        frame = MarkerFrame(Stamp(5, 10_000_000 * number), 'mocap', positions, (), (), ())
+        tracked = stream.track([frame], .01 * number, no_receipt)
+        if number % step == 0:
+            stream.check_side(tracked.state, tracked.time)
     (is_warning, line), = stream.news()
     assert is_warning
     assert 'set side:=right if it is a right one' in line

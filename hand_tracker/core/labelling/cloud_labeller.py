@@ -3,13 +3,18 @@
 `CloudLabeller` owns the state: one or two hands that are searched, found and followed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..model.hand import Hand
+from ..model.marker_layout import MARKERS, MarkerLayout
+from ..numerics.jit import load_kernel
+from ..numerics.jit import loaded_or_plain as kernel
 from .following import (
     ASTRAY,
     DOUBT,
@@ -23,6 +28,7 @@ from .following import (
     remember_clutter,
     start_places,
 )
+from .natural_poses import model_prototype
 from .palm_search import (
     COST,
     DISTANCE,
@@ -181,7 +187,7 @@ class CloudLabeller:
             np.array(points, dtype=float))
         if cloud.ndim != 2 or cloud.shape[1] != 3:
             raise ValueError(f'points: shape {cloud.shape}; expected (n, 3)')
-        names = np.full(len(cloud), -1) if ids is None else np.asarray(ids)
+        names = np.full(len(cloud), -1) if ids is None else np.asarray(ids, dtype=np.int64)
         if names.shape != (len(cloud),):
             raise ValueError(f'ids: shape {names.shape}; expected {(len(cloud),)}')
         step = self._step(time)
@@ -193,7 +199,7 @@ class CloudLabeller:
         for hand in self._hands:
             if hand.track is not None:
                 free[hand.track.finding.rows[hand.track.finding.rows >= 0]] = False
-        self._clutter = remember_clutter(self._clutter, cloud, free, before, step)
+        self._clutter = kernel(remember_clutter)(self._clutter, cloud, free, before, step)
         # Rows of all points, those that were left out among them.
         rows = tuple(np.where(hand.track.finding.rows >= 0, finite[hand.track.finding.rows], -1)
                      if hand.track is not None and hand.confirmed and len(finite)
@@ -217,12 +223,12 @@ class CloudLabeller:
                 step: float) -> np.ndarray:
         """Follow the hands that are found; return what each point was in the last frame."""
         before, clutter = np.empty(len(points), dtype=np.int64), np.empty(len(points))
-        continue_clutter(self._clutter, points, step, before, clutter)
+        kernel(continue_clutter)(self._clutter, points, step, before, clutter)
         hands = [hand for hand in self._hands if hand.track is not None]
         if not hands:
             return before
         was = [hand.track.hidden_for <= 0. for hand in hands if hand.track is not None]
-        follow_hands(tuple(hand.statistics for hand in hands),
+        kernel(follow_hands)(tuple(hand.statistics for hand in hands),
                      tuple(hand.track for hand in hands if hand.track is not None),
                      points, ids, clutter, step, free)
         for hand, seen in zip(hands, was):
@@ -265,7 +271,7 @@ class CloudLabeller:
         own[finding.rows[finding.rows >= 0]] = True
         rival = blank_finding(hand.count)
         if not few:
-            relabel(hand.statistics, track, points, own, rival)
+            kernel(relabel)(hand.statistics, track, points, own, rival)
         if len(points) and (pressing or hand.since_search >= SEARCH_FRAMES):
             hand.since_search = 0
             tried = self._find(hand, points, own, hand.first, rival,
@@ -294,7 +300,7 @@ class CloudLabeller:
             for part, new in zip(finding, rival):
                 part[...] = new
             free[rival.rows[rival.rows >= 0]] = False
-            start_places(hand.statistics, points, track)
+            kernel(start_places)(hand.statistics, points, track)
             track.numbers[DOUBT] = hand.shaken_for = 0.
             track.trusted_for[changed] = 0.
 
@@ -327,8 +333,9 @@ class CloudLabeller:
         """
         candidates = blank_candidates()
         palms = len(points) ** 3 if budget is None else budget // (hand.count * len(points))
-        tried = search_palms(hand.statistics, points, free, first, max(palms, 1), candidates)
-        label_candidates(hand.statistics, points, free, candidates, found)
+        tried = kernel(search_palms)(
+            hand.statistics, points, free, first, max(palms, 1), candidates)
+        kernel(label_candidates)(hand.statistics, points, free, candidates, found)
         return tried
 
     def _settle(self, hand: _Hand, points: np.ndarray) -> None:
@@ -355,8 +362,8 @@ class CloudLabeller:
         own = np.zeros(len(points), dtype=bool)
         own[mine] = True
         candidates, found = blank_candidates(), blank_finding(hand.count)
-        search_palms(hand.mirrored, points, own, 0, len(points) ** 3, candidates)
-        label_candidates(hand.mirrored, points, own, candidates, found)
+        kernel(search_palms)(hand.mirrored, points, own, 0, len(points) ** 3, candidates)
+        kernel(label_candidates)(hand.mirrored, points, own, candidates, found)
         return bool(found.numbers[COST] < hand.track.finding.numbers[COST] - MIRROR_MARGIN)
 
     def label_frame(self, points: ArrayLike) -> CloudLabels:
@@ -391,3 +398,45 @@ class CloudLabeller:
         return CloudLabels(tuple(one.rows for one in best),
                            tuple(bool(one.numbers[COST] < np.inf) for one in best),
                            tuple(False for _ in best))
+
+
+def kernel_calls() -> tuple[tuple[Callable[..., Any], tuple[Any, ...]], ...]:
+    """Return each kernel of a labeller of one hand, with arguments like those of its calls."""
+    prototype = model_prototype(Hand.scaled(), MarkerLayout(), MARKERS).statistics
+    count = len(prototype.template)
+    points, free = prototype.template.copy(), np.ones(count, dtype=bool)
+    rows, costs = np.full(count, -1), np.zeros(count)
+    found, clutter, candidates = blank_finding(count), no_clutter(), blank_candidates()
+    track = begin_track(prototype, found, points)
+    return (
+        (start_places, (prototype, points, track)),
+        (continue_clutter, (clutter, points, UNTIMED_STEP, rows, costs)),
+        (follow_hands, ((prototype,), (track,), points, rows, costs, UNTIMED_STEP, free)),
+        (remember_clutter, (clutter, points, free, rows, UNTIMED_STEP)),
+        (relabel, (prototype, track, points, free, found)),
+        (search_palms, (prototype, points, free, 0, 1, candidates)),
+        (label_candidates, (prototype, points, free, candidates, found)),
+    )
+
+
+def compile_kernels() -> None:
+    """Compile the kernels of a labeller of one hand."""
+    for each, arguments in kernel_calls():
+        each(*arguments)
+
+
+def load_kernels(folder: Path | None = None) -> None:
+    """Load the compiled kernels of labellers of one hand from disk; any thread may call this.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        Cache folder; the user's when left out.
+
+    Raises
+    ------
+    KernelsUnavailable
+        If they are not on disk.
+    """
+    for each, arguments in kernel_calls():
+        load_kernel(each, arguments, folder)

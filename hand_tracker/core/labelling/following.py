@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numerics.assignment import assign_rows
-from ..numerics.jit import jit
+from ..numerics.jit import jit, loaded_or_plain
 from ..numerics.rigid_fit import fit_rigid
 from .palm_search import COST, DISTANCE, SIZE, Finding, complete_palm, size_cost, to_palm_frame
 from .posture import (
@@ -147,7 +147,7 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
         np.full(count, FIRST_DEVIATION),
         np.full(count, FIRST_DEVIATION), np.zeros(count), np.zeros(count), np.zeros((2, 3)),
         np.zeros(count), np.full(count, -1), np.array((0., 0., 0., BIRTHS[1])))
-    start_places(prototype, points, track)
+    loaded_or_plain(start_places)(prototype, points, track)
     return track
 
 

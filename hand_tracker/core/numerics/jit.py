@@ -131,10 +131,12 @@ def is_ready(kernel_set: str) -> bool:
     return CACHE_FOLDER is not None and ready_file(kernel_set, CACHE_FOLDER).exists()
 
 
-# The kernels from a message's bytes to the hand; the fast path's are another set.
-TRACKING_SET = 'tracking'
+# The kernels from a message's bytes to the hand, and those that label points; the fast path's
+# are another set.
+TRACKING_SET, LABELLING_SET = 'tracking', 'labelling'
 # Plain Python now, compiled kernels once another process has compiled them.
-DEFERRED = JIT_IS_ON and SWITCH == 'background' and not is_ready(TRACKING_SET)
+DEFERRED = JIT_IS_ON and SWITCH == 'background' and not (
+    is_ready(TRACKING_SET) and is_ready(LABELLING_SET))
 COMPILED = JIT_IS_ON and not DEFERRED
 
 

@@ -1,4 +1,4 @@
-"""Compile the kernels of tracking and of the fast path into the cache.
+"""Compile the kernels of tracking, of the fast path and of labelling into the cache.
 
 Run as ``python -m hand_tracker.nodes.fast_path.compile_fast_path``; needs no running ROS.
 """
@@ -6,8 +6,9 @@ Run as ``python -m hand_tracker.nodes.fast_path.compile_fast_path``; needs no ru
 import sys
 from contextlib import suppress
 
+from ...core.labelling.cloud_labeller import compile_kernels as compile_labelling
 from ...core.numerics import jit
-from ...tracking.compile_kernels import compile_lock, compile_tracking, complete_tracking_set
+from ...tracking.compile_kernels import compile_lock, compile_tracking, complete_set
 from ..serialization import codec_agrees
 from .middleware import FastPath
 from .rcl import FastPathUnavailable
@@ -16,13 +17,17 @@ from .rcl import FastPathUnavailable
 def main() -> int:
     """Compile set by set; return the exit code."""
     with compile_lock():
-        complete_tracking_set()
-        if not jit.is_ready(FastPath.KERNEL_SET):
-            codec_agrees()
-            with suppress(FastPathUnavailable):
-                FastPath(compile_tracking().kernel_arguments())
-                jit.mark_ready(FastPath.KERNEL_SET)
+        complete_set(jit.TRACKING_SET, compile_tracking)
+        with suppress(FastPathUnavailable):
+            complete_set(FastPath.KERNEL_SET, compile_fast_path)
+        complete_set(jit.LABELLING_SET, compile_labelling)
     return 0
+
+
+def compile_fast_path() -> None:
+    """Compile the fast path; raise FastPathUnavailable where it cannot serve here."""
+    codec_agrees()
+    FastPath(compile_tracking().kernel_arguments())
 
 
 if __name__ == '__main__':
