@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass
 
 from ..core.errors import HandTrackerError
+from .checked_options import check, choice, number, switch
 
 ON_LOST = ('hold', 'stop')
 
 
 class InvalidGuardOption(HandTrackerError, ValueError):
     """An option of the guard has a value outside its range or choices."""
-
-
-def _number(default: float, lower: float, upper: float, unit: str, description: str) -> Any:
-    return field(default=default, metadata={
-        'range': (lower, upper), 'unit': unit, 'description': description})
-
-
-def _switch(default: bool, description: str) -> Any:
-    return field(default=default, metadata={'description': description})
 
 
 @dataclass(frozen=True)
@@ -33,56 +24,43 @@ class GuardOptions:
         Naming the option, its value and what is allowed.
     """
 
-    hold_to_engage: bool = _switch(
+    hold_to_engage: bool = switch(
         False, 'Whether the robot moves only while the deadman is pressed again and again')
-    hold_timeout: float = _number(
+    hold_timeout: float = number(
         .25, .01, 10., 's', 'How long one press of the deadman lasts')
-    require_robot_state: bool = _switch(
+    require_robot_state: bool = switch(
         True, "Whether the robot's own joint states must be known to engage and while it moves; "
         'else commands begin at the rest position')
-    robot_timeout: float = _number(
+    robot_timeout: float = number(
         .5, .01, 60., 's', "Age of the robot's joint states up to which it may be or stay engaged")
-    max_speed: float = _number(
+    max_speed: float = number(
         5., .01, 100., 'rad/s or m/s', 'Of every joint of a command, besides the URDF\'s limits')
-    max_acceleration: float = _number(
+    max_acceleration: float = number(
         500., .1, 1e4, 'rad/s² or m/s²', 'Of every joint of a command')
-    ease_speed: float = _number(
+    ease_speed: float = number(
         .7, .01, 100., 'rad/s or m/s', "Of every joint until the robot has reached the person's "
         'pose for the first time')
-    max_jump: float = _number(
+    max_jump: float = number(
         .7, .01, 10., 'rad or m', 'Of the wanted position from one frame to the next; larger '
         'jumps are not followed at once')
-    jump_frames: int = _number(
+    jump_frames: int = number(
         6, 1, 1000, '1', 'Frames after which a jump that persists is followed, at limited speed')
-    max_dt: float = _number(
+    max_dt: float = number(
         .05, .001, 1., 's', 'Time since the last command that counts at most')
-    limit_margin: float = _number(
+    limit_margin: float = number(
         .02, 0., .5, 'rad or m', "Distance that commands keep from the URDF's limits")
-    hand_timeout: float = _number(
+    hand_timeout: float = number(
         .15, .01, 10., 's', 'Age of the hand\'s last frame from which the robot holds')
-    on_lost: str = field(default='hold', metadata={
-        'choices': ON_LOST, 'description': 'While the hand is lost: hold, the last command is '
-        'repeated, or stop, nothing is sent'})
-    disengage_after: float = _number(
+    on_lost: str = choice(
+        'hold', ON_LOST, 'While the hand is lost: hold, the last command is repeated, or stop, '
+        'nothing is sent')
+    disengage_after: float = number(
         1., .01, 3600., 's', 'Time without the hand after which the robot must be engaged anew')
-    relax: bool = _switch(
+    relax: bool = switch(
         False, 'Whether the robot goes to its rest position slowly, in place of disengaging, '
         'where the hand stays lost')
-    relax_speed: float = _number(
+    relax_speed: float = number(
         .2, .001, 10., 'rad/s or m/s', 'Of every joint on the way to the rest position')
 
     def __post_init__(self) -> None:
-        for option in fields(self):
-            value, about = getattr(self, option.name), option.metadata
-            if 'choices' in about:
-                if value not in about['choices']:
-                    raise InvalidGuardOption(f"{option.name}: '{value}'; expected one of "
-                                             f"{', '.join(about['choices'])}")
-            elif 'range' in about:
-                lower, upper = about['range']
-                is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-                if not is_number or not lower <= value <= upper:
-                    raise InvalidGuardOption(f'{option.name}: {value!r}; allowed is {lower:g} to '
-                                             f"{upper:g} {about['unit']}")
-            elif not isinstance(value, bool):
-                raise InvalidGuardOption(f'{option.name}: {value!r}; expected true or false')
+        check(self, InvalidGuardOption)

@@ -8,23 +8,19 @@ go elsewhere; from its release on the robot's goes on from where it is.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ..core.errors import HandTrackerError
+from .checked_options import check, number
 
 
 class InvalidWristOption(HandTrackerError, ValueError):
     """An option of the wrist has a value outside its range."""
-
-
-def _option(default: float, lower: float, upper: float, unit: str, description: str) -> Any:
-    return field(default=default, metadata={
-        'range': (lower, upper), 'unit': unit, 'description': description})
 
 
 @dataclass(frozen=True)
@@ -37,33 +33,26 @@ class WristOptions:
         Naming the option, its value and what is allowed.
     """
 
-    scale: float = _option(
+    scale: float = number(
         1., .01, 10., '1', "Robot's metres per metre of the person's wrist")
-    yaw_deg: float = _option(
+    yaw_deg: float = number(
         0., -360., 360., 'degrees', "About the vertical, from the markers' frame to that of the "
         "robot's base")
-    max_speed: float = _option(
+    max_speed: float = number(
         .25, .001, 5., 'm/s', "Of the robot's wrist")
-    max_turn_rate: float = _option(
+    max_turn_rate: float = number(
         1., .01, 20., 'rad/s', "Of the robot's wrist")
-    max_jump: float = _option(
+    max_jump: float = number(
         .1, .001, 10., 'm', "Of the person's wrist from one frame to the next; after a larger one "
         'the robot goes on from where it is')
-    max_dt: float = _option(
+    max_dt: float = number(
         .05, .001, 1., 's', 'Time since the last command that counts at most')
-    timeout: float = _option(
+    timeout: float = number(
         .15, .01, 10., 's', "Age of the last pose of the person's wrist from which the robot's "
         'stays')
 
     def __post_init__(self) -> None:
-        for option in fields(self):
-            value = getattr(self, option.name)
-            lower, upper = option.metadata['range']
-            is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not is_number or not lower <= value <= upper:
-                raise InvalidWristOption(
-                    f"wrist.{option.name}: {value!r}; allowed is {lower:g} to {upper:g} "
-                    f"{option.metadata['unit']}")
+        check(self, InvalidWristOption, 'wrist.')
 
 
 class WristPose(NamedTuple):

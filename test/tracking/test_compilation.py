@@ -58,17 +58,72 @@ def run(program, cache, *arguments):
                           capture_output=True, text=True)
 
 
+def unfinished_cache(folder):
+    """Return a cache folder with the kernels of this process, and no word that they are whole."""
+    if jit.CACHE_FOLDER is not None:
+        shutil.copytree(jit.CACHE_FOLDER, folder / 'cache',
+                        ignore=shutil.ignore_patterns('ready-*', 'lock'))
+    return folder / 'cache'
+
+
 @needs_numba
 def test_compiled_kernels_take_over_between_two_frames_and_go_on_alike(tmp_path):
-    # What is compiled already is compiled again quickly: the kernels, without the word for it.
-    if jit.CACHE_FOLDER is not None:
-        shutil.copytree(jit.CACHE_FOLDER, tmp_path / 'cache',
-                        ignore=shutil.ignore_patterns('ready-*', 'lock'))
-    done = run(TAKE_OVER, tmp_path / 'cache', str(ROOT / 'recordings' / 'demo.mcap'))
+    done = run(TAKE_OVER, unfinished_cache(tmp_path), str(ROOT / 'recordings' / 'demo.mcap'))
     assert done.returncode == 0, done.stderr
     farthest, first, second = done.stdout.splitlines()
     assert float(farthest) <= 1e-9
     assert 'first start' in first and 'taken over' in second
+
+
+# Labels the markers of a moving hand among other points, before and after its kernels are there.
+TAKE_OVER_LABELLING = """
+import time
+import numpy as np
+from hand_tracker.core.labelling import cloud_labeller
+from hand_tracker.core.labelling.following import follow_hands
+from hand_tracker.core.labelling.natural_poses import model_prototype, natural_poses
+from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.numerics import jit
+from hand_tracker.core.tracker import HandTracker
+from hand_tracker.messages.cdr import MarkerReader
+from hand_tracker.messages.labels import LabelMap
+from hand_tracker.tracking.stream import Stream
+
+assert jit.DEFERRED
+hand = Hand.scaled()
+keys = natural_poses(hand)[:4]
+angles = np.array([np.interp(np.linspace(0., 3., 90), range(4), joint) for joint in keys.T]).T
+markers = marker_positions(MarkerLayout().mounting(hand), forward(joint_table(hand), angles))
+rng = np.random.default_rng(1)
+order = [rng.permutation(10) for _ in markers]
+
+def label():
+    labeller = cloud_labeller.CloudLabeller([model_prototype(hand, MarkerLayout(), MARKERS)])
+    ghosts = markers[:, :2] + (.3, .2, .1)
+    return [labeller.update(np.concatenate(points)[rows], .01 * number).rows[0]
+            for number, (*points, rows) in enumerate(zip(markers, ghosts, order))]
+
+plain = label()
+stream = Stream(HandTracker(), MarkerReader(LabelMap()))
+stream.compile_in_background()
+while jit.LABELLING_SET not in stream.compilation.loaded:
+    assert stream.compilation.error is None, stream.compilation.error
+    time.sleep(.01)
+for rows, others, places in zip(label(), plain, order):
+    assert np.array_equal(rows, others)
+    assert (places[rows] == np.arange(8)).all()
+for kernel, _ in cloud_labeller.kernel_calls():
+    loaded = jit.loaded_or_plain(kernel)
+    assert loaded is not kernel and len(loaded.signatures) == 1, kernel
+"""
+
+
+@needs_numba
+def test_points_are_labelled_alike_before_and_after_their_kernels_are_there(tmp_path):
+    done = run(TAKE_OVER_LABELLING, unfinished_cache(tmp_path))
+    assert done.returncode == 0, done.stderr
 
 
 WITHOUT_CACHE = """

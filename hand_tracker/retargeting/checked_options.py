@@ -1,0 +1,50 @@
+"""Fields of options with their range or choices, and the check of their values."""
+
+from __future__ import annotations
+
+from dataclasses import field, fields
+from typing import Any
+
+
+def number(default: float, lower: float, upper: float, unit: str, description: str) -> Any:
+    """Return a field of a number from `lower` to `upper`."""
+    return field(default=default, metadata={
+        'range': (lower, upper), 'unit': unit, 'description': description})
+
+
+def switch(default: bool, description: str) -> Any:
+    """Return a field that is true or false."""
+    return field(default=default, metadata={'description': description})
+
+
+def choice(default: str, choices: tuple[str, ...], description: str) -> Any:
+    """Return a field of one of some words."""
+    return field(default=default, metadata={'choices': choices, 'description': description})
+
+
+def check(options: Any, error: type[Exception], prefix: str = '') -> None:
+    """Raise an error that names the first field whose value is not allowed.
+
+    Parameters
+    ----------
+    options : dataclass
+        Of the fields above.
+    error : type
+        That is raised.
+    prefix : str
+        Before the names.
+    """
+    for option in fields(options):
+        value, about = getattr(options, option.name), option.metadata
+        if 'choices' in about:
+            is_allowed = value in about['choices']
+            expected = f"expected one of {', '.join(about['choices'])}"
+        elif 'range' in about:
+            lower, upper = about['range']
+            is_allowed = (isinstance(value, (int, float)) and not isinstance(value, bool)
+                          and lower <= value <= upper)
+            expected = f"allowed is {lower:g} to {upper:g} {about['unit']}"
+        else:
+            is_allowed, expected = isinstance(value, bool), 'expected true or false'
+        if not is_allowed:
+            raise error(f'{prefix}{option.name}: {value!r}; {expected}')
