@@ -27,7 +27,7 @@ from ..messages.stamps import Time, seconds
 from ..tracking.auto_size import AutoSize
 from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 from ..tracking.monitor import Monitor, TrackedFrames
-from ..tracking.point_labels import LabelChanges, PointLabelReader
+from ..tracking.point_labels import PointLabelReader
 from ..tracking.rate_limit import RateLimiter
 from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame, read_or_warn
 from .hand_description import HandDescription
@@ -98,7 +98,6 @@ class TrackedHand:
         auto_size = (AutoSize(self.settings.hand, layout, in_background=True)
                      if learns_size(start) else None)
         self._labels_points = start['labels'] == 'none'
-        self._label_changes = LabelChanges(len(layout.names))
         self.stream = Stream(self._tracker, self._new_reader(), auto_size)
 
         self._hand_markers = node.create_publisher(
@@ -127,6 +126,7 @@ class TrackedHand:
         """Monitor the markers that come from a topic, by its resolved name."""
         self._topic = topic
         self._monitor = Monitor(time.monotonic(), topic, self.settings.labels)
+        self._monitor.check_side(self.hand, self._tracker.layout)
 
     # Frames
 
@@ -144,8 +144,6 @@ class TrackedHand:
         if isinstance(frame, MarkerFrame):
             # A message without any marker of the hand may be of something else.
             self._monitor.received_none(received, frame)
-            if not self._labels_points:
-                self._note_labels(received, frame)
             return None
         if not frame.markers.frame_id:
             self._monitor.warn_once('frame_id', f"the markers have no frame; '{UNNAMED_FRAME}' is "
@@ -156,25 +154,14 @@ class TrackedHand:
         """Note a frame of the slow path, published if it is valid."""
         self._published.append(TrackedFrames.of(frame, time.monotonic()))
         self._latest = frame.stamp, frame.frame_id, frame.state
-        if frame.is_valid and self._has_viewers:
+        if not frame.is_valid:
+            return
+        if self._has_viewers:
             self._show()
-        if not self._labels_points:
-            self._note_labels(frame.received, frame.markers)
-        elif frame.is_valid:
+        if self._labels_points:
             self._labelled.publish(labelled_markers(
                 time_message(frame.stamp), frame.frame_id, self.names.prefix,
                 frame.markers.positions, self._marker_names))
-
-    def _note_labels(self, received: float, frame: MarkerFrame) -> None:
-        """Label points by the hand's shape once labels have been of no use for some time."""
-        # Points of both hands would be labelled for one hand alone.
-        reason = None if self._scope else self._label_changes.add(frame, received)
-        if reason:
-            self._monitor.warn_once('labels', f'{reason}: points are labelled by the shape of '
-                                    "the hand, as with labels:='none'")
-            self._labels_points = True
-            self.stream.reader = self._new_reader()
-            self._node.disable_fast_path()
 
     def published_by_fast_path(self, frames: TrackedFrames) -> None:
         """Note frames of the fast path."""
@@ -190,7 +177,18 @@ class TrackedHand:
         for frames in published:
             if self._monitor.update(frames):
                 self.publish_status(frames.published[-1])
-            self.stream.check_side(frames.state, frames.times[-1])
+        # Points of both hands would be labelled for one hand alone.
+        fault = None if self._scope or self._labels_points else self._monitor.label_fault
+        if fault is not None:
+            self._label_points(fault)
+
+    def _label_points(self, reason: str) -> None:
+        """Label points by the hand's shape from the next message on."""
+        self._monitor.warn_once('labels', f'{reason}: points are labelled by the shape of the '
+                                "hand, as with labels:='none'")
+        self._labels_points = True
+        self.stream.reader = self._new_reader()
+        self._node.disable_fast_path()
 
     def left_out(self, count: int) -> None:
         """Count frames that were left out, see `Monitor.left_out`."""

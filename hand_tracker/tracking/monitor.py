@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from typing import NamedTuple
 
+from ..core.model.hand import Hand
+from ..core.model.marker_layout import MarkerLayout
 from ..core.tracker import HandState
 from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time
 from .diagnostics import Diagnostics, Status
 from .input_monitor import InputMonitor, StateRun
+from .marker_events import LabelChanges
+from .side_check import SideCheck
 from .stream import TrackedFrame
 
 
@@ -73,11 +77,23 @@ class Monitor:
     topic : str
         Where the markers come from.
     labels : LabelMap
+
+    Attributes
+    ----------
+    label_fault : str or None
+        Why the labels of the source are of no use.
     """
 
     def __init__(self, now: float, topic: str, labels: LabelMap) -> None:
+        self.label_fault: str | None = None
         self._input = InputMonitor(now, topic, labels)
         self._diagnostics = Diagnostics(now, self._input)
+        self._label_changes = LabelChanges(len(labels.names))
+        self._side_check: SideCheck | None = None
+
+    def check_side(self, hand: Hand, layout: MarkerLayout) -> None:
+        """Check in the first frames to come whether the hand is of this side."""
+        self._side_check = SideCheck(hand.side, layout.principal)
 
     def set_labels(self, labels: LabelMap) -> None:
         """Expect other labels from the next message on."""
@@ -93,6 +109,7 @@ class Monitor:
         markers : MarkerFrame
         """
         self._input.received(received, markers)
+        self.label_fault = self.label_fault or self._label_changes.add(markers, received)
 
     def update(self, frames: TrackedFrames) -> bool:
         """Note frames that were tracked and published.
@@ -113,10 +130,23 @@ class Monitor:
             self._input.received_alike(frames.received[-1], frames.stamp)
         else:
             self._input.received(frames.received[-1], frames.markers)
+            self.label_fault = self.label_fault or self._label_changes.add(
+                frames.markers, frames.received[-1])
         if frames.restarted:
             self._input.restarted()
         for published, states in frames.runs:
             self._input.tracked(published, states)
+        if self._side_check is not None:
+            is_wrong = self._side_check.add(frames.state, frames.times[-1])
+            if is_wrong:
+                side = self._side_check.side
+                other = 'left' if side == 'right' else 'right'
+                self._input.warn_once(
+                    'side', f'the fingers bend away from the palm of a {side} hand: set '
+                    f'side:={other} if it is a {other} one, else an axis is mirrored, or two are '
+                    'exchanged')
+            if is_wrong is not None:
+                self._side_check = None
         return self._diagnostics.tracked(
             frames.published[-1], frames.state, frames.frame_count, frames.on_fast_path)
 

@@ -160,6 +160,8 @@ class RecordedHand:
         self._stream = Stream(
             tracker, reader, AutoSize(tracker.hand, tracker.layout) if auto_size else None)
         self._stream.compile_in_background()
+        if monitor is not None:
+            monitor.check_side(tracker.hand, tracker.layout)
 
     def track(self, message: BagMessage,
               say: Callable[[str], None] | None = None) -> RecordedFrame | None:
@@ -179,7 +181,6 @@ class RecordedHand:
             return None
         if monitor is not None:
             monitor.update(TrackedFrames.of(frame, now))
-        stream.check_side(frame.state, frame.time)
         if not frame.is_valid:
             return None
         return RecordedFrame(

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..core.model.hand import FINGERS
 from ..core.model.marker_layout import PALM_MARKERS
+from ..core.model.states import SEEN, SWAPPED
+from ..core.tracker import HandState
 
 # [m] that fingers are beyond the palm's plane: more than they bend back, MCP by 30 degrees; ours.
 BEYOND_PALM = .035
@@ -22,27 +27,34 @@ class SideCheck:
     ----------
     side : {'right', 'left'}
         Of the hand that is tracked.
+    principal : sequence of int, shape (8,)
+        Rows of the principal markers, -1 for none.
     """
 
-    def __init__(self, side: str) -> None:
+    def __init__(self, side: str, principal: Sequence[int]) -> None:
+        self.side, self._principal = side, list(principal)
         self._sign = 1. if side == 'right' else -1.
         self._last: float | None = None
         self._palmar = self._dorsal = 0.
 
-    def add(self, markers: np.ndarray, time: float | None) -> bool | None:
+    def add(self, state: HandState, time: float | None) -> bool | None:
         """Note a frame; return whether the side is wrong, None where that is not known yet.
 
         Parameters
         ----------
-        markers : ndarray, shape (8, 3)
-            The principal markers, by their labels, NaN where hidden [m].
+        state : HandState
+            Not every frame's need be given.
         time : float or None
             Of the frame [s].
         """
-        if time is None:
+        if time is None or not math.isfinite(time):
             return None
         step = 0. if self._last is None else min(max(time - self._last, 0.), GREATEST_STEP)
         self._last = time
+        markers = np.full((len(state.markers) + 1, 3), np.nan)
+        seen = (state.marker_states == SEEN) | (state.marker_states == SWAPPED)
+        markers[:-1][seen] = state.markers[seen]
+        markers = markers[self._principal]
         r, p, q = markers[:len(PALM_MARKERS)]
         normal = self._sign * np.cross(p - r, q - r)  # to the palm's inner side
         length = float(np.sqrt(normal @ normal))

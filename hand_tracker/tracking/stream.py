@@ -16,7 +16,6 @@ from ..calibration.live_take import LiveTake
 from ..core.labelling.cloud_labeller import load_kernels as load_labelling_kernels
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MarkerLayout
-from ..core.model.states import SEEN, SWAPPED
 from ..core.numerics.jit import DEFERRED, LABELLING_SET, TRACKING_SET
 from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
@@ -26,7 +25,6 @@ from ..messages.stamps import Time, seconds
 from .auto_size import AutoSize
 from .compilation import PROGRAM, Compilation
 from .point_labels import PointLabelReader
-from .side_check import SideCheck
 
 UNNAMED_FRAME = 'world'  # of markers without a frame, as TF needs one
 BLEND_TIME = .25         # [s] in which each digit finds its bend on another hand, at 15 rad/s
@@ -169,7 +167,6 @@ class Stream:
         self._switches_kernels = False
         self._news: list[tuple[bool, str]] = []
         self._has_reported_error = False
-        self._side_check: SideCheck | None = SideCheck(tracker.hand.side)
 
     def compile_in_background(self, program: str = PROGRAM,
                               **loaders: Callable[[Path], None]) -> None:
@@ -297,32 +294,6 @@ class Stream:
             self._news.append((False, 'the size of the hand is learned: '
                                f'{1e3 * np.linalg.norm(mcp[0] - mcp[3]):.0f} mm between the '
                                'knuckles of index and little finger'))
-
-    def check_side(self, state: HandState, time: float | None) -> None:
-        """Check the hand's side by a tracked frame, until it is known; needs not every frame.
-
-        Parameters
-        ----------
-        state : HandState
-        time : float or None
-            Of the frame [s].
-        """
-        if self._side_check is None:
-            return
-        markers = state.markers.copy()
-        markers[(state.marker_states != SEEN) & (state.marker_states != SWAPPED)] = np.nan
-        # Row -1 stands for no marker.
-        principal = np.vstack((markers, np.full(3, np.nan)))[list(self.tracker.layout.principal)]
-        is_wrong = self._side_check.add(principal, time)
-        if is_wrong is None:
-            return
-        self._side_check = None
-        if is_wrong:
-            side = self.tracker.hand.side
-            other = 'left' if side == 'right' else 'right'
-            self._news.append((True, f'the fingers bend away from the palm of a {side} hand: set '
-                               f'side:={other} if it is a {other} one, else an axis is mirrored, '
-                               'or two are exchanged'))
 
     @property
     def is_fast(self) -> bool:

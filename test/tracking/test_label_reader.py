@@ -10,7 +10,8 @@ from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.messages.marker_array import MarkerFrame
 from hand_tracker.messages.points import PointFrame
 from hand_tracker.messages.stamps import Stamp
-from hand_tracker.tracking.point_labels import LabelChanges, PointLabelReader
+from hand_tracker.tracking.marker_events import LabelChanges
+from hand_tracker.tracking.point_labels import PointLabelReader
 
 PERIOD = .01
 

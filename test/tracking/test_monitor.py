@@ -1,10 +1,15 @@
 """The monitor in front of logs and diagnostics: single frames and batches of the fast path."""
 
+import numpy as np
 import pytest
 from helpers.frames import FIRST, SEEN, frame, hidden, state_of
+from helpers.hands import from_pose_to_pose, hand_at
 
+from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.states import MarkerState, PalmState
+from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.labels import LabelMap
+from hand_tracker.messages.marker_array import MarkerFrame
 from hand_tracker.messages.stamps import Stamp
 from hand_tracker.tracking.diagnostics import STATUS_GAP, Level
 from hand_tracker.tracking.input_monitor import CAUSES_LOGGED, SILENT_AFTER
@@ -150,3 +155,35 @@ def test_the_end_names_what_was_never_seen():
     found.ended()
     line, = logged(found, .1)
     assert line.startswith('never seen so far') and '(ring)' in line
+
+
+@pytest.mark.parametrize('every', [1, 20])
+def test_a_hand_of_the_other_side_is_said_once_with_the_cure(every):
+    hand, found = Hand.scaled(side='left'), monitor()
+    tracker = HandTracker(hand)
+    found.check_side(hand, tracker.layout)
+    lines = []
+    for number, positions in enumerate(from_pose_to_pose(0, 80)):
+        now = .01 * number
+        state = tracker.update(positions, now)
+        if number % every == 0:
+            found.update(batch([now], (now, state)))
+            lines += [line for line in logged(found, now) if 'side:=right' in line]
+    line, = lines
+    assert line.startswith('the fingers bend away from the palm of a left hand')
+
+
+def test_labels_that_change_are_a_fault_of_the_labels():
+    found, random = monitor(), np.random.default_rng(1)
+    for number in range(30):
+        assert found.label_fault is None or number > 10
+        found.update(single(.01 * number, positions=hand_at()[random.permutation(8)]))
+    assert found.label_fault == 'labels change from marker to marker'
+
+
+def test_markers_without_any_label_are_a_fault_of_the_labels():
+    found = monitor()
+    nobody = MarkerFrame(None, 'mocap', np.full((8, 3), np.nan), tuple('abcdefgh'), (), ())
+    for number in range(30):
+        found.received_none(.1 * number, nobody)
+    assert found.label_fault == 'no marker has a label of labels.*'

@@ -1,5 +1,7 @@
 """Whether labelled markers are of the other hand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from helpers.hands import from_pose_to_pose
@@ -7,16 +9,20 @@ from helpers.hands import from_pose_to_pose
 from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
+from hand_tracker.core.model.states import MarkerState
 from hand_tracker.tracking.side_check import SideCheck
 
 RATE = 100.
+SEEN, PREDICTED = int(MarkerState.SEEN), int(MarkerState.PREDICTED)
 HAND = Hand.scaled()
 
 
 def found_after(side, frames):
     """Return the time after which the side was found to be wrong, None where it was not."""
-    check = SideCheck(side)
-    return next((n / RATE for n, frame in enumerate(frames) if check.add(frame, n / RATE)), None)
+    check = SideCheck(side, MarkerLayout().principal)
+    states = (SimpleNamespace(markers=np.nan_to_num(frame), marker_states=np.where(
+        np.isnan(frame[:, 0]), PREDICTED, SEEN)) for frame in frames)
+    return next((n / RATE for n, state in enumerate(states) if check.add(state, n / RATE)), None)
 
 
 @pytest.mark.parametrize('seed', range(3))

@@ -5,12 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers.frames import SEEN
-from helpers.hands import from_pose_to_pose
 
 from hand_tracker.core.model.hand import Hand, preset_limits
 from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.core.numerics.jit import LABELLING_SET, TRACKING_SET
-from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.marker_array import MarkerFrame
 from hand_tracker.messages.stamps import Stamp
 from hand_tracker.tracking import stream as module
@@ -228,16 +226,3 @@ def test_nothing_is_compiled_where_nothing_is_missing(stream, compilation, monke
     monkeypatch.setattr(module, 'DEFERRED', False)
     stream.compile_in_background()
     assert stream.compilation is None and stream.news() == []
-
-
-@pytest.mark.parametrize('step', [1, 20])
-def test_a_hand_of_the_other_side_is_said_with_the_cure(step):
-    stream = Stream(HandTracker(Hand.scaled(side='left')), Reader())
-    for number, positions in enumerate(from_pose_to_pose(0, 80)):
-        frame = MarkerFrame(Stamp(5, 10_000_000 * number), 'mocap', positions, (), (), ())
-        tracked = stream.track([frame], .01 * number, no_receipt)
-        if number % step == 0:
-            stream.check_side(tracked.state, tracked.time)
-    (is_warning, line), = stream.news()
-    assert is_warning
-    assert 'set side:=right if it is a right one' in line
