@@ -13,7 +13,7 @@ import pytest
 
 # Compiles what the tests of tracking and of the fast path need.
 COMPILE_ALL = 'hand_tracker.nodes.fast_path.compile_fast_path'
-COMPILE_TRACKING = 'hand_tracker.tracking.compile_kernels'
+COMPILE = 'hand_tracker.tracking.compile_kernels'
 # The longest first, so that no process is left alone with one of them at the end.
 LONGEST = ('viewer/test_viewer_browser.py', 'nodes/test_tracker_node.py', 'core/test_tracker.py',
            'core/test_tracker_occlusion.py', 'evaluation/test_evaluation.py',
@@ -37,11 +37,16 @@ def pytest_configure(config):
         os.environ.setdefault('PYTHONPYCACHEPREFIX', folder.name)
     if not getattr(config.option, 'numprocesses', None) or hasattr(config, 'workerinput'):
         return
-    program = COMPILE_ALL if importlib.util.find_spec('rclpy') else COMPILE_TRACKING
-    done = subprocess.run([sys.executable, '-m', program], cwd=Path(__file__).parents[1],
-                          stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    if done.returncode:
-        warnings.warn(f'the kernels were not compiled: {done.stderr[-2000:]}', stacklevel=1)
+    # Two at once: the one compiles what the other has not begun.
+    programs = ((COMPILE_ALL if importlib.util.find_spec('rclpy') else COMPILE,),
+                (COMPILE, 'labelling'))
+    children = [subprocess.Popen(
+        [sys.executable, '-m', *program], cwd=Path(__file__).parents[1],
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) for program in programs]
+    for child in children:
+        _, complaints = child.communicate()
+        if child.returncode:
+            warnings.warn(f'the kernels were not compiled: {complaints[-2000:]}', stacklevel=1)
 
 
 def pytest_collection_modifyitems(items):

@@ -1,10 +1,10 @@
 """Compile the kernels of tracking and of labelling into the cache.
 
-Run as ``python -m hand_tracker.tracking.compile_kernels`` by `Compilation`.
+Run as ``python -m hand_tracker.tracking.compile_kernels [SET...]`` by `Compilation`.
 """
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 import numpy as np
@@ -60,8 +60,8 @@ def prepare_kernels(say: Callable[[str], object]) -> None:
 
 
 @contextmanager
-def compile_lock() -> Iterator[None]:
-    """Lock the cache folder of kernels: one process at a time compiles into it."""
+def compile_lock(kernel_set: str) -> Iterator[None]:
+    """Lock a set of kernels in the cache folder: one process at a time compiles it."""
     try:
         import fcntl
     except ImportError:  # not POSIX: both compile, and the later files replace the others
@@ -69,25 +69,29 @@ def compile_lock() -> Iterator[None]:
         return
     if jit.CACHE_FOLDER is None:
         raise jit.KernelsUnavailable('no folder for compiled kernels can be written to')
-    with open(jit.CACHE_FOLDER / 'lock', 'w') as lock:
+    with open(jit.CACHE_FOLDER / f'lock-{kernel_set}', 'w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
 
 
 def complete_set(kernel_set: str, compile_set: Callable[[], object]) -> None:
     """Compile a set of kernels, and mark it as ready, unless it is on disk."""
-    if not jit.is_ready(kernel_set):
-        compile_set()
-        jit.mark_ready(kernel_set)
+    with compile_lock(kernel_set):
+        if not jit.is_ready(kernel_set):
+            compile_set()
+            jit.mark_ready(kernel_set)
 
 
-def main() -> int:
-    """Compile set by set; return the exit code."""
-    with compile_lock():
-        complete_set(jit.TRACKING_SET, compile_tracking)
-        complete_set(jit.LABELLING_SET, compile_labelling)
+SETS: dict[str, Callable[[], object]] = {
+    jit.TRACKING_SET: compile_tracking, jit.LABELLING_SET: compile_labelling}
+
+
+def main(names: Sequence[str]) -> int:
+    """Compile sets by their names, all where none is given; return the exit code."""
+    for name in names or SETS:
+        complete_set(name, SETS[name])
     return 0
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

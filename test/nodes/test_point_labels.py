@@ -20,8 +20,9 @@ def test_points_are_labelled_tracked_and_published_by_their_names():
     random = np.random.default_rng(1)
     with tracking({'labels': 'none', 'auto_size': False}) as bench:
         labelled = bench.node.collect(MarkerArray, 'labelled_markers')
-        bench.meet(hand_at(), heard=(labelled,))
-        for frame in motion(RIGHT)[:8]:
+        frames = motion(RIGHT)[:8]
+        bench.meet(frames[0], heard=(labelled,))
+        for frame in frames:
             stamp = bench.answer(shuffled(frame, random)).header.stamp
         bench.node.spin_until(lambda: labelled[-1].markers and (
             labelled[-1].markers[0].header.stamp == stamp))

@@ -62,7 +62,7 @@ def unfinished_cache(folder):
     """Return a cache folder with the kernels of this process, and no word that they are whole."""
     if jit.CACHE_FOLDER is not None:
         shutil.copytree(jit.CACHE_FOLDER, folder / 'cache',
-                        ignore=shutil.ignore_patterns('ready-*', 'lock'))
+                        ignore=shutil.ignore_patterns('ready-*', 'lock-*'))
     return folder / 'cache'
 
 
@@ -202,7 +202,7 @@ import sys, time
 from pathlib import Path
 from hand_tracker.tracking.compile_kernels import compile_lock
 log = Path(sys.argv[1])
-with compile_lock():
+with compile_lock('one'):
     with log.open('a') as file:
         file.write('in\\n')
     time.sleep(.2)
@@ -212,7 +212,7 @@ with compile_lock():
 
 
 @needs_numba
-def test_two_processes_compile_one_after_the_other(tmp_path):
+def test_two_processes_compile_a_set_one_after_the_other(tmp_path):
     pytest.importorskip('fcntl', reason='there are no locks of files here')
     environment = {**os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(tmp_path),
                    'PYTHONPATH': str(ROOT)}

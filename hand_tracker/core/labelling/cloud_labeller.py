@@ -105,17 +105,16 @@ class _Hand:
         self.statistics: Prototype = prototype.statistics
         self.mirrored: Prototype = prototype.mirrored().statistics
         self.count = len(prototype.names)
-        self.track: HandTrack | None = None
-        self.confirmed = False
-        self.searched = 0
-        self.first = 0
-        self.since_relabelling = 0
-        self.shaken_for = 0.
-        self.since_search = 0
         self.is_other_side = False
+        self.lose()
 
     def lose(self) -> None:
-        self.track, self.confirmed, self.searched = None, False, 0
+        self.track: HandTrack | None = None
+        self.confirmed = False
+        self.searched = self.first = 0
+        self.shaken_for = 0.
+        # The first labels are checked soon.
+        self.since_relabelling, self.since_search = RELABELLING_FRAMES, SEARCH_FRAMES
 
 
 def _lead(rival: Finding, present: Finding) -> float:

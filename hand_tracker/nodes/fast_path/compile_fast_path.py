@@ -8,7 +8,7 @@ from contextlib import suppress
 
 from ...core.labelling.cloud_labeller import compile_kernels as compile_labelling
 from ...core.numerics import jit
-from ...tracking.compile_kernels import compile_lock, compile_tracking, complete_set
+from ...tracking.compile_kernels import compile_tracking, complete_set
 from ..serialization import codec_agrees
 from .middleware import FastPath
 from .rcl import FastPathUnavailable
@@ -16,11 +16,10 @@ from .rcl import FastPathUnavailable
 
 def main() -> int:
     """Compile set by set; return the exit code."""
-    with compile_lock():
-        complete_set(jit.TRACKING_SET, compile_tracking)
-        with suppress(FastPathUnavailable):
-            complete_set(FastPath.KERNEL_SET, compile_fast_path)
-        complete_set(jit.LABELLING_SET, compile_labelling)
+    complete_set(jit.TRACKING_SET, compile_tracking)
+    with suppress(FastPathUnavailable):
+        complete_set(FastPath.KERNEL_SET, compile_fast_path)
+    complete_set(jit.LABELLING_SET, compile_labelling)
     return 0
 
 
