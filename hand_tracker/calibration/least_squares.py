@@ -10,8 +10,9 @@ from scipy.optimize import least_squares
 INDEPENDENT_FRAMES = 20
 INITIAL_MODEL_ERROR = .004  # [m] standard deviation in the first fit
 MIN_MODEL_ERROR = .0002     # [m]
-EVALUATIONS_PER_START = 25  # the best start is then refined to convergence
+EVALUATIONS_PER_START = 25  # the best start is then refined
 REFITS = 4                  # with the model error re-estimated
+EVALUATIONS_PER_REFIT = 100 # more where a fit creeps, as of motions without noise, change little
 DIFFERENCE_STEP = 1e-4      # relative, of finite differences
 
 
@@ -48,7 +49,8 @@ def regularised_fit(residuals: Callable[[np.ndarray], np.ndarray], starts: Seque
     for _ in range(REFITS):
         error = max(np.sqrt(np.mean(residuals(best) ** 2)), MIN_MODEL_ERROR)
         best = least_squares(
-            weighted, best, bounds=bounds, diff_step=DIFFERENCE_STEP, args=(error,)).x
+            weighted, best, bounds=bounds, diff_step=DIFFERENCE_STEP,
+            max_nfev=EVALUATIONS_PER_REFIT, args=(error,)).x
     return best
 
 

@@ -29,7 +29,7 @@ from ..tracking.opened_recording import (
     named_labels,
     open_recording,
 )
-from ..tracking.point_labels import LABEL_SOURCES
+from ..tracking.point_labels import LABEL_SOURCES, PointLabels
 from ..tracking.recording import (
     USUAL_TOPIC,
     RecordedFrame,
@@ -223,7 +223,9 @@ class Job:
         monitors = {name: Monitor(1e-9 * self._bag.start, self._topic, labels)
                     for name, (_, labels) in hands.items()}
         self._monitors = {f'{name} hand: ': monitor for name, monitor in monitors.items()}
-        recorded = {name: RecordedHand(tracker, labels, monitor=monitors[name], **options)
+        point_labels = PointLabels()
+        recorded = {name: RecordedHand(tracker, labels, monitor=monitors[name],
+                                       point_labels=point_labels, **options)
                     for name, (tracker, labels) in hands.items()}
         messages = self._progress.over(self._monitored())
         for frames in track_hands(messages, recorded, self._progress.say):
@@ -389,9 +391,6 @@ def tracked_hands(
     frames : iterator of dict of str to RecordedFrame
         By side.
     """
-    if options.labels == 'none':
-        raise InvalidLabel('--labels none: points without labels are labelled for one hand alone; '
-                           'leave it out, or choose a --side')
     chosen = recorded_hands(options)
     _, layout, first = chosen[SIDES[0]]
     hands = {side: (HandTracker(hand, worn), labels)
@@ -401,7 +400,8 @@ def tracked_hands(
         yield job, job.frames_of_hands(
             hands, frame_id=options.frame, scale=options.unit_scale,
             zero_is_missing=not options.keep_zeros,
-            auto_size=options.auto_size and options.hand is None)
+            auto_size=options.auto_size and options.hand is None,
+            has_labels=options.labels != 'none')
 
 
 def run_command(name: str, work: Callable[[argparse.Namespace, Interruptions], str],

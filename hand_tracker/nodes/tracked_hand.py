@@ -27,7 +27,7 @@ from ..messages.stamps import Time, seconds
 from ..tracking.auto_size import AutoSize
 from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 from ..tracking.monitor import Monitor, TrackedFrames
-from ..tracking.point_labels import PointLabelReader
+from ..tracking.point_labels import PointLabelReader, PointLabels
 from ..tracking.rate_limit import RateLimiter
 from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame, read_or_warn
 from .hand_description import HandDescription
@@ -66,6 +66,8 @@ class TrackedHand:
     labels : callable, optional
         Returns the hand's LabelMap for the values of the parameters; where left out, they are
         `labels.*`.
+    point_labels : PointLabels, optional
+        Labels of points without usable ones, shared with the other hand in their messages.
 
     Attributes
     ----------
@@ -82,7 +84,8 @@ class TrackedHand:
 
     def __init__(self, node: TrackerNode, start: Mapping[str, Any], scope: str,
                  serialization: Serialization, qos: Mapping[str, QoSProfile],
-                 labels: Callable[[Mapping[str, Any]], LabelMap] | None = None) -> None:
+                 labels: Callable[[Mapping[str, Any]], LabelMap] | None = None,
+                 point_labels: PointLabels | None = None) -> None:
         self._node, self._serialization, self._labels = node, serialization, labels
         self.hand, layout = starting_hand(start)
         self._scope, self.topics = (f'{scope}.', f'{scope}/') if scope else ('', '')
@@ -98,6 +101,7 @@ class TrackedHand:
         auto_size = (AutoSize(self.settings.hand, layout, in_background=True)
                      if learns_size(start) else None)
         self._labels_points = start['labels'] == 'none'
+        self._point_labels = point_labels
         self.stream = Stream(self._tracker, self._new_reader(), auto_size)
 
         self._hand_markers = node.create_publisher(
@@ -228,7 +232,8 @@ class TrackedHand:
         if self._labels_points:
             return PointLabelReader(
                 self._tracker.hand, self._tracker.layout, PointReader(
-                    self._mocap_frame, self.settings.unit_scale, self.settings.zero_is_missing))
+                    self._mocap_frame, self.settings.unit_scale, self.settings.zero_is_missing),
+                self._point_labels)
         return self._serialization.markers(self.settings, self._mocap_frame)
 
     def _values(self) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from ..messages.stamps import Time
 from ..tracking.compile_kernels import compile_tracking
 from ..tracking.diagnostics import STATUS_PERIOD
 from ..tracking.input_monitor import who_publishes
+from ..tracking.point_labels import PointLabels
 from .fast_path import FastPath, FastPathUnavailable
 from .marker_input import STEADY_CLOCK, MarkerInput
 from .replies import AnsweredHand, Replies
@@ -116,9 +117,10 @@ class TrackerNode(Node):
         def labels(side: str, values: Mapping[str, Any]) -> LabelMap:
             return labels_of_both(values, topics, names)[side]
 
+        point_labels = PointLabels() if topics == SHARED else None
         hands = tuple(TrackedHand(
             self, values_of_hand(start, side), side, self._serialization, self._qos,
-            partial(labels, side)) for side in SIDES)
+            partial(labels, side), point_labels) for side in SIDES)
         groups: dict[str, tuple[TrackedHand, ...]] = (
             {'markers': hands} if topics == SHARED
             else {f'{hand.topics}markers': (hand,) for hand in hands})

@@ -151,16 +151,12 @@ def values_of_hand(start: Mapping[str, Any], side: str) -> dict[str, Any]:
     Raises
     ------
     InvalidParameter
-        Where a name is given that both hands would have, or markers without labels, which are
-        tracked of one hand alone.
+        Where a name is given that both hands would have.
     """
     for name in ('prefix', 'wrist_frame'):
         if start[name] != AUTO:
             raise InvalidParameter(f"{name}: '{start[name]}'; expected {AUTO} for both hands, "
                                    'whose names begin with right_ and left_')
-    if start['labels'] == 'none':
-        raise InvalidParameter("labels: 'none'; expected source for both hands: points without "
-                               'labels are labelled for one hand alone')
     return {**start, 'side': side, 'hand_file': start[f'{side}.hand_file'] or start['hand_file'],
             'calibration_file': start[f'{side}.calibration_file']}
 

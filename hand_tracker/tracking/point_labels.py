@@ -7,16 +7,77 @@ from typing import Any
 
 import numpy as np
 
-from ..core.labelling.cloud_labeller import CloudLabeller
+from ..core.labelling.cloud_labeller import CloudLabeller, CloudLabels
 from ..core.labelling.natural_poses import model_prototype
+from ..core.labelling.prototypes import HandPrototype
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MarkerLayout
 from ..messages.marker_array import MarkerFrame
-from ..messages.points import PointReader
+from ..messages.points import PointFrame, PointReader
 from ..messages.stamps import seconds
 
 LABEL_SOURCES = ('source', 'none')
 SEARCHED_LONG = 3.  # [s] without the hand among enough points, before a pose is asked for
+
+
+class PointLabels:
+    """Label the points of one topic's messages: which is which marker of which hand on it.
+
+    Each message is labelled once for all hands that are read from it.
+    """
+
+    def __init__(self) -> None:
+        self._prototypes: dict[str, HandPrototype] = {}
+        self._points = PointReader()
+        self._labeller: CloudLabeller | None = None
+        self._message: Any = None
+        self._labelled: tuple[PointFrame, CloudLabels | None] | None = None
+        self._read: set[str] = set()   # sides that have read this message
+
+    def set_hand(self, hand: Hand, layout: MarkerLayout, points: PointReader) -> None:
+        """Label points also for a hand; it replaces the one of its side.
+
+        Parameters
+        ----------
+        hand : Hand
+        layout : MarkerLayout
+        points : PointReader
+            Of all hands.
+        """
+        self._prototypes[hand.side] = model_prototype(hand, layout, tuple(layout.names))
+        self._points, self._labeller = points, None
+
+    def read(self, message: Any, side: str) -> tuple[PointFrame, np.ndarray, bool, bool]:
+        """Return the points of a message, and those of a hand.
+
+        Parameters
+        ----------
+        message : bytes or MarkerArray
+        side : {'right', 'left'}
+
+        Returns
+        -------
+        points : PointFrame
+        rows : ndarray of int, shape (M,)
+            The point of each marker, -1 where it is hidden.
+        found, other_side : bool
+            See `CloudLabels`.
+        """
+        if self._labeller is None:
+            self._labeller, self._message = CloudLabeller(list(self._prototypes.values())), None
+        if message is not self._message or side in self._read:
+            frame = self._points.read(message)
+            self._labelled = frame, None if frame.stamp is None else self._labeller.update(
+                frame.points, seconds(frame.stamp), frame.ids)
+            self._message = message
+            self._read.clear()
+        self._read.add(side)
+        assert self._labelled is not None
+        frame, labels = self._labelled
+        if labels is None:
+            return frame, np.full(len(self._prototypes[side].names), -1), False, False
+        number = list(self._prototypes).index(side)
+        return frame, labels.rows[number], labels.found[number], labels.other_side[number]
 
 
 class PointLabelReader:
@@ -29,14 +90,17 @@ class PointLabelReader:
     hand : Hand
     layout : MarkerLayout
     points : PointReader
+    labels : PointLabels, optional
+        Shared with the reader of the other hand in these messages.
     """
 
     signature = None  # such messages are never alike
 
-    def __init__(self, hand: Hand, layout: MarkerLayout, points: PointReader) -> None:
-        self._points = points
+    def __init__(self, hand: Hand, layout: MarkerLayout, points: PointReader,
+                 labels: PointLabels | None = None) -> None:
+        self._labels = labels or PointLabels()
+        self._labels.set_hand(hand, layout, points)
         self._side, self._count = hand.side, len(layout.names)
-        self._labeller = CloudLabeller([model_prototype(hand, layout, tuple(layout.names))])
         self._searched_since: float | None = None
         self._was_found = False
         self._asked = False
@@ -44,15 +108,11 @@ class PointLabelReader:
 
     def read(self, message: Any) -> MarkerFrame:
         """Return the markers of a message; those not found are not seen."""
-        frame = self._points.read(message)
+        frame, rows, found, other_side = self._labels.read(message, self._side)
         positions = np.full((self._count, 3), np.nan)
-        if frame.stamp is None:
-            return MarkerFrame(None, frame.frame_id, positions, (), frame.foreign, ())
-        time = seconds(frame.stamp)
-        labels = self._labeller.update(frame.points, time, frame.ids)
-        rows = labels.rows[0]
         positions[rows >= 0] = frame.points[rows[rows >= 0]]
-        self._note(time, labels.found[0], len(frame.points), labels.other_side[0])
+        if frame.stamp is not None:
+            self._note(seconds(frame.stamp), found, len(frame.points), other_side)
         return MarkerFrame(frame.stamp, frame.frame_id, positions, (), frame.foreign, ())
 
     def _note(self, time: float | None, found: bool, count: int, other_side: bool) -> None:

@@ -30,7 +30,7 @@ from ..messages.stamps import nanoseconds, stamp_of
 from ..messages.templates import Template, joint_state_template, transforms_template
 from .auto_size import AutoSize
 from .monitor import Monitor, TrackedFrames
-from .point_labels import PointLabelReader
+from .point_labels import PointLabelReader, PointLabels
 from .stream import Reader, Stream
 
 USUAL_TOPIC = '/markers'
@@ -144,11 +144,14 @@ class RecordedHand:
     ----------
     tracker, labels, frame_id, scale, zero_is_missing, monitor, auto_size, has_labels
         See `track`.
+    point_labels : PointLabels, optional
+        Shared with the other hand in the messages, where there are no labels.
     """
 
     def __init__(self, tracker: HandTracker, labels: LabelMap | None = None, frame_id: str = '',
                  scale: float = 1., zero_is_missing: bool = True, monitor: Monitor | None = None,
-                 auto_size: bool = False, has_labels: bool = True) -> None:
+                 auto_size: bool = False, has_labels: bool = True,
+                 point_labels: PointLabels | None = None) -> None:
         self._monitor = monitor
         reader: Reader
         if has_labels:
@@ -156,7 +159,7 @@ class RecordedHand:
                 LabelMap() if labels is None else labels, frame_id, scale, zero_is_missing)
         else:
             reader = PointLabelReader(tracker.hand, tracker.layout,
-                                      PointReader(frame_id, scale, zero_is_missing))
+                                      PointReader(frame_id, scale, zero_is_missing), point_labels)
         self._stream = Stream(
             tracker, reader, AutoSize(tracker.hand, tracker.layout) if auto_size else None)
         self._stream.compile_in_background()

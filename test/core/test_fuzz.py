@@ -4,7 +4,7 @@ import os
 
 from benchmarks.fuzz import fuzz
 
-FRAMES = int(os.environ.get('HAND_TRACKER_FUZZ_FRAMES', 20_000))
+FRAMES = int(os.environ.get('HAND_TRACKER_FUZZ_FRAMES', 10_000))
 
 
 def test_random_frames_never_fail():

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from helpers.bench import LOSSLESS, MODULE, Bench, begun_anew, message
+from helpers.bench import LOSSLESS, MODULE, Bench, begun_anew, message, stamp_of
 from helpers.hands import RIGHT, hand_at, motion
 from helpers.ros_process import NodeProcess, watching_node
 from sensor_msgs.msg import JointState
@@ -196,3 +196,35 @@ def test_names_of_one_hand_are_refused_for_both():
         assert process.wait() == 1
         assert "prefix: 'my_'; expected auto for both hands" in process.output
         assert 'Traceback' not in process.output
+
+
+class CloudBench(BothBench):
+    """A bench whose points have no labels and no order, with two of no hand among them."""
+
+    random = np.random.default_rng(1)
+
+    def send(self, positions, **fields):
+        """Send the points of both hands in one message; return the stamp that it has."""
+        self.number += 1
+        ghosts = positions[0][0] + self.random.uniform(.15, .2, (2, 3))
+        cloud = np.concatenate((*positions, ghosts))
+        self.publisher.publish(message(self.random.permutation(cloud), self.number))
+        return stamp_of(self.number)
+
+
+def test_points_without_labels_are_told_apart_by_the_shape_of_both_hands():
+    frames = list(zip(motion(RIGHT)[:8], (left + (0., .4, 0.) for left in motion(LEFT)[:8])))
+    with tracking_both({'labels': 'none', 'auto_size': False}, CloudBench) as bench:
+        labelled = {side: bench.node.collect(MarkerArray, f'{side}/labelled_markers')
+                    for side in SIDES}
+        bench.meet(frames[0], heard=tuple(labelled.values()))
+        for pair in frames:
+            answer = bench.answer(pair)
+            assert list(answer.name) == names(*SIDES)
+            for side, expected in zip(SIDES, pair):
+                found = labelled[side]
+                bench.node.spin_until(lambda: found[-1].markers and (  # noqa: B023
+                    found[-1].markers[0].header.stamp == answer.header.stamp))  # noqa: B023
+                places = [(at.x, at.y, at.z) for at in (
+                    marker.pose.position for marker in found[-1].markers)]
+                np.testing.assert_array_equal(places, expected)

@@ -11,7 +11,7 @@ from hand_tracker.messages.marker_array import MarkerFrame
 from hand_tracker.messages.points import PointFrame
 from hand_tracker.messages.stamps import Stamp
 from hand_tracker.tracking.marker_events import LabelChanges
-from hand_tracker.tracking.point_labels import PointLabelReader
+from hand_tracker.tracking.point_labels import PointLabelReader, PointLabels
 
 PERIOD = .01
 
@@ -65,9 +65,9 @@ def test_the_markers_of_any_layout_are_read():
         def read(self, message):
             return PointFrame(Stamp(1, 0), 'mocap', cloud, np.arange(30), ())
 
-    reader = PointLabelReader(Hand.scaled(), layout, Points())
-    assert reader._labeller.prototypes[0].names == layout.names
-    reader._labeller = Labeller()
+    labels = PointLabels()
+    reader = PointLabelReader(Hand.scaled(), layout, Points(), labels)
+    labels._labeller = Labeller()
     positions = reader.read(b'').positions
     assert np.isnan(positions[3]).all()
     assert np.array_equal(np.delete(positions, 3, 0), cloud[np.delete(rows, 3)])

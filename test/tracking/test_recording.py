@@ -167,6 +167,18 @@ def test_both_hands_of_a_recording_are_tracked_as_each_alone(tmp_path, capsys):
         ['right_wrist', 'left_wrist'][:1 + bool(left)] for left in seen['left']]
 
 
+def test_both_hands_are_found_among_points_without_labels(tmp_path, capsys):
+    recordings = {side: part._replace(stamps=part.stamps[:60], markers=part.markers[:60],
+                                      angles=part.angles[:60])
+                  for side, part in packaged_recordings('both').items()}
+    write_bag(tmp_path / 'in.mcap', both_hands_messages(recordings))
+    arguments = [str(tmp_path / 'in.mcap'), '--side', 'both', '--wrist', GIVEN]
+    for labels in ('source', 'none'):
+        assert main([*arguments, '--labels', labels, '-o', str(tmp_path / f'{labels}.csv')]) == 0
+    assert 'the left hand is found among 16 points' in capsys.readouterr().err
+    assert (tmp_path / 'none.csv').read_bytes() == (tmp_path / 'source.csv').read_bytes()
+
+
 def test_the_size_of_the_hand_is_learned_unless_it_is_given(tmp_path):
     hand = Hand.scaled(.205, .095)
     recording = demo_recording(hand)
@@ -442,7 +454,6 @@ def cut_off(path):
     (two_topics, ('--hand', 'absent.yaml'), 'absent.yaml: No such file'),
     (two_topics, ('-o', 'out.txt'), "unknown extension '.txt'; expected .csv, .mcap, .db3"),
     (two_topics, ('-o', 'in.mcap'), 'in.mcap: would replace the recording'),
-    (two_topics, ('--side', 'both', '--labels', 'none'), '--labels none: points without labels'),
     (two_topics, ('--side', 'both', '-o', 'out.bvh'), 'out.bvh: a .bvh file has one hand'),
     (two_topics, ('--topic', 'left', '-o', 'absent/out.csv'), 'no folder absent'),
     (two_topics, ('--topic', 'left', '-o', 'absent/out.mcap'), 'no folder absent')])

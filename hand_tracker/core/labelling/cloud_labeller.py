@@ -399,8 +399,11 @@ class CloudLabeller:
                            tuple(False for _ in best))
 
 
-def kernel_calls() -> tuple[tuple[Callable[..., Any], tuple[Any, ...]], ...]:
-    """Return each kernel of a labeller of one hand, with arguments like those of its calls."""
+def kernel_calls() -> tuple[tuple[Callable[..., Any], tuple[tuple[Any, ...], ...]], ...]:
+    """Return each kernel of a labeller with arguments like those of its calls.
+
+    `follow_hands` has those of one hand and of two.
+    """
     prototype = model_prototype(Hand.scaled(), MarkerLayout(), MARKERS).statistics
     count = len(prototype.template)
     points, free = prototype.template.copy(), np.ones(count, dtype=bool)
@@ -408,24 +411,26 @@ def kernel_calls() -> tuple[tuple[Callable[..., Any], tuple[Any, ...]], ...]:
     found, clutter, candidates = blank_finding(count), no_clutter(), blank_candidates()
     track = begin_track(prototype, found, points)
     return (
-        (start_places, (prototype, points, track)),
-        (continue_clutter, (clutter, points, UNTIMED_STEP, rows, costs)),
-        (follow_hands, ((prototype,), (track,), points, rows, costs, UNTIMED_STEP, free)),
-        (remember_clutter, (clutter, points, free, rows, UNTIMED_STEP)),
-        (relabel, (prototype, track, points, free, found)),
-        (search_palms, (prototype, points, free, 0, 1, candidates)),
-        (label_candidates, (prototype, points, free, candidates, found)),
+        (start_places, ((prototype, points, track),)),
+        (continue_clutter, ((clutter, points, UNTIMED_STEP, rows, costs),)),
+        (follow_hands, tuple(((prototype,) * hands, (track,) * hands, points, rows, costs,
+                              UNTIMED_STEP, free) for hands in (1, 2))),
+        (remember_clutter, ((clutter, points, free, rows, UNTIMED_STEP),)),
+        (relabel, ((prototype, track, points, free, found),)),
+        (search_palms, ((prototype, points, free, 0, 1, candidates),)),
+        (label_candidates, ((prototype, points, free, candidates, found),)),
     )
 
 
 def compile_kernels() -> None:
-    """Compile the kernels of a labeller of one hand."""
-    for each, arguments in kernel_calls():
-        each(*arguments)
+    """Compile the kernels of a labeller of one hand or two."""
+    for each, calls in kernel_calls():
+        for arguments in calls:
+            each(*arguments)
 
 
 def load_kernels(folder: Path | None = None) -> None:
-    """Load the compiled kernels of labellers of one hand from disk; any thread may call this.
+    """Load the compiled kernels of labellers from disk; any thread may call this.
 
     Parameters
     ----------
@@ -437,5 +442,5 @@ def load_kernels(folder: Path | None = None) -> None:
     KernelsUnavailable
         If they are not on disk.
     """
-    for each, arguments in kernel_calls():
-        load_kernel(each, arguments, folder)
+    for each, (arguments, *others) in kernel_calls():
+        load_kernel(each, arguments, folder, others)

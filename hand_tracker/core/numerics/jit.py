@@ -188,7 +188,8 @@ def _dispatcher(kernel: Callable[..., Any], cached: bool, options: dict[str, Any
         kernel, cache=cached, no_cfunc_wrapper=True, error_model='numpy', **options)
 
 
-def load_kernel(kernel: Kernel, arguments: Sequence[Any], folder: Path | None = None) -> Kernel:
+def load_kernel(kernel: Kernel, arguments: Sequence[Any], folder: Path | None = None,
+                others: Sequence[Sequence[Any]] = ()) -> Kernel:
     """Return a kernel as compiled before, for arguments of these types, without compiling it.
 
     Parameters
@@ -199,6 +200,8 @@ def load_kernel(kernel: Kernel, arguments: Sequence[Any], folder: Path | None = 
         Arguments like those that it will be called with.
     folder : Path, optional
         Cache folder to load from; `CACHE_FOLDER` when left out.
+    others : sequence of sequence, optional
+        Arguments of other types that it will also be called with.
 
     Returns
     -------
@@ -213,11 +216,13 @@ def load_kernel(kernel: Kernel, arguments: Sequence[Any], folder: Path | None = 
         return kernel
     numba = _compiler(folder or CACHE_FOLDER)
     dispatcher = _dispatcher(kernel, True, _deferred_options[kernel])
+    calls = arguments, *others
     try:
-        dispatcher.compile(tuple(numba.typeof(argument) for argument in arguments))
+        for call in calls:
+            dispatcher.compile(tuple(numba.typeof(argument) for argument in call))
     except Exception as error:  # compiling fails, as the kernels that it calls are plain Python
         raise KernelsUnavailable(f'{kernel.__name__} is not on disk') from error
-    if not dispatcher.stats.cache_hits:
+    if sum(dispatcher.stats.cache_hits.values()) < len(calls):
         raise KernelsUnavailable(f'{kernel.__name__} is not on disk')
     _loaded[kernel] = dispatcher
     return dispatcher
