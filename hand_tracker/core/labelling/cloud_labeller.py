@@ -289,7 +289,8 @@ class CloudLabeller:
             if not changed.any() or lead < 0.:
                 track.trusted_for[seen] += elapsed
             return
-        trust = min(track.trusted_for[changed].min(initial=TRUST_TIME) / TRUST_TIME, 1.)
+        # An exchange denies the label of a marker that never vanished as well as of one that did.
+        trust = min(track.trusted_for[changed].max(initial=0.) / TRUST_TIME, 1.)
         margin = SHAKEN_MARGIN if shaken else RIVAL_MARGIN + (
             TRUSTED_MARGIN - RIVAL_MARGIN) * (trust if changed.any() else 0.)
         track.numbers[DOUBT] = min(track.numbers[DOUBT] + lead * elapsed / RIVAL_TIME,

@@ -10,6 +10,7 @@ from hand_tracker.core.labelling.prototypes import learn_prototype
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.simulation.packaged_recordings import demo_recording
 
 RATE = 120.
 SIDES = 'right', 'left'
@@ -142,3 +143,12 @@ def test_a_learned_hand_needs_frames_and_a_triangle_of_palm_markers():
         learn_prototype(MARKERS, frames, [0, *digits[1:]], 'right')
     with pytest.raises(HandTrackerError, match='lie on one line'):
         learn_prototype(MARKERS, frames[:, [0, 0, 0, 3, 4, 5, 6, 7]], digits, 'right')
+
+
+def test_the_thumb_that_touches_each_finger_and_vanishes_for_moments_keeps_its_label():
+    recording = demo_recording()
+    random = np.random.default_rng(0)
+    labeller = CloudLabeller([prototype()])
+    for stamp, markers in zip(recording.stamps, recording.markers):
+        points, rows = shuffled(markers, random)
+        np.testing.assert_array_equal(labeller.update(points, 1e-9 * stamp).rows[0], rows)
