@@ -16,7 +16,7 @@ from ..calibration.live_take import LiveTake
 from ..core.labelling.cloud_labeller import load_kernels as load_labelling_kernels
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MarkerLayout
-from ..core.numerics.jit import DEFERRED, LABELLING_SET, TRACKING_SET
+from ..core.numerics.jit import DEFERRED, LABELLING_IS_DEFERRED, LABELLING_SET, TRACKING_SET
 from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
 from ..messages.cdr import MalformedMessage, MessageSignature
@@ -180,11 +180,12 @@ class Stream:
             Loaders of further sets of kernels, by the set's name.
         """
         if DEFERRED:
-            loaders = {TRACKING_SET: self._load_kernels, **loaders,
-                       LABELLING_SET: load_labelling_kernels}
+            loaders = {TRACKING_SET: self._load_kernels, **loaders}
             self._switches_kernels = True
             self._news.append((False, 'first start: kernels are compiled in the background for '
                                'about a minute; until then plain Python tracks, more slowly'))
+        if DEFERRED or LABELLING_IS_DEFERRED and isinstance(self.reader, PointLabelReader):
+            loaders = {**loaders, LABELLING_SET: load_labelling_kernels}
         if loaders:
             self.compilation = Compilation(loaders, program)
 

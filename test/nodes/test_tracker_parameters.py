@@ -256,11 +256,6 @@ def test_names_that_both_hands_would_have_are_refused():
             both(**{name: 'mine'})
 
 
-def test_markers_that_are_tracked_of_one_hand_alone_are_refused(tmp_path):
-    with pytest.raises(InvalidParameter, match="labels: 'none'; expected source for both hands"):
-        both(labels='none')
-
-
 def test_both_hands_wear_the_same_markers(tmp_path):
     defaults = {row.name: row.default
                 for row in (*START, *(row for side in SIDES for row in start_of_hand(side)))}

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numerics.assignment import assign_rows
-from ..numerics.jit import jit, loaded_or_plain
+from ..numerics.jit import labelling_jit, loaded_or_plain
 from ..numerics.rigid_fit import fit_rigid
 from .palm_search import COST, DISTANCE, SIZE, Finding, complete_palm, size_cost, to_palm_frame
 from .posture import (
@@ -151,7 +151,7 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
     return track
 
 
-@jit
+@labelling_jit
 def start_places(prototype: Prototype, points: np.ndarray, track: HandTrack) -> None:
     """Set the markers' places by the present labels; hidden ones are where they are expected."""
     rows = track.finding.rows
@@ -171,7 +171,7 @@ def start_places(prototype: Prototype, points: np.ndarray, track: HandTrack) -> 
         track.suspected_for[i] = 0.
 
 
-@jit
+@labelling_jit
 def _turn(rotation: np.ndarray, x: float, y: float, z: float) -> None:
     """Turn a rotation by a rotation vector in the outer frame [rad]."""
     angle = math.sqrt(x * x + y * y + z * z)
@@ -187,7 +187,7 @@ def _turn(rotation: np.ndarray, x: float, y: float, z: float) -> None:
         rotation[2, k] = c * d + s * (x * b - y * a) + along * z
 
 
-@jit
+@labelling_jit
 def predict_hand(track: HandTrack, step: float) -> None:
     """Predict palm and markers a time step [s] ahead."""
     finding = track.finding
@@ -204,7 +204,7 @@ def predict_hand(track: HandTrack, step: float) -> None:
     place_again(track)
 
 
-@jit
+@labelling_jit
 def place_again(track: HandTrack) -> None:
     """Write the places of the markers in the frame of the points."""
     finding = track.finding
@@ -216,7 +216,7 @@ def place_again(track: HandTrack) -> None:
                 + rotation[k, 2] * track.local[i, 2])
 
 
-@jit
+@labelling_jit
 def continue_clutter(clutter: Clutter, points: np.ndarray, step: float, before: np.ndarray,
                      cost: np.ndarray) -> None:
     """Find which points go on from those that no hand had in the last frame.
@@ -255,7 +255,7 @@ def continue_clutter(clutter: Clutter, points: np.ndarray, step: float, before: 
                 before[nearest], cost[nearest] = c, value
 
 
-@jit
+@labelling_jit
 def remember_clutter(clutter: Clutter, points: np.ndarray, free: np.ndarray, before: np.ndarray,
                      step: float) -> Clutter:
     """Return the points that no hand has.
@@ -294,7 +294,7 @@ def remember_clutter(clutter: Clutter, points: np.ndarray, free: np.ndarray, bef
     return found
 
 
-@jit
+@labelling_jit
 def match_costs(prototype: Prototype, track: HandTrack, points: np.ndarray, ids: np.ndarray,
                 clutter: np.ndarray, cost: np.ndarray) -> None:
     """Write the cost of each point as each marker beyond that of no point, (M, n).
@@ -334,7 +334,7 @@ def match_costs(prototype: Prototype, track: HandTrack, points: np.ndarray, ids:
             cost[i, j] = value if value < 0. else math.inf
 
 
-@jit
+@labelling_jit
 def rigid_cost(prototype: Prototype, track: HandTrack, marker: int, point: np.ndarray) -> float:
     """Return what the distances from the seen palm markers change in a palm marker's cost."""
     total, count = 0., 0
@@ -356,7 +356,7 @@ def rigid_cost(prototype: Prototype, track: HandTrack, marker: int, point: np.nd
     return total
 
 
-@jit
+@labelling_jit
 def place_palm_by(prototype: Prototype, track: HandTrack, points: np.ndarray,
                   rows: np.ndarray) -> None:
     """Place the palm by the points of its markers, and by the others where these are hidden."""
@@ -382,7 +382,7 @@ def place_palm_by(prototype: Prototype, track: HandTrack, points: np.ndarray,
     fit_rigid(rest, there, weights, track.finding.rotation, track.finding.position)
 
 
-@jit
+@labelling_jit
 def palm_changes(prototype: Prototype, track: HandTrack, rows: np.ndarray) -> bool:
     """Return whether other markers of the palm are seen than in the last frame."""
     changed = False
@@ -392,7 +392,7 @@ def palm_changes(prototype: Prototype, track: HandTrack, rows: np.ndarray) -> bo
     return changed
 
 
-@jit
+@labelling_jit
 def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, rows: np.ndarray,
                  last: np.ndarray, step: float) -> None:
     """Update a hand by the points that its markers got.
@@ -485,7 +485,7 @@ def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, row
     track.numbers[AGE] += step
 
 
-@jit
+@labelling_jit
 def _rotation_vector(before: np.ndarray, after: np.ndarray) -> tuple[float, float, float]:
     """Return the rotation vector from one rotation (3, 3) to another, in the outer frame [rad]."""
     d = np.zeros((3, 3))
@@ -500,7 +500,7 @@ def _rotation_vector(before: np.ndarray, after: np.ndarray) -> tuple[float, floa
     return share * x, share * y, share * z
 
 
-@jit
+@labelling_jit
 def relabel(prototype: Prototype, track: HandTrack, points: np.ndarray, free: np.ndarray,
             rival: Finding) -> float:
     """Label the hand anew at its present place, without history.
@@ -533,7 +533,7 @@ def relabel(prototype: Prototype, track: HandTrack, points: np.ndarray, free: np
     return track.finding.numbers[COST] - rival.numbers[COST]
 
 
-@jit
+@labelling_jit
 def _doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
     """Trust no labels that others might have as well: markers that meet, or come back."""
     for i in range(len(rows)):
@@ -556,7 +556,7 @@ def _doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
                     track.trusted_for[j] = 0.
 
 
-@jit
+@labelling_jit
 def follow_hands(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...],
                  points: np.ndarray, ids: np.ndarray, clutter: np.ndarray, step: float,
                  free: np.ndarray) -> None:

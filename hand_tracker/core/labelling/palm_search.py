@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numerics.assignment import assign_rows
-from ..numerics.jit import jit
+from ..numerics.jit import labelling_jit
 from ..numerics.rigid_fit import fit_rigid
 from .posture import (
     HIDDEN_COST,
@@ -78,7 +78,7 @@ def blank_finding(count: int) -> Finding:
     return Finding(np.full(count, -1), np.eye(3), np.zeros(3), np.array((1., np.inf, np.inf)))
 
 
-@jit
+@labelling_jit
 def to_palm_frame(points: np.ndarray, rotation: np.ndarray, position: np.ndarray, size: float,
                   local: np.ndarray) -> None:
     """Write points in the palm's frame, scaled to the prototype's size, shape (n, 3) [m]."""
@@ -90,7 +90,7 @@ def to_palm_frame(points: np.ndarray, rotation: np.ndarray, position: np.ndarray
             local[j, k] = rotation[0, k] * x + rotation[1, k] * y + rotation[2, k] * z
 
 
-@jit
+@labelling_jit
 def search_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, first: int,
                  budget: int, candidates: Candidates) -> int:
     """Collect candidates for the palm, beginning with one of the points as first corner.
@@ -176,7 +176,7 @@ def search_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, fir
     return count
 
 
-@jit
+@labelling_jit
 def _scaled_origin(rest: np.ndarray, corners: np.ndarray, size: float, rotation: np.ndarray,
                    position: np.ndarray) -> None:
     """Move the palm's origin to where the scaled template lies on its corners' centre."""
@@ -189,7 +189,7 @@ def _scaled_origin(rest: np.ndarray, corners: np.ndarray, size: float, rotation:
         position[k] /= len(corners)
 
 
-@jit
+@labelling_jit
 def _quick_cost(prototype: Prototype, local: np.ndarray, free: np.ndarray,
                 limit: float) -> float:
     """Return the cost of a palm if each marker took its nearest point; inf beyond `limit`."""
@@ -215,7 +215,7 @@ def _quick_cost(prototype: Prototype, local: np.ndarray, free: np.ndarray,
     return total
 
 
-@jit
+@labelling_jit
 def _insert(candidates: Candidates, cost: float, base: int, a: int, b: int, c: int) -> None:
     """Insert a candidate in the order of costs; the last one falls out."""
     last = len(candidates.cost) - 1
@@ -232,7 +232,7 @@ def _insert(candidates: Candidates, cost: float, base: int, a: int, b: int, c: i
     candidates.corners[last, 3] = c
 
 
-@jit
+@labelling_jit
 def label_candidates(prototype: Prototype, points: np.ndarray, free: np.ndarray,
                      candidates: Candidates, finding: Finding) -> None:
     """Label the candidates' markers, and keep the cheapest labelling.
@@ -276,7 +276,7 @@ def label_candidates(prototype: Prototype, points: np.ndarray, free: np.ndarray,
         chain_palm(prototype, points, free, finding)
 
 
-@jit
+@labelling_jit
 def label_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
                found: Finding) -> None:
     """Label all markers of a palm that is roughly placed, and place it by its own markers.
@@ -301,7 +301,7 @@ def label_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
         found.numbers[COST] = math.inf
 
 
-@jit
+@labelling_jit
 def palm_is_seen(prototype: Prototype, rows: np.ndarray) -> bool:
     """Return whether three markers of the palm are seen."""
     seen = 0
@@ -310,7 +310,7 @@ def palm_is_seen(prototype: Prototype, rows: np.ndarray) -> bool:
     return seen >= 3
 
 
-@jit
+@labelling_jit
 def complete_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
                    found: Finding) -> None:
     """Place the palm by its labels where it is seen, improve these, and write what they cost."""
@@ -329,7 +329,7 @@ def complete_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
     found.numbers[DISTANCE] = distance / (3. * max(seen, 1))
 
 
-@jit
+@labelling_jit
 def chain_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
                finding: Finding) -> None:
     """Improve a finding's labels by `chain_labels`, as long as they become cheaper."""
@@ -349,7 +349,7 @@ def chain_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
         copy_finding(found, finding)
 
 
-@jit
+@labelling_jit
 def copy_finding(source: Finding, target: Finding) -> None:
     """Overwrite a finding by another."""
     target.rows[:] = source.rows
@@ -358,14 +358,14 @@ def copy_finding(source: Finding, target: Finding) -> None:
     target.numbers[:] = source.numbers
 
 
-@jit
+@labelling_jit
 def size_cost(prototype: Prototype, size: float) -> float:
     """Return the cost of a palm's size: sizes are normal, with 95 % of them in their range."""
     half = .5 * (prototype.sizes[1] - prototype.sizes[0])
     return (2. * (size - 1.) / half) ** 2
 
 
-@jit
+@labelling_jit
 def place_by_palm(prototype: Prototype, points: np.ndarray, rows: np.ndarray,
                   found: Finding) -> bool:
     """Place a palm by its seen rigid markers; return whether there were three of them."""

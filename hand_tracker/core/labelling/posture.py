@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from ..numerics.jit import jit
+from ..numerics.jit import labelling_jit
 from .prototypes import Prototype
 
 CLUTTER_DENSITY = 200.  # [1/m³] of points that are no marker of the hand; ours
@@ -23,7 +23,7 @@ SMALLEST_GAIN = 1e-6    # below which costs are equal
 CHAIN = 5               # markers that pass their points on, at most
 
 
-@jit
+@labelling_jit
 def sweep(matrix: np.ndarray, k: int) -> float:
     """Sweep a symmetric matrix on its diagonal element k (Beaton 1964); return that pivot.
 
@@ -48,21 +48,21 @@ def sweep(matrix: np.ndarray, k: int) -> float:
     return pivot
 
 
-@jit
+@labelling_jit
 def quadratic(matrix: np.ndarray, x: float, y: float, z: float) -> float:
     """Return vᵀ A v of a symmetric (3, 3) matrix."""
     return (matrix[0, 0] * x * x + matrix[1, 1] * y * y + matrix[2, 2] * z * z
             + 2. * (matrix[0, 1] * x * y + matrix[0, 2] * x * z + matrix[1, 2] * y * z))
 
 
-@jit
+@labelling_jit
 def hide(matrix: np.ndarray, marker: int) -> float:
     """Sweep the three coordinates of a marker; return the logarithm of the pivots' product."""
     return (math.log(sweep(matrix, 3 * marker)) + math.log(sweep(matrix, 3 * marker + 1))
             + math.log(sweep(matrix, 3 * marker + 2)))
 
 
-@jit
+@labelling_jit
 def posture_distance(matrix: np.ndarray, mean: np.ndarray, local: np.ndarray, rows: np.ndarray,
                      residual: np.ndarray, gradient: np.ndarray) -> float:
     """Return the squared Mahalanobis distance of the seen markers from their mean places.
@@ -93,7 +93,7 @@ def posture_distance(matrix: np.ndarray, mean: np.ndarray, local: np.ndarray, ro
     return total
 
 
-@jit
+@labelling_jit
 def tail_cost(distance: float, dimensions: int) -> float:
     """Return the cost of a squared Mahalanobis distance by Student's distribution.
 
@@ -105,7 +105,7 @@ def tail_cost(distance: float, dimensions: int) -> float:
             + dimensions * (math.log(.5 * FREEDOM) + SEEN_COST / 3.))
 
 
-@jit
+@labelling_jit
 def label_costs(prototype: Prototype, local: np.ndarray, free: np.ndarray,
                 cost: np.ndarray) -> None:
     """Write the cost of each free point as each marker, by the marker alone, (M, n)."""
@@ -118,7 +118,7 @@ def label_costs(prototype: Prototype, local: np.ndarray, free: np.ndarray,
                 local[j, 2] - prototype.template[i, 2]) if free[j] else math.inf
 
 
-@jit
+@labelling_jit
 def _step(local: np.ndarray, rows: np.ndarray, marker: int, point: int,
           step: np.ndarray) -> None:
     """Write how a marker moves that takes another point, shape (3,) [m]."""
@@ -126,7 +126,7 @@ def _step(local: np.ndarray, rows: np.ndarray, marker: int, point: int,
         step[k] = local[point, k] - local[rows[marker], k]
 
 
-@jit
+@labelling_jit
 def _change(matrix: np.ndarray, gradient: np.ndarray, marker: int, step: np.ndarray) -> float:
     """Return how the squared distance changes as one marker moves by `step` [m]."""
     a = 3 * marker
@@ -136,7 +136,7 @@ def _change(matrix: np.ndarray, gradient: np.ndarray, marker: int, step: np.ndar
     return total + quadratic(matrix[a:a + 3, a:a + 3], step[0], step[1], step[2])
 
 
-@jit
+@labelling_jit
 def refine_labels(matrix: np.ndarray, mean: np.ndarray, local: np.ndarray, free: np.ndarray,
                   rows: np.ndarray, residual: np.ndarray, gradient: np.ndarray) -> float:
     """Exchange labels, and take other points, as long as the posture becomes more likely.
@@ -198,7 +198,7 @@ def refine_labels(matrix: np.ndarray, mean: np.ndarray, local: np.ndarray, free:
     return total
 
 
-@jit
+@labelling_jit
 def complete_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray,
                     rows: np.ndarray, matrix: np.ndarray) -> tuple[float, float]:
     """Refine labels; drop markers, take hidden ones, or both, where that costs less.
@@ -256,7 +256,7 @@ def complete_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray,
     return constant + tail_cost(distance, 3 * (count - hidden)) + hidden * HIDDEN_COST, distance
 
 
-@jit
+@labelling_jit
 def reset_matrix(prototype: Prototype, rows: np.ndarray,
                  matrix: np.ndarray) -> tuple[float, int]:
     """Write the inverse covariance, swept on hidden markers; return its constant, their number."""
@@ -269,7 +269,7 @@ def reset_matrix(prototype: Prototype, rows: np.ndarray,
     return constant, hidden
 
 
-@jit
+@labelling_jit
 def _block(block: np.ndarray, sign: float, inverse: np.ndarray) -> float:
     """Write the inverse of a symmetric (3, 3) block times `sign`; return their determinant."""
     xx, yy, zz = sign * block[0, 0], sign * block[1, 1], sign * block[2, 2]
@@ -284,7 +284,7 @@ def _block(block: np.ndarray, sign: float, inverse: np.ndarray) -> float:
     return determinant
 
 
-@jit
+@labelling_jit
 def dropping_gain(matrix: np.ndarray, gradient: np.ndarray, marker: int, distance: float,
                    seen: int) -> float:
     """Return by how much the cost falls if one of `seen` markers is taken for hidden."""
@@ -296,7 +296,7 @@ def dropping_gain(matrix: np.ndarray, gradient: np.ndarray, marker: int, distanc
             - math.log(determinant) - HIDDEN_COST)
 
 
-@jit
+@labelling_jit
 def contradiction(matrix: np.ndarray, gradient: np.ndarray, marker: int, distance: float,
                   seen: int) -> float:
     """Return the squared deviations of a seen marker from where the others expect it.
@@ -312,7 +312,7 @@ def contradiction(matrix: np.ndarray, gradient: np.ndarray, marker: int, distanc
     return fall * (FREEDOM + 3. * seen - 3.) / (FREEDOM + others)
 
 
-@jit
+@labelling_jit
 def _best_addition(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray,
                    local: np.ndarray, free: np.ndarray, rows: np.ndarray,
                    distance: float) -> tuple[int, int]:
@@ -326,7 +326,7 @@ def _best_addition(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray,
     return best, chosen
 
 
-@jit
+@labelling_jit
 def _best_point(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, local: np.ndarray,
                 free: np.ndarray, rows: np.ndarray, marker: int,
                 distance: float) -> tuple[int, float]:
@@ -355,7 +355,7 @@ def _best_point(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, loca
     return chosen, least
 
 
-@jit
+@labelling_jit
 def _handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, place: np.ndarray,
               giver: int, taker: int, distance: float, seen: int) -> float:
     """Return how the cost changes if a hidden marker takes the point of a seen one.
@@ -386,7 +386,7 @@ def _handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, place:
             - tail_cost(distance, 3 * seen))
 
 
-@jit
+@labelling_jit
 def _best_handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray,
                    local: np.ndarray, rows: np.ndarray, distance: float) -> tuple[int, int]:
     """Return the seen marker whose point a hidden one takes at the lowest cost, and that one.
@@ -409,7 +409,7 @@ def _best_handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray,
     return giver, taker
 
 
-@jit
+@labelling_jit
 def _best_giver(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, local: np.ndarray,
                 rows: np.ndarray, taker: int, moved: np.ndarray, distance: float) -> int:
     """Return the marker whose point a hidden one takes at the lowest cost, but those `moved`."""
@@ -424,7 +424,7 @@ def _best_giver(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, loca
     return giver
 
 
-@jit
+@labelling_jit
 def chain_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray, rows: np.ndarray,
                  matrix: np.ndarray, cost: float) -> bool:
     """Pass points on from marker to marker, where that costs less in the end.
@@ -491,7 +491,7 @@ def chain_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray, rows
     return found
 
 
-@jit
+@labelling_jit
 def hidden_places(prototype: Prototype, local: np.ndarray, rows: np.ndarray, matrix: np.ndarray,
                   places: np.ndarray) -> None:
     """Write where the seen markers leave each hidden one, shape (M, 3), in the palm's frame [m].

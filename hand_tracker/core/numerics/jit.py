@@ -36,7 +36,7 @@ Pack = Sequence  # Pack[Record]: a sequence of one record, from `packed`
 UNUSED_KERNELS_AGE = 30 * 86400.  # [s] after which kernels of other sources are removed
 
 PACKAGE = Path(__file__).parents[2]
-KERNEL_DECORATOR = re.compile(rb'@(partial\()?jit\b')
+KERNEL_DECORATOR = re.compile(rb'@(partial\()?(labelling_)?jit\b')
 # Files without kernels of their own, whose constants or intrinsics are compiled into kernels.
 COMPILED_IN = 'marker_array.py', 'rcl.py'
 
@@ -134,9 +134,11 @@ def is_ready(kernel_set: str) -> bool:
 # The kernels from a message's bytes to the hand, and those that label points; the fast path's
 # are another set.
 TRACKING_SET, LABELLING_SET = 'tracking', 'labelling'
-# Plain Python now, compiled kernels once another process has compiled them.
-DEFERRED = JIT_IS_ON and SWITCH == 'background' and not (
-    is_ready(TRACKING_SET) and is_ready(LABELLING_SET))
+# Plain Python now, compiled kernels once another process has compiled them; those that label
+# points call kernels of tracking.
+DEFERRED = JIT_IS_ON and SWITCH == 'background' and not is_ready(TRACKING_SET)
+LABELLING_IS_DEFERRED = DEFERRED or (
+    JIT_IS_ON and SWITCH == 'background' and not is_ready(LABELLING_SET))
 COMPILED = JIT_IS_ON and not DEFERRED
 
 
@@ -161,22 +163,29 @@ _loaded: dict[Callable[..., Any], Callable[..., Any]] = {}
 _record_layouts: dict[np.dtype, np.dtype] = {}
 
 
-def jit(kernel: Kernel, **options: Any) -> Kernel:
-    """Return a kernel compiled where `COMPILED`, else unchanged.
+def jit(kernel: Kernel, is_deferred: bool = DEFERRED, **options: Any) -> Kernel:
+    """Return a kernel compiled where numba is used, or deferred, else unchanged.
 
     Parameters
     ----------
     kernel : callable
         Pure function of scalars, tuples and fixed-size arrays. It may call other kernels; the
         caller checks its arguments.
+    is_deferred : bool, optional
+        Whether it is plain Python until `load_kernel`.
     **options
         Further options of `numba.njit`.
     """
-    if COMPILED:
-        return _dispatcher(kernel, CACHE_FOLDER is not None, options)
-    if DEFERRED:
+    if is_deferred:
         _deferred_options[kernel] = options
+    elif JIT_IS_ON:
+        return _dispatcher(kernel, CACHE_FOLDER is not None, options)
     return kernel
+
+
+def labelling_jit(kernel: Kernel) -> Kernel:
+    """Return a kernel of those that label points, as `jit` does."""
+    return jit(kernel, LABELLING_IS_DEFERRED)
 
 
 def _dispatcher(kernel: Callable[..., Any], cached: bool, options: dict[str, Any]) -> Any:
@@ -212,7 +221,7 @@ def load_kernel(kernel: Kernel, arguments: Sequence[Any], folder: Path | None = 
     KernelsUnavailable
         If it is not on disk.
     """
-    if not DEFERRED:
+    if kernel not in _deferred_options:
         return kernel
     numba = _compiler(folder or CACHE_FOLDER)
     dispatcher = _dispatcher(kernel, True, _deferred_options[kernel])
