@@ -10,7 +10,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from functools import partial
-from importlib import import_module
 from threading import Event, Thread
 from typing import Any
 
@@ -43,6 +42,8 @@ from ..adapters.point_frame import (
 )
 from ..adapters.qualisys import QTM_PORT, QualisysClient
 from ..core.model.hand import SIDES
+from ..messages.marker_ids import SOURCE_FRAME
+from .message_types import imported_message
 from .parameters import Parameter
 from .runner import declare, run
 
@@ -76,7 +77,7 @@ SOURCE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('side', 'right', 'Side of the landmarks', choices=SIDES),
     Parameter('landmarks', 21, 'Landmarks of a hand in a marker_array: 21, 25 or 26',
               range=(min(LANDMARK_ORDERS), max(LANDMARK_ORDERS))),
-    Parameter('frame', 'mocap', 'Frame of points whose source names none'),
+    Parameter('frame', SOURCE_FRAME, 'Frame of points whose source names none'),
     Parameter('up', 'z', "Axis that is up in the source's data; y is turned upright",
               choices=tuple(UPRIGHT)),
 ))
@@ -194,22 +195,6 @@ class SourceNode(Node):
         if self._thread is not None:
             self._thread.join()
         super().destroy_node()
-
-
-def imported_message(package: str, name: str) -> Any:
-    """Return a message class.
-
-    Raises
-    ------
-    SourceUnavailable
-        If its package is not installed.
-    """
-    try:
-        return getattr(import_module(f'{package}.msg'), name)
-    except ImportError:
-        raise SourceUnavailable(
-            f'{package} is not installed: it has the messages {package}/{name} of this source. '
-            'Build it in your workspace, or install its package for your ROS 2') from None
 
 
 def main(args: list[str] | None = None) -> int:
