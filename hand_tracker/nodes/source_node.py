@@ -29,6 +29,7 @@ from ..adapters.hand_landmarks import (
     named_landmarks,
 )
 from ..adapters.marker_arrays import MarkerArrayWriter
+from ..adapters.marker_messages import FIRST, MESSAGES_OF, USUAL_TOPICS
 from ..adapters.mocap4r2 import points_of_markers, points_of_rigid_bodies
 from ..adapters.natnet_client import COMMAND_PORT, NatNetClient
 from ..adapters.point_cloud import points_of_cloud
@@ -51,14 +52,7 @@ SOURCE_DEPTH = 10    # messages of ~/markers
 INPUT_DEPTH = 5      # messages of a topic that wait
 SILENT_TIME = 5.     # [s] without a frame, after which a line says so
 MOCAP4R2, TELEOP = 'mocap4r2_msgs', 'teleop_ros2_interfaces'
-# Topic that each message comes on where the parameter names none.
-USUAL_TOPICS = {'point_cloud': '/pointCloud', 'markers': '/markers',
-                'rigid_bodies': '/rigid_bodies', 'pose_array': 'landmarks',
-                'named_pose_array': '/xr_teleop/hand', 'marker_array': 'landmarks'}
-MESSAGES_OF = {'point_cloud': ('point_cloud',), 'mocap4r2': ('markers', 'rigid_bodies'),
-               'landmarks': ('pose_array', 'named_pose_array', 'marker_array')}
 SERVED = 'natnet', 'qualisys'
-FIRST = 'first'
 
 SOURCE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('source', 'point_cloud', 'Where points come from', choices=(*MESSAGES_OF, *SERVED)),

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..adapters.marker_messages import MARKER_MESSAGES
+from ..adapters.marker_messages import DEFAULT_MESSAGE, MARKER_MESSAGES
 from ..core.errors import HandTrackerError
 from ..core.model.hand import (
     ANGLE_RANGE,
@@ -96,7 +96,7 @@ START = (
     Parameter('labels', LABEL_SOURCES[0], 'source: markers have the labels of labels.*; none: '
               'they are points without usable ids, and are labelled by the shape of the hand',
               choices=LABEL_SOURCES),
-    Parameter('marker_message', 'marker_array', 'Messages on the topic markers: MarkerArrays, '
+    Parameter('marker_message', DEFAULT_MESSAGE, 'Messages on the topic markers: MarkerArrays, '
               'Markers or RigidBodies of mocap4r2, landmarks as a PoseArray, or a PointCloud2',
               choices=tuple(MARKER_MESSAGES)),
     Parameter('fast_path', True, "Whether regular frames are tracked in the middleware's own "
