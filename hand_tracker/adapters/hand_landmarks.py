@@ -15,7 +15,7 @@ import numpy as np
 from ..calibration.landmarks import LANDMARKS
 from ..core.model.hand import FINGERS
 from ..messages.cdr import PointMarker
-from ..messages.message_kinds import MalformedMessage, MessageKind, Names, Rows, texts_of
+from ..messages.message_kinds import HeadRows, MalformedMessage, MessageKind, PointNames, texts_of
 from ..messages.point_parsers import PARSE_POSE_ARRAY
 from ..messages.pose_array_parser import BESIDE_ORIGIN
 from .point_frame import MalformedFrame, PointFrame, SourceUnavailable, point_frame
@@ -114,7 +114,7 @@ def landmarks_of_poses(message: Any) -> PointFrame:
     return point_frame(message.header.stamp, message.header.frame_id, names, points)
 
 
-def _names_of_poses(rows: Rows, strings: bytes) -> tuple[str, Names]:
+def _names_of_poses(rows: HeadRows, strings: bytes) -> tuple[str, PointNames]:
     """Return the frame and the names of the landmarks of a serialized PoseArray."""
     names = LANDMARK_ORDERS.get(len(rows))
     if names is None:

@@ -19,8 +19,8 @@ from .point_parsers import (
     PARSE_RIGID_BODIES,
 )
 
-Rows = Sequence[Sequence[int]]
-Names = list[str | None]
+HeadRows = Sequence[Sequence[int]]
+PointNames = list[str | None]
 
 
 class MalformedMessage(HandTrackerError, ValueError):
@@ -45,7 +45,7 @@ class MessageKind(NamedTuple):
 
     type: str
     parser: int
-    names: Callable[[Rows, bytes], tuple[str, Names]] | None = None
+    names: Callable[[HeadRows, bytes], tuple[str, PointNames]] | None = None
     note: str = ''
 
     @property
@@ -53,7 +53,7 @@ class MessageKind(NamedTuple):
         """The type without its package, and what is taken of it."""
         return self.type.rpartition('/')[2] + self.note
 
-    def heads(self, rows: Rows, strings: bytes, ids: MarkerIds) -> list[Head]:
+    def heads(self, rows: HeadRows, strings: bytes, ids: MarkerIds) -> list[Head]:
         """Return the heads of a message's points.
 
         Parameters
@@ -83,13 +83,13 @@ def texts_of(strings: bytes, lengths: Sequence[int]) -> list[str]:
     return texts
 
 
-def _labelled_heads(rows: Rows, strings: bytes) -> list[Head]:
+def _labelled_heads(rows: HeadRows, strings: bytes) -> list[Head]:
     texts = iter(texts_of(strings, [length for row in rows for length in row[:2]]))
     return [Head(next(texts), next(texts), number, kind, ADD, points)
             for _, _, number, kind, points in rows]
 
 
-def _marker_names(rows: Rows, strings: bytes) -> tuple[str, Names]:
+def _marker_names(rows: HeadRows, strings: bytes) -> tuple[str, PointNames]:
     """Return the frame and the names of a Markers message's markers.
 
     One with an index alone has none: drivers number the markers of each frame anew.
@@ -98,7 +98,7 @@ def _marker_names(rows: Rows, strings: bytes) -> tuple[str, Names]:
     return frame_id, [name if row[1] else None for name, row in zip(names, rows)]
 
 
-def _body_names(rows: Rows, strings: bytes) -> tuple[str, Names]:
+def _body_names(rows: HeadRows, strings: bytes) -> tuple[str, PointNames]:
     """Return the frame and the names, 'body:marker', of a RigidBodies message's markers.
 
     Within a body an index, too, is the same marker in each frame: 'body:3'.
@@ -106,7 +106,7 @@ def _body_names(rows: Rows, strings: bytes) -> tuple[str, Names]:
     lengths = [length for row in rows for length in (row[1], row[4]) if length != AS_BEFORE]
     texts = iter(texts_of(strings, [rows[0][0], *lengths]))
     frame_id, body = next(texts), ''
-    names: Names = []
+    names: PointNames = []
     for _, body_length, index, _, length in rows:
         body = body if body_length == AS_BEFORE else next(texts)
         name = next(texts)
@@ -114,7 +114,7 @@ def _body_names(rows: Rows, strings: bytes) -> tuple[str, Names]:
     return frame_id, names
 
 
-def _no_names(rows: Rows, strings: bytes) -> tuple[str, Names]:
+def _no_names(rows: HeadRows, strings: bytes) -> tuple[str, PointNames]:
     """Return the frame of points without names."""
     return texts_of(strings, [rows[0][0]])[0], [None] * len(rows)
 

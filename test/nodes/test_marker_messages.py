@@ -5,6 +5,7 @@ from itertools import count
 
 import numpy as np
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, Pose, PoseArray
 from helpers.bench import LATE, LOSSLESS, MODULE, lines, message, stamp_of
@@ -22,7 +23,8 @@ from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.files.bags import TYPE_STORE
 from hand_tracker.messages.message_kinds import MOCAP4R2_MARKERS, MessageKind
-from hand_tracker.nodes import message_types
+from hand_tracker.nodes import message_types, serialization
+from hand_tracker.nodes.tracker_node import TrackerNode
 
 NEEDS = 'rclpy', 'mocap4r2_msgs'
 
@@ -232,6 +234,16 @@ def test_another_message_than_these_is_refused():
         assert process.wait() == 1
         assert "marker_message: 'pose' is not one of marker_array, mocap4r2_markers" in (
             process.output)
+
+
+def test_other_layouts_of_messages_are_left_to_a_source_node(monkeypatch):
+    monkeypatch.setattr(serialization, 'codec_agrees', lambda: False)
+    rclpy.init(args=['--ros-args', '-p', 'marker_message:=pose_array'])
+    try:
+        with pytest.raises(SourceUnavailable, match='expected marker_array from a source node'):
+            TrackerNode()
+    finally:
+        rclpy.shutdown()
 
 
 def test_lacking_messages_and_other_fields_are_named(monkeypatch):
