@@ -2,8 +2,9 @@
 
     python -m benchmarks.adapters [--rate 120] [--seconds 5] [--json OUT]
 
-Each source has a source node and a tracker; `markers` is a tracker alone, which gets MarkerArrays.
-All run at once and are measured in turns, one frame on its way at a time, of eight markers. NatNet
+Each source has a tracker that takes its messages as they are, and another one behind a source node
+(`..._node`); `markers` is a tracker that gets MarkerArrays. All run at once and are measured in
+turns, one frame on its way at a time, of eight markers; the ratio is that of the medians. NatNet
 comes from a simulated Motive on this machine.
 """
 
@@ -25,8 +26,10 @@ from benchmarks.common import add_json_option, environ, environment, write_rows
 from benchmarks.round_trip import BOUTS, PATIENCE, WARM, isolate
 
 BASE = 'markers'
-SOURCES = 'point_cloud', 'mocap4r2', 'landmarks', 'natnet'
-UNLABELLED = 1000  # id of the first point of a cloud
+# Parameter `marker_message` of the tracker, by source.
+DIRECT = {'point_cloud': 'point_cloud', 'mocap4r2': 'mocap4r2_markers', 'landmarks': 'pose_array'}
+NODE = '_node'     # behind a source's name: through a source node
+SOURCES = *DIRECT, *(f'{name}{NODE}' for name in (*DIRECT, 'natnet'))
 
 
 def hand_frames(rate):
@@ -44,7 +47,7 @@ class Sender:
     Parameters
     ----------
     name : str
-        `BASE` or one of `SOURCES`.
+        `BASE` or one of `SOURCES`, which has topics of its own.
     node : rclpy.node.Node
     server : NatNetServer
     """
@@ -54,16 +57,16 @@ class Sender:
         from rclpy.qos import QoSProfile, ReliabilityPolicy
         from sensor_msgs.msg import PointCloud2
         from visualization_msgs.msg import MarkerArray
-        kinds = {BASE: (MarkerArray, 'markers'), 'point_cloud': (PointCloud2, 'in'),
-                 'landmarks': (PoseArray, 'in')}
-        if name == 'mocap4r2':
+        kinds = {BASE: MarkerArray, 'point_cloud': PointCloud2, 'landmarks': PoseArray}
+        self._name, self._server = name.removesuffix(NODE), server
+        if self._name == 'mocap4r2':
             from mocap4r2_msgs.msg import Markers
-            kinds[name] = Markers, 'in'
-        self._name, self._server = name, server
-        if name in kinds:
-            kind, topic = kinds[name]
-            self._publisher = node.create_publisher(kind, f'/{name}/{topic}', QoSProfile(
-                depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+            kinds[self._name] = Markers
+        if self._name in kinds:
+            topic = 'in' if name.endswith(NODE) else 'markers'
+            self._publisher = node.create_publisher(
+                kinds[self._name], f'/{name}/{topic}', QoSProfile(
+                    depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
 
     def prepare(self, positions, stamp):
         """Return what sends a frame."""
@@ -114,7 +117,10 @@ class Sender:
 
 
 def start(stack, server):
-    """Start a tracker and, for all but `BASE`, a source node of each name."""
+    """Start a tracker of each name and, where it says so, a source node."""
+    from hand_tracker.core.model.marker_layout import MARKERS
+    from hand_tracker.messages.marker_ids import FIRST_FOREIGN_ID
+
     def run(name, node, *arguments):
         process = stack.enter_context(subprocess.Popen(
             [sys.executable, '-m', 'hand_tracker.entry', node, '--ros-args', '-r',
@@ -122,16 +128,17 @@ def start(stack, server):
             stdout=subprocess.DEVNULL, env=environ()))
         stack.callback(process.terminate)
 
-    from hand_tracker.core.model.marker_layout import MARKERS
     for name in (BASE, *SOURCES):
-        more = []
-        if name == 'point_cloud':
+        source, more = name.removesuffix(NODE), []
+        if source == 'point_cloud':
             more = [part for row, marker in enumerate(MARKERS)
-                    for part in ('-p', f'labels.{marker}:="{UNLABELLED + row}"')]
-        if name != BASE:
+                    for part in ('-p', f'labels.{marker}:="{FIRST_FOREIGN_ID + row}"')]
+        if name in DIRECT:
+            more += ['-p', f'marker_message:={DIRECT[name]}']
+        elif name != BASE:
             more += ['-r', f'markers:=/{name}/source/markers']
-            run(name, 'source', '-p', f'source:={name}', '-p', f'topic:=/{name}/in',
-                '-p', f'port:={server.port if name == "natnet" else 0}')
+            run(name, 'source', '-p', f'source:={source}', '-p', f'topic:=/{name}/in',
+                '-p', f'port:={server.port if source == "natnet" else 0}')
         run(name, 'tracker', '-p', 'auto_size:=false', *more)
 
 
@@ -222,14 +229,14 @@ def main():
                 trips.append(measurement.trips(name, options.seconds / BOUTS))
     rows = []
     base = np.nanmedian(np.concatenate(found[BASE]))
-    print(f"{'source':14}{'median µs':>11}{'p99 µs':>9}{'of markers':>12}{'dropped %':>11}")
+    print(f"{'source':18}{'median µs':>11}{'p99 µs':>9}{'of markers':>12}{'dropped %':>11}")
     for name, trips in found.items():
         trips = np.concatenate(trips)
         median, p99 = np.nanpercentile(trips, (50, 99))
         rows.append({'source': name, 'median_us': round(float(median), 1),
                      'p99_us': round(float(p99), 1), 'of_markers': round(float(median / base), 2),
                      'dropped_percent': round(100. * float(np.isnan(trips).mean()), 3)})
-        print('{source:14}{median_us:11.0f}{p99_us:9.0f}{of_markers:12.2f}'
+        print('{source:18}{median_us:11.0f}{p99_us:9.0f}{of_markers:12.2f}'
               '{dropped_percent:11.2f}'.format(**rows[-1]))
     write_rows(options.json, rows)
     return 0

@@ -4,6 +4,7 @@ import atexit
 import shutil
 import sys
 import tempfile
+from contextlib import suppress
 from difflib import get_close_matches
 from math import inf
 from pathlib import Path
@@ -14,6 +15,7 @@ from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutd
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+from hand_tracker.adapters.marker_messages import DEFAULT_MESSAGE, direct_input
 from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.model.hand import BOTH, SIDES, Hand
 from hand_tracker.files.parameter_file import node_parameters
@@ -29,7 +31,7 @@ from hand_tracker.nodes.tracker_parameters import (
 from hand_tracker.package_data import packaged_recording
 from launch import LaunchDescription
 
-# Systems that the source node takes points from.
+# Systems of which the tracker, or else a source node, takes the messages or packets.
 SYSTEMS = 'point_cloud', 'mocap4r2', 'natnet', 'qualisys', 'landmarks'
 ARGUMENTS = (
     DeclareLaunchArgument(
@@ -60,7 +62,8 @@ ARGUMENTS = (
         description='Replay for ever; with false all ends after the recording'),
     DeclareLaunchArgument(
         'markers', default_value='markers',
-        description='Topic of the MarkerArrays; those of the source node are on source/markers'),
+        description='Topic of the MarkerArrays; another one than markers has a source node '
+                    'publish them there'),
     DeclareLaunchArgument(
         'hand', default_value='', description='Hand file (YAML); empty: the mean hand'),
     DeclareLaunchArgument(
@@ -164,13 +167,18 @@ def start(context):
             namespace='/'.join(filter(None, (given['namespace'], namespace))),
             parameters=[*files, common, *map(texts_kept, parameters)], output='screen', **more)
 
+    direct = direct_source(given)
+    message = agreed('marker_message', direct.message if direct else DEFAULT_MESSAGE,
+                     DEFAULT_MESSAGE, in_file)
     of_both = {}
     if len(hands) > 1:
         of_both = {f'{hand.hand.side}.hand_file': hand.parameters['hand_file'] for hand in hands}
     actions = [node(
-        'tracker', [{**hand_parameters, **of_both, 'broadcast': broadcast}], name=TRACKER_NAME,
+        'tracker', [{**hand_parameters, **of_both, 'broadcast': broadcast,
+                     'marker_message': message}], name=TRACKER_NAME,
         files=[given['parameters']] if given['parameters'] else [],
-        remappings=[('markers', topic_of_markers(given))], on_exit=ended('tracker'))]
+        remappings=[('markers', direct.topic if direct else topic_of_markers(given))],
+        on_exit=ended('tracker'))]
     if publishes_links:
         actions += [node(
             'robot_state_publisher',
@@ -182,12 +190,10 @@ def start(context):
     else:
         actions.append(LogInfo(msg='robot_state_publisher is not installed: '
                                    'the tracker broadcasts every frame itself'))
-    if given['source'] in SYSTEMS:
+    if given['source'] in SYSTEMS and not direct:
         actions.append(node(
             'source',
-            [{'source': given['source'], 'side': hands[0].hand.side, **{
-                name: given[name] for name in ('topic', 'message', 'server', 'subject')
-                if given[name]}}],
+            [{'side': hands[0].hand.side, **source_arguments(given)}],
             files=[given['parameters']] if given['parameters'] else [], name=SOURCE_NAME,
             remappings=[('~/markers', topic_of_markers(given))], on_exit=ended('source')))
     if given['source'] == 'recording':
@@ -217,6 +223,23 @@ def start(context):
             arguments=['-d', str(rviz_config(hands[0].prefix, hands[0].namespace)),
                        '-f', given['fixed_frame']]))
     return actions
+
+
+def source_arguments(given):
+    """Return the parameters of the source node that arguments set."""
+    return {name: given[name] for name in ('source', 'topic', 'message', 'server', 'subject')
+            if given[name]}
+
+
+def direct_source(given):
+    """Return how the tracker takes the messages of a source itself; None with a source node."""
+    if given['source'] not in SYSTEMS or given['markers'] != 'markers':
+        return None
+    in_file = {}
+    if given['parameters']:
+        with suppress(HandTrackerError):  # there is nothing for the source node in it
+            in_file = node_parameters(given['parameters'], full_name(given, SOURCE_NAME))
+    return direct_input({**in_file, **source_arguments(given)})
 
 
 def topic_of_markers(given):
@@ -266,8 +289,12 @@ def joint_states_of(given, namespace, in_file):
     """Return the remappings by which a node of one of both hands finds its joint states."""
     if not namespace or in_file.get('joint_state_topics') == SEPARATE:
         return []
-    parts = [part for part in given['namespace'].split('/') if part]
-    return [('joint_states', '/'.join(('', *parts, 'joint_states')))]
+    return [('joint_states', full_name(given, 'joint_states'))]
+
+
+def full_name(given, name):
+    """Return the name of a node or topic with the namespace before it."""
+    return '/'.join(('', *filter(None, given['namespace'].split('/')), name))
 
 
 def check_names():
@@ -291,9 +318,8 @@ def file_parameters(given):
     """Return what the parameter file sets for the tracker."""
     if not given['parameters']:
         return {}
-    parts = [part for part in given['namespace'].split('/') if part]
     try:
-        return node_parameters(given['parameters'], '/'.join(('', *parts, TRACKER_NAME)))
+        return node_parameters(given['parameters'], full_name(given, TRACKER_NAME))
     except HandTrackerError as error:
         raise RuntimeError(f'parameters: {error}') from None
 

@@ -7,13 +7,17 @@ call a joint by the bone that begins there: INDEX_PROXIMAL is the index finger's
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 
 from ..calibration.landmarks import LANDMARKS
 from ..core.model.hand import FINGERS
+from ..messages.cdr import PointMarker
+from ..messages.message_kinds import HeadRows, MalformedMessage, MessageKind, PointNames, texts_of
+from ..messages.point_parsers import PARSE_POSE_ARRAY
+from ..messages.pose_array_parser import BESIDE_ORIGIN
 from .point_frame import MalformedFrame, PointFrame, SourceUnavailable, point_frame
 
 # Joints of a finger and of the thumb by the bones that begin there, as XR names them.
@@ -29,8 +33,9 @@ OPENXR = {'PALM': 'palm', 'WRIST': 'wrist',
 LANDMARK_ORDERS = {21: LANDMARKS, 25: tuple(OPENXR.values())[1:], 26: tuple(OPENXR.values())}
 PALM_LENGTHS = .04, .16  # [m] from wrist to middle MCP, of any hand
 CURLED = .15             # of the palm's length, by which finger tips are in front of it [1]
-BESIDE_ORIGIN = 1e-9, 0., 0.  # [m]
 SIDE_FRAMES = 30         # that agree on a side before it is told
+OTHER_COUNT = ('PoseArray of {} poses; expected are '
+               + ', '.join(map(str, LANDMARK_ORDERS)) + ' landmarks')
 
 
 def landmark_order(count: int) -> tuple[str, ...]:
@@ -102,12 +107,22 @@ def landmarks_of_poses(message: Any) -> PointFrame:
     """
     names = LANDMARK_ORDERS.get(len(message.poses))
     if names is None:
-        raise MalformedFrame(f'PoseArray of {len(message.poses)} poses; expected are '
-                             f'{", ".join(map(str, LANDMARK_ORDERS))} landmarks')
+        raise MalformedFrame(OTHER_COUNT.format(len(message.poses)))
     points = np.array([(pose.position.x, pose.position.y, pose.position.z)
                        for pose in message.poses])
     _mark_missing(points)
     return point_frame(message.header.stamp, message.header.frame_id, names, points)
+
+
+def _names_of_poses(rows: HeadRows, strings: bytes) -> tuple[str, PointNames]:
+    """Return the frame and the names of the landmarks of a serialized PoseArray."""
+    names = LANDMARK_ORDERS.get(len(rows))
+    if names is None:
+        raise MalformedMessage(OTHER_COUNT.format(len(rows)))
+    return texts_of(strings, [rows[0][0]])[0], list(names)
+
+
+LANDMARK_POSES = MessageKind('geometry_msgs/msg/PoseArray', PARSE_POSE_ARRAY, _names_of_poses)
 
 
 def landmarks_of_markers(message: Any, count: int) -> PointFrame:
@@ -150,7 +165,14 @@ def _mark_missing(points: np.ndarray) -> None:
     That one is moved by nothing to speak of, as drivers' markers at exactly zero are lost ones.
     """
     at_origin = ~points.any(axis=1)
-    points[at_origin] = np.nan if at_origin.sum() > 1 else BESIDE_ORIGIN
+    points[at_origin] = np.nan if at_origin.sum() > 1 else (BESIDE_ORIGIN, 0., 0.)
+
+
+def named_points(points: Iterable[PointMarker]) -> PointFrame:
+    """Return the points of a message in a frame, by the names that are their namespaces."""
+    found = list(points)
+    return point_frame(found[0].stamp if found else None, found[0].frame_id if found else '',
+                       [one.ns for one in found], [one.position for one in found])
 
 
 class LandmarkChecks:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from ..messages.mocap4r2_parser import USE_INDEX
 from .point_frame import PointFrame, point_frame
-
-USE_INDEX = 1  # constant of mocap4r2_msgs/Marker: a marker without a name
 
 
 def points_of_markers(message: Any) -> PointFrame:

@@ -17,7 +17,7 @@ from .stamps import Time
 
 MARKER_ARRAY = 'visualization_msgs/msg/MarkerArray'
 # Constants of visualization_msgs/msg/Marker.
-ADD = 0
+ADD, DELETE = 0, 2
 CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, POINTS, TRIANGLE_LIST = 1, 2, 3, 6, 7, 8, 11
 
 POINT_TYPES = frozenset((CUBE, SPHERE, CYLINDER))

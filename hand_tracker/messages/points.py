@@ -1,4 +1,4 @@
-"""All points of a MarkerArray, whatever their labels: a cloud of points. No ROS."""
+"""All points of a message, whatever their labels: a cloud of points. No ROS."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from .cdr import MarkerReader, PointMarker
 from .labels import LabelMap
 from .marker_array import ADD, LIST_TYPES, POINT_TYPES, placed, scaled
+from .message_kinds import MARKER_ARRAY_KIND, MessageKind
 from .stamps import Time
 
 LABELS_KEPT = 4096  # namespaces and ids that are told apart at most
@@ -40,18 +41,21 @@ class PointFrame(NamedTuple):
 
 
 class PointReader:
-    """Read the points of MarkerArrays, of bytes or of message objects.
+    """Read the points of messages of one kind, of bytes, or of MarkerArrays as objects.
 
     Parameters
     ----------
     frame_id, scale, zero_is_missing
         See `markers_from_message`.
+    kind : MessageKind, optional
+        MarkerArrays when left out.
     """
 
-    def __init__(self, frame_id: str = '', scale: float = 1., zero_is_missing: bool = True) -> None:
+    def __init__(self, frame_id: str = '', scale: float = 1., zero_is_missing: bool = True,
+                 kind: MessageKind = MARKER_ARRAY_KIND) -> None:
         self._frame_id, self._scale, self._zero_is_missing = frame_id, scale, zero_is_missing
         self._numbers: dict[tuple[str, int, int], int] = {}
-        self._bytes = MarkerReader(LabelMap())
+        self._bytes = MarkerReader(LabelMap(), kind=kind)
 
     def read(self, message: Any) -> PointFrame:
         """Return the points of a message.
@@ -67,7 +71,7 @@ class PointReader:
         Raises
         ------
         MalformedMessage
-            If the bytes are no MarkerArray.
+            If the bytes are no such message.
         """
         frame_id, stamp = self._frame_id, None
         points: list[np.ndarray] = [np.empty((0, 3))]

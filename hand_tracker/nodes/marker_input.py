@@ -10,7 +10,6 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
-from visualization_msgs.msg import MarkerArray
 
 from ..tracking.rate_limit import period_ns
 from ..tracking.stream import TrackedFrame
@@ -29,6 +28,8 @@ class MarkerInput:
     Parameters
     ----------
     node : rclpy.node.Node
+    kind : type
+        Of the messages.
     topic : str
     qos : QoSProfile
     hands : sequence of TrackedHand
@@ -46,13 +47,13 @@ class MarkerInput:
         While it serves the subscription.
     """
 
-    def __init__(self, node: Node, topic: str, qos: QoSProfile, hands: Sequence[TrackedHand],
-                 replies: Replies, raw: bool) -> None:
+    def __init__(self, node: Node, kind: type, topic: str, qos: QoSProfile,
+                 hands: Sequence[TrackedHand], replies: Replies, raw: bool) -> None:
         self.hands, self.replies = hands, replies
         self.fast_path: FastPath | None = None
         self._node, self._raw = node, raw
         self.subscription = node.create_subscription(
-            MarkerArray, topic, self._on_markers, qos, raw=raw)
+            kind, topic, self._on_markers, qos, raw=raw)
         self._waiting: list[tuple[Any, float]] = []
         self._newest_timer = wake_timer(node, self._track_newest)
         self._newest_timer.cancel()

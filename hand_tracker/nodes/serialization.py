@@ -27,6 +27,8 @@ from ..messages.builders import (
 from ..messages.cdr import MarkerReader
 from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame, markers_from_message
+from ..messages.marker_ids import no_warning
+from ..messages.message_kinds import MARKER_ARRAY_KIND, MessageKind
 from ..messages.rviz_markers import LIFETIME, RVIZ_SKIN_COLOUR, RVIZ_SKIN_OPACITY, hand_skin
 from ..messages.stamps import Stamp, Time
 from ..messages.templates import (
@@ -57,7 +59,8 @@ class Serialization:
     def __init__(self) -> None:
         self.raw = codec_agrees()
 
-    def markers(self, settings: Settings, frame_id: str) -> MarkerReader | _ObjectReader:
+    def markers(self, settings: Settings, frame_id: str, kind: MessageKind = MARKER_ARRAY_KIND,
+                warn_once: Callable[[str, str], None] = no_warning) -> MarkerReader | _ObjectReader:
         """Return a reader of markers: its `read` returns the MarkerFrame of a message.
 
         Parameters
@@ -65,10 +68,14 @@ class Serialization:
         settings : Settings
         frame_id : str
             See `markers_from_message`.
+        kind : MessageKind
+            MarkerArrays, where messages are no bytes.
+        warn_once : callable
+            Logs a warning (key, text) once for each key.
         """
         how = settings.labels, frame_id, settings.unit_scale, settings.zero_is_missing
         if self.raw:
-            return MarkerReader(*how)
+            return MarkerReader(*how, kind, warn_once)
         return _ObjectReader(lambda message: markers_from_message(message, *how))
 
     def joint_states(self, joints: Sequence[str]) -> Template | _ObjectTemplate:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from functools import partial
-from importlib import import_module
 from threading import Event, Thread
 from typing import Any
 
@@ -30,6 +29,7 @@ from ..adapters.hand_landmarks import (
     named_landmarks,
 )
 from ..adapters.marker_arrays import MarkerArrayWriter
+from ..adapters.marker_messages import FIRST, MESSAGES_OF, USUAL_TOPICS
 from ..adapters.mocap4r2 import points_of_markers, points_of_rigid_bodies
 from ..adapters.natnet_client import COMMAND_PORT, NatNetClient
 from ..adapters.point_cloud import points_of_cloud
@@ -43,6 +43,8 @@ from ..adapters.point_frame import (
 )
 from ..adapters.qualisys import QTM_PORT, QualisysClient
 from ..core.model.hand import SIDES
+from ..messages.marker_ids import SOURCE_FRAME
+from .message_types import imported_message
 from .parameters import Parameter
 from .runner import declare, run
 
@@ -50,14 +52,7 @@ SOURCE_DEPTH = 10    # messages of ~/markers
 INPUT_DEPTH = 5      # messages of a topic that wait
 SILENT_TIME = 5.     # [s] without a frame, after which a line says so
 MOCAP4R2, TELEOP = 'mocap4r2_msgs', 'teleop_ros2_interfaces'
-# Topic that each message comes on where the parameter names none.
-USUAL_TOPICS = {'point_cloud': '/pointCloud', 'markers': '/markers',
-                'rigid_bodies': '/rigid_bodies', 'pose_array': 'landmarks',
-                'named_pose_array': '/xr_teleop/hand', 'marker_array': 'landmarks'}
-MESSAGES_OF = {'point_cloud': ('point_cloud',), 'mocap4r2': ('markers', 'rigid_bodies'),
-               'landmarks': ('pose_array', 'named_pose_array', 'marker_array')}
 SERVED = 'natnet', 'qualisys'
-FIRST = 'first'
 
 SOURCE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('source', 'point_cloud', 'Where points come from', choices=(*MESSAGES_OF, *SERVED)),
@@ -76,7 +71,7 @@ SOURCE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('side', 'right', 'Side of the landmarks', choices=SIDES),
     Parameter('landmarks', 21, 'Landmarks of a hand in a marker_array: 21, 25 or 26',
               range=(min(LANDMARK_ORDERS), max(LANDMARK_ORDERS))),
-    Parameter('frame', 'mocap', 'Frame of points whose source names none'),
+    Parameter('frame', SOURCE_FRAME, 'Frame of points whose source names none'),
     Parameter('up', 'z', "Axis that is up in the source's data; y is turned upright",
               choices=tuple(UPRIGHT)),
 ))
@@ -194,22 +189,6 @@ class SourceNode(Node):
         if self._thread is not None:
             self._thread.join()
         super().destroy_node()
-
-
-def imported_message(package: str, name: str) -> Any:
-    """Return a message class.
-
-    Raises
-    ------
-    SourceUnavailable
-        If its package is not installed.
-    """
-    try:
-        return getattr(import_module(f'{package}.msg'), name)
-    except ImportError:
-        raise SourceUnavailable(
-            f'{package} is not installed: it has the messages {package}/{name} of this source. '
-            'Build it in your workspace, or install its package for your ROS 2') from None
 
 
 def main(args: list[str] | None = None) -> int:

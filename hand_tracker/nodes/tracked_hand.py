@@ -12,6 +12,8 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
+from ..adapters.hand_landmarks import LANDMARK_POSES, LandmarkChecks, named_points
+from ..adapters.marker_messages import MARKER_MESSAGES
 from ..calibration.live_take import LiveTake
 from ..core.model.hand import Hand
 from ..core.model.kinematics import tip_offsets
@@ -19,6 +21,7 @@ from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.tracker import HandState, HandTracker
 from ..files.urdf_file import urdf
 from ..messages.builders import diagnostics, time_message
+from ..messages.cdr import MarkerReader
 from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame
 from ..messages.points import PointReader
@@ -102,6 +105,9 @@ class TrackedHand:
                      if learns_size(start) else None)
         self._labels_points = start['labels'] == 'none'
         self._point_labels = point_labels
+        self._kind = MARKER_MESSAGES[start['marker_message']]
+        self._landmark_checks = LandmarkChecks(
+            self.hand.side, self.warn_once) if self._kind is LANDMARK_POSES else None
         self.stream = Stream(self._tracker, self._new_reader(), auto_size)
 
         self._hand_markers = node.create_publisher(
@@ -138,7 +144,12 @@ class TrackedHand:
         """Return its markers in a message by the present settings; None of a malformed message."""
         if self._has_new_settings:
             self._apply_settings()
-        return read_or_warn(self.stream.reader, message, self._monitor.warn_once)
+        reader = self.stream.reader
+        markers = read_or_warn(reader, message, self._monitor.warn_once)
+        if (self._landmark_checks is not None and markers is not None
+                and isinstance(reader, MarkerReader)):
+            self._landmark_checks.check(named_points(reader.points(message)))
+        return markers
 
     def track(self, markers: MarkerFrame, received: float) -> TrackedFrame | None:
         """Track the markers of a message, received at a time [s]; None where it has none."""
@@ -232,9 +243,11 @@ class TrackedHand:
         if self._labels_points:
             return PointLabelReader(
                 self._tracker.hand, self._tracker.layout, PointReader(
-                    self._mocap_frame, self.settings.unit_scale, self.settings.zero_is_missing),
+                    self._mocap_frame, self.settings.unit_scale, self.settings.zero_is_missing,
+                    self._kind),
                 self._point_labels)
-        return self._serialization.markers(self.settings, self._mocap_frame)
+        return self._serialization.markers(
+            self.settings, self._mocap_frame, self._kind, self.warn_once)
 
     def _values(self) -> dict[str, Any]:
         """Return the value of each parameter that acts from the next frame on."""

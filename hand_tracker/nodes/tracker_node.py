@@ -14,7 +14,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from visualization_msgs.msg import MarkerArray
 
+from ..adapters.marker_messages import MARKER_MESSAGES
+from ..adapters.point_frame import SourceUnavailable
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH, SIDES
 from ..core.numerics import jit
@@ -27,6 +30,7 @@ from ..tracking.input_monitor import who_publishes
 from ..tracking.point_labels import PointLabels
 from .fast_path import FastPath, FastPathUnavailable
 from .marker_input import STEADY_CLOCK, MarkerInput
+from .message_types import class_of
 from .replies import AnsweredHand, Replies
 from .runner import declare, qos_of, run
 from .serialization import Serialization
@@ -79,6 +83,12 @@ class TrackerNode(Node):
         self.diagnostics = self.create_publisher(
             DiagnosticArray, '/diagnostics', DIAGNOSTICS_DEPTH)
         self._reliability = start['qos.markers.reliability']
+        self._kind = MARKER_MESSAGES[start['marker_message']]
+        message = class_of(self._kind)
+        if not self._serialization.raw and message is not MarkerArray:
+            raise SourceUnavailable(
+                f"marker_message: '{start['marker_message']}'; expected marker_array from a source "
+                'node, as rclpy lays messages out in a way that the codec does not know')
         self._loaded_fast_paths: list[FastPath] = []
         self._is_served_by_events = False
 
@@ -89,7 +99,7 @@ class TrackerNode(Node):
             groups, is_separate = {'markers': self.hands}, False
         self._prepare_kernels(start['fast_path'], len(groups))
         self.inputs = tuple(MarkerInput(
-            self, topic, self._qos['markers'], hands, Replies(
+            self, message, topic, self._qos['markers'], hands, Replies(
                 self, [AnsweredHand(hand.hand, hand.names, hand.topics) for hand in hands],
                 self._serialization, self._qos, start['broadcast'], is_separate),
             self._serialization.raw) for topic, hands in groups.items())
@@ -262,7 +272,8 @@ class TrackerNode(Node):
 
     def who_publishes(self, topic: str) -> str:
         """Return a line on the publishers of a topic of markers."""
-        return who_publishes(self.get_publishers_info_by_topic(topic), self._reliability)
+        return who_publishes(
+            self.get_publishers_info_by_topic(topic), self._reliability, self._kind.type)
 
 
 def main(args: list[str] | None = None) -> int:

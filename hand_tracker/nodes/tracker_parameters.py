@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..adapters.marker_messages import DEFAULT_MESSAGE, MARKER_MESSAGES
 from ..core.errors import HandTrackerError
 from ..core.model.hand import (
     ANGLE_RANGE,
@@ -95,6 +96,9 @@ START = (
     Parameter('labels', LABEL_SOURCES[0], 'source: markers have the labels of labels.*; none: '
               'they are points without usable ids, and are labelled by the shape of the hand',
               choices=LABEL_SOURCES),
+    Parameter('marker_message', DEFAULT_MESSAGE, 'Messages on the topic markers: MarkerArrays, '
+              'Markers or RigidBodies of mocap4r2, landmarks as a PoseArray, or a PointCloud2',
+              choices=tuple(MARKER_MESSAGES)),
     Parameter('fast_path', True, "Whether regular frames are tracked in the middleware's own "
               'thread, in compiled code alone'),
     Parameter('calibration_file', 'my_hand.yaml', 'Hand file that ~/calibrate writes, from the '

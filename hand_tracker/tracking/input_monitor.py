@@ -379,7 +379,8 @@ class InputMonitor:
             self.warn_once('never', f'never seen so far: {self._expected(never)}; {self._others()}')
 
 
-def who_publishes(endpoints: Sequence[Any], reliability: str) -> str:
+def who_publishes(endpoints: Sequence[Any], reliability: str,
+                  message_type: str = MARKER_ARRAY) -> str:
     """Explain why the publishers of a topic may deliver no markers.
 
     Parameters
@@ -387,6 +388,8 @@ def who_publishes(endpoints: Sequence[Any], reliability: str) -> str:
     endpoints : sequence of rclpy.topic_endpoint_info.TopicEndpointInfo
     reliability : str
         That this node asks for.
+    message_type : str, optional
+        Of the markers.
 
     Returns
     -------
@@ -396,8 +399,8 @@ def who_publishes(endpoints: Sequence[Any], reliability: str) -> str:
         return 'nothing publishes them (a remapping, ROS_DOMAIN_ID?)'
     for endpoint in endpoints:
         name = f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
-        if endpoint.topic_type != MARKER_ARRAY:
-            return f'{name} publishes {endpoint.topic_type}, not {MARKER_ARRAY}'
+        if endpoint.topic_type != message_type:
+            return f'{name} publishes {endpoint.topic_type}, not {message_type}'
         if reliability == 'reliable' and endpoint.qos_profile.reliability.name != 'RELIABLE':
             return (f'{name} publishes with best effort, and qos.markers.reliability here is '
                     'reliable')

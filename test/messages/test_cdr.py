@@ -18,17 +18,18 @@ from visualization_msgs.msg import Marker, MarkerArray, UVCoordinate
 
 from hand_tracker.core.numerics.quaternion import quaternion
 from hand_tracker.core.tracker import HandTracker
-from hand_tracker.messages import cdr
+from hand_tracker.messages import marker_array_parser, sequences
 from hand_tracker.messages.builders import joint_state, prefixed_names
 from hand_tracker.messages.cdr import (
     ENCAPSULATION,
     SIGNATURES_KEPT,
     MalformedMessage,
     MarkerReader,
-    parse_marker_array,
 )
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.messages.marker_array import markers_from_message
+from hand_tracker.messages.marker_array_parser import parse_marker_array
+from hand_tracker.messages.point_parsers import SMALLEST_POINT
 from hand_tracker.messages.stamps import Stamp
 from hand_tracker.messages.templates import joint_state_template, transforms_template
 from hand_tracker.nodes import serialization
@@ -174,7 +175,7 @@ def walk_plainly(data, words=None):
     octets = np.frombuffer(data, np.uint8, offset=ENCAPSULATION)
     if words is None:
         words = memoryview(np.frombuffer(data, np.int32, size // 4, ENCAPSULATION))
-    room = size // cdr.SMALLEST_MARKER + 1
+    room = size // SMALLEST_POINT + 1
     return PLAIN_WALK(octets, words, size, np.zeros((room, 5), np.int32),
                       np.zeros((room, 3), np.int64), np.zeros(size, np.uint8))
 
@@ -229,9 +230,10 @@ def test_random_bytes_are_survived(junk, head):
 
 @pytest.mark.parametrize('count', [2**31 - 1, 2**32 - 1, 10**6])
 def test_huge_counts_are_refused_at_once(monkeypatch, count):
-    for name in ('_aligned', '_counted', '_after'):
-        kernel = getattr(cdr, name)
-        monkeypatch.setattr(cdr, name, getattr(kernel, 'py_func', kernel))
+    for name in ('aligned', 'counted', 'after'):
+        kernel = getattr(sequences, name)
+        for module in sequences, marker_array_parser:
+            monkeypatch.setattr(module, name, getattr(kernel, 'py_func', kernel))
     data = bytearray(data_of(eight()))
     data[4:8] = struct.pack('<I', count)
     with pytest.raises(MalformedMessage):

@@ -14,8 +14,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import yaml
+from helpers.hands import hand_at
 from helpers.launching import FIRST_START, LACK, LAUNCH, RATE, installed, named
 
+from hand_tracker.calibration.landmarks import LANDMARKS
 from hand_tracker.core.model.hand import (
     COUPLING_PRESETS,
     DIGITS,
@@ -26,7 +28,7 @@ from hand_tracker.core.model.hand import (
     Hand,
     preset_limits,
 )
-from hand_tracker.core.model.marker_layout import MarkerLayout
+from hand_tracker.core.model.marker_layout import PAPER_PLACES, MarkerLayout
 from hand_tracker.files.bags import bag_message, joint_state_message, open_bag, write_bag
 from hand_tracker.files.hand_file import save_hand
 from hand_tracker.files.urdf_file import urdf
@@ -101,6 +103,7 @@ signal.pause()
 launches = pytest.mark.skipif(LACK is not None, reason=f'{LACK}')
 
 if LACK is None:
+    from geometry_msgs.msg import Point, Pose, PoseArray
     from helpers.ros_process import Process, watching_node
     from launch.launch_description_sources import get_launch_description_from_python_launch_file
     from rcl_interfaces.srv import GetParameters
@@ -390,6 +393,38 @@ def test_live_markers(watch):
         watch.spin_until(lambda: len(states) > 20)
         check_clean(process, process.interrupt(), *STARTED - {'replay'})
     assert list(states[0].name) == list(JOINTS)
+
+
+@launches
+@pytest.mark.parametrize('arguments, topic, more', [
+    ({}, 'landmarks', set()), ({'topic': '/hand', 'namespace': 'second'}, '/hand', set()),
+    ({'markers': 'mine'}, 'landmarks', {'source'}),
+    ({'parameters': 'z_up.yaml'}, 'landmarks', set()),
+    ({'parameters': 'y_up.yaml'}, '/mine', {'source'})],
+    ids=['alone', 'elsewhere', 'handed on', 'nothing for the source', 'turned'])
+def test_landmarks_go_to_the_tracker_unless_they_are_changed(
+        watch, tmp_path, arguments, topic, more):
+    (tmp_path / 'z_up.yaml').write_text('hand_tracker: {ros__parameters: {auto_size: false}}')
+    (tmp_path / 'y_up.yaml').write_text(
+        'hand_tracker: {ros__parameters: {auto_size: false}}\n'
+        'source: {ros__parameters: {up: "y", topic: /mine}}')
+    if 'parameters' in arguments:
+        arguments = {'parameters': tmp_path / arguments['parameters']}
+    places = dict(zip(PAPER_PLACES, hand_at()))
+    array = PoseArray(poses=[Pose(position=Point(**dict(zip('xyz', map(float, places.get(
+        name, (np.nan,) * 3)))))) for name in LANDMARKS])
+    states = watch.collect(JointState, f"{arguments.get('namespace', '')}/joint_states".lstrip('/'))
+    publisher = watch.create_publisher(PoseArray, topic, 10)
+
+    def publish():
+        array.header.stamp = watch.get_clock().now().to_msg()
+        publisher.publish(array)
+
+    with Launch(source='landmarks', **arguments) as process:
+        process.wait_for_line('listening for markers on', FIRST_START)
+        watch.create_timer(.01, publish)
+        watch.spin_until(lambda: len(states) > 20)
+        check_clean(process, process.interrupt(), *STARTED - {'replay'}, *more)
 
 
 @launches

@@ -1,4 +1,4 @@
-"""Fast path: decode a serialized MarkerArray, track it and fill the serialized replies, compiled.
+"""Fast path: decode a message of points, track it and fill the serialized replies, compiled.
 
 Decoding, tracking and filling one after the other from Python costs several times what the
 tracking does, most of it in bringing the interpreter back into the processor's caches. But
@@ -26,10 +26,13 @@ from ...core.records import State
 from ...messages.cdr import (
     ENCAPSULATION,
     LITTLE_ENDIAN,
-    SMALLEST_MARKER,
     MessageSignature,
+)
+from ...messages.point_parsers import (
     gather_positions,
-    parse_marker_array,
+    number_capacity,
+    parse_points,
+    point_capacity,
 )
 from ...messages.stamps import Time, stamp_time
 from ...messages.templates import (
@@ -43,8 +46,8 @@ from ...messages.templates import (
 )
 from ...tracking.input_monitor import StateRun
 
-MESSAGE_CAPACITY = 2**14  # [bytes] of a MarkerArray
-MOST_HANDS = 2            # in a MarkerArray
+MESSAGE_CAPACITY = 2**14  # [bytes] of a message
+MOST_HANDS = 2            # in a message
 MOST_REPLIES = REPLIES * MOST_HANDS
 REPLY_CAPACITY = 2**14    # [bytes] of a reply
 STAMPS_CAPACITY = ALL_TRANSFORMS * MOST_HANDS       # stamps in a reply
@@ -62,10 +65,12 @@ class FastPathMemory(NamedTuple):
 
     Attributes
     ----------
-    message : ndarray, shape (MESSAGE_CAPACITY // 8,)
-        Payload of the message, aligned.
+    parser : ndarray of int, shape (1,)
+        Number of the messages' parser.
+    message : ndarray
+        Payload of the message, aligned, and room behind it.
     heads, places, strings : ndarray
-        See `parse_marker_array`.
+        See `parse_points`.
     known_heads, known_strings : ndarray
         The same of the installed signature.
     known : ndarray of int, shape (2,)
@@ -83,6 +88,7 @@ class FastPathMemory(NamedTuple):
         How many stamps there are.
     """
 
+    parser: np.ndarray
     message: np.ndarray
     heads: np.ndarray
     places: np.ndarray
@@ -154,9 +160,10 @@ def _integers(*shape: int) -> np.ndarray:
 
 def new_memory() -> FastPathMemory:
     """Return a `FastPathMemory` with nothing installed."""
-    most = MESSAGE_CAPACITY // SMALLEST_MARKER + 1
+    most = point_capacity(MESSAGE_CAPACITY)
     return FastPathMemory(
-        message=np.zeros(MESSAGE_CAPACITY // 8), heads=np.zeros((most, 5), np.int32),
+        parser=_integers(1), message=np.zeros(number_capacity(MESSAGE_CAPACITY)),
+        heads=np.zeros((most, 5), np.int32),
         places=_integers(most, 3), strings=np.zeros(MESSAGE_CAPACITY, np.uint8),
         known_heads=np.zeros((most, 5), np.int32),
         known_strings=np.zeros(MESSAGE_CAPACITY, np.uint8),
@@ -218,16 +225,17 @@ def install_signature(memory: FastPathMemory, hands: Sequence[HandMemory],
     bool
         Whether the fast path supports it: points of list markers it does not.
     """
-    heads, strings, _ = signatures[0]
-    if any(sources.first is None or sources.has_lists for _, _, sources in signatures):
+    parser, heads, strings, _ = signatures[0]
+    if any(one.sources.first is None or one.sources.has_lists for one in signatures):
         return False
     if len(heads) > len(memory.known_heads) or len(strings) > len(memory.known_strings):
         return False
+    memory.parser[0] = parser
     memory.known[:] = len(heads), len(strings)
     memory.known_heads[:len(heads)], memory.known_strings[:len(strings)] = heads, strings
     memory.hand_count[0] = len(hands)
     memory.scale[0], memory.zero_is_missing[0] = scale, zero_is_missing
-    for hand, (_, _, sources) in zip(hands, signatures):
+    for hand, (_, _, _, sources) in zip(hands, signatures):
         count = len(sources.slots)
         hand.first[0], hand.marker_count[0] = sources.first, count
         hand.stamp[:] = stamp.sec, stamp.nanosec
@@ -298,9 +306,9 @@ def copy_payload(memory: FastPathMemory, octets: np.ndarray) -> int:
 @jit
 def matches_signature(memory: FastPathMemory, size: int) -> bool:
     """Return whether the message has the installed signature."""
-    count, used = parse_marker_array(
-        memory.message.view(np.uint8), memory.message.view(np.int32), size, memory.heads,
-        memory.places, memory.strings)
+    count, used = parse_points(
+        memory.parser[0], memory.message.view(np.uint8), memory.message.view(np.int32),
+        memory.message, size, memory.heads, memory.places, memory.strings)
     if count != memory.known[0] or used != memory.known[1]:
         return False
     for i in range(count):

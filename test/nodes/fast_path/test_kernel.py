@@ -5,15 +5,28 @@ import struct
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Pose, PoseArray
+from helpers.clouds import cloud
 from helpers.markers import big_endian, data_of, marker
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mocap4r2_msgs.msg import Marker as NamedMarker
+from mocap4r2_msgs.msg import Markers, RigidBodies, RigidBody
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
+from hand_tracker.adapters.hand_landmarks import LANDMARK_POSES
+from hand_tracker.calibration.landmarks import LANDMARKS
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
-from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.model.marker_layout import (
+    MARKERS,
+    PAPER_PLACES,
+    MarkerLayout,
+    marker_positions,
+)
 from hand_tracker.core.model.marker_rows import LAYOUT_CAPACITY
 from hand_tracker.core.model.states import (
     MarkerState,
@@ -21,6 +34,7 @@ from hand_tracker.core.model.states import (
 )
 from hand_tracker.core.numerics.jit import COMPILED, empty_like_pack, overwrite, packed, parts
 from hand_tracker.core.tracker import HandTracker
+from hand_tracker.files.bags import TYPE_STORE
 from hand_tracker.messages.builders import (
     link_frames,
     prefixed_names,
@@ -32,6 +46,12 @@ from hand_tracker.messages.labels import (
     LabelMap,
     default_labels,
     labels_of_hand,
+)
+from hand_tracker.messages.message_kinds import (
+    MARKER_ARRAY_KIND,
+    MOCAP4R2_MARKERS,
+    POINT_CLOUD,
+    RIGID_BODIES,
 )
 from hand_tracker.messages.stamps import Stamp, seconds
 from hand_tracker.messages.templates import (
@@ -63,7 +83,7 @@ from hand_tracker.nodes.fast_path.kernel import (
 from hand_tracker.simulation.motion import demo_motion
 from hand_tracker.simulation.packaged_recordings import demo_recording
 
-NEEDS = 'rclpy', 'visualization_msgs'
+NEEDS = 'rclpy', 'visualization_msgs', 'mocap4r2_msgs'
 
 NAMES = prefixed_names('right_')
 SCALE = .001
@@ -81,10 +101,10 @@ def markers_of(positions, frame, labels=range(8)):
 class Paths:
     """A hand that is tracked on both paths."""
 
-    def __init__(self, side='right', labels=DEFAULT_LABELS, layout=None):
+    def __init__(self, side='right', labels=DEFAULT_LABELS, layout=None, kind=MARKER_ARRAY_KIND):
         hand, layout = Hand.scaled(side=side), layout or MarkerLayout()
         table = joint_table(hand)
-        self.reader = MarkerReader(LabelMap(labels, layout.names), scale=SCALE)
+        self.reader = MarkerReader(LabelMap(labels, layout.names), scale=SCALE, kind=kind)
         self.slow, self.fast = HandTracker(hand, layout), HandTracker(hand, layout)
         self.templates = {
             JOINT_STATES: joint_state_template(NAMES.joints),
@@ -203,6 +223,64 @@ def test_both_paths_reply_alike_for_other_layouts(name):
     assert logged == len(frames) - 1
     np.testing.assert_array_equal(states[logged - 1, :count], state.marker_states)
     assert log[logged - 1, RESIDUAL] == pytest.approx(np.nanmean(state.residuals))
+
+
+def headed(found, frame):
+    """Return the bytes of a message with the header of a frame."""
+    found.header.stamp, found.header.frame_id = Time(sec=5, nanosec=10_000_000 * frame), 'mocap'
+    return serialize_message(found)
+
+
+def points_of(positions):
+    """Return places as messages."""
+    return [Point(**dict(zip('xyz', at))) for at in positions.tolist()]
+
+
+def named_markers(positions, frame):
+    return headed(Markers(frame_number=frame, markers=[
+        NamedMarker(marker_name=name, translation=at)
+        for name, at in zip(MARKERS, points_of(positions))]), frame)
+
+
+def bodies(positions, frame):
+    return headed(RigidBodies(frame_number=frame, rigidbodies=[
+        RigidBody(rigid_body_name=name, markers=[NamedMarker(marker_name=name, translation=at)])
+        for name, at in zip(MARKERS, points_of(positions))]), frame)
+
+
+def landmarks(positions, frame):
+    at = dict(zip(PAPER_PLACES, points_of(positions)))
+    nowhere = Point(x=np.nan, y=np.nan, z=np.nan)
+    return headed(PoseArray(poses=[Pose(position=at.get(name, nowhere))
+                                   for name in LANDMARKS]), frame)
+
+
+def points(positions, frame):
+    data = bytes(TYPE_STORE.serialize_cdr(cloud(positions, form='f8'), POINT_CLOUD.type))
+    return headed(deserialize_message(data, PointCloud2), frame)
+
+
+@pytest.mark.parametrize('kind, data_at', [
+    (MOCAP4R2_MARKERS, named_markers), (RIGID_BODIES, bodies), (LANDMARK_POSES, landmarks),
+    (POINT_CLOUD, points)], ids=['markers', 'rigid bodies', 'poses', 'cloud'])
+def test_both_paths_reply_alike_to_messages_of_systems(kind, data_at):
+    labels = [str(1000 + row) for row in range(8)] if kind is POINT_CLOUD else DEFAULT_LABELS
+    paths, frames = Paths(kind=kind, labels=labels), DEMO['right'][:60].copy()
+    if kind is not POINT_CLOUD:  # of which a point that is missing changes the others' numbers
+        frames[20:30, 5] = frames[40:45, :2] = np.nan
+    paths.install(data_at(frames[0], 0))
+    for number in range(1, len(frames)):
+        data = data_at(frames[number], number)
+        assert paths.go(data)
+        state, answers = paths.expected(data)
+        assert paths.replies() == answers
+        assert all(map(alike, paths.state(), state))
+    before = paths.state()
+    for data in (data_at(frames[0], 0), data_at(frames[0], 60)[:-60],
+                 data_of(markers_of(frames[0], 60))):
+        assert not paths.go(data)
+    assert all(map(alike, paths.state(), before))
+    assert paths.go(data_at(frames[0], 60))
 
 
 def both_at(frames, frame, sides=('right', 'left'), late=()):

@@ -1,0 +1,71 @@
+"""Messages of systems, and which of them the tracker takes as they are.
+
+Those go by the values of its parameter `marker_message`; a source node takes the others, and what
+is to be filtered or turned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from ..messages.marker_ids import SOURCE_FRAME
+from ..messages.message_kinds import (
+    MARKER_ARRAY_KIND,
+    MOCAP4R2_MARKERS,
+    POINT_CLOUD,
+    RIGID_BODIES,
+    MessageKind,
+)
+from .hand_landmarks import LANDMARK_POSES
+
+DEFAULT_MESSAGE = 'marker_array'
+MARKER_MESSAGES: dict[str, MessageKind] = {
+    DEFAULT_MESSAGE: MARKER_ARRAY_KIND, 'mocap4r2_markers': MOCAP4R2_MARKERS,
+    'mocap4r2_rigid_bodies': RIGID_BODIES, 'pose_array': LANDMARK_POSES,
+    'point_cloud': POINT_CLOUD}
+# Of the source node: messages of each source, the usual one first; FIRST stands for it.
+MESSAGES_OF = {'point_cloud': ('point_cloud',), 'mocap4r2': ('markers', 'rigid_bodies'),
+               'landmarks': ('pose_array', 'named_pose_array', 'marker_array')}
+FIRST = 'first'
+# Topic that each message comes on where the parameter names none.
+USUAL_TOPICS = {'point_cloud': '/pointCloud', 'markers': '/markers',
+                'rigid_bodies': '/rigid_bodies', 'pose_array': 'landmarks',
+                'named_pose_array': '/xr_teleop/hand', 'marker_array': 'landmarks'}
+TAKEN_AS_THEY_ARE = {
+    ('point_cloud', 'point_cloud'): 'point_cloud', ('mocap4r2', 'markers'): 'mocap4r2_markers',
+    ('mocap4r2', 'rigid_bodies'): 'mocap4r2_rigid_bodies',
+    ('landmarks', 'pose_array'): 'pose_array'}
+# Parameters of the source node with the values at which it does nothing to the points.
+UNCHANGED = {'subject': '', 'up': 'z', 'frame': SOURCE_FRAME}
+
+
+class DirectInput(NamedTuple):
+    """Messages that the tracker takes as they are, a value of `marker_message`, and their topic."""
+
+    message: str
+    topic: str
+
+
+def direct_input(parameters: Mapping[str, Any]) -> DirectInput | None:
+    """Return how the tracker takes a source's messages itself.
+
+    Parameters
+    ----------
+    parameters : mapping of str to object
+        Values given for parameters of the source node, others among them.
+
+    Returns
+    -------
+    DirectInput or None
+        None where a source node is needed.
+    """
+    source = parameters['source']
+    message = parameters.get('message', FIRST)
+    if message == FIRST:
+        message = MESSAGES_OF.get(source, (FIRST,))[0]
+    taken = TAKEN_AS_THEY_ARE.get((source, message))
+    if taken is None or any(
+            parameters.get(name, value) != value for name, value in UNCHANGED.items()):
+        return None
+    return DirectInput(taken, parameters.get('topic') or USUAL_TOPICS[message])

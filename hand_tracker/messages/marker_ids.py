@@ -1,0 +1,102 @@
+"""Ids of markers that a source knows by name, and of points without names.
+
+They are what the tracker's parameters `labels.*` refer to: the namespace is the whole name, the id
+that of the tracker's marker where the last part of the name says so. No ROS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from ..core.model.marker_layout import MARKERS, PAPER_PLACES
+from .marker_array import ADD, DELETE, SPHERE, Head
+from .point_cloud_parser import MOST_MARKERS
+
+# Ids by which the tracker knows its markers, unless its parameters `labels.*` say otherwise: by
+# the marker's name, or by that of the landmark it is at.
+MARKER_IDS = {**{place: row for row, place in enumerate(PAPER_PLACES)},
+              **{marker: row for row, marker in enumerate(MARKERS)}}
+FIRST_FOREIGN_ID = 1000       # of markers that have none of these names, and of anonymous points
+ANONYMOUS_NAMESPACE = 'unlabelled'
+SOURCE_FRAME = 'mocap'        # of points whose source names no frame
+
+
+def no_warning(key: str, text: str) -> None:
+    """Log nothing."""
+
+
+class MarkerIds:
+    """Ids of the named markers of one source; names that were seen once count in all later frames.
+
+    Parameters
+    ----------
+    warn_once : callable
+        Logs a warning (key, text) once for each key.
+
+    Attributes
+    ----------
+    rows : dict of str to int
+        Place of each name, in the order in which they were first seen.
+    """
+
+    def __init__(self, warn_once: Callable[[str, str], None]) -> None:
+        self._warn_once = warn_once
+        self.rows: dict[str, int] = {}
+
+    def add(self, names: Sequence[str]) -> list[int]:
+        """Return which of a frame's names count: the first of each, of `MOST_MARKERS` in all."""
+        taken, here = [], set()
+        for place, name in enumerate(names):
+            if name in here:
+                self._warn_once('doubled', f"two markers of a frame are called '{name}'; "
+                                           'the first is taken')
+            elif name in self.rows or len(self.rows) < MOST_MARKERS:
+                self.rows.setdefault(name, len(self.rows))
+                taken.append(place)
+            here.add(name)
+        return taken
+
+    def ids(self) -> list[int]:
+        """Return the id of each name; a hand's own go to no marker where several claim one."""
+        own = [MARKER_IDS.get(name.rpartition(':')[2].lower()) for name in self.rows]
+        ids = []
+        for row, (name, number) in enumerate(zip(self.rows, own)):
+            if number is not None and own.count(number) > 1:
+                self._warn_once('subjects', f"'{name}' and others are called alike: none of them "
+                                            'is taken for a marker of the hand; name one subject '
+                                            '(subject) or set labels.*')
+                number = None
+            ids.append(FIRST_FOREIGN_ID + row if number is None else number)
+        return ids
+
+    def anonymous_id(self, number: int) -> int:
+        """Return the id of the anonymous point of a number."""
+        return FIRST_FOREIGN_ID + len(self.rows) + number
+
+    def heads(self, frame_id: str, names: Sequence[str | None]) -> list[Head]:
+        """Return the heads of a frame's markers, of which those without a name are anonymous.
+
+        Those that do not count are deletions.
+        """
+        named = [place for place, name in enumerate(names) if name is not None]
+        kept = {named[k] for k in self.add([name for name in names if name is not None])}
+        ids = dict(zip(self.rows, self.ids()))
+        heads: list[Head] = []
+        anonymous = 0
+        for place, name in enumerate(names):
+            if name is None:
+                label, counts = (ANONYMOUS_NAMESPACE, self.anonymous_id(anonymous)), (
+                    anonymous < MOST_MARKERS)
+                anonymous += 1
+            else:
+                label, counts = (name, ids.get(name, FIRST_FOREIGN_ID)), place in kept
+            heads.append(Head(frame_id or SOURCE_FRAME, *label, SPHERE, ADD if counts else DELETE,
+                              0))
+        if anonymous >= MOST_MARKERS:
+            self.warn_of_points(anonymous)
+        return heads
+
+    def warn_of_points(self, count: int) -> None:
+        """Warn that a frame has too many anonymous points."""
+        self._warn_once('points', f'{count} anonymous points in a frame; the first '
+                                  f'{MOST_MARKERS} are taken')
