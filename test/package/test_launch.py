@@ -504,7 +504,6 @@ def canonical(xml):
     ({'side': 'upper'}, '"upper" is not valid'),
     ({'left_hand': 'mine.yaml'}, "left_hand: 'mine.yaml'; expected none but for side:=both"),
     ({'side': 'both', 'prefix': 'my_'}, "prefix: 'my_'; expected auto for both hands"),
-    ({'side': 'both', 'layout': 'mediapipe21'}, "layout: 'mediapipe21' has 21 markers; expected"),
     ({'side': 'both', 'robot': 'allegro'}, "robot: 'allegro'; expected none for side:=both"),
 ])
 def test_errors_of_the_user(arguments, line):
