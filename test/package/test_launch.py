@@ -115,18 +115,15 @@ if LACK is None:
     LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
     class Launch(Process):
-        """`ros2 launch` in a process group of its own, as in a terminal."""
+        """`ros2 launch` in a process group of its own, which interrupts its nodes itself."""
 
         def __init__(self, environment=None, file=LAUNCH, **arguments):
+            # In a terminal Ctrl-C interrupts each node once. Interrupted by both the group and
+            # launch, robot_state_publisher often ends with -2.
             super().__init__(
-                ['ros2', 'launch', str(file),
+                ['ros2', 'launch', '--noninteractive', str(file),
                  *(f'{name}:={value}' for name, value in arguments.items())],
                 environment, start_new_session=True)
-
-        def interrupt(self):
-            """Interrupt all its processes as Ctrl-C does; return its exit code."""
-            os.killpg(self._process.pid, signal.SIGINT)
-            return self.wait()
 
         def __exit__(self, *error):
             try:
