@@ -37,17 +37,20 @@ def _frames(simulation: Simulation, count: dict[str, int]) -> Iterator[tuple[Bag
 def _parse(
         arguments: list[str] | None) -> tuple[argparse.ArgumentParser, argparse.Namespace]:
     parser = argparse.ArgumentParser(
-        prog='hand_tracker simulate', description=__doc__.split('\n')[0],
+        prog='hand_tracker simulate',
+        description='Record a simulated hand, seen by a ring of cameras, with the truth.',
         formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument('motion', choices=tuple(MOTIONS), metavar='MOTION',
                         help=', '.join(MOTIONS))
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='OUT',
+                        default=argparse.SUPPRESS,
                         help='recording to write, .mcap or .db3')
     parser.add_argument('--cameras', type=int, default=PAPER_CAMERAS,
                         help='in the ring, {} to {}'.format(*CAMERAS_RANGE))
     parser.add_argument('--rate', type=float, default=PAPER_RATE, help='frames per second [Hz]')
     parser.add_argument('--duration', type=float, default=MOTION_DURATION,
-                        help='at least so long [s]; the demo has its own')
+                        help='at least so long, to the end of a movement [s]; the demo has its '
+                        'own')
     parser.add_argument('--seed', type=int, default=1, help='of all that is drawn')
     parser.add_argument('--hand', type=Path, help='hand file (YAML) of the simulated hand')
     parser.add_argument('--side', choices=SIDES, help='of the hand')

@@ -93,7 +93,8 @@ def load_robot(robot: str, urdf: str = '', side: str | None = None,
         settings, notes = translated(settings['retargeting'], str(path))
     given = urdf or str(settings.get('urdf', '')).replace('{side}', side or preferred_side)
     if not given:
-        raise InvalidRobot(f'{path}: no urdf: give the path of the robot\'s URDF')
+        raise InvalidRobot(f"{path}: no urdf: give the path of the robot's URDF (--urdf, or "
+                           'robot_description of the node)')
     if given.lstrip().startswith('<'):
         tree, place = read_urdf_tree(given, 'robot_description'), ''
     else:

@@ -161,6 +161,7 @@ class Stream:
         self.take: LiveTake | None = None
         self._auto_size = auto_size
         self.compilation: Compilation | None = None
+        self._is_sized = False
         self._blends = False
         self._blended_since: float | None = None  # [s]
         self._time = FrameTime()
@@ -290,7 +291,13 @@ class Stream:
         if sized is not None:
             now = self.tracker.hand
             self._change_hand(sized.replace(limits=now.limits, coupling=now.coupling))
-        if not self._auto_size.is_learning and self.tracker.placed:
+            self._is_sized = True
+        if self._auto_size.is_learning or not self.tracker.placed:
+            return
+        if not self._is_sized:
+            self._news.append((False, "these markers do not tell the hand's size: it is that of "
+                               'the mean hand, unless a size or a hand file is given'))
+        else:
             mcp = self.tracker.hand.finger_mcp
             self._news.append((False, 'the size of the hand is learned: '
                                f'{1e3 * np.linalg.norm(mcp[0] - mcp[3]):.0f} mm between the '
