@@ -147,10 +147,13 @@ def test_demo_runs_its_nodes_and_leaves_pictures_and_a_table(ros, tmp_path):
     with open(tmp_path / 'out' / 'angles.csv', newline='', encoding='utf-8') as file:
         header, *rows = csv.reader(file)
     assert header == ['time_s', *(f'right_{joint}_deg' for joint in JOINTS)]
-    angles = np.radians(np.array(rows, dtype=float)[:, 1:])
-    assert len(angles) >= .95 * 360
+    times, *angles = np.array(rows, dtype=float).T
+    assert len(times) == int(re.search(r'(\d+) joint states', done.stdout).group(1)) > 0
+    # A busy machine may lose some frames.
+    since_last = 1e-9 * (short.stamps - short.stamps[-1])
+    frames = np.searchsorted(since_last, times - times[-1] - .5 / 120.)
     # The recording's noise in an open hand: degrees at the PIP.
-    assert np.degrees(np.abs(angles - short.angles[-len(angles):])).mean() < 3.
+    assert np.abs(np.transpose(angles) - np.degrees(short.angles[frames])).mean() < 3.
     assert int(re.search(r'(\d+) commands', done.stdout).group(1)) > 100
     for name in ('hand.gif', 'hand.png', 'robot.gif', 'robot.png'):
         with Image.open(tmp_path / 'out' / name) as image:
