@@ -3,12 +3,11 @@
 import socket
 import struct
 import time
-from contextlib import contextmanager
-from threading import Event, Thread
 
 import numpy as np
 import pytest
 from helpers import natnet_server
+from helpers.clients import receiving_client, wait
 from helpers.natnet_server import LONELY, NatNetServer, Network
 
 from hand_tracker.adapters import natnet_client
@@ -19,7 +18,6 @@ from hand_tracker.messages.stamps import nanoseconds
 
 NAMES = {'RHand': ('wrist', 'index'), 'cup': ('rim',)}
 ALL_NAMES = 'RHand:wrist', 'RHand:index', 'cup:rim'
-PATIENCE = 60.  # [s]
 GROUP = '239.255.42.99'
 
 
@@ -28,28 +26,10 @@ def sets(number):
     return {'RHand': np.array([[number, 2., 3.], [4., 5., 6.]]), 'cup': np.array([[7., 8., 9.]])}
 
 
-@contextmanager
 def receiving(server, local='127.0.0.1'):
     """Let a client receive; yield its frames and news."""
-    frames, news, ended = [], [], Event()
-    client = NatNetClient('127.0.0.1', frames.append, lambda *each: news.append(each), local,
-                          server.port)
-    thread = Thread(target=client.run, args=(ended,))
-    thread.start()
-    try:
-        yield frames, news
-    finally:
-        ended.set()
-        thread.join(PATIENCE)
-        assert not thread.is_alive()
-
-
-def wait(condition, act=lambda: None):
-    until = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < until
-        act()
-        time.sleep(.002)
+    return receiving_client(lambda on_frame, tell: NatNetClient(
+        '127.0.0.1', on_frame, tell, local, server.port))
 
 
 def stream(server, condition, **more):

@@ -1,12 +1,10 @@
 """The client of Qualisys before a simulated QTM, through Qualisys' own package."""
 
 import sys
-import time
-from contextlib import contextmanager
-from threading import Event, Thread
 
 import numpy as np
 import pytest
+from helpers.clients import receiving_client, wait
 from helpers.qtm_server import QtmServer, data_packet
 
 from hand_tracker.adapters import qualisys
@@ -18,36 +16,18 @@ from hand_tracker.messages.stamps import nanoseconds
 NEEDS = ('qtm_rt',)
 
 LABELS = 'wrist', 'index'
-PATIENCE = 60.  # [s]
 NOWHERE = [np.nan] * 3
 
 
-@contextmanager
 def receiving(server, components=('3d', '3dnolabels'), **more):
     """Let a client receive; yield its frames and news."""
-    frames, news, ended = [], [], Event()
-    client = QualisysClient('127.0.0.1', frames.append, lambda *each: news.append(each),
-                            components, port=server.port, **more)
-    thread = Thread(target=client.run, args=(ended,))
-    thread.start()
-    try:
-        yield frames, news
-    finally:
-        ended.set()
-        thread.join(PATIENCE)
-        assert not thread.is_alive()
+    return receiving_client(lambda on_frame, tell: QualisysClient(
+        '127.0.0.1', on_frame, tell, components, port=server.port, **more))
 
 
 def streams_begun(server):
     """Return how often a client has asked for data."""
     return sum(command.lower().startswith('streamframes') for command in server.commands)
-
-
-def wait(condition):
-    until = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < until
-        time.sleep(.002)
 
 
 @pytest.mark.parametrize('ending', ['', 'res'])

@@ -1,0 +1,31 @@
+"""Clients of motion capture systems that receive in a thread while a test looks on."""
+
+import time
+from contextlib import contextmanager
+from threading import Event, Thread
+
+PATIENCE = 60.  # [s]
+
+
+@contextmanager
+def receiving_client(make):
+    """Let a client receive, made of callbacks for frames and news; yield what it has told."""
+    frames, news, ended = [], [], Event()
+    client = make(frames.append, lambda *each: news.append(each))
+    thread = Thread(target=client.run, args=(ended,))
+    thread.start()
+    try:
+        yield frames, news
+    finally:
+        ended.set()
+        thread.join(PATIENCE)
+        assert not thread.is_alive()
+
+
+def wait(condition, act=lambda: None):
+    """Wait until a condition holds, acting meanwhile; fail when it does not in time."""
+    until = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < until
+        act()
+        time.sleep(.002)
