@@ -15,8 +15,14 @@ import numpy as np
 from ..calibration.landmarks import LANDMARKS
 from ..core.model.hand import FINGERS
 from ..messages.cdr import PointMarker
-from ..messages.message_kinds import HeadRows, MalformedMessage, MessageKind, PointNames, texts_of
-from ..messages.point_parsers import PARSE_POSE_ARRAY
+from ..messages.message_kinds import (
+    PARSE_POSE_ARRAY,
+    HeadRows,
+    MalformedMessage,
+    MessageKind,
+    PointNames,
+    texts_of,
+)
 from ..messages.pose_array_parser import BESIDE_ORIGIN
 from .point_frame import MalformedFrame, PointFrame, SourceUnavailable, point_frame
 

@@ -12,12 +12,9 @@ from ..core.errors import HandTrackerError
 from .marker_array import ADD, MARKER_ARRAY, Head
 from .marker_ids import MarkerIds
 from .mocap4r2_parser import AS_BEFORE
-from .point_parsers import (
-    PARSE_CLOUD,
-    PARSE_MARKER_ARRAY,
-    PARSE_MARKERS,
-    PARSE_RIGID_BODIES,
-)
+
+# Numbers of the parsers.
+PARSE_MARKER_ARRAY, PARSE_MARKERS, PARSE_RIGID_BODIES, PARSE_POSE_ARRAY, PARSE_CLOUD = range(5)
 
 HeadRows = Sequence[Sequence[int]]
 PointNames = list[str | None]

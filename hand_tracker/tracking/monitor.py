@@ -90,6 +90,7 @@ class Monitor:
         self._diagnostics = Diagnostics(now, self._input)
         self._label_changes = LabelChanges(len(labels.names))
         self._side_check: SideCheck | None = None
+        self._last: tuple[HandState, float | None] | None = None  # frame, and its time [s]
 
     def check_side(self, hand: Hand, layout: MarkerLayout) -> None:
         """Check in the first frames to come whether the hand is of this side."""
@@ -136,17 +137,7 @@ class Monitor:
             self._input.restarted()
         for published, states in frames.runs:
             self._input.tracked(published, states)
-        if self._side_check is not None:
-            is_wrong = self._side_check.add(frames.state, frames.times[-1])
-            if is_wrong:
-                side = self._side_check.side
-                other = 'left' if side == 'right' else 'right'
-                self._input.warn_once(
-                    'side', f'the fingers bend away from the palm of a {side} hand: set '
-                    f'side:={other} if it is a {other} one, else an axis is mirrored, or two are '
-                    'exchanged')
-            if is_wrong is not None:
-                self._side_check = None
+        self._last = frames.state, frames.times[-1]
         return self._diagnostics.tracked(
             frames.published[-1], frames.state, frames.frame_count, frames.on_fast_path)
 
@@ -168,6 +159,7 @@ class Monitor:
 
     def log_lines(self, now: float, publishers: Callable[[], str]) -> list[tuple[bool, str]]:
         """Return the lines to log at `now` [s], see `InputMonitor.report`."""
+        self._look_at_side()
         return self._input.report(now, publishers)
 
     def status(self, now: float, publishers: Callable[[], str]) -> Status:
@@ -181,3 +173,18 @@ class Monitor:
     def why_never_tracked(self) -> str:
         """Explain why no frame at all was tracked."""
         return self._input.why_never()
+
+    def _look_at_side(self) -> None:
+        """Check the side by the last frame, until it is known."""
+        if self._side_check is None or self._last is None:
+            return
+        is_wrong = self._side_check.add(*self._last)
+        if is_wrong:
+            side = self._side_check.side
+            other = 'left' if side == 'right' else 'right'
+            self._input.warn_once(
+                'side', f'the fingers bend away from the palm of a {side} hand: set '
+                f'side:={other} if it is a {other} one, else an axis is mirrored, or two are '
+                'exchanged')
+        if is_wrong is not None:
+            self._side_check = None

@@ -23,13 +23,13 @@ from hand_tracker.messages.builders import joint_state, prefixed_names
 from hand_tracker.messages.cdr import (
     ENCAPSULATION,
     SIGNATURES_KEPT,
+    SMALLEST_POINT,
     MalformedMessage,
     MarkerReader,
 )
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.messages.marker_array import markers_from_message
 from hand_tracker.messages.marker_array_parser import parse_marker_array
-from hand_tracker.messages.point_parsers import SMALLEST_POINT
 from hand_tracker.messages.stamps import Stamp
 from hand_tracker.messages.templates import joint_state_template, transforms_template
 from hand_tracker.nodes import serialization

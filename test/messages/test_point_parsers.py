@@ -25,8 +25,15 @@ from hand_tracker.adapters.point_cloud import points_of_cloud
 from hand_tracker.adapters.point_frame import MalformedFrame
 from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES
 from hand_tracker.files.bags import TYPE_STORE
-from hand_tracker.messages import cdr, point_parsers
-from hand_tracker.messages.cdr import ENCAPSULATION, MalformedMessage, MarkerReader
+from hand_tracker.messages import cdr, message_kinds
+from hand_tracker.messages.cdr import (
+    ENCAPSULATION,
+    MalformedMessage,
+    MarkerReader,
+    number_capacity,
+    parse_points,
+    point_capacity,
+)
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.messages.marker_ids import ANONYMOUS_NAMESPACE, SOURCE_FRAME
 from hand_tracker.messages.message_kinds import (
@@ -36,7 +43,6 @@ from hand_tracker.messages.message_kinds import (
     MessageKind,
 )
 from hand_tracker.messages.point_cloud_parser import MOST_MARKERS
-from hand_tracker.messages.point_parsers import number_capacity, parse_points, point_capacity
 from hand_tracker.messages.stamps import Stamp
 
 NEEDS = 'rclpy', 'mocap4r2_msgs'
@@ -399,4 +405,4 @@ def test_the_error_names_the_message():
     for kind in KINDS.values():
         with pytest.raises(MalformedMessage, match=f'10 bytes that are no {kind.title}'):
             cdr.MarkerReader(LABELS, kind=kind).read(b'\0\1\0\0' + bytes(6))
-    assert point_parsers.PARSE_MARKER_ARRAY == 0
+    assert message_kinds.PARSE_MARKER_ARRAY == 0

@@ -27,8 +27,6 @@ from ...messages.cdr import (
     ENCAPSULATION,
     LITTLE_ENDIAN,
     MessageSignature,
-)
-from ...messages.point_parsers import (
     gather_positions,
     number_capacity,
     parse_points,
