@@ -21,6 +21,7 @@ from ..files.recordings import is_bag
 from ..tracking.opened_recording import recorded_points
 from .recording_options import add_reading_options, chosen_labels, reading_options
 
+UNKNOWN_LABEL = 'LABEL'  # in the command that is printed
 LISTED_LABELS = 40
 LISTED_LAYOUTS = 4
 
@@ -83,7 +84,7 @@ def next_command(path: Path, recording: PointRecording, options: argparse.Namesp
         side = choose_markers(recording, names=given).side
         words += ['--side', side] if side else []
     except UnknownMarkers as error:
-        given |= {marker: 'LABEL' for marker in error.missing}
+        given |= {marker: UNKNOWN_LABEL for marker in error.missing}
     if given:
         words += ['--markers', ','.join(f'{marker}={label}' for marker, label in given.items())]
     return shlex.join(words)
@@ -109,6 +110,9 @@ def _lines(path: Path, found: dict[str, Any], command: str) -> list[str]:
                      f'likelihood {layout["likelihood"]:.2f}')
     if not found['layouts']:
         lines.append('no layout of a hand is known by these labels')
+    if UNKNOWN_LABEL in command:
+        return [*lines, f"next, if a hand's markers are among them, with their labels in place of "
+                f'{UNKNOWN_LABEL}: {command}']
     return [*lines, f'next: {command}']
 
 

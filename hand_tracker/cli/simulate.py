@@ -25,6 +25,13 @@ from ..simulation.simulator import (
 from .recording_options import add_layout_option
 
 
+class _DefaultsHelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
+    """Help with the defaults of the options that have one."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        return action.help if action.default is None else super()._get_help_string(action)
+
+
 def _frames(simulation: Simulation, count: dict[str, int]) -> Iterator[tuple[BagMessage, ...]]:
     """Yield the messages of each frame; count frames and lost markers in `count`."""
     for part in simulation.blocks():
@@ -39,7 +46,7 @@ def _parse(
     parser = argparse.ArgumentParser(
         prog='hand_tracker simulate',
         description='Record a simulated hand, seen by a ring of cameras, with the truth.',
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+        formatter_class=_DefaultsHelpFormatter)
     parser.add_argument('motion', choices=tuple(MOTIONS), metavar='MOTION',
                         help=', '.join(MOTIONS))
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='OUT',

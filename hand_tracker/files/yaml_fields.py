@@ -90,8 +90,10 @@ def parse_yaml(text: str, name: str | PathLike[str], parse: Callable[[Any], Pars
         return parse(yaml.load(text, UniqueKeyLoader))
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
+        expected = ('' if isinstance(error, yaml.constructor.ConstructorError)
+                    else '; expected YAML, as in config/hand.yaml')
         raise InvalidHandFile(
-            f'{name}:{mark.line + 1}:{mark.column + 1}: {error.problem}') from None
+            f'{name}:{mark.line + 1}:{mark.column + 1}: {error.problem}{expected}') from None
     except yaml.YAMLError as error:
         raise InvalidHandFile(f'{name}: no YAML text: {error}') from None
     except HandTrackerError as error:

@@ -288,6 +288,11 @@ def test_wrong_yaml_gives_file_line_and_column(write, text, message):
         load_hand(path)
 
 
+def test_other_text_than_yaml_is_told_what_is_expected(write):
+    with pytest.raises(InvalidHandFile, match='; expected YAML, as in config/hand.yaml$'):
+        load_hand(write('# A title\n\nText: with `code`: and more.'))
+
+
 def test_files_that_are_no_text_are_refused(tmp_path):
     binary = tmp_path / 'binary.yaml'
     binary.write_bytes(b'\xff\xfe\x00\xd8')

@@ -131,6 +131,13 @@ def test_markers_without_an_offset_are_put_on_the_skin_and_none_may_be_inside(tm
         simulated_hand(tmp_path / 'own.yaml')
 
 
+def test_help_tells_the_defaults_that_there_are(capsys):
+    with pytest.raises(SystemExit):
+        main(['--help'])
+    shown = capsys.readouterr().out
+    assert '(default: 480.0)' in shown and 'None' not in shown
+
+
 @pytest.mark.parametrize('name', ['mediapipe21', 'dfki13'])
 def test_other_layouts_are_simulated_on_the_skin(name):
     hand, layout = simulated_hand(side='left', layout=name)

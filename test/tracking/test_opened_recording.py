@@ -161,6 +161,15 @@ def test_inspect_says_what_is_in_it_and_what_to_run(tracked, tmp_path, name, cap
     assert len(angles(command[command.index('-o') + 1])) == 240
 
 
+def test_inspect_asks_for_the_labels_of_a_hand_where_none_is_known(tmp_path, capsys):
+    write_recording(tmp_path / 'body.trc', hand_recording(
+        40, labels=tuple(f'body{i}' for i in range(8))))
+    assert main(['inspect', str(tmp_path / 'body.trc')]) == 0
+    line = capsys.readouterr().out.splitlines()[-1]
+    assert line.startswith("next, if a hand's markers are among them, with their labels in place")
+    assert '--markers wrist=LABEL,index_mcp=LABEL' in line
+
+
 @pytest.mark.parametrize('output', ['out.c3d', 'out.trc', 'out.tsv', 'out.csv', 'out.npz',
                                     'out.mcap', 'out.bvh', 'out.glb'])
 def test_convert_writes_what_is_read_again(tracked, tmp_path, output):
