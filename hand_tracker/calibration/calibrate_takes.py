@@ -72,7 +72,7 @@ def calibrate_takes(takes: Sequence[MarkerTake], output: Path, limits: str = WEA
     rate = average_rate([take.rate for take in takes])
     fit, report = _fit_with_progress(gathered, takes[0].side, limits, rate)
     covered = coverage(fit.postures)
-    lines = [*report.lines(), '', *_coverage_lines(covered)]
+    lines = [*report.lines(), '', *_coverage_lines(covered), '', report.verdict()]
     print('\n'.join(lines))
     worn = fit.layout if layout is None or layout.names == MARKERS else fitted_layout(fit, layout)
     save_hand(output, fit.hand, worn)

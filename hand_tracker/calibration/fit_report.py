@@ -27,6 +27,8 @@ FRAME_DEVIATION = .003     # [m] of the wrist's frame, by the heights of the pal
 HELD_OUT_BLOCK = 1.      # [s] of the parts of a take that are not fitted
 HELD_OUT_EVERY = 5       # block of a take
 HELD_OUT_FRAMES = 200    # judged, evenly spaced
+# [m] that markers are off the hand in frames that were not fitted; ours.
+WELL_FITTED, ROUGHLY_FITTED = .0025, .005
 BONE_NAMES = {'finger': ('proximal phalanx', 'middle phalanx', 'distal phalanx'),
               'thumb': ('metacarpal', 'proximal phalanx', 'distal phalanx')}
 AXIS_NAMES = ('along the bone', 'to the thumb\'s side', 'dorsal')
@@ -99,6 +101,20 @@ class FitReport(NamedTuple):
             found.append(f'{one.digit + " " + one.name:44s}{scale:32s}'
                          f'{"" if one.observed else "not observed"}'.rstrip())
         return found + [''] + self.unobserved()
+
+    def verdict(self) -> str:
+        """Return how well the hand fits what was not fitted, and how much the takes tell."""
+        judged = [one.held_out for one in self.residuals if np.isfinite(one.held_out)]
+        told = sum(one.observed for one in self.parameters)
+        share = (f'{told} of {len(self.parameters)} parameters are known by the takes, the others '
+                 'are as on other hands')
+        if not judged:
+            return f'the takes are too short to judge the fit; {share}'
+        miss = float(np.mean(judged))
+        fits = 'well' if miss <= WELL_FITTED else 'roughly' if miss <= ROUGHLY_FITTED else 'badly'
+        cure = '' if miss <= ROUGHLY_FITTED else ' (are labels exchanged, or did a marker slip?)'
+        return (f'the hand fits {fits}: frames that were not fitted are {1e3 * miss:.1f} mm off it '
+                f'in the mean{cure}; {share}')
 
     def unobserved(self) -> list[str]:
         """Return the unobserved parameters, in words, with the movements to observe them."""

@@ -7,7 +7,12 @@ import pytest
 from helpers.captures import capture_path
 from helpers.skin_markers import EVERY_JOINT, SKIN_OFFSET, WORN, simulated_take
 
-from hand_tracker.calibration.fit_report import marker_misses, report_fit
+from hand_tracker.calibration.fit_report import (
+    FitReport,
+    MarkerResidual,
+    marker_misses,
+    report_fit,
+)
 from hand_tracker.calibration.fitted_hand import (
     SHOWN_MARGIN,
     SHOWN_PERCENTILES,
@@ -57,6 +62,16 @@ def test_what_is_called_observed_is_within_two_millimetres():
     assert all(residual.held_out < .0015 for residual in report.residuals)
     assert any(line.startswith('index distal phalanx') or 'distal phalanx' in line
                for line in report.unobserved())
+
+
+@pytest.mark.parametrize('miss, words', [
+    (.0006, 'fits well: frames that were not fitted are 0.6 mm off it in the mean; '),
+    (.004, 'fits roughly: '), (.02, 'fits badly: '), (np.nan, 'too short to judge the fit; ')])
+def test_the_verdict_tells_how_well_the_hand_fits(miss, words):
+    residuals = [MarkerResidual('wrist', .001, miss), MarkerResidual('thumb', .001, miss)]
+    verdict = FitReport(residuals, []).verdict()
+    assert words in verdict and '0 of 0 parameters' in verdict
+    assert ('slip?' in verdict) == (miss == .02)
 
 
 def test_a_left_hand_is_fitted_as_its_mirror_image():
