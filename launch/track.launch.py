@@ -270,9 +270,11 @@ def hands_of(given, in_file, parameters):
     if given['robot']:
         raise RuntimeError(f"robot: '{given['robot']}'; expected none for side:=both: it follows "
                            'one hand; run retarget for that side beside this launch')
-    if given['source'] in SYSTEMS:
-        raise RuntimeError(f"source: '{given['source']}'; expected markers or recording for "
-                           'side:=both: a source node reads one hand')
+    for name, one_hand in (('source', given['source'] == 'landmarks'),
+                           ('subject', bool(given['subject']))):
+        if one_hand:
+            raise RuntimeError(f"{name}: '{given[name]}'; expected another or none for "
+                               'side:=both: it is of one hand')
     files = {f'{side}.hand_file': agreed(
         f'{side}.hand_file', given['left_hand'] if side == 'left' else '', '', in_file)
         for side in SIDES}

@@ -22,6 +22,7 @@ from hand_tracker.core.model.hand import (
     COUPLING_PRESETS,
     DIGITS,
     JOINTS,
+    LEFT_HAND_MIRROR,
     LIMIT_PRESETS,
     LINKS,
     SIDES,
@@ -108,7 +109,7 @@ if LACK is None:
     from launch.launch_description_sources import get_launch_description_from_python_launch_file
     from rcl_interfaces.srv import GetParameters
     from rclpy.qos import DurabilityPolicy, QoSProfile
-    from sensor_msgs.msg import JointState
+    from sensor_msgs.msg import JointState, PointCloud2, PointField
     from tf2_msgs.msg import TFMessage
     from visualization_msgs.msg import Marker, MarkerArray
 
@@ -425,6 +426,35 @@ def test_landmarks_go_to_the_tracker_unless_they_are_changed(
 
 
 @launches
+def test_both_hands_are_found_in_a_cloud_of_points(watch, tmp_path):
+    (tmp_path / 'points.yaml').write_text(
+        "hand_tracker: {ros__parameters: {labels: 'none', auto_size: false}}")
+    right = hand_at()
+    points = np.concatenate([right, right * LEFT_HAND_MIRROR - (0., .4, 0.)]).astype('<f4')
+    message = PointCloud2(
+        height=1, width=len(points), point_step=12, row_step=12 * len(points),
+        fields=[PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
+                for i, name in enumerate('xyz')], data=points.tobytes())
+    message.header.frame_id = 'mocap'
+    states = watch.collect(JointState, 'joint_states')
+    publisher = watch.create_publisher(PointCloud2, '/points', 10)
+
+    def publish():
+        message.header.stamp = watch.get_clock().now().to_msg()
+        publisher.publish(message)
+
+    with Launch(side='both', source='point_cloud', topic='/points',
+                parameters=tmp_path / 'points.yaml') as process:
+        process.wait_for_line('listening for markers on', FIRST_START)
+        watch.create_timer(.01, publish)
+        watch.spin_until(lambda: any(
+            list(state.name) == named('right_', JOINTS) + named('left_', JOINTS)
+            for state in states), FIRST_START)
+        assert process.interrupt() == 0
+        assert 'Traceback' not in process.output
+
+
+@launches
 @pytest.mark.skipif(find_spec('skimage') is None, reason='scikit-image is not installed')
 def test_skin_is_published(watch, short):
     skins = watch.collect(Marker, 'hand_skin', 1)
@@ -536,6 +566,8 @@ def canonical(xml):
     ({'side': 'upper'}, '"upper" is not valid'),
     ({'left_hand': 'mine.yaml'}, "left_hand: 'mine.yaml'; expected none but for side:=both"),
     ({'side': 'both', 'prefix': 'my_'}, "prefix: 'my_'; expected auto for both hands"),
+    ({'side': 'both', 'source': 'landmarks'}, "source: 'landmarks'; expected another or none for"),
+    ({'side': 'both', 'source': 'natnet', 'subject': 'RHand'}, "subject: 'RHand'; expected"),
     ({'side': 'both', 'robot': 'allegro'}, "robot: 'allegro'; expected none for side:=both"),
 ])
 def test_errors_of_the_user(arguments, line):
