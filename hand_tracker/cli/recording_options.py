@@ -234,6 +234,9 @@ class Job:
         self._require_tracked()
 
     def _require_tracked(self) -> None:
+        for name, monitor in self._monitors.items():
+            if (fault := monitor.side_fault()) is not None:
+                raise BagError(f'{self._bag.path}: {name}{fault}')
         if not self.tracked:
             why = '; '.join(name + monitor.why_never_tracked()
                             for name, monitor in self._monitors.items())

@@ -163,7 +163,7 @@ class TrackedHand:
         if not frame.markers.frame_id:
             self._monitor.warn_once('frame_id', f"the markers have no frame; '{UNNAMED_FRAME}' is "
                                     'used (mocap_frame)')
-        return frame
+        return frame._replace(is_valid=frame.is_valid and not self._monitor.is_wrong)
 
     def published(self, frame: TrackedFrame) -> None:
         """Note a frame of the slow path, published if it is valid."""
@@ -341,9 +341,11 @@ class TrackedHand:
     def log(self) -> None:
         """Log the lines of the monitor and of the stream."""
         log = self._node.get_logger()
-        for is_warning, line in (
-                *self.stream.news(), *self.services.news(), *self._monitor.log_lines(
-                    time.monotonic(), self._who_publishes)):
+        lines = self._monitor.log_lines(time.monotonic(), self._who_publishes)
+        if self._monitor.is_wrong:
+            # Its frames are left out from here on.
+            self._node.disable_fast_path()
+        for is_warning, line in (*self.stream.news(), *self.services.news(), *lines):
             # One of both hands is named.
             line = f"{self.hand.side} hand: {line}" if self._scope else line
             if is_warning:

@@ -220,8 +220,6 @@ class Diagnostics:
         text = self._input.describe(now, situation, publishers)
         if situation in (None, 'silent'):
             return Level.STALE, text
-        if situation == 'off':
-            return Level.WARN, text
         if situation is not PalmState.TRACKED:
             return Level.ERROR, text
         assert self._state is not None

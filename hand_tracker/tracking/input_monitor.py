@@ -117,6 +117,11 @@ class InputMonitor:
     topic : str
         Where the markers come from.
     labels : LabelMap
+
+    Attributes
+    ----------
+    bends_away_from : str or None
+        Side of a hand from whose palm the fingers bend away.
     """
 
     def __init__(self, now: float, topic: str, labels: LabelMap) -> None:
@@ -136,6 +141,7 @@ class InputMonitor:
         self._fit = FitStatistics()
         self._time: int | None = None
         self._standing = 0
+        self.bends_away_from: str | None = None
         self._limiter = LogRateLimiter()
         self._events = MarkerEvents(len(labels.labels))
         self._causes: set[Hashable] = set()
@@ -262,6 +268,11 @@ class InputMonitor:
                   for is_warning, text, slots in self._events.report(now)]
         return lines
 
+    @property
+    def is_wrong(self) -> bool:
+        """Whether the markers are of the other hand, or far off the hand for long."""
+        return self.bends_away_from is not None or self._off_for >= OFF_HAND_AFTER
+
     def situation(self, now: float) -> PalmState | str | None:
         """Return the situation of the input.
 
@@ -273,13 +284,15 @@ class InputMonitor:
         Returns
         -------
         PalmState, str or None
-            'silent', 'unlabelled' or 'off' (the hand) prevail over the state of the palm;
-            None when nothing has come yet.
+            'silent', 'unlabelled', 'mirrored' or 'off' (the hand) prevail over the state of the
+            palm; None when nothing has come yet.
         """
         if now - self._received > SILENT_AFTER:
             return 'silent'
         if now - self._labelled > SILENT_AFTER:
             return 'unlabelled'
+        if self.bends_away_from is not None:
+            return 'mirrored'
         if self._off_for >= OFF_HAND_AFTER:
             return 'off'
         return self._palm
@@ -308,9 +321,11 @@ class InputMonitor:
             return (f'messages on {self._topic} have held no marker of the hand for '
                     f'{now - self._labelled:.0f} s: {self._others()}; '
                     f'expected are the labels {self._expected(range(len(self.labels.names)))}')
+        if (fault := self.side_fault()) is not None and situation == 'mirrored':
+            return fault
         if situation == 'off':
-            return (f'the markers are on average {1e3 * self._residual:.0f} mm off the hand: '
-                    'wrong side, labels or hand size?')
+            return (f'the markers are on average {1e3 * self._residual:.0f} mm off the hand, which '
+                    'is left out: wrong side, labels, layout or hand size?')
         if situation is PalmState.TRACKED:
             return 'tracking'
         if situation is PalmState.WAITING:
@@ -324,6 +339,16 @@ class InputMonitor:
                     f'{self._others()}')
         assert isinstance(situation, PalmState)
         return f'{PALM_FAULTS[situation]}; since {now - self._since:.1f} s, the last pose is kept'
+
+    def side_fault(self) -> str | None:
+        """Return why a hand is of the other side, or None."""
+        side = self.bends_away_from
+        if side is None:
+            return None
+        other = 'left' if side == 'right' else 'right'
+        return (f'the fingers bend away from the palm of a {side} hand, which is left out: set '
+                f'side:={other} if it is a {other} one, else an axis is mirrored, or two are '
+                'exchanged')
 
     def why_never(self) -> str:
         """Explain why no frame at all was tracked.

@@ -93,8 +93,13 @@ class Monitor:
         self._last: tuple[HandState, float | None] | None = None  # frame, and its time [s]
 
     def check_side(self, hand: Hand, layout: MarkerLayout) -> None:
-        """Check in the first frames to come whether the hand is of this side."""
+        """Check in the frames to come whether the hand is of this side, until it is seen to be."""
         self._side_check = SideCheck(hand.side, layout.principal)
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether the markers are of another hand, or another set: a pose would be no truth."""
+        return self._input.is_wrong
 
     def set_labels(self, labels: LabelMap) -> None:
         """Expect other labels from the next message on."""
@@ -170,6 +175,10 @@ class Monitor:
         """Note the end of the input."""
         self._input.ended()
 
+    def side_fault(self) -> str | None:
+        """Return why a hand is of the other side, or None."""
+        return self._input.side_fault()
+
     def why_never_tracked(self) -> str:
         """Explain why no frame at all was tracked."""
         return self._input.why_never()
@@ -179,12 +188,7 @@ class Monitor:
         if self._side_check is None or self._last is None:
             return
         is_wrong = self._side_check.add(*self._last)
-        if is_wrong:
-            side = self._side_check.side
-            other = 'left' if side == 'right' else 'right'
-            self._input.warn_once(
-                'side', f'the fingers bend away from the palm of a {side} hand: set '
-                f'side:={other} if it is a {other} one, else an axis is mirrored, or two are '
-                'exchanged')
         if is_wrong is not None:
+            self._input.bends_away_from = self._side_check.side if is_wrong else None
+        if is_wrong is False:
             self._side_check = None

@@ -184,7 +184,7 @@ class RecordedHand:
             return None
         if monitor is not None:
             monitor.update(TrackedFrames.of(frame, now))
-        if not frame.is_valid:
+        if not frame.is_valid or (monitor is not None and monitor.is_wrong):
             return None
         return RecordedFrame(
             message.time, nanoseconds(frame.stamp), frame.frame_id, frame.state)

@@ -18,6 +18,7 @@ LEAST_FINGERS = 3       # that are beyond it, of those that are seen
 LEAST_BENT = .4         # [s] for which they are, before it is said
 GREATEST_STEP = .25     # [s] that a frame counts for at most
 MINOR_SHARE = .25       # of that time, for which they are beyond it on the other side at most
+MEMORY = 1.             # [s] of that time that count: a verdict may be mended. Ours
 
 
 class SideCheck:
@@ -66,8 +67,12 @@ class SideCheck:
             self._palmar += step
         elif (depths < -BEYOND_PALM).sum() >= LEAST_FINGERS:
             self._dorsal += step
-        if max(self._palmar, self._dorsal) < LEAST_BENT:
+        longest = max(self._palmar, self._dorsal)
+        if longest < LEAST_BENT:
             return None
+        if longest > MEMORY:
+            self._palmar *= MEMORY / longest
+            self._dorsal *= MEMORY / longest
         if self._palmar < MINOR_SHARE * self._dorsal:
             return True
         return False if self._dorsal < MINOR_SHARE * self._palmar else None

@@ -86,7 +86,8 @@ class TrackedFrame(NamedTuple):
     markers : MarkerFrame
         As read.
     is_valid : bool
-        Whether the palm has been seen yet: before, there is no pose to publish.
+        Whether there is a pose to publish: the palm has been seen, and no monitor says that
+        the markers are of another hand.
     is_regular : bool
         Whether messages like this one need not be seen by `Stream.track`: it has a stamp and a
         signature, and nothing but its markers went into the frame.

@@ -1,11 +1,15 @@
-"""The tracker node with points that have no usable labels, over DDS."""
+"""The tracker node with points that have no usable labels, or of the other hand, over DDS."""
+
+from itertools import cycle
 
 import numpy as np
 from helpers.bench import lines, message, tracking
-from helpers.hands import RIGHT, hand_at, motion
+from helpers.hands import RIGHT, from_pose_to_pose, hand_at, motion
 from visualization_msgs.msg import MarkerArray
 
+from hand_tracker.core.model.hand import LEFT_HAND_MIRROR
 from hand_tracker.core.model.marker_layout import MARKERS
+from hand_tracker.messages.stamps import seconds
 
 NEEDS = 'rclpy',
 
@@ -39,6 +43,23 @@ def test_points_without_any_label_are_labelled_by_the_shape_of_the_hand_and_that
         bench.meet(hand_at())
         bench.process.wait_for_line("as with labels:='none'")
         assert len(lines(bench.process, "as with labels:='none'")) == 1
+
+
+def test_a_hand_of_the_other_side_is_left_out_until_it_is_of_this_side():
+    frames = from_pose_to_pose(0, 80)
+    with tracking({'side': 'left', 'auto_size': False}) as bench:
+        # A marker at zero is missing.
+        wrong, right = cycle(frames + 1.), cycle(frames * LEFT_HAND_MIRROR + 1.)
+        bench.meet(next(wrong))
+        text = 'the fingers bend away from the palm of a left hand'
+        bench.node.repeat(lambda: bench.send(next(wrong)), lambda: text in bench.process.output)
+        left_out = [seconds(bench.send(next(wrong))) for _ in range(20)]
+        bench.node.repeat(lambda: bench.send(next(right)),
+                          lambda: 'tracking again' in bench.process.output)
+        bench.answer(next(right))
+        answered = [seconds(state.header.stamp) for state in bench.joint_states]
+        assert answered[-1] > left_out[-1] and not set(answered) & set(left_out)
+        assert len(lines(bench.process, text)) == 1
 
 
 def test_labels_that_change_from_marker_to_marker_give_way_to_the_shape_of_the_hand():

@@ -98,13 +98,13 @@ def test_messages_without_a_marker_of_the_hand_are_an_error():
     assert status.level is Level.ERROR and 'have held no marker of the hand' in status.text
 
 
-def test_markers_off_the_hand_are_a_warning():
+def test_markers_off_the_hand_are_an_error():
     hand = Hand()
     off = state_of()._replace(residuals=np.full(8, .03))
     hand.feed(0., off)
     hand.feed(OFF_HAND_AFTER, off)
     status = hand.status(OFF_HAND_AFTER)
-    assert status.level is Level.WARN and '30 mm off the hand' in status.text
+    assert status.level is Level.ERROR and '30 mm off the hand' in status.text
     assert status.values['mean residual [mm]'] == '30.00'
 
 

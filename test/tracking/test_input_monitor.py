@@ -113,8 +113,8 @@ def test_says_once_when_the_markers_stay_off_the_hand_and_again_when_not():
     (_, *first), (then, *second) = lines
     assert first == [False, 'tracking']
     miss = 1e3 * np.mean(hand.tracker.update(off).residuals)
-    assert second == [True, f'the markers are on average {miss:.0f} mm off the hand: '
-                      'wrong side, labels or hand size?']
+    assert second == [True, f'the markers are on average {miss:.0f} mm off the hand, '
+                      'which is left out: wrong side, labels, layout or hand size?']
     assert then == pytest.approx(OFF_HAND_AFTER)
     hand.feed(10.)
     assert hand.watch.report(10., str) == [(False, 'tracking again')]

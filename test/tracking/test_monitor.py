@@ -5,7 +5,7 @@ import pytest
 from helpers.frames import FIRST, SEEN, frame, hidden, state_of
 from helpers.hands import from_pose_to_pose, hand_at
 
-from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, Hand
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.labels import LabelMap
@@ -171,6 +171,22 @@ def test_a_hand_of_the_other_side_is_said_once_with_the_cure(every):
             lines += [line for line in logged(found, now) if 'side:=right' in line]
     line, = lines
     assert line.startswith('the fingers bend away from the palm of a left hand')
+
+
+def test_a_hand_of_the_other_side_is_wrong_until_it_is_of_this_side():
+    hand, found = Hand.scaled(side='left'), monitor()
+    tracker = HandTracker(hand)
+    found.check_side(hand, tracker.layout)
+    frames = from_pose_to_pose(0, 80)
+    lines = []
+    for number, positions in enumerate((*frames, *frames * LEFT_HAND_MIRROR)):
+        now = .01 * number
+        found.update(batch([now], (now, tracker.update(positions, now))))
+        lines += logged(found, now)
+        if number == len(frames) - 1:
+            assert found.is_wrong and found.side_fault() in lines
+    assert not found.is_wrong and found.side_fault() is None
+    assert lines[0] == 'tracking' and 'tracking again' in lines
 
 
 def test_labels_that_change_are_a_fault_of_the_labels():
