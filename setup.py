@@ -90,6 +90,7 @@ setup(
             'simulate = hand_tracker.entry:simulate',
             'skin = hand_tracker.entry:skin',
             'source = hand_tracker.entry:source',
+            'teleoperate = hand_tracker.entry:teleoperate',
             'tracker = hand_tracker.entry:tracker',
             'viewer = hand_tracker.entry:viewer',
         ],

@@ -2,10 +2,10 @@
 
     python -m benchmarks.teleoperation [--rates 120 480] [--seconds 5] [--robot ROBOT] [--json OUT]
 
-Markers are published; a tracker node and a retarget node, each in a process of its own and with
-its defaults, answer with the command of a robot. In turns with them, in the same run, the tracker
-alone answers with joint states, and a minimal echo in C answers each MarkerArray. Processor time is
-that of all processes of a row together.
+Markers are published; a tracker node and a retarget node, in one process and each in one of its
+own, with their defaults, answer with the command of a robot. In turns with them, in the same run,
+the tracker alone answers with joint states, and a minimal echo in C answers each MarkerArray.
+Processor time is that of all processes of a row together.
 """
 
 import argparse
@@ -33,7 +33,8 @@ from benchmarks.round_trip import (
     messages,
 )
 
-TELEOPERATION, TRACKER, C_ECHO = 'teleoperation', 'tracker', 'c_echo'
+ONE_PROCESS, TWO_PROCESSES, TRACKER, C_ECHO = 'one_process', 'two_processes', 'tracker', 'c_echo'
+DRIVING = ONE_PROCESS, TWO_PROCESSES
 ENGAGE_RATE = 100.  # [Hz] of markers meanwhile
 
 
@@ -51,11 +52,13 @@ def start(stack, folder, robot, urdf):
         return [sys.executable, '-m', f'hand_tracker.nodes.{name}_node']
 
     tracking = 'side:=right', 'auto_size:=false'
+    # No driver of a robot is there to tell where it is.
+    driving = (f'robot:={robot}', 'safety.require_robot_state:=false',
+               *([f'robot_description:={urdf}'] if urdf else []))
     processes = {
-        # No driver of a robot is there to tell where it is.
-        TELEOPERATION: [begin(node('tracker'), TELEOPERATION, *tracking), begin(
-            node('retarget'), TELEOPERATION, f'robot:={robot}', 'safety.require_robot_state:=false',
-            *([f'robot_description:={urdf}'] if urdf else []))],
+        ONE_PROCESS: [begin(node('teleoperate'), ONE_PROCESS, *tracking, *driving)],
+        TWO_PROCESSES: [begin(node('tracker'), TWO_PROCESSES, *tracking),
+                        begin(node('retarget'), TWO_PROCESSES, *driving)],
         TRACKER: [begin(node('tracker'), TRACKER, *tracking)]}
     if echo := compiled_echo(folder):
         processes[C_ECHO] = [begin(echo[1], C_ECHO)]
@@ -64,10 +67,10 @@ def start(stack, folder, robot, urdf):
     return processes
 
 
-def engage(driver, frames):
-    """Send markers and ask until the robot is engaged."""
+def engage(driver, name, frames):
+    """Send markers and ask until the robot of a row is engaged."""
     from std_srvs.srv import SetBool
-    client = driver.node.create_client(SetBool, f'/{TELEOPERATION}/retarget/engage')
+    client = driver.node.create_client(SetBool, f'/{name}/retarget/engage')
     asked, until = None, time.monotonic() + PATIENCE
     while asked is None or not (asked.done() and asked.result().success):
         if time.monotonic() > until:
@@ -75,7 +78,7 @@ def engage(driver, frames):
         if client.service_is_ready() and (asked is None or asked.done()):
             asked = client.call_async(SetBool.Request(data=True))
         # Without a pause: a hand that is lost does not engage.
-        driver.send([TELEOPERATION], frames, ENGAGE_RATE)
+        driver.send([name], frames, ENGAGE_RATE)
         driver.spin_until(time.perf_counter_ns() + round(1e9 / ENGAGE_RATE))
 
 
@@ -95,18 +98,18 @@ def main():
     with TemporaryDirectory() as folder, ExitStack() as stack:
         processes = start(stack, folder, options.robot, options.urdf)
         frames = {rate: [messages(('right',), rate)] for rate in options.rates}
-        driver = Driver(processes, {TELEOPERATION: 'robot/command'})
+        driver = Driver(processes, dict.fromkeys(DRIVING, 'robot/command'))
         for name in processes:
-            if name != TELEOPERATION and driver.wait_for(
+            if name not in DRIVING and driver.wait_for(
                     name, processes[name][0], frames[options.rates[0]][0]) is None:
                 raise SystemExit(f'{name} does not answer')
         for rate in options.rates:
             found = {name: ([], [], 0, 0.) for name in processes}
             for _ in range(BOUTS):
                 for name, (trips, sent, used, seconds) in found.items():
-                    if name == TELEOPERATION:
+                    if name in DRIVING:
                         # In the pause of the other turns the hand was lost.
-                        engage(driver, frames[rate])
+                        engage(driver, name, frames[rate])
                     driver.measure([name], frames[rate], rate, WARM)
                     before, began = sum(map(cpu_time, processes[name])), time.monotonic()
                     (answered,), count = driver.measure(

@@ -86,6 +86,11 @@ def source() -> int:
     return _run('source')
 
 
+def teleoperate() -> int:
+    """Run tracker and retarget node in one process; return its exit code."""
+    return _run('teleoperate')
+
+
 def tracker() -> int:
     """Run the tracker node; return its exit code."""
     return _run('tracker')
@@ -97,8 +102,8 @@ def viewer() -> int:
 
 
 NODES = {'calibrate': calibrate, 'landmarks': landmarks, 'replay': replay, 'retarget': retarget,
-         'simulate': simulate, 'skin': skin, 'source': source, 'tracker': tracker,
-         'viewer': viewer}
+         'simulate': simulate, 'skin': skin, 'source': source, 'teleoperate': teleoperate,
+         'tracker': tracker, 'viewer': viewer}
 
 if __name__ == '__main__':
     if sys.argv[1:2] == [] or sys.argv[1] not in NODES:

@@ -119,6 +119,10 @@ ARGUMENTS = (
         'robot_description', default_value='',
         description="The robot's URDF: path, package:// path or XML; empty: the robot file's"),
     DeclareLaunchArgument(
+        'robot_process', default_value='own', choices=['own', 'tracker'],
+        description="Process that drives the robot: its own, which holds the robot when the "
+                    "tracker dies, or the tracker's, which answers faster"),
+    DeclareLaunchArgument(
         'fixed_frame', default_value='mocap', description='Fixed frame of RViz'),
     DeclareLaunchArgument(
         'use_sim_time', default_value='false', choices=['true', 'false'],
@@ -173,9 +177,14 @@ def start(context):
     of_both = {}
     if len(hands) > 1:
         of_both = {f'{hand.hand.side}.hand_file': hand.parameters['hand_file'] for hand in hands}
+    robot = robot_parameters(given, in_file, hand_parameters, hands)
+    shares_process = robot is not None and given['robot_process'] == 'tracker'
     actions = [node(
-        'tracker', [{**hand_parameters, **of_both, 'broadcast': broadcast,
-                     'marker_message': message}], name=TRACKER_NAME,
+        'teleoperate' if shares_process else 'tracker', [{
+            **hand_parameters, **of_both, 'broadcast': broadcast, 'marker_message': message,
+            **(robot if shares_process else {})}],
+        # A name would be that of both nodes.
+        name=None if shares_process else TRACKER_NAME,
         files=[given['parameters']] if given['parameters'] else [],
         remappings=[('markers', direct.topic if direct else topic_of_markers(given))],
         on_exit=ended('tracker'))]
@@ -211,12 +220,9 @@ def start(context):
             **{name: hand.parameters[name] for name in SKIN_TAKES},
             'wrist_frame': in_file.get('wrist_frame', AUTO)}], namespace=hand.namespace,
             remappings=joint_states_of(given, hand.namespace, in_file)) for hand in hands]
-    if given['robot']:
+    if robot is not None and not shares_process:
         # A robot that is not of the hand's side is refused by name, and all else goes on.
-        actions.append(node('retarget', [{
-            **{name: hand_parameters[name] for name in ROBOT_TAKES}, 'side': hands[0].hand.side,
-            'wrist_frame': in_file.get('wrist_frame', AUTO), 'robot': given['robot'],
-            'robot_description': given['robot_description']}]))
+        actions.append(node('retarget', [robot]))
     if given['rviz'] == 'true':
         actions.append(node(
             'rviz2', [], package='rviz2',
@@ -285,6 +291,15 @@ def hands_of(given, in_file, parameters):
         hand, _ = starting_hand(values)
         hands.append(LaunchedHand(hand, f'{side}_', side, values))
     return hands
+
+
+def robot_parameters(given, in_file, hand_parameters, hands):
+    """Return the parameters of the node that drives a robot; None without one."""
+    if not given['robot']:
+        return None
+    return {**{name: hand_parameters[name] for name in ROBOT_TAKES}, 'side': hands[0].hand.side,
+            'wrist_frame': in_file.get('wrist_frame', AUTO), 'robot': given['robot'],
+            'robot_description': given['robot_description']}
 
 
 def joint_states_of(given, namespace, in_file):

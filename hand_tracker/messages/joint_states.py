@@ -44,6 +44,16 @@ class JointStateReader:
         self._names: tuple[str, ...] = ()
         self._count = 0
 
+    @property
+    def head(self) -> bytes:
+        """What is between stamp and positions of the last message; empty before the first."""
+        return self._head
+
+    @property
+    def count(self) -> int:
+        """Positions of the last message."""
+        return self._count
+
     def read(self, data: bytes) -> JointPositions:
         """Return what is in a message.
 

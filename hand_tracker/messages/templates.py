@@ -170,6 +170,40 @@ def joint_state_template(names: Sequence[str]) -> Template:
     return writer.template()
 
 
+def position_array_template(count: int) -> Template:
+    """Return the template of a Float64MultiArray without a layout."""
+    writer = _Writer()
+    writer.count(0)             # dimensions
+    writer.count(0)             # offset
+    writer.count(count)
+    writer.numbers(count)
+    return writer.template()
+
+
+def joint_trajectory_template(names: Sequence[str], nanoseconds: int) -> Template:
+    """Return the template of a JointTrajectory of one point, whose own stamp stays zero.
+
+    Parameters
+    ----------
+    names : sequence of str
+    nanoseconds : int
+        Of the point, from the start.
+    """
+    writer = _Writer()
+    writer.pack('2I', 0, 0)
+    writer.string('')
+    writer.count(len(names))
+    for name in names:
+        writer.string(name)
+    writer.count(1)
+    writer.count(len(names))
+    writer.numbers(len(names))
+    for _ in range(3):          # velocities, accelerations, effort
+        writer.count(0)
+    writer.pack('iI', *divmod(nanoseconds, 10**9))
+    return writer.template()
+
+
 def transforms_template(frames: Sequence[tuple[str, str]]) -> Template:
     """Return the template of a TFMessage.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -38,22 +38,22 @@ def wake_timer(node: Node, callback: Callable[[], object]) -> Timer:
 
 
 @contextmanager
-def fastest_executor(node: Node) -> Iterator[Any]:
-    """Yield the fastest executor for a node, with the node added.
+def fastest_executor(*nodes: Node) -> Iterator[Any]:
+    """Yield the fastest executor for nodes, with the nodes added.
 
     Parameters
     ----------
-    node : rclpy.node.Node
-        Its context manager `served_by_events`, if it has one, is entered beside an EventsExecutor.
+    *nodes : rclpy.node.Node
+        The context manager `served_by_events` of each that has one is entered beside an
+        EventsExecutor.
     """
-    if EventsExecutor is None:
-        executor, serving = SingleThreadedExecutor(), nullcontext
-    else:
-        executor = EventsExecutor()
-        serving = getattr(node, 'served_by_events', nullcontext)
+    executor = SingleThreadedExecutor() if EventsExecutor is None else EventsExecutor()
     try:
-        with serving():
-            executor.add_node(node)
+        with ExitStack() as stack:
+            for node in nodes:
+                if EventsExecutor is not None and hasattr(node, 'served_by_events'):
+                    stack.enter_context(node.served_by_events())
+                executor.add_node(node)
             yield executor
     finally:
         executor.shutdown()

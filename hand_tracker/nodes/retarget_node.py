@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields
 from functools import partial
 from typing import Any
@@ -17,22 +18,21 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, TwistStamped, Vector3
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64MultiArray, Header, String
+from std_msgs.msg import Bool, Header, String
 from std_srvs.srv import SetBool
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ..core.model.hand import SIDES
 from ..messages.builders import diagnostics
 from ..messages.cdr import MalformedMessage
 from ..messages.joint_states import JointPositions, JointStateReader
 from ..messages.stamps import Stamp, stamp_of
+from ..messages.templates import Template
 from ..retargeting.guard_options import GuardOptions
 from ..retargeting.robot_file import load_robot
-from ..retargeting.teleoperation import Command, Teleoperation
+from ..retargeting.teleoperation import Teleoperation, compile_following
 from ..retargeting.wrist_follower import (
     WristCommand,
     WristFollower,
@@ -41,6 +41,8 @@ from ..retargeting.wrist_follower import (
     wrist_pose_of,
 )
 from ..tracking.diagnostics import Level, Status
+from .command_messages import OUTPUTS, command_template
+from .fast_path import CommandPath, FastPathUnavailable, ListedJoints
 from .parameters import Parameter
 from .runner import InvalidArguments, declare, names_of, run
 from .serialization import Serialization
@@ -49,9 +51,7 @@ from .tracker_parameters import AUTO, START, starting_hand
 
 RETARGET_DEPTH = 10     # messages that wait at most
 RETARGET_STATUS_PERIOD = 1.  # [s]
-OUTPUTS = {'joint_state': ('robot/command', JointState),
-           'joint_trajectory': ('robot/joint_trajectory', JointTrajectory),
-           'position_array': ('robot/position_array', Float64MultiArray)}
+WAKING_PERIOD = .01     # [s] between two looks at what waits
 WRIST_OUTPUTS = {'pose': ('robot/wrist_target', PoseStamped),
                  'twist': ('robot/wrist_twist', TwistStamped)}
 # Those that the tracker has too and that shape the hand.
@@ -67,6 +67,8 @@ RETARGET_PARAMETERS = tuple(row._replace(read_only=True) for row in (
               "robot file's"),
     Parameter('rate', 100., 'Of commands while no frame of the hand comes [Hz]; each frame is '
               'answered at once', (1., 1000.)),
+    Parameter('fast_path', True, 'Answer frames that only continue what goes on in compiled code '
+              "alone, in the middleware's own thread"),
     Parameter('min_confidence', .05, "Mean confidence of the hand's angles below which the hand "
               'is lost', (0., 1.)),
     *(Parameter(f'safety.{option.name}', option.default, option.metadata['description'] + (
@@ -84,6 +86,8 @@ RETARGET_PARAMETERS = tuple(row._replace(read_only=True) for row in (
 
 class RetargetNode(Node):
     """Node that drives one robot hand by one human hand."""
+
+    _is_fast = False    # while the fast path is started
 
     def __init__(self) -> None:
         super().__init__('retarget')
@@ -104,7 +108,7 @@ class RetargetNode(Node):
             GuardOptions(**{option.name: values[f'safety.{option.name}']
                             for option in fields(GuardOptions)}),
             values['order'].split(), values['min_confidence'])
-        self._teleoperation.prepare()
+        compile_following(loaded, hand)
         self._period = 1. / values['rate']
         self._outputs = self._make_outputs('outputs', OUTPUTS, values['outputs'].split())
         if not self._outputs:
@@ -120,9 +124,13 @@ class RetargetNode(Node):
         self._status_name = f'{self.get_name()}: {loaded.hand.name} {loaded.hand.side}'
         self._said: tuple[str, str] | None = None
         self._sent = -self._period
-        serialization = Serialization()
-        self._command_template = serialization.joint_states(self._teleoperation.order)
-        self._listen(serialization.raw)
+        raw = Serialization().raw
+        self._templates = [command_template(name, self._teleoperation.order, self._period, raw)
+                           for name, _ in self._outputs]
+        self._fast_path: CommandPath | None = None
+        if values['fast_path'] and raw and not self._wrist_outputs:
+            self._prepare_fast_path()
+        self._listen(raw)
         for line in loaded.notes:
             self.get_logger().warning(f'unsure: {line}')
         self.get_logger().info(f'{loaded.hand.name}: not engaged; listening for the {hand.side} '
@@ -143,11 +151,19 @@ class RetargetNode(Node):
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', RETARGET_DEPTH)
         self._state = self.create_publisher(String, '~/state', latched)
+        # Of the hand, its confidence and the robot.
+        self._joint_readers: list[JointStateReader] = []
+        self._joint_subscriptions: list[Any] = []
+        self._read_joints: list[Callable[[Any], None]] = []
         for topic, callback in (('joint_states', self._on_hand),
                                 ('joint_confidence', self._on_confidence),
                                 ('robot/joint_states', self._on_robot)):
-            self.create_subscription(
-                JointState, topic, partial(self._read, _reader(raw), callback), latest, raw=raw)
+            reader = JointStateReader()
+            read = partial(self._read, reader.read if raw else _read_object, callback)
+            self._joint_readers.append(reader)
+            self._read_joints.append(read)
+            self._joint_subscriptions.append(
+                self.create_subscription(JointState, topic, read, latest, raw=raw))
         self.create_subscription(Bool, '~/engage', self._on_engage, RETARGET_DEPTH)
         self.create_subscription(Bool, '~/deadman', self._on_deadman, latest)
         self.create_service(SetBool, '~/engage', self._serve_engage)
@@ -157,8 +173,61 @@ class RetargetNode(Node):
                 QoSProfile(depth=RETARGET_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT))
             self.create_subscription(PoseStamped, 'robot/wrist_pose', self._on_robot_wrist, latest)
             self.create_subscription(Bool, '~/clutch', self._on_clutch, RETARGET_DEPTH)
-        self.create_timer(self._period, self._on_timer, clock=steady)
+        self.create_timer(min(self._period, WAKING_PERIOD), self._on_timer, clock=steady)
         self.create_timer(RETARGET_STATUS_PERIOD, self._publish_status, clock=steady)
+
+    # The fast path
+
+    def _prepare_fast_path(self) -> None:
+        try:
+            self._fast_path = CommandPath(self._teleoperation.packs)
+        except FastPathUnavailable as error:
+            self.get_logger().info(f'no fast path, frames are slower: {error}')
+
+    @contextmanager
+    def served_by_events(self) -> Iterator[None]:
+        """Use the fast path while an EventsExecutor serves the node."""
+        if self._fast_path is None:
+            yield
+            return
+        hand, *sides = self._joint_subscriptions
+        self._fast_path.start_all(
+            self, hand, sides, self._take_over, self._on_slow_message)
+        self._is_fast = True
+        try:
+            yield
+        finally:
+            self._fast_path.stop()
+            self._is_fast = False
+
+    @property
+    def subscriptions(self) -> Iterator[Any]:
+        """Subscriptions for executors to serve: all but those of the fast path."""
+        taken = self._joint_subscriptions if self._is_fast else []
+        return (one for one in super().subscriptions if one not in taken)
+
+    def _take_over(self) -> None:
+        """Take over from the fast path, and read what waits."""
+        if self._fast_path is None or not self._is_fast:
+            return
+        self._fast_path.disable()
+        self._sent = max(self._sent, self._fast_path.sent_time)
+        for side, data in self._fast_path.take_sides():
+            self._read_joints[1 + side](data)
+
+    def _on_slow_message(self, data: bytes) -> None:
+        """Answer a message of the hand, and let the fast path answer those like it."""
+        assert self._fast_path is not None
+        self._fast_path.invalidate()
+        self._read_joints[0](data)
+        templates = [one for one in self._templates if isinstance(one, Template)]
+        if self._teleoperation.is_following and len(templates) == len(self._outputs):
+            hand, *sides = map(ListedJoints, self._joint_readers, self._teleoperation.rows)
+            self._fast_path.install(hand, sides, [
+                (publisher, template)
+                for (_, publisher), template in zip(self._outputs, templates)])
+
+    # What comes in
 
     def _read(self, read: Callable[[Any], JointPositions],
               callback: Callable[[JointPositions], None], message: Any) -> None:
@@ -195,9 +264,12 @@ class RetargetNode(Node):
         self._is_clutched = message.data
 
     def _on_timer(self) -> None:
-        now = time.monotonic()
+        now, sent = time.monotonic(), self._sent
+        if self._is_fast and self._fast_path is not None:
+            sent = max(sent, self._fast_path.sent_time)
         # Frames of the hand are answered as they come; this is for when they do not.
-        if now - self._sent >= self._period:
+        if now - sent >= self._period:
+            self._take_over()
             self._send(now)
         self._tell_state()
 
@@ -209,6 +281,7 @@ class RetargetNode(Node):
         return None if asks_for_pose else wrist_pose_of((0., 0., 0.), (0., 0., 0., 1.))
 
     def _on_deadman(self, message: Bool) -> None:
+        self._take_over()
         if message.data:
             self._teleoperation.guard.press(time.monotonic())
         else:
@@ -225,6 +298,7 @@ class RetargetNode(Node):
         return response
 
     def _engage(self, wanted: bool) -> str:
+        self._take_over()
         guard, reason = self._teleoperation.guard, ''
         if wanted:
             reason = guard.engage(time.monotonic())
@@ -238,8 +312,9 @@ class RetargetNode(Node):
         command = self._teleoperation.command(now)
         if command is not None:
             self._sent = now
-            for name, publisher in self._outputs:
-                publisher.publish(self._message(name, command, stamp))
+            stamp = stamp or stamp_of(self.get_clock().now().nanoseconds)
+            for (_, publisher), template in zip(self._outputs, self._templates):
+                publisher.publish(template.fill(stamp, command.position))
         if self._wrist_outputs:
             self._send_wrist(now)
 
@@ -259,19 +334,6 @@ class RetargetNode(Node):
         for name, publisher in self._wrist_outputs:
             publisher.publish(_wrist_message(name, header, sent))
 
-    def _message(self, name: str, command: Command, stamp: Stamp | None) -> Any:
-        if name == 'joint_state':
-            if stamp is None:
-                stamp = stamp_of(self.get_clock().now().nanoseconds)
-            return self._command_template.fill(stamp, command.position)
-        position = command.position.tolist()
-        if name == 'position_array':
-            return Float64MultiArray(data=position)
-        point = JointTrajectoryPoint(
-            positions=position, time_from_start=Duration(seconds=self._period).to_msg())
-        # No stamp: the controller begins at once.
-        return JointTrajectory(joint_names=command.names, points=[point])
-
     def _tell_state(self) -> None:
         """Publish and log the state where it has changed."""
         guard = self._teleoperation.guard
@@ -289,6 +351,7 @@ class RetargetNode(Node):
         status = Status(level, fault or f'{guard.state.value}: {guard.reason}', {
             'state': guard.state.value, 'refused jumps': str(self._teleoperation.refused_jumps),
             'refused values': str(guard.refused_values),
+            'frames on fast path': str(self._fast_path.frame_count if self._fast_path else 0),
             **({'wrist': self._wrist_fault or 'ok'} if self._wrist_outputs else {})})
         self._diagnostics.publish(diagnostics(
             self.get_clock().now().to_msg(), self._status_name, self.get_namespace(), status))
@@ -306,11 +369,9 @@ def _wrist_message(name: str, header: Header, sent: WristCommand) -> PoseStamped
         orientation=Quaternion(**dict(zip('xyzw', turn)))))
 
 
-def _reader(raw: bool) -> Callable[[Any], JointPositions]:
-    """Return a reader of the JointStates of one topic, as bytes or as objects."""
-    if raw:
-        return JointStateReader().read
-    return lambda message: JointPositions(
+def _read_object(message: JointState) -> JointPositions:
+    """Return what is read of a message."""
+    return JointPositions(
         Stamp(message.header.stamp.sec, message.header.stamp.nanosec), message.name,
         message.position)
 

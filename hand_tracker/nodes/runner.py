@@ -1,4 +1,4 @@
-"""Run a node: declare its parameters, spin it until interrupted, shut down."""
+"""Run nodes: declare their parameters, spin them until interrupted, shut down."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import gc
 import os
 import re
 import signal
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 from threading import Event, Thread
@@ -121,15 +121,15 @@ def qos_of(values: Mapping[str, Any], topic: str) -> QoSProfile:
         reliability=ReliabilityPolicy[values[f'qos.{topic}.reliability'].upper()])
 
 
-def spin(node: Node) -> None:
-    """Serve a node's callbacks until it is interrupted, with the fastest executor there is.
+def spin(*nodes: Node) -> None:
+    """Serve nodes' callbacks until it is interrupted, with the fastest executor there is.
 
     Parameters
     ----------
-    node : rclpy.node.Node
+    *nodes : rclpy.node.Node
     """
     interrupts = []
-    with fastest_executor(node) as executor:
+    with fastest_executor(*nodes) as executor:
         # An exception that a signal raises inside EventsExecutor comes out as another one.
         _handle_interrupts(lambda *interrupt: interrupts.append(interrupt))
         # What has been made stays: else a collection among the frames would go through all of it.
@@ -181,19 +181,36 @@ def run(make_node: Callable[[], Node], work: Callable[[Any], object] = spin,
         Exit code: 0 at the end of the work or when interrupted by SIGINT or SIGTERM, 1 after
         an error of the user's input, which is logged in one line.
     """
+    return run_together([make_node], work, args, name)
+
+
+def run_together(makers: Sequence[Callable[[], Node]], work: Callable[..., object] = spin,
+                 args: list[str] | None = None, name: str = 'hand_tracker') -> int:
+    """Make nodes in one process, let them work, end cleanly, as `run`.
+
+    Parameters
+    ----------
+    makers : sequence of callable
+        Each returns a node.
+    work : callable
+        Called with the nodes.
+    args, name
+        See `run`.
+    """
     # rclpy's own handlers end the context from another thread, in the middle of a publish.
     _handle_interrupts(_leave)
-    node = None
+    nodes: list[Node] = []
     try:
         _init(args)
-        node = make_node()
+        for make_node in makers:
+            nodes.append(make_node())
         _handle_interrupts(_interrupt)
-        _warn_of_unknown(node)
-        work(node)
+        _warn_of_unknown(nodes)
+        work(*nodes)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (HandTrackerError, ParameterException) as error:
-        logger = node.get_logger() if node else rclpy.logging.get_logger(name)
+        logger = nodes[-1].get_logger() if nodes else rclpy.logging.get_logger(name)
         logger.error(_in_words(error))
         return 1
     except RuntimeError:  # RCLError has no public name
@@ -203,7 +220,7 @@ def run(make_node: Callable[[], Node], work: Callable[[Any], object] = spin,
     finally:
         # Python's end would leave a handler of its own to the system, which kills the process.
         _handle_interrupts(signal.SIG_IGN)
-        if node:
+        for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
@@ -223,11 +240,12 @@ def _init(args: list[str] | None) -> None:
         raise InvalidArguments(re.sub(places_in_rcl, '', ' '.join(str(error).split()))) from None
 
 
-def _warn_of_unknown(node: Node) -> None:
-    """Log the parameters given at the start that the node does not have: rclpy drops them."""
-    known = node.get_parameters_by_prefix('')
+def _warn_of_unknown(nodes: Sequence[Node]) -> None:
+    """Log the parameters given at the start that no node has: rclpy drops them."""
+    known = {name for node in nodes for name in node.get_parameters_by_prefix('')}
     # rclpy tells of them nowhere else.
-    for name in getattr(node, '_parameter_overrides', ()):
+    given = {name: node for node in nodes for name in getattr(node, '_parameter_overrides', ())}
+    for name, node in given.items():
         if name not in known:
             alike = get_close_matches(name, known, 1)
             node.get_logger().warning(f"there is no parameter '{name}': left out"

@@ -20,11 +20,24 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.numerics.jit import Pack, packed
+from .guard_kernel import (
+    DISENGAGED,
+    EASING,
+    FOLLOWING,
+    HOLDING,
+    RELAXING,
+    GuardMemory,
+    follow_wanted,
+    keep_hand,
+    move_command,
+    new_guard_memory,
+    observe_position,
+    observe_wanted,
+    start_step,
+)
 from .guard_options import GuardOptions
-from .jump_gate import JumpGate
 
-REACHED = .1           # [rad or m] from the person's pose, from which the robot follows
-SPEEDING_UP = .5       # [s] in which the speed allowed rises from that of easing to the greatest
 AT_REST = 1e-3         # [rad or m] from the rest position
 OUT_OF_LIMITS = .15    # [rad or m] of a robot that is not engaged
 
@@ -39,7 +52,10 @@ class GuardState(enum.Enum):
     RELAXING = 'relaxing'
 
 
-ENGAGED = frozenset(GuardState) - {GuardState.DISENGAGED}
+STATE_OF = {DISENGAGED: GuardState.DISENGAGED, EASING: GuardState.EASING,
+            FOLLOWING: GuardState.FOLLOWING, HOLDING: GuardState.HOLDING,
+            RELAXING: GuardState.RELAXING}
+NUMBER_OF = {state: number for number, state in STATE_OF.items()}
 
 
 class CommandGuard:
@@ -61,11 +77,10 @@ class CommandGuard:
 
     Attributes
     ----------
-    state : GuardState
-    reason : str
-        Why it is in this state, for a person.
-    refused_values : int
-        Frames that were not followed, as they were not finite.
+    memory : GuardMemory
+        Its numbers.
+    pack : pack of GuardMemory
+        The same, for kernels.
     """
 
     def __init__(self, names: tuple[str, ...], lower: ArrayLike, upper: ArrayLike,
@@ -76,32 +91,45 @@ class CommandGuard:
         margin = np.minimum(self.options.limit_margin, .25 * (self._upper - self._lower))
         self._inner = self._lower + margin, self._upper - margin
         given = np.array(speed, dtype=float)
-        self._speed = np.where(given > 0., np.minimum(given, self.options.max_speed),
-                               self.options.max_speed)
+        most = np.where(given > 0., np.minimum(given, self.options.max_speed),
+                        self.options.max_speed)
         self._rest = np.clip(np.array(rest, dtype=float), *self._inner)
-        self.state = GuardState.DISENGAGED
-        self.reason = 'not engaged yet'
-        self.refused_values = 0
-        self._robot: np.ndarray | None = None
-        self._robot_time = self._hand_time = self._press_time = -math.inf
-        self._wanted: np.ndarray | None = None
-        self._wanted_time = -math.inf
-        # Of the wanted position, until a command has answered it [rad/s or m/s].
-        self._wanted_velocity = np.zeros(len(self._rest))
-        self._gate = JumpGate(self.options.max_jump, self.options.jump_frames)
-        self._command = self._rest.copy()
-        self._velocity = np.zeros(len(self._rest))
-        self._time = self._lost_time = self._reached_time = -math.inf
+        self.pack: Pack[GuardMemory]
+        self.memory: GuardMemory
+        self.pack, self.memory = packed(new_guard_memory(*self._inner, most, self.options))
+        self._command[:] = self._rest
+        self._reason = 'not engaged yet'
+        self._lost_time = -math.inf
+
+    @property
+    def state(self) -> GuardState:
+        """Whether the robot moves."""
+        return STATE_OF[int(self.memory.state[0])]
+
+    @property
+    def reason(self) -> str:
+        """Why it is in this state, for a person."""
+        # The kernels begin to follow without a word.
+        return 'following the hand' if self.state is GuardState.FOLLOWING else self._reason
 
     @property
     def is_engaged(self) -> bool:
         """Whether commands are made."""
-        return self.state in ENGAGED
+        return self.state is not GuardState.DISENGAGED
 
     @property
     def refused_jumps(self) -> int:
         """Frames that were not followed, as they jumped."""
-        return self._gate.refused
+        return int(self.memory.gate.refused[0])
+
+    @property
+    def refused_values(self) -> int:
+        """Frames that were not followed, as they were not finite."""
+        return int(self.memory.refused_values[0])
+
+    @property
+    def _command(self) -> np.ndarray:
+        return self.memory.command[:self.memory.joints]
 
     @property
     def is_following(self) -> bool:
@@ -119,8 +147,8 @@ class CommandGuard:
             Time of receipt [s].
         """
         given = np.array(position, dtype=float)
-        if given.shape == self._rest.shape and np.isfinite(given).all() and math.isfinite(now):
-            self._robot, self._robot_time = given, now
+        if given.shape == self._rest.shape:
+            observe_position(self.pack, given, now)
 
     def observe_hand(self, wanted: ArrayLike, now: float) -> bool:
         """Take the position that the person's hand wants; return whether it is followed.
@@ -133,34 +161,22 @@ class CommandGuard:
             Time of receipt [s].
         """
         given = np.array(wanted, dtype=float)
-        if given.shape != self._rest.shape or not np.isfinite(given).all() or (
-                not math.isfinite(now)):
-            self.refused_values += 1
+        if given.shape != self._rest.shape:
+            self.refuse_values()
             return False
-        if now - self._hand_time > self.options.hand_timeout:
-            self._gate.forget()
-        # The hand is there, even where what it wants is not believed yet.
-        self._hand_time = now
-        inside = np.clip(given, *self._inner)
-        if not self._gate.accepts(inside):
-            # After a jump nobody knows how fast the hand is.
-            self._wanted_time = -math.inf
-            return False
-        since = now - self._wanted_time
-        self._wanted_velocity[:] = 0.
-        if self._wanted is not None and 0. < since <= self.options.max_dt:
-            self._wanted_velocity[:] = (inside - self._wanted) / since
-        self._wanted, self._wanted_time = inside, now
-        return True
+        return bool(observe_wanted(self.pack, given, now))
+
+    def refuse_values(self) -> None:
+        """Count a frame that is not followed, as it is not finite."""
+        self.memory.refused_values[0] += 1
 
     def keep_hand(self, now: float) -> None:
         """Take note that the hand is there, though its frame is not to be followed."""
-        if math.isfinite(now) and self._wanted is not None:
-            self._hand_time = now
+        keep_hand(self.pack, now)
 
     def lose_hand(self) -> None:
         """Take note that the hand is not tracked, before its last frame is old."""
-        self._hand_time = -math.inf
+        self.memory.hand_time[0] = -math.inf
 
     def engage(self, now: float) -> str:
         """Let the robot move from where it is; return why not, or nothing.
@@ -172,29 +188,30 @@ class CommandGuard:
         """
         if self.is_engaged:
             return ''
-        if self.options.hold_to_engage and now - self._press_time > self.options.hold_timeout:
+        memory = self.memory
+        if now - memory.press_time[0] > memory.hold_timeout:
             return self._refuse('the deadman is not pressed (hold_to_engage)')
-        if self._wanted is None or now - self._hand_time > self.options.hand_timeout:
+        if not memory.has_wanted[0] or now - memory.hand_time[0] > memory.hand_timeout:
             return self._refuse('there is no hand to follow')
         start = self._rest
         if self.options.require_robot_state:
-            if self._robot is None or now - self._robot_time > self.options.robot_timeout:
+            if not memory.has_robot[0] or now - memory.robot_time[0] > memory.robot_timeout:
                 return self._refuse("the robot's joint states are missing or old")
-            start = self._robot
+            start = memory.robot[:memory.joints]
             beyond = np.maximum(self._lower - start, start - self._upper)
             if beyond.max() > OUT_OF_LIMITS:
                 joint = int(beyond.argmax())
                 return self._refuse(
                     f'{self._names[joint]} is at {start[joint]:.3f}, outside its limits '
                     f'{self._lower[joint]:.3f} to {self._upper[joint]:.3f}')
-        self._command = np.clip(start, self._lower, self._upper)
-        self._velocity = np.zeros(len(start))
-        self._time = now
+        self._command[:] = np.clip(start, self._lower, self._upper)
+        memory.velocity[:] = 0.
+        memory.command_time[0] = now
         self._go(GuardState.EASING, "moving slowly to the person's pose")
         return ''
 
     def _refuse(self, reason: str) -> str:
-        self.reason = f'not engaged: {reason}'
+        self._reason = f'not engaged: {reason}'
         return reason
 
     def press(self, now: float) -> str:
@@ -207,7 +224,7 @@ class CommandGuard:
         """
         if not math.isfinite(now):
             return 'the time is not finite'
-        self._press_time = now
+        self.memory.press_time[0] = now
         return self.engage(now)
 
     def disengage(self, reason: str = 'disengaged by the person') -> None:
@@ -215,7 +232,7 @@ class CommandGuard:
         self._go(GuardState.DISENGAGED, reason)
 
     def _go(self, state: GuardState, reason: str) -> None:
-        self.state, self.reason = state, reason
+        self.memory.state[0], self._reason = NUMBER_OF[state], reason
 
     def command(self, now: float) -> np.ndarray | None:
         """Return the command to send now, None where nothing is to be sent.
@@ -232,48 +249,38 @@ class CommandGuard:
         """
         if not math.isfinite(now):
             return None
-        if self.options.hold_to_engage and self.is_engaged and (
-                now - self._press_time > self.options.hold_timeout):
+        if self.is_engaged and now - self.memory.press_time[0] > self.memory.hold_timeout:
             self.disengage('the deadman was released')
-        if self.options.require_robot_state and self.is_engaged and (
-                now - self._robot_time > self.options.robot_timeout):
+        if self.is_engaged and now - self.memory.robot_time[0] > self.memory.robot_timeout:
             # It may start anew elsewhere, and would snap to the command.
             self.disengage("the robot's joint states ended")
         self._follow_hand(now)
         if not self.is_engaged:
             return None
-        step = min(max(now - self._time, 0.), self.options.max_dt)
-        self._time = max(now, self._time)
-        if self.state is GuardState.HOLDING:
+        step, state = start_step(self.pack, now), self.state
+        if state is GuardState.HOLDING:
             if self.options.on_lost == 'stop':
                 # The next command follows from the last one that was sent.
-                self._velocity[:] = 0.
+                self.memory.velocity[:] = 0.
                 return None
-            self._move(self._command, 0., step)
-            return self._command.copy()
-        if self.state is GuardState.RELAXING:
+            self._move(self._command.copy(), 0., step)
+        elif state is GuardState.RELAXING:
             self._move(self._rest, self.options.relax_speed, step)
             if np.abs(self._command - self._rest).max() < AT_REST:
                 self.disengage('at rest, as the hand was lost')
-            return self._command.copy()
-        assert self._wanted is not None
-        share = 0.
-        if self.state is GuardState.FOLLOWING:
-            share = min((self._time - self._reached_time) / SPEEDING_UP, 1.)
-        ease, most = self.options.ease_speed, max(self.options.ease_speed, self.options.max_speed)
-        self._move(self._wanted, ease + share * (most - ease), step, self._wanted_velocity)
-        self._wanted_velocity[:] = 0.
-        if self.state is GuardState.EASING and (
-                np.abs(self._command - self._wanted).max() < REACHED):
-            self._reached_time = self._time
-            self._go(GuardState.FOLLOWING, 'following the hand')
+        else:
+            follow_wanted(self.pack, step)
         return self._command.copy()
+
+    def _move(self, goal: np.ndarray, speed: float, step: float) -> None:
+        """Move the command towards a goal that stands still, see `move_command`."""
+        move_command(self.pack, goal, self.memory.still, speed, step)
 
     def _follow_hand(self, now: float) -> None:
         """Change the state by the age of the hand's last frame."""
         if not self.is_engaged:
             return
-        age = now - self._hand_time
+        age = now - self.memory.hand_time[0]
         if age <= self.options.hand_timeout:
             if self.state in (GuardState.HOLDING, GuardState.RELAXING):
                 self._go(GuardState.EASING, 'the hand is back')
@@ -287,43 +294,3 @@ class CommandGuard:
                 self._go(GuardState.RELAXING, 'the hand is lost: going to the rest position')
             else:
                 self.disengage('the hand was lost: engage again')
-
-    def _move(self, goal: np.ndarray, speed: float, step: float,
-              goal_velocity: np.ndarray | float = 0.) -> None:
-        """Move the command towards a goal within speed and acceleration, in one time step.
-
-        A goal that moves is met with its own velocity: slowed down to a stop before each of its
-        positions, the command would trail it by v / 2a, with v its speed and a the acceleration.
-        """
-        if step <= 0.:
-            return
-        slowing = self.options.max_acceleration * step
-        most = np.minimum(self._speed, speed)
-        ahead = np.clip(goal_velocity, -most, most)
-        away = goal - self._command - ahead * step
-        braked = self._braked_speed(away, slowing)
-        wished = np.clip(ahead + np.clip(away / step, -braked, braked), -most, most)
-        # So that it can still stop within the margin of a limit.
-        lower, upper = self._inner
-        wished = np.clip(wished, -self._braked_speed(self._command - lower, slowing),
-                         self._braked_speed(upper - self._command, slowing))
-        velocity = np.clip(wished, self._velocity - slowing, self._velocity + slowing)
-        velocity = np.clip(velocity, -self._speed, self._speed)
-        # A command within the margin of a limit never goes on outwards.
-        moved = np.clip(self._command + velocity * step, np.minimum(lower, self._command),
-                        np.maximum(upper, self._command))
-        self._velocity = (moved - self._command) / step
-        self._command = moved
-
-    def _braked_speed(self, distance: np.ndarray, slowing: float) -> np.ndarray:
-        """Return the speeds that can be braked to nothing within distances, with a step to spare.
-
-        Parameters
-        ----------
-        distance : ndarray, shape (n,)
-            Of either sign [rad or m].
-        slowing : float
-            Change of speed in a step at most.
-        """
-        return np.sqrt(2. * self.options.max_acceleration * np.abs(distance)
-                       + slowing**2 / 4.) - slowing / 2.

@@ -2,47 +2,79 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from ..core.numerics.jit import jit
 
-class JumpGate:
+
+class JumpGate(NamedTuple):
     """Accept positions near the last accepted one, and others once several in a row agree.
 
-    Parameters
+    Attributes
     ----------
+    last, jump : ndarray, shape (size,)
+        Positions accepted last, and refused last.
+    has_last, has_jump : ndarray of int, shape (1,)
+        Whether they count; without `has_last` the next position is accepted, wherever it is.
+    agreeing : ndarray of int, shape (1,)
+        Refused positions in a row, near each other.
+    refused : ndarray of int, shape (1,)
+        Positions that were not accepted, in all.
     most : float
         Largest change of any number that is no jump.
     frames : int
         Frames in a row, near each other, after which a jump is accepted.
-
-    Attributes
-    ----------
-    refused : int
-        Positions that were not accepted.
     """
 
-    def __init__(self, most: float, frames: int) -> None:
-        self._most, self._frames = most, frames
-        self._last: np.ndarray | None = None
-        self._jump: np.ndarray | None = None
-        self._count = 0
-        self.refused = 0
+    last: np.ndarray
+    jump: np.ndarray
+    has_last: np.ndarray
+    has_jump: np.ndarray
+    agreeing: np.ndarray
+    refused: np.ndarray
+    most: float
+    frames: int
 
-    def forget(self) -> None:
-        """Accept the next position, wherever it is."""
-        self._last = None
 
-    def accepts(self, position: np.ndarray) -> bool:
-        """Return whether a position of finite numbers is accepted."""
-        if self._last is not None and self._is_far(position, self._last):
-            agrees = self._jump is not None and not self._is_far(position, self._jump)
-            self._count = self._count + 1 if agrees else 1
-            self._jump = position.copy()
-            if self._count < self._frames:
-                self.refused += 1
-                return False
-        self._last, self._jump, self._count = position.copy(), None, 0
-        return True
+def new_jump_gate(size: int, most: float, frames: int) -> JumpGate:
+    """Return a gate for positions of up to `size` numbers that accepts the first one."""
+    def flag() -> np.ndarray:
+        return np.zeros(1, np.int64)
 
-    def _is_far(self, position: np.ndarray, other: np.ndarray) -> bool:
-        return bool(np.abs(position - other).max() > self._most)
+    return JumpGate(np.zeros(size), np.zeros(size), flag(), flag(), flag(), flag(), most, frames)
+
+
+@jit
+def accepts_position(gate: JumpGate, position: np.ndarray, size: int) -> bool:
+    """Return whether a position of `size` finite numbers is accepted.
+
+    Parameters
+    ----------
+    gate : JumpGate
+        Changed.
+    position : ndarray, shape (>= size,)
+    size : int
+    """
+    if gate.has_last[0] and _is_far(position, gate.last, size, gate.most):
+        agrees = gate.has_jump[0] and not _is_far(position, gate.jump, size, gate.most)
+        gate.agreeing[0] = gate.agreeing[0] + 1 if agrees else 1
+        for i in range(size):
+            gate.jump[i] = position[i]
+        gate.has_jump[0] = 1
+        if gate.agreeing[0] < gate.frames:
+            gate.refused[0] += 1
+            return False
+    for i in range(size):
+        gate.last[i] = position[i]
+    gate.has_last[0], gate.has_jump[0], gate.agreeing[0] = 1, 0, 0
+    return True
+
+
+@jit
+def _is_far(position: np.ndarray, other: np.ndarray, size: int, most: float) -> bool:
+    for i in range(size):
+        if abs(position[i] - other[i]) > most:
+            return True
+    return False

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..calibration.landmarks import LANDMARKS, TIP_ROWS, landmark_positions
+from ..calibration.landmarks import LANDMARKS, TIP_ROWS
 from ..core.model.hand import JOINTS, Hand
-from ..core.model.kinematics import forward, joint_table
 from ..core.numerics.jit import packed
 from .hand_frame import require_wrist_frame
+from .human_hand import new_human_hand, place_landmarks
 from .retarget_kernel import solve_frame
 from .retarget_options import RetargetOptions
 from .retarget_problem import make_problem, new_solution, used_variables
@@ -36,6 +37,8 @@ class Retargeter:
     ----------
     names : tuple of str
         The robot's independent joints, in the order of the positions.
+    human : HumanHand
+        The person's, as of the last angles.
 
     Raises
     ------
@@ -50,11 +53,21 @@ class Retargeter:
         self.options = options or RetargetOptions()
         self.names: Sequence[str] = robot.model.variables
         self._used = used_variables(robot)
-        self._table = joint_table(hand)
+        self._human, self.human = packed(new_human_hand(hand))
         self._problem, self.problem = packed(make_problem(robot, hand, self.options))
         self._solution, self.solution = packed(new_solution(robot.rest[self._used]))
         self._position = robot.rest.copy()
         self._is_first = True
+
+    @property
+    def is_first(self) -> bool:
+        """Whether the next frame is the first, which is solved from several starts."""
+        return self._is_first
+
+    @property
+    def packs(self) -> tuple[Any, Any, Any]:
+        """The person's hand, the problem and the solution, for kernels."""
+        return self._human, self._problem, self._solution
 
     def reset(self, position: ArrayLike | None = None) -> None:
         """Begin anew from a position of the robot.
@@ -91,8 +104,9 @@ class Retargeter:
         ndarray, shape (n,)
             As `update`.
         """
-        angles = np.asarray(angles, dtype=float)
-        return self.update(landmark_positions(self.hand, forward(self._table, angles)), dt, angles)
+        self.human.angles[0] = angles
+        place_landmarks(self._human)
+        return self.update(self.human.landmarks, dt, self.human.angles[0])
 
     def update(self, landmarks: ArrayLike, dt: float,
                angles: np.ndarray = UNKNOWN_ANGLES) -> np.ndarray:

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..core.model.hand import JOINTS, SIDES, Hand
+from ..core.numerics.jit import packed
 from .command_guard import CommandGuard
+from .follow_kernel import (
+    accept_angles,
+    follow_frame,
+    new_follow_memory,
+    observe_mean_confidence,
+    observe_solution,
+    write_joints,
+)
+from .guard_kernel import GUARD_CAPACITY
 from .guard_options import GuardOptions
-from .jump_gate import JumpGate
 from .retarget_problem import used_variables
 from .retargeter import Retargeter
 from .robot_file import LoadedRobot
 from .robot_urdf import InvalidRobot
-
-LONGEST_HAND_STEP = .1  # [s] between two frames of the hand that counts
 
 
 class Command(NamedTuple):
@@ -40,12 +46,17 @@ class JointRows:
     Parameters
     ----------
     wanted : sequence of str
+
+    Attributes
+    ----------
+    rows : ndarray of int, shape (m,)
+        What `find` has returned last.
     """
 
     def __init__(self, wanted: Sequence[str]) -> None:
         self._wanted = wanted
         self._names: tuple[str, ...] | None = None
-        self._rows = np.zeros(0, dtype=np.int64)
+        self.rows = np.zeros(0, dtype=np.int64)
 
     def find(self, names: Sequence[str]) -> tuple[np.ndarray, bool]:
         """Return the rows of those of the wanted joints that are there, and whether names are new.
@@ -59,9 +70,9 @@ class JointRows:
         if is_new:
             row_of = {name: row for row, name in reversed(list(enumerate(names)))}
             self._names = names
-            self._rows = np.array([row_of[name] for name in self._wanted if name in row_of],
-                                  dtype=np.int64)
-        return self._rows, is_new
+            self.rows = np.array([row_of[name] for name in self._wanted if name in row_of],
+                                 dtype=np.int64)
+        return self.rows, is_new
 
 
 class Teleoperation:
@@ -110,30 +121,43 @@ class Teleoperation:
         if unknown or len(set(self.order)) != len(self.order):
             what = f"there is no movable joint '{unknown[0]}'" if unknown else 'a joint comes twice'
             raise InvalidRobot(f'order: {what}; there are {", ".join(model.joint_names)}')
-        self._rows = [model.joint_names.index(name) for name in self.order]
+        if max(len(model.variables), len(self.order)) > GUARD_CAPACITY:
+            raise InvalidRobot(f'{len(model.variables)} independent joints; at most '
+                               f'{GUARD_CAPACITY} are supported')
         missing = [model.variables[i] for i in used if model.variables[i] not in self.order]
         if missing:
             raise InvalidRobot(f'order: {", ".join(missing)} missing')
         self.guard = CommandGuard(model.variables, model.lower, model.upper, model.velocity,
                                   robot.rest, options)
-        self._gate = JumpGate(self.guard.options.max_jump, self.guard.options.jump_frames)
         self.fault = ''
-        self._min_confidence = min_confidence
-        self._is_confident = True
-        self._hand_time = -math.inf
-        self._held = robot.rest.copy()
+        rows = [model.joint_names.index(name) for name in self.order]
+        self._pack, self._memory = packed(new_follow_memory(
+            len(model.variables), used, robot.rest,
+            (model.joints.variable[rows], model.joints.multiplier[rows],
+             model.joints.offset[rows]), min_confidence, self.guard.options))
         self._hand_rows, self._confidence_rows = (JointRows(self._hand_names) for _ in range(2))
         self._robot_rows = JointRows(model.variables)
 
     @property
     def refused_jumps(self) -> int:
         """Frames of the hand that were not followed, as they jumped."""
-        return self._gate.refused + self.guard.refused_jumps
+        return int(self._memory.gate.refused[0]) + self.guard.refused_jumps
 
-    def prepare(self) -> None:
-        """Compile the kernels, so that the first frame does not wait for them."""
-        self._retargeter.update_angles(self._retargeter.hand.relaxed(), 0.)
-        self._retargeter.reset()
+    @property
+    def packs(self) -> tuple[Any, ...]:
+        """The arguments of `follow_frame` before the time."""
+        return self._pack, *self._retargeter.packs, self.guard.pack
+
+    @property
+    def is_following(self) -> bool:
+        """Whether the next frame may be given to `follow_frame`, which looks at the rest."""
+        return (not self._retargeter.is_first and not self.fault
+                and self.guard.is_following)
+
+    @property
+    def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows of the hand, its confidence and the robot in their last joint states."""
+        return self._hand_rows.rows, self._confidence_rows.rows, self._robot_rows.rows
 
     def observe_hand(self, names: Sequence[str], angles: Sequence[float] | np.ndarray,
                      now: float) -> bool:
@@ -155,22 +179,17 @@ class Teleoperation:
             return False
         given = np.asarray(angles, dtype=float)[rows]
         if not np.isfinite(given).all():
-            self.guard.refused_values += 1
+            self.guard.refuse_values()
             return False
-        if not self._is_confident:
+        if not self._memory.is_confident[0]:
             return False
-        is_old = now - self._hand_time > LONGEST_HAND_STEP
-        if is_old:
-            self._gate.forget()
-        # Here and not in the guard alone: retargeting would turn a jump into a fast movement.
-        if not self._gate.accepts(given):
-            self.guard.keep_hand(now)
+        self._retargeter.human.angles[0] = given
+        human, _, solution = self._retargeter.packs
+        step = accept_angles(self._pack, human, self.guard.pack, now)
+        if step < 0.:
             return False
-        step = LONGEST_HAND_STEP if is_old else max(now - self._hand_time, 0.)
-        wanted = self._retargeter.update_angles(given, step)
-        self._hand_time = now
-        wanted[self._idle] = self._held[self._idle]
-        return self.guard.observe_hand(wanted, now)
+        self._retargeter.update_angles(given, step)
+        return bool(observe_solution(self._pack, solution, self.guard.pack, now))
 
     def _fault_of(self, names: Sequence[str]) -> str:
         """Return what is wrong with joint states of which some of this hand are missing."""
@@ -192,10 +211,8 @@ class Teleoperation:
         rows, _ = self._confidence_rows.find(names)
         if not len(rows) or len(confidence) != len(names):
             return
-        mean = float(np.asarray(confidence, dtype=float)[rows].mean())
-        self._is_confident = mean >= self._min_confidence
-        if not self._is_confident:
-            self.guard.lose_hand()
+        observe_mean_confidence(self._pack, self.guard.pack,
+                                np.array(confidence, dtype=float), rows)
 
     def observe_robot(self, names: Sequence[str], positions: Sequence[float] | np.ndarray,
                       now: float) -> None:
@@ -216,7 +233,7 @@ class Teleoperation:
         self.guard.observe_robot(given, now)
         if not self.guard.is_engaged and np.isfinite(given).all():
             # Joints that move no digit stay where the robot has them.
-            self._held[self._idle] = given[self._idle]
+            self._memory.held[self._idle] = given[self._idle]
 
     def command(self, now: float) -> Command | None:
         """Return what is to be sent now; None for nothing.
@@ -226,7 +243,30 @@ class Teleoperation:
         now : float
             [s]
         """
-        position = self.guard.command(now)
-        if position is None:
+        if self.guard.command(now) is None:
             return None
-        return Command(self.order, self._model.joint_positions(position)[self._rows])
+        write_joints(self._pack, self.guard.pack)
+        return Command(self.order, self._memory.joints[:len(self.order)].copy())
+
+
+def compile_following(loaded: LoadedRobot, hand: Hand) -> None:
+    """Compile the kernels of all states, so that no frame waits for them.
+
+    Parameters
+    ----------
+    loaded : LoadedRobot
+    hand : Hand
+        Of the robot's side.
+    """
+    one = Teleoperation(loaded, hand, '', GuardOptions(require_robot_state=False))
+    angles = hand.relaxed()
+    one.observe_hand(JOINTS, angles, 0.)
+    one.guard.engage(0.)
+    one.command(0.)
+    one.observe_hand(JOINTS, angles + 10., 0.)
+    memory, human, problem, solution, guard = one.packs
+    follow_frame(memory, human, problem, solution, guard, 0.)
+    one.observe_confidence(JOINTS, angles)
+    one.observe_robot(loaded.hand.model.variables, loaded.hand.rest, 0.)
+    one.guard.lose_hand()
+    one.command(0.)

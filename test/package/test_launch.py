@@ -49,6 +49,7 @@ CHOICES = {
     'thumb': ['saddle', 'index_mcp'],
     'rviz': ['true', 'false'],
     'skin': ['auto', 'true', 'false'],
+    'robot_process': ['own', 'tracker'],
     'use_sim_time': ['true', 'false'],
 }
 FREE = {'recording', 'rate', 'markers', 'hand', 'layout', 'prefix', 'namespace', 'parameters',
@@ -466,11 +467,15 @@ def test_skin_is_published(watch, short):
 
 @launches
 @pytest.mark.skipif(find_spec('trajectory_msgs') is None, reason='no trajectory_msgs')
-def test_a_robot_waits_to_be_engaged(watch, short, tmp_path):
+@pytest.mark.parametrize('robot_process, started', [
+    ('own', STARTED | {'retarget'}), ('tracker', STARTED - {'tracker'} | {'teleoperate'})])
+def test_a_robot_waits_to_be_engaged(robot_process, started, watch, short, tmp_path):
     (tmp_path / 'robot.urdf').write_text(urdf(Hand.scaled(limits=preset_limits('wide'))))
-    with Launch(recording=short, robot=tmp_path / 'robot.urdf') as process:
+    with Launch(recording=short, robot=tmp_path / 'robot.urdf',
+                robot_process=robot_process) as process:
         process.wait_for_line('not engaged; listening for the right hand', FIRST_START)
-        check_clean(process, process.interrupt(), *STARTED, 'retarget')
+        assert '[hand_tracker]' in process.output and '[retarget]' in process.output
+        check_clean(process, process.interrupt(), *started)
 
 
 @launches

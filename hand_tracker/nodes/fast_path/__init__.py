@@ -1,6 +1,7 @@
 """The fast path: regular frames, from the middleware and back to it, in compiled code alone.
 
-`FastPath` is the one class to use; `kernel` is its arithmetic, `rcl` the C functions it calls.
+`FastPath` is the tracker's, `CommandPath` that of a robot that follows; `kernel`
+and `command_kernel` are their arithmetic, `callback_path` what they share, `rcl` the C functions.
 
 States of a frame's way::
 
@@ -19,7 +20,9 @@ Lock order: the middleware's locks, then the mutex. Never wait for the GIL while
 mutex: the middleware's thread never asks for it.
 """
 
+from .command_path import CommandPath, ListedJoints
 from .middleware import FastPath, InstalledHand, InstalledReply
 from .rcl import FastPathUnavailable
 
-__all__ = ['FastPath', 'FastPathUnavailable', 'InstalledHand', 'InstalledReply']
+__all__ = ['CommandPath', 'FastPath', 'FastPathUnavailable', 'InstalledHand', 'InstalledReply',
+           'ListedJoints']

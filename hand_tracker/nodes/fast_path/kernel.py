@@ -242,15 +242,15 @@ def install_signature(memory: FastPathMemory, hands: Sequence[HandMemory],
     return True
 
 
-def install_reply(memory: FastPathMemory, number: int, template: Template) -> bool:
+def install_reply(memory: Any, number: int, template: Template) -> bool:
     """Install a reply to be filled for each frame.
 
     Parameters
     ----------
-    memory : FastPathMemory
+    memory : FastPathMemory or CommandMemory
         Changed.
     number : int
-        Of the reply, below `MOST_REPLIES`.
+        Of the reply, below their number in the memory.
     template : Template
 
     Returns
@@ -259,8 +259,8 @@ def install_reply(memory: FastPathMemory, number: int, template: Template) -> bo
         Whether it fits.
     """
     body, stamps, numbers = template.body, template.stamps, template.numbers
-    if (body.size > memory.replies.shape[1] or len(stamps) > STAMPS_CAPACITY
-            or len(numbers) > NUMBERS_CAPACITY):
+    if (body.size > memory.replies.shape[1] or len(stamps) > memory.stamps_at.shape[1]
+            or len(numbers) > memory.numbers_at.shape[1]):
         return False
     memory.replies[number, :body.size] = body
     memory.stamps[number] = len(stamps)

@@ -1,20 +1,15 @@
-"""The fast path in the middleware's own thread: a callback takes, processes and publishes."""
+"""The tracker's fast path: a callback takes messages of markers, tracks and publishes."""
 
 from __future__ import annotations
 
-import atexit
 import ctypes
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.subscription import Subscription
-from rclpy.utilities import get_rmw_implementation_identifier
 
 from ...core.model.marker_layout import MARKERS, MarkerLayout
 from ...core.model.marker_rows import LAYOUT_CAPACITY
@@ -22,7 +17,6 @@ from ...core.numerics.jit import (
     CACHE_FOLDER,
     COMPILED,
     DEFERRED,
-    JIT_IS_ON,
     empty_like_pack,
     jit,
     load_kernel,
@@ -33,7 +27,7 @@ from ...messages.cdr import ENCAPSULATION, MessageSignature
 from ...messages.stamps import Stamp, Time
 from ...messages.templates import Template
 from ...tracking.monitor import TrackedFrames
-from ..executors import EventsExecutor, wake_timer
+from .callback_path import CallbackPath, monotonic_time, set_enabled
 from .kernel import (
     LOG_CAPACITY,
     LOG_COLUMNS,
@@ -54,16 +48,11 @@ from .kernel import (
     process_message,
     state_runs,
 )
-from .rcl import FastPathUnavailable, Rcl, address
+from .rcl import address
 
 if COMPILED:
     from .rcl import at, call
 
-# Middlewares whose callbacks may take and publish; tried here.
-SUPPORTED_MIDDLEWARES = 'rmw_fastrtps_cpp',
-TAKE_CAPACITY = 2**16    # [bytes] of a message at first
-SLOW_PATH_TURN = 16      # messages on the slow path before other callbacks have their turn
-MONOTONIC_CLOCK = time.CLOCK_MONOTONIC
 REPORT = -1              # place of the report among the packs of `track_frame`
 
 
@@ -153,7 +142,7 @@ class InstalledReply(NamedTuple):
     hands: tuple[int, ...]
 
 
-class FastPath:
+class FastPath(CallbackPath):
     """The fast path of one subscription.
 
     Parameters
@@ -181,20 +170,15 @@ class FastPath:
     PROGRAM = f'{__package__}.compile_fast_path'
 
     def __init__(self, packs: tuple[Any, ...], folder: Path | None = None) -> None:
-        self.require()
-        self._rcl = Rcl()
+        super().__init__()
         self._packs = [packs] * MOST_HANDS
-        self._subscription: Subscription | None = None
-        self._is_installed = False
         self._templates: dict[int, Template] = {}
         self._memories, self._memory = packed(new_memory(), as_record=True)
         hands = [packed(new_hand_memory(), as_record=True) for _ in range(MOST_HANDS)]
         self._hand_packs, self._hands = zip(*hands)
         self._log = np.zeros((LOG_CAPACITY, LOG_COLUMNS))
         self._states = np.zeros((LOG_CAPACITY, LAYOUT_CAPACITY), np.int8)
-        self._incoming = self._rcl.octets(TAKE_CAPACITY)
         self._outgoing = [self._rcl.octets() for _ in range(MOST_REPLIES)]
-        self._mutex = self._rcl.mutex()
         zeros = partial(np.zeros, dtype=np.int64)
         self._contexts, self._context = packed(CallbackContext(
             is_enabled=zeros(1), has_missed_message=zeros(1), now=zeros(2),
@@ -205,7 +189,7 @@ class FastPath:
             subscription=zeros(1), timer=zeros(1),
             **{name: address(getattr(self._rcl, name)) for name in C_FUNCTIONS}),
             as_record=True)
-        self._set_enabled = load_kernel(_set_enabled, (self._contexts, False), folder)
+        self._set_enabled = load_kernel(set_enabled, (self._contexts, False), folder)
         self._drain = load_kernel(_drain, (
             self._contexts, self._hand_packs[0], packs[REPORT], self._log, self._states,
             empty_like_pack(packs[REPORT])), folder)
@@ -214,69 +198,6 @@ class FastPath:
             *(pack.dtype for pack in packs))
         # Compiled before the first frame waits for them.
         self.drain(0)
-        self._set_enabled(self._contexts, False)
-
-    @staticmethod
-    def require() -> None:
-        """Raise `FastPathUnavailable`, with the reason, where there can be no fast path."""
-        if not JIT_IS_ON:
-            raise FastPathUnavailable('the kernels are not compiled')
-        if EventsExecutor is None:
-            raise FastPathUnavailable('rclpy has no EventsExecutor')
-        if get_rmw_implementation_identifier() not in SUPPORTED_MIDDLEWARES:
-            raise FastPathUnavailable(
-                f'it was not tried with {get_rmw_implementation_identifier()}')
-
-    def start(self, node: Node, subscription: Subscription, on_disabled: Callable[[], None],
-              on_message: Callable[[bytes], None]) -> None:
-        """Take the messages of a subscription, which go to the slow path at first.
-
-        Parameters
-        ----------
-        node : rclpy.node.Node
-            Served by an EventsExecutor: others would wait in vain, busily, as a message that
-            the middleware's callback takes stays announced to them.
-        subscription : rclpy.subscription.Subscription
-        on_disabled : callable
-            Called in the executor's thread before messages go to the slow path.
-        on_message : callable
-            The slow path: called there with a message, as bytes.
-        """
-        self._on_disabled, self._on_message = on_disabled, on_message
-        self._node, self._subscription = node, subscription
-        self._has_callback = False
-        self._timer = wake_timer(node, self._serve_slow_path)
-        self._context.timer[0] = self._timer.handle.pointer
-        self._context.subscription[0] = subscription.handle.pointer
-
-    def stop(self) -> None:
-        """Take no more messages; to be called while the executor is still there."""
-        if self._subscription is None:
-            return
-        atexit.unregister(self.stop)
-        self.disable()
-        # Waits for a message that is being processed.
-        self._set_callback(None)
-        self._subscription = None
-        self._node.destroy_timer(self._timer)
-
-    def _set_callback(self, callback: int | None) -> None:
-        assert self._subscription is not None
-        self._rcl.set_callback(
-            self._subscription.handle.pointer, callback, self._contexts.ctypes.data)
-
-    @property
-    def is_started(self) -> bool:
-        """Whether it is between `start` and `stop`."""
-        return self._subscription is not None
-
-    def invalidate(self) -> None:
-        """Drop the installed signature and replies; only while the slow path handles a message."""
-        self._is_installed = False
-
-    def disable(self) -> None:
-        """Let the next message go to the slow path."""
-        self.invalidate()
         self._set_enabled(self._contexts, False)
 
     def install(self, hands: Sequence[InstalledHand], stamp: Time, scale: float,
@@ -354,55 +275,8 @@ class FastPath:
         """Number of frames of hands processed so far."""
         return int(sum(hand.frames[0] for hand in self._hands))
 
-    def _serve_slow_path(self) -> None:
-        """Hand unprocessed messages to the slow path."""
-        self._timer.cancel()
-        if not self.is_started:
-            return
-        if not self._has_callback:
-            # Not before: the timer must be the executor's when the middleware resets it.
-            self._has_callback = True
-            # Else the middleware might still call what Python has taken down.
-            atexit.register(self.stop)
-            self._set_callback(self._callback.address)
-        self._set_enabled(self._contexts, False)
-        self._on_disabled()
-        for _ in range(SLOW_PATH_TURN):
-            data = self._next()
-            if data is None:
-                if self._is_installed:
-                    self._set_enabled(self._contexts, True)
-                return
-            self._on_message(data)
-        self._rcl.reset_timer(self._timer.handle.pointer)
-
-    def _next(self) -> bytes | None:
-        """Return the next message, or None; first the one that was taken already."""
-        if self._context.has_missed_message[0]:
-            self._context.has_missed_message[0] = 0
-            return self._incoming.content()
-        return self.take()
-
-    def take(self) -> bytes | None:
-        """Return the next message that waits, or None; only while it is disabled."""
-        assert self._subscription is not None
-        if self._rcl.take(self._subscription.handle.pointer, ctypes.byref(self._incoming),
-                          None, None):
-            self._rcl.reset_error()
-            return None
-        return self._incoming.content()
-
 
 # nogil: what waits here lets other threads have the interpreter.
-@partial(jit, nogil=True)
-def _set_enabled(contexts: Any, is_enabled: bool) -> None:
-    """Enable or disable the fast path while no message is processed."""
-    context = contexts[0]
-    call(context.lock, context.mutex, 0, 0, 0)
-    context.is_enabled[0] = is_enabled
-    call(context.unlock, context.mutex, 0, 0, 0)
-
-
 @partial(jit, nogil=True)
 def _drain(contexts: Any, hands: Any, reports: Any, log: np.ndarray, states: np.ndarray,
            last_report: Any) -> tuple[int, int, int, int]:
@@ -413,13 +287,6 @@ def _drain(contexts: Any, hands: Any, reports: Any, log: np.ndarray, states: np.
     sec, nanosec = hands[0].stamp[0], hands[0].stamp[1]
     call(context.unlock, context.mutex, 0, 0, 0)
     return logged, count, sec, nanosec
-
-
-@jit
-def _now(context: Any) -> float:
-    """Return the time as Python's time.monotonic gives it [s]."""
-    call(context.get_time, MONOTONIC_CLOCK, context.now.ctypes.data, 0, 0)
-    return context.now[0] + 1e-9 * context.now[1]
 
 
 @jit
@@ -450,7 +317,7 @@ def _callback(*layouts: np.dtype) -> Any:
             taken = context.is_enabled[0] > 0 and call(
                 context.take, context.subscription[0], context.incoming, 0, 0) == 0
             if taken:
-                received = _now(context)
+                received = monotonic_time(context)
                 # A message has one hand or two.
                 hands = (numba.carray(at(context.hands[0]), (1,), of_hand),
                          numba.carray(at(context.hands[1]), (1,), of_hand))
@@ -472,7 +339,7 @@ def _callback(*layouts: np.dtype) -> Any:
                 if process_message(memories, hands, packs,
                                    numba.carray(at(incoming[0]), (incoming[1],), np.uint8)):
                     _publish(context)
-                    published = _now(context)
+                    published = monotonic_time(context)
                     for i in range(memories[0].hand_count[0]):
                         log_frame(hands[i][0], packs[i][REPORT][0], received, published)
                 else:

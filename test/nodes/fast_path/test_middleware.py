@@ -27,7 +27,7 @@ from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.messages.stamps import seconds
 from hand_tracker.nodes import tracker_node
-from hand_tracker.nodes.fast_path import middleware
+from hand_tracker.nodes.fast_path import callback_path
 from hand_tracker.nodes.runner import INTERRUPTS, run
 
 NEEDS = 'rclpy',
@@ -375,7 +375,7 @@ def test_an_executor_that_waits_for_conditions_takes_the_slow_path():
 
 
 def test_a_middleware_that_was_not_tried_takes_the_slow_path(monkeypatch):
-    monkeypatch.setattr(middleware, 'SUPPORTED_MIDDLEWARES', ())
+    monkeypatch.setattr(callback_path, 'SUPPORTED_MIDDLEWARES', ())
     with own_node() as tracker:
         assert not tracker._loaded_fast_paths
         assert tracker.inputs[0].subscription in list(tracker.subscriptions)

@@ -1,0 +1,249 @@
+"""Fast path of a robot: a serialized JointState of the hand to serialized commands, compiled.
+
+The slow path installs what the messages of each topic begin with, and the templates of the
+commands; messages that begin so are answered here, with the same commands. No ROS.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...core.numerics.jit import jit
+from ...messages.cdr import ENCAPSULATION, LITTLE_ENDIAN
+from ...messages.joint_states import STAMP_END, JointStateReader
+from ...messages.templates import fill_template
+from ...retargeting.follow_kernel import (
+    COMMANDED,
+    NOT_FOLLOWED,
+    follow_frame,
+    observe_mean_confidence,
+)
+from ...retargeting.guard_kernel import GUARD_CAPACITY, observe_position
+from ...retargeting.human_hand import JOINT_COUNT
+
+HEAD_CAPACITY = 2**14     # [bytes] of what joint states of a publisher begin with
+LISTED_CAPACITY = 512     # numbers in a JointState
+MOST_COMMANDS = 3         # messages of a command
+COMMAND_CAPACITY = 2**15  # [bytes] of such a message
+
+
+class ListedNumbers(NamedTuple):
+    """Layout of a publisher's JointStates.
+
+    Attributes
+    ----------
+    head : ndarray of uint8, shape (HEAD_CAPACITY,)
+        From the frame's name to the number of positions.
+    size, listed : ndarray of int, shape (1,)
+        Bytes of the head, 0 where none is installed; positions.
+    rows : ndarray of int, shape (GUARD_CAPACITY,)
+        Which of the positions count, in the order of whoever reads them.
+    used : ndarray of int, shape (1,)
+        How many of them.
+    numbers : ndarray, shape (LISTED_CAPACITY,)
+        Positions of the last message, aligned.
+    """
+
+    head: np.ndarray
+    size: np.ndarray
+    listed: np.ndarray
+    rows: np.ndarray
+    used: np.ndarray
+    numbers: np.ndarray
+
+
+class CommandMemory(NamedTuple):
+    """Memory of a robot's fast path.
+
+    Attributes
+    ----------
+    hand, confidence, robot : ListedNumbers
+    position : ndarray, shape (GUARD_CAPACITY,)
+        Workspace.
+    replies, stamps_at, numbers_at, stamps
+        See `FastPathMemory`; of `MOST_COMMANDS` messages.
+    wanted : ndarray of int, shape (MOST_COMMANDS,)
+        Whether each message is sent.
+    sent_time : ndarray, shape (1,)
+        Of the last command [s].
+    frames : ndarray of int, shape (1,)
+        Frames processed so far.
+    """
+
+    hand: ListedNumbers
+    confidence: ListedNumbers
+    robot: ListedNumbers
+    position: np.ndarray
+    replies: np.ndarray
+    stamps_at: np.ndarray
+    numbers_at: np.ndarray
+    stamps: np.ndarray
+    wanted: np.ndarray
+    sent_time: np.ndarray
+    frames: np.ndarray
+
+
+def new_command_memory() -> CommandMemory:
+    """Return a `CommandMemory` with nothing installed."""
+    def one() -> np.ndarray:
+        return np.zeros(1, np.int64)
+
+    def listed() -> ListedNumbers:
+        return ListedNumbers(
+            np.zeros(HEAD_CAPACITY, np.uint8), one(), one(), np.zeros(GUARD_CAPACITY, np.int64),
+            one(), np.zeros(LISTED_CAPACITY))
+
+    return CommandMemory(
+        hand=listed(), confidence=listed(), robot=listed(), position=np.zeros(GUARD_CAPACITY),
+        replies=np.zeros((MOST_COMMANDS, COMMAND_CAPACITY // 8)),
+        stamps_at=np.zeros((MOST_COMMANDS, 1), np.int64),
+        numbers_at=np.zeros((MOST_COMMANDS, GUARD_CAPACITY), np.int64),
+        stamps=np.zeros(MOST_COMMANDS, np.int64), wanted=np.zeros(MOST_COMMANDS, np.int64),
+        sent_time=np.full(1, -math.inf), frames=one())
+
+
+def install_numbers(listed: ListedNumbers, reader: JointStateReader, rows: np.ndarray) -> bool:
+    """Install the layout that a reader has met last; return whether it fits.
+
+    Parameters
+    ----------
+    listed : ListedNumbers
+        Changed.
+    reader : JointStateReader
+    rows : ndarray of int, shape (n,)
+        Which of the positions count.
+    """
+    head = reader.head
+    listed.size[0] = 0
+    if len(head) > HEAD_CAPACITY or reader.count > LISTED_CAPACITY or not head or not len(rows):
+        return False
+    listed.head[:len(head)] = np.frombuffer(head, np.uint8)
+    listed.size[0], listed.listed[0] = len(head), reader.count
+    listed.rows[:len(rows)], listed.used[0] = rows, len(rows)
+    return True
+
+
+@jit
+def read_numbers(listed: ListedNumbers, octets: np.ndarray) -> bool:
+    """Read the positions of a JointState; return whether it has the installed layout.
+
+    Parameters
+    ----------
+    listed : ListedNumbers
+        Changed.
+    octets : ndarray of uint8, shape (n,)
+        The message.
+    """
+    size, count = listed.size[0], listed.listed[0]
+    end = STAMP_END + size
+    start = end + (ENCAPSULATION - end) % 8
+    if size == 0 or len(octets) < start + 8 * count:
+        return False
+    if octets[0] != LITTLE_ENDIAN[0] or octets[1] != LITTLE_ENDIAN[1]:
+        return False
+    for i in range(size):
+        if octets[STAMP_END + i] != listed.head[i]:
+            return False
+    copied = listed.numbers.view(np.uint8)
+    for i in range(8 * count):
+        copied[i] = octets[start + i]
+    return True
+
+
+@jit
+def process_confidence(commands: Any, follows: Any, guards: Any, octets: np.ndarray) -> bool:
+    """Take a message with the confidence of the hand's angles; return whether it was processed.
+
+    Parameters
+    ----------
+    commands, follows, guards : packs
+        Of CommandMemory, FollowMemory and GuardMemory; changed.
+    octets : ndarray of uint8, shape (n,)
+        The message.
+    """
+    listed = commands[0].confidence
+    if not read_numbers(listed, octets):
+        return False
+    observe_mean_confidence(follows, guards, listed.numbers, listed.rows[:listed.used[0]])
+    return True
+
+
+@jit
+def process_position(commands: Any, guards: Any, octets: np.ndarray, now: float) -> bool:
+    """Take a message with the robot's joint states; return whether it was processed.
+
+    Parameters
+    ----------
+    commands, guards : packs
+        Of CommandMemory and GuardMemory; changed.
+    octets : ndarray of uint8, shape (n,)
+        The message.
+    now : float
+        Time of receipt [s].
+    """
+    command = commands[0]
+    listed = command.robot
+    if not read_numbers(listed, octets):
+        return False
+    for i in range(listed.used[0]):
+        command.position[i] = listed.numbers[listed.rows[i]]
+    observe_position(guards, command.position, now)
+    return True
+
+
+@jit
+def process_hand(commands: Any, packs: tuple[Any, ...], octets: np.ndarray, now: float) -> int:
+    """Follow a message with the joint states of the hand, and fill the commands.
+
+    Parameters
+    ----------
+    commands : pack of CommandMemory
+        Changed.
+    packs : tuple of packs
+        Arguments of `follow_frame` before the time; changed.
+    octets : ndarray of uint8, shape (n,)
+        The message.
+    now : float
+        Time of receipt [s].
+
+    Returns
+    -------
+    int
+        As `follow_frame`; `NOT_FOLLOWED` also of another layout.
+    """
+    command = commands[0]
+    follows, humans, problems, solutions, guards = packs
+    listed = command.hand
+    if not read_numbers(listed, octets):
+        return NOT_FOLLOWED
+    human = humans[0]
+    for i in range(JOINT_COUNT):
+        human.angles[0, i] = listed.numbers[listed.rows[i]]
+    done = follow_frame(follows, humans, problems, solutions, guards, now)
+    if done == NOT_FOLLOWED:
+        return NOT_FOLLOWED
+    command.frames[0] += 1
+    if done == COMMANDED:
+        command.sent_time[0] = now
+        sec, nanosec = _word(octets, ENCAPSULATION), _word(octets, ENCAPSULATION + 4)
+        follow = follows[0]
+        for number in range(MOST_COMMANDS):
+            if command.wanted[number]:
+                doubles = command.replies[number]
+                fill_template(
+                    doubles.view(np.uint32), doubles,
+                    command.stamps_at[number, :command.stamps[number]],
+                    command.numbers_at[number, :follow.commanded], sec, nanosec, follow.joints)
+    return done
+
+
+@jit
+def _word(octets: np.ndarray, at: int) -> int:
+    """Return the number of four bytes, little-endian."""
+    word = 0
+    for i in range(4):
+        word |= np.int64(octets[at + i]) << (8 * i)
+    return word

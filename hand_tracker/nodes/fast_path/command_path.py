@@ -1,0 +1,268 @@
+"""The fast path of a robot: a callback takes joint states of the hand and publishes commands."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
+
+from ...core.numerics.jit import CACHE_FOLDER, COMPILED, packed
+from ...messages.cdr import ENCAPSULATION
+from ...messages.joint_states import JointStateReader
+from ...messages.templates import Template
+from ...retargeting.follow_kernel import COMMANDED, NOT_FOLLOWED
+from .callback_path import TAKE_CAPACITY, CallbackPath, monotonic_time, set_enabled
+from .command_kernel import (
+    MOST_COMMANDS,
+    install_numbers,
+    new_command_memory,
+    process_confidence,
+    process_hand,
+    process_position,
+)
+from .kernel import install_reply
+from .rcl import FastPathUnavailable, address
+
+if COMPILED:
+    from .rcl import at, call
+
+# Messages that are taken beside those of the hand, by number
+CONFIDENCE, ROBOT = range(2)
+SIDES_TAKEN = 2
+
+
+class CommandContext(NamedTuple):
+    """Context of the compiled callback: addresses, but for arrays.
+
+    Attributes
+    ----------
+    is_enabled : ndarray of int, shape (1,)
+    has_missed_message : ndarray of int, shape (1,)
+        Whether the hand's message was taken, but not processed.
+    has_missed_side : ndarray of int, shape (SIDES_TAKEN,)
+        The same of `CONFIDENCE` and `ROBOT`.
+    now : ndarray of int, shape (2,)
+        Seconds and nanoseconds of clock_gettime.
+    memory : int
+    packs : ndarray of int, shape (5,)
+        Arguments of `follow_frame` before the time.
+    publishers, outgoing : ndarray of int, shape (MOST_COMMANDS,)
+        0 where a message is not sent.
+    incoming, mutex : int
+    side_incoming, side_subscriptions : ndarray of int, shape (SIDES_TAKEN,)
+    subscription, timer : ndarray of int, shape (1,)
+    take, publish, reset_error, reset_timer, lock, unlock, get_time : int
+        C functions.
+    """
+
+    is_enabled: np.ndarray
+    has_missed_message: np.ndarray
+    has_missed_side: np.ndarray
+    now: np.ndarray
+    memory: int
+    packs: np.ndarray
+    publishers: np.ndarray
+    outgoing: np.ndarray
+    incoming: int
+    mutex: int
+    side_incoming: np.ndarray
+    side_subscriptions: np.ndarray
+    subscription: np.ndarray
+    timer: np.ndarray
+    take: int
+    publish: int
+    reset_error: int
+    reset_timer: int
+    lock: int
+    unlock: int
+    get_time: int
+
+
+RCL_FUNCTIONS = CommandContext._fields[CommandContext._fields.index('take'):]
+
+
+class ListedJoints(NamedTuple):
+    """What is known of a topic's joint states.
+
+    Attributes
+    ----------
+    reader : JointStateReader
+        Has read the last one.
+    rows : ndarray of int, shape (n,)
+        Which of its positions count.
+    """
+
+    reader: JointStateReader
+    rows: np.ndarray
+
+
+class CommandPath(CallbackPath):
+    """The fast path from a hand's joint states to the commands of a robot.
+
+    Parameters
+    ----------
+    packs : tuple
+        As of `Teleoperation.packs`, of compiled kernels.
+
+    Raises
+    ------
+    FastPathUnavailable
+    """
+
+    def __init__(self, packs: tuple[Any, ...]) -> None:
+        if not COMPILED:
+            raise FastPathUnavailable('the kernels are not compiled')
+        super().__init__()
+        self._packs = packs
+        self._commands, self._memory = packed(new_command_memory(), as_record=True)
+        self._outgoing = [self._rcl.octets() for _ in range(MOST_COMMANDS)]
+        self._side_incoming = [self._rcl.octets(TAKE_CAPACITY) for _ in range(SIDES_TAKEN)]
+        self._side_subscriptions: Sequence[Subscription] = ()
+
+        def zeros(size: int) -> np.ndarray:
+            return np.zeros(size, np.int64)
+
+        self._contexts, self._context = packed(CommandContext(
+            is_enabled=zeros(1), has_missed_message=zeros(1), has_missed_side=zeros(SIDES_TAKEN),
+            now=zeros(2), memory=self._commands.ctypes.data,
+            packs=np.array([pack.ctypes.data for pack in packs]),
+            publishers=zeros(MOST_COMMANDS),
+            outgoing=np.array([ctypes.addressof(octets) for octets in self._outgoing]),
+            incoming=ctypes.addressof(self._incoming), mutex=ctypes.addressof(self._mutex),
+            side_incoming=np.array([ctypes.addressof(one) for one in self._side_incoming]),
+            side_subscriptions=zeros(SIDES_TAKEN), subscription=zeros(1), timer=zeros(1),
+            **{name: address(getattr(self._rcl, name)) for name in RCL_FUNCTIONS}),
+            as_record=True)
+        self._set_enabled = set_enabled
+        self._callback = _command_callback(
+            self._contexts.dtype, self._commands.dtype, *(pack.dtype for pack in packs))
+        # Compiled before the first frame waits for it.
+        self._set_enabled(self._contexts, False)
+
+    def start_all(self, node: Node, hand: Subscription, sides: Sequence[Subscription],
+                  on_disabled: Callable[[], None], on_message: Callable[[bytes], None]) -> None:
+        """Take the messages of all subscriptions, which go to the slow path at first.
+
+        Parameters
+        ----------
+        node, hand, on_disabled, on_message
+            See `start`.
+        sides : sequence of Subscription
+            Of `CONFIDENCE` and `ROBOT`: the slow path has what came of them by `take_sides`.
+        """
+        self._side_subscriptions = sides
+        self._context.side_subscriptions[:] = [one.handle.pointer for one in sides]
+        self.start(node, hand, on_disabled, on_message)
+
+    def take_sides(self) -> Iterator[tuple[int, bytes]]:
+        """Yield the messages that wait of `CONFIDENCE` and `ROBOT`; only while disabled."""
+        for side, subscription in enumerate(self._side_subscriptions):
+            incoming = self._side_incoming[side]
+            if self._context.has_missed_side[side]:
+                self._context.has_missed_side[side] = 0
+                yield side, incoming.content()
+            while (data := self._take_from(subscription, incoming)) is not None:
+                yield side, data
+
+    def install(self, hand: ListedJoints, sides: Sequence[ListedJoints],
+                replies: Sequence[tuple[Publisher, Template]]) -> None:
+        """Process messages like the last ones, which the slow path has handled, from now on.
+
+        Parameters
+        ----------
+        hand : ListedJoints
+        sides : sequence of ListedJoints
+            Of `CONFIDENCE` and `ROBOT`; messages of a layout that is not installed go to the
+            slow path.
+        replies : sequence of (Publisher, Template)
+            At most `MOST_COMMANDS`.
+        """
+        memory, context = self._memory, self._context
+        if not install_numbers(memory.hand, hand.reader, hand.rows):
+            return
+        for listed, side in zip((memory.confidence, memory.robot), sides):
+            install_numbers(listed, side.reader, side.rows)
+        memory.wanted[:] = context.publishers[:] = 0
+        for number, (publisher, template) in enumerate(replies):
+            if not install_reply(memory, number, template):
+                return
+            octets = self._outgoing[number]
+            octets.buffer = memory.replies[number].ctypes.data + ENCAPSULATION
+            octets.length = octets.capacity = template.size
+            memory.wanted[number] = 1
+            context.publishers[number] = publisher.handle.pointer
+        self._is_installed = True
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames processed so far."""
+        return int(self._memory.frames[0])
+
+    @property
+    def sent_time(self) -> float:
+        """When the last command was sent from here [s]; -inf before the first."""
+        return float(self._memory.sent_time[0])
+
+
+def _command_callback(*layouts: np.dtype) -> Any:
+    """Return the compiled callback for new messages, for packs of these layouts."""
+    import numba
+
+    of_context, of_memory, of_follow, of_human, of_problem, of_solution, of_guard = layouts
+
+    @numba.cfunc('void(voidptr, uintp)', cache=CACHE_FOLDER is not None, error_model='numpy')
+    def on_hand(address: Any, count: Any) -> None:
+        context = numba.carray(address, (1,), of_context)[0]
+        commands = numba.carray(at(context.memory), (1,), of_memory)
+        incoming = numba.carray(at(context.incoming), (2,), np.int64)
+        packs = (numba.carray(at(context.packs[0]), (1,), of_follow),
+                 numba.carray(at(context.packs[1]), (1,), of_human),
+                 numba.carray(at(context.packs[2]), (1,), of_problem),
+                 numba.carray(at(context.packs[3]), (1,), of_solution),
+                 numba.carray(at(context.packs[4]), (1,), of_guard))
+        taken = True
+        while taken:
+            call(context.lock, context.mutex, 0, 0, 0)
+            taken = context.is_enabled[0] > 0 and call(
+                context.take, context.subscription[0], context.incoming, 0, 0) == 0
+            if taken:
+                now = monotonic_time(context)
+                is_known = True
+                for side in range(SIDES_TAKEN):
+                    if call(context.take, context.side_subscriptions[side],
+                            context.side_incoming[side], 0, 0) == 0:
+                        buffer = numba.carray(at(context.side_incoming[side]), (2,), np.int64)
+                        octets = numba.carray(at(buffer[0]), (buffer[1],), np.uint8)
+                        if side == CONFIDENCE:
+                            known = process_confidence(commands, packs[0], packs[4], octets)
+                        else:
+                            known = process_position(commands, packs[4], octets, now)
+                        if not known:
+                            context.has_missed_side[side] = 1
+                            is_known = False
+                done = NOT_FOLLOWED
+                if is_known:
+                    done = process_hand(commands, packs, numba.carray(
+                        at(incoming[0]), (incoming[1],), np.uint8), now)
+                if done == COMMANDED:
+                    for i in range(MOST_COMMANDS):
+                        # Where one fails, the slow path is to report it.
+                        if context.publishers[i] and call(
+                                context.publish, context.publishers[i], context.outgoing[i], 0,
+                                0):
+                            context.is_enabled[0] = 0
+                elif done == NOT_FOLLOWED:
+                    context.has_missed_message[0] = 1
+                    context.is_enabled[0] = 0
+            is_enabled = context.is_enabled[0] > 0
+            call(context.unlock, context.mutex, 0, 0, 0)
+        call(context.reset_error, 0, 0, 0, 0)
+        if not is_enabled:
+            call(context.reset_timer, context.timer[0], 0, 0, 0)
+
+    return on_hand

@@ -1,0 +1,216 @@
+"""A frame of the hand to a command: jump gate, retargeting and guard, compiled as one.
+
+`Teleoperation` owns the memory and calls the parts one by one, where anything else happens in
+between; a frame that only continues what goes on needs `follow_frame` alone. Both give the same
+commands to the bit.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.numerics.jit import Pack, jit
+from .guard_kernel import (
+    GUARD_CAPACITY,
+    GuardMemory,
+    follow_wanted,
+    is_followed,
+    keep_hand,
+    observe_wanted,
+    start_step,
+)
+from .guard_options import GuardOptions
+from .human_hand import JOINT_COUNT, HumanHand, place_landmarks
+from .jump_gate import JumpGate, accepts_position, new_jump_gate
+from .retarget_kernel import Problem, Solution, solve_frame
+
+LONGEST_HAND_STEP = .1  # [s] between two frames of the hand that counts
+# What `follow_frame` did with a frame
+NOT_FOLLOWED, NO_COMMAND, COMMANDED = range(3)
+
+
+class FollowMemory(NamedTuple):
+    """What a robot that follows a hand knows from frame to frame, besides solver and guard.
+
+    Attributes
+    ----------
+    gate : JumpGate
+        Of the person's angles.
+    hand_time : ndarray, shape (1,)
+        Of the last frame that was retargeted [s].
+    is_confident : ndarray of int, shape (1,)
+    min_confidence : float
+        Mean confidence of the hand's angles below which the hand counts as lost.
+    used : ndarray of int, shape (GUARD_CAPACITY,)
+        Row among the solved variables of each of the robot's, -1 for those that move no digit.
+    held, wanted : ndarray, shape (GUARD_CAPACITY,)
+        Where the robot has its variables; what the hand wants [rad or m].
+    commanded : int
+        Joints of a command.
+    variable : ndarray of int, shape (GUARD_CAPACITY,)
+    multiplier, offset : ndarray, shape (GUARD_CAPACITY,)
+        Joint of the command = multiplier * variable + offset.
+    joints : ndarray, shape (GUARD_CAPACITY,)
+        The command's joints [rad or m].
+    """
+
+    gate: JumpGate
+    hand_time: np.ndarray
+    is_confident: np.ndarray
+    min_confidence: float
+    used: np.ndarray
+    held: np.ndarray
+    wanted: np.ndarray
+    commanded: int
+    variable: np.ndarray
+    multiplier: np.ndarray
+    offset: np.ndarray
+    joints: np.ndarray
+
+
+def new_follow_memory(count: int, used: list[int], held: np.ndarray, rows: tuple[np.ndarray, ...],
+                      min_confidence: float, options: GuardOptions) -> FollowMemory:
+    """Return the memory of a robot that has followed nothing yet.
+
+    Parameters
+    ----------
+    count : int
+        Variables of the robot, `GUARD_CAPACITY` at most.
+    used : list of int
+        Those that are solved, in their order.
+    held : ndarray, shape (count,)
+        Where the others are [rad or m].
+    rows : tuple of three ndarrays, shape (m,)
+        Variable, multiplier and offset of each joint of a command.
+    min_confidence : float
+        See `FollowMemory`.
+    options : GuardOptions
+    """
+    def padded(values: np.ndarray, kind: type = float) -> np.ndarray:
+        row: np.ndarray = np.zeros(GUARD_CAPACITY, kind)
+        row[:len(values)] = values
+        return row
+
+    solved = np.full(count, -1)
+    solved[used] = np.arange(len(used))
+    variable, multiplier, offset = rows
+    return FollowMemory(
+        new_jump_gate(JOINT_COUNT, options.max_jump, options.jump_frames),
+        np.full(1, -math.inf), np.ones(1, np.int64), min_confidence, padded(solved, np.int64),
+        padded(held), padded(held), len(variable), padded(variable, np.int64),
+        padded(multiplier), padded(offset), np.zeros(GUARD_CAPACITY))
+
+
+@jit
+def observe_mean_confidence(memories: Pack[FollowMemory], guards: Pack[GuardMemory],
+                            numbers: np.ndarray, rows: np.ndarray) -> None:
+    """Take the confidence of the hand's angles; where it is low, the hand is lost.
+
+    Parameters
+    ----------
+    memories, guards : packs
+        Changed.
+    numbers : ndarray
+        0 to 1.
+    rows : ndarray of int, shape (m,)
+        Those of the hand, one at least.
+    """
+    total = 0.
+    for i in range(len(rows)):
+        total += numbers[rows[i]]
+    memory = memories[0]
+    memory.is_confident[0] = total / len(rows) >= memory.min_confidence
+    if not memory.is_confident[0]:
+        guards[0].hand_time[0] = -math.inf
+
+
+@jit
+def accept_angles(memories: Pack[FollowMemory], humans: Pack[HumanHand],
+                  guards: Pack[GuardMemory], now: float) -> float:
+    """Return the time since the last frame [s] if the person's angles are accepted, else -1.
+
+    Parameters
+    ----------
+    memories, humans, guards : packs
+        The first and the last are changed.
+    now : float
+        Time of receipt [s].
+    """
+    memory = memories[0]
+    since = now - memory.hand_time[0]
+    is_old = since > LONGEST_HAND_STEP
+    if is_old:
+        memory.gate.has_last[0] = 0
+    # Here and not in the guard alone: retargeting would turn a jump into a fast movement.
+    if not accepts_position(memory.gate, humans[0].angles[0], JOINT_COUNT):
+        keep_hand(guards, now)
+        return -1.
+    memory.hand_time[0] = now
+    return LONGEST_HAND_STEP if is_old else max(since, 0.)
+
+
+@jit
+def observe_solution(memories: Pack[FollowMemory], solutions: Pack[Solution],
+                     guards: Pack[GuardMemory], now: float) -> bool:
+    """Give the guard what the solver has found; return whether it is followed.
+
+    Parameters
+    ----------
+    memories, solutions, guards : packs
+        The first and the last are changed.
+    now : float
+        Time of receipt [s].
+    """
+    memory, position = memories[0], solutions[0].position
+    for i in range(guards[0].joints):
+        row = memory.used[i]
+        memory.wanted[i] = position[row] if row >= 0 else memory.held[i]
+    return observe_wanted(guards, memory.wanted, now)
+
+
+@jit
+def write_joints(memories: Pack[FollowMemory], guards: Pack[GuardMemory]) -> None:
+    """Write the joints of the guard's command, mimic joints too."""
+    memory, command = memories[0], guards[0].command
+    for i in range(memory.commanded):
+        memory.joints[i] = (
+            memory.multiplier[i] * command[memory.variable[i]] + memory.offset[i])
+
+
+@jit
+def follow_frame(memories: Pack[FollowMemory], humans: Pack[HumanHand], problems: Pack[Problem],
+                 solutions: Pack[Solution], guards: Pack[GuardMemory], now: float) -> int:
+    """Follow a frame of the hand that only continues what goes on.
+
+    Parameters
+    ----------
+    memories, humans, problems, solutions, guards : packs
+        With the person's angles; all but the third are changed.
+    now : float
+        Time of receipt [s].
+
+    Returns
+    -------
+    int
+        `NOT_FOLLOWED`, and nothing has changed, where `Teleoperation` is needed; `COMMANDED`, or
+        `NO_COMMAND` as after a jump.
+    """
+    memory, human = memories[0], humans[0]
+    if not memory.is_confident[0] or not is_followed(guards[0], now):
+        return NOT_FOLLOWED
+    for i in range(JOINT_COUNT):
+        if not math.isfinite(human.angles[0, i]):
+            return NOT_FOLLOWED
+    step = accept_angles(memories, humans, guards, now)
+    if step < 0.:
+        return NO_COMMAND
+    place_landmarks(humans)
+    solve_frame(problems, solutions, human.landmarks, human.angles[0], step)
+    if not observe_solution(memories, solutions, guards, now):
+        return NO_COMMAND
+    follow_wanted(guards, start_step(guards, now))
+    write_joints(memories, guards)
+    return COMMANDED

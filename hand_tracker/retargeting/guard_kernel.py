@@ -1,0 +1,318 @@
+"""The guard's arithmetic: what the hand wants is taken, and the command moved towards it.
+
+`CommandGuard` owns the memory and changes the state, but for EASING, which ends here; frames of
+the hand in that state and in FOLLOWING need these kernels alone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.numerics.jit import Pack, jit
+from .guard_options import GuardOptions
+from .jump_gate import JumpGate, accepts_position, new_jump_gate
+
+GUARD_CAPACITY = 256    # joints at most
+REACHED = .1            # [rad or m] from the person's pose, from which the robot follows
+SPEEDING_UP = .5        # [s] in which the speed allowed rises from that of easing to the greatest
+# States of the guard, by number
+DISENGAGED, EASING, FOLLOWING, HOLDING, RELAXING = range(5)
+
+
+class GuardMemory(NamedTuple):
+    """Numbers of the guard of n joints; of its arrays of joints the first n count.
+
+    Attributes
+    ----------
+    joints : int
+        Their number, n.
+    lower, upper : ndarray, shape (GUARD_CAPACITY,)
+        Limits with the margin that commands keep from them [rad or m].
+    speed : ndarray, shape (GUARD_CAPACITY,)
+        Greatest speed of each joint [rad/s or m/s].
+    still : ndarray, shape (GUARD_CAPACITY,)
+        Zeros: the velocity of a goal that does not move.
+    command, velocity : ndarray, shape (GUARD_CAPACITY,)
+        Last command [rad or m], and how fast it moved.
+    wanted, wanted_velocity : ndarray, shape (GUARD_CAPACITY,)
+        What the person's hand wants, and how fast that moved, until a command has answered it.
+    robot : ndarray, shape (GUARD_CAPACITY,)
+        Where the robot is [rad or m].
+    inside : ndarray, shape (GUARD_CAPACITY,)
+        Workspace.
+    has_wanted, has_robot, state, refused_values : ndarray of int, shape (1,)
+        `refused_values` counts frames that were not finite.
+    hand_time, wanted_time, command_time, reached_time, press_time, robot_time : ndarray, shape (1,)
+        Of the hand's last frame, of the last one that was accepted, of the last command, of the
+        pose's being reached, of the deadman and of the robot's joint states [s].
+    gate : JumpGate
+        Of what is wanted.
+    max_acceleration, max_speed, ease_speed, max_dt, hand_timeout : float
+        See `GuardOptions`.
+    hold_timeout, robot_timeout : float
+        The same; infinite where neither deadman nor joint states of the robot are asked for.
+    """
+
+    joints: int
+    lower: np.ndarray
+    upper: np.ndarray
+    speed: np.ndarray
+    still: np.ndarray
+    command: np.ndarray
+    velocity: np.ndarray
+    wanted: np.ndarray
+    wanted_velocity: np.ndarray
+    robot: np.ndarray
+    inside: np.ndarray
+    has_wanted: np.ndarray
+    has_robot: np.ndarray
+    state: np.ndarray
+    refused_values: np.ndarray
+    hand_time: np.ndarray
+    wanted_time: np.ndarray
+    command_time: np.ndarray
+    reached_time: np.ndarray
+    press_time: np.ndarray
+    robot_time: np.ndarray
+    gate: JumpGate
+    max_acceleration: float
+    max_speed: float
+    ease_speed: float
+    max_dt: float
+    hand_timeout: float
+    hold_timeout: float
+    robot_timeout: float
+
+
+def new_guard_memory(lower: np.ndarray, upper: np.ndarray, speed: np.ndarray,
+                     options: GuardOptions) -> GuardMemory:
+    """Return the memory of a guard that is not engaged.
+
+    Parameters
+    ----------
+    lower, upper, speed : ndarray, shape (n,)
+        See `GuardMemory`; n is `GUARD_CAPACITY` at most.
+    options : GuardOptions
+    """
+    def of_joints(values: np.ndarray | float = 0.) -> np.ndarray:
+        row = np.zeros(GUARD_CAPACITY)
+        row[:len(lower)] = values
+        return row
+
+    flags = {name: np.zeros(1, np.int64) for name in (
+        'has_wanted', 'has_robot', 'state', 'refused_values')}
+    times = {name: np.full(1, -math.inf) for name in GuardMemory._fields if name.endswith('_time')}
+    still = {name: of_joints() for name in (
+        'still', 'command', 'velocity', 'wanted', 'wanted_velocity', 'robot', 'inside')}
+    return GuardMemory(
+        joints=len(lower), lower=of_joints(lower), upper=of_joints(upper),
+        speed=of_joints(speed), **still, **flags, **times,
+        gate=new_jump_gate(GUARD_CAPACITY, options.max_jump, options.jump_frames),
+        max_acceleration=options.max_acceleration, max_speed=options.max_speed,
+        ease_speed=options.ease_speed, max_dt=options.max_dt, hand_timeout=options.hand_timeout,
+        hold_timeout=options.hold_timeout if options.hold_to_engage else math.inf,
+        robot_timeout=options.robot_timeout if options.require_robot_state else math.inf)
+
+
+@jit
+def is_followed(guard: GuardMemory, now: float) -> bool:
+    """Return whether a frame of the hand that comes now is followed, as the last one was.
+
+    Parameters
+    ----------
+    guard : GuardMemory
+    now : float
+        [s]
+    """
+    return ((guard.state[0] == FOLLOWING or guard.state[0] == EASING)
+            and now - guard.hand_time[0] <= guard.hand_timeout
+            and not now - guard.press_time[0] > guard.hold_timeout
+            and not now - guard.robot_time[0] > guard.robot_timeout)
+
+
+@jit
+def observe_position(guards: Pack[GuardMemory], given: np.ndarray, now: float) -> None:
+    """Take where the robot is; what is not finite is left out.
+
+    Parameters
+    ----------
+    guards : pack of GuardMemory
+        Changed.
+    given : ndarray, shape (>= n,)
+        [rad or m]
+    now : float
+        Time of receipt [s].
+    """
+    guard = guards[0]
+    is_finite = math.isfinite(now)
+    for i in range(guard.joints):
+        is_finite = is_finite and math.isfinite(given[i])
+    if is_finite:
+        for i in range(guard.joints):
+            guard.robot[i] = given[i]
+        guard.has_robot[0], guard.robot_time[0] = 1, now
+
+
+@jit
+def keep_hand(guards: Pack[GuardMemory], now: float) -> None:
+    """Take note that the hand is there, though its frame is not to be followed.
+
+    Parameters
+    ----------
+    guards : pack of GuardMemory
+        Changed.
+    now : float
+        [s]
+    """
+    guard = guards[0]
+    if math.isfinite(now) and guard.has_wanted[0]:
+        guard.hand_time[0] = now
+
+
+@jit
+def observe_wanted(guards: Pack[GuardMemory], given: np.ndarray, now: float) -> bool:
+    """Take the position that the person's hand wants; return whether it is followed.
+
+    Parameters
+    ----------
+    guards : pack of GuardMemory
+        Changed.
+    given : ndarray, shape (>= n,)
+        [rad or m]
+    now : float
+        Time of receipt [s].
+    """
+    guard = guards[0]
+    is_finite = math.isfinite(now)
+    for i in range(guard.joints):
+        is_finite = is_finite and math.isfinite(given[i])
+    if not is_finite:
+        guard.refused_values[0] += 1
+        return False
+    if now - guard.hand_time[0] > guard.hand_timeout:
+        guard.gate.has_last[0] = 0
+    # The hand is there, even where what it wants is not believed yet.
+    guard.hand_time[0] = now
+    for i in range(guard.joints):
+        guard.inside[i] = min(max(given[i], guard.lower[i]), guard.upper[i])
+    if not accepts_position(guard.gate, guard.inside, guard.joints):
+        # After a jump nobody knows how fast the hand is.
+        guard.wanted_time[0] = -math.inf
+        return False
+    since = now - guard.wanted_time[0]
+    is_next = guard.has_wanted[0] > 0 and 0. < since <= guard.max_dt
+    for i in range(guard.joints):
+        moved = guard.inside[i] - guard.wanted[i]
+        guard.wanted_velocity[i] = moved / since if is_next else 0.
+        guard.wanted[i] = guard.inside[i]
+    guard.has_wanted[0], guard.wanted_time[0] = 1, now
+    return True
+
+
+@jit
+def start_step(guards: Pack[GuardMemory], now: float) -> float:
+    """Note the time of a command; return that since the last one, as far as it counts [s].
+
+    Parameters
+    ----------
+    guards : pack of GuardMemory
+        Changed.
+    now : float
+        [s]
+    """
+    guard = guards[0]
+    step = min(max(now - guard.command_time[0], 0.), guard.max_dt)
+    guard.command_time[0] = max(now, guard.command_time[0])
+    return step
+
+
+@jit
+def follow_wanted(guards: Pack[GuardMemory], step: float) -> None:
+    """Move the command towards what the hand wants, while EASING or FOLLOWING, which it leads to.
+
+    Parameters
+    ----------
+    guards : pack of GuardMemory
+        Changed.
+    step : float
+        [s]
+    """
+    guard = guards[0]
+    share = 0.
+    if guard.state[0] == FOLLOWING:
+        share = min((guard.command_time[0] - guard.reached_time[0]) / SPEEDING_UP, 1.)
+    ease, most = guard.ease_speed, max(guard.ease_speed, guard.max_speed)
+    move_command(guards, guard.wanted, guard.wanted_velocity, ease + share * (most - ease), step)
+    is_reached = True
+    for i in range(guard.joints):
+        guard.wanted_velocity[i] = 0.
+        is_reached = is_reached and abs(guard.command[i] - guard.wanted[i]) < REACHED
+    if guard.state[0] == EASING and is_reached:
+        guard.state[0], guard.reached_time[0] = FOLLOWING, guard.command_time[0]
+
+
+@jit
+def move_command(guards: Pack[GuardMemory], goal: np.ndarray, goal_velocity: np.ndarray,
+                 speed: float, step: float) -> None:
+    """Move the command towards a goal within speed and acceleration, in one time step.
+
+    A goal that moves is met with its own velocity: slowed down to a stop before each of its
+    positions, the command would trail it by v / 2a, with v its speed and a the acceleration.
+
+    Parameters
+    ----------
+    guards : pack of GuardMemory
+        Changed.
+    goal, goal_velocity : ndarray, shape (>= n,)
+        [rad or m, and per second]
+    speed : float
+        At most.
+    step : float
+        [s]
+    """
+    guard = guards[0]
+    if step <= 0.:
+        return
+    acceleration = guard.max_acceleration
+    slowing = acceleration * step
+    for i in range(guard.joints):
+        command, velocity = guard.command[i], guard.velocity[i]
+        most = min(guard.speed[i], speed)
+        ahead = _within(goal_velocity[i], -most, most)
+        away = goal[i] - command - ahead * step
+        braked = _braked_speed(away, acceleration, slowing)
+        wished = _within(ahead + _within(away / step, -braked, braked), -most, most)
+        # So that it can still stop within the margin of a limit.
+        wished = _within(wished, -_braked_speed(command - guard.lower[i], acceleration, slowing),
+                         _braked_speed(guard.upper[i] - command, acceleration, slowing))
+        wished = _within(wished, velocity - slowing, velocity + slowing)
+        wished = _within(wished, -guard.speed[i], guard.speed[i])
+        # A command within the margin of a limit never goes on outwards.
+        moved = _within(command + wished * step, min(guard.lower[i], command),
+                        max(guard.upper[i], command))
+        guard.velocity[i] = (moved - command) / step
+        guard.command[i] = moved
+
+
+@jit
+def _within(value: float, lower: float, upper: float) -> float:
+    return min(max(value, lower), upper)
+
+
+@jit
+def _braked_speed(distance: float, acceleration: float, slowing: float) -> float:
+    """Return the speed that can be braked to nothing within a distance, with a step to spare.
+
+    Parameters
+    ----------
+    distance : float
+        Of either sign [rad or m].
+    acceleration : float
+        At most.
+    slowing : float
+        Change of speed in a step at most.
+    """
+    return math.sqrt(2. * acceleration * abs(distance) + slowing * slowing / 4.) - slowing / 2.

@@ -1,0 +1,220 @@
+"""The fast path of a robot: the same commands to the bit as the slow path, whatever comes."""
+
+import numpy as np
+import pytest
+from helpers.robots import GRIPPER, wide_hand
+
+from hand_tracker.core.model.hand import JOINTS
+from hand_tracker.core.numerics.jit import packed
+from hand_tracker.files.urdf_file import urdf
+from hand_tracker.messages.joint_states import JointStateReader
+from hand_tracker.messages.stamps import Stamp
+from hand_tracker.messages.templates import (
+    joint_state_template,
+    joint_trajectory_template,
+    position_array_template,
+)
+from hand_tracker.nodes.fast_path.command_kernel import (
+    install_numbers,
+    new_command_memory,
+    process_confidence,
+    process_hand,
+    process_position,
+)
+from hand_tracker.nodes.fast_path.kernel import install_reply
+from hand_tracker.retargeting.follow_kernel import COMMANDED, NO_COMMAND, NOT_FOLLOWED
+from hand_tracker.retargeting.guard_kernel import FOLLOWING
+from hand_tracker.retargeting.guard_options import GuardOptions
+from hand_tracker.retargeting.robot_file import load_robot
+from hand_tracker.retargeting.teleoperation import Teleoperation
+from hand_tracker.simulation.poses import pose_angles
+
+NEEDS = 'rclpy',
+
+STEP = 1. / 120.
+NAMES = [f'right_{joint}' for joint in JOINTS]
+
+
+def bytes_of(data):
+    """Return a message as the callback has it."""
+    return np.array(np.frombuffer(data, np.uint8))
+
+
+class SlowPath:
+    """A robot that follows joint states as the node does without a fast path."""
+
+    def __init__(self, loaded, options):
+        self.it = Teleoperation(loaded, wide_hand(), 'right_', options, min_confidence=.2)
+        self.templates = [joint_state_template(self.it.order),
+                          joint_trajectory_template(self.it.order, 20_000_000),
+                          position_array_template(len(self.it.order))]
+        self.readers = [JointStateReader() for _ in range(3)]
+
+    def confidence(self, data, now):
+        read = self.readers[1].read(data)
+        self.it.observe_confidence(read.names, read.positions)
+
+    def robot(self, data, now):
+        read = self.readers[2].read(data)
+        self.it.observe_robot(read.names, read.positions, now)
+
+    def hand(self, data, now):
+        """Return the messages that answer a frame."""
+        read = self.readers[0].read(data)
+        if not self.it.observe_hand(read.names, read.positions, now):
+            return None
+        return self.filled(self.it.command(now), read.stamp)
+
+    def filled(self, command, stamp):
+        return command and [one.fill(stamp, command.position) for one in self.templates]
+
+
+class BothPaths(SlowPath):
+    """The same with the fast path before it, as the compiled callback takes it."""
+
+    def __init__(self, loaded, options):
+        super().__init__(loaded, options)
+        self.commands, self.memory = packed(new_command_memory())
+        self.has_layout = False
+        self.done = []
+
+    def confidence(self, data, now):
+        follow, guard = self.it.packs[0], self.it.packs[-1]
+        if not process_confidence(self.commands, follow, guard, bytes_of(data)):
+            super().confidence(data, now)
+            self.install()
+
+    def robot(self, data, now):
+        if not process_position(self.commands, self.it.packs[-1], bytes_of(data), now):
+            super().robot(data, now)
+            self.install()
+        elif not self.it.guard.is_engaged:
+            # The node reads it itself where the fast path is not enabled.
+            super().robot(data, now)
+
+    def hand(self, data, now):
+        done = NOT_FOLLOWED
+        if self.has_layout:
+            done = process_hand(self.commands, self.it.packs, bytes_of(data), now)
+        self.done.append(done)
+        if done == NOT_FOLLOWED:
+            answer = super().hand(data, now)
+            self.install()
+            return answer
+        if done == NO_COMMAND:
+            return None
+        return [self.memory.replies[i].view(np.uint8)[4:4 + one.size].tobytes()
+                for i, one in enumerate(self.templates)]
+
+    def install(self):
+        self.has_layout = self.it.is_following
+        if self.has_layout:
+            for listed, reader, rows in zip(self.memory[:3], self.readers, self.it.rows):
+                install_numbers(listed, reader, rows)
+            for number, template in enumerate(self.templates):
+                assert install_reply(self.memory, number, template)
+                self.memory.wanted[number] = 1
+
+
+def stream(frames, random):
+    """Yield frames of a hand with faults: angles, confidence, seconds since the last one."""
+    hand = wide_hand()
+    relaxed, fist = hand.relaxed(), pose_angles('fist', hand)
+    for i in range(frames):
+        share = .3 + .3 * np.sin(2. * np.pi * 1.3 * STEP * i)
+        angles, confidence = relaxed + share * (fist - relaxed), np.full(len(JOINTS), .9)
+        step = STEP * random.uniform(.8, 1.2)
+        fault = random.integers(200)
+        if fault == 0:
+            angles[random.integers(len(JOINTS))] = np.nan
+        elif fault == 1:
+            angles = fist + 1.
+        elif fault == 2:
+            confidence[:] = .1
+        elif fault == 3:
+            step = .2
+        elif fault == 4:
+            step = 0.
+        yield angles, confidence, step
+
+
+@pytest.mark.parametrize('options', [
+    {}, {'hold_to_engage': True}, {'require_robot_state': False, 'max_speed': 1.}])
+@pytest.mark.parametrize('robot', ['hand', 'gripper'])
+def test_both_paths_send_the_same_bits_whatever_comes(robot, options, tmp_path):
+    path = tmp_path / 'robot.yaml'
+    path.write_text('name: ours\n')
+    loaded = load_robot(*((str(path), urdf(wide_hand())) if robot == 'hand'
+                          else ('robotiq_2f', GRIPPER)))
+    rigs = [kind(loaded, GuardOptions(**options)) for kind in (SlowPath, BothPaths)]
+    model, random = loaded.hand.model, np.random.default_rng(3)
+    hands, confidences = (joint_state_template(NAMES) for _ in range(2))
+    robots = joint_state_template(model.joint_names)
+    at, now, sent = model.joint_positions(loaded.hand.rest), 50., 0
+    for number, (angles, confidence, step) in enumerate(stream(2500, random)):
+        now += step
+        stamp = Stamp(number, 7 * number)
+        answers = []
+        for rig in rigs:
+            if number % 700 < 600:
+                rig.robot(robots.fill(stamp, at), now)
+            rig.it.guard.press(now)
+            answers.append(rig.hand(hands.fill(stamp, angles), now))
+            if not rig.it.guard.is_engaged:
+                rig.it.guard.engage(now)
+            rig.confidence(confidences.fill(stamp, confidence), now)
+        assert answers[0] == answers[1], number
+        assert rigs[0].it.guard.state is rigs[1].it.guard.state
+        assert rigs[0].it.refused_jumps == rigs[1].it.refused_jumps
+        if answers[0] is not None:
+            sent += 1
+    done = rigs[1].done
+    assert min(done.count(kind) for kind in (NOT_FOLLOWED, COMMANDED)) > 20
+    assert done.count(NO_COMMAND) > 0 and sent > done.count(COMMANDED) > .5 * len(done)
+
+
+@pytest.mark.parametrize('what, after', [
+    ('the hand was lost', .16), ('the deadman was released', .3), ('the robot is silent', .6)])
+def test_what_is_due_to_end_is_left_to_the_slow_path_unchanged(what, after, tmp_path):
+    options = {'the hand was lost': {'hand_timeout': .15},
+               'the deadman was released': {'hand_timeout': 10., 'hold_to_engage': True},
+               'the robot is silent': {'hand_timeout': 10.}}[what]
+    path = tmp_path / 'robot.yaml'
+    path.write_text('name: ours\n')
+    rig = BothPaths(load_robot(str(path), urdf(wide_hand())), GuardOptions(**options))
+    data, now = joint_state_template(NAMES).fill(Stamp(1, 0), wide_hand().relaxed()), 10.
+    robot = joint_state_template(rig.it._model.joint_names)
+    at = rig.it._model.joint_positions(rig.it._model.open_position())
+    while rig.it.guard.memory.state[0] != FOLLOWING or not rig.has_layout:
+        now += STEP
+        rig.robot(robot.fill(Stamp(1, 0), at), now)
+        rig.hand(data, now)
+        rig.it.guard.press(now)
+    before = [bytes(np.asarray(pack)) for pack in rig.it.packs if isinstance(pack, np.ndarray)]
+    guard = rig.it.guard
+    times = [float(one[0]) for one in (guard.memory.hand_time, guard.memory.command_time)]
+    assert process_hand(rig.commands, rig.it.packs, bytes_of(data), now + after) == NOT_FOLLOWED
+    assert before == [bytes(np.asarray(pack)) for pack in rig.it.packs
+                      if isinstance(pack, np.ndarray)]
+    assert times == [float(one[0]) for one in (guard.memory.hand_time, guard.memory.command_time)]
+    # And a moment after the last frame it would have been answered.
+    assert process_hand(rig.commands, rig.it.packs, bytes_of(data), now + STEP) == COMMANDED
+
+
+@pytest.mark.parametrize('damage', [
+    lambda data: data[:60], lambda data: data[:-120], lambda data: b'\0\0' + data[2:],
+    lambda data: data.replace(b'right_index', b'right_xndex'), lambda data: b''])
+def test_messages_of_another_layout_are_refused(damage, tmp_path):
+    path = tmp_path / 'robot.yaml'
+    path.write_text('name: ours\n')
+    rig = BothPaths(load_robot(str(path), urdf(wide_hand())),
+                    GuardOptions(require_robot_state=False))
+    data, now = joint_state_template(NAMES).fill(Stamp(1, 0), wide_hand().relaxed()), 10.
+    while not rig.has_layout:
+        now += STEP
+        rig.hand(data, now)
+        rig.it.guard.engage(now)
+    now += STEP
+    assert process_hand(
+        rig.commands, rig.it.packs, bytes_of(damage(data)), now) == NOT_FOLLOWED
+    assert process_hand(rig.commands, rig.it.packs, bytes_of(data), now) == COMMANDED
