@@ -52,6 +52,7 @@ setup(
     extras_require={
         'cluster': ['distributed', 'fsspec'],
         'fast': ['numba'],
+        'mujoco': ['mujoco'],
         'qualisys': ['qtm-rt'],
         'test': [
             'bvhio',

@@ -1,5 +1,5 @@
 # shellcheck shell=bash
-# Sourced by demo and test. `prepare demo|view|test` leaves in $python an interpreter that has ROS 2 and hand_tracker:
+# Sourced by demo and test. `prepare demo|view|grasp|test` leaves in $python an interpreter that has ROS 2 and hand_tracker:
 # that of a sourced ROS 2, else one in .venv made from requirements/ and overlay/.
 
 root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -45,6 +45,7 @@ use_sourced_ros() {
   local modules=(matplotlib numpy PIL rosbags scipy yaml)
   case $1 in
     view) modules+=(skimage trimesh viser) ;;
+    grasp) modules+=(mujoco) ;;
     test) modules+=(hypothesis pytest pytest_timeout) ;;
   esac
   python=python3
@@ -53,7 +54,7 @@ use_sourced_ros() {
   log=$stamps/setup.log
   # The checkout comes before an installed hand_tracker, so that edits take effect.
   export PYTHONPATH=$root${PYTHONPATH:+:$PYTHONPATH}
-  local missing viser=
+  local missing name by_pip=
   missing=$("$python" - "${modules[@]}" <<'PYTHON'
 import importlib.util
 import sys
@@ -61,11 +62,13 @@ import sys
 print(*[name for name in sys.argv[1:] if importlib.util.find_spec(name) is None])
 PYTHON
   )
-  # It has no rosdep key.
-  [[ $missing != *viser* ]] || viser='
-  python3 -m pip install viser'
+  # These have no rosdep key.
+  for name in viser mujoco; do
+    [[ $missing != *$name* ]] || by_pip="
+  python3 -m pip install $name"
+  done
   [[ -z $missing ]] || fail "Python modules are missing: $missing. Get them with
-  rosdep install --from-paths '$root' --ignore-src -y$viser"
+  rosdep install --from-paths '$root' --ignore-src -y$by_pip"
 }
 
 # --- without ROS 2 ------------------------------------------------------------------------------------------------

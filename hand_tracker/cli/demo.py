@@ -38,6 +38,7 @@ from ..core.model.skeleton import skeleton_points
 from ..core.numerics.jit import DEFERRED
 from ..drawing.animation import HandMotion, save_animation, save_sheet
 from ..files.angle_table import write_angle_table
+from ..files.bags import write_bag
 from ..files.hand_file import choose_hand, save_hand
 from ..files.layout_file import save_layout
 from ..messages.builders import prefixed_names
@@ -45,11 +46,14 @@ from ..messages.labels import LabelMap, default_labels, label_maps
 from ..messages.marker_array import markers_from_message
 from ..messages.stamps import nanoseconds
 from ..package_data import packaged_recording
+from ..simulation.ball_grasp import grasp_recording
+from ..simulation.packaged_recordings import recording_messages
 from ..tracking.opened_recording import PointBag, open_recording
 from ..tracking.recording import USUAL_TOPIC, marker_topic
 from ..viewer.recording_source import ViewerRecording
-from ..viewer.robot_scene import chosen_robot
+from ..viewer.robot_scene import PLAIN_ROBOT, chosen_robot
 from ..viewer.serve import add_page_options, view
+from .demo_grasp import GraspingRobot
 from .demo_robot import DrivenRobot
 from .recording_options import (
     add_hand_options,
@@ -339,6 +343,9 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     parser.add_argument('--rate', type=float, default=1., help='speed of the replay (default: 1)')
     parser.add_argument('--output', type=Path, default=Path('demo_output'),
                         help='folder for the pictures and the table (default: demo_output)')
+    parser.add_argument('--grasp', action='store_true',
+                        help='instead of a recording, a hand that grasps a ball: the plain robot '
+                        'hand follows it in MuJoCo (pip install mujoco)')
     parser.add_argument('--view', action='store_true',
                         help='instead of all that, show the hand in the browser')
     add_page_options(parser)
@@ -350,6 +357,8 @@ def _hands(options: argparse.Namespace) -> tuple[list[HeardHand], Path | PointBa
 
     Where the options name no recording, the packaged one is noted there.
     """
+    if options.grasp:
+        return [_grasping_hand(options)], options.recording
     if options.recording is None:
         side = options.side or choose_hand(options.hand)[0].side
         options.recording = packaged_recording(side)
@@ -362,6 +371,21 @@ def _hands(options: argparse.Namespace) -> tuple[list[HeardHand], Path | PointBa
     names = chosen[SIDES[0]][1].names
     labels = label_maps(default_labels(names), {side: f'{side}/0' for side in SIDES}, names)
     return [HeardHand(*chosen[side], labels[side]) for side in SIDES], options.recording
+
+
+def _grasping_hand(options: argparse.Namespace) -> HeardHand:
+    """Write the recording of a hand that grasps, and return the hand."""
+    for name, allowed in (('recording', (None,)), ('side', (None, 'right')), ('hand', (None,)),
+                          ('robot', ('', PLAIN_ROBOT)), ('rate', (1.,)), ('view', (False,))):
+        if getattr(options, name) not in allowed:
+            raise HandTrackerError(f'--grasp: leave out --{name}; it has the mean right hand and '
+                                   'the plain robot hand')
+    hand, layout = choose_hand(None, 'right', options.limits, options.coupling)
+    options.robot = PLAIN_ROBOT
+    options.output.mkdir(parents=True, exist_ok=True)
+    options.recording = options.output / 'grasp.mcap'
+    write_bag(options.recording, recording_messages(grasp_recording(hand), hand.side))
+    return HeardHand(hand, layout, label_map((), layout.names))
 
 
 def main(args: list[str] | None = None) -> int:
@@ -394,7 +418,9 @@ def main(args: list[str] | None = None) -> int:
         rclpy.init()
         node = rclpy.create_node('demo')
         listener = Listener(node, hands)
-        robot = None if loaded is None else DrivenRobot(node, loaded)
+        robot = None
+        if loaded is not None:
+            robot = (GraspingRobot if options.grasp else DrivenRobot)(node, loaded)
         if isinstance(recording, PointBag) and not options.hand:
             # The tracker learns from it where the markers are.
             options.hand = str(options.output / 'hand.yaml')

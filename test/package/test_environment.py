@@ -320,6 +320,15 @@ def test_sourced_ros_without_the_library_of_the_view(machine):
     assert machine.calls() == []
 
 
+def test_sourced_ros_without_the_physics_of_the_grasp(machine):
+    machine.give('python3', SOURCED_PYTHON.format(rclpy=0, missing='mujoco'))
+    result = machine.run('demo', '--grasp', ROS_DISTRO='jazzy')
+    assert result.returncode == 1
+    assert 'missing: mujoco' in result.stderr and 'pip install mujoco' in result.stderr
+    asked = (machine.checkout / 'asked').read_text().split()[1:]
+    assert asked[-1] == 'mujoco'
+
+
 def test_sourced_ros_of_another_python_is_left_alone(machine):
     machine.python()
     result = machine.run(ROS_DISTRO='noetic', LD_LIBRARY_PATH='/opt/ros/noetic/lib')
