@@ -1,7 +1,5 @@
 """Robot files: presets, dex-retargeting's files, what inspecting writes, and clear refusals."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import yaml
@@ -180,12 +178,3 @@ def test_broken_files_of_dex_retargeting_are_refused(section, message, tmp_path)
     with pytest.raises(InvalidRobot) as refusal:
         load_robot(str(path))
     assert message in str(refusal.value)
-
-
-def test_the_controllers_of_the_plain_hand_have_its_joints_in_the_order_of_commands():
-    loaded = load_robot('plain')
-    settings = yaml.safe_load(
-        (Path(loaded.urdf).parents[1] / 'plain_hand_controllers.yaml').read_text())
-    for controller in ('hand_positions', 'hand_trajectory'):
-        assert controller in settings['controller_manager']['ros__parameters']
-        assert tuple(settings[controller]['ros__parameters']['joints']) == loaded.order

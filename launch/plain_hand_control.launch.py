@@ -1,0 +1,66 @@
+"""Drive the plain robot hand by ros2_control with mock hardware; an example for your own robot.
+
+Tracker and source come from track.launch.py, which this includes with the arguments that are
+given here. Needs ros2_control and ros2_controllers.
+"""
+
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch_ros.actions import Node
+
+from hand_tracker.files.ros2_control import with_mock_hardware
+from hand_tracker.retargeting.robot_file import load_robot
+from launch import LaunchDescription
+
+ROBOT = 'plain'
+# Nodes of the robot: `robot_description` and `joint_states` without it are the person's hand.
+ROBOT_NAMESPACE = 'robot'
+# By controller: the output of the retarget node, and its topic in that namespace.
+CONTROLLERS = {
+    'hand_positions': ('position_array', 'commands'),
+    'hand_trajectory': ('joint_trajectory', 'joint_trajectory')}
+ARGUMENTS = (
+    DeclareLaunchArgument(
+        'controller', default_value='hand_positions', choices=list(CONTROLLERS),
+        description='Of config/plain_hand_controllers.yaml: hand_positions, a '
+                    'forward_command_controller, or hand_trajectory, a '
+                    'joint_trajectory_controller'),
+    DeclareLaunchArgument(
+        'side', default_value='right', choices=['right', 'left'], description='Of both hands'),
+)
+
+
+def start(context):
+    """Return the nodes of the robot, and the launch of the tracker."""
+    given = context.launch_configurations
+    controller, side = given['controller'], given['side']
+    output, topic = CONTROLLERS[controller]
+    share = Path(get_package_share_directory('hand_tracker'))
+    robot = load_robot(ROBOT, preferred_side=side)
+    description = with_mock_hardware(Path(robot.urdf).read_text(encoding='utf-8'), robot.order)
+
+    def of_robot(package, executable, **more):
+        return Node(package=package, executable=executable, namespace=ROBOT_NAMESPACE,
+                    output='screen', **more)
+
+    return [
+        of_robot('robot_state_publisher', 'robot_state_publisher',
+                 parameters=[{'robot_description': description}]),
+        of_robot('controller_manager', 'ros2_control_node',
+                 parameters=[str(share / 'config' / 'plain_hand_controllers.yaml')]),
+        of_robot('controller_manager', 'spawner', arguments=[
+            'joint_state_broadcaster', controller,
+            '--controller-manager', f'/{ROBOT_NAMESPACE}/controller_manager']),
+        Node(package='hand_tracker', executable='retarget', output='screen',
+             parameters=[{'robot': ROBOT, 'side': side, 'outputs': output}],
+             remappings=[(f'robot/{output}', f'{ROBOT_NAMESPACE}/{controller}/{topic}')]),
+        IncludeLaunchDescription(PythonLaunchDescriptionSource(
+            str(share / 'launch' / 'track.launch.py')), launch_arguments={'side': side}.items())]
+
+
+def generate_launch_description():
+    """Return the description that `ros2 launch` runs."""
+    return LaunchDescription([*ARGUMENTS, OpaqueFunction(function=start)])
