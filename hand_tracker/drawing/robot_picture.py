@@ -8,14 +8,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from .images import figure_image, save_gif
-from .palette import DIGIT_COLOURS, GREY, INK, MUTED
+from .palette import DIGIT_COLOURS, GREY, GRID, INK, MUTED
 
 ROBOT_PANEL = 2.4  # [inches] width of a pose
 ROBOT_GIF_SIZE, ROBOT_GIF_COLOURS = (6.4, 5.6), 32   # [inches], entries of the palette
 COLOUR_OF = dict(zip(('index', 'middle', 'ring', 'little', 'thumb'), DIGIT_COLOURS))
 PALM_MARGIN = 6.   # [mm] around what is drawn
+LEAST_PANEL = 1.2  # [inches] height, of the names of its axes
+ROBOT_MARGINS = 1.8  # [inches] for titles, names of axes and the legend
+AXIS_NAMES = 'distal', 'across', 'dorsal'  # the palm's x, y and z
 
 
 class PalmView(NamedTuple):
@@ -99,20 +103,34 @@ def save_robot_picture(path: str | PathLike[str], name: str, poses: Sequence[Rob
     poses : sequence of RobotPose
     """
     rows = [(view, hand) for view in ROBOT_VIEWS for hand in ('human', 'robot')]
-    figure = Figure(figsize=(ROBOT_PANEL * len(poses), ROBOT_PANEL * len(rows)), dpi=100,
+    # To one scale: a robot is as much larger than the person as it looks.
+    limits = {view: _limits(poses, ('human', 'robot'), view) for view in ROBOT_VIEWS}
+    heights = [max(ROBOT_PANEL * np.ptp(limits[view][1]) / np.ptp(limits[view][0]), LEAST_PANEL)
+               for view, _ in rows]
+    figure = Figure(figsize=(ROBOT_PANEL * len(poses), sum(heights) + ROBOT_MARGINS), dpi=100,
                     layout='constrained')
     FigureCanvasAgg(figure)
-    axes = figure.subplots(len(rows), len(poses), squeeze=False)
+    axes = figure.subplots(len(rows), len(poses), squeeze=False, sharex='row', sharey='row',
+                           height_ratios=heights)
     for row, (view, hand) in enumerate(rows):
-        limits = _limits(poses, (hand,), view)
         for column, (ax, pose) in enumerate(zip(axes[row], poses)):
             digits = getattr(pose, hand)
             DigitLines(ax, list(digits), view).draw(digits)
-            ax.set(xlim=limits[0], ylim=limits[1])
+            ax.set(xlim=limits[view][0], ylim=limits[view][1])
+            ax.grid(color=GRID, linewidth=.6)
             if not row:
                 ax.set_title(pose.title, fontsize=10, color=INK)
             if not column:
-                ax.set_ylabel(f'{_whose(hand, name)}\n{view.name}', fontsize=8, color=MUTED)
+                ax.set_ylabel(f'{_whose(hand, name)}\n{view.name}\n{AXIS_NAMES[view.up]} [mm]',
+                              fontsize=7, color=MUTED)
+            if hand == 'robot':
+                ax.set_xlabel(f'{AXIS_NAMES[view.across]} [mm]', fontsize=7, color=MUTED)
+    roles = [role for role in COLOUR_OF if role in poses[0].human or role in poses[0].robot]
+    handles = [Line2D([], [], linewidth=3., marker='o', markersize=3.5, color=COLOUR_OF[role],
+                      label=role) for role in roles]
+    handles.append(Line2D([], [], linewidth=1., color=GREY, label='palm, to the roots'))
+    figure.legend(handles=handles, loc='outside lower center', ncols=len(handles), frameon=False,
+                  fontsize=8, labelcolor=INK)
     figure.savefig(path, metadata={'Software': None})
 
 

@@ -1,9 +1,14 @@
-"""The animation of a person and a robot: it moves, and both hands are in it."""
+"""The picture and the animation of a person and a robot: both hands are in it, to one scale."""
 
 import numpy as np
 from PIL import Image
 
-from hand_tracker.drawing.robot_picture import RobotPose, save_robot_animation
+from hand_tracker.drawing import robot_picture
+from hand_tracker.drawing.robot_picture import (
+    RobotPose,
+    save_robot_animation,
+    save_robot_picture,
+)
 
 
 def test_the_animation_shows_both_hands_move(tmp_path):
@@ -23,3 +28,29 @@ def test_the_animation_shows_both_hands_move(tmp_path):
     for before, after, still in ((0, 1, slice(half, None)), (1, 2, slice(None, half))):
         moved = np.abs(frames[after] - frames[before]).max(axis=2)[top:] > 60
         assert moved.sum() > 100 and not moved[:, still].any()
+
+
+def test_the_picture_has_a_legend_units_and_one_scale(tmp_path, monkeypatch):
+    figures = []
+    make = robot_picture.Figure
+
+    def kept(*args, **options):
+        figures.append(make(*args, **options))
+        return figures[-1]
+
+    monkeypatch.setattr(robot_picture, 'Figure', kept)
+    finger = np.array(((.08, 0., 0.), (.12, .01, 0.), (.16, .01, -.02)))
+    save_robot_picture(tmp_path / 'robot.png', 'hal', [RobotPose(
+        'open', {'index': finger, 'little': finger - (0., .05, 0.)}, {'index': 1.5 * finger})])
+    (figure,) = figures
+    axes = figure.get_axes()
+    labels = [ax.get_ylabel() for ax in axes]
+    assert [label.split('\n')[0] for label in labels] == ['person', 'hal'] * 2
+    assert all('[mm]' in label for label in labels)
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        'index', 'little', 'palm, to the roots']
+    for person, robot in (axes[:2], axes[2:]):
+        assert person.get_xlim() == robot.get_xlim() and person.get_ylim() == robot.get_ylim()
+    assert axes[0].get_ylim()[1] >= 240.
+    with Image.open(tmp_path / 'robot.png') as image:
+        assert image.size[0] > 200
