@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 
 from ..tracking.rate_limit import period_ns
 from ..tracking.stream import TrackedFrame
 from .executors import wake_timer
-from .fast_path import FastPath, InstalledHand
+from .fast_path import PUBLISHER_SILENCE, FastPath, InstalledHand
 from .replies import Replies
 from .tracked_hand import TrackedHand
+
+if TYPE_CHECKING:
+    from .tracker_node import TrackerNode
 
 # Timers of ROS time would stand still without /clock.
 STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
@@ -27,7 +29,7 @@ class MarkerInput:
 
     Parameters
     ----------
-    node : rclpy.node.Node
+    node : TrackerNode
     kind : type
         Of the messages.
     topic : str
@@ -38,6 +40,8 @@ class MarkerInput:
         Of these hands, in this order.
     raw : bool
         Whether messages are taken as bytes.
+    keeps_publisher : bool
+        See `FastPath.start`.
 
     Attributes
     ----------
@@ -47,11 +51,13 @@ class MarkerInput:
         While it serves the subscription.
     """
 
-    def __init__(self, node: Node, kind: type, topic: str, qos: QoSProfile,
-                 hands: Sequence[TrackedHand], replies: Replies, raw: bool) -> None:
+    def __init__(self, node: TrackerNode, kind: type, topic: str, qos: QoSProfile,
+                 hands: Sequence[TrackedHand], replies: Replies, raw: bool,
+                 keeps_publisher: bool) -> None:
         self.hands, self.replies = hands, replies
         self.fast_path: FastPath | None = None
-        self._node, self._raw = node, raw
+        self._node, self._raw, self._keeps_publisher = node, raw, keeps_publisher
+        self._has_named_publishers = False
         self.subscription = node.create_subscription(
             kind, topic, self._on_markers, qos, raw=raw)
         self._waiting: list[tuple[Any, float]] = []
@@ -66,7 +72,8 @@ class MarkerInput:
         self.fast_path = fast_path
         self._drain_timer = self._node.create_timer(1., self.drain, clock=STEADY_CLOCK)
         self._drain_timer.cancel()
-        fast_path.start(self._node, self.subscription, self._drain_fast_path, self._on_markers)
+        fast_path.start(self._node, self.subscription, self._drain_fast_path, self._on_markers,
+                        self._keeps_publisher)
 
     def stop_fast_path(self) -> None:
         """Leave the subscription to the executor; to be called while it is still there."""
@@ -169,6 +176,19 @@ class MarkerInput:
         self._drain_fast_path()
         for hand in self.hands:
             hand.monitor()
+
+    def name_publishers(self) -> None:
+        """Say once that messages of another publisher than the one tracked are left out."""
+        publishers = None if self.fast_path is None else self.fast_path.publishers
+        if publishers is None or self._has_named_publishers:
+            return
+        self._has_named_publishers = True
+        topic = self.subscription.topic_name
+        kept, other = (self._node.publisher_name(topic, guid) for guid in publishers)
+        self.hands[0].warn_once(
+            'publishers', f'several nodes publish on {topic}: {kept} is tracked until it is silent '
+            f'for {PUBLISHER_SILENCE:g} s, and what {other} sends meanwhile is left out '
+            '(publishers)')
 
     def drain_at(self, rate: float | None) -> None:
         """Drain the fast path at a rate [Hz], for displays; None to leave it to the caller."""

@@ -45,6 +45,7 @@ from .tracker_parameters import (
     learns_size,
     live_settings,
     starting_hand,
+    tracks_alike,
 )
 
 if TYPE_CHECKING:
@@ -272,11 +273,12 @@ class TrackedHand:
         self._has_new_settings = False
         hand, layout = self._new_hand or (self._tracker.hand, None)
         self._new_hand = None
-        self.settings = self._settings_of(hand, self._values())
-        if layout is None:
-            self._tracker.configure(hand=self.settings.hand, options=self.settings.options)
-        else:
+        former, self.settings = self.settings, self._settings_of(hand, self._values())
+        if layout is not None:
             self.stream.replace_hand(self.settings.hand, layout, self.settings.options)
+        elif not tracks_alike(former, self.settings):
+            # It derives all that it tracks with anew: several frames long.
+            self._tracker.configure(hand=self.settings.hand, options=self.settings.options)
         self.stream.reader = self._new_reader()
         self._monitor.set_labels(self.settings.labels)
 

@@ -26,7 +26,7 @@ from ..messages.labels import LabelMap
 from ..messages.stamps import Time
 from ..tracking.compile_kernels import compile_tracking
 from ..tracking.diagnostics import STATUS_PERIOD
-from ..tracking.input_monitor import who_publishes
+from ..tracking.input_monitor import full_name, who_publishes
 from ..tracking.point_labels import PointLabels
 from .fast_path import FastPath, FastPathUnavailable
 from .marker_input import STEADY_CLOCK, MarkerInput
@@ -36,6 +36,7 @@ from .runner import declare, qos_of, run
 from .serialization import Serialization
 from .tracked_hand import TrackedHand
 from .tracker_parameters import (
+    FIRST_PUBLISHER,
     SEPARATE,
     SHARED,
     START,
@@ -102,7 +103,8 @@ class TrackerNode(Node):
             self, message, topic, self._qos['markers'], hands, Replies(
                 self, [AnsweredHand(hand.hand, hand.names, hand.topics) for hand in hands],
                 self._serialization, self._qos, start['broadcast'], is_separate),
-            self._serialization.raw) for topic, hands in groups.items())
+            self._serialization.raw, start['publishers'] == FIRST_PUBLISHER)
+            for topic, hands in groups.items())
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.create_timer(REPORT_PERIOD, self._report, clock=STEADY_CLOCK)
         self.create_timer(STATUS_PERIOD, self._publish_status, clock=STEADY_CLOCK)
@@ -248,6 +250,7 @@ class TrackerNode(Node):
         self._start_fast_path()
         for one in self.inputs:
             one.drain()
+            one.name_publishers()
             has_viewers = False
             for number, hand in enumerate(one.hands):
                 new_hand = hand.new_hand_to_show()
@@ -274,6 +277,13 @@ class TrackerNode(Node):
         """Return a line on the publishers of a topic of markers."""
         return who_publishes(
             self.get_publishers_info_by_topic(topic), self._reliability, self._kind.type)
+
+    def publisher_name(self, topic: str, guid: bytes) -> str:
+        """Return the full name of the node that publishes on a topic with a GUID."""
+        for endpoint in self.get_publishers_info_by_topic(topic):
+            if bytes(endpoint.endpoint_gid[:len(guid)]) == guid:
+                return full_name(endpoint)
+        return 'a publisher that is gone'
 
 
 def main(args: list[str] | None = None) -> int:

@@ -64,6 +64,7 @@ class Settings(NamedTuple):
     display_rate: float
 
 
+FIRST_PUBLISHER = 'first'  # of several publishers
 START = (
     Parameter('hand_file', '', 'Hand file (YAML) with lengths, limits and marker places; '
               'empty for the mean hand'),
@@ -101,6 +102,9 @@ START = (
               choices=tuple(MARKER_MESSAGES)),
     Parameter('fast_path', True, "Whether regular frames are tracked in the middleware's own "
               'thread, in compiled code alone'),
+    Parameter('publishers', FIRST_PUBLISHER, 'Which of several publishers of markers on one topic '
+              'are tracked: the first one, until it is silent for a second, or all; without the '
+              'fast path all are', choices=(FIRST_PUBLISHER, 'all')),
     Parameter('calibration_file', 'my_hand.yaml', 'Hand file that ~/calibrate writes, from the '
               'folder in which the node was started'),
 ) + tuple(
@@ -421,6 +425,18 @@ def live_settings(hand: Hand, values: Mapping[str, Any], names: Sequence[str] = 
         LabelMap(label_values(values, names), names) if labels is None else labels,
         values['unit_scale'], values['zero_is_missing'], values['distal_flexion_timeout'],
         values['display_rate'])
+
+
+def tracks_alike(former: Settings, settings: Settings) -> bool:
+    """Return whether a hand of the same bones is tracked in the same way by both settings.
+
+    Parameters
+    ----------
+    former, settings : Settings
+    """
+    return (settings.options == former.options
+            and np.array_equal(settings.hand.limits, former.hand.limits)
+            and np.array_equal(settings.hand.coupling, former.hand.coupling))
 
 
 def label_values(values: Mapping[str, Any], names: Sequence[str] = MARKERS) -> list[Any]:

@@ -404,6 +404,16 @@ class InputMonitor:
             self.warn_once('never', f'never seen so far: {self._expected(never)}; {self._others()}')
 
 
+def full_name(endpoint: Any) -> str:
+    """Return the name of an endpoint's node with its namespace.
+
+    Parameters
+    ----------
+    endpoint : rclpy.topic_endpoint_info.TopicEndpointInfo
+    """
+    return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
+
+
 def who_publishes(endpoints: Sequence[Any], reliability: str,
                   message_type: str = MARKER_ARRAY) -> str:
     """Explain why the publishers of a topic may deliver no markers.
@@ -423,7 +433,7 @@ def who_publishes(endpoints: Sequence[Any], reliability: str,
     if not endpoints:
         return 'nothing publishes them (a remapping, ROS_DOMAIN_ID?)'
     for endpoint in endpoints:
-        name = f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
+        name = full_name(endpoint)
         if endpoint.topic_type != message_type:
             return f'{name} publishes {endpoint.topic_type}, not {message_type}'
         if reliability == 'reliable' and endpoint.qos_profile.reliability.name != 'RELIABLE':

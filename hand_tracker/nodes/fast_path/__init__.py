@@ -12,17 +12,18 @@ States of a frame's way::
     disabled: the executor's thread takes messages (slow path) and owns the tracker's state
     enabled:  the middleware's thread takes messages and owns the tracker's state
 
-A message that was taken but not processed is kept, and handed to the slow path first. The fast
-path is enabled again once the slow path has handled all that waits, if the last message was
-installed. `stop` takes the callback down while the executor is still there.
+A message that was taken but not processed is kept, and handed to the slow path first. Once that
+has handled a message that is installed, the executor's thread lets the compiled callback process
+what waits behind it; the fast path is enabled again when nothing waits. `stop` takes the callback
+down while the executor is still there.
 
 Lock order: the middleware's locks, then the mutex. Never wait for the GIL while holding the
 mutex: the middleware's thread never asks for it.
 """
 
 from .command_path import CommandPath, ListedJoints
-from .middleware import FastPath, InstalledHand, InstalledReply
+from .middleware import PUBLISHER_SILENCE, FastPath, InstalledHand, InstalledReply
 from .rcl import FastPathUnavailable
 
-__all__ = ['CommandPath', 'FastPath', 'FastPathUnavailable', 'InstalledHand', 'InstalledReply',
-           'ListedJoints']
+__all__ = ['PUBLISHER_SILENCE', 'CommandPath', 'FastPath', 'FastPathUnavailable', 'InstalledHand',
+           'InstalledReply', 'ListedJoints']

@@ -135,7 +135,13 @@ class CallbackPath:
                     self._set_enabled(self._contexts, True)
                 return
             self._on_message(data)
+            if self._is_installed:
+                # What waits behind it would be slow otherwise, and more come meanwhile.
+                self._process_waiting()
         self._rcl.reset_timer(self._timer.handle.pointer)
+
+    def _process_waiting(self) -> None:
+        """Process what waits as the callback does, in the executor's thread, while disabled."""
 
     def _next(self) -> bytes | None:
         """Return the next message, or None; first the one that was taken already."""
@@ -149,8 +155,9 @@ class CallbackPath:
         assert self._subscription is not None
         return self._take_from(self._subscription, self._incoming)
 
-    def _take_from(self, subscription: Subscription, incoming: Octets) -> bytes | None:
-        if self._rcl.take(subscription.handle.pointer, ctypes.byref(incoming), None, None):
+    def _take_from(self, subscription: Subscription, incoming: Octets,
+                   info: int | None = None) -> bytes | None:
+        if self._rcl.take(subscription.handle.pointer, ctypes.byref(incoming), info, None):
             self._rcl.reset_error()
             return None
         return incoming.content()

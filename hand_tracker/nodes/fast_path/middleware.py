@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
 
 from ...core.model.marker_layout import MARKERS, MarkerLayout
 from ...core.model.marker_rows import LAYOUT_CAPACITY
@@ -27,7 +29,7 @@ from ...messages.cdr import ENCAPSULATION, MessageSignature
 from ...messages.stamps import Stamp, Time
 from ...messages.templates import Template
 from ...tracking.monitor import TrackedFrames
-from .callback_path import CallbackPath, monotonic_time, set_enabled
+from .callback_path import TAKE_CAPACITY, CallbackPath, monotonic_time, set_enabled
 from .kernel import (
     LOG_CAPACITY,
     LOG_COLUMNS,
@@ -53,11 +55,16 @@ from .rcl import address
 if COMPILED:
     from .rcl import at, call
 
+WHILE_DISABLED = 0       # new messages, of the callback, when the executor's thread calls it
 REPORT = -1              # place of the report among the packs of `track_frame`
+# rmw_message_info_t, in words: the GUID of a message's publisher (RTPS 2.5, 8.2.4.1) is two.
+INFO_WORDS, INFO_PUBLISHER = 16, 5
+PUBLISHER_SILENCE = 1.   # [s] of the publisher that is tracked before another one is
+KEPT_CAPACITY = 2**20    # [bytes] of a message that stay allocated
 
 
 class CallbackContext(NamedTuple):
-    """Context of the compiled callback: addresses, but for the first three arrays.
+    """Context of the compiled callback: addresses, but for the first arrays.
 
     Attributes
     ----------
@@ -66,6 +73,18 @@ class CallbackContext(NamedTuple):
         Whether the incoming message was taken, but not processed.
     now : ndarray of int, shape (2,)
         Seconds and nanoseconds of clock_gettime.
+    info : ndarray of int, shape (INFO_WORDS,)
+        rmw_message_info_t of the last message that was taken.
+    publisher : ndarray of int, shape (2,)
+        GUID of the one whose messages are tracked.
+    heard : ndarray, shape (1,)
+        When it was heard last [s].
+    silence : ndarray, shape (1,)
+        For how long before another one is tracked; 0 for all publishers [s].
+    other : ndarray of int, shape (2,)
+        GUID of the last publisher whose message was left out.
+    left_out : ndarray of int, shape (1,)
+        Messages of others that were left out.
     memory : int
     hands : ndarray of int, shape (MOST_HANDS,)
         Addresses of the memories of the hands in a message, filled up with the first.
@@ -82,6 +101,12 @@ class CallbackContext(NamedTuple):
     is_enabled: np.ndarray
     has_missed_message: np.ndarray
     now: np.ndarray
+    info: np.ndarray
+    publisher: np.ndarray
+    heard: np.ndarray
+    silence: np.ndarray
+    other: np.ndarray
+    left_out: np.ndarray
     memory: int
     hands: np.ndarray
     packs: np.ndarray
@@ -182,6 +207,8 @@ class FastPath(CallbackPath):
         zeros = partial(np.zeros, dtype=np.int64)
         self._contexts, self._context = packed(CallbackContext(
             is_enabled=zeros(1), has_missed_message=zeros(1), now=zeros(2),
+            info=zeros(INFO_WORDS), publisher=zeros(2), heard=np.full(1, -np.inf),
+            silence=np.zeros(1), other=zeros(2), left_out=zeros(1),
             memory=self._memories.ctypes.data, hands=zeros(MOST_HANDS),
             packs=zeros((MOST_HANDS, len(packs))), publishers=zeros(MOST_REPLIES),
             outgoing=np.array([ctypes.addressof(octets) for octets in self._outgoing]),
@@ -190,6 +217,7 @@ class FastPath(CallbackPath):
             **{name: address(getattr(self._rcl, name)) for name in C_FUNCTIONS}),
             as_record=True)
         self._set_enabled = load_kernel(set_enabled, (self._contexts, False), folder)
+        self._is_left_out = load_kernel(_is_left_out, (self._contexts,), folder)
         self._drain = load_kernel(_drain, (
             self._contexts, self._hand_packs[0], packs[REPORT], self._log, self._states,
             empty_like_pack(packs[REPORT])), folder)
@@ -199,6 +227,21 @@ class FastPath(CallbackPath):
         # Compiled before the first frame waits for them.
         self.drain(0)
         self._set_enabled(self._contexts, False)
+
+    def start(self, node: Node, subscription: Subscription, on_disabled: Callable[[], None],
+              on_message: Callable[[bytes], None], keeps_publisher: bool = False) -> None:
+        """Take the messages of a subscription, as `CallbackPath.start` does.
+
+        Parameters
+        ----------
+        node, subscription, on_disabled, on_message
+            See there.
+        keeps_publisher : bool, optional
+            Whether messages of others than the first publisher are left out, until it has been
+            silent for `PUBLISHER_SILENCE`.
+        """
+        self._context.silence[0] = PUBLISHER_SILENCE if keeps_publisher else 0.
+        super().start(node, subscription, on_disabled, on_message)
 
     def install(self, hands: Sequence[InstalledHand], stamp: Time, scale: float,
                 zero_is_missing: bool, replies: Sequence[InstalledReply]) -> None:
@@ -275,6 +318,28 @@ class FastPath(CallbackPath):
         """Number of frames of hands processed so far."""
         return int(sum(hand.frames[0] for hand in self._hands))
 
+    @property
+    def publishers(self) -> tuple[bytes, bytes] | None:
+        """GUIDs of the publisher that is tracked and of one that is left out; None without one."""
+        if not self._context.left_out[0]:
+            return None
+        return self._context.publisher.tobytes(), self._context.other.tobytes()
+
+    def take(self) -> bytes | None:
+        """Return the next message that waits, or None; only while it is disabled."""
+        assert self._subscription is not None
+        if self._incoming.capacity > KEPT_CAPACITY:
+            self._rcl.resize(self._incoming, TAKE_CAPACITY)
+        info = self._context.info.ctypes.data
+        while (data := self._take_from(self._subscription, self._incoming, info)) is not None:
+            if not self._is_left_out(self._contexts):
+                return data
+        return None
+
+    def _process_waiting(self) -> None:
+        self._callback.ctypes(self._contexts.ctypes.data, WHILE_DISABLED)
+        self._on_disabled()
+
 
 # nogil: what waits here lets other threads have the interpreter.
 @partial(jit, nogil=True)
@@ -287,6 +352,24 @@ def _drain(contexts: Any, hands: Any, reports: Any, log: np.ndarray, states: np.
     sec, nanosec = hands[0].stamp[0], hands[0].stamp[1]
     call(context.unlock, context.mutex, 0, 0, 0)
     return logged, count, sec, nanosec
+
+
+@jit
+def _is_left_out(contexts: Any) -> bool:
+    """Return whether the message just taken is of another publisher than the one tracked."""
+    context = contexts[0]
+    if context.silence[0] == 0.:
+        return False
+    now = monotonic_time(context)
+    first, second = context.info[INFO_PUBLISHER], context.info[INFO_PUBLISHER + 1]
+    is_same = context.publisher[0] == first and context.publisher[1] == second
+    if not is_same and now - context.heard[0] < context.silence[0]:
+        context.other[0], context.other[1] = first, second
+        context.left_out[0] += 1
+        return True
+    context.publisher[0], context.publisher[1] = first, second
+    context.heard[0] = now
+    return False
 
 
 @jit
@@ -308,15 +391,20 @@ def _callback(*layouts: np.dtype) -> Any:
     @numba.cfunc('void(voidptr, uintp)', cache=DEFERRED or CACHE_FOLDER is not None,
                  error_model='numpy')
     def on_messages(address: Any, count: Any) -> None:
-        context = numba.carray(address, (1,), of_context)[0]
+        contexts = numba.carray(address, (1,), of_context)
+        context = contexts[0]
         memories = numba.carray(at(context.memory), (1,), of_memory)
         incoming = numba.carray(at(context.incoming), (2,), np.int64)
+        # While it is disabled its state is that thread's, which must not take with the mutex held.
+        is_disabled = count == WHILE_DISABLED
         taken = True
         while taken:
-            call(context.lock, context.mutex, 0, 0, 0)
-            taken = context.is_enabled[0] > 0 and call(
-                context.take, context.subscription[0], context.incoming, 0, 0) == 0
-            if taken:
+            if not is_disabled:
+                call(context.lock, context.mutex, 0, 0, 0)
+            taken = (is_disabled or context.is_enabled[0] > 0) and call(
+                context.take, context.subscription[0], context.incoming,
+                context.info.ctypes.data, 0) == 0
+            if taken and not _is_left_out(contexts):
                 received = monotonic_time(context)
                 # A message has one hand or two.
                 hands = (numba.carray(at(context.hands[0]), (1,), of_hand),
@@ -345,10 +433,12 @@ def _callback(*layouts: np.dtype) -> Any:
                 else:
                     context.has_missed_message[0] = 1
                     context.is_enabled[0] = 0
+                    taken = False
             is_enabled = context.is_enabled[0] > 0
-            call(context.unlock, context.mutex, 0, 0, 0)
+            if not is_disabled:
+                call(context.unlock, context.mutex, 0, 0, 0)
         call(context.reset_error, 0, 0, 0, 0)
-        if not is_enabled:
+        if not is_enabled and not is_disabled:
             call(context.reset_timer, context.timer[0], 0, 0, 0)
 
     return on_messages

@@ -60,6 +60,7 @@ class Rcl:
             self.publish = rcl.rcl_publish_serialized_message
             self.set_callback = _typed(
                 rcl.rcl_subscription_set_on_new_message_callback, *[POINTER] * 3)
+            self._resize = _typed(rcutils.rcutils_uint8_array_resize, POINTER, SIZE_T)
             self.reset_timer = _typed(rcl.rcl_timer_reset, POINTER)
             self.reset_error = rcutils.rcutils_reset_error
             self.lock, self.unlock = system.pthread_mutex_lock, system.pthread_mutex_unlock
@@ -76,6 +77,10 @@ class Rcl:
             if make(ctypes.byref(octets), capacity, ctypes.byref(self._allocator)):
                 raise FastPathUnavailable('there is no memory')
         return octets
+
+    def resize(self, octets: Octets, capacity: int) -> None:
+        """Give a buffer another capacity; its message is lost."""
+        self._resize(ctypes.byref(octets), capacity)
 
     def mutex(self) -> ctypes.Array[ctypes.c_char]:
         """Return the memory of an initialised mutex."""
