@@ -108,6 +108,16 @@ class Process:
         self._reader.join()
         return code
 
+    def send_signal(self, sig):
+        """Send it a signal, as SIGSTOP."""
+        self._process.send_signal(sig)
+
+    @property
+    def resident(self):
+        """Memory that it has taken at most so far [bytes]."""
+        with open(f'/proc/{self._process.pid}/status', encoding='ascii') as file:
+            return 1024 * next(int(line.split()[1]) for line in file if line.startswith('VmHWM'))
+
     def interrupt(self, sig=signal.SIGINT, timeout=PATIENCE, times=1):
         """Interrupt it as Ctrl-C does; return its exit code, which must come in time."""
         for _ in range(times):
