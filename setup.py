@@ -35,6 +35,7 @@ setup(
         data('examples'),
         data('launch'),
         data('recordings'),
+        (f'share/{NAME}/security', ['security/hand_tracker.policy.xml']),
         data('urdf'),
     ],
     zip_safe=False,

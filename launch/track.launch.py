@@ -18,6 +18,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from hand_tracker.adapters.marker_messages import DEFAULT_MESSAGE, direct_input
 from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.model.hand import BOTH, SIDES, Hand
+from hand_tracker.files.keystore import enclave_of, security_environment
 from hand_tracker.files.parameter_file import node_parameters
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.nodes.tracker_parameters import (
@@ -127,6 +128,13 @@ ARGUMENTS = (
     DeclareLaunchArgument(
         'use_sim_time', default_value='false', choices=['true', 'false'],
         description='Follow /clock'),
+    DeclareLaunchArgument(
+        'use_security', default_value='false', choices=['true', 'false'],
+        description='Start every node in its enclave of an SROS 2 keystore, enforced '
+                    '(docs/security.md)'),
+    DeclareLaunchArgument(
+        'keystore', default_value='',
+        description='Keystore of use_security; empty: that of ROS_SECURITY_KEYSTORE'),
 )
 
 NONE = 'none'  # as `ros2 launch` takes no empty value
@@ -165,7 +173,13 @@ def start(context):
     common = {'use_sim_time': agreed(
         'use_sim_time', given['use_sim_time'] == 'true', False, in_file)}
 
+    is_secured = given['use_security'] == 'true'
+    environment = security_environment(given['keystore']) if is_secured else {}
+
     def node(executable, parameters, package='hand_tracker', files=(), namespace='', **more):
+        if is_secured:
+            more.update(additional_env=environment, ros_arguments=[
+                '--enclave', enclave_of(environment, executable)])
         return Node(
             package=package, executable=executable,
             namespace='/'.join(filter(None, (given['namespace'], namespace))),

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import io
+import secrets
 import socket
 import time
 from collections.abc import Callable
@@ -16,6 +17,7 @@ from ..core.model.kinematics import Pose
 from ..core.tracker import HandState
 from ..retargeting.robot_file import LoadedRobot
 from ..skin.skinning import Skin
+from .page_guard import LOCAL_NAMES, PageGuard
 from .panel import Panel
 from .robot_scene import RobotScene
 from .scene import HAND_SPACING, Framing, HandScene, anchor_near, light, wrist_pose
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 PAGE_RATE = 30.       # [Hz]
 FIRST_PORT = 8080
 PORT_ATTEMPTS = 100
+TOKEN_BYTES = 16
 LOCALHOST, ALL_INTERFACES = '127.0.0.1', '0.0.0.0'
 DOCUMENTATION_ADDRESS = '192.0.2.1', 9    # reserved (RFC 5737); nothing is sent there
 
@@ -44,15 +47,22 @@ class Viewer:
     Raises
     ------
     HandTrackerError
-        If it cannot listen there.
+        If it cannot listen there, or cannot be guarded.
     """
 
     def __init__(self, host: str = LOCALHOST, port: int = FIRST_PORT) -> None:
         import viser
 
+        is_local = host in LOCAL_NAMES
+        self._token = None if is_local else secrets.token_urlsafe(TOKEN_BYTES)
+        guard = PageGuard(is_local, self._token)
         # viser's banner shows every address as "localhost"; the command prints its own.
-        with contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.redirect_stdout(io.StringIO()), guard.around_servers() as started:
             self._server = viser.ViserServer(host, free_port(host, port), verbose=False)
+        if not started:
+            self._server.stop()
+            raise HandTrackerError('this viser serves its page in another way than its releases '
+                                   'from 0.2 on: it cannot be guarded')
         self._server.gui.configure_theme(
             dark_mode=True, show_logo=False, show_share_button=False)
         self._server.gui.set_panel_label('hand_tracker')
@@ -72,7 +82,9 @@ class Viewer:
         """URLs of the page: on this machine, and in the network."""
         host = self._server.get_host()
         hosts = {LOCALHOST: ['localhost'], ALL_INTERFACES: ['localhost', *network_address()]}
-        return [f'http://{name}:{self._server.get_port()}' for name in hosts.get(host, [host])]
+        query = '' if self._token is None else f'/?token={self._token}'
+        return [f'http://{name}:{self._server.get_port()}{query}'
+                for name in hosts.get(host, [host])]
 
     def _on_connect(self, client: Any) -> None:
         self._framings[client.client_id] = Framing(client.camera, self._hands)

@@ -17,8 +17,8 @@ INSTALL_HINT = 'pip install ".[fast,view]"'
 def add_page_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the page to a command line: where it listens, and a robot."""
     parser.add_argument('--host', default=LOCALHOST, metavar='ADDRESS',
-                        help='where to listen: 0.0.0.0 for the whole network, which anybody in it '
-                        'can then see and steer (default: this machine alone)')
+                        help='where to listen: 0.0.0.0 for the whole network, where whoever has '
+                        'the printed address sees and steers it (default: this machine alone)')
     parser.add_argument('--port', type=int, default=FIRST_PORT,
                         help=f'first port that is tried (default: {FIRST_PORT})')
     add_robot_options(parser)

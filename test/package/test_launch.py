@@ -51,10 +51,11 @@ CHOICES = {
     'skin': ['auto', 'true', 'false'],
     'robot_process': ['own', 'tracker'],
     'use_sim_time': ['true', 'false'],
+    'use_security': ['true', 'false'],
 }
 FREE = {'recording', 'rate', 'markers', 'hand', 'layout', 'prefix', 'namespace', 'parameters',
         'publish_frequency', 'fixed_frame', 'robot', 'robot_description', 'topic', 'message',
-        'server', 'subject', 'left_hand'}
+        'server', 'subject', 'left_hand', 'keystore'}
 
 # Those that RViz of humble (11.2.27), jazzy (14.1.22) and lyrical (15.2.4) share, from
 # plugins_description.xml in the releases of rviz_default_plugins, github.com/ros2-gbp/rviz-release;

@@ -243,7 +243,7 @@ def test_wheel_holds_the_data_files(wheel):
     prefix = f'hand_tracker-{hand_tracker.__version__}.data/data/share/'
     shared = {name[len(prefix):] for name in names if name.startswith(prefix)}
     assert shared >= {f'hand_tracker/{name}' for name in expected}
-    assert 'hand_tracker/package.xml' in shared
+    assert {'hand_tracker/package.xml', 'hand_tracker/security/hand_tracker.policy.xml'} <= shared
     sources = [path for path in (ROOT / 'hand_tracker').rglob('*') if path.suffix == '.py']
     assert set(names) >= {str(path.relative_to(ROOT)) for path in sources}
     assert 'hand_tracker/py.typed' in names

@@ -1,0 +1,237 @@
+"""SROS 2 policies of least privilege, made from the nodes as they run: exactly what each one uses.
+
+    python -m security.policies [--namespace /lab] [--output security/hand_tracker.policy.xml]
+
+Each node is started in every arrangement that changes its topics or services, in a namespace of
+its own, and the graph is asked what it has. docs/security.md says how a keystore is made of them.
+"""
+
+import argparse
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from benchmarks.common import environ
+
+POLICY = Path(__file__).with_name('hand_tracker.policy.xml')
+VERSION = '0.2.0'       # of the format of policies
+ENCLAVES = '/hand_tracker'
+WAIT = 120.             # [s] for a node: kernels may have to be compiled, and other work run beside
+SETTLED = 2.            # [s] in which the graph does not change any more
+POLL = .2               # [s]
+
+# Arguments of each node in the arrangements that change what it uses. Those that the launch file
+# starts may have to follow /clock.
+CLOCKED = 'use_sim_time:=true'
+SEPARATED = 'side:=both', 'marker_topics:=separate', 'joint_state_topics:=separate'
+ARRANGEMENTS = {
+    'tracker': ([], ['side:=both'], SEPARATED, ['broadcast:=all', CLOCKED]),
+    'replay': (['loop:=true', CLOCKED], ['loop:=true', 'clock:=10.', 'wait_for_subscriber:=0.']),
+    'simulate': ([], ['truth:=true']),
+    'source': (['source:=natnet'], ['source:=point_cloud', CLOCKED], ['source:=landmarks']),
+    'retarget': (['robot:=plain', 'outputs:=joint_state joint_trajectory position_array'],
+                 ['robot:=plain', 'wrist.outputs:=pose twist', CLOCKED]),
+    'skin': ([CLOCKED],), 'landmarks': ([],), 'calibrate': ([],),
+    'viewer': ([], ['side:=both'], SEPARATED)}
+NAMES = {'tracker': 'hand_tracker', 'skin': 'hand_skin'}  # of nodes, where not the program's
+# Of other packages, that the launch file starts: from their documentation, ROS 2 Jazzy.
+OTHERS = {'robot_state_publisher': {
+    ('topics', 'publish'): {'/rosout', '/tf', '/tf_static', '/parameter_events',
+                            'robot_description'},
+    ('topics', 'subscribe'): {'/clock', 'joint_states', '/parameter_events'}}}
+PER_HAND = 'skin', 'robot_state_publisher'  # started in namespaces right and left for both hands
+PARAMETER_SERVICES = ('describe_parameters', 'get_parameter_types', 'get_parameters',
+                      'get_type_description', 'list_parameters', 'set_parameters',
+                      'set_parameters_atomically')
+
+
+class Use(NamedTuple):
+    """What a node uses: expressions by ('topics', 'publish') and so on."""
+
+    program: str
+    node: str
+    rules: dict
+
+
+def rules_of(watcher, node, namespace):
+    """Return what a running node uses, with names relative to its namespace.
+
+    Parameters
+    ----------
+    watcher : rclpy.node.Node
+    node, namespace : str
+
+    Returns
+    -------
+    dict of (str, str) to set of str
+        Expressions by kind and permission.
+    """
+    asked = {('topics', 'publish'): watcher.get_publisher_names_and_types_by_node,
+             ('topics', 'subscribe'): watcher.get_subscriber_names_and_types_by_node,
+             ('services', 'reply'): watcher.get_service_names_and_types_by_node,
+             ('services', 'request'): watcher.get_client_names_and_types_by_node}
+    return {rule: {name.removeprefix(f'{namespace}/') for name, _ in ask(node, namespace)}
+            for rule, ask in asked.items()}
+
+
+def merged(rules):
+    """Return the union of what arrangements of one node use."""
+    found = {}
+    for one in rules:
+        for rule, names in one.items():
+            if names:
+                found.setdefault(rule, set()).update(names)
+    return found
+
+
+def settled_rules(watcher, node, namespace, process):
+    """Return what a node uses, once that does not change any more."""
+    from rclpy.node import NodeNameNonExistentError
+    until, last, since = time.monotonic() + WAIT, None, 0.
+    while time.monotonic() < until:
+        if process.poll() is not None:
+            raise RuntimeError(f'{node} in {namespace} has ended with {process.returncode}')
+        try:
+            now = rules_of(watcher, node, namespace)
+        except NodeNameNonExistentError:
+            now = None
+        if now != last:
+            last, since = now, time.monotonic()
+        # What every node has comes before what it is for.
+        elif now is not None and time.monotonic() - since > SETTLED and any(
+                name not in ('/rosout', 'parameter_events', '/parameter_events')
+                for kind in ('publish', 'subscribe') for name in now['topics', kind]):
+            return now
+        time.sleep(POLL)
+    raise RuntimeError(f'{node} in {namespace} is not there')
+
+
+def uses(programs=None):
+    """Return what each of our nodes uses, by its program.
+
+    Parameters
+    ----------
+    programs : collection of str, optional
+        All when left out.
+
+    Returns
+    -------
+    list of Use
+    """
+    import rclpy
+    from visualization_msgs.msg import Marker
+
+    found = []
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    watcher = rclpy.create_node('policies', context=context)
+    try:
+        for program in ARRANGEMENTS if programs is None else programs:
+            with ExitStack() as stack:
+                started, heard = [], []
+                for number, parameters in enumerate(ARRANGEMENTS[program]):
+                    namespace = f'/{program}_{number}'
+                    if program == 'viewer':
+                        # Of what it hears it asks the tracker.
+                        start(stack, 'hand_tracker.nodes.tracker_node', namespace, parameters)
+                        started.append((namespace, start(
+                            stack, 'security.viewer_in_use', namespace, [])))
+                    else:
+                        started.append((namespace, start(
+                            stack, f'hand_tracker.nodes.{program}_node', namespace, parameters)))
+                if program == 'skin':
+                    # It listens while somebody listens to it.
+                    heard = [watcher.create_subscription(
+                        Marker, f'{namespace}/hand_skin', print, 1) for namespace, _ in started]
+                node = NAMES.get(program, program)
+                found.append(Use(program, node, merged([
+                    settled_rules(watcher, node, *one) for one in started])))
+                for subscription in heard:
+                    watcher.destroy_subscription(subscription)
+    finally:
+        watcher.destroy_node()
+        context.try_shutdown()
+    return found
+
+
+def start(stack, module, namespace, parameters):
+    """Start a node, which is killed at the end; return its process."""
+    process = stack.enter_context(subprocess.Popen(
+        [sys.executable, '-m', module, '--ros-args', '-r', f'__ns:={namespace}',
+         *(word for each in parameters for word in ('-p', each))],
+        env=environ(), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL))
+    stack.callback(process.kill)
+    return process
+
+
+def policy(found, namespace='/'):
+    """Return the policy as an XML tree, one enclave a program and one profile a node.
+
+    Parameters
+    ----------
+    found : iterable of Use
+    namespace : str, optional
+        Of the nodes.
+    """
+    root = ElementTree.Element('policy', version=VERSION)
+    enclaves = ElementTree.SubElement(root, 'enclaves')
+    for program, node, rules in found:
+        enclave = ElementTree.SubElement(enclaves, 'enclave', path=f'{ENCLAVES}/{program}')
+        profiles = ElementTree.SubElement(enclave, 'profiles')
+        for below in ('', '/right', '/left') if program in PER_HAND else ('',):
+            profile = ElementTree.SubElement(
+                profiles, 'profile', ns=(namespace.rstrip('/') + below) or '/', node=node)
+            for (kind, permission), names in sorted(rules.items()):
+                group = ElementTree.SubElement(profile, kind, {permission: 'ALLOW'})
+                for name in sorted(names):
+                    ElementTree.SubElement(group, kind[:-1]).text = name
+    ElementTree.indent(root)
+    return root
+
+
+def shipped_uses():
+    """Return what the shipped policy allows."""
+    found = []
+    for enclave in ElementTree.parse(POLICY).getroot().iter('enclave'):
+        profile = enclave.find('profiles/profile')
+        rules = {}
+        for group in profile:
+            permission, = group.attrib
+            rules[group.tag, permission] = {expression.text for expression in group}
+        found.append(Use(enclave.get('path').rpartition('/')[2], profile.get('node'), rules))
+    return found
+
+
+def others():
+    """Return what nodes of other packages use that the launch file starts."""
+    return [Use(name, name, {**rules, ('services', 'reply'): {
+        f'{name}/{service}' for service in PARAMETER_SERVICES}})
+        for name, rules in OTHERS.items()]
+
+
+def main():
+    """Start the nodes and write what they use."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--namespace', default='/', help='of the nodes (default: /)')
+    parser.add_argument('--output', type=Path, default=POLICY)
+    options = parser.parse_args()
+    from benchmarks.round_trip import isolate
+    isolate()
+    found = shipped_uses() if options.namespace != '/' else [*uses(), *others()]
+    text = ElementTree.tostring(policy(found, options.namespace), 'unicode')
+    options.output.write_text(f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n',
+                              encoding='utf-8')
+    print(f'{options.output}: {len(found)} enclaves')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

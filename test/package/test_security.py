@@ -1,0 +1,40 @@
+"""The shipped SROS 2 policies allow what the nodes use as they run, and nothing else."""
+
+import pytest
+
+pytest.importorskip('rclpy', reason='needs rclpy')
+
+import helpers.ros_process  # noqa: F401, a DDS domain of its own
+
+from security.policies import ARRANGEMENTS, OTHERS, POLICY, VERSION, policy, shipped_uses, uses
+
+NEEDS = 'rclpy', 'tf2_msgs', 'trajectory_msgs', 'rosbag2_interfaces'
+SHIPPED = {use.program: use for use in shipped_uses()}
+
+
+def test_there_is_a_policy_for_every_program():
+    assert set(SHIPPED) == {*ARRANGEMENTS, *OTHERS}
+
+
+@pytest.mark.parametrize('program', sorted(ARRANGEMENTS))
+def test_a_node_uses_what_its_policy_allows_and_nothing_else(program):
+    if program == 'skin':
+        pytest.importorskip('skimage', reason='needs scikit-image')
+    found, = uses([program])
+    assert found == SHIPPED[program], 'python -m security.policies writes it anew'
+
+
+def test_a_namespace_moves_relative_names_alone():
+    root = policy(shipped_uses(), '/lab')
+    assert {profile.get('ns') for profile in root.iter('profile')} == {
+        '/lab', '/lab/right', '/lab/left'}
+    topics = {expression.text for expression in root.iter('topic')}
+    assert {'markers', 'joint_states', '/tf', '/diagnostics', '/rosout'} <= topics
+    assert not any(name.startswith('/lab') for name in topics)
+
+
+def test_nothing_is_allowed_by_a_wildcard():
+    assert VERSION in POLICY.read_text(encoding='utf-8')
+    for use in SHIPPED.values():
+        for names in use.rules.values():
+            assert names and not any(sign in name for name in names for sign in '*?[')
