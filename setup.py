@@ -87,6 +87,7 @@ setup(
             'calibrate = hand_tracker.entry:calibrate',
             'hand_tracker = hand_tracker.__main__:main',
             'landmarks = hand_tracker.entry:landmarks',
+            'managed_tracker = hand_tracker.entry:managed_tracker',
             'replay = hand_tracker.entry:replay',
             'retarget = hand_tracker.entry:retarget',
             'simulate = hand_tracker.entry:simulate',

@@ -24,7 +24,7 @@ def _run(node: str) -> int:
         signal.signal(interrupt, lambda *_: os._exit(0))
     # Another thread of BLAS would spin from frame to frame, and take a core from the trackers.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-    if node in ('calibrate', 'tracker'):
+    if node in ('calibrate', 'tracker', 'managed_tracker'):
         # Where kernels are not on disk, plain Python does their work at once.
         os.environ.setdefault('HAND_TRACKER_JIT', 'background')
     module = import_module(f'.nodes.{node}_node', __package__)
@@ -57,6 +57,11 @@ def landmarks() -> int:
     """Run the node that publishes the hand as landmarks; return its exit code."""
     os.environ.setdefault('HAND_TRACKER_JIT', '0')
     return _run('landmarks')
+
+
+def managed_tracker() -> int:
+    """Run the tracker as a managed node; return its exit code."""
+    return _run('managed_tracker')
 
 
 def replay() -> int:

@@ -129,6 +129,10 @@ ARGUMENTS = (
         'use_sim_time', default_value='false', choices=['true', 'false'],
         description='Follow /clock'),
     DeclareLaunchArgument(
+        'lifecycle', default_value='false', choices=['true', 'false'],
+        description='Run the tracker as a managed node, which activates itself; its states are '
+                    'those of ros2 lifecycle'),
+    DeclareLaunchArgument(
         'use_security', default_value='false', choices=['true', 'false'],
         description='Start every node in its enclave of an SROS 2 keystore, enforced '
                     '(docs/security.md)'),
@@ -192,9 +196,14 @@ def start(context):
     if len(hands) > 1:
         of_both = {f'{hand.hand.side}.hand_file': hand.parameters['hand_file'] for hand in hands}
     robot = robot_parameters(given, in_file, hand_parameters, hands)
+    is_managed = given['lifecycle'] == 'true'
     shares_process = robot is not None and given['robot_process'] == 'tracker'
+    if is_managed and shares_process:
+        raise RuntimeError("robot_process: 'tracker'; expected own with lifecycle:=true: that "
+                           'process is not managed')
+    tracker = 'managed_tracker' if is_managed else 'teleoperate' if shares_process else 'tracker'
     actions = [node(
-        'teleoperate' if shares_process else 'tracker', [{
+        tracker, [{
             **hand_parameters, **of_both, 'broadcast': broadcast, 'marker_message': message,
             **(robot if shares_process else {})}],
         # A name would be that of both nodes.

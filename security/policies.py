@@ -33,6 +33,7 @@ CLOCKED = 'use_sim_time:=true'
 SEPARATED = 'side:=both', 'marker_topics:=separate', 'joint_state_topics:=separate'
 ARRANGEMENTS = {
     'tracker': ([], ['side:=both'], SEPARATED, ['broadcast:=all', CLOCKED]),
+    'managed_tracker': ([], ['side:=both'], SEPARATED, ['broadcast:=all', CLOCKED]),
     'replay': (['loop:=true', CLOCKED], ['loop:=true', 'clock:=10.', 'wait_for_subscriber:=0.']),
     'simulate': ([], ['truth:=true']),
     'source': (['source:=natnet'], ['source:=point_cloud', CLOCKED], ['source:=landmarks']),
@@ -40,7 +41,8 @@ ARRANGEMENTS = {
                  ['robot:=plain', 'wrist.outputs:=pose twist', CLOCKED]),
     'skin': ([CLOCKED],), 'landmarks': ([],), 'calibrate': ([],),
     'viewer': ([], ['side:=both'], SEPARATED)}
-NAMES = {'tracker': 'hand_tracker', 'skin': 'hand_skin'}  # of nodes, where not the program's
+NAMES = {'tracker': 'hand_tracker', 'managed_tracker': 'hand_tracker',
+         'skin': 'hand_skin'}  # of nodes, where not the program's
 # Of other packages, that the launch file starts: from their documentation, ROS 2 Jazzy.
 OTHERS = {'robot_state_publisher': {
     ('topics', 'publish'): {'/rosout', '/tf', '/tf_static', '/parameter_events',

@@ -82,6 +82,17 @@ class HandServices:
         self._node.get_logger().info(said)
         return said
 
+    def reload(self) -> None:
+        """Track the hand of the hand file as it is now, where there is one.
+
+        Raises
+        ------
+        HandTrackerError
+        """
+        path = self._node.get_parameter(self._file_parameter).value
+        if path:
+            self._load(path)
+
     def update(self) -> bool:
         """Go on with a calibration, a few times a second; return whether it has changed."""
         is_collecting, before = self._calibration.take is not None, self.progress()

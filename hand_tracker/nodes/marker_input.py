@@ -49,6 +49,8 @@ class MarkerInput:
     hands, replies
     fast_path : FastPath or None
         While it serves the subscription.
+    is_active : bool
+        Whether messages are tracked; set it where the fast path is disabled.
     """
 
     def __init__(self, node: TrackerNode, kind: type, topic: str, qos: QoSProfile,
@@ -56,6 +58,7 @@ class MarkerInput:
                  keeps_publisher: bool) -> None:
         self.hands, self.replies = hands, replies
         self.fast_path: FastPath | None = None
+        self.is_active = True
         self._node, self._raw, self._keeps_publisher = node, raw, keeps_publisher
         self._has_named_publishers = False
         self.subscription = node.create_subscription(
@@ -88,6 +91,8 @@ class MarkerInput:
             self.fast_path.disable()
 
     def _on_markers(self, message: Any) -> None:
+        if not self.is_active:
+            return
         received = time.monotonic()
         if not all(hand.stream.is_fast for hand in self.hands):
             # Plain Python may be slower than frames come: all that wait are taken before the

@@ -306,6 +306,10 @@ class TrackedHand:
         self._has_new_settings = True
         self._node.disable_fast_path()
 
+    def forget(self) -> None:
+        """Track as if no frame had come yet; only while none is tracked."""
+        self._tracker.reset()
+
     # What it shows and logs
 
     def _show(self) -> None:

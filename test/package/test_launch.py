@@ -51,6 +51,7 @@ CHOICES = {
     'skin': ['auto', 'true', 'false'],
     'robot_process': ['own', 'tracker'],
     'use_sim_time': ['true', 'false'],
+    'lifecycle': ['true', 'false'],
     'use_security': ['true', 'false'],
 }
 FREE = {'recording', 'rate', 'markers', 'hand', 'layout', 'prefix', 'namespace', 'parameters',
@@ -574,6 +575,8 @@ def canonical(xml):
     ({'side': 'both', 'prefix': 'my_'}, "prefix: 'my_'; expected auto for both hands"),
     ({'side': 'both', 'source': 'landmarks'}, "source: 'landmarks'; expected another or none for"),
     ({'side': 'both', 'source': 'natnet', 'subject': 'RHand'}, "subject: 'RHand'; expected"),
+    ({'robot': 'plain', 'robot_process': 'tracker', 'lifecycle': 'true'},
+     "robot_process: 'tracker'; expected own with lifecycle:=true"),
     ({'side': 'both', 'robot': 'allegro'}, "robot: 'allegro'; expected none for side:=both"),
 ])
 def test_errors_of_the_user(arguments, line):
