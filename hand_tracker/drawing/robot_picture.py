@@ -19,7 +19,7 @@ COLOUR_OF = dict(zip(('index', 'middle', 'ring', 'little', 'thumb'), DIGIT_COLOU
 PALM_MARGIN = 6.   # [mm] around what is drawn
 LEAST_PANEL = 1.2  # [inches] height, of the names of its axes
 ROBOT_MARGINS = 1.8  # [inches] for titles, names of axes and the legend
-AXIS_NAMES = 'distal', 'across', 'dorsal'  # the palm's x, y and z
+SHOWN_AXES = 'distal', 'across', 'dorsal'  # the palm's x, y and z
 
 
 class PalmView(NamedTuple):
@@ -121,10 +121,10 @@ def save_robot_picture(path: str | PathLike[str], name: str, poses: Sequence[Rob
             if not row:
                 ax.set_title(pose.title, fontsize=10, color=INK)
             if not column:
-                ax.set_ylabel(f'{_whose(hand, name)}\n{view.name}\n{AXIS_NAMES[view.up]} [mm]',
+                ax.set_ylabel(f'{_whose(hand, name)}\n{view.name}\n{SHOWN_AXES[view.up]} [mm]',
                               fontsize=7, color=MUTED)
             if hand == 'robot':
-                ax.set_xlabel(f'{AXIS_NAMES[view.across]} [mm]', fontsize=7, color=MUTED)
+                ax.set_xlabel(f'{SHOWN_AXES[view.across]} [mm]', fontsize=7, color=MUTED)
     roles = [role for role in COLOUR_OF if role in poses[0].human or role in poses[0].robot]
     handles = [Line2D([], [], linewidth=3., marker='o', markersize=3.5, color=COLOUR_OF[role],
                       label=role) for role in roles]
