@@ -113,13 +113,11 @@ class Robot:
         self._publisher.publish(self._state)
 
     def engage(self):
-        """Engage it and wait until it moves."""
-        replies = []
-        self._node.repeat(lambda: replies.append(self._node.call(
-            SetBool, 'retarget/engage', SetBool.Request(data=True))),
-            lambda: replies and replies[-1].success, .1)
+        """Engage it until it moves: on a busy machine a hand may be late, which disengages it."""
         before = len(self.commands)
-        self._node.spin_until(lambda: len(self.commands) > before + 20)
+        self._node.repeat(
+            lambda: self._node.call(SetBool, 'retarget/engage', SetBool.Request(data=True)),
+            lambda: len(self.commands) > before + 20, .2)
 
     @property
     def steps(self):
