@@ -19,8 +19,17 @@ from ..retargeting.robot_file import LoadedRobot
 from ..skin.skinning import Skin
 from .page_guard import LOCAL_NAMES, PageGuard
 from .panel import Panel
-from .robot_scene import RobotScene
-from .scene import HAND_SPACING, Framing, HandScene, anchor_near, light, wrist_pose
+from .robot_scene import RobotScene, robot_extent
+from .scene import (
+    HAND_SPACING,
+    PERSON_EXTENT,
+    Extent,
+    Framing,
+    HandScene,
+    anchor_near,
+    light,
+    wrist_pose,
+)
 from .source import FrameSource
 
 if TYPE_CHECKING:
@@ -69,7 +78,7 @@ class Viewer:
         self._server.gui.main_panel.dock_right()
         self._server.gui.main_panel.set_width(300)
         light(self._server.scene)
-        self._hands = 1
+        self._hands, self._extent = 1, PERSON_EXTENT
         self._framings: dict[int, Framing] = {}
         # The server's initial camera could arrive at the browser after this one.
         self._server.on_client_connect(self._on_connect)
@@ -87,7 +96,7 @@ class Viewer:
                 for name in hosts.get(host, [host])]
 
     def _on_connect(self, client: Any) -> None:
-        self._framings[client.client_id] = Framing(client.camera, self._hands)
+        self._framings[client.client_id] = Framing(client.camera, self._hands, self._extent)
 
     def say(self, text: str) -> None:
         """Show a line of text while there is no hand."""
@@ -114,6 +123,8 @@ class Viewer:
             If robot and hand do not fit.
         """
         self._waiting.remove()
+        if robot is not None:
+            self._set_extent(PERSON_EXTENT.joined(robot_extent(robot.hand)))
         hands = [ShownHand(self._server.scene, '/hand', source, skin_of, robot)]
         if source.beside is not None:
             hands.append(ShownHand(self._server.scene, '/other_hand', source.beside, skin_of))
@@ -142,6 +153,12 @@ class Viewer:
                 asyncio.run_coroutine_threadsafe(draw(), self._server.get_event_loop()).result()
             due = max(due + 1. / PAGE_RATE, time.monotonic())
             time.sleep(max(0., due - time.monotonic()))
+
+    def _set_extent(self, extent: Extent) -> None:
+        """Frame hands of another extent, in open browsers too."""
+        self._extent = extent
+        for framing in tuple(self._framings.values()):
+            framing.set_extent(extent)
 
     def _set_hands(self, hands: int) -> None:
         if hands != self._hands:

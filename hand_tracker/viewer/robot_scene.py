@@ -15,11 +15,12 @@ from ..retargeting.retargeter import Retargeter
 from ..retargeting.robot_file import LoadedRobot, load_robot
 from ..retargeting.robot_hand import RobotHand
 from ..retargeting.robot_urdf import DEFAULT_SHAPE_RGB, rotation_from_rpy
-from .scene import wxyz
+from .scene import Extent, wxyz
 
 if TYPE_CHECKING:
     from viser import SceneApi
 
+EXTENT_MARGIN = .02         # [m] around what is framed
 PLAIN_ROBOT = 'plain'       # the preset whose URDF comes with the package
 BONE_SHARE = .5             # [1] of the tip's radius, of the bones of a robot without shapes
 Z_TO_X = rotation_from_rpy(np.array((0., .5 * np.pi, 0.)))
@@ -105,13 +106,38 @@ class RobotScene:
         rotations, origins = self._robot.model.frames(position)
         self._node.wxyz = wxyz(anchor.rotation.T @ state.wrist_rotation)
         self._node.position = (0., offset, 0.)
-        turned, at = self._robot.anatomy.axes.T, np.zeros(3)
-        if (palm := self._robot.anatomy.palm_joint) >= 0:
-            turned = turned @ rotations[palm].T
-            at = -turned @ origins[palm]
+        turned, at = _base_in_palm(self._robot, rotations, origins)
         self._base.wxyz, self._base.position = wxyz(turned), at
         for frame, rotation, origin in zip(self._frames, rotations, origins):
             frame.wxyz, frame.position = wxyz(rotation), origin
+
+
+def _base_in_palm(robot: RobotHand, rotations: np.ndarray,
+                  origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return rotation (3, 3) and position (3,) of a robot's base in its palm's frame [m]."""
+    turned, at = robot.anatomy.axes.T, np.zeros(3)
+    if (palm := robot.anatomy.palm_joint) >= 0:
+        turned = turned @ rotations[palm].T
+        at = -turned @ origins[palm]
+    return turned, at
+
+
+def robot_extent(robot: RobotHand) -> Extent:
+    """Return the space of a robot with its digits stretched, from its palm's origin.
+
+    Parameters
+    ----------
+    robot : RobotHand
+    """
+    rotations, origins = robot.model.frames(robot.model.open_position())
+    turned, at = _base_in_palm(robot, rotations, origins)
+    digits = robot.anatomy.digits.values()
+    ends = [origins[digit.joints[-1]] + rotations[digit.joints[-1]] @ digit.tip
+            for digit in digits]
+    moved = [origins[joint] for digit in digits for joint in digit.joints]
+    points = np.array([*moved, *ends]) @ turned.T + at
+    return Extent(points[:, 0].min() - EXTENT_MARGIN, points[:, 0].max() + EXTENT_MARGIN,
+                  np.abs(points[:, 1]).max() + EXTENT_MARGIN)
 
 
 def add_shapes(scene: SceneApi, name: str, robot: RobotHand) -> None:

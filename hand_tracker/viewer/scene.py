@@ -1,7 +1,7 @@
 """3D scene of the viewer: skin, skeleton and markers of a hand, lights and camera."""
 
 from collections import deque
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -27,14 +27,36 @@ LOST_HAND_OPACITY = .25              # without a tracked palm
 BONES_PER_VERTEX = 4           # the most that the browser supports
 FLOOR_HEIGHT = -.10             # [m] below the wrist
 CAMERA_OFFSET = np.array((-.20, 0., .37))   # [m] from the target
-CAMERA_TARGET = np.array((.076, 0., 0.))
 VIEWER_FIELD_OF_VIEW = np.radians(35.)
-FRAMED_WIDTH, FRAMED_LENGTH = .19, .255   # [m] that are always visible
 CAPTION_POSITION = -.03, 0., 0.
 CAMERA_HISTORY = 16          # positions
 HAND_SPACING = .18              # [m] between the wrists of two hands
 MAX_ANCHOR_DISTANCE = .03               # [m] of a moving wrist from the origin
 PHONE_ASPECT, PHONE_FREE_SHARE = .7, .6   # width by height, and share above the panel
+
+
+class Extent(NamedTuple):
+    """Space of a hand that is always visible, from the wrist.
+
+    Attributes
+    ----------
+    near, far : float
+        Towards the fingers [m].
+    aside : float
+        To either side [m].
+    """
+
+    near: float
+    far: float
+    aside: float
+
+    def joined(self, other: 'Extent') -> 'Extent':
+        """Return the extent that holds another one too."""
+        return Extent(min(self.near, other.near), max(self.far, other.far),
+                      max(self.aside, other.aside))
+
+
+PERSON_EXTENT = Extent(-.0515, .2035, .095)
 
 
 class Framing:
@@ -44,10 +66,13 @@ class Framing:
     ----------
     camera : viser.CameraHandle
     hands : int
+    extent : Extent, optional
+        Of the largest of them; the person's when left out.
     """
 
-    def __init__(self, camera: 'CameraHandle', hands: int) -> None:
-        self._camera = camera
+    def __init__(self, camera: 'CameraHandle', hands: int,
+                 extent: Extent = PERSON_EXTENT) -> None:
+        self._camera, self._extent = camera, extent
         # The browser still reports earlier positions after one was set.
         self._placed: deque = deque(maxlen=CAMERA_HISTORY)
         self.frame(hands)
@@ -56,8 +81,13 @@ class Framing:
     def frame(self, hands: int) -> None:
         """Frame one or two hands."""
         self._hands, self._aspect = hands, self._camera.aspect
-        place_camera(self._camera, hands, self._aspect)
+        place_camera(self._camera, hands, self._aspect, self._extent)
         self._placed.append(self._camera.position)
+
+    def set_extent(self, extent: Extent) -> None:
+        """Frame hands of another extent."""
+        self._extent = extent
+        self.frame(self._hands)
 
     def _on_update(self, camera: 'CameraHandle') -> None:
         if camera.aspect != self._aspect and any(
@@ -247,8 +277,9 @@ def light(scene: 'SceneApi') -> None:
                    section_color=(46, 57, 73), fade_distance=1.5, shadow_opacity=.3)
 
 
-def place_camera(camera: 'CameraHandle', hands: int, aspect: float) -> None:
-    """Place the camera above one or two hands.
+def place_camera(camera: 'CameraHandle', hands: int, aspect: float,
+                 extent: Extent = PERSON_EXTENT) -> None:
+    """Place the camera above some hands, side by side.
 
     Parameters
     ----------
@@ -256,12 +287,16 @@ def place_camera(camera: 'CameraHandle', hands: int, aspect: float) -> None:
     hands : int
     aspect : float
         Width by height of the picture [1].
+    extent : Extent, optional
+        Of the largest of them.
     """
     height = 2. * np.linalg.norm(CAMERA_OFFSET) * np.tan(.5 * VIEWER_FIELD_OF_VIEW)
     # On a phone the panel covers the lower part of the picture.
     free = PHONE_FREE_SHARE if aspect < PHONE_ASPECT else 1.
-    away = max(FRAMED_LENGTH / free, (FRAMED_WIDTH + (hands - 1) * HAND_SPACING) / aspect) / height
-    at = CAMERA_TARGET - (.5 * (1. - free) * away * height, 0., 0.)
+    length, width = extent.far - extent.near, 2. * extent.aside + (hands - 1) * HAND_SPACING
+    away = max(length / free, width / aspect) / height
+    middle = .5 * (extent.near + extent.far) - .5 * (1. - free) * away * height
+    at = np.array((middle, 0., 0.))
     camera.fov = VIEWER_FIELD_OF_VIEW
     # Setting the position moves the target too.
     camera.position = at + away * CAMERA_OFFSET

@@ -7,13 +7,15 @@ import pytest
 from helpers.robots import GRIPPER, wide_hand
 from scipy.spatial.transform import Rotation
 
+from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.kinematics import Pose, forward, joint_table
 from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.retargeting.robot_file import load_robot
 from hand_tracker.retargeting.robot_urdf import InvalidRobot
-from hand_tracker.viewer.robot_scene import RobotScene, add_shapes
+from hand_tracker.viewer.robot_scene import RobotScene, add_shapes, robot_extent
+from hand_tracker.viewer.scene import PERSON_EXTENT, Extent, place_camera
 
 
 class Scene:
@@ -71,3 +73,36 @@ def test_a_robot_of_the_other_side_is_refused(tmp_path):
     path.write_text(urdf(wide_hand('left')))
     with pytest.raises(InvalidRobot, match="the robot's hand is a left one"):
         RobotScene(Scene(), '/robot', load_robot(str(path)), wide_hand())
+
+
+def seen_share(points, hands, aspect, extent):
+    """Return where points are in the picture: at its rims the largest of x and y is 1."""
+    camera = SimpleNamespace()
+    place_camera(camera, hands, aspect, extent)
+    ahead = camera.look_at - camera.position
+    ahead = ahead / np.linalg.norm(ahead)
+    right = np.cross(ahead, (0., 0., 1.))
+    right /= np.linalg.norm(right)
+    away = points - camera.position
+    depth = away @ ahead * np.tan(.5 * camera.fov)
+    return np.maximum(np.abs(away @ right) / aspect, np.abs(away @ np.cross(right, ahead))) / depth
+
+
+@pytest.mark.parametrize('aspect', [.8, 1., 1.8])
+def test_a_large_robot_is_not_cut(aspect, tmp_path):
+    large = Hand.scaled(length=.26, breadth=.115)
+    path = tmp_path / 'robot.yaml'
+    path.write_text('name: large\n')
+    robot = load_robot(str(path), urdf(large)).hand
+    # And larger than hands of persons are.
+    tips, own = 1.3 * robot.tip_positions(robot.model.open_position()), robot_extent(robot)
+    extent = PERSON_EXTENT.joined(Extent(*(1.3 * side for side in own)))
+    assert own.far > .25 and own.aside > .08 and extent.near <= PERSON_EXTENT.near
+    tips -= (0., .09, 0.)
+    assert seen_share(tips, 2, aspect, extent).max() < 1.
+    # A narrow picture is as wide as both hands, and has room above them.
+    assert seen_share(tips, 2, aspect, PERSON_EXTENT).max() > 1. or aspect < 1.5
+
+
+def test_a_small_robot_changes_no_view():
+    assert PERSON_EXTENT.joined(Extent(0., .1, .05)) == PERSON_EXTENT
