@@ -15,19 +15,9 @@ from ..model.hand import Hand
 from ..model.marker_layout import MARKERS, MarkerLayout
 from ..numerics.jit import load_kernel
 from ..numerics.jit import loaded_or_plain as kernel
-from .following import (
-    ASTRAY,
-    DOUBT,
-    LEAST_FOLLOWED,
-    HandTrack,
-    begin_track,
-    continue_clutter,
-    follow_hands,
-    no_clutter,
-    relabel,
-    remember_clutter,
-    start_places,
-)
+from .clutter import PointHistory, continue_clutter, no_clutter, remember_clutter
+from .following import LEAST_FOLLOWED, follow_hands, relabel
+from .hand_track import ASTRAY, DOUBT, HandTrack, begin_track, start_places
 from .natural_poses import model_prototype
 from .palm_search import (
     COST,
@@ -60,6 +50,7 @@ SHAKEN_TIME = .1            # [s] for which another labelling is then taken at o
 SHAKEN_MARGIN = 3.          # by which it must be better, in variances; ours
 UNLIKELY = 1.5              # posture, relative to the typical, that puts labels in doubt; ours
 NEWLY_SEEN_COST = 12.       # of each marker that another labelling of a followed hand sees more
+KNOWN_TIME = .4             # [s] for which a point of no hand is no rival's; ours
 MIRROR_MARGIN = 6.            # by which the mirrored hand must not fit better; ours
 UNTIMED_STEP = 1. / 120.     # [s]
 
@@ -117,13 +108,15 @@ class _Hand:
         self.since_relabelling, self.since_search = RELABELLING_FRAMES, SEARCH_FRAMES
 
 
-def _lead(rival: Finding, present: Finding) -> float:
+def _lead(rival: Finding, present: Finding, known: np.ndarray) -> float:
     """Return by how much a rival costs less than the present labels of a followed hand.
 
     Markers that are hidden are expected to stay so.
     """
+    new = np.setdiff1d(rival.rows[rival.rows >= 0], present.rows)
     more = (rival.rows >= 0).sum() - (present.rows >= 0).sum()
-    return float(present.numbers[COST] - rival.numbers[COST] - NEWLY_SEEN_COST * max(more, 0))
+    return float(present.numbers[COST] - rival.numbers[COST] - NEWLY_SEEN_COST * max(more, 0)
+                 - known[new].sum())
 
 
 class CloudLabeller:
@@ -147,7 +140,9 @@ class CloudLabeller:
         self.options = LabellerOptions() if options is None else options
         self._hands = [_Hand(prototype) for prototype in prototypes]
         self._time: float | None = None
-        self._clutter = no_clutter()
+        counts = [hand.count for hand in self._hands]
+        self._firsts = np.cumsum([0, *counts[:-1]])
+        self._clutter = no_clutter(sum(counts))
 
     @property
     def prototypes(self) -> tuple[HandPrototype, ...]:
@@ -193,12 +188,13 @@ class CloudLabeller:
         finite = np.flatnonzero(np.abs(cloud).max(axis=1, initial=0.) < 1e3)
         cloud, names = np.ascontiguousarray(cloud[finite]), names[finite]
         free = np.ones(len(cloud), dtype=bool)
-        before = self._follow(cloud, names, free, step)
+        before, history = self._follow(cloud, names, free, step)
         self._search(cloud, free)
         for hand in self._hands:
             if hand.track is not None:
                 free[hand.track.finding.rows[hand.track.finding.rows >= 0]] = False
-        self._clutter = kernel(remember_clutter)(self._clutter, cloud, free, before, step)
+        self._clutter = kernel(remember_clutter)(
+            self._clutter, cloud, free, before, history, step)
         # Rows of all points, those that were left out among them.
         rows = tuple(np.where(hand.track.finding.rows >= 0, finite[hand.track.finding.rows], -1)
                      if hand.track is not None and hand.confirmed and len(finite)
@@ -219,17 +215,20 @@ class CloudLabeller:
         return step or UNTIMED_STEP  # stamps that stand still tell nothing
 
     def _follow(self, points: np.ndarray, ids: np.ndarray, free: np.ndarray,
-                step: float) -> np.ndarray:
-        """Follow the hands that are found; return what each point was in the last frame."""
+                step: float) -> tuple[np.ndarray, PointHistory]:
+        """Follow the hands that are found; return what each point was, and how it came."""
         before, clutter = np.empty(len(points), dtype=np.int64), np.empty(len(points))
-        kernel(continue_clutter)(self._clutter, points, step, before, clutter)
+        history = kernel(continue_clutter)(self._clutter, points, step, before, clutter)
+        firsts = [first for first, hand in zip(self._firsts, self._hands) if hand.track is not None]
         hands = [hand for hand in self._hands if hand.track is not None]
         if not hands:
-            return before
+            return before, history
         was = [hand.track.hidden_for <= 0. for hand in hands if hand.track is not None]
         kernel(follow_hands)(tuple(hand.statistics for hand in hands),
                      tuple(hand.track for hand in hands if hand.track is not None),
-                     points, ids, clutter, step, free)
+                     points, ids, clutter, history, np.array(firsts), step, free)
+        # What it costs a rival to take points of no hand, less and less as they stay.
+        known = np.maximum(clutter, 0.) * np.maximum(1. - history.age / KNOWN_TIME, 0.)
         for hand, seen in zip(hands, was):
             assert hand.track is not None
             # Where the frame is cut, many go and as many come.
@@ -237,10 +236,11 @@ class CloudLabeller:
             come = (free & np.isneginf(clutter)).sum()
             if min(gone, come) >= max(2., (1. - STILL_SEEN) * seen.sum()):
                 hand.shaken_for = SHAKEN_TIME
-            self._check(hand, points, free, step)
-        return before
+            self._check(hand, points, free, step, known)
+        return before, history
 
-    def _check(self, hand: _Hand, points: np.ndarray, free: np.ndarray, step: float) -> None:
+    def _check(self, hand: _Hand, points: np.ndarray, free: np.ndarray, step: float,
+               known: np.ndarray) -> None:
         """Give up labels and hands that are contradicted; take a better labelling."""
         track = hand.track
         assert track is not None
@@ -276,7 +276,7 @@ class CloudLabeller:
             tried = self._find(hand, points, own, hand.first, rival,
                                SEARCH_BUDGET if pressing else DOUBT_BUDGET)
             hand.first = (hand.first + tried) % len(points)
-        lead = _lead(rival, finding)
+        lead = _lead(rival, finding, known)
         changed = (rival.rows != finding.rows) & seen
         whole = seen[hand.statistics.rigid > 0.].all()
         # A palm with a hidden marker is roughly placed: its cost alone says little.
@@ -409,14 +409,15 @@ def kernel_calls() -> tuple[tuple[Callable[..., Any], tuple[tuple[Any, ...], ...
     count = len(prototype.template)
     points, free = prototype.template.copy(), np.ones(count, dtype=bool)
     rows, costs = np.full(count, -1), np.zeros(count)
-    found, clutter, candidates = blank_finding(count), no_clutter(), blank_candidates()
+    found, clutter, candidates = blank_finding(count), no_clutter(count), blank_candidates()
     track = begin_track(prototype, found, points)
+    history = kernel(continue_clutter)(clutter, points, UNTIMED_STEP, rows, costs)
     return (
         (start_places, ((prototype, points, track),)),
         (continue_clutter, ((clutter, points, UNTIMED_STEP, rows, costs),)),
         (follow_hands, tuple(((prototype,) * hands, (track,) * hands, points, rows, costs,
-                              UNTIMED_STEP, free) for hands in (1, 2))),
-        (remember_clutter, ((clutter, points, free, rows, UNTIMED_STEP),)),
+                              history, rows, UNTIMED_STEP, free) for hands in (1, 2))),
+        (remember_clutter, ((clutter, points, free, rows, history, UNTIMED_STEP),)),
         (relabel, ((prototype, track, points, free, found),)),
         (search_palms, ((prototype, points, free, 0, 1, candidates),)),
         (label_candidates, ((prototype, points, free, candidates, found),)),

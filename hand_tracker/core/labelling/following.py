@@ -5,54 +5,61 @@ predicted places keep the labels; hidden markers are expected where the seen one
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from ..numerics.assignment import assign_rows
-from ..numerics.jit import labelling_jit, loaded_or_plain
+from ..numerics.jit import labelling_jit
 from ..numerics.rigid_fit import fit_rigid
+from .clutter import PointHistory
+from .hand_track import (
+    AGE,
+    ASTRAY,
+    BIRTHS,
+    CLUTTER_RANGE,
+    COMING,
+    HandTrack,
+    coming_cost,
+    place_again,
+    predict_hand,
+)
 from .palm_search import COST, DISTANCE, SIZE, Finding, complete_palm, size_cost, to_palm_frame
 from .posture import (
     CLUTTER_DENSITY,
     HIDDEN_COST,
     SEEN_COST,
     contradiction,
-    hidden_places,
     label_costs,
     posture_distance,
     reset_matrix,
     tail_cost,
 )
 from .prototypes import Prototype
+from .returns import (
+    RETURN_COST,
+    begin_return,
+    best_return,
+    give_up,
+    hidden_tail,
+    note_arrivals,
+    present_cost,
+    return_cost,
+)
 
 LEAST_POINT_DEVIATION = .0015     # [m] of a seen marker from its prediction; ours
 GREATEST_DEVIATION = .012   # [m] ours
-FIRST_DEVIATION = .01       # [m] in the first frames; ours
 DEVIATION_GAIN = .05        # at which the deviation follows what predictions err less
-UNFORESEEN = 25.            # [m/s²] standard deviation of a marker's acceleration; ours
 CONTRADICTION = 60.         # squared deviations of a marker from where the others expect it; ours
-# Of the place of a marker that is hidden for t [s]: deviation sqrt(t) [m], with the tails of
-# Student's distribution, as fingers rest for long and then move at once; ours.
-HIDDEN_DEVIATION = .014
-LONGEST_HIDDEN = 5.         # [s] after which it grows no more
-HIDDEN_FREEDOM = 3.
-HIDDEN_TAIL = HIDDEN_FREEDOM + 3.
 VANISHING_COST = 12.        # of a marker that was seen a frame before
-RETURN_COST = 12.           # of a hidden marker that is seen again
 RIGID_DEVIATION = .004      # [m] of the distance of two palm markers; ours
+CIRCLE_COST = 8.            # of a palm marker whose turn about two others is not as predicted
 RIGID_GAIN = 30.            # that such distances take off the cost of a palm marker at most
 MEETING_COST = 12.          # below which two labels may as well be exchanged; ours
 HINT_GAIN = 4.              # of a point that has the id that the marker had
-# Points of no hand go on as they moved: deviation of a predicted one, and of the speed of one that
-# has just come; cost of taking one for a marker after it has been there for a time; ours.
-CLUTTER_DEVIATION = .002    # [m]
-CLUTTER_SPEED = .5          # [m/s]
-CLUTTER_COST = 16.
-CLUTTER_AGE = .08           # [s]
+JUDGED_TIME = .5            # [s] for which a marker that came back is judged by its motion; ours
+RETURN_DOUBT = 12.          # cost above which it is hidden again; ours
+RETURN_LEAD = 4.            # by which another point must cost less to be taken for it; ours
 CLUTTER_TIME = 1.           # [s] over which points that come are counted
-CLUTTER_RANGE = .25         # [m] from the palm, in which they are
-BIRTHS = .005, .1, 10.       # points that come there in a frame: least, at the start, most; ours
 SPEED_GAIN = .6             # at which speed and turn of the palm follow
 WEAK_SPEED_GAIN = .25       # the same while a marker of the palm is hidden
 DRIFT_GAIN = .4             # at which the speed of a digit's marker in the palm follows
@@ -63,240 +70,10 @@ LEAST_FOLLOWED = .3         # share of a hand's markers below which it is lost
 WEAK, WEAKER = .1, .05    # weights of digits' and hidden palm markers where the palm is hidden
 
 
-class HandTrack(NamedTuple):
-    """A hand that is followed.
-
-    Attributes
-    ----------
-    finding : Finding
-        Its labels and its palm.
-    place : ndarray, shape (M, 3)
-        Predicted place of each marker [m].
-    local : ndarray, shape (M, 3)
-        Its place in the palm's frame, of the prototype's size [m].
-    drift : ndarray, shape (M, 3)
-        Speed there [m/s].
-    expected : ndarray, shape (M, 3)
-        Where the seen markers expected each hidden one in the last frame [m].
-    error : ndarray, shape (M,)
-        By which predictions err, while the marker is seen [m].
-    deviation : ndarray, shape (M,)
-        Standard deviation of the prediction [m].
-    hidden_for : ndarray, shape (M,)
-        [s]
-    suspected_for : ndarray, shape (M,)
-        Time for which the other markers have contradicted each label [s].
-    motion : ndarray, shape (2, 3)
-        Velocity of the palm [m/s] and its angular velocity [rad/s].
-    trusted_for : ndarray, shape (M,)
-        Time for which each label has been the best, and not been given in doubt [s].
-    ids : ndarray of int, shape (M,)
-        By which the source told the markers' points apart; -1 where it did not.
-    numbers : ndarray, shape (4,)
-        By how much another labelling has been better [variances]; time for which the posture has
-        been no hand's, and since the start [s]; points near the hand that come in a frame.
-    """
-
-    finding: Finding
-    place: np.ndarray
-    local: np.ndarray
-    drift: np.ndarray
-    expected: np.ndarray
-    error: np.ndarray
-    deviation: np.ndarray
-    hidden_for: np.ndarray
-    suspected_for: np.ndarray
-    motion: np.ndarray
-    trusted_for: np.ndarray
-    ids: np.ndarray
-    numbers: np.ndarray
-
-
-DOUBT, ASTRAY, AGE, COMING = range(4)
-
-
-class Clutter(NamedTuple):
-    """Points of a frame that no hand has.
-
-    Attributes
-    ----------
-    place : ndarray, shape (n, 3)
-        [m]
-    speed : ndarray, shape (n, 3)
-        [m/s]
-    age : ndarray, shape (n,)
-        Time for which each is there [s].
-    """
-
-    place: np.ndarray
-    speed: np.ndarray
-    age: np.ndarray
-
-
-def no_clutter() -> Clutter:
-    """Return no points."""
-    return Clutter(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
-
-
-def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> HandTrack:
-    """Return the track of a hand that was found among points, shape (n, 3) [m]."""
-    count = len(prototype.template)
-    track = HandTrack(
-        Finding(*(part.copy() for part in finding)), np.zeros((count, 3)),
-        prototype.template.copy(), np.zeros((count, 3)), prototype.template.copy(),
-        np.full(count, FIRST_DEVIATION),
-        np.full(count, FIRST_DEVIATION), np.zeros(count), np.zeros(count), np.zeros((2, 3)),
-        np.zeros(count), np.full(count, -1), np.array((0., 0., 0., BIRTHS[1])))
-    loaded_or_plain(start_places)(prototype, points, track)
-    return track
-
-
-@labelling_jit
-def start_places(prototype: Prototype, points: np.ndarray, track: HandTrack) -> None:
-    """Set the markers' places by the present labels; hidden ones are where they are expected."""
-    rows = track.finding.rows
-    local = np.empty((len(points), 3))
-    to_palm_frame(points, track.finding.rotation, track.finding.position,
-                  track.finding.numbers[SIZE], local)
-    expected = np.empty((len(rows), 3))
-    matrix = np.empty((3 * len(rows), 3 * len(rows)))
-    reset_matrix(prototype, rows, matrix)
-    hidden_places(prototype, local, rows, matrix, expected)
-    for i in range(len(rows)):
-        for k in range(3):
-            track.local[i, k] = local[rows[i], k] if rows[i] >= 0 else expected[i, k]
-            track.drift[i, k] = 0.
-            track.expected[i, k] = np.nan
-        track.hidden_for[i] = 0. if rows[i] >= 0 else 1.
-        track.suspected_for[i] = 0.
-
-
-@labelling_jit
-def _turn(rotation: np.ndarray, x: float, y: float, z: float) -> None:
-    """Turn a rotation by a rotation vector in the outer frame [rad]."""
-    angle = math.sqrt(x * x + y * y + z * z)
-    if angle < 1e-9:
-        return
-    x, y, z = x / angle, y / angle, z / angle
-    c, s = math.cos(angle), math.sin(angle)
-    for k in range(3):
-        a, b, d = rotation[0, k], rotation[1, k], rotation[2, k]
-        along = (1. - c) * (x * a + y * b + z * d)
-        rotation[0, k] = c * a + s * (y * d - z * b) + along * x
-        rotation[1, k] = c * b + s * (z * a - x * d) + along * y
-        rotation[2, k] = c * d + s * (x * b - y * a) + along * z
-
-
-@labelling_jit
-def predict_hand(track: HandTrack, step: float) -> None:
-    """Predict palm and markers a time step [s] ahead."""
-    finding = track.finding
-    for k in range(3):
-        finding.position[k] += track.motion[0, k] * step
-    _turn(finding.rotation, track.motion[1, 0] * step, track.motion[1, 1] * step,
-          track.motion[1, 2] * step)
-    for i in range(len(track.place)):
-        grown = HIDDEN_DEVIATION ** 2 * min(track.hidden_for[i], LONGEST_HIDDEN)
-        leap = min(UNFORESEEN * step * step, FIRST_DEVIATION)
-        track.deviation[i] = math.sqrt(track.error[i] ** 2 + leap * leap + grown)
-        for k in range(3):
-            track.local[i, k] += track.drift[i, k] * step
-    place_again(track)
-
-
-@labelling_jit
-def place_again(track: HandTrack) -> None:
-    """Write the places of the markers in the frame of the points."""
-    finding = track.finding
-    size, rotation = finding.numbers[SIZE], finding.rotation
-    for i in range(len(track.place)):
-        for k in range(3):
-            track.place[i, k] = finding.position[k] + size * (
-                rotation[k, 0] * track.local[i, 0] + rotation[k, 1] * track.local[i, 1]
-                + rotation[k, 2] * track.local[i, 2])
-
-
-@labelling_jit
-def continue_clutter(clutter: Clutter, points: np.ndarray, step: float, before: np.ndarray,
-                     cost: np.ndarray) -> None:
-    """Find which points go on from those that no hand had in the last frame.
-
-    Parameters
-    ----------
-    clutter : Clutter
-        Of the last frame.
-    points : ndarray, shape (n, 3)
-        [m]
-    step : float
-        Time since then [s].
-    before : ndarray of int, shape (n,)
-        Row of each point in `clutter`, -1 for those that have just come; replaced.
-    cost : ndarray, shape (n,)
-        Of taking it for a marker, relative to `CLUTTER_DENSITY`; `-inf` where it has just come.
-    """
-    before[:] = -1
-    cost[:] = -math.inf
-    leap = min(UNFORESEEN * step * step, FIRST_DEVIATION)
-    for c in range(len(clutter.age)):
-        new = CLUTTER_SPEED * step if clutter.age[c] <= 0. else 0.
-        variance = CLUTTER_DEVIATION ** 2 + leap * leap + new * new
-        peak = -SEEN_COST - 3. * math.log(variance)
-        nearest, least = -1, 16. * variance
-        for j in range(len(points)):
-            off = 0.
-            for k in range(3):
-                off += (points[j, k] - clutter.place[c, k] - step * clutter.speed[c, k]) ** 2
-            if off < least:
-                nearest, least = j, off
-        if nearest >= 0:
-            value = min(peak - least / variance, CLUTTER_COST)
-            value *= min((clutter.age[c] + step) / CLUTTER_AGE, 1.)
-            if value > cost[nearest]:
-                before[nearest], cost[nearest] = c, value
-
-
-@labelling_jit
-def remember_clutter(clutter: Clutter, points: np.ndarray, free: np.ndarray, before: np.ndarray,
-                     step: float) -> Clutter:
-    """Return the points that no hand has.
-
-    Parameters
-    ----------
-    clutter : Clutter
-        Of the last frame.
-    points : ndarray, shape (n, 3)
-        [m]
-    free : ndarray of bool, shape (n,)
-        Those that no hand has.
-    before : ndarray of int, shape (n,)
-        By `continue_clutter`.
-    step : float
-        Time since then [s].
-    """
-    count = 0
-    for j in range(len(points)):
-        count += 1 if free[j] else 0
-    found = Clutter(np.empty((count, 3)), np.zeros((count, 3)), np.zeros(count))
-    n = 0
-    for j in range(len(points)):
-        if not free[j]:
-            continue
-        c = before[j]
-        for k in range(3):
-            found.place[n, k] = points[j, k]
-            if c >= 0 and step > 0.:
-                speed = (points[j, k] - clutter.place[c, k]) / step
-                found.speed[n, k] = speed if clutter.age[c] <= 0. else (
-                    .5 * (speed + clutter.speed[c, k]))
-        if c >= 0:
-            found.age[n] = clutter.age[c] + step
-        n += 1
-    return found
-
-
 @labelling_jit
 def match_costs(prototype: Prototype, track: HandTrack, points: np.ndarray, ids: np.ndarray,
-                clutter: np.ndarray, cost: np.ndarray) -> None:
+                clutter: np.ndarray, history: PointHistory, first: int,
+                cost: np.ndarray) -> None:
     """Write the cost of each point as each marker beyond that of no point, (M, n).
 
     Parameters
@@ -310,27 +87,39 @@ def match_costs(prototype: Prototype, track: HandTrack, points: np.ndarray, ids:
         By which the source tells them apart; negative where it does not.
     clutter : ndarray, shape (n,)
         By `continue_clutter`.
+    history : PointHistory
+        Of the points; that of new ones is updated.
+    first : int
+        Of the hand's markers among those of all hands.
     cost : ndarray, shape (M, n)
         Replaced; infinite where the marker cannot be.
     """
-    come = 2. * math.log(track.numbers[COMING] / (8. * CLUTTER_RANGE ** 3 * CLUTTER_DENSITY))
+    come = coming_cost(track)
+    finding = track.finding
+    local = np.empty((len(points), 3))
+    to_palm_frame(points, finding.rotation, finding.position, finding.numbers[SIZE], local)
     for i in range(len(cost)):
         hidden = track.hidden_for[i] > 0.
         variance = track.deviation[i] ** 2
-        base = SEEN_COST + 3. * math.log(variance) + (RETURN_COST if hidden else -VANISHING_COST)
         for j in range(len(points)):
-            off = ((points[j, 0] - track.place[i, 0]) ** 2
-                   + (points[j, 1] - track.place[i, 1]) ** 2
-                   + (points[j, 2] - track.place[i, 2]) ** 2)
-            tail = off / variance
-            if hidden:
-                tail = HIDDEN_TAIL * math.log1p(off / (HIDDEN_FREEDOM * variance))
-            value = base + tail + max(come, clutter[j])
+            if hidden and prototype.rigid[i] <= 0.:
+                value = come + return_cost(track, i, local, points, j, history, first)
+            else:
+                off = ((points[j, 0] - track.place[i, 0]) ** 2
+                       + (points[j, 1] - track.place[i, 1]) ** 2
+                       + (points[j, 2] - track.place[i, 2]) ** 2)
+                value = SEEN_COST + 3. * math.log(variance) + max(come, clutter[j])
+                if not hidden:
+                    value += off / variance - VANISHING_COST
+                else:
+                    value += hidden_tail(off, variance) + RETURN_COST
+                    # Another cost of the palm's rigidity is to be expected at best.
+                    if value < RIGID_GAIN:
+                        value += rigid_cost(prototype, track, i, points[j])
+                    value = min(value, RETURN_COST + max(come, clutter[j]) + circle_cost(
+                        prototype, track, i, points[j]))
             if ids[j] >= 0 and ids[j] == track.ids[i]:
                 value -= HINT_GAIN
-            # Another cost of the palm's rigidity is to be expected at best.
-            if hidden and prototype.rigid[i] > 0. and value < RIGID_GAIN:
-                value += rigid_cost(prototype, track, i, points[j])
             cost[i, j] = value if value < 0. else math.inf
 
 
@@ -354,6 +143,43 @@ def rigid_cost(prototype: Prototype, track: HandTrack, marker: int, point: np.nd
         total += gap * gap / variance
         count += 1
     return total
+
+
+@labelling_jit
+def circle_cost(prototype: Prototype, track: HandTrack, marker: int,
+                point: np.ndarray) -> float:
+    """Return the cost of a point as a hidden palm marker by its distances from two others alone.
+
+    The others leave its turn about them open: it is taken to be anywhere on its circle.
+    """
+    first, second, count = -1, -1, 0
+    for i in range(len(prototype.rigid)):
+        if i != marker and prototype.rigid[i] > 0. and track.hidden_for[i] <= 0.:
+            first, second = second, i
+            count += 1
+    if count != 2:
+        return math.inf
+    size, total = track.finding.numbers[SIZE], 0.
+    axis, arm = np.empty(3), np.empty(3)
+    length, along, across = 0., 0., 0.
+    for k in range(3):
+        axis[k] = prototype.template[second, k] - prototype.template[first, k]
+        arm[k] = prototype.template[marker, k] - prototype.template[first, k]
+        length += axis[k] * axis[k]
+        along += axis[k] * arm[k]
+        across += arm[k] * arm[k]
+    radius = size * math.sqrt(max(across - along * along / length, 0.))
+    for i in (first, second):
+        rest, here = 0., 0.
+        for k in range(3):
+            rest += (prototype.template[i, k] - prototype.template[marker, k]) ** 2
+            here += (track.place[i, k] - point[k]) ** 2
+        gap = math.sqrt(here) - size * math.sqrt(rest)
+        variance = RIGID_DEVIATION ** 2 + track.deviation[i] ** 2
+        total += math.log(variance) + gap * gap / variance
+    # Twice the logarithm of the circle's length and of the plane normal distribution's peak.
+    return (CIRCLE_COST + total + 2. * math.log(2. * math.pi * radius)
+            + 2. * math.log(2. * math.pi) + 2. * math.log(CLUTTER_DENSITY))
 
 
 @labelling_jit
@@ -394,7 +220,7 @@ def palm_changes(prototype: Prototype, track: HandTrack, rows: np.ndarray) -> bo
 
 @labelling_jit
 def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, rows: np.ndarray,
-                 last: np.ndarray, step: float) -> None:
+                 last: np.ndarray, step: float, history: PointHistory, first: int) -> None:
     """Update a hand by the points that its markers got.
 
     Parameters
@@ -410,13 +236,17 @@ def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, row
         Rotation and position of the palm in the last frame.
     step : float
         Time since then [s].
+    history : PointHistory
+        Of the points; updated for those that are given up.
+    first : int
+        Of the hand's markers among those of all hands.
     """
     finding, count = track.finding, len(rows)
-    first = track.numbers[AGE] <= 0.
+    begins = track.numbers[AGE] <= 0.
     whole = True
     for i in range(count):
         whole = whole and (rows[i] >= 0 or prototype.rigid[i] <= 0.)
-    gain = 1. if first else SPEED_GAIN if whole else WEAK_SPEED_GAIN
+    gain = 1. if begins else SPEED_GAIN if whole else WEAK_SPEED_GAIN
     # Where a palm that was roughly placed comes back, it has not moved there.
     replaced = palm_changes(prototype, track, rows)
     if step > 0. and not replaced:
@@ -431,6 +261,7 @@ def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, row
         # What was predicted stays where it was.
         to_palm_frame(track.place, finding.rotation, finding.position, finding.numbers[SIZE],
                       track.local)
+    note_arrivals(prototype, track, local, points, history, first)
     matrix = np.empty((3 * count, 3 * count))
     constant, hidden = reset_matrix(prototype, rows, matrix)
     residual, gradient = np.empty(3 * count), np.empty(3 * count)
@@ -442,11 +273,14 @@ def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, row
     same = True  # markers seen as in the last frame
     for i in range(count):
         same = same and (rows[i] >= 0) == (track.hidden_for[i] <= 0.)
+    come = coming_cost(track)
+    given_up = np.zeros(count, dtype=np.bool_)
     relaxed = min(step / RELAXATION_TIME, 1.)
     for i in range(count):
         finding.rows[i] = rows[i]
         if rows[i] < 0:
             track.hidden_for[i] += step
+            spread = 0.
             for k in range(3):
                 expected = prototype.template[i, k] - gradient[3 * i + k]
                 before = track.expected[i, k]
@@ -454,11 +288,23 @@ def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, row
                 if same and before == before:
                     track.local[i, k] += expected - before
                 track.expected[i, k] = expected
+                spread -= matrix[3 * i + k, 3 * i + k] / 3.  # the negative covariance, swept
                 track.drift[i, k] *= math.exp(-step / DRIFT_TIME)
                 track.local[i, k] += relaxed * (expected - track.local[i, k])
+            track.spread[i] = spread
             track.suspected_for[i] = 0.
             continue
         known = track.hidden_for[i] <= 0.
+        if not known:
+            begin_return(track, i, local[rows[i]], history, rows[i], first)
+        elif track.returns.age[i] < math.inf:
+            present = come + present_cost(
+                track, i, local, points, rows[i], matrix, gradient, same, step)
+            other = come + best_return(track, i, local, points, history, first)
+            given_up[i] = present > RETURN_DOUBT or (
+                other < min(present - RETURN_LEAD, 0.))
+            if track.returns.age[i] > JUDGED_TIME:
+                track.returns.age[i] = math.inf
         off = 0.
         for k in range(3):
             if known:
@@ -469,8 +315,9 @@ def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, row
             else:
                 track.drift[i, k] = 0.
             track.local[i, k] = local[rows[i], k]
-            track.expected[i, k] = np.nan
-        if known and not first:
+            if track.returns.age[i] == math.inf:
+                track.expected[i, k] = np.nan
+        if known and not begins:
             error = min(max(math.sqrt(off), LEAST_POINT_DEVIATION), GREATEST_DEVIATION)
             rate = 1. if error > track.error[i] else DEVIATION_GAIN
             track.error[i] += rate * (error - track.error[i])
@@ -479,7 +326,12 @@ def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, row
             track.suspected_for[i] += step
         else:
             track.suspected_for[i] = 0.
+    for i in range(count):
+        if given_up[i] and track.returns.age[i] < math.inf:
+            give_up(track, i, history, rows[i], first)
+    # A rare pose is still a hand's while it costs less than points of no hand.
     astray = (finding.numbers[DISTANCE] > ASTRAY_DISTANCE * max(prototype.typical, 1.)
+              and finding.numbers[COST] > 0.
               or seen < max(3., LEAST_FOLLOWED * count))
     track.numbers[ASTRAY] = track.numbers[ASTRAY] + step if astray else 0.
     track.numbers[AGE] += step
@@ -558,7 +410,8 @@ def _doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
 
 @labelling_jit
 def follow_hands(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...],
-                 points: np.ndarray, ids: np.ndarray, clutter: np.ndarray, step: float,
+                 points: np.ndarray, ids: np.ndarray, clutter: np.ndarray,
+                 history: PointHistory, firsts: np.ndarray, step: float,
                  free: np.ndarray) -> None:
     """Follow hands into the next frame.
 
@@ -572,6 +425,10 @@ def follow_hands(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
         By which the source tells them apart; negative where it does not.
     clutter : ndarray, shape (n,)
         By `continue_clutter`.
+    history : PointHistory
+        Of the points; updated.
+    firsts : ndarray of int
+        First of the markers of each hand among those of all hands.
     step : float
         Time since the last frame [s].
     free : ndarray of bool, shape (n,)
@@ -591,7 +448,8 @@ def follow_hands(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
         first = 0
         for hand in range(len(tracks)):
             end = first + len(tracks[hand].place)
-            match_costs(prototypes[hand], tracks[hand], points, ids, clutter, cost[first:end])
+            match_costs(prototypes[hand], tracks[hand], points, ids, clutter, history,
+                        firsts[hand], cost[first:end])
             first = end
         assign_rows(cost, 0., rows)
         if turn > 0:
@@ -612,15 +470,19 @@ def follow_hands(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
             first = end
         if not again:
             break
+    for i in range(total):
+        if rows[i] >= 0:
+            history.taken[rows[i]] = True
     first = 0
     for hand in range(len(tracks)):
         track = tracks[hand]
         mine = rows[first:first + len(track.place)]
         _doubt_labels(track, cost[first:first + len(track.place)], mine)
         place_palm_by(prototypes[hand], track, points, mine)
-        correct_hand(prototypes[hand], track, points, mine, last[hand], step)
+        correct_hand(prototypes[hand], track, points, mine, last[hand], step, history,
+                     firsts[hand])
         for i in range(len(mine)):
-            if mine[i] >= 0:
+            if track.finding.rows[i] >= 0:
                 track.ids[i] = ids[mine[i]]
                 free[mine[i]] = False
         first += len(track.place)

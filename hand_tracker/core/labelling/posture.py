@@ -270,7 +270,7 @@ def reset_matrix(prototype: Prototype, rows: np.ndarray,
 
 
 @labelling_jit
-def _block(block: np.ndarray, sign: float, inverse: np.ndarray) -> float:
+def block_inverse(block: np.ndarray, sign: float, inverse: np.ndarray) -> float:
     """Write the inverse of a symmetric (3, 3) block times `sign`; return their determinant."""
     xx, yy, zz = sign * block[0, 0], sign * block[1, 1], sign * block[2, 2]
     xy, xz, yz = sign * block[0, 1], sign * block[0, 2], sign * block[1, 2]
@@ -290,7 +290,7 @@ def dropping_gain(matrix: np.ndarray, gradient: np.ndarray, marker: int, distanc
     """Return by how much the cost falls if one of `seen` markers is taken for hidden."""
     covariance = np.empty((3, 3))
     a = 3 * marker
-    determinant = _block(matrix[a:a + 3, a:a + 3], 1., covariance)
+    determinant = block_inverse(matrix[a:a + 3, a:a + 3], 1., covariance)
     fall = quadratic(covariance, gradient[a], gradient[a + 1], gradient[a + 2])
     return (tail_cost(distance, 3 * seen) - tail_cost(max(distance - fall, 0.), 3 * seen - 3)
             - math.log(determinant) - HIDDEN_COST)
@@ -306,7 +306,7 @@ def contradiction(matrix: np.ndarray, gradient: np.ndarray, marker: int, distanc
     """
     covariance = np.empty((3, 3))
     a = 3 * marker
-    _block(matrix[a:a + 3, a:a + 3], 1., covariance)
+    block_inverse(matrix[a:a + 3, a:a + 3], 1., covariance)
     fall = quadratic(covariance, gradient[a], gradient[a + 1], gradient[a + 2])
     others = max(distance - fall, 0.)
     return fall * (FREEDOM + 3. * seen - 3.) / (FREEDOM + others)
@@ -341,7 +341,7 @@ def _best_point(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, loca
     precision = np.empty((3, 3))
     a = 3 * marker
     # Of the negative covariance, swept; the gradient there is minus the expected residual.
-    determinant = _block(matrix[a:a + 3, a:a + 3], -1., precision)
+    determinant = block_inverse(matrix[a:a + 3, a:a + 3], -1., precision)
     base = math.log(determinant) - tail_cost(distance, 3 * seen) - HIDDEN_COST
     for j in range(len(local)):
         if not taken[j]:
@@ -365,7 +365,7 @@ def _handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, place:
     covariance, precision = np.empty((3, 3)), np.empty((3, 3))
     left, off = np.empty((3, 3)), np.empty(3)
     a, b = 3 * taker, 3 * giver
-    dropped = math.log(_block(matrix[b:b + 3, b:b + 3], 1., covariance))
+    dropped = math.log(block_inverse(matrix[b:b + 3, b:b + 3], 1., covariance))
     others = distance - quadratic(covariance, gradient[b], gradient[b + 1], gradient[b + 2])
     # As if the matrix were swept on the giver: see `sweep`.
     for m in range(3):
@@ -380,7 +380,7 @@ def _handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, place:
             precision[m, n] = matrix[a + m, a + n]
             for k in range(3):
                 precision[m, n] -= left[m, k] * matrix[b + k, a + n]
-    added = math.log(_block(precision, -1., precision))
+    added = math.log(block_inverse(precision, -1., precision))
     rise = quadratic(precision, off[0], off[1], off[2])
     return (dropped + added + tail_cost(max(others, 0.) + rise, 3 * seen)
             - tail_cost(distance, 3 * seen))

@@ -7,7 +7,7 @@ from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.labelling.cloud_labeller import CloudLabeller
 from hand_tracker.core.labelling.natural_poses import marker_digits, model_prototype, natural_poses
 from hand_tracker.core.labelling.prototypes import learn_prototype
-from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.hand import FLEXION_JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.simulation.packaged_recordings import demo_recording
@@ -31,6 +31,19 @@ def moving(frames, side='right', at=(0., 0., 0.), seed=0):
     turn, rotation = .5 * np.sin(2. * time), np.tile(np.eye(3), (frames, 1, 1))
     rotation[:, 0, 0] = rotation[:, 1, 1] = np.cos(turn)
     rotation[:, 1, 0], rotation[:, 0, 1] = np.sin(turn), -np.sin(turn)
+    return marker_positions(
+        MarkerLayout().mounting(hand), forward(joint_table(hand), angles, rotation, position),
+        rotation, position)
+
+
+def shaken(marker, bend, rate):
+    """Return 200 frames of a hand that is shaken at a rate [Hz] and bends a finger in the 90th."""
+    hand = Hand.scaled()
+    angles = np.tile(natural_poses(hand, 400)[110], (200, 1))
+    angles[90:, FLEXION_JOINTS[marker - 3, :2]] += bend
+    position = np.zeros((200, 3))
+    position[:, 0] = .05 * np.sin(2. * np.pi * rate * np.arange(200) / RATE)
+    rotation = np.tile(np.eye(3), (200, 1, 1))
     return marker_positions(
         MarkerLayout().mounting(hand), forward(joint_table(hand), angles, rotation, position),
         rotation, position)
@@ -76,6 +89,40 @@ def test_a_hidden_marker_has_no_label_and_gets_its_own_back():
         points, rows = shuffled(frame, random)
         found = labeller.update(points, number / RATE).rows[0]
         assert np.array_equal(found, rows), number
+
+
+@pytest.mark.parametrize(('marker', 'bend'), ((3, -.5), (4, .8), (5, -.5), (6, -.5), (7, -.5)))
+def test_a_finger_that_went_far_while_hidden_has_its_label_within_frames(marker, bend):
+    random = np.random.default_rng(1)
+    labeller = CloudLabeller([prototype()])
+    frames = shaken(marker, bend, 1.)
+    assert np.linalg.norm(np.diff(frames[[89, 90], marker], axis=0)) > .03
+    frames[60:120, marker] = np.nan
+    wrong = 0
+    for number, frame in enumerate(frames):
+        points, rows = shuffled(frame, random)
+        wrong += not np.array_equal(labeller.update(points, number / RATE).rows[0], rows)
+    assert wrong <= 5
+
+
+@pytest.mark.parametrize('marker', range(3, 7))
+def test_a_stray_point_taken_for_a_hidden_marker_is_given_up_as_it_goes_on_evenly(marker):
+    random = np.random.default_rng(1)
+    labeller = CloudLabeller([prototype()])
+    frames = shaken(marker, 0., 2.)
+    # It comes just where the hidden marker is.
+    stray = frames[80, marker] + np.outer(np.arange(120), (0., .1, .1)) / RATE
+    frames[60:140, marker] = np.nan
+    frames = np.insert(frames, 8, np.nan, axis=1)
+    frames[80:, 8] = stray
+    taken = 0
+    for number, frame in enumerate(frames):
+        points, rows = shuffled(frame, random)
+        found = labeller.update(points, number / RATE).rows[0]
+        taken += number >= 80 and found[marker] == rows[8]
+        if number >= 140:
+            assert np.array_equal(found, rows[:8]), number
+    assert 0 < taken < 30
 
 
 def test_two_hands_in_one_cloud_keep_their_own_markers():

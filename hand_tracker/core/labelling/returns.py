@@ -1,0 +1,327 @@
+"""Markers that come back: which point is one, by its place and by how it moves from then on.
+
+A marker of a digit goes with the hand, and is where the others expect it; a point of no hand rests
+or goes on evenly. So each is judged, stretch by stretch of its path, before and after it is taken.
+"""
+
+import math
+
+import numpy as np
+
+from ..numerics.jit import labelling_jit
+from .clutter import CLUTTER_DEVIATION, STRETCH, PointHistory
+from .hand_track import HIDDEN_DEVIATION, LONGEST_HIDDEN, HandTrack
+from .posture import SEEN_COST, block_inverse
+from .prototypes import Prototype
+
+HIDDEN_FREEDOM = 3.
+HIDDEN_TAIL = HIDDEN_FREEDOM + 3.
+MISTAKEN_COST = 16.         # of a point that was there while the marker was taken for seen; ours
+RETURN_COST = 12.           # of a hidden marker that is seen again
+ANYWHERE = .3               # share of hidden markers that went anywhere the others allow; ours
+# Student's distributions of how far a marker that came back moves against where the others expect
+# it, and of how far a point of no hand moves; measured on captures of hands, and ours.
+OWN_SPEED = .02             # [m/s]
+OWN_SPEED_TIME = .2         # [s] after which it grows with the root of the time only
+OWN_FREEDOM = 1.
+STRAY_SPEED = .15           # [m/s]
+STRAY_FREEDOM = 3.
+PACE_DEVIATION = .03        # [m/s] of its pace, where that was seen
+RESTING_SHARE = .2          # of them that do not move; ours
+MOTION_MEMORY = .5          # share of that which is left after the next one; ours
+MOTION_GAIN = 8.            # that a stretch changes in its cost at most; ours
+
+
+@labelling_jit
+def hidden_tail(off: float, variance: float) -> float:
+    """Return the cost of a squared distance from where a hidden marker is expected [m²]."""
+    return HIDDEN_TAIL * math.log1p(off / (HIDDEN_FREEDOM * variance))
+
+
+@labelling_jit
+def note_arrivals(prototype: Prototype, track: HandTrack, local: np.ndarray,
+                  points: np.ndarray, history: PointHistory, first: int) -> None:
+    """Note from where hidden markers are expected points have just come.
+
+    Also of markers that are still judged: where they would be hidden, if they are none.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    track : HandTrack
+        With the places of hidden markers in this frame.
+    local, points : ndarray, shape (n, 3)
+        Points in the palm's frame and as seen [m].
+    history : PointHistory
+        Updated.
+    first : int
+        Of the hand's markers among those of all hands.
+    """
+    for i in range(len(track.hidden_for)):
+        judged = track.hidden_for[i] <= 0. and track.returns.age[i] < math.inf
+        if prototype.rigid[i] > 0. or not (judged or track.hidden_for[i] > 0.):
+            continue
+        for j in range(len(local)):
+            new = history.age[j] <= 0. or history.cost[j, first + i] == math.inf
+            if not new and history.stretch[j] < STRETCH:
+                continue
+            if new:
+                history.cost[j, first + i] = place_of_return(
+                    track, i, local[j]) + (0. if history.age[j] <= 0. else MISTAKEN_COST)
+            else:
+                history.motion[j, first + i] = MOTION_MEMORY * (
+                    history.motion[j, first + i] + stretch_cost(
+                        track, i, local, points, j, history, first))
+            for k in range(3):
+                off = local[j, k] - track.local[i, k]
+                if judged:
+                    off += track.returns.offset[1, i, k]
+                history.shift[j, first + i, k] = (
+                    0. if new else off - history.offset[j, first + i, k])
+                history.offset[j, first + i, k] = off
+
+
+@labelling_jit
+def return_cost(track: HandTrack, i: int, local: np.ndarray, points: np.ndarray, row: int,
+                history: PointHistory, first: int) -> float:
+    """Return the cost of a point as a marker that was hidden.
+
+    Parameters
+    ----------
+    track : HandTrack
+    i : int
+        Of the marker, which is hidden, or still judged.
+    local, points : ndarray, shape (n, 3)
+        Points in the palm's frame and as seen [m].
+    row : int
+        Of the point.
+    history : PointHistory
+        Of the points.
+    first : int
+        Of the hand's markers among those of all hands.
+    """
+    cost = place_of_return(track, i, local[row])
+    if history.age[row] <= 0.:
+        return cost
+    if history.cost[row, first + i] == math.inf:
+        return cost + MISTAKEN_COST
+    return (max(cost, history.cost[row, first + i]) + history.motion[row, first + i]
+            + stretch_cost(track, i, local, points, row, history, first))
+
+
+@labelling_jit
+def place_of_return(track: HandTrack, i: int, place: np.ndarray) -> float:
+    """Return the cost of a place in the palm's frame, shape (3,) [m], as a marker's.
+
+    The marker is hidden, or still judged.
+    """
+    hidden_for = track.hidden_for[i]
+    judged = hidden_for <= 0.
+    if judged:
+        hidden_for = track.returns.hidden_for[i]
+    off, unlike = 0., 0.
+    for k in range(3):
+        there = track.local[i, k]
+        if judged:
+            there -= track.returns.offset[1, i, k]
+        off += (place[k] - there) ** 2
+        unlike += (place[k] - track.expected[i, k]) ** 2
+    return SEEN_COST + RETURN_COST + place_cost(
+        off, track.error[i] ** 2 + HIDDEN_DEVIATION ** 2 * min(hidden_for, LONGEST_HIDDEN),
+        unlike, track.spread[i])
+
+
+@labelling_jit
+def stretch_cost(track: HandTrack, i: int, local: np.ndarray, points: np.ndarray, row: int,
+                 history: PointHistory, first: int) -> float:
+    """Return what a point's motion in the present stretch changes in its cost as a marker.
+
+    Parameters are those of `return_cost`.
+    """
+    judged = track.hidden_for[i] <= 0.
+    shift, turned, gone = 0., 0., 0.
+    share = history.stretch[row] / STRETCH
+    for k in range(3):
+        off = local[row, k] - track.local[i, k] - history.offset[row, first + i, k]
+        if judged:
+            off += track.returns.offset[1, i, k]
+        shift += off * off
+        turned += (off - share * history.shift[row, first + i, k]) ** 2
+        gone += uneven(points[row, k] - history.came[row, k], history.pace[row, k],
+                       history.stretch[row])
+    return motion_cost(history.stretch[row], track.error[i], gone, min(shift, turned),
+                       history.pace[row, 0] == history.pace[row, 0])
+
+
+@labelling_jit
+def uneven(moved: float, pace: float, time: float) -> float:
+    """Return the square of how far a coordinate moved [m²], against its pace if that is known."""
+    return (moved - pace * time) ** 2 if pace == pace else moved * moved
+
+
+@labelling_jit
+def place_cost(off: float, variance: float, unlike: float, spread: float) -> float:
+    """Return the cost of a place as that of a hidden marker, which moved little, or anywhere.
+
+    Parameters
+    ----------
+    off, variance : float
+        Squared distance from where it is expected by its last place, and its variance [m²].
+    unlike, spread : float
+        The same by the other markers alone; not a number where that is not known.
+    """
+    by_last = 3. * math.log(variance) + hidden_tail(off, variance)
+    if not (unlike >= 0. and spread > 0.):
+        return by_last
+    by_others = 3. * math.log(spread) + unlike / spread
+    least = min(by_last, by_others)
+    return least - 2. * math.log((1. - ANYWHERE) * math.exp(.5 * (least - by_last))
+                                 + ANYWHERE * math.exp(.5 * (least - by_others)))
+
+
+@labelling_jit
+def motion_cost(age: float, error: float, gone: float, shift: float, paced: bool) -> float:
+    """Return what a point's motion since it came changes in its cost as a hidden marker.
+
+    Markers stay where the others expect them; points of no hand rest, or go on evenly.
+
+    Parameters
+    ----------
+    age : float
+        Length of the stretch of its path [s].
+    error : float
+        By which predictions of the marker err [m].
+    gone, shift : float
+        Squares of how far it went in the stretch, and of how far its place in the palm went from
+        the expected one [m²].
+    paced : bool
+        Whether the first is counted from where its pace would have brought it.
+    """
+    grown = (OWN_SPEED * age) ** 2 / (1. + age / OWN_SPEED_TIME)
+    own = error * error + grown
+    resting = CLUTTER_DEVIATION ** 2 + grown
+    going = CLUTTER_DEVIATION ** 2 + ((PACE_DEVIATION if paced else STRAY_SPEED) * age) ** 2
+    as_marker = 3. * math.log(own) + (OWN_FREEDOM + 3.) * math.log1p(
+        shift / (OWN_FREEDOM * own))
+    rest = 0. if paced else RESTING_SHARE
+    as_clutter = (rest * math.exp(-.5 * gone / resting) / resting ** 1.5
+                  + (1. - rest) / (going * (1. + gone / (STRAY_FREEDOM * going)) ** (
+                      STRAY_FREEDOM / 3. + 1.)) ** 1.5)
+    return min(max(as_marker + 2. * math.log(as_clutter), -MOTION_GAIN), MOTION_GAIN)
+
+
+@labelling_jit
+def begin_return(track: HandTrack, i: int, place: np.ndarray, history: PointHistory,
+                 row: int, first: int) -> None:
+    """Note how a marker came back, at a place in the palm's frame, shape (3,) [m]."""
+    returns = track.returns
+    returns.cost[i] = history.cost[row, first + i]
+    returns.age[i] = history.age[row] if returns.cost[i] < math.inf else math.inf
+    returns.hidden_for[i] = track.hidden_for[i]
+    returns.stretch[i] = history.stretch[row]
+    returns.motion[i] = history.motion[row, first + i]
+    for k in range(3):
+        returns.came[i, k] = history.came[row, k]
+        returns.pace[i, k] = history.pace[row, k]
+        returns.shift[i, k] = history.shift[row, first + i, k]
+        returns.offset[0, i, k] = history.offset[row, first + i, k]
+        returns.offset[1, i, k] = place[k] - track.local[i, k]
+        track.expected[i, k] = np.nan
+
+
+@labelling_jit
+def present_cost(track: HandTrack, i: int, local: np.ndarray, points: np.ndarray, row: int,
+                 matrix: np.ndarray, gradient: np.ndarray, same: bool, step: float) -> float:
+    """Return the cost of the point of a marker that came back, by how it has moved since.
+
+    Parameters
+    ----------
+    track : HandTrack
+        Of the last frame; what is known of the marker's return is updated.
+    i : int
+        Of the marker.
+    local, points : ndarray, shape (n, 3)
+        Points in the palm's frame and as seen [m].
+    row : int
+        Of its point.
+    matrix, gradient
+        As for `posture_distance`.
+    same : bool
+        Whether the same markers are seen as in the last frame.
+    step : float
+        Time since the last frame [s].
+    """
+    returns = track.returns
+    returns.age[i] += step
+    returns.stretch[i] += step
+    covariance = np.empty((3, 3))
+    a = 3 * i
+    block_inverse(matrix[a:a + 3, a:a + 3], 1., covariance)
+    off, unlike, shift, turned, gone = 0., 0., 0., 0., 0.
+    share = returns.stretch[i] / STRETCH
+    track.spread[i] = (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) / 3.
+    for k in range(3):
+        expected = local[row, k]
+        for n in range(3):
+            expected -= covariance[k, n] * gradient[a + n]
+        before = track.expected[i, k]
+        returns.offset[1, i, k] += local[row, k] - track.local[i, k] + track.drift[i, k] * step
+        if same and before == before:
+            returns.offset[1, i, k] -= expected - before
+        track.expected[i, k] = expected
+        off += returns.offset[1, i, k] ** 2
+        unlike += (local[row, k] - expected) ** 2
+        change = returns.offset[1, i, k] - returns.offset[0, i, k]
+        shift += change * change
+        turned += (change - share * returns.shift[i, k]) ** 2
+        gone += uneven(points[row, k] - returns.came[i, k], returns.pace[i, k],
+                       returns.stretch[i])
+    motion = returns.motion[i] + motion_cost(
+        returns.stretch[i], track.error[i], gone, min(shift, turned),
+        returns.pace[i, 0] == returns.pace[i, 0])
+    if returns.stretch[i] >= STRETCH:
+        returns.motion[i] = MOTION_MEMORY * motion
+        for k in range(3):
+            returns.pace[i, k] = (points[row, k] - returns.came[i, k]) / returns.stretch[i]
+            returns.came[i, k] = points[row, k]
+            returns.shift[i, k] = returns.offset[1, i, k] - returns.offset[0, i, k]
+            returns.offset[0, i, k] = returns.offset[1, i, k]
+        returns.stretch[i] = 0.
+    cost = SEEN_COST + RETURN_COST + place_cost(
+        off, track.error[i] ** 2 + HIDDEN_DEVIATION ** 2 * min(
+            returns.hidden_for[i], LONGEST_HIDDEN), unlike, track.spread[i])
+    return max(cost, returns.cost[i]) + motion
+
+
+@labelling_jit
+def best_return(track: HandTrack, i: int, local: np.ndarray, points: np.ndarray,
+                history: PointHistory, first: int) -> float:
+    """Return the least cost of a point that no hand has, as a marker that came back."""
+    least = math.inf
+    for j in range(len(points)):
+        if not history.taken[j] and history.cost[j, first + i] < math.inf:
+            least = min(least, return_cost(track, i, local, points, j, history, first))
+    return least
+
+
+@labelling_jit
+def give_up(track: HandTrack, i: int, history: PointHistory, row: int, first: int) -> None:
+    """Take a marker for hidden that did not come back; its point is remembered as no marker."""
+    returns = track.returns
+    track.finding.rows[i] = -1
+    track.hidden_for[i] = returns.hidden_for[i]
+    track.suspected_for[i] = 0.
+    history.age[row] = returns.age[i]
+    history.stretch[row] = returns.stretch[i]
+    history.motion[row, first + i] = returns.motion[i]
+    history.cost[row] = math.inf
+    history.cost[row, first + i] = returns.cost[i]
+    for k in range(3):
+        history.came[row, k] = returns.came[i, k]
+        history.pace[row, k] = returns.pace[i, k]
+        history.shift[row, first + i, k] = returns.shift[i, k]
+        history.offset[row, first + i, k] = returns.offset[0, i, k]
+        track.local[i, k] -= returns.offset[1, i, k]
+        track.drift[i, k] = 0.
+        track.expected[i, k] = np.nan
+    returns.age[i] = math.inf
