@@ -15,7 +15,7 @@ from ..model.hand import Hand
 from ..model.marker_layout import MARKERS, MarkerLayout
 from ..numerics.jit import load_kernel
 from ..numerics.jit import loaded_or_plain as kernel
-from .clutter import PointHistory, continue_clutter, no_clutter, remember_clutter
+from .clutter import THERE_FOR, PointHistory, continue_clutter, no_clutter, remember_clutter
 from .following import LEAST_FOLLOWED, follow_hands, relabel
 from .hand_track import ASTRAY, DOUBT, HandTrack, begin_track, start_places
 from .natural_poses import model_prototype
@@ -228,7 +228,8 @@ class CloudLabeller:
                      tuple(hand.track for hand in hands if hand.track is not None),
                      points, ids, clutter, history, np.array(firsts), step, free)
         # What it costs a rival to take points of no hand, less and less as they stay.
-        known = np.maximum(clutter, 0.) * np.maximum(1. - history.age / KNOWN_TIME, 0.)
+        known = np.maximum(clutter, 0.) * np.maximum(
+            1. - history.path[:, THERE_FOR] / KNOWN_TIME, 0.)
         for hand, seen in zip(hands, was):
             assert hand.track is not None
             # Where the frame is cut, many go and as many come.

@@ -9,7 +9,19 @@ import math
 import numpy as np
 
 from ..numerics.jit import labelling_jit
-from .clutter import CLUTTER_DEVIATION, STRETCH, PointHistory
+from .clutter import (
+    CAME,
+    CLUTTER_DEVIATION,
+    MOVED,
+    OFFSET,
+    PACE,
+    PLACED,
+    SHIFT,
+    STRETCH,
+    STRETCHED,
+    THERE_FOR,
+    PointHistory,
+)
 from .hand_track import HIDDEN_DEVIATION, LONGEST_HIDDEN, HandTrack
 from .posture import SEEN_COST, block_inverse
 from .prototypes import Prototype
@@ -62,23 +74,24 @@ def note_arrivals(prototype: Prototype, track: HandTrack, local: np.ndarray,
         if prototype.rigid[i] > 0. or not (judged or track.hidden_for[i] > 0.):
             continue
         for j in range(len(local)):
-            new = history.age[j] <= 0. or history.cost[j, first + i] == math.inf
-            if not new and history.stretch[j] < STRETCH:
+            here = history.path[j, THERE_FOR] > 0.
+            new = not here or history.marks[j, first + i, PLACED] == math.inf
+            if not new and history.path[j, STRETCHED] < STRETCH:
                 continue
             if new:
-                history.cost[j, first + i] = place_of_return(
-                    track, i, local[j]) + (0. if history.age[j] <= 0. else MISTAKEN_COST)
+                history.marks[j, first + i, PLACED] = place_of_return(
+                    track, i, local[j]) + (MISTAKEN_COST if here else 0.)
             else:
-                history.motion[j, first + i] = MOTION_MEMORY * (
-                    history.motion[j, first + i] + stretch_cost(
+                history.marks[j, first + i, MOVED] = MOTION_MEMORY * (
+                    history.marks[j, first + i, MOVED] + stretch_cost(
                         track, i, local, points, j, history, first))
             for k in range(3):
                 off = local[j, k] - track.local[i, k]
                 if judged:
                     off += track.returns.offset[1, i, k]
-                history.shift[j, first + i, k] = (
-                    0. if new else off - history.offset[j, first + i, k])
-                history.offset[j, first + i, k] = off
+                history.marks[j, first + i, SHIFT + k] = (
+                    0. if new else off - history.marks[j, first + i, OFFSET + k])
+                history.marks[j, first + i, OFFSET + k] = off
 
 
 @labelling_jit
@@ -101,11 +114,11 @@ def return_cost(track: HandTrack, i: int, local: np.ndarray, points: np.ndarray,
         Of the hand's markers among those of all hands.
     """
     cost = place_of_return(track, i, local[row])
-    if history.age[row] <= 0.:
+    if history.path[row, THERE_FOR] <= 0.:
         return cost
-    if history.cost[row, first + i] == math.inf:
+    if history.marks[row, first + i, PLACED] == math.inf:
         return cost + MISTAKEN_COST
-    return (max(cost, history.cost[row, first + i]) + history.motion[row, first + i]
+    return (max(cost, history.marks[row, first + i, PLACED]) + history.marks[row, first + i, MOVED]
             + stretch_cost(track, i, local, points, row, history, first))
 
 
@@ -140,17 +153,17 @@ def stretch_cost(track: HandTrack, i: int, local: np.ndarray, points: np.ndarray
     """
     judged = track.hidden_for[i] <= 0.
     shift, turned, gone = 0., 0., 0.
-    share = history.stretch[row] / STRETCH
+    share = history.path[row, STRETCHED] / STRETCH
     for k in range(3):
-        off = local[row, k] - track.local[i, k] - history.offset[row, first + i, k]
+        off = local[row, k] - track.local[i, k] - history.marks[row, first + i, OFFSET + k]
         if judged:
             off += track.returns.offset[1, i, k]
         shift += off * off
-        turned += (off - share * history.shift[row, first + i, k]) ** 2
-        gone += uneven(points[row, k] - history.came[row, k], history.pace[row, k],
-                       history.stretch[row])
-    return motion_cost(history.stretch[row], track.error[i], gone, min(shift, turned),
-                       history.pace[row, 0] == history.pace[row, 0])
+        turned += (off - share * history.marks[row, first + i, SHIFT + k]) ** 2
+        gone += uneven(points[row, k] - history.path[row, CAME + k], history.path[row, PACE + k],
+                       history.path[row, STRETCHED])
+    return motion_cost(history.path[row, STRETCHED], track.error[i], gone, min(shift, turned),
+                       history.path[row, PACE] == history.path[row, PACE])
 
 
 @labelling_jit
@@ -215,16 +228,16 @@ def begin_return(track: HandTrack, i: int, place: np.ndarray, history: PointHist
                  row: int, first: int) -> None:
     """Note how a marker came back, at a place in the palm's frame, shape (3,) [m]."""
     returns = track.returns
-    returns.cost[i] = history.cost[row, first + i]
-    returns.age[i] = history.age[row] if returns.cost[i] < math.inf else math.inf
+    returns.cost[i] = history.marks[row, first + i, PLACED]
+    returns.age[i] = history.path[row, THERE_FOR] if returns.cost[i] < math.inf else math.inf
     returns.hidden_for[i] = track.hidden_for[i]
-    returns.stretch[i] = history.stretch[row]
-    returns.motion[i] = history.motion[row, first + i]
+    returns.stretch[i] = history.path[row, STRETCHED]
+    returns.motion[i] = history.marks[row, first + i, MOVED]
     for k in range(3):
-        returns.came[i, k] = history.came[row, k]
-        returns.pace[i, k] = history.pace[row, k]
-        returns.shift[i, k] = history.shift[row, first + i, k]
-        returns.offset[0, i, k] = history.offset[row, first + i, k]
+        returns.came[i, k] = history.path[row, CAME + k]
+        returns.pace[i, k] = history.path[row, PACE + k]
+        returns.shift[i, k] = history.marks[row, first + i, SHIFT + k]
+        returns.offset[0, i, k] = history.marks[row, first + i, OFFSET + k]
         returns.offset[1, i, k] = place[k] - track.local[i, k]
         track.expected[i, k] = np.nan
 
@@ -299,7 +312,7 @@ def best_return(track: HandTrack, i: int, local: np.ndarray, points: np.ndarray,
     """Return the least cost of a point that no hand has, as a marker that came back."""
     least = math.inf
     for j in range(len(points)):
-        if not history.taken[j] and history.cost[j, first + i] < math.inf:
+        if not history.taken[j] and history.marks[j, first + i, PLACED] < math.inf:
             least = min(least, return_cost(track, i, local, points, j, history, first))
     return least
 
@@ -311,16 +324,16 @@ def give_up(track: HandTrack, i: int, history: PointHistory, row: int, first: in
     track.finding.rows[i] = -1
     track.hidden_for[i] = returns.hidden_for[i]
     track.suspected_for[i] = 0.
-    history.age[row] = returns.age[i]
-    history.stretch[row] = returns.stretch[i]
-    history.motion[row, first + i] = returns.motion[i]
-    history.cost[row] = math.inf
-    history.cost[row, first + i] = returns.cost[i]
+    history.path[row, THERE_FOR] = returns.age[i]
+    history.path[row, STRETCHED] = returns.stretch[i]
+    history.marks[row, first + i, MOVED] = returns.motion[i]
+    history.marks[row, :, PLACED] = math.inf
+    history.marks[row, first + i, PLACED] = returns.cost[i]
     for k in range(3):
-        history.came[row, k] = returns.came[i, k]
-        history.pace[row, k] = returns.pace[i, k]
-        history.shift[row, first + i, k] = returns.shift[i, k]
-        history.offset[row, first + i, k] = returns.offset[0, i, k]
+        history.path[row, CAME + k] = returns.came[i, k]
+        history.path[row, PACE + k] = returns.pace[i, k]
+        history.marks[row, first + i, SHIFT + k] = returns.shift[i, k]
+        history.marks[row, first + i, OFFSET + k] = returns.offset[0, i, k]
         track.local[i, k] -= returns.offset[1, i, k]
         track.drift[i, k] = 0.
         track.expected[i, k] = np.nan
