@@ -36,7 +36,7 @@ ROSDEP_KEYS = {
 # Started, not imported.
 STARTED_ONLY = {'ros2launch'}
 # Imported only where it is found, and without a package on some supported platforms.
-OPTIONAL = {'distributed', 'fsspec', 'numba', 'llvmlite', 'qtm_rt', 'viser'}
+OPTIONAL = {'distributed', 'fsspec', 'numba', 'llvmlite', 'qtm_rt', 'viser', 'websockets'}
 
 FORBIDDEN_IN_CORE = {'PIL', 'joblib', 'matplotlib', 'rclpy', 'rosbags', 'scipy', 'skimage',
                      'tf2_ros', 'trimesh', 'yaml'}
@@ -182,7 +182,7 @@ def test_an_interrupt_while_a_command_is_imported_is_quiet():
 
 def test_entry_points_lead_to_functions():
     targets = re.findall(r"'\w+ = ([\w.]+):(\w+)'", (ROOT / 'setup.py').read_text())
-    assert len(targets) == 10
+    assert len(targets) == 11
     for module, function in targets:
         path = ROOT / (module.replace('.', '/') + '.py')
         assert path.is_file()

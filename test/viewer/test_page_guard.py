@@ -7,14 +7,13 @@ import random
 import re
 
 import pytest
-
-pytest.importorskip('viser', reason='needs viser')
-
 import viser
 import websockets
 
 from hand_tracker.viewer.page import ALL_INTERFACES, Viewer
 from hand_tracker.viewer.page_guard import LARGEST_FRAME, PageGuard, cookie_name
+
+NEEDS = 'viser', 'websockets'
 
 FUZZED = int(os.environ.get('HAND_TRACKER_FAULTS', '1')) * 100  # frames
 
