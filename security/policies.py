@@ -43,6 +43,7 @@ ARRANGEMENTS = {
     'viewer': ([], ['side:=both'], SEPARATED)}
 NAMES = {'tracker': 'hand_tracker', 'managed_tracker': 'hand_tracker',
          'skin': 'hand_skin'}  # of nodes, where not the program's
+SHARED_PROCESSES = {'teleoperate': ('tracker', 'retarget')}  # an enclave is a process's
 # Of other packages, that the launch file starts: from their documentation, ROS 2 Jazzy.
 OTHERS = {'robot_state_publisher': {
     ('topics', 'publish'): {'/rosout', '/tf', '/tf_static', '/parameter_events',
@@ -195,20 +196,29 @@ def policy(found, namespace='/'):
                 group = ElementTree.SubElement(profile, kind, {permission: 'ALLOW'})
                 for name in sorted(names):
                     ElementTree.SubElement(group, kind[:-1]).text = name
+    profiles_of = {enclave.get('path').rpartition('/')[2]: enclave.find('profiles')
+                   for enclave in enclaves}
+    for program, parts in SHARED_PROCESSES.items():
+        enclave = ElementTree.SubElement(enclaves, 'enclave', path=f'{ENCLAVES}/{program}')
+        ElementTree.SubElement(enclave, 'profiles').extend(
+            profile for part in parts for profile in profiles_of[part])
     ElementTree.indent(root)
     return root
 
 
 def shipped_uses():
-    """Return what the shipped policy allows."""
+    """Return what the shipped policy allows each program of one node."""
     found = []
     for enclave in ElementTree.parse(POLICY).getroot().iter('enclave'):
+        program = enclave.get('path').rpartition('/')[2]
+        if program in SHARED_PROCESSES:
+            continue
         profile = enclave.find('profiles/profile')
         rules = {}
         for group in profile:
             permission, = group.attrib
             rules[group.tag, permission] = {expression.text for expression in group}
-        found.append(Use(enclave.get('path').rpartition('/')[2], profile.get('node'), rules))
+        found.append(Use(program, profile.get('node'), rules))
     return found
 
 

@@ -1,11 +1,22 @@
 """The shipped SROS 2 policies allow what the nodes use as they run, and nothing else."""
 
 import os
+from xml.etree import ElementTree
 
 import helpers.ros_process  # noqa: F401, a DDS domain of its own
 import pytest
 
-from security.policies import ARRANGEMENTS, OTHERS, POLICY, VERSION, policy, shipped_uses, uses
+from security.policies import (
+    ARRANGEMENTS,
+    ENCLAVES,
+    OTHERS,
+    POLICY,
+    SHARED_PROCESSES,
+    VERSION,
+    policy,
+    shipped_uses,
+    uses,
+)
 
 NEEDS = 'rclpy', 'tf2_msgs', 'trajectory_msgs', 'rosbag2_interfaces', 'lifecycle_msgs'
 SHIPPED = {use.program: use for use in shipped_uses()}
@@ -23,6 +34,16 @@ def test_a_node_uses_what_its_policy_allows_and_nothing_else(program):
         pytest.importorskip('skimage', reason='needs scikit-image')
     found, = uses([program])
     assert found == SHIPPED[program], 'python -m security.policies writes it anew'
+
+
+def test_nodes_of_one_process_may_do_what_each_alone_may():
+    nodes = {enclave.get('path'): [
+        (profile.get('node'), ElementTree.tostring(profile).strip())
+        for profile in enclave.iter('profile')] for enclave in ElementTree.parse(
+            POLICY).getroot().iter('enclave')}
+    for program, parts in SHARED_PROCESSES.items():
+        assert nodes[f'{ENCLAVES}/{program}'] == [
+            profile for part in parts for profile in nodes[f'{ENCLAVES}/{part}']]
 
 
 def test_a_namespace_moves_relative_names_alone():
