@@ -36,7 +36,7 @@ ROSDEP_KEYS = {
 # Started, not imported.
 STARTED_ONLY = {'ros2launch'}
 # Imported only where it is found, and without a package on some supported platforms.
-OPTIONAL = {'distributed', 'fsspec', 'numba', 'llvmlite', 'qtm_rt', 'viser', 'websockets'}
+OPTIONAL = {'distributed', 'fsspec', 'numba', 'llvmlite', 'mujoco', 'qtm_rt', 'viser', 'websockets'}
 
 FORBIDDEN_IN_CORE = {'PIL', 'joblib', 'matplotlib', 'rclpy', 'rosbags', 'scipy', 'skimage',
                      'tf2_ros', 'trimesh', 'yaml'}
