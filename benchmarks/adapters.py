@@ -22,7 +22,7 @@ sys.path.append(str(Path(__file__).resolve().parent.parent / 'test'))
 
 import numpy as np
 
-from benchmarks.common import add_json_option, environ, environment, write_rows
+from benchmarks.common import add_json_option, end, environ, environment, write_rows
 from benchmarks.round_trip import BOUTS, PATIENCE, WARM, isolate
 
 BASE = 'markers'
@@ -126,7 +126,7 @@ def start(stack, server):
             [sys.executable, '-m', 'hand_tracker.entry', node, '--ros-args', '-r',
              f'__ns:=/{name}', *arguments], stderr=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL, env=environ()))
-        stack.callback(process.terminate)
+        stack.callback(end, process)
 
     for name in (BASE, *SOURCES):
         source, more = name.removesuffix(NODE), []

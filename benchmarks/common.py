@@ -2,6 +2,7 @@
 
 import json
 import os
+import subprocess
 from pathlib import Path
 
 from hand_tracker.core.numerics.jit import COMPILED
@@ -9,6 +10,7 @@ from hand_tracker.evaluation.results import hardware, versions
 
 ROOT = Path(__file__).resolve().parent.parent
 MARK = 0x1a5a5a5a    # placeholder for seconds and nanoseconds of a stamp; below 1e9
+END_TIME = 20.       # [s] in which a node ends
 
 
 def environment(**more):
@@ -28,6 +30,15 @@ def environ(**more):
     """Return the environment variables of a process that imports this package."""
     paths = str(ROOT), *filter(None, [os.environ.get('PYTHONPATH')])
     return {**os.environ, 'PYTHONPATH': os.pathsep.join(paths), **more}
+
+
+def end(process):
+    """End a process; kill it where it has missed the signal, as a node of rclpy may."""
+    process.terminate()
+    try:
+        process.wait(END_TIME)
+    except subprocess.TimeoutExpired:
+        process.kill()
 
 
 def add_json_option(parser):

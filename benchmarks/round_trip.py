@@ -28,6 +28,7 @@ import numpy as np
 from benchmarks.common import (
     MARK,
     add_json_option,
+    end,
     environ,
     environment,
     put_stamps,
@@ -251,7 +252,7 @@ def start(stack, folder, sides):
             process = stack.enter_context(subprocess.Popen(
                 [*map(str, command), '--ros-args', '-r', f'__ns:=/{name}', *more],
                 stderr=subprocess.DEVNULL, env=environ()))
-            stack.callback(process.terminate)
+            stack.callback(end, process)
             processes[name] = process
     return processes
 

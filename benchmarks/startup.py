@@ -19,7 +19,7 @@ if not __package__:
 
 import numpy as np
 
-from benchmarks.common import add_json_option, environ, environment, write_rows
+from benchmarks.common import add_json_option, end, environ, environment, write_rows
 from benchmarks.round_trip import Driver, cpu_time, isolate, messages
 from hand_tracker.nodes.fast_path import FastPath
 
@@ -41,7 +41,7 @@ def start(driver, name, frames, cache):
                 raise SystemExit('the tracker node does not answer')
             return 1e-9 * (answered - began), cpu_time(process)
         finally:
-            process.terminate()
+            end(process)
 
 
 def wait_for_kernels(cache):

@@ -21,7 +21,7 @@ if not __package__:
 
 import numpy as np
 
-from benchmarks.common import add_json_option, environ, environment, write_rows
+from benchmarks.common import add_json_option, end, environ, environment, write_rows
 from benchmarks.round_trip import (
     BOUTS,
     PATIENCE,
@@ -45,7 +45,7 @@ def start(stack, folder, robot, urdf):
             [*map(str, command), '--ros-args', '-r', f'__ns:=/{namespace}',
              *(word for parameter in parameters for word in ('-p', parameter))],
             stderr=subprocess.DEVNULL, env=environ()))
-        stack.callback(process.terminate)
+        stack.callback(end, process)
         return process
 
     def node(name):

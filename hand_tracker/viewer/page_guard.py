@@ -19,7 +19,7 @@ from urllib.parse import parse_qs, urlsplit
 
 LOCAL_NAMES = 'localhost', '127.0.0.1', '::1'
 COOKIE = 'hand_tracker_token'
-LARGEST_FRAME = 2**17     # [bytes] of a browser's message: cameras and switches are below 1 KB
+LARGEST_FRAME = 2**24     # [bytes] of a browser's message: a picture of the largest screen
 # viser's page unpacks itself by inline code; nothing may come from or go to another host.
 CONTENT_POLICY = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; "
