@@ -134,6 +134,15 @@ def is_followed(guard: GuardMemory, now: float) -> bool:
 
 
 @jit
+def _are_finite(guard: GuardMemory, given: np.ndarray, now: float) -> bool:
+    """Return whether a time and the positions of all joints are finite."""
+    is_finite = math.isfinite(now)
+    for i in range(guard.joints):
+        is_finite = is_finite and math.isfinite(given[i])
+    return is_finite
+
+
+@jit
 def observe_position(guards: Pack[GuardMemory], given: np.ndarray, now: float) -> None:
     """Take where the robot is; what is not finite is left out.
 
@@ -147,10 +156,7 @@ def observe_position(guards: Pack[GuardMemory], given: np.ndarray, now: float) -
         Time of receipt [s].
     """
     guard = guards[0]
-    is_finite = math.isfinite(now)
-    for i in range(guard.joints):
-        is_finite = is_finite and math.isfinite(given[i])
-    if is_finite:
+    if _are_finite(guard, given, now):
         for i in range(guard.joints):
             guard.robot[i] = given[i]
         guard.has_robot[0], guard.robot_time[0] = 1, now
@@ -186,10 +192,7 @@ def observe_wanted(guards: Pack[GuardMemory], given: np.ndarray, now: float) -> 
         Time of receipt [s].
     """
     guard = guards[0]
-    is_finite = math.isfinite(now)
-    for i in range(guard.joints):
-        is_finite = is_finite and math.isfinite(given[i])
-    if not is_finite:
+    if not _are_finite(guard, given, now):
         guard.refused_values[0] += 1
         return False
     if now - guard.hand_time[0] > guard.hand_timeout:

@@ -271,7 +271,11 @@ class InputMonitor:
     @property
     def is_wrong(self) -> bool:
         """Whether the markers are of the other hand, or far off the hand for long."""
-        return self.bends_away_from is not None or self._off_for >= OFF_HAND_AFTER
+        return self.bends_away_from is not None or self._is_off
+
+    @property
+    def _is_off(self) -> bool:
+        return self._off_for >= OFF_HAND_AFTER
 
     def situation(self, now: float) -> PalmState | str | None:
         """Return the situation of the input.
@@ -293,7 +297,7 @@ class InputMonitor:
             return 'unlabelled'
         if self.bends_away_from is not None:
             return 'mirrored'
-        if self._off_for >= OFF_HAND_AFTER:
+        if self._is_off:
             return 'off'
         return self._palm
 

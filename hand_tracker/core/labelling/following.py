@@ -124,18 +124,24 @@ def match_costs(prototype: Prototype, track: HandTrack, points: np.ndarray, ids:
 
 
 @labelling_jit
+def _palm_gap(prototype: Prototype, track: HandTrack, seen: int, marker: int,
+              point: np.ndarray) -> float:
+    """Return how much farther a point is from a seen palm marker than a palm marker is [m]."""
+    rest, here = 0., 0.
+    for k in range(3):
+        rest += (prototype.template[seen, k] - prototype.template[marker, k]) ** 2
+        here += (track.place[seen, k] - point[k]) ** 2
+    return math.sqrt(here) - track.finding.numbers[SIZE] * math.sqrt(rest)
+
+
+@labelling_jit
 def rigid_cost(prototype: Prototype, track: HandTrack, marker: int, point: np.ndarray) -> float:
     """Return what the distances from the seen palm markers change in a palm marker's cost."""
     total, count = 0., 0
-    size = track.finding.numbers[SIZE]
     for i in range(len(prototype.rigid)):
         if i == marker or prototype.rigid[i] <= 0. or track.hidden_for[i] > 0.:
             continue
-        rest, here = 0., 0.
-        for k in range(3):
-            rest += (prototype.template[i, k] - prototype.template[marker, k]) ** 2
-            here += (track.place[i, k] - point[k]) ** 2
-        gap = math.sqrt(here) - size * math.sqrt(rest)
+        gap = _palm_gap(prototype, track, i, marker, point)
         variance = RIGID_DEVIATION ** 2 + track.deviation[i] ** 2
         # Each distance fixes one coordinate, of three.
         if count < 3:
@@ -170,11 +176,7 @@ def circle_cost(prototype: Prototype, track: HandTrack, marker: int,
         across += arm[k] * arm[k]
     radius = size * math.sqrt(max(across - along * along / length, 0.))
     for i in (first, second):
-        rest, here = 0., 0.
-        for k in range(3):
-            rest += (prototype.template[i, k] - prototype.template[marker, k]) ** 2
-            here += (track.place[i, k] - point[k]) ** 2
-        gap = math.sqrt(here) - size * math.sqrt(rest)
+        gap = _palm_gap(prototype, track, i, marker, point)
         variance = RIGID_DEVIATION ** 2 + track.deviation[i] ** 2
         total += math.log(variance) + gap * gap / variance
     # Twice the logarithm of the circle's length and of the plane normal distribution's peak.
