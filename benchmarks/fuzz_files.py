@@ -39,7 +39,7 @@ from hand_tracker.files.recordings import (
     read_recording,
     write_recording,
 )
-from hand_tracker.files.skeleton_motion import TrackedHand, skeleton_motion
+from hand_tracker.files.skeleton_motion import HandAngles, skeleton_motion
 from hand_tracker.simulation.packaged_recordings import demo_recording
 
 FRAMES = 24
@@ -79,7 +79,7 @@ def seeds(kind, folder, files):
     found = []
     if kind == 'bvh':
         for order in ('ZXY', 'XYZ'):
-            write_bvh(path, skeleton_motion(TrackedHand(
+            write_bvh(path, skeleton_motion(HandAngles(
                 Hand.scaled(), recorded.angles[:FRAMES], np.zeros((FRAMES, 3)),
                 np.tile(np.eye(3), (FRAMES, 1, 1)), np.arange(FRAMES) / 120.)), order)
             found.append(path.read_bytes())

@@ -106,9 +106,9 @@ def viewer() -> int:
     return _run('viewer')
 
 
-NODES = {'calibrate': calibrate, 'landmarks': landmarks, 'replay': replay, 'retarget': retarget,
-         'simulate': simulate, 'skin': skin, 'source': source, 'teleoperate': teleoperate,
-         'tracker': tracker, 'viewer': viewer}
+NODES = {'calibrate': calibrate, 'landmarks': landmarks, 'managed_tracker': managed_tracker,
+         'replay': replay, 'retarget': retarget, 'simulate': simulate, 'skin': skin,
+         'source': source, 'teleoperate': teleoperate, 'tracker': tracker, 'viewer': viewer}
 
 if __name__ == '__main__':
     if sys.argv[1:2] == [] or sys.argv[1] not in NODES:

@@ -24,7 +24,7 @@ from ..messages.message_kinds import (
     texts_of,
 )
 from ..messages.pose_array_parser import BESIDE_ORIGIN
-from .point_frame import MalformedFrame, PointFrame, SourceUnavailable, point_frame
+from .point_frame import MalformedFrame, SourceFrame, SourceUnavailable, point_frame
 
 # Joints of a finger and of the thumb by the bones that begin there, as XR names them.
 XR_FINGER = {'METACARPAL': 'cmc', 'PROXIMAL': 'mcp', 'INTERMEDIATE': 'pip', 'DISTAL': 'dip',
@@ -58,7 +58,7 @@ def landmark_order(count: int) -> tuple[str, ...]:
     return LANDMARK_ORDERS[count]
 
 
-def named_landmarks(message: Any, side: str) -> PointFrame:
+def named_landmarks(message: Any, side: str) -> SourceFrame:
     """Return the landmarks of one hand of a NamedPoseArray.
 
     Parameters
@@ -68,7 +68,7 @@ def named_landmarks(message: Any, side: str) -> PointFrame:
 
     Returns
     -------
-    PointFrame
+    SourceFrame
         NaN where `is_valid` is false.
 
     Raises
@@ -93,7 +93,7 @@ def named_landmarks(message: Any, side: str) -> PointFrame:
     return point_frame(message.header.stamp, message.header.frame_id, names, points)
 
 
-def landmarks_of_poses(message: Any) -> PointFrame:
+def landmarks_of_poses(message: Any) -> SourceFrame:
     """Return the landmarks of a PoseArray, by their number.
 
     Parameters
@@ -103,7 +103,7 @@ def landmarks_of_poses(message: Any) -> PointFrame:
 
     Returns
     -------
-    PointFrame
+    SourceFrame
         NaN where a pose has no finite place, or several are at exactly (0, 0, 0).
 
     Raises
@@ -131,7 +131,7 @@ def _names_of_poses(rows: HeadRows, strings: bytes) -> tuple[str, PointNames]:
 LANDMARK_POSES = MessageKind('geometry_msgs/msg/PoseArray', PARSE_POSE_ARRAY, _names_of_poses)
 
 
-def landmarks_of_markers(message: Any, count: int) -> PointFrame:
+def landmarks_of_markers(message: Any, count: int) -> SourceFrame:
     """Return the landmarks of a MarkerArray: a marker's id is the landmark's number.
 
     Parameters
@@ -142,7 +142,7 @@ def landmarks_of_markers(message: Any, count: int) -> PointFrame:
 
     Returns
     -------
-    PointFrame
+    SourceFrame
         NaN where a landmark is absent, or several are at exactly (0, 0, 0).
 
     Raises
@@ -174,7 +174,7 @@ def _mark_missing(points: np.ndarray) -> None:
     points[at_origin] = np.nan if at_origin.sum() > 1 else (BESIDE_ORIGIN, 0., 0.)
 
 
-def named_points(points: Iterable[PointMarker]) -> PointFrame:
+def named_points(points: Iterable[PointMarker]) -> SourceFrame:
     """Return the points of a message in a frame, by the names that are their namespaces."""
     found = list(points)
     return point_frame(found[0].stamp if found else None, found[0].frame_id if found else '',
@@ -196,7 +196,7 @@ class LandmarkChecks:
         self._side, self._warn_once = side, warn_once
         self._votes = 0
 
-    def check(self, frame: PointFrame) -> None:
+    def check(self, frame: SourceFrame) -> None:
         """Take a frame into account."""
         points = dict(zip(frame.names, frame.markers))
         length = palm_length(points)

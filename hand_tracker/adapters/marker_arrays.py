@@ -9,7 +9,7 @@ import numpy as np
 from ..messages.marker_ids import ANONYMOUS_NAMESPACE, MOST_MARKERS, MarkerIds
 from ..messages.stamps import Time
 from ..messages.templates import Template, markers_template
-from .point_frame import PointFrame
+from .point_frame import SourceFrame
 
 POINTS_STEP = 8               # anonymous points by which a message grows
 
@@ -32,12 +32,12 @@ class MarkerArrayWriter:
         self._capacity = 0
         self._layout: tuple[str, tuple[str, ...]] | None = None
 
-    def write(self, frame: PointFrame, stamp: Time) -> bytes:
+    def write(self, frame: SourceFrame, stamp: Time) -> bytes:
         """Return the message of a frame.
 
         Parameters
         ----------
-        frame : PointFrame
+        frame : SourceFrame
         stamp : Time
             Of the message.
         """
@@ -53,7 +53,7 @@ class MarkerArrayWriter:
         self._numbers[first:first + count] = frame.points[:count]
         return self._template.fill(stamp, self._numbers)
 
-    def _prepare(self, frame: PointFrame, count: int) -> None:
+    def _prepare(self, frame: SourceFrame, count: int) -> None:
         self._layout = frame.frame_id, frame.names
         self._capacity = max(self._capacity, -(-count // POINTS_STEP) * POINTS_STEP)
         taken, rows = self._ids.add(frame.names), self._ids.rows

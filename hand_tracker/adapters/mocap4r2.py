@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from typing import Any
 
 from ..messages.mocap4r2_parser import USE_INDEX
-from .point_frame import PointFrame, point_frame
+from .point_frame import SourceFrame, point_frame
 
 
-def points_of_markers(message: Any) -> PointFrame:
+def points_of_markers(message: Any) -> SourceFrame:
     """Return the markers of a Markers message.
 
     A marker with a name is named. One with an index alone is anonymous: drivers number the markers
@@ -30,7 +30,7 @@ def points_of_markers(message: Any) -> PointFrame:
     return point_frame(message.header.stamp, message.header.frame_id, names, markers, points)
 
 
-def points_of_rigid_bodies(message: Any) -> PointFrame:
+def points_of_rigid_bodies(message: Any) -> SourceFrame:
     """Return the markers of a RigidBodies message, named 'body:marker'.
 
     Within a body an index, too, is the same marker in each frame: 'body:3'.

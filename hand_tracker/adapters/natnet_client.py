@@ -27,8 +27,8 @@ from .natnet_packets import (
     MODEL,
     REQUEST_MODEL,
     SERVER_INFO,
+    DataDescriptions,
     FramePacket,
-    Model,
     ServerInfo,
     echo_response,
     frame_packet,
@@ -37,7 +37,7 @@ from .natnet_packets import (
     model_definitions,
     server_info,
 )
-from .point_frame import MalformedFrame, PointFrame, SourceUnavailable, point_frame
+from .point_frame import MalformedFrame, SourceFrame, SourceUnavailable, point_frame
 
 COMMAND_PORT = 1510
 LARGEST_PACKET = 2**16
@@ -60,7 +60,7 @@ class NatNetClient:
     server : str
         Its address or host name.
     on_frame : callable
-        Called with each `PointFrame`, in the thread of `run`; duplicates and overtaken frames are
+        Called with each `SourceFrame`, in the thread of `run`; duplicates and overtaken frames are
         left out.
     on_news : callable
         Called with (is_warning, text).
@@ -75,7 +75,7 @@ class NatNetClient:
         If the server's name is unknown, or this machine has no such address.
     """
 
-    def __init__(self, server: str, on_frame: Callable[[PointFrame], None],
+    def __init__(self, server: str, on_frame: Callable[[SourceFrame], None],
                  on_news: Callable[[bool, str], None], local: str = '',
                  port: int = COMMAND_PORT) -> None:
         self._server, self._local, self._port = server, local, port
@@ -93,7 +93,7 @@ class NatNetClient:
 
     def _forget(self) -> None:
         self._info: ServerInfo | None = None
-        self._model = Model({}, {})
+        self._model = DataDescriptions({}, {})
         self._model_requests = 0     # that were not answered
         self._wants_model = True
         self._sent: int | None = None

@@ -55,7 +55,7 @@ class ServerInfo(NamedTuple):
     group: str
 
 
-class Model(NamedTuple):
+class DataDescriptions(NamedTuple):
     """Data descriptions: marker sets, rigid bodies, skeletons.
 
     Attributes
@@ -191,7 +191,7 @@ def echo_response(data: bytes) -> tuple[int, int]:
     return cursor.read('Q'), cursor.read('Q')
 
 
-def model_definitions(data: bytes, version: tuple[int, int]) -> Model:
+def model_definitions(data: bytes, version: tuple[int, int]) -> DataDescriptions:
     """Decode model definitions.
 
     Parameters
@@ -225,7 +225,7 @@ def model_definitions(data: bytes, version: tuple[int, int]) -> Model:
         else:
             cursor.skip(end - cursor.at)
     sets.pop(ALL_MARKERS, None)
-    return Model(sets, bodies)
+    return DataDescriptions(sets, bodies)
 
 
 def _skip_rest(cursor: _Cursor, kind: int, version: tuple[int, int]) -> None:

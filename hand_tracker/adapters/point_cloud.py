@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from .point_frame import MalformedFrame, PointFrame, point_frame
+from .point_frame import MalformedFrame, SourceFrame, point_frame
 
 # Of sensor_msgs/PointField, by its constants INT8 to FLOAT64.
 FIELD_FORMATS = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
 AXES = 'x', 'y', 'z'
 
 
-def points_of_cloud(message: Any) -> PointFrame:
+def points_of_cloud(message: Any) -> SourceFrame:
     """Return the points of a cloud: all are anonymous.
 
     Parameters
@@ -24,7 +24,7 @@ def points_of_cloud(message: Any) -> PointFrame:
 
     Returns
     -------
-    PointFrame
+    SourceFrame
         Without points that have a NaN or infinite coordinate.
 
     Raises

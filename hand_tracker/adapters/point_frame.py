@@ -23,7 +23,7 @@ class SourceUnavailable(HandTrackerError):
     """A source cannot be opened: which, why, and what it takes."""
 
 
-class PointFrame(NamedTuple):
+class SourceFrame(NamedTuple):
     """Points of one instant.
 
     Attributes
@@ -48,24 +48,24 @@ class PointFrame(NamedTuple):
 
 
 def point_frame(stamp: Time | None, frame_id: str, names: Sequence[str] = (),
-                markers: ArrayLike = (), points: ArrayLike = ()) -> PointFrame:
-    """Return a `PointFrame` of sequences of points.
+                markers: ArrayLike = (), points: ArrayLike = ()) -> SourceFrame:
+    """Return a `SourceFrame` of sequences of points.
 
     A marker without finite coordinates is NaN; such an anonymous point is left out.
     """
     named = np.array(markers, dtype=float).reshape(-1, 3)
     named[~np.isfinite(named).all(axis=1)] = np.nan
     anonymous = np.array(points, dtype=float).reshape(-1, 3)
-    return PointFrame(stamp, frame_id, tuple(names), named,
-                      anonymous[np.isfinite(anonymous).all(axis=1)])
+    return SourceFrame(stamp, frame_id, tuple(names), named,
+                       anonymous[np.isfinite(anonymous).all(axis=1)])
 
 
-def of_subject(frame: PointFrame, subject: str) -> PointFrame:
+def of_subject(frame: SourceFrame, subject: str) -> SourceFrame:
     """Return a frame with the markers of one subject alone, all anonymous points among them.
 
     Parameters
     ----------
-    frame : PointFrame
+    frame : SourceFrame
     subject : str
         As in 'subject:marker'.
     """
@@ -74,12 +74,12 @@ def of_subject(frame: PointFrame, subject: str) -> PointFrame:
                           markers=frame.markers[rows])
 
 
-def turned_upright(frame: PointFrame, up: str) -> PointFrame:
+def turned_upright(frame: SourceFrame, up: str) -> SourceFrame:
     """Return a frame with z up.
 
     Parameters
     ----------
-    frame : PointFrame
+    frame : SourceFrame
     up : str
         Its upward axis, one of `UPRIGHT`.
     """

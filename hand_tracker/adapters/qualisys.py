@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 
 from ..messages.stamps import stamp_of
 from .clock_estimate import ClockEstimate, wall_offset
-from .point_frame import PointFrame, SourceUnavailable, point_frame
+from .point_frame import SourceFrame, SourceUnavailable, point_frame
 
 QTM_PORT = 22223
 QTM_COMPONENTS = '3d', '3dres', '3dnolabels', '3dnolabelsres'
@@ -50,7 +50,7 @@ class QualisysClient:
         If qtm-rt is not installed, or a component is none of these.
     """
 
-    def __init__(self, server: str, on_frame: Callable[[PointFrame], None],
+    def __init__(self, server: str, on_frame: Callable[[SourceFrame], None],
                  on_news: Callable[[bool, str], None],
                  components: tuple[str, ...] = ('3d', '3dnolabels'), latency: float = 0.,
                  port: int = QTM_PORT) -> None:
@@ -155,7 +155,7 @@ def marker_labels(xml: str) -> tuple[str, ...]:
                  for label in ElementTree.fromstring(xml).iter('Label'))
 
 
-def points_of_packet(packet: Any, names: tuple[str, ...]) -> PointFrame:
+def points_of_packet(packet: Any, names: tuple[str, ...]) -> SourceFrame:
     """Return the points of a packet of QTM.
 
     Parameters
@@ -166,7 +166,7 @@ def points_of_packet(packet: Any, names: tuple[str, ...]) -> PointFrame:
 
     Returns
     -------
-    PointFrame
+    SourceFrame
         Without stamp.
 
     Raises

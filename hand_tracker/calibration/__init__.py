@@ -1,4 +1,4 @@
-"""Calibration: fit a person's hand to recorded joint positions."""
+"""Calibration: fit a person's hand to recorded joint positions, or to markers on the skin."""
 
 from .fit import fit_hand
 from .landmarks import LANDMARKS, landmark_positions

@@ -75,7 +75,7 @@ def solve_shape(problem: DigitProblem, start: np.ndarray, angles: np.ndarray,
     return Solved(shape, angles, float(cost))
 
 
-def solve_angles(problem: DigitProblem, shape: np.ndarray, starts: np.ndarray
+def fit_angles(problem: DigitProblem, shape: np.ndarray, starts: np.ndarray
                  ) -> tuple[np.ndarray, np.ndarray]:
     """Find the angles of every frame for a given shape, from several starts.
 

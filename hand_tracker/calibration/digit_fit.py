@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .arrow_solver import covariance, solve_angles, solve_shape
+from .arrow_solver import covariance, fit_angles, solve_shape
 from .digit_chain import ANGLES, place_markers
 from .frame_choice import spread_frames
 from .marker_residuals import DigitProblem, PosturePrior
@@ -87,7 +87,7 @@ def fit_digit(problem: DigitProblem, starts: np.ndarray,
     DigitFit
     """
     shape = problem.prior.mean if shape is None else shape
-    angles, _ = solve_angles(problem, shape, starts)
+    angles, _ = fit_angles(problem, shape, starts)
     for i in range(rounds):
         solved = solve_shape(problem, shape, angles, SHAPE_ITERATIONS)
         shape = solved.shape
@@ -96,7 +96,7 @@ def fit_digit(problem: DigitProblem, starts: np.ndarray,
         if i < min(rounds - 1, SEARCHED_ROUNDS):
             everywhere = np.broadcast_to(
                 starts[:, None], (len(starts), len(angles), ANGLES))
-            angles, _ = solve_angles(problem, shape, np.concatenate((angles[None], everywhere)))
+            angles, _ = fit_angles(problem, shape, np.concatenate((angles[None], everywhere)))
     return DigitFit(problem, shape, angles, covariance(problem, shape, angles))
 
 

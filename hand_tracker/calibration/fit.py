@@ -16,7 +16,7 @@ from ..core.model.hand import (
 )
 from ..core.model.marker_layout import PALM_LANDMARKS
 from .fingers import fit_fingers
-from .fitted_hand import range_of_motion
+from .fitted_hand import measured_range
 from .landmarks import (
     FINGER_ROWS,
     INDEX_MCP,
@@ -96,7 +96,7 @@ def fit_hand(joints: ArrayLike, side: str, limits: str | ArrayLike = WEARER_LIMI
 
 def _limited(hand: Hand, local: np.ndarray, limits: str | ArrayLike) -> Hand:
     """Return `hand` with the range of motion of landmarks (T, 21, 3), and with its limits."""
-    shown = range_of_motion(landmark_angles(hand, local))
+    shown = measured_range(landmark_angles(hand, local))
     return hand.replace(
         range_of_motion=shown,
         limits=preset_limits(limits, shown) if isinstance(limits, str) else limits)

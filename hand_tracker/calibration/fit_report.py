@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model.hand import DIGITS
-from .arrow_solver import solve_angles
+from .arrow_solver import fit_angles
 from .digit_chain import (
     BONE_PART,
     COUPLING_PART,
@@ -35,7 +35,7 @@ AXIS_NAMES = ('along the bone', 'to the thumb\'s side', 'dorsal')
 METRES, RADIANS, PLAIN_NUMBER = 'mm', 'degrees', ''
 
 
-class Parameter(NamedTuple):
+class FittedParameter(NamedTuple):
     """A fitted parameter.
 
     Attributes
@@ -82,11 +82,11 @@ class FitReport(NamedTuple):
     Attributes
     ----------
     residuals : list of MarkerResidual
-    parameters : list of Parameter
+    parameters : list of FittedParameter
     """
 
     residuals: list[MarkerResidual]
-    parameters: list[Parameter]
+    parameters: list[FittedParameter]
 
     def lines(self) -> list[str]:
         """Return the report as lines of text."""
@@ -179,7 +179,7 @@ def marker_misses(fit: MarkerFit, gathered: Gathered) -> dict[str, float]:
         columns = gathered.of(digit)
         problem = one.problem._replace(points=local[:, columns], weight=1.)
         starts = posture_starts(DIGITS[digit] == 'thumb', problem.posture)
-        postures, _ = solve_angles(problem, one.shape, starts)
+        postures, _ = fit_angles(problem, one.shape, starts)
         misses = np.linalg.norm(
             place_markers(problem.chain, one.shape, postures) - problem.points, axis=2)
         found.update((gathered.markers[i].name, _mean(misses[:, k]))
@@ -188,7 +188,7 @@ def marker_misses(fit: MarkerFit, gathered: Gathered) -> dict[str, float]:
 
 
 def _parameters(digit: int, fit: DigitFit, gathered: Gathered,
-                palm: PalmFit) -> list[Parameter]:
+                palm: PalmFit) -> list[FittedParameter]:
     """Return the parameters of a digit."""
     name = DIGITS[digit]
     kind = 'thumb' if name == 'thumb' else 'finger'
@@ -229,7 +229,7 @@ def _parameters(digit: int, fit: DigitFit, gathered: Gathered,
         value = fit.shape[row]
         if row < ROOT_PART.stop and knuckle is not None:
             value = value - knuckle[row]
-        found.append(Parameter(
+        found.append(FittedParameter(
             name, label, float(factor * value), float(factor * deviation),
             float(factor * before), unit, bool(
                 deviation <= OBSERVED_SHARE * before
@@ -237,12 +237,12 @@ def _parameters(digit: int, fit: DigitFit, gathered: Gathered,
     return found
 
 
-def _flexion_parameters(digit: int, line: FlexionLine | None) -> list[Parameter]:
+def _flexion_parameters(digit: int, line: FlexionLine | None) -> list[FittedParameter]:
     """Return slope and offset of a digit's second flexion over the first."""
     if line is None:
         return []
     names = 'MCP beside CMC' if DIGITS[digit] == 'thumb' else 'PIP beside MCP'
-    return [Parameter(
+    return [FittedParameter(
         DIGITS[digit], f'{names}, {name}', float(factor * value), float(factor * deviation),
         float(factor * before), unit, bool(deviation <= OBSERVED_SHARE * before),
         'move it as you do at work') for name, unit, factor, value, deviation, before in zip(

@@ -139,7 +139,7 @@ def fitted_hand(scaled: Hand, digits: Sequence[FittedDigit | None], side: str,
     fields['finger_cmc'] = cmc_joints(mcp, mcp[middle, 0] / MCP_OF_LENGTH[middle])
     hand = scaled.replace(side='right', **fields)
     angles = hand_angles(hand, digits)
-    shown = range_of_motion(angles)
+    shown = measured_range(angles)
     return hand.replace(side=side, range_of_motion=shown,
                         limits=preset_limits(limits, shown)), angles
 
@@ -164,7 +164,7 @@ def hand_angles(hand: Hand, digits: Sequence[FittedDigit | None]) -> np.ndarray:
     return angles
 
 
-def range_of_motion(angles: np.ndarray) -> np.ndarray:
+def measured_range(angles: np.ndarray) -> np.ndarray:
     """Return what postures show of each joint's range, with a margin.
 
     Parameters

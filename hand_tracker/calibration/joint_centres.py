@@ -1,4 +1,4 @@
-"""Takes of joint centres, solved to a skeleton, told from takes of markers on the skin."""
+"""Detect takes of joint centres (solved skeletons), as opposed to markers on the skin."""
 
 import numpy as np
 

@@ -18,7 +18,7 @@ from ..core.model.hand import (
     average_natural_flexion,
 )
 from ..core.model.marker_layout import MarkerLayout
-from .arrow_solver import solve_angles
+from .arrow_solver import fit_angles
 from .digit_chain import BONE_PART, ROOT_PART
 from .digit_fit import FIRST_NOISE, DigitFit, chosen_problem, fit_digit, posture_starts
 from .digit_priors import Marked, digit_chain, digit_posture, digit_prior
@@ -34,7 +34,7 @@ from .marker_names import NamedMarker, is_knuckle, riding
 from .marker_residuals import DigitProblem
 from .natural_flexion import FlexionLine, fit_flexion_line
 from .palm_synergy import fit_palm_synergy
-from .palm_template import PalmFit, aligned, fit_palm, rigid_poses
+from .palm_template import PalmFit, aligned_palm, fit_palm, rigid_poses
 from .radii import thinned
 from .takes import Gathered, InvalidTake, MarkerTake, gather
 from .worn_markers import worn_names
@@ -127,7 +127,7 @@ def fit_gathered(gathered: Gathered, side: str, limits: str = WEARER_LIMITS,
     length = palm.length
     for again in range(LENGTH_ROUNDS):
         if again:
-            moved = aligned(palm._replace(length=length), KNOWN_LENGTH_SPREAD)
+            moved = aligned_palm(palm._replace(length=length), KNOWN_LENGTH_SPREAD)
             fits = [fit and _moved(fit, palm, moved) for fit in fits]
             palm = moved
         local = palm.into_palm(gathered.names, gathered.points)
@@ -260,7 +260,7 @@ def _with_postures(fit: DigitFit | None, digit: int, gathered: Gathered, local: 
         return None
     points = local[:, gathered.of(digit)]
     starts = posture_starts(DIGITS[digit] == 'thumb', fit.problem.posture)
-    postures, _ = solve_angles(fit.problem._replace(points=points, weight=1.), fit.shape, starts)
+    postures, _ = fit_angles(fit.problem._replace(points=points, weight=1.), fit.shape, starts)
     return FittedDigit(fit.problem.chain, fit.shape, _marked(gathered, digit, worn).names, postures)
 
 

@@ -198,11 +198,11 @@ def fit_palm(names: Sequence[str], points: np.ndarray,
     template[rigid] = rigid_template(points[:, rigid])
     template[~rigid] = np.nanmedian(to_palm(
         points[:, ~rigid], *rigid_poses(points[:, rigid], template[rigid])), axis=0)
-    return aligned(PalmFit(tuple(names), template, rigid, MEAN_LENGTH, MEAN_BREADTH,
-                           usual or {}))
+    return aligned_palm(PalmFit(tuple(names), template, rigid, MEAN_LENGTH, MEAN_BREADTH,
+                                usual or {}))
 
 
-def aligned(palm: PalmFit, length_spread: float = LENGTH_SPREAD) -> PalmFit:
+def aligned_palm(palm: PalmFit, length_spread: float = LENGTH_SPREAD) -> PalmFit:
     """Return the palm moved to the frame of the mean hand of best fit.
 
     Parameters

@@ -18,9 +18,9 @@ from ..files.bags import EXPECTED, STORAGE, open_bag
 from ..files.layout_file import choose_layout
 from ..files.recordings import is_bag
 from ..messages.cdr import MarkerReader
-from ..messages.stamps import seconds
 from ..parallel import Interruptions
 from ..tracking.recording import marker_topic
+from ..tracking.stream import FrameTime
 from .recording_options import (
     add_layout_option,
     add_marker_options,
@@ -58,14 +58,14 @@ def take_of_bag(path: Path, options: argparse.Namespace,
         fault = (f'unknown extension {path.suffix!r}' if path.exists()
                  else 'no such file or folder')
         raise InvalidTake(f'{path}: {fault}; {EXPECTED}, or a {TAKE_SUFFIX} file')
-    frames, times = [], []
+    frames, times, clock = [], [], FrameTime()
     with open_bag(path) as bag:
         for message in bag.messages([marker_topic(bag, options.topic)]):
             frame = reader.read(message.data)
-            if frame.stamp is not None:
+            time = None if frame.stamp is None else clock.of(frame.stamp, 1e-9 * message.time)
+            if time is not None:
                 frames.append(frame.positions.copy())
-                stamped = seconds(frame.stamp)
-                times.append(1e-9 * message.time if stamped is None else stamped)
+                times.append(time)
     if len(frames) < 2:
         raise InvalidTake(f'{path}: {len(frames)} messages with markers of the hand; '
                           'expected a take of some 40 s')

@@ -1,7 +1,7 @@
-"""The robot of the demo: engaged once there is a hand, it does at once what it is told.
+"""Simulated robot driver of the demo: answers commands with joint states that reach them at once.
 
-It stands for the driver of a robot: it tells its joint states, takes commands, and engages the
-retarget node by its service. What it was told is drawn beside the hand.
+It engages the retarget node by its service once there is a hand. Its commands are drawn beside the
+hand.
 """
 
 from __future__ import annotations

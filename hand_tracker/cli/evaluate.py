@@ -30,7 +30,7 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def run(name: str, options: Options) -> list[dict[str, Any]]:
+def run_evaluation(name: str, options: Options) -> list[dict[str, Any]]:
     """Return the rows of an evaluation.
 
     Parameters
@@ -226,7 +226,7 @@ def _evaluate(parser: argparse.ArgumentParser, names: list[str], chosen: argpars
     rows, done = [], []
     for name in names:
         try:
-            found = run(name, options)
+            found = run_evaluation(name, options)
         except HandTrackerError as error:
             print(f'{parser.prog}: {name}: {error}', file=sys.stderr)
             continue

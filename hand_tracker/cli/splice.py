@@ -24,7 +24,7 @@ from ..files.recordings import (
     write_recording,
     write_whole,
 )
-from ..files.skeleton_motion import TrackedHand, skeleton_motion
+from ..files.skeleton_motion import HandAngles, skeleton_motion
 from ..parallel import Interruptions
 from ..progress import Progress
 from ..splicing.body_glb import body_mesh, skeleton_of
@@ -92,7 +92,7 @@ def _splice(options: argparse.Namespace, interrupted: Interruptions,
 
 
 def _tracked(options: argparse.Namespace, interrupted: Interruptions,
-             progress: Callable[..., Any]) -> list[TrackedHand]:
+             progress: Callable[..., Any]) -> list[HandAngles]:
     """Return the tracked hands of the recordings."""
     tracked = []
     for side, recording in zip(SIDES if len(options.recordings) > 1 else (options.side,),
@@ -105,7 +105,7 @@ def _tracked(options: argparse.Namespace, interrupted: Interruptions,
     return tracked
 
 
-def _splice_points(options: argparse.Namespace, tracked: list[TrackedHand]) -> str:
+def _splice_points(options: argparse.Namespace, tracked: list[HandAngles]) -> str:
     """Write the body's points and the hands' joints."""
     body = read_recording(options.body, ReadingOptions(partial=options.partial))
     for note in body.notes:
@@ -144,7 +144,7 @@ def _frames_covered(body: Path, side: str, hand_times: np.ndarray, alignment: Cl
 
 
 def _placed(options: argparse.Namespace, body: Any,
-            tracked: list[TrackedHand]) -> tuple[list[SplicedHand], float]:
+            tracked: list[HandAngles]) -> tuple[list[SplicedHand], float]:
     """Return the hands, each aligned and placed on the body, and the body's unit [m]."""
     places = [require_hand(body.joints, one.hand.side, str(options.body)) for one in tracked]
     motions = [skeleton_motion(one) for one in tracked]

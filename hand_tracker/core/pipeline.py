@@ -22,7 +22,7 @@ from .inverse_kinematics.digit_angles import (
     solve_digit_angles,
 )
 from .inverse_kinematics.palm import place_palm
-from .inverse_kinematics.palm_arch import fit_palm, flexed, synergy
+from .inverse_kinematics.palm_arch import flexed, solve_palm, synergy
 from .labelling.association import associate
 from .labelling.validity import find_valid, reject_frozen
 from .model.capsules import place_capsules
@@ -114,7 +114,7 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
         # 4 Inverse kinematics, fingers and thumb: abduction, then flexion within limits.
         iterations = solve_angles(model, chains, options, state, seen, step)
         # 4 Inverse kinematics: quiet angles, where the digits' markers tell little of them.
-        estimate_angles(chains, options, state, seen, step)
+        estimate_angles(chains, options, state, step)
         refine_angles(model, chains, state, seen, step)
         # 5 Pose: continuous angles, digits apart from each other and from the palm.
         blend_angles(chains, options, state, seen, step)
@@ -216,8 +216,8 @@ def _fit_palm_rows(model: Model, chains: Chains, state: State, markers: np.ndarr
         for k in range(3):
             fitted.rotation[i, k] = state.wrist.rotation[i, k]
     fitted.placed[0] = state.wrist.placed[0]
-    count = fit_palm(rows, state.rows, chains.lower, chains.upper,
-                     several and rows.is_cupping[0] > 0, fitted)
+    count = solve_palm(rows, state.rows, chains.lower, chains.upper,
+                       several and rows.is_cupping[0] > 0, fitted)
     if count == 0:
         return
     shown = 0
@@ -409,8 +409,8 @@ def solve_angles(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelO
 
 @jit
 def estimate_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: Pack[State],
-                    seen: np.ndarray, step: float) -> None:
-    """Estimate the seen digits' angles by what their markers tell of them.
+                    step: float) -> None:
+    """Estimate the seen digits' angles within the noise of their markers.
 
     `step` is the time since the last frame [s].
     """

@@ -26,7 +26,7 @@ class Model(NamedTuple):
         Palm markers in the wrist's frame [m].
     prior : DigitPrior
     levers : ndarray, shape (5,)
-        Share of the palm's noise in the digits' markers (`smoothing.noise_levers`) [1].
+        Share of the palm's noise in the digits' markers (`noise_estimate.noise_levers`) [1].
     flexion_bounds : ndarray, shape (3,)
         Largest difference of MCP flexion of neighbouring fingers, index and middle finger
         first [rad].

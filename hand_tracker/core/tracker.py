@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from .filtering.frame_clock import FrameClock, initial_clock
 from .filtering.noise_estimate import noise_levers
-from .inverse_kinematics.digit import Chains, chains, measure, reach
+from .inverse_kinematics.digit import Chains, chains, override_coupling, reach
 from .labelling.plausibility import typical_places
 from .labelling.readings import HandBounds
 from .model.capsules import capsules
@@ -228,7 +228,7 @@ class HandTracker:
                       for pack in self.kernel_arguments())
         load_kernel(track_frame, (*packs, np.zeros((len(MARKERS), 3)), 0.), folder)
         chains = packs[1]
-        load_kernel(measure, (chains, np.zeros(len(DIGITS)), chains), folder)
+        load_kernel(override_coupling, (chains, np.zeros(len(DIGITS)), chains), folder)
 
     def use_loaded_kernels(self) -> None:
         """Go on with the kernels that `load_kernels` has loaded; call it between two frames."""
@@ -363,7 +363,7 @@ class HandTracker:
         if flexion.shape != (len(DIGITS),):
             raise ValueError(
                 f'distal_flexion: shape {flexion.shape}; expected {(len(DIGITS),)}')
-        self._kernel(measure)(self._chains, flexion, self._measured_chains)
+        self._kernel(override_coupling)(self._chains, flexion, self._measured_chains)
         return self._measured_chains
 
     def __getstate__(self) -> dict[str, Any]:

@@ -45,7 +45,7 @@ class PlacedShape(NamedTuple):
 
 
 class GraspMoment(NamedTuple):
-    """What is drawn of a moment.
+    """A moment of a grasp: title and shapes to draw.
 
     Attributes
     ----------

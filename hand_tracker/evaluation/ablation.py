@@ -49,7 +49,7 @@ from .metrics import limit_violations
 from .overlap import deepest_overlaps
 from .rows import Row
 from .simulated import Trial, distances, mean_max, tasks, trial
-from .tables import INK, Losses, Picture, Table, figure_with, number, save, words
+from .tables import INK, Losses, Picture, Table, figure_with, fixed, save_figure, words
 
 ABLATION_RATE = 120.            # [Hz]
 ABLATION_DURATION = 12.         # [s]
@@ -232,9 +232,9 @@ def tables(rows: list[Row]) -> list[Table]:
             mine = [row for row in there if row['method'] == variant]
             lines.append((
                 variant, mean_max(mine, 'true_squared', 3), mean_max(mine, 'true_deg', 1),
-                *(number(_mean(mine, key), digits) for key, digits in (
+                *(fixed(_mean(mine, key), digits) for key, digits in (
                     ('mean_mm', 2), ('p95_mm', 1), ('beyond_limits_pct', 1))),
-                *(number(_mean(mine, key), digits) for key, digits in (
+                *(fixed(_mean(mine, key), digits) for key, digits in (
                     ('overlap_pct', 1), ('step_deg', 1), ('jumps_per_min', 1),
                     ('jitter_deg', 3)))))
         found.append(Table(
@@ -294,7 +294,7 @@ def pictures(rows: list[Row], folder: Path) -> list[Picture]:
                     color=INK, ha='center', va='center', weight='normal' if line else 'bold')
         ax.set_title(what, fontsize=9)
         ax.set_xticks(range(len(ABLATION_MOTIONS)), [words(motion).replace(' ', '\n')
-                                            for motion in ABLATION_MOTIONS])
+                                                     for motion in ABLATION_MOTIONS])
         ax.set_yticks(range(len(ABLATION_VARIANTS)),
                       map(words, ABLATION_VARIANTS) if ax is axes[0] else [])
         ax.grid(False)
@@ -304,7 +304,7 @@ def pictures(rows: list[Row], folder: Path) -> list[Picture]:
     figure.text(.5, .985, 'distance from the truth with all constraints [degrees a joint], and '
                 'how much more or less without each, or with another choice', ha='center',
                 va='top', fontsize=9, color=INK)
-    save(figure, folder / 'ablation.png')
+    save_figure(figure, folder / 'ablation.png')
     _draw_hands(rows, folder / 'ablation_hands.png')
     return [Picture('ablation.png', 'Error with all constraints, and what each changes, in each '
                     'motion'),
@@ -362,7 +362,7 @@ def _draw_hands(rows: list[Row], path: Path) -> None:
         for colour, label in ((SEEN_COLOUR, 'marker, measured'),
                               (HIDDEN_COLOUR, 'marker not seen: its place on the hand'))],
         loc='upper center', ncols=2, frameon=False, fontsize=8, labelcolor=INK)
-    save(figure, path)
+    save_figure(figure, path)
 
 
 def _worst_variants(rows: list[Row]) -> list[Row]:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from .plain_hand import into_palm, unit
+from .plain_hand import into_palm, normalized
 
 LEARNED_FROM = 10.     # [s] before the window
 VELOCITY_OVER = .025   # [s] before the window
@@ -107,11 +107,11 @@ def carried_poses(markers: np.ndarray, hidden: int, template: np.ndarray, rotati
     """
     a, b = (row for row in range(3) if row != hidden)
     along, middle = template[b] - template[a], .5 * (template[a] + template[b])
-    lines = unit(markers[:, b] - markers[:, a])
+    lines = normalized(markers[:, b] - markers[:, a])
     rotations = np.full((len(markers), 3, 3), np.nan)
     for frame in np.flatnonzero(np.isfinite(lines).all(axis=1)):
         line = lines[frame]
-        before = unit(rotation @ along)
+        before = normalized(rotation @ along)
         axis = np.cross(before, line)
         x, y, z = axis
         cross = np.array(((0., -z, y), (z, 0., -x), (-y, x, 0.)))

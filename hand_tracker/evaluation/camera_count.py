@@ -15,7 +15,7 @@ import numpy as np
 from .evaluation_options import Options
 from .rows import Row
 from .simulated import distances, mean_max, paper_losses, tasks, trial
-from .tables import Losses, Picture, Table, figure_with, plot_motions, save
+from .tables import Losses, Picture, Table, figure_with, plot_motions, save_figure
 
 CAMERA_COUNT_RATE = 120.       # [Hz]
 CAMERA_COUNT_DURATION = 20.    # [s]
@@ -108,5 +108,5 @@ def pictures(rows: list[Row], folder: Path) -> list[Picture]:
     # Logarithmic: one motion with long occlusions exceeds the others by far.
     axes[0].set_yscale('log')
     axes[1].set_ylim(0.)
-    save(figure, folder / 'cameras.png', axes[0])
+    save_figure(figure, folder / 'cameras.png', axes[0])
     return [Picture('cameras.png', 'Distance of poses by number of cameras, each motion')]

@@ -6,7 +6,7 @@ from ..calibration import LANDMARKS, fit_hand
 from ..core.model.hand import FINGERS, MCP_OF_LENGTH, Hand
 from ..core.options import TrackerOptions
 from ..core.tracker import HandTracker
-from .capture_tracking import track, tracked_joints
+from .capture_tracking import track_markers, tracked_joints
 from .captures import Capture
 from .plain_hand import PlainHand, fit_plain
 
@@ -35,11 +35,11 @@ def fitting_joints(capture: Capture) -> np.ndarray:
                        side=capture.side)
     # Misfits are due to the mean hand, not to wrong labels.
     tracker = HandTracker(hand, options=TrackerOptions(outlier_gate=0., swap_margin=0.))
-    mean = tracked_joints(hand, track(tracker, capture.markers[:capture.split], capture.rate))
-    return np.where(absent[:, None], mean, joints)
+    tracked = track_markers(tracker, capture.markers[:capture.split], capture.rate)
+    return np.where(absent[:, None], tracked_joints(hand, tracked), joints)
 
 
-def fitted_hand(capture: Capture, limits: str) -> Hand:
+def fit_to_capture(capture: Capture, limits: str) -> Hand:
     """Fit a hand to a capture.
 
     Parameters

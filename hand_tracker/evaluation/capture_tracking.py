@@ -41,8 +41,8 @@ def advance(tracker: HandTracker, frame: np.ndarray, index: int, rate: float,
     return tracker.update(frame, index / rate, flexion)
 
 
-def track(tracker: HandTracker, markers: np.ndarray, rate: float, first: int = 0,
-          flexion: np.ndarray | None = None) -> Tracked:
+def track_markers(tracker: HandTracker, markers: np.ndarray, rate: float, first: int = 0,
+                  flexion: np.ndarray | None = None) -> Tracked:
     """Track a sequence of frames and return the results as arrays.
 
     Parameters

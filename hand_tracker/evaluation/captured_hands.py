@@ -17,8 +17,8 @@ import numpy as np
 
 from ..core.model.hand import FINGERS, Hand, preset_coupling
 from ..core.tracker import HandTracker
-from .capture_fit import fitted_hand, fitted_plain
-from .capture_tracking import track, tracked_joints
+from .capture_fit import fit_to_capture, fitted_plain
+from .capture_tracking import track_markers, tracked_joints
 from .captures import Capture, judge_each
 from .evaluation_options import Options
 from .metrics import JOINT_CLASSES, joint_errors, limit_violations
@@ -31,7 +31,7 @@ from .tables import (
     Table,
     figure_with,
     mean_and_p95,
-    save,
+    save_figure,
     share_top,
     words,
 )
@@ -71,7 +71,7 @@ def judge(capture: Capture) -> list[Row]:
     true, right = capture.joints[judged], capture.right()
     rows: list[Row] = []
     for method, hand in _hands(capture):
-        tracked = track(HandTracker(hand), capture.markers, capture.rate)
+        tracked = track_markers(HandTracker(hand), capture.markers, capture.rate)
         share, _ = limit_violations(tracked.angles[judged], hand.limits)
         rows += _rows(capture, method, tracked_joints(hand, tracked)[judged], true)
         rows[-1]['within_limits_pct'] = 100. * (1. - share)
@@ -81,7 +81,7 @@ def judge(capture: Capture) -> list[Row]:
 
 def _hands(capture: Capture) -> Iterator[tuple[str, Hand]]:
     """Yield the name and the hand model of each variant of the tracker."""
-    fitted = cache(partial(fitted_hand, capture))
+    fitted = cache(partial(fit_to_capture, capture))
     for method, (limits, coupling) in HAND_VARIANTS.items():
         hand = fitted(limits)
         if coupling:
@@ -156,5 +156,5 @@ def pictures(rows: list[Row], folder: Path) -> list[Picture]:
             words(name).replace(' ', '\n') for name in JOINT_CLASSES])
         ax.set_ylabel('mean error [mm]', fontsize=8)
     share_top(axes)
-    save(figure, folder / 'recordings.png', axes[0])
+    save_figure(figure, folder / 'recordings.png', axes[0])
     return [Picture('recordings.png', 'Mean error of each class of joint')]

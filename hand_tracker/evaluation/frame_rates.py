@@ -14,7 +14,7 @@ from ..simulation.simulator import PAPER_RATE
 from .evaluation_options import Options
 from .rows import Row
 from .simulated import distances, mean_max, paper_losses, tasks, trial
-from .tables import Losses, Picture, Table, figure_with, plot_motions, save
+from .tables import Losses, Picture, Table, figure_with, plot_motions, save_figure
 
 FRAME_RATES_DURATION = 10.    # [s]
 FRAME_STRIDES = {240: 2, 120: 4, 60: 8, 30: 16}
@@ -106,5 +106,5 @@ def pictures(rows: list[Row], folder: Path) -> list[Picture]:
     # Logarithmic: one fast motion exceeds the others by far.
     axes[0].set_yscale('log')
     axes[1].set_ylim(0.)
-    save(figure, folder / 'rates.png', axes[0])
+    save_figure(figure, folder / 'rates.png', axes[0])
     return [Picture('rates.png', 'Distance of poses by rate, each motion')]

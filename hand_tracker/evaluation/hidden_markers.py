@@ -23,8 +23,8 @@ from ..core.model.hand import JOINTS
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS
 from ..core.tracker import HandTracker
 from .baselines import BASELINES, predictions
-from .capture_fit import fitted_hand, fitted_plain
-from .capture_tracking import advance, track
+from .capture_fit import fit_to_capture, fitted_plain
+from .capture_tracking import advance, track_markers
 from .captures import Capture, InvalidCapture, judge_each
 from .evaluation_options import Options
 from .metrics import availability
@@ -36,9 +36,9 @@ from .tables import (
     Picture,
     Table,
     figure_with,
+    fixed,
     mean_and_p95,
-    number,
-    save,
+    save_figure,
     share_top,
     words,
 )
@@ -165,7 +165,7 @@ def predicted(tracker: HandTracker, markers: np.ndarray, start: int, lengths: Co
         states.append(advance(tracker, frame, start + i, rate))
         if i + 1 in lengths:
             end = start + i + 1
-            after[i + 1] = track(
+            after[i + 1] = track_markers(
                 copy.deepcopy(tracker), markers[end:end + FRAMES_AFTER], rate, end).angles
     angles = np.array([state.angles for state in states])
     return (np.array([state.markers[list(hidden)] for state in states]),
@@ -205,7 +205,7 @@ def judge(capture: Capture, seed: int) -> list[Row]:
     frames = max(ends)
     template = fitted_plain(capture).template[PLAIN_PALM]
     poses = palm_poses(right.markers[:, :3], template)
-    tracker = HandTracker(fitted_hand(capture, FITTED_LIMITS))
+    tracker = HandTracker(fit_to_capture(capture, FITTED_LIMITS))
     errors: dict[tuple[str, str], list[np.ndarray]] = {
         (kind, method): [] for kind in HIDDEN_KINDS for method in OCCLUSION_METHODS}
     steps: dict[str, list[list[float]]] = {kind: [] for kind in HIDDEN_KINDS}
@@ -267,10 +267,10 @@ def tables(rows: list[Row]) -> list[Table]:
     every = [(recording, kind, method, *(
         mean_and_p95(mean_of([row for row in _find(rows, kind, method, seconds)
                               if row['recording'] == recording])) for seconds in HIDDEN_LENGTHS))
-        for recording in recordings for kind in HIDDEN_KINDS for method in OCCLUSION_METHODS]
+             for recording in recordings for kind in HIDDEN_KINDS for method in OCCLUSION_METHODS]
     means = [(HIDDEN_KINDS[kind], method, *(
         mean_and_p95(mean_of(_find(rows, kind, method, seconds))) for seconds in HIDDEN_LENGTHS),
-        number(_available(rows, kind, method), 1))
+        fixed(_available(rows, kind, method), 1))
         for kind in HIDDEN_KINDS for method in OCCLUSION_METHODS]
     caption = 'Error of hidden markers while they are hidden, mm, mean (p95)'
     tables = [Table(f'{caption}, mean of {len(recordings)} recordings',
@@ -293,9 +293,9 @@ def _steps(recording: str, kind: str, rows: list[Row]) -> tuple[str, ...]:
             and (row['recording'], row['hidden']) == (recording, kind)}
     last = list(mine.values())[-1]
     return (recording, kind,
-            *(number(mine[seconds]['step_deg'] if seconds in mine else None, 1)
+            *(fixed(mine[seconds]['step_deg'] if seconds in mine else None, 1)
               for seconds in HIDDEN_LENGTHS),
-            number(last['seen_deg'], 1), number(last['captured_deg'], 1))
+            fixed(last['seen_deg'], 1), fixed(last['captured_deg'], 1))
 
 
 def _available(rows: list[Row], kind: str, method: str) -> float:
@@ -348,6 +348,6 @@ def pictures(rows: list[Row], folder: Path) -> list[Picture]:
         ax.set_xlabel('hidden for [s]', fontsize=8)
         ax.set_ylabel('mean error [mm]', fontsize=8)
     share_top(axes)
-    save(figure, folder / 'occlusion.png', axes[0])
+    save_figure(figure, folder / 'occlusion.png', axes[0])
     return [Picture('occlusion.png', 'Error of hidden markers, mean of the recordings, '
                     'without vtm_ukf, which is off the scale')]

@@ -19,13 +19,13 @@ from ..core.filtering.noise_estimate import THIRD_DIFFERENCE_GAIN
 from ..core.model.hand import DIGITS
 from ..core.model.layout_presets import preset_layout
 from ..core.tracker import HandTracker
-from .capture_fit import fitted_hand
-from .capture_tracking import track, tracked_joints
+from .capture_fit import fit_to_capture
+from .capture_tracking import track_markers, tracked_joints
 from .captures import Capture, InvalidCapture
 from .demo_frames import demo_frames
 from .evaluation_options import Options
 from .rows import Row, error_statistics
-from .tables import Picture, Table, mean_and_p95, number, words
+from .tables import Picture, Table, fixed, mean_and_p95, words
 
 LANDMARK_LAYOUT = 'mediapipe21'
 GIVEN, STEADIED, TRUE_JOINTS = 'as given', 'hand_tracker', 'truth'
@@ -78,10 +78,10 @@ def judge(task: tuple[Capture, np.ndarray | None]) -> list[Row]:
     """Return the rows of a capture, with its true joints where they are known."""
     capture, truth = task
     layout = preset_layout(LANDMARK_LAYOUT)
-    hand = fitted_hand(capture, 'wide')
+    hand = fit_to_capture(capture, 'wide')
     given = capture.joints[capture.split:]
     columns = [LANDMARKS.index(place) for place in layout.places]
-    tracked = tracked_joints(hand, track(
+    tracked = tracked_joints(hand, track_markers(
         HandTracker(hand, layout), given[:, columns], capture.rate))
     judged = np.isfinite(given).all(axis=(1, 2)) & np.isfinite(tracked).all(axis=(1, 2))
     methods = {GIVEN: given, STEADIED: tracked}
@@ -121,10 +121,10 @@ def tables(rows: list[Row]) -> list[Table]:
     for recording in dict.fromkeys(row['recording'] for row in rows):
         of = {row['method']: row for row in rows if row['recording'] == recording}
         lines.append((words(recording), *(
-            number(of[method][key], 3) for key in ('breathing_mm', 'jitter_mm')
-            for method in (GIVEN, STEADIED)), number(of.get(TRUE_JOINTS, {}).get('jitter_mm'), 3),
+            fixed(of[method][key], 3) for key in ('breathing_mm', 'jitter_mm')
+            for method in (GIVEN, STEADIED)), fixed(of.get(TRUE_JOINTS, {}).get('jitter_mm'), 3),
             mean_and_p95(of[STEADIED]),
-            *(number(of[method].get('truth_mm')) for method in (GIVEN, STEADIED))))
+            *(fixed(of[method].get('truth_mm')) for method in (GIVEN, STEADIED))))
     return [Table('Standard deviations and distances, mm; distances mean (p95)', (
         'recording', 'bones, given', 'bones, tracked', 'jitter, given', 'jitter, tracked',
         'jitter, truth', 'tracked from given', 'given from truth', 'tracked from truth'), lines)]

@@ -16,10 +16,10 @@ from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import MarkerLayout, marker_positions
 from ..core.options import TrackerOptions
 from ..core.tracker import HandTracker
-from .capture_tracking import track, tracked_joints
+from .capture_tracking import track_markers, tracked_joints
 from .metrics import joint_errors
 from .rows import Row, error_statistics
-from .tables import Table, number
+from .tables import Table, fixed
 
 PIP_RATE = 120.                        # [Hz]
 PIP_DURATION, LEARNING_TIME = 8., 2.   # [s]
@@ -50,7 +50,7 @@ class PipTask(NamedTuple):
     sway: float
 
 
-def tasks() -> list[PipTask]:
+def pip_tasks() -> list[PipTask]:
     """Return the judged motions: rests of a still and of a swaying hand, then swings."""
     return [PipTask(pip, 0., sway) for sway in (0., SWAY_AMPLITUDE) for pip in REST_ANGLES] + [
         PipTask(pip, swing, 0.) for pip, swing in SWING_ANGLES]
@@ -65,8 +65,8 @@ def judge(task: PipTask, seed: int) -> Row:
     """
     pip, swing, sway = task
     row: Row = {'evaluation': 'noise', 'recording': 'one PIP', 'method': 'hand_tracker',
-           'joint_class': 'all', 'sweep': 'swing' if swing else 'rest', 'noise_mm': USUAL_NOISE,
-           'pip': pip, 'swing_degrees': swing, 'sway_mm': 1e3 * sway}
+                'joint_class': 'all', 'sweep': 'swing' if swing else 'rest',
+                'noise_mm': USUAL_NOISE, 'pip': pip, 'swing_degrees': swing, 'sway_mm': 1e3 * sway}
     for name, smoothing in (('raw', False), ('smoothed', True)):
         found, true, errors = map(np.array, zip(*(
             tracked_pip(PipTask(*task), TrackerOptions(smoothing=smoothing), (seed, draw))
@@ -115,7 +115,7 @@ def tracked_pip(task: PipTask, options: TrackerOptions, seed: int | tuple[int, .
     pose = forward(joint_table(hand), angles, rotation, position)
     markers = marker_positions(layout.mounting(hand), pose, rotation, position)
     noise = 1e-3 * USUAL_NOISE * np.random.RandomState(seed).normal(size=markers.shape)
-    tracked = track(HandTracker(hand, layout, options), markers + noise, PIP_RATE)
+    tracked = track_markers(HandTracker(hand, layout, options), markers + noise, PIP_RATE)
     later = slice(round(LEARNING_TIME * PIP_RATE), None)
     errors = joint_errors(tracked_joints(hand, tracked)[later],
                           landmark_positions(hand, pose, position)[later])['all']
@@ -125,11 +125,11 @@ def tracked_pip(task: PipTask, options: TrackerOptions, seed: int | tuple[int, .
 def tables(rows: list[Row]) -> list[Table]:
     """Return the tables of resting and of swinging PIPs."""
     rest = [(f'{row["pip"]:g}', 'swaying' if row['sway_mm'] else 'still',
-             *(number(row[f'{name}_jitter_degrees'], 3) for name in ('raw', 'smoothed')),
-             number(row['raw_jitter_degrees'] / row['smoothed_jitter_degrees'], 1))
+             *(fixed(row[f'{name}_jitter_degrees'], 3) for name in ('raw', 'smoothed')),
+             fixed(row['raw_jitter_degrees'] / row['smoothed_jitter_degrees'], 1))
             for row in rows if row['sweep'] == 'rest']
     swing = [(f'{row["pip"]:g} ± {row["swing_degrees"]:g}', *(
-        '{} ({} to {})'.format(*(number(row[f'{name}_{key}{suffix}'], digits)
+        '{} ({} to {})'.format(*(fixed(row[f'{name}_{key}{suffix}'], digits)
                                  for suffix in ('', '_min', '_max')))
         for key, digits in (('gain', 2), ('lag_ms', 1)) for name in ('raw', 'smoothed')))
         for row in rows if row['sweep'] == 'swing']

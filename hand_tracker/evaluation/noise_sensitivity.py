@@ -17,14 +17,14 @@ from ..core.options import TrackerOptions
 from ..core.tracker import HandTracker
 from ..simulation.packaged_recordings import RECORDING_RATE
 from . import noise_pip
-from .capture_tracking import track, tracked_joints
+from .capture_tracking import track_markers, tracked_joints
 from .demo_frames import demo_frames, tracked_hand
 from .evaluation_options import Options
 from .metrics import angle_distance, high_frequency_energy, jerk, joint_errors, palm_pose_error
 from .noise_pip import USUAL_NOISE
 from .rows import Row, error_statistics
 from .simulated import moving_distance
-from .tables import INK, SERIES_COLOURS, Picture, Table, figure_with, number, save
+from .tables import INK, SERIES_COLOURS, Picture, Table, figure_with, fixed, save_figure
 
 NOISE_LEVELS = (0., .1, .3, .5, 1., 2.)  # [mm] standard deviation per axis
 SIZE_ERRORS = (-10., -5., -2., 0., 2., 5., 10.)  # [%]
@@ -44,7 +44,7 @@ def evaluate(options: Options) -> Iterator[Row]:
     tasks += [('size', USUAL_NOISE, error) for error in SIZE_ERRORS]
     yield from options.each('settings', partial(judge, seed=options.seed), tasks)
     yield from options.each('motions of one PIP', partial(noise_pip.judge, seed=options.seed),
-                            noise_pip.tasks())
+                            noise_pip.pip_tasks())
 
 
 def judge(task: tuple[str, float, float], seed: int) -> Row:
@@ -55,10 +55,10 @@ def judge(task: tuple[str, float, float], seed: int) -> Row:
     # Equal draws for all levels, differently scaled.
     draws = np.random.RandomState(seed + 1).normal(size=demo.markers.shape)
     markers = demo.markers + 1e-3 * noise * draws
-    tracked = track(HandTracker(hand, layout), markers, RECORDING_RATE)
+    tracked = track_markers(HandTracker(hand, layout), markers, RECORDING_RATE)
     rest = slice(round(REST_LENGTH * RECORDING_RATE))
     unsmoothed = HandTracker(hand, layout, TrackerOptions(smoothing=False))
-    raw = track(unsmoothed, markers[rest], RECORDING_RATE)
+    raw = track_markers(unsmoothed, markers[rest], RECORDING_RATE)
     errors = joint_errors(tracked_joints(hand, tracked), demo.joints)['all']
     angle, distance = palm_pose_error(
         tracked.wrist_rotation, tracked.wrist_position, demo.wrist_rotation, demo.wrist_position)
@@ -94,7 +94,7 @@ def tables(rows: list[Row]) -> list[Table]:
               'raw', 'palm, deg', 'palm, mm')
 
     def line(row: Row) -> tuple[str, ...]:
-        return tuple(number(row[key]) for key in (
+        return tuple(fixed(row[key]) for key in (
             'mean_mm', 'p95_mm', 'degrees', 'pip_degrees', 'pip_rest_jitter_degrees',
             'pip_rest_jitter_raw_degrees', 'palm_degrees', 'palm_mm'))
 
@@ -124,5 +124,5 @@ def pictures(rows: list[Row], folder: Path) -> list[Picture]:
         ax.set_xlabel(label, fontsize=8, color=INK)
         ax.set_ylim(bottom=0.)
     axes[0].set_ylabel('mean error', fontsize=8, color=INK)
-    save(figure, folder / 'noise.png', axes[0])
+    save_figure(figure, folder / 'noise.png', axes[0])
     return [Picture('noise.png', 'Mean errors over marker noise and hand size')]

@@ -45,7 +45,7 @@ class PlainHand(NamedTuple):
     thumb_ratio: float
 
 
-def unit(vectors: np.ndarray) -> np.ndarray:
+def normalized(vectors: np.ndarray) -> np.ndarray:
     """Normalise vectors (..., 3)."""
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
@@ -97,9 +97,9 @@ def fit_plain(joints: np.ndarray) -> PlainHand:
     PlainHand
     """
     wrist = joints[:, 0]
-    z = unit(np.cross(joints[:, 17] - wrist, joints[:, 5] - wrist))
+    z = normalized(np.cross(joints[:, 17] - wrist, joints[:, 5] - wrist))
     x = joints[:, 9] - wrist
-    x = unit(x - (x * z).sum(axis=1, keepdims=True) * z)
+    x = normalized(x - (x * z).sum(axis=1, keepdims=True) * z)
     axes = np.stack((x, np.cross(z, x), z), axis=2)
     palm = np.median(into_palm(joints, axes, wrist)[:, PLAIN_PALM], axis=0)
     local = into_palm(joints, *palm_poses(joints[:, PLAIN_PALM], palm))
@@ -109,7 +109,7 @@ def fit_plain(joints: np.ndarray) -> PlainHand:
     thumb = local[:, PLAIN_THUMB]
     thumb_bones = np.median(np.linalg.norm(np.diff(thumb, axis=1), axis=2), axis=0)
     bent = np.cross(thumb[:, 1] - thumb[:, 0], thumb[:, 3] - thumb[:, 0])
-    normal = unit(np.median(bent, axis=0))
+    normal = normalized(np.median(bent, axis=0))
     turned = np.cross(thumb[:, 1:3] - thumb[:, :2], thumb[:, 2:] - thumb[:, 1:3]) @ normal
     along = (np.diff(thumb, axis=1)[:, :2] * np.diff(thumb, axis=1)[:, 1:]).sum(axis=2)
     mcp, ip = np.arctan2(turned, along).T
@@ -168,8 +168,8 @@ def _thumb(hand: PlainHand, marker: np.ndarray) -> np.ndarray:
     x, y = np.cumsum(bones[:, None] * (np.cos(flexion), np.sin(flexion)), axis=1)  # (3, bends)
     reach = np.hypot(x[2], y[2])
     best = np.argmin(np.abs(reach - np.linalg.norm(target, axis=1)[:, None]), axis=1)
-    ahead = unit(target)
-    left = unit(np.cross(hand.thumb_normal, ahead))
+    ahead = normalized(target)
+    left = normalized(np.cross(hand.thumb_normal, ahead))
     c, s = x[2, best] / reach[best], y[2, best] / reach[best]
     along = c * x[:, best] + s * y[:, best]  # (3, n)
     across = c * y[:, best] - s * x[:, best]

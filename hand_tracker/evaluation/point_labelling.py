@@ -24,7 +24,7 @@ from ..core.model.marker_layout import MARKERS, MarkerLayout
 from .captures import Capture, InvalidCapture
 from .evaluation_options import Options
 from .rows import Row
-from .tables import SERIES_COLOURS, Picture, Table, figure_with, number, save
+from .tables import SERIES_COLOURS, Picture, Table, figure_with, fixed, save_figure
 
 LEARNED_SHARE = .2
 SINGLE_FRAMES = 300
@@ -40,7 +40,7 @@ GHOST_RANGE = .2                # [m] from the hand's middle, on each axis
 GHOST_SPEED = .1                # [m/s] standard deviation on each axis
 
 
-class Recording(NamedTuple):
+class NamedMarkers(NamedTuple):
     """Markers of one hand with their names.
 
     Attributes
@@ -78,12 +78,12 @@ class Recording(NamedTuple):
         return found if side in (None, self.side) else found.mirrored()
 
 
-class Trial(NamedTuple):
+class LabellingTrial(NamedTuple):
     """Recordings of one or two hands in one cloud, and the prototypes to find them by.
 
     Attributes
     ----------
-    recordings : tuple of Recording
+    recordings : tuple of NamedMarkers
         Of as many frames.
     prototypes : tuple of HandPrototype
     learned : {'own', 'other', 'model'}
@@ -91,7 +91,7 @@ class Trial(NamedTuple):
         Ghosts and share of hidden markers.
     """
 
-    recordings: tuple[Recording, ...]
+    recordings: tuple[NamedMarkers, ...]
     prototypes: tuple[HandPrototype, ...]
     learned: str
     clouds: tuple[tuple[int, float], ...]
@@ -118,51 +118,52 @@ def evaluate(options: Options) -> Iterator[Row]:
         lambda trial: trial.name, InvalidCapture('none of the recordings can be labelled'))
 
 
-def of_capture(capture: Capture) -> Recording:
+def of_capture(capture: Capture) -> NamedMarkers:
     """Return the paper's eight markers of a capture."""
-    return Recording(capture.name, MARKERS, (-1, -1, -1, 0, 1, 2, 3, 4), capture.markers,
-                     capture.side, capture.rate, np.zeros(len(capture.joints), dtype=int))
+    return NamedMarkers(capture.name, MARKERS, (-1, -1, -1, 0, 1, 2, 3, 4), capture.markers,
+                        capture.side, capture.rate, np.zeros(len(capture.joints), dtype=int))
 
 
-def of_take(take: MarkerTake) -> Recording:
+def of_take(take: MarkerTake) -> NamedMarkers:
     """Return the markers of a take whose names tell where they are."""
     known = [(i, marker) for i, marker in enumerate(identify(take.names)) if marker]
-    return Recording(take.name, tuple(marker.name for _, marker in known),
-                     tuple(marker.digit for _, marker in known),
-                     take.points[:, [i for i, _ in known]], take.side, take.rate, take.sequence)
+    return NamedMarkers(take.name, tuple(marker.name for _, marker in known),
+                        tuple(marker.digit for _, marker in known),
+                        take.points[:, [i for i, _ in known]], take.side, take.rate, take.sequence)
 
 
-def trials(recordings: Sequence[Recording]) -> Iterator[Trial]:
+def trials(recordings: Sequence[NamedMarkers]) -> Iterator[LabellingTrial]:
     """Yield the trials of recordings: each alone, by others and by the model, and in pairs."""
     for recording in recordings:
         try:
             own = recording.prototype()
         except HandTrackerError:
             continue
-        yield Trial((recording,), (own,), 'own', CLOUDS)
+        yield LabellingTrial((recording,), (own,), 'own', CLOUDS)
         # Not its other hand, which one person holds alike.
         others = [one for one in recordings
                   if one.markers == recording.markers and person(one) != person(recording)]
         if others:
-            yield Trial((recording,), (others[0].prototype(recording.side, whole=True),),
-                        'other', STRANGER_CLOUDS)
+            yield LabellingTrial((recording,), (others[0].prototype(recording.side, whole=True),),
+                                 'other', STRANGER_CLOUDS)
         if recording.markers == MARKERS:
-            yield Trial((recording,), (model_prototype(
+            yield LabellingTrial((recording,), (model_prototype(
                 Hand.scaled(side=recording.side), MarkerLayout(), MARKERS),), 'model',
                 STRANGER_CLOUDS)
     for right in recordings:
         for left in recordings:
             if (right.side, left.side) == ('right', 'left') and person(right) == person(left):
                 pair = together(right, left)
-                yield Trial(pair, tuple(one.prototype() for one in pair), 'own', PAIR_CLOUDS)
+                prototypes = tuple(one.prototype() for one in pair)
+                yield LabellingTrial(pair, prototypes, 'own', PAIR_CLOUDS)
 
 
-def person(recording: Recording) -> str:
+def person(recording: NamedMarkers) -> str:
     """Return the name of a recording without the side of its hand."""
     return recording.name.replace('left', '').replace('right', '')
 
 
-def together(right: Recording, left: Recording) -> tuple[Recording, ...]:
+def together(right: NamedMarkers, left: NamedMarkers) -> tuple[NamedMarkers, ...]:
     """Return the frames that two recordings have in common, by their sequences."""
     kept: tuple[list[np.ndarray], list[np.ndarray]] = [], []
     for sequence in np.intersect1d(right.sequence, left.sequence):
@@ -190,13 +191,13 @@ class Clouds(NamedTuple):
     rows: np.ndarray
 
 
-def clouds(recordings: Sequence[Recording], ghosts: int, hidden: float,
+def clouds(recordings: Sequence[NamedMarkers], ghosts: int, hidden: float,
            random: np.random.RandomState) -> Clouds:
     """Shuffle the markers of all hands together, hide some in bursts, and add ghosts.
 
     Parameters
     ----------
-    recordings : sequence of Recording
+    recordings : sequence of NamedMarkers
         With equal numbers of frames and of markers.
     ghosts : int
         In each frame.
@@ -255,7 +256,7 @@ def ghost_places(markers: np.ndarray, ghosts: int, rate: float,
     return places
 
 
-def judge(trial: Trial, seed: int) -> list[Row]:
+def judge(trial: LabellingTrial, seed: int) -> list[Row]:
     """Return the rows of one trial."""
     first = trial.recordings[0].split
     judged = [one._replace(points=one.points[first:], sequence=one.sequence[first:])
@@ -292,13 +293,14 @@ def judge(trial: Trial, seed: int) -> list[Row]:
     return rows
 
 
-def stream_labels(trial: Trial, made: Clouds, frames: np.ndarray, rate: float) -> np.ndarray:
+def stream_labels(trial: LabellingTrial, made: Clouds, frames: np.ndarray,
+                  rate: float) -> np.ndarray:
     """Return the labels of consecutive frames, (frames, hands, M)."""
     labeller = CloudLabeller(trial.prototypes)
     return np.array([labeller.update(made.points[i], i / rate).rows for i in frames])
 
 
-def finding_times(trial: Trial, made: Clouds, rate: float,
+def finding_times(trial: LabellingTrial, made: Clouds, rate: float,
                   random: np.random.RandomState) -> np.ndarray:
     """Return the times until a frame is right, from starts from nothing, (n,) [s]."""
     labeller = CloudLabeller(trial.prototypes)
@@ -321,9 +323,9 @@ def tables(rows: list[Row]) -> list[Table]:
     for start, caption in (('single_frame', 'Random single frames, without history'),
                            ('stream', 'Streams')):
         lines = [(row['recording'], str(row['hands']), str(row['markers']), row['learned'],
-                  str(row['ghosts']), str(row['hidden_pct']), number(row['right_pct'], 1),
-                  number(row['markers_right_pct'], 1), number(row['wrong_per_10000'], 1),
-                  number(row['found_after_s_p95'], 2))
+                  str(row['ghosts']), str(row['hidden_pct']), fixed(row['right_pct'], 1),
+                  fixed(row['markers_right_pct'], 1), fixed(row['wrong_per_10000'], 1),
+                  fixed(row['found_after_s_p95'], 2))
                  for row in rows if row['start'] == start]
         found.append(Table(
             caption, ('recording', 'hands', 'markers', 'learned from', 'ghosts', 'hidden, %',
@@ -346,5 +348,5 @@ def pictures(rows: list[Row], folder: Path) -> list[Picture]:
                 f'{row["ghosts"]} ghosts\n{row["hidden_pct"]} %' for row in mine], fontsize=7)
         ax.set_title(start.replace('_', ' '), fontsize=9)
     axes[0].set_ylabel('right frames [%]', fontsize=8)
-    save(figure, folder / 'labelling.png', axes[0])
+    save_figure(figure, folder / 'labelling.png', axes[0])
     return [Picture('labelling.png', 'Right frames by ghosts and share of hidden markers')]

@@ -28,7 +28,7 @@ from ..simulation.cameras import CameraRig
 from ..simulation.motions import MOTIONS, motion_named
 from ..simulation.simulator import calibrated
 from ..simulation.visibility import MarkerObservation, observe, skin_layout, triangulate
-from .capture_tracking import Tracked, track, tracked_joints
+from .capture_tracking import Tracked, track_markers, tracked_joints
 from .evaluation_options import Options
 from .metrics import PoseDistance, angle_distance, joint_errors
 from .rows import Row, error_statistics
@@ -116,7 +116,7 @@ class Trial(NamedTuple):
             Measured flexion of the distal joints [rad].
         """
         tracker = HandTracker(self.calibrated_hand if hand is None else hand, self.layout, options)
-        return track(tracker, markers, self.rate if rate is None else rate, flexion=flexion)
+        return track_markers(tracker, markers, self.rate if rate is None else rate, flexion=flexion)
 
     def errors(self, tracked: Tracked, every: int = 1, hand: Hand | None = None) -> Row:
         """Return `mean_mm` and `p95_mm` of all joints; `tracked` has each `every`-th frame."""

@@ -15,7 +15,7 @@ import numpy as np
 from ..core.options import TrackerOptions
 from ..core.tracker import HandTracker
 from ..simulation.packaged_recordings import RECORDING_NOISE, RECORDING_RATE
-from .capture_tracking import track, tracked_joints
+from .capture_tracking import track_markers, tracked_joints
 from .demo_frames import demo_frames, tracked_hand
 from .evaluation_options import Options
 from .metrics import JOINT_CLASSES, joint_errors
@@ -28,9 +28,9 @@ from .tables import (
     Picture,
     Table,
     figure_with,
+    fixed,
     mean_and_p95,
-    number,
-    save,
+    save_figure,
     words,
 )
 
@@ -64,10 +64,10 @@ def judge(solvers: tuple[str, str], seed: int) -> list[Row]:
     markers = demo.markers + noise
     tracker = HandTracker(
         hand, layout, TrackerOptions(palm_method=palm, finger_ik=finger))
-    track(tracker, markers[:WARM_UP_FRAMES], RECORDING_RATE)
+    track_markers(tracker, markers[:WARM_UP_FRAMES], RECORDING_RATE)
     tracker.reset()
     start = time.perf_counter()
-    tracked = track(tracker, markers, RECORDING_RATE)
+    tracked = track_markers(tracker, markers, RECORDING_RATE)
     frame = (time.perf_counter() - start) / len(markers)
     errors = joint_errors(tracked_joints(hand, tracked), demo.joints)
     return [{'evaluation': 'solvers', 'recording': 'demo', 'method': method, 'joint_class': name,
@@ -89,8 +89,8 @@ def tables(rows: list[Row]) -> list[Table]:
     for method in _methods(rows):
         own = {row['joint_class']: row for row in rows if row['method'] == method}
         lines.append((method, *(mean_and_p95(own[name]) for name in SOLVER_CLASSES),
-                      number(own['all']['degrees']), number(own['all']['iterations'], 1),
-                      number(own['all']['iterations_p95'], 0), number(own['all']['frame_us'], 0)))
+                      fixed(own['all']['degrees']), fixed(own['all']['iterations'], 1),
+                      fixed(own['all']['iterations_p95'], 0), fixed(own['all']['frame_us'], 0)))
     return [Table('Distance of joints, mm, mean (p95), of angles, iterations and time a frame',
                   ('palm + fingers', *SOLVER_CLASSES, 'angles, deg', 'iterations', 'p95',
                    'us a frame'), lines)]
@@ -125,5 +125,5 @@ def pictures(rows: list[Row], folder: Path) -> list[Picture]:
                label=words(method))
     ax.set_xticks(range(len(SOLVER_CLASSES)), map(words, SOLVER_CLASSES))
     ax.set_ylabel('mean error [mm]', fontsize=8, color=INK)
-    save(figure, folder / 'solvers.png', ax)
+    save_figure(figure, folder / 'solvers.png', ax)
     return [Picture('solvers.png', 'Mean error of each class of joint by the solvers')]

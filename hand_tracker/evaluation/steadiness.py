@@ -17,13 +17,22 @@ from ..core.model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS, Hand
 from ..core.tracker import HandTracker
 from ..simulation.packaged_recordings import demo_recording
 from .calibrated_fit import calibrated_fit, true_angles
-from .capture_tracking import track, tracked_joints
+from .capture_tracking import track_markers, tracked_joints
 from .demo_frames import demo_frames
 from .evaluation_options import Options
 from .metrics import joint_errors
 from .rows import Row, error_statistics
 from .simulated import trial
-from .tables import INK, SERIES_COLOURS, Picture, Table, figure_with, number, save, words
+from .tables import (
+    INK,
+    SERIES_COLOURS,
+    Picture,
+    Table,
+    figure_with,
+    fixed,
+    save_figure,
+    words,
+)
 
 SHIPPED = 'shipped recording'
 STEADY_MOTIONS = 'spelling', 'typing', 'power_grasp', 'demo'
@@ -56,12 +65,12 @@ def judge(task: tuple[str, float], seed: int) -> list[Row]:
         count = min(round(STEADINESS_DURATION * rate), len(markers), len(true))
         markers, true, joints = markers[:count], true[:count], joints[:count]
         hand = Hand.scaled()
-        tracked = track(HandTracker(hand), markers, rate)
+        tracked = track_markers(HandTracker(hand), markers, rate)
     else:
         one = trial(motion, seed + STEADY_MOTIONS.index(motion), rate, STEADINESS_DURATION)
         fit = calibrated_fit(seed)
         markers, true, joints, hand = one.measured(), true_angles(one, fit), one.joints, fit.hand
-        tracked = track(HandTracker(hand, fit.layout), markers, rate)
+        tracked = track_markers(HandTracker(hand, fit.layout), markers, rate)
     found = tracked.angles
     errors = joint_errors(tracked_joints(hand, tracked), joints)['all']
     seen = np.isfinite(markers).all(axis=2)
@@ -115,8 +124,8 @@ def tables(rows: list[Row]) -> list[Table]:
     return [Table(
         f'At {rate} Hz: root mean squares, degrees', ('motion', 'joints', 'error', 'step',
                                                       'true step', 'step over true'),
-        [(words(row['motion']), words(row['joint_class']), number(row['error_deg']),
-          number(row['step_deg'], 3), number(row['truth_step_deg'], 3), number(_ratio(row)))
+        [(words(row['motion']), words(row['joint_class']), fixed(row['error_deg']),
+          fixed(row['step_deg'], 3), fixed(row['truth_step_deg'], 3), fixed(_ratio(row)))
          for row in rows if row['rate_hz'] == rate])
         for rate in dict.fromkeys(row['rate_hz'] for row in rows)]
 
@@ -140,5 +149,5 @@ def pictures(rows: list[Row], folder: Path) -> list[Picture]:
                       fontsize=7)
         ax.set_xlabel(f'{rate} Hz', fontsize=8, color=INK)
     axes[0].set_ylabel('step from frame to frame [degrees]', fontsize=8, color=INK)
-    save(figure, folder / 'steadiness.png', axes[0])
+    save_figure(figure, folder / 'steadiness.png', axes[0])
     return [Picture('steadiness.png', 'Steps of angles in the shipped recording')]

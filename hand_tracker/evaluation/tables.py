@@ -88,7 +88,7 @@ class Losses(NamedTuple):
     reason: str
 
 
-def number(value: float | None, digits: int = 2) -> str:
+def fixed(value: float | None, digits: int = 2) -> str:
     """Format a number with fixed decimals; a dash for None and NaN."""
     return '–' if value is None or math.isnan(value) else f'{value:.{digits}f}'
 
@@ -97,7 +97,7 @@ def mean_and_p95(row: Row | None, digits: int = 2) -> str:
     """Format `mean_mm` and `p95_mm` of a row as 'mean (p95)'; a dash where there is none."""
     if row is None or row['mean_mm'] is None:
         return '–'
-    return f'{number(row["mean_mm"], digits)} ({number(row["p95_mm"], max(digits - 1, 0))})'
+    return f'{fixed(row["mean_mm"], digits)} ({fixed(row["p95_mm"], max(digits - 1, 0))})'
 
 
 def words(name: str) -> str:
@@ -170,7 +170,7 @@ def share_top(axes: Sequence[Axes]) -> None:
         ax.set_ylim(0., top)
 
 
-def save(figure: Figure, path: Path, legend_of: Axes | None = None) -> None:
+def save_figure(figure: Figure, path: Path, legend_of: Axes | None = None) -> None:
     """Write a figure as PNG, with the legend of one of its plots above all."""
     if legend_of is not None:
         handles, labels = legend_of.get_legend_handles_labels()

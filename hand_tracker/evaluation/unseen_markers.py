@@ -22,7 +22,7 @@ from ..core.model.hand import widened_limits
 from ..core.model.kinematics import Pose
 from ..core.model.marker_layout import MARKERS
 from ..core.tracker import HandTracker
-from .capture_tracking import Tracked, track
+from .capture_tracking import Tracked, track_markers
 from .evaluation_options import Options
 from .plain_markers import fit_plain_markers, plain_markers
 from .ridge_markers import fit_ridge, ridge_markers
@@ -34,7 +34,7 @@ from .tables import (
     Table,
     figure_with,
     mean_and_p95,
-    save,
+    save_figure,
     words,
 )
 
@@ -161,7 +161,7 @@ def track_worn(fit: MarkerFit, take: MarkerTake) -> Tracked:
     """Track the worn markers of a take; each of its sequences begins anew."""
     worn = take.columns(fit.worn)
     cuts = np.flatnonzero(np.diff(take.sequence)) + 1
-    parts = [track(HandTracker(fit.hand, fit.layout), part, take.rate)
+    parts = [track_markers(HandTracker(fit.hand, fit.layout), part, take.rate)
              for part in np.split(worn, cuts)]
     angles, rotation, position, pose, markers, iterations = zip(*parts)
     return Tracked(
@@ -224,7 +224,7 @@ def pictures(rows: list[Row], folder: Path) -> list[Picture]:
                color=SERIES_COLOURS[i], label=words(method))
     ax.set_xticks(range(len(markers)), [words(name).replace(' ', '\n') for name in markers])
     ax.set_ylabel('mean error [mm]', fontsize=8)
-    save(figure, folder / 'markers.png', ax)
+    save_figure(figure, folder / 'markers.png', ax)
     return [Picture('markers.png', 'Mean error of each marker that the tracker did not get')]
 
 

@@ -1,1 +1,1 @@
-"""Read and write files: hand files, rosbag2 recordings, angle tables, URDF."""
+"""Read and write files: hands, layouts, URDF, tables of angles, recordings of any system."""

@@ -1,4 +1,4 @@
-"""An SROS 2 keystore: with what a node is started so that its security is enforced."""
+"""SROS 2 keystore: its enclaves, and the environment that makes a node enforce security."""
 
 from __future__ import annotations
 

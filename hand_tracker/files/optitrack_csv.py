@@ -23,7 +23,7 @@ from .text_table import (
     known_rate,
     number_of,
     read_points,
-    write_rows,
+    write_point_rows,
     written_labels,
 )
 
@@ -204,5 +204,5 @@ def write_optitrack_csv(path: Path, recording: PointRecording) -> None:
               + row(*['Marker'] * count) + row(*names)
               + row(*(str(i + 1) for i in range(count))) + row(*['Position'] * count)
               + 'Frame,Time (Seconds),' + ','.join(['X,Y,Z'] * count) + '\n')
-    write_rows(path, header, recording, np.linalg.inv(Axes('m', 'y').matrix), 8, ',',
-               '{frame},{time:.8f}')
+    write_point_rows(path, header, recording, np.linalg.inv(Axes('m', 'y').matrix), 8, ',',
+                     '{frame},{time:.8f}')

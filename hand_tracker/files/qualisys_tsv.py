@@ -14,7 +14,7 @@ from .text_table import (
     known_rate,
     number_of,
     read_points,
-    write_rows,
+    write_point_rows,
     written_labels,
 )
 
@@ -124,5 +124,5 @@ def write_qualisys_tsv(path: Path, recording: PointRecording) -> None:
               f'FREQUENCY\t{rate:.6g}\nNO_OF_ANALOG\t0\nANALOG_FREQUENCY\t0\n'
               'DESCRIPTION\t--\nTIME_STAMP\t--\nDATA_INCLUDED\t3D\n'
               'MARKER_NAMES\t' + '\t'.join(names) + f'\nFrame\tTime\t{columns}\n')
-    write_rows(path, header, recording, np.linalg.inv(Axes('mm').matrix), 4, '\t',
-               '{number}\t{time:.5f}', '0.000')
+    write_point_rows(path, header, recording, np.linalg.inv(Axes('mm').matrix), 4, '\t',
+                     '{number}\t{time:.5f}', '0.000')

@@ -1,4 +1,4 @@
-"""A URDF with a mock of hardware for ros2_control: joints that are at once where they are told."""
+"""Add a ros2_control section with mock hardware to a URDF: joints reach their command at once."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ class SkeletonMotion(NamedTuple):
         return usual_step(self.times)
 
 
-class TrackedHand(NamedTuple):
+class HandAngles(NamedTuple):
     """Angles and wrist of one hand over time.
 
     Attributes
@@ -148,12 +148,12 @@ def joint_names(naming: str, side: str) -> tuple[str, ...]:
     return tuple(names)
 
 
-def skeleton_motion(tracked: TrackedHand, naming: str = NAMINGS[0]) -> SkeletonMotion:
+def skeleton_motion(tracked: HandAngles, naming: str = NAMINGS[0]) -> SkeletonMotion:
     """Return a tracked hand as a skeleton in motion.
 
     Parameters
     ----------
-    tracked : TrackedHand
+    tracked : HandAngles
     naming : str, optional
         One of `NAMINGS`.
 
@@ -193,12 +193,12 @@ def skeleton_motion(tracked: TrackedHand, naming: str = NAMINGS[0]) -> SkeletonM
         tracked.times - tracked.times[:1])
 
 
-def joint_centres(tracked: TrackedHand, name: str) -> PointRecording:
+def joint_centres(tracked: HandAngles, name: str) -> PointRecording:
     """Return the joint centres and tips of a tracked hand as a recording of points.
 
     Parameters
     ----------
-    tracked : TrackedHand
+    tracked : HandAngles
     name : str
         Of the recording.
 

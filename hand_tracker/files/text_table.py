@@ -368,9 +368,9 @@ def read_points(table: TextTable, delimiter: str, columns: int, coordinates: np.
     return TablePoints(labels, points, seconds if is_increasing else None, note)
 
 
-def write_rows(path: Path, header: str, recording: PointRecording, matrix: np.ndarray,
-               decimals: int, delimiter: str, lead: str, missing: str = '',
-               line_end: str = '\n') -> None:
+def write_point_rows(path: Path, header: str, recording: PointRecording, matrix: np.ndarray,
+                     decimals: int, delimiter: str, lead: str, missing: str = '',
+                     line_end: str = '\n') -> None:
     """Write points as rows of text.
 
     Parameters

@@ -21,7 +21,7 @@ from .text_table import (
     known_rate,
     number_of,
     read_points,
-    write_rows,
+    write_point_rows,
     written_labels,
 )
 
@@ -127,5 +127,5 @@ def write_trc(path: Path, recording: PointRecording) -> None:
         f'{rate}\t{rate}\t{frames}\t{count}\tmm\t{rate}\t1\t{frames}\n'
         + 'Frame#\tTime\t' + '\t\t\t'.join(names) + '\t\t\n'
         + '\t\t' + '\t'.join(f'X{i}\tY{i}\tZ{i}' for i in range(1, count + 1)) + '\n\n')
-    write_rows(path, header, recording, np.linalg.inv(Axes('mm', 'y').matrix), 5, '\t',
-               '{number}\t{time:.8f}')
+    write_point_rows(path, header, recording, np.linalg.inv(Axes('mm', 'y').matrix), 5, '\t',
+                     '{number}\t{time:.8f}')

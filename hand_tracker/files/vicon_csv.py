@@ -20,7 +20,7 @@ from .text_table import (
     known_rate,
     number_of,
     read_points,
-    write_rows,
+    write_point_rows,
     written_labels,
 )
 
@@ -101,4 +101,5 @@ def write_vicon_csv(path: Path, recording: PointRecording) -> None:
     rate = known_rate(recording.rate, recording.stamps)
     header = (f'{VICON_BLOCK}\n{rate:.6g}\n,,' + ',,,'.join(names) + ',,\nFrame,Sub Frame,'
               + ','.join(['X,Y,Z'] * count) + '\n,,' + ','.join(['mm'] * (3 * count)) + '\n')
-    write_rows(path, header, recording, np.linalg.inv(Axes('mm').matrix), 5, ',', '{number},0')
+    write_point_rows(
+        path, header, recording, np.linalg.inv(Axes('mm').matrix), 5, ',', '{number},0')

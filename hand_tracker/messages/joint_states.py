@@ -19,7 +19,7 @@ STAMP_END = ENCAPSULATION + 8  # [bytes]
 
 
 class JointPositions(NamedTuple):
-    """What is read of a JointState.
+    """Stamp, names and positions of a JointState.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class JointStateReader:
 
     @property
     def head(self) -> bytes:
-        """What is between stamp and positions of the last message; empty before the first."""
+        """Bytes from the frame id to the number of positions, of the last message; empty before."""
         return self._head
 
     @property
@@ -55,7 +55,7 @@ class JointStateReader:
         return self._count
 
     def read(self, data: bytes) -> JointPositions:
-        """Return what is in a message.
+        """Parse a serialized message.
 
         Parameters
         ----------

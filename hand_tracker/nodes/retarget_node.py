@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
 from functools import partial
+from threading import Timer
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -51,6 +52,7 @@ from .tracker_parameters import AUTO, START, starting_hand
 
 RETARGET_DEPTH = 10     # messages that wait at most
 RETARGET_STATUS_PERIOD = 1.  # [s]
+NOTICE_AFTER = 2.       # [s] of compiling or loading kernels
 WAKING_PERIOD = .01     # [s] between two looks at what waits
 WRIST_OUTPUTS = {'pose': ('robot/wrist_target', PoseStamped),
                  'twist': ('robot/wrist_twist', TwistStamped)}
@@ -108,7 +110,11 @@ class RetargetNode(Node):
             GuardOptions(**{option.name: values[f'safety.{option.name}']
                             for option in fields(GuardOptions)}),
             values['order'].split(), values['min_confidence'])
+        notice = Timer(NOTICE_AFTER, self.get_logger().info,
+                       ['compiling the kernels, once, for about a minute'])
+        notice.start()
         compile_following(loaded, hand)
+        notice.cancel()
         self._period = 1. / values['rate']
         self._outputs = self._make_outputs('outputs', OUTPUTS, values['outputs'].split())
         if not self._outputs:

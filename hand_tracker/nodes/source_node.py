@@ -36,7 +36,7 @@ from ..adapters.point_cloud import points_of_cloud
 from ..adapters.point_frame import (
     UPRIGHT,
     MalformedFrame,
-    PointFrame,
+    SourceFrame,
     SourceUnavailable,
     of_subject,
     turned_upright,
@@ -117,7 +117,7 @@ class SourceNode(Node):
         if name not in allowed:
             raise SourceUnavailable(f"message: '{name}' is none of {values['source']}'s: "
                                     f"{', '.join(allowed)}")
-        readers: dict[str, tuple[Any, Callable[[Any], PointFrame]]] = {
+        readers: dict[str, tuple[Any, Callable[[Any], SourceFrame]]] = {
             'point_cloud': (PointCloud2, points_of_cloud),
             'markers': ((MOCAP4R2, 'Markers'), points_of_markers),
             'rigid_bodies': ((MOCAP4R2, 'RigidBodies'), points_of_rigid_bodies),
@@ -144,7 +144,7 @@ class SourceNode(Node):
             self._checks.check(frame)
         self._publish(frame)
 
-    def _publish(self, frame: PointFrame) -> None:
+    def _publish(self, frame: SourceFrame) -> None:
         """Publish a frame, in the thread in which it came."""
         values = self._values
         if values['subject']:

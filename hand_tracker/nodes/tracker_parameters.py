@@ -65,7 +65,7 @@ class Settings(NamedTuple):
 
 
 FIRST_PUBLISHER = 'first'  # of several publishers
-START = (
+_START_ROWS = (
     Parameter('hand_file', '', 'Hand file (YAML) with lengths, limits and marker places; '
               'empty for the mean hand'),
     Parameter('layout', '', "Markers that are worn: a preset's name (docs/layouts.md) or a layout "
@@ -114,7 +114,7 @@ START = (
         Parameter(f'qos.{topic}.depth', depth, f'Messages of {topic} that wait at most',
                   range=(1, 1000))))
 # Another hand file is taken by ~/load_hand.
-START = tuple(row._replace(read_only=row.name != 'hand_file') for row in START)
+START = tuple(row._replace(read_only=row.name != 'hand_file') for row in _START_ROWS)
 # Of both hands at once
 SHARED, SEPARATE = 'shared', 'separate'
 START_OF_BOTH = (

@@ -6,7 +6,7 @@ from dataclasses import field, fields
 from typing import Any
 
 
-def number(default: float, lower: float, upper: float, unit: str, description: str) -> Any:
+def number_option(default: float, lower: float, upper: float, unit: str, description: str) -> Any:
     """Return a field of a number from `lower` to `upper`."""
     return field(default=default, metadata={
         'range': (lower, upper), 'unit': unit, 'description': description})
@@ -17,7 +17,7 @@ def switch(default: bool, description: str) -> Any:
     return field(default=default, metadata={'description': description})
 
 
-def choice(default: str, choices: tuple[str, ...], description: str) -> Any:
+def choice_option(default: str, choices: tuple[str, ...], description: str) -> Any:
     """Return a field of one of some words."""
     return field(default=default, metadata={'choices': choices, 'description': description})
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..core.errors import HandTrackerError
-from .checked_options import check, choice, number, switch
+from .checked_options import check, choice_option, number_option, switch
 
 ON_LOST = ('hold', 'stop')
 
@@ -26,40 +26,40 @@ class GuardOptions:
 
     hold_to_engage: bool = switch(
         False, 'Whether the robot moves only while the deadman is pressed again and again')
-    hold_timeout: float = number(
+    hold_timeout: float = number_option(
         .25, .01, 10., 's', 'How long one press of the deadman lasts')
     require_robot_state: bool = switch(
         True, "Whether the robot's own joint states must be known to engage and while it moves; "
         'else commands begin at the rest position')
-    robot_timeout: float = number(
+    robot_timeout: float = number_option(
         .5, .01, 60., 's', "Age of the robot's joint states up to which it may be or stay engaged")
-    max_speed: float = number(
+    max_speed: float = number_option(
         5., .01, 100., 'rad/s or m/s', 'Of every joint of a command, besides the URDF\'s limits')
-    max_acceleration: float = number(
+    max_acceleration: float = number_option(
         500., .1, 1e4, 'rad/s² or m/s²', 'Of every joint of a command')
-    ease_speed: float = number(
+    ease_speed: float = number_option(
         .7, .01, 100., 'rad/s or m/s', "Of every joint until the robot has reached the person's "
         'pose for the first time')
-    max_jump: float = number(
+    max_jump: float = number_option(
         .7, .01, 10., 'rad or m', 'Of the wanted position from one frame to the next; larger '
         'jumps are not followed at once')
-    jump_frames: int = number(
+    jump_frames: int = number_option(
         6, 1, 1000, '1', 'Frames after which a jump that persists is followed, at limited speed')
-    max_dt: float = number(
+    max_dt: float = number_option(
         .05, .001, 1., 's', 'Time since the last command that counts at most')
-    limit_margin: float = number(
+    limit_margin: float = number_option(
         .02, 0., .5, 'rad or m', "Distance that commands keep from the URDF's limits")
-    hand_timeout: float = number(
+    hand_timeout: float = number_option(
         .15, .01, 10., 's', 'Age of the hand\'s last frame from which the robot holds')
-    on_lost: str = choice(
+    on_lost: str = choice_option(
         'hold', ON_LOST, 'While the hand is lost: hold, the last command is repeated, or stop, '
         'nothing is sent')
-    disengage_after: float = number(
+    disengage_after: float = number_option(
         1., .01, 3600., 's', 'Time without the hand after which the robot must be engaged anew')
     relax: bool = switch(
         False, 'Whether the robot goes to its rest position slowly, in place of disengaging, '
         'where the hand stays lost')
-    relax_speed: float = number(
+    relax_speed: float = number_option(
         .2, .001, 10., 'rad/s or m/s', 'Of every joint on the way to the rest position')
 
     def __post_init__(self) -> None:

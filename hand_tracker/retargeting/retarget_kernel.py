@@ -24,7 +24,7 @@ START_DAMPING = 1e-3        # [m²/rad²] at most, at the start of a frame
 
 
 class Problem(NamedTuple):
-    """What is solved for a robot and a person; fixed while they are. In the palm's frame.
+    """Retargeting problem in the palm's frame: the robot's kinematics, targets and weights.
 
     Attributes
     ----------

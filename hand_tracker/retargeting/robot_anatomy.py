@@ -70,7 +70,7 @@ class Digit(NamedTuple):
 
 
 class RobotAnatomy(NamedTuple):
-    """What of a robot is palm, thumb and fingers.
+    """Palm, digits, side and axes of a robot hand.
 
     Attributes
     ----------

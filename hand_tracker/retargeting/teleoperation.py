@@ -27,7 +27,7 @@ from .robot_urdf import InvalidRobot
 
 
 class Command(NamedTuple):
-    """What is sent to the robot.
+    """Joint command for the robot.
 
     Attributes
     ----------

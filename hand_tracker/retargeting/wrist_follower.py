@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ..core.errors import HandTrackerError
-from .checked_options import check, number
+from .checked_options import check, number_option
 
 
 class InvalidWristOption(HandTrackerError, ValueError):
@@ -33,21 +33,21 @@ class WristOptions:
         Naming the option, its value and what is allowed.
     """
 
-    scale: float = number(
+    scale: float = number_option(
         1., .01, 10., '1', "Robot's metres per metre of the person's wrist")
-    yaw_deg: float = number(
+    yaw_deg: float = number_option(
         0., -360., 360., 'degrees', "About the vertical, from the markers' frame to that of the "
         "robot's base")
-    max_speed: float = number(
+    max_speed: float = number_option(
         .25, .001, 5., 'm/s', "Of the robot's wrist")
-    max_turn_rate: float = number(
+    max_turn_rate: float = number_option(
         1., .01, 20., 'rad/s', "Of the robot's wrist")
-    max_jump: float = number(
+    max_jump: float = number_option(
         .1, .001, 10., 'm', "Of the person's wrist from one frame to the next; after a larger one "
         'the robot goes on from where it is')
-    max_dt: float = number(
+    max_dt: float = number_option(
         .05, .001, 1., 's', 'Time since the last command that counts at most')
-    timeout: float = number(
+    timeout: float = number_option(
         .15, .01, 10., 's', "Age of the last pose of the person's wrist from which the robot's "
         'stays')
 
@@ -70,7 +70,7 @@ class WristPose(NamedTuple):
 
 
 class WristCommand(NamedTuple):
-    """What is sent for the robot's wrist, in the frame of its base.
+    """Pose and twist command for the robot's wrist, in the frame of its base.
 
     Attributes
     ----------

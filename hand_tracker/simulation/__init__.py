@@ -1,1 +1,1 @@
-"""Hands that move and markers that see them: motions and made recordings."""
+"""Simulated hands: motions, cameras, faults, recordings with ground truth."""

@@ -24,7 +24,7 @@ from .packaged_recordings import (
     RECORDING_RATE,
     RECORDING_SEED,
     RECORDING_START_NS,
-    Recording,
+    SimulatedRecording,
 )
 
 # The person's: an open hand, time to close it, to hold it, and to open it again [s].
@@ -51,7 +51,7 @@ class PhysicsUnavailable(HandTrackerError):
     """MuJoCo is not installed."""
 
 
-def grasp_recording(hand: Hand) -> Recording:
+def grasp_recording(hand: Hand) -> SimulatedRecording:
     """Return the markers of a hand that closes about a ball, holds it and opens again.
 
     Parameters
@@ -70,7 +70,7 @@ def grasp_recording(hand: Hand) -> Recording:
     markers = marker_positions(MarkerLayout().mounting(hand), pose, rotation, position)
     noise = np.random.RandomState(RECORDING_SEED).normal(0., RECORDING_NOISE, markers.shape)
     stamps = RECORDING_START_NS + np.round(frames * (1e9 / RECORDING_RATE)).astype(np.int64)
-    return Recording(stamps, np.round(markers + noise, RECORDING_DECIMALS), angles)
+    return SimulatedRecording(stamps, np.round(markers + noise, RECORDING_DECIMALS), angles)
 
 
 def gravity_at(time: float) -> np.ndarray:

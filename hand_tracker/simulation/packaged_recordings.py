@@ -33,7 +33,7 @@ DROPOUT_FREE = 1.            # [s] at the beginning
 DROPOUT_OF_TWO = .15         # share of drop-outs of two markers
 
 
-class Recording(NamedTuple):
+class SimulatedRecording(NamedTuple):
     """Markers and true joint angles of a simulated recording.
 
     Attributes
@@ -53,7 +53,7 @@ class Recording(NamedTuple):
 
 def demo_recording(hand: Hand | None = None, layout: MarkerLayout | None = None,
                    rate: float = RECORDING_RATE, noise: float = RECORDING_NOISE,
-                   seed: int = RECORDING_SEED) -> Recording:
+                   seed: int = RECORDING_SEED) -> SimulatedRecording:
     """Return a recording of the demo motion; a left hand is 0.4 m to the left of a right hand.
 
     Parameters
@@ -70,7 +70,7 @@ def demo_recording(hand: Hand | None = None, layout: MarkerLayout | None = None,
 
     Returns
     -------
-    Recording
+    SimulatedRecording
     """
     hand = Hand.scaled() if hand is None else hand
     layout = MarkerLayout() if layout is None else layout
@@ -86,7 +86,7 @@ def demo_recording(hand: Hand | None = None, layout: MarkerLayout | None = None,
     markers = np.round(markers + random.normal(0., noise, markers.shape), RECORDING_DECIMALS)
     markers[~visible(len(frames), rate, random)] = np.nan
     stamps = RECORDING_START_NS + np.round(frames * (1e9 / rate)).astype(np.int64)
-    return Recording(stamps, markers, np.round(angles, RECORDING_DECIMALS) + 0.)
+    return SimulatedRecording(stamps, markers, np.round(angles, RECORDING_DECIMALS) + 0.)
 
 
 def visible(frames: int, rate: float, random: np.random.RandomState) -> np.ndarray:
@@ -116,13 +116,13 @@ def visible(frames: int, rate: float, random: np.random.RandomState) -> np.ndarr
     return seen
 
 
-def recording_messages(recording: Recording, side: str,
+def recording_messages(recording: SimulatedRecording, side: str,
                        markers: Sequence[str] = MARKERS) -> Iterator[BagMessage]:
     """Yield a recording as bag messages: MarkerArray and true JointState of each frame.
 
     Parameters
     ----------
-    recording : Recording
+    recording : SimulatedRecording
     side : {'right', 'left'}
         Prefix of the joints' names.
     markers : sequence of str, optional
@@ -141,7 +141,7 @@ def recording_messages(recording: Recording, side: str,
             stamp, names, angles, RECORDING_FRAME_ID))
 
 
-def packaged_recordings(side: str) -> dict[str, Recording]:
+def packaged_recordings(side: str) -> dict[str, SimulatedRecording]:
     """Return the recordings of the hands in a packaged recording, by side.
 
     Parameters
@@ -154,14 +154,14 @@ def packaged_recordings(side: str) -> dict[str, Recording]:
             for side, seed in zip(SIDES, (RECORDING_SEED, LEFT_SEED))}
 
 
-def both_hands_messages(recordings: Mapping[str, Recording]) -> Iterator[BagMessage]:
+def both_hands_messages(recordings: Mapping[str, SimulatedRecording]) -> Iterator[BagMessage]:
     """Yield hands side by side as bag messages: MarkerArray and true JointState of each frame.
 
     The markers of each hand are in the namespace of its side, 'right' or 'left'.
 
     Parameters
     ----------
-    recordings : mapping of str to Recording
+    recordings : mapping of str to SimulatedRecording
         By side, of the same stamps.
 
     Yields

@@ -24,7 +24,7 @@ from .packaged_recordings import (
     RECORDING_DECIMALS,
     RECORDING_FRAME_ID,
     RECORDING_START_NS,
-    Recording,
+    SimulatedRecording,
     recording_messages,
 )
 from .visibility import markers_inside, observe, raised_to_skin, skin_layout
@@ -238,7 +238,7 @@ def frame_messages(part: Simulated, side: str, truth: bool = True,
         MarkerArray; with `truth` also JointState, PoseStamped and MarkerArray.
     """
     messages = recording_messages(
-        Recording(part.stamps, part.markers, part.angles), side, names)
+        SimulatedRecording(part.stamps, part.markers, part.angles), side, names)
     for stamp, rotation, position, places in zip(
             part.stamps.tolist(), part.rotation, part.position, part.places):
         markers, joints = next(messages), next(messages)

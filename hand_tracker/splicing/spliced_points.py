@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from ..files.point_recording import PointRecording, unique_labels
-from ..files.skeleton_motion import TrackedHand, joint_centres
+from ..files.skeleton_motion import HandAngles, joint_centres
 from .body_skeleton import SkeletonError
 from .clock_alignment import ClockAlignment, Trajectory
 from .hand_mount import nearest_rotation
@@ -72,14 +72,14 @@ def marker_wrist(body: PointRecording, side: str) -> Trajectory:
     return Trajectory(body.times(ASSUMED_BODY_RATE), points)
 
 
-def hand_world(wrist: Trajectory, tracked: TrackedHand, alignment: ClockAlignment) -> World:
+def hand_world(wrist: Trajectory, tracked: HandAngles, alignment: ClockAlignment) -> World:
     """Return where the hand's world is in the body's, by the wrist's path in both.
 
     Parameters
     ----------
     wrist : Trajectory
         Of the body.
-    tracked : TrackedHand
+    tracked : HandAngles
     alignment : ClockAlignment
 
     Returns
@@ -105,14 +105,14 @@ def hand_world(wrist: Trajectory, tracked: TrackedHand, alignment: ClockAlignmen
     return World(turn, origin, False, float(np.median(left)))
 
 
-def splice_points(body: PointRecording, hands: Sequence[tuple[TrackedHand, ClockAlignment, World]]
+def splice_points(body: PointRecording, hands: Sequence[tuple[HandAngles, ClockAlignment, World]]
                   ) -> PointRecording:
     """Return a body's points, untouched, and behind them the joint centres and tips of hands.
 
     Parameters
     ----------
     body : PointRecording
-    hands : sequence of (TrackedHand, ClockAlignment, World)
+    hands : sequence of (HandAngles, ClockAlignment, World)
 
     Returns
     -------
@@ -133,7 +133,7 @@ def splice_points(body: PointRecording, hands: Sequence[tuple[TrackedHand, Clock
     return body._replace(labels=unique, points=np.concatenate(points, axis=1))
 
 
-def _resampled_hand(tracked: TrackedHand, own: np.ndarray, times: np.ndarray) -> TrackedHand:
+def _resampled_hand(tracked: HandAngles, own: np.ndarray, times: np.ndarray) -> HandAngles:
     """Return a tracked hand at other times within its own."""
     own, first = np.unique(own, return_index=True)
 

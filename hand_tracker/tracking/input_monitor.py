@@ -135,7 +135,7 @@ class InputMonitor:
         self._fault: str | None = None
         self._residual = 0.  # [m]
         self._off_since: float | None = None
-        self._off_for = 0.
+        self._is_off = False  # far off the hand for long
         self._announced: PalmState | str | None = None
         self._has_tracked = False
         self._fit = FitStatistics()
@@ -209,7 +209,7 @@ class InputMonitor:
             self._off_since = None
         elif self._off_since is None:
             self._off_since = now
-        self._off_for = 0. if self._off_since is None else now - self._off_since
+        self._is_off = self._off_since is not None and now - self._off_since >= OFF_HAND_AFTER
         if palm is PalmState.TRACKED:
             self._fit.add(now, self._residual)
         self._events.update(now, state.marker_states, palm is PalmState.TRACKED)
@@ -272,10 +272,6 @@ class InputMonitor:
     def is_wrong(self) -> bool:
         """Whether the markers are of the other hand, or far off the hand for long."""
         return self.bends_away_from is not None or self._is_off
-
-    @property
-    def _is_off(self) -> bool:
-        return self._off_for >= OFF_HAND_AFTER
 
     def situation(self, now: float) -> PalmState | str | None:
         """Return the situation of the input.

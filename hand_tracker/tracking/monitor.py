@@ -82,10 +82,13 @@ class Monitor:
     ----------
     label_fault : str or None
         Why the labels of the source are of no use.
+    is_wrong : bool
+        Whether the markers are of another hand, or another set: a pose would be no truth.
     """
 
     def __init__(self, now: float, topic: str, labels: LabelMap) -> None:
         self.label_fault: str | None = None
+        self.is_wrong = False
         self._input = InputMonitor(now, topic, labels)
         self._diagnostics = Diagnostics(now, self._input)
         self._label_changes = LabelChanges(len(labels.names))
@@ -95,11 +98,6 @@ class Monitor:
     def check_side(self, hand: Hand, layout: MarkerLayout) -> None:
         """Check in the frames to come whether the hand is of this side, until it is seen to be."""
         self._side_check = SideCheck(hand.side, layout.principal)
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether the markers are of another hand, or another set: a pose would be no truth."""
-        return self._input.is_wrong
 
     def set_labels(self, labels: LabelMap) -> None:
         """Expect other labels from the next message on."""
@@ -142,6 +140,7 @@ class Monitor:
             self._input.restarted()
         for published, states in frames.runs:
             self._input.tracked(published, states)
+        self.is_wrong = self._input.is_wrong
         self._last = frames.state, frames.times[-1]
         return self._diagnostics.tracked(
             frames.published[-1], frames.state, frames.frame_count, frames.on_fast_path)
@@ -187,8 +186,9 @@ class Monitor:
         """Check the side by the last frame, until it is known."""
         if self._side_check is None or self._last is None:
             return
-        is_wrong = self._side_check.add(*self._last)
-        if is_wrong is not None:
-            self._input.bends_away_from = self._side_check.side if is_wrong else None
-        if is_wrong is False:
+        is_other_side = self._side_check.add(*self._last)
+        if is_other_side is not None:
+            self._input.bends_away_from = self._side_check.side if is_other_side else None
+            self.is_wrong = self._input.is_wrong
+        if is_other_side is False:
             self._side_check = None

@@ -15,7 +15,7 @@ from ..files.recordings import write_recording, write_whole
 from ..files.skeleton_motion import (
     NAMINGS,
     SKELETON_LINKS,
-    TrackedHand,
+    HandAngles,
     joint_centres,
     skeleton_motion,
     t_pose_turn,
@@ -28,7 +28,7 @@ POINT_KINDS = ('.trc', '.c3d')
 MOTION_KINDS = ('.bvh', '.glb', *POINT_KINDS)
 
 
-def collect_frames(frames: Iterable[RecordedFrame], hand: Callable[[], Hand]) -> TrackedHand:
+def collect_frames(frames: Iterable[RecordedFrame], hand: Callable[[], Hand]) -> HandAngles:
     """Return tracked frames as one motion of one hand.
 
     Parameters
@@ -39,7 +39,7 @@ def collect_frames(frames: Iterable[RecordedFrame], hand: Callable[[], Hand]) ->
 
     Returns
     -------
-    TrackedHand
+    HandAngles
     """
     angles, positions, rotations, stamps = [], [], [], []
     for _, stamp, _, state in frames:
@@ -50,10 +50,10 @@ def collect_frames(frames: Iterable[RecordedFrame], hand: Callable[[], Hand]) ->
     if not stamps:
         raise HandTrackerError('no tracked frame to write; expected frames that show the palm')
     times = 1e-9 * (np.array(stamps) - stamps[0])
-    return TrackedHand(hand(), np.array(angles), np.array(positions), np.array(rotations), times)
+    return HandAngles(hand(), np.array(angles), np.array(positions), np.array(rotations), times)
 
 
-def save_motion(path: Path, tracked: TrackedHand, naming: str = NAMINGS[0],
+def save_motion(path: Path, tracked: HandAngles, naming: str = NAMINGS[0],
                 order: str = EULER_ORDERS[0]) -> None:
     """Write a tracked hand; the file appears when it is whole.
 
@@ -62,7 +62,7 @@ def save_motion(path: Path, tracked: TrackedHand, naming: str = NAMINGS[0],
     path : Path
         Of one of `MOTION_KINDS`: a skeleton in motion (`.bvh`), the same with the skin that
         follows it (`.glb`), or joint centres and tips (`.trc`, `.c3d`).
-    tracked : TrackedHand
+    tracked : HandAngles
     naming, order : str, optional
         Names of the joints, of `NAMINGS`; order of the Euler angles, of `EULER_ORDERS`.
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 SKIN_RGB, BONE_RGB = (255, 158, 104), (240, 240, 235)
 MARKER_RGB = {int(kind): tuple(round(255. * share) for share in rgb(colour))
-           for kind, colour in MARKER_COLOURS.items()}
+              for kind, colour in MARKER_COLOURS.items()}
 BACKGROUND_RGB = 21, 28, 38      # the dark cards of the README
 MARKER_BALL_RADIUS = .006     # [m]
 TRANSLUCENT_OPACITY = .48       # of each wall of the skin, with its inside visible
@@ -111,8 +111,8 @@ class HandScene:
     def __init__(self, scene: 'SceneApi', name: str, hand: Hand, skin: Skin | None) -> None:
         self._scene, self._name = scene, name
         self._node = scene.add_frame(name, show_axes=False)
-        self._skin = None if skin is None else Mesh(scene, f'{name}/skin', skin, SKIN_RGB)
-        self._bones = Mesh(scene, f'{name}/bones', skeleton_mesh(hand), BONE_RGB)
+        self._skin = None if skin is None else SceneMesh(scene, f'{name}/skin', skin, SKIN_RGB)
+        self._bones = SceneMesh(scene, f'{name}/bones', skeleton_mesh(hand), BONE_RGB)
         self._markers: list[IcosphereHandle] = []    # as many as frames have
         self._kinds: list[MarkerState] = []
         self._caption = scene.add_label(f'{name}/caption', '', position=CAPTION_POSITION,
@@ -182,7 +182,7 @@ class HandScene:
             marker.visible = self._show_markers and kind != MarkerState.ABSENT
 
 
-class Mesh:
+class SceneMesh:
     """Skinned mesh in the scene, deformed by the browser.
 
     Parameters

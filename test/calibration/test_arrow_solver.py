@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from hand_tracker.calibration.arrow_solver import covariance, solve_angles, solve_shape
+from hand_tracker.calibration.arrow_solver import covariance, fit_angles, solve_shape
 from hand_tracker.calibration.digit_chain import ANGLES, place_markers
 from hand_tracker.calibration.digit_fit import FINGER_STARTS
 from hand_tracker.calibration.digit_priors import Marked, digit_chain, digit_posture, digit_prior
@@ -83,7 +83,7 @@ def test_equals_dense_least_squares():
 
 def test_shape_is_found_within_its_deviations():
     problem, truth, _ = index_finger(60)
-    angles, _ = solve_angles(problem, problem.prior.mean, np.radians(FINGER_STARTS))
+    angles, _ = fit_angles(problem, problem.prior.mean, np.radians(FINGER_STARTS))
     solved = solve_shape(problem, problem.prior.mean, angles, 100)
     deviations = np.sqrt(np.diag(covariance(problem, solved.shape, solved.angles)))
     assert (deviations <= problem.prior.spread * (1. + 1e-6)).all()
@@ -100,6 +100,6 @@ def test_missing_markers_are_left_out():
 
 def test_angles_are_found_from_any_of_the_starts():
     problem, truth, postures = index_finger(40)
-    angles, cost = solve_angles(problem, truth, np.radians(FINGER_STARTS))
+    angles, cost = fit_angles(problem, truth, np.radians(FINGER_STARTS))
     assert np.degrees(np.abs(angles - postures)).mean() < 1.
     assert (cost <= frame_costs(problem, truth, postures) + 1e-6).all()

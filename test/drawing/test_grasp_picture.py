@@ -46,7 +46,7 @@ def test_a_box_is_turned_with_its_frame():
     np.testing.assert_allclose(np.abs(corners), np.tile((.01, .015, .025), (24, 1)))
 
 
-def test_moments_stand_side_by_side(tmp_path):
+def test_moments_stand_beside_each_other(tmp_path):
     save_grasp_picture(tmp_path / 'grasp.png', [
         GraspMoment(title, [placed('box', (.1, .1, .02)), placed('sphere', (.03,))])
         for title in ('one', 'two', 'three')])

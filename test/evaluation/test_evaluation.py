@@ -280,7 +280,7 @@ def test_every_evaluation_has_rows_of_the_same_keys(
     monkeypatch.setattr(noise_pip, 'PIP_DURATION', 3.)
     for module_of_demo in (noise_sensitivity, solvers):
         monkeypatch.setattr(module_of_demo, 'demo_frames', lambda: short)
-    rows = evaluate.run(name, Options((moving,), quiet=True))
+    rows = evaluate.run_evaluation(name, Options((moving,), quiet=True))
     for row in rows:
         assert KEYS <= row.keys()
         assert ('hidden' in row and 'hidden_s' in row) != ('joint_class' in row)
@@ -324,7 +324,7 @@ def test_captured_bends_are_the_flexions_of_a_hand_that_only_flexes():
 
 
 def test_a_leap_in_any_frame_of_a_window_or_after_it_is_a_step(moving, few_windows, fitted_once,
-                                                              monkeypatch):
+                                                               monkeypatch):
     mean = {row['hidden_s']: row['step_deg'] for row in hidden_markers.judge(moving, 1)
             if row['method'] == 'hand_tracker' and row['hidden'] == 'one'}
     plain = hidden_markers.advance

@@ -13,7 +13,7 @@ from hand_tracker.files.bvh_file import (
     rotation_channels,
 )
 from hand_tracker.files.point_recording import ROTATIONS
-from hand_tracker.files.skeleton_motion import TrackedHand, t_pose_turn
+from hand_tracker.files.skeleton_motion import HandAngles, t_pose_turn
 
 # Root, spine, then of each side shoulder, upper arm, forearm and hand, as programs name them.
 BODY_NAMES = {
@@ -95,8 +95,8 @@ class SimulatedBody:
             .6 * hand.limits[:, 0], .6 * hand.limits[:, 1], (8, 25)))(times)
         to_y_up = np.array(ROTATIONS['y'], dtype=float).T
         wrist = to_y_up.T @ self.world @ turn @ self.mount @ t_pose_turn(side)
-        return TrackedHand(hand, np.clip(slow, *hand.limits.T), place @ to_y_up,
-                           wrist, np.asarray(times))
+        return HandAngles(hand, np.clip(slow, *hand.limits.T), place @ to_y_up,
+                          wrist, np.asarray(times))
 
 
 def swayed(recording, seed=4):

@@ -44,6 +44,7 @@ NEEDS = 'rclpy',
 TIMES = int(os.environ.get('HAND_TRACKER_FAULTS', '1'))
 PIP = JOINTS.index('index_pip_flexion')
 SENDING_PERIOD = .005  # [s]
+ENGAGED_ANEW = .5  # [s] without a command: the robot has been disengaged between
 MANY = 10**6
 HUGE_MEMORY = 2.5e9  # [bytes] for a message of that many markers, which has 0.15e9
 
@@ -101,15 +102,17 @@ class Robot:
     def __init__(self, node):
         self._node = node
         self.commands = node.collect(JointState, 'robot/command')
+        # The last one, however many wait: a robot's state is not late.
+        node.create_subscription(JointState, 'robot/command', self._move, 1)
         self._publisher = node.create_publisher(JointState, 'robot/joint_states', 10)
         names = list(load_robot('plain').hand.model.joint_names)
         self._state = JointState(name=names, position=[.1] * len(names))
         node.create_timer(SENDING_PERIOD, self._tell)
 
+    def _move(self, command):
+        self._state = JointState(name=command.name, position=command.position)
+
     def _tell(self):
-        if self.commands:
-            last = self.commands[-1]
-            self._state = JointState(name=last.name, position=last.position)
         self._publisher.publish(self._state)
 
     def engage(self):
@@ -150,7 +153,11 @@ def test_a_killed_tracker_comes_back_and_the_robot_does_not_jump():
         assert 'Traceback' not in retarget.output
     assert np.ptp([command.position for command in robot.commands], axis=0).max() > .02
     options = GuardOptions()
-    assert np.abs(robot.steps).max() <= options.max_speed * options.max_dt
+    # A busy machine may lose commands; where the robot was engaged anew, none may be lost.
+    between = np.diff([nanoseconds(command.header.stamp) for command in robot.commands])
+    periods = np.maximum(between / nanoseconds(stamp_of(2)), 1.)
+    periods[periods > ENGAGED_ANEW / SENDING_PERIOD] = 1.
+    assert (np.abs(robot.steps).max(axis=1) <= options.max_speed * options.max_dt * periods).all()
 
 
 @pytest.mark.parametrize('source', ['replay', 'simulate'])

@@ -105,6 +105,22 @@ def test_no_two_modules_define_one_constant():
     assert repeated(constants) == {}
 
 
+def test_no_two_modules_define_one_class_or_function():
+    public = ((node.name, name) for name, tree in MODULES.items() for node in tree.body
+              if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name[0] != '_')
+    entry_points = {'main', 'calibrate'}
+    # What the modules of evaluation/ have in common.
+    interface = {'evaluate', 'judge', 'losses', 'pictures', 'tables'}
+    assert set(repeated(public)) <= entry_points | interface
+
+
+def test_every_folder_of_the_core_names_its_modules():
+    for folder in sorted(path for path in (PACKAGE / 'core').iterdir() if path.is_dir()):
+        text = ast.get_docstring(MODULES.get(f'core/{folder.name}/__init__.py', ast.Module([], [])))
+        modules = {path.stem for path in folder.glob('*.py')} - {'__init__'}
+        assert modules <= set(re.findall(r'`(\w+)`', text or '')), folder.name
+
+
 def test_the_architecture_names_what_is_there():
     text = (ROOT / 'docs' / 'architecture.md').read_text(encoding='utf-8')
     files = {path.name for folder in (PACKAGE, ROOT / 'test') for path in folder.rglob('*.py')}

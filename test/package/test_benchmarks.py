@@ -68,6 +68,14 @@ def test_retargeting_touches_where_the_person_does_without_a_peer(tmp_path):
     assert 0. < row['median_us'] <= row['p99_us']
 
 
+def test_the_path_of_a_frame_is_short(tmp_path):
+    pytest.importorskip('rclpy')
+    row, = run('main_path', folder=tmp_path)
+    assert row['answer_files'] <= 34 and row['answer_functions'] <= 135
+    assert row['files'] <= 38 and row['functions'] <= 150
+    assert row['calls_after'] <= 3 and row['climbs'] <= 3 and row['upward_imports'] == 0
+
+
 def test_recordings_are_tracked_in_parallel(tmp_path):
     row = measure_many(50., 2., 2, 2, tmp_path)
     assert (row['frames'], row['recordings'], row['jobs']) == (100, 2, 2)

@@ -200,7 +200,7 @@ def test_core_needs_no_ros_no_files_and_no_plots(path):
     assert [call for call in calls if isinstance(call, ast.Name) and call.id == 'open'] == []
 
 
-def test_core_imports_nothing_of_the_rooms_around_it():
+def test_core_imports_no_other_folder():
     names = ('.'.join(path.relative_to(ROOT).with_suffix('').parts) for path in CORE)
     imports = ''.join(f'import {name.removesuffix(".__init__")}; ' for name in names)
     modules = set(run_python(f'{imports}import sys; print(*sys.modules)', cwd=ROOT).split())

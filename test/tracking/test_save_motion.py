@@ -15,7 +15,7 @@ from hand_tracker.files.recordings import read_recording
 from hand_tracker.files.skeleton_motion import (
     NAMINGS,
     SKELETON_LINKS,
-    TrackedHand,
+    HandAngles,
     joint_names,
 )
 from hand_tracker.skin.load import load_skin
@@ -32,8 +32,8 @@ def tracked_hand(side='right', seed=3):
     hand = Hand.scaled(side=side)
     rng = np.random.default_rng(seed)
     angles = rng.uniform(*hand.limits.T, (FRAMES, 25))
-    return TrackedHand(hand, angles, rng.normal(0., .5, (FRAMES, 3)),
-                       Rotation.random(FRAMES, rng).as_matrix(), np.arange(FRAMES) / 120.)
+    return HandAngles(hand, angles, rng.normal(0., .5, (FRAMES, 3)),
+                      Rotation.random(FRAMES, rng).as_matrix(), np.arange(FRAMES) / 120.)
 
 
 def truth(tracked):

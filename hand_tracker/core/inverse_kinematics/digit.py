@@ -129,7 +129,7 @@ def chains(hand: Hand, mounting: Mounting) -> Chains:
         hand.natural_flexion.copy(), mounting.deviation[MARKERS.index('index'):].copy(),
         np.zeros(5, dtype=bool), aside))
     # Without a measured flexion this finds `start`.
-    measure(pack, np.full(5, np.nan), pack)
+    override_coupling(pack, np.full(5, np.nan), pack)
     return found
 
 
@@ -139,7 +139,8 @@ def reach(chains: Chains) -> np.ndarray:
 
 
 @jit
-def measure(chains: Pack[Chains], distal_flexion: np.ndarray, measured: Pack[Chains]) -> None:
+def override_coupling(chains: Pack[Chains], distal_flexion: np.ndarray,
+                      measured: Pack[Chains]) -> None:
     """Replace the couplings of last joints by measured flexions.
 
     Parameters

@@ -73,8 +73,8 @@ def flexed(place: Vector, center: Vector, flexion: float) -> Vector:
 
 
 @jit
-def fit_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upper: np.ndarray,
-             is_free: bool, wrist: Wrist) -> int:
+def solve_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upper: np.ndarray,
+               is_free: bool, wrist: Wrist) -> int:
     """Fit wrist and arch to the measured markers of the palm.
 
     Parameters

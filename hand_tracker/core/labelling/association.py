@@ -38,8 +38,8 @@ from .readings import (
     cost_reading,
     expect,
     is_as_expected,
-    measure,
     palm_size,
+    record_measurements,
     set_gates,
 )
 
@@ -149,7 +149,7 @@ def associate(markers: np.ndarray, seen: np.ndarray, expected: ExpectedMarkers, 
     if gate <= 0.0 and margin <= 0.0:
         return
     evidence, template = state.evidence, bounds.typical.template
-    measure(evidence, markers, seen, state.sides, gate > 0.0)
+    record_measurements(evidence, markers, seen, state.sides, gate > 0.0)
     rows = np.arange(8)
     if _begins_anew(state, template, patience) or not expect(evidence, expected):
         if margin > 0.0:

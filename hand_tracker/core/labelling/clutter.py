@@ -20,7 +20,7 @@ STRETCH = .04               # [s] of its path by which a point is judged at a ti
 
 
 class PointHistory(NamedTuple):
-    """How points came that no hand had, as each of the M markers of all hands.
+    """History of unassigned points: path, and evidence for each of the M markers of all hands.
 
     Attributes
     ----------

@@ -23,7 +23,15 @@ from .hand_track import (
     place_again,
     predict_hand,
 )
-from .palm_search import COST, DISTANCE, SIZE, Finding, complete_palm, size_cost, to_palm_frame
+from .palm_search import (
+    COST,
+    DISTANCE,
+    SIZE,
+    Finding,
+    refine_palm,
+    size_cost,
+    to_palm_frame,
+)
 from .posture import (
     CLUTTER_DENSITY,
     HIDDEN_COST,
@@ -383,7 +391,7 @@ def relabel(prototype: Prototype, track: HandTrack, points: np.ndarray, free: np
     to_palm_frame(points, rival.rotation, rival.position, rival.numbers[SIZE], local)
     label_costs(prototype, local, free, cost)
     assign_rows(cost, HIDDEN_COST, rival.rows)
-    complete_palm(prototype, points, free, rival)
+    refine_palm(prototype, points, free, rival)
     return track.finding.numbers[COST] - rival.numbers[COST]
 
 

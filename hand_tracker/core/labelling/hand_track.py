@@ -20,7 +20,7 @@ BIRTHS = .005, .1, 10.       # points that come there in a frame: least, at the 
 
 
 class Returns(NamedTuple):
-    """How markers came back that were hidden, to judge whether they did.
+    """Evidence on reappeared markers: cost, path and offset from the expected place since then.
 
     Attributes
     ----------

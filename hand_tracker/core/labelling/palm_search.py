@@ -296,7 +296,7 @@ def label_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
     to_palm_frame(points, found.rotation, found.position, found.numbers[SIZE], local)
     label_costs(prototype, local, free, cost)
     assign_rows(cost, HIDDEN_COST, found.rows)
-    complete_palm(prototype, points, free, found)
+    refine_palm(prototype, points, free, found)
     if not palm_is_seen(prototype, found.rows):
         found.numbers[COST] = math.inf
 
@@ -311,9 +311,9 @@ def palm_is_seen(prototype: Prototype, rows: np.ndarray) -> bool:
 
 
 @labelling_jit
-def complete_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
-                   found: Finding) -> None:
-    """Place the palm by its labels where it is seen, improve these, and write what they cost."""
+def refine_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
+                found: Finding) -> None:
+    """Refine a labelling: place the palm, relabel its points, place it again; write the cost."""
     count = len(prototype.template)
     local = np.empty((len(points), 3))
     matrix = np.empty((3 * count, 3 * count))
@@ -343,7 +343,7 @@ def chain_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
         cost = found.numbers[COST] - size_cost(prototype, found.numbers[SIZE])
         if not chain_labels(prototype, local, free, found.rows, matrix, cost):
             break
-        complete_palm(prototype, points, free, found)
+        refine_palm(prototype, points, free, found)
         if not found.numbers[COST] < finding.numbers[COST]:
             break
         copy_finding(found, finding)

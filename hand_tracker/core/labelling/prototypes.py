@@ -70,7 +70,7 @@ class Prototype(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class HandPrototype:
-    """Markers of one hand, and the statistics by which they are known.
+    """Markers of one hand, and the statistics of their places.
 
     Parameters
     ----------

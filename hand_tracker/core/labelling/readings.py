@@ -107,7 +107,7 @@ class ExpectedMarkers(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """Measurements and predictions of a frame, by which its readings are costed.
+    """Measurements and predictions of a frame: what candidate labellings are judged on.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ def unknown_markers() -> ExpectedMarkers:
 
 
 def blank_evidence() -> Evidence:
-    """Return `Evidence` to be filled by `measure` and `expect`."""
+    """Return `Evidence` to be filled by `record_measurements` and `expect`."""
     return Evidence(
         markers=np.zeros((8, 3)), seen=np.zeros(8, dtype=bool), expected=np.zeros((8, 3)),
         known=np.zeros(8, dtype=bool), home=np.zeros((8, 3)), deviation=np.ones(8),
@@ -176,8 +176,8 @@ def blank_evidence() -> Evidence:
 
 
 @jit
-def measure(evidence: Evidence, markers: np.ndarray, seen: np.ndarray, sides: np.ndarray,
-            gated: bool) -> None:
+def record_measurements(evidence: Evidence, markers: np.ndarray, seen: np.ndarray,
+                        sides: np.ndarray, gated: bool) -> None:
     """Write a frame's measurements and their distances into the evidence."""
     evidence.gated[0] = gated
     for i in range(3):
@@ -215,7 +215,7 @@ def set_gates(evidence: Evidence, template: np.ndarray, spread: np.ndarray,
     Parameters
     ----------
     evidence : Evidence
-        Filled by `measure` and `expect`; updated.
+        Filled by `record_measurements` and `expect`; updated.
     template : ndarray, shape (3, 3)
         Palm markers in the wrist's frame [m].
     spread : ndarray, shape (8,)

@@ -53,7 +53,7 @@ def hidden_tail(off: float, variance: float) -> float:
 @labelling_jit
 def note_arrivals(prototype: Prototype, track: HandTrack, local: np.ndarray,
                   points: np.ndarray, history: PointHistory, first: int) -> None:
-    """Note from where hidden markers are expected points have just come.
+    """Record each new point's offset from the expected place of every hidden marker.
 
     Also of markers that are still judged: where they would be hidden, if they are none.
 
@@ -147,7 +147,7 @@ def place_of_return(track: HandTrack, i: int, place: np.ndarray) -> float:
 @labelling_jit
 def stretch_cost(track: HandTrack, i: int, local: np.ndarray, points: np.ndarray, row: int,
                  history: PointHistory, first: int) -> float:
-    """Return what a point's motion in the present stretch changes in its cost as a marker.
+    """Return the motion term of a point's cost as a marker, for the present stretch of its path.
 
     Parameters are those of `return_cost`.
     """
@@ -194,7 +194,7 @@ def place_cost(off: float, variance: float, unlike: float, spread: float) -> flo
 
 @labelling_jit
 def motion_cost(age: float, error: float, gone: float, shift: float, paced: bool) -> float:
-    """Return what a point's motion since it came changes in its cost as a hidden marker.
+    """Return the motion term of a reappeared point's cost as a hidden marker.
 
     Markers stay where the others expect them; points of no hand rest, or go on evenly.
 

@@ -151,7 +151,7 @@ def shows_arch(layout: MarkerLayout, palm_arch: str = 'observed') -> bool:
 
 
 class RowState(NamedTuple):
-    """What is kept of the rows from frame to frame, of a right hand.
+    """State of the marker rows from frame to frame, of a right hand.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ FIRST_RELAX_TIME = 1e-9  # [s] relax time in the first frame: digits never seen 
 def track_digits(observation: Observation, step: float, tracks: Tracks, wrist: Wrist,
                  transdigital: Transdigital, prior: DigitPrior, pushes: np.ndarray,
                  options: Prediction, learning: bool) -> None:
-    """Bring the tracks of the digits' markers to this frame.
+    """Filter the digits' seen markers and predict their hidden ones.
 
     Parameters
     ----------

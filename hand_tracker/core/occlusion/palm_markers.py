@@ -87,7 +87,7 @@ def _template_places(template: np.ndarray, wrist: Wrist) -> Corners:
 @jit
 def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tracks, wrist: Wrist,
                template: np.ndarray, options: Prediction) -> int:
-    """Bring the tracks of the palm's markers to this frame.
+    """Filter the palm's seen markers and predict its hidden ones.
 
     Parameters
     ----------

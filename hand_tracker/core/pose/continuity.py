@@ -17,7 +17,7 @@ from ..numerics.vectors import clamp
 def blend(solved: np.ndarray, blended: np.ndarray, offset: np.ndarray, changed: np.ndarray,
           predicted: np.ndarray, step: float, rate: float, lower: np.ndarray,
           upper: np.ndarray) -> None:
-    """Bring the blended angles to this frame.
+    """Blend solved angles so that none jumps when a marker is lost or found.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.inverse_kinematics.abduction_plane import REFERENCE_STEP
-from hand_tracker.core.inverse_kinematics.digit import chains, measure, solve_digits
+from hand_tracker.core.inverse_kinematics.digit import chains, override_coupling, solve_digits
 from hand_tracker.core.inverse_kinematics.three_bone import straightest
 from hand_tracker.core.inverse_kinematics.two_bone import MAX_SECOND_HINGE_SPEED, Linkage
 from hand_tracker.core.model.hand import (
@@ -172,7 +172,7 @@ def test_measured_last_joints_take_the_place_of_their_coupling():
     pack, _ = packed(coupled)
     copy, measured = packed(chains(HAND, TIPS.mounting(HAND)))
     last = HAND.limits[THIRD]
-    measure(pack, np.array((.3, np.nan, 9., -9., np.inf)), copy)
+    override_coupling(pack, np.array((.3, np.nan, 9., -9., np.inf)), copy)
     np.testing.assert_array_equal(measured.measured, (True, False, True, True, False))
     np.testing.assert_array_equal(
         measured.coupling, ((0., .3), HAND.coupling[1], (0., last[2, 1]), (0., last[3, 0]),
@@ -184,7 +184,7 @@ def test_measured_last_joints_take_the_place_of_their_coupling():
             tuple(HAND.limits[FLEXION_JOINTS[digit], 1]), *measured.coupling[digit],
             coupled.hinges[digit]))
     # And what was measured is forgotten where it no longer is.
-    measure(pack, np.full(5, np.nan), copy)
+    override_coupling(pack, np.full(5, np.nan), copy)
     for part, expected in zip(measured, coupled):
         np.testing.assert_array_equal(part, expected)
 
@@ -194,7 +194,7 @@ def test_a_measured_last_joint_is_where_it_was_measured(layout):
     pack, _ = packed(chains(HAND, layout.mounting(HAND)))
     copy, measured = packed(chains(HAND, layout.mounting(HAND)))
     bent = np.array((.2, .9, .4, .1, .6))
-    measure(pack, bent, copy)
+    override_coupling(pack, bent, copy)
     for angles in poses(10, seed=6):
         angles[THIRD] = bent
         found, _ = solve(measured, markers_of(angles, layout))
