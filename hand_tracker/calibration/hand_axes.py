@@ -10,14 +10,13 @@ import numpy as np
 
 from ..core.model.hand import FINGERS
 from ..files.point_recording import UNIT_SPELLINGS, PointRecording
-from .hand_labels import hand_labels
+from .hand_labels import PALM_WORDS, hand_labels
 
 # [m] of grown-up hands: index to little knuckle, and wrist to knuckles.
 KNUCKLE_BREADTH = .062
 PALM_LENGTH = .088
-# Points of a finger from its root to its tip, and beginnings of names of points of the palm.
+# Points of a finger from its root to its tip.
 CHAIN_PLACES = ('mcp', 'pip', 'middle', 'dip', 'tip')
-PALM_NAMES = ('hand', 'back', 'palm')
 SIZE_UNITS = ('m', 'dm', 'cm', 'mm')
 SAMPLED_FRAMES = 500
 SURE = .9                  # likelihood above which axes are taken for mirrored
@@ -102,7 +101,7 @@ def side_likelihood(recording: PointRecording, hand: HandPoints) -> float:
             distal += np.nan_to_num(_unit(chain[1] - chain[0]))
         for a, b, c in zip(chain, chain[1:], chain[2:]):
             dorsal += np.nan_to_num(b - (a + c) / 2.)
-    palm = [point for name, point in points.items() if name.startswith(PALM_NAMES)]
+    palm = [point for name, point in points.items() if name.startswith(PALM_WORDS)]
     if 'wrist' in points or palm:
         middle = (index + little) / 2.
         along = middle - (points['wrist'] if 'wrist' in points else np.mean(palm, axis=0))

@@ -11,8 +11,8 @@ from ..core.model.hand import SIDES
 from ..core.model.marker_layout import MarkerLayout
 from .hand_axes import labelled_hands
 from .hand_labels import spellings
+from .layout_names import NEAR_LANDMARK
 
-AT_LANDMARK = .013  # [m] from a landmark, within which a marker may be named after it
 NOT_THERE = -1
 
 
@@ -114,6 +114,6 @@ def _columns(layout: MarkerLayout, own: Mapping[str, int],
         nearest = min(rows, key=lambda row: float(np.linalg.norm(layout.offsets[row])))
         column = landmarks.get(place, NOT_THERE)
         if (columns[nearest] == NOT_THERE and column not in columns
-                and np.linalg.norm(layout.offsets[nearest]) < AT_LANDMARK):
+                and np.linalg.norm(layout.offsets[nearest]) < NEAR_LANDMARK):
             columns[nearest] = column
     return tuple(columns)

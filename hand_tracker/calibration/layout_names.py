@@ -9,7 +9,7 @@ from ..core.model.layout_presets import LAYOUT_PRESETS
 from ..core.model.marker_layout import PALM_LANDMARKS, MarkerLayout
 from .marker_names import UsualPlace, canonical_name, identify
 
-NEAR_LANDMARK = .013  # [m] a marker of the palm that is farther from a landmark is at none
+NEAR_LANDMARK = .013  # [m] from a landmark, within which a marker may be named after it
 
 
 def layout_named(names: Iterable[str], given: MarkerLayout | None = None) -> MarkerLayout | None:

@@ -18,7 +18,7 @@ from .marker_names import UsualPlace, canonical_name, identify
 from .takes import InvalidTake, MarkerTake
 
 TAKE_RATE_RANGE = (5., 2000.)  # [Hz]
-UNKNOWN_RATE = 30.             # [Hz] taken where a file has none
+ASSUMED_RATE = 30.             # [Hz] taken where a file has none
 # Pairs of fields that hold markers and their names; the first pair whose names say enough is read.
 MARKER_FIELDS = (('markers', 'marker_names'), ('positions', 'joints'))
 NAMED_AT_LEAST = 8             # markers, for a file to be read
@@ -66,7 +66,7 @@ def load_take(path: str | PathLike[str], side: str | None = None,
         fields = {**fields, 'marker_names': np.array(names)}
     names, points = _named_points(path, fields)
     rate = _number(path, 'rate_hz', fields.get('rate_hz', np.array(np.nan)))
-    rate = UNKNOWN_RATE if np.isnan(rate) else rate
+    rate = ASSUMED_RATE if np.isnan(rate) else rate
     if not TAKE_RATE_RANGE[0] <= rate <= TAKE_RATE_RANGE[1]:
         raise InvalidTake(f'{path}: rate_hz {rate:g}; allowed is {TAKE_RATE_RANGE[0]:g} to '
                           f'{TAKE_RATE_RANGE[1]:g} Hz, or NaN where it is not known')
@@ -121,7 +121,7 @@ def recorded_take(path: str | PathLike[str], side: str | None = None,
         likelihood = side_likelihood(recording._replace(points=points), hand)
         side = 'left' if likelihood < .5 else 'right'
     kept = np.isfinite(points).any(axis=(0, 2))
-    rate = recording.rate if np.isfinite(recording.rate) else UNKNOWN_RATE
+    rate = recording.rate if np.isfinite(recording.rate) else ASSUMED_RATE
     return MarkerTake(
         path.stem, tuple(name for name, keep in zip(known, kept) if keep), points[:, kept],
         side or own_side, float(np.clip(rate, *TAKE_RATE_RANGE)),

@@ -115,10 +115,11 @@ class HeardHand:
         """Rows of the three principal markers of the palm."""
         return list(self.layout.principal[:len(PALM_MARKERS)])
 
-    def received_frames(self, recent: int | None = None) -> ReceivedFrames:
-        """Return the last so many whole frames, or all, with the palm fitted to its markers."""
+    def received_frames(self, recent: float | None = None) -> ReceivedFrames:
+        """Return the whole frames of the last so many seconds, or all, with the palm fitted."""
         stamps = [stamp for stamp in self.angles if stamp in self.markers]
-        stamps = stamps if recent is None else stamps[-recent:]
+        if recent is not None and stamps:
+            stamps = [stamp for stamp in stamps if stamp > stamps[-1] - 1e9 * recent]
         angles = np.array([self.angles[stamp] for stamp in stamps]).reshape(-1, 25)
         palm = self.palm_rows
         template = self.layout.principal_mounting(self.hand).position[:len(palm)]
@@ -181,9 +182,9 @@ class Listener:
         """Return the numbers of received frames of markers and of joint states."""
         return len(self._frames), len(self.latencies)
 
-    def line(self, rate: float) -> str:
-        """Return a line on the last second at a rate [Hz]."""
-        received = [hand.received_frames(max(2, round(rate))) for hand in self.hands]
+    def line(self) -> str:
+        """Return a line on the last second of frames."""
+        received = [hand.received_frames(1.) for hand in self.hands]
         if min(len(one.stamps) for one in received) < 2:
             return 'waiting for the first frames'
         stamps = received[0].stamps
@@ -262,7 +263,7 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
             end = time.monotonic() + LAG
         if end is None and time.monotonic() >= due:
             due += LINE_EVERY
-            text = listener.line(120.)
+            text = listener.line()
             if is_terminal:
                 print(f'\r{text}', end='', flush=True)
             elif text != waiting:

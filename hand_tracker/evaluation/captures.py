@@ -9,7 +9,7 @@ import numpy as np
 
 from ..calibration import LANDMARKS
 from ..calibration.marker_names import canonical_name
-from ..calibration.take_files import recorded_take
+from ..calibration.take_files import ASSUMED_RATE, TAKE_RATE_RANGE, recorded_take
 from ..core.errors import HandTrackerError
 from ..core.model.hand import LEFT_HAND_MIRROR, SIDES
 from ..core.model.marker_layout import PAPER_PLACES
@@ -18,8 +18,6 @@ from ..files.recordings import NPZ, recognised_format
 from .evaluation_options import Options
 from .rows import Row
 
-ASSUMED_RATE = 30.                  # [Hz] of captures without a rate
-CAPTURE_RATE_RANGE = (5., 2000.)    # [Hz]
 FITTING_SHARE = .2                  # first part of a capture, to which its hand is fitted
 MIN_CAPTURE_FRAMES = 100
 PALM_RANGE = (.03, .2)              # [m] wrist to index MCP: other values are in another unit
@@ -126,9 +124,9 @@ def load_capture(path: str | PathLike[str]) -> Capture:
                              'expected one number')
     rate = float(fields['rate_hz'].item())
     rate = ASSUMED_RATE if np.isnan(rate) else rate
-    if not CAPTURE_RATE_RANGE[0] <= rate <= CAPTURE_RATE_RANGE[1]:
-        raise InvalidCapture(f'{path}: rate_hz {rate:g}; allowed is {CAPTURE_RATE_RANGE[0]:g} to '
-                             f'{CAPTURE_RATE_RANGE[1]:g} Hz, or NaN where it is not known')
+    if not TAKE_RATE_RANGE[0] <= rate <= TAKE_RATE_RANGE[1]:
+        raise InvalidCapture(f'{path}: rate_hz {rate:g}; allowed is {TAKE_RATE_RANGE[0]:g} to '
+                             f'{TAKE_RATE_RANGE[1]:g} Hz, or NaN where it is not known')
     joints = positions[:, [names.index(name) for name in LANDMARKS]].astype(float)
     # A joint with a missing coordinate is not captured.
     joints[~np.isfinite(joints).all(axis=2)] = np.nan

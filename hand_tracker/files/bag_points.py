@@ -19,7 +19,6 @@ from .point_recording import ROWS_AT_ONCE, Axes, PointBuffer, PointRecording, Re
 BAG_FORMAT = 'rosbag2'
 WRITTEN_TOPIC = '/markers'
 WRITTEN_FRAME = 'world'
-WRITTEN_RATE = 100.        # [Hz] where a recording has none
 START_TIME = 10**9         # [ns] of the first frame: a stamp of zero is none
 KEPT_TEMPLATES = 512       # of markers that are seen together
 MAX_BAG_LABELS = 4096
@@ -157,5 +156,5 @@ def write_bag_points(path: Path, recording: PointRecording) -> None:
 
 def recorded_times(recording: PointRecording) -> list[int]:
     """Return the time of each frame, the first one `START_TIME` [ns]."""
-    times = np.round(1e9 * recording.times(WRITTEN_RATE)).astype(np.int64)
+    times = np.round(1e9 * recording.times()).astype(np.int64)
     return (times - times[:1] + START_TIME).tolist()

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..drawing.mesh import vertex_normals
 from .point_recording import RecordingError
 from .skeleton_motion import SkeletonMotion
 
@@ -162,16 +163,7 @@ def _primitive(mesh: BoundMesh, buffer: _Buffer) -> dict[str, Any]:
     return {'material': 0, 'indices': buffer.add(
         mesh.faces.astype(np.uint32).ravel(), 'SCALAR', GL_FACES), 'attributes': {
         'POSITION': buffer.add(vertices, 'VEC3', GL_VERTICES, bounds=True),
-        'NORMAL': buffer.add(_normals(mesh).astype(np.float32), 'VEC3', GL_VERTICES),
+        'NORMAL': buffer.add(
+            vertex_normals(mesh.vertices, mesh.faces).astype(np.float32), 'VEC3', GL_VERTICES),
         'JOINTS_0': buffer.add(mesh.joints.astype(np.uint8), 'VEC4', GL_VERTICES),
         'WEIGHTS_0': buffer.add(mesh.weights.astype(np.float32), 'VEC4', GL_VERTICES)}}
-
-
-def _normals(mesh: BoundMesh) -> np.ndarray:
-    """Return unit normals of the vertices, those of their triangles weighted by area, (V, 3)."""
-    corners = mesh.vertices[mesh.faces]
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros_like(mesh.vertices)
-    for corner in range(3):
-        np.add.at(normals, mesh.faces[:, corner], areas)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)

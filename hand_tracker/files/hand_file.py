@@ -14,10 +14,13 @@ import yaml
 
 from ..core.model.hand import (
     ANGLE_RANGE,
+    COUPLING_OFFSET_RANGE,
     COUPLING_PRESETS,
     COUPLING_SPREAD_RANGE,
     DIGITS,
     FINGERS,
+    HAND_BREADTH_RANGE,
+    HAND_LENGTH_RANGE,
     JOINTS,
     LENGTH_RANGE,
     LIMIT_PRESETS,
@@ -26,8 +29,10 @@ from ..core.model.hand import (
     NATURAL_SPREAD_RANGE,
     PALM_SYNERGY_RANGE,
     POSITION_RANGE,
+    RADIUS_RANGE,
     SIDES,
     SLOPE_RANGE,
+    SPLAY_RANGE,
     THUMB_MCP_ABDUCTION_RANGE,
     USUAL_COUPLING_SPREAD,
     Hand,
@@ -43,18 +48,18 @@ from .yaml_fields import InvalidHandFile, Quantity, choice, mapping, number, par
 __all__ = ['InvalidHandFile', 'choose_hand', 'load_hand', 'save_hand']
 
 
-LENGTH = Quantity('mm', 0, 100., 260.)
-BREADTH = Quantity('mm', 0, 40., 140.)
+LENGTH = Quantity('mm', 0, *(1000. * v for v in HAND_LENGTH_RANGE))
+BREADTH = Quantity('mm', 0, *(1000. * v for v in HAND_BREADTH_RANGE))
 POINT = Quantity('mm', 3, -1000. * POSITION_RANGE, 1000. * POSITION_RANGE)
 BONE_LENGTHS = Quantity('mm', 3, *(1000. * v for v in LENGTH_RANGE))
-RADIUS = Quantity('mm', 0, 1., 50.)
-DIGIT_RADII = Quantity('mm', 3, 1., 50.)
-SPLAY = Quantity('degrees', 0, -45., 45.)
+RADIUS = Quantity('mm', 0, *(1000. * v for v in RADIUS_RANGE))
+DIGIT_RADII = RADIUS._replace(size=3)
+SPLAY = Quantity('degrees', 0, -math.degrees(SPLAY_RANGE), math.degrees(SPLAY_RANGE))
 THUMB_MCP_ABDUCTION = Quantity(
     'degrees', 0, *(math.degrees(v) for v in THUMB_MCP_ABDUCTION_RANGE))
 DIRECTION = Quantity('', 3, -1e6, 1e6)
 SLOPE = Quantity('', 0, *SLOPE_RANGE)
-COUPLING_OFFSET = Quantity('degrees', 0, -90., 90.)
+COUPLING_OFFSET = Quantity('degrees', 0, *(math.degrees(v) for v in COUPLING_OFFSET_RANGE))
 COUPLING_DEVIATION = Quantity('degrees', 0, *(math.degrees(v) for v in COUPLING_SPREAD_RANGE))
 NATURAL_SLOPE = Quantity('', 0, *NATURAL_SLOPE_RANGE)
 NATURAL_OFFSET = Quantity('degrees', 0, *(math.degrees(v) for v in NATURAL_OFFSET_RANGE))

@@ -32,6 +32,7 @@ ROTATIONS = {
 MIRRORED_AXIS = {'x': 1, '-x': 1, 'y': 0, '-y': 0, 'z': 0, '-z': 0}
 MAX_COORDINATE = 1e7       # of a point, in the file's unit
 MAX_POINT_BYTES = 2**31    # of all points of a recording
+WRITTEN_RATE = 100.        # [Hz] of written frames where a recording has no rate
 ROWS_AT_ONCE = 2**14       # frames that are converted at once
 # Names that systems give to markers that nobody labelled.
 ANONYMOUS = re.compile(r'|\*\d*|(unlabell?ed|unidentified|unnamed)\b.*', re.IGNORECASE)
@@ -127,7 +128,7 @@ class PointRecording(NamedTuple):
         return np.concatenate([np.isfinite(rows).all(axis=2) for rows in self.blocks()]
                               or [np.zeros((0, len(self.labels)), dtype=bool)])
 
-    def times(self, unknown_rate: float) -> np.ndarray:
+    def times(self, unknown_rate: float = WRITTEN_RATE) -> np.ndarray:
         """Return the time of each frame, at `unknown_rate` [Hz] where it is not known, (T,) [s]."""
         if self.stamps is not None:
             return self.stamps

@@ -20,7 +20,6 @@ MAX_LINE_BYTES = 2**22
 MAX_TEXT_BYTES = 2**33     # of a file, unpacked
 GZIP_MAGIC = b'\x1f\x8b'
 CELL_SHOWN = 24            # characters of a bad cell in a message
-UNKNOWN_ROW_RATE = 100.    # [Hz] of written times where a recording has no rate
 
 
 @contextmanager
@@ -391,7 +390,7 @@ def write_point_rows(path: Path, header: str, recording: PointRecording, matrix:
     """
     count = recording.points.shape[1]
     line = delimiter.join([f'%.{decimals}f'] * (3 * count))
-    times = iter(recording.times(UNKNOWN_ROW_RATE).tolist())
+    times = iter(recording.times().tolist())
     frame = 0
     with open(path, 'w', newline='', encoding='utf-8') as file:
         file.write(header)

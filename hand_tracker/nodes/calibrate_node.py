@@ -27,11 +27,12 @@ from ..messages.stamps import seconds
 from ..output_files import OutputError, require_writable
 from ..progress import Block, bar
 from ..tracking.diagnostics import Level, Status
-from ..tracking.input_monitor import InputMonitor, who_publishes
+from ..tracking.input_monitor import InputMonitor
 from ..tracking.stream import FrameTime, read_or_warn
 from .parameters import Parameter
 from .runner import POLL, declare, qos_of, run, spinning
 from .serialization import Serialization
+from .topic_publishers import who_publishes
 from .tracker_parameters import AUTO, START, live_settings, live_table, starting_hand
 
 SHOW_PERIOD = .25   # [s]

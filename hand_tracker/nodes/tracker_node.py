@@ -26,7 +26,6 @@ from ..messages.labels import LabelMap
 from ..messages.stamps import Time
 from ..tracking.compile_kernels import compile_tracking
 from ..tracking.diagnostics import STATUS_PERIOD
-from ..tracking.input_monitor import full_name, who_publishes
 from ..tracking.point_labels import PointLabels
 from .fast_path import FastPath, FastPathUnavailable
 from .marker_input import STEADY_CLOCK, MarkerInput
@@ -34,6 +33,7 @@ from .message_types import class_of
 from .replies import AnsweredHand, Replies
 from .runner import declare, qos_of, run
 from .serialization import Serialization
+from .topic_publishers import full_name, who_publishes
 from .tracked_hand import TrackedHand
 from .tracker_parameters import (
     FIRST_PUBLISHER,

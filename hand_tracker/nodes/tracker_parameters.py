@@ -6,6 +6,7 @@ node. The defaults of the others come from that hand; they act from the next fra
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -18,8 +19,11 @@ from ..core.errors import HandTrackerError
 from ..core.model.hand import (
     ANGLE_RANGE,
     BOTH,
+    COUPLING_OFFSET_RANGE,
     COUPLING_PRESETS,
     DIGITS,
+    HAND_BREADTH_RANGE,
+    HAND_LENGTH_RANGE,
     JOINTS,
     LIMIT_PRESETS,
     MEAN_BREADTH,
@@ -73,9 +77,9 @@ _START_ROWS = (
     Parameter('side', AUTO, "Side of the hand, or both hands; auto is the hand file's, else right",
               choices=(AUTO, *SIDES, BOTH)),
     Parameter('hand_length', MEAN_LENGTH, 'Wrist crease to tip of the middle finger [m]; '
-              'for the mean hand only', range=(.10, .26)),
+              'for the mean hand only', range=HAND_LENGTH_RANGE),
     Parameter('hand_breadth', MEAN_BREADTH, 'Across the knuckles of index and little finger '
-              '[m]; for the mean hand only', range=(.04, .14)),
+              '[m]; for the mean hand only', range=HAND_BREADTH_RANGE),
     Parameter('auto_size', True, "Whether the hand's size is learned from the first seconds of "
               'markers, where neither hand_file nor another hand_length or hand_breadth gives it'),
     Parameter('thumb', 'saddle', "Plane of the thumb: the hand's saddle joint, or the paper's "
@@ -314,7 +318,8 @@ def hand_table(hand: Hand, scope: str = '') -> tuple[Parameter, ...]:
                               f'Intradigital correlation of the {digit}, {rule}', SLOPE_RANGE))
         rows.append(Parameter(
             f'{scope}coupling.{digit}.offset_deg', round(float(np.degrees(offset)), DECIMALS),
-            f'Intradigital correlation of the {digit}, {rule} [degrees]', (-90., 90.)))
+            f'Intradigital correlation of the {digit}, {rule} [degrees]',
+            (math.degrees(COUPLING_OFFSET_RANGE[0]), math.degrees(COUPLING_OFFSET_RANGE[1]))))
     return tuple(rows)
 
 

@@ -1,6 +1,5 @@
 """Camera rig of a motion capture system: poses, field of view, resolution and pixel noise."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -105,12 +104,6 @@ class CameraRig:
         places = centre + np.column_stack((
             radius * np.cos(angle), radius * np.sin(angle), np.full(count, height)))
         return cls(places, looking_at(places, centre), **fields)
-
-    def subset(self, cameras: Iterable[int]) -> 'CameraRig':
-        """Return a rig of some of these cameras, by index."""
-        rows = list(cameras)
-        return CameraRig(self.positions[rows], self.rotations[rows], self.field_of_view,
-                         self.resolution, self.pixel_noise)
 
     @property
     def focal(self) -> float:

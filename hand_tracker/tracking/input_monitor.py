@@ -7,8 +7,8 @@ logged at the rate of the markers.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Hashable, Iterable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from ..core.model.states import MarkerState, PalmState
 from ..core.pose.report import mean_residual
 from ..core.tracker import HandState
 from ..messages.labels import LabelMap
-from ..messages.marker_array import MARKER_ARRAY, MarkerFrame
+from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time, nanoseconds, seconds
 from .marker_events import MarkerEvents
 from .rate_limit import LogRateLimiter
@@ -402,41 +402,3 @@ class InputMonitor:
         never = [slot for slot in absent.tolist() if self.labels.labels[slot]]
         if never:
             self.warn_once('never', f'never seen so far: {self._expected(never)}; {self._others()}')
-
-
-def full_name(endpoint: Any) -> str:
-    """Return the name of an endpoint's node with its namespace.
-
-    Parameters
-    ----------
-    endpoint : rclpy.topic_endpoint_info.TopicEndpointInfo
-    """
-    return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
-
-
-def who_publishes(endpoints: Sequence[Any], reliability: str,
-                  message_type: str = MARKER_ARRAY) -> str:
-    """Explain why the publishers of a topic may deliver no markers.
-
-    Parameters
-    ----------
-    endpoints : sequence of rclpy.topic_endpoint_info.TopicEndpointInfo
-    reliability : str
-        That this node asks for.
-    message_type : str, optional
-        Of the markers.
-
-    Returns
-    -------
-    str
-    """
-    if not endpoints:
-        return 'nothing publishes them (a remapping, ROS_DOMAIN_ID?)'
-    for endpoint in endpoints:
-        name = full_name(endpoint)
-        if endpoint.topic_type != message_type:
-            return f'{name} publishes {endpoint.topic_type}, not {message_type}'
-        if reliability == 'reliable' and endpoint.qos_profile.reliability.name != 'RELIABLE':
-            return (f'{name} publishes with best effort, and qos.markers.reliability here is '
-                    'reliable')
-    return f'{name} publishes them, but sends nothing that arrives; is it paused?'

@@ -15,6 +15,7 @@ import pytest
 
 import hand_tracker
 from hand_tracker import TrackerOptions, package_data
+from hand_tracker.entry import NODES
 from hand_tracker.nodes.tracker_parameters import START
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -188,6 +189,7 @@ def test_entry_points_lead_to_functions():
         assert path.is_file()
         names = [node.name for node in parse(path).body if isinstance(node, ast.FunctionDef)]
         assert function in names, path
+    assert set(NODES) == {function for _, function in targets} - {'main'}
 
 
 @pytest.mark.parametrize('path', CORE, ids=lambda path: str(path.relative_to(ROOT)))

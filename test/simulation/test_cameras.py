@@ -244,11 +244,6 @@ def test_refuses_impossible_rigs(fields, message):
         CameraRig.ring(**fields)
 
 
-def test_a_subset_keeps_places():
-    rig = CameraRig.ring(8)
-    np.testing.assert_array_equal(rig.subset((1, 5)).positions, rig.positions[[1, 5]])
-
-
 def test_faults_come_at_their_rates_and_pick_every_marker():
     random = np.random.RandomState(1)
     faults = Faults(swaps=.5, ghosts=1., dropouts=2., frozen=.7)

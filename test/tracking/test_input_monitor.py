@@ -1,7 +1,6 @@
 """What the tracker says of its input: changes in time, each cause once, never too much."""
 
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,7 +22,6 @@ from hand_tracker.tracking.input_monitor import (
     SILENT_AFTER,
     STANDING_STAMPS,
     InputMonitor,
-    who_publishes,
 )
 from hand_tracker.tracking.marker_events import RECOVERED_AFTER
 from hand_tracker.tracking.rate_limit import LOG_LINES, LOG_WINDOW
@@ -362,20 +360,3 @@ def test_says_once_that_time_jumped_back():
         hand.watch.restarted()
     line, = hand.said(1.)
     assert 'jumped back' in line and 'use_sim_time' in line
-
-
-def endpoint(kind='visualization_msgs/msg/MarkerArray', reliability='RELIABLE'):
-    """Return a publisher as rclpy describes it."""
-    return SimpleNamespace(
-        node_namespace='/', node_name='driver', topic_type=kind,
-        qos_profile=SimpleNamespace(reliability=SimpleNamespace(name=reliability)))
-
-
-@pytest.mark.parametrize('endpoints, reliability, said', [
-    ([], 'reliable', 'nothing publishes them'),
-    ([endpoint('geometry_msgs/msg/PoseArray')], 'reliable', '/driver publishes geometry_msgs'),
-    ([endpoint(reliability='BEST_EFFORT')], 'reliable', 'qos.markers.reliability'),
-    ([endpoint(reliability='BEST_EFFORT')], 'best_effort', 'sends nothing'),
-    ([endpoint()], 'reliable', 'sends nothing that arrives; is it paused?')])
-def test_says_why_nothing_may_come(endpoints, reliability, said):
-    assert said in who_publishes(endpoints, reliability)

@@ -1,0 +1,47 @@
+"""Publishers of a topic of markers: their names, and why nothing may come from them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from ..messages.marker_array import MARKER_ARRAY
+
+
+def full_name(endpoint: TopicEndpointInfo) -> str:
+    """Return the name of an endpoint's node with its namespace.
+
+    Parameters
+    ----------
+    endpoint : TopicEndpointInfo
+    """
+    return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
+
+
+def who_publishes(endpoints: Sequence[TopicEndpointInfo], reliability: str,
+                  message_type: str = MARKER_ARRAY) -> str:
+    """Explain why the publishers of a topic may deliver no markers.
+
+    Parameters
+    ----------
+    endpoints : sequence of TopicEndpointInfo
+    reliability : str
+        That this node asks for.
+    message_type : str, optional
+        Of the markers.
+
+    Returns
+    -------
+    str
+    """
+    if not endpoints:
+        return 'nothing publishes them (a remapping, ROS_DOMAIN_ID?)'
+    for endpoint in endpoints:
+        name = full_name(endpoint)
+        if endpoint.topic_type != message_type:
+            return f'{name} publishes {endpoint.topic_type}, not {message_type}'
+        if reliability == 'reliable' and endpoint.qos_profile.reliability.name != 'RELIABLE':
+            return (f'{name} publishes with best effort, and qos.markers.reliability here is '
+                    'reliable')
+    return f'{name} publishes them, but sends nothing that arrives; is it paused?'
