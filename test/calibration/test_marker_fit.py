@@ -16,8 +16,8 @@ from hand_tracker.calibration.fit_report import (
 from hand_tracker.calibration.fitted_hand import (
     SHOWN_MARGIN,
     SHOWN_PERCENTILES,
+    measured_range,
     place_mounted,
-    range_of_motion,
 )
 from hand_tracker.calibration.marker_fit import fit_markers, hand_length
 from hand_tracker.calibration.natural_flexion import fit_flexion_line
@@ -108,10 +108,10 @@ def test_the_range_of_motion_leaves_out_instants_and_joints_that_do_not_move():
     angles = np.zeros((1000, 25))
     angles[:, 1] = np.linspace(-.2, .3, 1000)
     angles[500, 1], angles[::3, 1] = 3., np.nan
-    found = range_of_motion(angles)
+    found = measured_range(angles)
     np.testing.assert_allclose(found[1], (-.2 - SHOWN_MARGIN, .3 + SHOWN_MARGIN), atol=.01)
     assert not np.delete(found, 1, 0).any()
-    assert not range_of_motion(np.zeros((0, 25))).any()
+    assert not measured_range(np.zeros((0, 25))).any()
 
 
 def test_the_second_flexion_follows_the_first_as_in_the_take():
