@@ -49,6 +49,10 @@ ECHO = Path(__file__).with_name('echo.c')
 LIBRARIES = ('rcl', 'rmw', 'rcutils', 'rosidl_runtime_c', 'sensor_msgs__rosidl_typesupport_c',
              'visualization_msgs__rosidl_typesupport_c')
 NODES = 'hand_tracker', 'rclpy_echo', 'c_echo'
+HEADING = (f"{'node':14}{'Hz':>6}{'hands':>7}{'median µs':>11}{'p99 µs':>9}{'CPU %':>7}"
+           f"{'dropped %':>11}")
+LINE = ('{node:14}{rate_hz:6g}{hands:7}{median_us:11.0f}{p99_us:9.0f}{cpu_percent:7.1f}'
+        '{dropped_percent:11.2f}')
 
 
 def isolate():
@@ -128,21 +132,26 @@ class Driver:
         Namespaces of the nodes.
     topics : mapping of str to str, optional
         Topics of the answers in their namespaces, where they are not `joint_states`.
+    context : rclpy.Context, optional
+        Initialised; the default one is initialised here.
+    node : str, optional
+        Name of its own node.
     """
 
-    def __init__(self, names, topics=None):
+    def __init__(self, names, topics=None, context=None, node='round_trip'):
         import rclpy
         from rclpy.node import Node
         from rclpy.qos import QoSProfile, ReliabilityPolicy
         from sensor_msgs.msg import JointState
         from visualization_msgs.msg import MarkerArray
 
-        rclpy.init()
+        if context is None:
+            rclpy.init()
         try:
             from rclpy.experimental.events_executor import EventsExecutor as Executor
         except ImportError:
             from rclpy.executors import SingleThreadedExecutor as Executor
-        self.node = Node('round_trip')
+        self.node = Node(node, context=context)
         best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
         topics = topics or {}
         self._publishers, self._answers, self._subscriptions = {}, {}, []
@@ -154,7 +163,7 @@ class Driver:
                 JointState, f"/{name}/{topics.get(name, 'joint_states')}",
                 lambda data, answers=answers: answers.setdefault(
                     data[4:12], time.perf_counter_ns()), 100, raw=True))
-        self._executor = Executor()
+        self._executor = Executor(context=context)
         self._executor.add_node(self.node)
         self._sent, self._time = 0, START * 10**9
 
@@ -341,8 +350,7 @@ def main():
             side = name.rpartition('_')[2]
             if driver.wait_for(name, process, frames[options.rates[0]][side]) is None:
                 raise SystemExit(f'{name} does not answer')
-        print(f"{'node':14}{'Hz':>6}{'hands':>7}{'median µs':>11}{'p99 µs':>9}{'CPU %':>7}"
-              f"{'dropped %':>11}")
+        print(HEADING)
         nodes = dict.fromkeys(name.rpartition('_')[0] for name in processes)
         for sides in measured_sides:
             for rate in options.rates:
@@ -352,8 +360,7 @@ def main():
                 rows += measured
                 for row, trip in zip(measured, trips):
                     samples[f"{row['node']}_{rate:g}_{row['hands']}"] = trip
-                    print('{node:14}{rate_hz:6g}{hands:7}{median_us:11.0f}{p99_us:9.0f}'
-                          '{cpu_percent:7.1f}{dropped_percent:11.2f}'.format(**row))
+                    print(LINE.format(**row))
     write_rows(options.json, rows)
     if options.samples:
         np.savez_compressed(options.samples, **samples)

@@ -199,6 +199,8 @@ def policy(found, namespace='/'):
     profiles_of = {enclave.get('path').rpartition('/')[2]: enclave.find('profiles')
                    for enclave in enclaves}
     for program, parts in SHARED_PROCESSES.items():
+        if not profiles_of.keys() >= set(parts):
+            continue
         enclave = ElementTree.SubElement(enclaves, 'enclave', path=f'{ENCLAVES}/{program}')
         ElementTree.SubElement(enclave, 'profiles').extend(
             profile for part in parts for profile in profiles_of[part])
