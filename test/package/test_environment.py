@@ -339,6 +339,7 @@ def test_sourced_ros_of_another_python_is_left_alone(machine):
 def test_scripts_pass_shellcheck():
     if shutil.which('shellcheck') is None:
         pytest.skip('shellcheck is not installed')
-    scripts = [ROOT / 'scripts' / name for name in ('environment.sh', 'demo', 'test')]
+    scripts = [ROOT / 'scripts' / name for name in (
+        'audit', 'demo', 'docs', 'environment.sh', 'lint', 'test')]
     scripts += [ROOT / '.ci' / 'run', ROOT / 'overlay' / 'build', ROOT / 'requirements' / 'pin']
     subprocess.run(['shellcheck', '-x', *scripts], cwd=ROOT, check=True, env=os.environ)
