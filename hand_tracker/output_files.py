@@ -1,7 +1,7 @@
 """Output files: checked before the work, written beside their place, renamed when complete."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,7 +24,7 @@ def require_writable(path: Path) -> None:
     ------
     OutputError
     """
-    if path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
+    if path.is_dir() or not os.access(path.parent, os.W_OK):
         raise OutputError(f'{path}: cannot be written; expected a file in a folder that is there '
                           'and may be written to')
 
@@ -50,3 +50,24 @@ def folder_beside(output: Path, refusal: type[HandTrackerError]) -> Iterator[Pat
     except OSError as error:
         raise refusal(f'{output}: cannot be written ({error.strerror or error}); expected a name '
                       'in a folder that may be written to') from None
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Write a file beside its place, and move it there when it is whole.
+
+    Parameters
+    ----------
+    path : Path
+        Replaced if it exists.
+    write : callable
+        Writes a file to a path.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; what was at its place is left as it was.
+    """
+    with folder_beside(path, OutputError) as folder:
+        unfinished = folder / path.name
+        write(unfinished)
+        os.replace(unfinished, path)

@@ -22,9 +22,9 @@ from ..files.recordings import (
     read_recording,
     recognised_format,
     write_recording,
-    write_whole,
 )
 from ..files.skeleton_motion import HandAngles, skeleton_motion
+from ..output_files import write_whole
 from ..parallel import Interruptions
 from ..progress import Progress
 from ..splicing.body_glb import body_mesh, skeleton_of

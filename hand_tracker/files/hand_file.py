@@ -42,6 +42,7 @@ from ..core.model.hand import (
 )
 from ..core.model.marker_layout import MarkerLayout
 from ..core.model.marker_rows import shows_arch
+from ..output_files import write_whole
 from .layout_file import choose_layout, layout_of_tree, tree_of_layout
 from .yaml_fields import InvalidHandFile, Quantity, choice, mapping, number, parse_yaml, read_yaml
 
@@ -192,8 +193,14 @@ def save_hand(path: str | PathLike[str], hand: Hand, layout: MarkerLayout) -> No
     path : str or path-like
     hand : Hand
     layout : MarkerLayout
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; what was at its place is left as it was.
     """
-    Path(path).write_text(hand_text(hand, layout), encoding='utf-8')
+    text = hand_text(hand, layout)
+    write_whole(Path(path), lambda unfinished: unfinished.write_text(text, encoding='utf-8'))
 
 
 def hand_text(hand: Hand, layout: MarkerLayout) -> str:

@@ -23,6 +23,7 @@ from ..core.model.marker_layout import (
     SKIN_SHARE_RANGE,
     MarkerLayout,
 )
+from ..output_files import write_whole
 from .yaml_fields import InvalidHandFile, Quantity, choice, mapping, number, read_yaml
 
 MARKER_OFFSET = Quantity('mm', 3, -1000. * OFFSET_RANGE, 1000. * OFFSET_RANGE)
@@ -61,8 +62,8 @@ def save_layout(path: str | PathLike[str], layout: MarkerLayout) -> None:
     """Write a layout file; `load_layout` returns the same layout."""
     text = yaml.safe_dump({'markers': tree_of_layout(layout)}, sort_keys=False,
                           default_flow_style=None, width=99)
-    Path(path).write_text(
-        f'# A marker layout for hand_tracker, in millimetres.\n{text}', encoding='utf-8')
+    write_whole(Path(path), lambda unfinished: unfinished.write_text(
+        f'# A marker layout for hand_tracker, in millimetres.\n{text}', encoding='utf-8'))
 
 
 def choose_layout(text: str) -> MarkerLayout:

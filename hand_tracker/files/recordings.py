@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+from ..output_files import write_whole
 from .bag_points import read_bag_points, write_bag_points
 from .bags import STORAGE
 from .bvh_file import BVH_START, read_bvh
@@ -243,20 +242,4 @@ def write_recording(path: str | PathLike[str], recording: PointRecording,
         raise RecordingError(f'{path}: points are not written as {path.suffix!r}; expected '
                              f'{", ".join((*written, *STORAGE))}')
     write_whole(path, lambda unfinished: form.write(unfinished, recording))  # type: ignore[misc]
-
-
-def write_whole(path: Path, write: Callable[[Path], None]) -> None:
-    """Write a file beside its place, and move it there when it is whole.
-
-    Parameters
-    ----------
-    path : Path
-        Replaced if it exists.
-    write : callable
-        Writes a file to a path.
-    """
-    with TemporaryDirectory(dir=path.parent) as scratch:
-        unfinished = Path(scratch, path.name)
-        write(unfinished)
-        os.replace(unfinished, path)
 

@@ -11,7 +11,7 @@ from ..core.errors import HandTrackerError
 from ..core.model.hand import LINKS, Hand
 from ..files.bvh_file import EULER_ORDERS, write_bvh
 from ..files.glb_file import BoundMesh, strongest_influences, write_glb
-from ..files.recordings import write_recording, write_whole
+from ..files.recordings import write_recording
 from ..files.skeleton_motion import (
     NAMINGS,
     SKELETON_LINKS,
@@ -20,6 +20,7 @@ from ..files.skeleton_motion import (
     skeleton_motion,
     t_pose_turn,
 )
+from ..output_files import write_whole
 from ..skin.load import load_skin
 from ..skin.skinning import Skin
 from .recording import RecordedFrame
