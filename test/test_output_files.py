@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.errors import HandTrackerError
-from hand_tracker.core.model.hand import JOINTS
+from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.files.angle_table import TableError, write_angle_table
 from hand_tracker.files.bags import (
     BagError,
@@ -12,6 +13,8 @@ from hand_tracker.files.bags import (
     marker_array_message,
     write_bag,
 )
+from hand_tracker.files.hand_file import save_hand
+from hand_tracker.files.layout_file import save_layout
 from hand_tracker.output_files import OutputError, folder_beside, require_writable
 
 NO_DISK = '/proc'  # a folder in which nobody, root neither, can make a file
@@ -25,8 +28,17 @@ def bag(path):
     write_bag(path, [bag_message('/m', 0, marker_array_message(0, 'm', ['a'], np.zeros((1, 3))))])
 
 
+def hand(path):
+    save_hand(path, Hand.scaled(), MarkerLayout())
+
+
+def layout(path):
+    save_layout(path, MarkerLayout())
+
+
 @pytest.mark.parametrize(('write', 'name', 'refusal'), (
-    (table, 'angles.csv', TableError), (bag, 'angles.mcap', BagError)))
+    (table, 'angles.csv', TableError), (bag, 'angles.mcap', BagError),
+    (hand, 'hand.yaml', OutputError), (layout, 'layout.yaml', OutputError)))
 def test_the_output_is_named_where_its_folder_takes_none(tmp_path, write, name, refusal):
     with pytest.raises(refusal, match=rf'^{NO_DISK}/{name}: cannot be written \(.+\); expected'):
         write(f'{NO_DISK}/{name}')

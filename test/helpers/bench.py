@@ -106,10 +106,10 @@ def messages(values):
 
 
 @contextmanager
-def tracking(parameters=None, qos=1000, remaps=None):
+def tracking(parameters=None, qos=1000, remaps=None, environment=None):
     """Yield a bench that loses nothing; its node must end well in the middle of its work."""
     parameters = {**LOSSLESS, **(parameters or {})}
-    with NodeProcess(MODULE, parameters, remaps) as process, watching_node() as node:
+    with NodeProcess(MODULE, parameters, remaps, environment) as process, watching_node() as node:
         bench = Bench(process, node, qos, 'hand_tracker')
         yield bench
         process.wait_for_line('listening')

@@ -55,3 +55,8 @@ def from_pose_to_pose(seed, poses=20):
     times = np.arange(poses * 10) / 10.
     angles = np.array([np.interp(times, np.arange(poses), column) for column in keys.T]).T
     return marker_positions(MarkerLayout().mounting(hand), forward(joint_table(hand), angles))
+
+
+def bending(number):
+    """Return the markers of a hand that bends to and fro, in frame `number`."""
+    return hand_at(BENT * (1. + .3 * np.sin(.02 * number)))

@@ -24,7 +24,7 @@ from helpers.bench import (
     stamp_of,
     tracking,
 )
-from helpers.hands import BENT, hand_at
+from helpers.hands import bending, hand_at
 from helpers.ros_process import NodeProcess, watching_node
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.serialization import serialize_message
@@ -51,11 +51,6 @@ HUGE_MEMORY = 2.5e9  # [bytes] for a message of that many markers, which has 0.1
 pytestmark = pytest.mark.skipif(
     not sys.platform.startswith('linux'), reason='signals and /proc as on Linux')
 on_fast_path = pytest.mark.skipif(not COMPILED, reason='needs the fast path')
-
-
-def bending(number):
-    """Return the markers of a hand that bends to and fro, in frame `number`."""
-    return hand_at(BENT * (1. + .3 * np.sin(.02 * number)))
 
 
 class Sender:
