@@ -46,6 +46,12 @@ def add_json_option(parser):
     parser.add_argument('--json', metavar='OUT', help='write the rows here')
 
 
+def add_timing_options(parser, rates):
+    """Add --rates, with their defaults, and --seconds of each measurement to a command line."""
+    parser.add_argument('--rates', type=float, nargs='+', default=rates, help='frames per second')
+    parser.add_argument('--seconds', type=float, default=5., help='of each measurement')
+
+
 def write_rows(path, rows):
     """Write rows as a JSON list; nothing if the path is None.
 

@@ -17,7 +17,14 @@ from tempfile import TemporaryDirectory
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from benchmarks.common import add_json_option, end, environ, environment, write_rows
+from benchmarks.common import (
+    add_json_option,
+    add_timing_options,
+    end,
+    environ,
+    environment,
+    write_rows,
+)
 from benchmarks.round_trip import HEADING, LINE, Driver, isolate, measure, messages
 
 SIDE = 'right'
@@ -45,9 +52,7 @@ class Drivers:
 def main():
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--rates', type=float, nargs='+', default=[120., 480., 960.],
-                        help='frames per second')
-    parser.add_argument('--seconds', type=float, default=5., help='of each measurement')
+    add_timing_options(parser, [120., 480., 960.])
     add_json_option(parser)
     options = parser.parse_args()
 
@@ -55,7 +60,7 @@ def main():
     import rclpy
 
     from security.policies import ENCLAVES
-    from security.trials import DRIVER, enforced, make_keystore
+    from security.trials import DRIVER, UNSECURED, enforced, make_keystore
     print(environment())
     rows = []
     with TemporaryDirectory() as folder, ExitStack() as stack:
@@ -63,8 +68,7 @@ def main():
         drivers, processes = {}, {}
         for node in OPEN, ENFORCED:
             def security(enclave, secured=node == ENFORCED):
-                return (enforced(keystore, enclave) if secured
-                        else {'ROS_SECURITY_ENABLE': 'false'})
+                return enforced(keystore, enclave) if secured else UNSECURED
 
             name = f'{node}_{SIDE}'
             processes[name] = process = stack.enter_context(subprocess.Popen(

@@ -28,6 +28,7 @@ import numpy as np
 from benchmarks.common import (
     MARK,
     add_json_option,
+    add_timing_options,
     end,
     environ,
     environment,
@@ -321,9 +322,7 @@ class Bouts:
 def main():
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--rates', type=float, nargs='+', default=[120., 480., 960.],
-                        help='frames per second')
-    parser.add_argument('--seconds', type=float, default=5., help='of each measurement')
+    add_timing_options(parser, [120., 480., 960.])
     parser.add_argument('--hands', nargs='+', choices=SIDES_OF, default=list(SIDES_OF),
                         help='one node, two nodes, both hands in one message for one node')
     add_json_option(parser)

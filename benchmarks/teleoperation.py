@@ -21,7 +21,14 @@ if not __package__:
 
 import numpy as np
 
-from benchmarks.common import add_json_option, end, environ, environment, write_rows
+from benchmarks.common import (
+    add_json_option,
+    add_timing_options,
+    end,
+    environ,
+    environment,
+    write_rows,
+)
 from benchmarks.round_trip import (
     BOUTS,
     PATIENCE,
@@ -85,9 +92,7 @@ def engage(driver, name, frames):
 def main():
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--rates', type=float, nargs='+', default=[120., 480.],
-                        help='frames per second')
-    parser.add_argument('--seconds', type=float, default=5., help='of each measurement')
+    add_timing_options(parser, [120., 480.])
     parser.add_argument('--robot', default='plain', help='preset or robot file')
     parser.add_argument('--urdf', default='', help="the robot's, for a preset")
     add_json_option(parser)

@@ -199,6 +199,7 @@ def policy(found, namespace='/'):
     profiles_of = {enclave.get('path').rpartition('/')[2]: enclave.find('profiles')
                    for enclave in enclaves}
     for program, parts in SHARED_PROCESSES.items():
+        # Uses of other programs, as of those who try the policy, have no such process.
         if not profiles_of.keys() >= set(parts):
             continue
         enclave = ElementTree.SubElement(enclaves, 'enclave', path=f'{ENCLAVES}/{program}')

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 from security.policies import ENCLAVES, PARAMETER_SERVICES, POLICY, Use, policy, shipped_uses
 
 EVERY_NODE = '/rosout', '/parameter_events'
+UNSECURED = {'ROS_SECURITY_ENABLE': 'false'}  # environment of a process that trusts everybody
 DRIVER, STRANGER = (f'{ENCLAVES}/{program}' for program in ('driver', 'stranger'))
 TRIERS = (
     Use('driver', 'driver', {

@@ -110,11 +110,13 @@ class RetargetNode(Node):
             GuardOptions(**{option.name: values[f'safety.{option.name}']
                             for option in fields(GuardOptions)}),
             values['order'].split(), values['min_confidence'])
-        notice = Timer(NOTICE_AFTER, self.get_logger().info,
-                       ['compiling the kernels, once, for about a minute'])
+        notice = Timer(NOTICE_AFTER, self.get_logger().info, [
+            'preparing the kernels; the first time they are compiled, for about a minute'])
         notice.start()
-        compile_following(loaded, hand)
-        notice.cancel()
+        try:
+            compile_following(loaded, hand)
+        finally:
+            notice.cancel()
         self._period = 1. / values['rate']
         self._outputs = self._make_outputs('outputs', OUTPUTS, values['outputs'].split())
         if not self._outputs:

@@ -36,7 +36,7 @@ from hand_tracker.nodes.runner import spinning
 from hand_tracker.nodes.viewer_node import Live
 from hand_tracker.package_data import packaged_recording
 from security.policies import ARRANGEMENTS, ENCLAVES, NAMES, SHARED_PROCESSES, settled_rules
-from security.trials import DRIVER, STRANGER, enforced, make_keystore
+from security.trials import DRIVER, STRANGER, UNSECURED, enforced, make_keystore
 
 NEEDS = 'rclpy', 'tf2_msgs', 'trajectory_msgs', 'rosbag2_interfaces'
 
@@ -47,7 +47,6 @@ ROUNDS = 300  # of a stranger's tries, before there is anybody else
 FRAMES = 300
 # rmw_fastrtps says this where Fast DDS, or itself, was built without them.
 WITHOUT_PLUGINS = "doesn't have the security libraries"
-UNSECURED = {'ROS_SECURITY_ENABLE': 'false'}
 
 
 @pytest.fixture(scope='module')
