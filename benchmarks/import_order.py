@@ -7,10 +7,11 @@ PACKAGE = Path(__file__).resolve().parent.parent / 'hand_tracker'
 # Folders and files from the lowest to the highest: each imports only those before it, and those
 # in the same place. What stands for a folder holds for all in it that has no place of its own.
 ORDER = ('__init__.py', 'core/errors.py', 'core/numerics', 'core/model', 'core/filtering',
-         'core/labelling', 'core/occlusion', 'core/inverse_kinematics', 'core/pose', 'core',
-         'background.py', 'package_data.py', 'output_files.py', 'parallel.py', 'progress.py',
-         'drawing', 'messages', 'files', 'calibration', 'retargeting', 'simulation', 'skin',
-         'adapters', 'tracking', 'splicing', 'evaluation', 'viewer', 'nodes/parameters.py',
+         'core/labelling', 'core/occlusion', 'core/inverse_kinematics', 'core/pose',
+         'core/point_labelling', 'core', 'background.py', 'package_data.py', 'output_files.py',
+         'parallel.py', 'progress.py', 'drawing', 'messages', 'files', 'calibration',
+         'retargeting', 'simulation', 'skin', 'adapters', 'tracking', 'splicing', 'evaluation',
+         'viewer', 'nodes/parameters.py',
          'nodes/tracker_parameters.py', 'nodes/executors.py', 'nodes/runner.py',
          'nodes/serialization.py', 'nodes/fast_path', 'nodes', 'cli',
          '__main__.py', 'entry.py')

@@ -9,7 +9,9 @@ are folders here, in the order in which a frame passes them (2 to 4: the palm, t
 4. `inverse_kinematics`: wrist from the palm, abduction plane and flexion of each digit.
 5. `pose`: continuous angles, contact between digits, report with forward kinematics.
 
-They rest on `model` (hand, marker layout, kinematics, capsules) and on `numerics` (compiler
+Points without names are labelled in front of the tracker, by `point_labelling`.
+
+The steps rest on `model` (hand, marker layout, kinematics, capsules) and on `numerics` (compiler
 switch, vectors, quaternions). `records` and `options` are what the kernels read and write;
 `constraints` switches single constraints off.
 """

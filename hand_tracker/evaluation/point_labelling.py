@@ -16,11 +16,11 @@ import numpy as np
 from ..calibration.marker_names import identify
 from ..calibration.takes import MarkerTake
 from ..core.errors import HandTrackerError
-from ..core.labelling.cloud_labeller import CloudLabeller
-from ..core.labelling.natural_poses import model_prototype
-from ..core.labelling.prototypes import HandPrototype, learn_prototype
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
+from ..core.point_labelling.cloud_labeller import CloudLabeller
+from ..core.point_labelling.natural_poses import model_prototype
+from ..core.point_labelling.prototypes import HandPrototype, learn_prototype
 from .captures import Capture, InvalidCapture
 from .evaluation_options import Options
 from .rows import Row

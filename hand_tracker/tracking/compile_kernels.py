@@ -9,12 +9,12 @@ from contextlib import contextmanager, suppress
 
 import numpy as np
 
-from ..core.labelling.cloud_labeller import compile_kernels as compile_labelling
 from ..core.model.hand import DIGITS, JOINTS
 from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import marker_positions
 from ..core.numerics import jit
 from ..core.numerics.quaternion import write_transforms
+from ..core.point_labelling.cloud_labeller import compile_kernels as compile_labelling
 from ..core.pose.report import mean_residual
 from ..core.tracker import HandTracker
 from ..messages.cdr import LITTLE_ENDIAN, MarkerReader

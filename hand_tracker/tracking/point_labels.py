@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ..core.labelling.cloud_labeller import CloudLabeller, CloudLabels
-from ..core.labelling.natural_poses import model_prototype
-from ..core.labelling.prototypes import HandPrototype
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MarkerLayout
+from ..core.point_labelling.cloud_labeller import CloudLabeller, CloudLabels
+from ..core.point_labelling.natural_poses import model_prototype
+from ..core.point_labelling.prototypes import HandPrototype
 from ..messages.marker_array import MarkerFrame
 from ..messages.points import PointFrame, PointReader
 from ..messages.stamps import seconds

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ..calibration.live_take import LiveTake
-from ..core.labelling.cloud_labeller import load_kernels as load_labelling_kernels
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MarkerLayout
 from ..core.numerics.jit import DEFERRED, LABELLING_IS_DEFERRED, LABELLING_SET, TRACKING_SET
 from ..core.options import TrackerOptions
+from ..core.point_labelling.cloud_labeller import load_kernels as load_labelling_kernels
 from ..core.tracker import HandState, HandTracker
 from ..messages.cdr import MalformedMessage, MessageSignature
 from ..messages.marker_array import MarkerFrame

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from hand_tracker.core.labelling.natural_poses import natural_poses
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
+from hand_tracker.core.point_labelling.natural_poses import natural_poses
 from hand_tracker.core.tracker import HandTracker
 
 # Bent well away from the singular poses, so that seeing it twice changes nothing; of the

@@ -79,9 +79,9 @@ def test_compiled_kernels_take_over_between_two_frames_and_go_on_alike(tmp_path)
 TAKE_OVER_LABELLING = """
 import time
 import numpy as np
-from hand_tracker.core.labelling import cloud_labeller
-from hand_tracker.core.labelling.following import follow_hands
-from hand_tracker.core.labelling.natural_poses import model_prototype, natural_poses
+from hand_tracker.core.point_labelling import cloud_labeller
+from hand_tracker.core.point_labelling.following import follow_hands
+from hand_tracker.core.point_labelling.natural_poses import model_prototype, natural_poses
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions

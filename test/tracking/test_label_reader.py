@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from helpers.hands import hand_at
 
-from hand_tracker.core.labelling.cloud_labeller import CloudLabels
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.layout_presets import preset_layout
+from hand_tracker.core.point_labelling.cloud_labeller import CloudLabels
 from hand_tracker.messages.marker_array import MarkerFrame
 from hand_tracker.messages.points import PointFrame
 from hand_tracker.messages.stamps import Stamp

@@ -6,8 +6,8 @@ Run as ``python -m hand_tracker.nodes.fast_path.compile_fast_path``; needs no ru
 import sys
 from contextlib import suppress
 
-from ...core.labelling.cloud_labeller import compile_kernels as compile_labelling
 from ...core.numerics import jit
+from ...core.point_labelling.cloud_labeller import compile_kernels as compile_labelling
 from ...tracking.compile_kernels import compile_tracking, complete_set
 from ..serialization import codec_agrees
 from .middleware import FastPath

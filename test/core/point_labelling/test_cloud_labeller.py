@@ -4,12 +4,16 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.errors import HandTrackerError
-from hand_tracker.core.labelling.cloud_labeller import CloudLabeller
-from hand_tracker.core.labelling.natural_poses import marker_digits, model_prototype, natural_poses
-from hand_tracker.core.labelling.prototypes import learn_prototype
 from hand_tracker.core.model.hand import FLEXION_JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.point_labelling.cloud_labeller import CloudLabeller
+from hand_tracker.core.point_labelling.natural_poses import (
+    marker_digits,
+    model_prototype,
+    natural_poses,
+)
+from hand_tracker.core.point_labelling.prototypes import learn_prototype
 from hand_tracker.simulation.packaged_recordings import demo_recording
 
 RATE = 120.

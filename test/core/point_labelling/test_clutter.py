@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hand_tracker.core.labelling.clutter import (
+from hand_tracker.core.point_labelling.clutter import (
     CLUTTER_COST,
     PACE,
     STRETCH,

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.labelling.returns import MOTION_GAIN, STRAY_SPEED, motion_cost, place_cost
+from hand_tracker.core.point_labelling.returns import (
+    MOTION_GAIN,
+    STRAY_SPEED,
+    motion_cost,
+    place_cost,
+)
 
 ERROR = .0015   # [m]
 STRETCH = .04   # [s]

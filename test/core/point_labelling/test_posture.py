@@ -2,8 +2,10 @@
 
 import numpy as np
 
-from hand_tracker.core.labelling.natural_poses import model_prototype
-from hand_tracker.core.labelling.posture import (
+from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
+from hand_tracker.core.point_labelling.natural_poses import model_prototype
+from hand_tracker.core.point_labelling.posture import (
     HIDDEN_COST,
     chain_labels,
     hidden_places,
@@ -11,8 +13,6 @@ from hand_tracker.core.labelling.posture import (
     reset_matrix,
     tail_cost,
 )
-from hand_tracker.core.model.hand import Hand
-from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
 
 PROTOTYPE = model_prototype(Hand.scaled(), MarkerLayout(), MARKERS).statistics
 SEEN = np.array([0, 1, 2, 4, 5, 7])
