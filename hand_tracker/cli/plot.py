@@ -6,7 +6,8 @@ from pathlib import Path
 
 from ..drawing.angle_plots import PDF, require_output, save_pages, tracked_angles
 from ..parallel import Interruptions
-from .recording_options import add_recording_options, run_command, tracked_recording
+from .recording_options import add_recording_options, run_command
+from .tracking_job import tracked_recording
 
 
 def _plot_file(options: argparse.Namespace, interrupted: Interruptions) -> str:

@@ -1,12 +1,11 @@
-"""Options, progress and interruption of the commands that track recordings."""
+"""Options of the commands that read recordings, and how such a command ends."""
 
 from __future__ import annotations
 
 import argparse
 import math
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,32 +13,21 @@ from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH, COUPLING_PRESETS, LIMIT_PRESETS, SIDES, Hand
 from ..core.model.layout_presets import LAYOUT_PRESETS
 from ..core.model.marker_layout import MARKERS, MarkerLayout
-from ..core.tracker import HandTracker
-from ..files.bags import Bag, BagError, BagMessage, open_bag
+from ..files.bags import BagError
 from ..files.hand_file import choose_hand
 from ..files.point_recording import HANDEDNESS, UNIT_SPELLINGS, UP_AXES
 from ..files.recordings import ReadingOptions, is_bag
 from ..messages.labels import InvalidLabel, LabelMap, default_labels, label_maps
 from ..parallel import Interruptions, raise_on_interruption
-from ..progress import Progress
-from ..tracking.monitor import Monitor
 from ..tracking.opened_recording import (
     MarkerChoice,
     PointBag,
     named_labels,
-    open_recording,
 )
-from ..tracking.point_labels import LABEL_SOURCES, PointLabels
+from ..tracking.point_labels import LABEL_SOURCES
 from ..tracking.recording import (
     USUAL_TOPIC,
-    RecordedFrame,
-    RecordedHand,
-    marker_topic,
-    track,
-    track_hands,
 )
-
-LOG_PERIOD = .25     # [s] of the recording
 
 
 def add_hand_options(parser: argparse.ArgumentParser, both: bool = False) -> None:
@@ -183,88 +171,6 @@ def _label_texts(texts: Iterable[str], names: Sequence[str] = MARKERS) -> list[s
     return list(labels.values())
 
 
-class Job:
-    """Track one recording: count its frames, and print what the monitor logs."""
-
-    def __init__(self, bag: Bag, topic: str, labels: LabelMap, interrupted: Interruptions,
-                 progress: Callable[..., Any], layout: MarkerLayout) -> None:
-        self.layout = layout
-        self.read = self.tracked = 0
-        self._bag, self._topic, self._labels = bag, topic, labels
-        self._progress = progress(bag.counts[topic], 'frames')
-        self._monitor = Monitor(1e-9 * bag.start, topic, labels)
-        self._monitors = {'': self._monitor}  # by what their lines begin with
-        self._interrupted = interrupted
-        self._tracker: HandTracker | None = None
-
-    @property
-    def hand(self) -> Hand:
-        """The hand with which the last frame was tracked: its size may have been learned."""
-        assert self._tracker is not None, 'no frame was asked for yet'
-        return self._tracker.hand
-
-    def say(self, note: str) -> None:
-        """Print a note on the recording."""
-        self._progress.say(f'{self._bag.path}: {note}')
-
-    def frames(self, tracker: HandTracker, **options: Any) -> Iterator[RecordedFrame]:
-        """Yield the tracked frames."""
-        self._tracker = tracker
-        messages = self._progress.over(self._monitored())
-        for frame in track(messages, tracker, self._labels, monitor=self._monitor,
-                           say=self._progress.say, **options):
-            self.tracked += 1
-            yield frame
-        self._require_tracked()
-
-    def frames_of_hands(self, hands: Mapping[str, tuple[HandTracker, LabelMap]],
-                        **options: Any) -> Iterator[dict[str, RecordedFrame]]:
-        """Yield the tracked frames of several hands, by their names."""
-        monitors = {name: Monitor(1e-9 * self._bag.start, self._topic, labels)
-                    for name, (_, labels) in hands.items()}
-        self._monitors = {f'{name} hand: ': monitor for name, monitor in monitors.items()}
-        point_labels = PointLabels()
-        recorded = {name: RecordedHand(tracker, labels, monitor=monitors[name],
-                                       point_labels=point_labels, **options)
-                    for name, (tracker, labels) in hands.items()}
-        messages = self._progress.over(self._monitored())
-        for frames in track_hands(messages, recorded, self._progress.say):
-            self.tracked += 1
-            yield frames
-        self._require_tracked()
-
-    def _require_tracked(self) -> None:
-        for name, monitor in self._monitors.items():
-            if (fault := monitor.side_fault()) is not None:
-                raise BagError(f'{self._bag.path}: {name}{fault}')
-        if not self.tracked:
-            why = '; '.join(name + monitor.why_never_tracked()
-                            for name, monitor in self._monitors.items())
-            raise BagError(f'{self._bag.path}: no frame of {self._topic} shows the palm: {why}')
-
-    def _monitored(self) -> Iterator[BagMessage]:
-        due = self._bag.start
-        now = None
-        for message in self._bag.messages([self._topic]):
-            if self._interrupted:
-                raise self._interrupted[0]
-            self.read += 1
-            now = message.time
-            yield message
-            if now >= due:
-                due = now + int(1e9 * LOG_PERIOD)
-                self._report(now)
-        if now is not None:
-            for monitor in self._monitors.values():
-                monitor.ended()
-            self._report(now)
-
-    def _report(self, now: int) -> None:
-        for name, monitor in self._monitors.items():
-            for _, line in monitor.log_lines(1e-9 * now, str):
-                self._progress.say(f'at {1e-9 * (now - self._bag.start):.2f} s: {name}{line}')
-
-
 def recorded_hand(options: argparse.Namespace
                   ) -> tuple[Hand, MarkerLayout, Path | PointBag]:
     """Return the hand of a command line, where its markers are, and the recording.
@@ -339,72 +245,6 @@ def require_bag_of_both(recording: Path) -> None:
     if not is_bag(recording):
         raise BagError(f'--side both: {recording}: a file of points is tracked for one hand; '
                        'expected a rosbag2 recording, or --side right or left')
-
-
-@contextmanager
-def tracked_recording(
-        options: argparse.Namespace, interrupted: Interruptions,
-        progress: Callable[..., Any] = Progress,
-) -> Iterator[tuple[Hand, Job, Iterator[RecordedFrame]]]:
-    """Track the recording that a command line asks for.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        With all that `add_recording_options` adds.
-    interrupted : list
-        Not empty when an interruption came; see `run_command`.
-    progress : callable
-        Returns a `Progress` or what stands in for it.
-
-    Yields
-    ------
-    hand : Hand
-    job : Job
-    frames : iterator of RecordedFrame
-    """
-    hand, layout, recording = recorded_hand(options)
-    labels = recorded_labels(options, recording, layout)
-    with open_recording(recording) as bag:
-        job = Job(bag, marker_topic(bag, options.topic), labels, interrupted, progress, layout)
-        for note in recording.notes if isinstance(recording, PointBag) else ():
-            job.say(note)
-        yield hand, job, job.frames(
-            HandTracker(hand, layout), frame_id=options.frame, scale=options.unit_scale,
-            zero_is_missing=not options.keep_zeros,
-            auto_size=options.auto_size and options.hand is None,
-            has_labels=options.labels != 'none')
-
-
-@contextmanager
-def tracked_hands(
-        options: argparse.Namespace, interrupted: Interruptions,
-        progress: Callable[..., Any] = Progress,
-) -> Iterator[tuple[Job, Iterator[dict[str, RecordedFrame]]]]:
-    """Track both hands in the recording that a command line asks for.
-
-    Parameters
-    ----------
-    options, interrupted, progress
-        See `tracked_recording`.
-
-    Yields
-    ------
-    job : Job
-    frames : iterator of dict of str to RecordedFrame
-        By side.
-    """
-    chosen = recorded_hands(options)
-    _, layout, first = chosen[SIDES[0]]
-    hands = {side: (HandTracker(hand, worn), labels)
-             for side, (hand, worn, labels) in chosen.items()}
-    with open_bag(options.recording) as bag:
-        job = Job(bag, marker_topic(bag, options.topic), first, interrupted, progress, layout)
-        yield job, job.frames_of_hands(
-            hands, frame_id=options.frame, scale=options.unit_scale,
-            zero_is_missing=not options.keep_zeros,
-            auto_size=options.auto_size and options.hand is None,
-            has_labels=options.labels != 'none')
 
 
 def run_command(name: str, work: Callable[[argparse.Namespace, Interruptions], str],

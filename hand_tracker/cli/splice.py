@@ -42,8 +42,9 @@ from ..splicing.spliced_body import (
 from ..splicing.spliced_points import hand_world, marker_wrist, splice_points
 from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.save_motion import collect_frames
-from .recording_options import add_recording_options, run_command, tracked_recording
+from .recording_options import add_recording_options, run_command
 from .track import refuse_to_replace
+from .tracking_job import tracked_recording
 
 BVH_SUFFIX = '.bvh'
 SKELETONS_OUT, POINTS_OUT = (BVH_SUFFIX, '.glb'), ('.c3d', '.trc')

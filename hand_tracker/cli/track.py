@@ -22,12 +22,8 @@ from ..progress import Progress
 from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.recording import OUTPUT_KINDS, TABLE, save, save_hands
 from ..tracking.save_motion import MOTION_KINDS, collect_frames, save_motion
-from .recording_options import (
-    add_recording_options,
-    run_command,
-    tracked_hands,
-    tracked_recording,
-)
+from .recording_options import add_recording_options, run_command
+from .tracking_job import tracked_hands, tracked_recording
 
 TRACKED_KINDS = (*OUTPUT_KINDS, *MOTION_KINDS)
 BAG_CONTENTS = 'metadata.yaml'     # file by which a folder is a recording

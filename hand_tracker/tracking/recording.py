@@ -131,10 +131,8 @@ def track(messages: Iterable[BagMessage], tracker: HandTracker, labels: LabelMap
     """
     hand = RecordedHand(
         tracker, labels, frame_id, scale, zero_is_missing, monitor, auto_size, has_labels)
-    for message in messages:
-        frame = hand.track(message, say)
-        if frame is not None:
-            yield frame
+    for frames in track_hands(messages, {'': hand}, say):
+        yield frames['']
 
 
 class RecordedHand:

@@ -1,0 +1,185 @@
+"""A recording that a command tracks: progress, log lines, interruption."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from ..core.model.hand import SIDES, Hand
+from ..core.model.marker_layout import MarkerLayout
+from ..core.tracker import HandTracker
+from ..files.bags import Bag, BagError, BagMessage, open_bag
+from ..messages.labels import LabelMap
+from ..parallel import Interruptions
+from ..progress import Progress
+from ..tracking.monitor import Monitor
+from ..tracking.opened_recording import PointBag, open_recording
+from ..tracking.point_labels import PointLabels
+from ..tracking.recording import RecordedFrame, RecordedHand, marker_topic, track_hands
+from .recording_options import recorded_hand, recorded_hands, recorded_labels
+
+LOG_PERIOD = .25     # [s] of the recording
+
+
+class TrackingJob:
+    """Track one recording: count its frames, and print what the monitors log.
+
+    Parameters
+    ----------
+    bag : Bag
+    topic : str
+        Of the markers.
+    interrupted : list
+        Not empty when an interruption came; see `run_command`.
+    progress : callable
+        Returns a `Progress` or what stands in for it.
+    layout : MarkerLayout
+
+    Attributes
+    ----------
+    layout : MarkerLayout
+    read, tracked : int
+        Number of messages read, and of those with a tracked hand.
+    """
+
+    def __init__(self, bag: Bag, topic: str, interrupted: Interruptions,
+                 progress: Callable[..., Any], layout: MarkerLayout) -> None:
+        self.layout = layout
+        self.read = self.tracked = 0
+        self._bag, self._topic, self._interrupted = bag, topic, interrupted
+        self._progress = progress(bag.counts[topic], 'frames')
+        self._monitors: dict[str, Monitor] = {}  # by what their lines begin with
+        self._trackers: list[HandTracker] = []
+
+    @property
+    def hand(self) -> Hand:
+        """The hand with which the last frame was tracked: its size may have been learned."""
+        assert self._trackers, 'no frame was asked for yet'
+        return self._trackers[0].hand
+
+    def say(self, note: str) -> None:
+        """Print a note on the recording."""
+        self._progress.say(f'{self._bag.path}: {note}')
+
+    def frames(self, tracker: HandTracker, labels: LabelMap,
+               **options: Any) -> Iterator[RecordedFrame]:
+        """Yield the tracked frames of one hand; `options` are those of `RecordedHand`."""
+        for frames in self.frames_of_hands({'': (tracker, labels)}, **options):
+            yield frames['']
+
+    def frames_of_hands(self, hands: Mapping[str, tuple[HandTracker, LabelMap]],
+                        **options: Any) -> Iterator[dict[str, RecordedFrame]]:
+        """Yield the tracked frames of several hands, by their names; options as of `frames`."""
+        self._trackers = [tracker for tracker, _ in hands.values()]
+        point_labels = PointLabels()
+        recorded = {}
+        for name, (tracker, labels) in hands.items():
+            monitor = Monitor(1e-9 * self._bag.start, self._topic, labels)
+            self._monitors[f'{name} hand: ' if name else ''] = monitor
+            recorded[name] = RecordedHand(
+                tracker, labels, monitor=monitor, point_labels=point_labels, **options)
+        messages = self._progress.over(self._monitored())
+        for frames in track_hands(messages, recorded, self._progress.say):
+            self.tracked += 1
+            yield frames
+        self._require_tracked()
+
+    def _require_tracked(self) -> None:
+        for name, monitor in self._monitors.items():
+            if (fault := monitor.side_fault()) is not None:
+                raise BagError(f'{self._bag.path}: {name}{fault}')
+        if not self.tracked:
+            why = '; '.join(name + monitor.why_never_tracked()
+                            for name, monitor in self._monitors.items())
+            raise BagError(f'{self._bag.path}: no frame of {self._topic} shows the palm: {why}')
+
+    def _monitored(self) -> Iterator[BagMessage]:
+        due = self._bag.start
+        now = None
+        for message in self._bag.messages([self._topic]):
+            if self._interrupted:
+                raise self._interrupted[0]
+            self.read += 1
+            now = message.time
+            yield message
+            if now >= due:
+                due = now + int(1e9 * LOG_PERIOD)
+                self._report(now)
+        if now is not None:
+            for monitor in self._monitors.values():
+                monitor.ended()
+            self._report(now)
+
+    def _report(self, now: int) -> None:
+        for name, monitor in self._monitors.items():
+            for _, line in monitor.log_lines(1e-9 * now, str):
+                self._progress.say(f'at {1e-9 * (now - self._bag.start):.2f} s: {name}{line}')
+
+
+@contextmanager
+def tracked_recording(
+        options: argparse.Namespace, interrupted: Interruptions,
+        progress: Callable[..., Any] = Progress,
+) -> Iterator[tuple[Hand, TrackingJob, Iterator[RecordedFrame]]]:
+    """Track the recording that a command line asks for.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        With all that `add_recording_options` adds.
+    interrupted : list
+        Not empty when an interruption came; see `run_command`.
+    progress : callable
+        Returns a `Progress` or what stands in for it.
+
+    Yields
+    ------
+    hand : Hand
+    job : TrackingJob
+    frames : iterator of RecordedFrame
+    """
+    hand, layout, recording = recorded_hand(options)
+    labels = recorded_labels(options, recording, layout)
+    with open_recording(recording) as bag:
+        job = TrackingJob(bag, marker_topic(bag, options.topic), interrupted, progress, layout)
+        for note in recording.notes if isinstance(recording, PointBag) else ():
+            job.say(note)
+        yield hand, job, job.frames(
+            HandTracker(hand, layout), labels, **_tracking_options(options))
+
+
+@contextmanager
+def tracked_hands(
+        options: argparse.Namespace, interrupted: Interruptions,
+        progress: Callable[..., Any] = Progress,
+) -> Iterator[tuple[TrackingJob, Iterator[dict[str, RecordedFrame]]]]:
+    """Track both hands in the recording that a command line asks for.
+
+    Parameters
+    ----------
+    options, interrupted, progress
+        See `tracked_recording`.
+
+    Yields
+    ------
+    job : TrackingJob
+    frames : iterator of dict of str to RecordedFrame
+        By side.
+    """
+    chosen = recorded_hands(options)
+    _, layout, _ = chosen[SIDES[0]]
+    hands = {side: (HandTracker(hand, worn), labels)
+             for side, (hand, worn, labels) in chosen.items()}
+    with open_bag(options.recording) as bag:
+        job = TrackingJob(bag, marker_topic(bag, options.topic), interrupted, progress, layout)
+        yield job, job.frames_of_hands(hands, **_tracking_options(options))
+
+
+def _tracking_options(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of `RecordedHand` that a command line gives."""
+    return {'frame_id': options.frame, 'scale': options.unit_scale,
+            'zero_is_missing': not options.keep_zeros,
+            'auto_size': options.auto_size and options.hand is None,
+            'has_labels': options.labels != 'none'}
