@@ -5,8 +5,8 @@ import time
 
 import rclpy
 
+from hand_tracker.nodes.live_tracker import LiveTracker
 from hand_tracker.nodes.runner import spinning
-from hand_tracker.nodes.viewer_node import Live
 
 POLL = .1  # [s]
 
@@ -16,7 +16,7 @@ def main():
     rclpy.init()
     node = rclpy.create_node('viewer')
     with spinning(node):
-        live = Live(node)
+        live = LiveTracker(node)
         live.prepare(print)
         for one in (live, live.beside):
             if one is not None:

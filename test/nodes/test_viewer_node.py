@@ -29,8 +29,8 @@ from hand_tracker.messages.builders import diagnostics
 from hand_tracker.messages.cdr import MarkerReader
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.messages.stamps import seconds
+from hand_tracker.nodes.live_tracker import LiveTracker
 from hand_tracker.nodes.runner import spinning
-from hand_tracker.nodes.viewer_node import Live
 from hand_tracker.package_data import packaged_recording
 from hand_tracker.tracking.diagnostics import Level, Status
 from hand_tracker.tracking.stream import Stream
@@ -60,7 +60,7 @@ def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
         with NodeProcess('hand_tracker.nodes.tracker_node', {'side': 'left'}), NodeProcess(
                 'hand_tracker.nodes.replay_node', {
                     'recording': str(packaged_recording('left')), 'loop': True}), spinning(node):
-            live = Live(node)
+            live = LiveTracker(node)
             live.prepare(print)
             assert live.hand.side == 'left'
             assert 'DIP coupling' in live.constraints
@@ -78,10 +78,11 @@ def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
                 state.markers[seen, None] - np.concatenate(
                     (state.pose.position, state.wrist_position[None])), axis=2).min(axis=1)
             assert np.median(nearest) < .002
-            joints, markers = live._joint_states[-1], live._hand_markers[-1]
-            assert live._frame(joints, markers) is not None
-            assert live._frame(joints, serialize_message(MarkerArray())) is None
-            assert live._frame(serialize_message(JointState()), markers) is None
+            published = live._published
+            joints, markers = published.joint_states[-1], published.hand_markers[-1]
+            assert published.read(joints, markers) is not None
+            assert published.read(joints, serialize_message(MarkerArray())) is None
+            assert published.read(serialize_message(JointState()), markers) is None
 
             live.set_demand(looked_at=True, compared=True)
             wait(lambda: live.bare_state() is not None)
@@ -101,7 +102,7 @@ def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
             wait(lambda: live.constraints == before)
             # Who comes later finds the switches as they are.
             live.constrain(live.constraints - {'Rigidity'})
-            later = Live(node)
+            later = LiveTracker(node)
             wait(lambda: 'Rigidity' not in (later.prepare(print), later.constraints)[1])
     finally:
         node.destroy_node()
@@ -110,7 +111,7 @@ def test_it_shows_what_the_tracker_publishes_and_switches_its_constraints():
 
 def test_without_constraints_it_tracks_markers_without_stamps_and_warns_once_of_other_bytes():
     said = []
-    live = Live(SimpleNamespace(
+    live = LiveTracker(SimpleNamespace(
         create_client=lambda *_: None, get_logger=lambda: SimpleNamespace(warning=said.append),
         get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(to_msg=lambda: Time(sec=1)))))
     stream = Stream(HandTracker(), MarkerReader(LabelMap()))
@@ -132,7 +133,7 @@ def test_it_follows_the_hand_that_is_tracked(tmp_path):
         with NodeProcess('hand_tracker.nodes.tracker_node', {'side': 'left'}), NodeProcess(
                 'hand_tracker.nodes.replay_node', {
                     'recording': str(packaged_recording('left')), 'loop': True}), spinning(node):
-            live = Live(node)
+            live = LiveTracker(node)
             live.prepare(print)
             live.set_demand(looked_at=True, compared=True)
             wait(lambda: live.bare_state() is not None)
@@ -163,7 +164,7 @@ def test_it_shows_both_hands_of_any_layout():
     try:
         with NodeProcess('hand_tracker.nodes.tracker_node', {
                 'side': 'both', 'layout': 'tips5_palm3'}), spinning(node):
-            live = Live(node)
+            live = LiveTracker(node)
             live.prepare(print)
             hands = live, live.beside
             assert [one.hand.side for one in hands] == ['right', 'left']
@@ -203,7 +204,7 @@ def test_it_shows_both_hands_of_any_layout():
 
 
 def test_it_hears_how_far_a_calibration_is():
-    live = Live(SimpleNamespace(create_client=lambda *_: None))
+    live = LiveTracker(SimpleNamespace(create_client=lambda *_: None))
     assert live.calibration() is None
 
     def hear(name, values):
@@ -221,7 +222,7 @@ def test_it_hears_how_far_a_calibration_is():
 def test_it_pauses_and_slows_the_player():
     srv = pytest.importorskip('rosbag2_interfaces.srv', reason='needs rosbag2_interfaces')
     with watching_node('viewer') as node:
-        live = Live(node)
+        live = LiveTracker(node)
         head = live.playhead
         frames = node.collect(MarkerArray, 'markers')
 

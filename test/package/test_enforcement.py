@@ -32,8 +32,8 @@ from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.files.keystore import security_environment
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.messages.builders import prefixed_names
+from hand_tracker.nodes.live_tracker import LiveTracker
 from hand_tracker.nodes.runner import spinning
-from hand_tracker.nodes.viewer_node import Live
 from hand_tracker.package_data import packaged_recording
 from security.policies import ARRANGEMENTS, ENCLAVES, NAMES, SHARED_PROCESSES, settled_rules
 from security.trials import DRIVER, STRANGER, UNSECURED, enforced, make_keystore
@@ -269,7 +269,7 @@ def test_the_viewer_sees_the_hand_enforced(keystore, set_environment):
         stack.callback(rclpy.try_shutdown)
         node = rclpy.create_node('viewer')
         with spinning(node):
-            live = Live(node)
+            live = LiveTracker(node)
             live.prepare(print)
             live.set_demand(looked_at=True, compared=True)
             until = time.monotonic() + PATIENCE
