@@ -10,32 +10,26 @@ import numpy as np
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
-from visualization_msgs.msg import MarkerArray
 
 from ..adapters.hand_landmarks import LANDMARK_POSES, LandmarkChecks, named_points
 from ..adapters.marker_messages import MARKER_MESSAGES
 from ..calibration.live_take import LiveTake
 from ..core.model.hand import Hand
-from ..core.model.kinematics import tip_offsets
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.tracker import HandState, HandTracker
-from ..files.urdf_file import urdf
-from ..messages.builders import diagnostics, time_message
+from ..messages.builders import diagnostics
 from ..messages.cdr import MarkerReader
 from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame
 from ..messages.points import PointReader
-from ..messages.rviz_markers import hand_markers, labelled_markers
 from ..messages.stamps import Time, seconds
 from ..tracking.auto_size import AutoSize
 from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 from ..tracking.monitor import Monitor, TrackedFrames
 from ..tracking.point_labels import PointLabelReader, PointLabels
-from ..tracking.rate_limit import RateLimiter
 from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame, read_or_warn
-from .hand_description import HandDescription
+from .hand_display import HandDisplay
 from .hand_services import HandServices
-from .robot_description import RobotDescription
 from .runner import declare, names_of
 from .serialization import Serialization
 from .tracker_parameters import (
@@ -83,6 +77,7 @@ class TrackedHand:
     stream : Stream
     settings : Settings
         In use.
+    display : HandDisplay
     services : HandServices
     """
 
@@ -111,19 +106,9 @@ class TrackedHand:
             self.hand.side, self.warn_once) if self._kind is LANDMARK_POSES else None
         self.stream = Stream(self._tracker, self._new_reader(), auto_size)
 
-        self._hand_markers = node.create_publisher(
-            MarkerArray, f'{self.topics}hand_markers', qos['hand_markers'])
-        self._labelled = node.create_publisher(
-            MarkerArray, f'{self.topics}labelled_markers', qos['labelled_markers'])
         # The launch file gives robot_state_publisher the hand of the hand file.
-        self._description = RobotDescription(
-            node, urdf(self.hand, self.names.prefix), self.topics)
-        self._hand_description = HandDescription(node, self.topics)
-        self._hand_description.publish(self.hand, layout)
-        self._hand_shown = self.hand
-        self._display = RateLimiter()
-        self._tips = tip_offsets(self.hand)
-        self._has_viewers = False
+        self.display = HandDisplay(node, self.hand, layout, self.names, self.topics, qos)
+        self._shown_hand = self.hand
         self._distal_flexion = DistalFlexion(self.names.prefix)
         node.create_subscription(
             JointState, f'{self.topics}distal_flexion', self._on_distal_flexion,
@@ -172,19 +157,18 @@ class TrackedHand:
         self._latest = frame.stamp, frame.frame_id, frame.state
         if not frame.is_valid:
             return
-        if self._has_viewers:
+        if self.display.has_viewers:
             self._show()
         if self._labels_points:
-            self._labelled.publish(labelled_markers(
-                time_message(frame.stamp), frame.frame_id, self.names.prefix,
-                frame.markers.positions, self._marker_names))
+            self.display.show_labelled(
+                frame.stamp, frame.frame_id, frame.markers.positions, self._marker_names)
 
     def published_by_fast_path(self, frames: TrackedFrames) -> None:
         """Note frames of the fast path."""
         assert self._latest is not None
         self._latest = frames.stamp, self._latest[1], frames.state
         self._published.append(frames)
-        if self._has_viewers:
+        if self.display.has_viewers:
             self._show()
 
     def monitor(self) -> None:
@@ -314,26 +298,16 @@ class TrackedHand:
 
     def _show(self) -> None:
         assert self._latest is not None
-        stamp, frame_id, state = self._latest
-        if self._display.due(time.monotonic(), self.settings.display_rate):
-            self._hand_markers.publish(hand_markers(
-                time_message(stamp), frame_id, self.names, self._tips, state))
-
-    def follow_viewers(self) -> bool:
-        """Draw while there are subscribers; return whether there are."""
-        self._has_viewers = self._hand_markers.get_subscription_count() > 0
-        return self._has_viewers
+        self.display.show(*self._latest, self.settings.display_rate)
 
     def new_hand_to_show(self) -> Hand | None:
         """Return the tracker's hand if it is another than the one shown, and show it."""
         hand = self._tracker.hand
-        self._description.update()
-        if hand is self._hand_shown:
+        self.display.update()
+        if hand is self._shown_hand:
             return None
-        self._hand_shown, self._tips = hand, tip_offsets(hand)
-        self._description.wanted = urdf(hand, self.names.prefix)
-        self._description.update()
-        self._hand_description.publish(hand.replace(
+        self._shown_hand = hand
+        self.display.set_hand(hand, hand.replace(
             limits=self.hand.limits, coupling=self.hand.coupling), self._tracker.layout)
         return hand
 

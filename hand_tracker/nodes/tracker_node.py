@@ -256,7 +256,7 @@ class TrackerNode(Node):
                 new_hand = hand.new_hand_to_show()
                 if new_hand is not None:
                     one.replies.show_tips(number, new_hand)
-                has_viewers = hand.follow_viewers() or has_viewers
+                has_viewers = hand.display.follow_viewers() or has_viewers
             if one.replies.follow_listeners():
                 one.disable_fast_path()
             one.drain_at(one.hands[0].settings.display_rate if has_viewers else None)
