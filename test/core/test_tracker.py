@@ -84,7 +84,7 @@ def random_pose(where):
 @pytest.mark.parametrize('layout', [MarkerLayout(), TIPS], ids=['paper', 'tips'])
 @pytest.mark.parametrize('palm_method', ['rigid', 'spheres'])
 @given(share=shares, where=anywhere)
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_angles_come_back_at_the_first_frame(side, preset, layout, palm_method, share, where):
     hand = Hand.scaled(side=side, limits=preset_limits(preset))
     angles = observable(hand, share)
@@ -164,7 +164,7 @@ OFFSETS = np.array(((-.01, .002, .015), (0., .001, .009), (0., 0., .009), (.002,
     ids=['default', 'ungated', 'left tips', 'left offsets', 'fabrik', 'tips spheres fabrik'])
 @pytest.mark.parametrize('warm', [False, True], ids=['cold', 'warm'])
 @given(frames=frames_of_any_kind)
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_any_input_gives_finite_angles_within_the_limits(
         side, preset, layout, options, thumb, warm, frames):
     hand = Hand.scaled(side=side, limits=preset_limits(preset))
