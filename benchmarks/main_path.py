@@ -127,7 +127,7 @@ def traced_frames(count):
     from hand_tracker.simulation.packaged_recordings import RECORDING_START_NS
     from hand_tracker.tracking.stream import Stream
     # Frames wait for each other only while kernels are compiled.
-    Stream.is_fast = True
+    Stream.is_compiled = True
     rclpy.init(args=['--ros-args', '-p', 'auto_size:=false'])
     try:
         node, tracer, found = TrackerNode(), Tracer(), []

@@ -31,7 +31,7 @@ import numpy as np
 
 from benchmarks.common import add_json_option, environment, write_rows
 from hand_tracker.calibration.landmarks import landmark_positions
-from hand_tracker.core.inverse_kinematics.digit import chains, solve_digits
+from hand_tracker.core.inverse_kinematics.digit import digit_chains, solve_digits
 from hand_tracker.core.inverse_kinematics.palm import place_palm
 from hand_tracker.core.model.hand import JOINTS, LINKS, ROOT, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
@@ -151,7 +151,7 @@ class Ours:
     """The tracker's inverse kinematics alone: rigid palm, then plane and flexion of each digit."""
 
     def __init__(self, scene, given):
-        digits = chains(scene.hand, scene.mounting)
+        digits = digit_chains(scene.hand, scene.mounting)
         self._given, self._roots = given, digits.root.copy()
         self._chains, _ = packed(digits)
         self._template = scene.mounting.position[:PALM].copy()

@@ -1,13 +1,51 @@
-"""Calls in a background thread, of whose results only the newest matters."""
+"""Work beside what goes on: child processes at low priority, calls in a background thread."""
 
+import os
+import subprocess
+import sys
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
+from contextlib import suppress
+from pathlib import Path
 from threading import Thread
-from typing import Generic, TypeVar
+from typing import IO, Any, Generic, TypeVar
+
+NICENESS = 10      # of child processes: tracking comes first
 
 Argument = TypeVar('Argument')
 Outcome = TypeVar('Outcome')
+
+
+def start_low_priority(arguments: Sequence[str | Path], environment: Mapping[str, str],
+                       output: int | IO[Any], errors: IO[Any]) -> subprocess.Popen[bytes]:
+    """Start this Python with this package in a child process at low priority.
+
+    Parameters
+    ----------
+    arguments : sequence of str or Path
+        Of Python, as ``-m hand_tracker``.
+    environment : mapping of str to str
+        In addition to that of this process.
+    output, errors : file or int
+        As of `subprocess.Popen`.
+
+    Returns
+    -------
+    subprocess.Popen
+    """
+    parent = Path(__file__).resolve().parent.parent
+    child = subprocess.Popen(
+        [sys.executable, *arguments], stdin=subprocess.DEVNULL, stdout=output, stderr=errors,
+        env={**os.environ, **environment, 'PYTHONPATH': os.pathsep.join(
+            filter(None, (str(parent), os.environ.get('PYTHONPATH'))))},
+        # A session of its own: Ctrl-C is not for it.
+        start_new_session=True,
+        # The folder that `python -m` looks into first.
+        cwd=parent)
+    with suppress(OSError):  # it has ended, or the system has no priorities
+        os.setpriority(os.PRIO_PROCESS, child.pid, NICENESS)
+    return child
 
 
 class NewestCall(Generic[Argument, Outcome]):

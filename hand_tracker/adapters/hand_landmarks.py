@@ -182,7 +182,7 @@ def named_points(points: Iterable[PointMarker]) -> SourceFrame:
 
 
 class LandmarkChecks:
-    """Warn of landmarks of the other hand, and of such that are not in metres.
+    """Warn of landmarks of the other hand, and of landmarks in another unit than metres.
 
     Parameters
     ----------

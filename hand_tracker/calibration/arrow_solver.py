@@ -1,7 +1,7 @@
-"""Least squares over a digit's shape and the angles of every frame.
+"""Least squares over a digit's shape and the angles of every frame, as in bundle adjustment.
 
-The angles of a frame meet those of other frames in the shape alone. Eliminating them frame by
-frame (Schur complement) leaves a small system for the shape; its inverse is the covariance.
+Angles of different frames are coupled by the shape alone. Eliminating them frame by frame (Schur
+complement) leaves a small system for the shape; its inverse is the covariance.
 """
 
 from typing import NamedTuple

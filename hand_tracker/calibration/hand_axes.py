@@ -135,7 +135,7 @@ def side_by_shape(recording: PointRecording, side: str = '') -> str:
 
 
 def hand_scale(recording: PointRecording, hand: HandPoints) -> float | None:
-    """Return the size of a hand over that of a grown-up's, None where it cannot be told [1]."""
+    """Return the size of a hand relative to the mean adult's; None if not observable [1]."""
     points = _sampled(recording, hand)
     sizes = []
     if 'index_mcp' in points and 'little_mcp' in points:

@@ -58,7 +58,7 @@ class Coverage(NamedTuple):
                 for prompt, share in zip(PROMPTS, self.shares)}
 
 
-def told_progress(values: Mapping[str, str]) -> tuple[str, dict[str, float]] | None:
+def progress_from_diagnostics(values: Mapping[str, str]) -> tuple[str, dict[str, float]] | None:
     """Return a calibration's progress by the values of /diagnostics.
 
     Parameters

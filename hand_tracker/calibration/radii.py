@@ -3,8 +3,8 @@
 import numpy as np
 
 from ..core.inverse_kinematics.abduction_plane import REFERENCE_STEP
-from ..core.inverse_kinematics.digit import chains, solve_digits
-from ..core.model.capsules import capsules, pair_gaps
+from ..core.inverse_kinematics.digit import digit_chains, solve_digits
+from ..core.model.capsules import hand_capsules, pair_gaps
 from ..core.model.hand import DIGITS, FINGERS, JOINTS, Hand
 from ..core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
 from ..core.pose.contact import PENETRATION
@@ -35,7 +35,7 @@ def fit_radii(hand: Hand, local: np.ndarray) -> Hand:
     Hand
     """
     right = hand.replace(side='right')
-    digits = chains(right, MarkerLayout().mounting(right))
+    digits = digit_chains(right, MarkerLayout().mounting(right))
     frames = evenly_spaced(len(local), RADII_FIT_FRAMES)
     postures = np.zeros((len(frames), len(JOINTS)))
     for angles, markers in zip(postures, local[frames][:, MARKER_LANDMARKS]):
@@ -57,7 +57,7 @@ def thinned(hand: Hand, postures: np.ndarray) -> Hand:
     -------
     Hand
     """
-    body = capsules(hand.replace(side='right'))
+    body = hand_capsules(hand.replace(side='right'))
     gaps = [pair_gaps(body, angles.copy()) for angles in postures]
     overlap = -np.percentile(gaps, OUTLIER_PERCENTAGE, axis=0)
     excess = np.maximum(overlap - PENETRATION, 0.)

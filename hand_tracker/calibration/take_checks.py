@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..core.model.hand import DIGITS, FINGERS
+from ..core.model.hand import DIGITS, FINGERS, OTHER_SIDE
 from .marker_fit import split_palm
 from .palm_template import PalmFit
 from .takes import Gathered, InvalidTake, MarkerTake, gather
@@ -128,7 +128,7 @@ def _check_motion(named: str, side: str, gathered: Gathered, worn: tuple[str, ..
     middles = (low + high)[moving] / 2. - np.nanmedian(roots)
     across = np.nanmedian(ends[:, :len(FINGERS), 1], axis=0)
     if len(middles) and middles.mean() > SIDE_MARGIN:
-        other = 'left' if side == 'right' else 'right'
+        other = OTHER_SIDE[side]
         raise InvalidTake(f'{named}: the fingers bend to the back of a {side} hand; expected '
                           f'a take of a {side} hand: this is a {other} one (--side {other}), or '
                           'index and little knuckle are exchanged')

@@ -99,10 +99,10 @@ class GraspingRobot(DrivenRobot):
         super()._on_command(message)
         self._physics.command(self._position[self._commanded])
 
-    def _tell(self) -> None:
+    def _publish_joint_states(self) -> None:
         self._advance()
         told, self._position = self._position, self._physics.joints
-        super()._tell()
+        super()._publish_joint_states()
         self._position = told
 
     def _advance(self) -> None:

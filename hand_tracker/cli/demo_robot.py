@@ -46,7 +46,7 @@ class DrivenRobot:
         self._states = node.create_publisher(JointState, 'robot/joint_states', 10)
         self._engage = node.create_client(SetBool, 'retarget/engage')
         node.create_subscription(JointState, 'robot/command', self._on_command, 100)
-        node.create_timer(ROBOT_STATES_PERIOD, self._tell)
+        node.create_timer(ROBOT_STATES_PERIOD, self._publish_joint_states)
 
     @property
     def is_ready(self) -> bool:
@@ -60,7 +60,7 @@ class DrivenRobot:
         self.commands[time.time_ns()] = np.array(
             [at[name] for name in self._model.variables])
 
-    def _tell(self) -> None:
+    def _publish_joint_states(self) -> None:
         self._states.publish(JointState(
             name=self._model.joint_names, position=self._position.tolist()))
         now = time.monotonic()

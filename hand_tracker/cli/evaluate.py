@@ -128,6 +128,7 @@ def _names(parser: argparse.ArgumentParser, chosen: str, files: list[Path]) -> l
 
 class EvaluationInput(NamedTuple):
     """Captures and takes that evaluations judge.
+
     Attributes
     ----------
     captures : tuple of Capture

@@ -17,7 +17,7 @@ from .inverse_kinematics.angle_filter import filter_angles
 from .inverse_kinematics.digit import Chains, solve_digits, solve_rooted_digit
 from .inverse_kinematics.digit_angles import (
     FAR_OFF,
-    new_sketch,
+    new_digit_workspace,
     principal_place,
     solve_digit_angles,
 )
@@ -105,17 +105,17 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
     if palm != WAITING:
         # 4 Inverse kinematics, palm: pose of the wrist, first joints of the digits.
         place_wrist(model, options, state)
-        # 4 Inverse kinematics: a digit's other markers tell where its hidden one is.
+        # 4 Inverse kinematics: place a digit's hidden principal marker by its other markers.
         infer_markers(model, chains, state, markers, seen, palm == LOST, step)
         # 2, 3 Filtering and occlusion, digits: the same; hidden ones follow the others.
         predict_digits(model, options, state, markers, seen, palm == TRACKED, step)
-        # 4 Inverse kinematics, digits with several markers: all that are seen, from the last frame.
-        solve_several(model, chains, state, seen, step)
+        # 4 Inverse kinematics, digits with several markers: from the last frame's angles.
+        solve_multi_marker_digits(model, chains, state, seen, step)
         # 4 Inverse kinematics, fingers and thumb: abduction, then flexion within limits.
         iterations = solve_angles(model, chains, options, state, seen, step)
         # 4 Inverse kinematics: quiet angles, where the digits' markers tell little of them.
         estimate_angles(chains, options, state, step)
-        refine_angles(model, chains, state, seen, step)
+        refine_multi_marker_digits(model, chains, state, seen, step)
         # 5 Pose: continuous angles, digits apart from each other and from the palm.
         blend_angles(chains, options, state, seen, step)
         resolve_contact(model, chains, options, state, seen, step)
@@ -201,9 +201,9 @@ def _take_rows(model: Model, state: State, markers: np.ndarray, seen: np.ndarray
 @jit
 def _fit_palm_rows(model: Model, chains: Chains, state: State, markers: np.ndarray,
                    seen: np.ndarray) -> None:
-    """Put the palm's principal markers where all its markers tell, the palm laid flat.
+    """Place the palm's three principal markers by a rigid fit of all its markers, arch removed.
 
-    As many count as seen as markers of the palm are.
+    Hidden principal markers count as seen, up to the number of the palm's measured markers.
     """
     rows, arch, fitted = model.rows, state.rows.arch, state.fitted
     several = rows.has_several[5] > 0
@@ -256,9 +256,10 @@ def _note_rows(model: Model, state: State, markers: np.ndarray, seen: np.ndarray
 
 @jit
 def _note_changes(palm: Tracks, digits: Tracks, seen: np.ndarray, changed: np.ndarray) -> bool:
-    """Write which digits are seen, or have their palm seen, otherwise than before, shape (5,).
+    """Mark in `changed` (5,) the digits whose evidence changed since the last frame.
 
-    Return whether the palm is.
+    That is: their marker, or one of the palm, appeared or vanished. Return whether one of the
+    palm did.
     """
     palm_changed = False
     for i in range(3):
@@ -317,9 +318,9 @@ def infer_markers(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
     for digit in range(5):
         if seen[3 + digit] or not table.has_several[digit] or is_lost:
             continue
-        sketch = new_sketch()
-        if solve_digit_angles(chains, table, rows, digit, state.angles, step, sketch)[0]:
-            local = principal_place(chains, table, rows, digit, sketch)
+        workspace = new_digit_workspace()
+        if solve_digit_angles(chains, table, rows, digit, state.angles, step, workspace)[0]:
+            local = principal_place(chains, table, rows, digit, workspace)
             if digit < 4:
                 local = flexed(local, vector(table.cmc[digit]), rows.arch[digit])
             store(markers, 3 + digit, add(origin, rotate(axes, local)))
@@ -345,25 +346,25 @@ def predict_digits(model: Pack[Model], options: Pack[KernelOptions], state: Pack
 
 
 @jit
-def solve_several(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
+def solve_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
                   seen: np.ndarray, step: float) -> None:
-    """Solve the digits with several markers from the last frame's angles, and note which.
+    """Solve digits with several markers by Gauss-Newton from the last frame's angles.
 
-    Those whose evidence changed, or that are far from where they were, are left to the principal
-    marker first. `step` is the time since the last frame [s].
+    Digits whose evidence changed, or whose solution fits badly, wait for the closed form by their
+    principal marker. `step` is the time since the last frame [s].
     """
     model, chains, state = model[0], chains[0], state[0]
     rows = state.rows
     for digit in range(5):
         rows.is_solved[digit] = False
     if model.rows.has_several[:5].any() and state.wrist.placed[0]:
-        sketch = new_sketch()
+        workspace = new_digit_workspace()
         for digit in range(5):
             if not model.rows.has_several[digit] or not seen[3 + digit] or (
                     state.changed[digit] or not rows.is_measured[3 + digit]):
                 continue
             count, cost = solve_digit_angles(
-                chains, model.rows, rows, digit, rows.angles, step, sketch)
+                chains, model.rows, rows, digit, rows.angles, step, workspace)
             rows.is_solved[digit] = count > 1 and cost < FAR_OFF
             if rows.is_solved[digit]:
                 for joint in range(5 * digit, 5 * digit + 5):
@@ -430,16 +431,16 @@ def estimate_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: P
 
 
 @jit
-def refine_angles(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
+def refine_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
                   seen: np.ndarray, step: float) -> None:
-    """Solve the angles of digits with several markers by all that are seen.
+    """Solve the remaining digits with several markers, starting from the closed form.
 
     `step` is the time since the last frame [s].
     """
     model, chains, state = model[0], chains[0], state[0]
     if not model.rows.has_several[:5].any():
         return
-    sketch = new_sketch()
+    workspace = new_digit_workspace()
     for digit in range(5):
         is_solved = False
         if model.rows.has_several[digit] and seen[3 + digit]:
@@ -447,7 +448,7 @@ def refine_angles(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
             is_solved = (
                 state.rows.is_solved[digit] or not state.rows.is_measured[3 + digit]
                 or solve_digit_angles(chains, model.rows, state.rows, digit,
-                                      state.estimate.angles, step, sketch)[0] > 1)
+                                      state.estimate.angles, step, workspace)[0] > 1)
         for joint in range(5 * digit, 5 * digit + 5):
             if is_solved and not (digit < 4 and joint == 5 * digit):
                 state.estimate.angles[joint] = state.rows.angles[joint]

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 from .filtering.frame_clock import FrameClock, initial_clock
 from .filtering.noise_estimate import noise_levers
-from .inverse_kinematics.digit import Chains, chains, override_coupling, reach
+from .inverse_kinematics.digit import Chains, digit_chains, override_coupling, reach
 from .labelling.plausibility import typical_places
 from .labelling.readings import HandBounds
-from .model.capsules import capsules
+from .model.capsules import hand_capsules
 from .model.hand import DIGITS, LEFT_HAND_MIRROR, Hand, has_size_of
 from .model.kinematics import Pose, forward, joint_table
 from .model.marker_layout import (
@@ -186,7 +186,7 @@ class HandTracker:
         # Rows of the layout in those of the kernels, where they are not the same.
         self._rows = None if layout.names == MARKERS else np.maximum(rows, 0)
         self._lacking = np.flatnonzero(rows < 0)
-        digits = chains(right, mounting)
+        digits = digit_chains(right, mounting)
         self._right_table, self._right_mounting = joint_table(right), mounting
         self._template = mounting.position[:PALM_COUNT].copy()
         self._relaxed = right.relaxed()
@@ -203,7 +203,7 @@ class HandTracker:
             np.array((options.bound_index_middle, options.bound_middle_ring,
                       options.bound_ring_little)),
             HandBounds(digits.root.copy(), reach(digits), typical_places(right, mounting)),
-            capsules(right), joint_table(hand), layout.principal_mounting(hand),
+            hand_capsules(right), joint_table(hand), layout.principal_mounting(hand),
             marker_rows(right, layout, options.palm_arch),
             LEFT_HAND_MIRROR if hand.side == 'left' else np.ones(3)))
         self._blank, _ = self._packed(self._blank_state())

@@ -5,8 +5,8 @@ import numpy as np
 from ..core.model.capsules import (
     Capsules,
     axis_of,
-    capsules,
     close_pairs,
+    hand_capsules,
     nearest_points,
     place_capsules,
 )
@@ -28,7 +28,7 @@ def deepest_overlaps(hand: Hand, angles: np.ndarray) -> np.ndarray:
     ndarray, shape (n,)
         0 without an overlap [m].
     """
-    shapes = capsules(hand)
+    shapes = hand_capsules(hand)
     found = np.zeros(len(angles))
     _overlaps(packed(shapes)[0][0], np.array(angles, dtype=float),
               np.empty((len(shapes.link), 2, 3)), found)

@@ -69,6 +69,7 @@ def evaluate(options: Options) -> Iterator[Row]:
 
 def judgements(takes: Sequence[MarkerTake], fit_takes: Sequence[MarkerTake]) -> list[Judgement]:
     """Return the splits of the takes into those to fit hands to and those to judge.
+
     Parameters
     ----------
     takes, fit_takes : sequence of MarkerTake

@@ -44,12 +44,12 @@ SMALLEST_POINT = 32  # [bytes], less than any message needs for one, but for tho
 
 
 def point_capacity(size: int) -> int:
-    """Return how many points a message of so many bytes holds at most; of a cloud, are taken."""
+    """Return how many points are read of a message of `size` bytes at most."""
     return max(size // SMALLEST_POINT, MOST_MARKERS) + 1
 
 
 def number_capacity(size: int) -> int:
-    """Return how many doubles a message of so many bytes takes, with those behind it of a cloud."""
+    """Return the doubles that hold a message of `size` bytes and, behind it, a cloud's points."""
     return size // 8 + 2 + 3 * MOST_MARKERS
 
 
@@ -318,7 +318,7 @@ def parse_points(parser: int, octets: np.ndarray, words: np.ndarray, numbers: np
 def gather_positions(numbers: np.ndarray, places: np.ndarray, slots: np.ndarray,
                      markers: np.ndarray, scale: float, zero_is_missing: bool,
                      rows: np.ndarray) -> None:
-    """Put the positions of markers into the rows of those of the hand.
+    """Copy the positions of the hand's markers out of a message, scaled to metres.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,24 @@ class JointPositions(NamedTuple):
     stamp: Stamp
     names: Sequence[str]
     positions: Sequence[float] | np.ndarray
+
+
+def angles_of(message: Any, names: Sequence[str]) -> np.ndarray | None:
+    """Return the positions of some joints in a JointState, in the order of their names.
+
+    Parameters
+    ----------
+    message : sensor_msgs.msg.JointState
+    names : sequence of str
+
+    Returns
+    -------
+    ndarray, shape (n,), or None
+        None unless the message has a finite position of each [rad].
+    """
+    given = dict(zip(message.name, message.position))
+    angles = np.array([given.get(name, np.nan) for name in names])
+    return angles if np.isfinite(angles).all() else None
 
 
 class JointStateReader:

@@ -90,7 +90,7 @@ class LabelMap:
         return self._any_namespace, number, text
 
     def slot(self, namespace: str, number: int) -> int | None:
-        """Return the place in `names` of a message's marker, None when it is no marker of ours.
+        """Return the place in `names` of a message's marker; None for markers of others.
 
         Parameters
         ----------
@@ -103,7 +103,7 @@ class LabelMap:
         return slot
 
     def is_of_other_hand(self, namespace: str, number: int) -> bool:
-        """Return whether a message's marker that is none of ours is one of another hand."""
+        """Return whether a marker without a slot here has a label of another hand."""
         return any(other._find(namespace, number)[1] is not None for other in self._others)
 
     def _find(self, namespace: str, number: int) -> tuple[int, int | None]:

@@ -65,6 +65,7 @@ class Head(NamedTuple):
 
 class Sources(NamedTuple):
     """Places of the hand's markers in a message.
+
     Attributes
     ----------
     first : int or None

@@ -14,7 +14,6 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
@@ -29,11 +28,12 @@ from ..progress import Block, bar
 from ..tracking.diagnostics import Level, Status
 from ..tracking.input_monitor import InputMonitor
 from ..tracking.stream import FrameTime, read_or_warn
+from .executors import STEADY_CLOCK
 from .parameters import Parameter
-from .runner import POLL, declare, qos_of, run, spinning
+from .runner import POLL, declare, log_line, qos_of, run, spinning
 from .serialization import Serialization
 from .topic_publishers import who_publishes
-from .tracker_parameters import AUTO, START, live_settings, live_table, starting_hand
+from .tracker_parameters import AUTO, START, live_settings, live_table, starting_hand, with_defaults
 
 SHOW_PERIOD = .25   # [s]
 SHOWN_BAR = 24      # [characters]
@@ -58,7 +58,7 @@ class CalibrateNode(Node):
     def __init__(self) -> None:
         super().__init__('calibrate')
         values = declare(self, CALIBRATE_PARAMETERS)
-        hand, layout = starting_hand({**{row.name: row.default for row in START}, **values})
+        hand, layout = starting_hand(with_defaults(values))
         settings = live_settings(
             hand, {**{row.name: row.default for row in live_table(hand)}, **values})
         self._limits = (WEARER_LIMITS if values['limits.preset'] == AUTO
@@ -81,7 +81,7 @@ class CalibrateNode(Node):
         self._subscription = self.create_subscription(
             MarkerArray, 'markers', self._on_markers, qos_of(values, 'markers'),
             raw=serialization.raw)
-        self.create_timer(SHOW_PERIOD, self._show, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(SHOW_PERIOD, self._show, clock=STEADY_CLOCK)
         self.get_logger().info(f'{hand.side} hand: listening for markers on {self._topic}')
 
     def calibrate(self) -> None:
@@ -126,7 +126,7 @@ class CalibrateNode(Node):
     def _show(self) -> None:
         """Show how much is there; end where all is, or the time is over."""
         for is_warning, line in self._monitor.report(time.monotonic(), self._who_publishes):
-            (self.get_logger().warning if is_warning else self.get_logger().info)(line)
+            log_line(self, is_warning, line)
         if self._has_ended.is_set():
             return
         self._coverage = coverage = self._take.coverage()

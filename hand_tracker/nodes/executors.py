@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 try:
@@ -17,6 +18,8 @@ except ImportError:  # before Jazzy
     EventsExecutor = None
 
 AT_ONCE = 1e-9  # [s]
+# Timers of ROS time would stand still without /clock.
+STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 def wake_timer(node: Node, callback: Callable[[], object]) -> Timer:
@@ -34,7 +37,25 @@ def wake_timer(node: Node, callback: Callable[[], object]) -> Timer:
     -------
     rclpy.timer.Timer
     """
-    return node.create_timer(AT_ONCE, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    return node.create_timer(AT_ONCE, callback, clock=STEADY_CLOCK)
+
+
+class SubscriptionHidingNode(Node):
+    """Node that hides the subscriptions of its fast path from executors.
+
+    Executors have no other way to leave a subscription out: rclpy would set a callback of its own
+    in place of the fast path's.
+    """
+
+    def hidden_subscriptions(self) -> Collection[Subscription]:
+        """Return the subscriptions that the fast path serves now."""
+        return ()
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Subscriptions for executors to serve."""
+        hidden = self.hidden_subscriptions()
+        return (one for one in super().subscriptions if one not in hidden)
 
 
 @contextmanager

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class HandServices:
-    """Serve `~/calibrate` and `~/load_hand`; of one of both hands `~/right/calibrate` and so on.
+    """Serve `~/calibrate` and `~/load_hand`; with both hands, `~/right/calibrate` and so on.
 
     Parameters
     ----------
@@ -107,9 +107,9 @@ class HandServices:
                 self._node.get_logger().error(f'calibration: {error}')
         return self.progress() != before
 
-    def news(self) -> list[tuple[bool, str]]:
+    def pop_log_lines(self) -> list[tuple[bool, str]]:
         """Return the lines to log, see `LiveCalibration.news`."""
-        return self._calibration.news()
+        return self._calibration.pop_log_lines()
 
     def progress(self) -> dict[str, str]:
         """Return the calibration's values for /diagnostics, see `LiveCalibration.values`."""

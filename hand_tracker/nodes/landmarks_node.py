@@ -17,12 +17,14 @@ from sensor_msgs.msg import JointState
 
 from ..adapters.hand_landmarks import LANDMARK_ORDERS
 from ..adapters.openxr_hand import OpenXrHand
+from ..messages.joint_states import angles_of
 from ..messages.stamps import nanoseconds
+from .message_types import imported_message
 from .parameters import Parameter
 from .runner import declare, names_of, run
 from .skin_node import HAND_PARAMETERS
-from .source_node import TELEOP, imported_message
-from .tracker_parameters import START, starting_hand
+from .source_node import TELEOP
+from .tracker_parameters import START, starting_hand, with_defaults
 
 LANDMARKS_DEPTH = 10
 WAITING_FRAMES = 100  # of joint states or of wrist poses whose counterpart has not come yet
@@ -41,7 +43,7 @@ class LandmarksNode(Node):
     def __init__(self) -> None:
         super().__init__('landmarks')
         values = declare(self, LANDMARKS_PARAMETERS)
-        hand, _ = starting_hand({**{row.name: row.default for row in START}, **values})
+        hand, _ = starting_hand(with_defaults(values))
         self._names = names_of(hand, values['prefix'], values['wrist_frame'])
         self._hand = OpenXrHand(hand, values['landmarks'])
         self._named = (imported_message(TELEOP, 'NamedPoseArray')
@@ -58,10 +60,9 @@ class LandmarksNode(Node):
                                f'{self._publisher.topic_name}')
 
     def _on_joint_states(self, message: JointState) -> None:
-        given = dict(zip(message.name, message.position))
-        angles = np.array([given.get(name, np.nan) for name in self._names.joints])
+        angles = angles_of(message, self._names.joints)
         # A robot's joint states may come on this topic too.
-        if np.isfinite(angles).all():
+        if angles is not None:
             self._take(self._angles, nanoseconds(message.header.stamp), angles)
 
     def _on_transforms(self, message: Any) -> None:

@@ -22,13 +22,14 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from ..calibration.live_take import told_progress
+from ..calibration.live_take import progress_from_diagnostics
 from ..core.constraints import CONSTRAINTS, constrained
 from ..core.model.hand import BOTH, SIDES, Hand
 from ..core.model.marker_layout import MarkerLayout
 from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
 from ..messages.stamps import Time
+from ..tracking.rate_limit import OncePerKey
 from ..tracking.stream import Stream, TrackedFrame, read_or_warn
 from .hand_description import follow_hand
 from .player_client import PlayerClient
@@ -92,7 +93,7 @@ class LiveTracker:
         self._subscriptions: dict[str, Subscription] = {}
         self._topics = {name: name for name in ('joint_states', 'hand_markers', 'markers')}
         self._scope = ''    # before the names of the hand's parameters
-        self._causes: set[str] = set()  # warned of
+        self._once = OncePerKey()
 
     def prepare(self, say: Callable[[str], object]) -> None:
         """Wait for the tracker, and ask it whose hand it tracks, and how.
@@ -187,7 +188,7 @@ class LiveTracker:
         """
         wanted = set()
         if looked_at and self.playhead is not None:
-            self.playhead.look()
+            self.playhead.poll()
         if looked_at:
             wanted |= {'joint_states', 'hand_markers'}
         if compared:
@@ -255,8 +256,7 @@ class LiveTracker:
             self._bare_state = frame.state
 
     def _warn_once(self, key: str, text: str) -> None:
-        if key not in self._causes:
-            self._causes.add(key)
+        if self._once.allows(key):
             self._node.get_logger().warning(text)
 
     def _receipt_stamp(self) -> Time:
@@ -271,7 +271,7 @@ class LiveTracker:
             if node == self._tracker:
                 self._numbers = values
             if node in (self._tracker, CALIBRATE_NODE):
-                self._progress[node] = told_progress(values)
+                self._progress[node] = progress_from_diagnostics(values)
 
     def numbers(self, state: HandState) -> dict[str, str]:
         """Return the tracker's values on /diagnostics as texts, by name."""

@@ -96,7 +96,7 @@ class ManagedTracker(LifecycleNodeMixin, TrackerNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget what was tracked."""
         for hand in self.hands:
-            hand.forget()
+            hand.reset()
         self._is_loaded = False
         return TransitionCallbackReturn.SUCCESS
 

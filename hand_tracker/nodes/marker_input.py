@@ -6,22 +6,18 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 
 from ..tracking.rate_limit import period_ns
 from ..tracking.stream import TrackedFrame
-from .executors import wake_timer
+from .executors import STEADY_CLOCK, wake_timer
 from .fast_path import PUBLISHER_SILENCE, FastPath, InstalledHand
 from .replies import Replies
 from .tracked_hand import TrackedHand
 
 if TYPE_CHECKING:
     from .tracker_node import TrackerNode
-
-# Timers of ROS time would stand still without /clock.
-STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 class MarkerInput:
@@ -94,7 +90,7 @@ class MarkerInput:
         if not self.is_active:
             return
         received = time.monotonic()
-        if not all(hand.stream.is_fast for hand in self.hands):
+        if not all(hand.stream.is_compiled for hand in self.hands):
             # Plain Python may be slower than frames come: all that wait are taken before the
             # newest is tracked, and other callbacks have their turn in between.
             self._waiting.append((message, received))

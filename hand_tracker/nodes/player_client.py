@@ -46,7 +46,7 @@ class PlayerClient:
         self.playing, self.there = True, False
         self._asked = -np.inf
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Ask whether it is there and plays, when it is time."""
         now = time.monotonic()
         if now - self._asked < ASKED_EVERY:

@@ -17,7 +17,6 @@ from math import inf
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.publisher import Publisher
@@ -39,8 +38,9 @@ from ..tracking.opened_recording import (
     named_labels,
     open_recording,
 )
+from ..tracking.playback import Playback, read_ahead
+from .executors import STEADY_CLOCK
 from .parameters import Parameter
-from .playback import Playback, read_ahead
 from .runner import declare, run, spinning
 
 try:
@@ -278,7 +278,7 @@ class ReplayNode(Node):
 
         # A timer of ROS time would wait for this very clock.
         self.create_timer(1 / self._options.clock, tick,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+                          clock=STEADY_CLOCK)
 
     def _serve(self, playback: Playback) -> None:
         if srv is None:

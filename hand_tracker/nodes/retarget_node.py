@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from functools import partial
@@ -18,9 +18,8 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, TwistStamped, Vector3
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Header, String
 from std_srvs.srv import SetBool
@@ -43,12 +42,13 @@ from ..retargeting.wrist_follower import (
 )
 from ..tracking.diagnostics import Level, Status
 from .command_messages import OUTPUTS, command_template
+from .executors import STEADY_CLOCK, SubscriptionHidingNode
 from .fast_path import CommandPath, FastPathUnavailable, ListedJoints
+from .message_types import imported_message
 from .parameters import Parameter
 from .runner import InvalidArguments, declare, names_of, run
 from .serialization import Serialization
-from .source_node import imported_message
-from .tracker_parameters import AUTO, START, starting_hand
+from .tracker_parameters import AUTO, START, starting_hand, with_defaults
 
 RETARGET_DEPTH = 10     # messages that wait at most
 RETARGET_STATUS_PERIOD = 1.  # [s]
@@ -69,8 +69,8 @@ RETARGET_PARAMETERS = tuple(row._replace(read_only=True) for row in (
               "robot file's"),
     Parameter('rate', 100., 'Of commands while no frame of the hand comes [Hz]; each frame is '
               'answered at once', (1., 1000.)),
-    Parameter('fast_path', True, 'Answer frames that only continue what goes on in compiled code '
-              "alone, in the middleware's own thread"),
+    Parameter('fast_path', True, 'Answer regular frames of the hand in compiled code alone, in the '
+              "middleware's own thread"),
     Parameter('min_confidence', .05, "Mean confidence of the hand's angles below which the hand "
               'is lost', (0., 1.)),
     *(Parameter(f'safety.{option.name}', option.default, option.metadata['description'] + (
@@ -86,10 +86,10 @@ RETARGET_PARAMETERS = tuple(row._replace(read_only=True) for row in (
 ))
 
 
-class RetargetNode(Node):
+class RetargetNode(SubscriptionHidingNode):
     """Node that drives one robot hand by one human hand."""
 
-    _is_fast = False    # while the fast path is started
+    _fast_path: CommandPath | None = None
 
     def __init__(self) -> None:
         super().__init__('retarget')
@@ -97,7 +97,7 @@ class RetargetNode(Node):
         if not values['robot']:
             raise InvalidArguments('robot: empty; expected a preset or a file, as '
                                    '--ros-args -p robot:=allegro')
-        person = {**{row.name: row.default for row in START}, **values}
+        person = with_defaults(values)
         follows_robot = values['side'] == AUTO and not values['hand_file']
         preferred = SIDES[0] if follows_robot else starting_hand(person)[0].side
         loaded = load_robot(values['robot'], values['robot_description'], preferred_side=preferred)
@@ -135,7 +135,6 @@ class RetargetNode(Node):
         raw = Serialization().raw
         self._templates = [command_template(name, self._teleoperation.order, self._period, raw)
                            for name, _ in self._outputs]
-        self._fast_path: CommandPath | None = None
         if values['fast_path'] and raw and not self._wrist_outputs:
             self._prepare_fast_path()
         self._listen(raw)
@@ -143,7 +142,7 @@ class RetargetNode(Node):
             self.get_logger().warning(f'unsure: {line}')
         self.get_logger().info(f'{loaded.hand.name}: not engaged; listening for the {hand.side} '
                                f"hand on {self.resolve_topic_name('joint_states')}")
-        self._tell_state()
+        self._publish_state()
 
     def _make_outputs(self, parameter: str, known: Mapping[str, tuple[str, Any]],
                       chosen: list[str]) -> list[tuple[str, Any]]:
@@ -154,7 +153,6 @@ class RetargetNode(Node):
                 for name in dict.fromkeys(chosen)]
 
     def _listen(self, raw: bool) -> None:
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
         latest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', RETARGET_DEPTH)
@@ -181,8 +179,8 @@ class RetargetNode(Node):
                 QoSProfile(depth=RETARGET_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT))
             self.create_subscription(PoseStamped, 'robot/wrist_pose', self._on_robot_wrist, latest)
             self.create_subscription(Bool, '~/clutch', self._on_clutch, RETARGET_DEPTH)
-        self.create_timer(min(self._period, WAKING_PERIOD), self._on_timer, clock=steady)
-        self.create_timer(RETARGET_STATUS_PERIOD, self._publish_status, clock=steady)
+        self.create_timer(min(self._period, WAKING_PERIOD), self._on_timer, clock=STEADY_CLOCK)
+        self.create_timer(RETARGET_STATUS_PERIOD, self._publish_status, clock=STEADY_CLOCK)
 
     # The fast path
 
@@ -201,26 +199,29 @@ class RetargetNode(Node):
         hand, *sides = self._joint_subscriptions
         self._fast_path.start_all(
             self, hand, sides, self._take_over, self._on_slow_message)
-        self._is_fast = True
         try:
             yield
         finally:
             self._fast_path.stop()
-            self._is_fast = False
+
+    def hidden_subscriptions(self) -> Sequence[Subscription]:
+        """Return the subscriptions that the fast path serves now."""
+        return () if self._started_path is None else self._joint_subscriptions
 
     @property
-    def subscriptions(self) -> Iterator[Any]:
-        """Subscriptions for executors to serve: all but those of the fast path."""
-        taken = self._joint_subscriptions if self._is_fast else []
-        return (one for one in super().subscriptions if one not in taken)
+    def _started_path(self) -> CommandPath | None:
+        """The fast path, while it is started."""
+        path = self._fast_path
+        return path if path is not None and path.is_started else None
 
     def _take_over(self) -> None:
         """Take over from the fast path, and read what waits."""
-        if self._fast_path is None or not self._is_fast:
+        path = self._started_path
+        if path is None:
             return
-        self._fast_path.disable()
-        self._sent = max(self._sent, self._fast_path.sent_time)
-        for side, data in self._fast_path.take_sides():
+        path.disable()
+        self._sent = max(self._sent, path.sent_time)
+        for side, data in path.take_sides():
             self._read_joints[1 + side](data)
 
     def _on_slow_message(self, data: bytes) -> None:
@@ -248,7 +249,7 @@ class RetargetNode(Node):
         now = time.monotonic()
         if self._teleoperation.observe_hand(hand.names, hand.positions, now):
             self._send(now, hand.stamp)
-        self._tell_state()
+        self._publish_state()
 
     def _on_confidence(self, hand: JointPositions) -> None:
         self._teleoperation.observe_confidence(hand.names, hand.positions)
@@ -273,13 +274,13 @@ class RetargetNode(Node):
 
     def _on_timer(self) -> None:
         now, sent = time.monotonic(), self._sent
-        if self._is_fast and self._fast_path is not None:
-            sent = max(sent, self._fast_path.sent_time)
+        if self._started_path is not None:
+            sent = max(sent, self._started_path.sent_time)
         # Frames of the hand are answered as they come; this is for when they do not.
         if now - sent >= self._period:
             self._take_over()
             self._send(now)
-        self._tell_state()
+        self._publish_state()
 
     def _wrist_start(self, now: float) -> WristPose | None:
         """Return where the robot's wrist is; for twists alone any pose will do."""
@@ -294,7 +295,7 @@ class RetargetNode(Node):
             self._teleoperation.guard.press(time.monotonic())
         else:
             self._teleoperation.guard.disengage('the deadman was released')
-        self._tell_state()
+        self._publish_state()
 
     def _on_engage(self, message: Bool) -> None:
         self._engage(message.data)
@@ -312,7 +313,7 @@ class RetargetNode(Node):
             reason = guard.engage(time.monotonic())
         else:
             guard.disengage()
-        self._tell_state()
+        self._publish_state()
         return reason
 
     def _send(self, now: float, stamp: Stamp | None = None) -> None:
@@ -342,7 +343,7 @@ class RetargetNode(Node):
         for name, publisher in self._wrist_outputs:
             publisher.publish(_wrist_message(name, header, sent))
 
-    def _tell_state(self) -> None:
+    def _publish_state(self) -> None:
         """Publish and log the state where it has changed."""
         guard = self._teleoperation.guard
         told = guard.state.value, self._teleoperation.fault or guard.reason

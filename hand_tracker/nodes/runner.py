@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import os
 import re
@@ -33,6 +34,7 @@ from .parameters import Parameter
 from .tracker_parameters import AUTO
 
 POLL = .1  # [s]
+END_TIMEOUT = 30.  # [s] after which a process that hangs while it ends is ended
 INTERRUPTS = signal.SIGINT, signal.SIGTERM
 
 
@@ -121,6 +123,15 @@ def qos_of(values: Mapping[str, Any], topic: str) -> QoSProfile:
         reliability=ReliabilityPolicy[values[f'qos.{topic}.reliability'].upper()])
 
 
+def log_line(node: Node, is_warning: bool, text: str) -> None:
+    """Log a line as a warning or as information."""
+    # rclpy wants each severity to be logged from a line of its own.
+    if is_warning:
+        node.get_logger().warning(text)
+    else:
+        node.get_logger().info(text)
+
+
 def spin(*nodes: Node) -> None:
     """Serve nodes' callbacks until it is interrupted, with the fastest executor there is.
 
@@ -131,7 +142,11 @@ def spin(*nodes: Node) -> None:
     interrupts = []
     with fastest_executor(*nodes) as executor:
         # An exception that a signal raises inside EventsExecutor comes out as another one.
-        _handle_interrupts(lambda *interrupt: interrupts.append(interrupt))
+        def interrupted(*interrupt: Any) -> None:
+            interrupts.append(interrupt)
+            _end_in_time()
+
+        _handle_interrupts(interrupted)
         # What has been made stays: else a collection among the frames would go through all of it.
         gc.collect()
         gc.freeze()
@@ -220,9 +235,11 @@ def run_together(makers: Sequence[Callable[[], Node]], work: Callable[..., objec
     finally:
         # Python's end would leave a handler of its own to the system, which kills the process.
         _handle_interrupts(signal.SIG_IGN)
+        _end_in_time()
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
+        faulthandler.cancel_dump_traceback_later()
     return 0
 
 
@@ -261,6 +278,13 @@ def _interrupt(number: int, frame: Any) -> None:
     # A second Ctrl-C must not cut the way out short.
     _handle_interrupts(signal.SIG_IGN)
     raise KeyboardInterrupt
+
+
+def _end_in_time() -> None:
+    """End the process after `END_TIMEOUT`, with a traceback, unless that is cancelled before."""
+    # Its thread needs no GIL, which the middleware and Python may both wait for.
+    with suppress(OSError, AttributeError, RuntimeError):  # no standard error to write to
+        faulthandler.dump_traceback_later(END_TIMEOUT, exit=True)
 
 
 def _handle_interrupts(handler: Any) -> None:

@@ -12,7 +12,6 @@ from itertools import count
 from typing import NamedTuple
 
 from geometry_msgs.msg import PoseStamped
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -33,8 +32,9 @@ from ..simulation.simulator import (
     frame_messages,
     simulated_hand,
 )
+from ..tracking.playback import read_ahead
+from .executors import STEADY_CLOCK
 from .parameters import Parameter
-from .playback import read_ahead
 from .runner import declare, run, spin
 
 SIMULATE_AHEAD = 2000  # messages simulated in advance
@@ -113,7 +113,7 @@ class SimulateNode(Node):
             self._next = next(self._messages)
             self._wall, self._start = time.time_ns(), time.monotonic_ns()
             self.create_timer(self._period, self._publish,
-                              clock=Clock(clock_type=ClockType.STEADY_TIME))
+                              clock=STEADY_CLOCK)
             self.get_logger().info(
                 f'{self._simulation.motion} at {self._simulation.rate:g} Hz, '
                 f'frame {RECORDING_FRAME_ID}, '

@@ -7,8 +7,6 @@ the parameters. It computes only for subscribers: while `hand_skin` has none, it
 import sys
 import time
 
-import numpy as np
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -20,13 +18,15 @@ from ..core.errors import HandTrackerError
 from ..core.model.hand import Hand, has_size_of
 from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import MarkerLayout
+from ..messages.joint_states import angles_of
 from ..skin import deform, load_skin
 from ..skin.skinning import Skin
+from .executors import STEADY_CLOCK
 from .hand_description import follow_hand
 from .parameters import Parameter
 from .runner import declare, names_of, run
 from .serialization import Serialization
-from .tracker_parameters import START, starting_hand
+from .tracker_parameters import START, starting_hand, with_defaults
 
 # A reliable subscriber asks for lost fragments when the next message comes: keep the last few.
 SKIN_DEPTH = 5
@@ -49,7 +49,7 @@ class SkinNode(Node):
     def __init__(self) -> None:
         super().__init__('hand_skin')
         values = declare(self, SKIN_PARAMETERS)
-        hand, _ = starting_hand({**{row.name: row.default for row in START}, **values})
+        hand, _ = starting_hand(with_defaults(values))
         self._names = names_of(hand, values['prefix'], values['wrist_frame'])
         self._dual_quaternions = values['dual_quaternions']
         self._side, mesh = hand.side, values['mesh'] or None
@@ -66,7 +66,7 @@ class SkinNode(Node):
         self._publisher = self.create_publisher(Marker, 'hand_skin', SKIN_DEPTH)
         self._hand, self._followed = hand, follow_hand(self, self._on_hand)
         self.create_timer(1. / values['rate'], self._show,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+                          clock=STEADY_CLOCK)
         self.get_logger().info(
             f'{hand.side} hand: a skin of {len(self._skin.vertices)} vertices, '
             f'ready after {time.monotonic() - start:.1f} s')
@@ -112,9 +112,8 @@ class SkinNode(Node):
             self._data = data
 
     def _publish(self, message: JointState) -> None:
-        given = dict(zip(message.name, message.position))
-        angles = np.array([given.get(name, np.nan) for name in self._names.joints])
-        if not np.isfinite(angles).all():
+        angles = angles_of(message, self._names.joints)
+        if angles is None:
             return
         vertices = deform(self._skin, forward(self._joints, angles), self._dual_quaternions)
         self._publisher.publish(

@@ -14,7 +14,6 @@ from threading import Event, Thread
 from typing import Any
 
 from geometry_msgs.msg import PoseArray
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
@@ -44,9 +43,11 @@ from ..adapters.point_frame import (
 from ..adapters.qualisys import QTM_PORT, QualisysClient
 from ..core.model.hand import SIDES
 from ..messages.marker_ids import SOURCE_FRAME
+from ..tracking.rate_limit import OncePerKey
+from .executors import STEADY_CLOCK
 from .message_types import imported_message
 from .parameters import Parameter
-from .runner import declare, run
+from .runner import declare, log_line, run
 
 SOURCE_DEPTH = 10    # messages of ~/markers
 INPUT_DEPTH = 5      # messages of a topic that wait
@@ -84,7 +85,7 @@ class SourceNode(Node):
         super().__init__('source')
         values = self._values = declare(self, SOURCE_PARAMETERS)
         landmark_order(values['landmarks'])
-        self._warned: set[str] = set()
+        self._once = OncePerKey()
         self._writer = MarkerArrayWriter(self._warn_once)
         self._publisher = self.create_publisher(MarkerArray, '~/markers', SOURCE_DEPTH)
         self._checks: LandmarkChecks | None = None
@@ -99,12 +100,12 @@ class SourceNode(Node):
             self._subscribe()
             self._origin = self._input.topic_name
             self._silence = self.create_timer(
-                SILENT_TIME, self._report_silence, clock=Clock(clock_type=ClockType.STEADY_TIME))
+                SILENT_TIME, self._report_silence, clock=STEADY_CLOCK)
         self.get_logger().info(f'{self._origin}: publishing on {self._publisher.topic_name}')
 
     def _client(self) -> NatNetClient | QualisysClient:
         values = self._values
-        common = values['server'], self._publish, self._tell
+        common = values['server'], self._publish, partial(log_line, self)
         if values['source'] == 'natnet':
             return NatNetClient(*common, values['local_address'], values['port'] or COMMAND_PORT)
         return QualisysClient(*common, tuple(values['components'].split()), values['latency'],
@@ -157,7 +158,7 @@ class SourceNode(Node):
         self._publisher.publish(self._writer.write(frame, stamp))
         if not self._has_frame:
             self._has_frame = True
-            self._tell(False, f'{self._origin}: {len(frame.names)} named markers '
+            log_line(self, False, f'{self._origin}: {len(frame.names)} named markers '
                               f'({", ".join(frame.names[:3])}{"..." if frame.names[3:] else ""}), '
                               f'{len(frame.points)} anonymous points')
 
@@ -172,16 +173,8 @@ class SourceNode(Node):
                            'nobody publishes it'))
 
     def _warn_once(self, key: str, text: str) -> None:
-        if key not in self._warned:
-            self._warned.add(key)
-            self._tell(True, text)
-
-    def _tell(self, is_warning: bool, text: str) -> None:
-        log = self.get_logger()
-        if is_warning:
-            log.warning(text)
-        else:
-            log.info(text)
+        if self._once.allows(key):
+            log_line(self, True, text)
 
     def destroy_node(self) -> None:
         """End the client too."""

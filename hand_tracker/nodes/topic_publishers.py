@@ -1,4 +1,4 @@
-"""Publishers of a topic of markers: their names, and why nothing may come from them."""
+"""Publishers of a topic of markers: their names, and why a topic is silent."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ from ..tracking.point_labels import PointLabelReader, PointLabels
 from ..tracking.stream import UNNAMED_FRAME, Stream, TrackedFrame, read_or_warn
 from .hand_display import HandDisplay
 from .hand_services import HandServices
-from .runner import declare, names_of
+from .runner import declare, log_line, names_of
 from .serialization import Serialization
 from .tracker_parameters import (
     Settings,
@@ -290,7 +290,7 @@ class TrackedHand:
         self._has_new_settings = True
         self._node.disable_fast_path()
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Track as if no frame had come yet; only while none is tracked."""
         self._tracker.reset()
 
@@ -320,18 +320,15 @@ class TrackedHand:
 
     def log(self) -> None:
         """Log the lines of the monitor and of the stream."""
-        log = self._node.get_logger()
-        lines = self._monitor.log_lines(time.monotonic(), self._who_publishes)
+        lines = (*self.stream.pop_log_lines(), *self.services.pop_log_lines(),
+                 *self._monitor.log_lines(time.monotonic(), self._who_publishes))
         if self._monitor.is_wrong:
             # Its frames are left out from here on.
             self._node.disable_fast_path()
-        for is_warning, line in (*self.stream.news(), *self.services.news(), *lines):
+        for is_warning, line in lines:
             # One of both hands is named.
-            line = f"{self.hand.side} hand: {line}" if self._scope else line
-            if is_warning:
-                log.warning(line)
-            else:
-                log.info(line)
+            log_line(self._node, is_warning,
+                     f'{self.hand.side} hand: {line}' if self._scope else line)
 
     def update_calibration(self) -> None:
         """Go on with a calibration."""

@@ -12,8 +12,8 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.subscription import Subscription
 from visualization_msgs.msg import MarkerArray
 
 from ..adapters.marker_messages import MARKER_MESSAGES
@@ -27,8 +27,9 @@ from ..messages.stamps import Time
 from ..tracking.compile_kernels import compile_tracking
 from ..tracking.diagnostics import STATUS_PERIOD
 from ..tracking.point_labels import PointLabels
+from .executors import STEADY_CLOCK, SubscriptionHidingNode
 from .fast_path import FastPath, FastPathUnavailable
-from .marker_input import STEADY_CLOCK, MarkerInput
+from .marker_input import MarkerInput
 from .message_types import class_of
 from .replies import AnsweredHand, Replies
 from .runner import declare, qos_of, run
@@ -56,7 +57,7 @@ CALIBRATION_PERIOD = .25  # [s] between two looks at a calibration's whole take
 DIAGNOSTICS_DEPTH = 10
 
 
-class TrackerNode(Node):
+class TrackerNode(SubscriptionHidingNode):
     """Track one hand or both.
 
     Attributes
@@ -197,7 +198,7 @@ class TrackerNode(Node):
 
     def _start_fast_path(self) -> None:
         """Start the fast path as soon as its kernels are loaded, and those of the tracker."""
-        if not self._is_served_by_events or not all(hand.stream.is_fast for hand in self.hands):
+        if not self._is_served_by_events or not all(hand.stream.is_compiled for hand in self.hands):
             return
         for one, fast_path in zip(self.inputs, self._loaded_fast_paths):
             if one.fast_path is None:
@@ -208,16 +209,9 @@ class TrackerNode(Node):
         for one in self.inputs:
             one.disable_fast_path()
 
-    @property
-    def subscriptions(self) -> Iterator[Any]:
-        """Subscriptions for executors to serve: all but those of the fast path.
-
-        Executors have no other way to leave a subscription out: rclpy would set a callback of its
-        own in place of the fast path's.
-        """
-        taken = [one.subscription for one in self.inputs if one.fast_path is not None]
-        return (subscription for subscription in super().subscriptions
-                if subscription not in taken)
+    def hidden_subscriptions(self) -> list[Subscription]:
+        """Return the subscriptions that the fast path serves now."""
+        return [one.subscription for one in self.inputs if one.fast_path is not None]
 
     def destroy_node(self) -> None:
         """End calibrations too."""

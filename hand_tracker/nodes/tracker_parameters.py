@@ -57,7 +57,22 @@ class InvalidParameter(HandTrackerError, ValueError):
 
 
 class Settings(NamedTuple):
-    """Values of the parameters that may be set at run time; used from the next frame on."""
+    """Values of the parameters that may be set at run time; used from the next frame on.
+
+    Attributes
+    ----------
+    hand : Hand
+    options : TrackerOptions
+    labels : LabelMap
+    unit_scale : float
+        Metres per unit of the markers.
+    zero_is_missing : bool
+        Whether a marker at exactly (0, 0, 0) is lost.
+    distal_flexion_timeout : float
+        Age at which measured distal flexion no longer counts [s].
+    display_rate : float
+        Of the markers for RViz [Hz].
+    """
 
     hand: Hand
     options: TrackerOptions
@@ -197,6 +212,11 @@ def names_of_both(start: Mapping[str, Any]) -> tuple[str, ...]:
         raise InvalidParameter(f'hand_file: {files} have {len(right)} and {len(left)} markers; '
                                'expected the same for both hands, whose labels are the same')
     return right
+
+
+def with_defaults(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values of parameters, and the defaults of those of `START` that are left out."""
+    return {**{row.name: row.default for row in START}, **values}
 
 
 def starting_hand(values: Mapping[str, Any]) -> tuple[Hand, MarkerLayout]:

@@ -1,7 +1,7 @@
 """A frame of the hand to a command: jump gate, retargeting and guard, compiled as one.
 
 `Teleoperation` owns the memory and calls the parts one by one, where anything else happens in
-between; a frame that only continues what goes on needs `follow_frame` alone. Both give the same
+between; a regular frame needs `follow_frame` alone. Both give the same
 commands to the bit.
 """
 
@@ -183,7 +183,7 @@ def write_joints(memories: Pack[FollowMemory], guards: Pack[GuardMemory]) -> Non
 @jit
 def follow_frame(memories: Pack[FollowMemory], humans: Pack[HumanHand], problems: Pack[Problem],
                  solutions: Pack[Solution], guards: Pack[GuardMemory], now: float) -> int:
-    """Follow a frame of the hand that only continues what goes on.
+    """Retarget and guard a frame of the hand while the robot follows, after the jump gate.
 
     Parameters
     ----------

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import atexit
-import os
 import shutil
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from threading import Thread
 from typing import IO
 
+from ..background import start_low_priority
 from ..core.numerics import jit
 
 POLL_PERIOD = .1  # [s]
-NICENESS = 10      # of the compiling process: tracking comes first
 PROGRAM = 'hand_tracker.tracking.compile_kernels'
 
 
@@ -79,18 +76,9 @@ class Compilation:
             self.error = f'{type(error).__name__}: {error}'
 
     def _start(self, folder: Path, complaints: IO[str]) -> subprocess.Popen[bytes]:
-        environment = {**os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(folder),
-                       'PYTHONPATH': os.pathsep.join(filter(None, (
-                           str(jit.PACKAGE.parent), os.environ.get('PYTHONPATH'))))}
-        # A session of its own: Ctrl-C is not for it.
-        child = subprocess.Popen(
-            [sys.executable, '-m', self._program], env=environment, stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL, stderr=complaints, start_new_session=True,
-            # The folder that `python -m` looks into first.
-            cwd=jit.PACKAGE.parent)
-        with suppress(OSError):  # it has ended, or the system has no priorities
-            os.setpriority(os.PRIO_PROCESS, child.pid, NICENESS)
-        return child
+        return start_low_priority(
+            ['-m', self._program], {'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(folder)},
+            subprocess.DEVNULL, complaints)
 
 
 def _temporary_folder() -> Path:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.model.hand import OTHER_SIDE
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS
 from ..core.model.states import MarkerState, PalmState
 from ..core.pose.report import mean_residual
@@ -20,7 +21,7 @@ from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time, nanoseconds, seconds
 from .marker_events import MarkerEvents
-from .rate_limit import LogRateLimiter
+from .rate_limit import LogRateLimiter, OncePerKey
 
 SILENT_AFTER = 3.   # [s] without markers before that is said
 NEVER_SEEN_AFTER = 5.    # [s] of tracking before a marker that was never seen is named
@@ -32,7 +33,6 @@ FIT_AFTER = 10.  # [s] of tracking, or in a recording that ends at least
 FIT_AFTER_AT_END = 2.  # [s]
 FIT_STEP = .1          # [s] that a frame counts for at most: a pause tells nothing of the fit
 STANDING_STAMPS = 10  # frames in a row with one stamp before that is said
-CAUSES_LOGGED = 32   # distinct causes that are said at most
 
 WHAT_TO_CHECK = ('check unit_scale (1 for metres, 0.001 for millimetres), the size of the hand and '
          'labels.*')
@@ -51,7 +51,7 @@ class StateRun(NamedTuple):
     Attributes
     ----------
     palm : PalmState
-    marker_states : ndarray of int, shape (8,)
+    marker_states : ndarray of int, shape (n,)
     residuals : ndarray, shape (1,)
         Mean of the frames' mean residuals [m].
     """
@@ -144,7 +144,7 @@ class InputMonitor:
         self.bends_away_from: str | None = None
         self._limiter = LogRateLimiter()
         self._events = MarkerEvents(len(labels.labels))
-        self._causes: set[Hashable] = set()
+        self._once = OncePerKey()
         self._pending: list[str] = []
 
     def received(self, now: float, frame: MarkerFrame) -> None:
@@ -233,8 +233,7 @@ class InputMonitor:
         key : hashable
         text : str
         """
-        if key not in self._causes and len(self._causes) < CAUSES_LOGGED:
-            self._causes.add(key)
+        if self._once.allows(key):
             self._pending.append(text)
 
     def report(self, now: float, publishers: Callable[[], str]) -> list[tuple[bool, str]]:
@@ -345,7 +344,7 @@ class InputMonitor:
         side = self.bends_away_from
         if side is None:
             return None
-        other = 'left' if side == 'right' else 'right'
+        other = OTHER_SIDE[side]
         return (f'the fingers bend away from the palm of a {side} hand, which is left out: set '
                 f'side:={other} if it is a {other} one, else an axis is mirrored, or two are '
                 'exchanged')

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from ..background import start_low_priority
 from ..calibration.live_take import CALIBRATION_KEY, NO_CALIBRATION, LiveTake
 from ..calibration.take_files import save_take
 from ..core.errors import HandTrackerError
 from ..core.model.marker_layout import MarkerLayout
-from ..core.numerics import jit
 from ..output_files import require_writable
-
-FIT_NICENESS = 10  # of the child process
 
 
 class CalibrationRefused(HandTrackerError):
@@ -106,7 +101,7 @@ class LiveCalibration:
         """Return the values for /diagnostics: next prompt, and share of each movement shown."""
         return {CALIBRATION_KEY: self._text, **self._values}
 
-    def news(self) -> list[tuple[bool, str]]:
+    def pop_log_lines(self) -> list[tuple[bool, str]]:
         """Return the lines to log, each with whether it is a warning."""
         news, self._news = self._news, []
         return news
@@ -132,16 +127,10 @@ class Fit:
         folder = Path(self._folder.name)
         save_take(folder / 'live_take.npz', take.take())
         self._said, self._complained = folder / 'said', folder / 'complained'
-        environment = {**os.environ, 'OPENBLAS_NUM_THREADS': '1', 'PYTHONPATH': os.pathsep.join(
-            filter(None, (str(jit.PACKAGE.parent), os.environ.get('PYTHONPATH'))))}
         with open(self._said, 'wb') as said, open(self._complained, 'wb') as complained:
-            # A session of its own: Ctrl-C is not for it.
-            self._child = subprocess.Popen(
-                [sys.executable, '-m', 'hand_tracker', 'calibrate', folder / 'live_take.npz',
-                 '-o', output, '--limits', limits],
-                env=environment, stdin=subprocess.DEVNULL, stdout=said, stderr=complained,
-                start_new_session=True, cwd=jit.PACKAGE.parent)
-        os.setpriority(os.PRIO_PROCESS, self._child.pid, FIT_NICENESS)
+            self._child = start_low_priority(
+                ['-m', 'hand_tracker', 'calibrate', folder / 'live_take.npz', '-o', output,
+                 '--limits', limits], {'OPENBLAS_NUM_THREADS': '1'}, said, complained)
 
     def ended(self) -> tuple[bool, str] | None:
         """Return whether it went well, and its last line; None while it works."""

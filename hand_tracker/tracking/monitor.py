@@ -163,7 +163,7 @@ class Monitor:
 
     def log_lines(self, now: float, publishers: Callable[[], str]) -> list[tuple[bool, str]]:
         """Return the lines to log at `now` [s], see `InputMonitor.report`."""
-        self._look_at_side()
+        self._check_side_of_hand()
         return self._input.report(now, publishers)
 
     def status(self, now: float, publishers: Callable[[], str]) -> Status:
@@ -182,7 +182,7 @@ class Monitor:
         """Explain why no frame at all was tracked."""
         return self._input.why_never()
 
-    def _look_at_side(self) -> None:
+    def _check_side_of_hand(self) -> None:
         """Check the side by the last frame, until it is known."""
         if self._side_check is None or self._last is None:
             return

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.model.hand import Hand
+from ..core.model.hand import OTHER_SIDE, Hand
 from ..core.model.marker_layout import MarkerLayout
 from ..core.point_labelling.cloud_labeller import CloudLabeller, CloudLabels
 from ..core.point_labelling.natural_poses import model_prototype
@@ -130,7 +130,7 @@ class PointLabelReader:
         if self._asked or time - self._searched_since < SEARCHED_LONG:
             return
         self._asked, self._was_found = True, False
-        other = 'left' if self._side == 'right' else 'right'
+        other = OTHER_SIDE[self._side]
         if other_side:
             self._news.append((True, f'the points look like a {other} hand: set side:={other}, or '
                                'check whether axes are exchanged or mirrored'))
@@ -141,7 +141,7 @@ class PointLabelReader:
                                'spread your fingers for a moment; else check unit_scale, side and '
                                'where the markers are'))
 
-    def news(self) -> list[tuple[bool, str]]:
+    def pop_log_lines(self) -> list[tuple[bool, str]]:
         """Return the lines to log since the last call: whether it is a warning, and the line."""
         news, self._news = self._news, []
         return news

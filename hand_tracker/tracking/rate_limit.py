@@ -1,9 +1,11 @@
 """Limit how often something is done: displays to a rate, log lines to a number in a window."""
 
 from collections import deque
+from collections.abc import Hashable
 
 LOG_WINDOW = 10.  # [s] in which at most
 LOG_LINES = 6     # lines of a kind are logged, however the input flickers
+KEYS_LOGGED = 32    # that have a line each
 
 
 class RateLimiter:
@@ -46,6 +48,20 @@ class LogRateLimiter:
         if len(self._logged) == LOG_LINES and now - self._logged[0] < LOG_WINDOW:
             return False
         self._logged.append(now)
+        return True
+
+
+class OncePerKey:
+    """Allow one line for each key, for `KEYS_LOGGED` keys."""
+
+    def __init__(self) -> None:
+        self._keys: set[Hashable] = set()
+
+    def allows(self, key: Hashable) -> bool:
+        """Return whether nothing was logged for a key yet, and if so note that it is."""
+        if key in self._keys or len(self._keys) == KEYS_LOGGED:
+            return False
+        self._keys.add(key)
         return True
 
 

@@ -174,7 +174,7 @@ class RecordedHand:
             raise BagError(f'{message.topic}: the message of {message.time} ns is no whole '
                            f'{message.type} of Humble or later') from error
         if say is not None:
-            for _, line in stream.news():
+            for _, line in stream.pop_log_lines():
                 say(line)
         if isinstance(frame, MarkerFrame):
             if monitor is not None:

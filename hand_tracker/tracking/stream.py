@@ -305,7 +305,7 @@ class Stream:
                                'knuckles of index and little finger'))
 
     @property
-    def is_fast(self) -> bool:
+    def is_compiled(self) -> bool:
         """Whether compiled kernels track."""
         return self.tracker.is_compiled
 
@@ -317,11 +317,11 @@ class Stream:
             self._news.append((False, 'compiled kernels have taken over'))
             self._switches_kernels = False
 
-    def news(self) -> list[tuple[bool, str]]:
+    def pop_log_lines(self) -> list[tuple[bool, str]]:
         """Return the lines to log of kernels and size: whether it is a warning, and the line."""
         news, self._news = self._news, []
         if isinstance(self.reader, PointLabelReader):
-            news += self.reader.news()
+            news += self.reader.pop_log_lines()
         error = None if self.compilation is None else self.compilation.error
         if error is not None and not self._has_reported_error:
             self._has_reported_error = True

@@ -10,7 +10,7 @@ from hand_tracker.calibration.live_take import (
     NO_CALIBRATION,
     TAKE_RATE,
     LiveTake,
-    told_progress,
+    progress_from_diagnostics,
 )
 from hand_tracker.calibration.prompts import PROMPTS
 from hand_tracker.calibration.take_checks import check_takes
@@ -85,9 +85,9 @@ def test_what_is_not_seen_is_named_and_left_out():
 
 
 def test_what_diagnostics_tell_is_read_again():
-    assert told_progress({}) is None
-    assert told_progress({CALIBRATION_KEY: NO_CALIBRATION}) is None
+    assert progress_from_diagnostics({}) is None
+    assert progress_from_diagnostics({CALIBRATION_KEY: NO_CALIBRATION}) is None
     coverage = collected(30., 2.).coverage()
-    text, shares = told_progress({CALIBRATION_KEY: coverage.text, **coverage.values()})
+    text, shares = progress_from_diagnostics({CALIBRATION_KEY: coverage.text, **coverage.values()})
     assert text == coverage.text and list(shares) == [prompt.name for prompt in PROMPTS]
     np.testing.assert_allclose(list(shares.values()), coverage.shares, atol=.01)

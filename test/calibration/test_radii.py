@@ -4,7 +4,7 @@ import numpy as np
 
 from hand_tracker.calibration import landmark_positions
 from hand_tracker.calibration.radii import MIN_RADIUS_SHARE, fit_radii
-from hand_tracker.core.model.capsules import capsules, pair_gaps
+from hand_tracker.core.model.capsules import hand_capsules, pair_gaps
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.pose.contact import PENETRATION
@@ -31,11 +31,11 @@ def test_free_postures_leave_the_radii():
 
 def test_recorded_postures_are_free_of_overlap():
     angles, joints = recorded(4.)
-    assert pair_gaps(capsules(HAND), angles[0]).min() < -.003
+    assert pair_gaps(hand_capsules(HAND), angles[0]).min() < -.003
     for side in ('right', 'left'):
         fitted = fit_radii(HAND.replace(side=side), joints)
         assert fitted.side == side
-        assert pair_gaps(capsules(fitted), angles[0]).min() >= -PENETRATION - 1e-6
+        assert pair_gaps(hand_capsules(fitted), angles[0]).min() >= -PENETRATION - 1e-6
         np.testing.assert_array_equal(fitted.radii[2:], HAND.radii[2:])
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.inverse_kinematics.palm import place_palm
-from hand_tracker.core.model.capsules import capsules, pair_gaps
+from hand_tracker.core.model.capsules import hand_capsules, pair_gaps
 from hand_tracker.core.model.hand import ABDUCTION_JOINTS, FINGERS, FLEXION_JOINTS, SIDES, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
@@ -186,7 +186,7 @@ def crossed(adduction):
 
 def deepest(state):
     """Return the deepest overlap of a pose [m]."""
-    return -pair_gaps(capsules(HAND), state.angles).min()
+    return -pair_gaps(hand_capsules(HAND), state.angles).min()
 
 
 def led_into(hidden, lean):

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.errors import InvalidLayout, InvalidOption
 from hand_tracker.core.inverse_kinematics.abduction_plane import FIST_FAR
-from hand_tracker.core.inverse_kinematics.digit import chains
+from hand_tracker.core.inverse_kinematics.digit import digit_chains
 from hand_tracker.core.model.hand import (
     ABDUCTION_JOINTS,
     FLEXION_JOINTS,
@@ -68,7 +68,7 @@ def in_fist(hand, angles, layout=None):
     """Return which digits have their marker so little in front of the joint that it is blended."""
     tracker = HandTracker(hand.replace(side='right'), layout)
     state = tracker.update(markers_of(tracker.hand, angles, layout))
-    digits = chains(tracker.hand, tracker.layout.mounting(tracker.hand))
+    digits = digit_chains(tracker.hand, tracker.layout.mounting(tracker.hand))
     local = (state.markers[3:] - digits.root)
     ahead = np.einsum('dji,dj->di', digits.base, local)[:, 0]
     return abs(ahead) < FIST_FAR * digits.bones.sum(axis=1)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.model.capsules import capsules, pair_gaps
+from hand_tracker.core.model.capsules import hand_capsules, pair_gaps
 from hand_tracker.core.model.hand import FINGERS, FLEXION_JOINTS, JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import (
@@ -402,7 +402,7 @@ def test_a_left_hand_is_a_mirrored_right_hand_under_occlusion_too(rows):
 
 
 def test_no_hidden_digit_goes_into_another_or_the_palm():
-    shapes = capsules(HAND)
+    shapes = hand_capsules(HAND)
     rng = np.random.default_rng(4)
     lower, upper = HAND.limits.T
     overlaps = {}

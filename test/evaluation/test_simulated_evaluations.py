@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from hand_tracker.core.model.capsules import capsules, pair_gaps
+from hand_tracker.core.model.capsules import hand_capsules, pair_gaps
 from hand_tracker.core.model.hand import FLEXION_JOINTS, JOINTS, Hand
 from hand_tracker.core.options import TrackerOptions
 from hand_tracker.evaluation import ablation, camera_count, frame_rates, steadiness
@@ -139,7 +139,7 @@ def test_overlaps_are_those_that_rigidity_takes_away():
     angles[1, JOINTS.index('index_mcp_abduction')] = hand.limits[1, 0]
     overlaps = deepest_overlaps(hand, angles)
     assert overlaps[0] == pytest.approx(0., abs=1e-9)
-    assert overlaps[1] == pytest.approx(-pair_gaps(capsules(hand), angles[1]).min())
+    assert overlaps[1] == pytest.approx(-pair_gaps(hand_capsules(hand), angles[1]).min())
     assert overlaps[1] > 1e-3
 
 

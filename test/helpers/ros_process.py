@@ -56,7 +56,7 @@ class Process:
     def __init__(self, command, environment=None, **more):
         self._process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-            env={**os.environ, **(environment or {})}, **more)
+            env={**os.environ, 'PYTHONFAULTHANDLER': '1', **(environment or {})}, **more)
         self._lines = []
         self._ended = False
         self._changed = Condition()
@@ -104,7 +104,14 @@ class Process:
 
     def wait(self, timeout=PATIENCE):
         """Wait until it ends; return its exit code."""
-        code = self._process.wait(timeout)
+        try:
+            code = self._process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            # Python's fault handler prints where each thread hangs.
+            self._process.send_signal(signal.SIGABRT)
+            self._process.wait()
+            self._reader.join()
+            raise AssertionError(f'it did not end within {timeout} s:\n{self.output}') from None
         self._reader.join()
         return code
 

@@ -8,7 +8,7 @@ from helpers.ros_process import NodeProcess, watching_node
 from helpers.skin_markers import worn_markers
 from visualization_msgs.msg import MarkerArray
 
-from hand_tracker.calibration.live_take import CALIBRATION_KEY, told_progress
+from hand_tracker.calibration.live_take import CALIBRATION_KEY, progress_from_diagnostics
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.files.hand_file import load_hand
 from hand_tracker.simulation.motions import motion_named
@@ -60,7 +60,8 @@ def test_a_hand_that_shows_everything_is_fitted(tmp_path):
     texts = [value.value for each in told for value in each.status[0].values
              if value.key == CALIBRATION_KEY]
     assert any('fitting' in text for text in texts)
-    assert told_progress({value.key: value.value for value in told[-1].status[0].values})[1] == {}
+    last = {value.key: value.value for value in told[-1].status[0].values}
+    assert progress_from_diagnostics(last)[1] == {}
 
 
 def test_a_still_hand_is_refused_when_the_time_is_over(tmp_path):

@@ -9,7 +9,7 @@ from helpers.skin_markers import worn_markers
 from rcl_interfaces.srv import GetParameters
 from std_srvs.srv import Trigger
 
-from hand_tracker.calibration.live_take import told_progress
+from hand_tracker.calibration.live_take import progress_from_diagnostics
 from hand_tracker.calibration.prompts import PROMPTS
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.marker_layout import MarkerLayout
@@ -118,7 +118,7 @@ def test_a_hand_is_calibrated_while_it_is_tracked(tmp_path):
         told = bench.node.collect(DiagnosticArray, '/diagnostics')
 
         def progress():
-            return told and told_progress(
+            return told and progress_from_diagnostics(
                 {value.key: value.value for value in told[-1].status[0].values})
 
         bench.meet(frame)

@@ -470,7 +470,8 @@ def test_a_pause_while_waiting_for_subscribers_skips_nothing(bags, watch, srv):
 
 # The replay node, which says when a step begins.
 STEPS_LOUDLY = '''
-from hand_tracker.nodes import playback, replay_node
+from hand_tracker.nodes import replay_node
+from hand_tracker.tracking import playback
 def play_next(self, step=playback.Playback.play_next):
     print('a step begins', flush=True)
     return step(self)

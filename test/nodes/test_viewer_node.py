@@ -236,7 +236,7 @@ def test_it_pauses_and_slows_the_player():
             return 1. / np.median(np.diff(stamps()[-20:]))
 
         def look():
-            head.look()
+            head.poll()
             return head.there
 
         assert not look()

@@ -44,10 +44,10 @@ while after < 60:
     farthest = max(farthest, abs(frame.state.angles - other.state.angles).max(),
                    abs(frame.state.pose.position - other.state.pose.position).max())
     number += 1
-    after += stream.is_fast
-    assert not plain.is_fast
+    after += stream.is_compiled
+    assert not plain.is_compiled
     assert stream.compilation.error is None, stream.compilation.error
-print(farthest, *(line for _, line in stream.news()), sep='\\n')
+print(farthest, *(line for _, line in stream.pop_log_lines()), sep='\\n')
 """
 
 
@@ -142,7 +142,7 @@ frame = MarkerFrame(Stamp(1, 0), 'mocap', np.zeros((8, 3)), (), (), ())
 lines = []
 while len(lines) < 2:
     assert stream.track(frame, 0., lambda: Stamp(1, 0)).state is not None
-    lines += stream.news()
+    lines += stream.pop_log_lines()
     time.sleep(.01)
 print(*lines, sep='\\n')
 """

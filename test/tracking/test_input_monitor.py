@@ -17,14 +17,13 @@ from hand_tracker.simulation.packaged_recordings import demo_recording
 from hand_tracker.simulation.simulator import calibrated
 from hand_tracker.simulation.visibility import skin_layout
 from hand_tracker.tracking.input_monitor import (
-    CAUSES_LOGGED,
     OFF_HAND_AFTER,
     SILENT_AFTER,
     STANDING_STAMPS,
     InputMonitor,
 )
 from hand_tracker.tracking.marker_events import RECOVERED_AFTER
-from hand_tracker.tracking.rate_limit import LOG_LINES, LOG_WINDOW
+from hand_tracker.tracking.rate_limit import KEYS_LOGGED, LOG_LINES, LOG_WINDOW
 
 
 class Input:
@@ -268,7 +267,7 @@ def test_says_a_bounded_number_of_causes():
     hand = Input()
     for i in range(1000):
         hand.watch.warn_once(i, 'text')
-    assert len(hand.said(1.)) == CAUSES_LOGGED
+    assert len(hand.said(1.)) == KEYS_LOGGED
 
 
 @pytest.mark.parametrize('state, said', [

@@ -71,4 +71,5 @@ def test_the_markers_of_any_layout_are_read():
     positions = reader.read(b'').positions
     assert np.isnan(positions[3]).all()
     assert np.array_equal(np.delete(positions, 3, 0), cloud[np.delete(rows, 3)])
-    assert reader.news() == [(False, 'the right hand is found among 30 points without labels')]
+    assert reader.pop_log_lines() == [
+        (False, 'the right hand is found among 30 points without labels')]

@@ -12,8 +12,9 @@ from hand_tracker.messages.labels import LabelMap
 from hand_tracker.messages.marker_array import MarkerFrame
 from hand_tracker.messages.stamps import Stamp
 from hand_tracker.tracking.diagnostics import STATUS_GAP, Level
-from hand_tracker.tracking.input_monitor import CAUSES_LOGGED, SILENT_AFTER
+from hand_tracker.tracking.input_monitor import SILENT_AFTER
 from hand_tracker.tracking.monitor import Monitor, TrackedFrames
+from hand_tracker.tracking.rate_limit import KEYS_LOGGED
 from hand_tracker.tracking.stream import TrackedFrame
 
 LATENCY = .002
@@ -143,9 +144,9 @@ def test_warnings_are_logged_once_and_their_number_is_bounded():
     for _ in range(3):
         found.warn_once('stamp', 'no stamp')
     assert found.log_lines(0., str) == [(True, 'no stamp')]
-    for key in range(2 * CAUSES_LOGGED):
+    for key in range(2 * KEYS_LOGGED):
         found.warn_once(key, f'cause {key}')
-    assert len(logged(found, 0.)) == CAUSES_LOGGED - 1
+    assert len(logged(found, 0.)) == KEYS_LOGGED - 1
 
 
 def test_the_end_names_what_was_never_seen():

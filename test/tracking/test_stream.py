@@ -152,14 +152,14 @@ def test_a_learned_size_keeps_limits_and_coupling():
     hand = stream.tracker.hand
     assert np.array_equal(hand.finger_bones, Hand.scaled(.21).finger_bones)
     assert np.array_equal(hand.limits, limits)
-    (is_warning, line), = stream.news()
+    (is_warning, line), = stream.pop_log_lines()
     assert not is_warning and line.startswith('the size of the hand is learned: ')
-    assert stream.news() == []
+    assert stream.pop_log_lines() == []
 
 
 def test_a_size_that_was_given(stream):
     stream.track([markers()], 2., no_receipt)
-    assert (stream.size, stream.tracker.configured, stream.news()) == ('given', [], [])
+    assert (stream.size, stream.tracker.configured, stream.pop_log_lines()) == ('given', [], [])
     assert not stream.needs_each_frame
 
 
@@ -200,29 +200,29 @@ def test_compiled_kernels_take_over_between_two_frames(stream, compilation, monk
     stream.compile_in_background('a program', more=print)
     assert list(compilation.loaders) == [TRACKING_SET, 'more', LABELLING_SET]
     assert compilation.program == 'a program'
-    (is_warning, line), = stream.news()
+    (is_warning, line), = stream.pop_log_lines()
     assert not is_warning and line.startswith('first start')
     stream.track([markers()], 2., no_receipt)
-    assert not stream.is_fast and stream.news() == []
+    assert not stream.is_compiled and stream.pop_log_lines() == []
     compilation.loaded.append(TRACKING_SET)
-    assert not stream.is_fast
+    assert not stream.is_compiled
     for _ in range(2):
         stream.track([markers()], 2., no_receipt)
-    assert stream.is_fast and stream.reader.has_switched
-    assert stream.news() == [(False, 'compiled kernels have taken over')]
+    assert stream.is_compiled and stream.reader.has_switched
+    assert stream.pop_log_lines() == [(False, 'compiled kernels have taken over')]
 
 
 def test_an_error_of_the_compilation_is_reported_once(stream, compilation, monkeypatch):
     monkeypatch.setattr(module, 'DEFERRED', True)
     stream.compile_in_background()
-    stream.news()
+    stream.pop_log_lines()
     compilation.error = 'no compiler'
-    (is_warning, line), = stream.news()
+    (is_warning, line), = stream.pop_log_lines()
     assert is_warning and line.endswith('no compiler')
-    assert stream.news() == []
+    assert stream.pop_log_lines() == []
 
 
 def test_nothing_is_compiled_where_nothing_is_missing(stream, compilation, monkeypatch):
     monkeypatch.setattr(module, 'DEFERRED', False)
     stream.compile_in_background()
-    assert stream.compilation is None and stream.news() == []
+    assert stream.compilation is None and stream.pop_log_lines() == []

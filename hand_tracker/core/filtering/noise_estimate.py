@@ -1,7 +1,7 @@
-"""Measurement noise of each marker: estimated by its third differences, and in the palm's frame.
+"""Measurement noise of each marker by third differences, and its propagation to the palm's frame.
 
 Third differences contain little motion but 20 times the variance of white noise. A low
-quantile of their squares is tracked, which moments of motion do not reach. Ours; no source.
+quantile of their squares is tracked, so that short motions do not raise it. Ours; no source.
 """
 
 import math

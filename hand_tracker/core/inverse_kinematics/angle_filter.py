@@ -34,8 +34,9 @@ from .two_bone import (
     aim_end,
 )
 
-SHOWING_TIME = .0045       # [s] in which a motion shows itself: of the mean innovation
-# [1] of a smoothed marker's noise: the errors of consecutive frames are alike.
+# Time constant of the mean innovation, which is taken for motion [s].
+INNOVATION_TIME = .0045
+# Variance of a smoothed marker over that of its noise: errors of consecutive frames are alike.
 FLEXION_NOISE_VARIANCE = 2.4
 ABDUCTION_NOISE_VARIANCE = 4.   # more, as digits abduct more slowly than they bend
 FIST_CERTAIN = .28         # [1] of the reach in front of the joint, where the plane is certain
@@ -47,13 +48,13 @@ NEUTRAL_ABDUCTION_VARIANCE = 4e-3
 FLEXION_BOUND = 1.15
 ABDUCTION_BOUND = .6
 LARGEST_MISS = 1e-3
-RETURNS = 4                # steps back to the marker, the last one all the way
+BACKTRACKING_STEPS = 4                # steps back to the marker, the last one all the way
 RETURN_SHARE = .95         # [1] of what would be enough, were the reach proportional to the angle
 FIST_MISS = 8e-4           # [m] more in a fist, where a millimetre of a marker's place is abduction
 UNREACHED_NOISE = .3       # [1] of the noise that a marker beyond reach may straighten a digit by
-LONGEST_STEP = .05         # [s] a longer one says no more
+LONGEST_STEP = .05         # [s] at which the time step is capped
 SHIFT_TIME = .5            # [s] time constant of a hidden digit's shift
-LEAP_VARIANCE = .05        # [rad²] where the evidence of a digit changed
+REACQUISITION_VARIANCE = .05        # [rad²] where the evidence of a digit changed
 LARGEST_MOTION = 1.        # [rad] that an innovation is taken for
 LIKELY_STEPS = 4           # of Gauss and Newton to the likeliest flexion
 LONGEST_LIKELY_STEP = .3   # [rad]
@@ -155,7 +156,7 @@ def filter_angles(chains: Chains, roots: np.ndarray, observation: Observation, s
             evidence = DigitEvidence(
                 observation.noise[digit], 0. if begins else min(step, LONGEST_STEP),
                 # A leap is blended in later: it has to be in this frame.
-                LEAP_VARIANCE if begins or changed[digit] else 0.)
+                REACQUISITION_VARIANCE if begins or changed[digit] else 0.)
             _estimate_abduction(chains, digit, marker, evidence, state)
             _estimate_flexion(chains, digit, marker, evidence, solved, state)
     for joint in range(25):
@@ -232,7 +233,7 @@ def _estimate_abduction(chains: Chains, digit: int, marker: Vector, evidence: Di
     distance = math.hypot(marker[0], marker[1])
     if weight > 0.:
         noise = evidence.noise / (distance * weight)
-        shown = weight * (1. - math.exp(-evidence.step / SHOWING_TIME))
+        shown = weight * (1. - math.exp(-evidence.step / INNOVATION_TIME))
         correction, left = observe_angle(
             direction - turn, 1., ABDUCTION_NOISE_VARIANCE * noise * noise, shown,
             variance + evidence.leap)
@@ -286,7 +287,7 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
             math.hypot(target[0], target[1]) - reach_found, -unreached, unreached)
     correction, left = observe_angle(
         innovation, slope, FLEXION_NOISE_VARIANCE * evidence.noise * evidence.noise,
-        1. - math.exp(-evidence.step / SHOWING_TIME), variance + evidence.leap)
+        1. - math.exp(-evidence.step / INNOVATION_TIME), variance + evidence.leap)
     variance = min(variance, left) if evidence.leap > 0. else left
     bent = angle >= straight
     angle += correction
@@ -304,10 +305,10 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
     least = _aim(linkage, target, found)[1]
     most = min(FLEXION_BOUND * evidence.noise, LARGEST_MISS)
     aim, miss = _aim(linkage, target, angle)
-    for rest in range(RETURNS):
+    for rest in range(BACKTRACKING_STEPS):
         if miss - least <= most:
             break
-        share = RETURN_SHARE * most / (miss - least) if rest < RETURNS - 1 else 0.
+        share = RETURN_SHARE * most / (miss - least) if rest < BACKTRACKING_STEPS - 1 else 0.
         angle = found + share * (angle - found)
         aim, miss = _aim(linkage, target, angle)
     farthest = MAX_SECOND_HINGE_SPEED * evidence.step

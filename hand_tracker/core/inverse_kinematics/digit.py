@@ -30,6 +30,7 @@ ASIDE_ROUNDS = 5  # solutions of a digit that leaves its plane; each is nearer b
 THUMB = 4         # among the digits
 THUMB_MCP_ABDUCTION_JOINT = JOINTS.index('thumb_mcp_abduction')
 
+
 class Chains(NamedTuple):
     """Chains of the five digits for inverse kinematics, of a right hand.
 
@@ -94,7 +95,7 @@ class Chains(NamedTuple):
     aside: np.ndarray
 
 
-def chains(hand: Hand, mounting: Mounting) -> Chains:
+def digit_chains(hand: Hand, mounting: Mounting) -> Chains:
     """Return the chains of a right hand's digits with their markers.
 
     Parameters

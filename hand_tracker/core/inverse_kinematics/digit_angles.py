@@ -38,12 +38,12 @@ FINGER_SPREADS = (1., .35, 1., 1., 1.)
 THUMB_SPREADS = (.6, .6, .09, 1., 1.)
 MEASURED_SPREAD = .01         # [rad] of a last joint that a sensor measures
 # Random walk of a joint while the digit's principal marker is hidden [rad/√s].
-WALK = 1.5
+JOINT_RANDOM_WALK = 1.5
 FAR_OFF = 25.                 # [1] mean cost of a marker, as of five deviations
 NATURAL_WEIGHT = .1           # [1] of the natural flexion beside markers that show the bend
 
 
-class Sketch(NamedTuple):
+class DigitWorkspace(NamedTuple):
     """Scratch memory of a digit's fit.
 
     Attributes
@@ -57,8 +57,8 @@ class Sketch(NamedTuple):
     gradient, step : ndarray, shape (5,)
     angles, tried, last : ndarray, shape (5,)
         Of the digit's joints [rad].
-    by : ndarray, shape (3, 5)
-        Derivatives of a marker by the joints [m/rad].
+    jacobian : ndarray, shape (3, 5)
+        Derivatives of a marker's position by the joints [m/rad].
     """
 
     frames: np.ndarray
@@ -71,13 +71,13 @@ class Sketch(NamedTuple):
     angles: np.ndarray
     tried: np.ndarray
     last: np.ndarray
-    by: np.ndarray
+    jacobian: np.ndarray
 
 
 @jit
-def new_sketch() -> Sketch:
+def new_digit_workspace() -> DigitWorkspace:
     """Return scratch memory."""
-    return Sketch(np.empty((5, 3, 3)), np.empty((5, 3)), np.empty((5, 3)), np.empty((5, 5)),
+    return DigitWorkspace(np.empty((5, 3, 3)), np.empty((5, 3)), np.empty((5, 3)), np.empty((5, 5)),
                   np.empty((5, 5)), np.empty(5), np.empty(5), np.empty(5), np.empty(5),
                   np.empty(5), np.empty((3, 5)))
 
@@ -100,45 +100,46 @@ def turn_about_z(axes: Frame, angle: float) -> Frame:
 
 @jit
 def place_digit(chains: Chains, bones: np.ndarray, digit: int, angles: np.ndarray,
-                sketch: Sketch) -> None:
+                workspace: DigitWorkspace) -> None:
     """Write the links of a digit, the palm flat, for angles (5,) along its chain [rad]."""
     axes, origin = frame(chains.base[digit]), vector(chains.root[digit])
     is_thumb = digit == THUMB
     sign = chains.sign[digit]
     for j in range(CHAIN_JOINTS):
         if j == 0 and not is_thumb:
-            _write_link(sketch, 0, axes, origin, (0., 0., 0.))
+            _write_link(workspace, 0, axes, origin, (0., 0., 0.))
             continue
         if j == 0 or j == 1 and not is_thumb or j == 2 and is_thumb:
             if j == 2:
                 origin = add(origin, scale(axes[0], bones[digit, 0]))
             axes = turn_about_z(axes, sign * angles[j])
-            _write_link(sketch, j, axes, origin, scale(axes[2], sign))
+            _write_link(workspace, j, axes, origin, scale(axes[2], sign))
             continue
         if j >= 3 and not (j == 3 and is_thumb):
             origin = add(origin, scale(axes[0], bones[digit, 1 if is_thumb else j - 3]))
         first = j == (1 if is_thumb else 2)
         axes = turn_about_y(axes, angles[j] + (chains.tilt[digit] if first else 0.))
-        _write_link(sketch, j, axes, origin, axes[1])
+        _write_link(workspace, j, axes, origin, axes[1])
 
 
 @jit
-def _write_link(sketch: Sketch, j: int, axes: Frame, origin: Vector, turn: Vector) -> None:
-    """Write a link's frame and its joint into the sketch."""
+def _write_link(workspace: DigitWorkspace, j: int, axes: Frame, origin: Vector,
+                turn: Vector) -> None:
+    """Write a link's frame and its joint into the workspace."""
     for i in range(3):
-        sketch.origins[j, i], sketch.axes[j, i] = origin[i], turn[i]
+        workspace.origins[j, i], workspace.axes[j, i] = origin[i], turn[i]
         for k in range(3):
-            sketch.frames[j, k, i] = axes[k][i]
+            workspace.frames[j, k, i] = axes[k][i]
 
 
 @jit
-def on_digit(rows: MarkerRows, row: int, angles: np.ndarray,
-             sketch: Sketch) -> tuple[Vector, Vector]:
+def marker_on_digit(rows: MarkerRows, row: int, angles: np.ndarray,
+             workspace: DigitWorkspace) -> tuple[Vector, Vector]:
     """Return a marker's place on a placed digit, and the landmark that it is at [m]."""
     link = rows.link[row]
-    axes = (vector(sketch.frames[link, 0]), vector(sketch.frames[link, 1]),
-            vector(sketch.frames[link, 2]))
-    end = add(vector(sketch.origins[link]), rotate(axes, vector(rows.end[row])))
+    axes = (vector(workspace.frames[link, 0]), vector(workspace.frames[link, 1]),
+            vector(workspace.frames[link, 2]))
+    end = add(vector(workspace.origins[link]), rotate(axes, vector(rows.end[row])))
     share = rows.share[row]
     if share != 0. and link < CHAIN_JOINTS - 1:
         axes = turn_about_y(axes, share * angles[link + 1])
@@ -147,7 +148,8 @@ def on_digit(rows: MarkerRows, row: int, angles: np.ndarray,
 
 @jit
 def solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit: int,
-                       solved: np.ndarray, step: float, sketch: Sketch) -> tuple[int, float]:
+                       solved: np.ndarray, step: float,
+                       workspace: DigitWorkspace) -> tuple[int, float]:
     """Solve a digit's angles by all its measured markers, in `state.angles`.
 
     Parameters
@@ -161,7 +163,8 @@ def solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit:
         Angles by the principal marker, where the solution begins if they fit better [rad].
     step : float
         Since the last frame [s].
-    sketch : Sketch
+    workspace : DigitWorkspace
+        Overwritten.
 
     Returns
     -------
@@ -178,37 +181,38 @@ def solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit:
         return 0, 0.
     # The thumb's joints are all free; the palm's arch is solved already.
     first = 0 if digit == THUMB else 1
-    walk = 0. if state.is_measured[3 + digit] else WALK * math.sqrt(max(step, 1e-4))
-    angles, tried = sketch.angles, sketch.tried
+    walk = 0. if state.is_measured[3 + digit] else JOINT_RANDOM_WALK * math.sqrt(max(step, 1e-4))
+    angles, tried = workspace.angles, workspace.tried
     for j in range(CHAIN_JOINTS):
         angles[j] = clamp(state.angles[5 * digit + j], chains.lower[5 * digit + j],
                           chains.upper[5 * digit + j])
-        sketch.last[j] = angles[j]
+        workspace.last[j] = angles[j]
         tried[j] = solved[5 * digit + j]
-    cost = _equations(chains, rows, state, digit, angles, walk, sketch)
+    cost = _equations(chains, rows, state, digit, angles, walk, workspace)
     if cost > seen * FAR_OFF:
         # The last frame says little: begin where the principal marker's solution fits better.
-        if _equations(chains, rows, state, digit, tried, walk, sketch) < cost:
+        if _equations(chains, rows, state, digit, tried, walk, workspace) < cost:
             for j in range(CHAIN_JOINTS):
                 angles[j] = tried[j]
-        cost = _equations(chains, rows, state, digit, angles, walk, sketch)
+        cost = _equations(chains, rows, state, digit, angles, walk, workspace)
     damping = SOLVE_DAMPING
     for _ in range(MOST_STEPS):
-        _hold(chains, digit, first, sketch)
-        if not solve_damped(sketch.matrix, sketch.gradient, CHAIN_JOINTS, damping,
-                            sketch.factor, sketch.step):
+        _fix_active_limits(chains, digit, first, workspace)
+        if not solve_damped(workspace.matrix, workspace.gradient, CHAIN_JOINTS, damping,
+                            workspace.factor, workspace.step):
             break
         size = 0.
         for j in range(CHAIN_JOINTS):
             joint = 5 * digit + j
-            tried[j] = clamp(angles[j] + sketch.step[j], chains.lower[joint], chains.upper[joint])
+            tried[j] = clamp(
+                angles[j] + workspace.step[j], chains.lower[joint], chains.upper[joint])
             size += (tried[j] - angles[j]) ** 2
         if size < SETTLED and damping <= SOLVE_DAMPING:
             # So small a step of an undamped solution needs no proof.
             for j in range(CHAIN_JOINTS):
                 angles[j] = tried[j]
             break
-        found = _equations(chains, rows, state, digit, tried, walk, sketch)
+        found = _equations(chains, rows, state, digit, tried, walk, workspace)
         if found <= cost:
             cost = found
             for j in range(CHAIN_JOINTS):
@@ -220,41 +224,41 @@ def solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit:
             damping = 10. * max(damping, .01)
             if damping > MOST_DAMPING or size < 1e-2 * SETTLED:
                 break
-            _equations(chains, rows, state, digit, angles, walk, sketch)
+            _equations(chains, rows, state, digit, angles, walk, workspace)
     for j in range(first, CHAIN_JOINTS):
         state.angles[5 * digit + j] = angles[j]
     return seen, cost / seen
 
 
 @jit
-def _hold(chains: Chains, digit: int, first: int, sketch: Sketch) -> None:
-    """Hold joints at a limit that they are pulled beyond, and those before the first."""
+def _fix_active_limits(chains: Chains, digit: int, first: int, workspace: DigitWorkspace) -> None:
+    """Fix the joints at a limit that they are pulled beyond, and those before the first."""
     for j in range(CHAIN_JOINTS):
         joint = 5 * digit + j
-        pull = sketch.gradient[j]
-        if j >= first and not (sketch.angles[j] <= chains.lower[joint] and pull < 0.
-                               or sketch.angles[j] >= chains.upper[joint] and pull > 0.):
+        pull = workspace.gradient[j]
+        if j >= first and not (workspace.angles[j] <= chains.lower[joint] and pull < 0.
+                               or workspace.angles[j] >= chains.upper[joint] and pull > 0.):
             continue
         for k in range(CHAIN_JOINTS):
-            sketch.matrix[j, k] = 0.
-            sketch.matrix[k, j] = 0.
-        sketch.matrix[j, j] = 1.
-        sketch.gradient[j] = 0.
+            workspace.matrix[j, k] = 0.
+            workspace.matrix[k, j] = 0.
+        workspace.matrix[j, j] = 1.
+        workspace.gradient[j] = 0.
 
 
 @jit
 def _equations(chains: Chains, rows: MarkerRows, state: RowState, digit: int, angles: np.ndarray,
-               walk: float, sketch: Sketch) -> float:
-    """Write the normal equations at angles (5,) into the sketch; return the cost."""
-    matrix, gradient, by = sketch.matrix, sketch.gradient, sketch.by
+               walk: float, workspace: DigitWorkspace) -> float:
+    """Write the normal equations at angles (5,) into the workspace; return the cost."""
+    matrix, gradient, by = workspace.matrix, workspace.gradient, workspace.jacobian
     matrix[:] = 0.
     gradient[:] = 0.
     cost = 0.
-    place_digit(chains, rows.bones, digit, angles, sketch)
+    place_digit(chains, rows.bones, digit, angles, workspace)
     for row in range(rows.used[0]):
         if rows.digit[row] != digit or not state.is_measured[row]:
             continue
-        place, end = on_digit(rows, row, angles, sketch)
+        place, end = marker_on_digit(rows, row, angles, workspace)
         miss = subtract(vector(state.local[row]), place)
         square = miss[0] * miss[0] + miss[1] * miss[1] + miss[2] * miss[2]
         loss = 1. + square / (OUTLIER * OUTLIER)
@@ -263,11 +267,11 @@ def _equations(chains: Chains, rows: MarkerRows, state: RowState, digit: int, an
         link = rows.link[row]
         joints = link + 1
         for j in range(joints):
-            v = cross(vector(sketch.axes[j]), subtract(place, vector(sketch.origins[j])))
+            v = cross(vector(workspace.axes[j]), subtract(place, vector(workspace.origins[j])))
             by[0, j], by[1, j], by[2, j] = v[0], v[1], v[2]
         share = rows.share[row]
         if share != 0. and link < CHAIN_JOINTS - 1:
-            v = cross(vector(sketch.frames[link, 1]), subtract(place, end))
+            v = cross(vector(workspace.frames[link, 1]), subtract(place, end))
             by[0, joints], by[1, joints], by[2, joints] = share * v[0], share * v[1], share * v[2]
             joints += 1
         for i in range(joints):
@@ -275,14 +279,14 @@ def _equations(chains: Chains, rows: MarkerRows, state: RowState, digit: int, an
             for j in range(i + 1):
                 matrix[i, j] += weight * (
                     by[0, i] * by[0, j] + by[1, i] * by[1, j] + by[2, i] * by[2, j])
-    return cost + _priors(chains, digit, angles, walk, sketch)
+    return cost + _priors(chains, digit, angles, walk, workspace)
 
 
 @jit
 def _priors(chains: Chains, digit: int, angles: np.ndarray, walk: float,
-            sketch: Sketch) -> float:
+            workspace: DigitWorkspace) -> float:
     """Add the usual angles, the natural flexion, the coupling and the last frame; return costs."""
-    matrix, gradient = sketch.matrix, sketch.gradient
+    matrix, gradient = workspace.matrix, workspace.gradient
     spreads = THUMB_SPREADS if digit == THUMB else FINGER_SPREADS
     cost = 0.
     for j in range(CHAIN_JOINTS):
@@ -291,7 +295,7 @@ def _priors(chains: Chains, digit: int, angles: np.ndarray, walk: float,
         matrix[j, j] += weight
         gradient[j] -= weight * angles[j]
         if walk > 0.:
-            off = angles[j] - sketch.last[j]
+            off = angles[j] - workspace.last[j]
             weight = walk ** -2
             cost += weight * off * off
             matrix[j, j] += weight
@@ -299,33 +303,34 @@ def _priors(chains: Chains, digit: int, angles: np.ndarray, walk: float,
     first = 1 if digit == THUMB else 2
     second = 3
     natural = chains.natural[digit]
-    cost += _link(matrix, gradient, angles, second, first, natural[0], natural[1],
-                  natural[2] / math.sqrt(NATURAL_WEIGHT))
-    cost += _link(matrix, gradient, angles, 4, 3, chains.coupling[digit, 0],
-                  chains.coupling[digit, 1],
-                  MEASURED_SPREAD if chains.measured[digit] else chains.coupling_spread[digit])
+    cost += _add_coupling_prior(
+        matrix, gradient, angles, second, first, natural[0], natural[1],
+        natural[2] / math.sqrt(NATURAL_WEIGHT))
+    cost += _add_coupling_prior(
+        matrix, gradient, angles, 4, 3, chains.coupling[digit, 0], chains.coupling[digit, 1],
+        MEASURED_SPREAD if chains.measured[digit] else chains.coupling_spread[digit])
     return cost
 
 
 @jit
-def _link(matrix: np.ndarray, gradient: np.ndarray, angles: np.ndarray, joint: int, of: int,
-          slope: float, offset: float, spread: float) -> float:
-    """Add that a joint follows an earlier one: slope, offset and spread; return the cost."""
+def _add_coupling_prior(matrix: np.ndarray, gradient: np.ndarray, angles: np.ndarray, joint: int,
+                        other: int, slope: float, offset: float, spread: float) -> float:
+    """Add the prior joint = slope · other + offset, of a spread [rad]; return its cost."""
     weight = spread ** -2
-    off = angles[joint] - slope * angles[of] - offset
+    off = angles[joint] - slope * angles[other] - offset
     matrix[joint, joint] += weight
-    matrix[joint, of] -= weight * slope
-    matrix[of, of] += weight * slope * slope
+    matrix[joint, other] -= weight * slope
+    matrix[other, other] += weight * slope * slope
     gradient[joint] -= weight * off
-    gradient[of] += weight * slope * off
+    gradient[other] += weight * slope * off
     return weight * off * off
 
 
 @jit
 def principal_place(chains: Chains, rows: MarkerRows, state: RowState, digit: int,
-                    sketch: Sketch) -> Vector:
+                    workspace: DigitWorkspace) -> Vector:
     """Return where a digit's principal marker is by its solved angles, the palm flat [m]."""
     for j in range(CHAIN_JOINTS):
-        sketch.angles[j] = state.angles[5 * digit + j]
-    place_digit(chains, rows.bones, digit, sketch.angles, sketch)
-    return on_digit(rows, 3 + digit, sketch.angles, sketch)[0]
+        workspace.angles[j] = state.angles[5 * digit + j]
+    place_digit(chains, rows.bones, digit, workspace.angles, workspace)
+    return marker_on_digit(rows, 3 + digit, workspace.angles, workspace)[0]

@@ -68,7 +68,7 @@ def capsule_lengths(hand: Hand) -> np.ndarray:
     return lengths
 
 
-def capsules(hand: Hand) -> Capsules:
+def hand_capsules(hand: Hand) -> Capsules:
     """Return the capsules of a hand, as a right hand.
 
     Pairs that overlap at zero angles, as fingers of a narrow hand do, count as touching there:

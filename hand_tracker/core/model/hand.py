@@ -19,6 +19,7 @@ FINGERS = ('index', 'middle', 'ring', 'little')
 DIGITS = FINGERS + ('thumb',)
 SIDES = ('right', 'left')
 BOTH = 'both'  # sides at once, where a side is asked for
+OTHER_SIDE = {'right': 'left', 'left': 'right'}
 LEFT_HAND_MIRROR = np.array((1., -1., 1.))  # signs of the axes, of a left hand against a right
 
 # Along the chain: abduction precedes flexion, so that one plane through the

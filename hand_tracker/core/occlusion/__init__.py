@@ -1,5 +1,6 @@
-"""Occlusion: predict hidden markers of the palm (`palm_markers`) and the digits (`digit_markers`).
+"""Step 3, occlusion: predict hidden markers of the palm and the digits.
 
-The digits' markers are predicted from each other by `transdigital` correlation; `prediction` has
-what both share.
+In reading order: `prediction` (options of both), `palm_markers` (by the palm's rigidity and the
+fingers), `transdigital` (correlation of the digits), `digit_markers` (by inertia and the other
+digits).
 """

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InvalidLayout
-from ..model.hand import LEFT_HAND_MIRROR
+from ..model.hand import LEFT_HAND_MIRROR, OTHER_SIDE
 
 ALIGNMENT_ROUNDS = 6         # of alignment to the mean palm
 LEARNED_FRAMES = 3000       # at most, evenly spread
@@ -91,7 +91,7 @@ class HandPrototype:
         count = len(self.names)
         signs = np.tile(LEFT_HAND_MIRROR, count)
         return replace(
-            self, side='left' if self.side == 'right' else 'right', statistics=one._replace(
+            self, side=OTHER_SIDE[self.side], statistics=one._replace(
                 template=one.template * LEFT_HAND_MIRROR,
                 precision=one.precision * np.outer(signs, signs),
                 marginal=one.marginal * np.outer(LEFT_HAND_MIRROR, LEFT_HAND_MIRROR)))

@@ -1,1 +1,1 @@
-"""Pose: `continuity` of the angles, `contact` between digits, and the frame's `report`."""
+"""Step 5, pose: `continuity` of the angles, `contact` between digits, and the frame's `report`."""

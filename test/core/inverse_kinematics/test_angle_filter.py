@@ -11,7 +11,7 @@ from hand_tracker.core.inverse_kinematics.angle_filter import (
     observe_angle,
     pull_angle,
 )
-from hand_tracker.core.inverse_kinematics.digit import chains, solve_digits
+from hand_tracker.core.inverse_kinematics.digit import digit_chains, solve_digits
 from hand_tracker.core.model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
@@ -44,7 +44,7 @@ class Filtered:
 
     def __init__(self, layout='paper', start=None, hand=HAND):
         self.layout = LAYOUTS[layout]
-        self.chains = chains(hand, self.layout.mounting(hand))
+        self.chains = digit_chains(hand, self.layout.mounting(hand))
         self.solved = HAND.relaxed() if start is None else start.copy()
         self.state = initial_angle_filter(self.solved)
         self.first = True
@@ -157,7 +157,7 @@ def test_a_marker_that_moves_with_the_skin_is_believed_less_where_it_is_blind(pi
     found = []
     for skin in (0., .0002, .001):
         filtered = Filtered('skin', angles, hand)
-        filtered.chains = chains(hand, MarkerLayout(
+        filtered.chains = digit_chains(hand, MarkerLayout(
             layout.places, layout.offsets, np.full(8, skin)).mounting(hand))
         for _ in range(60):
             _, estimated = filtered.frame(markers_of(angles, layout), noise=1e-5)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.inverse_kinematics.abduction_plane import REFERENCE_STEP
-from hand_tracker.core.inverse_kinematics.digit import chains, override_coupling, solve_digits
+from hand_tracker.core.inverse_kinematics.digit import digit_chains, override_coupling, solve_digits
 from hand_tracker.core.inverse_kinematics.three_bone import straightest
 from hand_tracker.core.inverse_kinematics.two_bone import MAX_SECOND_HINGE_SPEED, Linkage
 from hand_tracker.core.model.hand import (
@@ -62,7 +62,7 @@ def solve(digits, markers, before=None, step=REFERENCE_STEP, by_fabrik=False, it
 
 @LAYOUTS
 def test_angles_of_an_open_hand_come_back(layout):
-    digits = chains(HAND, layout.mounting(HAND))
+    digits = digit_chains(HAND, layout.mounting(HAND))
     for angles in poses(20):
         found, used = solve(digits, markers_of(angles, layout))
         np.testing.assert_allclose(found, angles, atol=1e-6)
@@ -72,7 +72,7 @@ def test_angles_of_an_open_hand_come_back(layout):
 @LAYOUTS
 def test_a_thumb_whose_phalanges_lean_from_its_plane_comes_back(layout):
     hand = HAND.replace(thumb_mcp_abduction=np.radians(-8.))
-    digits = chains(hand, layout.mounting(hand))
+    digits = digit_chains(hand, layout.mounting(hand))
     for angles in poses(20, hand):
         angles[MCP_ABDUCTION] = hand.thumb_mcp_abduction
         found, _ = solve(digits, markers_of(angles, layout, hand))
@@ -85,7 +85,7 @@ def test_the_thumb_s_lean_stays_within_its_limits():
     limits = HAND.limits.copy()
     limits[MCP_ABDUCTION] = np.radians((-3., 3.))
     hand = HAND.replace(limits=limits, thumb_mcp_abduction=np.radians(-8.))
-    found, _ = solve(chains(hand, PAPER.mounting(hand)), markers_of(next(poses(1))))
+    found, _ = solve(digit_chains(hand, PAPER.mounting(hand)), markers_of(next(poses(1))))
     assert np.degrees(found[MCP_ABDUCTION]) == pytest.approx(-3.)
 
 
@@ -96,7 +96,7 @@ def test_a_person_s_own_flexion_finds_the_bends_that_an_average_one_s_misses():
     bends = np.radians(30. - 30. * np.cos(np.linspace(0., 4. * np.pi, 240)))
     worst = []
     for hand in (HAND, own):
-        digits, found, misses = chains(hand, skin.mounting(hand)), np.zeros(25), []
+        digits, found, misses = digit_chains(hand, skin.mounting(hand)), np.zeros(25), []
         for bend in bends:
             angles = np.zeros(25)
             angles[FIRST[:4]], angles[SECOND[:4]] = np.radians(5.), bend
@@ -109,7 +109,7 @@ def test_a_person_s_own_flexion_finds_the_bends_that_an_average_one_s_misses():
 
 @LAYOUTS
 def test_fabrik_brings_every_marker_to_its_place(layout):
-    digits = chains(HAND, layout.mounting(HAND))
+    digits = digit_chains(HAND, layout.mounting(HAND))
     for angles in poses(5, seed=2):
         markers = markers_of(angles, layout)
         found, used = solve(digits, markers, np.clip(angles + .02, *HAND.limits.T), by_fabrik=True)
@@ -121,13 +121,13 @@ def test_fabrik_brings_every_marker_to_its_place(layout):
 
 
 def test_fabrik_takes_at_most_its_iterations_for_each_digit():
-    digits = chains(HAND, PAPER.mounting(HAND))
+    digits = digit_chains(HAND, PAPER.mounting(HAND))
     markers = markers_of(next(poses(1)))
     assert solve(digits, markers, by_fabrik=True, iterations=1)[1] == len(DIGITS)
 
 
 def test_digits_that_are_moved_with_their_roots_keep_their_angles():
-    digits = chains(HAND, PAPER.mounting(HAND))
+    digits = digit_chains(HAND, PAPER.mounting(HAND))
     moved = np.random.default_rng(3).normal(scale=.01, size=(5, 3))
     for angles in poses(5):
         found = np.zeros(25)
@@ -147,7 +147,7 @@ def test_every_joint_stops_at_its_own_limits(layout, by_fabrik):
         limits[solved] = rng.uniform((-.15, .01), (-.01, .15), size=(len(solved), 2))
         hand = HAND.replace(limits=limits)
         # Bent far beyond the one limit and the other
-        found, _ = solve(chains(hand, layout.mounting(hand)), markers_of(
+        found, _ = solve(digit_chains(hand, layout.mounting(hand)), markers_of(
             wide if i % 2 else -wide, layout), by_fabrik=by_fabrik, iterations=50)
         assert (limits[solved, 0] <= found[solved]).all()
         assert (found[solved] <= limits[solved, 1]).all()
@@ -159,7 +159,7 @@ def test_abduction_of_every_digit_goes_to_the_limit_on_its_side():
     narrow = HAND.limits.copy()
     narrow[ABDUCTION_JOINTS] = -.05, .1
     hand = HAND.replace(limits=narrow)
-    digits = chains(hand, PAPER.mounting(hand))
+    digits = digit_chains(hand, PAPER.mounting(hand))
     angles = next(poses(1))
     for side, limit in ((-.2, -.05), (.2, .1)):
         angles[ABDUCTION_JOINTS] = side
@@ -168,9 +168,9 @@ def test_abduction_of_every_digit_goes_to_the_limit_on_its_side():
 
 
 def test_measured_last_joints_take_the_place_of_their_coupling():
-    coupled = chains(HAND, TIPS.mounting(HAND))
+    coupled = digit_chains(HAND, TIPS.mounting(HAND))
     pack, _ = packed(coupled)
-    copy, measured = packed(chains(HAND, TIPS.mounting(HAND)))
+    copy, measured = packed(digit_chains(HAND, TIPS.mounting(HAND)))
     last = HAND.limits[THIRD]
     override_coupling(pack, np.array((.3, np.nan, 9., -9., np.inf)), copy)
     np.testing.assert_array_equal(measured.measured, (True, False, True, True, False))
@@ -191,8 +191,8 @@ def test_measured_last_joints_take_the_place_of_their_coupling():
 
 @pytest.mark.parametrize('layout', [PAPER, TIPS], ids=['paper', 'tips'])
 def test_a_measured_last_joint_is_where_it_was_measured(layout):
-    pack, _ = packed(chains(HAND, layout.mounting(HAND)))
-    copy, measured = packed(chains(HAND, layout.mounting(HAND)))
+    pack, _ = packed(digit_chains(HAND, layout.mounting(HAND)))
+    copy, measured = packed(digit_chains(HAND, layout.mounting(HAND)))
     bent = np.array((.2, .9, .4, .1, .6))
     override_coupling(pack, bent, copy)
     for angles in poses(10, seed=6):
@@ -202,7 +202,7 @@ def test_a_measured_last_joint_is_where_it_was_measured(layout):
 
 
 def test_abduction_of_a_fist_follows_in_the_time_that_passed():
-    digits = chains(HAND, PAPER.mounting(HAND))
+    digits = digit_chains(HAND, PAPER.mounting(HAND))
     angles = np.zeros(25)
     angles[FIRST[:4]], angles[SECOND[:4]] = 1.2, 1.3
     angles[ABDUCTION_JOINTS[:4]] = .1
@@ -218,7 +218,7 @@ def test_a_second_hinge_turns_no_faster_than_its_step_allows():
     offsets = np.zeros((8, 3))
     offsets[3:7, 2] = .008
     layout = MarkerLayout(offsets=offsets)
-    digits = chains(HAND, layout.mounting(HAND))
+    digits = digit_chains(HAND, layout.mounting(HAND))
     angles = next(poses(1))
     angles[SECOND[:4]] = 1.
     before = np.zeros(25)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.inverse_kinematics.digit import chains, reach
+from hand_tracker.core.inverse_kinematics.digit import digit_chains, reach
 from hand_tracker.core.labelling.association import (
     ACCEPTED,
     REJECTED,
@@ -32,7 +32,7 @@ GATE, MARGIN, PATIENCE = 5., 1.5, .3
 STEP = 1. / 120.
 HAND = Hand.scaled()
 MOUNTING = MarkerLayout().mounting(HAND)
-CHAINS = chains(HAND, MOUNTING)
+CHAINS = digit_chains(HAND, MOUNTING)
 BOUNDS = HandBounds(CHAINS.root, reach(CHAINS), typical_places(HAND, MOUNTING))
 PLACES = marker_positions(MOUNTING, forward(joint_table(HAND), np.radians(
     (0, 0, 20, 30, 24) * 4 + (0, 10, 0, 10, 10))))

@@ -10,8 +10,8 @@ from scipy.optimize import minimize
 from hand_tracker.core.model.capsules import (
     PALM_INDEX,
     WEB_SHARE,
-    capsules,
     close_pairs,
+    hand_capsules,
     nearest_points,
     pair_gaps,
     place_capsules,
@@ -80,7 +80,7 @@ def test_capsules_lie_on_the_bones(side):
     hand = Hand.scaled(side=side)
     rng = np.random.default_rng(1)
     angles = rng.uniform(*hand.limits.T)
-    found = capsules(hand)
+    found = hand_capsules(hand)
     ends = np.empty((len(found.link), 2, 3))
     place_capsules(found, angles, ends)
     right = hand.replace(side='right')
@@ -103,7 +103,7 @@ def test_capsules_lie_on_the_bones(side):
 
 
 def test_only_strangers_meet():
-    found = capsules(Hand.scaled())
+    found = hand_capsules(Hand.scaled())
     pairs = list(zip(found.first, found.second))
     assert len(set(pairs)) == len(pairs)
     assert (found.digits[:, 0] < found.digits[:, 1]).all(), 'none meets its own digit'
@@ -119,7 +119,7 @@ def test_only_strangers_meet():
 @settings(max_examples=30)
 def test_pairs_far_apart_do_not_touch(share):
     hand = Hand.scaled(limits=preset_limits('wide'))
-    found = capsules(hand)
+    found = hand_capsules(hand)
     angles = hand.limits[:, 0] + share * np.ptp(hand.limits, axis=1)
     ends = np.empty((len(found.link), 2, 3))
     place_capsules(found, angles, ends)
@@ -131,7 +131,7 @@ def test_pairs_far_apart_do_not_touch(share):
 @pytest.mark.parametrize('length, breadth', [(.185, .085), (.2, .07), (.16, .08), (.22, .1)])
 def test_nothing_overlaps_at_zero_angles(length, breadth):
     hand = Hand.scaled(length, breadth)
-    found = capsules(hand)
+    found = hand_capsules(hand)
     assert pair_gaps(found, np.zeros(25)).min() >= -1e-15
     thick = hand.replace(radii=2. * hand.radii)
-    assert pair_gaps(capsules(thick), np.zeros(25)).min() >= -1e-15
+    assert pair_gaps(hand_capsules(thick), np.zeros(25)).min() >= -1e-15

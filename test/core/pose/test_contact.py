@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import minimize
 
-from hand_tracker.core.model.capsules import capsules, pair_gaps, place_capsules
+from hand_tracker.core.model.capsules import hand_capsules, pair_gaps, place_capsules
 from hand_tracker.core.model.hand import (
     ABDUCTION_JOINTS,
     FLEXION_JOINTS,
@@ -35,7 +35,7 @@ settings.load_profile('contact')
 
 HAND = Hand.scaled()
 WIDE = Hand.scaled(limits=preset_limits('wide'))
-BODIES = {id(hand): capsules(hand) for hand in (HAND, WIDE)}
+BODIES = {id(hand): hand_capsules(hand) for hand in (HAND, WIDE)}
 ALIKE = np.ones(5)
 FRICTION = .5
 INDEX, MIDDLE, RING, LITTLE, THUMB = range(5)
@@ -44,7 +44,7 @@ shares = arrays(float, 25, elements=st.floats(0., 1.))
 
 
 def body_of(hand):
-    return BODIES.setdefault(id(hand), capsules(hand))
+    return BODIES.setdefault(id(hand), hand_capsules(hand))
 
 
 def overlap(hand, angles):

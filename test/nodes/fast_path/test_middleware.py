@@ -276,7 +276,7 @@ def test_pictures_are_limited_to_the_rate_of_the_parameter():
         return len(rates) % 3 == 0
 
     with own_node() as tracker, watching_node() as node:
-        tracker.hands[0]._display = SimpleNamespace(due=every_third)
+        tracker.hands[0].display._limiter = SimpleNamespace(due=every_third)
         assert tracker.set_parameters([Parameter('display_rate', value=7.)])[0].successful
         publisher = node.create_publisher(MarkerArray, 'markers', 1000)
         pictures = node.collect(MarkerArray, 'hand_markers')

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import pytest
 
-from hand_tracker.nodes import playback as module
-from hand_tracker.nodes.playback import BUSY_WAIT, Playback, read_ahead
+from hand_tracker.tracking import playback as module
+from hand_tracker.tracking.playback import BUSY_WAIT, Playback, read_ahead
 
 START = 5 * 10**9
 PERIOD = 10**7
