@@ -1,0 +1,32 @@
+"""Digits with several markers: the chain that is fitted is the hand's own."""
+
+import numpy as np
+import pytest
+
+from hand_tracker.core.inverse_kinematics.digit import THUMB, digit_chains
+from hand_tracker.core.inverse_kinematics.digit_angles import new_digit_workspace, place_digit
+from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import MarkerLayout
+from hand_tracker.core.model.marker_rows import marker_rows
+
+
+@pytest.mark.parametrize('digit', range(5))
+def test_a_digit_is_placed_where_forward_kinematics_places_it(digit):
+    hand, layout = Hand.scaled(.2, .095), MarkerLayout()
+    chains = digit_chains(hand, layout.mounting(hand))
+    bones = marker_rows(hand, layout, 'flat').bones
+    random = np.random.default_rng(digit)
+    workspace = new_digit_workspace()
+    for _ in range(20):
+        angles = random.uniform(*hand.limits.T)
+        if digit != THUMB:
+            angles[5 * digit] = 0.   # the palm is flat
+        place_digit(chains, bones, digit, angles[5 * digit:5 * digit + 5], workspace)
+        pose = forward(joint_table(hand), angles)
+        # Of a finger's metacarpal nothing is measured, so that it is not placed.
+        first = 0 if digit == THUMB else 1
+        links = slice(5 * digit + first, 5 * digit + 5)
+        np.testing.assert_allclose(
+            workspace.frames[first:].transpose(0, 2, 1), pose.rotation[links], atol=1e-12)
+        np.testing.assert_allclose(workspace.origins[first:], pose.position[links], atol=1e-12)
