@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from typing import NamedTuple
 
 from ..core.model.hand import Hand
@@ -48,7 +48,7 @@ class TrackedFrames(NamedTuple):
     received: list[float]
     published: list[float]
     times: list[float | None]
-    runs: list[tuple[float, StateRun | HandState]]
+    runs: Sequence[tuple[float, StateRun | HandState]]
     markers: MarkerFrame | None
     on_fast_path: bool
     restarted: bool

@@ -23,6 +23,8 @@ if COMPILED:
 # Middlewares whose callbacks may take and publish; tried here.
 SUPPORTED_MIDDLEWARES = 'rmw_fastrtps_cpp',
 TAKE_CAPACITY = 2**16    # [bytes] of a message at first
+# Of rcl and C, whose addresses the compiled callback has.
+C_FUNCTIONS = 'take', 'publish', 'reset_error', 'reset_timer', 'lock', 'unlock', 'get_time'
 SLOW_PATH_TURN = 16      # messages on the slow path before other callbacks have their turn
 MONOTONIC_CLOCK = time.CLOCK_MONOTONIC
 
@@ -171,6 +173,18 @@ def set_enabled(contexts: Any, is_enabled: bool) -> None:
     call(context.lock, context.mutex, 0, 0, 0)
     context.is_enabled[0] = is_enabled
     call(context.unlock, context.mutex, 0, 0, 0)
+
+
+@jit
+def publish_all(context: Any, count: int) -> None:
+    """Publish the first `count` outgoing messages.
+
+    Where one fails, the fast path is disabled, for the slow path to report it.
+    """
+    for i in range(count):
+        if context.publishers[i] and call(
+                context.publish, context.publishers[i], context.outgoing[i], 0, 0):
+            context.is_enabled[0] = 0
 
 
 @jit

@@ -7,27 +7,32 @@ commands; messages that begin so are answered here, with the same commands. No R
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ...core.numerics.jit import jit
+from ...core.numerics.jit import Pack, jit
 from ...messages.cdr import ENCAPSULATION, LITTLE_ENDIAN
 from ...messages.joint_states import STAMP_END, JointStateReader
 from ...messages.templates import fill_template
 from ...retargeting.follow_kernel import (
     COMMANDED,
     NOT_FOLLOWED,
+    FollowMemory,
     follow_frame,
     observe_mean_confidence,
 )
-from ...retargeting.guard_kernel import GUARD_CAPACITY, observe_position
-from ...retargeting.human_hand import JOINT_COUNT
+from ...retargeting.guard_kernel import GUARD_CAPACITY, GuardMemory, observe_position
+from ...retargeting.human_hand import JOINT_COUNT, HumanHand
+from ...retargeting.retarget_kernel import Problem, Solution
 
 HEAD_CAPACITY = 2**14     # [bytes] of what joint states of a publisher begin with
 LISTED_CAPACITY = 512     # numbers in a JointState
 MOST_COMMANDS = 3         # messages of a command
 COMMAND_CAPACITY = 2**15  # [bytes] of such a message
+# Arguments of `follow_frame` before the time.
+FollowPacks = tuple[Pack[FollowMemory], Pack[HumanHand], Pack[Problem], Pack[Solution],
+                    Pack[GuardMemory]]
 
 
 class ListedNumbers(NamedTuple):
@@ -154,7 +159,8 @@ def read_numbers(listed: ListedNumbers, octets: np.ndarray) -> bool:
 
 
 @jit
-def process_confidence(commands: Any, follows: Any, guards: Any, octets: np.ndarray) -> bool:
+def process_confidence(commands: Pack[CommandMemory], follows: Pack[FollowMemory],
+                       guards: Pack[GuardMemory], octets: np.ndarray) -> bool:
     """Take a message with the confidence of the hand's angles; return whether it was processed.
 
     Parameters
@@ -172,7 +178,8 @@ def process_confidence(commands: Any, follows: Any, guards: Any, octets: np.ndar
 
 
 @jit
-def process_position(commands: Any, guards: Any, octets: np.ndarray, now: float) -> bool:
+def process_position(commands: Pack[CommandMemory], guards: Pack[GuardMemory],
+                     octets: np.ndarray, now: float) -> bool:
     """Take a message with the robot's joint states; return whether it was processed.
 
     Parameters
@@ -195,15 +202,16 @@ def process_position(commands: Any, guards: Any, octets: np.ndarray, now: float)
 
 
 @jit
-def process_hand(commands: Any, packs: tuple[Any, ...], octets: np.ndarray, now: float) -> int:
+def process_hand(commands: Pack[CommandMemory], packs: FollowPacks, octets: np.ndarray,
+                 now: float) -> int:
     """Follow a message with the joint states of the hand, and fill the commands.
 
     Parameters
     ----------
     commands : pack of CommandMemory
         Changed.
-    packs : tuple of packs
-        Arguments of `follow_frame` before the time; changed.
+    packs : FollowPacks
+        Changed.
     octets : ndarray of uint8, shape (n,)
         The message.
     now : float

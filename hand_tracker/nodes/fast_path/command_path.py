@@ -16,7 +16,14 @@ from ...messages.cdr import ENCAPSULATION
 from ...messages.joint_states import JointStateReader
 from ...messages.templates import Template
 from ...retargeting.follow_kernel import COMMANDED, NOT_FOLLOWED
-from .callback_path import TAKE_CAPACITY, CallbackPath, monotonic_time, set_enabled
+from .callback_path import (
+    C_FUNCTIONS,
+    TAKE_CAPACITY,
+    CallbackPath,
+    monotonic_time,
+    publish_all,
+    set_enabled,
+)
 from .command_kernel import (
     MOST_COMMANDS,
     install_numbers,
@@ -83,8 +90,6 @@ class CommandContext(NamedTuple):
     get_time: int
 
 
-RCL_FUNCTIONS = CommandContext._fields[CommandContext._fields.index('take'):]
-
 
 class ListedJoints(NamedTuple):
     """What is known of a topic's joint states.
@@ -136,7 +141,7 @@ class CommandPath(CallbackPath):
             incoming=ctypes.addressof(self._incoming), mutex=ctypes.addressof(self._mutex),
             side_incoming=np.array([ctypes.addressof(one) for one in self._side_incoming]),
             side_subscriptions=zeros(SIDES_TAKEN), subscription=zeros(1), timer=zeros(1),
-            **{name: address(getattr(self._rcl, name)) for name in RCL_FUNCTIONS}),
+            **{name: address(getattr(self._rcl, name)) for name in C_FUNCTIONS}),
             as_record=True)
         self._set_enabled = set_enabled
         self._callback = _command_callback(
@@ -250,12 +255,7 @@ def _command_callback(*layouts: np.dtype) -> Any:
                     done = process_hand(commands, packs, numba.carray(
                         at(incoming[0]), (incoming[1],), np.uint8), now)
                 if done == COMMANDED:
-                    for i in range(MOST_COMMANDS):
-                        # Where one fails, the slow path is to report it.
-                        if context.publishers[i] and call(
-                                context.publish, context.publishers[i], context.outgoing[i], 0,
-                                0):
-                            context.is_enabled[0] = 0
+                    publish_all(context, MOST_COMMANDS)
                 elif done == NOT_FOLLOWED:
                     context.has_missed_message[0] = 1
                     context.is_enabled[0] = 0

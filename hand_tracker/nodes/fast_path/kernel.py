@@ -10,19 +10,21 @@ processed here, and give the same replies. No ROS.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
 from ...core.filtering.frame_clock import FrameClock
+from ...core.inverse_kinematics.digit import Chains
 from ...core.model.marker_layout import MARKERS, MarkerLayout
 from ...core.model.marker_rows import LAYOUT_CAPACITY, ROW_CAPACITY, layout_rows
 from ...core.model.states import PALM_STATES
-from ...core.numerics.jit import jit, overwrite
+from ...core.numerics.jit import Pack, jit, overwrite
 from ...core.numerics.quaternion import write_transforms
+from ...core.options import KernelOptions
 from ...core.pipeline import track_frame
 from ...core.pose.report import LISTED_RESIDUAL, Report, mean_residual
-from ...core.records import State
+from ...core.records import Model, State
 from ...messages.cdr import (
     ENCAPSULATION,
     LITTLE_ENDIAN,
@@ -44,6 +46,9 @@ from ...messages.templates import (
 )
 from ...tracking.input_monitor import StateRun
 
+if TYPE_CHECKING:
+    from .command_kernel import CommandMemory
+
 MESSAGE_CAPACITY = 2**14  # [bytes] of a message
 MOST_HANDS = 2            # in a message
 MOST_REPLIES = REPLIES * MOST_HANDS
@@ -55,7 +60,12 @@ LOG_CAPACITY = 1024       # frames until the log is drained
 # Columns of the log
 RECEIVED, PUBLISHED, TIME, RESIDUAL, PALM_STATE = range(5)
 LOG_COLUMNS = 5
-CLOCK, STATE = 3, 5       # places among the arguments of `track_frame`
+# Places among the arguments of `track_frame`.
+CLOCK: Final = 3
+STATE: Final = 5
+# Arguments of `track_frame` before the markers, as of `HandTracker.kernel_arguments`.
+TrackPacks = tuple[Pack[Model], Pack[Chains], Pack[KernelOptions], Pack[FrameClock], Pack[State],
+                   Pack[State], Pack[Report]]
 
 
 class FastPathMemory(NamedTuple):
@@ -242,7 +252,8 @@ def install_signature(memory: FastPathMemory, hands: Sequence[HandMemory],
     return True
 
 
-def install_reply(memory: Any, number: int, template: Template) -> bool:
+def install_reply(memory: FastPathMemory | CommandMemory, number: int,
+                  template: Template) -> bool:
     """Install a reply to be filled for each frame.
 
     Parameters
@@ -320,8 +331,8 @@ def matches_signature(memory: FastPathMemory, size: int) -> bool:
 
 
 @jit
-def process_message(memories: Any, hands: tuple[Any, ...], packs: tuple[tuple[Any, ...], ...],
-                    octets: np.ndarray) -> bool:
+def process_message(memories: Pack[FastPathMemory], hands: Sequence[Pack[HandMemory]],
+                    packs: Sequence[TrackPacks], octets: np.ndarray) -> bool:
     """Track a message and fill the replies, if it has the installed signature.
 
     Only regular frames are processed: of one stamp, which goes forward, after the palms were
@@ -333,9 +344,8 @@ def process_message(memories: Any, hands: tuple[Any, ...], packs: tuple[tuple[An
         Changed.
     hands : tuple of packed HandMemory
         Of the hands in the message, at least; changed.
-    packs : tuple of tuples
-        For each of `hands` the arguments of `track_frame` before the markers: model, digits,
-        options, clock, blank state, state and report, all packed; the last four are changed.
+    packs : tuple of TrackPacks
+        For each of `hands`; all but model, chains and options are changed.
     octets : ndarray of uint8, shape (n,)
         The message.
 
@@ -382,7 +392,7 @@ def _is_next(memory: FastPathMemory, hand: HandMemory, clock: FrameClock, state:
 
 
 @jit
-def _track_hand(memory: FastPathMemory, hand: HandMemory, packs: tuple[Any, ...], sec: int,
+def _track_hand(memory: FastPathMemory, hand: HandMemory, packs: TrackPacks, sec: int,
                 nanosec: int) -> None:
     """Track a hand's markers of the message, and fill its parts of the replies."""
     model, digits, options, clock, blank, state, report = packs
@@ -447,8 +457,8 @@ def log_frame(hand: HandMemory, report: Report, received: float, published: floa
 
 
 @jit
-def drain_log(hands: Any, reports: Any, log: np.ndarray, states: np.ndarray,
-              last_report: Any) -> tuple[int, int]:
+def drain_log(hands: Pack[HandMemory], reports: Pack[Report], log: np.ndarray,
+              states: np.ndarray, last_report: Pack[Report]) -> tuple[int, int]:
     """Copy the log of a hand since the last call, and its last frame's report.
 
     Parameters
@@ -479,7 +489,7 @@ def drain_log(hands: Any, reports: Any, log: np.ndarray, states: np.ndarray,
     return logged, frames
 
 
-def state_runs(log: np.ndarray, states: np.ndarray) -> list[tuple[float, Any]]:
+def state_runs(log: np.ndarray, states: np.ndarray) -> list[tuple[float, StateRun]]:
     """Group logged frames into runs in which the states of palm and markers stay the same.
 
     Parameters
@@ -494,7 +504,7 @@ def state_runs(log: np.ndarray, states: np.ndarray) -> list[tuple[float, Any]]:
     """
     is_new = ((states[1:] != states[:-1]).any(axis=1)
               | (log[1:, PALM_STATE] != log[:-1, PALM_STATE]))
-    found: list[tuple[float, Any]] = []
+    found: list[tuple[float, StateRun]] = []
     for run in np.split(np.arange(len(log)), np.flatnonzero(is_new) + 1):
         state = StateRun(PALM_STATES[int(log[run[0], PALM_STATE])], states[run[0]],
                          log[run, RESIDUAL].mean(keepdims=True))

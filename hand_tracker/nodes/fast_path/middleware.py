@@ -29,7 +29,14 @@ from ...messages.cdr import ENCAPSULATION, MessageSignature
 from ...messages.stamps import Stamp, Time
 from ...messages.templates import Template
 from ...tracking.monitor import TrackedFrames
-from .callback_path import TAKE_CAPACITY, CallbackPath, monotonic_time, set_enabled
+from .callback_path import (
+    C_FUNCTIONS,
+    TAKE_CAPACITY,
+    CallbackPath,
+    monotonic_time,
+    publish_all,
+    set_enabled,
+)
 from .kernel import (
     LOG_CAPACITY,
     LOG_COLUMNS,
@@ -124,8 +131,6 @@ class CallbackContext(NamedTuple):
     unlock: int
     get_time: int
 
-
-C_FUNCTIONS = CallbackContext._fields[CallbackContext._fields.index('take'):]
 
 
 class InstalledHand(NamedTuple):
@@ -372,15 +377,6 @@ def _is_left_out(contexts: Any) -> bool:
     return False
 
 
-@jit
-def _publish(context: Any) -> None:
-    """Publish the replies; disable the fast path where one fails, for the slow path to report."""
-    for i in range(MOST_REPLIES):
-        if context.publishers[i] and call(
-                context.publish, context.publishers[i], context.outgoing[i], 0, 0):
-            context.is_enabled[0] = 0
-
-
 def _callback(*layouts: np.dtype) -> Any:
     """Return the compiled callback for new messages, for packs of these layouts."""
     import numba
@@ -426,7 +422,7 @@ def _callback(*layouts: np.dtype) -> Any:
                           numba.carray(at(other[6]), (1,), of_report)))
                 if process_message(memories, hands, packs,
                                    numba.carray(at(incoming[0]), (incoming[1],), np.uint8)):
-                    _publish(context)
+                    publish_all(context, MOST_REPLIES)
                     published = monotonic_time(context)
                     for i in range(memories[0].hand_count[0]):
                         log_frame(hands[i][0], packs[i][REPORT][0], received, published)
