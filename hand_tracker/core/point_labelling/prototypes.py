@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import InvalidLayout
 from ..model.hand import LEFT_HAND_MIRROR, OTHER_SIDE
+from .bending import bending
 
 ALIGNMENT_ROUNDS = 6         # of alignment to the mean palm
 LEARNED_FRAMES = 3000       # at most, evenly spread
@@ -25,6 +26,7 @@ WEARER_SHAPE = .03          # by which a side of a palm may differ, relative to 
 MAX_BASES = 6               # triangles of the palm from which it is searched
 MIN_BASE_AREA = 2e-4        # [m²]
 TYPICAL_SHARE = .999        # of the learned frames that count as typical
+SHOWN_SHARE = 1. / 3.       # of a digit's natural bending, in variances, that shows enough; ours
 SIDE_DEVIATIONS = 4.        # [1] of a side of a base, within which it is searched
 
 
@@ -144,7 +146,8 @@ def learn_prototype(names: Sequence[str], frames: np.ndarray, digits: Sequence[i
     of_palm, of_digit, of_marker = (deviation ** 2 for deviation in deviations)
     extra = np.where(np.equal.outer(digit, digit) & (digit >= 0), of_digit, 0.)
     extra += np.diag(np.where(digit < 0, of_palm, of_marker))
-    covariance = off.T @ off / len(off) + np.kron(extra, np.eye(3))
+    shown = off.T @ off / len(off)
+    covariance = shown + np.kron(extra, np.eye(3)) + _not_shown(shown, template, digit)
     precision = np.linalg.inv(covariance)
     alone = np.array([covariance[i:i + 3, i:i + 3] for i in range(0, len(covariance), 3)])
     distances = np.einsum('ni,ij,nj->n', off, precision, off)
@@ -153,6 +156,32 @@ def learn_prototype(names: Sequence[str], frames: np.ndarray, digits: Sequence[i
         float(np.linalg.slogdet(covariance)[1]), np.linalg.inv(alone),
         np.linalg.slogdet(alone)[1], np.array(sizes),
         float(np.quantile(distances, TYPICAL_SHARE)) / off.shape[1]))
+
+
+def _not_shown(shown: np.ndarray, template: np.ndarray, digit: np.ndarray) -> np.ndarray:
+    """Return the covariance that digits' natural bending has more than the frames show.
+
+    Parameters
+    ----------
+    shown : ndarray, shape (3 M, 3 M)
+        Covariance of the frames [m²].
+    template : ndarray, shape (M, 3)
+        Mean places [m].
+    digit : ndarray of int, shape (M,)
+        Digit of each marker, -1 for the palm.
+
+    Returns
+    -------
+    ndarray, shape (3 M, 3 M)
+        [m²]
+    """
+    natural = bending(template, digit)
+    coordinate = np.repeat(digit, 3)
+    for number in set(digit[digit >= 0]):
+        mine = np.ix_(coordinate == number, coordinate == number)
+        share = np.trace(shown[mine]) / np.trace(natural[mine])
+        natural[mine] *= max(1. - share / SHOWN_SHARE, 0.)
+    return natural
 
 
 def _aligned(frames: np.ndarray, palm: list[int]) -> tuple[np.ndarray, np.ndarray]:

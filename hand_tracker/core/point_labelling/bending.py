@@ -1,0 +1,79 @@
+"""How the markers of a digit spread as it bends, for digits that no frame has shown bending."""
+
+import numpy as np
+
+from ..model.hand import DIGITS
+
+BEND_SHARES = np.linspace(-1., 1., 5)
+# By which a finger bends each way at its base and at each joint further out, and a thumb, which
+# also goes sideways; ours.
+FINGER_BEND = .9, .8        # [rad]
+THUMB_BEND = .5, .5         # [rad]
+LONGEST_BONE = .07          # [m] from a digit's first joint to its first marker, at most; ours
+
+
+def bending(template: np.ndarray, digit: np.ndarray) -> np.ndarray:
+    """Return the second moments of the markers' moves as each digit bends for itself.
+
+    Fingers turn about the axis across the palm, at their first joint and at each of their markers
+    but the last; thumbs about both axes across them. The first joint is taken to be at the nearest
+    marker of the palm, or on the way there. Which side of a palm is its back is not known: bends
+    go both ways.
+
+    Parameters
+    ----------
+    template : ndarray, shape (M, 3)
+        Mean places [m].
+    digit : ndarray of int, shape (M,)
+        Digit that each marker is on; -1 for the palm.
+
+    Returns
+    -------
+    ndarray, shape (3 M, 3 M)
+        [m²]
+    """
+    palm = template[digit < 0]
+    normal = np.linalg.svd(palm - palm.mean(axis=0))[2][2]
+    thumb = DIGITS.index('thumb')
+    moments = np.zeros((template.size, template.size))
+    fingers = (digit >= 0) & (digit != thumb)
+    along = template[fingers].mean(axis=0) - palm.mean(axis=0) if fingers.any() else None
+    for number in sorted(set(digit[digit >= 0])):
+        mine = np.flatnonzero(digit == number)
+        gaps = np.linalg.norm(template[mine, None] - palm, axis=2)
+        base = palm[np.argmin(gaps.min(axis=0))]
+        mine = mine[np.argsort(np.linalg.norm(template[mine] - base, axis=1))]
+        # Palms may have their markers far behind the knuckles.
+        base = template[mine[0]] + min(1., LONGEST_BONE / gaps.min()) * (base - template[mine[0]])
+        chain = np.concatenate((base[None], template[mine]))
+        out = along if number != thumb and along is not None else chain[-1] - base
+        across = _unit(np.cross(normal, out))
+        axes = (across, _unit(np.cross(out, across))) if number == thumb else (across,)
+        bends = THUMB_BEND if number == thumb else FINGER_BEND
+        rows = (3 * mine[:, None] + np.arange(3)).ravel()
+        for axis in axes:
+            moves = np.array([(_bent(chain, axis, first * bends[0], other * bends[1])
+                               - chain)[1:].ravel()
+                              for first in BEND_SHARES for other in BEND_SHARES])
+            moments[np.ix_(rows, rows)] += moves.T @ moves / len(moves)
+    return moments
+
+
+def _bent(chain: np.ndarray, axis: np.ndarray, first: float, other: float) -> np.ndarray:
+    """Return a chain of places turned about an axis by `first` at its base, `other` further out.
+
+    `chain` and what is returned are (n, 3) [m]; angles are in [rad].
+    """
+    places = chain.copy()
+    for i in range(1, len(chain)):
+        angle = first + (i - 1) * other
+        link = chain[i] - chain[i - 1]
+        places[i] = places[i - 1] + (
+            link * np.cos(angle) + np.cross(axis, link) * np.sin(angle)
+            + axis * (axis @ link) * (1. - np.cos(angle)))
+    return places
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    """Return a vector of length 1 along another, of length 0 where that has none."""
+    return vector / max(np.linalg.norm(vector), 1e-9)
