@@ -3,8 +3,10 @@
 `CloudLabeller` owns the state: one or two hands that are searched, found and followed.
 """
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +21,7 @@ from .clutter import THERE_FOR, PointHistory, continue_clutter, no_clutter, reme
 from .following import LEAST_FOLLOWED, follow_hands, relabel
 from .hand_track import ASTRAY, DOUBT, HandTrack, begin_track, start_places
 from .natural_poses import model_prototype
+from .pair_search import label_pairs, search_pairs
 from .palm_search import (
     COST,
     DISTANCE,
@@ -26,6 +29,7 @@ from .palm_search import (
     blank_candidates,
     blank_finding,
     label_candidates,
+    palm_is_seen,
     search_palms,
 )
 from .prototypes import HandPrototype, Prototype
@@ -33,7 +37,8 @@ from .prototypes import HandPrototype, Prototype
 SEARCH_BUDGET = 60_000      # distances of points from markers in a frame's search; ours
 DOUBT_BUDGET = 6_000        # the same where the hand is followed; ours
 LONGEST_PAUSE = .25          # [s] after which nothing is followed
-ACCEPTED_DISTANCE = 4.      # of a hand that is found, relative to the typical one; ours
+# Of a hand that is found, relative to the typical one, and of one by a pair of palm markers; ours.
+ACCEPTED_DISTANCE, PAIR_DISTANCE = 1.5, .7
 # Cost by which another labelling must be better, where it changes labels just given, and where
 # these have long been the best; it counts once for each time in which postures change, up to
 # some of them [variances, s]; ours.
@@ -97,6 +102,7 @@ class _Hand:
         self.mirrored: Prototype = prototype.mirrored().statistics
         self.count = len(prototype.names)
         self.is_other_side = False
+        self.by_pairs = False   # whether the search is by pairs of palm markers, not by three
         self.lose()
 
     def lose(self) -> None:
@@ -117,6 +123,25 @@ def _lead(rival: Finding, present: Finding, known: np.ndarray) -> float:
     more = (rival.rows >= 0).sum() - (present.rows >= 0).sum()
     return float(present.numbers[COST] - rival.numbers[COST] - NEWLY_SEEN_COST * max(more, 0)
                  - known[new].sum())
+
+
+def _search_points(prototype: Prototype, points: np.ndarray, free: np.ndarray, first: int,
+                   palms: int, found: Finding, by_pairs: bool) -> int:
+    """Search a hand from a point on, by three or by two markers of its palm.
+
+    `found` is replaced by what is better; returned is how many first corners were tried.
+    """
+    candidates = blank_candidates()
+    search, label = (search_pairs, label_pairs) if by_pairs else (search_palms, label_candidates)
+    tried = kernel(search)(prototype, points, free, first, palms, candidates)
+    kernel(label)(prototype, points, free, candidates, found)
+    return tried
+
+
+def _is_typical(prototype: Prototype, finding: Finding) -> bool:
+    """Return whether a hand that was found is like those that were learned."""
+    limit = ACCEPTED_DISTANCE if palm_is_seen(prototype, finding.rows) else PAIR_DISTANCE
+    return bool(finding.numbers[DISTANCE] <= limit * max(prototype.typical, 1.))
 
 
 class CloudLabeller:
@@ -315,7 +340,7 @@ class CloudLabeller:
             if hand.track is not None:
                 own[hand.track.finding.rows[hand.track.finding.rows >= 0]] = True
             found = blank_finding(hand.count)
-            tried = self._find(hand, points, own, hand.first, found)
+            tried = self._find(hand, points, own, hand.first, found, by_pairs=hand.by_pairs)
             hand.first = (hand.first + tried) % len(points)
             hand.searched += tried
             if found.numbers[COST] < (hand.track.finding.numbers[COST]
@@ -325,19 +350,17 @@ class CloudLabeller:
             if hand.searched >= len(points):
                 hand.searched = 0
                 self._settle(hand, points)
+                # Pairs next, where no three markers of the palm have placed it.
+                hand.by_pairs = not (hand.confirmed or hand.by_pairs)
 
     def _find(self, hand: _Hand, points: np.ndarray, free: np.ndarray, first: int,
-              found: Finding, budget: int | None = SEARCH_BUDGET) -> int:
+              found: Finding, budget: int | None = SEARCH_BUDGET, by_pairs: bool = False) -> int:
         """Search a hand, as far as a frame has time for it; all points where `budget` is None.
 
         `found` is replaced by what is better; returned is how many first corners were tried.
         """
-        candidates = blank_candidates()
-        palms = len(points) ** 3 if budget is None else budget // (hand.count * len(points))
-        tried = kernel(search_palms)(
-            hand.statistics, points, free, first, max(palms, 1), candidates)
-        kernel(label_candidates)(hand.statistics, points, free, candidates, found)
-        return tried
+        palms = sys.maxsize if budget is None else budget // (hand.count * len(points))
+        return _search_points(hand.statistics, points, free, first, max(palms, 1), found, by_pairs)
 
     def _settle(self, hand: _Hand, points: np.ndarray) -> None:
         """Confirm what a whole search has found, or drop it."""
@@ -350,9 +373,8 @@ class CloudLabeller:
                   and np.isin(other.track.finding.rows, mine).any()
                   and (other.confirmed
                        or other.track.finding.numbers[COST] < finding.numbers[COST])]
-        limit = ACCEPTED_DISTANCE * max(hand.statistics.typical, 1.)
         hand.is_other_side = self._is_other_side(hand, points, mine)
-        if rivals or finding.numbers[DISTANCE] > limit or hand.is_other_side:
+        if rivals or hand.is_other_side or not _is_typical(hand.statistics, finding):
             hand.lose()
             return
         hand.confirmed = True
@@ -362,9 +384,9 @@ class CloudLabeller:
         assert hand.track is not None
         own = np.zeros(len(points), dtype=bool)
         own[mine] = True
-        candidates, found = blank_candidates(), blank_finding(hand.count)
-        kernel(search_palms)(hand.mirrored, points, own, 0, len(points) ** 3, candidates)
-        kernel(label_candidates)(hand.mirrored, points, own, candidates, found)
+        found = blank_finding(hand.count)
+        _search_points(hand.mirrored, points, own, 0, sys.maxsize, found,
+                       not palm_is_seen(hand.statistics, hand.track.finding.rows))
         return bool(found.numbers[COST] < hand.track.finding.numbers[COST] - MIRROR_MARGIN)
 
     def label_frame(self, points: ArrayLike) -> CloudLabels:
@@ -382,23 +404,28 @@ class CloudLabeller:
         cloud = np.ascontiguousarray(np.array(points, dtype=float))
         best: list[Finding] = []
         least = np.inf
-        orders = [list(range(len(self._hands)))]
-        if len(self._hands) == 2:
-            orders.append([1, 0])
-        for order in orders:
+        for order in permutations(range(len(self._hands))):
             free = np.isfinite(cloud).all(axis=1)
-            found: dict[int, Finding] = {}
-            for i in order:
-                found[i] = blank_finding(self._hands[i].count)
-                self._find(self._hands[i], cloud, free, 0, found[i], None)
-                rows = found[i].rows
-                free[rows[rows >= 0]] = False
-            total = sum(min(one.numbers[COST], 0.) for one in found.values())
+            found = [blank_finding(hand.count) for hand in self._hands]
+            # Pairs where no three markers of the palm have placed it, by the points that are left.
+            for by_pairs in (False, True):
+                for i in order:
+                    if found[i].numbers[COST] == np.inf:
+                        found[i] = self._found_alone(self._hands[i], cloud, free, by_pairs)
+                        free[found[i].rows[found[i].rows >= 0]] = False
+            total = sum(min(one.numbers[COST], 0.) for one in found)
             if total < least:
-                least, best = total, [found[i] for i in range(len(self._hands))]
+                least, best = total, found
         return CloudLabels(tuple(one.rows for one in best),
                            tuple(bool(one.numbers[COST] < np.inf) for one in best),
                            tuple(False for _ in best))
+
+    def _found_alone(self, hand: _Hand, points: np.ndarray, free: np.ndarray,
+                     by_pairs: bool) -> Finding:
+        """Return a hand in a single frame; blank where nothing is like it."""
+        found = blank_finding(hand.count)
+        self._find(hand, points, free, 0, found, None, by_pairs)
+        return found if _is_typical(hand.statistics, found) else blank_finding(hand.count)
 
 
 def kernel_calls() -> tuple[tuple[Callable[..., Any], tuple[tuple[Any, ...], ...]], ...]:
@@ -422,6 +449,8 @@ def kernel_calls() -> tuple[tuple[Callable[..., Any], tuple[tuple[Any, ...], ...
         (relabel, ((prototype, track, points, free, found),)),
         (search_palms, ((prototype, points, free, 0, 1, candidates),)),
         (label_candidates, ((prototype, points, free, candidates, found),)),
+        (search_pairs, ((prototype, points, free, 0, 1, candidates),)),
+        (label_pairs, ((prototype, points, free, candidates, found),)),
     )
 
 

@@ -152,7 +152,7 @@ def start_places(prototype: Prototype, points: np.ndarray, track: HandTrack) -> 
 
 
 @labelling_jit
-def _turn(rotation: np.ndarray, x: float, y: float, z: float) -> None:
+def turn_rotation(rotation: np.ndarray, x: float, y: float, z: float) -> None:
     """Turn a rotation by a rotation vector in the outer frame [rad]."""
     angle = math.sqrt(x * x + y * y + z * z)
     if angle < 1e-9:
@@ -173,8 +173,8 @@ def predict_hand(track: HandTrack, step: float) -> None:
     finding = track.finding
     for k in range(3):
         finding.position[k] += track.motion[0, k] * step
-    _turn(finding.rotation, track.motion[1, 0] * step, track.motion[1, 1] * step,
-          track.motion[1, 2] * step)
+    turn_rotation(finding.rotation, track.motion[1, 0] * step, track.motion[1, 1] * step,
+                  track.motion[1, 2] * step)
     for i in range(len(track.place)):
         grown = HIDDEN_DEVIATION ** 2 * min(track.hidden_for[i], LONGEST_HIDDEN)
         leap = min(UNFORESEEN * step * step, FIRST_DEVIATION)

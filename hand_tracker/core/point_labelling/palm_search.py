@@ -34,7 +34,7 @@ class Candidates(NamedTuple):
     Attributes
     ----------
     corners : ndarray of int, shape (C, 4)
-        Base, and the points of its corners.
+        Base, and the points of its corners; of `search_pairs` a pair, its points and the turn.
     cost : ndarray, shape (C,)
         Infinite where there is none.
     """
@@ -170,9 +170,9 @@ def search_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, fir
                     tried += 1
                     _scaled_origin(rest, corners, size, rotation, position)
                     to_palm_frame(points, rotation, position, size, local)
-                    cost = _quick_cost(prototype, local, free,
-                                       candidates.cost[len(candidates.cost) - 1])
-                    _insert(candidates, cost, base, a, b, c)
+                    cost = quick_cost(prototype, local, free,
+                                      candidates.cost[len(candidates.cost) - 1])
+                    insert_candidate(candidates, cost, base, a, b, c)
     return count
 
 
@@ -190,8 +190,8 @@ def _scaled_origin(rest: np.ndarray, corners: np.ndarray, size: float, rotation:
 
 
 @labelling_jit
-def _quick_cost(prototype: Prototype, local: np.ndarray, free: np.ndarray,
-                limit: float) -> float:
+def quick_cost(prototype: Prototype, local: np.ndarray, free: np.ndarray,
+               limit: float) -> float:
     """Return the cost of a palm if each marker took its nearest point; inf beyond `limit`."""
     total = 0.
     best = len(prototype.template) * HIDDEN_COST
@@ -216,7 +216,8 @@ def _quick_cost(prototype: Prototype, local: np.ndarray, free: np.ndarray,
 
 
 @labelling_jit
-def _insert(candidates: Candidates, cost: float, base: int, a: int, b: int, c: int) -> None:
+def insert_candidate(candidates: Candidates, cost: float, base: int, a: int, b: int,
+                     c: int) -> None:
     """Insert a candidate in the order of costs; the last one falls out."""
     last = len(candidates.cost) - 1
     if not cost < candidates.cost[last]:

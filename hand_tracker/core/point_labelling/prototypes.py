@@ -25,8 +25,10 @@ WEARER_SIZES = .94, 1.06    # of the palm, relative to the learned one; ours
 WEARER_SHAPE = .03          # by which a side of a palm may differ, relative to its length; ours
 MAX_BASES = 6               # triangles of the palm from which it is searched
 MIN_BASE_AREA = 2e-4        # [m²]
+MAX_PALM_PAIRS = 6          # from which it is searched where no triangle is seen
+MIN_PAIR_GAP = .02          # [m]
 TYPICAL_SHARE = .999        # of the learned frames that count as typical
-SHOWN_SHARE = 1. / 3.       # of a digit's natural bending, in variances, that shows enough; ours
+BENDING_SHARE = 1. / 3.     # of a digit's natural bending, in variances, that shows enough; ours
 SIDE_DEVIATIONS = 4.        # [1] of a side of a base, within which it is searched
 
 
@@ -44,6 +46,10 @@ class Prototype(NamedTuple):
     sides : ndarray, shape (B, 3)
         Tolerance of the sides 0 1, 1 2 and 2 0 of each, relative to their lengths in a palm of
         its size.
+    pairs : ndarray of int, shape (P, 2)
+        Pairs of palm markers.
+    pair_sides : ndarray, shape (P,)
+        Tolerance of the distance of each, likewise.
     precision : ndarray, shape (3 M, 3 M)
         Inverse covariance of all markers together [1/m²].
     constant : float
@@ -62,6 +68,8 @@ class Prototype(NamedTuple):
     rigid: np.ndarray
     bases: np.ndarray
     sides: np.ndarray
+    pairs: np.ndarray
+    pair_sides: np.ndarray
     precision: np.ndarray
     constant: float
     marginal: np.ndarray
@@ -142,6 +150,7 @@ def learn_prototype(names: Sequence[str], frames: np.ndarray, digits: Sequence[i
     template, local = _aligned(whole, palm)
     rigid = (digit < 0).astype(float)
     bases, tolerances = _bases(template[palm], whole[:, palm], shape)
+    pairs, pair_tolerances = _pairs(template[palm], whole[:, palm], shape)
     off = (local - template).reshape(len(local), -1)
     of_palm, of_digit, of_marker = (deviation ** 2 for deviation in deviations)
     extra = np.where(np.equal.outer(digit, digit) & (digit >= 0), of_digit, 0.)
@@ -152,8 +161,8 @@ def learn_prototype(names: Sequence[str], frames: np.ndarray, digits: Sequence[i
     alone = np.array([covariance[i:i + 3, i:i + 3] for i in range(0, len(covariance), 3)])
     distances = np.einsum('ni,ij,nj->n', off, precision, off)
     return HandPrototype(tuple(names), side, Prototype(
-        template, rigid, np.array(palm)[bases], tolerances, precision,
-        float(np.linalg.slogdet(covariance)[1]), np.linalg.inv(alone),
+        template, rigid, np.array(palm)[bases], tolerances, np.array(palm)[pairs],
+        pair_tolerances, precision, float(np.linalg.slogdet(covariance)[1]), np.linalg.inv(alone),
         np.linalg.slogdet(alone)[1], np.array(sizes),
         float(np.quantile(distances, TYPICAL_SHARE)) / off.shape[1]))
 
@@ -180,7 +189,7 @@ def _not_shown(shown: np.ndarray, template: np.ndarray, digit: np.ndarray) -> np
     for number in set(digit[digit >= 0]):
         mine = np.ix_(coordinate == number, coordinate == number)
         share = np.trace(shown[mine]) / np.trace(natural[mine])
-        natural[mine] *= max(1. - share / SHOWN_SHARE, 0.)
+        natural[mine] *= max(1. - share / BENDING_SHARE, 0.)
     return natural
 
 
@@ -226,23 +235,40 @@ def _bases(palm: np.ndarray, frames: np.ndarray,
                             'a hand among points without names')
     a, b, c = (palm[triangles[:, i]] for i in range(3))
     area = .5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    left = area.copy()
-    chosen: list[int] = []
-    uses = np.zeros(len(palm))
-    while len(chosen) < MAX_BASES and (left >= MIN_BASE_AREA).any():
-        # A corner that others have is worth less: any marker may be hidden.
-        best = int(np.argmax(left / (1. + uses[triangles].sum(axis=1))))
-        chosen.append(best)
-        uses[triangles[best]] += 1.
-        left[best] = 0.
+    chosen = _large_and_apart(triangles, area, MIN_BASE_AREA, MAX_BASES)
     if not chosen:
         raise InvalidLayout('the markers of the palm lie on one line, or too near each other; a '
                             f'triangle of at least {1e4 * MIN_BASE_AREA:g} cm² is needed to find '
                             'a hand among points without names')
-    tolerances = np.empty((len(chosen), 3))
-    for row, triangle in enumerate(triangles[chosen]):
-        for i in range(3):
-            sides = np.linalg.norm(
-                frames[:, triangle[i]] - frames[:, triangle[(i + 1) % 3]], axis=1)
-            tolerances[row, i] = min(shape + SIDE_DEVIATIONS * sides.std() / sides.mean(), .4)
-    return triangles[chosen], tolerances
+    found = triangles[chosen]
+    return found, np.array([[_tolerance(frames, one[i], one[(i + 1) % 3], shape)
+                             for i in range(3)] for one in found])
+
+
+def _pairs(palm: np.ndarray, frames: np.ndarray, shape: float) -> tuple[np.ndarray, np.ndarray]:
+    """Choose pairs of palm markers as `_bases` does triangles, (P, 2); return tolerances, (P,)."""
+    pairs = np.array(list(combinations(range(len(palm)), 2)))
+    gaps = np.linalg.norm(palm[pairs[:, 0]] - palm[pairs[:, 1]], axis=1)
+    found = pairs[_large_and_apart(pairs, gaps, MIN_PAIR_GAP, MAX_PALM_PAIRS)]
+    return found, np.array([_tolerance(frames, one[0], one[1], shape) for one in found])
+
+
+def _large_and_apart(corners: np.ndarray, extent: np.ndarray, least: float,
+                     most: int) -> list[int]:
+    """Choose rows of corners (n, k) of great extent (n,), the best first, that share few."""
+    left = extent.copy()
+    chosen: list[int] = []
+    uses = np.zeros(corners.max() + 1)
+    while len(chosen) < most and (left >= least).any():
+        # A corner that others have is worth less: any marker may be hidden.
+        best = int(np.argmax(left / (1. + uses[corners].sum(axis=1))))
+        chosen.append(best)
+        uses[corners[best]] += 1.
+        left[best] = 0.
+    return chosen
+
+
+def _tolerance(frames: np.ndarray, one: int, other: int, shape: float) -> float:
+    """Return by how much the distance of two markers may differ, relative to its mean."""
+    gap = np.linalg.norm(frames[:, one] - frames[:, other], axis=1)
+    return min(shape + SIDE_DEVIATIONS * float(gap.std() / gap.mean()), .4)
