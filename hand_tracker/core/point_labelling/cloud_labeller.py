@@ -34,8 +34,9 @@ from .palm_search import (
 )
 from .prototypes import HandPrototype, Prototype
 
-SEARCH_BUDGET = 60_000      # distances of points from markers in a frame's search; ours
-DOUBT_BUDGET = 6_000        # the same where the hand is followed; ours
+# Distances of points from markers in a frame's search of a hand: of one that is not found, of one
+# whose labels are in doubt, and of one that is followed; ours.
+SEARCH_BUDGET, PRESSING_BUDGET, DOUBT_BUDGET = 240_000, 60_000, 6_000
 LONGEST_PAUSE = .25          # [s] after which nothing is followed
 # Of a hand that is found, relative to the typical one, and of one by a pair of palm markers; ours.
 ACCEPTED_DISTANCE, PAIR_DISTANCE = 1.5, .7
@@ -300,7 +301,7 @@ class CloudLabeller:
         if len(points) and (pressing or hand.since_search >= SEARCH_FRAMES):
             hand.since_search = 0
             tried = self._find(hand, points, own, hand.first, rival,
-                               SEARCH_BUDGET if pressing else DOUBT_BUDGET)
+                               PRESSING_BUDGET if pressing else DOUBT_BUDGET)
             hand.first = (hand.first + tried) % len(points)
         lead = _lead(rival, finding, known)
         changed = (rival.rows != finding.rows) & seen
