@@ -1,8 +1,9 @@
 """Labels of points without names, on recorded markers whose names are known.
 
 The markers of each frame are shuffled, ghosts are added, and markers are hidden in bursts. The
-statistics of the hand are learned from the first fifth of the recording (`own`), from another
-recording of other files (`other`), or from the hand model alone (`model`); judged is the rest.
+statistics of the hand are learned from the first fifth of the recording (`own`), from the next
+recording that is not of its other hand (`other`, for palms of any size), or from the hand model
+alone (`model`); judged is the rest.
 A frame is right if every visible marker has its own point, and no hidden one any.
 """
 
@@ -19,7 +20,12 @@ from ..core.errors import HandTrackerError
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.point_labelling.cloud_labeller import CloudLabeller
-from ..core.point_labelling.natural_poses import model_prototype
+from ..core.point_labelling.natural_poses import (
+    ANYBODY_DEVIATIONS,
+    ANYBODY_SHAPE,
+    ANYBODY_SIZES,
+    model_prototype,
+)
 from ..core.point_labelling.prototypes import HandPrototype, learn_prototype
 from .captures import Capture, InvalidCapture
 from .evaluation_options import Options
@@ -71,11 +77,15 @@ class NamedMarkers(NamedTuple):
         """Number of the first judged frame."""
         return int(LEARNED_SHARE * len(self.points))
 
-    def prototype(self, side: str | None = None, whole: bool = False) -> HandPrototype:
-        """Learn the hand from the first part, or from all, for its own or the other side."""
-        found = learn_prototype(
-            self.markers, self.points[:None if whole else self.split], self.digits, self.side)
-        return found if side in (None, self.side) else found.mirrored()
+    def prototype(self) -> HandPrototype:
+        """Learn the wearer's hand from the first part."""
+        return learn_prototype(self.markers, self.points[:self.split], self.digits, self.side)
+
+    def prototype_for_others(self, side: str) -> HandPrototype:
+        """Learn a hand from all frames, to find hands of anybody by, of a side."""
+        found = learn_prototype(self.markers, self.points, self.digits, self.side,
+                                ANYBODY_DEVIATIONS, ANYBODY_SIZES, ANYBODY_SHAPE)
+        return found if side == self.side else found.mirrored()
 
 
 class LabellingTrial(NamedTuple):
@@ -134,17 +144,17 @@ def of_take(take: MarkerTake) -> NamedMarkers:
 
 def trials(recordings: Sequence[NamedMarkers]) -> Iterator[LabellingTrial]:
     """Yield the trials of recordings: each alone, by others and by the model, and in pairs."""
-    for recording in recordings:
+    for number, recording in enumerate(recordings):
         try:
             own = recording.prototype()
         except HandTrackerError:
             continue
         yield LabellingTrial((recording,), (own,), 'own', CLOUDS)
         # Not its other hand, which one person holds alike.
-        others = [one for one in recordings
+        others = [one for one in (*recordings[number + 1:], *recordings[:number])
                   if one.markers == recording.markers and person(one) != person(recording)]
         if others:
-            yield LabellingTrial((recording,), (others[0].prototype(recording.side, whole=True),),
+            yield LabellingTrial((recording,), (others[0].prototype_for_others(recording.side),),
                                  'other', STRANGER_CLOUDS)
         if recording.markers == MARKERS:
             yield LabellingTrial((recording,), (model_prototype(
