@@ -374,21 +374,25 @@ class CloudLabeller:
                   and np.isin(other.track.finding.rows, mine).any()
                   and (other.confirmed
                        or other.track.finding.numbers[COST] < finding.numbers[COST])]
-        hand.is_other_side = self._is_other_side(hand, points, mine)
-        if rivals or hand.is_other_side or not _is_typical(hand.statistics, finding):
+        whole = palm_is_seen(hand.statistics, finding.rows)
+        lead = self._mirrored_lead(hand, points, mine, not whole)
+        hand.is_other_side = lead > MIRROR_MARGIN
+        # Two markers of the palm leave its side to the digits: these must tell it.
+        if (rivals or lead > (MIRROR_MARGIN if whole else -MIRROR_MARGIN)
+                or not _is_typical(hand.statistics, finding)):
             hand.lose()
             return
         hand.confirmed = True
 
-    def _is_other_side(self, hand: _Hand, points: np.ndarray, mine: np.ndarray) -> bool:
-        """Return whether points are rather of a hand of the other side."""
+    def _mirrored_lead(self, hand: _Hand, points: np.ndarray, mine: np.ndarray,
+                       by_pairs: bool) -> float:
+        """Return by how much a found hand's points cost less as a hand of the other side."""
         assert hand.track is not None
         own = np.zeros(len(points), dtype=bool)
         own[mine] = True
         found = blank_finding(hand.count)
-        _search_points(hand.mirrored, points, own, 0, sys.maxsize, found,
-                       not palm_is_seen(hand.statistics, hand.track.finding.rows))
-        return bool(found.numbers[COST] < hand.track.finding.numbers[COST] - MIRROR_MARGIN)
+        _search_points(hand.mirrored, points, own, 0, sys.maxsize, found, by_pairs)
+        return float(hand.track.finding.numbers[COST] - found.numbers[COST])
 
     def label_frame(self, points: ArrayLike) -> CloudLabels:
         """Label the points of a single frame, without history and in as long as it takes.
