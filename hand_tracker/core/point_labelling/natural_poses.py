@@ -9,6 +9,7 @@ from .prototypes import HandPrototype, learn_prototype
 
 POSES = 1500
 COMMON_CURL = .7            # share of a finger's bend that all fingers have together; ours
+THUMB_CURL = .5             # most that a thumb bends, of its range, but for the scatter; ours
 CURL_SCATTER = .12          # of the second joint's bend about the first's, of its range; ours
 ABDUCTION_SHARE = .25       # standard deviation, of the range of abduction; ours
 ANYBODY_DEVIATIONS = .006, .012, .006   # as those of `learn_prototype`; ours
@@ -36,8 +37,8 @@ def natural_poses(hand: Hand, count: int = POSES) -> np.ndarray:
     common = random.uniform(size=(count, 1))
     curl = np.clip(COMMON_CURL * common + (1. - COMMON_CURL) * random.uniform(size=(count, 5)),
                    0., 1.)
-    # The thumb goes its own way.
-    curl[:, -1] = random.uniform(size=count)
+    # The thumb goes its own way, and hardly ever beyond the middle of the palm.
+    curl[:, -1] = THUMB_CURL * random.uniform(size=count)
     for i, joints in enumerate((FLEXION_JOINTS[:, 0], FLEXION_JOINTS[:, 1])):
         bend = np.clip(curl + CURL_SCATTER * (1. + i) * random.normal(size=curl.shape), 0., 1.)
         # From a little hyperextension on: hands are rarely bent back as far as they go.
