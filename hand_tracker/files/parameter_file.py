@@ -1,6 +1,5 @@
 """Parameter files of ROS 2 (YAML): the values that a node takes from one. No ROS."""
 
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 import yaml
 
 from ..core.errors import HandTrackerError
+from .plain_yaml import parse_plain_yaml, read_yaml_text
 
 SECTION = 'ros__parameters'
 
@@ -39,7 +39,7 @@ def node_parameters(path: str | Path, node: str) -> dict[str, Any]:
         If no section is for the node, or one is for a node of its name in another namespace only.
     """
     try:
-        tree = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+        tree = parse_plain_yaml(read_yaml_text(path))
     except (OSError, ValueError, yaml.YAMLError) as error:
         reason = ' '.join(str(getattr(error, 'strerror', error)).split())
         raise InvalidParameterFile(f'{path}: {reason}') from None
@@ -72,10 +72,15 @@ def _sections(tree: Any, name: str = '') -> Iterator[tuple[str, Any]]:
 
 def _applies(section: str, node: str) -> bool:
     """Return whether the name of a section stands for a node."""
-    wildcards = {'*': r'/\w+', '**': r'(/\w+)*'}
-    parts = (part for part in section.split('/') if part)
-    return bool(re.fullmatch(
-        ''.join(wildcards.get(part, '/' + re.escape(part)) for part in parts), node))
+    names = [name for name in node.split('/') if name]
+    # Numbers of names that the parts so far can stand for.
+    reached = {0}
+    for part in filter(None, section.split('/')):
+        if part == '**':
+            reached = set(range(min(reached, default=len(names) + 1), len(names) + 1))
+        else:
+            reached = {n + 1 for n in reached if n < len(names) and part in ('*', names[n])}
+    return len(names) in reached
 
 
 def _flat(tree: Any, prefix: str = '') -> Iterator[tuple[str, Any]]:

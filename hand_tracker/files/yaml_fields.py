@@ -4,7 +4,6 @@ import difflib
 import math
 from collections.abc import Callable, Collection
 from os import PathLike
-from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -12,6 +11,7 @@ import yaml
 from numpy.typing import ArrayLike
 
 from ..core.errors import HandTrackerError
+from .plain_yaml import UniqueKeyLoader, parse_plain_yaml, read_yaml_text
 
 Parsed = TypeVar('Parsed')
 
@@ -50,18 +50,6 @@ class Quantity(NamedTuple):
         return numbers if self.size else numbers[0]
 
 
-class UniqueKeyLoader(yaml.SafeLoader):
-    """YAML loader that refuses duplicate keys, instead of silently keeping the last."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
-        names = [key for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        for i, key in enumerate(names):
-            if key.value in [other.value for other in names[:i]]:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"key '{key.value}' stands twice", key.start_mark)
-        return super().construct_mapping(node, deep)
-
-
 def read_yaml(path: str | PathLike[str], parse: Callable[[Any], Parsed]) -> Parsed:
     """Read and parse a YAML file; errors name the file.
 
@@ -76,7 +64,7 @@ def read_yaml(path: str | PathLike[str], parse: Callable[[Any], Parsed]) -> Pars
     InvalidHandFile
     """
     try:
-        text = Path(path).read_text(encoding='utf-8')
+        text = read_yaml_text(path)
     except OSError as error:
         raise InvalidHandFile(f'{path}: {error.strerror}') from None
     except UnicodeDecodeError as error:
@@ -87,7 +75,7 @@ def read_yaml(path: str | PathLike[str], parse: Callable[[Any], Parsed]) -> Pars
 def parse_yaml(text: str, name: str | PathLike[str], parse: Callable[[Any], Parsed]) -> Parsed:
     """Parse YAML text as `read_yaml` does; errors name it by `name`."""
     try:
-        return parse(yaml.load(text, UniqueKeyLoader))
+        return parse(parse_plain_yaml(text, UniqueKeyLoader))
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         expected = ('' if isinstance(error, yaml.constructor.ConstructorError)

@@ -280,6 +280,11 @@ def test_mistakes_are_named_with_file_field_and_what_is_allowed(write, text, mes
     ('length_mm: 180\nside: left\nlength_mm: 190', ":3:1: key 'length_mm' stands twice"),
     ('thumb:\n  cmc_mm: [1, 2, 3]\n  cmc_mm: [1, 2, 3]', ":3:3: key 'cmc_mm' stands twice"),
     ('? [1]\n: 2', ':1:3: found unhashable key'),
+    ('thumb: &a {}\nlimits: *a', ":2:9: alias '*a', which is not read"),
+    ('side: ' + '[' * 50, ':1:56: nested more than 50 deep'),
+    ('length_mm: 0x' + 'f' * 4000, ':1:12: an integer of more than 64 bits'),
+    ('side: 2001-99-99', ': no YAML text: month must be in 1..12'),
+    ('side: ' + ' ' * 2**20, ': no YAML text: more than 1048576 characters'),
     ('side: !!python/name:os.system', ':1:7: could not determine a constructor'),
 ])
 def test_wrong_yaml_gives_file_line_and_column(write, text, message):

@@ -1,0 +1,91 @@
+"""YAML of plain trees, by the safe loader: what can stand for more than it says is refused."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import Any
+
+import yaml
+
+MAX_YAML_CHARACTERS = 2**20
+MAX_YAML_DEPTH = 50        # of lists and mappings in each other
+
+
+class PlainLoader(yaml.SafeLoader):
+    """YAML loader of plain trees.
+
+    Aliases, by which a short text can be a tree without end, are refused as ROS 2 does in its
+    parameter files; so are deep trees and integers beyond 64 bits.
+    """
+
+    _depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent):
+            raise yaml.composer.ComposerError(
+                None, None, f"alias '*{event.anchor}', which is not read", event.start_mark)
+        if self._depth == MAX_YAML_DEPTH:
+            raise yaml.composer.ComposerError(
+                None, None, f'nested more than {MAX_YAML_DEPTH} deep', event.start_mark)
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        number = super().construct_yaml_int(node)
+        if not -2**63 <= number < 2**64:
+            raise yaml.constructor.ConstructorError(
+                None, None, 'an integer of more than 64 bits', node.start_mark)
+        return number
+
+
+PlainLoader.add_constructor('tag:yaml.org,2002:int', PlainLoader.construct_yaml_int)
+
+
+class UniqueKeyLoader(PlainLoader):
+    """YAML loader that also refuses duplicate keys, instead of silently keeping the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
+        names: set[str] = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue
+            if key.value in names:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"key '{key.value}' stands twice", key.start_mark)
+            names.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+def read_yaml_text(path: str | PathLike[str]) -> str:
+    """Return the text of a file, no more than `parse_plain_yaml` takes and refuses.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    ValueError
+        If it is no text in UTF-8.
+    """
+    with open(path, encoding='utf-8') as file:
+        return file.read(MAX_YAML_CHARACTERS + 1)
+
+
+def parse_plain_yaml(text: str, loader: type[PlainLoader] = PlainLoader) -> Any:
+    """Return the tree of a text.
+
+    Raises
+    ------
+    yaml.YAMLError
+    """
+    if len(text) > MAX_YAML_CHARACTERS:
+        raise yaml.YAMLError(f'more than {MAX_YAML_CHARACTERS} characters')
+    try:
+        return yaml.load(text, loader)
+    except yaml.YAMLError:
+        raise
+    # Dates, escapes and tags that are none raise whatever Python's own types do.
+    except Exception as error:
+        raise yaml.YAMLError(str(error)) from None
