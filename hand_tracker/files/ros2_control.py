@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 from ..core.errors import HandTrackerError
+from .plain_xml import parse_plain_xml
 
 MOCK_PLUGIN = 'mock_components/GenericSystem'
 STATE_INTERFACES = 'position', 'velocity'
@@ -34,10 +35,11 @@ def with_mock_hardware(urdf: str, commanded: Sequence[str]) -> str:
 
     Raises
     ------
+    NotPlainXml
     UnknownJoints
         Naming the first of the joints that the URDF does not have, or that follows another.
     """
-    robot = ElementTree.fromstring(urdf)
+    robot = parse_plain_xml(urdf)
     movable = [joint for joint in robot.findall('joint') if joint.get('type') != 'fixed']
     free = [joint.get('name') for joint in movable if joint.find('mimic') is None]
     for name in commanded:

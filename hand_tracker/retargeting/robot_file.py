@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import fields
+from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,6 +18,7 @@ import numpy as np
 import yaml
 
 from ..core.model.hand import JOINTS, SIDES
+from ..files.plain_yaml import parse_plain_yaml, read_yaml_text
 from ..package_data import share_directory
 from .dexretargeting_file import translated
 from .retarget_options import RetargetOptions
@@ -113,7 +115,7 @@ def read_settings(path: Path) -> dict[str, Any]:
         If there is none.
     """
     try:
-        tree = yaml.safe_load(path.read_text(encoding='utf-8'))
+        tree = parse_plain_yaml(read_yaml_text(path))
     except (OSError, ValueError, yaml.YAMLError) as error:
         reason = ' '.join(str(getattr(error, 'strerror', None) or error).split())
         raise InvalidRobot(f'{path}: {reason}') from None
@@ -128,10 +130,13 @@ def resolve_path(text: str, folder: Path) -> Path:
     Raises
     ------
     InvalidRobot
-        If the package is in none of the prefixes of AMENT_PREFIX_PATH.
+        If the package is in none of the prefixes of AMENT_PREFIX_PATH, or a home is not known.
     """
     if not text.startswith(PACKAGE_SCHEME):
-        return folder / Path(text).expanduser()
+        try:
+            return folder / Path(text).expanduser()
+        except RuntimeError as error:  # '~somebody' whom this machine does not know
+            raise InvalidRobot(f'{text}: {error}') from None
     package, _, rest = text[len(PACKAGE_SCHEME):].partition('/')
     for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
         if (share := Path(prefix) / 'share' / package).is_dir():
@@ -172,12 +177,14 @@ def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
         spheres[role] = sphere
     hand = RobotHand(str(settings.get('name') or tree.name), model, anatomy, spheres,
                      _rest(settings, model, source), _follow(settings, model, source))
-    order = tuple(settings.get('order') or model.variables)
+    order = settings.get('order') or model.variables
+    if not isinstance(order, (list, tuple)):
+        raise InvalidRobot(f'{source}: order: {order!r}; expected a list')
     unknown = [name for name in order if name not in model.joint_names]
     if unknown:
         raise InvalidRobot(f"{source}: order: there is no movable joint '{unknown[0]}'; there are "
                            f'{", ".join(model.joint_names)}')
-    return LoadedRobot(hand, _options(settings, source), order, anatomy.unsure)
+    return LoadedRobot(hand, _options(settings, source), tuple(order), anatomy.unsure)
 
 
 def _tips(digits: Mapping[str, Any], model: RobotModel, side: str | None) -> dict[str, str] | None:
@@ -246,7 +253,7 @@ def _require_keys(place: str, given: Mapping[str, Any], known: tuple[str, ...],
 
 
 def _number(value: Any, place: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
         raise InvalidRobot(f'{place}: {value!r}; expected a number')
     return float(value)
 

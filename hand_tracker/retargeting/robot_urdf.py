@@ -1,20 +1,16 @@
-"""Read the kinematic tree of a robot from URDF: links, joints, limits, mimic joints.
-
-A document type or an entity is refused: URDF needs neither, and entities can expand without end
-or read other files.
-"""
+"""Read the kinematic tree of a robot from URDF: links, joints, limits, mimic joints."""
 
 from __future__ import annotations
 
+from collections import Counter, deque
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
-from xml.parsers import expat
 
 import numpy as np
 
 from ..core.errors import HandTrackerError
+from ..files.plain_xml import NotPlainXml, parse_plain_xml
 
 MAX_URDF_BYTES = 20_000_000
 MOVABLE_JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
@@ -140,16 +136,20 @@ def read_urdf_tree(text: str, source: str = 'URDF') -> UrdfTree:
     InvalidRobot
         Naming the element, its value and what is expected.
     """
-    robot = _parse(text, source)
+    try:
+        robot = parse_plain_xml(text)
+    except NotPlainXml as error:
+        raise InvalidRobot(f'{source}: {error}') from None
     if robot.tag != 'robot':
         raise InvalidRobot(f'{source}: the root element is <{robot.tag}>; expected <robot> (a '
                            'xacro file must be converted first: xacro FILE > robot.urdf)')
     links = [_name(link, source) for link in robot.findall('link')]
+    known = set(links)
     joints = {}
     for element in robot.findall('joint'):
         joint = _joint(element, source)
         for link in (joint.parent, joint.child):
-            if link not in links:
+            if link not in known:
                 raise InvalidRobot(f"{source}: joint '{joint.name}': there is no link '{link}'")
         if joint.name in joints:
             raise InvalidRobot(f"{source}: two joints have the name '{joint.name}'")
@@ -174,28 +174,16 @@ def load_urdf_tree(path: str | Path) -> UrdfTree:
         As `read_urdf_tree`, or if the file cannot be read.
     """
     try:
-        if Path(path).stat().st_size > MAX_URDF_BYTES:
-            raise InvalidRobot(f'{path}: larger than {MAX_URDF_BYTES} bytes')
-        text = Path(path).read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else 'not a text in UTF-8'
+        with open(path, encoding='utf-8') as file:
+            text = file.read(MAX_URDF_BYTES + 1)
+    except UnicodeDecodeError:
+        raise InvalidRobot(f'{path}: not a text in UTF-8') from None
+    except (OSError, ValueError) as error:  # ValueError: no path has a NUL
+        reason = getattr(error, 'strerror', None) or error
         raise InvalidRobot(f'{path}: {reason}') from None
+    if len(text) > MAX_URDF_BYTES:
+        raise InvalidRobot(f'{path}: larger than {MAX_URDF_BYTES} bytes')
     return read_urdf_tree(text, str(path))
-
-
-def _parse(text: str, source: str) -> Element:
-    def refuse(*_: object) -> None:
-        raise InvalidRobot(f'{source}: has a document type or entities; expected plain XML')
-
-    checker = expat.ParserCreate()
-    checker.StartDoctypeDeclHandler = refuse
-    checker.EntityDeclHandler = refuse
-    try:
-        checker.Parse(text, True)
-        # Declarations of an encoding are refused in texts that are decoded already.
-        return ElementTree.fromstring(text.encode('utf-8'))
-    except (expat.ExpatError, ElementTree.ParseError) as error:
-        raise InvalidRobot(f'{source}: not XML: {error}') from None
 
 
 def _name(element: Element, source: str) -> str:
@@ -317,22 +305,24 @@ def _colour(material: Element, source: str) -> tuple[float, ...] | None:
 
 
 def _check_mimics(joints: dict[str, UrdfJoint], source: str) -> None:
+    checked: set[str] = set()
     for joint in joints.values():
         seen = {joint.name}
-        while joint.mimic is not None:
+        while joint.mimic is not None and joint.name not in checked:
             target = joints.get(joint.mimic.joint)
             if target is None or not target.is_movable or target.name in seen:
                 raise InvalidRobot(f"{source}: joint '{joint.name}' mimics "
                                    f"'{joint.mimic.joint}'; expected another, movable joint")
             seen.add(target.name)
             joint = target
+        checked |= seen
 
 
 def _in_order(links: list[str], joints: list[UrdfJoint],
               source: str) -> tuple[str, tuple[UrdfJoint, ...]]:
     """Return the root and the joints, parents first."""
-    children = [joint.child for joint in joints]
-    twice = {child for child in children if children.count(child) > 1}
+    children = Counter(joint.child for joint in joints)
+    twice = [child for child, parents in children.items() if parents > 1]
     if twice:
         raise InvalidRobot(f'{source}: {", ".join(sorted(twice))}: more than one parent joint')
     roots = [link for link in links if link not in children]
@@ -343,9 +333,9 @@ def _in_order(links: list[str], joints: list[UrdfJoint],
     for joint in joints:
         below.setdefault(joint.parent, []).append(joint)
     ordered: list[UrdfJoint] = []
-    waiting = [roots[0]]
+    waiting = deque(roots)
     while waiting:
-        found = below.get(waiting.pop(0), [])
+        found = below.get(waiting.popleft(), [])
         ordered += found
         waiting += [joint.child for joint in found]
     if len(ordered) != len(joints):

@@ -113,6 +113,10 @@ def test_a_package_path_is_resolved_where_ros_knows_it(hand_urdf, tmp_path, monk
     ({'options': {'speed': 1.}}, "options: there is no key 'speed'"),
     ({'options': {'touch': 9.}}, 'touch: 9.0; allowed is 0 to 0.05 m'),
     ({'order': ['knee']}, "order: there is no movable joint 'knee'"),
+    ({'order': 5}, 'order: 5; expected a list'),
+    ({'rest': {'index_pip_joint': 2**64}}, 'integer of more than 64 bits'),
+    ({'urdf': 'a\0b'}, 'embedded null'),
+    ({'urdf': '~no_such_user/a.urdf'}, '~no_such_user/a.urdf: Could not determine home'),
     ({'urdf': ''}, "no urdf: give the path"),
     ({'urdf': 'none.urdf'}, 'none.urdf: No such file'),
 ])

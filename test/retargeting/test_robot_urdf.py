@@ -47,6 +47,7 @@ def test_the_greatest_sphere_of_a_link_is_its_tip_radius():
     ('<!DOCTYPE r [<!ENTITY a "b">]><robot name="&a;"/>', 'document type or entities'),
     ('<!DOCTYPE robot SYSTEM "file:///etc/passwd"><robot/>', 'document type or entities'),
     ('<robot', 'not XML'),
+    ('<robot>' + '<a>' * 100 + '</a>' * 100 + '</robot>', 'nested more than 100 deep'),
     ('<sdf/>', 'expected <robot>'),
     ('<robot><link/></robot>', 'a <link> has no name'),
     (robot(JOINT.format('j', 'floating', 'a', 'b', '')), "its type is 'floating'"),
