@@ -14,13 +14,15 @@ from contextlib import suppress
 from threading import Event
 from time import monotonic_ns
 from typing import Any
-from xml.etree import ElementTree
 
+from ..core.errors import HandTrackerError
+from ..files.plain_xml import parse_plain_xml
 from ..messages.stamps import stamp_of
 from .clock_estimate import ClockEstimate, wall_offset
 from .point_frame import SourceFrame, SourceUnavailable, point_frame
 
 QTM_PORT = 22223
+QTM_VERSION = '1.25'     # of the protocol
 QTM_COMPONENTS = '3d', '3dres', '3dnolabels', '3dnolabelsres'
 MILLIMETRE = .001
 RETRY_TIME = 2.     # [s]
@@ -56,13 +58,15 @@ class QualisysClient:
                  port: int = QTM_PORT) -> None:
         try:
             import qtm_rt
+
+            from .qtm_protocol import CheckedQtmProtocol
         except ImportError:
             raise SourceUnavailable('Qualisys needs the package qtm-rt: pip install qtm-rt'
                                     ) from None
         if not components or not set(components) <= set(QTM_COMPONENTS):
             raise SourceUnavailable(f"Qualisys: components {' '.join(components)!r}; expected some "
                                     f"of {' '.join(QTM_COMPONENTS)}")
-        self._qtm = qtm_rt
+        self._qtm, self._protocol = qtm_rt, CheckedQtmProtocol
         self._server, self._port, self._components = server, port, components
         self._on_frame, self._on_news, self._latency = on_frame, on_news, latency
         self._clock = ClockEstimate()
@@ -89,12 +93,10 @@ class QualisysClient:
         reason = 'the connection has ended'
         connection = None
         try:
-            connection = await asyncio.wait_for(
-                self._qtm.connect(self._server, self._port, timeout=ANSWER_TIME,
-                                  on_disconnect=lambda error: lost.set()), ANSWER_TIME)
-            if connection is None:
-                raise OSError('it does not answer')
+            connection = await asyncio.wait_for(self._connect(lost), ANSWER_TIME)
             xml = await connection.get_parameters(['3d'])
+            if not isinstance(xml, bytes):
+                raise OSError('it answers with a frame where its parameters are asked for')
             self._names = marker_labels(xml.decode(errors='replace'))
             self._clock.reset()
             self._last = -1
@@ -106,7 +108,7 @@ class QualisysClient:
             while not ended.is_set() and not lost.is_set():
                 with suppress(asyncio.TimeoutError):
                     await asyncio.wait_for(lost.wait(), END_POLL)
-        except (OSError, asyncio.TimeoutError, ElementTree.ParseError,
+        except (OSError, asyncio.TimeoutError, HandTrackerError,
                 self._qtm.QRTCommandException) as error:
             reason = str(error) or 'it does not answer'
         finally:
@@ -116,6 +118,19 @@ class QualisysClient:
             self._is_told = True
             self._on_news(True, f'QTM on {self._server}:{self._port}: {reason}; trying again every '
                                 f'{RETRY_TIME:g} s. Is QTM measuring, with real-time output on?')
+
+    async def _connect(self, lost: asyncio.Event) -> Any:
+        """Return a connection, as qtm_rt.connect does, but of checked packets."""
+        loop = asyncio.get_running_loop()
+        _, protocol = await loop.create_connection(
+            lambda: self._protocol(loop=loop, on_disconnect=lambda error: lost.set()),
+            self._server, self._port)
+        try:
+            await protocol.set_version(QTM_VERSION)
+        except BaseException:
+            protocol.transport.close()
+            raise
+        return self._qtm.QRTConnection(protocol, timeout=ANSWER_TIME)
 
     def take(self, packet: Any) -> None:
         """Take a qtm_rt.QRTPacket as it arrives."""
@@ -149,10 +164,10 @@ def marker_labels(xml: str) -> tuple[str, ...]:
 
     Raises
     ------
-    xml.etree.ElementTree.ParseError
+    NotPlainXml
     """
     return tuple(label.findtext('Name', '').strip()
-                 for label in ElementTree.fromstring(xml).iter('Label'))
+                 for label in parse_plain_xml(xml).iter('Label'))
 
 
 def points_of_packet(packet: Any, names: tuple[str, ...]) -> SourceFrame:

@@ -1,11 +1,20 @@
 """The client of Qualisys before a simulated QTM, through Qualisys' own package."""
 
+import struct
 import sys
 
 import numpy as np
 import pytest
 from helpers.clients import receiving_client, wait
-from helpers.qtm_server import QtmServer, data_packet
+from helpers.qtm_server import (
+    COMMAND,
+    DATA,
+    XML,
+    QtmServer,
+    data_packet,
+    packet,
+    parameters_packet,
+)
 
 from hand_tracker.adapters import qualisys
 from hand_tracker.adapters.clock_estimate import wall_offset
@@ -79,6 +88,41 @@ def test_a_damaged_packet_and_a_lost_connection_are_survived(monkeypatch, capfd)
     assert any('damaged frame' in text for _, text in news)
     assert any('connection has ended' in text for _, text in news)
     assert 'Traceback' not in ''.join(capfd.readouterr())
+
+
+@pytest.mark.parametrize('answer, told', [
+    (packet(XML, b'<!DOCTYPE r [<!ENTITY a "b">]><r><Label><Name>&a;</Name></Label></r>\0'),
+     'document type or entities'),
+    (packet(XML, b'<r>\0'), 'not XML'),
+    (data_packet(1, 1000, {'3d': []}), 'a frame where its parameters')])
+def test_parameters_that_are_none_are_told(monkeypatch, answer, told):
+    monkeypatch.setattr(qualisys, 'RETRY_TIME', .1)
+    with QtmServer(LABELS) as server:
+        server.parameters = answer
+        with receiving(server) as (frames, news):
+            wait(lambda: news)
+            server.parameters = parameters_packet(LABELS)
+            wait(lambda: server.streams)
+            server.send(data_packet(1, 1000, {'3d': [[4., 0., 0.]] * 2}))
+            wait(lambda: frames)
+    assert news[0][0] and told in news[0][1]
+
+
+@pytest.mark.parametrize('hostile', [
+    struct.pack('<II', 0, COMMAND),               # for qtm-rt the next packet begins where it did
+    struct.pack('<II', 2**31, COMMAND),
+    struct.pack('<IIqIIII', 32, DATA, 1, 1, 2**32 - 1, 0, 1)])  # components of no bytes
+def test_sizes_that_lead_nowhere_end_the_connection(monkeypatch, hostile):
+    monkeypatch.setattr(qualisys, 'RETRY_TIME', .1)
+    with QtmServer(LABELS) as server, receiving(server) as (frames, news):
+        wait(lambda: server.streams)
+        server.send(data_packet(1, 1000, {'3d': [[3., 0., 0.]] * 2}))
+        wait(lambda: len(frames) == 1)
+        server.send(hostile)
+        wait(lambda: streams_begun(server) == 2)
+        server.send(data_packet(1, 1000, {'3d': [[4., 0., 0.]] * 2}))
+        wait(lambda: len(frames) == 2)
+    assert any('connection has ended' in text for _, text in news)
 
 
 def test_a_qtm_that_is_not_there_is_told_once_and_found_when_it_comes(monkeypatch):

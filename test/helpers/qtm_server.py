@@ -42,6 +42,10 @@ def parameters(labels):
                 for label in labels) + '</The_3D></QTM_Parameters_Ver_1.25>\0').encode()
 
 
+def parameters_packet(labels):
+    return packet(XML, parameters(labels))
+
+
 class QtmServer:
     """QTM on 127.0.0.1: answers commands, and sends data to all who stream.
 
@@ -53,7 +57,7 @@ class QtmServer:
     """
 
     def __init__(self, labels, port=0):
-        self.labels, self.port = labels, port
+        self.parameters, self.port = parameters_packet(labels), port
         self.commands = []
         self.streams = []
         self._ready = Event()
@@ -104,7 +108,7 @@ class QtmServer:
                 if name == 'version':
                     writer.write(packet(COMMAND, b'Version set to 1.25\0'))
                 elif name == 'getparameters':
-                    writer.write(packet(XML, parameters(self.labels)))
+                    writer.write(self.parameters)
                 elif name == 'streamframes':
                     self.streams.append(writer)
                 else:
