@@ -76,7 +76,7 @@ class PageGuard:
         async def process(connection: Any, request: Any) -> Any:
             try:
                 reason = self.refusal(request.path, request.headers)
-            except ValueError:  # no host, no path, or a header more than once
+            except (ValueError, LookupError):  # no host, no path, or a header more than once
                 reason = 'malformed'
             if reason is not None:
                 return connection.respond(HTTPStatus.FORBIDDEN, f'{reason}\n')
