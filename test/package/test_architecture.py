@@ -10,6 +10,8 @@ from benchmarks.import_order import ORDER, PACKAGE, imported_files, place, upwar
 
 ROOT = Path(__file__).resolve().parents[2]
 FAST_PATH = 'nodes/fast_path/'
+UNPICKLING = {'pickle', 'marshal', 'shelve', 'dill', 'cloudpickle'}
+TEXT_TO_CODE = {'eval', 'exec', 'os.system', 'os.popen', 'subprocess.getoutput'}
 MODULES = {path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text(encoding='utf-8'))
            for path in sorted(PACKAGE.rglob('*.py'))}
 
@@ -91,6 +93,29 @@ def test_core_imports_numpy_and_numba_alone():
             elif isinstance(node, ast.ImportFrom) and not node.level:
                 foreign.add(node.module.split('.')[0])
     assert foreign - sys.stdlib_module_names <= {'numpy', 'numba'}
+
+
+def test_no_bytes_become_code():
+    """No pickle, no shell, no YAML or XML of more than plain trees."""
+    found = []
+    launch_files = {f'launch/{path.name}': ast.parse(path.read_text(encoding='utf-8'))
+                    for path in (ROOT / 'launch').glob('*.py')}
+    for name, tree in {**MODULES, **launch_files}.items():
+        for node in ast.walk(tree):
+            if isinstance(node, (ast.Import, ast.ImportFrom)):
+                modules = {getattr(node, 'module', None) or '', *(one.name for one in node.names)}
+                found += [(name, module) for module in modules & UNPICKLING]
+            elif isinstance(node, ast.Call):
+                called = ast.unparse(node.func)
+                options = {one.arg: ast.unparse(one.value) for one in node.keywords}
+                if (called in TEXT_TO_CODE or 'shell' in options
+                        or called == 'np.load' and options.get('allow_pickle') != 'False'
+                        or re.fullmatch(r'yaml\.\w*load\w*', called)
+                        and name != 'files/plain_yaml.py'
+                        or re.fullmatch(r'(ElementTree|minidom)\.(fromstring|parse|iterparse|XML)',
+                                        called) and name != 'files/plain_xml.py'):
+                    found.append((name, ast.unparse(node)))
+    assert found == []
 
 
 def test_no_two_modules_have_one_name():
