@@ -67,6 +67,8 @@ def read_bag_points(path: Path, zero_is_missing: bool = True) -> tuple[PointReco
                                      'expected ids that stay with their markers')
             frames.append((row, points.astype(np.float32)))
             times.append(1e-9 * message.time if stamp is None else stamp)
+    if not frames:
+        raise RecordingError(f'{path}: {topic}: no messages; expected at least one')
     labels = tuple(columns)
     buffer = PointBuffer(path, labels, zero_is_missing, len(frames))
     for first in range(0, len(frames), ROWS_AT_ONCE):

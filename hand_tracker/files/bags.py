@@ -12,8 +12,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from lz4.frame import LZ4FrameDecompressor
 from numpy.typing import ArrayLike
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+from rosbags.rosbag2 import (
+    CompressionFormat,
+    CompressionMode,
+    Reader,
+    StoragePlugin,
+    Writer,
+    storage_mcap,
+)
 from rosbags.typesys import Stores, get_typestore
 
 from ..core.errors import HandTrackerError
@@ -29,10 +37,33 @@ POSE = 'geometry_msgs/msg/PoseStamped'
 BAG_METADATA_VERSION = 8
 STORAGE = {'.mcap': StoragePlugin.MCAP, '.db3': StoragePlugin.SQLITE3}
 EXPECTED = 'expected a rosbag2 folder with metadata.yaml, a .mcap file or a .db3 file'
+MAX_CHUNK_BYTES = 2**28    # that a chunk of a .mcap unpacks to; usual are 1 to 4 MB
 
 TYPE_STORE = get_typestore(Stores.ROS2_JAZZY)
 NO_BYTES = np.empty(0, np.uint8)
 NO_NUMBERS = np.empty(0)
+
+
+def _unpack_zstd(data: bytes, size: int) -> bytes:
+    """Unpack a chunk of a .mcap; no more than one byte beyond the size that it says."""
+    _require_chunk_size(size)
+    return storage_mcap.zstd.ZstdDecompressor().decompress(data, size + 1)
+
+
+def _unpack_lz4(data: bytes, size: int) -> bytes:
+    """As `_unpack_zstd`."""
+    _require_chunk_size(size)
+    return LZ4FrameDecompressor().decompress(data, max_length=size + 1)
+
+
+def _require_chunk_size(size: int) -> None:
+    if size > MAX_CHUNK_BYTES:
+        raise BagError(f'a chunk of {size} bytes; at most {MAX_CHUNK_BYTES} are read')
+
+
+# rosbags unpacks whatever comes: 33 kB of zeros become a gigabyte. Others than 0.11 may differ.
+if hasattr(storage_mcap, 'DECOMPRESSORS') and hasattr(storage_mcap, 'zstd'):
+    storage_mcap.DECOMPRESSORS.update(zstd=_unpack_zstd, lz4=_unpack_lz4)
 
 
 class BagError(HandTrackerError):

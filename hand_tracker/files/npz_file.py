@@ -59,9 +59,10 @@ def _check_sizes(path: Path) -> None:
     if not zipfile.is_zipfile(path):
         return
     with zipfile.ZipFile(path) as archive:
+        total = sum(entry.file_size for entry in archive.infolist())
+        if total > MAX_POINT_BYTES:
+            raise ValueError(f'{total} bytes')
         for entry in archive.infolist():
-            if entry.file_size > MAX_POINT_BYTES:
-                raise ValueError(f'{entry.filename}: {entry.file_size} bytes')
             with archive.open(entry) as file:
                 version = np.lib.format.read_magic(file)
                 read = (np.lib.format.read_array_header_1_0 if version == (1, 0)

@@ -15,6 +15,7 @@ from rosbags.interfaces import (
 )
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
+from hand_tracker.files import bags
 from hand_tracker.files.bags import (
     JOINT_STATE,
     MARKER_ARRAY,
@@ -251,6 +252,15 @@ def test_damaged_index(tmp_path):
                 assert [m.topic for m in bag.messages()] == ['/markers', '/truth'] * 3
         except BagError as error:
             assert re.search(message, str(error))
+
+
+def test_a_chunk_that_unpacks_without_end_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / 'chunk.mcap'
+    write_bag(path, frames(30))
+    monkeypatch.setattr(bags, 'MAX_CHUNK_BYTES', 10)
+    with pytest.raises(BagError, match=r'chunk.mcap: .*a chunk of \d+ bytes; at most 10 are read'):
+        with open_bag(path) as bag:
+            list(bag.messages())
 
 
 def test_unknown_type(tmp_path):

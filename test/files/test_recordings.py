@@ -11,6 +11,7 @@ from helpers.point_files import gappy_recording, hand_recording
 from mcap_ros2.reader import read_ros2_messages
 
 from hand_tracker.core.errors import HandTrackerError
+from hand_tracker.files import npz_file
 from hand_tracker.files.point_recording import Axes, PointRecording, RecordingError
 from hand_tracker.files.recordings import (
     VICON_CSV,
@@ -288,7 +289,7 @@ def test_what_is_no_recording_is_named(tmp_path, name, text, message):
         read_recording(text_file(tmp_path, text, name))
 
 
-def test_hostile_headers_ask_for_no_memory(tmp_path):
+def test_hostile_headers_ask_for_no_memory(tmp_path, monkeypatch):
     whole = bytearray(written(tmp_path, hand_recording(5), '.c3d').read_bytes())
     # As many points as the header can hold: behind the name are offset, type and dimensions.
     at = whole.index(b'USED') + 8
@@ -302,6 +303,10 @@ def test_hostile_headers_ask_for_no_memory(tmp_path):
         header = np.lib.format.magic(1, 0)
         text = b"{'descr': '<f8', 'fortran_order': False, 'shape': (999999999, 99, 3), }\n"
         archive.writestr('markers.npy', header + struct.pack('<H', len(text)) + text)
+    with pytest.raises(RecordingError, match='no npz file'):
+        read_recording(packed)
+    np.savez(packed, a=np.zeros(9), b=np.zeros(9))
+    monkeypatch.setattr(npz_file, 'MAX_POINT_BYTES', 350)
     with pytest.raises(RecordingError, match='no npz file'):
         read_recording(packed)
 
