@@ -65,7 +65,7 @@ def read_bag_points(path: Path, zero_is_missing: bool = True) -> tuple[PointReco
             if len(columns) > MAX_BAG_LABELS:
                 raise RecordingError(f'{path}: more than {MAX_BAG_LABELS} ids of markers; '
                                      'expected ids that stay with their markers')
-            frames.append((row, points.astype(np.float32)))
+            frames.append((row, points))
             times.append(1e-9 * message.time if stamp is None else stamp)
     if not frames:
         raise RecordingError(f'{path}: {topic}: no messages; expected at least one')
@@ -87,6 +87,8 @@ def read_bag_points(path: Path, zero_is_missing: bool = True) -> tuple[PointReco
                           tuple(notes)), Axes('m', 'z')
 
 
+# Numbers beyond those of a marker become infinite, and then missing.
+@np.errstate(over='ignore', invalid='ignore')
 def _points_of(reader: MarkerReader, data: bytes
                ) -> tuple[list[str], float | None, np.ndarray]:
     """Return names, stamp of the first marker [s] and positions (n, 3) [m] of a message's points.
@@ -105,7 +107,7 @@ def _points_of(reader: MarkerReader, data: bytes
             ids = range(len(one.points))
             points.append(placed(one.points, one.position, one.orientation, True))
         names += [f'{one.ns}/{number}' if one.ns else str(number) for number in ids]
-    return names, stamp, np.concatenate(points)
+    return names, stamp, np.concatenate(points).astype(np.float32)
 
 
 def marker_messages(points: np.ndarray, times: Sequence[int], names: Sequence[str],
