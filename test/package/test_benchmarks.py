@@ -121,3 +121,15 @@ def test_the_document_has_every_row(tmp_path, monkeypatch):
              for line in text.splitlines() if line.startswith('|')]
     assert ['start', 'seconds', 'starts'] in lines
     assert ['cold', '31.5', ''] in lines and ['warm', '1.25', '3'] in lines
+
+
+def test_an_entry_is_fuzzed_and_what_adds_coverage_is_kept(tmp_path):
+    pytest.importorskip('atheris', reason='only with requirements/fuzz.in')
+    corpus = tmp_path / 'corpus'
+    corpus.mkdir()
+    (corpus / 'seed').write_text('wrist=leds/3')
+    row, = run('fuzz_inputs', 'labels', '--seconds', 1, '--corpus', corpus, '--keep',
+               folder=tmp_path)
+    assert row['entry'] == 'labels' and row['executions'] > 0 and not row['fault']
+    assert row['edges'] > row['edges_of_corpus'] > 0
+    assert len(list(corpus.iterdir())) > 1
