@@ -5,14 +5,13 @@ single files. Messages stay serialized (CDR); `bag_message` serializes those bui
 """
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from lz4.frame import LZ4FrameDecompressor
 from numpy.typing import ArrayLike
 from rosbags.rosbag2 import (
     CompressionFormat,
@@ -45,25 +44,23 @@ NO_NUMBERS = np.empty(0)
 
 
 def _unpack_zstd(data: bytes, size: int) -> bytes:
-    """Unpack a chunk of a .mcap; no more than one byte beyond the size that it says."""
-    _require_chunk_size(size)
+    """Unpack a chunk of a .mcap, at most one byte beyond the size that it says."""
     return storage_mcap.zstd.ZstdDecompressor().decompress(data, size + 1)
 
 
-def _unpack_lz4(data: bytes, size: int) -> bytes:
-    """As `_unpack_zstd`."""
-    _require_chunk_size(size)
-    return LZ4FrameDecompressor().decompress(data, max_length=size + 1)
+def _bounded(unpack: Callable[[bytes, int], bytes]) -> Callable[[bytes, int], bytes]:
+    """Return an unpacking function that refuses chunks that say to be too large."""
+    def bounded(data: bytes, size: int) -> bytes:
+        if size > MAX_CHUNK_BYTES:
+            raise BagError(f'a chunk of {size} bytes; at most {MAX_CHUNK_BYTES} are read')
+        return unpack(data, size)
+    return bounded
 
 
-def _require_chunk_size(size: int) -> None:
-    if size > MAX_CHUNK_BYTES:
-        raise BagError(f'a chunk of {size} bytes; at most {MAX_CHUNK_BYTES} are read')
-
-
-# rosbags unpacks whatever comes: 33 kB of zeros become a gigabyte. Others than 0.11 may differ.
+# rosbags 0.11 unpacks whatever comes, and 33 kB of zstd may be a gigabyte; lz4 is 255 to 1 at most.
 if hasattr(storage_mcap, 'DECOMPRESSORS') and hasattr(storage_mcap, 'zstd'):
-    storage_mcap.DECOMPRESSORS.update(zstd=_unpack_zstd, lz4=_unpack_lz4)
+    storage_mcap.DECOMPRESSORS.update(
+        zstd=_bounded(_unpack_zstd), lz4=_bounded(storage_mcap.DECOMPRESSORS['lz4']))
 
 
 class BagError(HandTrackerError):
