@@ -113,13 +113,18 @@ class Bag:
         self.offered_qos: dict[str, list] = {}
         for connection in reader.connections:
             topic = connection.topic
+            # A folder's metadata.yaml may hold anything.
+            if not (isinstance(topic, str) and isinstance(connection.msgtype, str)
+                    and isinstance(connection.msgcount, int)):
+                raise BagError(f'topic {topic!r} of type {connection.msgtype!r} with '
+                               f'{connection.msgcount!r} messages')
             # Of a topic recorded with two types, only messages of the first are read.
             if self.topics.setdefault(topic, connection.msgtype) != connection.msgtype:
                 continue
             self.counts[topic] = self.counts.get(topic, 0) + connection.msgcount
             self.offered_qos.setdefault(topic, []).extend(connection.ext.offered_qos_profiles)
-        self.start = reader.start_time
-        self.duration = reader.end_time - 1 - reader.start_time
+        self.start = int(reader.start_time)
+        self.duration = int(reader.end_time) - 1 - self.start
 
     def messages(self, topics: Iterable[str] | None = None,
                  start: int | None = None) -> Iterator[BagMessage]:
@@ -196,7 +201,9 @@ def open_bag(path: str | PathLike[str]) -> Iterator[Bag]:
     try:
         if not reader.message_count:
             raise BagError(f'{path}: a recording without messages; expected at least one')
-        yield Bag(path, reader)
+        with _read_errors(path):
+            bag = Bag(path, reader)
+        yield bag
     finally:
         reader.close()
 
