@@ -14,7 +14,14 @@ from ..messages.marker_array import MARKER_ARRAY, placed
 from ..messages.stamps import seconds, stamp_of
 from ..messages.templates import Template, markers_template
 from .bags import BagMessage, open_bag, write_bag
-from .point_recording import ROWS_AT_ONCE, Axes, PointBuffer, PointRecording, RecordingError
+from .point_recording import (
+    ROWS_AT_ONCE,
+    Axes,
+    PointBuffer,
+    PointRecording,
+    RecordingError,
+    printable,
+)
 
 BAG_FORMAT = 'rosbag2'
 WRITTEN_TOPIC = '/markers'
@@ -106,7 +113,8 @@ def _points_of(reader: MarkerReader, data: bytes
         else:
             ids = range(len(one.points))
             points.append(placed(one.points, one.position, one.orientation, True))
-        names += [f'{one.ns}/{number}' if one.ns else str(number) for number in ids]
+        space = printable(one.ns)
+        names += [f'{space}/{number}' if space else str(number) for number in ids]
     return names, stamp, np.concatenate(points).astype(np.float32)
 
 

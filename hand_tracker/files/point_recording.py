@@ -168,6 +168,11 @@ def unit_name(text: str) -> str | None:
                 None)
 
 
+def printable(text: str) -> str:
+    """Return a text without what cannot be printed, or would lead a terminal astray."""
+    return ''.join(c for c in text if c.isprintable())
+
+
 def unique_labels(labels: Sequence[str]) -> tuple[tuple[str, ...], str]:
     """Return labels without padding, each different, and a note on those that were repeated.
 
@@ -188,7 +193,7 @@ def unique_labels(labels: Sequence[str]) -> tuple[tuple[str, ...], str]:
     repeated: list[str] = []
     for label in labels:
         # One that looks empty but is not would be invisible in messages.
-        label = ''.join(c for c in label if c.isprintable()).strip()
+        label = printable(label).strip()
         if ANONYMOUS.fullmatch(label.rpartition(':')[2].strip()) or ANONYMOUS.fullmatch(label):
             found.append('')
             continue
