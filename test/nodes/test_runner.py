@@ -3,10 +3,10 @@
 import sys
 
 import pytest
-
-pytest.importorskip('rclpy')
-
 from helpers.ros_process import Process
+
+NEEDS = 'rclpy',
+pytestmark = pytest.mark.ros
 
 HANGS_AT_ITS_END = '''
 from threading import Event
