@@ -20,6 +20,13 @@ LABEL_SOURCES = ('source', 'none')
 SEARCHED_LONG = 3.  # [s] without the hand among enough points, before a pose is asked for
 
 
+def is_measured(hand: Hand) -> bool:
+    """Return whether a hand is of a person: of another size than the mean hand."""
+    mean = Hand.scaled(side=hand.side)
+    return not all(map(np.array_equal, (hand.finger_bones, hand.finger_mcp),
+                       (mean.finger_bones, mean.finger_mcp)))
+
+
 class PointLabels:
     """Label the points of one topic's messages: which is which marker of which hand on it.
 
@@ -44,7 +51,8 @@ class PointLabels:
         points : PointReader
             Of all hands.
         """
-        self._prototypes[hand.side] = model_prototype(hand, layout, tuple(layout.names))
+        self._prototypes[hand.side] = model_prototype(
+            hand, layout, tuple(layout.names), is_measured(hand))
         self._points, self._labeller = points, None
 
     def read(self, message: Any, side: str) -> tuple[PointFrame, np.ndarray, bool, bool]:

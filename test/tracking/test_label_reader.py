@@ -7,8 +7,9 @@ from helpers.hands import hand_at
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.point_labelling.cloud_labeller import CloudLabels
+from hand_tracker.core.point_labelling.natural_poses import ANYBODY_SIZES, MEASURED_SIZES
 from hand_tracker.messages.marker_array import MarkerFrame
-from hand_tracker.messages.points import PointFrame
+from hand_tracker.messages.points import PointFrame, PointReader
 from hand_tracker.messages.stamps import Stamp
 from hand_tracker.tracking.marker_events import LabelChanges
 from hand_tracker.tracking.point_labels import PointLabelReader, PointLabels
@@ -49,6 +50,15 @@ def test_points_without_any_label_are_told_from_a_hand_that_is_hidden():
     found = reasons([frame(nothing, others)] * 120)
     assert found[:90] == [None] * 90
     assert found[-1] == 'no marker has a label of labels.*'
+
+
+@pytest.mark.parametrize('size, sizes', [
+    ({}, ANYBODY_SIZES), ({'length': .2, 'breadth': .095}, MEASURED_SIZES)],
+    ids=['mean hand', 'measured hand'])
+def test_a_measured_hand_is_looked_for_in_its_own_size(size, sizes):
+    labels = PointLabels()
+    labels.set_hand(Hand.scaled(**size), preset_layout('paper8'), PointReader())
+    assert tuple(labels._prototypes['right'].statistics.sizes) == sizes
 
 
 def test_the_markers_of_any_layout_are_read():

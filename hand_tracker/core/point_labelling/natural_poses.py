@@ -15,6 +15,9 @@ ABDUCTION_SHARE = .25       # standard deviation, of the range of abduction; our
 ANYBODY_DEVIATIONS = .006, .012, .006   # as those of `learn_prototype`; ours
 ANYBODY_SIZES = .7, 1.45    # of palms, relative to the model's; ours
 ANYBODY_SHAPE = .15         # by which a side of the palm may differ, relative to its length; ours
+# The same of a hand that was measured: its markers are put on anew, and rulers err.
+MEASURED_SIZES = .9, 1.1
+MEASURED_SHAPE = .08
 
 
 def natural_poses(hand: Hand, count: int = POSES) -> np.ndarray:
@@ -56,7 +59,8 @@ def natural_poses(hand: Hand, count: int = POSES) -> np.ndarray:
     return angles
 
 
-def model_prototype(hand: Hand, layout: MarkerLayout, names: tuple[str, ...]) -> HandPrototype:
+def model_prototype(hand: Hand, layout: MarkerLayout, names: tuple[str, ...],
+                    is_measured: bool = False) -> HandPrototype:
     """Return the prototype of a hand by its model.
 
     Parameters
@@ -65,6 +69,8 @@ def model_prototype(hand: Hand, layout: MarkerLayout, names: tuple[str, ...]) ->
     layout : MarkerLayout
     names : tuple of str
         Of the layout's markers.
+    is_measured : bool, optional
+        Whether the hand is the wearer's; else it is anybody's, of any usual size.
 
     Returns
     -------
@@ -78,8 +84,10 @@ def model_prototype(hand: Hand, layout: MarkerLayout, names: tuple[str, ...]) ->
     right = hand.replace(side='right')
     mounting = layout.mounting(right)
     places = marker_positions(mounting, forward(joint_table(right), natural_poses(right)))
+    sizes, shape = ((MEASURED_SIZES, MEASURED_SHAPE) if is_measured
+                    else (ANYBODY_SIZES, ANYBODY_SHAPE))
     found = learn_prototype(names, places, marker_digits(mounting.link), 'right',
-                            ANYBODY_DEVIATIONS, ANYBODY_SIZES, ANYBODY_SHAPE)
+                            ANYBODY_DEVIATIONS, sizes, shape)
     return found if hand.side == 'right' else found.mirrored()
 
 

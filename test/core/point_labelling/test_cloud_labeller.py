@@ -63,6 +63,21 @@ def shuffled(markers, random, ghosts=0):
     return np.concatenate((markers[visible], false))[order], rows
 
 
+def test_a_measured_hand_is_told_from_ghosts_more_often_than_anybodys():
+    random = np.random.default_rng(4)
+    clouds = []
+    for frame in moving(1200)[::20]:
+        frame[random.integers(3)] = np.nan   # a marker of the palm is hidden
+        clouds.append(shuffled(frame, random, ghosts=4))
+    right = []
+    for is_measured in (False, True):
+        labeller = CloudLabeller([model_prototype(
+            Hand.scaled(), MarkerLayout(), MARKERS, is_measured)])
+        right.append(sum(np.array_equal(labeller.label_frame(points).rows[0], rows)
+                         for points, rows in clouds))
+    assert right[1] > right[0] + 5
+
+
 def test_a_single_frame_is_labelled_whatever_the_order_and_the_pose_of_the_wrist():
     random = np.random.default_rng(1)
     labeller = CloudLabeller([prototype()])
