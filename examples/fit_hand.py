@@ -12,9 +12,10 @@ poses = forward(joint_table(person), demo_recording().angles[::10])
 joints = landmark_positions(person, poses)
 
 hand = fit_hand(joints, side='right')
-save_hand('my_hand.yaml', hand, MarkerLayout())
+save_hand('fitted_hand.yaml', hand, MarkerLayout())
 
-hand, layout = load_hand('my_hand.yaml')
+hand, layout = load_hand('fitted_hand.yaml')
 tracker = HandTracker(hand, layout)
 off = 1e3 * abs(hand.finger_bones - person.finger_bones).max()
-print(f'{len(joints)} frames fitted, finger bones right to {off:.2f} mm; written to my_hand.yaml')
+print(f'{len(joints)} frames fitted, finger bones right to {off:.2f} mm; '
+      'written to fitted_hand.yaml')

@@ -14,9 +14,9 @@ tracker = HandTracker(Hand.scaled(length=0.185, breadth=0.085, side='right'))
 states = [tracker.update(frame, time) for frame, time in zip(markers, times)]
 
 angles = np.degrees([state.angles for state in states])    # (frames, 25) [degrees]
-np.savetxt('angles.csv', np.column_stack((times, angles)), delimiter=',', fmt='%.4f',
+np.savetxt('array_angles.csv', np.column_stack((times, angles)), delimiter=',', fmt='%.4f',
            header=','.join(('time', *JOINTS)), comments='')
 
 error = abs(angles - np.degrees(recording.angles[:600]))
 print(f'{len(states)} frames tracked, angles off the truth by {error.mean():.2f} degrees '
-      'in the mean; written to angles.csv')
+      'in the mean; written to array_angles.csv')

@@ -13,5 +13,5 @@ path = sys.argv[1] if sys.argv[1:] else SHIPPED
 with open_bag(path) as bag:
     topic = marker_topic(bag)
     frames = track(bag.messages([topic]), HandTracker())
-    save('angles.csv', frames, prefix='right_', wrist=True)
-    print(f'{bag.counts[topic]} messages of {topic} in {path}; angles written to angles.csv')
+    save('bag_angles.csv', frames, prefix='right_', wrist=True)
+    print(f'{bag.counts[topic]} messages of {topic} in {path}; angles written to bag_angles.csv')

@@ -27,6 +27,7 @@ from ..files.skeleton_motion import HandAngles, skeleton_motion
 from ..output_files import write_whole
 from ..parallel import Interruptions
 from ..progress import Progress
+from ..skin.surface import require_surface_library
 from ..splicing.body_glb import body_mesh, skeleton_of
 from ..splicing.body_skeleton import body_unit, require_hand, skeleton_naming
 from ..splicing.clock_alignment import AlignmentError, ClockAlignment, Trajectory, align_clocks
@@ -43,7 +44,7 @@ from ..splicing.spliced_points import hand_world, marker_wrist, splice_points
 from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.save_motion import collect_frames
 from .recording_options import add_recording_options, run_command
-from .track import refuse_to_replace
+from .track import SKINNED_KIND, refuse_to_replace
 from .tracking_job import tracked_recording
 
 BVH_SUFFIX = '.bvh'
@@ -73,6 +74,8 @@ def _splice(options: argparse.Namespace, interrupted: Interruptions,
                                'the left hand; expected no --side')
     for recording in (options.body, *options.recordings):
         refuse_to_replace(recording, output)
+    if output.suffix == SKINNED_KIND:
+        require_surface_library()
     prepare_kernels(lambda line: print(line, file=sys.stderr))
     if not is_skeleton:
         return _splice_points(options, _tracked(options, interrupted, progress))

@@ -19,6 +19,7 @@ from ..files.remote_files import Url, exists, local_copy, located, matching, upl
 from ..files.skeleton_motion import NAMINGS
 from ..parallel import Interruptions, TaskResult, run_tasks
 from ..progress import Progress
+from ..skin.surface import require_surface_library
 from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.recording import OUTPUT_KINDS, TABLE, save, save_hands
 from ..tracking.save_motion import MOTION_KINDS, collect_frames, save_motion
@@ -28,6 +29,10 @@ from .tracking_job import tracked_hands, tracked_recording
 TRACKED_KINDS = (*OUTPUT_KINDS, *MOTION_KINDS)
 BAG_CONTENTS = 'metadata.yaml'     # file by which a folder is a recording
 ALREADY_THERE = 'already there'
+SKINNED_KIND = '.glb'
+WITHOUT_HAND_FILE = (
+    'no hand file: markers count as at the joints; where they are worn on the skin, PIP is tens of '
+    'degrees off until a hand is fitted (hand_tracker calibrate)')
 
 
 class TrackedFile(NamedTuple):
@@ -68,6 +73,8 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
     if output.suffix not in TRACKED_KINDS:
         raise BagError(f'{output}: unknown extension {output.suffix!r}; '
                        f'expected {", ".join(TRACKED_KINDS)}')
+    if output.suffix == SKINNED_KIND:
+        require_surface_library()
     prepare_kernels(partial(print, file=sys.stderr))
     start = time.monotonic()
     refuse_to_replace(options.recording, output)
@@ -85,6 +92,8 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
     else:
         with (tracked_recording(options, interrupted, progress) as (hand, job, frames),
               interrupted.only_noted()):
+            if options.hand is None and not job.layout.offsets.any():
+                job.say(WITHOUT_HAND_FILE)
             if output.suffix in OUTPUT_KINDS:
                 save(output, frames, f'{hand.side}_', options.wrist)
             else:

@@ -48,9 +48,10 @@ class HandDisplay:
     def __init__(self, node: Node, hand: Hand, layout: MarkerLayout, names: Names,
                  namespace: str, qos: Mapping[str, QoSProfile]) -> None:
         self._names = names
-        self._hand_markers, self._labelled_markers = (
-            node.create_publisher(MarkerArray, namespace + topic, qos[topic])
-            for topic in ('hand_markers', 'labelled_markers'))
+        self._hand_markers = node.create_publisher(
+            MarkerArray, f'{namespace}hand_markers', qos['hand_markers'])
+        self._labelled_markers = node.create_publisher(
+            MarkerArray, f'{namespace}labelled_markers', qos['labelled_markers'])
         self._robot_description = RobotDescription(node, urdf(hand, names.prefix), namespace)
         self._hand_description = HandDescription(node, namespace)
         self._hand_description.publish(hand, layout)

@@ -1,5 +1,7 @@
 """Triangle mesh of a hand's surface: marching cubes, then relaxation to even triangles."""
 
+from importlib.util import find_spec
+
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
@@ -10,6 +12,13 @@ from .signed_distance import HandShape, signed_distance
 GRID_SPACING = 3.1   # [mm of the mean hand]
 GRID_MARGIN = 20.    # [mm of the mean hand] around the skeleton
 RELAXATION_ROUNDS = 6
+
+
+def require_surface_library() -> None:
+    """Raise a MissingLibrary where scikit-image is not installed, which makes the surface."""
+    if find_spec('skimage') is None:
+        raise MissingLibrary(
+            'making the skin of a hand needs scikit-image: pip install scikit-image')
 
 
 def surface_mesh(shape: HandShape) -> tuple[np.ndarray, np.ndarray]:
@@ -31,11 +40,9 @@ def surface_mesh(shape: HandShape) -> tuple[np.ndarray, np.ndarray]:
     MissingLibrary
         If scikit-image is not installed.
     """
-    try:
-        from skimage.measure import marching_cubes
-    except ImportError:
-        raise MissingLibrary(
-            'making the skin of a hand needs scikit-image: pip install scikit-image') from None
+    require_surface_library()
+    from skimage.measure import marching_cubes
+
     step = GRID_SPACING * shape.millimetre
     low = shape.points.min(axis=0) - (GRID_MARGIN + 8.) * shape.millimetre
     high = shape.points.max(axis=0) + GRID_MARGIN * shape.millimetre

@@ -11,7 +11,7 @@ from .page import FIRST_PORT, LOCALHOST, Viewer
 from .robot_scene import add_robot_options, chosen_robot
 from .source import FrameSource
 
-INSTALL_HINT = 'pip install ".[fast,view]"'
+INSTALL_HINT = 'pip install -e ".[fast,view]"'
 
 
 def add_page_options(parser: argparse.ArgumentParser) -> None:

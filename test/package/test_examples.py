@@ -39,7 +39,7 @@ def test_each_example_is_short_and_has_a_test():
 
 def test_track_array(tmp_path):
     frames, error = run('track_array', tmp_path)[:2]
-    head, *rows = rows_of(tmp_path / 'angles.csv')
+    head, *rows = rows_of(tmp_path / 'array_angles.csv')
     assert head == ['time', *JOINTS]
     assert len(rows) == frames == 600
     assert 0. < error < 3.
@@ -47,7 +47,7 @@ def test_track_array(tmp_path):
 
 def test_track_bag(tmp_path):
     messages = run('track_bag', tmp_path)[0]
-    head, *rows = rows_of(tmp_path / 'angles.csv')
+    head, *rows = rows_of(tmp_path / 'bag_angles.csv')
     assert set(head) > {f'right_{joint}_deg' for joint in JOINTS}
     assert 0 < len(rows) <= messages
     assert np.isfinite(np.array(rows, dtype=float)).all()
@@ -61,7 +61,7 @@ def test_mujoco_hand(tmp_path):
 
 def test_fit_hand(tmp_path):
     frames, error = run('fit_hand', tmp_path)[:2]
-    hand, _ = load_hand(tmp_path / 'my_hand.yaml')
+    hand, _ = load_hand(tmp_path / 'fitted_hand.yaml')
     assert frames > 100 and error < 1.
     assert hand.side == 'right'
 
