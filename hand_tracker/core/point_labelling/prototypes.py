@@ -28,7 +28,7 @@ MIN_BASE_AREA = 2e-4        # [m²]
 MAX_PALM_PAIRS = 6          # from which it is searched where no triangle is seen
 MIN_PAIR_GAP = .02          # [m]
 TYPICAL_SHARE = .999        # of the learned frames that count as typical
-BENDING_SHARE = 1. / 3.     # of a digit's natural bending, in variances, that shows enough; ours
+BENDING_SHARE = .03         # of a digit's natural bending, in variances, that shows enough; ours
 SIDE_DEVIATIONS = 4.        # [1] of a side of a base, within which it is searched
 
 
