@@ -1,6 +1,6 @@
 """Triangle mesh of a hand's surface: marching cubes, then relaxation to even triangles."""
 
-from importlib.util import find_spec
+from importlib import import_module
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
@@ -16,9 +16,11 @@ RELAXATION_ROUNDS = 6
 
 def require_surface_library() -> None:
     """Raise a MissingLibrary where scikit-image is not installed, which makes the surface."""
-    if find_spec('skimage') is None:
+    try:
+        import_module('skimage.measure')
+    except ImportError:
         raise MissingLibrary(
-            'making the skin of a hand needs scikit-image: pip install scikit-image')
+            'making the skin of a hand needs scikit-image: pip install scikit-image') from None
 
 
 def surface_mesh(shape: HandShape) -> tuple[np.ndarray, np.ndarray]:
