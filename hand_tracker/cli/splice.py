@@ -42,13 +42,13 @@ from ..splicing.spliced_body import (
 )
 from ..splicing.spliced_points import hand_world, marker_wrist, splice_points
 from ..tracking.compile_kernels import prepare_kernels
-from ..tracking.save_motion import collect_frames
+from ..tracking.save_motion import SKINNED_KIND, collect_frames
 from .recording_options import add_recording_options, run_command
-from .track import SKINNED_KIND, refuse_to_replace
+from .track import refuse_to_replace
 from .tracking_job import tracked_recording
 
 BVH_SUFFIX = '.bvh'
-SKELETONS_OUT, POINTS_OUT = (BVH_SUFFIX, '.glb'), ('.c3d', '.trc')
+SKELETONS_OUT, POINTS_OUT = (BVH_SUFFIX, SKINNED_KIND), ('.c3d', '.trc')
 
 
 def _splice(options: argparse.Namespace, interrupted: Interruptions,

@@ -22,14 +22,13 @@ from ..progress import Progress
 from ..skin.surface import require_surface_library
 from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.recording import OUTPUT_KINDS, TABLE, save, save_hands
-from ..tracking.save_motion import MOTION_KINDS, collect_frames, save_motion
+from ..tracking.save_motion import MOTION_KINDS, SKINNED_KIND, collect_frames, save_motion
 from .recording_options import add_recording_options, run_command
 from .tracking_job import tracked_hands, tracked_recording
 
 TRACKED_KINDS = (*OUTPUT_KINDS, *MOTION_KINDS)
 BAG_CONTENTS = 'metadata.yaml'     # file by which a folder is a recording
 ALREADY_THERE = 'already there'
-SKINNED_KIND = '.glb'
 WITHOUT_HAND_FILE = (
     'no hand file: markers count as at the joints; where they are worn on the skin, PIP is tens of '
     'degrees off until a hand is fitted (hand_tracker calibrate)')

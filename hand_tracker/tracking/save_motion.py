@@ -26,7 +26,8 @@ from ..skin.skinning import Skin
 from .recording import RecordedFrame
 
 POINT_KINDS = ('.trc', '.c3d')
-MOTION_KINDS = ('.bvh', '.glb', *POINT_KINDS)
+SKINNED_KIND = '.glb'
+MOTION_KINDS = ('.bvh', SKINNED_KIND, *POINT_KINDS)
 
 
 def collect_frames(frames: Iterable[RecordedFrame], hand: Callable[[], Hand]) -> HandAngles:
