@@ -344,18 +344,26 @@ def tables(rows: list[Row]) -> list[Table]:
     return found
 
 
+def data_set(row: Row) -> str:
+    """Return the name of the data set of a row's recording."""
+    return str(row['recording']).partition('__')[0]
+
+
 def pictures(rows: list[Row], folder: Path) -> list[Picture]:
-    """Draw the share of right frames of each recording by its own statistics."""
+    """Draw the share of right frames by a hand's own statistics: means of each data set."""
     own = [row for row in rows if row['learned'] == 'own' and row['hands'] == 1]
     starts = list(dict.fromkeys(row['start'] for row in own))
     figure, axes = figure_with(len(starts), width=5.)
     for ax, start in zip(axes, starts):
-        for i, name in enumerate(dict.fromkeys(row['recording'] for row in own)):
-            mine = [row for row in own if (row['start'], row['recording']) == (start, name)]
-            ax.plot(range(len(mine)), [row['right_pct'] for row in mine], marker='o',
-                    markersize=4, color=SERIES_COLOURS[i % len(SERIES_COLOURS)], label=name)
-            ax.set_xticks(range(len(mine)), [
-                f'{row["ghosts"]} ghosts\n{row["hidden_pct"]} %' for row in mine], fontsize=7)
+        for i, name in enumerate(dict.fromkeys(data_set(row) for row in own)):
+            mine = [row for row in own if (row['start'], data_set(row)) == (start, name)]
+            means = [np.mean([row['right_pct'] for row in mine if (
+                row['ghosts'], row['hidden_pct']) == (ghosts, round(100. * hidden))])
+                for ghosts, hidden in CLOUDS]
+            ax.plot(range(len(CLOUDS)), means, marker='o', markersize=4,
+                    color=SERIES_COLOURS[i % len(SERIES_COLOURS)], label=name)
+        ax.set_xticks(range(len(CLOUDS)), [
+            f'{ghosts} ghosts\n{100. * hidden:.0f} %' for ghosts, hidden in CLOUDS], fontsize=7)
         ax.set_title(start.replace('_', ' '), fontsize=9)
     axes[0].set_ylabel('right frames [%]', fontsize=8)
     save_figure(figure, folder / 'labelling.png', axes[0])
