@@ -115,10 +115,17 @@ ARGUMENTS = (
     DeclareLaunchArgument(
         'robot', default_value='',
         description='Robot hand to drive: a preset such as allegro, a robot file, a '
-                    'dex-retargeting file or a URDF; empty: none. It moves only once engaged'),
+                    'dex-retargeting file or a URDF; empty: none. It moves only once engaged. '
+                    'Of both hands each drives one'),
     DeclareLaunchArgument(
         'robot_description', default_value='',
         description="The robot's URDF: path, package:// path or XML; empty: the robot file's"),
+    DeclareLaunchArgument(
+        'left_robot', default_value='',
+        description='Robot hand that the left one of both hands drives; empty: the same as robot'),
+    DeclareLaunchArgument(
+        'left_robot_description', default_value='',
+        description="The left robot's URDF, where robot_description is the right one's"),
     DeclareLaunchArgument(
         'robot_process', default_value='own', choices=['own', 'tracker'],
         description="Process that drives the robot: its own, which holds the robot when the "
@@ -151,6 +158,7 @@ ARGUMENT_OF = {
     'coupling.preset': 'coupling', 'thumb': 'thumb', 'prefix': 'prefix', 'hand_length': None,
     'hand_breadth': None}
 ROBOT_TAKES = 'hand_file', 'hand_length', 'hand_breadth', 'limits.preset', 'thumb', 'prefix'
+CONFIDENCES = 'joint_confidence'
 SKIN_TAKES = 'hand_file', 'side', 'hand_length', 'hand_breadth', 'thumb', 'prefix'
 SHOWN_TOPICS = 'robot_description', 'hand_markers', 'hand_skin'
 FOLLOWED = 'Target Frame: {}middle_knuckle'  # by RViz's view: amid the hand, still in the palm
@@ -195,17 +203,19 @@ def start(context):
     of_both = {}
     if len(hands) > 1:
         of_both = {f'{hand.hand.side}.hand_file': hand.parameters['hand_file'] for hand in hands}
-    robot = robot_parameters(given, in_file, hand_parameters, hands)
+    robots = [] if not given['robot'] else [
+        robot_parameters(given, in_file, hand) for hand in hands]
     is_managed = given['lifecycle'] == 'true'
-    shares_process = robot is not None and given['robot_process'] == 'tracker'
-    if is_managed and shares_process:
-        raise RuntimeError("robot_process: 'tracker'; expected own with lifecycle:=true: that "
-                           'process is not managed')
+    shares_process = bool(robots) and given['robot_process'] == 'tracker'
+    for alone, what, why in ((is_managed, 'lifecycle:=true', 'that process is not managed'),
+                             (len(hands) > 1, 'side:=both', 'it drives one robot')):
+        if shares_process and alone:
+            raise RuntimeError(f"robot_process: 'tracker'; expected own with {what}: {why}")
     tracker = 'managed_tracker' if is_managed else 'teleoperate' if shares_process else 'tracker'
     actions = [node(
         tracker, [{
             **hand_parameters, **of_both, 'broadcast': broadcast, 'marker_message': message,
-            **(robot if shares_process else {})}],
+            **(robots[0] if shares_process else {})}],
         # A name would be that of both nodes.
         name=None if shares_process else TRACKER_NAME,
         files=[given['parameters']] if given['parameters'] else [],
@@ -217,7 +227,7 @@ def start(context):
             [{'robot_description': urdf(hand, prefix),
               'publish_frequency': number(given, 'publish_frequency')}],
             package='robot_state_publisher', namespace=namespace,
-            remappings=joint_states_of(given, namespace, in_file),
+            remappings=joints_of(given, namespace, in_file),
             on_exit=ended('robot_state_publisher')) for hand, prefix, namespace, _ in hands]
     else:
         actions.append(LogInfo(msg='robot_state_publisher is not installed: '
@@ -242,10 +252,12 @@ def start(context):
         actions += [node('skin', [{
             **{name: hand.parameters[name] for name in SKIN_TAKES},
             'wrist_frame': in_file.get('wrist_frame', AUTO)}], namespace=hand.namespace,
-            remappings=joint_states_of(given, hand.namespace, in_file)) for hand in hands]
-    if robot is not None and not shares_process:
+            remappings=joints_of(given, hand.namespace, in_file)) for hand in hands]
+    if not shares_process:
         # A robot that is not of the hand's side is refused by name, and all else goes on.
-        actions.append(node('retarget', [robot]))
+        actions += [node('retarget', [robot], namespace=hand.namespace,
+                         remappings=joints_of(given, hand.namespace, in_file, CONFIDENCES))
+                    for robot, hand in zip(robots, hands)]
     if given['rviz'] == 'true':
         actions.append(node(
             'rviz2', [], package='rviz2',
@@ -290,15 +302,15 @@ class LaunchedHand(NamedTuple):
 def hands_of(given, in_file, parameters):
     """Return each hand that is tracked, the right one of both first."""
     if parameters['side'] != BOTH:
-        if given['left_hand']:
-            raise RuntimeError(f"left_hand: '{given['left_hand']}'; expected none but for "
-                               "side:=both: hand is the hand file")
+        for name, instead in (('left_hand', 'hand is the hand file'),
+                              ('left_robot', 'robot is the robot'),
+                              ('left_robot_description', "robot_description is the robot's")):
+            if given[name]:
+                raise RuntimeError(f"{name}: '{given[name]}'; expected none but for side:=both: "
+                                   f'{instead}')
         hand, _ = starting_hand({**START_DEFAULTS, **parameters})
         prefix = parameters['prefix']
         return [LaunchedHand(hand, f'{hand.side}_' if prefix == AUTO else prefix, '', parameters)]
-    if given['robot']:
-        raise RuntimeError(f"robot: '{given['robot']}'; expected none for side:=both: it follows "
-                           'one hand; run retarget for that side beside this launch')
     for name, one_hand in (('source', given['source'] == 'landmarks'),
                            ('subject', bool(given['subject']))):
         if one_hand:
@@ -316,20 +328,22 @@ def hands_of(given, in_file, parameters):
     return hands
 
 
-def robot_parameters(given, in_file, hand_parameters, hands):
-    """Return the parameters of the node that drives a robot; None without one."""
-    if not given['robot']:
-        return None
-    return {**{name: hand_parameters[name] for name in ROBOT_TAKES}, 'side': hands[0].hand.side,
-            'wrist_frame': in_file.get('wrist_frame', AUTO), 'robot': given['robot'],
-            'robot_description': given['robot_description']}
+def robot_parameters(given, in_file, hand):
+    """Return the parameters of the node by which a hand drives its robot."""
+    robot, description = given['robot'], given['robot_description']
+    if hand.namespace == 'left':
+        # A robot file has the URDF of either side; a URDF is of one.
+        robot, description = given['left_robot'] or robot, given['left_robot_description']
+    return {**{name: hand.parameters[name] for name in ROBOT_TAKES}, 'side': hand.hand.side,
+            'wrist_frame': in_file.get('wrist_frame', AUTO), 'robot': robot,
+            'robot_description': description}
 
 
-def joint_states_of(given, namespace, in_file):
+def joints_of(given, namespace, in_file, *more):
     """Return the remappings by which a node of one of both hands finds its joint states."""
     if not namespace or in_file.get('joint_state_topics') == SEPARATE:
         return []
-    return [('joint_states', full_name(given, 'joint_states'))]
+    return [(name, full_name(given, name)) for name in ('joint_states', *more)]
 
 
 def full_name(given, name):

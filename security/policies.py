@@ -49,7 +49,9 @@ OTHERS = {'robot_state_publisher': {
     ('topics', 'publish'): {'/rosout', '/tf', '/tf_static', '/parameter_events',
                             'robot_description'},
     ('topics', 'subscribe'): {'/clock', 'joint_states', '/parameter_events'}}}
-PER_HAND = 'skin', 'robot_state_publisher'  # started in namespaces right and left for both hands
+# Of both hands in namespaces right and left, beside which one message has the joints of both.
+PER_HAND = 'retarget', 'skin', 'robot_state_publisher'
+OF_BOTH_HANDS = {'joint_states', 'joint_confidence'}
 PARAMETER_SERVICES = ('describe_parameters', 'get_parameter_types', 'get_parameters',
                       'get_type_description', 'list_parameters', 'set_parameters',
                       'set_parameters_atomically')
@@ -193,6 +195,9 @@ def policy(found, namespace='/'):
             profile = ElementTree.SubElement(
                 profiles, 'profile', ns=(namespace.rstrip('/') + below) or '/', node=node)
             for (kind, permission), names in sorted(rules.items()):
+                if below and (kind, permission) == ('topics', 'subscribe'):
+                    names = names | {f"{namespace.rstrip('/')}/{name}"
+                                     for name in names & OF_BOTH_HANDS}
                 group = ElementTree.SubElement(profile, kind, {permission: 'ALLOW'})
                 for name in sorted(names):
                     ElementTree.SubElement(group, kind[:-1]).text = name

@@ -33,6 +33,7 @@ from hand_tracker.core.model.marker_layout import PAPER_PLACES, MarkerLayout
 from hand_tracker.files.bags import bag_message, joint_state_message, open_bag, write_bag
 from hand_tracker.files.hand_file import save_hand
 from hand_tracker.files.urdf_file import urdf
+from hand_tracker.retargeting.robot_file import load_robot
 
 ROOT = Path(__file__).resolve().parents[2]
 RVIZ = ROOT / 'config' / 'hand_tracker.rviz'
@@ -56,7 +57,7 @@ CHOICES = {
 }
 FREE = {'recording', 'rate', 'markers', 'hand', 'layout', 'prefix', 'namespace', 'parameters',
         'publish_frequency', 'fixed_frame', 'robot', 'robot_description', 'topic', 'message',
-        'server', 'subject', 'left_hand', 'keystore'}
+        'server', 'subject', 'left_hand', 'left_robot', 'left_robot_description', 'keystore'}
 
 # Those that RViz of humble (11.2.27), jazzy (14.1.22) and lyrical (15.2.4) share, from
 # plugins_description.xml in the releases of rviz_default_plugins, github.com/ros2-gbp/rviz-release;
@@ -113,6 +114,7 @@ if LACK is None:
     from rcl_interfaces.srv import GetParameters
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from sensor_msgs.msg import JointState, PointCloud2, PointField
+    from std_msgs.msg import Bool
     from tf2_msgs.msg import TFMessage
     from visualization_msgs.msg import Marker, MarkerArray
 
@@ -483,6 +485,27 @@ def test_a_robot_waits_to_be_engaged(robot_process, watch, short, tmp_path):
 
 
 @launches
+@pytest.mark.skipif(find_spec('trajectory_msgs') is None, reason='no trajectory_msgs')
+def test_each_of_both_hands_drives_a_robot_of_its_own(watch):
+    commands = {side: watch.collect(JointState, f'{side}/robot/command') for side in SIDES}
+    with Launch(side='both', robot='plain') as process:
+        for side in SIDES:
+            process.wait_for_line(f'not engaged; listening for the {side} hand on /joint_states',
+                                  FIRST_START)
+        engage = watch.create_publisher(Bool, 'left/retarget/engage', 10)
+        robot = watch.create_publisher(JointState, 'left/robot/joint_states', 10)
+        joints = load_robot('plain', preferred_side='left').order
+
+        def move_the_left_one():
+            robot.publish(JointState(name=joints, position=[0.] * len(joints)))
+            engage.publish(Bool(data=True))
+
+        watch.repeat(move_the_left_one, lambda: len(commands['left']) > FEW)
+        assert not commands['right']
+        assert process.interrupt() == 0 and 'Traceback' not in process.output
+
+
+@launches
 def test_all_else_goes_on_without_the_libraries_of_the_skin(watch, short, tmp_path):
     # Only a hand without a skin in the cache needs the libraries.
     save_hand(tmp_path / 'new.yaml', Hand.scaled(random.uniform(.15, .2)), MarkerLayout())
@@ -579,7 +602,9 @@ def canonical(xml):
     ({'side': 'both', 'source': 'natnet', 'subject': 'RHand'}, "subject: 'RHand'; expected"),
     ({'robot': 'plain', 'robot_process': 'tracker', 'lifecycle': 'true'},
      "robot_process: 'tracker'; expected own with lifecycle:=true"),
-    ({'side': 'both', 'robot': 'allegro'}, "robot: 'allegro'; expected none for side:=both"),
+    ({'side': 'both', 'robot': 'plain', 'robot_process': 'tracker'},
+     "robot_process: 'tracker'; expected own with side:=both"),
+    ({'left_robot': 'plain'}, "left_robot: 'plain'; expected none but for side:=both"),
 ])
 def test_errors_of_the_user(arguments, line):
     with Launch(**arguments) as process:

@@ -10,6 +10,7 @@ from security.policies import (
     ARRANGEMENTS,
     ENCLAVES,
     OTHERS,
+    PER_HAND,
     POLICY,
     SHARED_PROCESSES,
     VERSION,
@@ -52,7 +53,18 @@ def test_a_namespace_moves_relative_names_alone():
         '/lab', '/lab/right', '/lab/left'}
     topics = {expression.text for expression in root.iter('topic')}
     assert {'markers', 'joint_states', '/tf', '/diagnostics', '/rosout'} <= topics
-    assert not any(name.startswith('/lab') for name in topics)
+    assert {name for name in topics if name.startswith('/lab')} == {
+        '/lab/joint_states', '/lab/joint_confidence'}
+
+
+@pytest.mark.parametrize('program', PER_HAND)
+def test_nodes_of_one_of_both_hands_hear_the_joints_of_both(program):
+    enclave, = (enclave for enclave in policy(shipped_uses()).iter('enclave')
+                if enclave.get('path') == f'{ENCLAVES}/{program}')
+    heard = {profile.get('ns'): {expression.text for expression in profile.find(
+        "topics[@subscribe='ALLOW']")} for profile in enclave.iter('profile')}
+    assert '/joint_states' not in heard['/']
+    assert {'/joint_states', 'joint_states'} <= heard['/right'] & heard['/left']
 
 
 def test_nothing_is_allowed_by_a_wildcard():
