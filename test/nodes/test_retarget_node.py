@@ -145,10 +145,10 @@ def test_the_deadman_engages_and_its_release_ends_it_and_the_wrist_too(robot):
             bench.deadman.publish(Bool(data=True))
             arms.publish(arm)
             # Once the arm follows, the person's wrist rises by 5 cm.
-            wrist.transform.translation.z = .05 * bool(targets)
+            wrist.transform.translation.z = .05 * bool(targets and twists)
             hand.publish(tf2_msgs.TFMessage(transforms=[wrist]))
 
-        node.repeat(press, lambda: len(bench.commands) > 3 and targets
+        node.repeat(press, lambda: len(bench.commands) > 3 and targets and twists
                     and targets[-1].pose.position.z > .74, .05)
         assert targets[0].header.frame_id == twists[0].header.frame_id == 'arm_base'
         assert targets[0].pose.position.z == pytest.approx(.7)
