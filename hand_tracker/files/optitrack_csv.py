@@ -20,6 +20,7 @@ from .point_recording import (
 from .text_table import (
     TextTable,
     count_of,
+    frame_times,
     known_rate,
     number_of,
     read_points,
@@ -94,14 +95,14 @@ def read_optitrack_csv(path: Path, file: IO[bytes], zero_is_missing: bool = True
         PointBuffer(path, unique, zero_is_missing), 1,
         count_of(head.get('total exported frames', head.get('total frames in take', ''))),
         partial)
-    rate = known_rate(number_of(head.get('export frame rate',
-                                         head.get('capture frame rate', ''))), found.times)
+    rate, times = frame_times(number_of(head.get(
+        'export frame rate', head.get('capture frame rate', ''))), found.times)
     notes += [note for note in (repeated, found.note) if note]
     if any(label == '' for label in unique):
         notes.append(f'{unique.count("")} columns without a label: '
                      f'{found.labels.count("")} points at once')
     recording = PointRecording(path.name, 'OptiTrack CSV', found.labels, found.points, rate,
-                               found.times, Axes(), tuple(notes),
+                               times, Axes(), tuple(notes),
                                columns[0].kind in BODY_KINDS)
     return recording, Axes(units, 'y')
 

@@ -20,6 +20,7 @@ MAX_LINE_BYTES = 2**22
 MAX_TEXT_BYTES = 2**33     # of a file, unpacked
 GZIP_MAGIC = b'\x1f\x8b'
 CELL_SHOWN = 24            # characters of a bad cell in a message
+TIME_ROUNDING = 1e-5       # [s]; five decimals are usual
 
 
 @contextmanager
@@ -417,6 +418,33 @@ def known_rate(rate: float, times: np.ndarray | None) -> float:
     if np.isfinite(rate) and rate > 0.:
         return rate
     return float(1. / np.median(np.diff(times))) if times is not None else np.nan
+
+
+def frame_times(rate: float, times: np.ndarray | None) -> tuple[float, np.ndarray | None]:
+    """Return rate and times of frames, of evenly spaced ones to the digits that the file rounds.
+
+    Parameters
+    ----------
+    rate : float
+        Of the file's header, NaN where it has none [Hz].
+    times : ndarray, shape (T,), or None
+        As in the file [s].
+
+    Returns
+    -------
+    rate : float
+        As of `known_rate`.
+    times : ndarray, shape (T,), or None
+        Multiples of the period where all are near them, frames that are left out or not.
+    """
+    known = known_rate(rate, times)
+    if times is None:
+        return known, None
+    steps = np.concatenate(([0.], np.cumsum(np.round(np.diff(times) * known))))
+    if not (np.isfinite(rate) and rate > 0.):
+        known = float(steps[-1] / (times[-1] - times[0]))
+    even = times[0] + steps / known
+    return known, even if np.abs(even - times).max() <= TIME_ROUNDING else times
 
 
 def number_of(text: str) -> float:

@@ -18,6 +18,7 @@ from .point_recording import (
 from .text_table import (
     TextTable,
     count_of,
+    frame_times,
     known_rate,
     number_of,
     read_points,
@@ -86,12 +87,12 @@ def read_trc(path: Path, file: IO[bytes], zero_is_missing: bool = True,
         PointBuffer(path, unique, zero_is_missing), 1, count_of(head.get('numframes', '')),
         partial)
     units = unit_name(head.get('units', ''))
-    rate = known_rate(number_of(head.get('datarate', '')), found.times)
+    rate, times = frame_times(number_of(head.get('datarate', '')), found.times)
     notes = [note for note in (repeated, found.note) if note]
     if head.get('units') and units is None:
         notes.append(f'units {head["units"]!r} are no length')
-    recording = PointRecording(path.name, 'TRC', found.labels, found.points, rate, found.times,
-                               Axes(), tuple(notes))
+    recording = PointRecording(path.name, 'TRC', found.labels, found.points, rate, times, Axes(),
+                               tuple(notes))
     return recording, Axes(units)
 
 
