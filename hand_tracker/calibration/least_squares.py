@@ -1,10 +1,10 @@
 """Regularised robust least squares, for parameters with usual values."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 # Independent frames in a recording: model errors persist for as long as a grasp.
 INDEPENDENT_FRAMES = 20
@@ -14,6 +14,16 @@ EVALUATIONS_PER_START = 25  # the best start is then refined
 REFITS = 4                  # with the model error re-estimated
 EVALUATIONS_PER_REFIT = 100 # more where a fit creeps, as of motions without noise, change little
 DIFFERENCE_STEP = 1e-4      # relative, of finite differences
+
+
+def least_squares(residuals: Callable[..., Any], start: ArrayLike, **options: Any) -> Any:
+    """Return the result of `scipy.optimize.least_squares`, imported at the first call.
+
+    Every node imports this module, and scipy's optimisation takes half as long as all else.
+    """
+    from scipy import optimize
+
+    return optimize.least_squares(residuals, start, **options)
 
 
 def regularised_fit(residuals: Callable[[np.ndarray], np.ndarray], starts: Sequence[ArrayLike],

@@ -5,8 +5,6 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from ..core.model.hand import (
     FINGERS,
@@ -18,7 +16,7 @@ from ..core.model.hand import (
     Hand,
 )
 from ..core.model.marker_layout import landmark_on_link
-from .least_squares import evenly_spaced
+from .least_squares import evenly_spaced, least_squares
 from .marker_names import UsualPlace
 
 TEMPLATE_ROUNDS = 6
@@ -216,6 +214,9 @@ def aligned_palm(palm: PalmFit, length_spread: float = LENGTH_SPREAD) -> PalmFit
     -------
     PalmFit
     """
+    # Here, as nodes import this module, and scipy's rotations take long to import.
+    from scipy.spatial.transform import Rotation
+
     anchored = [i for i, name in enumerate(palm.names) if _spread(palm, name) is not None]
     spreads = np.array([_spread(palm, palm.names[i]) for i in anchored])
 

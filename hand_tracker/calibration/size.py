@@ -7,7 +7,6 @@ that is too long bends in its PIP where its MCP is straight. Ours; no source.
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from ..core.errors import InvalidHand
 from ..core.model.hand import (
@@ -19,7 +18,7 @@ from ..core.model.hand import (
     cmc_joints,
 )
 from ..core.model.marker_layout import PALM_MARKERS, MarkerLayout
-from .least_squares import evenly_spaced
+from .least_squares import evenly_spaced, least_squares
 from .palm_template import rigid_poses, to_palm
 
 MIN_SIZE_FRAMES = 20    # with the whole palm seen

@@ -147,18 +147,6 @@ def _named_columns(recording: PointRecording, side: str | None,
     return columns, own.side if own else ''
 
 
-def save_take(path: str | PathLike[str], take: MarkerTake) -> None:
-    """Write a take for `load_take`.
-
-    Parameters
-    ----------
-    path : path-like
-    take : MarkerTake
-    """
-    np.savez(path, markers=take.points, marker_names=np.array(take.names), side=take.side,
-             rate_hz=take.rate, sequence=take.sequence)
-
-
 def _number(path: Path, name: str, value: np.ndarray) -> float:
     """Return the number that an array holds; refuse other arrays."""
     if value.size != 1 or value.dtype.kind not in 'fiu':

@@ -1,6 +1,7 @@
 """Takes of markers on one hand."""
 
 from collections.abc import Sequence
+from os import PathLike
 from typing import NamedTuple
 
 import numpy as np
@@ -51,6 +52,11 @@ class MarkerTake(NamedTuple):
     def mirror(self) -> np.ndarray:
         """Signs of the axes between this hand and a right one, shape (3,)."""
         return LEFT_HAND_MIRROR if self.side == 'left' else np.ones(3)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write an npz file for `load_take`."""
+        np.savez(path, markers=self.points, marker_names=np.array(self.names), side=self.side,
+                 rate_hz=self.rate, sequence=self.sequence)
 
     def columns(self, names: Sequence[str]) -> np.ndarray:
         """Return the markers of canonical names, NaN where there are none, (T, k, 3) [m]."""

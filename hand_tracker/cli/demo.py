@@ -49,7 +49,7 @@ from ..package_data import packaged_recording
 from ..simulation.ball_grasp import grasp_recording
 from ..simulation.packaged_recordings import recording_messages
 from ..tracking.opened_recording import PointBag, open_recording
-from ..tracking.recording import USUAL_TOPIC, marker_topic
+from ..tracking.recording import USUAL_TOPIC, MarkerReading, marker_topic
 from ..viewer.recording_source import ViewerRecording
 from ..viewer.robot_scene import PLAIN_ROBOT, chosen_robot
 from ..viewer.serve import add_page_options, view
@@ -402,9 +402,10 @@ def main(args: list[str] | None = None) -> int:
         if options.view:
             sources: list[ViewerRecording] = []
             for one in reversed(hands):
+                labels = recording.labels if isinstance(recording, PointBag) else one.labels
                 sources.append(ViewerRecording(
                     recording, one.hand, one.layout, None, next(iter(sources), None),
-                    labels=recording.labels if isinstance(recording, PointBag) else one.labels))
+                    MarkerReading(labels)))
             view(sources[-1], options)
             return 0
         loaded = chosen_robot(options, hands[0].hand.side)

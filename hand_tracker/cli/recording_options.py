@@ -25,9 +25,7 @@ from ..tracking.opened_recording import (
     named_labels,
 )
 from ..tracking.point_labels import LABEL_SOURCES
-from ..tracking.recording import (
-    USUAL_TOPIC,
-)
+from ..tracking.recording import USUAL_TOPIC, MarkerReading
 
 
 def add_hand_options(parser: argparse.ArgumentParser, both: bool = False) -> None:
@@ -210,6 +208,12 @@ def recorded_labels(options: argparse.Namespace, recording: Path | PointBag,
     if isinstance(recording, PointBag):
         return recording.labels
     return label_map([*options.label, *equated(options.markers, layout.names)], layout.names)
+
+
+def marker_reading(options: argparse.Namespace, labels: LabelMap) -> MarkerReading:
+    """Return how the messages of one hand are read, as the command line says."""
+    return MarkerReading(labels, options.frame, options.unit_scale, not options.keep_zeros,
+                         options.labels != 'none')
 
 
 def equated(texts: Iterable[str], names: Sequence[str]) -> list[str]:

@@ -11,14 +11,24 @@ from ..core.model.hand import SIDES, Hand
 from ..core.model.marker_layout import MarkerLayout
 from ..core.tracker import HandTracker
 from ..files.bags import Bag, BagError, BagMessage, open_bag
-from ..messages.labels import LabelMap
 from ..parallel import Interruptions
 from ..progress import Progress
 from ..tracking.monitor import Monitor
 from ..tracking.opened_recording import PointBag, open_recording
 from ..tracking.point_labels import PointLabels
-from ..tracking.recording import RecordedFrame, RecordedHand, marker_topic, track_hands
-from .recording_options import recorded_hand, recorded_hands, recorded_labels
+from ..tracking.recording import (
+    MarkerReading,
+    RecordedFrame,
+    RecordedHand,
+    marker_topic,
+    track_hands,
+)
+from .recording_options import (
+    marker_reading,
+    recorded_hand,
+    recorded_hands,
+    recorded_labels,
+)
 
 LOG_PERIOD = .25     # [s] of the recording
 
@@ -63,23 +73,22 @@ class TrackingJob:
         """Print a note on the recording."""
         self._progress.say(f'{self._bag.path}: {note}')
 
-    def frames(self, tracker: HandTracker, labels: LabelMap,
-               **options: Any) -> Iterator[RecordedFrame]:
-        """Yield the tracked frames of one hand; `options` are those of `RecordedHand`."""
-        for frames in self.frames_of_hands({'': (tracker, labels)}, **options):
+    def frames(self, tracker: HandTracker, reading: MarkerReading,
+               auto_size: bool) -> Iterator[RecordedFrame]:
+        """Yield the tracked frames of one hand, see `tracking.recording.track`."""
+        for frames in self.frames_of_hands({'': (tracker, reading)}, auto_size):
             yield frames['']
 
-    def frames_of_hands(self, hands: Mapping[str, tuple[HandTracker, LabelMap]],
-                        **options: Any) -> Iterator[dict[str, RecordedFrame]]:
-        """Yield the tracked frames of several hands, by their names; options as of `frames`."""
+    def frames_of_hands(self, hands: Mapping[str, tuple[HandTracker, MarkerReading]],
+                        auto_size: bool) -> Iterator[dict[str, RecordedFrame]]:
+        """Yield the tracked frames of several hands, by their names."""
         self._trackers = [tracker for tracker, _ in hands.values()]
         point_labels = PointLabels()
         recorded = {}
-        for name, (tracker, labels) in hands.items():
-            monitor = Monitor(1e-9 * self._bag.start, self._topic, labels)
+        for name, (tracker, reading) in hands.items():
+            monitor = Monitor(1e-9 * self._bag.start, self._topic, reading.labels)
             self._monitors[f'{name} hand: ' if name else ''] = monitor
-            recorded[name] = RecordedHand(
-                tracker, labels, monitor=monitor, point_labels=point_labels, **options)
+            recorded[name] = RecordedHand(tracker, reading, monitor, auto_size, point_labels)
         messages = self._progress.over(self._monitored())
         for frames in track_hands(messages, recorded, self._progress.say):
             self.tracked += 1
@@ -141,13 +150,12 @@ def tracked_recording(
     frames : iterator of RecordedFrame
     """
     hand, layout, recording = recorded_hand(options)
-    labels = recorded_labels(options, recording, layout)
+    reading = marker_reading(options, recorded_labels(options, recording, layout))
     with open_recording(recording) as bag:
         job = TrackingJob(bag, marker_topic(bag, options.topic), interrupted, progress, layout)
         for note in recording.notes if isinstance(recording, PointBag) else ():
             job.say(note)
-        yield hand, job, job.frames(
-            HandTracker(hand, layout), labels, **_tracking_options(options))
+        yield hand, job, job.frames(HandTracker(hand, layout), reading, _learns_size(options))
 
 
 @contextmanager
@@ -170,16 +178,12 @@ def tracked_hands(
     """
     chosen = recorded_hands(options)
     _, layout, _ = chosen[SIDES[0]]
-    hands = {side: (HandTracker(hand, worn), labels)
+    hands = {side: (HandTracker(hand, worn), marker_reading(options, labels))
              for side, (hand, worn, labels) in chosen.items()}
     with open_bag(options.recording) as bag:
         job = TrackingJob(bag, marker_topic(bag, options.topic), interrupted, progress, layout)
-        yield job, job.frames_of_hands(hands, **_tracking_options(options))
+        yield job, job.frames_of_hands(hands, _learns_size(options))
 
 
-def _tracking_options(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of `RecordedHand` that a command line gives."""
-    return {'frame_id': options.frame, 'scale': options.unit_scale,
-            'zero_is_missing': not options.keep_zeros,
-            'auto_size': options.auto_size and options.hand is None,
-            'has_labels': options.labels != 'none'}
+def _learns_size(options: argparse.Namespace) -> bool:
+    return options.auto_size and options.hand is None

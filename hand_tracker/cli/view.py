@@ -13,6 +13,7 @@ from ..viewer.recording_source import ViewerRecording
 from ..viewer.serve import add_page_options, skin_of, view
 from .recording_options import (
     add_recording_options,
+    marker_reading,
     recorded_hand,
     recorded_hands,
     recorded_labels,
@@ -35,23 +36,21 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
 
 def _source(options: argparse.Namespace) -> ViewerRecording:
     """Return the hand that the command line asks for, or both."""
-    reading = {'frame_id': options.frame, 'scale': options.unit_scale,
-               'zero_is_missing': not options.keep_zeros}
     if options.labels == 'none':
         raise InvalidLabel('--labels none: the page shows labelled markers; `hand_tracker track` '
                            'takes points without labels')
     if options.side == BOTH:
         right, left = recorded_hands(options).values()
-        other = ViewerRecording(
-            options.recording, *left[:2], options.topic, labels=left[2], **reading)
-        return ViewerRecording(
-            options.recording, *right[:2], options.topic, other, labels=right[2], **reading)
+        other = ViewerRecording(options.recording, *left[:2], options.topic,
+                                reading=marker_reading(options, left[2]))
+        return ViewerRecording(options.recording, *right[:2], options.topic, other,
+                               marker_reading(options, right[2]))
     hand, layout, recording = recorded_hand(options)
     for note in recording.notes if isinstance(recording, PointBag) else ():
         print(f'{options.recording}: {note}', file=sys.stderr)
+    labels = recorded_labels(options, recording, layout)
     return ViewerRecording(
-        recording, hand, layout, options.topic,
-        labels=recorded_labels(options, recording, layout), **reading)
+        recording, hand, layout, options.topic, reading=marker_reading(options, labels))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -7,8 +7,8 @@ bounded least squares over them brings the thumb's pad to the contact point.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
+from ..calibration.least_squares import least_squares
 from ..core.model.capsules import hand_capsules
 from ..core.model.hand import DIGITS, FINGERS, JOINTS, LINKS, Hand, preset_limits
 from ..core.model.kinematics import forward, joint_table, tip_offsets

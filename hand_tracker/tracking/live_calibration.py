@@ -7,7 +7,6 @@ from tempfile import TemporaryDirectory
 
 from ..background import start_low_priority
 from ..calibration.live_take import CALIBRATION_KEY, NO_CALIBRATION, LiveTake
-from ..calibration.take_files import save_take
 from ..core.errors import HandTrackerError
 from ..core.model.marker_layout import MarkerLayout
 from ..output_files import require_writable
@@ -125,7 +124,7 @@ class Fit:
     def __init__(self, take: LiveTake, limits: str, output: Path) -> None:
         self._folder = TemporaryDirectory(prefix='hand_tracker-take-')
         folder = Path(self._folder.name)
-        save_take(folder / 'live_take.npz', take.take())
+        take.take().save(folder / 'live_take.npz')
         self._said, self._complained = folder / 'said', folder / 'complained'
         with open(self._said, 'wb') as said, open(self._complained, 'wb') as complained:
             self._child = start_low_priority(

@@ -92,10 +92,33 @@ def marker_topic(bag: Bag, topic: str | None = None) -> str:
     return fitting[0] if len(fitting) == 1 else USUAL_TOPIC
 
 
-def track(messages: Iterable[BagMessage], tracker: HandTracker, labels: LabelMap | None = None,
-          frame_id: str = '', scale: float = 1., zero_is_missing: bool = True,
-          monitor: Monitor | None = None, say: Callable[[str], None] | None = None,
-          auto_size: bool = False, has_labels: bool = True) -> Iterator[RecordedFrame]:
+class MarkerReading(NamedTuple):
+    """How the markers of a hand are read from recorded messages.
+
+    Attributes
+    ----------
+    labels : LabelMap
+        Ids 0 to 7 when left out.
+    frame_id, scale, zero_is_missing
+        See `markers_from_message`.
+    has_labels : bool
+        Whether the markers have labels; else `labels` is not used, and points are labelled.
+    """
+
+    labels: LabelMap = LabelMap()
+    frame_id: str = ''
+    scale: float = 1.
+    zero_is_missing: bool = True
+    has_labels: bool = True
+
+
+USUAL_READING = MarkerReading()
+
+
+def track(messages: Iterable[BagMessage], tracker: HandTracker,
+          reading: MarkerReading = USUAL_READING, monitor: Monitor | None = None,
+          say: Callable[[str], None] | None = None,
+          auto_size: bool = False) -> Iterator[RecordedFrame]:
     """Track recorded markers as the tracker node tracks them live.
 
     As there, messages without any marker of the hand are left out, and so are all before
@@ -107,18 +130,13 @@ def track(messages: Iterable[BagMessage], tracker: HandTracker, labels: LabelMap
     messages : iterable of BagMessage
         MarkerArrays, as from `Bag.messages`.
     tracker : HandTracker
-    labels : LabelMap, optional
-        Ids 0 to 7 when left out.
-    frame_id, scale, zero_is_missing
-        See `markers_from_message`.
+    reading : MarkerReading, optional
     monitor : Monitor, optional
         Updated by the time of the recording.
     say : callable, optional
         Told in a line that kernels are compiled meanwhile, and when they take over.
     auto_size : bool, optional
         Whether the size of the hand is learned from the first seconds.
-    has_labels : bool, optional
-        Whether the markers have labels; else `labels` is not used, and points are labelled.
 
     Yields
     ------
@@ -129,8 +147,7 @@ def track(messages: Iterable[BagMessage], tracker: HandTracker, labels: LabelMap
     BagError
         If a message is damaged.
     """
-    hand = RecordedHand(
-        tracker, labels, frame_id, scale, zero_is_missing, monitor, auto_size, has_labels)
+    hand = RecordedHand(tracker, reading, monitor, auto_size)
     for frames in track_hands(messages, {'': hand}, say):
         yield frames['']
 
@@ -140,24 +157,23 @@ class RecordedHand:
 
     Parameters
     ----------
-    tracker, labels, frame_id, scale, zero_is_missing, monitor, auto_size, has_labels
+    tracker, reading, monitor, auto_size
         See `track`.
     point_labels : PointLabels, optional
         Shared with the other hand in the messages, where there are no labels.
     """
 
-    def __init__(self, tracker: HandTracker, labels: LabelMap | None = None, frame_id: str = '',
-                 scale: float = 1., zero_is_missing: bool = True, monitor: Monitor | None = None,
-                 auto_size: bool = False, has_labels: bool = True,
+    def __init__(self, tracker: HandTracker, reading: MarkerReading = USUAL_READING,
+                 monitor: Monitor | None = None, auto_size: bool = False,
                  point_labels: PointLabels | None = None) -> None:
         self._monitor = monitor
+        positions = reading.frame_id, reading.scale, reading.zero_is_missing
         reader: Reader
-        if has_labels:
-            reader = MarkerReader(
-                LabelMap() if labels is None else labels, frame_id, scale, zero_is_missing)
+        if reading.has_labels:
+            reader = MarkerReader(reading.labels, *positions)
         else:
-            reader = PointLabelReader(tracker.hand, tracker.layout,
-                                      PointReader(frame_id, scale, zero_is_missing), point_labels)
+            reader = PointLabelReader(
+                tracker.hand, tracker.layout, PointReader(*positions), point_labels)
         self._stream = Stream(
             tracker, reader, AutoSize(tracker.hand, tracker.layout) if auto_size else None)
         self._stream.compile_in_background()

@@ -18,7 +18,13 @@ from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
 from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.opened_recording import PointBag, open_recording
-from ..tracking.recording import RecordedFrame, marker_topic, track
+from ..tracking.recording import (
+    USUAL_READING,
+    MarkerReading,
+    RecordedFrame,
+    marker_topic,
+    track,
+)
 
 LEAD_IN = 10.         # [s] of the recording, tracked before a shown frame
 TIMED_UPDATES = 500   # over which the median time is shown
@@ -141,8 +147,7 @@ class ViewerRecording:
     topic : str, optional
     beside : ViewerRecording, optional
         The other hand of the same recording, which is shown too.
-    **reading
-        For `track`: labels, frame_id, scale, zero_is_missing.
+    reading : MarkerReading, optional
 
     Attributes
     ----------
@@ -156,7 +161,7 @@ class ViewerRecording:
 
     def __init__(self, path: str | PathLike[str] | PointBag, hand: Hand, layout: MarkerLayout,
                  topic: str | None = None, beside: 'ViewerRecording | None' = None,
-                 **reading: Any) -> None:
+                 reading: MarkerReading = USUAL_READING) -> None:
         self.beside = beside
         self.hand, self._layout = hand, layout
         self.constraints = DEFAULT_CONSTRAINTS
@@ -202,7 +207,7 @@ class ViewerRecording:
 
     def _track(self, tracker: TimedTracker, start: int) -> Iterator[RecordedFrame]:
         with open_recording(self._path) as bag:
-            yield from track(bag.messages([self._topic], start), tracker, **self._reading)
+            yield from track(bag.messages([self._topic], start), tracker, self._reading)
 
     def set_demand(self, looked_at: bool, compared: bool) -> None:
         """Do nothing: a recording needs no subscription."""

@@ -14,7 +14,7 @@ from hand_tracker.calibration.live_take import (
 )
 from hand_tracker.calibration.prompts import PROMPTS
 from hand_tracker.calibration.take_checks import check_takes
-from hand_tracker.calibration.take_files import load_take, save_take
+from hand_tracker.calibration.take_files import load_take
 from hand_tracker.calibration.takes import InvalidTake
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.marker_layout import PAPER_PLACES, MarkerLayout
@@ -65,7 +65,7 @@ def test_it_is_over_when_all_was_shown_and_can_be_fitted(tmp_path):
     # In the order in which they are asked for, the last at the end.
     assert said[-1] == PROMPTS[-1].text and said == list(dict.fromkeys(said))
     assert check_takes([take.take()]) == []
-    save_take(tmp_path / 'take.npz', take.take())
+    take.take().save(tmp_path / 'take.npz')
     loaded = load_take(tmp_path / 'take.npz')
     assert loaded.names == PAPER_PLACES and loaded.side == 'right'
     np.testing.assert_array_equal(loaded.points, take.take().points)

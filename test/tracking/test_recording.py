@@ -44,7 +44,7 @@ from hand_tracker.simulation.packaged_recordings import (
     recording_messages,
 )
 from hand_tracker.tracking.monitor import Monitor
-from hand_tracker.tracking.recording import track
+from hand_tracker.tracking.recording import MarkerReading, track
 
 ROOT = Path(__file__).resolve().parents[2]
 FRAMES = 150
@@ -297,7 +297,7 @@ def test_a_marker_at_zero_is_lost_unless_it_is_to_be_kept(recording):
     markers[7] = 0.
     message = message_of(markers)
     lost, = track([message], HandTracker())
-    kept, = track([message], HandTracker(), zero_is_missing=False)
+    kept, = track([message], HandTracker(), MarkerReading(zero_is_missing=False))
     assert np.isnan(lost.state.residuals[7])
     assert np.isfinite(kept.state.residuals[7])
 
@@ -341,7 +341,7 @@ def test_points_of_a_list_count(recording):
     point = TYPE_STORE.types['geometry_msgs/msg/Point']
     cloud.type, cloud.pose.position = cloud.POINTS, point(0., 0., 0.)
     message.markers = [cloud]
-    frame, = track([bag_message('/markers', 1, message)], HandTracker(), LabelMap())
+    frame, = track([bag_message('/markers', 1, message)], HandTracker())
     expected = HandTracker().update(recording.markers[0])
     assert np.array_equal(frame.state.angles, expected.angles)
 

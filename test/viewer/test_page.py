@@ -26,7 +26,7 @@ from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.bags import bag_message, marker_array_message, open_bag, write_bag
 from hand_tracker.messages.labels import DEFAULT_LABELS, label_maps
 from hand_tracker.package_data import packaged_recording
-from hand_tracker.tracking.recording import track
+from hand_tracker.tracking.recording import MarkerReading, track
 from hand_tracker.viewer.angle_bars import angle_bars
 from hand_tracker.viewer.coverage_bars import coverage_bars
 from hand_tracker.viewer.page import LOCALHOST, ShownHand, Viewer, free_port
@@ -306,8 +306,10 @@ def test_another_hand_takes_the_place_of_the_first(recording, monkeypatch):
 def test_both_hands_of_a_recording_play_together():
     path, layout = packaged_recording('both'), MarkerLayout()
     labels = label_maps(DEFAULT_LABELS, {side: f'{side}/0' for side in SIDES})
-    left = ViewerRecording(path, Hand.scaled(side='left'), layout, labels=labels['left'])
-    both = ViewerRecording(path, Hand.scaled(), layout, beside=left, labels=labels['right'])
+    left = ViewerRecording(path, Hand.scaled(side='left'), layout,
+                           reading=MarkerReading(labels['left']))
+    both = ViewerRecording(path, Hand.scaled(), layout, beside=left,
+                           reading=MarkerReading(labels['right']))
     both.prepare(print)
     both.playhead.toggle()
     both.playhead.seek(1.)
