@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from ..core.model.hand import DIGITS, LINKS, Hand
 from ..core.model.kinematics import forward, joint_table, tip_offsets
@@ -81,6 +80,9 @@ class OpenXrHand:
         position : ndarray, shape (3,)
             Of the wrist there [m].
         """
+        # Here, as nodes that never get that far import this module too, and scipy takes long.
+        from scipy.spatial.transform import Rotation
+
         rotation = Rotation.from_quat(orientation).as_matrix()
         pose = forward(self._table, angles, rotation, position)
         positions, orientations = [], []

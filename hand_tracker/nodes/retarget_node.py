@@ -123,8 +123,10 @@ class RetargetNode(SubscriptionHidingNode):
             raise InvalidArguments(f"outputs: empty; expected of {', '.join(OUTPUTS)}")
         self._wrist_outputs = self._make_outputs(
             'wrist.outputs', WRIST_OUTPUTS, values['wrist.outputs'].split())
-        self._wrist = WristFollower(WristOptions(**{
-            option.name: values[f'wrist.{option.name}'] for option in fields(WristOptions)}))
+        if self._wrist_outputs:
+            # Not without need, as it imports scipy, which takes longer than all else here.
+            self._wrist = WristFollower(WristOptions(**{
+                option.name: values[f'wrist.{option.name}'] for option in fields(WristOptions)}))
         self._wrist_frame, self._base_frame = names.wrist, values['wrist.base_frame']
         self._robot_wrist: WristPose | None = None
         self._robot_wrist_time = -math.inf

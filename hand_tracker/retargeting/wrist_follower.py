@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from ..core.errors import HandTrackerError
 from .checked_options import check, number_option
+
+if TYPE_CHECKING:  # where it is needed, as most robots' wrists do not follow, and scipy takes long
+    from scipy.spatial.transform import Rotation
 
 
 class InvalidWristOption(HandTrackerError, ValueError):
@@ -86,6 +88,8 @@ class WristCommand(NamedTuple):
 
 def wrist_pose_of(position: ArrayLike, quaternion: ArrayLike) -> WristPose | None:
     """Return a pose of a position [m] and a quaternion (x, y, z, w); None where it is none."""
+    from scipy.spatial.transform import Rotation
+
     place, turn = np.array(position, dtype=float), np.array(quaternion, dtype=float)
     norm = float(np.linalg.norm(turn))
     if place.shape != (3,) or turn.shape != (4,) or not np.isfinite(place).all() or (
@@ -110,6 +114,8 @@ class WristFollower:
     """
 
     def __init__(self, options: WristOptions | None = None) -> None:
+        from scipy.spatial.transform import Rotation
+
         self.options = options or WristOptions()
         self.refused_jumps = 0
         self._axes = Rotation.from_euler('z', self.options.yaw_deg, degrees=True)
@@ -191,7 +197,7 @@ class WristFollower:
         rest = turn * robot.rotation * self._sent.rotation.inv()
         turned = _shortened(rest.as_rotvec(), self.options.max_turn_rate * step)
         self._sent = WristPose(self._sent.position + move,
-                               Rotation.from_rotvec(turned) * self._sent.rotation)
+                               type(turn).from_rotvec(turned) * self._sent.rotation)
         return WristCommand(self._sent, move / step, turned / step)
 
 

@@ -15,11 +15,8 @@ from ..core.errors import InvalidMesh
 from ..core.model.hand import JOINTS, SIDES, Hand
 from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
 from ..core.model.skeleton import DIGIT_CHAINS, PALM_BONES, skeleton_points
-from .bone_heat import bone_weights
-from .mesh_registration import MAX_REGISTRATION_ERROR, read_mesh, register
 from .signed_distance import hand_shape
 from .skinning import Skin, deform
-from .surface import surface_mesh
 
 # From wrist to thumb CMC; it moves with the palm, not with the thumb.
 WRIST_TO_THUMB = PALM_BONES[len(DIGIT_CHAINS) - 1]
@@ -92,6 +89,9 @@ def load_skin(hand: Hand, mesh: str | PathLike[str] | None = None, cache: bool =
 
 def generated_arrays(hand: Hand) -> SkinArrays:
     """Return the skin generated from a hand, as that of a right hand."""
+    # Here, as a skin that is kept needs none of scipy, which takes long to import.
+    from .surface import surface_mesh
+
     right = hand.replace(side='right')
     shape = hand_shape(right)
     vertices, faces = surface_mesh(shape)
@@ -108,6 +108,8 @@ def registered_mesh_arrays(hand: Hand, mesh: str | PathLike[str]) -> SkinArrays:
     InvalidMesh
         If the mesh cannot be read, does not resemble the hand, or is of the other side.
     """
+    from .mesh_registration import MAX_REGISTRATION_ERROR, read_mesh, register
+
     scanned, faces = read_mesh(mesh)
     model = load_skin(hand).vertices
     vertices, error = register(scanned, model)
@@ -124,6 +126,8 @@ def registered_mesh_arrays(hand: Hand, mesh: str | PathLike[str]) -> SkinArrays:
 
 
 def _weights(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> np.ndarray:
+    from .bone_heat import bone_weights
+
     columns = np.array([SKIN_LINKS.index(link) for link in BONE_LINKS])
     return bone_weights(
         vertices, faces, points[np.array(SKINNED_BONES)], columns, len(SKIN_LINKS))

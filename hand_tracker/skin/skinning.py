@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..core.model.hand import DIGITS, LINKS
 from ..core.model.kinematics import Pose
@@ -79,6 +78,9 @@ def _linear(skin: Skin, rotation: np.ndarray, position: np.ndarray) -> np.ndarra
 
 
 def _dual_quaternions(skin: Skin, rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
+    # Here, as the skin node does without, and scipy takes long to import.
+    from scipy.spatial.transform import Rotation
+
     turned = rotation @ skin.rest.rotation.swapaxes(1, 2)
     moved = position - np.einsum('bij,bj->bi', turned, skin.rest.position)
     real = np.roll(Rotation.from_matrix(turned).as_quat(), 1, axis=1)  # w, x, y, z

@@ -1,16 +1,21 @@
 """The rules of docs/architecture.md: what may import what, and one meaning for a name."""
 
 import ast
+import os
 import re
+import subprocess
 import sys
 from collections import defaultdict
 from pathlib import Path
+
+import pytest
 
 from benchmarks.import_order import ORDER, PACKAGE, imported_files, place, upward_imports
 
 ROOT = Path(__file__).resolve().parents[2]
 FAST_PATH = 'nodes/fast_path/'
 UNPICKLING = {'pickle', 'marshal', 'shelve', 'dill', 'cloudpickle'}
+SLOW_TO_IMPORT = {'matplotlib', 'numba', 'rosbags', 'scipy', 'skimage'}
 TEXT_TO_CODE = {'eval', 'exec', 'os.system', 'os.popen', 'subprocess.getoutput'}
 MODULES = {path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text(encoding='utf-8'))
            for path in sorted(PACKAGE.rglob('*.py'))}
@@ -93,6 +98,18 @@ def test_core_imports_numpy_and_numba_alone():
             elif isinstance(node, ast.ImportFrom) and not node.level:
                 foreign.add(node.module.split('.')[0])
     assert foreign - sys.stdlib_module_names <= {'numpy', 'numba'}
+
+
+def test_nodes_that_run_beside_a_robot_start_without_slow_libraries():
+    pytest.importorskip('rclpy')
+    nodes = 'tracker', 'retarget', 'source', 'landmarks', 'skin'
+    code = ('import sys; from importlib import import_module\n'
+            f'for node in {nodes}: import_module(f"hand_tracker.nodes.{{node}}_node")\n'
+            f'print(*sys.modules.keys() & {SLOW_TO_IMPORT})')
+    found = subprocess.run(
+        [sys.executable, '-c', code], env={**os.environ, 'HAND_TRACKER_JIT': '0'},
+        capture_output=True, text=True, check=True)
+    assert not found.stdout.split()
 
 
 def test_no_bytes_become_code():
