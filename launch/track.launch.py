@@ -158,7 +158,6 @@ ARGUMENT_OF = {
     'coupling.preset': 'coupling', 'thumb': 'thumb', 'prefix': 'prefix', 'hand_length': None,
     'hand_breadth': None}
 ROBOT_TAKES = 'hand_file', 'hand_length', 'hand_breadth', 'limits.preset', 'thumb', 'prefix'
-CONFIDENCES = 'joint_confidence'
 SKIN_TAKES = 'hand_file', 'side', 'hand_length', 'hand_breadth', 'thumb', 'prefix'
 SHOWN_TOPICS = 'robot_description', 'hand_markers', 'hand_skin'
 FOLLOWED = 'Target Frame: {}middle_knuckle'  # by RViz's view: amid the hand, still in the palm
@@ -203,10 +202,10 @@ def start(context):
     of_both = {}
     if len(hands) > 1:
         of_both = {f'{hand.hand.side}.hand_file': hand.parameters['hand_file'] for hand in hands}
-    robots = [] if not given['robot'] else [
-        robot_parameters(given, in_file, hand) for hand in hands]
+    robots = [robot_parameters(given, in_file, hand) for hand in hands]
     is_managed = given['lifecycle'] == 'true'
-    shares_process = bool(robots) and given['robot_process'] == 'tracker'
+    shares_process = given['robot_process'] == 'tracker' and any(
+        robot['robot'] for robot in robots)
     for alone, what, why in ((is_managed, 'lifecycle:=true', 'that process is not managed'),
                              (len(hands) > 1, 'side:=both', 'it drives one robot')):
         if shares_process and alone:
@@ -256,8 +255,8 @@ def start(context):
     if not shares_process:
         # A robot that is not of the hand's side is refused by name, and all else goes on.
         actions += [node('retarget', [robot], namespace=hand.namespace,
-                         remappings=joints_of(given, hand.namespace, in_file, CONFIDENCES))
-                    for robot, hand in zip(robots, hands)]
+                         remappings=joints_of(given, hand.namespace, in_file))
+                    for robot, hand in zip(robots, hands) if robot['robot']]
     if given['rviz'] == 'true':
         actions.append(node(
             'rviz2', [], package='rviz2',
@@ -339,11 +338,11 @@ def robot_parameters(given, in_file, hand):
             'robot_description': description}
 
 
-def joints_of(given, namespace, in_file, *more):
+def joints_of(given, namespace, in_file):
     """Return the remappings by which a node of one of both hands finds its joint states."""
     if not namespace or in_file.get('joint_state_topics') == SEPARATE:
         return []
-    return [(name, full_name(given, name)) for name in ('joint_states', *more)]
+    return [(name, full_name(given, name)) for name in ('joint_states', 'joint_confidence')]
 
 
 def full_name(given, name):

@@ -440,7 +440,10 @@ def frame_times(rate: float, times: np.ndarray | None) -> tuple[float, np.ndarra
     known = known_rate(rate, times)
     if times is None:
         return known, None
-    steps = np.concatenate(([0.], np.cumsum(np.round(np.diff(times) * known))))
+    periods = np.round(np.diff(times) * known)
+    if not periods.all():
+        return known, times
+    steps = np.concatenate(([0.], np.cumsum(periods)))
     if not (np.isfinite(rate) and rate > 0.):
         known = float(steps[-1] / (times[-1] - times[0]))
     even = times[0] + steps / known

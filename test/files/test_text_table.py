@@ -23,6 +23,8 @@ def test_times_that_are_not_even_stay_as_they_are():
     rate, kept = frame_times(np.nan, times)
     assert kept is times and rate == pytest.approx(100., rel=.1)
     assert frame_times(120., times)[1] is times
+    times = 1e-6 * np.arange(5)  # of another unit than the rate
+    assert frame_times(100., times)[1] is times
 
 
 def test_without_times_the_rate_is_the_headers():
