@@ -58,7 +58,6 @@ setup(
         'test': [
             'bvhio',
             'c3d',
-            'clifford',
             'distributed',
             'ezc3d',
             'filterpy',
@@ -71,7 +70,6 @@ setup(
             'psutil',
             'pygltflib',
             'pytest',
-            'pytest-cov',
             'pytest-timeout',
             'qtm-rt',
             'yourdfpy',

@@ -85,11 +85,3 @@ def missing(path):
             return [name for name in ast.literal_eval(node.value)
                     if importlib.util.find_spec(name) is None]
     return []
-
-
-@pytest.fixture(scope='session')
-def conformal():
-    """Return the paper's conformal algebra, an oracle for the vector forms."""
-    pytest.importorskip('clifford', reason='clifford, the oracle, is not installed')
-    from helpers import conformal
-    return conformal

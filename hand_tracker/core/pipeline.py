@@ -176,7 +176,7 @@ def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[Kernel
             palm.covariance[i] if i < 3 else digits.covariance[i - 3])
         state.expected.known[i] = palm.known[i] if i < 3 else digits.known[i - 3]
     associate(markers, seen, state.expected, step, model.hand_bounds, state.association,
-              options.labelling, state.verdict)
+              options.labelling, state.verdict[:])
     update_noise(state.noise, markers, seen, step, options.marker_noise)
     fault = check_palm(markers, seen, model.template, state.wrist, options.palm_limits)
     palm_changed = _note_changes(palm, digits, seen, state.changed)
@@ -484,7 +484,9 @@ def resolve_contact(model: Pack[Model], chains: Pack[Chains], options: Pack[Kern
     `step` is the time since the last frame [s].
     """
     model, chains, options, state = model[0], chains[0], options[0], state[0]
-    angles, before = state.separated, state.separated.copy()
+    # Slices are arrays to numba, as the poses of a simulation are, and fields are not: so
+    # `separate` is compiled once.
+    angles, before = state.separated[:], state.separated.copy()
     for joint in range(25):
         angles[joint] = state.blended[joint]
     if options.rigidity:
@@ -500,7 +502,7 @@ def resolve_contact(model: Pack[Model], chains: Pack[Chains], options: Pack[Kern
             angles[joint] = clamp(angles[joint] + kept * state.contact_offset[joint],
                                   chains.lower[joint], chains.upper[joint])
         if any_seen:
-            separate(model.capsules, angles, chains.lower, chains.upper,
+            separate(model.capsules, angles, chains.lower[:], chains.upper[:],
                      chains.coupling[:, 0].copy(), mobility, options.penetration)
         for joint in range(25):
             offset = angles[joint] - state.blended[joint]

@@ -12,6 +12,7 @@ from ..calibration.least_squares import least_squares
 from ..core.model.capsules import hand_capsules
 from ..core.model.hand import DIGITS, FINGERS, JOINTS, LINKS, Hand, preset_limits
 from ..core.model.kinematics import forward, joint_table, tip_offsets
+from ..core.numerics.jit import as_item
 from ..core.pose.contact import separate
 
 # [degrees] (MCP abduction, MCP flexion, PIP flexion); the DIP follows the PIP.
@@ -129,7 +130,7 @@ def without_overlaps(hand: Hand, free: np.ndarray, lower: np.ndarray,
         [rad]
     """
     angles = couple(hand, free, lower, upper)
-    separate(hand_capsules(hand.replace(side='right')), angles, lower, upper,
+    separate(as_item(hand_capsules(hand.replace(side='right'))), angles, lower, upper,
              hand.coupling[:, 0].copy(), CONTACT_MOBILITY, ALLOWED_OVERLAP)
     free = np.clip(rounded(angles[FREE_JOINTS]), lower[FREE_JOINTS], upper[FREE_JOINTS])
     return couple(hand, free, lower, upper)

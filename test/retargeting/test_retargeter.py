@@ -7,6 +7,7 @@ from helpers.robots import GRIPPER, human_robot, third_party_robot, wide_hand
 from hand_tracker.calibration.landmarks import LANDMARKS, landmark_positions
 from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.numerics.jit import packed
 from hand_tracker.retargeting import retarget_kernel
 from hand_tracker.retargeting.retarget_options import InvalidRetargetOption, RetargetOptions
 from hand_tracker.retargeting.retarget_problem import make_problem, new_solution
@@ -46,21 +47,21 @@ def touching(hand, role, apart=.002):
 
 def test_the_gradient_is_that_of_the_cost():
     robot, hand = human_robot(), wide_hand()
-    task = make_problem(robot, hand, RetargetOptions())
-    state = new_solution(robot.rest[:task.counts[1]])
+    (problem,), task = packed(make_problem(robot, hand, RetargetOptions()))
+    (solution,), state = packed(new_solution(robot.rest[:task.counts[1]]))
     random, n = np.random.default_rng(0), task.counts[1]
     middle = .5 * (task.lower[:n] + task.upper[:n])
     state.trial[:n] = middle + random.normal(scale=.1, size=n)
-    retarget_kernel._set_targets(task, state, touching(hand, 'index', .01))
+    retarget_kernel._set_targets(problem, solution, touching(hand, 'index', .01))
     unknown = np.full(len(JOINTS), np.nan)
-    retarget_kernel._evaluate(task, state, unknown)
+    retarget_kernel._evaluate(problem, solution, unknown)
     gradient, start = state.qp.gradient[:n].copy(), state.trial[:n].copy()
     for i in range(n):
         costs = []
         for step in (1e-6, -1e-6):
             state.trial[:n] = start
             state.trial[i] += step
-            costs.append(retarget_kernel._evaluate(task, state, unknown))
+            costs.append(retarget_kernel._evaluate(problem, solution, unknown))
         # The gradient is of half the cost.
         assert (costs[0] - costs[1]) / 4e-6 == pytest.approx(gradient[i], abs=1e-9)
 

@@ -145,10 +145,16 @@ COMPILED = JIT_IS_ON and not DEFERRED
 def _compiler(folder: Path | None) -> Any:
     """Import numba, set to keep kernels in a folder."""
     numba: Any = import_module('numba')
+    linalg: Any = import_module('numba.np.linalg')
 
     if folder is not None:
         # Numba looks for changes in a kernel's own file only: the folder's name covers the others.
         numba.config.CACHE_DIR = str(folder)
+    if 'numba.np.arraymath' not in sys.modules:
+        # It would import scipy.linalg, a fifth of a start, to see whether it is there.
+        check, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+        import_module('numba.np.arraymath')
+        linalg.ensure_blas = check
     return numba
 
 
@@ -292,6 +298,11 @@ def packed(values: Any, as_record: bool = COMPILED) -> tuple[Any, Any]:
     # Numba recognises a layout quickly only if it is the same object.
     record = np.zeros(1, _record_layouts.setdefault(layout, layout))
     return record, _filled(record[0], values)
+
+
+def as_item(values: Any) -> Any:
+    """Return nested named tuples of arrays as kernels get them from a pack: as a record."""
+    return packed(values)[0][0]
 
 
 def empty_like_pack(pack: Any) -> Any:

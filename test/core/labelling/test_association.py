@@ -26,6 +26,7 @@ from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.model.states import MarkerState
+from hand_tracker.core.numerics.jit import as_item, packed
 from hand_tracker.simulation.motions import motion_named
 
 GATE, MARGIN, PATIENCE = 5., 1.5, .3
@@ -43,7 +44,7 @@ class Frames:
     """The stage, fed frame by frame, that expects `PLACES` whatever it was given."""
 
     def __init__(self, spread=.001, known=True, expected=PLACES):
-        self.state = initial_association()
+        self._pack, self.state = packed(initial_association())
         self.expected = expected
         self.spread = np.full(8, spread)
         self.known = np.full(8, known)
@@ -53,8 +54,9 @@ class Frames:
         markers = np.array(markers)
         seen, verdict = np.empty(8, dtype=bool), np.zeros(8, dtype=np.int64)
         find_valid(markers, seen)
-        associate(markers, seen, ExpectedMarkers(self.expected, self.spread, self.known), step,
-                  BOUNDS, self.state, LabellingOptions(gate, margin, patience), verdict)
+        expected = ExpectedMarkers(self.expected, self.spread, self.known)
+        associate(markers, seen, as_item(expected), step, as_item(BOUNDS), self._pack[0],
+                  as_item(LabellingOptions(gate, margin, patience)), verdict)
         return markers, seen, verdict
 
 

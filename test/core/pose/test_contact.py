@@ -19,6 +19,7 @@ from hand_tracker.core.model.hand import (
     Hand,
     preset_limits,
 )
+from hand_tracker.core.numerics.jit import as_item
 from hand_tracker.core.pose.contact import (
     CONTACT_GAP,
     PENETRATION,
@@ -55,7 +56,7 @@ def apart(hand, angles, mobility=ALIKE, slope=None):
     """Return the separated angles and the rounds it took."""
     moved = np.array(angles)
     slope = hand.coupling[:, 0].copy() if slope is None else slope
-    rounds = separate(body_of(hand), moved, *hand.limits.T.copy(), slope, mobility, PENETRATION)
+    rounds = separate(as_item(body_of(hand)), moved, *hand.limits.T.copy(), slope, mobility, PENETRATION)
     return moved, rounds
 
 
