@@ -85,9 +85,10 @@ def fit_thumb(hand: Hand, thumb: np.ndarray) -> Hand:
     """
     recorded = thumb[evenly_spaced(len(thumb), THUMB_FIT_FRAMES)]
 
+    default, across, along = _default_axes()
+
     def saddle(x: np.ndarray) -> Saddle:
-        axis, across, along = _default_axes()
-        axis = axis + AXIS_SPREAD * (x[0] * across + x[1] * along)
+        axis = default + AXIS_SPREAD * (x[0] * across + x[1] * along)
         return Saddle(
             hand.thumb_cmc + CMC_SPREAD * x[4:7], axis / np.linalg.norm(axis),
             hand.thumb_rest_direction, (THUMB_COUPLING[0] * np.exp(SLOPE_SPREAD * x[2]),
@@ -97,8 +98,8 @@ def fit_thumb(hand: Hand, thumb: np.ndarray) -> Hand:
     def residuals(x: np.ndarray) -> np.ndarray:
         part = saddle(x)
         solved = solve_thumb(hand, part, recorded[:, 3] - part.thumb_cmc)
-        return np.linalg.norm(np.stack((solved.mcp, solved.ip), axis=1)
-                              + part.thumb_cmc - recorded[:, 1:3], axis=2)
+        joints = np.stack((solved.mcp, solved.ip), axis=1) + part.thumb_cmc
+        return np.sqrt(((joints - recorded[:, 1:3]) ** 2).sum(axis=2))
 
     slopes = np.log(np.divide(SLOPE_BOUNDS, THUMB_COUPLING[0])) / SLOPE_SPREAD
     offsets = np.subtract(OFFSET_BOUNDS, THUMB_COUPLING[1]) / OFFSET_SPREAD
@@ -131,48 +132,45 @@ def solve_thumb(hand: Hand, saddle: Saddle, tips: np.ndarray) -> ThumbAngles:
     ThumbAngles
     """
     base, _, _ = digit_base(cast(Hand, saddle), THUMB_ROW)
-    local = tips @ base
+    local = base.T @ tips.T
     table = _flexion_table(hand, saddle.thumb_coupling)
     _, middle, last = hand.thumb_bones
     beside = np.zeros_like(local)  # of the tip by the MCP's abduction
     aside = saddle.thumb_mcp_abduction
     for _ in range(ASIDE_ROUNDS if aside else 1):
         turn, flexion, mcp, ip = _solve_plane(hand, table, local - beside)
-        axes = _metacarpal_axes(turn, flexion)
+        distal, across, dorsal = _metacarpal_axes(turn, flexion)
         ahead = middle * np.cos(mcp) + last * np.cos(mcp + ip)
-        beside = (axes[:, :, :2] @ (np.cos(aside) - 1., np.sin(aside))) * ahead[:, None]
-    first = hand.thumb_bones[0] * axes[:, :, 0]
-    bent = np.stack((np.cos(aside) * np.cos(mcp), np.sin(aside) * np.cos(mcp), -np.sin(mcp)),
-                    axis=1)
-    second = first + middle * (axes @ bent[:, :, None])[:, :, 0]
-    return ThumbAngles(turn, flexion, first @ base.T, second @ base.T)
+        beside = ((np.cos(aside) - 1.) * distal + np.sin(aside) * across) * ahead
+    first = hand.thumb_bones[0] * distal
+    second = first + middle * (
+        np.cos(mcp) * (np.cos(aside) * distal + np.sin(aside) * across) - np.sin(mcp) * dorsal)
+    return ThumbAngles(turn, flexion, (base @ first).T, (base @ second).T)
 
 
-def _solve_plane(hand: Hand, table: tuple[np.ndarray, np.ndarray, np.ndarray], tips: np.ndarray
+def _solve_plane(hand: Hand, table: tuple[np.ndarray, np.ndarray], tips: np.ndarray
                  ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return turn, flexion, MCP and IP of a thumb that stays in its plane, (n,) each [rad].
 
-    `tips` (n, 3) are in its base [m].
+    `tips` (3, n) are in its base [m].
     """
-    x, y, z = tips.T
+    x, y, z = tips
     turn = np.arctan2(np.copysign(y, x * y), np.abs(x))
-    along = x * np.cos(turn) + y * np.sin(turn)
-    reach, mcp, ip = table
-    wanted = np.hypot(along, z)
-    mcp = np.interp(wanted, reach, mcp)
-    ip = np.interp(wanted, reach, ip)
+    along = np.copysign(np.hypot(x, y), x)
+    flexions = np.interp(np.hypot(along, z), *table)
+    mcp, ip = flexions.real, flexions.imag
     bones = hand.thumb_bones
     ahead = bones[0] + bones[1] * np.cos(mcp) + bones[2] * np.cos(mcp + ip)
     below = bones[1] * np.sin(mcp) + bones[2] * np.sin(mcp + ip)
     return turn, np.arctan2(-z, along) - np.arctan2(below, ahead), mcp, ip
 
 
-def _metacarpal_axes(turn: np.ndarray, flexion: np.ndarray) -> np.ndarray:
-    """Return the axes of metacarpals in the thumb's base, as columns, (n, 3, 3)."""
+def _metacarpal_axes(turn: np.ndarray, flexion: np.ndarray
+                     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return where metacarpals point in the thumb's base, across and dorsally, (3, n) each."""
     c, s, cf, sf = np.cos(turn), np.sin(turn), np.cos(flexion), np.sin(flexion)
-    return np.stack((np.stack((c * cf, s * cf, -sf), axis=1),
-                     np.stack((-s, c, 0. * s), axis=1),
-                     np.stack((c * sf, s * sf, cf), axis=1)), axis=2)
+    return (np.array((c * cf, s * cf, -sf)), np.array((-s, c, np.zeros_like(s))),
+            np.array((c * sf, s * sf, cf)))
 
 
 def _default_axes() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -184,10 +182,11 @@ def _default_axes() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _flexion_table(hand: Hand, coupling: tuple[float, float]
-                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Tabulate increasing reaches with their MCP and IP flexion [m, rad, rad].
+                   ) -> tuple[np.ndarray, np.ndarray]:
+    """Tabulate increasing reaches [m] with their MCP and IP flexion [rad].
 
-    The IP is coupled to the MCP; at the limit of the MCP it flexes further alone.
+    These are real and imaginary part of one number, so that both are looked up at once. The IP is
+    coupled to the MCP; at the limit of the MCP it flexes further alone.
     """
     slope, offset = coupling
     limits = hand.limits[[JOINTS.index('thumb_mcp_flexion'), JOINTS.index('thumb_ip_flexion')]]
@@ -201,7 +200,7 @@ def _flexion_table(hand: Hand, coupling: tuple[float, float]
                      bones[1] * np.sin(mcp) + bones[2] * np.sin(mcp + ip))
     straightest = np.argmax(reach)
     falling = np.minimum.accumulate(reach[straightest:])[::-1]
-    return falling, mcp[straightest:][::-1], ip[straightest:][::-1]
+    return falling, (mcp + 1j * ip)[straightest:][::-1]
 
 
 def _rest_direction(hand: Hand, saddle: Saddle, tips: np.ndarray) -> np.ndarray:

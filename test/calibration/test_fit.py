@@ -214,13 +214,13 @@ def test_solved_thumb_is_the_trackers():
 
 
 def test_incomplete_frames_do_not_count():
-    hand = person()
+    hand, kept = refitted()
     joints = recorded(hand)[1]
     holed = np.insert(joints, (10, 100, 150), 1e3, axis=0)
     holed[10, 3] = np.nan
     holed[101, 20] = np.inf
     holed[152] = 0.
-    kept, found = fit_hand(joints, 'right'), fit_hand(holed, 'right')
+    found = fit_hand(holed, 'right', hand.limits)
     for name in ('finger_mcp', 'finger_bones', 'splay', 'thumb_abduction_axis', 'coupling'):
         np.testing.assert_array_equal(getattr(found, name), getattr(kept, name))
 

@@ -19,7 +19,7 @@ from hand_tracker.core.model.hand import (
     Hand,
     preset_limits,
 )
-from hand_tracker.core.numerics.jit import as_item
+from hand_tracker.core.numerics.jit import packed
 from hand_tracker.core.pose.contact import (
     CONTACT_GAP,
     PENETRATION,
@@ -36,7 +36,6 @@ settings.load_profile('contact')
 
 HAND = Hand.scaled()
 WIDE = Hand.scaled(limits=preset_limits('wide'))
-BODIES = {id(hand): hand_capsules(hand) for hand in (HAND, WIDE)}
 ALIKE = np.ones(5)
 FRICTION = .5
 INDEX, MIDDLE, RING, LITTLE, THUMB = range(5)
@@ -44,8 +43,18 @@ FREE = np.column_stack((ABDUCTION_JOINTS, FLEXION_JOINTS[:, :2]))
 shares = arrays(float, 25, elements=st.floats(0., 1.))
 
 
+packs = {}
+
+
+def pack_of(hand):
+    """Return the hand's capsules for kernels, and the same for Python."""
+    if id(hand) not in packs:
+        packs[id(hand)] = packed(hand_capsules(hand))
+    return packs[id(hand)]
+
+
 def body_of(hand):
-    return BODIES.setdefault(id(hand), hand_capsules(hand))
+    return pack_of(hand)[1]
 
 
 def overlap(hand, angles):
@@ -56,7 +65,7 @@ def apart(hand, angles, mobility=ALIKE, slope=None):
     """Return the separated angles and the rounds it took."""
     moved = np.array(angles)
     slope = hand.coupling[:, 0].copy() if slope is None else slope
-    rounds = separate(as_item(body_of(hand)), moved, *hand.limits.T.copy(), slope, mobility, PENETRATION)
+    rounds = separate(pack_of(hand)[0][0], moved, *hand.limits.T.copy(), slope, mobility, PENETRATION)
     return moved, rounds
 
 
