@@ -65,7 +65,8 @@ def apart(hand, angles, mobility=ALIKE, slope=None):
     """Return the separated angles and the rounds it took."""
     moved = np.array(angles)
     slope = hand.coupling[:, 0].copy() if slope is None else slope
-    rounds = separate(pack_of(hand)[0][0], moved, *hand.limits.T.copy(), slope, mobility, PENETRATION)
+    linkage = pack_of(hand)[0][0]
+    rounds = separate(linkage, moved, *hand.limits.T.copy(), slope, mobility, PENETRATION)
     return moved, rounds
 
 
