@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 from helpers.frames import SEEN
 
-from hand_tracker.core.model.hand import Hand, preset_limits
-from hand_tracker.core.model.marker_layout import MarkerLayout
+from hand_tracker.core.model.hand import JOINTS, Hand, preset_limits
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
 from hand_tracker.core.numerics.jit import LABELLING_SET, TRACKING_SET
+from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.marker_array import MarkerFrame
-from hand_tracker.messages.stamps import Stamp
+from hand_tracker.messages.stamps import Stamp, stamp_of
+from hand_tracker.simulation.motions import motion_named
 from hand_tracker.tracking import stream as module
+from hand_tracker.tracking.auto_size import AutoSize
 from hand_tracker.tracking.stream import BLEND_TIME, UNNAMED_FRAME, FrameTime, Stream
 
 UNSET = Stamp(0, 0)
@@ -155,6 +159,23 @@ def test_a_learned_size_keeps_limits_and_coupling():
     (is_warning, line), = stream.pop_log_lines()
     assert not is_warning and line.startswith('the size of the hand is learned: ')
     assert stream.pop_log_lines() == []
+
+
+def test_no_angle_jumps_where_the_size_is_learned():
+    hand, period = Hand.scaled(.205, .095), 1. / 120.
+    angles, rotation, position = motion_named('demo', hand, 7).sample(np.arange(0., 7., period))
+    positions = marker_positions(MarkerLayout().mounting(hand), forward(
+        joint_table(hand), angles, rotation, position), rotation, position)
+    mean = Hand.scaled()
+    stream = Stream(HandTracker(mean), Reader(), AutoSize(mean, MarkerLayout()))
+    found = np.array([stream.track([markers(stamp_of(round(1e9 * (1. + number * period))))
+                                    ._replace(positions=frame)], 2., no_receipt).state.angles
+                      for number, frame in enumerate(positions)])
+    assert stream.size == 'learned'
+    pip = JOINTS.index('index_pip_flexion')
+    fastest = np.abs(np.diff(angles[:, pip])).max()
+    # At most the re-entry rate faster than the motion, once the first frames have placed the hand.
+    assert np.abs(np.diff(found[10:, pip])).max() < 5. * period + fastest
 
 
 def test_a_size_that_was_given(stream):
