@@ -82,10 +82,12 @@ setup(
     },
     entry_points={
         'console_scripts': [
+            'all = hand_tracker.entry:all_nodes',
             'calibrate = hand_tracker.entry:calibrate',
             'hand_tracker = hand_tracker.__main__:main',
             'landmarks = hand_tracker.entry:landmarks',
             'managed_tracker = hand_tracker.entry:managed_tracker',
+            'mount = hand_tracker.entry:mount',
             'replay = hand_tracker.entry:replay',
             'retarget = hand_tracker.entry:retarget',
             'simulate = hand_tracker.entry:simulate',

@@ -1,11 +1,12 @@
 """Measure round trips of each source: a system's frame out, joint states back.
 
-    python -m benchmarks.adapters [--rate 120] [--seconds 5] [--json OUT]
+    python -m benchmarks.adapters [--rate 120] [--seconds 5] [--rows ROW ...] [--json OUT]
 
-Each source has a tracker that takes its messages as they are, and another one behind a source node
-(`..._node`); `markers` is a tracker that gets MarkerArrays. All run at once and are measured in
-turns, one frame on its way at a time, of eight markers; the ratio is that of the medians. NatNet
-comes from a simulated Motive on this machine.
+Each source has a tracker that takes its messages as they are, another one behind a source node
+(`..._node`), and one in the source node's process (`..._all`); `markers` is a tracker that gets
+MarkerArrays. All run at once and are measured in turns, one frame on its way at a time, of eight
+markers; the ratio is that of the medians, the processor time that of all processes of a row.
+OptiTrack and Qualisys are simulated servers on this machine.
 """
 
 import argparse
@@ -23,13 +24,15 @@ sys.path.append(str(Path(__file__).resolve().parent.parent / 'test'))
 import numpy as np
 
 from benchmarks.common import add_json_option, end, environ, environment, write_rows
-from benchmarks.round_trip import BOUTS, PATIENCE, WARM, isolate
+from benchmarks.round_trip import BOUTS, PATIENCE, WARM, cpu_time, isolate
 
 BASE = 'markers'
 # Parameter `marker_message` of the tracker, by source.
 DIRECT = {'point_cloud': 'point_cloud', 'mocap4r2': 'mocap4r2_markers', 'landmarks': 'pose_array'}
-NODE = '_node'     # behind a source's name: through a source node
-SOURCES = *DIRECT, *(f'{name}{NODE}' for name in (*DIRECT, 'natnet'))
+# Behind a source's name: through a source node, in a process of its own or in the tracker's.
+NODE, ALL = '_node', '_all'
+SERVERS = 'natnet', 'qualisys'
+SOURCES = *DIRECT, *(f'{name}{how}' for how in (NODE, ALL) for name in (*DIRECT, *SERVERS))
 
 
 def hand_frames(rate):
@@ -41,6 +44,11 @@ def hand_frames(rate):
     return np.concatenate((motion, motion[-2:0:-1]))
 
 
+def source_of(name):
+    """Return the source of a row."""
+    return name.removesuffix(NODE).removesuffix(ALL)
+
+
 class Sender:
     """Send frames as one source does.
 
@@ -49,7 +57,7 @@ class Sender:
     name : str
         `BASE` or one of `SOURCES`, which has topics of its own.
     node : rclpy.node.Node
-    server : NatNetServer
+    server : NatNetServer, QtmServer or None
     """
 
     def __init__(self, name, node, server):
@@ -58,12 +66,12 @@ class Sender:
         from sensor_msgs.msg import PointCloud2
         from visualization_msgs.msg import MarkerArray
         kinds = {BASE: MarkerArray, 'point_cloud': PointCloud2, 'landmarks': PoseArray}
-        self._name, self._server = name.removesuffix(NODE), server
+        self._name, self._server, self._number = source_of(name), server, 0
         if self._name == 'mocap4r2':
             from mocap4r2_msgs.msg import Markers
             kinds[self._name] = Markers
         if self._name in kinds:
-            topic = 'in' if name.endswith(NODE) else 'markers'
+            topic = 'markers' if name in (BASE, *DIRECT) else 'in'
             self._publisher = node.create_publisher(
                 kinds[self._name], f'/{name}/{topic}', QoSProfile(
                     depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
@@ -73,6 +81,12 @@ class Sender:
         if self._name == 'natnet':
             # Its frame is packed as it is sent, which takes longer than to hand bytes over.
             return lambda: self._server.send_at_once({'hand': positions})
+        if self._name == 'qualisys':
+            from helpers.qtm_server import data_packet
+            self._number += 1
+            packet = data_packet(self._number, time.monotonic_ns() // 1000, {
+                '3d': 1e3 * positions, '3dnolabels': []})
+            return lambda: self._server.send_at_once(packet)
         data = getattr(self, f'_{self._name}')(positions, stamp)
         return lambda: self._publisher.publish(data)
 
@@ -116,20 +130,35 @@ class Sender:
         return serialize_message(message)
 
 
-def start(stack, server):
-    """Start a tracker of each name and, where it says so, a source node."""
+def start(stack, names):
+    """Start a tracker of each name and, where it says so, a source node and its server.
+
+    Returns
+    -------
+    processes : dict of str to list of subprocess.Popen
+    servers : dict of str to NatNetServer or QtmServer
+    """
+    from helpers.natnet_server import NatNetServer
+    from helpers.qtm_server import QtmServer
+
     from hand_tracker.core.model.marker_layout import MARKERS
     from hand_tracker.messages.marker_ids import FIRST_FOREIGN_ID
 
     def run(name, node, *arguments):
         process = stack.enter_context(subprocess.Popen(
-            [sys.executable, '-m', 'hand_tracker.entry', node, '--ros-args', '-r',
+            [sys.executable, '-m', 'hand_tracker.entry', *node.split(), '--ros-args', '-r',
              f'__ns:=/{name}', *arguments], stderr=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL, env=environ()))
         stack.callback(end, process)
+        processes.setdefault(name, []).append(process)
 
-    for name in (BASE, *SOURCES):
-        source, more = name.removesuffix(NODE), []
+    processes, servers = {}, {}
+    for name in names:
+        source, more = source_of(name), []
+        if source in SERVERS:
+            servers[name] = stack.enter_context(
+                NatNetServer((4, 1), {'hand': MARKERS}) if source == 'natnet' else
+                QtmServer(MARKERS))
         if source == 'point_cloud':
             more = [part for row, marker in enumerate(MARKERS)
                     for part in ('-p', f'labels.{marker}:="{FIRST_FOREIGN_ID + row}"')]
@@ -137,9 +166,15 @@ def start(stack, server):
             more += ['-p', f'marker_message:={DIRECT[name]}']
         elif name != BASE:
             more += ['-r', f'markers:=/{name}/source/markers']
-            run(name, 'source', '-p', f'source:={source}', '-p', f'topic:=/{name}/in',
-                '-p', f'port:={server.port if source == "natnet" else 0}')
-        run(name, 'tracker', '-p', 'auto_size:=false', *more)
+            origin = ['-p', f'source:={source}', '-p', f'topic:=/{name}/in',
+                      '-p', f'port:={servers[name].port if name in servers else 0}']
+            if name.endswith(ALL):
+                more += origin
+            else:
+                run(name, 'source', *origin)
+        run(name, 'all tracker source' if name.endswith(ALL) else 'tracker',
+            '-p', 'auto_size:=false', *more)
+    return processes, servers
 
 
 class Measurement:
@@ -147,12 +182,15 @@ class Measurement:
 
     Parameters
     ----------
-    server : NatNetServer
+    servers : dict of str to NatNetServer or QtmServer
+        By the name of the row.
     rate : float
         [Hz]
+    names : sequence of str
+        Of the rows.
     """
 
-    def __init__(self, server, rate):
+    def __init__(self, servers, rate, names):
         import rclpy
         from rclpy.node import Node
         from sensor_msgs.msg import JointState
@@ -164,8 +202,8 @@ class Measurement:
         self._node, self._rate, self._count = Node('adapters'), rate, 0
         self._answered = {}
         self._senders = {}
-        for name in (BASE, *SOURCES):
-            self._senders[name] = Sender(name, self._node, server)
+        for name in names:
+            self._senders[name] = Sender(name, self._node, servers.get(name))
             self._node.create_subscription(
                 JointState, f'/{name}/joint_states',
                 lambda data, name=name: self._answered.setdefault(name, time.perf_counter_ns()),
@@ -208,36 +246,41 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--rate', type=float, default=120., help='frames per second')
     parser.add_argument('--seconds', type=float, default=5., help='of each measurement')
+    parser.add_argument('--rows', nargs='+', choices=SOURCES, default=SOURCES,
+                        help='that are measured beside markers')
     add_json_option(parser)
     options = parser.parse_args()
     isolate()
-    from helpers.natnet_server import NatNetServer
-
-    from hand_tracker.core.model.marker_layout import MARKERS
     print(environment())
-    with NatNetServer((4, 1), {'hand': MARKERS}) as server, ExitStack() as stack:
-        start(stack, server)
-        measurement = Measurement(server, options.rate)
-        for name in (BASE, *SOURCES):
+    with ExitStack() as stack:
+        names = BASE, *options.rows
+        processes, servers = start(stack, names)
+        measurement = Measurement(servers, options.rate, names)
+        for name in names:
             measurement.wait_for(name)
-        found = {name: [] for name in (BASE, *SOURCES)}
+        found = {name: [] for name in names}
+        used = dict.fromkeys(found, 0.)
         gc.collect()
         gc.disable()
         for _ in range(BOUTS):
             for name, trips in found.items():
                 measurement.trips(name, WARM)
+                before = sum(map(cpu_time, processes[name]))
                 trips.append(measurement.trips(name, options.seconds / BOUTS))
+                used[name] += sum(map(cpu_time, processes[name])) - before
     rows = []
     base = np.nanmedian(np.concatenate(found[BASE]))
-    print(f"{'source':18}{'median µs':>11}{'p99 µs':>9}{'of markers':>12}{'dropped %':>11}")
+    print(f"{'source':18}{'median µs':>11}{'p99 µs':>9}{'of markers':>12}{'CPU %':>8}"
+          f"{'dropped %':>11}")
     for name, trips in found.items():
         trips = np.concatenate(trips)
         median, p99 = np.nanpercentile(trips, (50, 99))
         rows.append({'source': name, 'median_us': round(float(median), 1),
                      'p99_us': round(float(p99), 1), 'of_markers': round(float(median / base), 2),
+                     'cpu_percent': round(100. * used[name] * options.rate / len(trips), 1),
                      'dropped_percent': round(100. * float(np.isnan(trips).mean()), 3)})
         print('{source:18}{median_us:11.0f}{p99_us:9.0f}{of_markers:12.2f}'
-              '{dropped_percent:11.2f}'.format(**rows[-1]))
+              '{cpu_percent:8.1f}{dropped_percent:11.2f}'.format(**rows[-1]))
     write_rows(options.json, rows)
     return 0
 

@@ -24,7 +24,7 @@ def _run(node: str) -> int:
         signal.signal(interrupt, lambda *_: os._exit(0))
     # Another thread of BLAS would spin from frame to frame, and take a core from the trackers.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-    if node in ('calibrate', 'tracker', 'managed_tracker'):
+    if node in ('all', 'calibrate', 'tracker', 'managed_tracker'):
         # Where kernels are not on disk, plain Python does their work at once.
         os.environ.setdefault('HAND_TRACKER_JIT', 'background')
     module = import_module(f'.nodes.{node}_node', __package__)
@@ -48,6 +48,11 @@ def _run_or_command(name: str) -> int:
     return code
 
 
+def all_nodes() -> int:
+    """Run several nodes in one process; return its exit code."""
+    return _run('all')
+
+
 def calibrate() -> int:
     """Run the node of the live calibration, or the command that fits; return the exit code."""
     return _run_or_command('calibrate')
@@ -62,6 +67,12 @@ def landmarks() -> int:
 def managed_tracker() -> int:
     """Run the tracker as a managed node; return its exit code."""
     return _run('managed_tracker')
+
+
+def mount() -> int:
+    """Run the node that hangs the hand on a body; return its exit code."""
+    os.environ.setdefault('HAND_TRACKER_JIT', '0')
+    return _run('mount')
 
 
 def replay() -> int:
@@ -106,9 +117,10 @@ def viewer() -> int:
     return _run('viewer')
 
 
-NODES = {'calibrate': calibrate, 'landmarks': landmarks, 'managed_tracker': managed_tracker,
-         'replay': replay, 'retarget': retarget, 'simulate': simulate, 'skin': skin,
-         'source': source, 'teleoperate': teleoperate, 'tracker': tracker, 'viewer': viewer}
+NODES = {'all': all_nodes, 'calibrate': calibrate, 'landmarks': landmarks,
+         'managed_tracker': managed_tracker, 'mount': mount, 'replay': replay,
+         'retarget': retarget, 'simulate': simulate, 'skin': skin, 'source': source,
+         'teleoperate': teleoperate, 'tracker': tracker, 'viewer': viewer}
 
 if __name__ == '__main__':
     if sys.argv[1:2] == [] or sys.argv[1] not in NODES:

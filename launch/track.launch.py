@@ -21,6 +21,7 @@ from hand_tracker.core.model.hand import BOTH, SIDES, Hand
 from hand_tracker.files.keystore import enclave_of, security_environment
 from hand_tracker.files.parameter_file import node_parameters
 from hand_tracker.files.urdf_file import urdf
+from hand_tracker.messages.builders import prefixed_names
 from hand_tracker.nodes.tracker_parameters import (
     AUTO,
     SEPARATE,
@@ -131,6 +132,14 @@ ARGUMENTS = (
         description="Process that drives the robot: its own, which holds the robot when the "
                     "tracker dies, or the tracker's, which answers faster"),
     DeclareLaunchArgument(
+        'body_frame', default_value='',
+        description="Frame of a body's TF that the hand hangs on, as another system captures it; "
+                    "empty: the hand stays where its markers are"),
+    DeclareLaunchArgument(
+        'mount', default_value='',
+        description='Parameter file with the offset of the wrist in that frame, as the service '
+                    'mount/calibrate writes it'),
+    DeclareLaunchArgument(
         'fixed_frame', default_value='mocap', description='Fixed frame of RViz'),
     DeclareLaunchArgument(
         'use_sim_time', default_value='false', choices=['true', 'false'],
@@ -158,6 +167,7 @@ ARGUMENT_OF = {
     'coupling.preset': 'coupling', 'thumb': 'thumb', 'prefix': 'prefix', 'hand_length': None,
     'hand_breadth': None}
 ROBOT_TAKES = 'hand_file', 'hand_length', 'hand_breadth', 'limits.preset', 'thumb', 'prefix'
+MOUNT_TAKES = 'hand_file', 'side', 'prefix'
 SKIN_TAKES = 'hand_file', 'side', 'hand_length', 'hand_breadth', 'thumb', 'prefix'
 SHOWN_TOPICS = 'robot_description', 'hand_markers', 'hand_skin'
 FOLLOWED = 'Target Frame: {}middle_knuckle'  # by RViz's view: amid the hand, still in the palm
@@ -202,7 +212,11 @@ def start(context):
     of_both = {}
     if len(hands) > 1:
         of_both = {f'{hand.hand.side}.hand_file': hand.parameters['hand_file'] for hand in hands}
-    robots = [robot_parameters(given, in_file, hand) for hand in hands]
+    on_body = agreed('on_body', bool(given['body_frame'] or given['mount']), False, in_file)
+    if on_body and len(hands) > 1:
+        raise RuntimeError('body_frame: expected none with side:=both; ros2 run hand_tracker '
+                           'mount hangs one hand on a body')
+    robots = [robot_parameters(given, in_file, hand, on_body) for hand in hands]
     is_managed = given['lifecycle'] == 'true'
     shares_process = given['robot_process'] == 'tracker' and any(
         robot['robot'] for robot in robots)
@@ -214,6 +228,7 @@ def start(context):
     actions = [node(
         tracker, [{
             **hand_parameters, **of_both, 'broadcast': broadcast, 'marker_message': message,
+            'on_body': on_body,
             **(robots[0] if shares_process else {})}],
         # A name would be that of both nodes.
         name=None if shares_process else TRACKER_NAME,
@@ -246,6 +261,14 @@ def start(context):
               'loop': given['loop'] == 'true', 'wait_for_subscriber': inf}],
             remappings=[('markers', given['markers'])],
             on_exit=ended('replay')))
+    if given['body_frame'] or given['mount']:
+        actions.append(node(
+            'mount',
+            [{name: hands[0].parameters[name] for name in MOUNT_TAKES}
+             | {'wrist_frame': in_file.get('wrist_frame', AUTO)}
+             | ({'body_frame': given['body_frame']} if given['body_frame'] else {})],
+            files=[given['mount']] if given['mount'] else [], name='mount',
+            on_exit=ended('mount')))
     if given['skin'] == 'true' or given['skin'] == 'auto' and given['rviz'] == 'true':
         # Without its libraries it says so and ends, and all else goes on.
         actions += [node('skin', [{
@@ -327,14 +350,15 @@ def hands_of(given, in_file, parameters):
     return hands
 
 
-def robot_parameters(given, in_file, hand):
+def robot_parameters(given, in_file, hand, on_body):
     """Return the parameters of the node by which a hand drives its robot."""
     robot, description = given['robot'], given['robot_description']
     if hand.namespace == 'left':
         # A robot file has the URDF of either side; a URDF is of one.
         robot, description = given['left_robot'] or robot, given['left_robot_description']
     return {**{name: hand.parameters[name] for name in ROBOT_TAKES}, 'side': hand.hand.side,
-            'wrist_frame': in_file.get('wrist_frame', AUTO), 'robot': robot,
+            'wrist_frame': prefixed_names(hand.prefix, on_body=True).tracked if on_body
+            else in_file.get('wrist_frame', AUTO), 'robot': robot,
             'robot_description': description}
 
 

@@ -40,6 +40,7 @@ ARRANGEMENTS = {
     'retarget': (['robot:=plain', 'outputs:=joint_state joint_trajectory position_array'],
                  ['robot:=plain', 'wrist.outputs:=pose twist', CLOCKED]),
     'skin': ([CLOCKED],), 'landmarks': ([],), 'calibrate': ([],),
+    'mount': (['body_frame:=body', 'duration:=600.', CLOCKED],),
     'viewer': ([], ['side:=both'], SEPARATED)}
 NAMES = {'tracker': 'hand_tracker', 'managed_tracker': 'hand_tracker',
          'skin': 'hand_skin'}  # of nodes, where not the program's
@@ -155,6 +156,10 @@ def uses(programs=None):
                     # It listens while somebody listens to it.
                     heard = [watcher.create_subscription(
                         Marker, f'{namespace}/hand_skin', print, 1) for namespace, _ in started]
+                if program == 'mount':
+                    # It listens while it calibrates.
+                    for namespace, _ in started:
+                        calibrate(watcher, f'{namespace}/mount/calibrate')
                 node = NAMES.get(program, program)
                 found.append(Use(program, node, merged([
                     settled_rules(watcher, node, *one) for one in started])))
@@ -164,6 +169,15 @@ def uses(programs=None):
         watcher.destroy_node()
         context.try_shutdown()
     return found
+
+
+def calibrate(watcher, service):
+    """Have a node begin a calibration, without waiting for its answer."""
+    from std_srvs.srv import Trigger
+    client = watcher.create_client(Trigger, service)
+    if not client.wait_for_service(WAIT):
+        raise RuntimeError(f'{service} is not there')
+    client.call_async(Trigger.Request())
 
 
 def start(stack, module, namespace, parameters):

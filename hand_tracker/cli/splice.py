@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH, SIDES
-from ..files.bvh_file import read_bvh_motion, write_bvh_motion
+from ..files.bvh_file import read_bvh_motion, write_bvh, write_bvh_motion
 from ..files.glb_file import write_glb
 from ..files.point_recording import UNIT_SPELLINGS
 from ..files.recordings import (
@@ -23,7 +23,7 @@ from ..files.recordings import (
     recognised_format,
     write_recording,
 )
-from ..files.skeleton_motion import HandAngles, skeleton_motion
+from ..files.skeleton_motion import NAMINGS, HandAngles, skeleton_motion
 from ..output_files import write_whole
 from ..parallel import Interruptions
 from ..progress import Progress
@@ -31,6 +31,7 @@ from ..skin.surface import require_surface_library
 from ..splicing.body_glb import body_mesh, skeleton_of
 from ..splicing.body_skeleton import body_unit, require_hand, skeleton_naming
 from ..splicing.clock_alignment import AlignmentError, ClockAlignment, Trajectory, align_clocks
+from ..splicing.marker_skeleton import marker_mesh, marker_skeleton
 from ..splicing.spliced_body import (
     WRISTS,
     SplicedHand,
@@ -56,7 +57,7 @@ def _splice(options: argparse.Namespace, interrupted: Interruptions,
     """Do what the command line asks for; return what to say at the end."""
     output = options.output
     is_skeleton = recognised_format(options.body) is BVH
-    expected = SKELETONS_OUT if is_skeleton else POINTS_OUT
+    expected = SKELETONS_OUT if is_skeleton else (*POINTS_OUT, *SKELETONS_OUT)
     if output.suffix not in expected:
         raise HandTrackerError(
             f'{output}: unknown extension {output.suffix!r}; expected {", ".join(expected)}, as '
@@ -110,7 +111,7 @@ def _tracked(options: argparse.Namespace, interrupted: Interruptions,
 
 
 def _splice_points(options: argparse.Namespace, tracked: list[HandAngles]) -> str:
-    """Write the body's points and the hands' joints."""
+    """Write the body's markers and the hands' joints, as points or as a skeleton."""
     body = read_recording(options.body, ReadingOptions(partial=options.partial))
     for note in body.notes:
         print(f'{options.body}: {note}', file=sys.stderr)
@@ -126,9 +127,17 @@ def _splice_points(options: argparse.Namespace, tracked: list[HandAngles]) -> st
                                   "its world turned to the body's by the wrist's path")
               + f'; the wrists {1e3 * world.distance:.0f} mm apart', file=sys.stderr)
         hands.append((one, alignment, world))
-    spliced = splice_points(body, hands)
-    write_recording(options.output, spliced)
-    return f'{options.output}: {len(spliced.points)} frames of {len(spliced.labels)} points'
+    if options.output.suffix in POINTS_OUT:
+        spliced = splice_points(body, hands)
+        write_recording(options.output, spliced)
+        return f'{options.output}: {len(spliced.points)} frames of {len(spliced.labels)} points'
+    skeleton = marker_skeleton(body, hands, NAMINGS[0])
+    if options.output.suffix == BVH_SUFFIX:
+        write_whole(options.output, lambda path: write_bvh(path, skeleton))
+    else:
+        mesh = marker_mesh(skeleton, tracked)
+        write_whole(options.output, lambda path: write_glb(path, skeleton, mesh))
+    return f'{options.output}: {len(skeleton.times)} frames of {len(skeleton.names)} joints'
 
 
 def _frames_covered(body: Path, side: str, hand_times: np.ndarray, alignment: ClockAlignment,
@@ -208,8 +217,8 @@ def main(arguments: list[str] | None = None) -> int:
                         'skeleton (.bvh), or markers (.c3d, .trc, ...)')
     add_recording_options(parser, several=True)
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='OUT',
-                        help='body with fingers (.bvh; .glb: with bones and the skin of '
-                        'hands); of a body of markers these and the joints (.c3d, .trc)')
+                        help='body with fingers (.bvh; .glb: with bones, or markers, and the '
+                        'skin of hands); of a body of markers also .c3d and .trc')
     parser.add_argument('--wrist', choices=WRISTS, default=WRISTS[0],
                         help="whose rotation the wrists keep: the body's (default), or that of "
                         'the tracked hands')

@@ -325,13 +325,17 @@ def write_bvh(path: Path, motion: SkeletonMotion, order: str = EULER_ORDERS[0]) 
         raise RecordingError(f'{path}: Euler order {order!r}; expected one of '
                              f'{", ".join(EULER_ORDERS)}')
     joints: list[BvhJoint] = []
-    columns = [CENTIMETRES * motion.root_position]
+    columns: list[np.ndarray] = []
+    moving = {0: motion.root_position, **motion.translations}
     places: dict[int, int] = {-1: -1}    # in the file, of each joint of the motion
     for joint in depth_first(motion.parents):
         places[joint] = len(joints)
         offset = tuple((CENTIMETRES * motion.offsets[joint]).tolist())
         joints.append(BvhJoint(motion.names[joint], places[motion.parents[joint]], offset,
-                               (CHANNELS[:3] if not joint else ()) + rotation_channels(order)))
+                               (CHANNELS[:3] if joint in moving else ())
+                               + rotation_channels(order)))
+        if joint in moving:
+            columns.append(CENTIMETRES * moving[joint])
         columns.append(euler_degrees(motion.rotation[:, joint], order))
         if joint in motion.ends:
             end = tuple((CENTIMETRES * motion.ends[joint]).tolist())

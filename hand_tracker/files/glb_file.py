@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -60,6 +61,24 @@ def strongest_influences(weights: np.ndarray, joints: np.ndarray) -> tuple[np.nd
     order = np.argsort(-weights, axis=1)[:, :INFLUENCES]
     strongest = np.take_along_axis(weights, order, axis=1)
     return joints[order], strongest / strongest.sum(axis=1, keepdims=True)
+
+
+def rigid_mesh(vertices: np.ndarray, faces: np.ndarray, joint: int) -> BoundMesh:
+    """Return a mesh that one joint alone moves."""
+    weights = np.zeros((len(vertices), INFLUENCES))
+    weights[:, 0] = 1.
+    joints = np.zeros((len(vertices), INFLUENCES), dtype=int)
+    joints[:, 0] = joint
+    return BoundMesh(vertices, faces, joints, weights)
+
+
+def joined_meshes(meshes: Sequence[BoundMesh]) -> BoundMesh:
+    """Return meshes on one skeleton as one."""
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    return BoundMesh(np.concatenate([mesh.vertices for mesh in meshes]),
+                     np.concatenate([mesh.faces + n for mesh, n in zip(meshes, first)]),
+                     np.concatenate([mesh.joints for mesh in meshes]),
+                     np.concatenate([mesh.weights for mesh in meshes]))
 
 
 class _Buffer:

@@ -45,6 +45,9 @@ class Names(NamedTuple):
         Frames of the five tips.
     wrist : str
         Frame of the wrist.
+    tracked : str
+        Frame that is broadcast where the wrist was tracked: the wrist's, but where it hangs on a
+        body.
     """
 
     prefix: str
@@ -52,9 +55,10 @@ class Names(NamedTuple):
     links: tuple[str, ...]
     tips: tuple[str, ...]
     wrist: str
+    tracked: str
 
 
-def prefixed_names(prefix: str, wrist: str | None = None) -> Names:
+def prefixed_names(prefix: str, wrist: str | None = None, on_body: bool = False) -> Names:
     """Return the names of a hand whose joints and frames begin with `prefix`.
 
     Parameters
@@ -62,6 +66,8 @@ def prefixed_names(prefix: str, wrist: str | None = None) -> Names:
     prefix : str
     wrist : str, optional
         The wrist's frame, when it is not to be the URDF's root.
+    on_body : bool, optional
+        Whether the wrist hangs on a body.
 
     Returns
     -------
@@ -69,7 +75,8 @@ def prefixed_names(prefix: str, wrist: str | None = None) -> Names:
     """
     joints, links, tips = (tuple(prefix + name for name in names) for names in (
         JOINTS, LINKS, [f'{digit}_tip' for digit in DIGITS]))
-    return Names(prefix, joints, links, tips, prefix + ROOT if wrist is None else wrist)
+    wrist = prefix + ROOT if wrist is None else wrist
+    return Names(prefix, joints, links, tips, wrist, f'{wrist}_tracked' if on_body else wrist)
 
 
 def time_message(stamp: StampLike) -> Time:
@@ -157,8 +164,8 @@ def fill_transforms(messages: list[TransformStamped], stamp: StampLike,
 
 
 def wrist_frames(names: Names, frame_id: str) -> Frames:
-    """Return (parent, child) of the wrist in the frame of the markers."""
-    return ((frame_id, names.wrist),)
+    """Return (parent, child) of the tracked wrist in the frame of the markers."""
+    return ((frame_id, names.tracked),)
 
 
 def link_frames(names: Names, table: JointTable) -> Frames:

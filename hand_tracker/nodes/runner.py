@@ -93,20 +93,22 @@ def _descriptor(row: Parameter) -> ParameterDescriptor:
     return descriptor
 
 
-def names_of(hand: Hand, prefix: str, wrist_frame: str) -> Names:
+def names_of(hand: Hand, prefix: str, wrist_frame: str, on_body: bool = False) -> Names:
     """Return the names of a hand's messages for parameters of which each may be `AUTO`.
 
     Parameters
     ----------
     hand : Hand
     prefix, wrist_frame : str
+    on_body : bool, optional
+        Whether the wrist hangs on a body.
 
     Returns
     -------
     Names
     """
     return prefixed_names(f'{hand.side}_' if prefix == AUTO else prefix,
-                          None if wrist_frame == AUTO else wrist_frame)
+                          None if wrist_frame == AUTO else wrist_frame, on_body)
 
 
 def qos_of(values: Mapping[str, Any], topic: str) -> QoSProfile:
@@ -156,8 +158,8 @@ def spin(*nodes: Node) -> None:
 
 
 @contextmanager
-def spinning(node: Node) -> Iterator[None]:
-    """Serve a node's callbacks in a thread of their own."""
+def spinning(*nodes: Node) -> Iterator[None]:
+    """Serve nodes' callbacks in a thread of their own."""
     ended = Event()
 
     def serve() -> None:
@@ -165,7 +167,7 @@ def spinning(node: Node) -> Iterator[None]:
             while rclpy.ok() and not ended.is_set():
                 executor.spin_once(POLL)
 
-    with fastest_executor(node) as executor:
+    with fastest_executor(*nodes) as executor:
         thread = Thread(target=serve, daemon=True)
         thread.start()
         try:

@@ -95,7 +95,8 @@ class TrackedHand:
         self._has_new_settings = False
         self._new_hand: tuple[Hand, MarkerLayout] | None = None
         self._mocap_frame = start['mocap_frame']
-        self.names = names_of(self.hand, start['prefix'], start['wrist_frame'])
+        self.names = names_of(
+            self.hand, start['prefix'], start['wrist_frame'], start['on_body'])
         self._tracker = HandTracker(self.settings.hand, layout, self.settings.options)
         auto_size = (AutoSize(self.settings.hand, layout, in_background=True)
                      if learns_size(start) else None)

@@ -18,25 +18,38 @@ from .live_tracker import LiveTracker
 from .runner import run, spinning
 
 
+class ViewerNode(Node):
+    """Node that shows what a tracker publishes.
+
+    Parameters
+    ----------
+    options : argparse.Namespace, optional
+        Of the page; their defaults when left out.
+    """
+
+    def __init__(self, options: argparse.Namespace | None = None) -> None:
+        super().__init__('viewer')
+        self._options = page_options([]) if options is None else options
+        self._names = [self.declare_parameter(name, default).value for name, default in (
+            ('tracker', 'hand_tracker'), ('player', 'replay'))]
+
+    def play(self) -> None:
+        """Serve the page until interrupted."""
+        with spinning(self):
+            view(LiveTracker(self, *self._names), self._options)
+
+
+def page_options(arguments: list[str]) -> argparse.Namespace:
+    """Return the options of the page that a command line gives."""
+    parser = argparse.ArgumentParser(prog='viewer', description=(__doc__ or '').split('\n')[0])
+    add_page_options(parser)
+    return parser.parse_args(arguments)
+
+
 def main(args: list[str] | None = None) -> int:
     """Serve the page until interrupted; return the exit code."""
-    parser = argparse.ArgumentParser(prog='viewer', description=__doc__.split('\n')[0])
-    add_page_options(parser)
-    options = parser.parse_args(remove_ros_args(args)[1:] if args is None else args)
-
-    def make() -> Node:
-        node = Node('viewer')
-        node.declare_parameter('tracker', 'hand_tracker')
-        node.declare_parameter('player', 'replay')
-        return node
-
-    def work(node: Node) -> None:
-        with spinning(node):
-            tracker, player = (
-                node.get_parameter(name).value for name in ('tracker', 'player'))
-            view(LiveTracker(node, tracker, player), options)
-
-    return run(make, work, args)
+    options = page_options(remove_ros_args(args)[1:] if args is None else args)
+    return run(lambda: ViewerNode(options), ViewerNode.play, args)
 
 
 if __name__ == '__main__':

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ..core.model.hand import Hand
 from ..files.bvh_file import BvhMotion, channel_columns
-from ..files.glb_file import INFLUENCES, BoundMesh
+from ..files.glb_file import BoundMesh, joined_meshes, rigid_mesh
 from ..files.skeleton_motion import SkeletonMotion
 from ..skin.load import load_skin
 from ..tracking.save_motion import bound_mesh
@@ -100,11 +100,7 @@ def body_mesh(skeleton: SkeletonMotion, hands: Sequence[tuple[SplicedHand, Hand]
             meshes.append(_bone(origins[parent], skeleton.offsets[joint], parent))
     meshes += [_bone(origins[joint], end, joint) for joint, end in skeleton.ends.items()
                if joint not in of_hands]
-    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    return BoundMesh(np.concatenate([mesh.vertices for mesh in meshes]),
-                     np.concatenate([mesh.faces + n for mesh, n in zip(meshes, first)]),
-                     np.concatenate([mesh.joints for mesh in meshes]),
-                     np.concatenate([mesh.weights for mesh in meshes]))
+    return joined_meshes(meshes)
 
 
 def _joint_of_wrist(skeleton: SkeletonMotion, spliced: SplicedHand, naming: str) -> int:
@@ -120,8 +116,4 @@ def _bone(start: np.ndarray, along: np.ndarray, joint: int) -> BoundMesh:
     other = np.cross(along, across) / max(length, 1e-12)
     ring = start + WIDEST_AT * along + np.array((across, other, -across, -other))
     vertices = np.concatenate((start[None], ring, (start + along)[None]))
-    weights = np.zeros((len(vertices), INFLUENCES))
-    weights[:, 0] = 1.
-    joints = np.zeros((len(vertices), INFLUENCES), dtype=int)
-    joints[:, 0] = joint
-    return BoundMesh(vertices, BONE_FACES, joints, weights)
+    return rigid_mesh(vertices, BONE_FACES, joint)

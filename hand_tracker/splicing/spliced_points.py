@@ -124,7 +124,7 @@ def splice_points(body: PointRecording, hands: Sequence[tuple[HandAngles, ClockA
         own = tracked.times - tracked.times[0]
         times = alignment.hand_times(body.times(ASSUMED_BODY_RATE))
         inside = overlapping(own, times)
-        joints = joint_centres(_resampled_hand(tracked, own, times[inside]), body.name)
+        joints = joint_centres(resampled_hand(tracked, own, times[inside]), body.name)
         found = np.full((len(times), len(joints.labels), 3), np.nan, dtype=body.points.dtype)
         found[inside] = joints.points @ world.rotation.T + world.origin
         labels += joints.labels
@@ -133,7 +133,7 @@ def splice_points(body: PointRecording, hands: Sequence[tuple[HandAngles, ClockA
     return body._replace(labels=unique, points=np.concatenate(points, axis=1))
 
 
-def _resampled_hand(tracked: HandAngles, own: np.ndarray, times: np.ndarray) -> HandAngles:
+def resampled_hand(tracked: HandAngles, own: np.ndarray, times: np.ndarray) -> HandAngles:
     """Return a tracked hand at other times within its own."""
     own, first = np.unique(own, return_index=True)
 

@@ -1,6 +1,7 @@
 """A simulated Qualisys Track Manager: the real-time protocol over TCP, as far as a client asks."""
 
 import asyncio
+import os
 import struct
 from threading import Event, Thread
 
@@ -78,6 +79,11 @@ class QtmServer:
             for stream in self.streams:
                 stream.write(data)
         self._loop.call_soon_threadsafe(write)
+
+    def send_at_once(self, data):
+        """Send bytes to all who stream, from the caller's thread."""
+        for stream in self.streams:
+            os.write(stream.get_extra_info('socket').fileno(), data)
 
     def hang_up(self):
         """End all connections."""

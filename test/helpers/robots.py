@@ -1,13 +1,19 @@
 """Robot hands for tests: our own hand as a robot, small ones, and third-party URDFs by path."""
 
+import numpy as np
 import pytest
 
 from hand_tracker.core.model.hand import Hand, preset_limits
 from hand_tracker.files.urdf_file import urdf
+from hand_tracker.messages.stamps import nanoseconds
+from hand_tracker.retargeting.guard_options import GuardOptions
+from hand_tracker.retargeting.robot_file import load_robot
 from hand_tracker.retargeting.robot_hand import robot_hand
 from hand_tracker.retargeting.robot_urdf import load_urdf_tree, read_urdf_tree
 from helpers.captures import capture_folder
 
+STATE_PERIOD = .005   # [s]
+ENGAGED_ANEW = .5     # [s] without a command: the robot has been disengaged between
 # A gripper of one variable: two prismatic fingers, the second mimics the first.
 GRIPPER = """<robot name="gripper">
 <link name="base"/><link name="left"/><link name="right"/><link name="left_tip"/>
@@ -39,3 +45,59 @@ def third_party_robot(name):
     if not path.exists():
         pytest.skip(f'no URDF {path}')
     return robot_hand(load_urdf_tree(path))
+
+
+class FollowingRobot:
+    """A plain robot hand that is where it was told to be, and tells it.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        That watches.
+    namespace : str, optional
+        Of the node that drives it, with a slash behind.
+    """
+
+    def __init__(self, node, namespace=''):
+        from sensor_msgs.msg import JointState
+        self._node, self._namespace, self._type = node, namespace, JointState
+        self.commands = node.collect(JointState, f'{namespace}robot/command')
+        # The last one, however many wait: a robot's state is not late.
+        node.create_subscription(JointState, f'{namespace}robot/command', self._move, 1)
+        self._publisher = node.create_publisher(JointState, f'{namespace}robot/joint_states', 10)
+        names = list(load_robot('plain').hand.model.joint_names)
+        self._state = JointState(name=names, position=[.1] * len(names))
+        node.create_timer(STATE_PERIOD, self._tell)
+
+    def _move(self, command):
+        self._state = self._type(name=command.name, position=command.position)
+
+    def _tell(self):
+        self._publisher.publish(self._state)
+
+    def engage(self):
+        """Engage it until it moves: on a busy machine a hand may be late, which disengages it."""
+        from std_srvs.srv import SetBool
+        before = len(self.commands)
+        self._node.repeat(
+            lambda: self._node.call(SetBool, f'{self._namespace}retarget/engage',
+                                    SetBool.Request(data=True)),
+            lambda: len(self.commands) > before + 20, .2)
+
+    def steps_and_bounds(self, period, stamp_period):
+        """Return the largest step of each command from the last one, and what it may be [rad].
+
+        A busy machine may lose commands, whose steps add up; where the robot was engaged anew, none
+        may be lost.
+
+        Parameters
+        ----------
+        period, stamp_period : float
+            Between two frames, and between their stamps [s].
+        """
+        steps = np.abs(np.diff([command.position for command in self.commands], axis=0))
+        between = np.diff([nanoseconds(command.header.stamp) for command in self.commands])
+        options = GuardOptions()
+        periods = np.maximum(1e-9 * between / stamp_period, 1.)
+        periods[periods > ENGAGED_ANEW / period] = 1.
+        return steps.max(axis=1), options.max_speed * options.max_dt * periods

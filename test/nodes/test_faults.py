@@ -25,26 +25,23 @@ from helpers.bench import (
     tracking,
 )
 from helpers.hands import bending, hand_at
+from helpers.robots import FollowingRobot
 from helpers.ros_process import NodeProcess, watching_node
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool
 from visualization_msgs.msg import MarkerArray
 
 from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.messages.stamps import marker_stamps, nanoseconds, restamp
-from hand_tracker.retargeting.guard_options import GuardOptions
-from hand_tracker.retargeting.robot_file import load_robot
 
 NEEDS = 'rclpy',
 
 TIMES = int(os.environ.get('HAND_TRACKER_FAULTS', '1'))
 PIP = JOINTS.index('index_pip_flexion')
 SENDING_PERIOD = .005  # [s]
-ENGAGED_ANEW = .5  # [s] without a command: the robot has been disengaged between
 MANY = 10**6
 HUGE_MEMORY = 2.5e9  # [bytes] for a message of that many markers, which has 0.15e9
 
@@ -91,45 +88,13 @@ def answered_anew(node, answers):
     node.spin_until(lambda: len(answers) > 5)
 
 
-class Robot:
-    """A robot hand that is where it was told to be, and the node that tells it."""
-
-    def __init__(self, node):
-        self._node = node
-        self.commands = node.collect(JointState, 'robot/command')
-        # The last one, however many wait: a robot's state is not late.
-        node.create_subscription(JointState, 'robot/command', self._move, 1)
-        self._publisher = node.create_publisher(JointState, 'robot/joint_states', 10)
-        names = list(load_robot('plain').hand.model.joint_names)
-        self._state = JointState(name=names, position=[.1] * len(names))
-        node.create_timer(SENDING_PERIOD, self._tell)
-
-    def _move(self, command):
-        self._state = JointState(name=command.name, position=command.position)
-
-    def _tell(self):
-        self._publisher.publish(self._state)
-
-    def engage(self):
-        """Engage it until it moves: on a busy machine a hand may be late, which disengages it."""
-        before = len(self.commands)
-        self._node.repeat(
-            lambda: self._node.call(SetBool, 'retarget/engage', SetBool.Request(data=True)),
-            lambda: len(self.commands) > before + 20, .2)
-
-    @property
-    def steps(self):
-        """Steps between commands, shape (n, joints) [rad]."""
-        return np.diff([command.position for command in self.commands], axis=0)
-
-
 def test_a_killed_tracker_comes_back_and_the_robot_does_not_jump():
     pytest.importorskip('trajectory_msgs', reason='needs trajectory_msgs')
     with NodeProcess('hand_tracker.nodes.retarget_node', {'robot': 'plain'}) as retarget, \
             watching_node() as node, ExitStack() as stack:
         answers = node.collect(JointState, 'joint_states')
         retarget.wait_for_line('listening')
-        robot = Robot(node)
+        robot = FollowingRobot(node)
         Sender(node)
         tracker = stack.enter_context(NodeProcess(MODULE))
         for killed in (*[True] * TIMES, False):
@@ -147,12 +112,8 @@ def test_a_killed_tracker_comes_back_and_the_robot_does_not_jump():
         assert retarget.interrupt() == 0, retarget.output
         assert 'Traceback' not in retarget.output
     assert np.ptp([command.position for command in robot.commands], axis=0).max() > .02
-    options = GuardOptions()
-    # A busy machine may lose commands; where the robot was engaged anew, none may be lost.
-    between = np.diff([nanoseconds(command.header.stamp) for command in robot.commands])
-    periods = np.maximum(between / nanoseconds(stamp_of(2)), 1.)
-    periods[periods > ENGAGED_ANEW / SENDING_PERIOD] = 1.
-    assert (np.abs(robot.steps).max(axis=1) <= options.max_speed * options.max_dt * periods).all()
+    steps, allowed = robot.steps_and_bounds(SENDING_PERIOD, 2e-9 * PERIOD)
+    assert (steps <= allowed).all()
 
 
 @pytest.mark.parametrize('source', ['replay', 'simulate'])

@@ -2,20 +2,25 @@
 
 import re
 
+import bvhio
 import numpy as np
+import pygltflib
 import pytest
 from helpers.bodies import LEVER, SimulatedBody, body_that_carries, swayed
 from helpers.point_files import hand_recording
 
 from hand_tracker.__main__ import main
-from hand_tracker.files.bvh_file import write_bvh_motion
+from hand_tracker.files.bvh_file import write_bvh, write_bvh_motion
+from hand_tracker.files.glb_file import write_glb
 from hand_tracker.files.point_recording import ROTATIONS, Axes, PointRecording
 from hand_tracker.files.recordings import read_recording, write_recording
 from hand_tracker.splicing.body_skeleton import SkeletonError
 from hand_tracker.splicing.clock_alignment import Trajectory, align_clocks
+from hand_tracker.splicing.marker_skeleton import marker_mesh, marker_skeleton
 from hand_tracker.splicing.spliced_body import wrist_motion
 from hand_tracker.splicing.spliced_points import hand_world, marker_wrist, splice_points
 
+NEEDS = 'bvhio', 'pygltflib'
 OFFSET = .6
 UPRIGHT = np.array(ROTATIONS['y'], dtype=float)
 
@@ -82,7 +87,11 @@ def test_the_command_takes_bodies_of_markers_and_refuses_the_wrong_output(tmp_pa
     assert 'in the same world as the body' in capsys.readouterr().err
     found = read_recording(output)
     assert found.labels[0] == 'RWRA' and 'right_index_pip' in found.labels
-    for body, name in (('body.c3d', 'out.bvh'), ('body.bvh', 'out.c3d')):
+    for name in ('out.bvh', 'out.glb'):
+        assert main(['splice', str(tmp_path / 'body.c3d'), str(tmp_path / 'take.c3d'),
+                     '-o', str(tmp_path / name)]) == 0
+        assert (tmp_path / name).stat().st_size > 10_000
+    for body, name in (('body.c3d', 'out.csv'), ('body.bvh', 'out.c3d')):
         assert main(['splice', str(tmp_path / body), str(tmp_path / 'take.c3d'),
                      '-o', str(tmp_path / name)]) == 1
         assert 'unknown extension' in capsys.readouterr().err
@@ -94,3 +103,40 @@ def test_the_command_takes_bodies_of_markers_and_refuses_the_wrong_output(tmp_pa
     said = capsys.readouterr().err
     assert re.search(r'begins at -?0\.00[0-4]\d s of the body', said)
     assert 'in cm, as the wrist moves' in said and 'unsure' not in said
+
+
+def test_a_body_of_markers_is_a_skeleton_in_motion_too(simulated, tmp_path):
+    body, recording, tracked = simulated
+    wrist = marker_wrist(recording, 'right')
+    alignment = align_clocks(wrist, Trajectory(tracked.times, tracked.wrist_position))
+    world = hand_world(wrist, tracked, alignment)
+    points = recording.points.copy()
+    points[300:310, 2] = np.nan
+    hidden = recording._replace(points=points, labels=('RightHand', *recording.labels[1:]))
+    hands = [(tracked, alignment, world)]
+    skeleton = marker_skeleton(hidden, hands, 'mixamo')
+    assert skeleton.names[:5] == (
+        'body', 'RightHand', 'Anna:RWRB', 'Anna:C7', 'mixamorig:RightHand')
+    path = tmp_path / 'spliced.bvh'
+    write_bvh(path, skeleton)
+    root = bvhio.readAsHierarchy(str(path))
+    expected = splice_points(recording, hands)
+    for frame in (80, 305, 700):
+        root.loadPose(frame, recursive=True)
+        for name, label in (('RightHand', 'Anna:RWRA'), ('Anna:RWRB', 'Anna:RWRB'),
+                            ('Anna:C7', 'Anna:C7'), ('mixamorig:RightHand', 'right_wrist'),
+                            ('mixamorig:RightHandIndex1', 'right_index_mcp'),
+                            ('mixamorig:RightHandThumb3', 'right_thumb_ip')):
+            at = np.array(root.filter(name, isEqual=True)[0].PositionWorld)
+            path = expected.points[:, expected.labels.index(label)] @ UPRIGHT
+            is_hidden = (frame, label) == (305, 'Anna:C7')
+            # Straight on, from frame 299 to frame 310.
+            true = (5. * path[299] + 6. * path[310]) / 11. if is_hidden else path[frame]
+            np.testing.assert_allclose(.01 * at, true, atol=2e-5)
+    scene = tmp_path / 'spliced.glb'
+    write_glb(scene, skeleton, marker_mesh(skeleton, [tracked]))
+    document = pygltflib.GLTF2().load(str(scene))
+    assert [document.nodes[i].name for i in document.skins[0].joints] == list(skeleton.names)
+    moved = {channel.target.node for channel in document.animations[0].channels
+             if channel.target.path == 'translation'}
+    assert moved == {0, 1, 2, 3, 4}

@@ -1,0 +1,172 @@
+"""Kill nodes at random instants and start them anew: who comes back, how soon, who notices.
+
+    python -m benchmarks.kills [--count 200] [--seed 1] [--json OUT]
+
+A simulated driver, a tracker and a robot's node run beside a replay with a tracker of its own and a
+viewer. One of driver, tracker, replay and viewer, chosen at random, is sent SIGKILL at a random
+instant and started anew at once. A row each: how often, the time from the start to the first
+answer (of the viewer: to its page), and the longest pause in the answers of the chain that lost
+nothing. The robot is engaged anew after each; its commands may step by what its guard allows, and
+by nothing more. The exit code is 1 where one does, or where a node does not come back.
+"""
+
+import argparse
+import random
+import signal
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+sys.path.append(str(Path(__file__).resolve().parent.parent / 'test'))
+
+import numpy as np
+
+from benchmarks.common import add_json_option, environment, write_rows
+from benchmarks.round_trip import PATIENCE
+
+RATE = 120.             # [Hz] of the driver
+LONGEST_WAIT = 1.       # [s] before a kill
+DRIVEN, PLAYED = 'driven', 'played'
+# Module, parameters, chain and the topic or line that tells that it works again.
+NODES = {'driver': ('simulate', {'rate': RATE}, DRIVEN),
+         'tracker': ('tracker', {}, DRIVEN),
+         'replay': ('replay', {'loop': True}, PLAYED),
+         'viewer': ('viewer', {'tracker': f'/{DRIVEN}/hand_tracker'}, None)}
+BESIDE = {'retarget': ('retarget', {'robot': 'plain'}, DRIVEN),
+          'tracker of the replay': ('tracker', {}, PLAYED)}
+SHOWN = 'The hand is at'
+
+
+class Answers:
+    """When the answers of a chain came, and the longest pause between two."""
+
+    def __init__(self, node, chain):
+        from sensor_msgs.msg import JointState
+        self.last = self.longest = 0.
+        self.count = 0
+        node.create_subscription(JointState, f'/{chain}/joint_states', self._take, 100, raw=True)
+
+    def _take(self, _):
+        now = time.monotonic()
+        if self.count:
+            self.longest = max(self.longest, now - self.last)
+        self.last = now
+        self.count += 1
+
+    def begin(self):
+        """Forget the pauses so far."""
+        self.longest, self.last, self.count = 0., time.monotonic(), 1
+
+
+class Rig:
+    """All processes, and a node that watches them."""
+
+    def __init__(self, stack):
+        from helpers.robots import FollowingRobot
+        from helpers.ros_process import watching_node
+        self._stack = stack
+        self.node = stack.enter_context(watching_node('kills'))
+        self.answers = {chain: Answers(self.node, chain) for chain in (DRIVEN, PLAYED)}
+        self.robot = FollowingRobot(self.node, f'/{DRIVEN}/')
+        self.processes = {name: self.start(name) for name in (*NODES, *BESIDE)}
+
+    def start(self, name):
+        """Start a node; return its process."""
+        from helpers.ros_process import Process
+        program, parameters, chain = {**NODES, **BESIDE}[name]
+        words = [word for key, value in parameters.items() for word in (
+            '-p', f'{key}:={str(value).lower() if isinstance(value, bool) else value}')]
+        options = ['--port', '0'] if program == 'viewer' else []
+        return self._stack.enter_context(Process([
+            sys.executable, '-m', 'hand_tracker.entry', program, *options, '--ros-args',
+            '-r', f'__ns:=/{chain or "shown"}', *words]))
+
+    def works(self, name):
+        """Return whether a node does what it is for, since `Answers.begin`."""
+        chain = NODES[name][2]
+        if chain is None:
+            return SHOWN in self.processes[name].output
+        return self.answers[chain].count > 5
+
+    def wait_for(self, name):
+        """Wait until a node works; return how long it took from now [s], NaN if it does not."""
+        began = time.monotonic()
+        while not self.works(name):
+            if time.monotonic() - began > PATIENCE or self.processes[name].ended:
+                return float('nan')
+            self.node.spin_for(.01)
+        return time.monotonic() - began
+
+
+def kill(rig, name):
+    """Kill a node and start it anew; return seconds to its return and the others' pause."""
+    process = rig.processes[name]
+    rig.node.spin_for(random.uniform(0., LONGEST_WAIT))
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    # What it had sent is on its way yet.
+    rig.node.spin_for(.05)
+    for one in rig.answers.values():
+        one.begin()
+    rig.processes[name] = rig.start(name)
+    seconds = rig.wait_for(name)
+    others = [one.longest for chain, one in rig.answers.items() if chain != NODES[name][2]]
+    return seconds, max(others)
+
+
+def main():
+    """Kill, print and judge."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--count', type=int, default=200, help='kills in all')
+    parser.add_argument('--seed', type=int, default=1)
+    add_json_option(parser)
+    options = parser.parse_args()
+    random.seed(options.seed)
+    print(environment())
+    found = {name: [] for name in NODES}
+    with ExitStack() as stack:
+        rig = Rig(stack)
+        for name in NODES:
+            if not np.isfinite(rig.wait_for(name)):
+                raise SystemExit(f'{name} does not work:\n{rig.processes[name].output}')
+        for _ in range(options.count):
+            rig.robot.engage()
+            name = random.choice(list(NODES))
+            found[name].append(kill(rig, name))
+            if not np.isfinite(found[name][-1][0]):
+                print(f'{name} did not come back:\n{rig.processes[name].output}')
+                break
+        rig.robot.engage()
+        steps, allowed = rig.robot.steps_and_bounds(1. / RATE, 1. / RATE)
+        tracebacks = [name for name, process in rig.processes.items()
+                      if 'Traceback' in process.output]
+    rows = []
+    for name, times in found.items():
+        seconds, pauses = np.array(times).reshape(-1, 2).T
+        if not len(seconds):
+            continue
+        median, p95, longest = np.percentile(seconds, (50, 95, 100))
+        rows.append({'process': name, 'kills': len(seconds),
+                     'came_back': int(np.isfinite(seconds).sum()), 'median_s': round(median, 2),
+                     'p95_s': round(p95, 2), 'longest_s': round(longest, 2),
+                     'longest_pause_of_others_s': round(float(pauses.max()), 3)})
+        print('{process:8} {came_back} of {kills} came back: {median_s} s, p95 {p95_s}, longest '
+              '{longest_s}; longest pause of the others {longest_pause_of_others_s} s'.format(
+                  **rows[-1]))
+    over = int((steps > allowed).sum())
+    rows.append({'process': 'robot', 'commands': len(steps) + 1, 'steps_over_the_bound': over,
+                 'largest_step_rad': round(float(steps.max()), 4)})
+    print('robot: {commands} commands, {steps_over_the_bound} steps over the bound, the largest '
+          '{largest_step_rad} rad'.format(**rows[-1]))
+    if tracebacks:
+        print(f'tracebacks of {", ".join(tracebacks)}')
+    write_rows(options.json, rows)
+    return int(bool(over or tracebacks or any(
+        row['came_back'] < row['kills'] for row in rows[:-1])))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,183 @@
+"""Mount node: hang the tracked hand on a body that another system captures, by its TF frames.
+
+The wrist rests in `body_frame` at an offset, which ~/calibrate finds while both captures run. The
+tracker beside it has `on_body` set. See docs/ros.md.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from std_srvs.srv import Trigger
+
+from ..core.errors import HandTrackerError
+from ..messages.stamps import seconds
+from ..output_files import write_whole
+from .executors import STEADY_CLOCK
+from .message_types import imported_message
+from .parameters import Parameter
+from .replies import TF_DEPTH, StaticTransformBroadcaster
+from .runner import declare, log_line, names_of, run
+from .tracker_parameters import START, InvalidParameter, starting_hand, with_defaults
+
+if TYPE_CHECKING:
+    from ..splicing.frame_tree import FrameTree
+    from ..splicing.wrist_offset import PoseTrack
+
+NAMING = 'hand_file', 'side', 'prefix', 'wrist_frame'  # parameters of the tracker, too
+OFFSET = 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'
+FARTHEST = 2.           # [m] of the wrist from the body's frame
+LOOK_PERIOD = .1        # [s] between two looks at whether a calibration is over
+STATIC_DEPTH = 100      # messages of /tf_static, one of each publisher
+MOUNT_PARAMETERS = tuple(row._replace(read_only=True) for row in (
+    *(row for row in START if row.name in NAMING),
+    Parameter('body_frame', '', "Frame of the body's TF in which the wrist rests"),
+    *(Parameter(name, 0., f"The wrist's place along {name} of the body's frame [m]",
+                range=(-FARTHEST, FARTHEST)) for name in OFFSET[:3]),
+    *(Parameter(name, float(name == 'qw'), f"{name[1]} of the wrist's rotation in the body's "
+                'frame, a quaternion', range=(-1., 1.)) for name in OFFSET[3:]),
+    Parameter('duration', 20., 'How long ~/calibrate looks at both captures [s]',
+              range=(1., 600.)),
+    Parameter('mount_file', 'my_mount.yaml', 'Parameter file that ~/calibrate writes, from the '
+              'folder in which the node was started'),
+))
+
+
+class MountNode(Node):
+    """Node that keeps the wrist of one hand in a frame of a body."""
+
+    def __init__(self) -> None:
+        super().__init__('mount')
+        values = declare(self, MOUNT_PARAMETERS)
+        self._body_frame = values['body_frame']
+        if not self._body_frame or self._body_frame.startswith('/'):
+            raise InvalidParameter(f"body_frame: '{self._body_frame}'; expected a frame of TF, "
+                                   'without a slash before it')
+        if StaticTransformBroadcaster is None:
+            raise InvalidParameter('body_frame: tf2_ros is not installed; expected it')
+        offset = [values[name] for name in OFFSET]
+        if not math.hypot(*offset[3:]) > 0.:
+            raise InvalidParameter('qx, qy, qz, qw: all 0; expected a rotation')
+        hand, _ = starting_hand(with_defaults(values))
+        self._names = names_of(hand, values['prefix'], values['wrist_frame'], on_body=True)
+        self._duration = values['duration']
+        self._output = Path(values['mount_file']).expanduser().absolute()
+        self._broadcaster = StaticTransformBroadcaster(self)
+        self._heard: list[Subscription] = []
+        self._tree: FrameTree
+        self._body: PoseTrack
+        self._wrist: PoseTrack
+        self._ends = math.inf   # time at which the calibration is over [s]
+        self.create_service(Trigger, '~/calibrate', self._on_calibrate)
+        self.create_timer(LOOK_PERIOD, self._look, clock=STEADY_CLOCK)
+        self._show(offset)
+        is_given = offset != [row.default for row in MOUNT_PARAMETERS if row.name in OFFSET]
+        self.get_logger().info(
+            f'{self._names.wrist} rests in {self._body_frame}, '
+            + ('at the offset given' if is_given else
+               'with its origin and axes, as no offset is given: ~/calibrate finds it'))
+
+    def _show(self, offset: Any) -> None:
+        """Broadcast the wrist in the body's frame."""
+        x, y, z, *turn = (float(number) for number in offset)
+        length = math.hypot(*turn)
+        message = TransformStamped(
+            child_frame_id=self._names.wrist, transform=Transform(
+                translation=Vector3(x=x, y=y, z=z),
+                rotation=Quaternion(**dict(zip('xyzw', (one / length for one in turn))))))
+        message.header.frame_id = self._body_frame
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._broadcaster.sendTransform(message)
+
+    def _on_calibrate(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        # Here, as it takes long to import, and only a calibration needs it.
+        from ..splicing.frame_tree import FrameTree
+        from ..splicing.wrist_offset import PoseTrack
+
+        if self._heard:
+            response.message = 'a calibration is under way'
+            return response
+        self._tree, self._body, self._wrist = FrameTree(), PoseTrack(), PoseTrack()
+        message = imported_message('tf2_msgs', 'TFMessage')
+        moving = QoSProfile(depth=TF_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        resting = QoSProfile(depth=STATIC_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._heard = [
+            self.create_subscription(message, '/tf', self._on_transforms, moving),
+            self.create_subscription(message, '/tf_static', self._on_resting, resting)]
+        self._ends = time.monotonic() + self._duration
+        response.success = True
+        response.message = (
+            f'for {self._duration:g} s move the arm to all sides and turn the wrist about all '
+            f'axes; the offset will be written to {self._output}')
+        self.get_logger().info(f'calibration: {response.message}')
+        return response
+
+    def _on_resting(self, message: Any) -> None:
+        for one in message.transforms:
+            self._tree.update(one.header.frame_id, one.child_frame_id, math.nan, numbers_of(one))
+
+    def _on_transforms(self, message: Any) -> None:
+        moved = set()
+        for one in message.transforms:
+            stamp, numbers = seconds(one.header.stamp), numbers_of(one)
+            if stamp is None or not self._tree.update(
+                    one.header.frame_id, one.child_frame_id, stamp, numbers):
+                continue
+            moved.add(one.child_frame_id)
+        for frame, track in ((self._body_frame, self._body), (self._names.tracked, self._wrist)):
+            if moved.intersection(self._tree.chain(frame)):
+                pose = self._tree.pose(frame)
+                assert pose is not None
+                track.append(pose.time, pose.position, pose.rotation)
+
+    def _look(self) -> None:
+        if time.monotonic() < self._ends:
+            return
+        self._ends = math.inf
+        for subscription in self._heard:
+            self.destroy_subscription(subscription)
+        self._heard = []
+        try:
+            self._calibrate()
+        except HandTrackerError as error:
+            log_line(self, True, f'calibration: {error}; the offset stays')
+
+    def _calibrate(self) -> None:
+        """Fit the offset to what was seen, show it and write it."""
+        from ..splicing.wrist_offset import fit_wrist_offset
+
+        found = fit_wrist_offset(self._body, self._wrist)
+        offset = dict(zip(OFFSET, [*found.position.tolist(), *found.rotation.tolist()]))
+        self._show(offset.values())
+        text = yaml.safe_dump({'/**': {'ros__parameters': {
+            'body_frame': self._body_frame, **offset}}}, sort_keys=False)
+        write_whole(self._output, lambda path: path.write_text(
+            f'# Where {self._names.wrist} rests in a frame of a body, in metres.\n{text}',
+            encoding='utf-8'))
+        log_line(self, False, f'calibration: both captures differ by '
+                 f'{math.degrees(found.spread):.1f} degrees and {1e3 * found.distance:.1f} mm; '
+                 f'written to {self._output}')
+
+
+def numbers_of(transform: TransformStamped) -> tuple[float, ...]:
+    """Return translation and rotation (x, y, z, w) of a transform."""
+    to, turn = transform.transform.translation, transform.transform.rotation
+    return to.x, to.y, to.z, turn.x, turn.y, turn.z, turn.w
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the mount node until it is interrupted; return its exit code."""
+    return run(MountNode, args=args, name='mount')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

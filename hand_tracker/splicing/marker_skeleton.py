@@ -1,0 +1,102 @@
+"""A body of markers with tracked hands as a skeleton in motion, for BVH and glTF."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..drawing.render import ball_mesh
+from ..files.glb_file import BoundMesh, joined_meshes, rigid_mesh
+from ..files.point_recording import ROTATIONS, PointRecording, unique_labels
+from ..files.skeleton_motion import HandAngles, SkeletonMotion, skeleton_motion
+from ..skin.load import load_skin
+from ..tracking.save_motion import bound_mesh
+from .clock_alignment import ClockAlignment
+from .spliced_points import ASSUMED_BODY_RATE, World, resampled_hand
+
+ROOT_NAME = 'body'
+MARKER_SIZE = .008         # [m] radius of a drawn marker
+WHITE = 1., 1., 1.
+
+
+def marker_skeleton(body: PointRecording, hands: Sequence[tuple[HandAngles, ClockAlignment, World]],
+                    naming: str) -> SkeletonMotion:
+    """Return markers and hands as joints of one root, which rests in the origin.
+
+    A marker is a joint that only moves, straight on where it was hidden; anonymous ones are left
+    out. Before and after their recording hands rest as they were first and last.
+
+    Parameters
+    ----------
+    body : PointRecording
+    hands : sequence of (HandAngles, ClockAlignment, World)
+    naming : str
+        Of the hands' joints, one of `NAMINGS`.
+
+    Returns
+    -------
+    SkeletonMotion
+        The markers behind the root, then the joints of each hand, the wrist first.
+    """
+    to_y_up = np.array(ROTATIONS['y'], dtype=float).T
+    times = body.times(ASSUMED_BODY_RATE)
+    names, parents, offsets = [ROOT_NAME], [-1], [np.zeros((1, 3))]
+    ends: dict[int, np.ndarray] = {}
+    translations: dict[int, np.ndarray] = {}
+    turns = [np.tile((0., 0., 0., 1.), (len(times), 1, 1))]
+    for column in np.flatnonzero([bool(label) for label in body.labels]).tolist():
+        points = body.points[:, column].astype(float)
+        seen = np.isfinite(points).all(axis=1)
+        if not seen.any():
+            continue
+        path = np.stack([np.interp(times, times[seen], axis) for axis in points[seen].T], axis=1)
+        translations[len(names)] = path @ to_y_up.T
+        offsets.append(np.median(translations[len(names)], axis=0, keepdims=True))
+        names.append(body.labels[column])
+        parents.append(0)
+        turns.append(turns[0])
+    for tracked, alignment, world in hands:
+        own = tracked.times - tracked.times[0]
+        hand = resampled_hand(tracked, own, np.clip(
+            alignment.hand_times(times), own[0], own[-1]))
+        motion = skeleton_motion(hand._replace(
+            wrist_rotation=world.rotation @ hand.wrist_rotation,
+            wrist_position=hand.wrist_position @ world.rotation.T + world.origin), naming)
+        first = len(names)
+        names += motion.names
+        parents += [0, *(first + parent for parent in motion.parents[1:])]
+        translations[first] = motion.root_position
+        offsets += [np.median(motion.root_position, axis=0, keepdims=True), motion.offsets[1:]]
+        ends |= {first + joint: end for joint, end in motion.ends.items()}
+        turns.append(motion.rotation)
+    return SkeletonMotion(
+        unique_labels(names)[0], tuple(parents), np.concatenate(offsets), ends,
+        np.zeros((len(times), 3)), np.concatenate(turns, axis=1), times - times[0], translations)
+
+
+def marker_mesh(skeleton: SkeletonMotion, hands: Sequence[HandAngles]) -> BoundMesh:
+    """Return a mesh of a `marker_skeleton`: balls for its markers, the hands' skins.
+
+    Parameters
+    ----------
+    skeleton : SkeletonMotion
+    hands : sequence of HandAngles
+        As it was made of.
+
+    Returns
+    -------
+    BoundMesh
+    """
+    meshes = []
+    wrists = [joint for joint, parent in enumerate(skeleton.parents) if joint in skeleton.parents
+              and parent == 0]
+    markers = range(1, wrists[0] if wrists else len(skeleton.names))
+    for joint in markers:
+        ball = ball_mesh(skeleton.offsets[joint], MARKER_SIZE, WHITE)
+        meshes.append(rigid_mesh(ball.vertices, ball.faces, joint))
+    for wrist, tracked in zip(wrists, hands):
+        skin = bound_mesh(load_skin(tracked.hand), tracked.hand.side)
+        meshes.append(skin._replace(vertices=skeleton.offsets[wrist] + skin.vertices,
+                                    joints=wrist + skin.joints))
+    return joined_meshes(meshes)

@@ -1,0 +1,135 @@
+"""Wrist offset: where a tracked wrist sits in a frame of a body, from what both captures saw."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from ..core.errors import HandTrackerError
+from .hand_mount import MAX_MOUNT_SPREAD, fit_mount
+
+LONGEST_GAP = .2           # [s] between two poses of the body that are interpolated
+LEAST_POSES = 50
+MOST_POSES = 2000          # that are fitted; of more every other one, or fewer
+MIN_TURNING = .1           # [rad] rms about the axis about which the wrist turns least but one
+
+
+class OffsetError(HandTrackerError):
+    """An offset that cannot be fitted: the message says why, and what to do instead."""
+
+
+class WristOffset(NamedTuple):
+    """Constant pose of a tracked wrist in a frame of a body.
+
+    Attributes
+    ----------
+    position : ndarray, shape (3,)
+        [m]
+    rotation : ndarray, shape (4,)
+        Unit quaternion x, y, z, w.
+    spread : float
+        Median angle by which a frame differs [rad].
+    distance : float
+        Median distance by which a frame differs [m].
+    """
+
+    position: np.ndarray
+    rotation: np.ndarray
+    spread: float
+    distance: float
+
+
+class PoseTrack:
+    """Poses of a frame over time, as they come."""
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[float, ...]] = []
+
+    def append(self, time: float, position: np.ndarray, rotation: np.ndarray) -> None:
+        """Take a pose; left out unless its time [s] is after the last one's.
+
+        Parameters
+        ----------
+        time : float
+        position : ndarray, shape (3,)
+        rotation : ndarray, shape (4,)
+            Unit quaternion x, y, z, w.
+        """
+        if not self._rows or time > self._rows[-1][0]:
+            self._rows.append((time, *position, *rotation))
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Times, positions and rotations, shape (T, 8)."""
+        return np.array(self._rows).reshape(-1, 8)
+
+
+def fit_wrist_offset(body: PoseTrack, wrist: PoseTrack) -> WristOffset:
+    """Fit the offset of a wrist that both captures saw, each in a world of its own.
+
+    The rotations are those of the hand's mount; with them the places are linear in the offset's
+    position and in the origin of the worlds.
+
+    Parameters
+    ----------
+    body : PoseTrack
+        Of the body's frame, in the body's world.
+    wrist : PoseTrack
+        Of the tracked wrist, in the markers' frame; by the same clock.
+
+    Returns
+    -------
+    WristOffset
+
+    Raises
+    ------
+    OffsetError
+        If the captures share too little, the wrist moves or turns too little, or they disagree.
+    """
+    times, places, turns, body_places, body_turns = _together(body.rows, wrist.rows)
+    mount = fit_mount(body_places, body_turns, places, turns)
+    if mount is None:
+        raise OffsetError('the wrist moved too little; expected the arm to be moved to all sides, '
+                          'by 10 cm and more')
+    lever = mount.world @ body_turns                       # (T, 3, 3)
+    left = places - body_places @ mount.world.T            # (T, 3)
+    centred = (lever - lever.mean(axis=0)).reshape(-1, 3)  # (3 T, 3)
+    if np.linalg.svd(centred, compute_uv=False)[-1] < MIN_TURNING * np.sqrt(len(times)):
+        raise OffsetError('the wrist turned too little; expected it to be turned about two axes, '
+                          'by 30 degrees and more')
+    position = np.linalg.lstsq(centred, (left - left.mean(axis=0)).ravel(), rcond=None)[0]
+    rest = (left - left.mean(axis=0)).reshape(-1, 3) - (centred @ position).reshape(-1, 3)
+    offset = WristOffset(position, Rotation.from_matrix(mount.wrist).as_quat(), mount.spread,
+                         float(np.median(np.linalg.norm(rest, axis=1))))
+    if not mount.is_fitted:
+        raise OffsetError(
+            f'the wrists turn apart, by {np.degrees(mount.spread):.0f} degrees in the middle; '
+            f'expected less than {np.degrees(MAX_MOUNT_SPREAD):.0f}: is the frame that of this '
+            'hand, and are the stamps of both of one clock?')
+    return offset
+
+
+def _together(body: np.ndarray, wrist: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return times, places and turns of the wrist, and places and turns of the body then."""
+    inside = np.zeros(len(wrist), dtype=bool)
+    if len(body) > 1 and len(wrist):
+        after = np.searchsorted(body[:, 0], wrist[:, 0])
+        within = np.clip(after, 1, len(body) - 1)
+        gaps = body[within, 0] - body[within - 1, 0]
+        inside = (wrist[:, 0] >= body[0, 0]) & (wrist[:, 0] <= body[-1, 0]) & (gaps < LONGEST_GAP)
+    if inside.sum() < LEAST_POSES:
+        raise OffsetError(
+            f'{len(wrist)} poses of the tracked wrist and {len(body)} of the body\'s frame, of '
+            f'which {inside.sum()} are of the same times; expected {LEAST_POSES} or more: do both '
+            'run, with stamps of one clock?')
+    seen = wrist[inside][::-(-int(inside.sum()) // MOST_POSES)]
+    times = seen[:, 0]
+    body_places = np.stack([np.interp(times, body[:, 0], axis) for axis in body[:, 1:4].T], axis=1)
+    body_turns = Slerp(body[:, 0], Rotation.from_quat(body[:, 4:]))(times).as_matrix()
+    return (times, seen[:, 1:4], Rotation.from_quat(seen[:, 4:]).as_matrix(), body_places,
+            body_turns)

@@ -1,0 +1,81 @@
+"""Several nodes in one process, over DDS: each does what it does in a process of its own."""
+
+import sys
+import time
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from helpers.hands import hand_at
+from helpers.natnet_server import NatNetServer
+from helpers.ros_process import Process, watching_node
+from sensor_msgs.msg import JointState
+
+from hand_tracker.core.model.marker_layout import MARKERS
+from hand_tracker.core.numerics.jit import COMPILED
+
+NEEDS = 'rclpy',
+
+pytestmark = pytest.mark.ros
+
+
+def together(*names, remaps=(), **parameters):
+    """Start nodes in one process."""
+    words = [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
+    words += [word for remap in remaps for word in ('-r', remap)]
+    return Process([sys.executable, '-m', 'hand_tracker.nodes.all_node', *names, '--ros-args',
+                    '-p', 'auto_size:=false', *words])
+
+
+def test_markers_of_motive_are_tracked_in_the_process_that_receives_them():
+    with NatNetServer((4, 1), {'RHand': MARKERS}) as server, together(
+            'tracker', 'source', remaps=['markers:=source/markers'], source='natnet',
+            port=server.port) as process, watching_node() as node:
+        answers = node.collect(JointState, 'joint_states')
+        statuses = node.collect(DiagnosticArray, '/diagnostics')
+
+        def send():
+            if server.is_connected:
+                server.send_frame({'RHand': hand_at()}, time.monotonic())
+
+        def on_fast_path():
+            values = {pair.key: pair.value for array in statuses for status in array.status
+                      for pair in status.values}
+            return int(values.get('frames on fast path') or 0)
+
+        node.repeat(send, lambda: answers and (not COMPILED or on_fast_path() > 20), .01)
+        assert len(answers[-1].name) == 25 and np.isfinite(answers[-1].position).all()
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output
+
+
+def test_tracker_and_replay_are_what_it_runs_by_itself_and_it_ends_with_the_recording():
+    with together('tracker', 'replay', rate=20., wait_for_subscriber=60.) as process, (
+            watching_node()) as node:
+        answers = node.collect(JointState, 'joint_states')
+        process.wait_for_line('Playing')
+        node.spin_until(lambda: process.ended)
+        assert process.wait() == 0, process.output
+    assert 'Played to the end' in process.output and 'Traceback' not in process.output
+    assert answers
+    with together() as process:
+        process.wait_for_line('listening for markers')
+        process.wait_for_line('Playing')
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output
+
+
+@pytest.mark.parametrize('names, line', [
+    (('tracker', 'replay', 'simulate'), 'replay and simulate: each has a loop of its own'),
+    (('tracker', 'cook'), "'cook' is no node; expected tracker, replay")])
+def test_what_cannot_run_together_is_refused(names, line):
+    with together(*names) as process:
+        assert process.wait() == 2
+    assert line in process.output and 'Traceback' not in process.output
+
+
+def test_a_wrong_parameter_of_one_ends_all_with_its_line():
+    with together('tracker', 'source', source='nonsense') as process:
+        assert process.wait() == 1
+    assert "source: 'nonsense' is not one of" in process.output
+    assert 'Traceback' not in process.output
