@@ -84,8 +84,8 @@ class Sender:
         if self._name == 'qualisys':
             from helpers.qtm_server import data_packet
             self._number += 1
-            packet = data_packet(self._number, time.monotonic_ns() // 1000, {
-                '3d': 1e3 * positions, '3dnolabels': []})
+            packet = data_packet(
+                self._number, time.monotonic_ns() // 1000, {'3d': 1e3 * positions})
             return lambda: self._server.send_at_once(packet)
         data = getattr(self, f'_{self._name}')(positions, stamp)
         return lambda: self._publisher.publish(data)

@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, FancyBboxPatch
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.model.hand import JOINTS, Hand, preset_limits
 from hand_tracker.core.model.kinematics import Pose, forward, joint_table, tip_offsets
@@ -52,11 +53,21 @@ from hand_tracker.drawing.palette import (
     VERMILLION,
     rgb,
 )
-from hand_tracker.drawing.render import Camera, Mesh, ball_mesh, bone_mesh, render, view_axes
+from hand_tracker.drawing.render import (
+    Camera,
+    Mesh,
+    ball_mesh,
+    bone_mesh,
+    camera_axes,
+    render,
+    view_axes,
+)
 from hand_tracker.evaluation import ablation
 from hand_tracker.evaluation.capture_tracking import tracked_joints
 from hand_tracker.evaluation.results import hardware
 from hand_tracker.evaluation.simulated import trial
+from hand_tracker.files.bvh_file import CHANNELS, BvhJoint, BvhMotion, rotation_channels
+from hand_tracker.files.skeleton_motion import HandAngles, skeleton_motion
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.package_data import packaged_recording
 from hand_tracker.retargeting.command_guard import GuardState
@@ -65,6 +76,11 @@ from hand_tracker.retargeting.teleoperation import Teleoperation
 from hand_tracker.simulation.motions import motion_named
 from hand_tracker.simulation.packaged_recordings import RECORDING_RATE, demo_recording
 from hand_tracker.skin import deform, load_skin
+from hand_tracker.splicing.body_glb import body_mesh, skeleton_of
+from hand_tracker.splicing.body_skeleton import require_hand, skeleton_naming
+from hand_tracker.splicing.clock_alignment import ClockAlignment
+from hand_tracker.splicing.hand_mount import rest_mount
+from hand_tracker.splicing.spliced_body import SplicedHand, splice
 
 FOLDER = Path(__file__).resolve().parent / 'pictures'
 # Of the robot that is driven while the tracker fails [s].
@@ -523,8 +539,89 @@ def glb(time=2.):
             browser.close()
 
 
+def body_at_rest():
+    """Return a body with its forearms in front of it, as a full-body system captures it."""
+    turns = {'Arm': (0., 0., 65.), 'ForeArm': (0., 80., 15.), 'Hand': (0., 0., 0.)}
+    limbs = {'UpLeg': (-9., -8., 0.), 'Leg': (0., -42., 0.), 'Foot': (0., -42., 0.),
+             'Shoulder': (-4., 44., 0.), 'Arm': (-14., 0., 0.), 'ForeArm': (-28., 0., 0.),
+             'Hand': (-25., 0., 0.)}
+    joints = [BvhJoint('Hips', -1, (0., 95., 0.), CHANNELS[:3] + rotation_channels('ZXY')),
+              BvhJoint('Neck', 0, (0., 50., 0.), rotation_channels('ZXY')),
+              BvhJoint('', 1, (0., 20., 0.), ())]
+    values = [0., 95., 0., 0., 0., 0., 0., 0., 0.]
+    for side, sign in (('Right', 1.), ('Left', -1.)):
+        parent = 0
+        for name, (x, y, z) in limbs.items():
+            parent = 0 if name in ('UpLeg', 'Shoulder') else parent
+            joints.append(BvhJoint(side + name, parent, (sign * x, y, z),
+                                   rotation_channels('ZXY')))
+            parent = len(joints) - 1
+            about_x, about_y, about_z = turns.get(name, (0., 0., 0.))
+            values += [sign * about_z, about_x, sign * about_y]
+    count = len(demo()[1])
+    return BvhMotion(tuple(joints), np.tile(values, (count, 1)), 1. / RECORDING_RATE)
+
+
+def posed(skeleton, mesh, frame):
+    """Return the vertices of a mesh bound to a skeleton in a frame."""
+    origins, places, turns = [], [], []
+    for joint, parent in enumerate(skeleton.parents):
+        turn = Rotation.from_quat(skeleton.rotation[frame, joint])
+        if parent < 0:
+            origins.append(np.zeros(3))
+            places.append(skeleton.root_position[frame])
+        else:
+            origins.append(origins[parent] + skeleton.offsets[joint])
+            places.append(places[parent] + turns[parent].apply(skeleton.offsets[joint]))
+            turn = turns[parent] * turn
+        turns.append(turn)
+    matrices = np.array([turn.as_matrix() for turn in turns])[mesh.joints]     # (V, 4, 3, 3)
+    local = mesh.vertices[:, None] - np.array(origins)[mesh.joints]            # (V, 4, 3)
+    moved = np.einsum('vkij,vkj->vki', matrices, local) + np.array(places)[mesh.joints]
+    return np.einsum('vk,vki->vi', mesh.weights, moved)
+
+
+def spliced(seconds=(9., 13.4, 16.8)):
+    """Draw tracked hands spliced onto a body: all of it, and the right one at three times."""
+    body = body_at_rest()
+    naming, hands, tracked = skeleton_naming(body.joints), [], []
+    for side in ('right', 'left'):
+        states = demo()[1]
+        angles = np.array([state.angles for state in states])
+        if side == 'left':
+            angles = np.roll(angles, len(angles) // 2, axis=0)
+        count = len(angles)
+        one = HandAngles(Hand.scaled(side=side), angles, np.zeros((count, 3)),
+                         np.tile(np.eye(3), (count, 1, 1)), np.arange(count) / RECORDING_RATE)
+        place = require_hand(body.joints, side, 'body')
+        hands.append(SplicedHand(place, skeleton_motion(one), ClockAlignment(0.), rest_mount(
+            side, np.array(body.joints[place.wrist].offset))))
+        tracked.append(one)
+    skeleton = skeleton_of(splice(body, hands, .01), .01)
+    mesh = body_mesh(skeleton, [(hand, one.hand) for hand, one in zip(hands, tracked)], naming)
+    of_hands = [number for number, name in enumerate(skeleton.names) if 'Hand' in name]
+    colours = np.where(np.isin(mesh.joints[:, :1], of_hands), rgb(SKIN_TONE), rgb(SKY_BLUE))
+    is_right = np.isin(mesh.joints[:, 0], [number for number in of_hands
+                                           if skeleton.names[number].startswith('Right')])
+    figure = blank_figure(1500, 480)
+    wide, close = (camera_axes(eye, (0., 1., 0.)) for eye in ((.55, .25, 1.), (-.5, .8, 1.)))
+    for column, (time, axes, height, distance, size) in enumerate((
+            (seconds[0], wide, 1.85, 6., (300, 470)),
+            *((time, close, .25, 1.5, (390, 470)) for time in seconds))):
+        vertices = posed(skeleton, mesh, round(time * RECORDING_RATE))
+        hand = vertices[is_right]
+        centre = .5 * (hand.min(axis=0) + hand.max(axis=0)) if column else (0., .82, .1)
+        # What is far away would take the shadows' sharpness.
+        is_near = np.linalg.norm(vertices - centre, axis=1) < (.3 if column else np.inf)
+        shown = Mesh(vertices, mesh.faces[is_near[mesh.faces].all(axis=1)], colours)
+        image = render([shown], Camera(axes, np.array(centre), height, distance), size)
+        place_image(figure, image, 5 + (300 + 400 * (column - 1) if column else 0), 5)
+    save(figure, 'spliced.png')
+
+
 PICTURES = {'hero': hero, 'motion': motion, 'constraints': constraints, 'angles': angles,
-            'latency': latency, 'layouts': layouts, 'teleoperation': teleoperation, 'glb': glb}
+            'latency': latency, 'layouts': layouts, 'teleoperation': teleoperation, 'glb': glb,
+            'spliced': spliced}
 
 
 def main():

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ..splicing.wrist_offset import PoseTrack
 
 NAMING = 'hand_file', 'side', 'prefix', 'wrist_frame'  # parameters of the tracker, too
-OFFSET = 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'
+MOUNT_NUMBERS = 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'
 FARTHEST = 2.           # [m] of the wrist from the body's frame
 LOOK_PERIOD = .1        # [s] between two looks at whether a calibration is over
 STATIC_DEPTH = 100      # messages of /tf_static, one of each publisher
@@ -42,9 +42,9 @@ MOUNT_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     *(row for row in START if row.name in NAMING),
     Parameter('body_frame', '', "Frame of the body's TF in which the wrist rests"),
     *(Parameter(name, 0., f"The wrist's place along {name} of the body's frame [m]",
-                range=(-FARTHEST, FARTHEST)) for name in OFFSET[:3]),
+                range=(-FARTHEST, FARTHEST)) for name in MOUNT_NUMBERS[:3]),
     *(Parameter(name, float(name == 'qw'), f"{name[1]} of the wrist's rotation in the body's "
-                'frame, a quaternion', range=(-1., 1.)) for name in OFFSET[3:]),
+                'frame, a quaternion', range=(-1., 1.)) for name in MOUNT_NUMBERS[3:]),
     Parameter('duration', 20., 'How long ~/calibrate looks at both captures [s]',
               range=(1., 600.)),
     Parameter('mount_file', 'my_mount.yaml', 'Parameter file that ~/calibrate writes, from the '
@@ -64,7 +64,7 @@ class MountNode(Node):
                                    'without a slash before it')
         if StaticTransformBroadcaster is None:
             raise InvalidParameter('body_frame: tf2_ros is not installed; expected it')
-        offset = [values[name] for name in OFFSET]
+        offset = [values[name] for name in MOUNT_NUMBERS]
         if not math.hypot(*offset[3:]) > 0.:
             raise InvalidParameter('qx, qy, qz, qw: all 0; expected a rotation')
         hand, _ = starting_hand(with_defaults(values))
@@ -80,7 +80,7 @@ class MountNode(Node):
         self.create_service(Trigger, '~/calibrate', self._on_calibrate)
         self.create_timer(LOOK_PERIOD, self._look, clock=STEADY_CLOCK)
         self._show(offset)
-        is_given = offset != [row.default for row in MOUNT_PARAMETERS if row.name in OFFSET]
+        is_given = offset != [row.default for row in MOUNT_PARAMETERS if row.name in MOUNT_NUMBERS]
         self.get_logger().info(
             f'{self._names.wrist} rests in {self._body_frame}, '
             + ('at the offset given' if is_given else
@@ -156,7 +156,7 @@ class MountNode(Node):
         from ..splicing.wrist_offset import fit_wrist_offset
 
         found = fit_wrist_offset(self._body, self._wrist)
-        offset = dict(zip(OFFSET, [*found.position.tolist(), *found.rotation.tolist()]))
+        offset = dict(zip(MOUNT_NUMBERS, [*found.position.tolist(), *found.rotation.tolist()]))
         self._show(offset.values())
         text = yaml.safe_dump({'/**': {'ros__parameters': {
             'body_frame': self._body_frame, **offset}}}, sort_keys=False)

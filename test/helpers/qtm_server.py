@@ -81,9 +81,12 @@ class QtmServer:
         self._loop.call_soon_threadsafe(write)
 
     def send_at_once(self, data):
-        """Send bytes to all who stream, from the caller's thread."""
-        for stream in self.streams:
-            os.write(stream.get_extra_info('socket').fileno(), data)
+        """Send bytes to all who stream, from the caller's thread; forget those who have gone."""
+        for stream in self.streams[:]:
+            try:
+                os.write(stream.get_extra_info('socket').fileno(), data)
+            except OSError:
+                self.streams.remove(stream)
 
     def hang_up(self):
         """End all connections."""

@@ -6,6 +6,8 @@ import random
 import re
 import signal
 import sys
+import time
+from contextlib import ExitStack
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
@@ -17,6 +19,7 @@ import yaml
 from helpers.hands import hand_at
 from helpers.launching import FIRST_START, LACK, LAUNCH, RATE, installed, named
 
+from hand_tracker.adapters.hand_landmarks import OPENXR
 from hand_tracker.calibration.landmarks import LANDMARKS
 from hand_tracker.core.model.hand import (
     COUPLING_PRESETS,
@@ -29,7 +32,7 @@ from hand_tracker.core.model.hand import (
     Hand,
     preset_limits,
 )
-from hand_tracker.core.model.marker_layout import PAPER_PLACES, MarkerLayout
+from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
 from hand_tracker.files.bags import bag_message, joint_state_message, open_bag, write_bag
 from hand_tracker.files.hand_file import save_hand
 from hand_tracker.files.urdf_file import urdf
@@ -57,7 +60,8 @@ CHOICES = {
 }
 FREE = {'recording', 'rate', 'markers', 'hand', 'layout', 'prefix', 'namespace', 'parameters',
         'publish_frequency', 'fixed_frame', 'robot', 'robot_description', 'topic', 'message',
-        'server', 'subject', 'left_hand', 'left_robot', 'left_robot_description', 'keystore'}
+        'server', 'subject', 'left_hand', 'left_robot', 'left_robot_description', 'keystore',
+        'body_frame', 'mount'}
 
 # Those that RViz of humble (11.2.27), jazzy (14.1.22) and lyrical (15.2.4) share, from
 # plugins_description.xml in the releases of rviz_default_plugins, github.com/ros2-gbp/rviz-release;
@@ -109,6 +113,8 @@ launches = pytest.mark.skipif(LACK is not None, reason=f'{LACK}')
 
 if LACK is None:
     from geometry_msgs.msg import Point, Pose, PoseArray
+    from helpers.natnet_server import NatNetServer
+    from helpers.qtm_server import QtmServer, data_packet
     from helpers.ros_process import Process, watching_node
     from launch.launch_description_sources import get_launch_description_from_python_launch_file
     from rcl_interfaces.srv import GetParameters
@@ -398,6 +404,141 @@ def test_live_markers(watch):
     assert list(states[0].name) == list(JOINTS)
 
 
+class System:
+    """What each system of the README sends, of a hand that rests."""
+
+    def __init__(self, watch, stack):
+        from mocap4r2_msgs import msg as mocap
+        from teleop_ros2_interfaces.msg import NamedPoseArray
+        self._mocap, self._named = mocap, NamedPoseArray
+        self._watch, self._stack, self._number = watch, stack, 0
+        self._places = hand_at()
+
+    def sender(self, given):
+        """Return what sends a frame for the arguments of a row, and the port of the server."""
+        name = given.get('message', given['source'])
+        if name in ('natnet', 'qualisys'):
+            server = self._stack.enter_context(
+                NatNetServer((4, 1), {'RHand': MARKERS}) if name == 'natnet' else
+                QtmServer(MARKERS))
+            return getattr(self, f'_send_{name}'), server
+        topic = given.get('topic') or given['markers']
+        kind = {'mocap4r2': self._mocap.Markers, 'rigid_bodies': self._mocap.RigidBodies,
+                'landmarks': PoseArray, 'named_pose_array': self._named,
+                'markers': MarkerArray}[name]
+        publisher = self._watch.create_publisher(kind, topic, 10)
+
+        def send(_):
+            message = getattr(self, f'_{name}')()
+            header = message.markers[0].header if name == 'markers' else message.header
+            header.stamp, header.frame_id = self._watch.get_clock().now().to_msg(), 'mocap'
+            publisher.publish(message)
+
+        return send, None
+
+    def _send_natnet(self, server):
+        if server.is_connected:
+            server.send_frame({'RHand': self._places}, time.monotonic())
+
+    def _send_qualisys(self, server):
+        self._number += 1
+        server.send(data_packet(self._number, 10_000 * self._number, {'3d': 1e3 * self._places}))
+
+    def _points(self):
+        return [Point(**dict(zip('xyz', map(float, at)))) for at in self._places]
+
+    def _mocap4r2(self):
+        kind = self._mocap.Marker
+        return self._mocap.Markers(markers=[
+            kind(id_type=kind.USE_NAME, marker_name=name, translation=at)
+            for name, at in zip(MARKERS, self._points())])
+
+    def _rigid_bodies(self):
+        return self._mocap.RigidBodies(rigidbodies=[
+            self._mocap.RigidBody(rigid_body_name='RHand', markers=self._mocap4r2().markers)])
+
+    def _markers(self):
+        return MarkerArray(markers=[Marker(ns='leds', id=20 + row, type=Marker.SPHERE,
+                                           pose=Pose(position=at))
+                                    for row, at in enumerate(self._points())])
+
+    def _landmarks(self):
+        places = dict(zip(PAPER_PLACES, self._points()))
+        missing = Point(x=np.nan, y=np.nan, z=np.nan)
+        return PoseArray(poses=[Pose(position=places.get(name, missing)) for name in LANDMARKS])
+
+    def _named_pose_array(self):
+        places = dict(zip(PAPER_PLACES, self._points()))
+        names = {landmark: name for name, landmark in OPENXR.items()}
+        return self._named(name=[f'right_{names[place]}' for place in places],
+                           pose=[Pose(position=at) for at in places.values()],
+                           is_valid=[True] * len(places))
+
+
+def rows_of_the_readme():
+    """Return the arguments of each live system in the README, one text a row."""
+    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    found = []
+    for cell in re.findall(r'\| (`source:=[^|]*) \|$', text, re.MULTILINE):
+        first, *others = re.findall('`([^`]+)`', cell)
+        found.append(first)
+        # Of several messages of one system only the message is named again.
+        found += [f'{first.split()[0]} {other}' for other in others]
+    return found
+
+
+def test_the_readme_has_a_row_for_every_system():
+    rows = rows_of_the_readme()
+    assert len(rows) == 7
+    assert {row.split()[0] for row in rows} == {
+        'source:=natnet', 'source:=qualisys', 'source:=mocap4r2', 'source:=markers',
+        'source:=landmarks'}
+
+
+@launches
+@pytest.mark.parametrize('row', rows_of_the_readme())
+def test_the_launch_commands_of_the_readme_track_the_hand(watch, tmp_path, row):
+    for needed in ('mocap4r2_msgs', 'teleop_ros2_interfaces', 'qtm_rt'):
+        pytest.importorskip(needed, reason=f'needs {needed}')
+    given = dict(word.split(':=') for word in row.split())
+    states = watch.collect(JointState, 'joint_states')
+    with ExitStack() as stack:
+        send, server = System(watch, stack).sender(
+            {'topic': '/xr_teleop/hand', **given} if 'named_pose_array' in row else given)
+        parameters = {'hand_tracker': {'auto_size': False}}
+        if server is not None:
+            given['server'], parameters['source'] = '127.0.0.1', {'port': server.port}
+        if given['source'] == 'markers':
+            parameters['hand_tracker'].update(
+                {f'labels.{name}': str(20 + number) for number, name in enumerate(MARKERS)})
+        given['parameters'] = tmp_path / 'MINE.yaml'
+        given['parameters'].write_text(yaml.safe_dump(
+            {node: {'ros__parameters': values} for node, values in parameters.items()}))
+        process = stack.enter_context(Launch(**given))
+        process.wait_for_line('listening for markers on', FIRST_START)
+        watch.create_timer(.01, lambda: send(server))
+        watch.spin_until(lambda: len(states) > 20)
+        assert process.interrupt() == 0 and 'Traceback' not in process.output, process.output
+    assert np.isfinite(states[-1].position).all() and len(states[-1].name) == 25
+
+
+@launches
+def test_the_hand_hangs_on_a_body(watch, tmp_path):
+    resting, moving = watch.collect(TFMessage, '/tf_static', LATCHED), watch.collect(
+        TFMessage, '/tf')
+    mount = tmp_path / 'my_mount.yaml'
+    mount.write_text('/**: {ros__parameters: {body_frame: forearm, x: 0.25}}')
+    with Launch(mount=mount, body_frame='lower_arm') as process:
+        process.wait_for_line('right_wrist rests in lower_arm, at the offset given', FIRST_START)
+        watch.spin_until(lambda: 'right_wrist_tracked' in frames(moving)
+                         and 'right_wrist' in frames(resting), FIRST_START)
+        placed, = (one for message in resting for one in message.transforms
+                   if one.child_frame_id == 'right_wrist')
+        check_clean(process, process.interrupt(), *STARTED, 'mount')
+    assert (placed.header.frame_id, placed.transform.translation.x) == ('lower_arm', .25)
+    assert 'right_wrist' not in frames(moving)
+
+
 @launches
 @pytest.mark.parametrize('arguments, topic, more', [
     ({}, 'landmarks', set()), ({'topic': '/hand', 'namespace': 'second'}, '/hand', set()),
@@ -604,6 +745,7 @@ def canonical(xml):
      "robot_process: 'tracker'; expected own with lifecycle:=true"),
     ({'side': 'both', 'robot': 'plain', 'robot_process': 'tracker'},
      "robot_process: 'tracker'; expected own with side:=both"),
+    ({'side': 'both', 'body_frame': 'arm'}, 'body_frame: expected none with side:=both'),
     ({'left_robot': 'plain'}, "left_robot: 'plain'; expected none but for side:=both"),
 ])
 def test_errors_of_the_user(arguments, line):
