@@ -54,7 +54,7 @@ def test_it_activates_itself_and_answers_only_while_it_is_active():
         assert np.allclose(bench.angles(hand_at()), angles, rtol=0, atol=1e-3)
         # What is not allowed in a state is refused, and changes nothing.
         assert not change(node, Transition.TRANSITION_CONFIGURE)
-        process.wait_for_line('there is no transition')
+        process.wait_for_line('No transition matching')
         bench.answer(hand_at())
         assert process.interrupt() == 0, process.output
     assert 'Traceback' not in process.output
