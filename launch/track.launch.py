@@ -18,6 +18,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from hand_tracker.adapters.marker_messages import DEFAULT_MESSAGE, direct_input
 from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.model.hand import BOTH, SIDES, Hand
+from hand_tracker.core.numerics.quaternion import quaternion
 from hand_tracker.files.keystore import enclave_of, security_environment
 from hand_tracker.files.parameter_file import node_parameters
 from hand_tracker.files.urdf_file import urdf
@@ -31,6 +32,7 @@ from hand_tracker.nodes.tracker_parameters import (
     values_of_hand,
 )
 from hand_tracker.package_data import packaged_recording
+from hand_tracker.retargeting.robot_file import load_robot
 from launch import LaunchDescription
 
 # Systems of which the tracker, or else a source node, takes the messages or packets.
@@ -128,6 +130,10 @@ ARGUMENTS = (
         'left_robot_description', default_value='',
         description="The left robot's URDF, where robot_description is the right one's"),
     DeclareLaunchArgument(
+        'show_robot', default_value='auto', choices=['auto', 'true', 'false'],
+        description='Broadcast the frames of the robots, as they are commanded, beside the hands '
+                    'for RViz; auto: when RViz is shown. Needs robot_state_publisher and tf2_ros'),
+    DeclareLaunchArgument(
         'robot_process', default_value='own', choices=['own', 'tracker'],
         description="Process that drives the robot: its own, which holds the robot when the "
                     "tracker dies, or the tracker's, which answers faster"),
@@ -170,6 +176,9 @@ ROBOT_TAKES = 'hand_file', 'hand_length', 'hand_breadth', 'limits.preset', 'thum
 MOUNT_TAKES = 'hand_file', 'side', 'prefix'
 SKIN_TAKES = 'hand_file', 'side', 'hand_length', 'hand_breadth', 'thumb', 'prefix'
 SHOWN_TOPICS = 'robot_description', 'hand_markers', 'hand_skin'
+BESIDE = .25            # [m] from the wrist to the robot's palm
+PLACE_OPTIONS = '--x', '--y', '--z', '--qx', '--qy', '--qz', '--qw'
+SHOWN_ROBOT = 'Name: Robot of the {} hand\n      Enabled: {}\n'
 FOLLOWED = 'Target Frame: {}middle_knuckle'  # by RViz's view: amid the hand, still in the palm
 # A recording may hold these from an earlier run; two publishers of a frame fight.
 PUBLISHED_HERE = ('tf tf_static joint_states joint_confidence hand_markers hand_skin '
@@ -280,10 +289,31 @@ def start(context):
         actions += [node('retarget', [robot], namespace=hand.namespace,
                          remappings=joints_of(given, hand.namespace, in_file))
                     for robot, hand in zip(robots, hands) if robot['robot']]
+    shown = []
+    if given['show_robot'] == 'true' or given['show_robot'] == 'auto' and given['rviz'] == 'true':
+        shown = [(hand, robot) for hand, robot in zip(hands, robots) if robot['robot']]
+    if shown and not (publishes_links and installed('tf2_ros')):
+        actions.append(LogInfo(msg='robot_state_publisher or tf2_ros is not installed: '
+                                   'robots are not shown'))
+        shown = []
+    for hand, robot in shown:
+        description, place, root = robot_beside(hand, robot)
+        name = f'{hand.prefix}robot'
+        actions += [
+            node('robot_state_publisher',
+                 [{'robot_description': description, 'frame_prefix': f'{name}/',
+                   'publish_frequency': number(given, 'publish_frequency')}],
+                 package='robot_state_publisher', namespace=name,
+                 remappings=[('joint_states', full_name(given, '/'.join(
+                     filter(None, (hand.namespace, 'robot/command')))))]),
+            node('static_transform_publisher', [], package='tf2_ros', namespace=name, arguments=[
+                *(word for pair in zip(PLACE_OPTIONS, map(str, place)) for word in pair),
+                '--frame-id', f'{hand.prefix}wrist', '--child-frame-id', f'{name}/{root}'])]
     if given['rviz'] == 'true':
         actions.append(node(
             'rviz2', [], package='rviz2',
-            arguments=['-d', str(rviz_config(hands[0].prefix, hands[0].namespace)),
+            arguments=['-d', str(rviz_config(hands[0].prefix, hands[0].namespace,
+                                             [hand for hand, _ in shown])),
                        '-f', given['fixed_frame']]))
     return actions
 
@@ -362,6 +392,22 @@ def robot_parameters(given, in_file, hand, on_body):
             'robot_description': description}
 
 
+def robot_beside(hand, robot):
+    """Return a robot's URDF, the pose of its base beside the hand [m], and its root link."""
+    try:
+        loaded = load_robot(robot['robot'], robot['robot_description'],
+                            preferred_side=hand.hand.side)
+    except HandTrackerError as error:
+        raise RuntimeError(str(error)) from None
+    model = loaded.hand.model
+    turned, at = loaded.hand.base_pose(model.frames(model.open_position()))
+    # On the side of the little finger, which is -y of the right wrist.
+    at = at + (0., BESIDE if hand.hand.side == 'left' else -BESIDE, 0.)
+    description = (Path(loaded.urdf).read_text(encoding='utf-8') if loaded.urdf
+                   else robot['robot_description'])
+    return description, (*at.tolist(), *quaternion(turned)), next(iter(model.links))
+
+
 def joints_of(given, namespace, in_file):
     """Return the remappings by which a node of one of both hands finds its joint states."""
     if not namespace or in_file.get('joint_state_topics') == SEPARATE:
@@ -438,14 +484,19 @@ def check_frames(in_file, broadcast, root):
             f"parameters: wrist_frame: '{wrist}'; for robot_state_publisher it is '{root}'")
 
 
-def rviz_config(prefix, namespace):
-    """Return RViz's configuration, which follows the hand: for other names a copy."""
+def rviz_config(prefix, namespace, with_robots=()):
+    """Return RViz's configuration, which follows the hand: for other names, or robots, a copy."""
     path = Path(get_package_share_directory('hand_tracker')) / 'config' / 'hand_tracker.rviz'
     packaged = path.read_text(encoding='utf-8')
     config = packaged.replace(FOLLOWED.format('right_'), FOLLOWED.format(prefix))
     if namespace:
         for topic in SHOWN_TOPICS:
             config = config.replace(f'Value: {topic}\n', f'Value: {namespace}/{topic}\n')
+    for hand in with_robots:
+        side, own = hand.hand.side, f'{hand.prefix}robot'
+        config = config.replace(SHOWN_ROBOT.format(side, 'false'), SHOWN_ROBOT.format(side, 'true'))
+        config = config.replace(f'TF Prefix: {side}_robot', f'TF Prefix: {own}')
+        config = config.replace(f'Value: {side}_robot/', f'Value: {own}/')
     if config != packaged:
         folder = tempfile.mkdtemp(prefix='hand_tracker_')
         atexit.register(shutil.rmtree, folder, ignore_errors=True)

@@ -101,6 +101,21 @@ class RobotHand(NamedTuple):
              origins[digit.joints[-1]] + rotations[digit.joints[-1]] @ digit.tip]), frames)
             for role, digit in self.anatomy.digits.items()}
 
+    def base_pose(self, frames: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Return rotation (3, 3) and position (3,) of the base in the palm's frame [m].
+
+        Parameters
+        ----------
+        frames : tuple of ndarray
+            As from `RobotModel.frames`.
+        """
+        rotations, origins = frames
+        turned, at = self.anatomy.axes.T, np.zeros(3)
+        if (palm := self.anatomy.palm_joint) >= 0:
+            turned = turned @ rotations[palm].T
+            at = -turned @ origins[palm]
+        return turned, at
+
     def _in_palm(self, points: np.ndarray, frames: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """Return points of the base in the palm's frame, shape (n, 3) [m]."""
         palm = self.anatomy.palm_joint

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from ..core.model.states import MarkerState, PalmState
 from ..core.pose.report import mean_residual
 from ..core.tracker import HandState
-from .input_monitor import InputMonitor
+from .input_monitor import PALM_FAULTS, InputMonitor, StateRun
 
 STATUS_PERIOD = 1.  # [s] over which the rate is counted
 STATUS_GAP = .1     # [s] at least between two changes that are published
@@ -140,6 +140,9 @@ class Diagnostics:
         self.size = 'given'
         self.calibration: dict[str, str] = {}
         self._state: HandState | None = None
+        # States of the palm and of each marker that came since the last status.
+        self._passed: set[PalmState | tuple[int, int]] = set()
+        self._told: set[PalmState | tuple[int, int]] = set()   # of the last one
         self._frames = self._counted = self._on_fast_path = self._left_out = 0
         self._since = now
         self._rate = 0.  # [Hz]
@@ -153,7 +156,8 @@ class Diagnostics:
         self._left_out += count
         self.latency.left_out(count)
 
-    def tracked(self, now: float, state: HandState, count: int, on_fast_path: bool) -> bool:
+    def tracked(self, now: float, state: HandState, count: int, on_fast_path: bool,
+                runs: Iterable[tuple[float, StateRun | HandState]] = ()) -> bool:
         """Add the results of consecutive frames.
 
         Parameters
@@ -164,6 +168,8 @@ class Diagnostics:
             After the last of them.
         count : int
         on_fast_path : bool
+        runs : iterable of (float, StateRun or HandState), optional
+            Of `TrackedFrames`: states that were there for some of the frames only.
 
         Returns
         -------
@@ -174,7 +180,11 @@ class Diagnostics:
         self._frames += count
         self._on_fast_path += count if on_fast_path else 0
         self._state = state
-        return now - self._last_status >= STATUS_GAP and self._summary(now) != self._last_summary
+        for _, run in runs:
+            self._passed.add(run.palm)
+            self._passed.update(enumerate(run.marker_states.tolist()))
+        return now - self._last_status >= STATUS_GAP and (
+            self._summary(now) != self._last_summary or not self._passed <= self._told)
 
     def status(self, now: float, publishers: Callable[[], str]) -> Status:
         """Return the status.
@@ -206,8 +216,15 @@ class Diagnostics:
         if state is not None:
             values['palm'] = _words(state.palm)
             values['mean residual [mm]'] = _number(1e3 * mean_residual(state.residuals), 2)
+            values['palm'] += _passing(
+                palm for palm in PALM_FAULTS if palm in self._passed and palm is not state.palm)
         for slot, marker in enumerate(self._input.labels.names):
-            values[f'{marker} marker'] = _marker(state, slot) if worn[slot] else 'not worn'
+            value = _marker(state, slot) if worn[slot] else 'not worn'
+            if state is not None and worn[slot]:
+                value += _passing(kind for kind in MARKER_TROUBLES if (slot, kind) in self._passed
+                                  and kind != state.marker_states[slot])
+            values[f'{marker} marker'] = value
+        self._told, self._passed = self._passed, set()
         return Status(level, text, values)
 
     def _summary(self, now: float) -> object:
@@ -244,6 +261,12 @@ def _marker(state: HandState | None, slot: int) -> str:
         return _words(MarkerState.ABSENT)
     words, hidden_for = _words(MarkerState(state.marker_states[slot])), state.hidden_for[slot]
     return f'{words} for {hidden_for:.2f} s' if hidden_for else words
+
+
+def _passing(states: Iterable[enum.Enum]) -> str:
+    """Return what to add to a value for states that have come and gone since the last status."""
+    words = ' and '.join(map(_words, states))
+    return f', {words} since the last status' if words else ''
 
 
 def _words(state: enum.Enum) -> str:

@@ -143,7 +143,8 @@ class Monitor:
         self.is_wrong = self._input.is_wrong
         self._last = frames.state, frames.times[-1]
         return self._diagnostics.tracked(
-            frames.published[-1], frames.state, frames.frame_count, frames.on_fast_path)
+            frames.published[-1], frames.state, frames.frame_count, frames.on_fast_path,
+            frames.runs)
 
     def set_size(self, size: str) -> None:
         """Note how far the hand's size is learned, as of `Stream.size`."""

@@ -106,20 +106,10 @@ class RobotScene:
         rotations, origins = self._robot.model.frames(position)
         self._node.wxyz = wxyz(anchor.rotation.T @ state.wrist_rotation)
         self._node.position = (0., offset, 0.)
-        turned, at = _base_in_palm(self._robot, rotations, origins)
+        turned, at = self._robot.base_pose((rotations, origins))
         self._base.wxyz, self._base.position = wxyz(turned), at
         for frame, rotation, origin in zip(self._frames, rotations, origins):
             frame.wxyz, frame.position = wxyz(rotation), origin
-
-
-def _base_in_palm(robot: RobotHand, rotations: np.ndarray,
-                  origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotation (3, 3) and position (3,) of a robot's base in its palm's frame [m]."""
-    turned, at = robot.anatomy.axes.T, np.zeros(3)
-    if (palm := robot.anatomy.palm_joint) >= 0:
-        turned = turned @ rotations[palm].T
-        at = -turned @ origins[palm]
-    return turned, at
 
 
 def robot_extent(robot: RobotHand) -> Extent:
@@ -130,7 +120,7 @@ def robot_extent(robot: RobotHand) -> Extent:
     robot : RobotHand
     """
     rotations, origins = robot.model.frames(robot.model.open_position())
-    turned, at = _base_in_palm(robot, rotations, origins)
+    turned, at = robot.base_pose((rotations, origins))
     digits = robot.anatomy.digits.values()
     ends = [origins[digit.joints[-1]] + rotations[digit.joints[-1]] @ digit.tip
             for digit in digits]

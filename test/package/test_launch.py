@@ -54,6 +54,7 @@ CHOICES = {
     'rviz': ['true', 'false'],
     'skin': ['auto', 'true', 'false'],
     'robot_process': ['own', 'tracker'],
+    'show_robot': ['auto', 'true', 'false'],
     'use_sim_time': ['true', 'false'],
     'lifecycle': ['true', 'false'],
     'use_security': ['true', 'false'],
@@ -87,7 +88,7 @@ PROPERTIES = {
     'rviz_default_plugins/MarkerArray': {'Topic'},
     'rviz_default_plugins/Orbit': {'Distance', 'Focal Point', 'Pitch', 'Yaw', 'Target Frame'},
     'rviz_default_plugins/RobotModel': {'Description Source', 'Description Topic',
-                                        'Visual Enabled', 'Collision Enabled'},
+                                        'TF Prefix', 'Visual Enabled', 'Collision Enabled'},
     'rviz_default_plugins/TF': {'Marker Scale', 'Show Arrows', 'Show Names'},
 }
 PANELS = {f'rviz_common/{name}' for name in (
@@ -710,17 +711,55 @@ def test_the_view_of_rviz_follows_the_hand(watch, short, tmp_path, given, prefix
     assert not list((tmp_path / 'temporary').glob('hand_tracker_*'))
 
 
+@launches
+@pytest.mark.skipif(find_spec('trajectory_msgs') is None, reason='no trajectory_msgs')
+@pytest.mark.parametrize('side, prefix', [('right', 'auto'), ('left', 'my_')])
+def test_a_robot_is_shown_beside_the_hand(short, tmp_path, side, prefix):
+    for name, program in (('rviz2', None), ('robot_state_publisher', None),
+                          ('tf2_ros', 'static_transform_publisher')):
+        environment = fake_package(tmp_path, name, program)
+    with Launch(environment, recording=short, side=side, prefix=prefix, rviz='true', skin='false',
+                robot='plain') as process:
+        process.wait_for_line('not engaged; listening for', FIRST_START)
+        # RViz, the hand's, the robot's, and the transform between them.
+        watched = time.monotonic() + FIRST_START
+        while process.output.count('GIVEN') < 4 and time.monotonic() < watched:
+            time.sleep(.1)
+        given = [json.loads(found) for found in re.findall('GIVEN (.*)', process.output)]
+        config = next(one['arguments'] for one in given if '-d' in one['arguments'])
+        shown = yaml.safe_load(Path(config[config.index('-d') + 1]).read_text())
+        assert process.interrupt() == 0 and 'Traceback' not in process.output, process.output
+    own = f"{f'{side}_' if prefix == 'auto' else prefix}robot"
+    robot, = (one for one in given if 'frame_prefix' in one)
+    assert robot['frame_prefix'] == f'{own}/'
+    assert robot['robot_description'] == Path(load_robot('plain', preferred_side=side).urdf
+                                              ).read_text()
+    assert 'joint_states:=/robot/command' in robot['arguments']
+    place, = (one['arguments'] for one in given if '--child-frame-id' in one['arguments'])
+    numbers = {key: float(value) for key, value in zip(place, place[1:]) if key in (
+        '--x', '--y', '--z')}
+    assert np.sign(numbers['--y']) == (-1. if side == 'right' else 1.)
+    assert .1 < np.linalg.norm(list(numbers.values())) < .4
+    assert place[place.index('--frame-id') + 1] == own.replace('robot', 'wrist')
+    assert place[place.index('--child-frame-id') + 1].startswith(f'{own}/')
+    displays = {one['Name']: one for one in shown['Visualization Manager']['Displays']}
+    display = displays.pop(f'Robot of the {side} hand')
+    assert display['Enabled'] and display['TF Prefix'] == own
+    assert display['Description Topic']['Value'] == f'{own}/robot_description'
+    assert not any(one['Enabled'] for name, one in displays.items() if name.startswith('Robot of'))
+
+
 def view(config):
     """Return the view of a configuration of RViz."""
     return config['Visualization Manager']['Views']['Current']
 
 
-def fake_package(folder, name):
+def fake_package(folder, name, program=None):
     """Install a package whose program says what it was given; return the environment."""
     index = folder / 'share/ament_index/resource_index/packages'
-    index.mkdir(parents=True)
+    index.mkdir(parents=True, exist_ok=True)
     (index / name).touch()
-    program = folder / 'lib' / name / name
+    program = folder / 'lib' / name / (program or name)
     program.parent.mkdir(parents=True)
     program.write_text(FAKE_PROGRAM.format(python=sys.executable))
     program.chmod(0o755)
@@ -790,6 +829,10 @@ def test_rviz_configuration():
         ('Marker', 'hand_skin'))}
     assert topics == [[(kind, namespace + topic) for kind, topic in kinds.items()]
                       for namespace in ('', 'left/')]
+    robots = [(shown['Name'], shown['TF Prefix'], shown['Description Topic']['Value'])
+              for shown in displays if 'TF Prefix' in shown]
+    assert robots == [(f'Robot of the {side} hand', f'{side}_robot',
+                       f'{side}_robot/robot_description') for side in SIDES]
 
 
 def test_topics_of_the_rviz_configuration_are_published():

@@ -162,3 +162,24 @@ def test_flickering_is_reported_at_a_bounded_rate():
             hand.status(i / 200.)
             told += 1
     assert 20 < told <= 1. + 5. / STATUS_GAP
+
+
+def test_what_came_and_went_between_two_statuses_is_told_once():
+    hand = Hand()
+    now = state_of()
+    hand.diagnosis.tracked(0., now, 1, True, [(0., now)])
+    hand.status(0.)
+    assert not hand.diagnosis.tracked(.2, now, 1, True, [(.2, now)])
+    # A batch of the fast path, whose last frame is as the one before.
+    gone = [(.3, now), (.32, state_of(PalmState.LOST)),
+            (.34, state_of(little=MarkerState.REJECTED)), (.36, now)]
+    assert hand.diagnosis.tracked(.36, now, 9, True, gone)
+    values = hand.status(.36).values
+    assert values['little marker'] == 'seen, rejected since the last status'
+    assert values['palm'] == 'tracked, lost since the last status'
+    assert values['index marker'] == 'seen'
+    # What flickers is told with each status, but does not bring them about.
+    assert not hand.diagnosis.tracked(.6, now, 9, True, gone)
+    assert hand.status(1.36).values['little marker'] == 'seen, rejected since the last status'
+    assert not hand.diagnosis.tracked(1.6, now, 1, True, [(1.6, now)])
+    assert hand.status(2.36).values['little marker'] == 'seen'
