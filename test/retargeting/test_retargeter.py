@@ -2,16 +2,19 @@
 
 import numpy as np
 import pytest
+from helpers.captures import capture_folder
 from helpers.robots import GRIPPER, human_robot, third_party_robot, wide_hand
 
 from hand_tracker.calibration.landmarks import LANDMARKS, landmark_positions
-from hand_tracker.core.model.hand import JOINTS
+from hand_tracker.cli import robot as robot_command
+from hand_tracker.core.model.hand import JOINTS, SIDES
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.numerics.jit import packed
 from hand_tracker.retargeting import retarget_kernel
 from hand_tracker.retargeting.retarget_options import InvalidRetargetOption, RetargetOptions
 from hand_tracker.retargeting.retarget_problem import make_problem, new_solution
 from hand_tracker.retargeting.retargeter import Retargeter
+from hand_tracker.retargeting.robot_file import load_robot
 from hand_tracker.retargeting.robot_hand import robot_hand
 from hand_tracker.retargeting.robot_urdf import InvalidRobot, read_urdf_tree
 from hand_tracker.simulation.poses import pose_angles
@@ -95,6 +98,29 @@ def test_third_party_hands_touch_with_the_index_finger(name):
     robot, hand = third_party_robot(f'{name}_hand_right'), wide_hand()
     position = settled(Retargeter(robot, hand), touching(hand, 'index'))
     assert abs(surface_gap(robot, position, 'index')) < .002
+
+
+@pytest.mark.parametrize('side', SIDES)
+@pytest.mark.parametrize('name', ['allegro', 'leap', 'shadow', 'ability', 'inspire'])
+def test_a_robot_that_was_only_inspected_follows_the_person(name, side, tmp_path):
+    path = capture_folder() / 'robots' / f'{name}_hand_{side}.urdf'
+    if not path.exists():
+        pytest.skip(f'no URDF {path}')
+    assert robot_command.main(['inspect', str(path), '-o', str(tmp_path / 'robot.yaml')]) == 0
+    loaded, hand = load_robot(str(tmp_path / 'robot.yaml')), wide_hand(side)
+    robot, solver = loaded.hand, Retargeter(loaded.hand, hand, loaded.options)
+    assert robot.side == side
+    roles = list(robot.anatomy.digits)
+    reach = {}
+    for pose in ('five', 'fist'):
+        position = settled(solver, landmarks_of(hand, pose_angles(pose, hand)), 240)
+        assert (position >= robot.model.lower - 1e-9).all()
+        assert (position <= robot.model.upper + 1e-9).all()
+        reach[pose] = np.linalg.norm(robot.tip_positions(position), axis=1)
+    fingers = [row for row, role in enumerate(roles) if role != 'thumb']
+    # A fist brings each finger's tip nearer to the palm's origin by a third of its reach.
+    assert (reach['fist'][fingers] < .67 * reach['five'][fingers]).all()
+    assert abs(surface_gap(robot, settled(solver, touching(hand, 'index'), 240), 'index')) < .002
 
 
 def test_limits_and_speed_hold_for_jumping_and_broken_input():
