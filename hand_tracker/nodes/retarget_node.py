@@ -133,11 +133,11 @@ class RetargetNode(SubscriptionHidingNode):
         self._is_clutched, self._wrist_fault = False, ''
         self._status_name = f'{self.get_name()}: {loaded.hand.name} {loaded.hand.side}'
         self._said: tuple[str, str] | None = None
-        self._sent = -self._period
+        self._sent = self._wrist_sent = -self._period
         raw = Serialization().raw
         self._templates = [command_template(name, self._teleoperation.order, self._period, raw)
                            for name, _ in self._outputs]
-        if values['fast_path'] and raw and not self._wrist_outputs:
+        if values['fast_path'] and raw:
             self._prepare_fast_path()
         self._listen(raw)
         for line in loaded.notes:
@@ -263,8 +263,10 @@ class RetargetNode(SubscriptionHidingNode):
         for transform in message.transforms:
             if transform.child_frame_id == self._wrist_frame:
                 at, turn = transform.transform.translation, transform.transform.rotation
+                now = time.monotonic()
                 self._wrist.observe(wrist_pose_of(
-                    (at.x, at.y, at.z), (turn.x, turn.y, turn.z, turn.w)), time.monotonic())
+                    (at.x, at.y, at.z), (turn.x, turn.y, turn.z, turn.w)), now)
+                self._send_wrist(now)
 
     def _on_robot_wrist(self, message: PoseStamped) -> None:
         at, turn = message.pose.position, message.pose.orientation
@@ -282,6 +284,8 @@ class RetargetNode(SubscriptionHidingNode):
         if now - sent >= self._period:
             self._take_over()
             self._send(now)
+        if self._wrist_outputs and now - self._wrist_sent >= self._period:
+            self._send_wrist(now)
         self._publish_state()
 
     def _wrist_start(self, now: float) -> WristPose | None:
@@ -326,11 +330,10 @@ class RetargetNode(SubscriptionHidingNode):
             stamp = stamp or stamp_of(self.get_clock().now().nanoseconds)
             for (_, publisher), template in zip(self._outputs, self._templates):
                 publisher.publish(template.fill(stamp, command.position))
-        if self._wrist_outputs:
-            self._send_wrist(now)
 
     def _send_wrist(self, now: float) -> None:
         """Send the wrist's command; it moves only while the fingers follow."""
+        self._wrist_sent = now
         guard = self._teleoperation.guard
         self._wrist.clutch(self._is_clutched or not guard.is_following)
         if not guard.is_engaged:

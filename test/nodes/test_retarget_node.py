@@ -13,6 +13,7 @@ from std_msgs.msg import Bool, Float64MultiArray, String
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
+from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.messages.builders import joint_state, prefixed_names
 
@@ -156,6 +157,49 @@ def test_the_deadman_engages_and_its_release_ends_it_and_the_wrist_too(robot):
         # It is pressed no more.
         node.spin_until(lambda: bench.states[-1] == 'disengaged')
         process.wait_for_line('the deadman was released')
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output
+
+
+@pytest.mark.skipif(not COMPILED, reason='needs the fast path')
+def test_the_fingers_stay_on_the_fast_path_while_an_arms_wrist_follows(robot):
+    tf2_msgs = pytest.importorskip('tf2_msgs.msg')
+    with NodeProcess(MODULE, {'robot': robot, 'wrist.outputs': 'twist'}) as process, (
+            watching_node()) as node:
+        bench = Bench(node)
+        bench.start = robot_states(joints(), .05)
+        wrist = TransformStamped(child_frame_id='right_wrist')
+        wrist.transform.rotation.w = 1.
+        transforms = node.create_publisher(tf2_msgs.TFMessage, '/tf', 10)
+        twists = node.collect(TwistStamped, 'robot/wrist_twist')
+        diagnostics = node.collect(DiagnosticArray, '/diagnostics')
+        process.wait_for_line('listening')
+
+        def rise():
+            wrist.transform.translation.z += .0005
+            transforms.publish(tf2_msgs.TFMessage(transforms=[wrist]))
+
+        def on_fast_path():
+            return max((int(value.value) for message in diagnostics for status in message.status
+                        for value in status.values if value.key == 'frames on fast path'),
+                       default=0)
+
+        node.create_timer(PERIOD, rise)
+        bench.until_engaged()
+        node.spin_until(lambda: on_fast_path() > 50)
+        # The wrist goes on beside them: by the way that it was seen to rise.
+        del twists[:]
+        before = on_fast_path()
+        node.spin_until(lambda: len(twists) > 50 and on_fast_path() > before + 20)
+        assert np.median([one.twist.linear.z for one in twists]) > .01
+        # What ends the fingers ends the wrist.
+        assert bench.engage(False).success
+        node.spin_until(lambda: bench.states[-1] == 'disengaged')
+        del twists[:]
+        for _ in range(20):
+            rise()
+            bench.engage(False)
+        assert not twists
         assert process.interrupt() == 0, process.output
     assert 'Traceback' not in process.output
 
