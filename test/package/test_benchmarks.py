@@ -1,6 +1,7 @@
 """The commands of `benchmarks/` run, in short, and write the rows that they promise."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -133,3 +134,13 @@ def test_an_entry_is_fuzzed_and_what_adds_coverage_is_kept(tmp_path):
     assert row['entry'] == 'labels' and row['executions'] > 0 and not row['fault']
     assert row['edges'] > row['edges_of_corpus'] > 0
     assert len(list(corpus.iterdir())) > 1
+
+
+@pytest.mark.skipif(os.environ.get('HAND_TRACKER_FAULTS', '1') == '1',
+                    reason='takes long: set HAND_TRACKER_FAULTS')
+def test_what_is_killed_comes_back(tmp_path):
+    for needed in ('rclpy', 'trajectory_msgs', 'viser', 'skimage'):
+        pytest.importorskip(needed)
+    *rows, robot = run('kills', '--count', 4, folder=tmp_path)
+    assert sum(row['kills'] for row in rows) == sum(row['came_back'] for row in rows) == 4
+    assert robot['commands'] > 20 and robot['steps_over_the_bound'] == 0
