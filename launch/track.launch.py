@@ -146,6 +146,13 @@ ARGUMENTS = (
         description='Parameter file with the offset of the wrist in that frame, as the service '
                     'mount/calibrate writes it'),
     DeclareLaunchArgument(
+        'left_body_frame', default_value='',
+        description='Frame that the left one of both hands hangs on; both hang on a body, or '
+                    'neither'),
+    DeclareLaunchArgument(
+        'left_mount', default_value='',
+        description='Parameter file with the offset of the left one of both hands'),
+    DeclareLaunchArgument(
         'fixed_frame', default_value='mocap', description='Fixed frame of RViz'),
     DeclareLaunchArgument(
         'use_sim_time', default_value='false', choices=['true', 'false'],
@@ -221,10 +228,11 @@ def start(context):
     of_both = {}
     if len(hands) > 1:
         of_both = {f'{hand.hand.side}.hand_file': hand.parameters['hand_file'] for hand in hands}
-    on_body = agreed('on_body', bool(given['body_frame'] or given['mount']), False, in_file)
-    if on_body and len(hands) > 1:
-        raise RuntimeError('body_frame: expected none with side:=both; ros2 run hand_tracker '
-                           'mount hangs one hand on a body')
+    mounts = [mount_arguments(given, hand) for hand in hands]
+    if any(map(any, mounts)) and not all(map(any, mounts)):
+        raise RuntimeError('body_frame, mount, left_body_frame, left_mount: of one hand alone; '
+                           'expected that both hang on a body, or neither')
+    on_body = agreed('on_body', any(map(any, mounts)), False, in_file)
     robots = [robot_parameters(given, in_file, hand, on_body) for hand in hands]
     is_managed = given['lifecycle'] == 'true'
     shares_process = given['robot_process'] == 'tracker' and any(
@@ -270,14 +278,14 @@ def start(context):
               'loop': given['loop'] == 'true', 'wait_for_subscriber': inf}],
             remappings=[('markers', given['markers'])],
             on_exit=ended('replay')))
-    if given['body_frame'] or given['mount']:
-        actions.append(node(
-            'mount',
-            [{name: hands[0].parameters[name] for name in MOUNT_TAKES}
-             | {'wrist_frame': in_file.get('wrist_frame', AUTO)}
-             | ({'body_frame': given['body_frame']} if given['body_frame'] else {})],
-            files=[given['mount']] if given['mount'] else [], name='mount',
-            on_exit=ended('mount')))
+    actions += [node(
+        'mount',
+        [{name: hand.parameters[name] for name in MOUNT_TAKES}
+         | {'wrist_frame': in_file.get('wrist_frame', AUTO)}
+         | ({'body_frame': frame} if frame else {})
+         | ({'mount_file': f'my_{hand.namespace}_mount.yaml'} if hand.namespace else {})],
+        files=[file] if file else [], name='mount', namespace=hand.namespace,
+        on_exit=ended('mount')) for hand, (frame, file) in zip(hands, mounts) if frame or file]
     if given['skin'] == 'true' or given['skin'] == 'auto' and given['rviz'] == 'true':
         # Without its libraries it says so and ends, and all else goes on.
         actions += [node('skin', [{
@@ -356,6 +364,8 @@ def hands_of(given, in_file, parameters):
     if parameters['side'] != BOTH:
         for name, instead in (('left_hand', 'hand is the hand file'),
                               ('left_robot', 'robot is the robot'),
+                              ('left_body_frame', 'body_frame is the frame'),
+                              ('left_mount', 'mount is the file'),
                               ('left_robot_description', "robot_description is the robot's")):
             if given[name]:
                 raise RuntimeError(f"{name}: '{given[name]}'; expected none but for side:=both: "
@@ -378,6 +388,12 @@ def hands_of(given, in_file, parameters):
         hand, _ = starting_hand(values)
         hands.append(LaunchedHand(hand, f'{side}_', side, values))
     return hands
+
+
+def mount_arguments(given, hand):
+    """Return the body's frame that a hand hangs on, and the file of its offset."""
+    which = 'left_' if hand.namespace == 'left' else ''
+    return given[f'{which}body_frame'], given[f'{which}mount']
 
 
 def robot_parameters(given, in_file, hand, on_body):

@@ -51,7 +51,7 @@ OTHERS = {'robot_state_publisher': {
                             'robot_description'},
     ('topics', 'subscribe'): {'/clock', 'joint_states', '/parameter_events'}}}
 # Of both hands in namespaces right and left, beside which one message has the joints of both.
-PER_HAND = 'retarget', 'skin', 'robot_state_publisher'
+PER_HAND = 'retarget', 'skin', 'robot_state_publisher', 'mount'
 OF_BOTH_HANDS = {'joint_states', 'joint_confidence'}
 PARAMETER_SERVICES = ('describe_parameters', 'get_parameter_types', 'get_parameters',
                       'get_type_description', 'list_parameters', 'set_parameters',

@@ -62,7 +62,7 @@ CHOICES = {
 FREE = {'recording', 'rate', 'markers', 'hand', 'layout', 'prefix', 'namespace', 'parameters',
         'publish_frequency', 'fixed_frame', 'robot', 'robot_description', 'topic', 'message',
         'server', 'subject', 'left_hand', 'left_robot', 'left_robot_description', 'keystore',
-        'body_frame', 'mount'}
+        'body_frame', 'mount', 'left_body_frame', 'left_mount'}
 
 # Those that RViz of humble (11.2.27), jazzy (14.1.22) and lyrical (15.2.4) share, from
 # plugins_description.xml in the releases of rviz_default_plugins, github.com/ros2-gbp/rviz-release;
@@ -541,6 +541,21 @@ def test_the_hand_hangs_on_a_body(watch, tmp_path):
 
 
 @launches
+def test_both_hands_hang_on_a_body(watch):
+    resting, moving = watch.collect(TFMessage, '/tf_static', LATCHED), watch.collect(
+        TFMessage, '/tf')
+    with Launch(side='both', body_frame='right_arm', left_body_frame='left_arm') as process:
+        for side in SIDES:
+            process.wait_for_line(f'{side}_wrist rests in {side}_arm', FIRST_START)
+        watch.spin_until(lambda: {f'{side}_wrist_tracked' for side in SIDES} <= frames(moving)
+                         and {f'{side}_wrist' for side in SIDES} <= frames(resting), FIRST_START)
+        parents = {one.child_frame_id: one.header.frame_id
+                   for message in resting for one in message.transforms}
+        assert process.interrupt() == 0 and 'Traceback' not in process.output, process.output
+    assert [parents[f'{side}_wrist'] for side in SIDES] == [f'{side}_arm' for side in SIDES]
+
+
+@launches
 @pytest.mark.parametrize('arguments, topic, more', [
     ({}, 'landmarks', set()), ({'topic': '/hand', 'namespace': 'second'}, '/hand', set()),
     ({'markers': 'mine'}, 'landmarks', {'source'}),
@@ -784,7 +799,8 @@ def canonical(xml):
      "robot_process: 'tracker'; expected own with lifecycle:=true"),
     ({'side': 'both', 'robot': 'plain', 'robot_process': 'tracker'},
      "robot_process: 'tracker'; expected own with side:=both"),
-    ({'side': 'both', 'body_frame': 'arm'}, 'body_frame: expected none with side:=both'),
+    ({'side': 'both', 'body_frame': 'arm'}, 'expected that both hang on a body, or neither'),
+    ({'left_mount': 'm.yaml'}, "left_mount: 'm.yaml'; expected none but for side:=both"),
     ({'left_robot': 'plain'}, "left_robot: 'plain'; expected none but for side:=both"),
 ])
 def test_errors_of_the_user(arguments, line):
