@@ -164,8 +164,8 @@ class MountNode(Node):
             f'# Where {self._names.wrist} rests in a frame of a body, in metres.\n{text}',
             encoding='utf-8'))
         log_line(self, False, f'calibration: both captures differ by '
-                 f'{math.degrees(found.spread):.1f} degrees and {1e3 * found.distance:.1f} mm; '
-                 f'written to {self._output}')
+                 f'{math.degrees(found.spread):.1f} degrees and {1e3 * found.distance:.1f} mm, the '
+                 f"body's stamps are {1e3 * found.delay:+.1f} ms later; written to {self._output}")
 
 
 def numbers_of(transform: TransformStamped) -> tuple[float, ...]:

@@ -8,11 +8,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from ..core.errors import HandTrackerError
-from .hand_mount import MAX_MOUNT_SPREAD, fit_mount
+from .hand_mount import MAX_MOUNT_SPREAD, HandMount, fit_mount
 
 LONGEST_GAP = .2           # [s] between two poses of the body that are interpolated
 LEAST_POSES = 50
 MOST_POSES = 2000          # that are fitted; of more every other one, or fewer
+RATE_SPAN = .05             # [s] over which the wrist's rate of turn is taken
+DELAY_ROUNDS = 10
+DELAY_STEP = 1e-4           # [s] below which a delay is found
 MIN_TURNING = .1           # [rad] rms about the axis about which the wrist turns least but one
 
 
@@ -33,12 +36,15 @@ class WristOffset(NamedTuple):
         Median angle by which a frame differs [rad].
     distance : float
         Median distance by which a frame differs [m].
+    delay : float
+        By which the body's stamps are later than the wrist's [s].
     """
 
     position: np.ndarray
     rotation: np.ndarray
     spread: float
     distance: float
+    delay: float
 
 
 class PoseTrack:
@@ -72,15 +78,15 @@ class PoseTrack:
 def fit_wrist_offset(body: PoseTrack, wrist: PoseTrack) -> WristOffset:
     """Fit the offset of a wrist that both captures saw, each in a world of its own.
 
-    The rotations are those of the hand's mount; with them the places are linear in the offset's
-    position and in the origin of the worlds.
+    The rotations are those of the hand's mount, by as much later as the wrist was seen to turn on;
+    with them the places are linear in the offset's position and in the origin of the worlds.
 
     Parameters
     ----------
     body : PoseTrack
         Of the body's frame, in the body's world.
     wrist : PoseTrack
-        Of the tracked wrist, in the markers' frame; by the same clock.
+        Of the tracked wrist, in the markers' frame; by the same clock, but for a constant delay.
 
     Returns
     -------
@@ -91,11 +97,15 @@ def fit_wrist_offset(body: PoseTrack, wrist: PoseTrack) -> WristOffset:
     OffsetError
         If the captures share too little, the wrist moves or turns too little, or they disagree.
     """
-    times, places, turns, body_places, body_turns = _together(body.rows, wrist.rows)
-    mount = fit_mount(body_places, body_turns, places, turns)
-    if mount is None:
-        raise OffsetError('the wrist moved too little; expected the arm to be moved to all sides, '
-                          'by 10 cm and more')
+    body_rows, delay, step = body.rows, 0., 0.
+    for _ in range(DELAY_ROUNDS):
+        body_rows[:, 0] -= step
+        delay += step
+        times, places, turns, body_places, body_turns = _together(body_rows, wrist.rows)
+        mount = _mount(body_places, body_turns, places, turns)
+        step = _delay(times, turns, body_turns, mount)
+        if abs(step) < DELAY_STEP:
+            break
     lever = mount.world @ body_turns                       # (T, 3, 3)
     left = places - body_places @ mount.world.T            # (T, 3)
     centred = (lever - lever.mean(axis=0)).reshape(-1, 3)  # (3 T, 3)
@@ -105,13 +115,34 @@ def fit_wrist_offset(body: PoseTrack, wrist: PoseTrack) -> WristOffset:
     position = np.linalg.lstsq(centred, (left - left.mean(axis=0)).ravel(), rcond=None)[0]
     rest = (left - left.mean(axis=0)).reshape(-1, 3) - (centred @ position).reshape(-1, 3)
     offset = WristOffset(position, Rotation.from_matrix(mount.wrist).as_quat(), mount.spread,
-                         float(np.median(np.linalg.norm(rest, axis=1))))
+                         float(np.median(np.linalg.norm(rest, axis=1))), delay)
     if not mount.is_fitted:
         raise OffsetError(
             f'the wrists turn apart, by {np.degrees(mount.spread):.0f} degrees in the middle; '
             f'expected less than {np.degrees(MAX_MOUNT_SPREAD):.0f}: is the frame that of this '
             'hand, and are the stamps of both of one clock?')
     return offset
+
+
+def _mount(*motions: np.ndarray) -> HandMount:
+    """Return `fit_mount` of what both captures saw."""
+    mount = fit_mount(*motions)
+    if mount is None:
+        raise OffsetError('the wrist moved too little; expected the arm to be moved to all sides, '
+                          'by 10 cm and more')
+    return mount
+
+
+def _delay(times: np.ndarray, turns: np.ndarray, body_turns: np.ndarray,
+           mount: HandMount) -> float:
+    """Return by how much later the body is, as the wrist has turned on by then [s]."""
+    late = (mount.world @ body_turns @ mount.wrist).swapaxes(1, 2) @ turns     # (T, 3, 3)
+    step = max(1, round(.5 * RATE_SPAN / float(np.median(np.diff(times)))))
+    before, after = slice(None, -2 * step), slice(2 * step, None)
+    rate = Rotation.from_matrix(turns[before].swapaxes(1, 2) @ turns[after]).as_rotvec()
+    rate /= (times[after] - times[before])[:, None]                            # (T', 3) [rad/s]
+    turned_on = Rotation.from_matrix(late[step:-step]).as_rotvec()
+    return float((turned_on * rate).sum() / max((rate * rate).sum(), 1e-12))
 
 
 def _together(body: np.ndarray, wrist: np.ndarray) -> tuple[np.ndarray, ...]:

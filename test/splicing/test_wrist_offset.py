@@ -51,6 +51,14 @@ def test_captures_without_noise_tell_it_to_interpolation():
     assert (Rotation.from_quat(found.rotation) * OFFSET[1].inv()).magnitude() < 1e-3
 
 
+@pytest.mark.parametrize('late', [-.06, .01, .03, .1])
+def test_stamps_that_are_late_by_the_same_time_are_told_and_do_no_harm(late):
+    found = fit_wrist_offset(*captures(noise=.001, late=late))
+    assert found.delay == pytest.approx(late, abs=.0005)
+    np.testing.assert_allclose(found.position, OFFSET[0], atol=1e-3)
+    assert (Rotation.from_quat(found.rotation) * OFFSET[1].inv()).magnitude() < np.radians(.2)
+
+
 @pytest.mark.parametrize('given, reason', [
     ({'place': .002}, 'moved too little'), ({'turn': .01}, 'turned too little'),
     ({'late': 3.}, 'turn apart'), ({'late': 60.}, 'are of the same times')])
