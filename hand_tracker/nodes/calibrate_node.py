@@ -28,7 +28,7 @@ from ..progress import Block, bar
 from ..tracking.diagnostics import Level, Status
 from ..tracking.input_monitor import InputMonitor
 from ..tracking.stream import FrameTime, read_or_warn
-from .executors import STEADY_CLOCK
+from .executors import steady_clock
 from .parameters import Parameter
 from .runner import POLL, declare, log_line, qos_of, run, spinning
 from .serialization import Serialization
@@ -81,7 +81,7 @@ class CalibrateNode(Node):
         self._subscription = self.create_subscription(
             MarkerArray, 'markers', self._on_markers, qos_of(values, 'markers'),
             raw=serialization.raw)
-        self.create_timer(SHOW_PERIOD, self._show, clock=STEADY_CLOCK)
+        self.create_timer(SHOW_PERIOD, self._show, clock=steady_clock())
         self.get_logger().info(f'{hand.side} hand: listening for markers on {self._topic}')
 
     def calibrate(self) -> None:

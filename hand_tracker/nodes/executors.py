@@ -18,8 +18,14 @@ except ImportError:  # before Jazzy
     EventsExecutor = None
 
 AT_ONCE = 1e-9  # [s]
-# Timers of ROS time would stand still without /clock.
-STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
+
+
+def steady_clock() -> Clock:
+    """Return a clock for one timer: those of ROS time would stand still without /clock.
+
+    Each timer has its own, as EventsExecutor prints a warning where one has many.
+    """
+    return Clock(clock_type=ClockType.STEADY_TIME)
 
 
 def wake_timer(node: Node, callback: Callable[[], object]) -> Timer:
@@ -37,7 +43,7 @@ def wake_timer(node: Node, callback: Callable[[], object]) -> Timer:
     -------
     rclpy.timer.Timer
     """
-    return node.create_timer(AT_ONCE, callback, clock=STEADY_CLOCK)
+    return node.create_timer(AT_ONCE, callback, clock=steady_clock())
 
 
 class SubscriptionHidingNode(Node):

@@ -11,7 +11,7 @@ from rclpy.timer import Timer
 
 from ..tracking.rate_limit import period_ns
 from ..tracking.stream import TrackedFrame
-from .executors import STEADY_CLOCK, wake_timer
+from .executors import steady_clock, wake_timer
 from .fast_path import PUBLISHER_SILENCE, FastPath, InstalledHand
 from .replies import Replies
 from .tracked_hand import TrackedHand
@@ -69,7 +69,7 @@ class MarkerInput:
     def start_fast_path(self, fast_path: FastPath) -> None:
         """Serve the subscription by a fast path, until `stop_fast_path`."""
         self.fast_path = fast_path
-        self._drain_timer = self._node.create_timer(1., self.drain, clock=STEADY_CLOCK)
+        self._drain_timer = self._node.create_timer(1., self.drain, clock=steady_clock())
         self._drain_timer.cancel()
         fast_path.start(self._node, self.subscription, self._drain_fast_path, self._on_markers,
                         self._keeps_publisher)

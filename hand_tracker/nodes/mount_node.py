@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 from ..core.errors import HandTrackerError
 from ..messages.stamps import seconds
 from ..output_files import write_whole
-from .executors import STEADY_CLOCK
+from .executors import steady_clock
 from .message_types import imported_message
 from .parameters import Parameter
 from .replies import TF_DEPTH, StaticTransformBroadcaster
@@ -78,7 +78,7 @@ class MountNode(Node):
         self._wrist: PoseTrack
         self._ends = math.inf   # time at which the calibration is over [s]
         self.create_service(Trigger, '~/calibrate', self._on_calibrate)
-        self.create_timer(LOOK_PERIOD, self._look, clock=STEADY_CLOCK)
+        self.create_timer(LOOK_PERIOD, self._look, clock=steady_clock())
         self._show(offset)
         is_given = offset != [row.default for row in MOUNT_PARAMETERS if row.name in MOUNT_NUMBERS]
         self.get_logger().info(

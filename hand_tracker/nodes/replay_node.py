@@ -39,7 +39,7 @@ from ..tracking.opened_recording import (
     open_recording,
 )
 from ..tracking.playback import Playback, read_ahead
-from .executors import STEADY_CLOCK
+from .executors import steady_clock
 from .parameters import Parameter
 from .runner import declare, run, spinning
 
@@ -278,7 +278,7 @@ class ReplayNode(Node):
 
         # A timer of ROS time would wait for this very clock.
         self.create_timer(1 / self._options.clock, tick,
-                          clock=STEADY_CLOCK)
+                          clock=steady_clock())
 
     def _serve(self, playback: Playback) -> None:
         if srv is None:

@@ -42,7 +42,7 @@ from ..retargeting.wrist_follower import (
 )
 from ..tracking.diagnostics import Level, Status
 from .command_messages import OUTPUTS, command_template
-from .executors import STEADY_CLOCK, SubscriptionHidingNode
+from .executors import SubscriptionHidingNode, steady_clock
 from .fast_path import CommandPath, FastPathUnavailable, ListedJoints
 from .message_types import imported_message
 from .parameters import Parameter
@@ -181,8 +181,8 @@ class RetargetNode(SubscriptionHidingNode):
                 QoSProfile(depth=RETARGET_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT))
             self.create_subscription(PoseStamped, 'robot/wrist_pose', self._on_robot_wrist, latest)
             self.create_subscription(Bool, '~/clutch', self._on_clutch, RETARGET_DEPTH)
-        self.create_timer(min(self._period, WAKING_PERIOD), self._on_timer, clock=STEADY_CLOCK)
-        self.create_timer(RETARGET_STATUS_PERIOD, self._publish_status, clock=STEADY_CLOCK)
+        self.create_timer(min(self._period, WAKING_PERIOD), self._on_timer, clock=steady_clock())
+        self.create_timer(RETARGET_STATUS_PERIOD, self._publish_status, clock=steady_clock())
 
     # The fast path
 

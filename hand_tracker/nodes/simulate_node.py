@@ -33,7 +33,7 @@ from ..simulation.simulator import (
     simulated_hand,
 )
 from ..tracking.playback import read_ahead
-from .executors import STEADY_CLOCK
+from .executors import steady_clock
 from .parameters import Parameter
 from .runner import declare, run, spin
 
@@ -113,7 +113,7 @@ class SimulateNode(Node):
             self._next = next(self._messages)
             self._wall, self._start = time.time_ns(), time.monotonic_ns()
             self.create_timer(self._period, self._publish,
-                              clock=STEADY_CLOCK)
+                              clock=steady_clock())
             self.get_logger().info(
                 f'{self._simulation.motion} at {self._simulation.rate:g} Hz, '
                 f'frame {RECORDING_FRAME_ID}, '

@@ -21,7 +21,7 @@ from ..core.model.marker_layout import MarkerLayout
 from ..messages.joint_states import angles_of
 from ..skin import deform, load_skin
 from ..skin.skinning import Skin
-from .executors import STEADY_CLOCK
+from .executors import steady_clock
 from .hand_description import follow_hand
 from .parameters import Parameter
 from .runner import declare, names_of, run
@@ -66,7 +66,7 @@ class SkinNode(Node):
         self._publisher = self.create_publisher(Marker, 'hand_skin', SKIN_DEPTH)
         self._hand, self._followed = hand, follow_hand(self, self._on_hand)
         self.create_timer(1. / values['rate'], self._show,
-                          clock=STEADY_CLOCK)
+                          clock=steady_clock())
         self.get_logger().info(
             f'{hand.side} hand: a skin of {len(self._skin.vertices)} vertices, '
             f'ready after {time.monotonic() - start:.1f} s')

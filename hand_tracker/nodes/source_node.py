@@ -44,7 +44,7 @@ from ..adapters.qualisys import QTM_PORT, QualisysClient
 from ..core.model.hand import SIDES
 from ..messages.marker_ids import SOURCE_FRAME
 from ..tracking.rate_limit import OncePerKey
-from .executors import STEADY_CLOCK
+from .executors import steady_clock
 from .message_types import imported_message
 from .parameters import Parameter
 from .runner import declare, log_line, run
@@ -100,7 +100,7 @@ class SourceNode(Node):
             self._subscribe()
             self._origin = self._input.topic_name
             self._silence = self.create_timer(
-                SILENT_TIME, self._report_silence, clock=STEADY_CLOCK)
+                SILENT_TIME, self._report_silence, clock=steady_clock())
         self.get_logger().info(f'{self._origin}: publishing on {self._publisher.topic_name}')
 
     def _client(self) -> NatNetClient | QualisysClient:

@@ -27,7 +27,7 @@ from ..messages.stamps import Time
 from ..tracking.compile_kernels import compile_tracking
 from ..tracking.diagnostics import STATUS_PERIOD
 from ..tracking.point_labels import PointLabels
-from .executors import STEADY_CLOCK, SubscriptionHidingNode
+from .executors import SubscriptionHidingNode, steady_clock
 from .fast_path import FastPath, FastPathUnavailable
 from .marker_input import MarkerInput
 from .message_types import class_of
@@ -107,9 +107,9 @@ class TrackerNode(SubscriptionHidingNode):
             self._serialization.raw, start['publishers'] == FIRST_PUBLISHER)
             for topic, hands in groups.items())
         self.add_on_set_parameters_callback(self._on_set_parameters)
-        self.create_timer(REPORT_PERIOD, self._report, clock=STEADY_CLOCK)
-        self.create_timer(STATUS_PERIOD, self._publish_status, clock=STEADY_CLOCK)
-        self.create_timer(CALIBRATION_PERIOD, self._update_calibrations, clock=STEADY_CLOCK)
+        self.create_timer(REPORT_PERIOD, self._report, clock=steady_clock())
+        self.create_timer(STATUS_PERIOD, self._publish_status, clock=steady_clock())
+        self.create_timer(CALIBRATION_PERIOD, self._update_calibrations, clock=steady_clock())
         self.get_logger().info(
             f"{' and '.join(hand.hand.side for hand in self.hands)} hand: listening for markers "
             f"on {' and '.join(one.subscription.topic_name for one in self.inputs)}")

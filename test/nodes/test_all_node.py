@@ -50,19 +50,27 @@ def test_markers_of_motive_are_tracked_in_the_process_that_receives_them():
 
 
 def test_tracker_and_replay_are_what_it_runs_by_itself_and_it_ends_with_the_recording():
-    with together('tracker', 'replay', rate=20., wait_for_subscriber=60.) as process, (
-            watching_node()) as node:
-        answers = node.collect(JointState, 'joint_states')
-        process.wait_for_line('Playing')
-        node.spin_until(lambda: process.ended)
+    with together('tracker', 'replay', rate=20., wait_for_subscriber=60.) as process:
         assert process.wait() == 0, process.output
     assert 'Played to the end' in process.output and 'Traceback' not in process.output
-    assert answers
-    with together() as process:
-        process.wait_for_line('listening for markers')
-        process.wait_for_line('Playing')
+    assert '[hand_tracker]: tracking' in process.output
+    with together() as process, watching_node() as node:
+        answers = node.collect(JointState, 'joint_states')
+        node.spin_until(lambda: answers)
         assert process.interrupt() == 0, process.output
-    assert 'Traceback' not in process.output
+    assert 'Playing' in process.output and 'Traceback' not in process.output
+
+
+def test_many_nodes_are_served_together_and_end_quietly():
+    with together('tracker', 'source', 'landmarks', 'mount', 'simulate', body_frame='arm'
+                  ) as process, watching_node() as node:
+        answers = node.collect(JointState, 'joint_states')
+        node.spin_until(lambda: answers)
+        for line in ('listening for markers', '/pointCloud: publishing', 'publishing 25 landmarks',
+                     'right_wrist rests in arm', 'demo at 120 Hz'):
+            process.wait_for_line(line)
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output and 'number of timers' not in process.output
 
 
 @pytest.mark.parametrize('names, line', [
