@@ -23,11 +23,13 @@ from .hand_track import (
     place_again,
     predict_hand,
 )
+from .pair_search import place_by_all
 from .palm_search import (
     COST,
     DISTANCE,
     SIZE,
     Finding,
+    copy_finding,
     refine_palm,
     size_cost,
     to_palm_frame,
@@ -72,7 +74,7 @@ SPEED_GAIN = .6             # at which speed and turn of the palm follow
 WEAK_SPEED_GAIN = .25       # the same while a marker of the palm is hidden
 DRIFT_GAIN = .4             # at which the speed of a digit's marker in the palm follows
 DRIFT_TIME = .04            # [s] in which a hidden marker's speed fades
-RELAXATION_TIME = 1.        # [s] in which a hidden marker goes to where the seen ones expect it
+RELAXATION_TIME = 1.        # [s] in which hidden markers go to where the seen ones expect them
 ASTRAY_DISTANCE = 4.        # of a posture that is no hand's, relative to the typical one; ours
 LEAST_FOLLOWED = .3         # share of a hand's markers below which it is lost
 WEAK, WEAKER = .1, .05    # weights of digits' and hidden palm markers where the palm is hidden
@@ -216,6 +218,71 @@ def place_palm_by(prototype: Prototype, track: HandTrack, points: np.ndarray,
             rest[i, k] = size * (prototype.template[i, k] if rigid and rows[i] >= 0
                                  else track.local[i, k])
     fit_rigid(rest, there, weights, track.finding.rotation, track.finding.position)
+
+
+@labelling_jit
+def settle_palm(prototype: Prototype, track: HandTrack, points: np.ndarray, rows: np.ndarray,
+                step: float) -> None:
+    """Turn a palm with hidden markers by the moves of all its markers together.
+
+    Digits that bend and a palm that turns look alike to those two of its markers that are seen;
+    the joint distribution of all tells them apart. Hidden markers of the palm keep their distance
+    from where it places them, less and less, as long as the same markers are seen.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    track : HandTrack
+        Its palm is placed by `place_palm_by`; replaced.
+    points : ndarray, shape (n, 3)
+        [m]
+    rows : ndarray of int, shape (M,)
+        Point of each marker, -1 for none.
+    step : float
+        Time since the last frame [s].
+    """
+    count, seen, same = len(rows), 0, True
+    for i in range(count):
+        seen += 1 if rows[i] >= 0 and prototype.rigid[i] > 0. else 0
+        same = same and (rows[i] >= 0) == (track.hidden_for[i] <= 0.)
+    if seen >= 3:
+        track.palm_offset[:] = np.nan
+        return
+    placed = track.finding
+    guess = Finding(rows.copy(), np.empty((3, 3)), np.empty(3), np.empty(3))
+    copy_finding(placed, guess)
+    guess.rows[:] = rows
+    place_by_all(prototype, points, guess)
+    size = guess.numbers[SIZE]
+    weights, there, rest = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3))
+    home = np.empty(3)
+    for i in range(count):
+        if prototype.rigid[i] <= 0.:
+            continue
+        known = track.palm_offset[i, 0] == track.palm_offset[i, 0]
+        same = same and (known or rows[i] >= 0)
+        weights[i] = 1. if rows[i] >= 0 else WEAK
+        for k in range(3):
+            home[k] = prototype.template[i, k] + (track.palm_offset[i, k] if known else 0.)
+            rest[i, k] = placed.numbers[SIZE] * prototype.template[i, k]
+        for k in range(3):
+            there[i, k] = points[rows[i], k] if rows[i] >= 0 else guess.position[k] + size * (
+                guess.rotation[k, 0] * home[0] + guess.rotation[k, 1] * home[1]
+                + guess.rotation[k, 2] * home[2])
+    if same:
+        fit_rigid(rest, there, weights, placed.rotation, placed.position)
+    kept = 1. - min(step / RELAXATION_TIME, 1.)
+    for i in range(count):
+        if prototype.rigid[i] <= 0. or rows[i] >= 0:
+            continue
+        for k in range(3):
+            there[i, k] = placed.position[k] - guess.position[k]
+            for n in range(3):
+                there[i, k] += placed.rotation[k, n] * rest[i, n]
+        for k in range(3):
+            track.palm_offset[i, k] = kept * ((
+                guess.rotation[0, k] * there[i, 0] + guess.rotation[1, k] * there[i, 1]
+                + guess.rotation[2, k] * there[i, 2]) / size - prototype.template[i, k])
 
 
 @labelling_jit
@@ -451,7 +518,7 @@ def follow_hands(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
     for hand in range(len(tracks)):
         last[hand, :3] = tracks[hand].finding.rotation
         last[hand, 3] = tracks[hand].finding.position
-        predict_hand(tracks[hand], step)
+        predict_hand(prototypes[hand], tracks[hand], step)
     cost = np.empty((total, len(points)))
     rows = np.empty(total, dtype=np.int64)
     for turn in range(2):
@@ -489,6 +556,7 @@ def follow_hands(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
         mine = rows[first:first + len(track.place)]
         _doubt_labels(track, cost[first:first + len(track.place)], mine)
         place_palm_by(prototypes[hand], track, points, mine)
+        settle_palm(prototypes[hand], track, points, mine, step)
         correct_hand(prototypes[hand], track, points, mine, last[hand], step, history,
                      firsts[hand])
         for i in range(len(mine)):

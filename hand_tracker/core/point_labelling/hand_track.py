@@ -14,6 +14,7 @@ from .prototypes import Prototype
 # Of the place of a marker that is hidden for t [s]: deviation sqrt(t) [m], with the tails of
 # Student's distribution, as fingers rest for long and then move at once; ours.
 HIDDEN_DEVIATION = .014
+HIDDEN_PALM_DEVIATION = .009    # the same of a marker of the palm, which the others place
 LONGEST_HIDDEN = 5.         # [s] after which it grows no more
 CLUTTER_RANGE = .25         # [m] from the palm, in which they are
 BIRTHS = .005, .1, 10.       # points that come there in a frame: least, at the start, most; ours
@@ -88,6 +89,9 @@ class HandTrack(NamedTuple):
         By which the source told the markers' points apart; -1 where it did not.
     returns : Returns
         How each marker came back that was hidden.
+    palm_offset : ndarray, shape (M, 3)
+        Of each hidden marker of the palm from where all seen markers together place it, in the
+        palm's frame; not a number where that is not known [m].
     numbers : ndarray, shape (4,)
         By how much another labelling has been better [variances]; time for which the posture has
         been no hand's, and since the start [s]; points near the hand that come in a frame.
@@ -107,6 +111,7 @@ class HandTrack(NamedTuple):
     trusted_for: np.ndarray
     ids: np.ndarray
     returns: Returns
+    palm_offset: np.ndarray
     numbers: np.ndarray
 
 
@@ -125,7 +130,7 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
         Returns(np.full(count, np.inf), np.zeros(count), np.zeros(count), np.zeros(count),
                 np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((2, count, 3)),
                 np.zeros((count, 3)), np.zeros(count)),
-        np.array((0., 0., 0., BIRTHS[1])))
+        np.full((count, 3), np.nan), np.array((0., 0., 0., BIRTHS[1])))
     loaded_or_plain(start_places)(prototype, points, track)
     return track
 
@@ -145,7 +150,7 @@ def start_places(prototype: Prototype, points: np.ndarray, track: HandTrack) -> 
         for k in range(3):
             track.local[i, k] = local[rows[i], k] if rows[i] >= 0 else expected[i, k]
             track.drift[i, k] = 0.
-            track.expected[i, k] = np.nan
+            track.expected[i, k] = track.palm_offset[i, k] = np.nan
         track.hidden_for[i] = 0. if rows[i] >= 0 else 1.
         track.suspected_for[i] = 0.
         track.returns.age[i] = math.inf
@@ -168,7 +173,7 @@ def turn_rotation(rotation: np.ndarray, x: float, y: float, z: float) -> None:
 
 
 @labelling_jit
-def predict_hand(track: HandTrack, step: float) -> None:
+def predict_hand(prototype: Prototype, track: HandTrack, step: float) -> None:
     """Predict palm and markers a time step [s] ahead."""
     finding = track.finding
     for k in range(3):
@@ -176,7 +181,8 @@ def predict_hand(track: HandTrack, step: float) -> None:
     turn_rotation(finding.rotation, track.motion[1, 0] * step, track.motion[1, 1] * step,
                   track.motion[1, 2] * step)
     for i in range(len(track.place)):
-        grown = HIDDEN_DEVIATION ** 2 * min(track.hidden_for[i], LONGEST_HIDDEN)
+        growth = HIDDEN_PALM_DEVIATION if prototype.rigid[i] > 0. else HIDDEN_DEVIATION
+        grown = growth * growth * min(track.hidden_for[i], LONGEST_HIDDEN)
         leap = min(UNFORESEEN * step * step, FIRST_DEVIATION)
         track.deviation[i] = math.sqrt(track.error[i] ** 2 + leap * leap + grown)
         for k in range(3):
