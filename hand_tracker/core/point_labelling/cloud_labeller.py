@@ -18,7 +18,7 @@ from ..model.marker_layout import MARKERS, MarkerLayout
 from ..numerics.jit import load_kernel
 from ..numerics.jit import loaded_or_plain as kernel
 from .clutter import THERE_FOR, PointHistory, continue_clutter, no_clutter, remember_clutter
-from .following import LEAST_FOLLOWED, follow_hands, relabel
+from .following import ASTRAY_DISTANCE, LEAST_FOLLOWED, follow_hands, relabel
 from .hand_track import ASTRAY, DOUBT, HandTrack, begin_track, start_places
 from .natural_poses import model_prototype
 from .pair_search import label_pairs, search_pairs
@@ -44,7 +44,7 @@ ACCEPTED_DISTANCE, PAIR_DISTANCE = 1.5, .7
 # these have long been the best; it counts once for each time in which postures change, up to
 # some of them [variances, s]; ours.
 RIVAL_MARGIN = 6.
-TRUSTED_MARGIN = 40.
+TRUSTED_MARGIN = 200.
 RIVAL_TIME = .1
 RIVAL_TIMES = 4.
 TRUST_TIME = 1.             # [s] in which labels that are the best become trusted; ours
@@ -124,6 +124,17 @@ def _lead(rival: Finding, present: Finding, known: np.ndarray) -> float:
     more = (rival.rows >= 0).sum() - (present.rows >= 0).sum()
     return float(present.numbers[COST] - rival.numbers[COST] - NEWLY_SEEN_COST * max(more, 0)
                  - known[new].sum())
+
+
+def _trust(track: HandTrack, rival: Finding) -> float:
+    """Return for how long a followed hand's labels have excluded another labelling [s].
+
+    That is the longest time of all points that it gives to another marker, or to none.
+    """
+    owners = {row: i for i, row in enumerate(track.finding.rows.tolist()) if row >= 0}
+    takers = {row: i for i, row in enumerate(rival.rows.tolist()) if row >= 0}
+    return max((track.trusted_for[i, takers.get(row, i)] for row, i in owners.items()
+                if takers.get(row) != i), default=0.)
 
 
 def _search_points(prototype: Prototype, points: np.ndarray, free: np.ndarray, first: int,
@@ -249,20 +260,24 @@ class CloudLabeller:
         hands = [hand for hand in self._hands if hand.track is not None]
         if not hands:
             return before, history
-        was = [hand.track.hidden_for <= 0. for hand in hands if hand.track is not None]
+        was = [(hand.track.hidden_for <= 0., hand.track.finding.numbers[DISTANCE])
+               for hand in hands if hand.track is not None]
         kernel(follow_hands)(tuple(hand.statistics for hand in hands),
                      tuple(hand.track for hand in hands if hand.track is not None),
                      points, ids, clutter, history, np.array(firsts), step, free)
         # What it costs a rival to take points of no hand, less and less as they stay.
         known = np.maximum(clutter, 0.) * np.maximum(
             1. - history.path[:, THERE_FOR] / KNOWN_TIME, 0.)
-        for hand, seen in zip(hands, was):
+        for hand, (seen, distance) in zip(hands, was):
             assert hand.track is not None
-            # Where the frame is cut, many go and as many come.
+            # Where the frame is cut, many go and as many come, or the posture leaps.
             gone = (seen & (hand.track.finding.rows < 0)).sum()
             come = (free & np.isneginf(clutter)).sum()
-            if min(gone, come) >= max(2., (1. - STILL_SEEN) * seen.sum()):
+            leap = hand.track.finding.numbers[DISTANCE] - distance
+            if (min(gone, come) >= max(2., (1. - STILL_SEEN) * seen.sum())
+                    or leap > ASTRAY_DISTANCE * max(hand.statistics.typical, .5)):
                 hand.shaken_for = SHAKEN_TIME
+                hand.track.trusted_for[:] = 0.
             self._check(hand, points, free, step, known)
         return before, history
 
@@ -295,19 +310,22 @@ class CloudLabeller:
         hand.since_relabelling = 0
         own = free.copy()
         own[finding.rows[finding.rows >= 0]] = True
-        rival = blank_finding(hand.count)
+        rival, exchanged = blank_finding(hand.count), blank_finding(hand.count)
         if not few:
-            kernel(relabel)(hand.statistics, track, points, own, rival)
+            kernel(relabel)(hand.statistics, track, points, own, rival, exchanged)
         if len(points) and (pressing or hand.since_search >= SEARCH_FRAMES):
             hand.since_search = 0
             tried = self._find(hand, points, own, hand.first, rival,
+                               SEARCH_BUDGET if shaken else
                                PRESSING_BUDGET if pressing else DOUBT_BUDGET)
             hand.first = (hand.first + tried) % len(points)
         lead = _lead(rival, finding, known)
+        if not few and _lead(exchanged, finding, known) > lead:
+            rival, lead = exchanged, _lead(exchanged, finding, known)
         changed = (rival.rows != finding.rows) & seen
-        whole = seen[hand.statistics.rigid > 0.].all()
-        # A palm with a hidden marker is roughly placed: its cost alone says little.
-        poor = (not whole and (rival.rows >= 0).sum() <= seen.sum()
+        # A palm is roughly placed by less than three markers: its cost alone says little.
+        poor = (not palm_is_seen(hand.statistics, finding.rows)
+                and (rival.rows >= 0).sum() <= seen.sum()
                 and changed[hand.statistics.rigid > 0.].any())
         if (np.array_equal(rival.rows, finding.rows) or not lead > 0. or poor
                 or rival.numbers[DISTANCE] > UNLIKELY * max(hand.statistics.typical, 1.)):
@@ -316,10 +334,8 @@ class CloudLabeller:
             if not changed.any() or lead < 0.:
                 track.trusted_for[seen] += elapsed
             return
-        # An exchange denies the label of a marker that never vanished as well as of one that did.
-        trust = min(track.trusted_for[changed].max(initial=0.) / TRUST_TIME, 1.)
-        margin = SHAKEN_MARGIN if shaken else RIVAL_MARGIN + (
-            TRUSTED_MARGIN - RIVAL_MARGIN) * (trust if changed.any() else 0.)
+        trust = min(_trust(track, rival) / TRUST_TIME, 1.)
+        margin = SHAKEN_MARGIN if shaken else RIVAL_MARGIN + (TRUSTED_MARGIN - RIVAL_MARGIN) * trust
         track.numbers[DOUBT] = min(track.numbers[DOUBT] + lead * elapsed / RIVAL_TIME,
                                    RIVAL_TIMES * lead)
         if track.numbers[DOUBT] >= margin or (shaken and lead >= margin):
@@ -329,7 +345,7 @@ class CloudLabeller:
             free[rival.rows[rival.rows >= 0]] = False
             kernel(start_places)(hand.statistics, points, track)
             track.numbers[DOUBT] = hand.shaken_for = 0.
-            track.trusted_for[changed] = 0.
+            track.trusted_for[changed] = track.trusted_for[:, changed] = 0.
 
     def _search(self, points: np.ndarray, free: np.ndarray) -> None:
         """Search the hands that are not found, as far as a frame has time for it."""
@@ -451,7 +467,7 @@ def kernel_calls() -> tuple[tuple[Callable[..., Any], tuple[tuple[Any, ...], ...
         (follow_hands, tuple(((prototype,) * hands, (track,) * hands, points, rows, costs,
                               history, rows, UNTIMED_STEP, free) for hands in (1, 2))),
         (remember_clutter, ((clutter, points, free, rows, history, UNTIMED_STEP),)),
-        (relabel, ((prototype, track, points, free, found),)),
+        (relabel, ((prototype, track, points, free, found, found),)),
         (search_palms, ((prototype, points, free, 0, 1, candidates),)),
         (label_candidates, ((prototype, points, free, candidates, found),)),
         (search_pairs, ((prototype, points, free, 0, 1, candidates),)),

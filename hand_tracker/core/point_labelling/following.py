@@ -39,6 +39,7 @@ from .posture import (
     HIDDEN_COST,
     SEEN_COST,
     contradiction,
+    exchange_labels,
     label_costs,
     posture_distance,
     reset_matrix,
@@ -431,8 +432,8 @@ def _rotation_vector(before: np.ndarray, after: np.ndarray) -> tuple[float, floa
 
 @labelling_jit
 def relabel(prototype: Prototype, track: HandTrack, points: np.ndarray, free: np.ndarray,
-            rival: Finding) -> float:
-    """Label the hand anew at its present place, without history.
+            anew: Finding, exchanged: Finding) -> None:
+    """Label the hand at its present place: anew, without history, and by exchanges alone.
 
     Parameters
     ----------
@@ -442,36 +443,41 @@ def relabel(prototype: Prototype, track: HandTrack, points: np.ndarray, free: np
         [m]
     free : ndarray of bool, shape (n,)
         Points that are of no other hand.
-    rival : Finding
-        Replaced.
-
-    Returns
-    -------
-    float
-        By how much the rival costs less than the present labels.
+    anew, exchanged : Finding
+        Replaced; of `exchanged` as many markers are seen, on the same points.
     """
-    rival.rotation[:] = track.finding.rotation
-    rival.position[:] = track.finding.position
-    rival.numbers[:] = track.finding.numbers
+    count = len(anew.rows)
+    copy_finding(track.finding, anew)
+    copy_finding(track.finding, exchanged)
     local = np.empty((len(points), 3))
-    cost = np.empty((len(rival.rows), len(points)))
-    to_palm_frame(points, rival.rotation, rival.position, rival.numbers[SIZE], local)
+    cost = np.empty((count, len(points)))
+    to_palm_frame(points, anew.rotation, anew.position, anew.numbers[SIZE], local)
+    matrix = np.empty((3 * count, 3 * count))
+    constant, hidden, distance = exchange_labels(
+        prototype, local, np.zeros(len(points), dtype=np.bool_), exchanged.rows, matrix,
+        np.empty(3 * count), np.empty(3 * count))
+    seen = count - hidden
+    exchanged.numbers[COST] = (constant + tail_cost(distance, 3 * seen) + hidden * HIDDEN_COST
+                               + size_cost(prototype, exchanged.numbers[SIZE]))
+    exchanged.numbers[DISTANCE] = distance / (3. * max(seen, 1))
     label_costs(prototype, local, free, cost)
-    assign_rows(cost, HIDDEN_COST, rival.rows)
-    refine_palm(prototype, points, free, rival)
-    return track.finding.numbers[COST] - rival.numbers[COST]
+    assign_rows(cost, HIDDEN_COST, anew.rows)
+    refine_palm(prototype, points, free, anew)
 
 
 @labelling_jit
 def _doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
-    """Trust no labels that others might have as well: markers that meet, or come back."""
+    """Trust no pair of labels that might be exchanged: of markers that meet, or are both hidden."""
     for i in range(len(rows)):
-        if rows[i] < 0 or track.hidden_for[i] > 0.:
-            track.trusted_for[i] = 0.
-        if rows[i] < 0:
-            continue
+        hidden = rows[i] < 0 or track.hidden_for[i] > 0.
+        if hidden:
+            track.trusted_for[i, i] = 0.
         for j in range(len(rows)):
             if j == i:
+                continue
+            if hidden and (rows[j] < 0 or track.hidden_for[j] > 0.):
+                track.trusted_for[i, j] = 0.
+            if rows[i] < 0:
                 continue
             # Cost if marker j had the point of i, and i that of j or none.
             other = cost[j, rows[i]]
@@ -480,9 +486,7 @@ def _doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
                 other += min(cost[i, rows[j]], 0.)
                 present += cost[j, rows[j]]
             if other - present < MEETING_COST:
-                track.trusted_for[i] = 0.
-                if rows[j] >= 0:
-                    track.trusted_for[j] = 0.
+                track.trusted_for[i, j] = track.trusted_for[j, i] = 0.
 
 
 @labelling_jit

@@ -83,8 +83,9 @@ class HandTrack(NamedTuple):
         Time for which the other markers have contradicted each label [s].
     motion : ndarray, shape (2, 3)
         Velocity of the palm [m/s] and its angular velocity [rad/s].
-    trusted_for : ndarray, shape (M,)
-        Time for which each label has been the best, and not been given in doubt [s].
+    trusted_for : ndarray, shape (M, M)
+        Time for which labels have been the best since each seen marker's point may have been each
+        other marker's; on the diagonal since it may have been none [s].
     ids : ndarray of int, shape (M,)
         By which the source told the markers' points apart; -1 where it did not.
     returns : Returns
@@ -126,7 +127,7 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
         prototype.template.copy(), np.zeros((count, 3)), prototype.template.copy(),
         np.zeros(count), np.full(count, FIRST_DEVIATION),
         np.full(count, FIRST_DEVIATION), np.zeros(count), np.zeros(count), np.zeros((2, 3)),
-        np.zeros(count), np.full(count, -1),
+        np.zeros((count, count)), np.full(count, -1),
         Returns(np.full(count, np.inf), np.zeros(count), np.zeros(count), np.zeros(count),
                 np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((2, count, 3)),
                 np.zeros((count, 3)), np.zeros(count)),

@@ -199,6 +199,41 @@ def refine_labels(matrix: np.ndarray, mean: np.ndarray, local: np.ndarray, free:
 
 
 @labelling_jit
+def exchange_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray, rows: np.ndarray,
+                    matrix: np.ndarray, residual: np.ndarray,
+                    gradient: np.ndarray) -> tuple[float, int, float]:
+    """Refine labels, and hand points over to hidden markers; as many stay hidden.
+
+    Parameters
+    ----------
+    prototype, local, free, rows, matrix
+        As for `complete_labels`.
+    residual, gradient
+        As for `posture_distance`.
+
+    Returns
+    -------
+    constant : float
+        Of the cost, by `reset_matrix`.
+    hidden : int
+        Number of hidden markers.
+    distance : float
+        Squared Mahalanobis distance of the seen markers.
+    """
+    mean = prototype.template
+    constant, hidden = reset_matrix(prototype, rows, matrix)
+    distance = refine_labels(matrix, mean, local, free, rows, residual, gradient)
+    for _ in range(len(rows)):
+        giver, taker = _best_handover(matrix, mean, gradient, local, rows, distance)
+        if giver < 0:
+            break
+        rows[taker], rows[giver] = rows[giver], -1
+        constant, hidden = reset_matrix(prototype, rows, matrix)
+        distance = refine_labels(matrix, mean, local, free, rows, residual, gradient)
+    return constant, hidden, distance
+
+
+@labelling_jit
 def complete_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray,
                     rows: np.ndarray, matrix: np.ndarray) -> tuple[float, float]:
     """Refine labels; drop markers, take hidden ones, or both, where that costs less.
@@ -222,37 +257,27 @@ def complete_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray,
         Squared Mahalanobis distance of the seen markers.
     """
     count = len(rows)
-    mean = prototype.template
     residual, gradient = np.empty(3 * count), np.empty(3 * count)
-    constant, hidden = reset_matrix(prototype, rows, matrix)
-    distance = refine_labels(matrix, mean, local, free, rows, residual, gradient)
+    constant, hidden, distance = exchange_labels(
+        prototype, local, free, rows, matrix, residual, gradient)
     for _ in range(2 * count):
-        giver, taker = _best_handover(matrix, mean, gradient, local, rows, distance)
-        if giver >= 0:
-            rows[taker], rows[giver] = rows[giver], -1
-            constant, hidden = reset_matrix(prototype, rows, matrix)
-            distance = refine_labels(matrix, mean, local, free, rows, residual, gradient)
-            continue
         # The seen marker that is least believed, given all others
-        seen = count - hidden
         worst, most = -1, 0.
         for i in range(count):
             if rows[i] >= 0:
-                gain = dropping_gain(matrix, gradient, i, distance, seen)
+                gain = dropping_gain(matrix, gradient, i, distance, count - hidden)
                 if gain > most:
                     most, worst = gain, i
         if worst >= 0:
             rows[worst] = -1
-            constant += hide(matrix, worst)
-            hidden += 1
-            distance = posture_distance(matrix, mean, local, rows, residual, gradient)
-            continue
-        marker, point = _best_addition(matrix, mean, gradient, local, free, rows, distance)
-        if marker < 0:
-            break
-        rows[marker] = point
-        constant, hidden = reset_matrix(prototype, rows, matrix)
-        distance = refine_labels(matrix, mean, local, free, rows, residual, gradient)
+        else:
+            marker, point = _best_addition(
+                matrix, prototype.template, gradient, local, free, rows, distance)
+            if marker < 0:
+                break
+            rows[marker] = point
+        constant, hidden, distance = exchange_labels(
+            prototype, local, free, rows, matrix, residual, gradient)
     return constant + tail_cost(distance, 3 * (count - hidden)) + hidden * HIDDEN_COST, distance
 
 
