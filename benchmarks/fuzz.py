@@ -1,8 +1,9 @@
 """Fuzz the tracker with random input and check every state for validity.
 
 Plausible motion with faults of markers, stamps and measured flexions alternates with invalid input
-and live changes of hand, layout and options:
-`python benchmarks/fuzz.py --frames 1000000 --seed 1`.
+and live changes of hand, side, layout (of 3 to 60 markers) and options:
+`python benchmarks/fuzz.py --frames 1000000 --seed 1`. With `--clouds` the markers of one hand or
+two are points without names, ghosts among them, which a labeller names for the trackers.
 """
 
 import argparse
@@ -14,11 +15,22 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.errors import InvalidLayout
-from hand_tracker.core.model.hand import Hand, preset_coupling, preset_limits
+from hand_tracker.core.model.hand import SIDES, Hand, preset_coupling, preset_limits
 from hand_tracker.core.model.kinematics import forward, joint_table
-from hand_tracker.core.model.marker_layout import PAPER_PLACES, MarkerLayout, marker_positions
+from hand_tracker.core.model.layout_presets import LAYOUT_PRESETS, preset_layout
+from hand_tracker.core.model.marker_layout import (
+    ALL_LANDMARKS,
+    COUNT_RANGE,
+    OFFSET_RANGE,
+    PALM_LANDMARKS,
+    PAPER_PLACES,
+    MarkerLayout,
+    marker_positions,
+)
 from hand_tracker.core.model.states import MarkerState
 from hand_tracker.core.options import TrackerOptions
+from hand_tracker.core.point_labelling.cloud_labeller import CloudLabeller
+from hand_tracker.core.point_labelling.natural_poses import model_prototype
 from hand_tracker.core.tracker import HandTracker
 
 WILD = np.array((0., -0., np.nan, np.inf, -np.inf, 1e30, -1e30, 1e308, 5e-324, 1e-300, 1e3, -1e3,
@@ -27,6 +39,8 @@ STAMPS = (None, np.nan, np.inf, -np.inf, 0., -1., 1e30, -1e30, 1e308, 1e9, 5e-32
 TIPS = tuple(place.replace('dip', 'tip') for place in PAPER_PLACES)
 CONFIGURE = .003   # share of frames preceded by a change of hand, layout or options
 RESET = .0002      # share of frames preceded by a reset
+MOST_GHOSTS = 20   # points of no hand in a cloud
+GHOST_RANGE = .3   # [m] from the origin, on each axis
 MILLION = 1_000_000
 
 
@@ -70,7 +84,15 @@ def random_hand(rng):
 
 
 def random_layout(rng):
-    """Return markers on joints or tips, with or without offsets."""
+    """Return the paper's markers, with or without offsets, a preset, or markers anywhere."""
+    kind = rng.random()
+    if kind < .3:
+        return preset_layout(str(rng.choice(tuple(LAYOUT_PRESETS))))
+    if kind < .5:
+        places = [*rng.choice(PALM_LANDMARKS, 3),
+                  *rng.choice(ALL_LANDMARKS, rng.integers(COUNT_RANGE[1] - 2))]
+        offsets = np.clip(rng.normal(scale=.01, size=(len(places), 3)), -OFFSET_RANGE, OFFSET_RANGE)
+        return MarkerLayout(places, offsets, names=[f'marker {i}' for i in range(len(places))])
     offsets = rng.normal(scale=.003, size=(8, 3)) if rng.random() < .5 else np.zeros((8, 3))
     return MarkerLayout(PAPER_PLACES if rng.random() < .7 else TIPS, offsets=offsets)
 
@@ -94,7 +116,7 @@ class Motion:
         self.middle, self.half = hand.limits.mean(axis=1), .5 * np.ptp(hand.limits, axis=1)
 
     def next(self, step):
-        """Return the markers after a time step [s], shape (8, 3) [m]."""
+        """Return the markers after a time step [s], shape (n, 3) [m]."""
         self.phase += self.rates * step
         wave = np.sin(self.phase)
         rotation = Rotation.from_rotvec(wave[25:28]).as_matrix()
@@ -109,18 +131,18 @@ class Motion:
 
 def nonsense(rng, markers):
     """Return an invalid or implausible frame of markers."""
-    kind = rng.integers(6)
+    kind, count = rng.integers(6), len(markers)
     if kind == 0:
-        return rng.choice(WILD, (8, 3))
+        return rng.choice(WILD, (count, 3))
     if kind == 1:
-        return np.where(rng.random((8, 3)) < .3, rng.choice(WILD, (8, 3)), markers)
+        return np.where(rng.random((count, 3)) < .3, rng.choice(WILD, (count, 3)), markers)
     if kind == 2:
-        return rng.normal(scale=10. ** rng.uniform(-12., 4.), size=(8, 3))
+        return rng.normal(scale=10. ** rng.uniform(-12., 4.), size=(count, 3))
     if kind == 3:
-        return np.tile(rng.choice((markers[0], np.zeros(3), np.full(3, np.nan))), (8, 1))
+        return np.tile(rng.choice((markers[0], np.zeros(3), np.full(3, np.nan))), (count, 1))
     if kind == 4:
         return markers * 10. ** rng.uniform(-6., 4.)
-    return markers[rng.integers(8, size=8)]
+    return markers[rng.integers(count, size=count)]
 
 
 class Fuzz:
@@ -142,11 +164,15 @@ class Fuzz:
         self.did = Counter()
         self.left = 0
         self.time = 0.
-        self.frozen = np.zeros((8, 3))
+
+    def set_hand(self, hand, layout):
+        """Simulate another hand, or other markers, from the next stretch of frames on."""
+        self.motion.set_hand(hand, layout)
+        self.left = 0
 
     def _begin(self):
         """Draw the properties of the next stretch of frames."""
-        rng = self.rng
+        rng, count = self.rng, len(self.motion.mounting.link)
         self.left = int(rng.integers(1, 240))
         self.motion.draw_rates()
         self.step = float(rng.choice((1e-9, 1e-3, 1 / 480, 1 / 120, 1 / 120, 1 / 30, .3, 2.)))
@@ -155,11 +181,12 @@ class Fuzz:
         # Half of the stretches are like a good recording, so that the filters settle.
         calm = rng.random() < .5
         self.noise = 10. ** rng.uniform(-6., -3. if calm else -1.5)
-        self.hidden = rng.random(8) < rng.choice((0., .1, .3, .9))
+        self.hidden = rng.random(count) < rng.choice((0., .1, .3, .9))
         self.flicker = 0. if calm else float(rng.choice((0., .02, .5)))
-        self.order = rng.permutation(8) if rng.random() < .1 else np.arange(8)
-        self.stuck = rng.random(8) < (0. if calm else .1)
-        self.copied = -1 if calm else int(rng.integers(-8, 8))
+        self.order = rng.permutation(count) if rng.random() < .1 else np.arange(count)
+        self.stuck = rng.random(count) < (0. if calm else .1)
+        self.frozen = np.zeros((count, 3))
+        self.copied = -1 if calm else int(rng.integers(-count, count))
         self.teleport = 0. if calm else float(rng.choice((0., .01, .1)))
         self.wild = 0. if calm else float(rng.choice((0., .01, .3, 1.)))
         self.measured = str(rng.choice(('none', 'none', 'some', 'wild')))
@@ -202,9 +229,10 @@ class Fuzz:
         if rng.random() < self.teleport:
             self.place = rng.normal(scale=10. ** rng.uniform(-2., 3.), size=3)
             did['teleports'] += 1
-        markers += self.place + rng.normal(scale=self.noise, size=(8, 3))
+        count = len(markers)
+        markers += self.place + rng.normal(scale=self.noise, size=(count, 3))
         if self.copied >= 0:
-            markers[self.copied] = markers[rng.integers(8)]
+            markers[self.copied] = markers[rng.integers(count)]
             did['duplicates'] += 1
         if self.stuck.any():
             markers[self.stuck] = self.frozen[self.stuck]
@@ -214,21 +242,21 @@ class Fuzz:
             markers = nonsense(rng, markers)
             did['nonsense'] += 1
         markers = markers[self.order]
-        did['permuted'] += bool((self.order != np.arange(8)).any())
-        gone = self.hidden | (rng.random(8) < self.flicker)
+        did['permuted'] += bool((self.order != np.arange(count)).any())
+        gone = self.hidden | (rng.random(count) < self.flicker)
         markers[gone] = np.nan
         did['with hidden markers'] += bool(gone.any())
         did['frames'] += 1
         return markers, self._stamp(), self._flexion()
 
     def disturb(self, tracker):
-        """Reset or reconfigure the running tracker, at random."""
+        """Reset or reconfigure the running tracker, at random; return whether its hand changed."""
         rng = self.rng
         if rng.random() < RESET:
             tracker.reset()
             self.did['resets'] += 1
         if rng.random() >= CONFIGURE:
-            return
+            return False
         kind = str(rng.choice(('hand', 'layout', 'options', 'all')))
         try:
             tracker.configure(
@@ -238,11 +266,91 @@ class Fuzz:
         except InvalidLayout:
             # A refused configuration leaves the tracker unchanged.
             self.did['layouts refused'] += 1
-            return
+            return False
         self.did[f'configured {kind}'] += 1
         # Mostly the simulated hand is the tracker's hand model.
-        if rng.random() < .8:
-            self.motion.set_hand(tracker.hand, tracker.layout)
+        self.set_hand(tracker.hand if rng.random() < .8 else random_hand(rng), tracker.layout)
+        return kind != 'options'
+
+
+class CloudFuzz:
+    """An endless, seeded stream of points without names: of one hand or both, and of no hand.
+
+    Parameters
+    ----------
+    seed : int
+    trackers : sequence of HandTracker
+        Of the hands in the cloud.
+
+    Attributes
+    ----------
+    hands : list of Fuzz
+        The markers of each hand.
+    """
+
+    def __init__(self, seed, trackers):
+        self.rng = np.random.default_rng((seed, len(trackers)))
+        self.trackers = trackers
+        self.hands = [Fuzz((seed, hand)) for hand in range(len(trackers))]
+        for hand, tracker in zip(self.hands, trackers):
+            hand.set_hand(tracker.hand, tracker.layout)
+        self._new_labeller()
+
+    def _new_labeller(self):
+        """Begin anew to label, by the trackers' hands as they are now."""
+        prototypes = []
+        for hand, tracker in zip(self.hands, self.trackers):
+            try:
+                prototypes.append(model_prototype(
+                    tracker.hand, tracker.layout, tracker.layout.names, self.rng.random() < .5))
+            except InvalidLayout:
+                # Its palm has no triangle large enough to be found by.
+                hand.did['prototypes refused'] += 1
+                tracker.configure(layout=MarkerLayout())
+                hand.set_hand(tracker.hand, tracker.layout)
+                prototypes.append(model_prototype(
+                    tracker.hand, tracker.layout, tracker.layout.names))
+        self.labeller = CloudLabeller(prototypes)
+
+    def frame(self):
+        """Return the markers of each hand by their labels, (n, 3) [m], and the frame's time."""
+        rng = self.rng
+        changed = [hand.disturb(tracker) for hand, tracker in zip(self.hands, self.trackers)]
+        if any(changed):
+            self._new_labeller()
+        made = [hand.frame() for hand in self.hands]
+        ghosts = rng.uniform(-GHOST_RANGE, GHOST_RANGE, (rng.integers(MOST_GHOSTS + 1), 3))
+        points = np.concatenate([*(markers for markers, _, _ in made), ghosts])
+        points = points[rng.permutation(len(points))]
+        ids = rng.integers(-1, len(points), len(points)) if rng.random() < .3 else None
+        time = made[0][1]
+        labels = self.labeller.update(points, time, ids)
+        check_labels(labels, points)
+        # The last row is that of markers without a label.
+        named = np.concatenate((points, np.full((1, 3), np.nan)))
+        for hand, found in zip(self.hands, labels.found):
+            hand.did['hand found' if found else 'hand not found'] += 1
+        return [named[rows] for rows in labels.rows], time
+
+
+def check_labels(labels, points):
+    """Check that labels are on points of a frame, (n, 3), each on one of its own.
+
+    Raises
+    ------
+    InvalidState
+        Naming the violated condition.
+    """
+    rows = np.concatenate(labels.rows)
+    given = rows[rows >= 0]
+    for what, good in (
+            ('labels on points', ((rows >= -1) & (rows < len(points))).all()),
+            ('a label on each point at most', len(np.unique(given)) == len(given)),
+            ('labelled points finite', np.isfinite(points[given]).all()),
+            ('no labels of hands not found', all(
+                found or (mine < 0).all() for found, mine in zip(labels.found, labels.rows)))):
+        if not good:
+            raise InvalidState(f'violated: {what}')
 
 
 def check(state, limits):
@@ -281,7 +389,7 @@ def check(state, limits):
 
 
 def fuzz(frames, seed):
-    """Track random frames and check each state.
+    """Track random frames of labelled markers and check each state.
 
     Parameters
     ----------
@@ -305,22 +413,60 @@ def fuzz(frames, seed):
         source.disturb(tracker)
         markers, stamp, flexion = source.frame()
         begun = time.perf_counter()
-        try:
-            # Underflow to 0 is intended.
-            with np.errstate(all='raise', under='ignore'):
-                state = tracker.update(markers, stamp, flexion)
-            spent = time.perf_counter() - begun
-            check(state, tracker.hand.limits)
-        except Exception as error:
-            raise InvalidState(f'seed {seed}, frame {number}, time {stamp}, flexion {flexion}, '
-                            f'{tracker.options}, markers\n{markers}\n{error!r}') from error
+        state = track(tracker, markers, stamp, flexion, f'seed {seed}, frame {number}')
+        spent = time.perf_counter() - begun
         total += spent
         # The first frames include compiling.
         slowest = max(slowest, spent if number > 1000 else 0.)
-        source.did[f'palm {state.palm.name}'] += 1
-        for value, count in zip(*np.unique(state.marker_states, return_counts=True)):
-            source.did[f'marker {MarkerState(value).name}'] += int(count)
+        count_states(source.did, state)
     return source.did, slowest, total / max(frames, 1)
+
+
+def fuzz_clouds(frames, seed):
+    """Label and track random clouds of points, of one hand and of two; check labels and states.
+
+    Parameters and results are those of `fuzz`; half of the frames are of one hand.
+    """
+    did = Counter()
+    total = slowest = 0.
+    for hands in (1, 2):
+        trackers = [HandTracker(Hand.scaled(side=side)) for side in SIDES[:hands]]
+        source = CloudFuzz(seed, trackers)
+        for number in range(frames // 2):
+            where = f'seed {seed}, {hands} hands, frame {number}'
+            begun = time.perf_counter()
+            try:
+                named, stamp = source.frame()
+            except Exception as error:
+                raise InvalidState(f'{where}: {error!r}') from error
+            spent = time.perf_counter() - begun
+            total += spent
+            slowest = max(slowest, spent if number > 1000 else 0.)
+            for hand, tracker, markers in zip(source.hands, trackers, named):
+                count_states(hand.did, track(tracker, markers, stamp, None, where))
+        for hand in source.hands:
+            did.update(hand.did)
+    return did, slowest, total / max(frames, 1)
+
+
+def track(tracker, markers, stamp, flexion, where):
+    """Track a frame, shape (n, 3) [m], and return its state; `InvalidState` names `where`."""
+    try:
+        # Underflow to 0 is intended.
+        with np.errstate(all='raise', under='ignore'):
+            state = tracker.update(markers, stamp, flexion)
+        check(state, tracker.hand.limits)
+    except Exception as error:
+        raise InvalidState(f'{where}, time {stamp}, flexion {flexion}, {tracker.options}, '
+                           f'markers\n{markers}\n{error!r}') from error
+    return state
+
+
+def count_states(did, state):
+    """Count the states of palm and markers of a frame."""
+    did[f'palm {state.palm.name}'] += 1
+    for value, count in zip(*np.unique(state.marker_states, return_counts=True)):
+        did[f'marker {MarkerState(value).name}'] += int(count)
 
 
 def main():
@@ -328,8 +474,10 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--frames', type=int, default=MILLION)
     parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--clouds', action='store_true', help='of points without names')
     arguments = parser.parse_args()
-    did, slowest, mean = fuzz(arguments.frames, arguments.seed)
+    did, slowest, mean = (fuzz_clouds if arguments.clouds else fuzz)(
+        arguments.frames, arguments.seed)
     for what in sorted(did):
         print(f'{what:28s} {did[what]:12,d}')
     print(f'nothing failed; an update took {1e3 * mean:.3f} ms, at most {1e3 * slowest:.1f} ms')

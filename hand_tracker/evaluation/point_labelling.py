@@ -1,9 +1,9 @@
 """Labels of points without names, on recorded markers whose names are known.
 
 The markers of each frame are shuffled, ghosts are added, and markers are hidden in bursts. The
-statistics of the hand are learned from the first fifth of the recording (`own`), from the next
-recording that is not of its other hand (`other`, for palms of any size), or from the hand model
-alone (`model`); judged is the rest.
+statistics of the hand are learned from the first fifth of the recording (`own`), from all other
+recordings of such markers but that of its other hand (`others`: it is left out, and palms may be of
+any size), or from the hand model alone (`model`); judged is the rest.
 A frame is right if every visible marker has its own point, and no hidden one any.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from ..calibration.marker_names import identify
 from ..calibration.takes import MarkerTake
 from ..core.errors import HandTrackerError
-from ..core.model.hand import Hand
+from ..core.model.hand import LEFT_HAND_MIRROR, Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..core.point_labelling.cloud_labeller import CloudLabeller
 from ..core.point_labelling.natural_poses import (
@@ -40,7 +40,7 @@ LONGEST_FINDING = 1.            # [s]
 # Ghosts in the cloud, and share of markers hidden.
 CLOUDS = ((0, 0.), (2, 0.), (4, 0.), (8, 0.), (0, .1), (4, .1), (4, .3))
 PAIR_CLOUDS = ((0, 0.), (4, .1))
-STRANGER_CLOUDS = ((0, 0.), (4, 0.))
+STRANGER_CLOUDS = ((0, 0.), (4, 0.), (4, .1))
 BURST_TIMES = .05, 1.           # [s] for which a marker is hidden, or a ghost seen
 GHOST_RANGE = .2                # [m] from the hand's middle, on each axis
 GHOST_SPEED = .1                # [m/s] standard deviation on each axis
@@ -81,11 +81,12 @@ class NamedMarkers(NamedTuple):
         """Learn the wearer's hand from the first part."""
         return learn_prototype(self.markers, self.points[:self.split], self.digits, self.side)
 
-    def prototype_for_others(self, side: str) -> HandPrototype:
-        """Learn a hand from all frames, to find hands of anybody by, of a side."""
-        found = learn_prototype(self.markers, self.points, self.digits, self.side,
-                                ANYBODY_DEVIATIONS, ANYBODY_SIZES, ANYBODY_SHAPE)
-        return found if side == self.side else found.mirrored()
+    @property
+    def palm_size(self) -> float:
+        """Root mean square distance of the palm's markers from their middle [m]."""
+        palm = self.points[:, np.array(self.digits) < 0]
+        off = palm - palm.mean(axis=1, keepdims=True)
+        return float(np.sqrt(np.nanmean((off ** 2).sum(axis=2))))
 
 
 class LabellingTrial(NamedTuple):
@@ -96,7 +97,7 @@ class LabellingTrial(NamedTuple):
     recordings : tuple of NamedMarkers
         Of as many frames.
     prototypes : tuple of HandPrototype
-    learned : {'own', 'other', 'model'}
+    learned : {'own', 'others', 'model'}
     clouds : tuple of (int, float)
         Ghosts and share of hidden markers.
     """
@@ -144,18 +145,18 @@ def of_take(take: MarkerTake) -> NamedMarkers:
 
 def trials(recordings: Sequence[NamedMarkers]) -> Iterator[LabellingTrial]:
     """Yield the trials of recordings: each alone, by others and by the model, and in pairs."""
-    for number, recording in enumerate(recordings):
+    for recording in recordings:
         try:
             own = recording.prototype()
         except HandTrackerError:
             continue
         yield LabellingTrial((recording,), (own,), 'own', CLOUDS)
         # Not its other hand, which one person holds alike.
-        others = [one for one in (*recordings[number + 1:], *recordings[:number])
+        others = [one for one in recordings
                   if one.markers == recording.markers and person(one) != person(recording)]
         if others:
-            yield LabellingTrial((recording,), (others[0].prototype_for_others(recording.side),),
-                                 'other', STRANGER_CLOUDS)
+            yield LabellingTrial((recording,), (prototype_of_others(others, recording.side),),
+                                 'others', STRANGER_CLOUDS)
         if recording.markers == MARKERS:
             yield LabellingTrial((recording,), (model_prototype(
                 Hand.scaled(side=recording.side), MarkerLayout(), MARKERS),), 'model',
@@ -171,6 +172,27 @@ def trials(recordings: Sequence[NamedMarkers]) -> Iterator[LabellingTrial]:
 def person(recording: NamedMarkers) -> str:
     """Return the name of a recording without the side of its hand."""
     return recording.name.replace('left', '').replace('right', '')
+
+
+def prototype_of_others(others: Sequence[NamedMarkers], side: str) -> HandPrototype:
+    """Learn from all frames of recordings of like markers, to find hands of anybody by.
+
+    Parameters
+    ----------
+    others : sequence of NamedMarkers
+        Of as many frames of each, scaled to one size of the palm.
+    side : {'right', 'left'}
+        Of the hands to find.
+    """
+    size = float(np.mean([one.palm_size for one in others]))
+    count = min(len(one.points) for one in others)
+    frames = [one.points[np.linspace(0, len(one.points) - 1, count).astype(int)]
+              * (size / one.palm_size) * (1. if one.side == side else LEFT_HAND_MIRROR)
+              for one in others]
+    # Interleaved, as `learn_prototype` takes every so many.
+    points = np.stack(frames, axis=1).reshape(-1, *frames[0].shape[1:])
+    return learn_prototype(others[0].markers, points, others[0].digits, side,
+                           ANYBODY_DEVIATIONS, ANYBODY_SIZES, ANYBODY_SHAPE)
 
 
 def together(right: NamedMarkers, left: NamedMarkers) -> tuple[NamedMarkers, ...]:

@@ -85,6 +85,14 @@ def test_recordings_are_tracked_in_parallel(tmp_path):
     assert 0. < row['frames_per_s_core'] and 0. < row['peak_mb']
 
 
+def test_two_hands_among_points_are_timed_beside_labelled_ones(tmp_path):
+    rows = run('labelling', '--frames', 240, folder=tmp_path)
+    assert [row['way'] for row in rows] == ['labelled', 'following', 'search']
+    assert rows[0]['ratio'] == 1. < rows[1]['ratio'] < rows[2]['ratio']
+    assert all(row['points'] == 40 for row in rows)
+    assert rows[1]['right_pct'] > 95.
+
+
 @pytest.mark.ros
 def test_nothing_grows_in_a_few_frames(tmp_path):
     pytest.importorskip('rclpy')

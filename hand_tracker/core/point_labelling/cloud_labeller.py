@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import permutations
+from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -120,8 +121,8 @@ def _lead(rival: Finding, present: Finding, known: np.ndarray) -> float:
 
     Markers that are hidden are expected to stay so.
     """
-    new = np.setdiff1d(rival.rows[rival.rows >= 0], present.rows)
-    more = (rival.rows >= 0).sum() - (present.rows >= 0).sum()
+    new = [*{*rival.rows.tolist()} - {*present.rows.tolist(), -1}]
+    more = np.count_nonzero(rival.rows >= 0) - np.count_nonzero(present.rows >= 0)
     return float(present.numbers[COST] - rival.numbers[COST] - NEWLY_SEEN_COST * max(more, 0)
                  - known[new].sum())
 
@@ -214,8 +215,9 @@ class CloudLabeller:
         ValueError
             If a shape is another.
         """
-        cloud = np.array(points, dtype=float).reshape(-1, 3) if np.size(points) == 0 else (
-            np.array(points, dtype=float))
+        cloud = np.array(points, dtype=float)
+        if cloud.size == 0:
+            cloud = cloud.reshape(-1, 3)
         if cloud.ndim != 2 or cloud.shape[1] != 3:
             raise ValueError(f'points: shape {cloud.shape}; expected (n, 3)')
         names = np.full(len(cloud), -1) if ids is None else np.asarray(ids, dtype=np.int64)
@@ -227,15 +229,16 @@ class CloudLabeller:
         free = np.ones(len(cloud), dtype=bool)
         before, history = self._follow(cloud, names, free, step)
         self._search(cloud, free)
-        for hand in self._hands:
-            if hand.track is not None:
-                free[hand.track.finding.rows[hand.track.finding.rows >= 0]] = False
+        found = [(hand.track.finding.rows, hand.track.finding.rows >= 0)
+                 if hand.track is not None else None for hand in self._hands]
+        for labels in filter(None, found):
+            free[labels[0][labels[1]]] = False
         self._clutter = kernel(remember_clutter)(
             self._clutter, cloud, free, before, history, step)
         # Rows of all points, those that were left out among them.
-        rows = tuple(np.where(hand.track.finding.rows >= 0, finite[hand.track.finding.rows], -1)
-                     if hand.track is not None and hand.confirmed and len(finite)
-                     else np.full(hand.count, -1) for hand in self._hands)
+        rows = tuple(np.where(labels[1], finite[labels[0]], -1)
+                     if labels is not None and hand.confirmed and len(finite)
+                     else np.full(hand.count, -1) for hand, labels in zip(self._hands, found))
         return CloudLabels(rows, tuple(hand.confirmed for hand in self._hands),
                            tuple(hand.is_other_side for hand in self._hands))
 
@@ -265,34 +268,31 @@ class CloudLabeller:
         kernel(follow_hands)(tuple(hand.statistics for hand in hands),
                      tuple(hand.track for hand in hands if hand.track is not None),
                      points, ids, clutter, history, np.array(firsts), step, free)
-        # What it costs a rival to take points of no hand, less and less as they stay.
-        known = np.maximum(clutter, 0.) * np.maximum(
-            1. - history.path[:, THERE_FOR] / KNOWN_TIME, 0.)
+        come = np.count_nonzero(free & (clutter == -np.inf))
         for hand, (seen, distance) in zip(hands, was):
             assert hand.track is not None
             # Where the frame is cut, many go and as many come, or the posture leaps.
-            gone = (seen & (hand.track.finding.rows < 0)).sum()
-            come = (free & np.isneginf(clutter)).sum()
+            gone = np.count_nonzero(seen & (hand.track.finding.rows < 0))
             leap = hand.track.finding.numbers[DISTANCE] - distance
-            if (min(gone, come) >= max(2., (1. - STILL_SEEN) * seen.sum())
+            if (min(gone, come) >= max(2., (1. - STILL_SEEN) * np.count_nonzero(seen))
                     or leap > ASTRAY_DISTANCE * max(hand.statistics.typical, .5)):
                 hand.shaken_for = SHAKEN_TIME
                 hand.track.trusted_for[:] = 0.
-            self._check(hand, points, free, step, known)
+            self._check(hand, points, free, step, clutter, history)
         return before, history
 
     def _check(self, hand: _Hand, points: np.ndarray, free: np.ndarray, step: float,
-               known: np.ndarray) -> None:
+               clutter: np.ndarray, history: PointHistory) -> None:
         """Give up labels and hands that are contradicted; take a better labelling."""
         track = hand.track
         assert track is not None
         finding, patience = track.finding, self.options.patience
         seen = finding.rows >= 0
-        few = seen.sum() < max(3., LEAST_FOLLOWED * hand.count)
-        if track.numbers[ASTRAY] > patience or not np.isfinite(finding.position).all():
+        few = np.count_nonzero(seen) < max(3., LEAST_FOLLOWED * hand.count)
+        if track.numbers[ASTRAY] > patience or not isfinite(sum(finding.position.tolist())):
             hand.lose()
             return
-        for i in np.flatnonzero(track.suspected_for > .5 * patience):
+        for i in (track.suspected_for > .5 * patience).nonzero()[0]:
             free[finding.rows[i]] = True
             finding.rows[i] = -1
             track.suspected_for[i] = 0.
@@ -319,6 +319,9 @@ class CloudLabeller:
                                SEARCH_BUDGET if shaken else
                                PRESSING_BUDGET if pressing else DOUBT_BUDGET)
             hand.first = (hand.first + tried) % len(points)
+        # What it costs a rival to take points of no hand, less and less as they stay.
+        known = np.maximum(clutter, 0.) * np.maximum(
+            1. - history.path[:, THERE_FOR] / KNOWN_TIME, 0.)
         lead = _lead(rival, finding, known)
         if not few and _lead(exchanged, finding, known) > lead:
             rival, lead = exchanged, _lead(exchanged, finding, known)
