@@ -1,6 +1,6 @@
 """Fit the thumb: position and axis of the saddle joint, MCP abduction, coupling of the IP.
 
-It is fitted so that the thumb solved from its tip alone reproduces the recorded MCP and IP.
+It is fitted so that the thumb solved from its tip alone reproduces the recorded joints.
 """
 
 from typing import NamedTuple, cast
@@ -28,6 +28,7 @@ SLOPE_BOUNDS = (.3, 3.)
 OFFSET_BOUNDS = (-np.pi / 4, np.pi / 4)
 AXIS_BOUND = 2.5                  # [AXIS_SPREAD], 42 degrees
 CMC_BOUND = 4.                    # [CMC_SPREAD]
+CMC_WEIGHT = .3                   # [1] of its misses beside those of MCP and IP; from captures
 
 
 class Saddle(NamedTuple):
@@ -98,8 +99,9 @@ def fit_thumb(hand: Hand, thumb: np.ndarray) -> Hand:
     def residuals(x: np.ndarray) -> np.ndarray:
         part = saddle(x)
         solved = solve_thumb(hand, part, recorded[:, 3] - part.thumb_cmc)
-        joints = np.stack((solved.mcp, solved.ip), axis=1) + part.thumb_cmc
-        return np.sqrt(((joints - recorded[:, 1:3]) ** 2).sum(axis=2))
+        joints = np.stack((0. * solved.mcp, solved.mcp, solved.ip), axis=1) + part.thumb_cmc
+        misses = np.sqrt(((joints - recorded[:, :3]) ** 2).sum(axis=2))
+        return misses * (CMC_WEIGHT, 1., 1.)
 
     slopes = np.log(np.divide(SLOPE_BOUNDS, THUMB_COUPLING[0])) / SLOPE_SPREAD
     offsets = np.subtract(OFFSET_BOUNDS, THUMB_COUPLING[1]) / OFFSET_SPREAD
