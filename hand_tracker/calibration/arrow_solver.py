@@ -25,7 +25,7 @@ class Solved(NamedTuple):
     Attributes
     ----------
     shape : ndarray, shape (p,)
-    angles : ndarray, shape (n, 4)
+    angles : ndarray, shape (n, k)
         [rad]
     cost : float
     """
@@ -43,7 +43,7 @@ def solve_shape(problem: DigitProblem, start: np.ndarray, angles: np.ndarray,
     ----------
     problem : DigitProblem
     start : ndarray, shape (p,)
-    angles : ndarray, shape (n, 4)
+    angles : ndarray, shape (n, k)
         [rad]
     iterations : int
         At most.
@@ -83,12 +83,12 @@ def fit_angles(problem: DigitProblem, shape: np.ndarray, starts: np.ndarray
     ----------
     problem : DigitProblem
     shape : ndarray, shape (p,)
-    starts : ndarray, shape (s, 4) or (s, n, 4)
+    starts : ndarray, shape (s, k) or (s, n, k)
         Initial angles; the result of least cost is taken, frame by frame [rad].
 
     Returns
     -------
-    angles : ndarray, shape (n, 4)
+    angles : ndarray, shape (n, k)
         [rad]
     cost : ndarray, shape (n,)
     """
@@ -105,7 +105,7 @@ def fit_angles(problem: DigitProblem, shape: np.ndarray, starts: np.ndarray
 
 def _descended(problem: DigitProblem, shape: np.ndarray, angles: np.ndarray,
                iterations: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return angles (n, 4) after steps of each frame, and the frames' costs (n,)."""
+    """Return angles (n, k) after steps of each frame, and the frames' costs (n,)."""
     damping = np.full(len(angles), FIRST_DAMPING)
     cost = frame_costs(problem, shape, angles)
     for _ in range(iterations):
@@ -140,7 +140,7 @@ def _reduced(system: ArrowSystem, damping: float) -> tuple[np.ndarray, np.ndarra
     """Return the shape's system without the angles, and the damped blocks of the angles."""
     blocks = system.angles + damping * _diagonals(system.angles) + LEAST_CURVATURE * np.eye(
         system.angles.shape[-1])
-    eliminated = np.linalg.solve(blocks, system.links)             # (n, 4, p)
+    eliminated = np.linalg.solve(blocks, system.links)             # (n, k, p)
     size = system.shape.shape[0]
     reduced = system.shape - (
         system.links.reshape(-1, size).T @ eliminated.reshape(-1, size))
@@ -148,7 +148,7 @@ def _reduced(system: ArrowSystem, damping: float) -> tuple[np.ndarray, np.ndarra
 
 
 def _step(system: ArrowSystem, damping: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the damped steps of shape (p,) and angles (n, 4)."""
+    """Return the damped steps of shape (p,) and angles (n, k)."""
     reduced, blocks = _reduced(system, damping)
     reduced = reduced + damping * np.diag(np.diag(system.shape))
     alone = np.linalg.solve(blocks, system.angle_gradient[..., None])

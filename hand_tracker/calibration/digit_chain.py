@@ -1,7 +1,8 @@
 """Kinematics of a digit with markers on its links, for many frames at once, with derivatives.
 
 A digit turns about its abduction axis, which leans, and flexes at three hinges, from the
-direction that it has without lean. A marker is attached to one of
+direction that it has without lean. A thumb may abduct at its second joint, too: then its angles
+are five. A marker is attached to one of
 its three links at an offset from that link's distal end. Skin over a joint turns with a share of
 its flexion, and takes the marker along.
 """
@@ -12,9 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 ANGLES = 4       # turn about the abduction axis, then the flexions of the three hinges
+ASIDE = 4        # row of the second joint's abduction, where there is one
 ROOT_PART = slice(0, 3)
 LEAN_PART = slice(3, 5)
 BONE_PART = slice(5, 8)
+SECOND_BONE = 6
 COUPLING_PART = slice(8, 10)
 FIRST_OFFSET = 10
 LEAN_STEP = 1e-5  # of the central difference of the base by the axis's lean [1]
@@ -51,7 +54,7 @@ class Placed(NamedTuple):
     ----------
     points : ndarray, shape (n, m, 3)
         In the palm's frame [m].
-    by_angle : ndarray, shape (n, m, 3, 4)
+    by_angle : ndarray, shape (n, m, 3, 4 or 5)
         [m/rad]
     by_shape : ndarray, shape (n, m, 3, p)
         By the shape parameters of `Chain`.
@@ -71,6 +74,21 @@ def offsets_of(shape: np.ndarray) -> np.ndarray:
 def shares_of(shape: np.ndarray) -> np.ndarray:
     """Return the markers' shares of shape parameters (..., p), shape (..., m) [1]."""
     return shape[..., FIRST_OFFSET + 3 * ((shape.shape[-1] - FIRST_OFFSET) // 4):]
+
+
+class Swing(NamedTuple):
+    """Abduction of a digit's second joint in n frames, before the turn about its first axis.
+
+    Attributes
+    ----------
+    axis, pivot : ndarray, shape (n, 3)
+        Dorsal axis of the first link, and the joint [1, m].
+    rotation : ndarray, shape (n, 3, 3)
+    """
+
+    axis: np.ndarray
+    pivot: np.ndarray
+    rotation: np.ndarray
 
 
 class Lean(NamedTuple):
@@ -108,7 +126,7 @@ def place_markers(chain: Chain, shape: np.ndarray, angles: np.ndarray) -> np.nda
     chain : Chain
     shape : ndarray, shape (p,)
         [m, 1, rad]
-    angles : ndarray, shape (n, 4)
+    angles : ndarray, shape (n, 4 or 5)
         [rad]
 
     Returns
@@ -118,6 +136,8 @@ def place_markers(chain: Chain, shape: np.ndarray, angles: np.ndarray) -> np.nda
     """
     lean = leaning(chain, shape[LEAN_PART])
     planar = _in_plane(chain, shape, lean.tilt, angles)
+    if angles.shape[1] > ASIDE:
+        planar = _swung(planar, chain, _swing(shape, lean.tilt, angles))
     return shape[ROOT_PART] + _turned(planar, angles) @ lean.base.T
 
 
@@ -133,17 +153,21 @@ def place_with_derivatives(chain: Chain, shape: np.ndarray, angles: np.ndarray,
     """
     lean = leaning(chain, shape[LEAN_PART])
     planar = _in_plane(chain, shape, lean.tilt, angles)
+    by_bend = _by_flexion(chain, shape, lean.tilt, angles)         # (n, m, 3, 3)
+    swing = _swing(shape, lean.tilt, angles) if angles.shape[1] > ASIDE else None
+    if swing is not None:
+        planar = _swung(planar, chain, swing)
+        by_bend = _by_bend_of_swung(by_bend, planar, chain, swing)  # (n, m, 4, 3)
     turned = _turned(planar, angles)
     frames, markers = len(angles), len(chain.links)
     to_palm = lean.base @ _turns(angles)                           # (n, 3, 3)
     to_frame = np.swapaxes(to_palm, 1, 2)
 
-    by_angle = np.empty((frames, markers, ANGLES, 3))
+    by_angle = np.empty((frames, markers, angles.shape[1], 3))
     by_angle[:, :, 0] = np.stack(
         (-turned[..., 1], turned[..., 0], 0. * turned[..., 0]), axis=-1) @ lean.base.T
-    by_flexion = _by_flexion(chain, shape, lean.tilt, angles)      # (n, m, 3, 3)
-    by_angle[:, :, 1:] = (by_flexion.reshape(frames, -1, 3) @ to_frame).reshape(
-        frames, markers, 3, 3)
+    by_angle[:, :, 1:] = (by_bend.reshape(frames, -1, 3) @ to_frame).reshape(
+        frames, markers, -1, 3)
     by_angle = np.swapaxes(by_angle, 2, 3)
     points = shape[ROOT_PART] + turned @ lean.base.T
     if not by_shape_too:
@@ -171,9 +195,13 @@ def place_with_derivatives(chain: Chain, shape: np.ndarray, angles: np.ndarray,
         by_shape[:, i, :, first + 2] = _along(lean_of_offset - np.pi / 2., ahead, above)
         if link < 2:
             along, _, height = offsets_of(shape)[i]
-            swing = (along * _along(lean_of_offset + np.pi / 2., ahead, above)
+            sweep = (along * _along(lean_of_offset + np.pi / 2., ahead, above)
                      + height * _along(lean_of_offset, ahead, above))
-            by_shape[:, i, :, FIRST_OFFSET + 3 * markers + i] = angles[:, link + 2, None] * swing
+            by_shape[:, i, :, FIRST_OFFSET + 3 * markers + i] = angles[:, link + 2, None] * sweep
+    if swing is not None:
+        behind = chain.links > 0
+        by_shape[:, behind, :, SECOND_BONE:] = (
+            to_palm @ swing.rotation @ to_frame)[:, None] @ by_shape[:, behind, :, SECOND_BONE:]
     return Placed(points, by_angle, by_shape)
 
 
@@ -194,6 +222,39 @@ def _in_plane(chain: Chain, shape: np.ndarray, tilt: float, angles: np.ndarray) 
     return np.stack((reach[:, chain.links] + along * c + height * s,
                      np.broadcast_to(aside, c.shape),
                      -drop[:, chain.links] + height * c - along * s), axis=-1)
+
+
+def _swing(shape: np.ndarray, tilt: float, angles: np.ndarray) -> Swing:
+    """Return the abduction of the second joint at angles (n, 5)."""
+    flexion = tilt + angles[:, 1]
+    c, s, still = np.cos(flexion), np.sin(flexion), np.zeros(len(angles))
+    axis = np.stack((s, still, c), axis=1)
+    across = np.zeros((len(angles), 3, 3))                         # cross product with the axis
+    across[:, 1, 0], across[:, 0, 1] = c, -c
+    across[:, 2, 1], across[:, 1, 2] = s, -s
+    aside = angles[:, ASIDE, None, None]
+    rotation = np.eye(3) + np.sin(aside) * across + (1. - np.cos(aside)) * across @ across
+    return Swing(axis, shape[BONE_PART.start] * np.stack((c, still, -s), axis=1), rotation)
+
+
+def _swung(planar: np.ndarray, chain: Chain, swing: Swing) -> np.ndarray:
+    """Return markers (n, m, 3) with those behind the second joint abducted there."""
+    found, behind, pivot = planar.copy(), chain.links > 0, swing.pivot[:, None]
+    found[:, behind] = pivot + (planar[:, behind] - pivot) @ np.swapaxes(swing.rotation, 1, 2)
+    return found
+
+
+def _by_bend_of_swung(by_flexion: np.ndarray, swung: np.ndarray, chain: Chain,
+                      swing: Swing) -> np.ndarray:
+    """Return derivatives of abducted markers by the flexions and the abduction, (n, m, 4, 3)."""
+    found = np.zeros((*swung.shape[:2], 4, 3))
+    found[:, :, :3] = by_flexion
+    for i in np.flatnonzero(chain.links > 0):
+        x, _, z = swung[:, i].T
+        found[:, i, 0] = np.stack((z, 0. * z, -x), axis=1)
+        found[:, i, 1:3] = by_flexion[:, i, 1:] @ np.swapaxes(swing.rotation, 1, 2)
+        found[:, i, 3] = np.cross(swing.axis, swung[:, i] - swing.pivot)
+    return found
 
 
 def _by_flexion(chain: Chain, shape: np.ndarray, tilt: float, angles: np.ndarray) -> np.ndarray:
@@ -235,14 +296,14 @@ def _turns(angles: np.ndarray) -> np.ndarray:
 
 def _flexions(tilt: float, angles: np.ndarray) -> np.ndarray:
     """Return the flexion of each link from the leaning base, shape (n, 3) [rad]."""
-    return tilt + np.cumsum(angles[:, 1:], axis=1)
+    return tilt + np.cumsum(angles[:, 1:ANGLES], axis=1)
 
 
 def _offset_flexion(chain: Chain, shape: np.ndarray, tilt: float,
                     angles: np.ndarray) -> np.ndarray:
     """Return the flexion of each marker's offset, shape (n, m) [rad]."""
     flexion = _flexions(tilt, angles)[:, chain.links]
-    following = np.column_stack((angles[:, 2:], np.zeros(len(angles))))[:, chain.links]
+    following = np.column_stack((angles[:, 2:ANGLES], np.zeros(len(angles))))[:, chain.links]
     return flexion + shares_of(shape) * following
 
 

@@ -35,7 +35,7 @@ class DigitFit(NamedTuple):
         With the chosen frames and the noise found.
     shape : ndarray, shape (p,)
         Parameters of `Chain`.
-    angles : ndarray, shape (n, 4)
+    angles : ndarray, shape (n, k)
         Of the chosen frames [rad].
     covariance : ndarray, shape (p, p)
         Of the shape.
@@ -53,10 +53,13 @@ class DigitFit(NamedTuple):
 
 
 def posture_starts(is_thumb: bool, posture: PosturePrior) -> np.ndarray:
-    """Return the initial postures of each frame's search, shape (s, 4) [rad]."""
+    """Return the initial postures of each frame's search, shape (s, k) [rad]."""
     if not is_thumb:
         return np.radians(FINGER_STARTS)
-    return np.radians(THUMB_STARTS) + (0., posture.mean[1], 0., 0.)
+    starts = np.zeros((len(THUMB_STARTS), len(posture.mean)))
+    starts[:, :ANGLES] = np.radians(THUMB_STARTS)
+    starts[:, 1] += posture.mean[1]
+    return starts
 
 
 def chosen_problem(problem: DigitProblem) -> DigitProblem:
@@ -75,7 +78,7 @@ def fit_digit(problem: DigitProblem, starts: np.ndarray,
     ----------
     problem : DigitProblem
         With the chosen frames.
-    starts : ndarray, shape (s, 4)
+    starts : ndarray, shape (s, k)
         Initial postures of each frame's search [rad].
     shape : ndarray, shape (p,), optional
         Where to begin; else the usual shape.
@@ -95,7 +98,7 @@ def fit_digit(problem: DigitProblem, starts: np.ndarray,
         angles = solved.angles
         if i < min(rounds - 1, SEARCHED_ROUNDS):
             everywhere = np.broadcast_to(
-                starts[:, None], (len(starts), len(angles), ANGLES))
+                starts[:, None], (len(starts), *angles.shape))
             angles, _ = fit_angles(problem, shape, np.concatenate((angles[None], everywhere)))
     return DigitFit(problem, shape, angles, covariance(problem, shape, angles))
 
@@ -105,7 +108,7 @@ def _noise(problem: DigitProblem, shape: np.ndarray, angles: np.ndarray) -> np.n
     misses = place_markers(problem.chain, shape, angles) - problem.points
     seen = np.isfinite(misses)
     # Each frame's angles take up some of its coordinates.
-    free = seen.sum() - len(angles) * ANGLES
+    free = seen.sum() - angles.size
     if free <= 0 or len(problem.noise) < 2:
         return np.full_like(problem.noise, FIRST_NOISE)
     square = np.nansum(np.minimum(misses ** 2, (4. * problem.noise[:, None]) ** 2)) / free

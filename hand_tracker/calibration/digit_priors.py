@@ -58,6 +58,8 @@ FINGER_POSTURE = PosturePrior(
 THUMB_POSTURE = PosturePrior(
     np.radians((0., 0., 10., 0.)), np.radians((30., 40., 30., 2.)), 0.,
     np.radians((-80., -80., -20., -25.)), np.radians((80., 80., 75., 100.)))
+# Abduction of the thumb's MCP: mean, spread, and limits.
+THUMB_MCP_ABDUCTION = np.radians((0., 3., -20., 20.))
 
 
 class Marked(NamedTuple):
@@ -98,15 +100,31 @@ def digit_chain(hand: Hand, digit: int, links: np.ndarray) -> Chain:
     return Chain(digit_base(hand, digit)[0], np.asarray(links))
 
 
-def digit_posture(hand: Hand, digit: int) -> PosturePrior:
-    """Return how a digit is usually held; flexions count from the x axis of its base."""
+def digit_posture(hand: Hand, digit: int, links: np.ndarray) -> PosturePrior:
+    """Return how a digit is usually held; flexions count from the x axis of its base.
+
+    Parameters
+    ----------
+    hand : Hand
+    digit : int
+        0 to 4, index finger to thumb.
+    links : ndarray of int, shape (m,)
+        Of its markers: those before and behind the thumb's MCP together show its abduction.
+
+    Returns
+    -------
+    PosturePrior
+    """
     if DIGITS[digit] in FINGERS:
         return FINGER_POSTURE
     tilt = digit_base(hand, digit)[2]
     shift = np.array((0., tilt, 0., 0.))
-    return THUMB_POSTURE._replace(mean=THUMB_POSTURE.mean + shift,
-                                  lower=THUMB_POSTURE.lower + shift,
-                                  upper=THUMB_POSTURE.upper + shift)
+    mean, spread, lower, upper = (THUMB_POSTURE.mean + shift, THUMB_POSTURE.spread,
+                                  THUMB_POSTURE.lower + shift, THUMB_POSTURE.upper + shift)
+    if (links == 0).any() and (links > 0).any():
+        mean, spread, lower, upper = (np.append(usual, aside) for usual, aside in zip(
+            (mean, spread, lower, upper), THUMB_MCP_ABDUCTION))
+    return PosturePrior(mean, spread, THUMB_POSTURE.ratio, lower, upper)
 
 
 def digit_prior(hand: Hand, digit: int, marked: Marked, length: float,

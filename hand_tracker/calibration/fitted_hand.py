@@ -19,6 +19,7 @@ from ..core.model.hand import (
     MCP_OF_LENGTH,
     SLOPE_RANGE,
     SPLAY_RANGE,
+    THUMB_MCP_ABDUCTION_RANGE,
     Hand,
     cmc_joints,
     preset_limits,
@@ -32,6 +33,7 @@ from ..core.model.marker_layout import (
     landmark_on_link,
 )
 from .digit_chain import (
+    ASIDE,
     BONE_PART,
     COUPLING_PART,
     LEAN_PART,
@@ -45,6 +47,7 @@ from .digit_chain import (
 SHOWN_PERCENTILES = (.5, 99.5)         # of a take's angles, the ends of the shown range
 SHOWN_MARGIN = np.radians(3.)          # beyond them
 STRAIGHT_FLEXION = np.radians(45.)     # below which a finger shows its splay
+MCP_ABDUCTION_ROW = JOINTS.index('thumb_mcp_abduction')
 
 
 class FittedDigit(NamedTuple):
@@ -56,7 +59,7 @@ class FittedDigit(NamedTuple):
     shape : ndarray, shape (p,)
     names : tuple of str
         Of its markers.
-    postures : ndarray, shape (n, 4)
+    postures : ndarray, shape (n, 4 or 5)
         In the take, as angles of the chain [rad].
     """
 
@@ -130,11 +133,16 @@ def fitted_hand(scaled: Hand, digits: Sequence[FittedDigit | None], side: str,
             fields['finger_mcp'][row] = shape[ROOT_PART]
             fields['finger_bones'][row] = shape[BONE_PART]
             fields['finger_abduction_axes'][row] = axis
-            fields['splay'][row] = _splay(digit, axis)
+            fields['splay'][row] = _splay(digit, axis, preset_limits(limits)[ABDUCTION_JOINTS[row]]
+                                          * ABDUCTION_SIGN[row])
         else:
-            fields.update(thumb_cmc=shape[ROOT_PART], thumb_bones=shape[BONE_PART],
-                          thumb_abduction_axis=axis,
-                          thumb_rest_direction=_rest_direction(digit, preset_limits(limits)))
+            fields.update(
+                thumb_cmc=shape[ROOT_PART], thumb_bones=shape[BONE_PART], thumb_abduction_axis=axis,
+                thumb_rest_direction=_rest_direction(
+                    digit, scaled.thumb_rest_direction, preset_limits(limits)))
+            if digit.postures[:, ASIDE:].size:
+                fields['thumb_mcp_abduction'] = np.clip(
+                    np.median(digit.postures[:, ASIDE]), *THUMB_MCP_ABDUCTION_RANGE)
     mcp, middle = fields['finger_mcp'], FINGERS.index('middle')
     fields['finger_cmc'] = cmc_joints(mcp, mcp[middle, 0] / MCP_OF_LENGTH[middle])
     hand = scaled.replace(side='right', **fields)
@@ -161,6 +169,8 @@ def hand_angles(hand: Hand, digits: Sequence[FittedDigit | None]) -> np.ndarray:
             digit.postures[:, 1] + old_tilt - tilt)
         angles[rows, FLEXION_JOINTS[row, 1]] = digit.postures[:, 2]
         angles[rows, FLEXION_JOINTS[row, 2]] = digit.postures[:, 3]
+        if digit.postures.shape[1] > ASIDE:
+            angles[rows, MCP_ABDUCTION_ROW] = digit.postures[:, ASIDE]
     return angles
 
 
@@ -284,33 +294,48 @@ def place_mounted(hand: Hand, mounts: Sequence[MarkerMount], angles: np.ndarray,
     return points @ np.swapaxes(rotation, 1, 2) + position[:, None]
 
 
-def _splay(digit: FittedDigit, axis: np.ndarray) -> float:
-    """Return the splay in the middle of a finger's turns while it is about straight [rad]."""
+def _splay(digit: FittedDigit, axis: np.ndarray, limits: np.ndarray) -> float:
+    """Return a finger's splay while it is straight, or beside it, so that its turns keep limits.
+
+    `limits` (2,) are of the turn about the axis, in either order [rad].
+    """
     base, _ = leaning(digit.chain, digit.shape[LEAN_PART])
     turn = 0.
     if len(digit.postures):
         nearly = digit.postures[np.abs(digit.postures[:, 1]) < STRAIGHT_FLEXION]
-        chosen = nearly if len(nearly) else digit.postures
-        turn = float(np.percentile(chosen[:, 0], SHOWN_PERCENTILES).mean())
+        shown = (nearly if len(nearly) else digit.postures)[:, 0]
+        turn = float(np.median(shown))
+        turn += _shift_into(shown - turn, np.sort(limits))
     direction = base @ (np.cos(turn), np.sin(turn), 0.)
     # The line in which the plane of that direction and the axis intersects the palm.
     rest = direction - direction[2] / axis[2] * axis
     return float(np.clip(np.arctan2(rest[1], rest[0]), -SPLAY_RANGE, SPLAY_RANGE))
 
 
-def _rest_direction(digit: FittedDigit, limits: np.ndarray) -> np.ndarray:
-    """Return the rest direction to centre the thumb's postures within its limits, shape (3,)."""
+def _rest_direction(digit: FittedDigit, usual: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """Return the thumb's rest direction: the usual, unless postures leave the limits, shape (3,).
+
+    So the zero of its angles is the same place in the palm, whatever a take shows.
+    """
     row = DIGITS.index('thumb')
     base, tilt = leaning(digit.chain, digit.shape[LEAN_PART])
-    turn, flexion = 0., tilt
+    x, y, z = base.T @ usual
+    turn, flexion = float(np.arctan2(y, x)), float(np.arctan2(-z, np.hypot(x, y)))
     if len(digit.postures):
-        turn, flexion = (
-            float(np.percentile(shown, SHOWN_PERCENTILES).mean() - limits[joint].mean() * sign)
-            for shown, joint, sign in (
-                (digit.postures[:, 0], ABDUCTION_JOINTS[row], ABDUCTION_SIGN[row]),
-                (digit.postures[:, 1] + tilt, FLEXION_JOINTS[row, 0], 1.)))
+        turn += _shift_into(digit.postures[:, 0] - turn, limits[ABDUCTION_JOINTS[row]])
+        flexion += _shift_into(digit.postures[:, 1] + tilt - flexion,
+                               limits[FLEXION_JOINTS[row, 0]])
     return base @ (np.cos(flexion) * np.cos(turn), np.cos(flexion) * np.sin(turn),
                    -np.sin(flexion))
+
+
+def _shift_into(angles: np.ndarray, limits: np.ndarray) -> float:
+    """Return the least shift of zero by which angles come within limits, or centred, if wider."""
+    low, high = np.percentile(angles, SHOWN_PERCENTILES)
+    below, above = low - limits[0], high - limits[1]
+    if above - below > 0.:
+        return float(above + below) / 2.
+    return float(min(below, 0.) + max(above, 0.))
 
 
 def _link_names(row: int) -> tuple[str, str, str]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .digit_chain import ANGLES, COUPLING_PART, Chain, place_markers, place_with_derivatives
+from .digit_chain import COUPLING_PART, Chain, place_markers, place_with_derivatives
 
 # Distance of a marker at which its weight begins to fall [its standard deviation]; ours.
 ROBUST_DISTANCE = 2.5
@@ -20,12 +20,12 @@ class PosturePrior(NamedTuple):
 
     Attributes
     ----------
-    mean, spread : ndarray, shape (4,)
-        Of the turn, of the first flexion, of the second beside `ratio` times the first, and of
-        the third beside its coupling to the second [rad].
+    mean, spread : ndarray, shape (4,) or (5,)
+        Of the turn, of the first flexion, of the second beside `ratio` times the first, of the
+        third beside its coupling to the second, and of the second joint's abduction [rad].
     ratio : float
         Second flexion over first [1].
-    lower, upper : ndarray, shape (4,)
+    lower, upper : ndarray, shape (4,) or (5,)
         Usual limits of a joint [rad].
     """
 
@@ -75,10 +75,11 @@ class ArrowSystem(NamedTuple):
 
     Attributes
     ----------
-    angles : ndarray, shape (n, 4, 4)
-    links : ndarray, shape (n, 4, p)
+    angles : ndarray, shape (n, k, k)
+        Of the k angles of a frame, 4 or 5.
+    links : ndarray, shape (n, k, p)
     shape : ndarray, shape (p, p)
-    angle_gradient : ndarray, shape (n, 4)
+    angle_gradient : ndarray, shape (n, k)
     shape_gradient : ndarray, shape (p,)
     cost : ndarray, shape (n,)
         Of each frame.
@@ -114,7 +115,7 @@ def linearised(problem: DigitProblem, shape: np.ndarray, angles: np.ndarray,
     ----------
     problem : DigitProblem
     shape : ndarray, shape (p,)
-    angles : ndarray, shape (n, 4)
+    angles : ndarray, shape (n, k)
         [rad]
     by_shape_too : bool, optional
         Without it the blocks of the shape are empty.
@@ -132,7 +133,7 @@ def linearised(problem: DigitProblem, shape: np.ndarray, angles: np.ndarray,
     frames = len(angles)
     residuals = (root * np.nan_to_num(scaled)).reshape(frames, -1)
     by_angle = (root[..., None] * placed.by_angle / sigma[..., None]).reshape(
-        frames, -1, ANGLES)
+        frames, -1, angles.shape[1])
     postures, posture_by_angle, posture_by_coupling = _posture_residuals(
         problem.posture, shape, angles)
     cost = problem.weight * (cost + (postures ** 2).sum(axis=1))
@@ -142,7 +143,7 @@ def linearised(problem: DigitProblem, shape: np.ndarray, angles: np.ndarray,
     blocks = weighted @ by_angle
     gradient = (weighted @ residuals[..., None])[..., 0]
     if not by_shape_too:
-        return ArrowSystem(blocks, np.zeros((frames, ANGLES, 0)), np.zeros((0, 0)), gradient,
+        return ArrowSystem(blocks, np.zeros((*angles.shape, 0)), np.zeros((0, 0)), gradient,
                            np.zeros(0), cost, shape_cost(problem.prior, shape))
 
     by_shape = (root[..., None] * placed.by_shape / sigma[..., None]).reshape(
@@ -173,8 +174,8 @@ def _robust_weight(scaled: np.ndarray) -> np.ndarray:
 
 def _posture_residuals(posture: PosturePrior, shape: np.ndarray, angles: np.ndarray
                        ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return residuals (n, 8) of postures, by angle (n, 8, 4) and by coupling (n, 8, 2)."""
-    frames = len(angles)
+    """Return residuals (n, 2 k) of postures (n, k), by angle (n, 2 k, k), coupling (n, 2 k, 2)."""
+    frames, count = angles.shape
     slope, offset = shape[COUPLING_PART]
     usual = np.tile(posture.mean, (frames, 1))
     usual[:, 2] += posture.ratio * angles[:, 1]
@@ -182,13 +183,13 @@ def _posture_residuals(posture: PosturePrior, shape: np.ndarray, angles: np.ndar
     beyond = np.minimum(angles - posture.lower, 0.) + np.maximum(angles - posture.upper, 0.)
     residuals = np.concatenate(
         ((angles - usual) / posture.spread, beyond / BEYOND_LIMIT_SPREAD), axis=1)
-    by_angle = np.zeros((frames, 2 * ANGLES, ANGLES))
-    by_angle[:, range(ANGLES), range(ANGLES)] = 1. / posture.spread
+    by_angle = np.zeros((frames, 2 * count, count))
+    by_angle[:, range(count), range(count)] = 1. / posture.spread
     by_angle[:, 2, 1] = -posture.ratio / posture.spread[2]
     by_angle[:, 3, 2] = -slope / posture.spread[3]
-    by_angle[:, range(ANGLES, 2 * ANGLES), range(ANGLES)] = (
+    by_angle[:, range(count, 2 * count), range(count)] = (
         (beyond != 0.) / BEYOND_LIMIT_SPREAD)
-    by_coupling = np.zeros((frames, 2 * ANGLES, 2))
+    by_coupling = np.zeros((frames, 2 * count, 2))
     by_coupling[:, 3, 0] = -angles[:, 2] / posture.spread[3]
     by_coupling[:, 3, 1] = -1. / posture.spread[3]
     return residuals, by_angle, by_coupling

@@ -32,8 +32,9 @@ def index_finger(frames):
     chain = digit_chain(hand, 0, MARKED.links)
     points = place_markers(chain, truth, postures)
     points += .0002 * random.standard_normal(points.shape)
-    return DigitProblem(chain, points, np.full(3, .0005), digit_posture(hand, 0), prior,
-                        np.ones(3), 1.), truth, postures
+    posture = digit_posture(hand, 0, MARKED.links)
+    return DigitProblem(chain, points, np.full(3, .0005), posture, prior, np.ones(3), 1.), \
+        truth, postures
 
 
 def test_gradient_is_that_of_the_cost():

@@ -5,6 +5,7 @@ import pytest
 
 from hand_tracker.calibration.digit_chain import (
     ANGLES,
+    ASIDE,
     BONE_PART,
     FIRST_OFFSET,
     LEAN_PART,
@@ -28,21 +29,20 @@ STEP = 1e-6
 CHAIN = Chain(digit_base(Hand.scaled(), 1)[0], np.array((0, 1, 2, 1)))
 
 
-@pytest.fixture
-def case():
+@pytest.fixture(params=(ANGLES, ANGLES + 1), ids=('planar', 'second joint abducts'))
+def case(request):
     random = np.random.default_rng(3)
     shape = .03 + .02 * random.standard_normal(CHAIN.size)
-    return shape, random.standard_normal((6, ANGLES))
+    return shape, random.standard_normal((6, request.param))
 
 
-@pytest.mark.parametrize('angle', range(ANGLES))
-def test_derivatives_by_angles(case, angle):
+def test_derivatives_by_angles(case):
     shape, angles = case
-    step = STEP * np.eye(ANGLES)[angle]
-    expected = (place_markers(CHAIN, shape, angles + step)
-                - place_markers(CHAIN, shape, angles - step)) / (2. * STEP)
-    np.testing.assert_allclose(
-        place_with_derivatives(CHAIN, shape, angles).by_angle[..., angle], expected, atol=1e-9)
+    by_angle = place_with_derivatives(CHAIN, shape, angles).by_angle
+    for angle, step in enumerate(STEP * np.eye(angles.shape[1])):
+        expected = (place_markers(CHAIN, shape, angles + step)
+                    - place_markers(CHAIN, shape, angles - step)) / (2. * STEP)
+        np.testing.assert_allclose(by_angle[..., angle], expected, atol=1e-9)
 
 
 @pytest.mark.parametrize('parameter', range(CHAIN.size))
@@ -87,6 +87,9 @@ def test_equals_the_forward_kinematics_of_the_hand(digit):
     angles = np.zeros(len(JOINTS))
     angles[ABDUCTION_JOINTS[digit]] = ABDUCTION_SIGN[digit] * posture[0]
     angles[FLEXION_JOINTS[digit]] = posture[1:]
+    if name == 'thumb':
+        posture = np.append(posture, .25)
+        angles[JOINTS.index('thumb_mcp_abduction')] = posture[ASIDE]
     pose = forward(joint_table(hand), angles)
     found = place_markers(chain, shape, posture[None])[0]
     np.testing.assert_allclose(

@@ -16,6 +16,8 @@ from hand_tracker.calibration.fit_report import (
 from hand_tracker.calibration.fitted_hand import (
     SHOWN_MARGIN,
     SHOWN_PERCENTILES,
+    FittedDigit,
+    fitted_hand,
     measured_range,
     place_mounted,
 )
@@ -25,14 +27,18 @@ from hand_tracker.calibration.take_files import load_take
 from hand_tracker.calibration.takes import gather
 from hand_tracker.core.model.hand import (
     FLEXION_JOINTS,
+    JOINTS,
+    THUMB_JOINTS,
     Hand,
     average_natural_flexion,
     preset_limits,
 )
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import marker_positions, require_solvable
+from hand_tracker.core.tracker import HandTracker
 
 LARGE = Hand.scaled(.205, .095)
+THUMB = [JOINTS.index(f'thumb_{joint}') for joint in THUMB_JOINTS]
 
 
 @cache
@@ -124,6 +130,36 @@ def test_the_second_flexion_follows_the_first_as_in_the_take():
             found.row[0] * flexions + found.row[1], true.row[0] * flexions + true.row[1],
             atol=np.radians(8. if digit == 4 else 4.))
         np.testing.assert_array_equal(fit.hand.natural_flexion[digit], found.row)
+
+
+def test_angles_of_a_thumb_that_abducts_at_its_mcp_are_those_of_the_hand():
+    take, angles = simulated_take(LARGE, EVERY_JOINT, seconds=40., motions=('range_of_motion',))
+    assert np.ptp(angles[:, THUMB[2]]) > np.radians(8.)
+    fit = fit_markers([take])
+    axis = fit.hand.thumb_abduction_axis @ LARGE.thumb_abduction_axis
+    assert np.degrees(np.arccos(axis)) < 10.
+    np.testing.assert_allclose(
+        fit.hand.thumb_rest_direction, LARGE.thumb_rest_direction, atol=1e-9)
+    tracker = HandTracker(fit.hand, fit.layout)
+    worn = take.points[:, [take.names.index(name) for name in fit.worn]]
+    found = np.array([tracker.update(frame, i / take.rate).angles
+                      for i, frame in enumerate(worn)])
+    misses = np.degrees(np.abs(found - angles)[:, THUMB]).mean(axis=0)
+    assert (misses < 5.).all(), misses
+
+
+def test_zero_of_the_thumb_moves_only_to_keep_its_range_within_the_limits():
+    _, _, fit = large_hand()
+    chain, shape = fit.digits[4].problem.chain, fit.digits[4].shape
+    postures = fit.digits[4].angles
+    for shift, moved in ((0., 0.), (1., 1.)):
+        digit = FittedDigit(chain, shape, EVERY_JOINT[-3:], postures + (shift, 0., 0., 0., 0.))
+        hand, angles = fitted_hand(LARGE, [None] * 4 + [digit], 'right', 'paper')
+        turn = np.arccos(hand.thumb_rest_direction @ LARGE.thumb_rest_direction)
+        assert (turn > .1) == bool(moved)
+        inside = np.mean((angles[:, THUMB[0]] > hand.limits[THUMB[0], 0])
+                         & (angles[:, THUMB[0]] < hand.limits[THUMB[0], 1]))
+        assert inside > .97
 
 
 def test_eight_markers_alone_tell_the_length_and_little_else():
