@@ -79,7 +79,7 @@ def initial_tracks(positions: np.ndarray) -> Tracks:
 
 @jit
 def update_filter(mean: np.ndarray, covariance: np.ndarray, activity: np.ndarray,
-                  observed: np.ndarray, seen: bool, step: float, noise_sd: float,
+                  observed: np.ndarray | Vector, seen: bool, step: float, noise_sd: float,
                   fading: float) -> None:
     """Predict one marker's filter over a step and, if the marker is seen, correct it.
 
@@ -89,7 +89,7 @@ def update_filter(mean: np.ndarray, covariance: np.ndarray, activity: np.ndarray
         State of the filter, replaced [m, m/s, m/s²].
     activity : ndarray, shape (ACTIVITY_SIZE,)
         Replaced. All zero before the first observation; zero it to start the filter anew.
-    observed : ndarray, shape (3,)
+    observed : ndarray or Vector, shape (3,)
         Measured position; not read when hidden [m].
     seen : bool
     step : float
@@ -119,7 +119,7 @@ def update_filter(mean: np.ndarray, covariance: np.ndarray, activity: np.ndarray
 
 @jit
 def _adapt_jerk(mean: np.ndarray, covariance: np.ndarray, activity: np.ndarray,
-                observed: np.ndarray, step: float, noise_sd: float) -> None:
+                observed: np.ndarray | Vector, step: float, noise_sd: float) -> None:
     """Raise the expected jerk where a mean innovation exceeds its noise: motion has begun."""
     if not step > 0.:
         # A repeated timestamp carries no information on motion.
@@ -176,11 +176,8 @@ def update_track(tracks: Tracks, row: int, observed: Vector, step: float, noise:
     """
     if tracks.hidden_for[row] > RESTART_HIDDEN_TIME or not tracks.known[row]:
         tracks.activity[row, :] = 0.
-    place = np.empty(3)
     before = vector(tracks.mean[row])
-    for k in range(3):
-        place[k] = observed[k]
-    update_filter(tracks.mean[row], tracks.covariance[row], tracks.activity[row], place, True,
+    update_filter(tracks.mean[row], tracks.covariance[row], tracks.activity[row], observed, True,
                   step, noise, 1.)
     if not smooth:
         store(tracks.mean, row, observed)
@@ -224,7 +221,7 @@ def predict_track(tracks: Tracks, row: int, move: Vector, drift: Vector, step: f
         mean[6 + k] = 0.
         if fading <= 0.:
             mean[3 + k] = 0.
-    update_filter(mean, tracks.covariance[row], tracks.activity[row], mean[:3], False, step, 0.,
+    update_filter(mean, tracks.covariance[row], tracks.activity[row], before, False, step, 0.,
                   max(fading, 1e-9))
     for k in range(3):
         mean[k] += move[k]

@@ -8,6 +8,7 @@ IEEE Trans. Aerospace and Electronic Systems 39 (2003); sigma points after R. va
 """
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -18,13 +19,14 @@ STATE_SIZE = 9
 UKF_ALPHA = 1e-3
 UKF_BETA = 2.
 SIGMA_SPREAD = UKF_ALPHA * math.sqrt(STATE_SIZE)  # of the sigma points, in standard deviations
+SIGMA_POINTS = 2 * STATE_SIZE  # and the centre
 SIGMA_WEIGHT = .5 / (UKF_ALPHA * UKF_ALPHA * STATE_SIZE)  # of all sigma points but the centre
+MEAN_SHARE = math.sqrt((UKF_BETA - UKF_ALPHA * UKF_ALPHA) / SIGMA_WEIGHT)
 
 # Bounds of the turn, unsourced.
 STILL_SPEED = .01                # [m/s] at and below it the turn rate falls to 0
 MAX_TURN_RATE = 60.              # [rad/s] about ten turns a second
 MAX_TURN_ANGLE = 1.              # [rad] in one step
-SERIES_LIMIT = 1e-4              # [rad²] below it three terms of a series are exact
 
 INITIAL_SPEED_SD = 1.            # [m/s]
 INITIAL_ACCELERATION_SD = 30.    # [m/s²]
@@ -66,18 +68,15 @@ def turn_motion(velocity: Vector, acceleration: Vector, step: float,
     rate = min(rate, MAX_TURN_RATE * MAX_TURN_RATE)
     if rate * step * step > MAX_TURN_ANGLE * MAX_TURN_ANGLE:
         rate = (MAX_TURN_ANGLE / step) ** 2
-    # All functions of the angle are even: smooth in its square.
+    # All functions of the angle are even: series in its square, exact to rounding up to 1 rad.
     square = rate * step * step
-    if square < SERIES_LIMIT:
-        cosine = 1. - square * (.5 - square / 24.)
-        ratio = 1. - square * (1. - square / 20.) / 6.
-        versed = .5 - square * (1. - square / 30.) / 24.
-    else:
-        angle = math.sqrt(square)
-        half = math.sin(.5 * angle) / angle
-        cosine = math.cos(angle)
-        ratio = math.sin(angle) / angle
-        versed = 2. * half * half
+    ratio = 1. - square * (1. / 6. - square * (1. / 120. - square * (1. / 5040. - square * (
+        1. / 362880. - square * (1. / 39916800. - square * (1. / 6227020800. - square * (
+            1. / 1307674368000. - square / 355687428096000.)))))))
+    versed = .5 - square * (1. / 24. - square * (1. / 720. - square * (1. / 40320. - square * (
+        1. / 3628800. - square * (1. / 479001600. - square * (1. / 87178291200. - square * (
+            1. / 20922789888000. - square / 6402373705728000.)))))))
+    cosine = 1. - square * versed
     return (
         add(scale(velocity, ratio * step), scale(acceleration, versed * step * step)),
         add(scale(velocity, cosine), scale(acceleration, ratio * step)),
@@ -86,7 +85,7 @@ def turn_motion(velocity: Vector, acceleration: Vector, step: float,
 
 
 @jit
-def initialise(mean: np.ndarray, covariance: np.ndarray, position: np.ndarray,
+def initialise(mean: np.ndarray, covariance: np.ndarray, position: np.ndarray | Vector,
                noise_sd: float) -> None:
     """Initialise the state at a measured position, with unknown motion.
 
@@ -94,7 +93,7 @@ def initialise(mean: np.ndarray, covariance: np.ndarray, position: np.ndarray,
     ----------
     mean, covariance : ndarray, shape (9,) and (9, 9)
         Replaced.
-    position : ndarray, shape (3,)
+    position : ndarray or Vector, shape (3,)
         [m]
     noise_sd : float
         Standard deviation of each of its coordinates [m].
@@ -134,42 +133,54 @@ def predict(mean: np.ndarray, covariance: np.ndarray, step: float, jerk_noise: f
     acceleration = (mean[6], mean[7], mean[8])
     uncertainty = covariance[3, 3] + covariance[4, 4] + covariance[5, 5]
     shift, moved, pulled = turn_motion(velocity, acceleration, step, uncertainty)
-    root = indexed(np.empty((STATE_SIZE, STATE_SIZE)))
-    _cholesky(covariance, root)
-
-    change = indexed(np.zeros(STATE_SIZE))
-    deviation = indexed(np.empty(STATE_SIZE))
-    for i in range(STATE_SIZE):
-        for j in range(i + 1):
-            covariance[i, j] = 0.
-    for column in range(STATE_SIZE):
-        for side in (-SIGMA_SPREAD, SIGMA_SPREAD):
-            shift_there, moved_there, pulled_there = turn_motion(
-                add(velocity, (side * root[3, column], side * root[4, column],
-                               side * root[5, column])),
-                add(acceleration, (side * root[6, column], side * root[7, column],
-                                   side * root[8, column])), step, uncertainty)
-            # Positions enter by differences: no cancellation far from the origin.
-            for k in range(3):
-                deviation[k] = side * root[k, column] + (shift_there[k] - shift[k])
-                deviation[3 + k] = moved_there[k] - moved[k]
-                deviation[6 + k] = pulled_there[k] - pulled[k]
-            for i in range(STATE_SIZE):
-                weighted = SIGMA_WEIGHT * deviation[i]
-                change[i] += weighted
-                for j in range(i + 1):
-                    covariance[i, j] += weighted * deviation[j]
-
-    for i in range(STATE_SIZE):
-        for j in range(i + 1):
-            covariance[i, j] += (UKF_BETA - UKF_ALPHA * UKF_ALPHA) * change[i] * change[j]
-            covariance[j, i] = covariance[i, j]
-    for k in range(3):
-        mean[k] += shift[k] + change[k]
-        mean[3 + k] = moved[k] + change[3 + k]
-        mean[6 + k] = pulled[k] + change[6 + k]
+    _factorise(covariance)
+    root = covariance
+    deviations = indexed(np.empty((STATE_SIZE, SIGMA_POINTS + 1)))
+    for point in range(SIGMA_POINTS):
+        column = point // 2
+        side = SIGMA_SPREAD if point % 2 else -SIGMA_SPREAD
+        shift_there, moved_there, pulled_there = turn_motion(
+            add(velocity, (side * root[3, column], side * root[4, column],
+                           side * root[5, column])),
+            add(acceleration, (side * root[6, column], side * root[7, column],
+                               side * root[8, column])), step, uncertainty)
+        # Positions enter by differences: no cancellation far from the origin.
+        for k in range(3):
+            deviations[k, point] = side * root[k, column] + (shift_there[k] - shift[k])
+            deviations[3 + k, point] = moved_there[k] - moved[k]
+            deviations[6 + k, point] = pulled_there[k] - pulled[k]
+    _sum_deviations(deviations, shift + moved + pulled, mean, covariance)
     add_jerk(covariance, step, jerk_noise)
     _limit_state(mean, covariance)
+
+
+@partial(jit, fastmath={'reassoc', 'contract'})  # sums by vectors; NaN stays NaN
+def _sum_deviations(deviations: np.ndarray, centre: tuple[float, ...], mean: np.ndarray,
+                    covariance: np.ndarray) -> None:
+    """Write mean and covariance by the sigma points' deviations from the central point.
+
+    Parameters
+    ----------
+    deviations : ndarray, shape (9, 19)
+        Of the 18 points; the last column is replaced, by the mean's weighted share.
+    centre : tuple of nine float
+        Central point; its position is relative to that of `mean`.
+    mean, covariance : ndarray, shape (9,) and (9, 9)
+        Replaced.
+    """
+    for i in range(STATE_SIZE):
+        total = 0.
+        for point in range(SIGMA_POINTS):
+            total += deviations[i, point]
+        change = SIGMA_WEIGHT * total
+        deviations[i, SIGMA_POINTS] = MEAN_SHARE * change
+        mean[i] = (mean[i] if i < 3 else 0.) + centre[i] + change
+    for i in range(STATE_SIZE):
+        for j in range(i + 1):
+            total = 0.
+            for column in range(SIGMA_POINTS + 1):
+                total += deviations[i, column] * deviations[j, column]
+            covariance[i, j] = covariance[j, i] = SIGMA_WEIGHT * total
 
 
 @jit
@@ -185,17 +196,18 @@ def add_jerk(covariance: np.ndarray, step: float, jerk_noise: float) -> None:
     jerk_noise : float
         Spectral density [m²/s⁵].
     """
-    for k in range(3):
-        for i in range(3):
-            for j in range(3):
-                # ∫ of the responses t^(2−i) / (2−i)! and t^(2−j) / (2−j)! to unit jerk.
-                power = 5 - i - j
-                halves = (2. if i == 0 else 1.) * (2. if j == 0 else 1.)
-                covariance[3 * i + k, 3 * j + k] += jerk_noise * step ** power / (power * halves)
+    for i in range(3):
+        for j in range(3):
+            # ∫ of the responses t^(2−i) / (2−i)! and t^(2−j) / (2−j)! to unit jerk.
+            power = 5 - i - j
+            halves = (2. if i == 0 else 1.) * (2. if j == 0 else 1.)
+            variance = jerk_noise * step ** power / (power * halves)
+            for k in range(3):
+                covariance[3 * i + k, 3 * j + k] += variance
 
 
 @jit
-def correct(mean: np.ndarray, covariance: np.ndarray, observed: np.ndarray,
+def correct(mean: np.ndarray, covariance: np.ndarray, observed: np.ndarray | Vector,
             noise_sd: float) -> float:
     """Correct the state by a measured position; return the normalised innovation squared.
 
@@ -206,7 +218,7 @@ def correct(mean: np.ndarray, covariance: np.ndarray, observed: np.ndarray,
     ----------
     mean, covariance : ndarray, shape (9,) and (9, 9)
         Replaced.
-    observed : ndarray, shape (3,)
+    observed : ndarray or Vector, shape (3,)
         [m]
     noise_sd : float
         Standard deviation of each coordinate [m].
@@ -219,25 +231,21 @@ def correct(mean: np.ndarray, covariance: np.ndarray, observed: np.ndarray,
     mean, covariance = indexed(mean), indexed(covariance)
     noise = max(float(noise_sd) ** 2, MIN_VARIANCE)
     consistency = 0.
-    cross_covariance = indexed(np.empty(STATE_SIZE))
     for k in range(3):
         innovation = float(observed[k]) - mean[k]
         total = covariance[k, k] + noise
         consistency += innovation * innovation / total
         for i in range(STATE_SIZE):
-            cross_covariance[i] = covariance[i, k]
-        for i in range(STATE_SIZE):
-            gain = cross_covariance[i] / total
+            gain = covariance[i, k] / total
             mean[i] += gain * innovation
             for j in range(i + 1):
-                covariance[i, j] -= gain * cross_covariance[j]
+                if i != k and j != k:
+                    covariance[i, j] -= gain * covariance[j, k]
+                    covariance[j, i] = covariance[i, j]
         # With an uninformative prediction the difference would round to zero or below.
         for i in range(STATE_SIZE):
-            rest = cross_covariance[i] * (noise / total)
-            covariance[max(i, k), min(i, k)] = rest
-        for i in range(STATE_SIZE):
-            for j in range(i):
-                covariance[j, i] = covariance[i, j]
+            covariance[i, k] *= noise / total
+            covariance[k, i] = covariance[i, k]
     _limit_state(mean, covariance)
     return consistency
 
@@ -284,17 +292,17 @@ def _limit_state(mean: np.ndarray, covariance: np.ndarray) -> None:
 
 
 @jit
-def _cholesky(covariance: np.ndarray, root: np.ndarray) -> None:
-    """Write the lower Cholesky factor into `root`, with a floor for pivots lost to rounding."""
+def _factorise(covariance: np.ndarray) -> None:
+    """Replace a covariance by its lower Cholesky factor, its pivots floored against rounding."""
     for j in range(STATE_SIZE):
         for i in range(j):
-            root[i, j] = 0.
+            covariance[i, j] = 0.
         pivot = covariance[j, j]
         for k in range(j):
-            pivot -= root[j, k] * root[j, k]
-        root[j, j] = math.sqrt(max(pivot, MIN_PIVOT * covariance[j, j], MIN_VARIANCE))
+            pivot -= covariance[j, k] * covariance[j, k]
+        covariance[j, j] = math.sqrt(max(pivot, MIN_PIVOT * covariance[j, j], MIN_VARIANCE))
         for i in range(j + 1, STATE_SIZE):
             part = covariance[i, j]
             for k in range(j):
-                part -= root[i, k] * root[j, k]
-            root[i, j] = part / root[j, j]
+                part -= covariance[i, k] * covariance[j, k]
+            covariance[i, j] = part / covariance[j, j]

@@ -73,11 +73,18 @@ def test_without_a_turn_acceleration_is_constant(velocity):
         velocity + step * acceleration, acceleration)), rtol=1e-12, atol=1e-300)
 
 
-def test_the_series_meets_the_closed_form():
-    # Either side of the smallest angle that is not taken by series.
-    across = [moved(np.array((0, 0, 0, 2., 0, 0, 0, turn, 0)), .01)
-              for turn in 2. * np.array((.9999999, 1.0000001))]
-    np.testing.assert_allclose(*across, rtol=1e-6)
+@pytest.mark.parametrize('angle', [1e-9, .01, .3, .999])
+def test_the_series_are_the_closed_form_up_to_a_radian(angle):
+    step, speed = .02, 2.
+    rate = angle / step
+    sideways = rate * (speed * speed + ukf.STILL_SPEED ** 2) / speed
+    shift, velocity, acceleration = ukf.turn_motion(
+        (speed, 0., 0.), (0., sideways, 0.), step, 0.)
+    sine, cosine, versed = math.sin(angle), math.cos(angle), 2. * math.sin(.5 * angle) ** 2
+    found = (*shift[:2], *velocity[:2], *acceleration[:2])
+    assert found == pytest.approx((
+        speed * sine / rate, sideways * versed / rate ** 2, speed * cosine, sideways * sine / rate,
+        -rate * speed * sine, sideways * cosine), rel=1e-13)
 
 
 @given(arrays(float, 6, elements=st.floats(-1e6, 1e6)), st.floats(0., 1.), st.floats(0., 1e4))
