@@ -326,11 +326,12 @@ def _assign_digits(evidence: Evidence, bounds: HandBounds, relabel: bool, size: 
     table = np.empty((5, 5))
     for i in range(5):
         for j in range(5):
-            table[i, j] = _digit_cost(evidence, bounds, local, i, rows[3 + j], size)
+            if relabel or i == j:
+                table[i, j] = _digit_cost(evidence, bounds, local, i, rows[3 + j], size)
     crossed = np.zeros((5, 5))
     for i in range(5):
         for j in range(5):
-            if seen[rows[3 + i]] and seen[rows[3 + j]] and (
+            if (relabel or j == i + 1) and seen[rows[3 + i]] and seen[rows[3 + j]] and (
                     local[rows[3 + i], 1] < local[rows[3 + j], 1] - ORDER_TOLERANCE):
                 crossed[i, j] = DISORDER_COST
     best = 0
