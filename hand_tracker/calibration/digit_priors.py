@@ -59,7 +59,7 @@ THUMB_POSTURE = PosturePrior(
     np.radians((0., 0., 10., 0.)), np.radians((30., 40., 30., 2.)), 0.,
     np.radians((-80., -80., -20., -25.)), np.radians((80., 80., 75., 100.)))
 # Abduction of the thumb's MCP: mean, spread, and limits.
-THUMB_MCP_ABDUCTION = np.radians((0., 3., -20., 20.))
+MCP_ABDUCTION_POSTURE = np.radians((0., 3., -20., 20.))
 
 
 class Marked(NamedTuple):
@@ -123,7 +123,7 @@ def digit_posture(hand: Hand, digit: int, links: np.ndarray) -> PosturePrior:
                                   THUMB_POSTURE.lower + shift, THUMB_POSTURE.upper + shift)
     if (links == 0).any() and (links > 0).any():
         mean, spread, lower, upper = (np.append(usual, aside) for usual, aside in zip(
-            (mean, spread, lower, upper), THUMB_MCP_ABDUCTION))
+            (mean, spread, lower, upper), MCP_ABDUCTION_POSTURE))
     return PosturePrior(mean, spread, THUMB_POSTURE.ratio, lower, upper)
 
 

@@ -47,7 +47,6 @@ from .digit_chain import (
 SHOWN_PERCENTILES = (.5, 99.5)         # of a take's angles, the ends of the shown range
 SHOWN_MARGIN = np.radians(3.)          # beyond them
 STRAIGHT_FLEXION = np.radians(45.)     # below which a finger shows its splay
-MCP_ABDUCTION_ROW = JOINTS.index('thumb_mcp_abduction')
 
 
 class FittedDigit(NamedTuple):
@@ -170,7 +169,7 @@ def hand_angles(hand: Hand, digits: Sequence[FittedDigit | None]) -> np.ndarray:
         angles[rows, FLEXION_JOINTS[row, 1]] = digit.postures[:, 2]
         angles[rows, FLEXION_JOINTS[row, 2]] = digit.postures[:, 3]
         if digit.postures.shape[1] > ASIDE:
-            angles[rows, MCP_ABDUCTION_ROW] = digit.postures[:, ASIDE]
+            angles[rows, JOINTS.index('thumb_mcp_abduction')] = digit.postures[:, ASIDE]
     return angles
 
 
