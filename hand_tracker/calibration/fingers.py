@@ -13,8 +13,9 @@ from .least_squares import evenly_spaced, regularised_fit
 FINGER_FIT_FRAMES = 400
 MOTION_PERCENTILES = (1., 99.)  # of recorded angles, the limits of the range of motion
 
-# Standard deviation of an axis's lean from dorsal, as a tangent; ours, unsourced.
-LEAN_SPREAD = np.tan(np.radians(15.))
+# Standard deviation of an axis's lean from dorsal, as a tangent; ours, by captures of which each
+# fifth was fitted and the rest judged.
+LEAN_SPREAD = np.tan(np.radians(10.))
 LEAN_BOUND = 2.5  # [LEAN_SPREAD]
 
 # Variance of the recorded PIP [rad²] at which measured and usual slope have equal weight: a few
