@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .calibration.fit import fit_hand
-    from .core.model.hand import Hand
+    from .core.model.hand import JOINTS, Hand
     from .core.model.marker_layout import MarkerLayout
     from .core.options import TrackerOptions
     from .core.tracker import HandState, HandTracker
@@ -19,10 +19,11 @@ if TYPE_CHECKING:
 
 __version__ = '0.2.0'
 
-__all__ = ['Hand', 'HandState', 'HandTracker', 'MarkerLayout', 'TrackerOptions', 'fit_hand',
-           'load_hand', 'save_hand']
+__all__ = ['JOINTS', 'Hand', 'HandState', 'HandTracker', 'MarkerLayout', 'TrackerOptions',
+           'fit_hand', 'load_hand', 'save_hand']
 
 _MODULES = {
+    'JOINTS': '.core.model.hand',
     'Hand': '.core.model.hand',
     'HandState': '.core.tracker',
     'HandTracker': '.core.tracker',

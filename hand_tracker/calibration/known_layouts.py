@@ -91,7 +91,7 @@ def _right_likelihood(recording: PointRecording, hand: HandPoints) -> float:
 
 
 class LayoutMatch(NamedTuple):
-    """How far a layout and a hand of a recording have the same markers.
+    """Overlap of a layout's markers with those of a recording's hand.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Which point of a recording is which marker of a layout: by its name, or by the landmark's."""
+"""Match the labels of a recording to the markers of a layout."""
 
 from __future__ import annotations
 

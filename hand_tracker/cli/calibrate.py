@@ -85,7 +85,7 @@ def take_of_bag(path: Path, options: argparse.Namespace,
 
 
 def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
-    """Do what the command line asks for; return what to say at the end."""
+    """Fit a hand to the takes of a command line; return the closing line."""
     takes = []
     layout = choose_layout(options.layout) if options.layout else None
     nameable = (*MARKERS, *ALL_LANDMARKS) if layout is None else layout.names

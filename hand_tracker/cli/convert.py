@@ -23,7 +23,7 @@ WRITTEN_AS = {one.name.lower().replace(' ', '-'): one for one in FORMATS if one.
 
 def _convert(options: argparse.Namespace, interrupted: Interruptions,
              progress: Callable[..., Any] = Progress) -> str:
-    """Do what the command line asks for; return what to say at the end."""
+    """Convert the recording of a command line; return the closing line."""
     output = options.output
     refuse_to_replace(options.recording, output)
     if output.suffix in SKELETON_KINDS and not options.format:

@@ -54,7 +54,7 @@ SKELETONS_OUT, POINTS_OUT = (BVH_SUFFIX, SKINNED_KIND), ('.c3d', '.trc')
 
 def _splice(options: argparse.Namespace, interrupted: Interruptions,
             progress: Callable[..., Any] = Progress) -> str:
-    """Do what the command line asks for; return what to say at the end."""
+    """Splice the hands of a command line onto its body; return the closing line."""
     output = options.output
     is_skeleton = recognised_format(options.body) is BVH
     expected = SKELETONS_OUT if is_skeleton else (*POINTS_OUT, *SKELETONS_OUT)

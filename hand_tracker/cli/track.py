@@ -35,7 +35,7 @@ WITHOUT_HAND_FILE = (
 
 
 class TrackedFile(NamedTuple):
-    """What came of a recording.
+    """Result of tracking one recording.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ def refuse_to_replace(recording: Path, output: Path) -> None:
 
 def track_file(options: argparse.Namespace, interrupted: Interruptions,
                 progress: Callable[..., Any] = Progress) -> TrackedFile:
-    """Do what the command line asks for; return what came of it, to be said at the end."""
+    """Track the recordings of a command line; return their results, for the closing lines."""
     output = options.output
     if output.suffix not in TRACKED_KINDS:
         raise BagError(f'{output}: unknown extension {output.suffix!r}; '

@@ -1,4 +1,4 @@
-"""What shows a tracked hand: markers for RViz, labelled markers, its URDF and hand file."""
+"""Publishers that show a tracked hand: markers for RViz, labelled markers, its description."""
 
 from __future__ import annotations
 

@@ -116,5 +116,5 @@ class HandServices:
         return self._calibration.values()
 
     def stop(self) -> None:
-        """End what runs."""
+        """Cancel the calibration that runs."""
         self._calibration.stop()

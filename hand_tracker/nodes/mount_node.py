@@ -152,7 +152,7 @@ class MountNode(Node):
             log_line(self, True, f'calibration: {error}; the offset stays')
 
     def _calibrate(self) -> None:
-        """Fit the offset to what was seen, show it and write it."""
+        """Fit the wrist offset to both captures, broadcast it and write `mount_file`."""
         from ..splicing.wrist_offset import fit_wrist_offset
 
         found = fit_wrist_offset(self._body, self._wrist)

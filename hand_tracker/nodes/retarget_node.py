@@ -40,6 +40,7 @@ from ..retargeting.wrist_follower import (
     WristPose,
     wrist_pose_of,
 )
+from ..tracking.compilation import COMPILE_TIME
 from ..tracking.diagnostics import Level, Status
 from .command_messages import OUTPUTS, command_template
 from .executors import SubscriptionHidingNode, steady_clock
@@ -111,7 +112,7 @@ class RetargetNode(SubscriptionHidingNode):
                             for option in fields(GuardOptions)}),
             values['order'].split(), values['min_confidence'])
         notice = Timer(NOTICE_AFTER, self.get_logger().info, [
-            'preparing the kernels; the first time they are compiled, for about a minute'])
+            f'preparing the kernels; the first time they are compiled, for {COMPILE_TIME}'])
         notice.start()
         try:
             compile_following(loaded, hand)

@@ -24,6 +24,7 @@ from ..core.numerics import jit
 from ..core.tracker import HandTracker
 from ..messages.labels import LabelMap
 from ..messages.stamps import Time
+from ..tracking.compilation import COMPILE_TIME
 from ..tracking.compile_kernels import compile_tracking
 from ..tracking.diagnostics import STATUS_PERIOD
 from ..tracking.point_labels import PointLabels
@@ -157,7 +158,7 @@ class TrackerNode(SubscriptionHidingNode):
             return
         if jit.COMPILED:
             if not jit.is_ready(jit.TRACKING_SET):
-                self.get_logger().info('compiling the kernels, once, for about a minute')
+                self.get_logger().info(f'compiling the kernels, once, for {COMPILE_TIME}')
             # Loaded before the first frame would wait for them.
             compile_tracking()
         if wants_fast_path and self._serialization.raw:

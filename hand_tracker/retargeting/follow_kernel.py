@@ -33,7 +33,7 @@ NOT_FOLLOWED, NO_COMMAND, COMMANDED = range(3)
 
 
 class FollowMemory(NamedTuple):
-    """What a robot that follows a hand knows from frame to frame, besides solver and guard.
+    """State of a robot that follows a hand: jump gate, last frame, map of joints.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The guard's arithmetic: what the hand wants is taken, and the command moved towards it.
+"""Kernels of the command guard: accept the wanted position, move the command towards it.
 
 `CommandGuard` owns the memory and changes the state, but for EASING, which ends here; frames of
 the hand in that state and in FOLLOWING need these kernels alone.

@@ -1,4 +1,4 @@
-"""Lay out what is solved for a robot hand and a person, once, in the arrays of the kernel."""
+"""The retargeting problem of a robot and a person, as arrays for kernels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was found of a robot, in words and as a commented robot file."""
+"""Report on a robot's geometry, as text and as a commented robot file."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class Command(NamedTuple):
 
 
 class JointRows:
-    """Where joints are in messages whose names hardly ever change.
+    """Rows of wanted joints in JointStates, cached by the names of the last one.
 
     Parameters
     ----------

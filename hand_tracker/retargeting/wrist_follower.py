@@ -27,7 +27,7 @@ class InvalidWristOption(HandTrackerError, ValueError):
 
 @dataclass(frozen=True)
 class WristOptions:
-    """How a robot's wrist follows.
+    """Options of `WristFollower`.
 
     Raises
     ------

@@ -24,7 +24,7 @@ SAME_WORLD = .08           # [m] median distance of the wrists up to which the w
 
 
 class World(NamedTuple):
-    """Where the hand's world is in the body's.
+    """Transform from the hand's world to the body's.
 
     Attributes
     ----------

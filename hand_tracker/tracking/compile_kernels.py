@@ -21,6 +21,7 @@ from ..messages.cdr import LITTLE_ENDIAN, MarkerReader
 from ..messages.labels import LabelMap
 from ..messages.stamps import Stamp, seconds
 from ..messages.templates import joint_state_template
+from .compilation import COMPILE_TIME
 
 EMPTY_MARKER_ARRAY = LITTLE_ENDIAN + bytes(4)
 
@@ -52,7 +53,7 @@ def prepare_kernels(say: Callable[[str], object]) -> None:
     """
     if not jit.COMPILED or jit.is_ready(jit.TRACKING_SET):
         return
-    say('compiling the kernels, which are kept, for about a minute ...')
+    say(f'compiling the kernels, which are kept, for {COMPILE_TIME} ...')
     compile_tracking()
     # Without a folder to keep them in they are compiled each time.
     with suppress(OSError, jit.KernelsUnavailable):

@@ -106,7 +106,7 @@ class LiveCalibration:
         return news
 
     def stop(self) -> None:
-        """End what runs."""
+        """Cancel the calibration that runs."""
         if self._fit is not None:
             self._fit.stop()
 

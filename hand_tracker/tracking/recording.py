@@ -93,7 +93,7 @@ def marker_topic(bag: Bag, topic: str | None = None) -> str:
 
 
 class MarkerReading(NamedTuple):
-    """How the markers of a hand are read from recorded messages.
+    """Options for reading a hand's markers from recorded messages.
 
     Attributes
     ----------
@@ -197,8 +197,10 @@ class RecordedHand:
                 monitor.received_none(now, frame)
             return None
         if monitor is not None:
+            # As in the node, a frame is judged by what was noted of those before it.
+            frame = frame._replace(is_valid=frame.is_valid and not monitor.is_wrong)
             monitor.update(TrackedFrames.of(frame, now))
-        if not frame.is_valid or (monitor is not None and monitor.is_wrong):
+        if not frame.is_valid:
             return None
         return RecordedFrame(
             message.time, nanoseconds(frame.stamp), frame.frame_id, frame.state)

@@ -23,7 +23,7 @@ from ..messages.cdr import MalformedMessage, MessageSignature
 from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time, seconds
 from .auto_size import AutoSize
-from .compilation import PROGRAM, Compilation
+from .compilation import COMPILE_TIME, PROGRAM, Compilation
 from .point_labels import PointLabelReader
 
 UNNAMED_FRAME = 'world'  # of markers without a frame, as TF needs one
@@ -86,8 +86,8 @@ class TrackedFrame(NamedTuple):
     markers : MarkerFrame
         As read.
     is_valid : bool
-        Whether there is a pose to publish: the palm has been seen, and no monitor says that
-        the markers are of another hand.
+        Whether there is a pose to publish: the palm has been seen. Who monitors the stream
+        clears it while the markers are of another hand.
     is_regular : bool
         Whether messages like this one need not be seen by `Stream.track`: it has a stamp and a
         signature, and nothing but its markers went into the frame.
@@ -185,7 +185,7 @@ class Stream:
             loaders = {TRACKING_SET: self._load_kernels, **loaders}
             self._switches_kernels = True
             self._news.append((False, 'first start: kernels are compiled in the background for '
-                               'about a minute; until then plain Python tracks, more slowly'))
+                               f'{COMPILE_TIME}; until then plain Python tracks, more slowly'))
         if DEFERRED or LABELLING_IS_DEFERRED and isinstance(self.reader, PointLabelReader):
             loaders = {**loaders, LABELLING_SET: load_labelling_kernels}
         if loaders:

@@ -218,7 +218,7 @@ class ShownHand:
                           else RobotScene(self._scene, '/robot', self._robot, hand))
 
     def follow(self, looked_at: bool, compared: bool) -> None:
-        """Take the source's present hand and frame; demand only what is seen."""
+        """Show the source's present hand and frame; subscribe only to what is shown."""
         self.source.set_demand(looked_at, compared)
         if self.source.hand is not self._hand:
             self._hand = self.source.hand

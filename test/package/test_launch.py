@@ -740,6 +740,7 @@ def test_a_robot_is_shown_beside_the_hand(short, tmp_path, side, prefix):
         watched = time.monotonic() + FIRST_START
         while process.output.count('GIVEN') < 4 and time.monotonic() < watched:
             time.sleep(.1)
+        assert process.output.count('GIVEN') == 4, process.output
         given = [json.loads(found) for found in re.findall('GIVEN (.*)', process.output)]
         config = next(one['arguments'] for one in given if '-d' in one['arguments'])
         shown = yaml.safe_load(Path(config[config.index('-d') + 1]).read_text())

@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from ..numerics.cholesky import MIN_VARIANCE, factorise_covariance
 from ..numerics.jit import indexed, jit
 from ..numerics.vectors import Vector, add, clamp, cross, dot, scale, subtract
 
@@ -35,8 +36,6 @@ POSITION_LIMIT = 1e3             # [m]
 SPEED_LIMIT = 1e2                # [m/s]
 ACCELERATION_LIMIT = 1e4         # [m/s²]
 
-MIN_PIVOT = 1e-13                # of the Cholesky factor, relative to the variance
-MIN_VARIANCE = 1e-30
 
 
 @jit
@@ -133,7 +132,7 @@ def predict(mean: np.ndarray, covariance: np.ndarray, step: float, jerk_noise: f
     acceleration = (mean[6], mean[7], mean[8])
     uncertainty = covariance[3, 3] + covariance[4, 4] + covariance[5, 5]
     shift, moved, pulled = turn_motion(velocity, acceleration, step, uncertainty)
-    _factorise(covariance)
+    factorise_covariance(covariance)
     root = covariance
     deviations = indexed(np.empty((STATE_SIZE, SIGMA_POINTS + 1)))
     for point in range(SIGMA_POINTS):
@@ -289,20 +288,3 @@ def _limit_state(mean: np.ndarray, covariance: np.ndarray) -> None:
             covariance[i, i] = bound * bound
         elif covariance[i, i] < MIN_VARIANCE:
             covariance[i, i] = MIN_VARIANCE
-
-
-@jit
-def _factorise(covariance: np.ndarray) -> None:
-    """Replace a covariance by its lower Cholesky factor, its pivots floored against rounding."""
-    for j in range(STATE_SIZE):
-        for i in range(j):
-            covariance[i, j] = 0.
-        pivot = covariance[j, j]
-        for k in range(j):
-            pivot -= covariance[j, k] * covariance[j, k]
-        covariance[j, j] = math.sqrt(max(pivot, MIN_PIVOT * covariance[j, j], MIN_VARIANCE))
-        for i in range(j + 1, STATE_SIZE):
-            part = covariance[i, j]
-            for k in range(j):
-                part -= covariance[i, k] * covariance[j, k]
-            covariance[i, j] = part / covariance[j, j]

@@ -1,4 +1,4 @@
-"""Hands of which too few markers of the palm are seen: two place it but for its turn about them.
+"""Search for hands by two markers of the palm: all turns about their line are tried.
 
 All turns are tried. The best are labelled, and placed by all markers together: the digits tell the
 turn, as far as their joint distribution allows.

@@ -92,7 +92,7 @@ class CommandContext(NamedTuple):
 
 
 class ListedJoints(NamedTuple):
-    """What is known of a topic's joint states.
+    """Reader of a topic's JointStates, and the rows of them that count.
 
     Attributes
     ----------
