@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __version__ = '0.2.0'
 
-__all__ = ['JOINTS', 'Hand', 'HandState', 'HandTracker', 'MarkerLayout', 'TrackerOptions',
+__all__ = ['Hand', 'HandState', 'HandTracker', 'JOINTS', 'MarkerLayout', 'TrackerOptions',
            'fit_hand', 'load_hand', 'save_hand']
 
 _MODULES = {
