@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 
 from ..core.errors import HandTrackerError
 from ..messages.stamps import seconds
-from ..output_files import write_whole
+from ..output_files import OutputError, require_writable, write_whole
 from .executors import steady_clock
 from .message_types import imported_message
 from .parameters import Parameter
@@ -106,6 +106,11 @@ class MountNode(Node):
         if self._heard:
             response.message = 'a calibration is under way'
             return response
+        try:
+            require_writable(self._output)
+        except OutputError as error:
+            response.message = str(error)
+            return response
         self._tree, self._body, self._wrist = FrameTree(), PoseTrack(), PoseTrack()
         message = imported_message('tf2_msgs', 'TFMessage')
         moving = QoSProfile(depth=TF_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -137,7 +142,7 @@ class MountNode(Node):
             if moved.intersection(self._tree.chain(frame)):
                 pose = self._tree.pose(frame)
                 assert pose is not None
-                track.append(pose.time, pose.position, pose.rotation)
+                track.append(pose)
 
     def _look(self) -> None:
         if time.monotonic() < self._ends:
@@ -157,12 +162,12 @@ class MountNode(Node):
 
         found = fit_wrist_offset(self._body, self._wrist)
         offset = dict(zip(MOUNT_NUMBERS, [*found.position.tolist(), *found.rotation.tolist()]))
-        self._show(offset.values())
         text = yaml.safe_dump({'/**': {'ros__parameters': {
             'body_frame': self._body_frame, **offset}}}, sort_keys=False)
         write_whole(self._output, lambda path: path.write_text(
             f'# Where {self._names.wrist} rests in a frame of a body, in metres.\n{text}',
             encoding='utf-8'))
+        self._show(offset.values())
         log_line(self, False, f'calibration: both captures differ by '
                  f'{math.degrees(found.spread):.1f} degrees and {1e3 * found.distance:.1f} mm, the '
                  f"body's stamps are {1e3 * found.delay:+.1f} ms later; written to {self._output}")

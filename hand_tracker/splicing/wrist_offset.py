@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from ..core.errors import HandTrackerError
+from .frame_tree import FramePose
 from .hand_mount import MAX_MOUNT_SPREAD, HandMount, fit_mount
 
 LONGEST_GAP = .2           # [s] between two poses of the body that are interpolated
@@ -16,7 +18,7 @@ MOST_POSES = 2000          # that are fitted; of more every other one, or fewer
 RATE_SPAN = .05             # [s] over which the wrist's rate of turn is taken
 DELAY_ROUNDS = 10
 DELAY_STEP = 1e-4           # [s] below which a delay is found
-MIN_TURNING = .1           # [rad] rms about the axis about which the wrist turns least but one
+MIN_TURNING = .1           # [rad] rms across the axis about which the wrist turns most
 
 
 class OffsetError(HandTrackerError):
@@ -48,30 +50,34 @@ class WristOffset(NamedTuple):
 
 
 class PoseTrack:
-    """Poses of a frame over time, as they come."""
+    """Poses of a frame over time, all in one root, as they come."""
 
     def __init__(self) -> None:
+        self._root = ''
         self._rows: list[tuple[float, ...]] = []
 
-    def append(self, time: float, position: np.ndarray, rotation: np.ndarray) -> None:
-        """Take a pose; left out unless its time [s] is after the last one's.
+    def append(self, pose: FramePose) -> None:
+        """Take a pose: in place of the last of the same time; left out if it is of an earlier one.
 
-        Parameters
-        ----------
-        time : float
-        position : ndarray, shape (3,)
-        rotation : ndarray, shape (4,)
-            Unit quaternion x, y, z, w.
+        Transforms of one time may come in several messages: the last one completes the pose. In
+        another root than before the track begins anew.
         """
-        if not self._rows or time > self._rows[-1][0]:
-            self._rows.append((time, *position, *rotation))
+        if pose.root != self._root:
+            self._root = pose.root
+            self._rows.clear()
+        last = self._rows[-1][0] if self._rows else -math.inf
+        if pose.time < last:
+            return
+        if pose.time == last:
+            self._rows.pop()
+        self._rows.append((pose.time, *pose.position, *pose.rotation))
 
     def __len__(self) -> int:
         return len(self._rows)
 
     @property
     def rows(self) -> np.ndarray:
-        """Times, positions and rotations, shape (T, 8)."""
+        """Poses, shape (T, 8): time [s], x, y, z [m], unit quaternion x, y, z, w."""
         return np.array(self._rows).reshape(-1, 8)
 
 
@@ -135,9 +141,23 @@ def _mount(*motions: np.ndarray) -> HandMount:
 
 def _delay(times: np.ndarray, turns: np.ndarray, body_turns: np.ndarray,
            mount: HandMount) -> float:
-    """Return by how much later the body is, as the wrist has turned on by then [s]."""
-    late = (mount.world @ body_turns @ mount.wrist).swapaxes(1, 2) @ turns     # (T, 3, 3)
+    """Return the delay of the body: by how much later its stamps are than the wrist's [s].
+
+    By then the wrist has turned on by its rate of turn times the delay (least squares).
+
+    Parameters
+    ----------
+    times : ndarray, shape (T,)
+        [s]
+    turns, body_turns : ndarray, shape (T, 3, 3)
+        Rotations of the wrist and of the body's frame, each in its own world.
+    mount : HandMount
+    """
     step = max(1, round(.5 * RATE_SPAN / float(np.median(np.diff(times)))))
+    if len(times) <= 4 * step:
+        raise OffsetError(f'both captures share {times[-1] - times[0]:.3g} s; expected more than '
+                          f'{2. * RATE_SPAN:g} s: are the stamps in seconds, and of one clock?')
+    late = (mount.world @ body_turns @ mount.wrist).swapaxes(1, 2) @ turns     # (T, 3, 3)
     before, after = slice(None, -2 * step), slice(2 * step, None)
     rate = Rotation.from_matrix(turns[before].swapaxes(1, 2) @ turns[after]).as_rotvec()
     rate /= (times[after] - times[before])[:, None]                            # (T', 3) [rad/s]
@@ -146,7 +166,22 @@ def _delay(times: np.ndarray, turns: np.ndarray, body_turns: np.ndarray,
 
 
 def _together(body: np.ndarray, wrist: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return times, places and turns of the wrist, and places and turns of the body then."""
+    """Return what both captures saw at the same times, the body between two of its poses.
+
+    Parameters
+    ----------
+    body, wrist : ndarray, shapes (B, 8), (W, 8)
+        Rows of a `PoseTrack`.
+
+    Returns
+    -------
+    times : ndarray, shape (T,)
+        Of poses of the wrist, `MOST_POSES` at most [s].
+    places, turns : ndarray, shapes (T, 3), (T, 3, 3)
+        Positions [m] and rotations of the wrist.
+    body_places, body_turns : ndarray, shapes (T, 3), (T, 3, 3)
+        Those of the body's frame.
+    """
     inside = np.zeros(len(wrist), dtype=bool)
     if len(body) > 1 and len(wrist):
         after = np.searchsorted(body[:, 0], wrist[:, 0])

@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.splicing.frame_tree import FrameTree
+from hand_tracker.splicing.frame_tree import FramePose, FrameTree
 from hand_tracker.splicing.wrist_offset import OffsetError, PoseTrack, fit_wrist_offset
 
 OFFSET = np.array((.03, -.02, .25)), Rotation.from_rotvec((.4, -1.2, .7))
@@ -28,13 +28,22 @@ def captures(place=.2, turn=.5, noise=0., late=0., seed=0):
     every = round(RATE / BODY_RATE)
     jitter = rng.normal(0., noise, (len(times), 3))
     for time, at, to in zip(times[::every], places[::every], turns[::every]):
-        body.append(100. + time + late, at, to.as_quat())
+        body.append(FramePose('studio', 100. + time + late, at, to.as_quat()))
     position, rotation = OFFSET
     origin, world = WORLD
     for time, at, to, error in zip(times, places, turns, jitter):
-        wrist.append(100. + time, origin + world.apply(at + to.apply(position)) + error, (
-            world * to * rotation * Rotation.from_rotvec(10. * error)).as_quat())
+        wrist.append(FramePose(
+            'mocap', 100. + time, origin + world.apply(at + to.apply(position)) + error,
+            (world * to * rotation * Rotation.from_rotvec(10. * error)).as_quat()))
     return body, wrist
+
+
+def track_of(rows, root='studio'):
+    """Return a PoseTrack with the given rows."""
+    track = PoseTrack()
+    for row in rows:
+        track.append(FramePose(root, row[0], row[1:4], row[4:]))
+    return track
 
 
 @pytest.mark.parametrize('seed', range(5))
@@ -67,11 +76,37 @@ def test_what_does_not_tell_it_is_refused_with_the_reason(given, reason):
         fit_wrist_offset(*captures(**given))
 
 
+def test_captures_that_share_an_instant_are_refused_at_any_rate():
+    # 20 s in milliseconds that are taken for 20 ms.
+    body, wrist = (track_of(track.rows * ([1e-3] + 7 * [1.])) for track in captures())
+    with pytest.raises(OffsetError, match=r'share 0\.02 s; expected more than 0\.1 s'):
+        fit_wrist_offset(body, wrist)
+
+
+def test_a_pose_is_that_of_the_last_message_of_its_time():
+    # The transforms of each time come in two messages, the hips' first.
+    tree, track, places = FrameTree(), PoseTrack(), np.random.default_rng(5).normal(size=(4, 2, 3))
+    turn = Rotation.identity().as_quat()
+    for time, (hips, arm) in enumerate(places):
+        for parent, child, place in (('studio', 'hips', hips), ('hips', 'arm', arm)):
+            tree.update(parent, child, float(time), [*place, *turn])
+            if tree.chain('arm'):
+                track.append(tree.pose('arm'))
+    np.testing.assert_array_equal(track.rows[:, 0], range(4))
+    np.testing.assert_allclose(track.rows[:, 1:4], places.sum(axis=1), atol=1e-12)
+    track.append(FramePose('studio', 1., np.zeros(3), turn))
+    assert len(track) == 4
+
+
+def test_poses_in_another_root_begin_the_track_anew():
+    track = track_of(captures()[0].rows)
+    track.append(FramePose('world', 1., np.ones(3), Rotation.identity().as_quat()))
+    np.testing.assert_array_equal(track.rows, [[1., 1., 1., 1., 0., 0., 0., 1.]])
+
+
 def test_gaps_of_the_body_are_not_interpolated():
     body, wrist = captures()
-    few = PoseTrack()
-    for row in body.rows[::60]:
-        few.append(row[0], row[1:4], row[4:])
+    few = track_of(body.rows[::60])
     with pytest.raises(OffsetError, match=f'{len(few)} of the body.* 0 are of the same times'):
         fit_wrist_offset(few, wrist)
 
