@@ -1,18 +1,18 @@
-"""Several nodes in one process: markers go from one to the other without a change of thread.
+"""Several nodes in one process: what goes from one to the other does not leave it.
 
 Names before --ros-args choose them: `all tracker source retarget`; without any they are tracker and
-replay. A parameter reaches every node that has it, `-p NODE:PARAMETER:=VALUE` one alone. Of replay,
-simulate and viewer, which have loops of their own, one at most. See docs/ros.md.
+replay. A parameter reaches every node that has it, `-p NODE:PARAMETER:=VALUE` the one with this ROS
+name (`hand_tracker` is the tracker's). Of replay, simulate and viewer, which have loops of their
+own, one at most. See docs/ros.md.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
 from importlib import import_module
+from typing import Any
 
-from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 from .runner import run_together, spin, spinning
@@ -25,21 +25,14 @@ NODE_CLASSES = {
 USUAL_NODES = 'tracker', 'replay'
 
 
-def play(node: Node) -> Callable[[], object] | None:
-    """Return the loop of a node that has one of its own."""
-    return getattr(node, 'play', None)
-
-
-def serve(*nodes: Node) -> None:
-    """Serve nodes until interrupted, or until the loop of one has ended."""
-    leading = [node for node in nodes if play(node) is not None]
-    if not leading:
-        spin(*nodes)
-        return
-    with spinning(*(node for node in nodes if node not in leading)):
-        loop = play(leading[0])
-        assert loop is not None
-        loop()
+def serve(*nodes: Any) -> None:
+    """Serve nodes until interrupted, or until the loop of one, its method `play`, has ended."""
+    for node in nodes:
+        if hasattr(node, 'play'):
+            with spinning(*(other for other in nodes if other is not node)):
+                node.play()
+            return
+    spin(*nodes)
 
 
 def main(args: list[str] | None = None) -> int:

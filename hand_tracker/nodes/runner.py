@@ -10,7 +10,7 @@ import signal
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
-from threading import Event, Thread
+from threading import Event, Thread, main_thread
 from typing import Any
 
 import rclpy
@@ -159,22 +159,38 @@ def spin(*nodes: Node) -> None:
 
 @contextmanager
 def spinning(*nodes: Node) -> Iterator[None]:
-    """Serve nodes' callbacks in a thread of their own."""
+    """Serve nodes' callbacks in a thread of their own, beside the main thread.
+
+    What a callback raises interrupts the main thread, and is raised there in its place.
+    """
     ended = Event()
+    faults: list[Exception] = []
 
     def serve() -> None:
-        with suppress(ExternalShutdownException):
+        try:
             while rclpy.ok() and not ended.is_set():
                 executor.spin_once(POLL)
+        except ExternalShutdownException:
+            pass
+        except Exception as fault:
+            faults.append(fault)
+            # Unlike interrupt_main, this also ends a wait.
+            signal.pthread_kill(main_thread().ident or 0, signal.SIGINT)
 
     with fastest_executor(*nodes) as executor:
         thread = Thread(target=serve, daemon=True)
         thread.start()
         try:
-            yield
-        finally:
-            ended.set()
-            thread.join()
+            try:
+                yield
+            finally:
+                ended.set()
+                thread.join()
+        except KeyboardInterrupt:
+            if not faults:
+                raise
+        if faults:
+            raise faults[0] from None
 
 
 def run(make_node: Callable[[], Node], work: Callable[[Any], object] = spin,

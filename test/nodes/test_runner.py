@@ -36,3 +36,39 @@ def test_a_process_whose_end_hangs_is_ended_with_a_traceback():
         assert process.interrupt() == 1
         assert 'hangs' in process.output
         assert 'in destroy_node' in process.output
+
+
+FAULT_BESIDE_A_LOOP = '''
+from threading import Event
+from rclpy.node import Node
+from hand_tracker.nodes import all_node, runner
+
+class Faulty(Node):
+    def __init__(self):
+        super().__init__('faulty')
+        self.create_timer(.01, self.fail)
+
+    def fail(self):
+        raise {error}
+
+class Leading(Node):
+    def __init__(self):
+        super().__init__('leading')
+
+    def play(self):
+        {loop}
+
+raise SystemExit(runner.run_together([Leading, Faulty], all_node.serve))
+'''
+
+
+@pytest.mark.parametrize('loop', ['runner.spin(self)', 'Event().wait()'])
+@pytest.mark.parametrize('error, is_the_users', [
+    ('ValueError("it broke")', False), ('runner.InvalidArguments("it broke")', True)])
+def test_a_fault_beside_a_loop_ends_all_with_its_reason(loop, error, is_the_users):
+    script = FAULT_BESIDE_A_LOOP.format(error=error, loop=loop)
+    with Process([sys.executable, '-c', script]) as process:
+        assert process.wait() == 1, process.output
+    assert 'it broke' in process.output
+    assert ('Traceback' not in process.output) == is_the_users
+    assert 'KeyboardInterrupt' not in process.output
