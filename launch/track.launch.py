@@ -22,7 +22,6 @@ from hand_tracker.core.numerics.quaternion import quaternion
 from hand_tracker.files.keystore import enclave_of, security_environment
 from hand_tracker.files.parameter_file import node_parameters
 from hand_tracker.files.urdf_file import urdf
-from hand_tracker.messages.builders import prefixed_names
 from hand_tracker.nodes.tracker_parameters import (
     AUTO,
     SEPARATE,
@@ -403,9 +402,8 @@ def robot_parameters(given, in_file, hand, on_body):
         # A robot file has the URDF of either side; a URDF is of one.
         robot, description = given['left_robot'] or robot, given['left_robot_description']
     return {**{name: hand.parameters[name] for name in ROBOT_TAKES}, 'side': hand.hand.side,
-            'wrist_frame': prefixed_names(hand.prefix, on_body=True).tracked if on_body
-            else in_file.get('wrist_frame', AUTO), 'robot': robot,
-            'robot_description': description}
+            'wrist_frame': in_file.get('wrist_frame', AUTO), 'on_body': on_body,
+            'robot': robot, 'robot_description': description}
 
 
 def robot_beside(hand, robot):

@@ -29,7 +29,7 @@ from .tracker_parameters import START, starting_hand, with_defaults
 LANDMARKS_DEPTH = 10
 WAITING_FRAMES = 100  # of joint states or of wrist poses whose counterpart has not come yet
 LANDMARKS_PARAMETERS = tuple(row._replace(read_only=True) for row in (
-    *(row for row in START if row.name in HAND_PARAMETERS),
+    *(row for row in START if row.name in (*HAND_PARAMETERS, 'on_body')),
     Parameter('landmarks', 25, 'How many: the 21 of MediaPipe, the 25 of WebXR and IsaacTeleop, '
               'the 26 of OpenXR', range=(min(LANDMARK_ORDERS), max(LANDMARK_ORDERS))),
     Parameter('message', 'pose_array', 'Message of hand_landmarks',
@@ -44,7 +44,8 @@ class LandmarksNode(Node):
         super().__init__('landmarks')
         values = declare(self, LANDMARKS_PARAMETERS)
         hand, _ = starting_hand(with_defaults(values))
-        self._names = names_of(hand, values['prefix'], values['wrist_frame'])
+        self._names = names_of(
+            hand, values['prefix'], values['wrist_frame'], values['on_body'])
         self._hand = OpenXrHand(hand, values['landmarks'])
         self._named = (imported_message(TELEOP, 'NamedPoseArray')
                        if values['message'] == 'named_pose_array' else None)
@@ -67,7 +68,7 @@ class LandmarksNode(Node):
 
     def _on_transforms(self, message: Any) -> None:
         for transform in message.transforms:
-            if transform.child_frame_id == self._names.wrist:
+            if transform.child_frame_id == self._names.tracked:
                 self._take(self._wrists, nanoseconds(transform.header.stamp), transform)
 
     def _take(self, waiting: dict[int, Any], stamp: int, value: Any) -> None:

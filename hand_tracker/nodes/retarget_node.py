@@ -59,7 +59,7 @@ WRIST_OUTPUTS = {'pose': ('robot/wrist_target', PoseStamped),
                  'twist': ('robot/wrist_twist', TwistStamped)}
 # Those that the tracker has too and that shape the hand.
 PERSON_PARAMETERS = ('hand_file', 'side', 'hand_length', 'hand_breadth', 'limits.preset', 'thumb',
-                     'prefix', 'wrist_frame')
+                     'prefix', 'wrist_frame', 'on_body')
 RETARGET_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     *(row for row in START if row.name in PERSON_PARAMETERS),
     Parameter('robot', '', 'Robot hand: a preset, a robot file, a dex-retargeting file or a URDF'),
@@ -105,7 +105,7 @@ class RetargetNode(SubscriptionHidingNode):
         if follows_robot:
             person['side'] = loaded.hand.side
         hand, _ = starting_hand(person)
-        names = names_of(hand, values['prefix'], values['wrist_frame'])
+        names = names_of(hand, values['prefix'], values['wrist_frame'], values['on_body'])
         self._teleoperation = Teleoperation(
             loaded, hand, names.prefix,
             GuardOptions(**{option.name: values[f'safety.{option.name}']
@@ -128,7 +128,7 @@ class RetargetNode(SubscriptionHidingNode):
             # Not without need, as it imports scipy, which takes longer than all else here.
             self._wrist = WristFollower(WristOptions(**{
                 option.name: values[f'wrist.{option.name}'] for option in fields(WristOptions)}))
-        self._wrist_frame, self._base_frame = names.wrist, values['wrist.base_frame']
+        self._wrist_frame, self._base_frame = names.tracked, values['wrist.base_frame']
         self._robot_wrist: WristPose | None = None
         self._robot_wrist_time = -math.inf
         self._is_clutched, self._wrist_fault = False, ''

@@ -164,11 +164,12 @@ def test_the_deadman_engages_and_its_release_ends_it_and_the_wrist_too(robot):
 @pytest.mark.skipif(not COMPILED, reason='needs the fast path')
 def test_the_fingers_stay_on_the_fast_path_while_an_arms_wrist_follows(robot):
     tf2_msgs = pytest.importorskip('tf2_msgs.msg')
-    with NodeProcess(MODULE, {'robot': robot, 'wrist.outputs': 'twist'}) as process, (
+    with NodeProcess(MODULE, {
+            'robot': robot, 'wrist.outputs': 'twist', 'on_body': True}) as process, (
             watching_node()) as node:
         bench = Bench(node)
         bench.start = robot_states(joints(), .05)
-        wrist = TransformStamped(child_frame_id='right_wrist')
+        wrist = TransformStamped(child_frame_id='right_wrist_tracked')
         wrist.transform.rotation.w = 1.
         transforms = node.create_publisher(tf2_msgs.TFMessage, '/tf', 10)
         twists = node.collect(TwistStamped, 'robot/wrist_twist')

@@ -541,6 +541,23 @@ def test_the_hand_hangs_on_a_body(watch, tmp_path):
 
 
 @launches
+@pytest.mark.skipif(find_spec('trajectory_msgs') is None, reason='no trajectory_msgs')
+@pytest.mark.parametrize('robot_process', ['own', 'tracker'])
+def test_a_robot_follows_the_wrist_as_it_is_called_on_a_body(watch, tmp_path, robot_process):
+    given = tmp_path / 'mine.yaml'
+    given.write_text('hand_tracker: {ros__parameters: {wrist_frame: right_wrist}}')
+    with Launch(body_frame='lower_arm', robot='plain', robot_process=robot_process,
+                parameters=given) as process:
+        process.wait_for_line('not engaged; listening for the right hand', FIRST_START)
+        for node in 'hand_tracker', 'retarget':
+            told = watch.call(GetParameters, f'{node}/get_parameters', GetParameters.Request(
+                names=['wrist_frame', 'on_body']))
+            frame, on_body = told.values
+            assert (frame.string_value, on_body.bool_value) == ('right_wrist', True)
+        assert process.interrupt() == 0 and 'Traceback' not in process.output, process.output
+
+
+@launches
 def test_both_hands_hang_on_a_body(watch):
     resting, moving = watch.collect(TFMessage, '/tf_static', LATCHED), watch.collect(
         TFMessage, '/tf')
