@@ -140,7 +140,7 @@ class Diagnostics:
         self.size = 'given'
         self.calibration: dict[str, str] = {}
         self._state: HandState | None = None
-        # States of the palm and of each marker that came since the last status.
+        # Troubles of the palm and of each marker that came since the last status.
         self._passed: set[PalmState | tuple[int, int]] = set()
         self._told: set[PalmState | tuple[int, int]] = set()   # of the last one
         self._frames = self._counted = self._on_fast_path = self._left_out = 0
@@ -181,8 +181,10 @@ class Diagnostics:
         self._on_fast_path += count if on_fast_path else 0
         self._state = state
         for _, run in runs:
-            self._passed.add(run.palm)
-            self._passed.update(enumerate(run.marker_states.tolist()))
+            if run.palm in PALM_FAULTS:
+                self._passed.add(run.palm)
+            self._passed.update((slot, kind) for slot, kind in enumerate(run.marker_states.tolist())
+                                if kind in MARKER_TROUBLES)
         return now - self._last_status >= STATUS_GAP and (
             self._summary(now) != self._last_summary or not self._passed <= self._told)
 

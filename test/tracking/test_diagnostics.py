@@ -164,6 +164,17 @@ def test_flickering_is_reported_at_a_bounded_rate():
     assert 20 < told <= 1. + 5. / STATUS_GAP
 
 
+def test_only_troubles_that_came_and_went_bring_about_a_status():
+    hand = Hand()
+    now = state_of()
+    hand.feed(0., now)
+    hand.status(0.)
+    ordinary = [(.2, now), (.21, state_of(index=MarkerState.PREDICTED)), (.22, now)]
+    assert not hand.diagnosis.tracked(.22, now, 3, True, ordinary)
+    lost = (.4, state_of(PalmState.LOST))
+    assert hand.diagnosis.tracked(.42, now, 2, True, [lost, (.42, now)])
+
+
 def test_what_came_and_went_between_two_statuses_is_told_once():
     hand = Hand()
     now = state_of()
