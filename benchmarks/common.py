@@ -1,5 +1,6 @@
 """Parts shared by the benchmarks: environment, output of rows, stamps of serialized messages."""
 
+import argparse
 import json
 import os
 import subprocess
@@ -64,6 +65,30 @@ def write_rows(path, rows):
         with open(path, 'w', encoding='utf-8') as file:
             json.dump(rows, file, indent=1)
             file.write('\n')
+
+
+def print_measured(doc, measure, line):
+    """Measure as many frames as the command line says, print and write the rows; return 0.
+
+    Parameters
+    ----------
+    doc : str
+        Docstring of the benchmark.
+    measure : callable
+        Takes the count of frames, returns a list of rows.
+    line : str
+        Format of a row that is printed.
+    """
+    parser = argparse.ArgumentParser(description=doc.splitlines()[0])
+    parser.add_argument('--frames', type=int, default=3000)
+    add_json_option(parser)
+    options = parser.parse_args()
+    print(environment())
+    rows = measure(options.frames)
+    for row in rows:
+        print(line.format(**row))
+    write_rows(options.json, rows)
+    return 0
 
 
 def stamp_places(data):

@@ -8,7 +8,6 @@ points and tracking both, `search` that of all frames from nothing until both ar
 turns of some frames, so that all meet the same load. `ratio` is over the median of `labelled`.
 """
 
-import argparse
 import sys
 from pathlib import Path
 from time import perf_counter_ns
@@ -18,7 +17,7 @@ if not __package__:
 
 import numpy as np
 
-from benchmarks.common import add_json_option, environment, write_rows
+from benchmarks.common import print_measured
 from benchmarks.layouts import LAYOUT_RATE, SETTLING_FRAMES, TURN, layout_frames
 from hand_tracker.core.model.hand import SIDES, Hand
 from hand_tracker.core.model.layout_presets import PAPER_LAYOUT
@@ -96,16 +95,7 @@ def searches(prototypes, cloud):
 
 def main():
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--frames', type=int, default=3000)
-    add_json_option(parser)
-    options = parser.parse_args()
-    print(environment())
-    rows = measure(options.frames)
-    for row in rows:
-        print('{way:10s} {median_us:9.1f} µs {ratio:7.2f} x'.format(**row))
-    write_rows(options.json, rows)
-    return 0
+    return print_measured(__doc__, measure, '{way:10s} {median_us:9.1f} µs {ratio:7.2f} x')
 
 
 if __name__ == '__main__':

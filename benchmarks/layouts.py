@@ -6,7 +6,6 @@ The demo motion with noise, all markers seen; layouts take turns of some frames,
 the same load. `ratio` is a layout's median over that of the eight markers of the paper.
 """
 
-import argparse
 import sys
 from pathlib import Path
 from time import perf_counter_ns
@@ -16,7 +15,7 @@ if not __package__:
 
 import numpy as np
 
-from benchmarks.common import add_json_option, environment, write_rows
+from benchmarks.common import print_measured
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import LAYOUT_PRESETS, preset_layout
@@ -63,17 +62,8 @@ def measure(count):
 
 def main():
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--frames', type=int, default=3000)
-    add_json_option(parser)
-    options = parser.parse_args()
-    print(environment())
-    rows = measure(options.frames)
-    for row in rows:
-        print('{layout:18s} {markers:3d} markers {median_us:7.1f} µs ({p99_us:.1f}) '
-              '{ratio:.2f} x'.format(**row))
-    write_rows(options.json, rows)
-    return 0
+    return print_measured(__doc__, measure, 
+        '{layout:18s} {markers:3d} markers {median_us:7.1f} µs ({p99_us:.1f}) {ratio:.2f} x')
 
 
 if __name__ == '__main__':

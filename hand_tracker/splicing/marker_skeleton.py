@@ -16,21 +16,23 @@ from .clock_alignment import ClockAlignment
 from .spliced_points import ASSUMED_BODY_RATE, World, resampled_hand
 
 ROOT_NAME = 'body'
-MARKER_SIZE = .008         # [m] radius of a drawn marker
+MARKER_RADIUS = .008       # [m] of a drawn marker
 WHITE = 1., 1., 1.
 
 
 def marker_skeleton(body: PointRecording, hands: Sequence[tuple[HandAngles, ClockAlignment, World]],
                     naming: str) -> SkeletonMotion:
-    """Return markers and hands as joints of one root, which rests in the origin.
+    """Return a skeleton in motion: markers and hands are joints of one root, at rest in the origin.
 
-    A marker is a joint that only moves, straight on where it was hidden; anonymous ones are left
-    out. Before and after their recording hands rest as they were first and last.
+    A marker is a joint that is only translated, along a straight line while it is hidden; markers
+    without a label are left out. Outside its recording a hand keeps its first or last pose.
 
     Parameters
     ----------
     body : PointRecording
+        The markers of the body [m].
     hands : sequence of (HandAngles, ClockAlignment, World)
+        Of each hand its motion, its clock against the body's, and its pose in the body's world.
     naming : str
         Of the hands' joints, one of `NAMINGS`.
 
@@ -93,7 +95,7 @@ def marker_mesh(skeleton: SkeletonMotion, hands: Sequence[HandAngles]) -> BoundM
               and parent == 0]
     markers = range(1, wrists[0] if wrists else len(skeleton.names))
     for joint in markers:
-        ball = ball_mesh(skeleton.offsets[joint], MARKER_SIZE, WHITE)
+        ball = ball_mesh(skeleton.offsets[joint], MARKER_RADIUS, WHITE)
         meshes.append(rigid_mesh(ball.vertices, ball.faces, joint))
     for wrist, tracked in zip(wrists, hands):
         skin = bound_mesh(load_skin(tracked.hand), tracked.hand.side)
