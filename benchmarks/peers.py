@@ -32,7 +32,6 @@ import numpy as np
 from benchmarks.common import add_json_option, environment, write_rows
 from hand_tracker.calibration.landmarks import landmark_positions
 from hand_tracker.core.inverse_kinematics.digit import digit_chains, solve_digits
-from hand_tracker.core.inverse_kinematics.palm import place_palm
 from hand_tracker.core.model.hand import JOINTS, LINKS, ROOT, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import (
@@ -41,6 +40,7 @@ from hand_tracker.core.model.marker_layout import (
     MarkerLayout,
     marker_positions,
 )
+from hand_tracker.core.model.palm_triangle import fit_wrist
 from hand_tracker.core.numerics.jit import jit, packed
 from hand_tracker.core.numerics.vectors import components, frame, subtract, vector
 from hand_tracker.core.tracker import HandTracker
@@ -135,10 +135,10 @@ def solve_fingers(chains, roots, markers, angles):
 
 
 @jit
-def solve_hand(chains, template, first_joints, markers, angles, rotation, position):
+def solve_hand(chains, template, roots, markers, angles, rotation, position):
     """Solve palm and digits, with the last angles as the only state."""
-    roots, digits = first_joints.copy(), np.empty((5, 3))
-    place_palm(markers[:3], template, False, rotation, position, roots)
+    digits = np.empty((5, 3))
+    fit_wrist(markers, template, rotation, position)
     axes, origin = frame(rotation), vector(position)
     for i in range(5):
         local = components(axes, subtract(vector(markers[3 + i]), origin))

@@ -25,7 +25,6 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from ..core.errors import HandTrackerError
-from ..core.inverse_kinematics.palm import place_palm
 from ..core.model.hand import BOTH, SIDES, Hand
 from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.marker_layout import (
@@ -34,6 +33,7 @@ from ..core.model.marker_layout import (
     MarkerLayout,
     marker_positions,
 )
+from ..core.model.palm_triangle import fit_wrist
 from ..core.model.skeleton import skeleton_points
 from ..core.numerics.jit import DEFERRED
 from ..drawing.animation import HandMotion, save_animation, save_sheet
@@ -124,12 +124,12 @@ class HeardHand:
         palm = self.palm_rows
         template = self.layout.principal_mounting(self.hand).position[:len(palm)]
         # Nothing is known of the palm before its markers were all seen.
-        rotation, position, roots = np.eye(3), np.full(3, np.nan), np.zeros((5, 3))
+        rotation, position = np.eye(3), np.full(3, np.nan)
         markers = np.empty((len(stamps), len(self.layout.names), 3))
         for stamp, local in zip(stamps, markers):
             frame = self.markers[stamp]
             if np.isfinite(frame[palm]).all():
-                place_palm(frame[palm], template, False, rotation, position, roots)
+                fit_wrist(frame[palm], template, rotation, position)
             local[:] = (frame - position) @ rotation
         places = marker_positions(
             self.layout.mounting(self.hand), forward(joint_table(self.hand), angles))
@@ -246,7 +246,7 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
     rest = marker_positions(
         first.layout.mounting(first.hand), forward(joint_table(first.hand), np.zeros(25)))
     palm = rest[first.palm_rows]
-    place_palm(palm, palm, False, np.eye(3), np.zeros(3), np.zeros((5, 3)))
+    fit_wrist(palm, palm, np.eye(3), np.zeros(3))
     # Those who wait for the first frame: the tracker and this listener.
     replay = _start('replay', recording=options.recording, rate=float(options.rate), subscribers=2,
                     side='' if side == BOTH else side, markers=','.join(options.markers),

@@ -21,12 +21,13 @@ from .inverse_kinematics.digit_angles import (
     principal_place,
     solve_digit_angles,
 )
-from .inverse_kinematics.palm import place_palm
+from .inverse_kinematics.palm import place_palm_by_spheres
 from .inverse_kinematics.palm_arch import flexed, solve_palm, synergy
 from .labelling.association import associate
 from .labelling.validity import find_valid, reject_frozen
 from .model.capsules import place_capsules
 from .model.marker_rows import PRINCIPALS
+from .model.palm_triangle import fit_wrist
 from .model.states import LOST, TRACKED, WAITING
 from .numerics.jit import Pack, jit, overwrite
 from .numerics.vectors import (
@@ -289,8 +290,11 @@ def place_wrist(model: Pack[Model], options: Pack[KernelOptions], state: Pack[St
     for i in range(5):
         for k in range(3):
             state.roots[i, k] = model.hand_bounds.roots[i, k]
-    place_palm(state.palm.mean, model.template, options.by_spheres, state.wrist.rotation,
-               state.wrist.position, state.roots)
+    rotation, position = state.wrist.rotation, state.wrist.position
+    if options.by_spheres:
+        place_palm_by_spheres(state.palm.mean, model.template, rotation, position, state.roots)
+    else:
+        fit_wrist(state.palm.mean, model.template, rotation, position)
 
 
 @jit

@@ -11,10 +11,10 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from ..core.inverse_kinematics.palm import place_palm
 from ..core.model.hand import JOINTS, Hand
 from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.marker_layout import MarkerLayout
+from ..core.model.palm_triangle import fit_wrist
 from ..core.model.skeleton import SKELETON_POINTS, skeleton_points
 from ..core.model.states import MarkerState, PalmState
 from ..core.tracker import HandState
@@ -88,8 +88,7 @@ class PublishedHand:
         if len(joints.points) != len(JOINTS_SHOWN) or len(known.points) > len(self._layout.names):
             return None
         rotation, position = np.empty((3, 3)), np.empty(3)
-        place_palm(_array(joints.points)[PALM_SHOWN], self._template, False, rotation, position,
-                   np.zeros((5, 3)))
+        fit_wrist(_array(joints.points)[PALM_SHOWN], self._template, rotation, position)
         count = len(self._layout.names)
         markers = np.tile(position, (count, 1))
         states = np.full(count, int(MarkerState.ABSENT))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.inverse_kinematics.palm import place_palm
+from hand_tracker.core.inverse_kinematics.palm import place_palm_by_spheres
 from hand_tracker.core.model.capsules import hand_capsules, pair_gaps
 from hand_tracker.core.model.hand import ABDUCTION_JOINTS, FINGERS, FLEXION_JOINTS, SIDES, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
@@ -94,7 +94,7 @@ def test_digits_hang_where_the_spheres_found_their_first_joints(side):
     rotation, position, roots = np.empty((3, 3)), np.empty(3), HAND.finger_mcp.copy()
     roots = np.vstack((roots, HAND.thumb_cmc))
     template = MarkerLayout().mounting(HAND).position[:3]
-    place_palm(markers[:3], template, True, rotation, position, roots)
+    place_palm_by_spheres(markers[:3], template, rotation, position, roots)
     found = (roots @ rotation.T + position) * mirror
     np.testing.assert_allclose(
         poses['spheres'].position[[1, 6, 11, 16, 20]], found, atol=1e-9)

@@ -3,7 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.inverse_kinematics.palm import place_palm
+from hand_tracker.core.inverse_kinematics.palm import place_palm_by_spheres
+from hand_tracker.core.model.palm_triangle import fit_wrist
 from hand_tracker.core.numerics.vectors import vector
 
 TEMPLATE = np.array(((0., 0., 0.), (.083, .021, -.003), (.068, -.034, -.006)))
@@ -24,5 +25,8 @@ def placed(markers, by_spheres, roots=None):
     """Return rotation, position and first joints of the digits of a palm by its markers."""
     rotation, position = np.eye(3), np.zeros(3)
     roots = np.zeros((5, 3)) if roots is None else roots
-    place_palm(markers, TEMPLATE, by_spheres, rotation, position, roots)
+    if by_spheres:
+        place_palm_by_spheres(markers, TEMPLATE, rotation, position, roots)
+    else:
+        fit_wrist(markers, TEMPLATE, rotation, position)
     return rotation, position, roots

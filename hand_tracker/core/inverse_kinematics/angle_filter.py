@@ -25,13 +25,15 @@ from ..numerics.vectors import Vector, clamp, components, frame, subtract, vecto
 from ..occlusion.prediction import Observation
 from .abduction_plane import FIST_NEAR, in_plane, plane_direction
 from .digit import Chains, beside_plane, linkage_of, natural_flexion_of
-from .three_bone import chain_end, chain_reach, coupled_angle
-from .two_bone import (
+from .flexion import (
     AVERAGE_SPREAD,
     MAX_SECOND_HINGE_SPEED,
     Linkage,
     NaturalFlexion,
     aim_end,
+    chain_end,
+    chain_reach,
+    coupled_angle,
 )
 
 # Time constant of the mean innovation, which is taken for motion [s].

@@ -17,14 +17,16 @@ from ..numerics.jit import Pack, jit, packed
 from ..numerics.vectors import Vector, clamp, components, frame, rotate, subtract, vector
 from .abduction_plane import in_plane, plane_abduction
 from .fabrik import fabrik
-from .three_bone import (
+from .flexion import (
+    Linkage,
+    NaturalFlexion,
     choose_three_bone,
     coupled_angle,
     coupled_end,
     solve_three_bone,
+    solve_two_bone,
     straightest,
 )
-from .two_bone import Linkage, NaturalFlexion, solve_two_bone
 
 ASIDE_ROUNDS = 5  # solutions of a digit that leaves its plane; each is nearer by a factor of ten
 THUMB = 4         # among the digits

@@ -11,8 +11,7 @@ import math
 
 from ..numerics.jit import jit
 from ..numerics.vectors import clamp, clamp_angle, wrap_angle
-from .three_bone import chain_end
-from .two_bone import Linkage, flexion_of
+from .flexion import Linkage, chain_end, flexion_of
 
 MIN_START_FLEXION = 0.1  # [rad] of the second hinge
 STAGNATION_GAIN = 1e-3   # [1] share of the error that STAGNATION_PERIOD iterations must gain

@@ -1,15 +1,16 @@
 """Inverse kinematics of the palm: wrist pose and palm joints from the markers r, p and q.
 
-Two constructions: a rigid fit of the palm to its three markers, and the paper's Σp ∨ Σq ∨ Φx,
-the intersection of two spheres with the hand plane. The vector forms equal the paper's conformal
-geometric algebra; the hand's chirality resolves its ±, so that no history is needed.
+The paper's construction Σp ∨ Σq ∨ Φx, the intersection of two spheres with the hand plane; the
+rigid fit of the palm to its three markers is `fit_wrist`, of the palm's triangle. The vector forms
+equal the paper's conformal geometric algebra; the hand's chirality resolves its ±, so that no
+history is needed.
 """
 
 import math
 
 import numpy as np
 
-from ..model.palm_triangle import rigid_palm, triad
+from ..model.palm_triangle import set_wrist_pose, triad
 from ..numerics.jit import jit
 from ..numerics.vectors import (
     Frame,
@@ -24,6 +25,7 @@ from ..numerics.vectors import (
     length,
     rotate,
     scale,
+    store,
     subtract,
     unit,
     vector,
@@ -136,38 +138,27 @@ def spheres_joint(p: Vector, q: Vector, joint: Vector, template_r: Vector, templ
 
 
 @jit
-def place_palm(markers: np.ndarray, template: np.ndarray, by_spheres: bool, rotation: np.ndarray,
-               position: np.ndarray, roots: np.ndarray) -> None:
-    """Place the wrist and the first joints of the digits by the palm's markers.
+def place_palm_by_spheres(markers: np.ndarray, template: np.ndarray, rotation: np.ndarray,
+                          position: np.ndarray, roots: np.ndarray) -> None:
+    """Place the wrist and the first joints of the digits by the paper's construction.
 
     Parameters
     ----------
-    markers, template : ndarray, shape (3, >= 3) and (3, 3)
+    markers, template : ndarray, shape (>= 3, 3) and (3, 3)
         r, p, q as measured and on the hand [m].
-    by_spheres : bool
-        Use the paper's construction instead of the rigid fit.
     rotation, position : ndarray, shape (3, 3) and (3,)
         Pose of the wrist in the markers' frame, replaced [m].
     roots : ndarray, shape (5, 3)
-        First joints of the digits on the hand, in the wrist's frame; the paper's
-        construction replaces them by measured ones [m].
+        First joints of the digits on the hand, in the wrist's frame, replaced by those found [m].
     """
     r, p, q = vector(markers[0]), vector(markers[1]), vector(markers[2])
-    if by_spheres:
-        tr, tp, tq = vector(template[0]), vector(template[1]), vector(template[2])
-        axes, origin = triad_palm(r, p, q, tr, tp, tq)
-        p_local = components(axes, subtract(p, origin))
-        q_local = components(axes, subtract(q, origin))
-        for digit in (1, 2, 4):
-            joint = spheres_joint(p_local, q_local, vector(roots[digit]), tr, tp, tq)
-            for k in range(3):
-                roots[digit, k] = joint[k]
-        for k in range(3):
-            roots[0, k] += p_local[k] - tp[k]
-            roots[3, k] += q_local[k] - tq[k]
-    else:
-        axes, origin = rigid_palm((r, p, q), template)
-    for i in range(3):
-        position[i] = origin[i]
-        for k in range(3):
-            rotation[i, k] = axes[k][i]
+    tr, tp, tq = vector(template[0]), vector(template[1]), vector(template[2])
+    axes, origin = triad_palm(r, p, q, tr, tp, tq)
+    p_local = components(axes, subtract(p, origin))
+    q_local = components(axes, subtract(q, origin))
+    for digit in (1, 2, 4):
+        store(roots, digit, spheres_joint(p_local, q_local, vector(roots[digit]), tr, tp, tq))
+    for k in range(3):
+        roots[0, k] += p_local[k] - tp[k]
+        roots[3, k] += q_local[k] - tq[k]
+    set_wrist_pose(axes, origin, rotation, position)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..model.hand import FLEXION_JOINTS
 from ..model.marker_rows import MarkerRows, RowState
-from ..model.palm_triangle import Wrist, rigid_palm
+from ..model.palm_triangle import Wrist, rigid_palm, set_wrist_pose
 from ..numerics.cholesky import solve_damped
 from ..numerics.jit import jit
 from ..numerics.vectors import (
@@ -166,10 +166,7 @@ def _place_by_three(rows: MarkerRows, state: RowState, wrist: Wrist) -> None:
     store(template, 1, on_palm(rows, b, 0.))
     store(template, 2, on_palm(rows, c, 0.))
     axes, origin = rigid_palm(corners, template)
-    for i in range(3):
-        wrist.position[i] = origin[i]
-        for k in range(3):
-            wrist.rotation[i, k] = axes[k][i]
+    set_wrist_pose(axes, origin, wrist.rotation, wrist.position)
 
 
 @jit

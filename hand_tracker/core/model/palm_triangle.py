@@ -121,6 +121,33 @@ def rigid_palm(corners: Corners, template: np.ndarray) -> tuple[Frame, Vector]:
 
 
 @jit
+def fit_wrist(markers: np.ndarray, template: np.ndarray, rotation: np.ndarray,
+              position: np.ndarray) -> None:
+    """Place the wrist by the rigid fit to the palm's markers.
+
+    Parameters
+    ----------
+    markers, template : ndarray, shape (>= 3, 3) and (3, 3)
+        r, p, q as measured, not collinear, and on the hand [m].
+    rotation, position : ndarray, shape (3, 3) and (3,)
+        Pose of the wrist in the markers' frame, replaced [m].
+    """
+    axes, origin = rigid_palm((vector(markers[0]), vector(markers[1]), vector(markers[2])),
+                              template)
+    set_wrist_pose(axes, origin, rotation, position)
+
+
+@jit
+def set_wrist_pose(axes: Frame, origin: Vector, rotation: np.ndarray,
+                   position: np.ndarray) -> None:
+    """Write axes as the columns of a rotation, shape (3, 3), and an origin as a position [m]."""
+    for i in range(3):
+        position[i] = origin[i]
+        for k in range(3):
+            rotation[i, k] = axes[k][i]
+
+
+@jit
 def complete_palm(points: Corners, expected: Corners, seen: tuple[bool, bool, bool]) -> Corners:
     """Return the three palm markers, the hidden ones completed rigidly from the seen ones.
 

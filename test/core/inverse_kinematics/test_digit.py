@@ -5,8 +5,11 @@ import pytest
 
 from hand_tracker.core.inverse_kinematics.abduction_plane import REFERENCE_STEP
 from hand_tracker.core.inverse_kinematics.digit import digit_chains, override_coupling, solve_digits
-from hand_tracker.core.inverse_kinematics.three_bone import straightest
-from hand_tracker.core.inverse_kinematics.two_bone import MAX_SECOND_HINGE_SPEED, Linkage
+from hand_tracker.core.inverse_kinematics.flexion import (
+    MAX_SECOND_HINGE_SPEED,
+    Linkage,
+    straightest,
+)
 from hand_tracker.core.model.hand import (
     ABDUCTION_JOINTS,
     DIGITS,

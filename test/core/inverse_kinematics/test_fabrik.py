@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.inverse_kinematics.fabrik import fabrik
-from hand_tracker.core.inverse_kinematics.three_bone import coupled_angle
-from hand_tracker.core.inverse_kinematics.two_bone import (
+from hand_tracker.core.inverse_kinematics.flexion import (
     AVERAGE_SPREAD,
     Linkage,
     NaturalFlexion,
+    coupled_angle,
     solve_two_bone,
 )
 

@@ -3,17 +3,15 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.inverse_kinematics.three_bone import (
+from hand_tracker.core.inverse_kinematics.flexion import (
+    MAX_SECOND_HINGE_SPEED,
+    Linkage,
+    NaturalFlexion,
     choose_three_bone,
     coupled_angle,
     coupled_end,
     solve_three_bone,
     straightest,
-)
-from hand_tracker.core.inverse_kinematics.two_bone import (
-    MAX_SECOND_HINGE_SPEED,
-    Linkage,
-    NaturalFlexion,
 )
 
 BONES = (.046, .036, .029)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hand_tracker.core.inverse_kinematics.two_bone import (
+from hand_tracker.core.inverse_kinematics.flexion import (
     AVERAGE_SPREAD,
     MAX_SECOND_HINGE_SPEED,
     UNNATURAL_COST,
@@ -152,7 +152,8 @@ def test_nothing_in_the_box_is_nearer(droop):
                  for sign, low, high in sides]
         assert found in [bend[:2] for bend in bends]
         first, second, miss = min(bends, key=lambda bend: bend[2])
-        assert miss == miss_distance(*target, linkage(droop), first, second)
+        assert miss == pytest.approx(
+            miss_distance(*target, linkage(droop), first, second), abs=1e-12)
         # Hyperextension on both sides of the limit is the one thing not searched.
         assert miss <= np.linalg.norm(ends - target, axis=-1).min() + 5e-4
 
