@@ -71,3 +71,14 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         unfinished = folder / path.name
         write(unfinished)
         os.replace(unfinished, path)
+
+
+def write_whole_text(path: Path, text: str) -> None:
+    """Write a file of text as `write_whole` does.
+
+    Parameters
+    ----------
+    path : Path
+    text : str
+    """
+    write_whole(path, lambda unfinished: unfinished.write_text(text, encoding='utf-8'))

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ..core.model.hand import (
     ANGLE_RANGE,
@@ -42,8 +41,9 @@ from ..core.model.hand import (
 )
 from ..core.model.marker_layout import MarkerLayout
 from ..core.model.marker_rows import shows_arch
-from ..output_files import write_whole
+from ..output_files import write_whole_text
 from .layout_file import choose_layout, layout_of_tree, tree_of_layout
+from .plain_yaml import yaml_text
 from .yaml_fields import InvalidHandFile, Quantity, choice, mapping, number, parse_yaml, read_yaml
 
 __all__ = ['InvalidHandFile', 'choose_hand', 'load_hand', 'save_hand']
@@ -199,8 +199,7 @@ def save_hand(path: str | PathLike[str], hand: Hand, layout: MarkerLayout) -> No
     OutputError
         If it cannot be written; what was at its place is left as it was.
     """
-    text = hand_text(hand, layout)
-    write_whole(Path(path), lambda unfinished: unfinished.write_text(text, encoding='utf-8'))
+    write_whole_text(Path(path), hand_text(hand, layout))
 
 
 def hand_text(hand: Hand, layout: MarkerLayout) -> str:
@@ -235,8 +234,7 @@ def hand_text(hand: Hand, layout: MarkerLayout) -> str:
     if hand.range_of_motion.any():
         tree['range_of_motion'] = _joint_ranges(hand.range_of_motion)
     tree['markers'] = tree_of_layout(layout)
-    text = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=99)
-    return f'# A hand for hand_tracker, in millimetres and degrees.\n{text}'
+    return yaml_text('A hand for hand_tracker, in millimetres and degrees.', tree)
 
 
 def _preset_of_limits(hand: Hand) -> str | None:

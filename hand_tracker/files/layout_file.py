@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ..core.model.layout_presets import LAYOUT_PRESETS, preset_layout
 from ..core.model.marker_layout import (
@@ -23,7 +22,8 @@ from ..core.model.marker_layout import (
     SKIN_SHARE_RANGE,
     MarkerLayout,
 )
-from ..output_files import write_whole
+from ..output_files import write_whole_text
+from .plain_yaml import yaml_text
 from .yaml_fields import InvalidHandFile, Quantity, choice, mapping, number, read_yaml
 
 MARKER_OFFSET = Quantity('mm', 3, -1000. * OFFSET_RANGE, 1000. * OFFSET_RANGE)
@@ -60,10 +60,8 @@ def load_layout(path: str | PathLike[str]) -> MarkerLayout:
 
 def save_layout(path: str | PathLike[str], layout: MarkerLayout) -> None:
     """Write a layout file; `load_layout` returns the same layout."""
-    text = yaml.safe_dump({'markers': tree_of_layout(layout)}, sort_keys=False,
-                          default_flow_style=None, width=99)
-    write_whole(Path(path), lambda unfinished: unfinished.write_text(
-        f'# A marker layout for hand_tracker, in millimetres.\n{text}', encoding='utf-8'))
+    write_whole_text(Path(path), yaml_text('A marker layout for hand_tracker, in millimetres.',
+                                     {'markers': tree_of_layout(layout)}))
 
 
 def choose_layout(text: str) -> MarkerLayout:

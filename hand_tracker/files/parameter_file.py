@@ -7,7 +7,8 @@ from typing import Any
 import yaml
 
 from ..core.errors import HandTrackerError
-from .plain_yaml import parse_plain_yaml, read_yaml_text
+from ..output_files import write_whole_text
+from .plain_yaml import parse_plain_yaml, read_yaml_text, yaml_text
 
 SECTION = 'ros__parameters'
 
@@ -58,6 +59,25 @@ def node_parameters(path: str | Path, node: str) -> dict[str, Any]:
         if applies:
             values.update(_flat(parameters))
     return values
+
+
+def save_parameters(path: Path, heading: str, values: dict[str, Any]) -> None:
+    """Write a file with parameters for every node.
+
+    Parameters
+    ----------
+    path : Path
+        Replaced if it exists.
+    heading : str
+        What they are, in one line.
+    values : dict of str to object
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; what was at its place is left as it was.
+    """
+    write_whole_text(path, yaml_text(heading, {'/**': {SECTION: values}}))
 
 
 def _sections(tree: Any, name: str = '') -> Iterator[tuple[str, Any]]:

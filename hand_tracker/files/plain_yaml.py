@@ -11,6 +11,23 @@ MAX_YAML_CHARACTERS = 2**20
 MAX_YAML_DEPTH = 50        # of lists and mappings in each other
 
 
+def yaml_text(heading: str, tree: Any) -> str:
+    """Return a file's text: a comment, then a tree in its order, its innermost rows in one line.
+
+    Parameters
+    ----------
+    heading : str
+        One line.
+    tree : object
+
+    Returns
+    -------
+    str
+    """
+    text = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=99)
+    return f'# {heading}\n{text}'
+
+
 class PlainLoader(yaml.SafeLoader):
     """YAML loader of plain trees.
 

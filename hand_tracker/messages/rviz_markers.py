@@ -65,6 +65,24 @@ def hand_markers(stamp: Time, frame_id: str, names: Names, tips: np.ndarray,
                 [colours[state.marker_states[i]] for i in known])])
 
 
+def states_of_colours(colours: Sequence[ColorRGBA]) -> np.ndarray:
+    """Return the states of hand markers by their colours, as `hand_markers` gives them.
+
+    Parameters
+    ----------
+    colours : sequence of ColorRGBA, length n
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        `MarkerState` of the nearest colour.
+    """
+    shown = np.array([(one.r, one.g, one.b) for one in colours]).reshape(-1, 1, 3)
+    tones = np.array(tuple(STATE_COLOURS.values()))      # (k, 3)
+    nearest = np.abs(shown - tones).sum(axis=2).argmin(axis=1)
+    return np.array(tuple(STATE_COLOURS), dtype=int)[nearest]
+
+
 def labelled_markers(stamp: Time, frame_id: str, prefix: str,
                      positions: np.ndarray, names: Sequence[str] = MARKERS) -> MarkerArray:
     """Return the markers that are seen, each in a namespace of its name.

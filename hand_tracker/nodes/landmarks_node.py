@@ -18,6 +18,7 @@ from sensor_msgs.msg import JointState
 from ..adapters.hand_landmarks import LANDMARK_ORDERS
 from ..adapters.openxr_hand import OpenXrHand
 from ..messages.joint_states import angles_of
+from ..messages.pose_fields import pose_numbers
 from ..messages.stamps import nanoseconds
 from .message_types import imported_message
 from .parameters import Parameter
@@ -80,9 +81,8 @@ class LandmarksNode(Node):
             del waiting[next(iter(waiting))]
 
     def _publish(self, angles: np.ndarray, wrist: TransformStamped) -> None:
-        at, turn = wrist.transform.translation, wrist.transform.rotation
-        found = self._hand.poses(angles, (turn.x, turn.y, turn.z, turn.w),
-                                 np.array((at.x, at.y, at.z)))
+        position, rotation = pose_numbers(wrist.transform)
+        found = self._hand.poses(angles, rotation, np.array(position))
         poses = [Pose(position=Point(x=x, y=y, z=z),
                       orientation=Quaternion(x=i, y=j, z=k, w=w))
                  for (x, y, z), (i, j, k, w) in zip(found.positions.tolist(),

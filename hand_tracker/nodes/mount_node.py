@@ -12,7 +12,6 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -20,8 +19,10 @@ from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from ..core.errors import HandTrackerError
+from ..files.parameter_file import save_parameters
+from ..messages.pose_fields import pose_numbers
 from ..messages.stamps import seconds
-from ..output_files import OutputError, require_writable, write_whole
+from ..output_files import OutputError, require_writable
 from .executors import steady_clock
 from .message_types import imported_message
 from .parameters import Parameter
@@ -128,14 +129,15 @@ class MountNode(Node):
 
     def _on_resting(self, message: Any) -> None:
         for one in message.transforms:
-            self._tree.update(one.header.frame_id, one.child_frame_id, math.nan, numbers_of(one))
+            self._tree.update(one.header.frame_id, one.child_frame_id, math.nan,
+                              *pose_numbers(one.transform))
 
     def _on_transforms(self, message: Any) -> None:
         moved = set()
         for one in message.transforms:
-            stamp, numbers = seconds(one.header.stamp), numbers_of(one)
+            stamp = seconds(one.header.stamp)
             if stamp is None or not self._tree.update(
-                    one.header.frame_id, one.child_frame_id, stamp, numbers):
+                    one.header.frame_id, one.child_frame_id, stamp, *pose_numbers(one.transform)):
                 continue
             moved.add(one.child_frame_id)
         for frame, track in ((self._body_frame, self._body), (self._names.tracked, self._wrist)):
@@ -162,21 +164,13 @@ class MountNode(Node):
 
         found = fit_wrist_offset(self._body, self._wrist)
         offset = dict(zip(MOUNT_NUMBERS, [*found.position.tolist(), *found.rotation.tolist()]))
-        text = yaml.safe_dump({'/**': {'ros__parameters': {
-            'body_frame': self._body_frame, **offset}}}, sort_keys=False)
-        write_whole(self._output, lambda path: path.write_text(
-            f'# Where {self._names.wrist} rests in a frame of a body, in metres.\n{text}',
-            encoding='utf-8'))
+        save_parameters(
+            self._output, f'Where {self._names.wrist} rests in a frame of a body, in metres.',
+            {'body_frame': self._body_frame, **offset})
         self._show(offset.values())
         log_line(self, False, f'calibration: both captures differ by '
                  f'{math.degrees(found.spread):.1f} degrees and {1e3 * found.distance:.1f} mm, the '
                  f"body's stamps are {1e3 * found.delay:+.1f} ms later; written to {self._output}")
-
-
-def numbers_of(transform: TransformStamped) -> tuple[float, ...]:
-    """Return translation and rotation (x, y, z, w) of a transform."""
-    to, turn = transform.transform.translation, transform.transform.rotation
-    return to.x, to.y, to.z, turn.x, turn.y, turn.z, turn.w
 
 
 def main(args: list[str] | None = None) -> int:

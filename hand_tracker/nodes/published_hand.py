@@ -19,7 +19,7 @@ from ..core.model.skeleton import SKELETON_POINTS, skeleton_points
 from ..core.model.states import MarkerState, PalmState
 from ..core.tracker import HandState
 from ..messages.builders import Names
-from ..messages.rviz_markers import HELD_OPACITY, JOINTS_SHOWN, STATE_COLOURS
+from ..messages.rviz_markers import HELD_OPACITY, JOINTS_SHOWN, states_of_colours
 
 KEPT = 100           # joint states that may wait for the markers of their stamp
 # In bytes: behind the encapsulation, and there behind the number of markers.
@@ -28,7 +28,6 @@ JOINTS_STAMP, MARKERS_STAMP = slice(4, 12), slice(8, 16)
 PALM_POINTS = [SKELETON_POINTS.index(name)
                for name in ('wrist', 'index_proximal', 'little_proximal')]
 PALM_SHOWN = [JOINTS_SHOWN.index(point) for point in PALM_POINTS]
-KINDS, TONES = tuple(STATE_COLOURS), np.array(tuple(STATE_COLOURS.values()))
 
 
 class PublishedHand:
@@ -94,9 +93,7 @@ class PublishedHand:
         states = np.full(count, int(MarkerState.ABSENT))
         if known.points:
             markers[:len(known.points)] = _array(known.points)
-            colours = np.array([(tone.r, tone.g, tone.b) for tone in known.colors])
-            nearest = np.abs(colours[:, None] - TONES).sum(axis=2).argmin(axis=1)
-            states[:len(nearest)] = [KINDS[i] for i in nearest]
+            states[:len(known.colors)] = states_of_colours(known.colors)
         unknown = np.full(count, np.nan)
         found = joints.color.a > .5 * (1. + HELD_OPACITY)
         return HandState(

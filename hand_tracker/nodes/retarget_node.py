@@ -28,6 +28,7 @@ from ..core.model.hand import SIDES
 from ..messages.builders import diagnostics
 from ..messages.cdr import MalformedMessage
 from ..messages.joint_states import JointPositions, JointStateReader
+from ..messages.pose_fields import pose_numbers
 from ..messages.stamps import Stamp, stamp_of
 from ..messages.templates import Template
 from ..retargeting.guard_options import GuardOptions
@@ -263,15 +264,12 @@ class RetargetNode(SubscriptionHidingNode):
     def _on_transforms(self, message: Any) -> None:
         for transform in message.transforms:
             if transform.child_frame_id == self._wrist_frame:
-                at, turn = transform.transform.translation, transform.transform.rotation
                 now = time.monotonic()
-                self._wrist.observe(wrist_pose_of(
-                    (at.x, at.y, at.z), (turn.x, turn.y, turn.z, turn.w)), now)
+                self._wrist.observe(wrist_pose_of(*pose_numbers(transform.transform)), now)
                 self._send_wrist(now)
 
     def _on_robot_wrist(self, message: PoseStamped) -> None:
-        at, turn = message.pose.position, message.pose.orientation
-        self._robot_wrist = wrist_pose_of((at.x, at.y, at.z), (turn.x, turn.y, turn.z, turn.w))
+        self._robot_wrist = wrist_pose_of(*pose_numbers(message.pose))
         self._robot_wrist_time = time.monotonic()
 
     def _on_clutch(self, message: Bool) -> None:

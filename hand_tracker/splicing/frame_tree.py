@@ -35,7 +35,8 @@ class FrameTree:
     def __init__(self) -> None:
         self._transforms: dict[str, tuple[str, float, np.ndarray, Rotation]] = {}
 
-    def update(self, parent: str, child: str, time: float, numbers: Sequence[float]) -> bool:
+    def update(self, parent: str, child: str, time: float, position: Sequence[float],
+               rotation: Sequence[float]) -> bool:
         """Take a transform.
 
         Parameters
@@ -43,18 +44,20 @@ class FrameTree:
         parent, child : str
         time : float
             NaN of a frame that rests in its parent, as on /tf_static [s].
-        numbers : sequence of float, length 7
-            x, y, z of the translation [m]; x, y, z, w of the rotation.
+        position : sequence of float, length 3
+            [m]
+        rotation : sequence of float, length 4
+            Quaternion x, y, z, w, of any length.
 
         Returns
         -------
         bool
             Whether it is a transform: finite, with a rotation.
         """
-        values = np.asarray(numbers, dtype=float)
-        if not np.isfinite(values).all() or not np.linalg.norm(values[3:]) > 0.:
+        at, turn = np.asarray(position, dtype=float), np.asarray(rotation, dtype=float)
+        if not np.isfinite((*at, *turn)).all() or not np.linalg.norm(turn) > 0.:
             return False
-        self._transforms[child] = parent, time, values[:3], Rotation.from_quat(values[3:])
+        self._transforms[child] = parent, time, at, Rotation.from_quat(turn)
         return True
 
     def chain(self, frame: str) -> list[str]:

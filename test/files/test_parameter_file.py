@@ -2,7 +2,7 @@
 
 import pytest
 
-from hand_tracker.files.parameter_file import InvalidParameterFile, node_parameters
+from hand_tracker.files.parameter_file import InvalidParameterFile, node_parameters, save_parameters
 
 NODE = '/left/hand_tracker'
 
@@ -59,3 +59,10 @@ def test_a_file_for_several_nodes_of_the_name(parameters):
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(InvalidParameterFile, match='absent.yaml: No such file'):
         node_parameters(tmp_path / 'absent.yaml', NODE)
+
+
+def test_what_is_written_is_read_by_every_node(tmp_path):
+    values = {'body_frame': 'hand', 'x': .25, 'qw': 1e-5, 'number': 3}
+    save_parameters(tmp_path / 'mine.yaml', 'Where it rests.', values)
+    assert node_parameters(tmp_path / 'mine.yaml', NODE) == values
+    assert (tmp_path / 'mine.yaml').read_text().startswith('# Where it rests.\n')

@@ -89,7 +89,7 @@ def test_a_pose_is_that_of_the_last_message_of_its_time():
     turn = Rotation.identity().as_quat()
     for time, (hips, arm) in enumerate(places):
         for parent, child, place in (('studio', 'hips', hips), ('hips', 'arm', arm)):
-            tree.update(parent, child, float(time), [*place, *turn])
+            tree.update(parent, child, float(time), place, turn)
             if tree.chain('arm'):
                 track.append(tree.pose('arm'))
     np.testing.assert_array_equal(track.rows[:, 0], range(4))
@@ -121,7 +121,7 @@ def test_a_frame_is_where_the_chain_of_its_parents_has_it():
         expected = expected @ matrix
         # Of any length, as other nodes may send them; the arm rests.
         assert tree.update(parent, child, np.nan if child == 'arm' else 5. + number,
-                           [*to, *2. * turn.as_quat()])
+                           to, 2. * turn.as_quat())
     pose = tree.pose('hand')
     assert (pose.root, pose.time) == ('world', 7.)
     np.testing.assert_allclose(pose.position, expected[:3, 3], atol=1e-12)
@@ -132,9 +132,9 @@ def test_a_frame_is_where_the_chain_of_its_parents_has_it():
 
 def test_what_is_no_transform_changes_nothing_and_loops_end():
     tree = FrameTree()
-    tree.update('a', 'b', 1., [1., 0., 0., 0., 0., 0., 1.])
-    assert not tree.update('a', 'b', 2., [np.nan, 0., 0., 0., 0., 0., 1.])
-    assert not tree.update('a', 'b', 2., [0.] * 7)
+    tree.update('a', 'b', 1., [1., 0., 0.], [0., 0., 0., 1.])
+    assert not tree.update('a', 'b', 2., [np.nan, 0., 0.], [0., 0., 0., 1.])
+    assert not tree.update('a', 'b', 2., [0.] * 3, [0.] * 4)
     assert tree.pose('b').time == 1.
-    tree.update('b', 'a', 2., [0., 1., 0., 0., 0., 0., 1.])
+    tree.update('b', 'a', 2., [0., 1., 0.], [0., 0., 0., 1.])
     assert tree.chain('b') == ['b', 'a'] and np.isfinite(tree.pose('b').position).all()

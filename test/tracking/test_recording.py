@@ -506,10 +506,11 @@ def test_an_interruption_leaves_what_was_there(bag, name, number, tmp_path):
     process = run_in_process(tmp_path / 'in' / 'long.mcap', '-o', output)
     try:
         until = time.monotonic() + PATIENCE
-        while len(list(folder.iterdir())) == 1 and process.poll() is None:
+        # Until frames are written to the unfinished file, in a folder beside.
+        while not any(one.is_file() and one.stat().st_size for one in folder.rglob('*')
+                      if one != output) and process.poll() is None:
             assert time.monotonic() < until
             time.sleep(.01)
-        time.sleep(.3)
         process.send_signal(number)
         _, errors = process.communicate(timeout=PATIENCE)
     finally:
