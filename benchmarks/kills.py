@@ -30,7 +30,7 @@ from benchmarks.round_trip import PATIENCE
 RATE = 120.             # [Hz] of the driver
 LONGEST_WAIT = 1.       # [s] before a kill
 DRIVEN, PLAYED = 'driven', 'played'
-# Module, parameters, chain and the topic or line that tells that it works again.
+# Program, parameters and chain of each; the viewer, which is of none, shows the driven one.
 NODES = {'driver': ('simulate', {'rate': RATE}, DRIVEN),
          'tracker': ('tracker', {}, DRIVEN),
          'replay': ('replay', {'loop': True}, PLAYED),
@@ -71,6 +71,7 @@ class Rig:
         self.node = stack.enter_context(watching_node('kills'))
         self.answers = {chain: Answers(self.node, chain) for chain in (DRIVEN, PLAYED)}
         self.robot = FollowingRobot(self.node, f'/{DRIVEN}/')
+        self.started = []      # name and process of each that was ever started
         self.processes = {name: self.start(name) for name in (*NODES, *BESIDE)}
 
     def start(self, name):
@@ -80,9 +81,11 @@ class Rig:
         words = [word for key, value in parameters.items() for word in (
             '-p', f'{key}:={str(value).lower() if isinstance(value, bool) else value}')]
         options = ['--port', '0'] if program == 'viewer' else []
-        return self._stack.enter_context(Process([
+        process = self._stack.enter_context(Process([
             sys.executable, '-m', 'hand_tracker.entry', program, *options, '--ros-args',
             '-r', f'__ns:=/{chain or "shown"}', *words]))
+        self.started.append((name, process))
+        return process
 
     def works(self, name):
         """Return whether a node does what it is for, since `Answers.begin`."""
@@ -139,10 +142,10 @@ def main():
             if not np.isfinite(found[name][-1][0]):
                 print(f'{name} did not come back:\n{rig.processes[name].output}')
                 break
-        rig.robot.engage()
+        else:
+            rig.robot.engage()
         steps, allowed = rig.robot.steps_and_bounds(1. / RATE, 1. / RATE)
-        tracebacks = [name for name, process in rig.processes.items()
-                      if 'Traceback' in process.output]
+        tracebacks = [name for name, process in rig.started if 'Traceback' in process.output]
     rows = []
     for name, times in found.items():
         seconds, pauses = np.array(times).reshape(-1, 2).T
@@ -158,7 +161,7 @@ def main():
                   **rows[-1]))
     over = int((steps > allowed).sum())
     rows.append({'process': 'robot', 'commands': len(steps) + 1, 'steps_over_the_bound': over,
-                 'largest_step_rad': round(float(steps.max()), 4)})
+                 'largest_step_rad': round(float(steps.max(initial=0.)), 4)})
     print('robot: {commands} commands, {steps_over_the_bound} steps over the bound, the largest '
           '{largest_step_rad} rad'.format(**rows[-1]))
     if tracebacks:
