@@ -1,6 +1,7 @@
-"""Fit the fingers' abduction axes, splay, and coupling of the DIP to the PIP.
+"""Fit the fingers' abduction axes, phalanges out of plane, splay, and coupling of DIP to PIP.
 
-Each axis is fitted so that the plane through MCP, DIP and axis contains the recorded PIP.
+Each axis is fitted so that the plane that contains it and the MCP, and that the DIP is as far
+from as the middle phalanx deviates, contains the recorded PIP.
 """
 
 import numpy as np
@@ -17,6 +18,9 @@ MOTION_PERCENTILES = (1., 99.)  # of recorded angles, the limits of the range of
 # fifth was fitted and the rest judged.
 LEAN_SPREAD = np.tan(np.radians(10.))
 LEAN_BOUND = 2.5  # [LEAN_SPREAD]
+# The same of the middle phalanx's deviation from the plane [rad].
+DEVIATION_SPREAD = np.radians(5.)
+DEVIATION_BOUND = 2.5  # [DEVIATION_SPREAD]
 
 # Variance of the recorded PIP [rad²] at which measured and usual slope have equal weight: a few
 # grasps determine the slope poorly. Ours, from captures.
@@ -24,7 +28,7 @@ USUAL_SLOPE_WORTH = .1
 
 
 def fit_fingers(hand: Hand, fingers: np.ndarray) -> Hand:
-    """Return `hand` with abduction axes, splay and coupling of its fingers fitted.
+    """Return `hand` with axes, deviations, splay and coupling of its fingers fitted.
 
     Parameters
     ----------
@@ -38,21 +42,21 @@ def fit_fingers(hand: Hand, fingers: np.ndarray) -> Hand:
     Hand
     """
     frames = evenly_spaced(len(fingers), FINGER_FIT_FRAMES)
-    axes = []
+    axes, deviations = [], []
     for finger in range(len(FINGERS)):
         pip, dip = (fingers[frames, finger, joint] - fingers[frames, finger, 0] for joint in (1, 2))
-        reach = np.linalg.norm(dip, axis=1, keepdims=True)
+        middle = hand.finger_bones[finger, 1]
 
-        def residuals(x: np.ndarray, finger: int = finger, pip: np.ndarray = pip,
-                      direction: np.ndarray = dip / reach) -> np.ndarray:
-            # Not normalised: a DIP on the axis defines no plane, and then has no weight.
-            normal = np.cross(_leaning(hand, finger, x).finger_abduction_axes[finger], direction)
-            return (pip * normal).sum(axis=1, keepdims=True)
+        def residuals(x: np.ndarray, pip: np.ndarray = pip, dip: np.ndarray = dip,
+                      middle: float = middle) -> np.ndarray:
+            return _off_plane(_leaning_axis(x), middle * np.sin(DEVIATION_SPREAD * x[2]), pip, dip)
 
-        lean = regularised_fit(
-            residuals, [np.zeros(2)], np.array([(-LEAN_BOUND, LEAN_BOUND)] * 2).T)
-        axes.append(_leaning(hand, finger, lean).finger_abduction_axes[finger])
-    hand = hand.replace(finger_abduction_axes=axes)
+        bounds = (LEAN_BOUND, LEAN_BOUND, DEVIATION_BOUND)
+        found = regularised_fit(
+            residuals, [np.zeros(3)], np.multiply.outer((-1., 1.), bounds))
+        axes.append(_leaning_axis(found))
+        deviations.append(DEVIATION_SPREAD * found[2])
+    hand = hand.replace(finger_abduction_axes=axes, phalanx_deviation=deviations)
     splay = [_middle_of_abduction(hand, finger, fingers[:, finger, 1] - fingers[:, finger, 0])
              for finger in range(len(FINGERS))]
     coupling = hand.coupling.copy()
@@ -62,11 +66,35 @@ def fit_fingers(hand: Hand, fingers: np.ndarray) -> Hand:
     return hand.replace(splay=splay, coupling=coupling)
 
 
-def _leaning(hand: Hand, finger: int, lean: np.ndarray) -> Hand:
-    """Return `hand` with a finger's axis leaning by tangents [LEAN_SPREAD], shape (2,)."""
-    axes = hand.finger_abduction_axes.copy()
-    axes[finger] = (LEAN_SPREAD * lean[0], LEAN_SPREAD * lean[1], 1.)
-    return hand.replace(finger_abduction_axes=axes)
+def _leaning_axis(lean: np.ndarray) -> np.ndarray:
+    """Return an axis that leans from dorsal by tangents [LEAN_SPREAD], the first two numbers."""
+    axis = np.array((LEAN_SPREAD * lean[0], LEAN_SPREAD * lean[1], 1.))
+    return axis / np.linalg.norm(axis)
+
+
+def _off_plane(axis: np.ndarray, aside: float, pip: np.ndarray, dip: np.ndarray) -> np.ndarray:
+    """Return the distance of PIP joints from the planes of an axis and of DIP joints beside them.
+
+    Parameters
+    ----------
+    axis : ndarray, shape (3,)
+        Unit length.
+    aside : float
+        Of the DIP from the plane, towards the thumb [m].
+    pip, dip : ndarray, shape (n, 3)
+        From the MCP [m].
+
+    Returns
+    -------
+    ndarray, shape (n, 1)
+        Less the nearer the DIP is to the axis, where it defines no plane [m].
+    """
+    across = np.cross(axis, dip)
+    radius = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    # Behind the joint the plane's normal is the other way round.
+    sine = np.clip(np.copysign(aside / radius, aside * dip[:, :1]), -1., 1.)
+    normal = np.sqrt(1. - sine ** 2) * across - sine * np.cross(axis, across)
+    return (pip * normal).sum(axis=1, keepdims=True) / np.linalg.norm(dip, axis=1, keepdims=True)
 
 
 def _middle_of_abduction(hand: Hand, finger: int, proximal: np.ndarray) -> float:

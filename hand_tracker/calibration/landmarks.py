@@ -29,6 +29,7 @@ FINGER_ROWS = np.array([[LANDMARKS.index(f'{finger}_{joint}') for joint in (
 THUMB_ROWS = np.array([LANDMARKS.index(f'thumb_{joint}') for joint in ('cmc', 'mcp', 'ip', 'tip')])
 WRIST, INDEX_MCP, MIDDLE_MCP, LITTLE_MCP = (LANDMARKS.index(name) for name in (
     'wrist', 'index_mcp', 'middle_mcp', 'little_mcp'))
+PLANE_ROUNDS = 6  # of a digit of which a bone leaves its plane
 STRONG_FLEXION = np.radians(60.)  # above which a bone hardly shows its abduction
 
 
@@ -78,9 +79,14 @@ def digit_angles(hand: Hand, digit: int, joints: np.ndarray) -> np.ndarray:
     """
     base, _, tilt = digit_base(hand, digit)
     x, y, z = np.moveaxis(np.diff(joints, axis=1) @ base, -1, 0)
-    # Squared, as opposite directions lie in the same plane.
-    turn = np.angle(((x + 1j * y) ** 2).sum(axis=1, keepdims=True)) / 2.
-    bent = np.arctan2(-z, x * np.cos(turn) + y * np.sin(turn))
+    level = x + 1j * y
+    aside = 1j * hand.bone_ends()[digit, :, 1]
+    turn = np.zeros((len(joints), 1))
+    for _ in range(PLANE_ROUNDS if aside.any() else 1):
+        # Squared, as opposite directions lie in the same plane.
+        turn = np.angle(((level - aside * np.exp(1j * turn)) ** 2).sum(
+            axis=1, keepdims=True)) / 2.
+    bent = np.arctan2(-z, (level * np.exp(-1j * turn)).real)
     flexions = np.diff(bent, axis=1, prepend=tilt)
     return np.column_stack((ABDUCTION_SIGN[digit] * turn,
                             (flexions + np.pi) % (2. * np.pi) - np.pi))

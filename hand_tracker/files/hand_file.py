@@ -27,6 +27,7 @@ from ..core.model.hand import (
     NATURAL_SLOPE_RANGE,
     NATURAL_SPREAD_RANGE,
     PALM_SYNERGY_RANGE,
+    PHALANX_DEVIATION_RANGE,
     POSITION_RANGE,
     RADIUS_RANGE,
     SIDES,
@@ -56,6 +57,8 @@ BONE_LENGTHS = Quantity('mm', 3, *(1000. * v for v in LENGTH_RANGE))
 RADIUS = Quantity('mm', 0, *(1000. * v for v in RADIUS_RANGE))
 DIGIT_RADII = RADIUS._replace(size=3)
 SPLAY = Quantity('degrees', 0, -math.degrees(SPLAY_RANGE), math.degrees(SPLAY_RANGE))
+PHALANX_DEVIATION = Quantity(
+    'degrees', 0, *(math.degrees(v) for v in (-PHALANX_DEVIATION_RANGE, PHALANX_DEVIATION_RANGE)))
 THUMB_MCP_ABDUCTION = Quantity(
     'degrees', 0, *(math.degrees(v) for v in THUMB_MCP_ABDUCTION_RANGE))
 DIRECTION = Quantity('', 3, -1e6, 1e6)
@@ -75,6 +78,7 @@ ROW_FIELDS = {
     'finger_bones_mm': ('finger_bones', FINGERS, BONE_LENGTHS),
     'abduction_axes': ('finger_abduction_axes', FINGERS, DIRECTION),
     'splay_deg': ('splay', FINGERS, SPLAY),
+    'phalanx_deviation_deg': ('phalanx_deviation', FINGERS, PHALANX_DEVIATION),
     'palm_synergy': ('palm_synergy', FINGERS, PALM_GAIN),
     'radii_mm': ('radii', DIGITS, DIGIT_RADII),
 }

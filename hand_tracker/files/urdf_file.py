@@ -10,8 +10,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..core.model.capsules import capsule_lengths
-from ..core.model.hand import DIGITS, FINGERS, JOINTS, LINKS, ROOT, Hand
+from ..core.model.capsules import capsule_ends
+from ..core.model.hand import DIGITS, FINGERS, JOINTS, LEFT_HAND_MIRROR, LINKS, ROOT, Hand
 from ..core.model.kinematics import JointTable, joint_table, tip_offsets
 
 # Required by URDF; unsourced, above those of a fast finger.
@@ -94,22 +94,24 @@ def _capsules(hand: Hand, table: JointTable) -> dict[str, list[LinkCapsule]]:
     # Parallel from the wrist crease, so that the wrist is as broad as the carpus.
     capsules = {ROOT: [LinkCapsule(root * (0., 1., 0.), root, hand.palm_radius, 'palm')
                        for root in roots.values()]}
-    lengths = capsule_lengths(hand)
+    ends = capsule_ends(hand)
+    if hand.side == 'left':
+        ends = ends * LEFT_HAND_MIRROR
     for i, finger in enumerate(FINGERS):
         knuckle = table.translation[LINKS.index(f'{finger}_knuckle')]
         capsules[f'{finger}_metacarpal'] = [
             LinkCapsule(np.zeros(3), knuckle, hand.palm_radius, 'palm')]
-        _add_bones(capsules, finger, ('proximal', 'middle', 'distal'), lengths[i], hand.radii[i])
-    _add_bones(capsules, 'thumb', ('metacarpal', 'proximal', 'distal'), lengths[4], hand.radii[4])
+        _add_bones(capsules, finger, ('proximal', 'middle', 'distal'), ends[i], hand.radii[i])
+    _add_bones(capsules, 'thumb', ('metacarpal', 'proximal', 'distal'), ends[4], hand.radii[4])
     return capsules
 
 
 def _add_bones(capsules: dict[str, list[LinkCapsule]], digit: str, links: tuple[str, ...],
-               lengths: np.ndarray, radii: np.ndarray) -> None:
-    for link, length, radius in zip(links, lengths, radii):
+               ends: np.ndarray, radii: np.ndarray) -> None:
+    for link, end, radius in zip(links, ends, radii):
         material = 'tip' if link == 'distal' else 'bone'
         capsules[f'{digit}_{link}'] = [
-            LinkCapsule(np.zeros(3), np.array((length, 0., 0.)), radius, material)]
+            LinkCapsule(np.zeros(3), end, radius, material)]
 
 
 def _add_link(robot: Element, prefix: str, name: str, capsules: Iterable[LinkCapsule]) -> None:

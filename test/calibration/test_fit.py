@@ -45,6 +45,7 @@ def person(side='right'):
         thumb_mcp_abduction=np.radians(-6.),
         finger_abduction_axes=((.2, .05, 1.), (.1, 0., 1.), (.05, -.1, 1.), (-.1, -.05, 1.)),
         splay=np.radians((6., 0., -5., -12.)),
+        phalanx_deviation=np.radians((-2., 0., 1., 5.)),
         coupling=((.4, .2), (.6, 0.), (.2, .3), (.5, -.1), (1.5, -.1)),
         limits=preset_limits('wide'), side=side)
 
@@ -95,6 +96,8 @@ def test_recovers_a_hand(side, noise, bone, lean, axis):
     np.testing.assert_allclose(fitted.thumb_bones, hand.thumb_bones, atol=bone)
     np.testing.assert_allclose(fitted.thumb_cmc, hand.thumb_cmc, atol=lean)
     np.testing.assert_allclose(fitted.splay, hand.splay, atol=np.radians(2.))
+    np.testing.assert_allclose(fitted.phalanx_deviation, hand.phalanx_deviation,
+                               atol=np.radians(1.))
     assert degrees_between(fitted.thumb_abduction_axis, hand.thumb_abduction_axis) < axis
     # Noise scatters single axes: 200 frames tell them no better.
     assert np.mean([degrees_between(found, true) for found, true in zip(

@@ -65,6 +65,7 @@ def random_hand(rng):
     noise['finger_mcp'] = noise['finger_mcp'] + rng.uniform(-.002, .002, (4, 3))
     noise['finger_abduction_axes'] = (0., 0., 1.) + rng.uniform(-.3, .3, (4, 3))
     noise['splay'] = rng.uniform(-.2, .2, 4)
+    noise['phalanx_deviation'] = rng.uniform(-.3, .3, 4)
     noise['range_of_motion'] = rng.uniform(0., 2., (25, 2)) * (-1., 1.)
     noise['thumb_mcp_abduction'] = rng.uniform(-.3, .3)
     noise['coupling'] = noise['coupling'] + rng.uniform(0., .3, (5, 2))

@@ -116,7 +116,9 @@ def digit_chains(hand: Hand, mounting: Mounting) -> Chains:
     markers = mounting.position[MARKERS.index('index'):]
     links = mounting.link[MARKERS.index('index'):]
     third = links % 5 == 4  # the distal link is the last of a digit's five
-    bones = np.vstack((hand.finger_bones, hand.thumb_bones))
+    ends = hand.bone_ends()
+    bones = ends[:, :, 0].copy()
+    lateral = markers[:, 1] + np.where(third, ends[:, 1, 1], 0.)
     bones[np.arange(5), np.where(third, 2, 1)] = np.hypot(markers[:, 0], markers[:, 2])
     droop = np.arctan2(-markers[:, 2], markers[:, 0])
     hinges = np.where(third, 3, 2)
@@ -127,7 +129,7 @@ def digit_chains(hand: Hand, mounting: Mounting) -> Chains:
     aside = np.zeros(5)
     aside[-1] = np.clip(hand.thumb_mcp_abduction, *hand.limits[THUMB_MCP_ABDUCTION_JOINT])
     pack, found = packed(Chains(
-        root, base, tilt, hinges, bones, length, droop, markers[:, 1].copy(), np.zeros(5),
+        root, base, tilt, hinges, bones, length, droop, lateral, np.zeros(5),
         sign, turn_limits, lower, upper, hand.coupling.copy(), hand.coupling_spread.copy(),
         hand.natural_flexion.copy(), mounting.deviation[MARKERS.index('index'):].copy(),
         np.zeros(5, dtype=bool), aside))

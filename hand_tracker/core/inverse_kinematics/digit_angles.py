@@ -99,7 +99,7 @@ def turn_about_z(axes: Frame, angle: float) -> Frame:
 
 
 @jit
-def place_digit(chains: Chains, bones: np.ndarray, digit: int, angles: np.ndarray,
+def place_digit(chains: Chains, bone_ends: np.ndarray, digit: int, angles: np.ndarray,
                 workspace: DigitWorkspace) -> None:
     """Write the links of a digit, the palm flat, for angles (5,) along its chain [rad]."""
     axes, origin = frame(chains.base[digit]), vector(chains.root[digit])
@@ -111,12 +111,12 @@ def place_digit(chains: Chains, bones: np.ndarray, digit: int, angles: np.ndarra
             continue
         if j == 0 or j == 1 and not is_thumb or j == 2 and is_thumb:
             if j == 2:
-                origin = add(origin, scale(axes[0], bones[digit, 0]))
+                origin = add(origin, rotate(axes, vector(bone_ends[digit, 0])))
             axes = turn_about_z(axes, sign * angles[j])
             _write_link(workspace, j, axes, origin, scale(axes[2], sign))
             continue
         if j >= 3 and not (j == 3 and is_thumb):
-            origin = add(origin, scale(axes[0], bones[digit, 1 if is_thumb else j - 3]))
+            origin = add(origin, rotate(axes, vector(bone_ends[digit, 1 if is_thumb else j - 3])))
         first = j == (1 if is_thumb else 2)
         axes = turn_about_y(axes, angles[j] + (chains.tilt[digit] if first else 0.))
         _write_link(workspace, j, axes, origin, axes[1])
@@ -254,7 +254,7 @@ def _equations(chains: Chains, rows: MarkerRows, state: RowState, digit: int, an
     matrix[:] = 0.
     gradient[:] = 0.
     cost = 0.
-    place_digit(chains, rows.bones, digit, angles, workspace)
+    place_digit(chains, rows.bone_ends, digit, angles, workspace)
     for row in range(rows.used[0]):
         if rows.digit[row] != digit or not state.is_measured[row]:
             continue
@@ -332,5 +332,5 @@ def principal_place(chains: Chains, rows: MarkerRows, state: RowState, digit: in
     """Return where a digit's principal marker is by its solved angles, the palm flat [m]."""
     for j in range(CHAIN_JOINTS):
         workspace.angles[j] = state.angles[5 * digit + j]
-    place_digit(chains, rows.bones, digit, workspace.angles, workspace)
+    place_digit(chains, rows.bone_ends, digit, workspace.angles, workspace)
     return marker_on_digit(rows, 3 + digit, workspace.angles, workspace)[0]

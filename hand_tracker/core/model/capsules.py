@@ -60,12 +60,12 @@ class Capsules(NamedTuple):
     side: np.ndarray
 
 
-def capsule_lengths(hand: Hand) -> np.ndarray:
-    """Return the lengths of the axes of the digits' capsules, shape (5, 3) [m]."""
-    lengths = np.vstack((hand.finger_bones, hand.thumb_bones))
+def capsule_ends(hand: Hand) -> np.ndarray:
+    """Return where the axes of the digits' capsules end in their links, shape (5, 3, 3) [m]."""
+    ends = hand.bone_ends()
     # Tips lie on the skin; the other ends of bones lie inside joints.
-    lengths[:, 2] = np.maximum(lengths[:, 2] - hand.radii[:, 2], 0.)
-    return lengths
+    ends[:, 2, 0] = np.maximum(ends[:, 2, 0] - hand.radii[:, 2], 0.)
+    return ends
 
 
 def hand_capsules(hand: Hand) -> Capsules:
@@ -87,7 +87,7 @@ def hand_capsules(hand: Hand) -> Capsules:
     links = [LINKS.index(f'{digit}_{bone}') for digit in DIGITS for bone in (
         ('metacarpal', 'proximal', 'distal') if digit == 'thumb'
         else ('proximal', 'middle', 'distal'))]
-    ends = np.outer(capsule_lengths(right).ravel(), (1., 0., 0.))
+    ends = capsule_ends(right).reshape(-1, 3)
     knuckles = table.translation[[LINKS.index(f'{finger}_knuckle') for finger in FINGERS]]
     proximal = [BONES_PER_DIGIT * finger for finger in range(len(FINGERS))]
     webbed = dict(zip(proximal, range(len(links) + len(FINGERS), len(links) + 2 * len(FINGERS))))

@@ -53,7 +53,7 @@ DIGIT_OF_JOINT = np.array([DIGITS.index(joint.split('_')[0]) for joint in JOINTS
 # [degrees] (extension, flexion) and (adduction, abduction) of each kind of joint.
 # paper: Table 1. The finger CMC's have no entry there: the paper's palm is flat.
 # wide: the ranges of motion of the AAOS where they exceed Table 1. Ours, from recorded grasps,
-# unsourced: PIP to 115, thumb CMC flexion, thumb MCP and IP.
+# unsourced: finger abduction, PIP to 115, thumb CMC flexion, thumb MCP and IP.
 LIMIT_TABLES = {
     'paper': {
         'cmc_flexion': (0, 0), 'mcp_abduction': (-15, 15), 'mcp_flexion': (-10, 85),
@@ -63,7 +63,7 @@ LIMIT_TABLES = {
         'thumb_ip_flexion': (-10, 95),
     },
     'wide': {
-        'cmc_flexion': (0, 0), 'mcp_abduction': (-20, 20), 'mcp_flexion': (-45, 90),
+        'cmc_flexion': (0, 0), 'mcp_abduction': (-25, 25), 'mcp_flexion': (-45, 90),
         'pip_flexion': (-10, 115), 'dip_flexion': (-10, 90),
         'thumb_cmc_abduction': (-40, 70), 'thumb_cmc_flexion': (-45, 45),
         'thumb_mcp_abduction': (-10, 10), 'thumb_mcp_flexion': (-10, 60),
@@ -132,6 +132,7 @@ NATURAL_OFFSET_RANGE = (-np.pi / 2, np.pi / 2)   # [rad]
 NATURAL_SPREAD_RANGE = (np.pi / 90, np.pi / 2)   # [rad]
 RADIUS_RANGE = (.001, .05)     # [m] of a capsule
 SPLAY_RANGE = np.pi / 4        # [rad] to either side
+PHALANX_DEVIATION_RANGE = np.pi / 9              # [rad] to either side
 THUMB_MCP_ABDUCTION_RANGE = (-np.pi / 4, np.pi / 4)  # [rad]
 HAND_LENGTH_RANGE = (.10, .26)   # [m]
 HAND_BREADTH_RANGE = (.04, .14)  # [m]
@@ -239,6 +240,9 @@ class Hand:
         Axes of the fingers' abduction, fixed in the palm; dorsal in the paper. Normalised.
     splay : array_like, shape (4,)
         Direction of the straight fingers at zero angles, from x towards the thumb [rad].
+    phalanx_deviation : array_like, shape (4,)
+        Angle by which the middle phalanx of each finger points out of the finger's plane,
+        towards the thumb; the distal one is parallel to the plane again [rad].
     limits : array_like, shape (25, 2)
         Lower and upper limit of each joint, in the order of `JOINTS` [rad].
     range_of_motion : array_like, shape (25, 2)
@@ -282,6 +286,7 @@ class Hand:
     finger_abduction_axes: np.ndarray = field(
         default_factory=lambda: np.array(((0., 0., 1.),) * 4))
     splay: np.ndarray = field(default_factory=lambda: np.zeros(4))
+    phalanx_deviation: np.ndarray = field(default_factory=lambda: np.zeros(4))
     limits: np.ndarray = field(default_factory=preset_limits)
     range_of_motion: np.ndarray = field(default_factory=lambda: np.zeros((len(JOINTS), 2)))
     coupling: np.ndarray = field(default_factory=preset_coupling)
@@ -298,6 +303,7 @@ class Hand:
                 ('finger_cmc', (4, 3)), ('finger_mcp', (4, 3)), ('finger_bones', (4, 3)),
                 ('thumb_cmc', (3,)), ('thumb_bones', (3,)), ('thumb_abduction_axis', (3,)),
                 ('thumb_rest_direction', (3,)), ('finger_abduction_axes', (4, 3)), ('splay', (4,)),
+                ('phalanx_deviation', (4,)),
                 ('limits', (25, 2)), ('range_of_motion', (25, 2)),
                 ('coupling', (5, 2)), ('coupling_spread', (5,)), ('natural_flexion', (5, 3)),
                 ('palm_synergy', (4,)), ('radii', (5, 3)), ('palm_radius', ()),
@@ -313,6 +319,8 @@ class Hand:
             _require(name, getattr(self, name), *RADIUS_RANGE, 'm')
         _require('thumb_mcp_abduction', self.thumb_mcp_abduction, *THUMB_MCP_ABDUCTION_RANGE, 'rad')
         _require('splay', self.splay, -SPLAY_RANGE, SPLAY_RANGE, 'rad')
+        _require('phalanx_deviation', self.phalanx_deviation, -PHALANX_DEVIATION_RANGE,
+                 PHALANX_DEVIATION_RANGE, 'rad')
         for name in ('limits', 'range_of_motion'):
             _require(name, getattr(self, name), -ANGLE_RANGE, ANGLE_RANGE, 'rad')
             for joint, (lower, upper) in zip(JOINTS, getattr(self, name)):
@@ -388,6 +396,15 @@ class Hand:
     def replace(self, **fields: Any) -> 'Hand':
         """Return a copy with other values of the named fields."""
         return replace(self, **fields)
+
+    def bone_ends(self) -> np.ndarray:
+        """Return the far end of each digit's bones in the frame of its link, (5, 3, 3) [m]."""
+        ends = np.zeros((len(DIGITS), 3, 3))
+        ends[:, :, 0] = *self.finger_bones, self.thumb_bones
+        middle = self.finger_bones[:, 1]
+        ends[:len(FINGERS), 1, 0] = middle * np.cos(self.phalanx_deviation)
+        ends[:len(FINGERS), 1, 1] = middle * np.sin(self.phalanx_deviation)
+        return ends
 
     def relaxed(self) -> np.ndarray:
         """Return the joint angles of the relaxed hand, within its limits, shape (25,) [rad]."""

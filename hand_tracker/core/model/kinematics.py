@@ -110,21 +110,20 @@ def joint_table(hand: Hand) -> JointTable:
     rotation: list[np.ndarray] = []
     translation: list[np.ndarray] = []
     axis: list[np.ndarray] = []
+    ends = hand.bone_ends()
     for digit, name in enumerate(DIGITS):
         base, root, tilt = digit_base(hand, digit)
         c, s = np.cos(tilt), np.sin(tilt)
         tilted = np.array(((c, 0., s), (0., 1., 0.), (-s, 0., c)))
         if name == 'thumb':
-            bones = hand.thumb_bones
             joints = THUMB_JOINTS
             rotations = (base, tilted, np.eye(3), np.eye(3), np.eye(3))
-            translations = (root, 0. * X_AXIS, bones[0] * X_AXIS, 0. * X_AXIS, bones[1] * X_AXIS)
+            translations = (root, 0. * X_AXIS, ends[digit, 0], 0. * X_AXIS, ends[digit, 1])
         else:
-            bones = hand.finger_bones[digit]
             joints = FINGER_JOINTS
             cmc = hand.finger_cmc[digit]
             rotations = (np.eye(3), base, tilted, np.eye(3), np.eye(3))
-            translations = (cmc, root - cmc, 0. * X_AXIS, bones[0] * X_AXIS, bones[1] * X_AXIS)
+            translations = (cmc, root - cmc, 0. * X_AXIS, ends[digit, 0], ends[digit, 1])
         parent += [-1] + [5 * digit + j for j in range(4)]
         rotation += rotations
         translation += translations
@@ -147,7 +146,7 @@ def tip_offsets(hand: Hand) -> np.ndarray:
     ndarray, shape (5, 3)
         [m]
     """
-    return np.append(hand.finger_bones[:, 2], hand.thumb_bones[2])[:, None] * X_AXIS
+    return hand.bone_ends()[:, 2]
 
 
 @jit

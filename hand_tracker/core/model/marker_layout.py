@@ -317,9 +317,7 @@ def landmark_on_link(hand: Hand, place: str, rides: bool = False) -> tuple[int, 
     row = LINKS.index(LINK_OF_LANDMARK[place])
     if joint == 'mcp' and digit in FINGERS:
         return row, hand.finger_mcp[index] - hand.finger_cmc[index]
-    bones = hand.thumb_bones if digit == 'thumb' else hand.finger_bones[index]
-    bone = LANDMARKS_OF_DIGIT[digit].index(place)
-    return row, np.array((bones[bone], 0., 0.))
+    return row, hand.bone_ends()[index, LANDMARKS_OF_DIGIT[digit].index(place)]
 
 
 def marker_positions(mounting: Mounting, pose: Pose, wrist_rotation: ArrayLike | None = None,

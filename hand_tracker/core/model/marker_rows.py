@@ -48,8 +48,8 @@ class MarkerRows(NamedTuple):
         Whether a digit has another marker than its principal one; the last is of the palm.
     cmc : ndarray, shape (4, 3)
         CMC joints of the fingers in the wrist's frame [m].
-    bones : ndarray, shape (5, 3)
-        Lengths of the digits' bones [m].
+    bone_ends : ndarray, shape (5, 3, 3)
+        As of `Hand.bone_ends` [m].
     synergy : ndarray, shape (4,)
         As `Hand.palm_synergy` [1].
     is_cupping : ndarray of bool, shape (1,)
@@ -68,7 +68,7 @@ class MarkerRows(NamedTuple):
     variance: np.ndarray
     has_several: np.ndarray
     cmc: np.ndarray
-    bones: np.ndarray
+    bone_ends: np.ndarray
     synergy: np.ndarray
     is_cupping: np.ndarray
     is_needed: np.ndarray
@@ -100,8 +100,7 @@ def marker_rows(hand: Hand, layout: MarkerLayout, palm_arch: str) -> MarkerRows:
         np.full(ROW_CAPACITY, ON_WRIST), np.full(ROW_CAPACITY, ON_WRIST),
         np.zeros((ROW_CAPACITY, 3)), np.zeros((ROW_CAPACITY, 3)), np.zeros(ROW_CAPACITY),
         np.full(ROW_CAPACITY, USUAL_DEVIATION ** 2), np.zeros(len(DIGITS) + 1, dtype=bool),
-        hand.finger_cmc.copy(), np.vstack((hand.finger_bones, hand.thumb_bones)),
-        hand.palm_synergy.copy(),
+        hand.finger_cmc.copy(), hand.bone_ends(), hand.palm_synergy.copy(),
         np.zeros(1, dtype=bool), np.zeros(1, dtype=bool))
     for row, at in enumerate(order):
         rows.order[row] = at

@@ -11,7 +11,8 @@ POSES = 1500
 COMMON_CURL = .7            # share of a finger's bend that all fingers have together; ours
 THUMB_CURL = .5             # most that a thumb bends, of its range, but for the scatter; ours
 CURL_SCATTER = .12          # of the second joint's bend about the first's, of its range; ours
-ABDUCTION_SHARE = .25       # standard deviation, of the range of abduction; ours
+ABDUCTION_SCATTER = (10.,) * 4 + (27.5,)  # [degrees] standard deviation of each digit's; ours
+LARGEST_SCATTER = 2.        # [1] standard deviations at which it ends
 ANYBODY_DEVIATIONS = .006, .012, .006   # as those of `learn_prototype`; ours
 ANYBODY_SIZES = .7, 1.45    # of palms, relative to the model's; ours
 ANYBODY_SHAPE = .15         # by which a side of the palm may differ, relative to its length; ours
@@ -35,7 +36,6 @@ def natural_poses(hand: Hand, count: int = POSES) -> np.ndarray:
     """
     random = np.random.RandomState(1)
     lower, upper = preset_limits('wide').T
-    reach = upper - lower
     angles = np.zeros((count, len(lower)))
     common = random.uniform(size=(count, 1))
     curl = np.clip(COMMON_CURL * common + (1. - COMMON_CURL) * random.uniform(size=(count, 5)),
@@ -47,11 +47,10 @@ def natural_poses(hand: Hand, count: int = POSES) -> np.ndarray:
         # From a little hyperextension on: hands are rarely bent back as far as they go.
         start = .5 * lower[joints]
         angles[:, joints] = start + bend * (upper[joints] - start)
-    spread = ABDUCTION_SHARE * random.normal(size=(count, 5))
+    spread = np.radians(ABDUCTION_SCATTER) * np.clip(
+        random.normal(size=(count, 5)), -LARGEST_SCATTER, LARGEST_SCATTER)
     middle = .5 * (lower + upper)[ABDUCTION_JOINTS]
-    angles[:, ABDUCTION_JOINTS] = np.clip(
-        np.where(np.arange(5) == 4, middle, 0.) + spread * reach[ABDUCTION_JOINTS],
-        lower[ABDUCTION_JOINTS], upper[ABDUCTION_JOINTS])
+    angles[:, ABDUCTION_JOINTS] = np.where(np.arange(5) == 4, middle, 0.) + spread
     last = FLEXION_JOINTS[:, 2]
     angles[:, last] = np.clip(
         angles[:, FLEXION_JOINTS[:, 1]] * hand.coupling[:, 0] + hand.coupling[:, 1],

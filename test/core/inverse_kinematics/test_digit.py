@@ -84,6 +84,15 @@ def test_a_thumb_whose_phalanges_lean_from_its_plane_comes_back(layout):
                                    markers_of(angles, layout, hand), atol=2e-6)
 
 
+@LAYOUTS
+def test_fingers_whose_middle_phalanges_deviate_come_back(layout):
+    hand = HAND.replace(phalanx_deviation=np.radians((3., 0., -2., -8.)))
+    digits = digit_chains(hand, layout.mounting(hand))
+    for angles in poses(20, hand):
+        found, _ = solve(digits, markers_of(angles, layout, hand))
+        np.testing.assert_allclose(found, angles, atol=1e-6)
+
+
 def test_the_thumb_s_lean_stays_within_its_limits():
     limits = HAND.limits.copy()
     limits[MCP_ABDUCTION] = np.radians((-3., 3.))

@@ -13,16 +13,17 @@ from hand_tracker.core.model.marker_rows import marker_rows
 
 @pytest.mark.parametrize('digit', range(5))
 def test_a_digit_is_placed_where_forward_kinematics_places_it(digit):
-    hand, layout = Hand.scaled(.2, .095), MarkerLayout()
+    hand = Hand.scaled(.2, .095, phalanx_deviation=(.1, 0., -.05, -.15))
+    layout = MarkerLayout()
     chains = digit_chains(hand, layout.mounting(hand))
-    bones = marker_rows(hand, layout, 'flat').bones
+    ends = marker_rows(hand, layout, 'flat').bone_ends
     random = np.random.default_rng(digit)
     workspace = new_digit_workspace()
     for _ in range(20):
         angles = random.uniform(*hand.limits.T)
         if digit != THUMB:
             angles[5 * digit] = 0.   # the palm is flat
-        place_digit(chains, bones, digit, angles[5 * digit:5 * digit + 5], workspace)
+        place_digit(chains, ends, digit, angles[5 * digit:5 * digit + 5], workspace)
         pose = forward(joint_table(hand), angles)
         # Of a finger's metacarpal nothing is measured, so that it is not placed.
         first = 0 if digit == THUMB else 1

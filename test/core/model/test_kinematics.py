@@ -196,6 +196,19 @@ def test_every_digits_flexion_stays_in_one_plane_with_its_abduction_axis(hand):
             np.zeros(3), abs=1e-12)
 
 
+def test_a_deviating_phalanx_is_beside_the_plane_and_the_next_parallel_to_it():
+    deviation = np.radians((3., 0., -2., -8.))
+    hand = Hand.scaled(phalanx_deviation=deviation)
+    angles = np.random.default_rng(3).uniform(-.5, 1.2, 25)
+    pose, straight = (forward(joint_table(one), angles) for one in (hand, Hand.scaled()))
+    np.testing.assert_allclose(pose.rotation, straight.rotation, atol=1e-12)
+    for finger in range(4):
+        bone = pose.position[5 * finger + 4] - pose.position[5 * finger + 3]
+        x, y, z = bone @ pose.rotation[5 * finger + 3]
+        assert np.hypot(x, y) == pytest.approx(hand.finger_bones[finger, 1])
+        assert np.arctan2(y, x) == pytest.approx(deviation[finger]) and abs(z) < 1e-12
+
+
 def test_table_has_one_root_per_digit_and_unit_axes(hand):
     table = joint_table(hand)
     assert (table.parent < 0).sum() == 5
