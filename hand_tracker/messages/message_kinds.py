@@ -91,8 +91,8 @@ def _marker_names(rows: HeadRows, strings: bytes) -> tuple[str, PointNames]:
 
     One with an index alone has none: drivers number the markers of each frame anew.
     """
-    frame_id, *names = texts_of(strings, [rows[0][0], *(row[1] for row in rows)])
-    return frame_id, [name if row[1] else None for name, row in zip(names, rows)]
+    frame_id, *names = texts_of(strings, [rows[0][0], *(row[4] for row in rows)])
+    return frame_id, [name if row[4] else None for name, row in zip(names, rows)]
 
 
 def _body_names(rows: HeadRows, strings: bytes) -> tuple[str, PointNames]:

@@ -40,8 +40,8 @@ def parse_mocap4r2_markers(octets: np.ndarray, words: np.ndarray, size: int, hea
     octets, words, size, places
         See `parse_points`.
     heads : ndarray of int32, shape (n, 5)
-        Filled: lengths of frame and name, the frame's 0 but for the first, the name's of a marker
-        without.
+        Filled: length of the frame, 0 but for the first; 0; 0; 0; length of the name, 0 of a
+        marker without.
     strings : ndarray of uint8, shape (>= size,)
         Filled: the frame, then the names.
 
@@ -50,27 +50,7 @@ def parse_mocap4r2_markers(octets: np.ndarray, words: np.ndarray, size: int, hea
     count, used : int
         See `parse_points`.
     """
-    found = used = 0
-    frame_length, frame = counted(words, size, 8)
-    markers, at = counted(words, size, aligned(frame + frame_length, 4) + 4)
-    for _ in range(markers):
-        _, length, name, position = _marker(octets, words, size, at)
-        at = position + 24
-        if at > size or found == len(heads):
-            return -1, 0
-        heads[found] = 0
-        if found == 0:
-            heads[0, 0] = frame_length
-            strings[:frame_length] = octets[frame:frame + frame_length]
-            used = frame_length
-        heads[found, 1] = length
-        strings[used:used + length] = octets[name:name + length]
-        used += length
-        places[found, 0], places[found, 1], places[found, 2] = 0, position // 8, 0
-        found += 1
-    if at > size:
-        return -1, 0
-    return found, used
+    return _parse(octets, words, size, heads, places, strings, False)
 
 
 @jit
@@ -93,11 +73,22 @@ def parse_rigid_bodies(octets: np.ndarray, words: np.ndarray, size: int, heads: 
     count, used : int
         See `parse_points`.
     """
-    found = used = 0
+    return _parse(octets, words, size, heads, places, strings, True)
+
+
+@jit
+def _parse(octets: np.ndarray, words: np.ndarray, size: int, heads: np.ndarray,
+           places: np.ndarray, strings: np.ndarray, has_bodies: bool) -> tuple[int, int]:
+    """Find the markers of a message; one of markers alone is like a body without name and pose."""
+    found = used = bodies = 0
     frame_length, frame = counted(words, size, 8)
-    bodies, at = counted(words, size, aligned(frame + frame_length, 4) + 4)
-    for _ in range(bodies):
-        body_length, body = counted(words, size, at)
+    at = aligned(frame + frame_length, 4) + 4
+    if has_bodies:
+        bodies, at = counted(words, size, at)
+    for _ in range(bodies if has_bodies else 1):
+        body_length, body = 0, at
+        if has_bodies:
+            body_length, body = counted(words, size, at)
         markers, at = counted(words, size, body + body_length)
         for number in range(markers):
             index, length, name, position = _marker(octets, words, size, at)
@@ -109,19 +100,19 @@ def parse_rigid_bodies(octets: np.ndarray, words: np.ndarray, size: int, heads: 
                 heads[0, 0] = frame_length
                 strings[:frame_length] = octets[frame:frame + frame_length]
                 used = frame_length
-            heads[found, 1] = AS_BEFORE
-            if number == 0:
-                heads[found, 1] = body_length
-                strings[used:used + body_length] = octets[body:body + body_length]
-                used += body_length
-            if length == 0:
-                heads[found, 2] = index
+            if has_bodies:
+                heads[found, 1] = body_length if number == 0 else AS_BEFORE
+                heads[found, 2] = index if length == 0 else 0
+                if number == 0:
+                    strings[used:used + body_length] = octets[body:body + body_length]
+                    used += body_length
             heads[found, 4] = length
             strings[used:used + length] = octets[name:name + length]
             used += length
             places[found, 0], places[found, 1], places[found, 2] = 0, position // 8, 0
             found += 1
-        at = aligned(at, 8) + POSE_BYTES
+        if has_bodies:
+            at = aligned(at, 8) + POSE_BYTES
         if at > size:
             return -1, 0
     if at > size:
