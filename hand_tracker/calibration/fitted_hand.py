@@ -32,6 +32,7 @@ from ..core.model.marker_layout import (
     MarkerLayout,
     landmark_on_link,
 )
+from ..core.numerics.vectors import rotate_about_y, vector
 from .digit_chain import (
     ASIDE,
     BONE_PART,
@@ -283,9 +284,8 @@ def place_mounted(hand: Hand, mounts: Sequence[MarkerMount], angles: np.ndarray,
             points[:, i] = mount.offset
             continue
         turn = mount.share * angles[:, mount.joint] if mount.joint >= 0 else np.zeros(len(angles))
-        c, s = np.cos(turn), np.sin(turn)
-        x, y, z = mount.offset
-        local = mount.end + np.stack((c * x + s * z, 0. * c + y, c * z - s * x), axis=1)
+        offset = vector(mount.offset)
+        local = mount.end + np.array([rotate_about_y(offset, float(angle)) for angle in turn])
         points[:, i] = pose.position[:, mount.link] + (
             pose.rotation[:, mount.link] @ local[..., None])[..., 0]
     if hand.side == 'left':

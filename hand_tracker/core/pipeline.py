@@ -11,35 +11,32 @@ import numpy as np
 
 from .filtering.frame_clock import FrameClock, advance_clock
 from .filtering.noise_estimate import noise_in_palm_frame, update_noise
-from .filtering.tracks import Tracks, clear_motion
+from .filtering.tracks import clear_motion
 from .inverse_kinematics.abduction_plane import REFERENCE_STEP
 from .inverse_kinematics.angle_filter import filter_angles
 from .inverse_kinematics.digit import Chains, solve_digits, solve_rooted_digit
 from .inverse_kinematics.digit_angles import (
-    FAR_OFF,
-    new_digit_workspace,
-    principal_place,
-    solve_digit_angles,
+    infer_principal_markers,
+    lay_digits_flat,
+    refine_digits,
+    solve_followed_digits,
 )
 from .inverse_kinematics.palm import place_palm_by_spheres
-from .inverse_kinematics.palm_arch import flexed, solve_palm, synergy
+from .inverse_kinematics.palm_arch import fit_principal_palm, lay_targets_flat
 from .labelling.association import associate
-from .labelling.validity import find_valid, reject_frozen
+from .labelling.validity import (
+    associate_rows,
+    find_valid,
+    measure_rows,
+    note_changes,
+    reject_frozen,
+)
 from .model.capsules import place_capsules
 from .model.marker_rows import PRINCIPALS
 from .model.palm_triangle import fit_wrist
 from .model.states import LOST, TRACKED, WAITING
 from .numerics.jit import Pack, jit, overwrite
-from .numerics.vectors import (
-    add,
-    clamp,
-    components,
-    frame,
-    rotate,
-    store,
-    subtract,
-    vector,
-)
+from .numerics.vectors import clamp, store, subtract, vector
 from .occlusion.digit_markers import track_digits
 from .occlusion.palm_markers import check_palm, expected_markers, track_palm
 from .occlusion.prediction import Observation
@@ -168,8 +165,9 @@ def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[Kernel
     reject_frozen(markers, seen, state.last_markers, state.repeats, state.repeated_distances,
                   options.frozen_frames)
     if model.rows.is_needed[0]:
-        _take_rows(model, state, markers, seen, step)
-        _fit_palm_rows(model, chains, state, markers, seen)
+        measure_rows(model.rows, state.rows, markers, seen, step)
+        fit_principal_palm(model.rows, state.rows, chains.lower, chains.upper, state.separated,
+                           state.wrist, state.fitted, markers, seen)
     markers, seen = markers[:PRINCIPALS], seen[:PRINCIPALS]
     expected_markers(palm, digits, model.template, step, state.expected.position)
     for i in range(8):
@@ -180,95 +178,10 @@ def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[Kernel
               options.labelling, state.verdict[:])
     update_noise(state.noise, markers, seen, step, options.marker_noise)
     fault = check_palm(markers, seen, model.template, state.wrist, options.palm_limits)
-    palm_changed = _note_changes(palm, digits, seen, state.changed)
+    palm_changed = note_changes(palm, digits, seen, state.changed)
     if model.rows.is_needed[0]:
-        _note_rows(model, state, markers, seen, palm_changed)
+        associate_rows(model.rows, state.rows, markers, seen, palm_changed, state.changed)
     return fault
-
-
-@jit
-def _take_rows(model: Model, state: State, markers: np.ndarray, seen: np.ndarray,
-               step: float) -> None:
-    """Note the measured markers of all rows."""
-    rows = state.rows
-    for row in range(model.rows.used[0]):
-        rows.was_measured[row] = rows.is_measured[row]
-        rows.is_measured[row] = row < len(seen) and seen[row] and model.rows.order[row] >= 0
-        rows.hidden_for[row] += step
-        if rows.is_measured[row]:
-            store(rows.points, row, vector(markers[row]))
-
-
-@jit
-def _fit_palm_rows(model: Model, chains: Chains, state: State, markers: np.ndarray,
-                   seen: np.ndarray) -> None:
-    """Place the palm's three principal markers by a rigid fit of all its markers, arch removed.
-
-    Hidden principal markers count as seen, up to the number of the palm's measured markers.
-    """
-    rows, arch, fitted = model.rows, state.rows.arch, state.fitted
-    several = rows.has_several[5] > 0
-    if not (several or rows.is_cupping[0]):
-        return
-    if rows.is_cupping[0] and not several:
-        synergy(rows.synergy, state.separated, chains.lower, chains.upper, arch)
-    for i in range(3):
-        fitted.position[i] = state.wrist.position[i]
-        for k in range(3):
-            fitted.rotation[i, k] = state.wrist.rotation[i, k]
-    fitted.placed[0] = state.wrist.placed[0]
-    count = solve_palm(rows, state.rows, chains.lower, chains.upper,
-                       several and rows.is_cupping[0] > 0, fitted)
-    if count == 0:
-        return
-    shown = 0
-    for i in range(3):
-        shown += seen[i]
-    axes, origin = frame(fitted.rotation), vector(fitted.position)
-    for i in range(3):
-        if not seen[i] and shown < count:
-            seen[i] = True
-            shown += 1
-        store(markers, i, add(origin, rotate(axes, add(
-            vector(rows.end[i]), vector(rows.offset[i])))))
-
-
-@jit
-def _note_rows(model: Model, state: State, markers: np.ndarray, seen: np.ndarray,
-               palm_changed: bool) -> None:
-    """Note which markers of digits are measured after association, and whose evidence changed."""
-    rows = state.rows
-    for row in range(3, PRINCIPALS):
-        rows.is_measured[row] = seen[row]
-        if seen[row]:
-            store(rows.points, row, vector(markers[row]))
-    for digit in range(5):
-        if model.rows.has_several[digit]:
-            state.changed[digit] = palm_changed
-    for row in range(model.rows.used[0]):
-        if rows.is_measured[row]:
-            rows.is_known[row] = True
-            rows.hidden_for[row] = 0.
-        digit = model.rows.digit[row]
-        if digit >= 0 and model.rows.has_several[digit] and (
-                rows.is_measured[row] != rows.was_measured[row]):
-            state.changed[digit] = True
-
-
-@jit
-def _note_changes(palm: Tracks, digits: Tracks, seen: np.ndarray, changed: np.ndarray) -> bool:
-    """Mark in `changed` (5,) the digits whose evidence changed since the last frame.
-
-    That is: their marker, or one of the palm, appeared or vanished. Return whether one of the
-    palm did.
-    """
-    palm_changed = False
-    for i in range(3):
-        palm_changed = palm_changed or seen[i] != palm.seen[i]
-    lost = not (seen[0] or seen[1] or seen[2])
-    for i in range(5):
-        changed[i] = palm_changed or (seen[3 + i] and not lost) != digits.seen[i]
-    return palm_changed
 
 
 @jit
@@ -308,27 +221,12 @@ def infer_markers(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
     model, chains, state = model[0], chains[0], state[0]
     if not model.rows.is_needed[0]:
         return
-    rows, table = state.rows, model.rows
-    axes, origin = frame(state.wrist.rotation), vector(state.wrist.position)
-    for row in range(table.used[0]):
-        digit = table.digit[row]
-        if is_lost:
-            rows.is_measured[row] = False
-        if digit >= 0 and rows.is_measured[row]:
-            local = components(axes, subtract(vector(rows.points[row]), origin))
-            if digit < 4:
-                local = flexed(local, vector(table.cmc[digit]), -rows.arch[digit])
-            store(rows.local, row, local)
-    for digit in range(5):
-        if seen[3 + digit] or not table.has_several[digit] or is_lost:
-            continue
-        workspace = new_digit_workspace()
-        if solve_digit_angles(chains, table, rows, digit, state.angles, step, workspace)[0]:
-            local = principal_place(chains, table, rows, digit, workspace)
-            if digit < 4:
-                local = flexed(local, vector(table.cmc[digit]), rows.arch[digit])
-            store(markers, 3 + digit, add(origin, rotate(axes, local)))
-            seen[3 + digit] = True
+    if is_lost:
+        state.rows.is_measured[:] = False
+        return
+    lay_digits_flat(model.rows, state.rows, state.wrist)
+    infer_principal_markers(chains, model.rows, state.rows, state.wrist, state.angles, markers,
+                            seen, step)
 
 
 @jit
@@ -362,17 +260,8 @@ def solve_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: P
     for digit in range(5):
         rows.is_solved[digit] = False
     if model.rows.has_several[:5].any() and state.wrist.placed[0]:
-        workspace = new_digit_workspace()
-        for digit in range(5):
-            if not model.rows.has_several[digit] or not seen[3 + digit] or (
-                    state.changed[digit] or not rows.is_measured[3 + digit]):
-                continue
-            count, cost = solve_digit_angles(
-                chains, model.rows, rows, digit, rows.angles, step, workspace)
-            rows.is_solved[digit] = count > 1 and cost < FAR_OFF
-            if rows.is_solved[digit]:
-                for joint in range(5 * digit, 5 * digit + 5):
-                    state.angles[joint] = rows.angles[joint]
+        solve_followed_digits(
+            chains, model.rows, rows, seen, state.changed, state.angles, step)
     for digit in range(5):
         rows.is_followed[digit] = seen[3 + digit] and not rows.is_solved[digit]
 
@@ -393,10 +282,8 @@ def solve_angles(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelO
     targets = state.rows.targets
     for i in range(5):
         store(targets, i, vector(state.digits.mean[i]))
-        if i < 4 and model.rows.is_cupping[0]:
-            store(targets, i, flexed(
-                vector(targets[i]), vector(model.rows.cmc[i]), -state.rows.arch[i]))
-            state.angles[5 * i] = state.rows.arch[i]
+    if model.rows.is_cupping[0]:
+        lay_targets_flat(model.rows, state.rows, state.angles)
     # Abduction follows slowly in a fist: the first frame, without history, iterates it.
     for _ in range(0 if state.wrist.placed[0] else FIRST_FRAME_SOLVES):
         solve_digits(chains, state.roots, targets, state.angles, REFERENCE_STEP,
@@ -442,22 +329,8 @@ def refine_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: 
     `step` is the time since the last frame [s].
     """
     model, chains, state = model[0], chains[0], state[0]
-    if not model.rows.has_several[:5].any():
-        return
-    workspace = new_digit_workspace()
-    for digit in range(5):
-        is_solved = False
-        if model.rows.has_several[digit] and seen[3 + digit]:
-            # One whose principal marker is hidden was solved before.
-            is_solved = (
-                state.rows.is_solved[digit] or not state.rows.is_measured[3 + digit]
-                or solve_digit_angles(chains, model.rows, state.rows, digit,
-                                      state.estimate.angles, step, workspace)[0] > 1)
-        for joint in range(5 * digit, 5 * digit + 5):
-            if is_solved and not (digit < 4 and joint == 5 * digit):
-                state.estimate.angles[joint] = state.rows.angles[joint]
-            else:
-                state.rows.angles[joint] = state.estimate.angles[joint]
+    if model.rows.has_several[:5].any():
+        refine_digits(chains, model.rows, state.rows, seen, state.estimate.angles, step)
 
 
 @jit

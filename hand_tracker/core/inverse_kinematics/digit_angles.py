@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model.marker_rows import MarkerRows, RowState
+from ..model.palm_triangle import Wrist
 from ..numerics.cholesky import solve_damped
 from ..numerics.jit import jit
 from ..numerics.vectors import (
@@ -18,14 +19,18 @@ from ..numerics.vectors import (
     Vector,
     add,
     clamp,
+    components,
     cross,
     frame,
     rotate,
+    rotate_about_y,
     scale,
+    store,
     subtract,
     vector,
 )
 from .digit import THUMB, Chains
+from .palm_arch import flexed
 
 CHAIN_JOINTS = 5
 MOST_STEPS = 12
@@ -140,10 +145,10 @@ def marker_on_digit(rows: MarkerRows, row: int, angles: np.ndarray,
     axes = (vector(workspace.frames[link, 0]), vector(workspace.frames[link, 1]),
             vector(workspace.frames[link, 2]))
     end = add(vector(workspace.origins[link]), rotate(axes, vector(rows.end[row])))
-    share = rows.share[row]
+    offset, share = vector(rows.offset[row]), rows.share[row]
     if share != 0. and link < CHAIN_JOINTS - 1:
-        axes = turn_about_y(axes, share * angles[link + 1])
-    return add(end, rotate(axes, vector(rows.offset[row]))), end
+        offset = rotate_about_y(offset, share * angles[link + 1])
+    return add(end, rotate(axes, offset)), end
 
 
 @jit
@@ -334,3 +339,123 @@ def principal_place(chains: Chains, rows: MarkerRows, state: RowState, digit: in
         workspace.angles[j] = state.angles[5 * digit + j]
     place_digit(chains, rows.bone_ends, digit, workspace.angles, workspace)
     return marker_on_digit(rows, 3 + digit, workspace.angles, workspace)[0]
+
+
+@jit
+def lay_digits_flat(table: MarkerRows, rows: RowState, wrist: Wrist) -> None:
+    """Write the digits' measured markers in the wrist's frame, the palm laid flat.
+
+    Parameters
+    ----------
+    table : MarkerRows
+    rows : RowState
+        Its `local` is replaced.
+    wrist : Wrist
+    """
+    axes, origin = frame(wrist.rotation), vector(wrist.position)
+    for row in range(table.used[0]):
+        digit = table.digit[row]
+        if digit >= 0 and rows.is_measured[row]:
+            local = components(axes, subtract(vector(rows.points[row]), origin))
+            if digit < 4:
+                local = flexed(local, vector(table.cmc[digit]), -rows.arch[digit])
+            store(rows.local, row, local)
+
+
+@jit
+def infer_principal_markers(chains: Chains, table: MarkerRows, rows: RowState, wrist: Wrist,
+                            angles: np.ndarray, markers: np.ndarray, seen: np.ndarray,
+                            step: float) -> None:
+    """Place each digit's hidden principal marker by the digit's other markers.
+
+    Parameters
+    ----------
+    chains : Chains
+    table : MarkerRows
+    rows : RowState
+        Its `local` are the markers; its `angles` are replaced.
+    wrist : Wrist
+    angles : ndarray, shape (25,)
+        Of the last frame, by the principal markers [rad].
+    markers : ndarray, shape (8, 3)
+        Changed [m].
+    seen : ndarray of bool, shape (8,)
+        Set where a marker is placed.
+    step : float
+        Since the last frame [s].
+    """
+    axes, origin = frame(wrist.rotation), vector(wrist.position)
+    for digit in range(5):
+        if seen[3 + digit] or not table.has_several[digit]:
+            continue
+        workspace = new_digit_workspace()
+        if solve_digit_angles(chains, table, rows, digit, angles, step, workspace)[0]:
+            local = principal_place(chains, table, rows, digit, workspace)
+            if digit < 4:
+                local = flexed(local, vector(table.cmc[digit]), rows.arch[digit])
+            store(markers, 3 + digit, add(origin, rotate(axes, local)))
+            seen[3 + digit] = True
+
+
+@jit
+def solve_followed_digits(chains: Chains, table: MarkerRows, rows: RowState, seen: np.ndarray,
+                          changed: np.ndarray, angles: np.ndarray, step: float) -> None:
+    """Solve digits with several markers whose evidence is that of the last frame, from there.
+
+    Parameters
+    ----------
+    chains : Chains
+    table : MarkerRows
+    rows : RowState
+        Its `angles` and `is_solved` are replaced for these digits.
+    seen : ndarray of bool, shape (8,)
+    changed : ndarray of bool, shape (5,)
+        Digits whose evidence changed.
+    angles : ndarray, shape (25,)
+        Replaced for digits that are solved well [rad].
+    step : float
+        Since the last frame [s].
+    """
+    workspace = new_digit_workspace()
+    for digit in range(5):
+        if not table.has_several[digit] or not seen[3 + digit] or (
+                changed[digit] or not rows.is_measured[3 + digit]):
+            continue
+        count, cost = solve_digit_angles(
+            chains, table, rows, digit, rows.angles, step, workspace)
+        rows.is_solved[digit] = count > 1 and cost < FAR_OFF
+        if rows.is_solved[digit]:
+            for joint in range(5 * digit, 5 * digit + 5):
+                angles[joint] = rows.angles[joint]
+
+
+@jit
+def refine_digits(chains: Chains, table: MarkerRows, rows: RowState, seen: np.ndarray,
+                  angles: np.ndarray, step: float) -> None:
+    """Solve the remaining digits with several markers, from the angles by their principal one.
+
+    Parameters
+    ----------
+    chains : Chains
+    table : MarkerRows
+    rows : RowState
+        Its `angles` are replaced.
+    seen : ndarray of bool, shape (8,)
+    angles : ndarray, shape (25,)
+        Replaced for digits that are solved by several markers [rad].
+    step : float
+        Since the last frame [s].
+    """
+    workspace = new_digit_workspace()
+    for digit in range(5):
+        is_solved = False
+        if table.has_several[digit] and seen[3 + digit]:
+            # One whose principal marker is hidden was solved before.
+            is_solved = (
+                rows.is_solved[digit] or not rows.is_measured[3 + digit]
+                or solve_digit_angles(chains, table, rows, digit, angles, step, workspace)[0] > 1)
+        for joint in range(5 * digit, 5 * digit + 5):
+            if is_solved and not (digit < 4 and joint == 5 * digit):
+                angles[joint] = rows.angles[joint]
+            else:
+                rows.angles[joint] = angles[joint]

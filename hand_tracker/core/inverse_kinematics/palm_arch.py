@@ -20,7 +20,9 @@ from ..numerics.vectors import (
     clamp,
     components,
     frame,
+    rotate,
     rotate_about,
+    rotate_about_y,
     store,
     subtract,
     vector,
@@ -67,9 +69,77 @@ def flexed(place: Vector, center: Vector, flexion: float) -> Vector:
     """Return a place turned about a CMC joint by its flexion, which lowers what is distal."""
     if flexion == 0.:
         return place
-    x, y, z = subtract(place, center)
-    c, s = math.cos(flexion), math.sin(flexion)
-    return add(center, (c * x + s * z, y, c * z - s * x))
+    return add(center, rotate_about_y(subtract(place, center), flexion))
+
+
+@jit
+def lay_targets_flat(table: MarkerRows, rows: RowState, angles: np.ndarray) -> None:
+    """Lay the fingers' targets to where they are with the palm flat; write its CMC flexions.
+
+    Parameters
+    ----------
+    table : MarkerRows
+    rows : RowState
+        Its `targets` are replaced.
+    angles : ndarray, shape (25,)
+        Changed [rad].
+    """
+    for finger in range(4):
+        store(rows.targets, finger, flexed(
+            vector(rows.targets[finger]), vector(table.cmc[finger]), -rows.arch[finger]))
+        angles[5 * finger] = rows.arch[finger]
+
+
+@jit
+def fit_principal_palm(table: MarkerRows, rows: RowState, lower: np.ndarray, upper: np.ndarray,
+                       angles: np.ndarray, wrist: Wrist, fitted: Wrist, markers: np.ndarray,
+                       seen: np.ndarray) -> None:
+    """Place the palm's three principal markers by a rigid fit of all its markers, arch removed.
+
+    Hidden principal markers count as seen, up to the number of the palm's measured markers.
+
+    Parameters
+    ----------
+    table : MarkerRows
+    rows : RowState
+        Its `arch` is replaced.
+    lower, upper : ndarray, shape (25,)
+        Joint limits [rad].
+    angles : ndarray, shape (25,)
+        Of the last frame, which an arch follows that no marker shows [rad].
+    wrist : Wrist
+        Of the last frame.
+    fitted : Wrist
+        Replaced by the fit.
+    markers : ndarray, shape (n, 3)
+        The palm's principal ones, first, are replaced [m].
+    seen : ndarray of bool, shape (n,)
+        Changed.
+    """
+    several = table.has_several[5] > 0
+    if not (several or table.is_cupping[0]):
+        return
+    if table.is_cupping[0] and not several:
+        synergy(table.synergy, angles, lower, upper, rows.arch)
+    for i in range(3):
+        fitted.position[i] = wrist.position[i]
+        for k in range(3):
+            fitted.rotation[i, k] = wrist.rotation[i, k]
+    fitted.placed[0] = wrist.placed[0]
+    count = solve_palm(
+        table, rows, lower, upper, several and table.is_cupping[0] > 0, fitted)
+    if count == 0:
+        return
+    shown = 0
+    for i in range(3):
+        shown += seen[i]
+    axes, origin = frame(fitted.rotation), vector(fitted.position)
+    for i in range(3):
+        if not seen[i] and shown < count:
+            seen[i] = True
+            shown += 1
+        store(markers, i, add(origin, rotate(axes, add(
+            vector(table.end[i]), vector(table.offset[i])))))
 
 
 @jit

@@ -1,11 +1,16 @@
-"""Validity of measurements: non-finite, out-of-range and frozen markers count as hidden."""
+"""Validity of measurements: non-finite, out-of-range and frozen markers count as hidden.
+
+And what is measured in a frame, of any layout: its rows, and digits whose evidence changed.
+"""
 
 import math
 
 import numpy as np
 
+from ..filtering.tracks import Tracks
+from ..model.marker_rows import PRINCIPALS, MarkerRows, RowState
 from ..numerics.jit import jit
-from ..numerics.vectors import distance, is_equal, vector
+from ..numerics.vectors import distance, is_equal, store, vector
 
 COORDINATE_LIMIT = 1e3  # [m] greatest valid coordinate
 SKIN_STRETCH = .003     # [m] by which skin lets distances of palm markers vary; ours
@@ -91,3 +96,88 @@ def _has_moved_in_palm(markers: np.ndarray, seen: np.ndarray, stood: np.ndarray,
         # False if one was not seen
         parted = parted or abs(_gap(markers, seen, i, j) - stood[i, j]) > SKIN_STRETCH
     return parted
+
+
+@jit
+def note_changes(palm: Tracks, digits: Tracks, seen: np.ndarray, changed: np.ndarray) -> bool:
+    """Mark the digits whose evidence changed: their marker, or one of the palm, came or went.
+
+    Parameters
+    ----------
+    palm, digits : Tracks
+        Of the last frame.
+    seen : ndarray of bool, shape (8,)
+    changed : ndarray of bool, shape (5,)
+        Replaced.
+
+    Returns
+    -------
+    bool
+        Whether a marker of the palm came or went.
+    """
+    palm_changed = False
+    for i in range(3):
+        palm_changed = palm_changed or seen[i] != palm.seen[i]
+    lost = not (seen[0] or seen[1] or seen[2])
+    for i in range(5):
+        changed[i] = palm_changed or (seen[3 + i] and not lost) != digits.seen[i]
+    return palm_changed
+
+
+@jit
+def measure_rows(table: MarkerRows, rows: RowState, markers: np.ndarray, seen: np.ndarray,
+                 step: float) -> None:
+    """Write the measured markers of all rows.
+
+    Parameters
+    ----------
+    table : MarkerRows
+    rows : RowState
+        Changed.
+    markers : ndarray, shape (n, 3)
+        [m]
+    seen : ndarray of bool, shape (n,)
+    step : float
+        Since the last frame [s].
+    """
+    for row in range(table.used[0]):
+        rows.was_measured[row] = rows.is_measured[row]
+        rows.is_measured[row] = row < len(seen) and seen[row] and table.order[row] >= 0
+        rows.hidden_for[row] += step
+        if rows.is_measured[row]:
+            store(rows.points, row, vector(markers[row]))
+
+
+@jit
+def associate_rows(table: MarkerRows, rows: RowState, markers: np.ndarray, seen: np.ndarray,
+                   palm_changed: bool, changed: np.ndarray) -> None:
+    """Carry the association of the principal markers over to the rows.
+
+    Parameters
+    ----------
+    table : MarkerRows
+    rows : RowState
+        Changed.
+    markers : ndarray, shape (8, 3)
+        Principal markers, associated [m].
+    seen : ndarray of bool, shape (8,)
+    palm_changed : bool
+        As of `note_changes`.
+    changed : ndarray of bool, shape (5,)
+        Digits whose evidence changed; replaced for those with several markers.
+    """
+    for row in range(3, PRINCIPALS):
+        rows.is_measured[row] = seen[row]
+        if seen[row]:
+            store(rows.points, row, vector(markers[row]))
+    for digit in range(5):
+        if table.has_several[digit]:
+            changed[digit] = palm_changed
+    for row in range(table.used[0]):
+        if rows.is_measured[row]:
+            rows.is_known[row] = True
+            rows.hidden_for[row] = 0.
+        digit = table.digit[row]
+        if digit >= 0 and table.has_several[digit] and (
+                rows.is_measured[row] != rows.was_measured[row]):
+            changed[digit] = True

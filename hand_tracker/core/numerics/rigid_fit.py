@@ -1,10 +1,23 @@
-"""Rigid fit of weighted points: the rotation by the largest eigenvector of Horn's matrix."""
+"""Rigid fit of weighted points: by the largest eigenvector of Horn's matrix, or by small steps."""
 
 import math
 
 import numpy as np
 
 from .jit import jit
+from .vectors import (
+    add,
+    cross,
+    dot,
+    length,
+    rotate_about,
+    scale,
+    solve_symmetric,
+    store,
+    subtract,
+    unit,
+    vector,
+)
 
 JACOBI_SWEEPS = 12  # at most; three to five suffice for a symmetric matrix of four rows
 
@@ -123,3 +136,44 @@ def _largest_eigenvector(moment: np.ndarray) -> tuple[float, float, float, float
                      + vectors[2, best] ** 2 + vectors[3, best] ** 2)
     return (vectors[0, best] / size, vectors[1, best] / size,
             vectors[2, best] / size, vectors[3, best] / size)
+
+
+@jit
+def step_rigidly(points: np.ndarray, aims: np.ndarray, weights: np.ndarray) -> None:
+    """Move points rigidly towards their aims by one linearised least-squares step.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Replaced [m].
+    aims : ndarray, shape (n, 3)
+        [m]
+    weights : ndarray, shape (n,)
+    """
+    total = 0.
+    center = (0., 0., 0.)
+    shift = (0., 0., 0.)
+    for i in range(len(weights)):
+        point = vector(points[i])
+        total += weights[i]
+        center = add(center, scale(point, weights[i]))
+        shift = add(shift, scale(subtract(vector(aims[i]), point), weights[i]))
+    center = scale(center, 1. / total)
+    shift = scale(shift, 1. / total)
+
+    # The small rotation that balances the moments of the residuals
+    inertia = np.zeros((3, 3))
+    moment = (0., 0., 0.)
+    for i in range(len(weights)):
+        point = vector(points[i])
+        arm = subtract(point, center)
+        moment = add(moment, scale(cross(arm, subtract(vector(aims[i]), point)), weights[i]))
+        for k in range(3):
+            inertia[k, k] += weights[i] * dot(arm, arm)
+            for j in range(3):
+                inertia[k, j] -= weights[i] * arm[k] * arm[j]
+    turned = solve_symmetric(vector(inertia[0]), vector(inertia[1]), vector(inertia[2]), moment)
+    axis, angle = unit(turned), length(turned)
+    for i in range(len(weights)):
+        arm = subtract(vector(points[i]), center)
+        store(points, i, add(rotate_about(axis, angle, arm), add(shift, center)))

@@ -147,6 +147,22 @@ def rotate_about(axis: Vector, angle: float, v: Vector) -> Vector:
 
 
 @jit
+def rotate_about_y(v: Vector, angle: float) -> Vector:
+    """Rotate `v` about the y axis by `angle` [rad]: flexion, which lowers what is distal."""
+    c, s = math.cos(angle), math.sin(angle)
+    return (c * v[0] + s * v[2], v[1], c * v[2] - s * v[0])
+
+
+@jit
+def solve_symmetric(a: Vector, b: Vector, c: Vector, m: Vector) -> Vector:
+    """Solve [a b c] x = m for a symmetric positive matrix by Cramer's rule; 0 when singular."""
+    volume = dot(a, cross(b, c))
+    if not volume > 0.:
+        return (0., 0., 0.)
+    return scale((dot(m, cross(b, c)), dot(a, cross(m, c)), dot(a, cross(b, m))), 1. / volume)
+
+
+@jit
 def clamp(value: float, lower: float, upper: float) -> float:
     """Return `value` limited to the interval [lower, upper]."""
     return min(max(value, lower), upper)

@@ -11,21 +11,8 @@ from ..filtering.tracks import Tracks, predict_track, update_track
 from ..model.palm_triangle import Corners, PalmLimits, Wrist, complete_palm, palm_fault, rigid_palm
 from ..model.states import CARRIED, LOST, TRACKED, WAITING
 from ..numerics.jit import jit
-from ..numerics.vectors import (
-    Vector,
-    add,
-    cross,
-    dot,
-    frame,
-    length,
-    rotate,
-    rotate_about,
-    scale,
-    store,
-    subtract,
-    unit,
-    vector,
-)
+from ..numerics.rigid_fit import step_rigidly
+from ..numerics.vectors import Vector, add, frame, rotate, scale, store, subtract, vector
 from .prediction import Observation, Prediction
 
 # Weights of palm markers in the rigid fit, that of a finger's marker being 1; tuned on captures.
@@ -169,60 +156,10 @@ def _fit_to_fingers(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, digit
             store(points, i, expected)
             store(aims, i, vector(markers[i]))
     for _ in range(RIGID_FIT_STEPS):
-        _fit_step(points, aims, weights)
+        step_rigidly(points, aims, weights)
     for i in range(3):
         if not seen[i]:
             store(tracks.mean, i, vector(points[i]))
-
-
-@jit
-def _fit_step(points: np.ndarray, aims: np.ndarray, weights: np.ndarray) -> None:
-    """Move points rigidly towards their aims by one linearised least-squares step.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        Replaced [m].
-    aims : ndarray, shape (n, 3)
-        [m]
-    weights : ndarray, shape (n,)
-    """
-    total = 0.
-    center = (0., 0., 0.)
-    shift = (0., 0., 0.)
-    for i in range(len(weights)):
-        point = vector(points[i])
-        total += weights[i]
-        center = add(center, scale(point, weights[i]))
-        shift = add(shift, scale(subtract(vector(aims[i]), point), weights[i]))
-    center = scale(center, 1. / total)
-    shift = scale(shift, 1. / total)
-
-    # The small rotation that balances the moments of the residuals
-    inertia = np.zeros((3, 3))
-    moment = (0., 0., 0.)
-    for i in range(len(weights)):
-        point = vector(points[i])
-        arm = subtract(point, center)
-        moment = add(moment, scale(cross(arm, subtract(vector(aims[i]), point)), weights[i]))
-        for k in range(3):
-            inertia[k, k] += weights[i] * dot(arm, arm)
-            for j in range(3):
-                inertia[k, j] -= weights[i] * arm[k] * arm[j]
-    turned = _solve_symmetric(vector(inertia[0]), vector(inertia[1]), vector(inertia[2]), moment)
-    axis, angle = unit(turned), length(turned)
-    for i in range(len(weights)):
-        arm = subtract(vector(points[i]), center)
-        store(points, i, add(rotate_about(axis, angle, arm), add(shift, center)))
-
-
-@jit
-def _solve_symmetric(a: Vector, b: Vector, c: Vector, m: Vector) -> Vector:
-    """Solve [a b c] x = m for a symmetric positive matrix by Cramer's rule; 0 when singular."""
-    volume = dot(a, cross(b, c))
-    if not volume > 0.:
-        return (0., 0., 0.)
-    return scale((dot(m, cross(b, c)), dot(a, cross(m, c)), dot(a, cross(b, m))), 1. / volume)
 
 
 @jit

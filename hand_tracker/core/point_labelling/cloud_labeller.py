@@ -18,17 +18,16 @@ from ..model.hand import Hand
 from ..model.marker_layout import MARKERS, MarkerLayout
 from ..numerics.jit import load_kernel
 from ..numerics.jit import loaded_or_plain as kernel
-from .clutter import THERE_FOR, PointHistory, continue_clutter, no_clutter, remember_clutter
+from .clutter import PointHistory, continue_clutter, no_clutter, remember_clutter
 from .following import ASTRAY_DISTANCE, LEAST_FOLLOWED, follow_hands, relabel
-from .hand_track import ASTRAY, DOUBT, HandTrack, begin_track, start_places
+from .hand_track import HandTrack, begin_track, start_places
 from .natural_poses import model_prototype
 from .pair_search import label_pairs, search_pairs
 from .palm_search import (
-    COST,
-    DISTANCE,
     Finding,
     blank_candidates,
     blank_finding,
+    copy_finding,
     label_candidates,
     palm_is_seen,
     search_palms,
@@ -123,7 +122,7 @@ def _lead(rival: Finding, present: Finding, known: np.ndarray) -> float:
     """
     new = [*{*rival.rows.tolist()} - {*present.rows.tolist(), -1}]
     more = np.count_nonzero(rival.rows >= 0) - np.count_nonzero(present.rows >= 0)
-    return float(present.numbers[COST] - rival.numbers[COST] - NEWLY_SEEN_COST * max(more, 0)
+    return float(present.cost[0] - rival.cost[0] - NEWLY_SEEN_COST * max(more, 0)
                  - known[new].sum())
 
 
@@ -154,7 +153,7 @@ def _search_points(prototype: Prototype, points: np.ndarray, free: np.ndarray, f
 def _is_typical(prototype: Prototype, finding: Finding) -> bool:
     """Return whether a hand that was found is like those that were learned."""
     limit = ACCEPTED_DISTANCE if palm_is_seen(prototype, finding.rows) else PAIR_DISTANCE
-    return bool(finding.numbers[DISTANCE] <= limit * max(prototype.typical, 1.))
+    return bool(finding.distance[0] <= limit * max(prototype.typical, 1.))
 
 
 class CloudLabeller:
@@ -263,7 +262,7 @@ class CloudLabeller:
         hands = [hand for hand in self._hands if hand.track is not None]
         if not hands:
             return before, history
-        was = [(hand.track.hidden_for <= 0., hand.track.finding.numbers[DISTANCE])
+        was = [(hand.track.hidden_for <= 0., hand.track.finding.distance[0])
                for hand in hands if hand.track is not None]
         kernel(follow_hands)(tuple(hand.statistics for hand in hands),
                      tuple(hand.track for hand in hands if hand.track is not None),
@@ -273,7 +272,7 @@ class CloudLabeller:
             assert hand.track is not None
             # Where the frame is cut, many go and as many come, or the posture leaps.
             gone = np.count_nonzero(seen & (hand.track.finding.rows < 0))
-            leap = hand.track.finding.numbers[DISTANCE] - distance
+            leap = hand.track.finding.distance[0] - distance
             if (min(gone, come) >= max(2., (1. - STILL_SEEN) * np.count_nonzero(seen))
                     or leap > ASTRAY_DISTANCE * max(hand.statistics.typical, .5)):
                 hand.shaken_for = SHAKEN_TIME
@@ -289,7 +288,7 @@ class CloudLabeller:
         finding, patience = track.finding, self.options.patience
         seen = finding.rows >= 0
         few = np.count_nonzero(seen) < max(3., LEAST_FOLLOWED * hand.count)
-        if track.numbers[ASTRAY] > patience or not isfinite(sum(finding.position.tolist())):
+        if track.astray_for[0] > patience or not isfinite(sum(finding.position.tolist())):
             hand.lose()
             return
         for i in (track.suspected_for > .5 * patience).nonzero()[0]:
@@ -299,11 +298,11 @@ class CloudLabeller:
             track.hidden_for[i] = step
         hand.since_relabelling += 1
         hand.since_search += 1
-        unlikely = finding.numbers[DISTANCE] > UNLIKELY * max(hand.statistics.typical, .5)
+        unlikely = finding.distance[0] > UNLIKELY * max(hand.statistics.typical, .5)
         hand.shaken_for -= step
         shaken = hand.shaken_for > 0.
         pressing = few or unlikely or shaken
-        if hand.since_relabelling < (PRESSING_FRAMES if pressing or track.numbers[DOUBT] > 0.
+        if hand.since_relabelling < (PRESSING_FRAMES if pressing or track.doubt[0] > 0.
                                      else RELABELLING_FRAMES):
             return
         elapsed = hand.since_relabelling * step
@@ -321,7 +320,7 @@ class CloudLabeller:
             hand.first = (hand.first + tried) % len(points)
         # What it costs a rival to take points of no hand, less and less as they stay.
         known = np.maximum(clutter, 0.) * np.maximum(
-            1. - history.path[:, THERE_FOR] / KNOWN_TIME, 0.)
+            1. - history.age[:] / KNOWN_TIME, 0.)
         lead = _lead(rival, finding, known)
         if not few and _lead(exchanged, finding, known) > lead:
             rival, lead = exchanged, _lead(exchanged, finding, known)
@@ -331,23 +330,22 @@ class CloudLabeller:
                 and (rival.rows >= 0).sum() <= seen.sum()
                 and changed[hand.statistics.rigid > 0.].any())
         if (np.array_equal(rival.rows, finding.rows) or not lead > 0. or poor
-                or rival.numbers[DISTANCE] > UNLIKELY * max(hand.statistics.typical, 1.)):
-            track.numbers[DOUBT] = max(track.numbers[DOUBT] - RIVAL_MARGIN * elapsed / RIVAL_TIME,
+                or rival.distance[0] > UNLIKELY * max(hand.statistics.typical, 1.)):
+            track.doubt[0] = max(track.doubt[0] - RIVAL_MARGIN * elapsed / RIVAL_TIME,
                                        0.)
             if not changed.any() or lead < 0.:
                 track.trusted_for[seen] += elapsed
             return
         trust = min(_trust(track, rival) / TRUST_TIME, 1.)
         margin = SHAKEN_MARGIN if shaken else RIVAL_MARGIN + (TRUSTED_MARGIN - RIVAL_MARGIN) * trust
-        track.numbers[DOUBT] = min(track.numbers[DOUBT] + lead * elapsed / RIVAL_TIME,
+        track.doubt[0] = min(track.doubt[0] + lead * elapsed / RIVAL_TIME,
                                    RIVAL_TIMES * lead)
-        if track.numbers[DOUBT] >= margin or (shaken and lead >= margin):
+        if track.doubt[0] >= margin or (shaken and lead >= margin):
             free[finding.rows[finding.rows >= 0]] = True
-            for part, new in zip(finding, rival):
-                part[...] = new
+            copy_finding(rival, finding)
             free[rival.rows[rival.rows >= 0]] = False
             kernel(start_places)(hand.statistics, points, track)
-            track.numbers[DOUBT] = hand.shaken_for = 0.
+            track.doubt[0] = hand.shaken_for = 0.
             track.trusted_for[changed] = track.trusted_for[:, changed] = 0.
 
     def _search(self, points: np.ndarray, free: np.ndarray) -> None:
@@ -363,7 +361,7 @@ class CloudLabeller:
             tried = self._find(hand, points, own, hand.first, found, by_pairs=hand.by_pairs)
             hand.first = (hand.first + tried) % len(points)
             hand.searched += tried
-            if found.numbers[COST] < (hand.track.finding.numbers[COST]
+            if found.cost[0] < (hand.track.finding.cost[0]
                                       if hand.track is not None else np.inf):
                 hand.track = begin_track(hand.statistics, found, points)
         for hand in missing:
@@ -392,7 +390,7 @@ class CloudLabeller:
                   and other.track is not None
                   and np.isin(other.track.finding.rows, mine).any()
                   and (other.confirmed
-                       or other.track.finding.numbers[COST] < finding.numbers[COST])]
+                       or other.track.finding.cost[0] < finding.cost[0])]
         whole = palm_is_seen(hand.statistics, finding.rows)
         lead = self._mirrored_lead(hand, points, mine, not whole)
         hand.is_other_side = lead > MIRROR_MARGIN
@@ -411,7 +409,7 @@ class CloudLabeller:
         own[mine] = True
         found = blank_finding(hand.count)
         _search_points(hand.mirrored, points, own, 0, sys.maxsize, found, by_pairs)
-        return float(hand.track.finding.numbers[COST] - found.numbers[COST])
+        return float(hand.track.finding.cost[0] - found.cost[0])
 
     def label_frame(self, points: ArrayLike) -> CloudLabels:
         """Label the points of a single frame, without history and in as long as it takes.
@@ -434,14 +432,14 @@ class CloudLabeller:
             # Pairs where no three markers of the palm have placed it, by the points that are left.
             for by_pairs in (False, True):
                 for i in order:
-                    if found[i].numbers[COST] == np.inf:
+                    if found[i].cost[0] == np.inf:
                         found[i] = self._found_alone(self._hands[i], cloud, free, by_pairs)
                         free[found[i].rows[found[i].rows >= 0]] = False
-            total = sum(min(one.numbers[COST], 0.) for one in found)
+            total = sum(min(one.cost[0], 0.) for one in found)
             if total < least:
                 least, best = total, found
         return CloudLabels(tuple(one.rows for one in best),
-                           tuple(bool(one.numbers[COST] < np.inf) for one in best),
+                           tuple(bool(one.cost[0] < np.inf) for one in best),
                            tuple(False for _ in best))
 
     def _found_alone(self, hand: _Hand, points: np.ndarray, free: np.ndarray,

@@ -24,34 +24,45 @@ class PointHistory(NamedTuple):
 
     Attributes
     ----------
-    path : ndarray, shape (n, 8)
-        Time for which each is there, and since the present stretch of its path began [s]; where
-        that began [m], and the velocity in the stretch before, not a number in the first [m/s].
-    marks : ndarray, shape (n, M, 8)
-        As each marker: its cost when it came, infinite where the marker was not hidden; what
-        earlier stretches change in that; from where the marker was expected, in its palm's
-        frame, when the stretch began, and by how much that changed in the one before [m].
+    age : ndarray, shape (n,)
+        Time since each came [s].
+    stretch : ndarray, shape (n,)
+        Time since the present stretch of its path began [s].
+    came : ndarray, shape (n, 3)
+        Where the stretch began [m].
+    pace : ndarray, shape (n, 3)
+        Velocity in the stretch before; not a number in the first [m/s].
+    cost : ndarray, shape (n, M)
+        Of each as each marker when it came; infinite where the marker was not hidden.
+    motion : ndarray, shape (n, M)
+        What earlier stretches change in that.
+    offset : ndarray, shape (n, M, 3)
+        From where the marker was expected, in its palm's frame, when the stretch began [m].
+    shift : ndarray, shape (n, M, 3)
+        By how much that changed in the stretch before [m].
     taken : ndarray of bool, shape (n,)
         Whether a hand has it.
     """
 
-    path: np.ndarray
-    marks: np.ndarray
+    age: np.ndarray
+    stretch: np.ndarray
+    came: np.ndarray
+    pace: np.ndarray
+    cost: np.ndarray
+    motion: np.ndarray
+    offset: np.ndarray
+    shift: np.ndarray
     taken: np.ndarray
-
-
-THERE_FOR, STRETCHED, CAME, PACE = 0, 1, 2, 5
-PLACED, MOVED, OFFSET, SHIFT = 0, 1, 2, 5
 
 
 @labelling_jit
 def _new_history(count: int, markers: int) -> PointHistory:
     """Return the history of points that have just come."""
-    history = PointHistory(np.zeros((count, 8)), np.zeros((count, markers, 8)),
-                           np.zeros(count, dtype=np.bool_))
-    history.path[:, PACE:] = math.nan
-    history.marks[:, :, PLACED] = math.inf
-    return history
+    return PointHistory(
+        np.zeros(count), np.zeros(count), np.zeros((count, 3)), np.full((count, 3), math.nan),
+        np.full((count, markers), math.inf), np.zeros((count, markers)),
+        np.zeros((count, markers, 3)), np.zeros((count, markers, 3)),
+        np.zeros(count, dtype=np.bool_))
 
 
 class Clutter(NamedTuple):
@@ -103,8 +114,8 @@ def continue_clutter(clutter: Clutter, points: np.ndarray, step: float, before: 
     cost[:] = -math.inf
     leap = min(UNFORESEEN * step * step, FIRST_DEVIATION)
     old = clutter.history
-    for c in range(len(old.path)):
-        new = CLUTTER_SPEED * step if old.path[c, THERE_FOR] <= 0. else 0.
+    for c in range(len(old.age)):
+        new = CLUTTER_SPEED * step if old.age[c] <= 0. else 0.
         variance = CLUTTER_DEVIATION ** 2 + leap * leap + new * new
         peak = -SEEN_COST - 3. * math.log(variance)
         nearest, least = -1, 16. * variance
@@ -116,29 +127,32 @@ def continue_clutter(clutter: Clutter, points: np.ndarray, step: float, before: 
                 nearest, least = j, off
         if nearest >= 0:
             value = min(peak - least / variance, CLUTTER_COST)
-            value *= min((old.path[c, THERE_FOR] + step) / CLUTTER_AGE, 1.)
+            value *= min((old.age[c] + step) / CLUTTER_AGE, 1.)
             if value > cost[nearest]:
                 before[nearest], cost[nearest] = c, value
-    history = _new_history(len(points), old.marks.shape[1])
+    history = _new_history(len(points), old.cost.shape[1])
     for j in range(len(points)):
         c = before[j]
         if c >= 0:
             _copy_history(old, c, history, j)
-            history.path[j, THERE_FOR] += step
-            history.path[j, STRETCHED] += step
+            history.age[j] += step
+            history.stretch[j] += step
         else:
-            history.path[j, CAME:PACE] = points[j]
+            history.came[j] = points[j]
     return history
 
 
 @labelling_jit
 def _copy_history(source: PointHistory, row: int, target: PointHistory, to: int) -> None:
     """Copy the history of a point."""
-    for k in range(source.path.shape[1]):
-        target.path[to, k] = source.path[row, k]
-    for i in range(source.marks.shape[1]):
-        for k in range(source.marks.shape[2]):
-            target.marks[to, i, k] = source.marks[row, i, k]
+    target.age[to], target.stretch[to] = source.age[row], source.stretch[row]
+    for k in range(3):
+        target.came[to, k], target.pace[to, k] = source.came[row, k], source.pace[row, k]
+    for i in range(source.cost.shape[1]):
+        target.cost[to, i], target.motion[to, i] = source.cost[row, i], source.motion[row, i]
+        for k in range(3):
+            target.offset[to, i, k] = source.offset[row, i, k]
+            target.shift[to, i, k] = source.shift[row, i, k]
 
 
 @labelling_jit
@@ -163,7 +177,7 @@ def remember_clutter(clutter: Clutter, points: np.ndarray, free: np.ndarray, bef
     for j in range(len(points)):
         count += 1 if free[j] else 0
     found = Clutter(np.empty((count, 3)), np.zeros((count, 3)),
-                    _new_history(count, history.marks.shape[1]))
+                    _new_history(count, history.cost.shape[1]))
     n = 0
     for j in range(len(points)):
         if not free[j]:
@@ -173,17 +187,17 @@ def remember_clutter(clutter: Clutter, points: np.ndarray, free: np.ndarray, bef
             found.place[n, k] = points[j, k]
             if c >= 0 and step > 0.:
                 speed = (points[j, k] - clutter.place[c, k]) / step
-                found.speed[n, k] = speed if clutter.history.path[c, THERE_FOR] <= 0. else (
+                found.speed[n, k] = speed if clutter.history.age[c] <= 0. else (
                     .5 * (speed + clutter.speed[c, k]))
-            elif history.path[j, STRETCHED] > 0.:
+            elif history.stretch[j] > 0.:
                 found.speed[n, k] = (
-                    points[j, k] - history.path[j, CAME + k]) / history.path[j, STRETCHED]
+                    points[j, k] - history.came[j, k]) / history.stretch[j]
         _copy_history(history, j, found.history, n)
-        if history.path[j, STRETCHED] >= STRETCH:
+        if history.stretch[j] >= STRETCH:
             for k in range(3):
-                found.history.path[n, PACE + k] = (
-                    points[j, k] - history.path[j, CAME + k]) / history.path[j, STRETCHED]
-                found.history.path[n, CAME + k] = points[j, k]
-            found.history.path[n, STRETCHED] = 0.
+                found.history.pace[n, k] = (
+                    points[j, k] - history.came[j, k]) / history.stretch[j]
+                found.history.came[n, k] = points[j, k]
+            found.history.stretch[n] = 0.
         n += 1
     return found

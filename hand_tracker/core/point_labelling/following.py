@@ -13,11 +13,8 @@ from ..numerics.jit import labelling_jit
 from ..numerics.rigid_fit import fit_rigid
 from .clutter import PointHistory
 from .hand_track import (
-    AGE,
-    ASTRAY,
     BIRTHS,
     CLUTTER_RANGE,
-    COMING,
     HandTrack,
     coming_cost,
     place_again,
@@ -25,14 +22,13 @@ from .hand_track import (
 )
 from .pair_search import place_by_all
 from .palm_search import (
-    COST,
-    DISTANCE,
-    SIZE,
     Finding,
+    blank_finding,
     copy_finding,
+    count_seen_palm,
     refine_palm,
-    size_cost,
     to_palm_frame,
+    write_cost,
 )
 from .posture import (
     CLUTTER_DENSITY,
@@ -41,13 +37,14 @@ from .posture import (
     contradiction,
     exchange_labels,
     label_costs,
+    posture_cost,
     posture_distance,
     reset_matrix,
-    tail_cost,
 )
 from .prototypes import Prototype
 from .returns import (
     RETURN_COST,
+    PalmPoints,
     begin_return,
     best_return,
     give_up,
@@ -107,14 +104,14 @@ def match_costs(prototype: Prototype, track: HandTrack, points: np.ndarray, ids:
     """
     come = coming_cost(track)
     finding = track.finding
-    local = np.empty((len(points), 3))
-    to_palm_frame(points, finding.rotation, finding.position, finding.numbers[SIZE], local)
+    seen = PalmPoints(points, np.empty((len(points), 3)), history, first)
+    to_palm_frame(points, finding.rotation, finding.position, finding.size[0], seen.local)
     for i in range(len(cost)):
         hidden = track.hidden_for[i] > 0.
         variance = track.deviation[i] ** 2
         for j in range(len(points)):
             if hidden and prototype.rigid[i] <= 0.:
-                value = come + return_cost(track, i, local, points, j, history, first)
+                value = come + return_cost(track, i, seen, j)
             else:
                 off = ((points[j, 0] - track.place[i, 0]) ** 2
                        + (points[j, 1] - track.place[i, 1]) ** 2
@@ -142,7 +139,7 @@ def _palm_gap(prototype: Prototype, track: HandTrack, seen: int, marker: int,
     for k in range(3):
         rest += (prototype.template[seen, k] - prototype.template[marker, k]) ** 2
         here += (track.place[seen, k] - point[k]) ** 2
-    return math.sqrt(here) - track.finding.numbers[SIZE] * math.sqrt(rest)
+    return math.sqrt(here) - track.finding.size[0] * math.sqrt(rest)
 
 
 @labelling_jit
@@ -176,7 +173,7 @@ def circle_cost(prototype: Prototype, track: HandTrack, marker: int,
             count += 1
     if count != 2:
         return math.inf
-    size, total = track.finding.numbers[SIZE], 0.
+    size, total = track.finding.size[0], 0.
     axis, arm = np.empty(3), np.empty(3)
     length, along, across = 0., 0., 0.
     for k in range(3):
@@ -200,12 +197,10 @@ def place_palm_by(prototype: Prototype, track: HandTrack, points: np.ndarray,
                   rows: np.ndarray) -> None:
     """Place the palm by the points of its markers, and by the others where these are hidden."""
     count = len(rows)
-    seen = 0
-    for i in range(count):
-        seen += 1 if rows[i] >= 0 and prototype.rigid[i] > 0. else 0
+    seen = count_seen_palm(prototype, rows)
     weights, there = np.zeros(count), np.empty((count, 3))
     rest = np.empty((count, 3))
-    size = track.finding.numbers[SIZE]
+    size = track.finding.size[0]
     for i in range(count):
         rigid = prototype.rigid[i] > 0.
         if rows[i] >= 0:
@@ -242,19 +237,16 @@ def settle_palm(prototype: Prototype, track: HandTrack, points: np.ndarray, rows
     step : float
         Time since the last frame [s].
     """
-    count, seen, same = len(rows), 0, True
-    for i in range(count):
-        seen += 1 if rows[i] >= 0 and prototype.rigid[i] > 0. else 0
-        same = same and (rows[i] >= 0) == (track.hidden_for[i] <= 0.)
-    if seen >= 3:
+    count, same = len(rows), _same_are_seen(track, rows)
+    if count_seen_palm(prototype, rows) >= 3:
         track.palm_offset[:] = np.nan
         return
     placed = track.finding
-    guess = Finding(rows.copy(), np.empty((3, 3)), np.empty(3), np.empty(3))
+    guess = blank_finding(count)
     copy_finding(placed, guess)
     guess.rows[:] = rows
     place_by_all(prototype, points, guess)
-    size = guess.numbers[SIZE]
+    size = guess.size[0]
     weights, there, rest = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3))
     home = np.empty(3)
     for i in range(count):
@@ -265,7 +257,7 @@ def settle_palm(prototype: Prototype, track: HandTrack, points: np.ndarray, rows
         weights[i] = 1. if rows[i] >= 0 else WEAK
         for k in range(3):
             home[k] = prototype.template[i, k] + (track.palm_offset[i, k] if known else 0.)
-            rest[i, k] = placed.numbers[SIZE] * prototype.template[i, k]
+            rest[i, k] = placed.size[0] * prototype.template[i, k]
         for k in range(3):
             there[i, k] = points[rows[i], k] if rows[i] >= 0 else guess.position[k] + size * (
                 guess.rotation[k, 0] * home[0] + guess.rotation[k, 1] * home[1]
@@ -297,6 +289,15 @@ def palm_changes(prototype: Prototype, track: HandTrack, rows: np.ndarray) -> bo
 
 
 @labelling_jit
+def _same_are_seen(track: HandTrack, rows: np.ndarray) -> bool:
+    """Return whether the same markers are seen as in the last frame."""
+    same = True
+    for i in range(len(rows)):
+        same = same and (rows[i] >= 0) == (track.hidden_for[i] <= 0.)
+    return same
+
+
+@labelling_jit
 def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, rows: np.ndarray,
                  last: np.ndarray, step: float, history: PointHistory, first: int) -> None:
     """Update a hand by the points that its markers got.
@@ -320,99 +321,153 @@ def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, row
         Of the hand's markers among those of all hands.
     """
     finding, count = track.finding, len(rows)
-    begins = track.numbers[AGE] <= 0.
-    whole = True
-    for i in range(count):
-        whole = whole and (rows[i] >= 0 or prototype.rigid[i] <= 0.)
-    gain = 1. if begins else SPEED_GAIN if whole else WEAK_SPEED_GAIN
     # Where a palm that was roughly placed comes back, it has not moved there.
     replaced = palm_changes(prototype, track, rows)
     if step > 0. and not replaced:
-        spin = _rotation_vector(last, finding.rotation)
-        for k in range(3):
-            speed = (finding.position[k] - last[3, k]) / step
-            track.motion[0, k] += gain * (speed - track.motion[0, k])
-            track.motion[1, k] += gain * (spin[k] / step - track.motion[1, k])
-    local = np.empty((len(points), 3))
-    to_palm_frame(points, finding.rotation, finding.position, finding.numbers[SIZE], local)
+        _follow_motion(prototype, track, rows, last, step)
+    seen_points = PalmPoints(points, np.empty((len(points), 3)), history, first)
+    local = seen_points.local
+    to_palm_frame(points, finding.rotation, finding.position, finding.size[0], local)
     if replaced:
         # What was predicted stays where it was.
-        to_palm_frame(track.place, finding.rotation, finding.position, finding.numbers[SIZE],
+        to_palm_frame(track.place, finding.rotation, finding.position, finding.size[0],
                       track.local)
-    note_arrivals(prototype, track, local, points, history, first)
+    note_arrivals(prototype, track, seen_points)
+    finding.rows[:] = rows
     matrix = np.empty((3 * count, 3 * count))
     constant, hidden = reset_matrix(prototype, rows, matrix)
     residual, gradient = np.empty(3 * count), np.empty(3 * count)
     distance = posture_distance(matrix, prototype.template, local, rows, residual, gradient)
-    seen = count - hidden
-    finding.numbers[COST] = (constant + tail_cost(distance, 3 * seen) + hidden * HIDDEN_COST
-                             + size_cost(prototype, finding.numbers[SIZE]))
-    finding.numbers[DISTANCE] = distance / (3. * max(seen, 1))
-    same = True  # markers seen as in the last frame
-    for i in range(count):
-        same = same and (rows[i] >= 0) == (track.hidden_for[i] <= 0.)
-    come = coming_cost(track)
+    write_cost(prototype, finding, posture_cost(constant, distance, count - hidden, hidden),
+               distance)
+    same = _same_are_seen(track, rows)
     given_up = np.zeros(count, dtype=np.bool_)
-    relaxed = min(step / RELAXATION_TIME, 1.)
     for i in range(count):
-        finding.rows[i] = rows[i]
         if rows[i] < 0:
-            track.hidden_for[i] += step
-            spread = 0.
-            for k in range(3):
-                expected = prototype.template[i, k] - gradient[3 * i + k]
-                before = track.expected[i, k]
-                # It takes part in the moves of the others, and in the end is where they expect it.
-                if same and before == before:
-                    track.local[i, k] += expected - before
-                track.expected[i, k] = expected
-                spread -= matrix[3 * i + k, 3 * i + k] / 3.  # the negative covariance, swept
-                track.drift[i, k] *= math.exp(-step / DRIFT_TIME)
-                track.local[i, k] += relaxed * (expected - track.local[i, k])
-            track.spread[i] = spread
-            track.suspected_for[i] = 0.
+            _carry_hidden(prototype, track, i, matrix, gradient, same, step)
             continue
-        known = track.hidden_for[i] <= 0.
-        if not known:
-            begin_return(track, i, local[rows[i]], history, rows[i], first)
-        elif track.returns.age[i] < math.inf:
-            present = come + present_cost(
-                track, i, local, points, rows[i], matrix, gradient, same, step)
-            other = come + best_return(track, i, local, points, history, first)
-            given_up[i] = present > RETURN_DOUBT or (
-                other < min(present - RETURN_LEAD, 0.))
-            if track.returns.age[i] > JUDGED_TIME:
-                track.returns.age[i] = math.inf
-        off = 0.
-        for k in range(3):
-            if known:
-                off += (points[rows[i], k] - track.place[i, k]) ** 2
-                if step > 0. and not replaced:
-                    track.drift[i, k] += DRIFT_GAIN * (
-                        local[rows[i], k] - track.local[i, k]) / step
-            else:
-                track.drift[i, k] = 0.
-            track.local[i, k] = local[rows[i], k]
-            if track.returns.age[i] == math.inf:
-                track.expected[i, k] = np.nan
-        if known and not begins:
-            error = min(max(math.sqrt(off), LEAST_POINT_DEVIATION), GREATEST_DEVIATION)
-            rate = 1. if error > track.error[i] else DEVIATION_GAIN
-            track.error[i] += rate * (error - track.error[i])
-        track.hidden_for[i] = 0.
-        if contradiction(matrix, gradient, i, distance, seen) > CONTRADICTION:
-            track.suspected_for[i] += step
-        else:
-            track.suspected_for[i] = 0.
+        given_up[i] = _judge_return(
+            track, i, seen_points, rows[i], matrix, gradient, same, step)
+        _correct_marker(track, i, seen_points, rows[i], replaced, step)
+        contradicted = contradiction(
+            matrix, gradient, i, distance, count - hidden) > CONTRADICTION
+        track.suspected_for[i] = track.suspected_for[i] + step if contradicted else 0.
     for i in range(count):
         if given_up[i] and track.returns.age[i] < math.inf:
-            give_up(track, i, history, rows[i], first)
+            give_up(track, i, seen_points, rows[i])
     # A rare pose is still a hand's while it costs less than points of no hand.
-    astray = (finding.numbers[DISTANCE] > ASTRAY_DISTANCE * max(prototype.typical, 1.)
-              and finding.numbers[COST] > 0.
-              or seen < max(3., LEAST_FOLLOWED * count))
-    track.numbers[ASTRAY] = track.numbers[ASTRAY] + step if astray else 0.
-    track.numbers[AGE] += step
+    astray = (finding.distance[0] > ASTRAY_DISTANCE * max(prototype.typical, 1.)
+              and finding.cost[0] > 0.
+              or count - hidden < max(3., LEAST_FOLLOWED * count))
+    track.astray_for[0] = track.astray_for[0] + step if astray else 0.
+    track.age[0] += step
+
+
+@labelling_jit
+def _follow_motion(prototype: Prototype, track: HandTrack, rows: np.ndarray, last: np.ndarray,
+                   step: float) -> None:
+    """Correct the palm's velocities by its move since the last frame, as of `correct_hand`."""
+    whole = True
+    for i in range(len(rows)):
+        whole = whole and (rows[i] >= 0 or prototype.rigid[i] <= 0.)
+    gain = 1. if track.age[0] <= 0. else SPEED_GAIN if whole else WEAK_SPEED_GAIN
+    spin = _rotation_vector(last, track.finding.rotation)
+    for k in range(3):
+        speed = (track.finding.position[k] - last[3, k]) / step
+        track.motion[0, k] += gain * (speed - track.motion[0, k])
+        track.motion[1, k] += gain * (spin[k] / step - track.motion[1, k])
+
+
+@labelling_jit
+def _carry_hidden(prototype: Prototype, track: HandTrack, i: int, matrix: np.ndarray,
+                  gradient: np.ndarray, same: bool, step: float) -> None:
+    """Carry a hidden marker on with those that are seen.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    track : HandTrack
+    i : int
+        Of the marker.
+    matrix, gradient
+        As for `posture_distance`.
+    same : bool
+        Whether the same markers are seen as in the last frame.
+    step : float
+        Time since then [s].
+    """
+    relaxed = min(step / RELAXATION_TIME, 1.)
+    track.hidden_for[i] += step
+    spread = 0.
+    for k in range(3):
+        expected = prototype.template[i, k] - gradient[3 * i + k]
+        before = track.expected[i, k]
+        # It takes part in the moves of the others, and in the end is where they expect it.
+        if same and before == before:
+            track.local[i, k] += expected - before
+        track.expected[i, k] = expected
+        spread -= matrix[3 * i + k, 3 * i + k] / 3.  # the negative covariance, swept
+        track.drift[i, k] *= math.exp(-step / DRIFT_TIME)
+        track.local[i, k] += relaxed * (expected - track.local[i, k])
+    track.spread[i] = spread
+    track.suspected_for[i] = 0.
+
+
+@labelling_jit
+def _judge_return(track: HandTrack, i: int, seen: PalmPoints, row: int, matrix: np.ndarray,
+                  gradient: np.ndarray, same: bool, step: float) -> bool:
+    """Judge a marker that has come back; return whether its point is hardly it.
+
+    Parameters are those of `returns.present_cost`.
+    """
+    if track.hidden_for[i] > 0.:
+        begin_return(track, i, seen, row)
+        return False
+    if not track.returns.age[i] < math.inf:
+        return False
+    come = coming_cost(track)
+    present = come + present_cost(track, i, seen, row, matrix, gradient, same, step)
+    other = come + best_return(track, i, seen)
+    if track.returns.age[i] > JUDGED_TIME:
+        track.returns.age[i] = math.inf
+    return present > RETURN_DOUBT or other < min(present - RETURN_LEAD, 0.)
+
+
+@labelling_jit
+def _correct_marker(track: HandTrack, i: int, seen: PalmPoints, row: int, replaced: bool,
+                    step: float) -> None:
+    """Correct place, speed and error of a seen marker by its point.
+
+    Parameters
+    ----------
+    track : HandTrack
+    i : int
+        Of the marker.
+    seen : PalmPoints
+    row : int
+        Of its point.
+    replaced : bool
+        Whether other markers of the palm are seen than in the last frame.
+    step : float
+        Time since then [s].
+    """
+    known = track.hidden_for[i] <= 0.
+    off = 0.
+    for k in range(3):
+        if known:
+            off += (seen.points[row, k] - track.place[i, k]) ** 2
+            if step > 0. and not replaced:
+                track.drift[i, k] += DRIFT_GAIN * (seen.local[row, k] - track.local[i, k]) / step
+        else:
+            track.drift[i, k] = 0.
+        track.local[i, k] = seen.local[row, k]
+        if track.returns.age[i] == math.inf:
+            track.expected[i, k] = np.nan
+    if known and track.age[0] > 0.:
+        error = min(max(math.sqrt(off), LEAST_POINT_DEVIATION), GREATEST_DEVIATION)
+        rate = 1. if error > track.error[i] else DEVIATION_GAIN
+        track.error[i] += rate * (error - track.error[i])
+    track.hidden_for[i] = 0.
 
 
 @labelling_jit
@@ -451,15 +506,13 @@ def relabel(prototype: Prototype, track: HandTrack, points: np.ndarray, free: np
     copy_finding(track.finding, exchanged)
     local = np.empty((len(points), 3))
     cost = np.empty((count, len(points)))
-    to_palm_frame(points, anew.rotation, anew.position, anew.numbers[SIZE], local)
+    to_palm_frame(points, anew.rotation, anew.position, anew.size[0], local)
     matrix = np.empty((3 * count, 3 * count))
     constant, hidden, distance = exchange_labels(
         prototype, local, np.zeros(len(points), dtype=np.bool_), exchanged.rows, matrix,
         np.empty(3 * count), np.empty(3 * count))
-    seen = count - hidden
-    exchanged.numbers[COST] = (constant + tail_cost(distance, 3 * seen) + hidden * HIDDEN_COST
-                               + size_cost(prototype, exchanged.numbers[SIZE]))
-    exchanged.numbers[DISTANCE] = distance / (3. * max(seen, 1))
+    write_cost(prototype, exchanged,
+               posture_cost(constant, distance, count - hidden, hidden), distance)
     label_costs(prototype, local, free, cost)
     assign_rows(cost, HIDDEN_COST, anew.rows)
     refine_palm(prototype, points, free, anew)
@@ -576,5 +629,5 @@ def follow_hands(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
             for k in range(3):
                 near = near and abs(points[j, k] - track.finding.position[k]) < CLUTTER_RANGE
             coming += 1. if near else 0.
-        track.numbers[COMING] += min(step / CLUTTER_TIME, 1.) * (coming - track.numbers[COMING])
-        track.numbers[COMING] = min(max(track.numbers[COMING], BIRTHS[0]), BIRTHS[2])
+        track.arrivals[0] += min(step / CLUTTER_TIME, 1.) * (coming - track.arrivals[0])
+        track.arrivals[0] = min(max(track.arrivals[0], BIRTHS[0]), BIRTHS[2])

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..numerics.jit import labelling_jit, loaded_or_plain
 from .clutter import FIRST_DEVIATION, UNFORESEEN
-from .palm_search import SIZE, Finding, to_palm_frame
+from .palm_search import Finding, to_palm_frame
 from .posture import CLUTTER_DENSITY, hidden_places, reset_matrix
 from .prototypes import Prototype
 
@@ -93,9 +93,14 @@ class HandTrack(NamedTuple):
     palm_offset : ndarray, shape (M, 3)
         Of each hidden marker of the palm from where all seen markers together place it, in the
         palm's frame; not a number where that is not known [m].
-    numbers : ndarray, shape (4,)
-        By how much another labelling has been better [variances]; time for which the posture has
-        been no hand's, and since the start [s]; points near the hand that come in a frame.
+    doubt : ndarray, shape (1,)
+        By how much another labelling has been better [variances].
+    astray_for : ndarray, shape (1,)
+        Time for which the posture has been no hand's [s].
+    age : ndarray, shape (1,)
+        Time since the start [s].
+    arrivals : ndarray, shape (1,)
+        Points near the hand that come in a frame.
     """
 
     finding: Finding
@@ -113,10 +118,10 @@ class HandTrack(NamedTuple):
     ids: np.ndarray
     returns: Returns
     palm_offset: np.ndarray
-    numbers: np.ndarray
-
-
-DOUBT, ASTRAY, AGE, COMING = range(4)
+    doubt: np.ndarray
+    astray_for: np.ndarray
+    age: np.ndarray
+    arrivals: np.ndarray
 
 
 def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> HandTrack:
@@ -131,7 +136,8 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
         Returns(np.full(count, np.inf), np.zeros(count), np.zeros(count), np.zeros(count),
                 np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((2, count, 3)),
                 np.zeros((count, 3)), np.zeros(count)),
-        np.full((count, 3), np.nan), np.array((0., 0., 0., BIRTHS[1])))
+        np.full((count, 3), np.nan), np.zeros(1), np.zeros(1), np.zeros(1),
+        np.full(1, BIRTHS[1]))
     loaded_or_plain(start_places)(prototype, points, track)
     return track
 
@@ -142,7 +148,7 @@ def start_places(prototype: Prototype, points: np.ndarray, track: HandTrack) -> 
     rows = track.finding.rows
     local = np.empty((len(points), 3))
     to_palm_frame(points, track.finding.rotation, track.finding.position,
-                  track.finding.numbers[SIZE], local)
+                  track.finding.size[0], local)
     expected = np.empty((len(rows), 3))
     matrix = np.empty((3 * len(rows), 3 * len(rows)))
     reset_matrix(prototype, rows, matrix)
@@ -195,7 +201,7 @@ def predict_hand(prototype: Prototype, track: HandTrack, step: float) -> None:
 def place_again(track: HandTrack) -> None:
     """Write the places of the markers in the frame of the points."""
     finding = track.finding
-    size, rotation = finding.numbers[SIZE], finding.rotation
+    size, rotation = finding.size[0], finding.rotation
     for i in range(len(track.place)):
         for k in range(3):
             track.place[i, k] = finding.position[k] + size * (
@@ -206,4 +212,4 @@ def place_again(track: HandTrack) -> None:
 @labelling_jit
 def coming_cost(track: HandTrack) -> float:
     """Return the cost of taking a point that has just come, relative to `CLUTTER_DENSITY`."""
-    return 2. * math.log(track.numbers[COMING] / (8. * CLUTTER_RANGE ** 3 * CLUTTER_DENSITY))
+    return 2. * math.log(track.arrivals[0] / (8. * CLUTTER_RANGE ** 3 * CLUTTER_DENSITY))

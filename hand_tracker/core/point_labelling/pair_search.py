@@ -12,18 +12,16 @@ from ..numerics.assignment import assign_rows
 from ..numerics.jit import labelling_jit
 from .hand_track import turn_rotation
 from .palm_search import (
-    COST,
-    DISTANCE,
-    LEAST_SHARE,
-    SIZE,
     Candidates,
     Finding,
+    blank_finding,
     chain_palm,
     copy_finding,
+    drop_sparse,
     insert_candidate,
     quick_cost,
-    size_cost,
     to_palm_frame,
+    write_cost,
 )
 from .posture import (
     HIDDEN_COST,
@@ -155,22 +153,22 @@ def label_pairs(prototype: Prototype, points: np.ndarray, free: np.ndarray,
     Parameters are those of `label_candidates`.
     """
     count = len(prototype.template)
-    found = Finding(np.empty(count, dtype=np.int64), np.empty((3, 3)), np.empty(3), np.empty(3))
+    found = blank_finding(count)
     local, cost = np.empty((len(points), 3)), np.empty((count, len(points)))
     improved = False
     for n in range(len(candidates.cost)):
         if candidates.cost[n] == math.inf:
             break
         corners = candidates.corners[n]
-        found.numbers[SIZE] = place_by_pair(
+        found.size[0] = place_by_pair(
             prototype, points, corners[0], corners[1], corners[2], corners[3], found.rotation,
             found.position)
-        to_palm_frame(points, found.rotation, found.position, found.numbers[SIZE], local)
+        to_palm_frame(points, found.rotation, found.position, found.size[0], local)
         label_costs(prototype, local, free, cost)
         assign_rows(cost, HIDDEN_COST, found.rows)
         for _ in range(LABELLING_ROUNDS):
             _relabel_placed(prototype, points, free, found)
-        if found.numbers[COST] < finding.numbers[COST]:
+        if found.cost[0] < finding.cost[0]:
             copy_finding(found, finding)
             improved = True
     if improved:
@@ -184,14 +182,10 @@ def _relabel_placed(prototype: Prototype, points: np.ndarray, free: np.ndarray,
     count = len(prototype.template)
     local, matrix = np.empty((len(points), 3)), np.empty((3 * count, 3 * count))
     place_by_all(prototype, points, found)
-    to_palm_frame(points, found.rotation, found.position, found.numbers[SIZE], local)
-    total, distance = complete_labels(prototype, local, free, found.rows, matrix)
-    seen = 0
-    for i in range(count):
-        seen += 1 if found.rows[i] >= 0 else 0
-    found.numbers[COST] = math.inf if seen < LEAST_SHARE * count else (
-        total + size_cost(prototype, found.numbers[SIZE]))
-    found.numbers[DISTANCE] = distance / (3. * max(seen, 1))
+    to_palm_frame(points, found.rotation, found.position, found.size[0], local)
+    cost, distance = complete_labels(prototype, local, free, found.rows, matrix)
+    write_cost(prototype, found, cost, distance)
+    drop_sparse(found)
 
 
 @labelling_jit
@@ -215,7 +209,7 @@ def place_by_all(prototype: Prototype, points: np.ndarray, found: Finding) -> No
     half = .5 * (prototype.sizes[1] - prototype.sizes[0])
     reset_matrix(prototype, found.rows, matrix)
     for _ in range(PLACING_ROUNDS):
-        size = found.numbers[SIZE]
+        size = found.size[0]
         to_palm_frame(points, found.rotation, found.position, size, local)
         posture_distance(matrix, prototype.template, local, found.rows, residual, gradient)
         slope[:] = 0.
@@ -254,5 +248,5 @@ def place_by_all(prototype: Prototype, points: np.ndarray, found: Finding) -> No
                 found.position[m] += size * found.rotation[m, k] * normal[3 + k, 7]
                 spin[m] += found.rotation[m, k] * normal[k, 7]
         turn_rotation(found.rotation, spin[0], spin[1], spin[2])
-        found.numbers[SIZE] = min(max(size * (1. + normal[6, 7]), prototype.sizes[0]),
+        found.size[0] = min(max(size * (1. + normal[6, 7]), prototype.sizes[0]),
                                   prototype.sizes[1])

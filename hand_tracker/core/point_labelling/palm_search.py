@@ -18,6 +18,7 @@ from .posture import (
     SEEN_COST,
     chain_labels,
     complete_labels,
+    count_seen,
     label_costs,
     quadratic,
 )
@@ -54,18 +55,20 @@ class Finding(NamedTuple):
         From the palm's frame to that of the points.
     position : ndarray, shape (3,)
         Origin of the palm's frame [m].
-    numbers : ndarray, shape (3,)
-        Size of the palm relative to the prototype's, cost, and squared Mahalanobis distance per
-        coordinate.
+    size : ndarray, shape (1,)
+        Of the palm relative to the prototype's.
+    cost : ndarray, shape (1,)
+        Infinite where nothing is found [variances].
+    distance : ndarray, shape (1,)
+        Squared Mahalanobis distance per coordinate.
     """
 
     rows: np.ndarray
     rotation: np.ndarray
     position: np.ndarray
-    numbers: np.ndarray
-
-
-SIZE, COST, DISTANCE = range(3)
+    size: np.ndarray
+    cost: np.ndarray
+    distance: np.ndarray
 
 
 def blank_candidates() -> Candidates:
@@ -73,9 +76,11 @@ def blank_candidates() -> Candidates:
     return Candidates(np.zeros((CANDIDATES, 4), dtype=np.int64), np.full(CANDIDATES, np.inf))
 
 
+@labelling_jit
 def blank_finding(count: int) -> Finding:
     """Return the `Finding` of nothing, for `count` markers."""
-    return Finding(np.full(count, -1), np.eye(3), np.zeros(3), np.array((1., np.inf, np.inf)))
+    return Finding(np.full(count, -1), np.eye(3), np.zeros(3), np.ones(1),
+                   np.full(1, math.inf), np.full(1, math.inf))
 
 
 @labelling_jit
@@ -251,13 +256,13 @@ def label_candidates(prototype: Prototype, points: np.ndarray, free: np.ndarray,
     count = len(prototype.template)
     rest, corners = np.empty((3, 3)), np.empty((3, 3))
     weights = np.ones(3)
-    found = Finding(np.empty(count, dtype=np.int64), np.empty((3, 3)), np.empty(3), np.empty(3))
+    found = blank_finding(count)
     improved = False
     for n in range(len(candidates.cost)):
         if candidates.cost[n] == math.inf:
             break
         base = prototype.bases[candidates.corners[n, 0]]
-        same = finding.numbers[COST] < math.inf
+        same = finding.cost[0] < math.inf
         for i in range(3):
             same = same and finding.rows[base[i]] == candidates.corners[n, 1 + i]
         if same:
@@ -268,9 +273,9 @@ def label_candidates(prototype: Prototype, points: np.ndarray, free: np.ndarray,
                 corners[i, k] = points[candidates.corners[n, 1 + i], k]
         size = fit_rigid(rest, corners, weights, found.rotation, found.position)
         _scaled_origin(rest, corners, size, found.rotation, found.position)
-        found.numbers[SIZE] = size
+        found.size[0] = size
         label_palm(prototype, points, free, found)
-        if found.numbers[COST] < finding.numbers[COST]:
+        if found.cost[0] < finding.cost[0]:
             copy_finding(found, finding)
             improved = True
     if improved:
@@ -294,21 +299,27 @@ def label_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
     count = len(prototype.template)
     local = np.empty((len(points), 3))
     cost = np.empty((count, len(points)))
-    to_palm_frame(points, found.rotation, found.position, found.numbers[SIZE], local)
+    to_palm_frame(points, found.rotation, found.position, found.size[0], local)
     label_costs(prototype, local, free, cost)
     assign_rows(cost, HIDDEN_COST, found.rows)
     refine_palm(prototype, points, free, found)
     if not palm_is_seen(prototype, found.rows):
-        found.numbers[COST] = math.inf
+        found.cost[0] = math.inf
 
 
 @labelling_jit
 def palm_is_seen(prototype: Prototype, rows: np.ndarray) -> bool:
     """Return whether three markers of the palm are seen."""
+    return count_seen_palm(prototype, rows) >= 3
+
+
+@labelling_jit
+def count_seen_palm(prototype: Prototype, rows: np.ndarray) -> int:
+    """Return how many markers of the palm are seen."""
     seen = 0
     for i in range(len(rows)):
         seen += 1 if rows[i] >= 0 and prototype.rigid[i] > 0. else 0
-    return seen >= 3
+    return seen
 
 
 @labelling_jit
@@ -319,15 +330,11 @@ def refine_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
     local = np.empty((len(points), 3))
     matrix = np.empty((3 * count, 3 * count))
     place_by_palm(prototype, points, found.rows, found)
-    to_palm_frame(points, found.rotation, found.position, found.numbers[SIZE], local)
-    total, distance = complete_labels(prototype, local, free, found.rows, matrix)
-    total += size_cost(prototype, found.numbers[SIZE])
-    seen = 0
-    for i in range(count):
-        seen += 1 if found.rows[i] >= 0 else 0
+    to_palm_frame(points, found.rotation, found.position, found.size[0], local)
+    cost, distance = complete_labels(prototype, local, free, found.rows, matrix)
+    write_cost(prototype, found, cost, distance)
+    drop_sparse(found)
     place_by_palm(prototype, points, found.rows, found)
-    found.numbers[COST] = total if seen >= LEAST_SHARE * count else math.inf
-    found.numbers[DISTANCE] = distance / (3. * max(seen, 1))
 
 
 @labelling_jit
@@ -337,15 +344,15 @@ def chain_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
     count = len(prototype.template)
     local = np.empty((len(points), 3))
     matrix = np.empty((3 * count, 3 * count))
-    found = Finding(finding.rows.copy(), finding.rotation.copy(), finding.position.copy(),
-                    finding.numbers.copy())
+    found = blank_finding(count)
+    copy_finding(finding, found)
     for _ in range(CHAIN_ROUNDS):
-        to_palm_frame(points, found.rotation, found.position, found.numbers[SIZE], local)
-        cost = found.numbers[COST] - size_cost(prototype, found.numbers[SIZE])
+        to_palm_frame(points, found.rotation, found.position, found.size[0], local)
+        cost = found.cost[0] - size_cost(prototype, found.size[0])
         if not chain_labels(prototype, local, free, found.rows, matrix, cost):
             break
         refine_palm(prototype, points, free, found)
-        if not found.numbers[COST] < finding.numbers[COST]:
+        if not found.cost[0] < finding.cost[0]:
             break
         copy_finding(found, finding)
 
@@ -356,7 +363,31 @@ def copy_finding(source: Finding, target: Finding) -> None:
     target.rows[:] = source.rows
     target.rotation[:] = source.rotation
     target.position[:] = source.position
-    target.numbers[:] = source.numbers
+    target.size[0], target.cost[0] = source.size[0], source.cost[0]
+    target.distance[0] = source.distance[0]
+
+
+@labelling_jit
+def write_cost(prototype: Prototype, found: Finding, cost: float, distance: float) -> None:
+    """Write cost and distance of a labelled hand.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    found : Finding
+        With its labels and size; changed.
+    cost, distance : float
+        Of its posture: `posture_cost`, and squared Mahalanobis distance.
+    """
+    found.cost[0] = cost + size_cost(prototype, found.size[0])
+    found.distance[0] = distance / (3. * max(count_seen(found.rows), 1))
+
+
+@labelling_jit
+def drop_sparse(found: Finding) -> None:
+    """Make the cost of a hand infinite of which too few markers are seen."""
+    if count_seen(found.rows) < LEAST_SHARE * len(found.rows):
+        found.cost[0] = math.inf
 
 
 @labelling_jit
@@ -370,9 +401,7 @@ def size_cost(prototype: Prototype, size: float) -> float:
 def place_by_palm(prototype: Prototype, points: np.ndarray, rows: np.ndarray,
                   found: Finding) -> bool:
     """Place a palm by its seen rigid markers; return whether there were three of them."""
-    count = 0
-    for i in range(len(rows)):
-        count += 1 if rows[i] >= 0 and prototype.rigid[i] > 0. else 0
+    count = count_seen_palm(prototype, rows)
     if count < 3:
         return False
     rest, corners = np.empty((count, 3)), np.empty((count, 3))
@@ -388,5 +417,5 @@ def place_by_palm(prototype: Prototype, points: np.ndarray, rows: np.ndarray,
         return False
     size = min(max(size, prototype.sizes[0]), prototype.sizes[1])
     _scaled_origin(rest, corners, size, found.rotation, found.position)
-    found.numbers[SIZE] = size
+    found.size[0] = size
     return True

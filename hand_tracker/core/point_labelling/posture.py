@@ -106,6 +106,31 @@ def tail_cost(distance: float, dimensions: int) -> float:
 
 
 @labelling_jit
+def posture_cost(constant: float, distance: float, seen: int, hidden: int) -> float:
+    """Return the cost of a labelling.
+
+    Parameters
+    ----------
+    constant : float
+        Of the seen markers, by `reset_matrix`.
+    distance : float
+        Their squared Mahalanobis distance.
+    seen, hidden : int
+        Numbers of markers.
+    """
+    return constant + tail_cost(distance, 3 * seen) + hidden * HIDDEN_COST
+
+
+@labelling_jit
+def count_seen(rows: np.ndarray) -> int:
+    """Return how many markers have a point, of labels (M,)."""
+    seen = 0
+    for i in range(len(rows)):
+        seen += 1 if rows[i] >= 0 else 0
+    return seen
+
+
+@labelling_jit
 def label_costs(prototype: Prototype, local: np.ndarray, free: np.ndarray,
                 cost: np.ndarray) -> None:
     """Write the cost of each free point as each marker, by the marker alone, (M, n)."""
@@ -278,7 +303,7 @@ def complete_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray,
             rows[marker] = point
         constant, hidden, distance = exchange_labels(
             prototype, local, free, rows, matrix, residual, gradient)
-    return constant + tail_cost(distance, 3 * (count - hidden)) + hidden * HIDDEN_COST, distance
+    return posture_cost(constant, distance, count - hidden, hidden), distance
 
 
 @labelling_jit
@@ -419,9 +444,7 @@ def _best_handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray,
     Both are -1 where no such change lowers the cost.
     """
     giver, taker, least = -1, -1, -SMALLEST_GAIN
-    seen = 0
-    for i in range(len(rows)):
-        seen += 1 if rows[i] >= 0 else 0
+    seen = count_seen(rows)
     for i in range(len(rows)):
         if rows[i] >= 0:
             continue
@@ -438,9 +461,7 @@ def _best_handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray,
 def _best_giver(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, local: np.ndarray,
                 rows: np.ndarray, taker: int, moved: np.ndarray, distance: float) -> int:
     """Return the marker whose point a hidden one takes at the lowest cost, but those `moved`."""
-    giver, least, seen = -1, math.inf, 0
-    for i in range(len(rows)):
-        seen += 1 if rows[i] >= 0 else 0
+    giver, least, seen = -1, math.inf, count_seen(rows)
     for j in range(len(rows)):
         if rows[j] >= 0 and not moved[j]:
             change = _handover(matrix, mean, gradient, local[rows[j]], j, taker, distance, seen)
@@ -494,7 +515,7 @@ def chain_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray, rows
             if seen < 3:
                 break
             distance = posture_distance(matrix, mean, local, trial, residual, gradient)
-            total = constant + tail_cost(distance, 3 * seen) + hidden * HIDDEN_COST
+            total = posture_cost(constant, distance, seen, hidden)
             if total < least:
                 least, found = total, True
                 best[:] = trial

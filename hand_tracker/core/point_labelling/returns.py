@@ -5,23 +5,12 @@ or goes on evenly. So each is judged, stretch by stretch of its path, before and
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from ..numerics.jit import labelling_jit
-from .clutter import (
-    CAME,
-    CLUTTER_DEVIATION,
-    MOVED,
-    OFFSET,
-    PACE,
-    PLACED,
-    SHIFT,
-    STRETCH,
-    STRETCHED,
-    THERE_FOR,
-    PointHistory,
-)
+from .clutter import CLUTTER_DEVIATION, STRETCH, PointHistory
 from .hand_track import HIDDEN_DEVIATION, LONGEST_HIDDEN, HandTrack
 from .posture import SEEN_COST, block_inverse
 from .prototypes import Prototype
@@ -44,6 +33,24 @@ MOTION_MEMORY = .5          # share of that which is left after the next one; ou
 MOTION_GAIN = 8.            # that a stretch changes in its cost at most; ours
 
 
+class PalmPoints(NamedTuple):
+    """Points of a frame, also in the frame of a hand's palm.
+
+    Attributes
+    ----------
+    points, local : ndarray, shape (n, 3)
+        As seen, and in the palm's frame [m].
+    history : PointHistory
+    first : int
+        First of the hand's markers among those of all hands.
+    """
+
+    points: np.ndarray
+    local: np.ndarray
+    history: PointHistory
+    first: int
+
+
 @labelling_jit
 def hidden_tail(off: float, variance: float) -> float:
     """Return the cost of a squared distance from where a hidden marker is expected [m²]."""
@@ -51,8 +58,7 @@ def hidden_tail(off: float, variance: float) -> float:
 
 
 @labelling_jit
-def note_arrivals(prototype: Prototype, track: HandTrack, local: np.ndarray,
-                  points: np.ndarray, history: PointHistory, first: int) -> None:
+def note_arrivals(prototype: Prototype, track: HandTrack, seen: PalmPoints) -> None:
     """Record each new point's offset from the expected place of every hidden marker.
 
     Also of markers that are still judged: where they would be hidden, if they are none.
@@ -62,41 +68,36 @@ def note_arrivals(prototype: Prototype, track: HandTrack, local: np.ndarray,
     prototype : Prototype
     track : HandTrack
         With the places of hidden markers in this frame.
-    local, points : ndarray, shape (n, 3)
-        Points in the palm's frame and as seen [m].
-    history : PointHistory
-        Updated.
-    first : int
-        Of the hand's markers among those of all hands.
+    seen : PalmPoints
+        Their history is updated.
     """
+    local, history = seen.local, seen.history
     for i in range(len(track.hidden_for)):
         judged = track.hidden_for[i] <= 0. and track.returns.age[i] < math.inf
         if prototype.rigid[i] > 0. or not (judged or track.hidden_for[i] > 0.):
             continue
+        mark = seen.first + i
         for j in range(len(local)):
-            here = history.path[j, THERE_FOR] > 0.
-            new = not here or history.marks[j, first + i, PLACED] == math.inf
-            if not new and history.path[j, STRETCHED] < STRETCH:
+            here = history.age[j] > 0.
+            new = not here or history.cost[j, mark] == math.inf
+            if not new and history.stretch[j] < STRETCH:
                 continue
             if new:
-                history.marks[j, first + i, PLACED] = place_of_return(
+                history.cost[j, mark] = place_of_return(
                     track, i, local[j]) + (MISTAKEN_COST if here else 0.)
             else:
-                history.marks[j, first + i, MOVED] = MOTION_MEMORY * (
-                    history.marks[j, first + i, MOVED] + stretch_cost(
-                        track, i, local, points, j, history, first))
+                history.motion[j, mark] = MOTION_MEMORY * (
+                    history.motion[j, mark] + stretch_cost(track, i, seen, j))
             for k in range(3):
                 off = local[j, k] - track.local[i, k]
                 if judged:
                     off += track.returns.offset[1, i, k]
-                history.marks[j, first + i, SHIFT + k] = (
-                    0. if new else off - history.marks[j, first + i, OFFSET + k])
-                history.marks[j, first + i, OFFSET + k] = off
+                history.shift[j, mark, k] = 0. if new else off - history.offset[j, mark, k]
+                history.offset[j, mark, k] = off
 
 
 @labelling_jit
-def return_cost(track: HandTrack, i: int, local: np.ndarray, points: np.ndarray, row: int,
-                history: PointHistory, first: int) -> float:
+def return_cost(track: HandTrack, i: int, seen: PalmPoints, row: int) -> float:
     """Return the cost of a point as a marker that was hidden.
 
     Parameters
@@ -104,22 +105,18 @@ def return_cost(track: HandTrack, i: int, local: np.ndarray, points: np.ndarray,
     track : HandTrack
     i : int
         Of the marker, which is hidden, or still judged.
-    local, points : ndarray, shape (n, 3)
-        Points in the palm's frame and as seen [m].
+    seen : PalmPoints
     row : int
         Of the point.
-    history : PointHistory
-        Of the points.
-    first : int
-        Of the hand's markers among those of all hands.
     """
-    cost = place_of_return(track, i, local[row])
-    if history.path[row, THERE_FOR] <= 0.:
+    history, mark = seen.history, seen.first + i
+    cost = place_of_return(track, i, seen.local[row])
+    if history.age[row] <= 0.:
         return cost
-    if history.marks[row, first + i, PLACED] == math.inf:
+    if history.cost[row, mark] == math.inf:
         return cost + MISTAKEN_COST
-    return (max(cost, history.marks[row, first + i, PLACED]) + history.marks[row, first + i, MOVED]
-            + stretch_cost(track, i, local, points, row, history, first))
+    return (max(cost, history.cost[row, mark]) + history.motion[row, mark]
+            + stretch_cost(track, i, seen, row))
 
 
 @labelling_jit
@@ -145,25 +142,25 @@ def place_of_return(track: HandTrack, i: int, place: np.ndarray) -> float:
 
 
 @labelling_jit
-def stretch_cost(track: HandTrack, i: int, local: np.ndarray, points: np.ndarray, row: int,
-                 history: PointHistory, first: int) -> float:
+def stretch_cost(track: HandTrack, i: int, seen: PalmPoints, row: int) -> float:
     """Return the motion term of a point's cost as a marker, for the present stretch of its path.
 
     Parameters are those of `return_cost`.
     """
+    history, mark = seen.history, seen.first + i
     judged = track.hidden_for[i] <= 0.
     shift, turned, gone = 0., 0., 0.
-    share = history.path[row, STRETCHED] / STRETCH
+    share = history.stretch[row] / STRETCH
     for k in range(3):
-        off = local[row, k] - track.local[i, k] - history.marks[row, first + i, OFFSET + k]
+        off = seen.local[row, k] - track.local[i, k] - history.offset[row, mark, k]
         if judged:
             off += track.returns.offset[1, i, k]
         shift += off * off
-        turned += (off - share * history.marks[row, first + i, SHIFT + k]) ** 2
-        gone += uneven(points[row, k] - history.path[row, CAME + k], history.path[row, PACE + k],
-                       history.path[row, STRETCHED])
-    return motion_cost(history.path[row, STRETCHED], track.error[i], gone, min(shift, turned),
-                       history.path[row, PACE] == history.path[row, PACE])
+        turned += (off - share * history.shift[row, mark, k]) ** 2
+        gone += uneven(seen.points[row, k] - history.came[row, k], history.pace[row, k],
+                       history.stretch[row])
+    return motion_cost(history.stretch[row], track.error[i], gone, min(shift, turned),
+                       history.pace[row, 0] == history.pace[row, 0])
 
 
 @labelling_jit
@@ -224,27 +221,26 @@ def motion_cost(age: float, error: float, gone: float, shift: float, paced: bool
 
 
 @labelling_jit
-def begin_return(track: HandTrack, i: int, place: np.ndarray, history: PointHistory,
-                 row: int, first: int) -> None:
-    """Note how a marker came back, at a place in the palm's frame, shape (3,) [m]."""
-    returns = track.returns
-    returns.cost[i] = history.marks[row, first + i, PLACED]
-    returns.age[i] = history.path[row, THERE_FOR] if returns.cost[i] < math.inf else math.inf
+def begin_return(track: HandTrack, i: int, seen: PalmPoints, row: int) -> None:
+    """Note how a marker came back, with a row of the points."""
+    returns, history, mark = track.returns, seen.history, seen.first + i
+    returns.cost[i] = history.cost[row, mark]
+    returns.age[i] = history.age[row] if returns.cost[i] < math.inf else math.inf
     returns.hidden_for[i] = track.hidden_for[i]
-    returns.stretch[i] = history.path[row, STRETCHED]
-    returns.motion[i] = history.marks[row, first + i, MOVED]
+    returns.stretch[i] = history.stretch[row]
+    returns.motion[i] = history.motion[row, mark]
     for k in range(3):
-        returns.came[i, k] = history.path[row, CAME + k]
-        returns.pace[i, k] = history.path[row, PACE + k]
-        returns.shift[i, k] = history.marks[row, first + i, SHIFT + k]
-        returns.offset[0, i, k] = history.marks[row, first + i, OFFSET + k]
-        returns.offset[1, i, k] = place[k] - track.local[i, k]
+        returns.came[i, k] = history.came[row, k]
+        returns.pace[i, k] = history.pace[row, k]
+        returns.shift[i, k] = history.shift[row, mark, k]
+        returns.offset[0, i, k] = history.offset[row, mark, k]
+        returns.offset[1, i, k] = seen.local[row, k] - track.local[i, k]
         track.expected[i, k] = np.nan
 
 
 @labelling_jit
-def present_cost(track: HandTrack, i: int, local: np.ndarray, points: np.ndarray, row: int,
-                 matrix: np.ndarray, gradient: np.ndarray, same: bool, step: float) -> float:
+def present_cost(track: HandTrack, i: int, seen: PalmPoints, row: int, matrix: np.ndarray,
+                 gradient: np.ndarray, same: bool, step: float) -> float:
     """Return the cost of the point of a marker that came back, by how it has moved since.
 
     Parameters
@@ -253,8 +249,7 @@ def present_cost(track: HandTrack, i: int, local: np.ndarray, points: np.ndarray
         Of the last frame; what is known of the marker's return is updated.
     i : int
         Of the marker.
-    local, points : ndarray, shape (n, 3)
-        Points in the palm's frame and as seen [m].
+    seen : PalmPoints
     row : int
         Of its point.
     matrix, gradient
@@ -264,7 +259,7 @@ def present_cost(track: HandTrack, i: int, local: np.ndarray, points: np.ndarray
     step : float
         Time since the last frame [s].
     """
-    returns = track.returns
+    returns, local, points = track.returns, seen.local, seen.points
     returns.age[i] += step
     returns.stretch[i] += step
     covariance = np.empty((3, 3))
@@ -307,33 +302,32 @@ def present_cost(track: HandTrack, i: int, local: np.ndarray, points: np.ndarray
 
 
 @labelling_jit
-def best_return(track: HandTrack, i: int, local: np.ndarray, points: np.ndarray,
-                history: PointHistory, first: int) -> float:
+def best_return(track: HandTrack, i: int, seen: PalmPoints) -> float:
     """Return the least cost of a point that no hand has, as a marker that came back."""
-    least = math.inf
-    for j in range(len(points)):
-        if not history.taken[j] and history.marks[j, first + i, PLACED] < math.inf:
-            least = min(least, return_cost(track, i, local, points, j, history, first))
+    least, history = math.inf, seen.history
+    for j in range(len(seen.points)):
+        if not history.taken[j] and history.cost[j, seen.first + i] < math.inf:
+            least = min(least, return_cost(track, i, seen, j))
     return least
 
 
 @labelling_jit
-def give_up(track: HandTrack, i: int, history: PointHistory, row: int, first: int) -> None:
+def give_up(track: HandTrack, i: int, seen: PalmPoints, row: int) -> None:
     """Take a marker for hidden that did not come back; its point is remembered as no marker."""
-    returns = track.returns
+    returns, history, mark = track.returns, seen.history, seen.first + i
     track.finding.rows[i] = -1
     track.hidden_for[i] = returns.hidden_for[i]
     track.suspected_for[i] = 0.
-    history.path[row, THERE_FOR] = returns.age[i]
-    history.path[row, STRETCHED] = returns.stretch[i]
-    history.marks[row, first + i, MOVED] = returns.motion[i]
-    history.marks[row, :, PLACED] = math.inf
-    history.marks[row, first + i, PLACED] = returns.cost[i]
+    history.age[row] = returns.age[i]
+    history.stretch[row] = returns.stretch[i]
+    history.motion[row, mark] = returns.motion[i]
+    history.cost[row, :] = math.inf
+    history.cost[row, mark] = returns.cost[i]
     for k in range(3):
-        history.path[row, CAME + k] = returns.came[i, k]
-        history.path[row, PACE + k] = returns.pace[i, k]
-        history.marks[row, first + i, SHIFT + k] = returns.shift[i, k]
-        history.marks[row, first + i, OFFSET + k] = returns.offset[0, i, k]
+        history.came[row, k] = returns.came[i, k]
+        history.pace[row, k] = returns.pace[i, k]
+        history.shift[row, mark, k] = returns.shift[i, k]
+        history.offset[row, mark, k] = returns.offset[0, i, k]
         track.local[i, k] -= returns.offset[1, i, k]
         track.drift[i, k] = 0.
         track.expected[i, k] = np.nan

@@ -73,6 +73,62 @@ class Placement(NamedTuple):
     ends: np.ndarray
 
 
+class Contacts(NamedTuple):
+    """Contacts of a round, one a row, their distances linearised in the free angles.
+
+    Attributes
+    ----------
+    pairs : ndarray of int, shape (p,)
+        Pair of capsules of each contact.
+    digits : ndarray of int, shape (p, 2)
+        Digits of its two capsules.
+    lever : ndarray, shape (p, 2, 3)
+        Derivatives of its distance by their free angles [m/rad].
+    bound : ndarray, shape (p,)
+        By how much the distance shall grow from the start [m].
+    stiff : ndarray, shape (p,)
+        By how much it grows for each unit of force.
+    force : ndarray, shape (p,)
+        Multiplier of its constraint.
+    last_force : ndarray, shape (p,)
+        The same of each pair in the round before.
+    lines : ndarray, shape (25, 2, 3)
+        Axes of the joints, of `_place_lines`.
+    """
+
+    pairs: np.ndarray
+    digits: np.ndarray
+    lever: np.ndarray
+    bound: np.ndarray
+    stiff: np.ndarray
+    force: np.ndarray
+    last_force: np.ndarray
+    lines: np.ndarray
+
+
+class FreeAngles(NamedTuple):
+    """Changes of abduction, first and second flexion of each digit, rows; the palm's stays zero.
+
+    Attributes
+    ----------
+    ready : ndarray, shape (6,)
+        Readiness of each digit to move [1].
+    least, most : ndarray, shape (6, 3)
+        Bounds of the changes [rad].
+    change : ndarray, shape (6, 3)
+        Up to this round [rad].
+    pushed, goal : ndarray, shape (6, 3)
+        Where the contacts' forces push the angles, and the same within bounds [rad].
+    """
+
+    ready: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+    change: np.ndarray
+    pushed: np.ndarray
+    goal: np.ndarray
+
+
 @jit
 def separate(capsules: Capsules, angles: np.ndarray, lower: np.ndarray, upper: np.ndarray,
              slope: np.ndarray, mobility: np.ndarray, tolerance: float) -> int:
@@ -148,97 +204,133 @@ def _solve_rounds(capsules: Capsules, angles: np.ndarray, mobility: Mobility, pl
     rounds : int
         At most so many.
     """
-    rotations, positions, ends = placement.rotations, placement.positions, placement.ends
-    count = capsules.first.size
     before = angles.copy()
-    # (6, 3): abduction, first and second flexion of each digit; the palm's row stays zero.
-    least = indexed(np.zeros((6, 3)))
-    most = indexed(np.zeros((6, 3)))
-    ready = indexed(np.zeros(6))
+    free = _free_angles(mobility, before)
+    contacts = _no_contacts(capsules.first.size)
+    for number in range(rounds):
+        used = _list_contacts(capsules, angles, mobility, placement, aim, removed, free, contacts)
+        _push_apart(contacts, used, free)
+        contacts.last_force[:] = 0.0
+        for k in range(used):
+            contacts.last_force[contacts.pairs[k]] = contacts.force[k]
+        # Sliding contacts make the iteration oscillate: damp its last rounds.
+        share = 1.0 if number < ROUNDS_PER_START - DAMPED_ROUNDS else 0.5
+        if _change_angles(before, mobility, share, free, angles) < SETTLED_CHANGE:
+            return number + 1
+        place_frames(
+            capsules, angles, placement.rotations, placement.positions, placement.ends)
+    return rounds
+
+
+@jit
+def _free_angles(mobility: Mobility, before: np.ndarray) -> FreeAngles:
+    """Return no changes of angles (25,), with their bounds."""
+    free = FreeAngles(
+        indexed(np.zeros(6)), indexed(np.zeros((6, 3))), indexed(np.zeros((6, 3))),
+        indexed(np.zeros((6, 3))), indexed(np.zeros((6, 3))), indexed(np.zeros((6, 3))))
     for digit in range(5):
-        ready[digit] = mobility.weight[digit]
+        free.ready[digit] = mobility.weight[digit]
         for i in range(3):
             joint = _joint(digit, i)
-            least[digit, i] = max(mobility.lower[joint] - before[joint], -MAX_SEPARATION_CHANGE)
-            most[digit, i] = min(mobility.upper[joint] - before[joint], MAX_SEPARATION_CHANGE)
-    change = indexed(np.zeros((6, 3)))
-    pushed = indexed(np.zeros((6, 3)))
-    goal = indexed(np.zeros((6, 3)))
-    lines = indexed(np.empty((25, 2, 3)))
-    # One row for each contact
-    lever = indexed(np.empty((count, 2, 3)))
-    digits = indexed(np.empty((count, 2), dtype=np.int64))
-    force = indexed(np.empty(count))
-    bound = indexed(np.empty(count))
-    stiff = indexed(np.empty(count))
-    pairs = indexed(np.empty(count, dtype=np.int64))
-    last_force = np.zeros(count)
-    for number in range(rounds):
-        _place_lines(capsules, rotations, positions, lines)
-        used = 0
-        for digit in range(5):
+            free.least[digit, i] = max(
+                mobility.lower[joint] - before[joint], -MAX_SEPARATION_CHANGE)
+            free.most[digit, i] = min(
+                mobility.upper[joint] - before[joint], MAX_SEPARATION_CHANGE)
+    return free
+
+
+@jit
+def _no_contacts(count: int) -> Contacts:
+    """Return memory for the contacts of so many pairs, without force."""
+    return Contacts(
+        indexed(np.empty(count, dtype=np.int64)), indexed(np.empty((count, 2), dtype=np.int64)),
+        indexed(np.empty((count, 2, 3))), indexed(np.empty(count)), indexed(np.empty(count)),
+        indexed(np.empty(count)), np.zeros(count), indexed(np.empty((25, 2, 3))))
+
+
+@jit
+def _list_contacts(capsules: Capsules, angles: np.ndarray, mobility: Mobility,
+                   placement: Placement, aim: float, removed: float, free: FreeAngles,
+                   contacts: Contacts) -> int:
+    """List and linearise the contacts of a round, pushed as in the last one; return their number.
+
+    Parameters are those of `_solve_rounds`; `pushed` of `free`, and `contacts`, are replaced.
+    """
+    _place_lines(capsules, placement.rotations, placement.positions, contacts.lines)
+    used = 0
+    for digit in range(5):
+        for i in range(3):
+            free.pushed[digit, i] = 0.0
+    for pair in close_pairs(capsules, placement.ends, ROUND_GAP):
+        if not _gives_way(capsules, pair, mobility.weight):
+            continue
+        overlap = _linearise(capsules, pair, angles, mobility, contacts.lines, placement.ends,
+                             used, contacts.lever)
+        if overlap < -ROUND_GAP:
+            continue
+        contacts.force[used] = contacts.last_force[pair]
+        size = 0.0
+        past = 0.0
+        for end in range(2):
+            digit = contacts.digits[used, end] = capsules.digits[pair, end]
             for i in range(3):
-                pushed[digit, i] = 0.0
-        for pair in close_pairs(capsules, ends, ROUND_GAP):
-            if not _gives_way(capsules, pair, mobility.weight):
-                continue
-            overlap = _linearise(capsules, pair, angles, mobility, lines, ends, used, lever)
-            if overlap < -ROUND_GAP:
-                continue
-            force[used] = last_force[pair]
-            size = 0.0
-            past = 0.0
-            for end in range(2):
-                digit = digits[used, end] = capsules.digits[pair, end]
-                for i in range(3):
-                    size += ready[digit] * lever[used, end, i] ** 2
-                    past += lever[used, end, i] * change[digit, i]
-                    pushed[digit, i] += ready[digit] * force[used] * lever[used, end, i]
-            bound[used] = min(overlap - aim, removed) + past
-            stiff[used] = size + CONTACT_COMPLIANCE
-            pairs[used] = pair
-            used += 1
-        for digit in range(5):
-            for i in range(3):
-                goal[digit, i] = clamp(pushed[digit, i], least[digit, i], most[digit, i])
-        for _ in range(MAX_SWEEPS):
-            moved = 0.0
-            for k in range(used):
-                gained = CONTACT_COMPLIANCE * force[k]
-                for end in range(2):
-                    digit = digits[k, end]
-                    for i in range(3):
-                        gained += lever[k, end, i] * goal[digit, i]
-                more = max((bound[k] - gained) / stiff[k], -force[k])
-                if more == 0.0:
-                    continue
-                force[k] += more
-                moved = max(moved, abs(more) * stiff[k])
-                for end in range(2):
-                    digit = digits[k, end]
-                    for i in range(3):
-                        pushed[digit, i] += ready[digit] * more * lever[k, end, i]
-                        goal[digit, i] = clamp(
-                            pushed[digit, i], least[digit, i], most[digit, i])
-            if moved < SETTLED_DISTANCE:
-                break
-        last_force[:] = 0.0
-        for k in range(used):
-            last_force[pairs[k]] = force[k]
+                lever = contacts.lever[used, end, i]
+                size += free.ready[digit] * lever ** 2
+                past += lever * free.change[digit, i]
+                free.pushed[digit, i] += free.ready[digit] * contacts.force[used] * lever
+        contacts.bound[used] = min(overlap - aim, removed) + past
+        contacts.stiff[used] = size + CONTACT_COMPLIANCE
+        contacts.pairs[used] = pair
+        used += 1
+    return used
+
+
+@jit
+def _push_apart(contacts: Contacts, used: int, free: FreeAngles) -> None:
+    """Solve a round's quadratic programme by Hildreth's method, in `free.goal`."""
+    for digit in range(5):
+        for i in range(3):
+            free.goal[digit, i] = clamp(
+                free.pushed[digit, i], free.least[digit, i], free.most[digit, i])
+    for _ in range(MAX_SWEEPS):
         moved = 0.0
-        for digit in range(5):
-            for i in range(3):
-                # Sliding contacts make the iteration oscillate: damp its last rounds.
-                share = 1.0 if number < ROUNDS_PER_START - DAMPED_ROUNDS else 0.5
-                step = share * clamp(goal[digit, i] - change[digit, i], -MAX_ROUND_CHANGE,
-                                     MAX_ROUND_CHANGE)
-                change[digit, i] += step
-                moved = max(moved, abs(step))
-            _move_digit(before, mobility, digit, change, angles)
-        if moved < SETTLED_CHANGE:
-            return number + 1
-        place_frames(capsules, angles, rotations, positions, ends)
-    return rounds
+        for k in range(used):
+            gained = CONTACT_COMPLIANCE * contacts.force[k]
+            for end in range(2):
+                digit = contacts.digits[k, end]
+                for i in range(3):
+                    gained += contacts.lever[k, end, i] * free.goal[digit, i]
+            more = max((contacts.bound[k] - gained) / contacts.stiff[k], -contacts.force[k])
+            if more == 0.0:
+                continue
+            contacts.force[k] += more
+            moved = max(moved, abs(more) * contacts.stiff[k])
+            for end in range(2):
+                digit = contacts.digits[k, end]
+                for i in range(3):
+                    free.pushed[digit, i] += free.ready[digit] * more * contacts.lever[k, end, i]
+                    free.goal[digit, i] = clamp(
+                        free.pushed[digit, i], free.least[digit, i], free.most[digit, i])
+        if moved < SETTLED_DISTANCE:
+            break
+
+
+@jit
+def _change_angles(before: np.ndarray, mobility: Mobility, share: float, free: FreeAngles,
+                   angles: np.ndarray) -> float:
+    """Go a share of the way to a round's goal; return the largest change of an angle [rad].
+
+    `before` and `angles`, replaced, are (25,) [rad].
+    """
+    moved = 0.0
+    for digit in range(5):
+        for i in range(3):
+            step = share * clamp(free.goal[digit, i] - free.change[digit, i], -MAX_ROUND_CHANGE,
+                                 MAX_ROUND_CHANGE)
+            free.change[digit, i] += step
+            moved = max(moved, abs(step))
+        _move_digit(before, mobility, digit, free.change, angles)
+    return moved
 
 
 @jit

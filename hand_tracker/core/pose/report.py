@@ -13,7 +13,17 @@ from ..model.marker_rows import LAYOUT_CAPACITY, PRINCIPALS, MarkerRows, RowStat
 from ..model.palm_triangle import Wrist
 from ..model.states import ABSENT, PREDICTED, REJECTED, SEEN, STALE, SWAPPED
 from ..numerics.jit import jit
-from ..numerics.vectors import Vector, add, clamp, distance, frame, rotate, subtract, vector
+from ..numerics.vectors import (
+    Vector,
+    add,
+    clamp,
+    distance,
+    frame,
+    rotate,
+    rotate_about_y,
+    subtract,
+    vector,
+)
 
 # Deviations at which confidence falls to 1/e; both are alike on a digit 50 mm long.
 CONFIDENCE_MARKER_SPREAD = .01  # [m] standard deviation of a marker
@@ -302,9 +312,7 @@ def _place_of_row(rows: MarkerRows, row: int, mirror: np.ndarray, report: Report
     if digit < 0 and link >= 0:
         end = subtract(end, vector(rows.cmc[link]))
     if digit >= 0 and link < len(FINGERS) and rows.share[row] != 0.:
-        turn = rows.share[row] * report.angles[at + 1]
-        c, s = math.cos(turn), math.sin(turn)
-        offset = (c * offset[0] + s * offset[2], offset[1], c * offset[2] - s * offset[0])
+        offset = rotate_about_y(offset, rows.share[row] * report.angles[at + 1])
     local = add(end, offset)
     local = (mirror[0] * local[0], mirror[1] * local[1], mirror[2] * local[2])
     if digit < 0 and link < 0:

@@ -4,10 +4,7 @@ import numpy as np
 
 from hand_tracker.core.point_labelling.clutter import (
     CLUTTER_COST,
-    PACE,
     STRETCH,
-    STRETCHED,
-    THERE_FOR,
     continue_clutter,
     no_clutter,
     remember_clutter,
@@ -33,18 +30,18 @@ def test_points_of_no_hand_go_on_as_they_moved_and_others_have_just_come():
         clutter = remember_clutter(
             clutter, points, np.ones(3, dtype=bool), before, history, STEP)
         last_order = order
-    assert np.allclose(clutter.history.path[:, THERE_FOR], 14 * STEP)
+    assert np.allclose(clutter.history.age, 14 * STEP)
     assert np.allclose(clutter.speed[np.argsort(order)], speeds)
     # The path is judged by stretches: each point's pace is that of the last whole one.
-    assert np.allclose(clutter.history.path[np.argsort(order), PACE:], speeds)
-    assert (clutter.history.path[:, STRETCHED] < STRETCH).all()
+    assert np.allclose(clutter.history.pace[np.argsort(order)], speeds)
+    assert (clutter.history.stretch < STRETCH).all()
     assert np.all((cost > .5 * CLUTTER_COST) & (cost <= CLUTTER_COST))
     points = np.vstack((points, (.1, .1, .1)))
     before, cost = np.empty(4, dtype=np.int64), np.empty(4)
     history = continue_clutter(clutter, points, 0., before, cost)
     assert before.tolist() == [0, 1, 2, -1]
     assert np.isneginf(cost[3])
-    assert history.path[3, THERE_FOR] == 0. and np.isnan(history.path[3, PACE:]).all()
+    assert history.age[3] == 0. and np.isnan(history.pace[3]).all()
 
 
 def test_points_that_a_hand_has_are_not_remembered():
@@ -55,4 +52,4 @@ def test_points_that_a_hand_has_are_not_remembered():
     clutter = remember_clutter(
         clutter, points, np.array((True, False, True)), before, history, STEP)
     assert np.array_equal(clutter.place, points[[0, 2]])
-    assert not clutter.history.path[:, THERE_FOR].any()
+    assert not clutter.history.age.any()

@@ -9,7 +9,7 @@ from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_
 from hand_tracker.core.point_labelling.cloud_labeller import CloudLabeller
 from hand_tracker.core.point_labelling.natural_poses import natural_poses
 from hand_tracker.core.point_labelling.pair_search import place_by_all
-from hand_tracker.core.point_labelling.palm_search import SIZE, blank_finding
+from hand_tracker.core.point_labelling.palm_search import blank_finding
 from hand_tracker.core.point_labelling.prototypes import learn_prototype
 
 HABIT = .4      # share of the natural bends that one person makes
@@ -88,8 +88,8 @@ def test_a_hand_is_placed_by_all_its_markers():
     found.rotation[:] = turn @ np.array(((np.cos(angle), -np.sin(angle), 0.),
                                          (np.sin(angle), np.cos(angle), 0.), (0., 0., 1.)))
     found.position[:] = position + .02
-    found.numbers[SIZE] = .97
+    found.size[0] = .97
     place_by_all(statistics, points, found)
     assert found.rotation == pytest.approx(turn, abs=.001)
     assert found.position == pytest.approx(position, abs=2e-4)
-    assert found.numbers[SIZE] == pytest.approx(1., abs=.002)
+    assert found.size[0] == pytest.approx(1., abs=.002)
