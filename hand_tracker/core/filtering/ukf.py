@@ -1,28 +1,28 @@
 """Unscented Kalman filter (UKF) with the variable turn model (VTM), for one marker: inertia.
 
-The state is position, velocity and acceleration (9) of a marker that turns at the rate
+The state x is position, velocity and acceleration (9) of a marker that turns at the rate
 ω = |v×a| / |v|²: X. R. Li and V. P. Jilkov, "Survey of maneuvering target tracking. Part I",
-IEEE Trans. Aerospace and Electronic Systems 39 (2003); sigma points after R. van der Merwe
-(2004), α 1e-3, β 2, κ 0. All kernels update `mean`, shape (9,), and `covariance`, shape
-(9, 9), in place [m, m/s, m/s²].
+IEEE Trans. Aerospace and Electronic Systems 39 (2003).
+
+Predictions are the scaled unscented transform (S. Julier 2002, R. van der Merwe 2004; β 2) in the
+limit α → 0, where sums over sigma points become derivatives of the motion f, to second order:
+mean f + m and covariance J P Jᵀ + β m mᵀ, m = ½ tr(H P), with J, H first and second derivatives.
+Here f = L(ρ) x, ρ = ω²: with ρ's gradient g and Hessian R, and L', L'' derivatives by ρ,
+J = L + u gᵀ, u = L' x, and m = ½ (u tr(R P) + L'' x gᵀP g) + L' P g. No P is factorised.
+
+All kernels update `mean`, shape (9,), and `covariance`, shape (9, 9), in place [m, m/s, m/s²].
 """
 
-import math
 from functools import partial
 
 import numpy as np
 
-from ..numerics.cholesky import MIN_VARIANCE, factorise_covariance
 from ..numerics.jit import indexed, jit
-from ..numerics.vectors import Vector, add, clamp, cross, dot, scale, subtract
+from ..numerics.vectors import Vector, add, clamp, cross, dot, scale
 
 STATE_SIZE = 9
-UKF_ALPHA = 1e-3
 UKF_BETA = 2.
-SIGMA_SPREAD = UKF_ALPHA * math.sqrt(STATE_SIZE)  # of the sigma points, in standard deviations
-SIGMA_POINTS = 2 * STATE_SIZE  # and the centre
-SIGMA_WEIGHT = .5 / (UKF_ALPHA * UKF_ALPHA * STATE_SIZE)  # of all sigma points but the centre
-MEAN_SHARE = math.sqrt((UKF_BETA - UKF_ALPHA * UKF_ALPHA) / SIGMA_WEIGHT)
+MIN_VARIANCE = 1e-30
 
 # Bounds of the turn, unsourced.
 STILL_SPEED = .01                # [m/s] at and below it the turn rate falls to 0
@@ -36,51 +36,92 @@ POSITION_LIMIT = 1e3             # [m]
 SPEED_LIMIT = 1e2                # [m/s]
 ACCELERATION_LIMIT = 1e4         # [m/s²]
 
+AxisState = tuple[float, float, float]  # position, velocity and acceleration on an axis
+AxisTerms = tuple[AxisState, AxisState, AxisState]
+# L, or a derivative of it, on every axis: ((a, b, c), (0, d, b), (0, e, d)).
+Turn = tuple[float, float, float, float, float]
+
+# Products and sums rounded once; inlined, as tuples are passed through memory.
+fused_jit = partial(jit, fastmath={'contract'}, forceinline=True)
 
 
 @jit
-def turn_motion(velocity: Vector, acceleration: Vector, step: float,
-                uncertainty: float) -> tuple[Vector, Vector, Vector]:
-    """Return the motion of a marker over a step by the variable turn model.
+def turn_rate(velocity: Vector, acceleration: Vector, step: float,
+              uncertainty: float) -> tuple[float, float, bool]:
+    """Return the squared turn rate of the variable turn model.
 
-    The turn rate is bounded, or noise would spin a marker near rest: by the variance of the
-    velocity, added to its square, so that only a velocity that exceeds its uncertainty turns;
-    by `MAX_TURN_RATE`; and by `MAX_TURN_ANGLE` in one step.
+    It is bounded, or noise would spin a marker near rest: by the variance of the velocity, added
+    to its square, so that only a velocity that exceeds its uncertainty turns; by
+    `MAX_TURN_RATE`; and by `MAX_TURN_ANGLE` in one step.
 
     Parameters
     ----------
     velocity, acceleration : Vector
         [m/s, m/s²]
     step : float
-        [s]
+        Above 0 [s].
     uncertainty : float
         Variance of the velocity, summed over its coordinates [m²/s²].
 
     Returns
     -------
-    shift, velocity, acceleration : Vector
-        Displacement, and velocity and acceleration after the step [m, m/s, m/s²].
+    rate : float
+        Squared [rad²/s²].
+    speed : float
+        Squared, with its uncertainty [m²/s²].
+    is_free : bool
+        Whether the rate is below both limits.
     """
     normal = cross(velocity, acceleration)
     speed = dot(velocity, velocity) + uncertainty + STILL_SPEED * STILL_SPEED
     rate = dot(normal, normal) / (speed * speed)
-    rate = min(rate, MAX_TURN_RATE * MAX_TURN_RATE)
-    if rate * step * step > MAX_TURN_ANGLE * MAX_TURN_ANGLE:
-        rate = (MAX_TURN_ANGLE / step) ** 2
-    # All functions of the angle are even: series in its square, exact to rounding up to 1 rad.
-    square = rate * step * step
-    ratio = 1. - square * (1. / 6. - square * (1. / 120. - square * (1. / 5040. - square * (
-        1. / 362880. - square * (1. / 39916800. - square * (1. / 6227020800. - square * (
-            1. / 1307674368000. - square / 355687428096000.)))))))
-    versed = .5 - square * (1. / 24. - square * (1. / 720. - square * (1. / 40320. - square * (
-        1. / 3628800. - square * (1. / 479001600. - square * (1. / 87178291200. - square * (
-            1. / 20922789888000. - square / 6402373705728000.)))))))
-    cosine = 1. - square * versed
+    limit = min(MAX_TURN_RATE, MAX_TURN_ANGLE / step) ** 2
+    return min(rate, limit), speed, rate < limit
+
+
+@jit
+def turn_matrices(rate: float, step: float) -> tuple[Turn, Turn, Turn]:
+    """Return the matrix L of a turn, and its first and second derivative by the squared rate.
+
+    Parameters
+    ----------
+    rate : float
+        Squared turn rate [rad²/s²].
+    step : float
+        [s]
+    """
+    # Stumpff functions c_k = Σ (−angle)^n / (k + 2n)! of the squared angle, c₀ its cosine: series,
+    # exact to rounding up to 1 rad. Derivatives are (k c_{k+2} − c_{k+1}) / 2.
+    square = step * step
+    angle = rate * square
+    c6 = 1. / 720. - angle * (1. / 40320. - angle * (1. / 3628800. - angle * (
+        1. / 479001600. - angle * (1. / 87178291200. - angle * (
+            1. / 20922789888000. - angle / 6402373705728000.)))))
+    c5 = 1. / 120. - angle * (1. / 5040. - angle * (1. / 362880. - angle * (
+        1. / 39916800. - angle * (1. / 6227020800. - angle * (
+            1. / 1307674368000. - angle / 355687428096000.)))))
+    c4 = 1. / 24. - angle * c6
+    c3 = 1. / 6. - angle * c5
+    c2 = .5 - angle * c4
+    c1 = 1. - angle * c3
+    c0 = 1. - angle * c2
+    slope = .5 * (c3 - c2)
     return (
-        add(scale(velocity, ratio * step), scale(acceleration, versed * step * step)),
-        add(scale(velocity, cosine), scale(acceleration, ratio * step)),
-        subtract(scale(acceleration, cosine), scale(velocity, rate * ratio * step)),
+        (1., c1 * step, c2 * square, c0, -rate * c1 * step),
+        (0., slope * step * square, (c4 - .5 * c3) * square ** 2, -.5 * c1 * square,
+         -.5 * (c1 + c0) * step),
+        (0., .25 * (3. * (c5 - c4) + c3) * step * square ** 2,
+         .25 * (8. * c6 - 5. * c5 + c4) * square ** 3, -.5 * slope * square ** 2,
+         -.5 * (slope - .5 * c1) * step * square),
     )
+
+
+@fused_jit
+def turned(turn: Turn, axis: AxisState) -> AxisState:
+    """Return the product of L, or a derivative of it, with the state on an axis."""
+    return (turn[0] * axis[0] + turn[1] * axis[1] + turn[2] * axis[2],
+            turn[3] * axis[1] + turn[1] * axis[2],
+            turn[4] * axis[1] + turn[3] * axis[2])
 
 
 @jit
@@ -112,10 +153,6 @@ def initialise(mean: np.ndarray, covariance: np.ndarray, position: np.ndarray | 
 def predict(mean: np.ndarray, covariance: np.ndarray, step: float, jerk_noise: float) -> None:
     """Predict the state over a step by the unscented transform.
 
-    With deviations d from the propagated central point, the weighted sums of the unscented
-    transform are mean = centre + m, m = Σ w d, and covariance = Σ w d dᵀ + (β − α²) m mᵀ:
-    the central weight of −10⁶ cancels, and all terms are positive.
-
     Parameters
     ----------
     mean, covariance : ndarray, shape (9,) and (9, 9)
@@ -131,55 +168,119 @@ def predict(mean: np.ndarray, covariance: np.ndarray, step: float, jerk_noise: f
     velocity = (mean[3], mean[4], mean[5])
     acceleration = (mean[6], mean[7], mean[8])
     uncertainty = covariance[3, 3] + covariance[4, 4] + covariance[5, 5]
-    shift, moved, pulled = turn_motion(velocity, acceleration, step, uncertainty)
-    factorise_covariance(covariance)
-    root = covariance
-    deviations = indexed(np.empty((STATE_SIZE, SIGMA_POINTS + 1)))
-    for point in range(SIGMA_POINTS):
-        column = point // 2
-        side = SIGMA_SPREAD if point % 2 else -SIGMA_SPREAD
-        shift_there, moved_there, pulled_there = turn_motion(
-            add(velocity, (side * root[3, column], side * root[4, column],
-                           side * root[5, column])),
-            add(acceleration, (side * root[6, column], side * root[7, column],
-                               side * root[8, column])), step, uncertainty)
-        # Positions enter by differences: no cancellation far from the origin.
-        for k in range(3):
-            deviations[k, point] = side * root[k, column] + (shift_there[k] - shift[k])
-            deviations[3 + k, point] = moved_there[k] - moved[k]
-            deviations[6 + k, point] = pulled_there[k] - pulled[k]
-    _sum_deviations(deviations, shift + moved + pulled, mean, covariance)
+    rate, speed, is_free = turn_rate(velocity, acceleration, step, uncertainty)
+    with_rate, variance, trace = (
+        ((0., 0., 0.), (0., 0., 0.), (0., 0., 0.)), 0., 0.)
+    if is_free:
+        with_rate, variance, trace = _rate_moments(
+            covariance, velocity, acceleration, rate, speed, uncertainty)
+    turns = turn_matrices(rate, step)
+    x = _turn_mean(mean, 0, turns, with_rate[0], variance, trace)
+    y = _turn_mean(mean, 1, turns, with_rate[1], variance, trace)
+    z = _turn_mean(mean, 2, turns, with_rate[2], variance, trace)
+    _turn_covariance(covariance, 0, 0, turns[0], x, x)
+    _turn_covariance(covariance, 1, 1, turns[0], y, y)
+    _turn_covariance(covariance, 2, 2, turns[0], z, z)
+    _turn_covariance(covariance, 1, 0, turns[0], y, x)
+    _turn_covariance(covariance, 2, 0, turns[0], z, x)
+    _turn_covariance(covariance, 2, 1, turns[0], z, y)
     add_jerk(covariance, step, jerk_noise)
     _limit_state(mean, covariance)
 
 
-@partial(jit, fastmath={'reassoc', 'contract'})  # sums by vectors; NaN stays NaN
-def _sum_deviations(deviations: np.ndarray, centre: tuple[float, ...], mean: np.ndarray,
-                    covariance: np.ndarray) -> None:
-    """Write mean and covariance by the sigma points' deviations from the central point.
+@fused_jit
+def _rate_moments(covariance: np.ndarray, velocity: Vector, acceleration: Vector, rate: float,
+                  speed: float, uncertainty: float) -> tuple[AxisTerms, float, float]:
+    """Return moments of the squared turn rate ρ = N / speed², N = |v|²|a|² − (v·a)², not bounded.
 
-    Parameters
-    ----------
-    deviations : ndarray, shape (9, 19)
-        Of the 18 points; the last column is replaced, by the mean's weighted share.
-    centre : tuple of nine float
-        Central point; its position is relative to that of `mean`.
-    mean, covariance : ndarray, shape (9,) and (9, 9)
-        Replaced.
+    `rate` and `speed` are those of `turn_rate`.
+
+    Returns
+    -------
+    with_rate : tuple of AxisState
+        P g: covariance of the state with the rate, by axis.
+    variance : float
+        gᵀP g
+    trace : float
+        tr(R P)
     """
-    for i in range(STATE_SIZE):
-        total = 0.
-        for point in range(SIGMA_POINTS):
-            total += deviations[i, point]
-        change = SIGMA_WEIGHT * total
-        deviations[i, SIGMA_POINTS] = MEAN_SHARE * change
-        mean[i] = (mean[i] if i < 3 else 0.) + centre[i] + change
-    for i in range(STATE_SIZE):
-        for j in range(i + 1):
-            total = 0.
-            for column in range(SIGMA_POINTS + 1):
-                total += deviations[i, column] * deviations[j, column]
-            covariance[i, j] = covariance[j, i] = SIGMA_WEIGHT * total
+    along, share = dot(velocity, acceleration), 2. / (speed * speed)
+    by_velocity = add(scale(velocity, share * dot(acceleration, acceleration) - 4. * rate / speed),
+                      scale(acceleration, -share * along))
+    by_acceleration = add(scale(acceleration, share * dot(velocity, velocity)),
+                          scale(velocity, -share * along))
+    of_position = _product(covariance, 0, by_velocity, by_acceleration)
+    of_velocity = _product(covariance, 3, by_velocity, by_acceleration)
+    of_acceleration = _product(covariance, 6, by_velocity, by_acceleration)
+    # tr(R P) by the product rule, sorted by blocks of P
+    common = covariance[3, 6] + covariance[4, 7] + covariance[5, 8]
+    trace = share * (
+        (dot(acceleration, acceleration) - 2. * rate * speed) * uncertainty
+        + dot(velocity, velocity) * (covariance[6, 6] + covariance[7, 7] + covariance[8, 8])
+        - 2. * along * common
+        + 4. * dot(velocity, _product(covariance, 3, scale(velocity, -rate), acceleration))
+        - dot(acceleration, _product(covariance, 3, acceleration, scale(velocity, 2.)))
+        - dot(velocity, _product(covariance, 6, (0., 0., 0.), velocity))
+        - 4. * speed * dot(velocity, of_velocity))
+    return (
+        ((of_position[0], of_velocity[0], of_acceleration[0]),
+         (of_position[1], of_velocity[1], of_acceleration[1]),
+         (of_position[2], of_velocity[2], of_acceleration[2])),
+        dot(by_velocity, of_velocity) + dot(by_acceleration, of_acceleration), trace)
+
+
+@jit
+def _product(covariance: np.ndarray, row: int, velocity: Vector, acceleration: Vector) -> Vector:
+    """Return three rows of the covariance times a velocity and an acceleration."""
+    return (_row_product(covariance, row, velocity, acceleration),
+            _row_product(covariance, row + 1, velocity, acceleration),
+            _row_product(covariance, row + 2, velocity, acceleration))
+
+
+@fused_jit
+def _row_product(covariance: np.ndarray, row: int, velocity: Vector,
+                 acceleration: Vector) -> float:
+    """Return one row of `_product`."""
+    total = 0.
+    for k in range(3):
+        total += covariance[row, 3 + k] * velocity[k] + covariance[row, 6 + k] * acceleration[k]
+    return total
+
+
+@fused_jit
+def _turn_mean(mean: np.ndarray, k: int, turns: tuple[Turn, Turn, Turn], with_rate: AxisState,
+               variance: float, trace: float) -> AxisTerms:
+    """Replace the mean on an axis; return u, w and m on it, by which the covariance changes.
+
+    With w = L P g + u gᵀP g / 2, J P Jᵀ = L P Lᵀ + u wᵀ + w uᵀ.
+    """
+    turn, slope, bend = turns
+    axis = (mean[k], mean[3 + k], mean[6 + k])
+    u = turned(slope, axis)
+    w = add(turned(turn, with_rate), scale(u, .5 * variance))
+    m = add(turned(slope, with_rate),
+            scale(add(scale(u, trace), scale(turned(bend, axis), variance)), .5))
+    mean[k], mean[3 + k], mean[6 + k] = add(turned(turn, axis), m)
+    return u, w, m
+
+
+@fused_jit
+def _turn_covariance(covariance: np.ndarray, k: int, other: int, turn: Turn, terms: AxisTerms,
+                     other_terms: AxisTerms) -> None:
+    """Replace the covariance of the states on two axes: J P Jᵀ + β m mᵀ."""
+    u, w, m = terms
+    other_u, other_w, other_m = other_terms
+    by_position = turned(turn, (
+        covariance[k, other], covariance[3 + k, other], covariance[6 + k, other]))
+    by_velocity = turned(turn, (
+        covariance[k, 3 + other], covariance[3 + k, 3 + other], covariance[6 + k, 3 + other]))
+    by_acceleration = turned(turn, (
+        covariance[k, 6 + other], covariance[3 + k, 6 + other], covariance[6 + k, 6 + other]))
+    for i in range(3):
+        row = turned(turn, (by_position[i], by_velocity[i], by_acceleration[i]))
+        for j in range(3):
+            total = row[j] + u[i] * other_w[j] + w[i] * other_u[j] + UKF_BETA * m[i] * other_m[j]
+            covariance[3 * i + k, 3 * j + other] = covariance[3 * j + other, 3 * i + k] = total
 
 
 @jit

@@ -1,13 +1,10 @@
-"""Cholesky's factorisation: of normal equations of Gauss-Newton steps, and of covariances."""
+"""Cholesky's factorisation: normal equations of Gauss-Newton steps."""
 
 import math
 
 import numpy as np
 
 from .jit import jit
-
-MIN_PIVOT = 1e-13    # of a covariance's factor, relative to the variance
-MIN_VARIANCE = 1e-30
 
 
 @jit
@@ -58,20 +55,3 @@ def solve_damped(matrix: np.ndarray, vector: np.ndarray, count: int, damping: fl
             total -= factor[k, i] * solution[k]
         solution[i] = total / factor[i, i]
     return True
-
-
-@jit
-def factorise_covariance(covariance: np.ndarray) -> None:
-    """Replace a covariance, shape (n, n), by its lower Cholesky factor; pivots have a floor."""
-    for j in range(len(covariance)):
-        variance = covariance[j, j]
-        pivot = variance
-        for k in range(j):
-            covariance[k, j] = 0.
-            pivot -= covariance[j, k] * covariance[j, k]
-        covariance[j, j] = math.sqrt(max(pivot, MIN_PIVOT * variance, MIN_VARIANCE))
-        for i in range(j + 1, len(covariance)):
-            part = covariance[i, j]
-            for k in range(j):
-                part -= covariance[i, k] * covariance[j, k]
-            covariance[i, j] = part / covariance[j, j]
