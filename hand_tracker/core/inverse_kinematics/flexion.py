@@ -101,8 +101,14 @@ def chain_end(linkage: Linkage, angle2: float) -> tuple[float, float]:
 @jit
 def chain_reach(linkage: Linkage, angle2: float) -> float:
     """Return the distance of a chain's end from its first hinge [m]."""
-    x, y = chain_end(linkage, angle2)
-    return math.hypot(x, y)
+    bone, middle, third = linkage.bones
+    if linkage.hinges == 2:
+        return math.sqrt(bone * bone + middle * middle
+                         + 2.0 * bone * middle * math.cos(angle2 + linkage.droop))
+    bent = coupled_angle(linkage, angle2) + linkage.droop
+    return math.sqrt(bone * bone + middle * middle + third * third + 2.0 * (
+        bone * (middle * math.cos(angle2) + third * math.cos(angle2 + bent))
+        + middle * third * math.cos(bent)))
 
 
 @jit
@@ -114,6 +120,8 @@ def aim_end(along: float, height: float, linkage: Linkage, x: float,
     """
     angle1 = clamp_angle(
         flexion_of(along, height) - math.atan2(y, x), linkage.lower[0], linkage.upper[0])
+    if linkage.lower[0] < angle1 < linkage.upper[0]:
+        return angle1, abs(math.hypot(along, height) - math.hypot(x, y))
     c, s = math.cos(angle1), math.sin(angle1)
     return angle1, math.hypot(along - x * c + y * s, height + x * s + y * c)
 
@@ -214,12 +222,12 @@ def solve_bend(along: float, height: float, linkage: Linkage, sign: float, lower
     square = along * along + height * height
     cosine = clamp(
         (square - bone * bone - second * second) / (2.0 * bone * second), -1.0, 1.0)
-    bend = sign * math.acos(cosine)
-    best2 = wrap_angle(bend - droop)
-    best1 = wrap_angle(aim - math.atan2(
-        second * math.sin(bend), bone + second * math.cos(bend)))
+    x = bone + second * cosine
+    y = sign * second * math.sqrt(1.0 - cosine * cosine)
+    best2 = wrap_angle(sign * math.acos(cosine) - droop)
+    best1 = wrap_angle(aim - math.atan2(y, x))
     if lower1 <= best1 <= upper1 and lower2 <= best2 <= upper2:
-        return best1, best2, miss_distance(along, height, linkage, best1, best2)
+        return best1, best2, abs(math.sqrt(square) - math.hypot(x, y))
 
     smallest = math.inf
     for edge2 in (lower2, upper2):
@@ -307,11 +315,9 @@ def solve_three_bone(along: float, height: float, linkage: Linkage,
 
     angle2 = start
     angle3 = coupled_angle(linkage, start)
-    x, y = coupled_end(linkage, angle2, angle3)
-    excess = math.hypot(x, y) - wanted
     full3 = coupled_angle(linkage, upper2)
-    x, y = coupled_end(linkage, upper2, full3)
-    shortage = math.hypot(x, y) - wanted
+    excess = chain_reach(linkage, start) - wanted
+    shortage = chain_reach(linkage, upper2) - wanted
     if excess > 0.0 and shortage >= 0.0:
         angle2 = upper2
         base = math.hypot(bone + middle * math.cos(upper2), middle * math.sin(upper2))
@@ -337,19 +343,19 @@ def _bend_of_reach(linkage: Linkage, wanted: float, near: float, far: float) -> 
     angle2 = near
     excess = chain_reach(linkage, near) - wanted
     shortage = chain_reach(linkage, far) - wanted
+    last = 0.0
     for _ in range(REGULA_FALSI_STEPS):
         angle2 = (near * shortage - far * excess) / (shortage - excess)
         difference = chain_reach(linkage, angle2) - wanted
         if abs(difference) < 1e-13:
             break
+        # An end that stays twice counts half.
+        share = 0.5 if difference * last > 0.0 else 1.0
         if difference > 0.0:
-            near = angle2
-            excess = difference
-            shortage *= 0.5
+            near, excess, shortage = angle2, difference, share * shortage
         else:
-            far = angle2
-            shortage = difference
-            excess *= 0.5
+            far, shortage, excess = angle2, difference, share * excess
+        last = difference
     return angle2
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hand_tracker.core.inverse_kinematics import flexion
 from hand_tracker.core.inverse_kinematics.flexion import (
     MAX_SECOND_HINGE_SPEED,
     Linkage,
@@ -45,6 +46,23 @@ def test_coupled_angles_come_back(slope, offset, droop):
         angles = (first, second, coupled_angle(chain, second))
         np.testing.assert_allclose(
             solve(end(angles, droop), slope, offset, droop), angles, atol=1e-7)
+
+
+def test_a_bend_is_found_in_a_few_tries(monkeypatch):
+    chain, tried = linkage(1.), []
+
+    def count(*arguments):
+        tried.append(arguments)
+        return reach(*arguments)
+
+    reach, upper = flexion.chain_reach, LIMITS[1, 1]
+    monkeypatch.setattr(flexion, 'chain_reach', count)
+    kernel = flexion._bend_of_reach
+    find = getattr(kernel, 'py_func', kernel)
+    for second in np.linspace(.01, upper - .01, 50):
+        assert find(chain, reach(chain, second), 0., upper) == pytest.approx(second, abs=1e-9)
+    # Halving the other end at every step took 36 each.
+    assert len(tried) < 50 * 13
 
 
 ON_NAIL = -.35  # droop of a marker on the nail [rad]
