@@ -32,7 +32,7 @@ from .numerics.jit import (
     COMPILED,
     Kernel,
     Pack,
-    empty_like_pack,
+    empty_packs,
     load_kernel,
     loaded_or_plain,
     packed,
@@ -47,6 +47,7 @@ from .records import Model, State, blank_state
 __all__ = ['HandState', 'HandTracker', 'MarkerState', 'PalmState', 'TrackerOptions']
 
 PALM_COUNT = len(PALM_MARKERS)
+REPORTS_AT_ONCE = 8  # in a block of 50 kB, which lives as long as one of its states
 
 
 class HandState(NamedTuple):
@@ -127,6 +128,7 @@ class HandTracker:
     restarted: bool
     _clock: Pack[FrameClock]
     _state: State
+    _reports: list[Pack[Report]]
 
     def __init__(self, hand: Hand | None = None, layout: MarkerLayout | None = None,
                  options: TrackerOptions | None = None) -> None:
@@ -237,6 +239,7 @@ class HandTracker:
         self._set_hand(self.hand, self.layout, self.options)
         self._clock, _ = self._packed(clock)
         self._report, _ = self._packed(blank_report())
+        self._reports = []
         self._state_pack, self._state = self._packed(state)
 
     @property
@@ -278,6 +281,7 @@ class HandTracker:
         self.restarted = False
         self._clock, _ = self._packed(initial_clock())
         self._report, _ = self._packed(blank_report())
+        self._reports = []
         self._state_pack, self._state = self._packed(self._blank_state())
 
     def update(self, markers: ArrayLike, time: float | None = None,
@@ -315,7 +319,9 @@ class HandTracker:
             frame = frame.take(self._rows, axis=0)
             if len(self._lacking):
                 frame[self._lacking] = np.nan
-        report = empty_like_pack(self._report)
+        if not self._reports:
+            self._reports = empty_packs(self._report, REPORTS_AT_ONCE)
+        report = self._reports.pop()
         self.restarted = bool(self._kernel(track_frame)(
             *self.kernel_arguments(distal_flexion)[:-1], report, frame,
             np.nan if time is None else float(time)))
@@ -347,15 +353,16 @@ class HandTracker:
 
         `listed` is the number of markers of another layout than the paper's eight, else 0.
         """
-        ((palm,), angles, rotation, position, rotations, positions, markers, states, hidden_for,
-         confidence, residuals, (iterations,), rows, kinds) = parts(report)
+        (palm, angles, rotation, position, rotations, positions, markers, states, hidden_for,
+         confidence, residuals, iterations, rows, kinds) = parts(report)
         if listed:
             rows, states = rows[:listed], kinds[:listed]
             markers, hidden_for, residuals = (
                 rows[:, :3], rows[:, LISTED_TIME], rows[:, LISTED_RESIDUAL])
-        return HandState(PALM_STATES[palm], angles, rotation, position,
+        # Unpacked, an array of one number would cost as much as the rest.
+        return HandState(PALM_STATES[palm[0]], angles, rotation, position,
                          Pose(rotations, positions), markers, states, hidden_for, confidence,
-                         residuals, int(iterations))
+                         residuals, int(iterations[0]))
 
     def _chains_with(self, distal_flexion: ArrayLike) -> Pack[Chains]:
         """Return the packed chains, with measured last joints in place of their couplings."""

@@ -307,9 +307,17 @@ def as_item(values: Any) -> Any:
 
 def empty_like_pack(pack: Any) -> Any:
     """Return an uninitialised pack of the same layout."""
+    return empty_packs(pack, 1)[0]
+
+
+def empty_packs(pack: Any, count: int) -> list[Any]:
+    """Return uninitialised packs of the same layout, in one block where they are records.
+
+    numpy takes as long to allocate one record of many fields as a thousand.
+    """
     if isinstance(pack, np.ndarray):
-        return np.empty_like(pack)
-    return (type(pack[0])(*(np.empty_like(part) for part in pack[0])),)
+        return list(np.empty((count, len(pack)), pack.dtype))
+    return [(type(pack[0])(*(np.empty_like(part) for part in pack[0])),) for _ in range(count)]
 
 
 def parts(pack: Any) -> tuple[Any, ...]:
