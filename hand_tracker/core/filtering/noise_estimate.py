@@ -61,6 +61,8 @@ def update_noise(noise: NoiseEstimate, markers: np.ndarray, seen: np.ndarray, st
     highest : float
         Upper limit of the standard deviation [m].
     """
+    share = clamp(step / NOISE_TIME, 0., 1.)
+    rise, fall = math.exp(share * TRACKED_QUANTILE), math.exp(share * (TRACKED_QUANTILE - 1.))
     for i in range(len(seen)):
         if not seen[i] or step <= 0.:
             noise.consecutive[i] = 0
@@ -73,8 +75,7 @@ def update_noise(noise: NoiseEstimate, markers: np.ndarray, seen: np.ndarray, st
                 square += third * third
             variance = noise.deviation[i] ** 2
             above = square > CHI_SQUARE_QUANTILE * THIRD_DIFFERENCE_GAIN * variance
-            variance *= math.exp(min(step / NOISE_TIME, 1.) * (
-                TRACKED_QUANTILE if above else TRACKED_QUANTILE - 1.))
+            variance *= rise if above else fall
             noise.deviation[i] = clamp(math.sqrt(variance), MIN_NOISE, highest)
         noise.consecutive[i] = min(noise.consecutive[i] + 1, 3)
         for k in range(3):

@@ -265,6 +265,7 @@ def _conclude(evidence: Evidence, bounds: HandBounds, kept: Kept, reading: Readi
     size = palm_size(evidence.gaps, state.sides, bounds.typical.template, rows, kept)
     _learn_palm(evidence.gaps, kept, rows, state, step)
     believed = not _most_are_astray(evidence, reading, step)
+    kept_time = math.exp(-max(step, 0.0) / SEEN_AGAIN_TIME)
     for i in range(8):
         row = rows[i]
         if not seen[row]:
@@ -280,7 +281,7 @@ def _conclude(evidence: Evidence, bounds: HandBounds, kept: Kept, reading: Readi
             wrong = wrong or distance(vector(local[row]), vector(home[i])) > gate[i]
         if not (wrong and evidence.gated[0]):
             state.refused_for[i] = 0.0
-            state.unseen_for[i] *= math.exp(-max(step, 0.0) / SEEN_AGAIN_TIME)
+            state.unseen_for[i] *= kept_time
             continue
         moved = distance(vector(local[row]), vector(state.refused_at[i]))
         if state.refused_for[i] > 0.0 and not moved <= REFUSED_STRAY + REFUSED_SPEED * step:
@@ -289,7 +290,7 @@ def _conclude(evidence: Evidence, bounds: HandBounds, kept: Kept, reading: Readi
         store(state.refused_at, i, vector(local[row]))
         if i >= 3 and reachable and 0.0 < patience <= state.refused_for[i]:
             state.refused_for[i] = 0.0
-            state.unseen_for[i] *= math.exp(-max(step, 0.0) / SEEN_AGAIN_TIME)
+            state.unseen_for[i] *= kept_time
             continue
         verdict[i] = REJECTED
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..filtering.tracks import Tracks
-from ..model.hand import DIGIT_OF_JOINT, FINGERS
+from ..model.hand import FINGERS
 from ..model.kinematics import JointTable, place_links
 from ..model.marker_layout import Mounting
 from ..model.marker_rows import LAYOUT_CAPACITY, PRINCIPALS, MarkerRows, RowState
@@ -342,12 +342,13 @@ def write_confidence(palm: Tracks, digits: Tracks, offset: np.ndarray, placed: b
     palm_spread = 0.
     for i in range(3):
         palm_spread = max(palm_spread, deviation(palm.covariance[i]))
-    for joint in range(len(report.confidence)):
-        digit = DIGIT_OF_JOINT[joint]
+    for digit in range(5):
         variance = deviation(digits.covariance[digit]) ** 2 + palm_spread ** 2
-        # For a hidden digit the solution is itself a guess: its offset says nothing.
-        off = offset[joint] if digits.seen[digit] else 0.
         known = placed and digits.known[digit]
-        report.confidence[joint] = math.exp(
-            -variance / CONFIDENCE_MARKER_SPREAD ** 2
-            - (off / CONFIDENCE_ANGLE_OFFSET) ** 2) if known else 0.
+        highest = math.exp(-variance / CONFIDENCE_MARKER_SPREAD ** 2) if known else 0.
+        for joint in range(5 * digit, 5 * digit + 5):
+            confidence = highest
+            # For a hidden digit the solution is itself a guess: its offset says nothing.
+            if digits.seen[digit] and offset[joint] != 0.:
+                confidence *= math.exp(-(offset[joint] / CONFIDENCE_ANGLE_OFFSET) ** 2)
+            report.confidence[joint] = confidence
