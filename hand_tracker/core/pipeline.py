@@ -91,7 +91,7 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
     """
     step, restarted = begin_frame(model, clock, blank, state, markers, time)
     seen = np.empty(len(markers), dtype=np.bool_)
-    iterations = 0
+    iterations, has_more_rows = 0, model[0].rows.is_needed[0]
     # 1 Labelling: reject invalid measurements, associate the others with markers.
     fault = label_markers(model, chains, options, state, markers, seen, step)
     markers, seen = markers[:PRINCIPALS], seen[:PRINCIPALS]
@@ -104,7 +104,8 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
         # 4 Inverse kinematics, palm: pose of the wrist, first joints of the digits.
         place_wrist(model, options, state)
         # 4 Inverse kinematics: place a digit's hidden principal marker by its other markers.
-        infer_markers(model, chains, state, markers, seen, palm == LOST, step)
+        if has_more_rows:
+            infer_markers(model, chains, state, markers, seen, palm == LOST, step)
         # 2, 3 Filtering and occlusion, digits: the same; hidden ones follow the others.
         predict_digits(model, options, state, markers, seen, palm == TRACKED, step)
         # 4 Inverse kinematics, digits with several markers: from the last frame's angles.
@@ -113,7 +114,8 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
         iterations = solve_angles(model, chains, options, state, seen, step)
         # 4 Inverse kinematics: quiet angles, where the digits' markers tell little of them.
         estimate_angles(chains, options, state, step)
-        refine_multi_marker_digits(model, chains, state, seen, step)
+        if has_more_rows:
+            refine_multi_marker_digits(model, chains, state, seen, step)
         # 5 Pose: continuous angles, digits apart from each other and from the palm.
         blend_angles(chains, options, state, seen, step)
         resolve_contact(model, chains, options, state, seen, step)
@@ -219,8 +221,6 @@ def infer_markers(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
     is the time since the last frame [s].
     """
     model, chains, state = model[0], chains[0], state[0]
-    if not model.rows.is_needed[0]:
-        return
     if is_lost:
         state.rows.is_measured[:] = False
         return

@@ -229,22 +229,16 @@ def _rate_moments(covariance: np.ndarray, velocity: Vector, acceleration: Vector
         dot(by_velocity, of_velocity) + dot(by_acceleration, of_acceleration), trace)
 
 
-@jit
+@fused_jit
 def _product(covariance: np.ndarray, row: int, velocity: Vector, acceleration: Vector) -> Vector:
     """Return three rows of the covariance times a velocity and an acceleration."""
-    return (_row_product(covariance, row, velocity, acceleration),
-            _row_product(covariance, row + 1, velocity, acceleration),
-            _row_product(covariance, row + 2, velocity, acceleration))
-
-
-@fused_jit
-def _row_product(covariance: np.ndarray, row: int, velocity: Vector,
-                 acceleration: Vector) -> float:
-    """Return one row of `_product`."""
-    total = 0.
+    x, y, z = 0., 0., 0.
     for k in range(3):
-        total += covariance[row, 3 + k] * velocity[k] + covariance[row, 6 + k] * acceleration[k]
-    return total
+        v, a = velocity[k], acceleration[k]
+        x += covariance[row, 3 + k] * v + covariance[row, 6 + k] * a
+        y += covariance[row + 1, 3 + k] * v + covariance[row + 1, 6 + k] * a
+        z += covariance[row + 2, 3 + k] * v + covariance[row + 2, 6 + k] * a
+    return x, y, z
 
 
 @fused_jit

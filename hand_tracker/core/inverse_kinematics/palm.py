@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ..model.palm_triangle import set_wrist_pose, triad
+from ..model.palm_triangle import triad
 from ..numerics.jit import jit
 from ..numerics.vectors import (
     Frame,
@@ -26,6 +26,7 @@ from ..numerics.vectors import (
     rotate,
     scale,
     store,
+    store_pose,
     subtract,
     unit,
     vector,
@@ -161,4 +162,4 @@ def place_palm_by_spheres(markers: np.ndarray, template: np.ndarray, rotation: n
     for k in range(3):
         roots[0, k] += p_local[k] - tp[k]
         roots[3, k] += q_local[k] - tq[k]
-    set_wrist_pose(axes, origin, rotation, position)
+    store_pose(rotation, position, axes, origin)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..model.hand import FLEXION_JOINTS
 from ..model.marker_rows import MarkerRows, RowState
-from ..model.palm_triangle import Wrist, rigid_palm, set_wrist_pose
+from ..model.palm_triangle import Wrist, rigid_palm
 from ..numerics.cholesky import solve_damped
 from ..numerics.jit import jit
 from ..numerics.vectors import (
@@ -24,6 +24,7 @@ from ..numerics.vectors import (
     rotate_about,
     rotate_about_y,
     store,
+    store_pose,
     subtract,
     vector,
 )
@@ -236,7 +237,7 @@ def _place_by_three(rows: MarkerRows, state: RowState, wrist: Wrist) -> None:
     store(template, 1, on_palm(rows, b, 0.))
     store(template, 2, on_palm(rows, c, 0.))
     axes, origin = rigid_palm(corners, template)
-    set_wrist_pose(axes, origin, wrist.rotation, wrist.position)
+    store_pose(wrist.rotation, wrist.position, axes, origin)
 
 
 @jit

@@ -17,7 +17,7 @@ from ..model.kinematics import forward, joint_table
 from ..model.marker_layout import PALM_MARKERS, Mounting, marker_positions
 from ..model.palm_triangle import rigid_palm
 from ..numerics.jit import jit
-from ..numerics.vectors import Vector, components, cross, distance, dot, scale, subtract, vector
+from ..numerics.vectors import components, distance, dot, scale, spans_plane, subtract, vector
 
 RANGE_SAMPLES = (.1, .3, .5, .7, .9)  # shares of each joint's range at which digits are sampled
 # Standard deviations of a hand that nobody calibrated from its model; ours.
@@ -83,15 +83,6 @@ def typical_places(hand: Hand, mounting: Mounting) -> TypicalPlaces:
     covariance = np.einsum('nki,nkj->kij', off, off) / len(off) + PLACE_DEVIATION ** 2 * np.eye(3)
     return TypicalPlaces(mounting.position[:len(PALM_MARKERS)].copy(), mean,
                          np.linalg.inv(covariance), np.log(np.linalg.det(covariance)))
-
-
-@jit
-def spans_plane(r: Vector, p: Vector, q: Vector) -> bool:
-    """Return whether three points are neither collinear nor coincident; False for NaN."""
-    a = subtract(p, r)
-    b = subtract(q, r)
-    normal = cross(a, b)
-    return dot(normal, normal) > 1e-3 * dot(a, a) * dot(b, b) > 1e-20
 
 
 @jit

@@ -20,11 +20,12 @@ from ..numerics.vectors import (
     components,
     distance,
     scale,
+    spans_plane,
     store,
     subtract,
     vector,
 )
-from .plausibility import DISORDER_COST, ORDER_TOLERANCE, TypicalPlaces, spans_plane
+from .plausibility import DISORDER_COST, ORDER_TOLERANCE, TypicalPlaces
 from .validity import COORDINATE_LIMIT
 
 # Gates never refuse what a hand can do in a step: BASE + BEND step² / 2 off its even motion.

@@ -20,6 +20,7 @@ from ..numerics.vectors import (
     rotate,
     rotate_about,
     scale,
+    store_pose,
     subtract,
     triangle_area,
     unit,
@@ -134,17 +135,7 @@ def fit_wrist(markers: np.ndarray, template: np.ndarray, rotation: np.ndarray,
     """
     axes, origin = rigid_palm((vector(markers[0]), vector(markers[1]), vector(markers[2])),
                               template)
-    set_wrist_pose(axes, origin, rotation, position)
-
-
-@jit
-def set_wrist_pose(axes: Frame, origin: Vector, rotation: np.ndarray,
-                   position: np.ndarray) -> None:
-    """Write axes as the columns of a rotation, shape (3, 3), and an origin as a position [m]."""
-    for i in range(3):
-        position[i] = origin[i]
-        for k in range(3):
-            rotation[i, k] = axes[k][i]
+    store_pose(rotation, position, axes, origin)
 
 
 @jit

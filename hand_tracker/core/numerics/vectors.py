@@ -38,6 +38,15 @@ def frame(matrix: np.ndarray) -> Frame:
 
 
 @jit
+def store_pose(rotation: np.ndarray, position: np.ndarray, axes: Frame, origin: Vector) -> None:
+    """Write axes as the columns of a matrix, shape (3, 3), and an origin, shape (3,)."""
+    for i in range(3):
+        position[i] = origin[i]
+        for k in range(3):
+            rotation[i, k] = axes[k][i]
+
+
+@jit
 def add(a: Vector, b: Vector) -> Vector:
     """Return a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
@@ -95,6 +104,15 @@ def triangle_area(corners: np.ndarray) -> float:
     first = vector(corners[0])
     return 0.5 * length(cross(
         subtract(vector(corners[1]), first), subtract(vector(corners[2]), first)))
+
+
+@jit
+def spans_plane(r: Vector, p: Vector, q: Vector) -> bool:
+    """Return whether three points are neither collinear nor coincident; False for NaN."""
+    a = subtract(p, r)
+    b = subtract(q, r)
+    normal = cross(a, b)
+    return dot(normal, normal) > 1e-3 * dot(a, a) * dot(b, b) > 1e-20
 
 
 @jit
