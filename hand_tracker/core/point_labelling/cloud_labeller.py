@@ -27,7 +27,6 @@ from .palm_search import (
     Finding,
     blank_candidates,
     blank_finding,
-    copy_finding,
     label_candidates,
     palm_is_seen,
     search_palms,
@@ -56,6 +55,7 @@ SHAKEN_TIME = .1            # [s] for which another labelling is then taken at o
 SHAKEN_MARGIN = 3.          # by which it must be better, in variances; ours
 UNLIKELY = 1.5              # posture, relative to the typical, that puts labels in doubt; ours
 NEWLY_SEEN_COST = 12.       # of each marker that another labelling of a followed hand sees more
+RETURN_MARGIN = 18.         # by which one must be better that only sees more markers; ours
 KNOWN_TIME = .4             # [s] for which a point of no hand is no rival's; ours
 MIRROR_MARGIN = 6.            # by which the mirrored hand must not fit better; ours
 UNTIMED_STEP = 1. / 120.     # [s]
@@ -329,20 +329,21 @@ class CloudLabeller:
         poor = (not palm_is_seen(hand.statistics, finding.rows)
                 and (rival.rows >= 0).sum() <= seen.sum()
                 and changed[hand.statistics.rigid > 0.].any())
-        if (np.array_equal(rival.rows, finding.rows) or not lead > 0. or poor
+        # Whether markers of a likely hand come back is better told by how the points move.
+        returns_alone = not (pressing or changed.any()) and lead < RETURN_MARGIN
+        if (returns_alone or np.array_equal(rival.rows, finding.rows) or not lead > 0. or poor
                 or rival.distance[0] > UNLIKELY * max(hand.statistics.typical, 1.)):
-            track.doubt[0] = max(track.doubt[0] - RIVAL_MARGIN * elapsed / RIVAL_TIME,
-                                       0.)
+            track.doubt[0] = max(track.doubt[0] - RIVAL_MARGIN * elapsed / RIVAL_TIME, 0.)
             if not changed.any() or lead < 0.:
                 track.trusted_for[seen] += elapsed
             return
         trust = min(_trust(track, rival) / TRUST_TIME, 1.)
         margin = SHAKEN_MARGIN if shaken else RIVAL_MARGIN + (TRUSTED_MARGIN - RIVAL_MARGIN) * trust
-        track.doubt[0] = min(track.doubt[0] + lead * elapsed / RIVAL_TIME,
-                                   RIVAL_TIMES * lead)
+        track.doubt[0] = min(track.doubt[0] + lead * elapsed / RIVAL_TIME, RIVAL_TIMES * lead)
         if track.doubt[0] >= margin or (shaken and lead >= margin):
             free[finding.rows[finding.rows >= 0]] = True
-            copy_finding(rival, finding)
+            for part, new in zip(finding, rival):
+                part[...] = new
             free[rival.rows[rival.rows >= 0]] = False
             kernel(start_places)(hand.statistics, points, track)
             track.doubt[0] = hand.shaken_for = 0.
@@ -361,8 +362,8 @@ class CloudLabeller:
             tried = self._find(hand, points, own, hand.first, found, by_pairs=hand.by_pairs)
             hand.first = (hand.first + tried) % len(points)
             hand.searched += tried
-            if found.cost[0] < (hand.track.finding.cost[0]
-                                      if hand.track is not None else np.inf):
+            if found.cost[0] < (
+                    hand.track.finding.cost[0] if hand.track is not None else np.inf):
                 hand.track = begin_track(hand.statistics, found, points)
         for hand in missing:
             if hand.searched >= len(points):

@@ -248,5 +248,5 @@ def place_by_all(prototype: Prototype, points: np.ndarray, found: Finding) -> No
                 found.position[m] += size * found.rotation[m, k] * normal[3 + k, 7]
                 spin[m] += found.rotation[m, k] * normal[k, 7]
         turn_rotation(found.rotation, spin[0], spin[1], spin[2])
-        found.size[0] = min(max(size * (1. + normal[6, 7]), prototype.sizes[0]),
-                                  prototype.sizes[1])
+        found.size[0] = min(
+            max(size * (1. + normal[6, 7]), prototype.sizes[0]), prototype.sizes[1])
