@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.calibration import LANDMARKS, fit_hand, landmark_positions
-from hand_tracker.calibration.fingers import USUAL_SLOPE_WORTH
+from hand_tracker.calibration.fingers import USUAL_SLOPE_WORTH, fit_fingers
 from hand_tracker.calibration.fitted_hand import SHOWN_PERCENTILES
-from hand_tracker.calibration.landmarks import landmark_angles
-from hand_tracker.calibration.palm_frame import median_lengths
+from hand_tracker.calibration.landmarks import FINGER_ROWS, landmark_angles
+from hand_tracker.calibration.palm_frame import median_lengths, palm_coordinates
 from hand_tracker.calibration.thumb import Saddle, solve_thumb
 from hand_tracker.core.errors import InvalidHand
 from hand_tracker.core.model.hand import FINGERS, JOINTS, Hand, preset_coupling, preset_limits
@@ -45,7 +45,6 @@ def person(side='right'):
         thumb_mcp_abduction=np.radians(-6.),
         finger_abduction_axes=((.2, .05, 1.), (.1, 0., 1.), (.05, -.1, 1.), (-.1, -.05, 1.)),
         splay=np.radians((6., 0., -5., -12.)),
-        phalanx_deviation=np.radians((-2., 0., 1., 5.)),
         coupling=((.4, .2), (.6, 0.), (.2, .3), (.5, -.1), (1.5, -.1)),
         limits=preset_limits('wide'), side=side)
 
@@ -106,6 +105,16 @@ def test_recovers_a_hand(side, noise, bone, lean, axis):
         np.testing.assert_allclose(fitted.coupling[4], hand.coupling[4], atol=.02)
         assert np.degrees(fitted.thumb_mcp_abduction) == pytest.approx(-6., abs=.5)
     np.testing.assert_array_equal(fitted.limits, hand.limits)
+
+
+@pytest.mark.parametrize('noise, close', [(0., .25), (.0005, .6)])
+def test_recovers_phalanges_that_deviate_from_their_planes(noise, close):
+    deviation = (-2., 0., 1., 5.)
+    hand = person().replace(phalanx_deviation=np.radians(deviation))
+    fingers = palm_coordinates(recorded(hand, noise=noise)[1])[:, FINGER_ROWS]
+    fitted = fit_fingers(hand.replace(
+        phalanx_deviation=np.zeros(4), finger_abduction_axes=((0., 0., 1.),) * 4), fingers)
+    np.testing.assert_allclose(np.degrees(fitted.phalanx_deviation), deviation, atol=close)
 
 
 @pytest.mark.parametrize('side', ['right', 'left'])
