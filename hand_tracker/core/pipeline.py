@@ -11,7 +11,7 @@ import numpy as np
 
 from .filtering.frame_clock import FrameClock, advance_clock
 from .filtering.noise_estimate import noise_in_palm_frame, update_noise
-from .filtering.tracks import clear_motion
+from .filtering.tracks import clear_motion, position_deviation
 from .inverse_kinematics.abduction_plane import REFERENCE_STEP
 from .inverse_kinematics.angle_filter import filter_angles
 from .inverse_kinematics.digit import Chains, solve_digits, solve_rooted_digit
@@ -26,6 +26,7 @@ from .inverse_kinematics.palm_arch import fit_principal_palm, lay_targets_flat
 from .labelling.association import associate
 from .labelling.validity import (
     associate_rows,
+    check_palm,
     find_valid,
     measure_rows,
     note_changes,
@@ -38,7 +39,7 @@ from .model.states import LOST, TRACKED, WAITING
 from .numerics.jit import Pack, jit, overwrite
 from .numerics.vectors import clamp, store, subtract, vector
 from .occlusion.digit_markers import track_digits
-from .occlusion.palm_markers import check_palm, expected_markers, track_palm
+from .occlusion.palm_markers import expected_markers, track_palm
 from .occlusion.prediction import Observation
 from .occlusion.transdigital import limit_neighbour_difference
 from .options import KernelOptions
@@ -46,7 +47,6 @@ from .pose.contact import CONTACT_GAP, drag_hidden, separate
 from .pose.continuity import blend
 from .pose.report import (
     Report,
-    deviation,
     hang_digits,
     write_confidence,
     write_marker_states,
@@ -173,7 +173,7 @@ def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[Kernel
     markers, seen = markers[:PRINCIPALS], seen[:PRINCIPALS]
     expected_markers(palm, digits, model.template, step, state.expected.position)
     for i in range(8):
-        state.expected.deviation[i] = deviation(
+        state.expected.deviation[i] = position_deviation(
             palm.covariance[i] if i < 3 else digits.covariance[i - 3])
         state.expected.known[i] = palm.known[i] if i < 3 else digits.known[i - 3]
     associate(markers, seen, state.expected, step, model.hand_bounds, state.association,

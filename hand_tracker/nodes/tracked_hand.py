@@ -140,17 +140,13 @@ class TrackedHand:
 
     def track(self, markers: MarkerFrame, received: float) -> TrackedFrame | None:
         """Track the markers of a message, received at a time [s]; None where it has none."""
-        frame = self.stream.track(
+        frame = self._monitor.judge(received, self.stream.track(
             markers, received, self._receipt_stamp,
-            self._measured_flexion() if self._distal_flexion.heard else None)
-        if isinstance(frame, MarkerFrame):
-            # A message without any marker of the hand may be of something else.
-            self._monitor.received_none(received, frame)
-            return None
-        if not frame.markers.frame_id:
+            self._measured_flexion() if self._distal_flexion.heard else None))
+        if frame is not None and not frame.markers.frame_id:
             self._monitor.warn_once('frame_id', f"the markers have no frame; '{UNNAMED_FRAME}' is "
                                     'used (mocap_frame)')
-        return frame._replace(is_valid=frame.is_valid and not self._monitor.is_wrong)
+        return frame
 
     def published(self, frame: TrackedFrame) -> None:
         """Note a frame of the slow path, published if it is valid."""

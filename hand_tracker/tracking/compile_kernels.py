@@ -44,20 +44,21 @@ def compile_tracking() -> HandTracker:
 
 
 def prepare_kernels(say: Callable[[str], object]) -> None:
-    """Compile missing kernels before a long computation, and announce the wait.
+    """Load the kernels before they are needed; compile missing ones, and announce the wait.
 
     Parameters
     ----------
     say : callable
         Takes a line.
     """
-    if not jit.COMPILED or jit.is_ready(jit.TRACKING_SET):
+    if not jit.COMPILED:
         return
-    say(f'compiling the kernels, which are kept, for {COMPILE_TIME} ...')
+    if not jit.is_ready(jit.TRACKING_SET):
+        say(f'compiling the kernels, which are kept, for {COMPILE_TIME} ...')
+        # Without a folder to keep them in they are compiled each time, below.
+        with suppress(OSError, jit.KernelsUnavailable):
+            complete_set(jit.TRACKING_SET, compile_tracking)
     compile_tracking()
-    # Without a folder to keep them in they are compiled each time.
-    with suppress(OSError, jit.KernelsUnavailable):
-        jit.mark_ready(jit.TRACKING_SET)
 
 
 @contextmanager

@@ -82,13 +82,10 @@ class Monitor:
     ----------
     label_fault : str or None
         Why the labels of the source are of no use.
-    is_wrong : bool
-        Whether the markers are of another hand, or another set: a pose would be no truth.
     """
 
     def __init__(self, now: float, topic: str, labels: LabelMap) -> None:
         self.label_fault: str | None = None
-        self.is_wrong = False
         self._input = InputMonitor(now, topic, labels)
         self._diagnostics = Diagnostics(now, self._input)
         self._label_changes = LabelChanges(len(labels.names))
@@ -103,17 +100,31 @@ class Monitor:
         """Expect other labels from the next message on."""
         self._input.labels = labels
 
-    def received_none(self, received: float, markers: MarkerFrame) -> None:
-        """Note a message without any marker of the hand.
+    @property
+    def is_wrong(self) -> bool:
+        """Whether the markers are of another hand, or another set: a pose would be no truth."""
+        return self._input.is_wrong
+
+    def judge(self, received: float, frame: TrackedFrame | MarkerFrame) -> TrackedFrame | None:
+        """Judge a result of `Stream.track` by what was noted of the frames before.
 
         Parameters
         ----------
         received : float
             On a clock that never jumps [s].
-        markers : MarkerFrame
+        frame : TrackedFrame or MarkerFrame
+
+        Returns
+        -------
+        TrackedFrame or None
+            Not valid where the markers are of another hand; None, and noted, for a message
+            without any marker of the hand, which may be of something else.
         """
-        self._input.received(received, markers)
-        self.label_fault = self.label_fault or self._label_changes.add(markers, received)
+        if isinstance(frame, TrackedFrame):
+            return frame._replace(is_valid=frame.is_valid and not self._input.is_wrong)
+        self._input.received(received, frame)
+        self.label_fault = self.label_fault or self._label_changes.add(frame, received)
+        return None
 
     def update(self, frames: TrackedFrames) -> bool:
         """Note frames that were tracked and published.
@@ -140,7 +151,6 @@ class Monitor:
             self._input.restarted()
         for published, states in frames.runs:
             self._input.tracked(published, states)
-        self.is_wrong = self._input.is_wrong
         self._last = frames.state, frames.times[-1]
         return self._diagnostics.tracked(
             frames.published[-1], frames.state, frames.frame_count, frames.on_fast_path,
@@ -190,6 +200,5 @@ class Monitor:
         is_other_side = self._side_check.add(*self._last)
         if is_other_side is not None:
             self._input.bends_away_from = self._side_check.side if is_other_side else None
-            self.is_wrong = self._input.is_wrong
         if is_other_side is False:
             self._side_check = None

@@ -24,14 +24,14 @@ from ..files.bags import (
 )
 from ..messages.cdr import MalformedMessage, MarkerReader
 from ..messages.labels import LabelMap
-from ..messages.marker_array import MARKER_ARRAY, MarkerFrame
+from ..messages.marker_array import MARKER_ARRAY
 from ..messages.points import PointReader
 from ..messages.stamps import nanoseconds, stamp_of
 from ..messages.templates import Template, joint_state_template, transforms_template
 from .auto_size import AutoSize
 from .monitor import Monitor, TrackedFrames
 from .point_labels import PointLabelReader, PointLabels
-from .stream import Reader, Stream
+from .stream import Reader, Stream, TrackedFrame
 
 USUAL_TOPIC = '/markers'
 TABLE = '.csv'
@@ -192,18 +192,15 @@ class RecordedHand:
         if say is not None:
             for _, line in stream.pop_log_lines():
                 say(line)
-        if isinstance(frame, MarkerFrame):
-            if monitor is not None:
-                monitor.received_none(now, frame)
+        judged = frame if monitor is None else monitor.judge(now, frame)
+        if not isinstance(judged, TrackedFrame):
             return None
         if monitor is not None:
-            # As in the node, a frame is judged by what was noted of those before it.
-            frame = frame._replace(is_valid=frame.is_valid and not monitor.is_wrong)
-            monitor.update(TrackedFrames.of(frame, now))
-        if not frame.is_valid:
+            monitor.update(TrackedFrames.of(judged, now))
+        if not judged.is_valid:
             return None
         return RecordedFrame(
-            message.time, nanoseconds(frame.stamp), frame.frame_id, frame.state)
+            message.time, nanoseconds(judged.stamp), judged.frame_id, judged.state)
 
 
 def track_hands(messages: Iterable[BagMessage], hands: Mapping[str, RecordedHand],

@@ -124,7 +124,7 @@ def test_messages_without_markers_of_the_hand():
     found = monitor()
     others = frame(hidden(*range(8)), stamp=False, unknown=(('leds', 40),))
     for now in range(5):
-        found.received_none(float(now), others)
+        found.judge(float(now), others)
     unlabelled = status(found, 4.1)
     assert unlabelled.level is Level.ERROR
     assert 'held no marker of the hand' in unlabelled.text and "'leds/40'" in unlabelled.text
@@ -202,5 +202,5 @@ def test_markers_without_any_label_are_a_fault_of_the_labels():
     found = monitor()
     nobody = MarkerFrame(None, 'mocap', np.full((8, 3), np.nan), tuple('abcdefgh'), (), ())
     for number in range(30):
-        found.received_none(.1 * number, nobody)
+        found.judge(.1 * number, nobody)
     assert found.label_fault == 'no marker has a label of labels.*'

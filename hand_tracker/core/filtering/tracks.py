@@ -78,6 +78,12 @@ def initial_tracks(positions: np.ndarray) -> Tracks:
 
 
 @jit
+def position_deviation(covariance: np.ndarray) -> float:
+    """Return a marker's standard deviation on an axis by its track's covariance (9, 9) [m]."""
+    return math.sqrt((covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) / 3.)
+
+
+@jit
 def update_filter(mean: np.ndarray, covariance: np.ndarray, activity: np.ndarray,
                   observed: np.ndarray | Vector, seen: bool, step: float, noise_sd: float,
                   fading: float) -> None:

@@ -1,6 +1,7 @@
 """Validity of measurements: non-finite, out-of-range and frozen markers count as hidden.
 
-And what is measured in a frame, of any layout: its rows, and digits whose evidence changed.
+So do the palm's markers where no hand has such a triangle. What is left is recorded as a frame's
+evidence: its measured rows, of any layout, and the digits whose evidence changed.
 """
 
 import math
@@ -9,6 +10,8 @@ import numpy as np
 
 from ..filtering.tracks import Tracks
 from ..model.marker_rows import PRINCIPALS, MarkerRows, RowState
+from ..model.palm_triangle import PalmLimits, Wrist, complete_palm, palm_fault, palm_places
+from ..model.states import TRACKED
 from ..numerics.jit import jit
 from ..numerics.vectors import distance, is_equal, store, vector
 
@@ -96,6 +99,45 @@ def _has_moved_in_palm(markers: np.ndarray, seen: np.ndarray, stood: np.ndarray,
         # False if one was not seen
         parted = parted or abs(_gap(markers, seen, i, j) - stood[i, j]) > SKIN_STRETCH
     return parted
+
+
+@jit
+def check_palm(markers: np.ndarray, seen: np.ndarray, template: np.ndarray, wrist: Wrist,
+               limits: PalmLimits) -> int:
+    """Hide all palm markers when their triangle cannot be that of this hand.
+
+    Parameters
+    ----------
+    markers : ndarray, shape (8, 3)
+        [m]
+    seen : ndarray of bool, shape (8,)
+        Its first three are cleared where there is a fault.
+    template : ndarray, shape (3, 3)
+        Palm markers in the wrist's frame [m].
+    wrist : Wrist
+        Of the last frame.
+    limits : PalmLimits
+
+    Returns
+    -------
+    int
+        TRACKED, or the `PalmState` that names the fault, as of `palm_fault`.
+    """
+    placed = wrist.placed[0] > 0
+    if not (seen[0] or seen[1] or seen[2]) or not placed and not (
+            seen[0] and seen[1] and seen[2]):
+        return TRACKED
+    points = complete_palm((vector(markers[0]), vector(markers[1]), vector(markers[2])),
+                           palm_places(template, wrist),
+                           (seen[0], seen[1], seen[2]))
+    palm = np.empty((3, 3))
+    for i in range(3):
+        store(palm, i, points[i])
+    fault = palm_fault(palm, template, limits)
+    if fault != TRACKED:
+        for i in range(3):
+            seen[i] = False
+    return fault
 
 
 @jit

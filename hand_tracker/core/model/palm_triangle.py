@@ -15,6 +15,7 @@ from ..numerics.vectors import (
     cross,
     distance,
     dot,
+    frame,
     inverse,
     length,
     rotate,
@@ -136,6 +137,16 @@ def fit_wrist(markers: np.ndarray, template: np.ndarray, rotation: np.ndarray,
     axes, origin = rigid_palm((vector(markers[0]), vector(markers[1]), vector(markers[2])),
                               template)
     store_pose(rotation, position, axes, origin)
+
+
+@jit
+def palm_places(template: np.ndarray, wrist: Wrist) -> Corners:
+    """Return the palm's markers at a pose of the wrist, three vectors [m]."""
+    axes = frame(wrist.rotation)
+    origin = vector(wrist.position)
+    return (add(origin, rotate(axes, vector(template[0]))),
+            add(origin, rotate(axes, vector(template[1]))),
+            add(origin, rotate(axes, vector(template[2]))))
 
 
 @jit

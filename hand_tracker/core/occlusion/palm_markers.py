@@ -8,11 +8,11 @@ their places in the wrist's frame while the palm turns.
 import numpy as np
 
 from ..filtering.tracks import Tracks, predict_track, update_track
-from ..model.palm_triangle import Corners, PalmLimits, Wrist, complete_palm, palm_fault, rigid_palm
+from ..model.palm_triangle import Corners, Wrist, complete_palm, palm_places, rigid_palm
 from ..model.states import CARRIED, LOST, TRACKED, WAITING
 from ..numerics.jit import jit
 from ..numerics.rigid_fit import step_rigidly
-from ..numerics.vectors import Vector, add, frame, rotate, scale, store, subtract, vector
+from ..numerics.vectors import Vector, add, rotate, scale, store, subtract, vector
 from .prediction import Observation, Prediction
 
 # Weights of palm markers in the rigid fit, that of a finger's marker being 1; tuned on captures.
@@ -20,55 +20,6 @@ SEEN_PALM_WEIGHT = 1e4
 PREDICTED_PALM_WEIGHTS = (.3, 1., 4.)  # with 0, 1 and 2 palm markers seen
 RIGID_FIT_STEPS = 2      # linear least-squares steps
 DIFFERENCE_TIME = 1e-3   # [s] over which the completed markers' velocity is differenced
-
-
-@jit
-def check_palm(markers: np.ndarray, seen: np.ndarray, template: np.ndarray, wrist: Wrist,
-               limits: PalmLimits) -> int:
-    """Hide all palm markers when their triangle cannot be that of this hand.
-
-    Parameters
-    ----------
-    markers : ndarray, shape (8, 3)
-        [m]
-    seen : ndarray of bool, shape (8,)
-        Its first three are cleared where there is a fault.
-    template : ndarray, shape (3, 3)
-        Palm markers in the wrist's frame [m].
-    wrist : Wrist
-        Of the last frame.
-    limits : PalmLimits
-
-    Returns
-    -------
-    int
-        TRACKED, or the `PalmState` that names the fault, as of `palm_fault`.
-    """
-    placed = wrist.placed[0] > 0
-    if not (seen[0] or seen[1] or seen[2]) or not placed and not (
-            seen[0] and seen[1] and seen[2]):
-        return TRACKED
-    points = complete_palm((vector(markers[0]), vector(markers[1]), vector(markers[2])),
-                           _template_places(template, wrist),
-                           (seen[0], seen[1], seen[2]))
-    palm = np.empty((3, 3))
-    for i in range(3):
-        store(palm, i, points[i])
-    fault = palm_fault(palm, template, limits)
-    if fault != TRACKED:
-        for i in range(3):
-            seen[i] = False
-    return fault
-
-
-@jit
-def _template_places(template: np.ndarray, wrist: Wrist) -> Corners:
-    """Return the palm's markers at a pose of the wrist, three vectors [m]."""
-    axes = frame(wrist.rotation)
-    origin = vector(wrist.position)
-    return (add(origin, rotate(axes, vector(template[0]))),
-            add(origin, rotate(axes, vector(template[1]))),
-            add(origin, rotate(axes, vector(template[2]))))
 
 
 @jit
@@ -102,7 +53,7 @@ def track_palm(observation: Observation, step: float, tracks: Tracks, digits: Tr
             count += 1
     if count < 3 and not wrist.placed[0]:
         return WAITING
-    before = _template_places(template, wrist)
+    before = palm_places(template, wrist)
     for i in range(3):
         if seen[i]:
             update_track(tracks, i, vector(markers[i]), step, observation.noise[i],

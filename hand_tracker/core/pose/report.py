@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..filtering.tracks import Tracks
+from ..filtering.tracks import Tracks, position_deviation
 from ..model.hand import FINGERS
 from ..model.kinematics import JointTable, place_links
 from ..model.marker_layout import Mounting
@@ -104,12 +104,6 @@ def mean_residual(residuals: np.ndarray) -> float:
             total += residual
             count += 1
     return total / count if count else math.nan
-
-
-@jit
-def deviation(covariance: np.ndarray) -> float:
-    """Return a marker's standard deviation on an axis by its track's covariance (9, 9) [m]."""
-    return math.sqrt((covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) / 3.)
 
 
 @jit
@@ -341,9 +335,9 @@ def write_confidence(palm: Tracks, digits: Tracks, offset: np.ndarray, placed: b
     """
     palm_spread = 0.
     for i in range(3):
-        palm_spread = max(palm_spread, deviation(palm.covariance[i]))
+        palm_spread = max(palm_spread, position_deviation(palm.covariance[i]))
     for digit in range(5):
-        variance = deviation(digits.covariance[digit]) ** 2 + palm_spread ** 2
+        variance = position_deviation(digits.covariance[digit]) ** 2 + palm_spread ** 2
         known = placed and digits.known[digit]
         highest = math.exp(-variance / CONFIDENCE_MARKER_SPREAD ** 2) if known else 0.
         for joint in range(5 * digit, 5 * digit + 5):

@@ -7,10 +7,10 @@ from hand_tracker.core.filtering.tracks import (
     PACE_TIME,
     clear_motion,
     initial_tracks,
+    position_deviation,
     predict_track,
     update_track,
 )
-from hand_tracker.core.pose.report import deviation
 
 STEP, NOISE, FADING = 1. / 120., 1e-4, .1
 NOWHERE = (0., 0., 0.)
@@ -104,7 +104,8 @@ def test_a_marker_back_after_long_is_where_it_is_seen():
     place = last + (.2, .1, 0.)
     update_track(tracks, 0, tuple(place), STEP, NOISE, True)
     np.testing.assert_allclose(tracks.mean[0, :3], place, atol=1e-9)
-    assert tracks.hidden_for[0] == 0. and deviation(tracks.covariance[0]) == pytest.approx(NOISE)
+    assert tracks.hidden_for[0] == 0.
+    assert position_deviation(tracks.covariance[0]) == pytest.approx(NOISE)
 
 
 @pytest.mark.parametrize('smooth', [True, False])
@@ -117,10 +118,10 @@ def test_smoothing_is_a_choice(smooth):
 
 def test_less_is_known_the_longer_it_is_hidden():
     tracks, _ = followed()
-    before = [deviation(tracks.covariance[0])]
+    before = [position_deviation(tracks.covariance[0])]
     for _ in range(60):
         carried(tracks, 1)
-        before.append(deviation(tracks.covariance[0]))
+        before.append(position_deviation(tracks.covariance[0]))
     assert (np.diff(before) > 0.).all() and before[0] < NOISE < .005 < before[-1]
 
 

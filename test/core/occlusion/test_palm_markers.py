@@ -6,17 +6,14 @@ from helpers.palms import TEMPLATE
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.core.filtering.tracks import initial_tracks
+from hand_tracker.core.labelling.validity import check_palm
 from hand_tracker.core.model.palm_triangle import (
     PalmLimits,
     Wrist,
     wrist_at_origin,
 )
 from hand_tracker.core.model.states import PalmState
-from hand_tracker.core.occlusion.palm_markers import (
-    check_palm,
-    expected_markers,
-    track_palm,
-)
+from hand_tracker.core.occlusion.palm_markers import expected_markers, track_palm
 from hand_tracker.core.occlusion.prediction import Observation, Prediction
 
 FINGERS = np.array(((.15, .025, -.02), (.16, .005, -.02), (.15, -.015, -.02), (.13, -.035, -.02),
