@@ -62,7 +62,8 @@ def measure(count):
 
 def main():
     """Measure and print."""
-    return print_measured(__doc__, measure, 
+    return print_measured(
+        __doc__, measure,
         '{layout:18s} {markers:3d} markers {median_us:7.1f} µs ({p99_us:.1f}) {ratio:.2f} x')
 
 

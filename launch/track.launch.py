@@ -312,10 +312,12 @@ def start(context):
                    'publish_frequency': number(given, 'publish_frequency')}],
                  package='robot_state_publisher', namespace=name,
                  remappings=[('joint_states', full_name(given, '/'.join(
-                     filter(None, (hand.namespace, 'robot/command')))))]),
+                     filter(None, (hand.namespace, 'robot/command')))))],
+                 on_exit=ended("the robot's robot_state_publisher")),
             node('static_transform_publisher', [], package='tf2_ros', namespace=name, arguments=[
                 *(word for pair in zip(PLACE_OPTIONS, map(str, place)) for word in pair),
-                '--frame-id', f'{hand.prefix}wrist', '--child-frame-id', f'{name}/{root}'])]
+                '--frame-id', f'{hand.prefix}wrist', '--child-frame-id', f'{name}/{root}'],
+                 on_exit=ended("the robot's static_transform_publisher"))]
     if given['rviz'] == 'true':
         actions.append(node(
             'rviz2', [], package='rviz2',

@@ -32,7 +32,6 @@ from ..core.model.marker_layout import (
     MarkerLayout,
     landmark_on_link,
 )
-from ..core.numerics.vectors import rotate_about_y, vector
 from .digit_chain import (
     ASIDE,
     BONE_PART,
@@ -215,12 +214,12 @@ def mount_markers(hand: Hand, digits: Sequence[FittedDigit | None],
     for row, digit in enumerate(digits):
         if digit is None:
             continue
-        bones = hand.thumb_bones if DIGITS[row] == 'thumb' else hand.finger_bones[row]
+        ends = hand.bone_ends()[row]
         for name, link, offset, share in zip(
                 digit.names, digit.chain.links, offsets_of(digit.shape), shares_of(digit.shape)):
             mounts[name] = MarkerMount(
                 LINKS.index(f'{DIGITS[row]}_{_link_names(row)[link]}'),
-                np.array((bones[link], 0., 0.)), offset, float(share),
+                ends[link], offset, float(share),
                 int(FLEXION_JOINTS[row, link + 1]) if link < 2 else -1)
     return mounts
 
@@ -284,8 +283,9 @@ def place_mounted(hand: Hand, mounts: Sequence[MarkerMount], angles: np.ndarray,
             points[:, i] = mount.offset
             continue
         turn = mount.share * angles[:, mount.joint] if mount.joint >= 0 else np.zeros(len(angles))
-        offset = vector(mount.offset)
-        local = mount.end + np.array([rotate_about_y(offset, float(angle)) for angle in turn])
+        c, s = np.cos(turn), np.sin(turn)
+        x, y, z = mount.offset
+        local = mount.end + np.stack((c * x + s * z, 0. * c + y, c * z - s * x), axis=1)
         points[:, i] = pose.position[:, mount.link] + (
             pose.rotation[:, mount.link] @ local[..., None])[..., 0]
     if hand.side == 'left':

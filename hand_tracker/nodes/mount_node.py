@@ -41,7 +41,7 @@ LOOK_PERIOD = .1        # [s] between two looks at whether a calibration is over
 STATIC_DEPTH = 100      # messages of /tf_static, one of each publisher
 MOUNT_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     *(row for row in START if row.name in NAMING),
-    Parameter('body_frame', '', "Frame of the body's TF in which the wrist rests, of the hand"),
+    Parameter('body_frame', '', "Frame of the body's hand on TF, in which the wrist rests"),
     *(Parameter(name, 0., f"The wrist's place along {name} of the body's frame [m]",
                 range=(-FARTHEST, FARTHEST)) for name in MOUNT_NUMBERS[:3]),
     *(Parameter(name, float(name == 'qw'), f"{name[1]} of the wrist's rotation in the body's "

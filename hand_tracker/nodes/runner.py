@@ -165,6 +165,8 @@ def spinning(*nodes: Node) -> Iterator[None]:
     """
     ended = Event()
     faults: list[Exception] = []
+    main = main_thread().ident
+    assert main is not None
 
     def serve() -> None:
         try:
@@ -175,12 +177,12 @@ def spinning(*nodes: Node) -> Iterator[None]:
         except Exception as fault:
             faults.append(fault)
             # Unlike interrupt_main, this also ends a wait.
-            signal.pthread_kill(main_thread().ident or 0, signal.SIGINT)
+            signal.pthread_kill(main, signal.SIGINT)
 
     with fastest_executor(*nodes) as executor:
         thread = Thread(target=serve, daemon=True)
-        thread.start()
         try:
+            thread.start()
             try:
                 yield
             finally:

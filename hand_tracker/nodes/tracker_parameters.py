@@ -111,8 +111,8 @@ _START_ROWS = (
               'empty for whichever frame they have'),
     Parameter('wrist_frame', AUTO, "Frame of the wrist; auto is the URDF's root, prefix + wrist"),
     Parameter('on_body', False, "Whether the hand hangs on a body by the node mount: then the "
-              "wrist's frame is that node's, and where it was tracked is broadcast as another, "
-              "whose name ends in _tracked"),
+              "wrist's frame is that node's, and the tracked wrist is another frame, whose "
+              "name ends in _tracked"),
     Parameter('broadcast', 'wrist', 'Frames to broadcast on /tf: the wrist alone, when '
               'robot_state_publisher broadcasts the rest, all or none',
               choices=('wrist', 'all', 'none')),

@@ -7,6 +7,7 @@ bounded least squares over them brings the thumb's pad to the contact point.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..calibration.least_squares import least_squares
 from ..core.model.capsules import hand_capsules
@@ -163,21 +164,23 @@ def thumb_gap(hand: Hand, angles: np.ndarray, touch: Touch) -> np.ndarray:
     pose = forward(joint_table(hand), angles)
     tips = tip_offsets(hand)
 
-    def point(link: str, along: float, dorsal: float) -> np.ndarray:
+    mirror = (1., 1. if hand.side == 'right' else -1., 1.)
+
+    def point(link: str, place: ArrayLike) -> np.ndarray:
         row = LINKS.index(link)
-        return pose.position[row] + pose.rotation[row] @ (along, 0., dorsal)
+        return pose.position[row] + pose.rotation[row] @ np.multiply(place, mirror)
 
     # The pad: palmar of the distal phalanx, a third of its length short of the tip.
     def pad(digit: int) -> np.ndarray:
-        return point(f'{DIGITS[digit]}_distal', tips[digit, 0] * 2. / 3., -hand.radii[digit, 2])
+        return point(f'{DIGITS[digit]}_distal',
+                     (tips[digit, 0] * 2. / 3., 0., -hand.radii[digit, 2]))
 
     if touch.place == 'tip':
         return pad(4) - pad(touch.finger)
     if touch.place == 'back':
+        along, aside, _ = touch.share * hand.bone_ends()[touch.finger, 1]
         return pad(4) - point(f'{FINGERS[touch.finger]}_middle',
-                              touch.share * hand.finger_bones[touch.finger, 1],
-                              hand.radii[touch.finger, 1])
-    mirror = (1., 1. if hand.side == 'right' else -1., 1.)
+                              (along, aside, hand.radii[touch.finger, 1]))
     mcp = hand.finger_mcp[touch.finger] * (touch.share, 1., 1.) * mirror
     return pad(4) - mcp + (0., 0., 2. * hand.palm_radius)
 

@@ -43,9 +43,8 @@ def skin_mount(hand: Hand, name: str, height: float | None = None) -> MarkerMoun
     row = DIGITS.index(digit)
     ends = THUMB_BONE_ENDS if digit == 'thumb' else FINGER_BONE_ENDS
     bone = list(ends).index(joint)
-    bones = hand.thumb_bones if digit == 'thumb' else hand.finger_bones[row]
     above = hand.radii[row, bone] + LED_RADIUS if height is None else height
-    return MarkerMount(LINKS.index(f'{digit}_{ends[joint]}'), np.array((bones[bone], 0., 0.)),
+    return MarkerMount(LINKS.index(f'{digit}_{ends[joint]}'), hand.bone_ends()[row, bone],
                        np.array((0., 0., above)), 0., -1)
 
 

@@ -48,23 +48,25 @@ def test_other_numbers_of_landmarks_are_refused():
             pass
 
 
-@pytest.mark.parametrize('side, kind, count', [
-    ('right', PoseArray, 25), ('left', NamedPoseArray, 25), ('right', NamedPoseArray, 26)])
-def test_the_hand_comes_out_as_landmarks(side, kind, count):
+@pytest.mark.parametrize('side, kind, count, on_body', [
+    ('right', PoseArray, 25, False), ('left', NamedPoseArray, 25, False),
+    ('right', NamedPoseArray, 26, False), ('right', PoseArray, 25, True)])
+def test_the_hand_comes_out_as_landmarks(side, kind, count, on_body):
     hand = Hand.scaled(side=side)
     angles = pose_angles('relaxed', hand)
-    wrist = TransformStamped(child_frame_id=f'{side}_wrist')
+    wrist = TransformStamped(
+        child_frame_id=f'{side}_wrist_tracked' if on_body else f'{side}_wrist')
     wrist.header.stamp, wrist.header.frame_id = STAMP, 'mocap'
     wrist.transform.translation.x, wrist.transform.rotation.z = .5, 1.
     wrist.transform.rotation.w = 0.
-    other = TransformStamped(child_frame_id='robot')
+    other = TransformStamped(child_frame_id=f'{side}_wrist' if on_body else 'robot')
     other.header.stamp = STAMP
     states = JointState(name=[f'{side}_{joint}' for joint in JOINTS], position=angles.tolist())
     states.header.stamp = STAMP
     robots = JointState(name=['elbow'], position=[1.])
     robots.header.stamp = STAMP
     message = 'pose_array' if kind is PoseArray else 'named_pose_array'
-    with landmarks(side=side, message=message, landmarks=count) as watch:
+    with landmarks(side=side, message=message, landmarks=count, on_body=on_body) as watch:
         found = watch.collect(kind, '/hand_landmarks')
         joints = watch.create_publisher(JointState, '/joint_states', 10)
         transforms = watch.create_publisher(TFMessage, '/tf', 10)

@@ -1,14 +1,15 @@
 """Unscented Kalman filter (UKF) with the variable turn model (VTM), for one marker: inertia.
 
 The state x is position, velocity and acceleration (9) of a marker that turns at the rate
-ω = |v×a| / |v|²: X. R. Li and V. P. Jilkov, "Survey of maneuvering target tracking. Part I",
-IEEE Trans. Aerospace and Electronic Systems 39 (2003).
+ω = |v×a| / |v|², bounded by `squared_turn_rate`: X. R. Li and V. P. Jilkov, "Survey of maneuvering
+target tracking. Part I", IEEE Trans. Aerospace and Electronic Systems 39 (2003).
 
 Predictions are the scaled unscented transform (S. Julier 2002, R. van der Merwe 2004; β 2) in the
 limit α → 0, where sums over sigma points become derivatives of the motion f, to second order:
 mean f + m and covariance J P Jᵀ + β m mᵀ, m = ½ tr(H P), with J, H first and second derivatives.
-Here f = L(ρ) x, ρ = ω²: with ρ's gradient g and Hessian R, and L', L'' derivatives by ρ,
-J = L + u gᵀ, u = L' x, and m = ½ (u tr(R P) + L'' x gᵀP g) + L' P g. No P is factorised.
+Here f = L(ρ) x, ρ = |v×a|² / (|v|² + c)² with the constant c of the bound: with ρ's gradient g and
+Hessian R, both zero at its limits, and L', L'' derivatives by ρ, J = L + u gᵀ, u = L' x, and
+m = ½ (u tr(R P) + L'' x gᵀP g) + L' P g. No P is factorised.
 
 All kernels update `mean`, shape (9,), and `covariance`, shape (9, 9), in place [m, m/s, m/s²].
 """
@@ -41,13 +42,13 @@ AxisTerms = tuple[AxisState, AxisState, AxisState]
 # L, or a derivative of it, on every axis: ((a, b, c), (0, d, b), (0, e, d)).
 Turn = tuple[float, float, float, float, float]
 
-# Products and sums rounded once; inlined, as tuples are passed through memory.
+# Products and sums written there are rounded once; inlined, as tuples are passed through memory.
 fused_jit = partial(jit, fastmath={'contract'}, forceinline=True)
 
 
 @jit
-def turn_rate(velocity: Vector, acceleration: Vector, step: float,
-              uncertainty: float) -> tuple[float, float, bool]:
+def squared_turn_rate(velocity: Vector, acceleration: Vector, step: float,
+                      uncertainty: float) -> tuple[float, float, bool]:
     """Return the squared turn rate of the variable turn model.
 
     It is bounded, or noise would spin a marker near rest: by the variance of the velocity, added
@@ -67,16 +68,16 @@ def turn_rate(velocity: Vector, acceleration: Vector, step: float,
     -------
     rate : float
         Squared [rad²/s²].
-    speed : float
-        Squared, with its uncertainty [m²/s²].
+    speed2 : float
+        Squared speed, with its uncertainty [m²/s²].
     is_free : bool
         Whether the rate is below both limits.
     """
     normal = cross(velocity, acceleration)
-    speed = dot(velocity, velocity) + uncertainty + STILL_SPEED * STILL_SPEED
-    rate = dot(normal, normal) / (speed * speed)
+    speed2 = dot(velocity, velocity) + uncertainty + STILL_SPEED * STILL_SPEED
+    rate = dot(normal, normal) / (speed2 * speed2)
     limit = min(MAX_TURN_RATE, MAX_TURN_ANGLE / step) ** 2
-    return min(rate, limit), speed, rate < limit
+    return min(rate, limit), speed2, rate < limit
 
 
 @jit
@@ -90,21 +91,21 @@ def turn_matrices(rate: float, step: float) -> tuple[Turn, Turn, Turn]:
     step : float
         [s]
     """
-    # Stumpff functions c_k = Σ (−angle)^n / (k + 2n)! of the squared angle, c₀ its cosine: series,
+    # Stumpff functions c_k = Σ (−x)^n / (k + 2n)! of the squared angle x, c₀ the cosine: series,
     # exact to rounding up to 1 rad. Derivatives are (k c_{k+2} − c_{k+1}) / 2.
     square = step * step
-    angle = rate * square
-    c6 = 1. / 720. - angle * (1. / 40320. - angle * (1. / 3628800. - angle * (
-        1. / 479001600. - angle * (1. / 87178291200. - angle * (
-            1. / 20922789888000. - angle / 6402373705728000.)))))
-    c5 = 1. / 120. - angle * (1. / 5040. - angle * (1. / 362880. - angle * (
-        1. / 39916800. - angle * (1. / 6227020800. - angle * (
-            1. / 1307674368000. - angle / 355687428096000.)))))
-    c4 = 1. / 24. - angle * c6
-    c3 = 1. / 6. - angle * c5
-    c2 = .5 - angle * c4
-    c1 = 1. - angle * c3
-    c0 = 1. - angle * c2
+    x = rate * square
+    c6 = 1. / 720. - x * (1. / 40320. - x * (1. / 3628800. - x * (
+        1. / 479001600. - x * (1. / 87178291200. - x * (
+            1. / 20922789888000. - x / 6402373705728000.)))))
+    c5 = 1. / 120. - x * (1. / 5040. - x * (1. / 362880. - x * (
+        1. / 39916800. - x * (1. / 6227020800. - x * (
+            1. / 1307674368000. - x / 355687428096000.)))))
+    c4 = 1. / 24. - x * c6
+    c3 = 1. / 6. - x * c5
+    c2 = .5 - x * c4
+    c1 = 1. - x * c3
+    c0 = 1. - x * c2
     slope = .5 * (c3 - c2)
     return (
         (1., c1 * step, c2 * square, c0, -rate * c1 * step),
@@ -168,12 +169,12 @@ def predict(mean: np.ndarray, covariance: np.ndarray, step: float, jerk_noise: f
     velocity = (mean[3], mean[4], mean[5])
     acceleration = (mean[6], mean[7], mean[8])
     uncertainty = covariance[3, 3] + covariance[4, 4] + covariance[5, 5]
-    rate, speed, is_free = turn_rate(velocity, acceleration, step, uncertainty)
+    rate, speed2, is_free = squared_turn_rate(velocity, acceleration, step, uncertainty)
     with_rate, variance, trace = (
         ((0., 0., 0.), (0., 0., 0.), (0., 0., 0.)), 0., 0.)
     if is_free:
         with_rate, variance, trace = _rate_moments(
-            covariance, velocity, acceleration, rate, speed, uncertainty)
+            covariance, velocity, acceleration, rate, speed2, uncertainty)
     turns = turn_matrices(rate, step)
     x = _turn_mean(mean, 0, turns, with_rate[0], variance, trace)
     y = _turn_mean(mean, 1, turns, with_rate[1], variance, trace)
@@ -190,10 +191,10 @@ def predict(mean: np.ndarray, covariance: np.ndarray, step: float, jerk_noise: f
 
 @fused_jit
 def _rate_moments(covariance: np.ndarray, velocity: Vector, acceleration: Vector, rate: float,
-                  speed: float, uncertainty: float) -> tuple[AxisTerms, float, float]:
-    """Return moments of the squared turn rate ρ = N / speed², N = |v|²|a|² − (v·a)², not bounded.
+                  speed2: float, uncertainty: float) -> tuple[AxisTerms, float, float]:
+    """Return moments of the squared turn rate ρ = N / speed2², N = |v|²|a|² − (v·a)², not bounded.
 
-    `rate` and `speed` are those of `turn_rate`.
+    `rate` and `speed2` are those of `squared_turn_rate`.
 
     Returns
     -------
@@ -204,8 +205,8 @@ def _rate_moments(covariance: np.ndarray, velocity: Vector, acceleration: Vector
     trace : float
         tr(R P)
     """
-    along, share = dot(velocity, acceleration), 2. / (speed * speed)
-    by_velocity = add(scale(velocity, share * dot(acceleration, acceleration) - 4. * rate / speed),
+    along, share = dot(velocity, acceleration), 2. / (speed2 * speed2)
+    by_velocity = add(scale(velocity, share * dot(acceleration, acceleration) - 4. * rate / speed2),
                       scale(acceleration, -share * along))
     by_acceleration = add(scale(acceleration, share * dot(velocity, velocity)),
                           scale(velocity, -share * along))
@@ -215,13 +216,13 @@ def _rate_moments(covariance: np.ndarray, velocity: Vector, acceleration: Vector
     # tr(R P) by the product rule, sorted by blocks of P
     common = covariance[3, 6] + covariance[4, 7] + covariance[5, 8]
     trace = share * (
-        (dot(acceleration, acceleration) - 2. * rate * speed) * uncertainty
+        (dot(acceleration, acceleration) - 2. * rate * speed2) * uncertainty
         + dot(velocity, velocity) * (covariance[6, 6] + covariance[7, 7] + covariance[8, 8])
         - 2. * along * common
         + 4. * dot(velocity, _product(covariance, 3, scale(velocity, -rate), acceleration))
         - dot(acceleration, _product(covariance, 3, acceleration, scale(velocity, 2.)))
         - dot(velocity, _product(covariance, 6, (0., 0., 0.), velocity))
-        - 4. * speed * dot(velocity, of_velocity))
+        - 4. * speed2 * dot(velocity, of_velocity))
     return (
         ((of_position[0], of_velocity[0], of_acceleration[0]),
          (of_position[1], of_velocity[1], of_acceleration[1]),

@@ -24,6 +24,7 @@ MAX_SECOND_HINGE_SPEED = 15.0  # [rad/s] of the turn to the chosen bend, as of q
 REGULA_FALSI_STEPS = 40
 FIRST_DESCENT_STEP = 0.1  # [rad]
 LAST_DESCENT_STEP = 1e-8  # [rad]
+ANGLE_ROUNDING = 1e-9     # [rad] of an angle that is not clamped
 
 
 class Linkage(NamedTuple):
@@ -102,13 +103,14 @@ def chain_end(linkage: Linkage, angle2: float) -> tuple[float, float]:
 def chain_reach(linkage: Linkage, angle2: float) -> float:
     """Return the distance of a chain's end from its first hinge [m]."""
     bone, middle, third = linkage.bones
-    if linkage.hinges == 2:
-        return math.sqrt(bone * bone + middle * middle
-                         + 2.0 * bone * middle * math.cos(angle2 + linkage.droop))
-    bent = coupled_angle(linkage, angle2) + linkage.droop
-    return math.sqrt(bone * bone + middle * middle + third * third + 2.0 * (
-        bone * (middle * math.cos(angle2) + third * math.cos(angle2 + bent))
-        + middle * third * math.cos(bent)))
+    # Rounding may make the square of an end at the first hinge negative.
+    if linkage.hinges == 3:
+        bent = coupled_angle(linkage, angle2) + linkage.droop
+        return math.sqrt(max(bone * bone + middle * middle + third * third + 2.0 * (
+            bone * (middle * math.cos(angle2) + third * math.cos(angle2 + bent))
+            + middle * third * math.cos(bent)), 0.0))
+    return math.sqrt(max(bone * bone + middle * middle
+                         + 2.0 * bone * middle * math.cos(angle2 + linkage.droop), 0.0))
 
 
 @jit
@@ -118,9 +120,10 @@ def aim_end(along: float, height: float, linkage: Linkage, x: float,
 
     The end is x along the first bone and y to its palmar side [m].
     """
-    angle1 = clamp_angle(
-        flexion_of(along, height) - math.atan2(y, x), linkage.lower[0], linkage.upper[0])
-    if linkage.lower[0] < angle1 < linkage.upper[0]:
+    ideal1 = flexion_of(along, height) - math.atan2(y, x)
+    angle1 = clamp_angle(ideal1, linkage.lower[0], linkage.upper[0])
+    if abs(wrap_angle(angle1 - ideal1)) < ANGLE_ROUNDING:
+        # Within the limits: the end lies on the line to the target.
         return angle1, abs(math.hypot(along, height) - math.hypot(x, y))
     c, s = math.cos(angle1), math.sin(angle1)
     return angle1, math.hypot(along - x * c + y * s, height + x * s + y * c)
@@ -332,7 +335,7 @@ def solve_three_bone(along: float, height: float, linkage: Linkage,
     x, y = coupled_end(linkage, angle2, angle3)
     ideal1 = aim - math.atan2(y, x)
     angle1 = clamp_angle(ideal1, linkage.lower[0], linkage.upper[0])
-    if abs(wrap_angle(angle1 - ideal1)) > 1e-9:
+    if abs(wrap_angle(angle1 - ideal1)) > ANGLE_ROUNDING:
         angle2, angle3 = _descend(along, height, linkage, start, angle1, angle2, angle3)
     return angle1, angle2, angle3
 

@@ -343,6 +343,6 @@ def write_confidence(palm: Tracks, digits: Tracks, offset: np.ndarray, placed: b
         for joint in range(5 * digit, 5 * digit + 5):
             confidence = highest
             # For a hidden digit the solution is itself a guess: its offset says nothing.
-            if digits.seen[digit] and offset[joint] != 0.:
+            if known and digits.seen[digit] and offset[joint] != 0.:
                 confidence *= math.exp(-(offset[joint] / CONFIDENCE_ANGLE_OFFSET) ** 2)
             report.confidence[joint] = confidence

@@ -9,6 +9,7 @@ from hand_tracker.core.inverse_kinematics.flexion import (
     UNNATURAL_COST,
     Linkage,
     NaturalFlexion,
+    aim_end,
     miss_distance,
     solve_bend,
     solve_two_bone,
@@ -135,6 +136,18 @@ def test_of_two_bends_that_do_not_fit_alike_the_cheaper_one_is_taken(
     place = share * np.array(end(*np.radians((first, second)), ON_SKIN))
     _, found = solve(*place, ON_SKIN, np.radians(previous))
     assert (found > -ON_SKIN) == flexed
+
+
+def test_the_miss_of_an_aimed_end_is_its_distance_whatever_the_limits():
+    rng = np.random.default_rng(5)
+    for _ in range(1000):
+        lower, upper = np.sort(rng.uniform(-1.5, 1.5, 2))
+        chain = linkage()._replace(lower=(lower, 0., 0.), upper=(upper, 0., 0.))
+        along, height, x, y = rng.uniform(-.1, .1, 4)
+        first, miss = aim_end(along, height, chain, x, y)
+        c, s = np.cos(first), np.sin(first)
+        assert miss == pytest.approx(
+            np.hypot(along - x * c + y * s, height + x * s + y * c), abs=1e-9)
 
 
 @pytest.mark.parametrize('droop', [0., -.2, .2])
