@@ -144,6 +144,19 @@ def test_a_stray_point_taken_for_a_hidden_marker_is_given_up_as_it_goes_on_evenl
     assert 0 < taken < 30
 
 
+def test_a_stray_point_that_fits_the_posture_is_not_taken_for_a_hidden_marker_of_the_palm():
+    random = np.random.default_rng(1)
+    labeller = CloudLabeller([prototype()])
+    frames = shaken(3, 0., .5)
+    stray = frames[70, 2] + (.02, 0., 0.) + np.outer(np.arange(80), (0., 0., .2)) / RATE
+    frames[40:170, 2] = np.nan
+    frames = np.insert(frames, 8, np.nan, axis=1)
+    frames[70:150, 8] = stray
+    for number, frame in enumerate(frames):
+        points, rows = shuffled(frame, random)
+        assert np.array_equal(labeller.update(points, number / RATE).rows[0], rows[:8]), number
+
+
 def test_two_hands_in_one_cloud_keep_their_own_markers():
     random = np.random.default_rng(4)
     labeller = CloudLabeller([prototype(side) for side in SIDES])
