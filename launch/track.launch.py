@@ -313,11 +313,11 @@ def start(context):
                  package='robot_state_publisher', namespace=name,
                  remappings=[('joint_states', full_name(given, '/'.join(
                      filter(None, (hand.namespace, 'robot/command')))))],
-                 on_exit=ended("the robot's robot_state_publisher")),
+                 on_exit=ended('robot_state_publisher of the robot')),
             node('static_transform_publisher', [], package='tf2_ros', namespace=name, arguments=[
                 *(word for pair in zip(PLACE_OPTIONS, map(str, place)) for word in pair),
                 '--frame-id', f'{hand.prefix}wrist', '--child-frame-id', f'{name}/{root}'],
-                 on_exit=ended("the robot's static_transform_publisher"))]
+                 on_exit=ended('static_transform_publisher of the robot'))]
     if given['rviz'] == 'true':
         actions.append(node(
             'rviz2', [], package='rviz2',

@@ -16,7 +16,6 @@ from ..numerics.vectors import clamp, distance, store, vector
 from .plausibility import (
     EXCHANGE_MARGIN,
     EXCHANGES,
-    apply_exchange,
     correct_exchange,
     find_exchange,
     label_cost,
@@ -347,7 +346,8 @@ def _compare_rival(evidence: Evidence, bounds: HandBounds, state: AssociationSta
         own = own and (rows[i] == i or not seen[rows[i]])
     n = state.rival[0] if own else find_exchange(rows)
     if own:
-        apply_exchange(rival, n)
+        one, other = EXCHANGES[n]
+        rival[one], rival[other] = other, one
     present = label_cost(evidence.markers, seen, rows, bounds.typical)
     better = present - label_cost(evidence.markers, seen, rival, bounds.typical)
     if not abs(better) < math.inf:
