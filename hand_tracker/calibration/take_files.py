@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES
 from ..core.model.marker_layout import MarkerLayout
 from ..files.npz_file import open_arrays
@@ -65,11 +66,8 @@ def load_take(path: str | PathLike[str], side: str | None = None,
         names, usual = names_in_layout(known)
         fields = {**fields, 'marker_names': np.array(names)}
     names, points = _named_points(path, fields)
-    rate = _number(path, 'rate_hz', fields.get('rate_hz', np.array(np.nan)))
-    rate = ASSUMED_RATE if np.isnan(rate) else rate
-    if not TAKE_RATE_RANGE[0] <= rate <= TAKE_RATE_RANGE[1]:
-        raise InvalidTake(f'{path}: rate_hz {rate:g}; allowed is {TAKE_RATE_RANGE[0]:g} to '
-                          f'{TAKE_RATE_RANGE[1]:g} Hz, or NaN where it is not known')
+    rate = usable_rate(path, _number(
+        path, 'rate_hz', fields.get('rate_hz', np.array(np.nan))), InvalidTake)
     sequence = np.asarray(fields.get('sequence', np.zeros(len(points), dtype=int)))
     if sequence.shape != (len(points),):
         raise InvalidTake(f'{path}: sequence of shape {sequence.shape}; expected a number for '
@@ -145,6 +143,15 @@ def _named_columns(recording: PointRecording, side: str | None,
                           f'{NAMED_AT_LEAST} names such as wrist, index_mcp, index_dip, '
                           'thumb_tip, --markers that say which is which, or a --layout')
     return columns, own.side if own else ''
+
+
+def usable_rate(path: Path, rate: float, error: type[HandTrackerError]) -> float:
+    """Return a file's rate, `ASSUMED_RATE` for NaN; raise an error out of the range [Hz]."""
+    rate = ASSUMED_RATE if np.isnan(rate) else rate
+    if not TAKE_RATE_RANGE[0] <= rate <= TAKE_RATE_RANGE[1]:
+        raise error(f'{path}: rate_hz {rate:g}; allowed is {TAKE_RATE_RANGE[0]:g} to '
+                    f'{TAKE_RATE_RANGE[1]:g} Hz, or NaN where it is not known')
+    return rate
 
 
 def _number(path: Path, name: str, value: np.ndarray) -> float:

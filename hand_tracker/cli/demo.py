@@ -61,6 +61,7 @@ from .recording_options import (
     add_reading_options,
     label_map,
     recorded_hand,
+    recorded_notes,
     require_bag_of_both,
 )
 
@@ -397,7 +398,7 @@ def main(args: list[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         hands, recording = _hands(options)
-        for note in recording.notes if isinstance(recording, PointBag) else ():
+        for note in recorded_notes(recording):
             print(f'{options.recording}: {note}', flush=True)
         if options.view:
             sources: list[ViewerRecording] = []

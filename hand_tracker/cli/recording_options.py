@@ -202,6 +202,11 @@ def recorded_hand(options: argparse.Namespace
     return hand, points.layout, points
 
 
+def recorded_notes(recording: Path | PointBag) -> tuple[str, ...]:
+    """Return what to tell of a recording as of `recorded_hand`."""
+    return recording.notes if isinstance(recording, PointBag) else ()
+
+
 def recorded_labels(options: argparse.Namespace, recording: Path | PointBag,
                     layout: MarkerLayout) -> LabelMap:
     """Return the labels of a recording's messages, which a file of points has by itself."""

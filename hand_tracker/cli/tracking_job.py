@@ -14,7 +14,7 @@ from ..files.bags import Bag, BagError, BagMessage, open_bag
 from ..parallel import Interruptions
 from ..progress import Progress
 from ..tracking.monitor import Monitor
-from ..tracking.opened_recording import PointBag, open_recording
+from ..tracking.opened_recording import open_recording
 from ..tracking.point_labels import PointLabels
 from ..tracking.recording import (
     MarkerReading,
@@ -153,7 +153,7 @@ def tracked_recording(
     reading = marker_reading(options, recorded_labels(options, recording, layout))
     with open_recording(recording) as bag:
         job = TrackingJob(bag, marker_topic(bag, options.topic), interrupted, progress, layout)
-        for note in recording.notes if isinstance(recording, PointBag) else ():
+        for note in bag.notes:
             job.say(note)
         yield hand, job, job.frames(HandTracker(hand, layout), reading, _learns_size(options))
 

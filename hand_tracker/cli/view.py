@@ -8,7 +8,6 @@ from ..core.model.hand import BOTH
 from ..files.hand_file import choose_hand
 from ..messages.labels import InvalidLabel
 from ..package_data import packaged_recording
-from ..tracking.opened_recording import PointBag
 from ..viewer.recording_source import ViewerRecording
 from ..viewer.serve import add_page_options, skin_of, view
 from .recording_options import (
@@ -17,6 +16,7 @@ from .recording_options import (
     recorded_hand,
     recorded_hands,
     recorded_labels,
+    recorded_notes,
 )
 
 
@@ -46,7 +46,7 @@ def _source(options: argparse.Namespace) -> ViewerRecording:
         return ViewerRecording(options.recording, *right[:2], options.topic, other,
                                marker_reading(options, right[2]))
     hand, layout, recording = recorded_hand(options)
-    for note in recording.notes if isinstance(recording, PointBag) else ():
+    for note in recorded_notes(recording):
         print(f'{options.recording}: {note}', file=sys.stderr)
     labels = recorded_labels(options, recording, layout)
     return ViewerRecording(

@@ -41,7 +41,7 @@ from .numerics.jit import (
 from .occlusion.transdigital import DigitPrior, prior_correlation
 from .options import KernelOptions, TrackerOptions, kernel_options
 from .pipeline import track_frame
-from .pose.report import LISTED_RESIDUAL, LISTED_TIME, Report, blank_report
+from .pose.report import LISTED_RESIDUAL, LISTED_TIME, Report, blank_report, listed_count
 from .records import Model, State, blank_state
 
 __all__ = ['HandState', 'HandTracker', 'MarkerState', 'PalmState', 'TrackerOptions']
@@ -325,8 +325,7 @@ class HandTracker:
         self.restarted = bool(self._kernel(track_frame)(
             *self.kernel_arguments(distal_flexion)[:-1], report, frame,
             np.nan if time is None else float(time)))
-        return self.state_from_report(
-            report, 0 if self._rows is None else len(self.layout.names))
+        return self.state_from_report(report, listed_count(self.layout))
 
     def kernel_arguments(self, distal_flexion: ArrayLike | None = None) -> tuple[
             Pack[Model], Pack[Chains], Pack[KernelOptions], Pack[FrameClock], Pack[State],
@@ -351,7 +350,7 @@ class HandTracker:
     def state_from_report(report: Any, listed: int = 0) -> HandState:
         """Return the `HandState` of a packed `Report`; they share their arrays.
 
-        `listed` is the number of markers of another layout than the paper's eight, else 0.
+        `listed` is the layout's `listed_count`.
         """
         (palm, angles, rotation, position, rotations, positions, markers, states, hidden_for,
          confidence, residuals, iterations, rows, kinds) = parts(report)

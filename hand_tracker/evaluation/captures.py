@@ -9,7 +9,7 @@ import numpy as np
 
 from ..calibration import LANDMARKS
 from ..calibration.marker_names import canonical_name
-from ..calibration.take_files import ASSUMED_RATE, TAKE_RATE_RANGE, recorded_take
+from ..calibration.take_files import recorded_take, usable_rate
 from ..core.errors import HandTrackerError
 from ..core.model.hand import LEFT_HAND_MIRROR, SIDES
 from ..core.model.marker_layout import PAPER_PLACES
@@ -122,11 +122,7 @@ def load_capture(path: str | PathLike[str]) -> Capture:
     if fields['rate_hz'].size != 1:
         raise InvalidCapture(f'{path}: rate_hz of shape {fields["rate_hz"].shape}; '
                              'expected one number')
-    rate = float(fields['rate_hz'].item())
-    rate = ASSUMED_RATE if np.isnan(rate) else rate
-    if not TAKE_RATE_RANGE[0] <= rate <= TAKE_RATE_RANGE[1]:
-        raise InvalidCapture(f'{path}: rate_hz {rate:g}; allowed is {TAKE_RATE_RANGE[0]:g} to '
-                             f'{TAKE_RATE_RANGE[1]:g} Hz, or NaN where it is not known')
+    rate = usable_rate(path, float(fields['rate_hz'].item()), InvalidCapture)
     joints = positions[:, [names.index(name) for name in LANDMARKS]].astype(float)
     # A joint with a missing coordinate is not captured.
     joints[~np.isfinite(joints).all(axis=2)] = np.nan

@@ -103,7 +103,11 @@ class Bag:
         Time of the first message [ns].
     duration : int
         Time from the first message to the last [ns].
+    notes : tuple of str
+        What to tell of the recording.
     """
+
+    notes: tuple[str, ...] = ()
 
     def __init__(self, path: Path, reader: Reader) -> None:
         self.path = path

@@ -32,12 +32,7 @@ from ..files.recordings import ReadingOptions
 from ..messages.marker_array import MARKER_ARRAY
 from ..messages.stamps import header_stamp, marker_stamps, restamp
 from ..package_data import packaged_recording
-from ..tracking.opened_recording import (
-    MarkerChoice,
-    PointBag,
-    named_labels,
-    open_recording,
-)
+from ..tracking.opened_recording import MarkerChoice, named_labels, open_recording
 from ..tracking.playback import Playback, read_ahead
 from .executors import steady_clock
 from .parameters import Parameter
@@ -155,7 +150,7 @@ class ReplayNode(Node):
                 reading, options.side or None,
                 named_labels(options.markers, MARKERS if layout is None else layout.names),
                 layout)) as bag:
-            for note in bag.notes if isinstance(bag, PointBag) else ():
+            for note in bag.notes:
                 self.get_logger().info(f'{bag.path}: {note}')
             start = bag.start + round(options.start_offset * 1e9)
             outputs = self._open_outputs(bag)

@@ -22,7 +22,7 @@ from ..messages.cdr import MarkerReader
 from ..messages.labels import LabelMap
 from ..messages.marker_array import MarkerFrame
 from ..messages.points import PointReader
-from ..messages.stamps import Time, seconds
+from ..messages.stamps import Time, nanoseconds
 from ..tracking.auto_size import AutoSize
 from ..tracking.distal_flexion import DISTAL_JOINTS, DistalFlexion
 from ..tracking.monitor import Monitor, TrackedFrames
@@ -202,7 +202,7 @@ class TrackedHand:
 
     def _on_distal_flexion(self, message: JointState) -> None:
         unknown = self._distal_flexion.received(
-            seconds(self._node.now()) or 0., message.name, message.position)
+            self._now(), message.name, message.position)
         self._node.disable_fast_path()
         if unknown:
             self._monitor.warn_once(
@@ -211,8 +211,11 @@ class TrackedHand:
 
     def _measured_flexion(self) -> np.ndarray | None:
         """Return the measured flexion of the last joints [rad]; None if it is too old."""
-        return self._distal_flexion.fresh(
-            seconds(self._node.now()) or 0., self.settings.distal_flexion_timeout)
+        return self._distal_flexion.fresh(self._now(), self.settings.distal_flexion_timeout)
+
+    def _now(self) -> float:
+        """Return the node's time [s]."""
+        return 1e-9 * nanoseconds(self._node.now())
 
     # Settings
 

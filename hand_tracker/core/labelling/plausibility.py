@@ -68,15 +68,13 @@ def typical_places(hand: Hand, mounting: Mounting) -> TypicalPlaces:
     -------
     TypicalPlaces
     """
-    lower, upper = preset_limits('wide').T
+    limits = preset_limits('wide')
+    lower, upper = limits.T
     moving = np.column_stack((ABDUCTION_JOINTS, FLEXION_JOINTS[:, :2]))
     share = np.array(list(itertools.product(RANGE_SAMPLES, repeat=3)))[:, None]
     angles = np.zeros((len(share), len(lower)))
     angles[:, moving] = lower[moving] + share * (upper - lower)[moving]
-    last = FLEXION_JOINTS[:, 2]
-    angles[:, last] = np.clip(
-        angles[:, FLEXION_JOINTS[:, 1]] * hand.coupling[:, 0] + hand.coupling[:, 1],
-        lower[last], upper[last])
+    angles = hand.coupled(angles, limits)
     places = marker_positions(mounting, forward(joint_table(hand), angles))[:, len(PALM_MARKERS):]
     mean = places.mean(axis=0)
     off = places - mean

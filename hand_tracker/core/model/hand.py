@@ -412,10 +412,28 @@ class Hand:
         angles[:len(FINGERS), 2:4] = np.radians(RELAXED_FINGERS)
         angles[len(FINGERS), :4] = np.radians(RELAXED_THUMB)
         angles[len(FINGERS), 2] = self.thumb_mcp_abduction
-        lower, upper = self.limits.T.reshape(2, *angles.shape)
-        angles = np.clip(angles, lower, upper)
-        angles[:, 4] = self.coupling[:, 0] * angles[:, 3] + self.coupling[:, 1]
-        return np.clip(angles, lower, upper).ravel()
+        return self.coupled(np.clip(angles.ravel(), *self.limits.T), self.limits)
+
+    def coupled(self, angles: np.ndarray, limits: np.ndarray) -> np.ndarray:
+        """Return angles with the last joint of each digit at its coupling, within limits.
+
+        Parameters
+        ----------
+        angles : ndarray, shape (..., 25)
+            [rad]
+        limits : ndarray, shape (25, 2)
+            Of which those of the last joints count [rad].
+
+        Returns
+        -------
+        ndarray, shape (..., 25)
+            [rad]
+        """
+        middle, last = FLEXION_JOINTS[:, 1:].T
+        angles = angles.copy()
+        angles[..., last] = np.clip(
+            self.coupling[:, 0] * angles[..., middle] + self.coupling[:, 1], *limits[last].T)
+        return angles
 
     def mirrored(self) -> 'Hand':
         """Return this hand with the other side."""

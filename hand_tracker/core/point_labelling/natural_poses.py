@@ -35,7 +35,8 @@ def natural_poses(hand: Hand, count: int = POSES) -> np.ndarray:
         Angles within the 'wide' limits [rad].
     """
     random = np.random.RandomState(1)
-    lower, upper = preset_limits('wide').T
+    limits = preset_limits('wide')
+    lower, upper = limits.T
     angles = np.zeros((count, len(lower)))
     common = random.uniform(size=(count, 1))
     curl = np.clip(COMMON_CURL * common + (1. - COMMON_CURL) * random.uniform(size=(count, 5)),
@@ -51,11 +52,7 @@ def natural_poses(hand: Hand, count: int = POSES) -> np.ndarray:
         random.normal(size=(count, 5)), -LARGEST_SCATTER, LARGEST_SCATTER)
     middle = .5 * (lower + upper)[ABDUCTION_JOINTS]
     angles[:, ABDUCTION_JOINTS] = np.where(np.arange(5) == 4, middle, 0.) + spread
-    last = FLEXION_JOINTS[:, 2]
-    angles[:, last] = np.clip(
-        angles[:, FLEXION_JOINTS[:, 1]] * hand.coupling[:, 0] + hand.coupling[:, 1],
-        lower[last], upper[last])
-    return angles
+    return hand.coupled(angles, limits)
 
 
 def model_prototype(hand: Hand, layout: MarkerLayout, names: tuple[str, ...],

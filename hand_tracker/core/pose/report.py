@@ -8,7 +8,7 @@ import numpy as np
 from ..filtering.tracks import Tracks, position_deviation
 from ..model.hand import FINGERS
 from ..model.kinematics import JointTable, place_links
-from ..model.marker_layout import Mounting
+from ..model.marker_layout import MARKERS, MarkerLayout, Mounting
 from ..model.marker_rows import LAYOUT_CAPACITY, PRINCIPALS, MarkerRows, RowState
 from ..model.palm_triangle import Wrist
 from ..model.states import ABSENT, PREDICTED, REJECTED, SEEN, STALE, SWAPPED
@@ -31,6 +31,11 @@ CONFIDENCE_ANGLE_OFFSET = .2    # [rad] of an angle from its solution
 # First link of each digit that hangs on the joint of its chain's root: MCP, the thumb's CMC.
 FIRST_LINKS = np.array((1, 6, 11, 16, 20))
 LISTED_TIME, LISTED_RESIDUAL, LISTED_COLUMNS = 3, 4, 5  # behind the position
+
+
+def listed_count(layout: MarkerLayout) -> int:
+    """Return the number of markers that a report lists: 0 for the paper's eight, else all."""
+    return 0 if layout.names == MARKERS else len(layout.names)
 
 
 class Report(NamedTuple):

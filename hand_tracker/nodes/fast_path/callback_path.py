@@ -9,11 +9,15 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import numpy as np
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from ...core.numerics.jit import COMPILED, JIT_IS_ON, jit
+from ...messages.cdr import ENCAPSULATION
+from ...messages.templates import Template
 from ..executors import EventsExecutor, wake_timer
 from .rcl import FastPathUnavailable, Octets, Rcl
 
@@ -33,8 +37,8 @@ class CallbackPath:
     """A subscription's messages: a compiled callback takes them while it is enabled.
 
     What derives from it makes, in its constructor, the callback and its context, a record with
-    the fields `is_enabled`, `has_missed_message`, `subscription`, `timer`, `mutex` and the C
-    functions of `C_FUNCTIONS`.
+    the fields `is_enabled`, `has_missed_message`, `subscription`, `timer`, `mutex`, `publishers`
+    and the C functions of `C_FUNCTIONS`, and the outgoing messages.
 
     Raises
     ------
@@ -45,6 +49,7 @@ class CallbackPath:
     _context: Any
     _callback: Any
     _set_enabled: Any
+    _outgoing: list[Octets]
 
     def __init__(self) -> None:
         self.require()
@@ -111,6 +116,14 @@ class CallbackPath:
     def invalidate(self) -> None:
         """Drop the installed signature and replies; only while the slow path handles a message."""
         self._is_installed = False
+
+    def _set_outgoing(self, number: int, publisher: Publisher, template: Template,
+                      octets: np.ndarray) -> None:
+        """Have an outgoing message, by its number, published with the octets of its reply."""
+        outgoing = self._outgoing[number]
+        outgoing.buffer = octets.ctypes.data + ENCAPSULATION
+        outgoing.length = outgoing.capacity = template.size
+        self._context.publishers[number] = publisher.handle.pointer
 
     def disable(self) -> None:
         """Let the next message go to the slow path."""

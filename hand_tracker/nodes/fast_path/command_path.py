@@ -12,7 +12,6 @@ from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
 from ...core.numerics.jit import CACHE_FOLDER, COMPILED, packed
-from ...messages.cdr import ENCAPSULATION
 from ...messages.joint_states import JointStateReader
 from ...messages.templates import Template
 from ...retargeting.follow_kernel import COMMANDED, NOT_FOLLOWED
@@ -196,11 +195,8 @@ class CommandPath(CallbackPath):
         for number, (publisher, template) in enumerate(replies):
             if not install_reply(memory, number, template):
                 return
-            octets = self._outgoing[number]
-            octets.buffer = memory.replies[number].ctypes.data + ENCAPSULATION
-            octets.length = octets.capacity = template.size
             memory.wanted[number] = 1
-            context.publishers[number] = publisher.handle.pointer
+            self._set_outgoing(number, publisher, template, memory.replies[number])
         self._is_installed = True
 
     @property

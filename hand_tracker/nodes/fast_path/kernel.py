@@ -16,14 +16,14 @@ import numpy as np
 
 from ...core.filtering.frame_clock import FrameClock
 from ...core.inverse_kinematics.digit import Chains
-from ...core.model.marker_layout import MARKERS, MarkerLayout
+from ...core.model.marker_layout import MarkerLayout
 from ...core.model.marker_rows import LAYOUT_CAPACITY, ROW_CAPACITY, layout_rows
 from ...core.model.states import PALM_STATES
 from ...core.numerics.jit import Pack, jit, overwrite
 from ...core.numerics.quaternion import write_transforms
 from ...core.options import KernelOptions
 from ...core.pipeline import track_frame
-from ...core.pose.report import LISTED_RESIDUAL, Report, mean_residual
+from ...core.pose.report import LISTED_RESIDUAL, Report, listed_count, mean_residual
 from ...core.records import Model, State
 from ...messages.cdr import (
     ENCAPSULATION,
@@ -204,7 +204,7 @@ def install_layout(hand: HandMemory, layout: MarkerLayout) -> None:
         Changed.
     layout : MarkerLayout
     """
-    hand.listed[0] = 0 if layout.names == MARKERS else len(layout.names)
+    hand.listed[0] = listed_count(layout)
     for row, slot in enumerate(layout_rows(layout)):
         if slot >= 0:
             hand.row_of_slot[slot] = row

@@ -25,7 +25,7 @@ from ...core.numerics.jit import (
     packed,
 )
 from ...core.tracker import HandTracker
-from ...messages.cdr import ENCAPSULATION, MessageSignature
+from ...messages.cdr import MessageSignature
 from ...messages.stamps import Stamp, Time
 from ...messages.templates import Template
 from ...tracking.monitor import TrackedFrames
@@ -280,10 +280,7 @@ class FastPath(CallbackPath):
             for place, member in enumerate(members):
                 install_part(self._hands[member], kind, number,
                              slice(place * size, (place + 1) * size))
-            octets = self._outgoing[number]
-            octets.buffer = self._memory.replies[number].ctypes.data + ENCAPSULATION
-            octets.length = octets.capacity = template.size
-            self._context.publishers[number] = publisher.handle.pointer
+            self._set_outgoing(number, publisher, template, self._memory.replies[number])
         for place in range(MOST_HANDS):
             hand = hands[place if place < len(hands) else 0]
             self._packs[hand.number] = hand.packs

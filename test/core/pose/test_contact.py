@@ -70,21 +70,11 @@ def apart(hand, angles, mobility=ALIKE, slope=None):
     return moved, rounds
 
 
-def coupled(hand, angles):
-    """Return angles whose third flexions follow the second."""
-    angles = np.array(angles)
-    lower, upper = hand.limits.T
-    third = FLEXION_JOINTS[:, 2]
-    angles[third] = np.clip(
-        hand.coupling[:, 0] * angles[FLEXION_JOINTS[:, 1]] + hand.coupling[:, 1],
-        lower[third], upper[third])
-    return angles
-
-
 def wild(hand, seed, count):
     lower, upper = hand.limits.T
     rng = np.random.default_rng(seed)
-    return [coupled(hand, lower + rng.random(25) * (upper - lower)) for _ in range(count)]
+    return [hand.coupled(lower + rng.random(25) * (upper - lower), hand.limits)
+            for _ in range(count)]
 
 
 def natural(hand):
@@ -154,13 +144,14 @@ def test_the_fingers_of_a_fist_stay():
         angles = pose_angles('five', HAND)
         angles[ABDUCTION_JOINTS[:4]] = 0.
         angles[FLEXION_JOINTS[:4, 0]], angles[FLEXION_JOINTS[:4, 1]] = np.radians(flexions)
-        assert apart(HAND, coupled(HAND, angles))[1] == 0
+        assert apart(HAND, HAND.coupled(angles, HAND.limits))[1] == 0
 
 
 @given(share=shares)
 @settings(max_examples=30)
 def test_it_is_deterministic_and_settled(share):
-    angles = coupled(HAND, HAND.limits[:, 0] + share * np.ptp(HAND.limits, axis=1))
+    angles = HAND.coupled(
+        HAND.limits[:, 0] + share * np.ptp(HAND.limits, axis=1), HAND.limits)
     moved, _ = apart(HAND, angles)
     np.testing.assert_array_equal(apart(HAND, angles)[0], moved)
     if overlap(HAND, moved) <= PENETRATION:
@@ -183,7 +174,8 @@ def test_pressed_fingers_part_by_their_abduction():
     assert (change[5 * RING:] == 0.).all()
 
 
-@pytest.mark.parametrize('angles', [pressed(8.), pressed(5.), coupled(HAND, pressed(10.))])
+@pytest.mark.parametrize('angles', [
+    pressed(8.), pressed(5.), HAND.coupled(pressed(10.), HAND.limits)])
 def test_the_change_is_the_least(angles):
     """SLSQP over the six free angles of the two fingers finds no smaller one."""
     moved, _ = apart(HAND, angles)
