@@ -188,15 +188,15 @@ class HandTracker:
         # Rows of the layout in those of the kernels, where they are not the same.
         self._rows = None if layout.names == MARKERS else np.maximum(rows, 0)
         self._lacking = np.flatnonzero(rows < 0)
-        digits = digit_chains(right, mounting)
+        chains = digit_chains(right, mounting)
         self._right_table, self._right_mounting = joint_table(right), mounting
         self._template = mounting.position[:PALM_COUNT].copy()
         self._relaxed = right.relaxed()
         self._rest = self._digit_markers(self._relaxed)
 
         self._options, _ = self._packed(kernel_options(options))
-        self._chains, _ = self._packed(digits)
-        self._measured_chains, _ = self._packed(deepcopy(digits))
+        self._chains, _ = self._packed(chains)
+        self._measured_chains, _ = self._packed(deepcopy(chains))
         self._model, _ = self._packed(Model(
             self._template,
             DigitPrior(self._rest, prior_correlation(
@@ -204,7 +204,7 @@ class HandTracker:
             noise_levers(self._template, self._rest),
             np.array((options.bound_index_middle, options.bound_middle_ring,
                       options.bound_ring_little)),
-            HandBounds(digits.root.copy(), reach(digits), typical_places(right, mounting)),
+            HandBounds(chains.root.copy(), reach(chains), typical_places(right, mounting)),
             hand_capsules(right), joint_table(hand), layout.principal_mounting(hand),
             marker_rows(right, layout, options.palm_arch),
             LEFT_HAND_MIRROR if hand.side == 'left' else np.ones(3)))

@@ -108,7 +108,7 @@ class HandServices:
         return self.progress() != before
 
     def pop_log_lines(self) -> list[tuple[bool, str]]:
-        """Return the lines to log, see `LiveCalibration.news`."""
+        """Return the lines to log, see `LiveCalibration.pop_log_lines`."""
         return self._calibration.pop_log_lines()
 
     def progress(self) -> dict[str, str]:

@@ -26,8 +26,7 @@ from ..messages.builders import (
 from ..messages.stamps import Time, nanoseconds
 from ..messages.templates import CONFIDENCES, JOINT_STATES, TRANSFORMS, transform_numbers
 from ..tracking.stream import TrackedFrame
-from .fast_path import InstalledReply
-from .serialization import Serialization, TFMessage
+from .serialization import Reply, Serialization, TFMessage
 
 try:
     from tf2_ros import StaticTransformBroadcaster
@@ -144,7 +143,7 @@ class Replies:
             has_sent_all = has_sent_all and (self._tf is None or len(new) == len(together))
         return has_sent_all
 
-    def replies_to(self, frames: Mapping[int, TrackedFrame]) -> list[InstalledReply]:
+    def replies_to(self, frames: Mapping[int, TrackedFrame]) -> list[Reply]:
         """Return the messages that answer frames of one stamp, for the fast path.
 
         Parameters
@@ -154,23 +153,23 @@ class Replies:
         """
         return [*self._joint_replies(tuple(frames)), *self._transform_replies(frames)]
 
-    def _joint_replies(self, hands: tuple[int, ...]) -> list[InstalledReply]:
+    def _joint_replies(self, hands: tuple[int, ...]) -> list[Reply]:
         kinds = [JOINT_STATES, CONFIDENCES] if self._has_listeners else [JOINT_STATES]
         groups = [(number,) for number in hands] if self._is_separate else [hands]
-        return [InstalledReply(
+        return [Reply(
             self._publishers[kind, group[0] if self._is_separate else 0],
             self._template((kind, group), lambda group=group: self._serialization.joint_states(
                 [joint for number in group for joint in self._names[number].joints])),
             kind, group) for kind in kinds for group in groups]
 
-    def _transform_replies(self, frames: Mapping[int, TrackedFrame]) -> list[InstalledReply]:
+    def _transform_replies(self, frames: Mapping[int, TrackedFrame]) -> list[Reply]:
         if self._tf is None or not frames:
             return []
         parents = tuple((number, frame.frame_id) for number, frame in frames.items())
         template = self._template((TRANSFORMS, parents), lambda: self._serialization.transforms(
             [pair for number, frame_id in parents
              for pair in wrist_frames(self._names[number], frame_id) + self._links[number]]))
-        return [InstalledReply(self._tf, template, TRANSFORMS, tuple(frames))]
+        return [Reply(self._tf, template, TRANSFORMS, tuple(frames))]
 
     def _template(self, key: Any, new: Any) -> Any:
         """Return the template of a key; a new one where there is none."""

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Point
+from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray, UVCoordinate
@@ -45,6 +46,26 @@ except ImportError:
     TFMessage = None
 
 SAMPLE_STAMP = Stamp(-7, 2**32 - 1)
+
+
+class Reply(NamedTuple):
+    """Reply template with its publisher and hands.
+
+    Attributes
+    ----------
+    publisher : rclpy.publisher.Publisher
+    template : Template
+        Its numbers are those of its hands, one after the other, as many of each.
+    kind : int
+        `JOINT_STATES`, `TRANSFORMS` or `CONFIDENCES`.
+    hands : tuple of int
+        Numbers of its hands.
+    """
+
+    publisher: Publisher
+    template: Template
+    kind: int
+    hands: tuple[int, ...]
 
 
 class Serialization:

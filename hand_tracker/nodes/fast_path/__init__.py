@@ -22,8 +22,8 @@ mutex: the middleware's thread never asks for it.
 """
 
 from .command_path import CommandPath, ListedJoints
-from .middleware import PUBLISHER_SILENCE, FastPath, InstalledHand, InstalledReply
+from .middleware import PUBLISHER_SILENCE, FastPath, InstalledHand
 from .rcl import FastPathUnavailable
 
 __all__ = ['PUBLISHER_SILENCE', 'CommandPath', 'FastPath', 'FastPathUnavailable', 'InstalledHand',
-           'InstalledReply', 'ListedJoints']
+           'ListedJoints']

@@ -395,12 +395,12 @@ def _is_next(memory: FastPathMemory, hand: HandMemory, clock: FrameClock, state:
 def _track_hand(memory: FastPathMemory, hand: HandMemory, packs: TrackPacks, sec: int,
                 nanosec: int) -> None:
     """Track a hand's markers of the message, and fill its parts of the replies."""
-    model, digits, options, clock, blank, state, report = packs
+    model, chains, options, clock, blank, state, report = packs
     count, rows = hand.marker_count[0], hand.rows[:model[0].rows.used[0]]
     gather_positions(memory.message, memory.places, hand.slots[:count], hand.markers[:count],
                      memory.scale[0], memory.zero_is_missing[0] > 0, rows)
     hand.stamp[0], hand.stamp[1], hand.time[0] = sec, nanosec, stamp_time(sec, nanosec)
-    track_frame(model, digits, options, clock, blank, state, report, rows, hand.time[0])
+    track_frame(model, chains, options, clock, blank, state, report, rows, hand.time[0])
     fill_replies(memory, hand, model[0].table.parent, report[0])
 
 

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
 from ...core.model.marker_layout import MARKERS, MarkerLayout
@@ -29,6 +28,7 @@ from ...messages.cdr import MessageSignature
 from ...messages.stamps import Stamp, Time
 from ...messages.templates import Template
 from ...tracking.monitor import TrackedFrames
+from ..serialization import Reply
 from .callback_path import (
     C_FUNCTIONS,
     TAKE_CAPACITY,
@@ -152,26 +152,6 @@ class InstalledHand(NamedTuple):
     signature: MessageSignature
 
 
-class InstalledReply(NamedTuple):
-    """A message that answers the frame of one hand or of several.
-
-    Attributes
-    ----------
-    publisher : rclpy.publisher.Publisher
-    template : Template
-        Its numbers are those of its hands, one after the other, as many of each.
-    kind : int
-        `JOINT_STATES`, `TRANSFORMS` or `CONFIDENCES`.
-    hands : tuple of int
-        Numbers of its hands.
-    """
-
-    publisher: Publisher
-    template: Template
-    kind: int
-    hands: tuple[int, ...]
-
-
 class FastPath(CallbackPath):
     """The fast path of one subscription.
 
@@ -222,7 +202,7 @@ class FastPath(CallbackPath):
             **{name: address(getattr(self._rcl, name)) for name in C_FUNCTIONS}),
             as_record=True)
         self._set_enabled = load_kernel(set_enabled, (self._contexts, False), folder)
-        self._is_left_out = load_kernel(_is_left_out, (self._contexts,), folder)
+        self._admit_publisher = load_kernel(_admit_publisher, (self._contexts,), folder)
         self._drain = load_kernel(_drain, (
             self._contexts, self._hand_packs[0], packs[REPORT], self._log, self._states,
             empty_like_pack(packs[REPORT])), folder)
@@ -249,7 +229,7 @@ class FastPath(CallbackPath):
         super().start(node, subscription, on_disabled, on_message)
 
     def install(self, hands: Sequence[InstalledHand], stamp: Time, scale: float,
-                zero_is_missing: bool, replies: Sequence[InstalledReply]) -> None:
+                zero_is_missing: bool, replies: Sequence[Reply]) -> None:
         """Process messages like the last one, which the slow path has handled, from now on.
 
         Parameters
@@ -258,7 +238,7 @@ class FastPath(CallbackPath):
             That the message has, all of one stamp.
         stamp, scale, zero_is_missing
             See `install_signature`.
-        replies : sequence of InstalledReply
+        replies : sequence of Reply
             At most `MOST_REPLIES`.
         """
         memories = [self._hands[hand.number] for hand in hands]
@@ -334,7 +314,7 @@ class FastPath(CallbackPath):
             self._rcl.resize(self._incoming, TAKE_CAPACITY)
         info = self._context.info.ctypes.data
         while (data := self._take_from(self._subscription, self._incoming, info)) is not None:
-            if not self._is_left_out(self._contexts):
+            if self._admit_publisher(self._contexts):
                 return data
         return None
 
@@ -357,28 +337,32 @@ def _drain(contexts: Any, hands: Any, reports: Any, log: np.ndarray, states: np.
 
 
 @jit
-def _is_left_out(contexts: Any) -> bool:
-    """Return whether the message just taken is of another publisher than the one tracked."""
+def _admit_publisher(contexts: Any) -> bool:
+    """Return whether the message just taken is to be processed, by its publisher.
+
+    Writes into the context: `publisher` and `heard` of a message that is, `other` and `left_out`
+    of one that is not.
+    """
     context = contexts[0]
     if context.silence[0] == 0.:
-        return False
+        return True
     now = monotonic_time(context)
     first, second = context.info[INFO_PUBLISHER], context.info[INFO_PUBLISHER + 1]
     is_same = context.publisher[0] == first and context.publisher[1] == second
     if not is_same and now - context.heard[0] < context.silence[0]:
         context.other[0], context.other[1] = first, second
         context.left_out[0] += 1
-        return True
+        return False
     context.publisher[0], context.publisher[1] = first, second
     context.heard[0] = now
-    return False
+    return True
 
 
 def _callback(*layouts: np.dtype) -> Any:
     """Return the compiled callback for new messages, for packs of these layouts."""
     import numba
 
-    (of_context, of_memory, of_hand, of_model, of_digits, of_options, of_clock, of_blank, of_state,
+    (of_context, of_memory, of_hand, of_model, of_chains, of_options, of_clock, of_blank, of_state,
      of_report) = layouts
 
     @numba.cfunc('void(voidptr, uintp)', cache=DEFERRED or CACHE_FOLDER is not None,
@@ -397,21 +381,21 @@ def _callback(*layouts: np.dtype) -> Any:
             taken = (is_disabled or context.is_enabled[0] > 0) and call(
                 context.take, context.subscription[0], context.incoming,
                 context.info.ctypes.data, 0) == 0
-            if taken and not _is_left_out(contexts):
+            if taken and _admit_publisher(contexts):
                 received = monotonic_time(context)
                 # A message has one hand or two.
                 hands = (numba.carray(at(context.hands[0]), (1,), of_hand),
                          numba.carray(at(context.hands[1]), (1,), of_hand))
                 one, other = context.packs[0], context.packs[1]
                 packs = ((numba.carray(at(one[0]), (1,), of_model),
-                          numba.carray(at(one[1]), (1,), of_digits),
+                          numba.carray(at(one[1]), (1,), of_chains),
                           numba.carray(at(one[2]), (1,), of_options),
                           numba.carray(at(one[3]), (1,), of_clock),
                           numba.carray(at(one[4]), (1,), of_blank),
                           numba.carray(at(one[5]), (1,), of_state),
                           numba.carray(at(one[6]), (1,), of_report)),
                          (numba.carray(at(other[0]), (1,), of_model),
-                          numba.carray(at(other[1]), (1,), of_digits),
+                          numba.carray(at(other[1]), (1,), of_chains),
                           numba.carray(at(other[2]), (1,), of_options),
                           numba.carray(at(other[3]), (1,), of_clock),
                           numba.carray(at(other[4]), (1,), of_blank),
