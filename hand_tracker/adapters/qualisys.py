@@ -72,7 +72,7 @@ class QualisysClient:
         self._clock = ClockEstimate()
         self._names: tuple[str, ...] = ()
         self._last = -1
-        self._is_told = False
+        self._is_logged = False
 
     def run(self, ended: Event) -> None:
         """Receive until `ended` is set, also from a QTM that is started later or anew."""
@@ -104,7 +104,7 @@ class QualisysClient:
                 components=list(self._components), on_packet=self.take)
             self._on_news(False, f'QTM on {self._server} streams {", ".join(self._components)}, '
                                  f'{len(self._names)} named markers')
-            self._is_told = False
+            self._is_logged = False
             while not ended.is_set() and not lost.is_set():
                 with suppress(asyncio.TimeoutError):
                     await asyncio.wait_for(lost.wait(), END_POLL)
@@ -114,8 +114,8 @@ class QualisysClient:
         finally:
             if connection is not None and connection.has_transport():
                 connection.disconnect()
-        if not ended.is_set() and not self._is_told:
-            self._is_told = True
+        if not ended.is_set() and not self._is_logged:
+            self._is_logged = True
             self._on_news(True, f'QTM on {self._server}:{self._port}: {reason}; trying again every '
                                 f'{RETRY_TIME:g} s. Is QTM measuring, with real-time output on?')
 
@@ -144,8 +144,8 @@ class QualisysClient:
         try:
             frame = points_of_packet(packet, self._names)
         except (struct.error, ValueError) as error:
-            if not self._is_told:
-                self._is_told = True
+            if not self._is_logged:
+                self._is_logged = True
                 self._on_news(True, f'left out is a damaged frame of QTM: {error}')
             return
         exposed = 1e-6 * packet.timestamp

@@ -95,8 +95,8 @@ class ReceivedFrames(NamedTuple):
     places: np.ndarray
 
 
-class HeardHand:
-    """Markers and joint states of one hand, as they were heard.
+class ReceivedHand:
+    """Markers and joint states of one hand, as they were received.
 
     Parameters
     ----------
@@ -143,10 +143,10 @@ class Listener:
     Parameters
     ----------
     node : rclpy.node.Node
-    hands : sequence of HeardHand
+    hands : sequence of ReceivedHand
     """
 
-    def __init__(self, node: Node, hands: Sequence[HeardHand]) -> None:
+    def __init__(self, node: Node, hands: Sequence[ReceivedHand]) -> None:
         self.hands = hands
         self.transforms = 0
         self.latencies: list[float] = []  # [s]
@@ -354,7 +354,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(args)
 
 
-def _hands(options: argparse.Namespace) -> tuple[list[HeardHand], Path | PointBag]:
+def _hands(options: argparse.Namespace) -> tuple[list[ReceivedHand], Path | PointBag]:
     """Return the hand that the options ask for, or both, and the recording.
 
     Where the options name no recording, the packaged one is noted there.
@@ -366,16 +366,16 @@ def _hands(options: argparse.Namespace) -> tuple[list[HeardHand], Path | PointBa
         options.recording = packaged_recording(side)
     if options.side != BOTH:
         hand, layout, recording = recorded_hand(options)
-        return [HeardHand(hand, layout, label_map((), layout.names))], recording
+        return [ReceivedHand(hand, layout, label_map((), layout.names))], recording
     require_bag_of_both(options.recording)
     chosen = {side: choose_hand(options.hand, side, options.limits, options.coupling,
                                 options.layout) for side in SIDES}
     names = chosen[SIDES[0]][1].names
     labels = label_maps(default_labels(names), {side: f'{side}/0' for side in SIDES}, names)
-    return [HeardHand(*chosen[side], labels[side]) for side in SIDES], options.recording
+    return [ReceivedHand(*chosen[side], labels[side]) for side in SIDES], options.recording
 
 
-def _grasping_hand(options: argparse.Namespace) -> HeardHand:
+def _grasping_hand(options: argparse.Namespace) -> ReceivedHand:
     """Write the recording of a hand that grasps, and return the hand."""
     for name, allowed in (('recording', (None,)), ('side', (None, 'right')), ('hand', (None,)),
                           ('robot', ('', PLAIN_ROBOT)), ('rate', (1.,)), ('view', (False,))):
@@ -387,7 +387,7 @@ def _grasping_hand(options: argparse.Namespace) -> HeardHand:
     options.output.mkdir(parents=True, exist_ok=True)
     options.recording = options.output / 'grasp.mcap'
     write_bag(options.recording, recording_messages(grasp_recording(hand), hand.side))
-    return HeardHand(hand, layout, label_map((), layout.names))
+    return ReceivedHand(hand, layout, label_map((), layout.names))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -105,6 +105,7 @@ class _Writer:
         self._data += bytes(-(len(self._data) - ENCAPSULATION) % to)
 
     def count(self, number: int) -> None:
+        """Write the length of a string or of a sequence."""
         self.pack('I', number)
 
     def pack(self, form: str, *values: Any) -> None:
@@ -113,17 +114,20 @@ class _Writer:
         self._data += struct.pack(f'<{form}', *values)
 
     def string(self, text: str) -> None:
+        """Write a string."""
         octets = text.encode() + b'\0'
         self.count(len(octets))
         self._data += octets
 
     def header(self, frame_id: str) -> None:
+        """Write a Header, and note its stamp."""
         self._align(4)
         self._stamps.append(len(self._data))
         self._data += bytes(8)
         self.string(frame_id)
 
     def numbers(self, count: int) -> None:
+        """Write so many doubles, and note them."""
         self._align(8)
         self._numbers += range(len(self._data), len(self._data) + 8 * count, 8)
         self._data += bytes(8 * count)
@@ -143,6 +147,7 @@ class _Writer:
         self.pack('?', False)
 
     def template(self) -> Template:
+        """Return the template of what was written."""
         return Template(bytes(self._data), self._stamps, self._numbers)
 
 

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 
 class TrackedHand:
-    """A hand that a tracker node tracks; owner of all that belongs to it alone.
+    """Per-hand state of the tracker node.
 
     Parameters
     ----------
@@ -92,6 +92,8 @@ class TrackedHand:
         self._rows = self._table(self.hand)
         declare(node, self._rows)
         self.settings = self._settings_of(self.hand, self._values())
+        self._topic = ''
+        self._monitor = Monitor(time.monotonic(), self._topic, self.settings.labels)
         self._has_new_settings = False
         self._new_hand: tuple[Hand, MarkerLayout] | None = None
         self._mocap_frame = start['mocap_frame']
@@ -114,7 +116,6 @@ class TrackedHand:
         node.create_subscription(
             JointState, f'{self.topics}distal_flexion', self._on_distal_flexion,
             qos['distal_flexion'])
-        self._topic = ''
         self._published: list[TrackedFrames] = []  # that are not monitored yet
         self._latest: tuple[Time, str, HandState] | None = None
         self.services = HandServices(node, self, start, layout, self._scope, self.topics)

@@ -1,4 +1,4 @@
-"""The tracker node: markers in; joint states, TF and a picture of one hand or of both out."""
+"""The tracker node: markers in; joint states, TF and RViz markers of one hand or of both out."""
 
 from __future__ import annotations
 

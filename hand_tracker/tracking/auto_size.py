@@ -1,4 +1,4 @@
-"""Learn the size of a hand that nobody measured, while it is tracked. No ROS."""
+"""Online estimate of hand size, for a hand that nobody measured. No ROS."""
 
 from __future__ import annotations
 

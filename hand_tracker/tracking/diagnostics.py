@@ -142,7 +142,7 @@ class Diagnostics:
         self._state: HandState | None = None
         # Troubles of the palm and of each marker that came since the last status.
         self._passed: set[PalmState | tuple[int, int]] = set()
-        self._told: set[PalmState | tuple[int, int]] = set()   # of the last one
+        self._last_passed: set[PalmState | tuple[int, int]] = set()  # of the last one
         self._frames = self._counted = self._on_fast_path = self._left_out = 0
         self._since = now
         self._rate = 0.  # [Hz]
@@ -186,7 +186,7 @@ class Diagnostics:
             self._passed.update((slot, kind) for slot, kind in enumerate(run.marker_states.tolist())
                                 if kind in MARKER_TROUBLES)
         return now - self._last_status >= STATUS_GAP and (
-            self._summary(now) != self._last_summary or not self._passed <= self._told)
+            self._summary(now) != self._last_summary or not self._passed <= self._last_passed)
 
     def status(self, now: float, publishers: Callable[[], str]) -> Status:
         """Return the status.
@@ -226,7 +226,7 @@ class Diagnostics:
                 value += _passing(kind for kind in MARKER_TROUBLES if (slot, kind) in self._passed
                                   and kind != state.marker_states[slot])
             values[f'{marker} marker'] = value
-        self._told, self._passed = self._passed, set()
+        self._last_passed, self._passed = self._passed, set()
         return Status(level, text, values)
 
     def _summary(self, now: float) -> object:

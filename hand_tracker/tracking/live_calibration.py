@@ -30,7 +30,7 @@ class LiveCalibration:
         self._text = NO_CALIBRATION
         self._values: dict[str, str] = {}
         self._fit: Fit | None = None
-        self._news: list[tuple[bool, str]] = []
+        self._log_lines: list[tuple[bool, str]] = []
 
     def start(self, layout: MarkerLayout, side: str, limits: str, output: Path) -> None:
         """Begin to collect a take.
@@ -75,7 +75,7 @@ class LiveCalibration:
         elif self._fit is not None and (ended := self._fit.ended()) is not None:
             self._fit = None
             done, self._text = ended
-            self._news.append((not done, f'calibration: {self._text}'))
+            self._log_lines.append((not done, f'calibration: {self._text}'))
             return self._output if done else None
         return None
 
@@ -85,15 +85,15 @@ class LiveCalibration:
         if not coverage.is_complete and not take.is_over:
             if coverage.text != self._text:
                 self._text = coverage.text
-                self._news.append((False, f'calibration: {self._text}'))
+                self._log_lines.append((False, f'calibration: {self._text}'))
             self._values = coverage.values()
             return
         if missing := coverage.missing():
-            self._news.append((True, f'calibration: {take.seconds:.0f} s are over; not shown: '
-                               + '; '.join(missing)))
+            self._log_lines.append((True, f'calibration: {take.seconds:.0f} s are over; not shown: '
+                                    + '; '.join(missing)))
         self.take, self._values = None, {}
         self._text = f'fitting a hand to {take.seconds:.0f} s'
-        self._news.append((False, f'calibration: {self._text}; tracking goes on'))
+        self._log_lines.append((False, f'calibration: {self._text}; tracking goes on'))
         self._fit = Fit(take, self._limits, self._output)
 
     def values(self) -> dict[str, str]:
@@ -102,8 +102,8 @@ class LiveCalibration:
 
     def pop_log_lines(self) -> list[tuple[bool, str]]:
         """Return the lines to log, each with whether it is a warning."""
-        news, self._news = self._news, []
-        return news
+        lines, self._log_lines = self._log_lines, []
+        return lines
 
     def stop(self) -> None:
         """Cancel the calibration that runs."""

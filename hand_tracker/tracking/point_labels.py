@@ -112,7 +112,7 @@ class PointLabelReader:
         self._searched_since: float | None = None
         self._was_found = False
         self._asked = False
-        self._news: list[tuple[bool, str]] = []
+        self._log_lines: list[tuple[bool, str]] = []
 
     def read(self, message: Any) -> MarkerFrame:
         """Return the markers of a message; those not found are not seen."""
@@ -127,8 +127,8 @@ class PointLabelReader:
         """Collect what to log: the hand found, a hand of the other side, a pose to ask for."""
         if found:
             if not self._was_found:
-                self._news.append((False, f'the {self._side} hand is found among {count} points '
-                                   'without labels'))
+                self._log_lines.append((False, f'the {self._side} hand is found among {count} '
+                                        'points without labels'))
             self._was_found, self._searched_since, self._asked = True, None, False
             return
         if time is None:
@@ -140,19 +140,21 @@ class PointLabelReader:
         self._asked, self._was_found = True, False
         other = OTHER_SIDE[self._side]
         if other_side:
-            self._news.append((True, f'the points look like a {other} hand: set side:={other}, or '
-                               'check whether axes are exchanged or mirrored'))
+            self._log_lines.append((True, f'the points look like a {other} hand: set '
+                                    f'side:={other}, or check whether axes are exchanged or '
+                                    'mirrored'))
         elif count < self._count:
-            self._news.append((True, f'only {count} points; the hand has {self._count} markers'))
+            self._log_lines.append((True, f'only {count} points; the hand has {self._count} '
+                                    'markers'))
         else:
-            self._news.append((True, f'the {self._side} hand is not found among {count} points: '
-                               'spread your fingers for a moment; else check unit_scale, side and '
-                               'where the markers are'))
+            self._log_lines.append((True, f'the {self._side} hand is not found among {count} '
+                                    'points: spread your fingers for a moment; else check '
+                                    'unit_scale, side and where the markers are'))
 
     def pop_log_lines(self) -> list[tuple[bool, str]]:
         """Return the lines to log since the last call: whether it is a warning, and the line."""
-        news, self._news = self._news, []
-        return news
+        lines, self._log_lines = self._log_lines, []
+        return lines
 
     def load_kernels(self, folder: Path | None = None) -> None:
         """Do nothing: the kernels that label points are loaded for all readers."""

@@ -167,7 +167,7 @@ class Stream:
         self._blended_since: float | None = None  # [s]
         self._time = FrameTime()
         self._switches_kernels = False
-        self._news: list[tuple[bool, str]] = []
+        self._log_lines: list[tuple[bool, str]] = []
         self._has_reported_error = False
 
     def compile_in_background(self, program: str = PROGRAM,
@@ -184,8 +184,9 @@ class Stream:
         if DEFERRED:
             loaders = {TRACKING_SET: self._load_kernels, **loaders}
             self._switches_kernels = True
-            self._news.append((False, 'first start: kernels are compiled in the background for '
-                               f'{COMPILE_TIME}; until then plain Python tracks, more slowly'))
+            self._log_lines.append((False, 'first start: kernels are compiled in the background '
+                                    f'for {COMPILE_TIME}; until then plain Python tracks, more '
+                                    'slowly'))
         if DEFERRED or LABELLING_IS_DEFERRED and isinstance(self.reader, PointLabelReader):
             loaders = {**loaders, LABELLING_SET: load_labelling_kernels}
         if loaders:
@@ -296,13 +297,13 @@ class Stream:
         if self._auto_size.is_learning or not self.tracker.placed:
             return
         if not self._is_sized:
-            self._news.append((False, "these markers do not tell the hand's size: it is that of "
-                               'the mean hand, unless a size or a hand file is given'))
+            self._log_lines.append((False, "these markers do not tell the hand's size: it is that "
+                                    'of the mean hand, unless a size or a hand file is given'))
         else:
             mcp = self.tracker.hand.finger_mcp
-            self._news.append((False, 'the size of the hand is learned: '
-                               f'{1e3 * np.linalg.norm(mcp[0] - mcp[3]):.0f} mm between the '
-                               'knuckles of index and little finger'))
+            self._log_lines.append((False, 'the size of the hand is learned: '
+                                    f'{1e3 * np.linalg.norm(mcp[0] - mcp[3]):.0f} mm between the '
+                                    'knuckles of index and little finger'))
 
     @property
     def is_compiled(self) -> bool:
@@ -314,17 +315,17 @@ class Stream:
         if TRACKING_SET in self.compilation.loaded:
             self.tracker.use_loaded_kernels()
             self.reader.use_loaded_kernels()
-            self._news.append((False, 'compiled kernels have taken over'))
+            self._log_lines.append((False, 'compiled kernels have taken over'))
             self._switches_kernels = False
 
     def pop_log_lines(self) -> list[tuple[bool, str]]:
         """Return the lines to log of kernels and size: whether it is a warning, and the line."""
-        news, self._news = self._news, []
+        lines, self._log_lines = self._log_lines, []
         if isinstance(self.reader, PointLabelReader):
-            news += self.reader.pop_log_lines()
+            lines += self.reader.pop_log_lines()
         error = None if self.compilation is None else self.compilation.error
         if error is not None and not self._has_reported_error:
             self._has_reported_error = True
-            news.append((True, 'the kernels could not be compiled, frames go on being tracked '
+            lines.append((True, 'the kernels could not be compiled, frames go on being tracked '
                          f'more slowly: {error}'))
-        return news
+        return lines

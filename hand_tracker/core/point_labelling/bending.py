@@ -1,4 +1,4 @@
-"""How the markers of a digit spread as it bends, for digits that no frame has shown bending."""
+"""Covariance of markers under digit flexion, for digits that no frame has shown bending."""
 
 import numpy as np
 

@@ -107,6 +107,7 @@ class _Hand:
         self.lose()
 
     def lose(self) -> None:
+        """Drop the track; the hand is searched from the next frame on."""
         self.track: HandTrack | None = None
         self.confirmed = False
         self.searched = self.first = 0

@@ -1,4 +1,4 @@
-"""Points that no hand has, from frame to frame: where they go on, and how they came."""
+"""Unassigned points from frame to frame: where they go on, and how they came."""
 
 import math
 from typing import NamedTuple
@@ -66,7 +66,7 @@ def _new_history(count: int, markers: int) -> PointHistory:
 
 
 class Clutter(NamedTuple):
-    """Points of a frame that no hand has.
+    """Unassigned points of a frame.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A hand that is followed: its state, and where its markers are a time step ahead."""
+"""Track of one labelled hand: its state, and where its markers are a time step ahead."""
 
 import math
 from typing import NamedTuple
@@ -57,7 +57,7 @@ class Returns(NamedTuple):
 
 
 class HandTrack(NamedTuple):
-    """A hand that is followed.
+    """Track of one labelled hand.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Prototype of a hand that nobody recorded: its markers in natural poses of the hand model."""
+"""Model prototype of an unrecorded hand: its markers in natural poses of the hand model."""
 
 import numpy as np
 

@@ -473,7 +473,7 @@ def _best_giver(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, loca
 @labelling_jit
 def chain_labels(prototype: Prototype, local: np.ndarray, free: np.ndarray, rows: np.ndarray,
                  matrix: np.ndarray, cost: float) -> bool:
-    """Pass points on from marker to marker, where that costs less in the end.
+    """Improve labels by alternating chains: points passed on from marker to marker.
 
     A marker takes another's point, that one the next one's, and so on: exchanges of two markers
     cannot undo a finger that is labelled a joint too far (ejection chains, as of Lin and Kernighan,

@@ -1,4 +1,4 @@
-"""Markers that come back: cost of a point as a marker that was hidden, by place and motion.
+"""Cost of a reappearing marker: of a point as a marker that was hidden, by place and motion.
 
 A marker of a digit goes with the hand, and is where the others expect it; a point of no hand rests
 or goes on evenly. So each is judged, stretch by stretch of its path, before and after it is taken.

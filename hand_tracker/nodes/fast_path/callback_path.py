@@ -1,4 +1,4 @@
-"""A subscription whose messages a compiled callback takes in the middleware's own thread."""
+"""Subscription served in the middleware's thread by a compiled callback."""
 
 from __future__ import annotations
 
