@@ -7,8 +7,7 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from hand_tracker import HandTracker
-from hand_tracker.core.model.hand import JOINTS
+from hand_tracker import JOINTS, HandTracker
 from hand_tracker.messages.labels import LabelMap
 from hand_tracker.messages.marker_array import markers_from_message
 from hand_tracker.messages.stamps import seconds

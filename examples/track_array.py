@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from hand_tracker import Hand, HandTracker
-from hand_tracker.core.model.hand import JOINTS
+from hand_tracker import JOINTS, Hand, HandTracker
 from hand_tracker.simulation.packaged_recordings import demo_recording
 
 # In the place of your own: markers (frames, 8, 3) [m], NaN where not seen; times (frames,) [s].

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-# Independent frames in a recording: model errors persist for as long as a grasp.
+# Frames that a recording counts for, however long: within a grasp model errors are alike.
 INDEPENDENT_FRAMES = 20
 INITIAL_MODEL_ERROR = .004  # [m] standard deviation in the first fit
 MIN_MODEL_ERROR = .0002     # [m]
-EVALUATIONS_PER_START = 25  # the best start is then refined
-REFITS = 4                  # with the model error re-estimated
-EVALUATIONS_PER_REFIT = 100 # more where a fit creeps, as of motions without noise, change little
+EVALUATIONS_PER_START = 25  # of each start; the best one is refined
+REFITS = 4                  # each with the model error of the last fit
+EVALUATIONS_PER_REFIT = 100 # at most: slow fits, of motions without noise, gain little by more
 DIFFERENCE_STEP = 1e-4      # relative, of finite differences
 
 

@@ -23,23 +23,24 @@ from .palm_template import rigid_poses, to_palm
 
 MIN_SIZE_FRAMES = 20    # with the whole palm seen
 SIZE_FRAMES = 100       # that are read, at most
-SHEAR_SPREAD = .3       # [1] standard deviation of the palm's shear, and of length against breadth
+SHEAR_SPREAD = .3       # [1] standard deviation of the palm's shear, and of its length against breadth
 PALM_ERROR = .001       # [m] standard deviation of the distances of the palm's markers
 
-# Scales of the fingers' bones: candidates, spread about the palm's, and about each other.
-SCALES = np.arange(.75, 1.36, .005)
-PALM_SCALE_RANGE = (.85, 1.08)  # a marker worn on the forearm makes a long palm of any hand
-SCALE_SPREAD = .03
-FINGER_SPREAD = .03
-INDEPENDENT_POSES = 3.          # that the frames of some seconds count for
+# Scales of the fingers' bones relative to the mean hand's [1].
+SCALES = np.arange(.75, 1.36, .005)  # that are tried
+PALM_SCALE_RANGE = (.85, 1.08)  # of the expected one, the palm's: forearm markers lengthen palms
+SCALE_SPREAD = .03              # half width of their Cauchy distribution about the expected one
+FINGER_SPREAD = .03             # standard deviation of one finger's about that of all
+INDEPENDENT_POSES = 3.          # weight of the poses, which are alike within seconds
 
-# Spread of natural poses [rad], and of a marker beyond a finger's reach [m].
-BEND_SPREAD = np.radians(20.)
-LIMIT_SPREAD = .1
-EXTENSION_SPREAD = .2
+# Natural poses: standard deviations of flexion [rad], and of a marker beyond the reach [m].
+BEND_SPREAD = np.radians(20.)           # of the PIP's about `NATURAL_BEND` of the MCP's
+LIMIT_SPREAD = .1                       # of the PIP's beyond `DEEPEST_BEND`
+EXTENSION_SPREAD = .2                   # of the MCP's beyond `DEEPEST_EXTENSION`
 MISS_SPREAD = .001
-DEEPEST_BEND = np.radians(100.)
-DEEPEST_EXTENSION = np.radians(-20.)
+DEEPEST_BEND = np.radians(100.)         # of a PIP
+DEEPEST_EXTENSION = np.radians(-20.)    # of an MCP
+# Flexion of each finger's PIP by that of its MCP, in the relaxed hand.
 NATURAL_BEND = np.array([second / first for first, second in RELAXED_FINGERS])
 
 

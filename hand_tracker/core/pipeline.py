@@ -249,7 +249,7 @@ def predict_digits(model: Pack[Model], options: Pack[KernelOptions], state: Pack
 
 @jit
 def solve_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
-                  seen: np.ndarray, step: float) -> None:
+                              seen: np.ndarray, step: float) -> None:
     """Solve digits with several markers by Gauss-Newton from the last frame's angles.
 
     Digits whose evidence changed, or whose solution fits badly, wait for the closed form by their
@@ -323,7 +323,7 @@ def estimate_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: P
 
 @jit
 def refine_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
-                  seen: np.ndarray, step: float) -> None:
+                               seen: np.ndarray, step: float) -> None:
     """Solve the remaining digits with several markers, starting from the closed form.
 
     `step` is the time since the last frame [s].

@@ -1,1 +1,1 @@
-"""The nodes: parameters, QoS, callbacks and publishers; no arithmetic."""
+"""The nodes: parameters, QoS, callbacks, publishers; no arithmetic but the fast path's kernels."""
