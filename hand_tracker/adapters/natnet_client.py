@@ -29,6 +29,7 @@ from .natnet_packets import (
     SERVER_INFO,
     DataDescriptions,
     FramePacket,
+    FrameStructure,
     ServerInfo,
     echo_response,
     frame_packet,
@@ -94,6 +95,7 @@ class NatNetClient:
     def _forget(self) -> None:
         self._info: ServerInfo | None = None
         self._model = DataDescriptions({}, {})
+        self._structure: FrameStructure | None = None   # of the last frame, with this model
         self._model_requests = 0     # that were not answered
         self._wants_model = True
         self._sent: int | None = None
@@ -204,9 +206,10 @@ class NatNetClient:
         elif self._info is None:
             return
         elif number == FRAME:
-            self._take_frame(frame_packet(data, self._info.version), received)
+            self._take_frame(frame_packet(data, self._info.version, self._structure), received)
         elif number == MODEL:
             self._model = model_definitions(data, self._info.version)
+            self._structure = None
             self._wants_model, self._model_requests = False, 0
         elif number == ECHO_RESPONSE:
             sent, ticks = echo_response(data)
@@ -225,35 +228,45 @@ class NatNetClient:
         self._clock.received(packet.transmit / frequency, 1e-9 * received)
         exposed = self._clock.local(packet.exposure / frequency)
         stamp = stamp_of(round(1e9 * exposed) + wall_offset())
-        names, markers, points = self._named(packet)
-        self._on_frame(point_frame(stamp, '', names, markers, points))
+        if packet.structure is not self._structure:
+            self._arrange(packet.structure)
+        self._wants_model |= not self._is_known
+        points = packet.points
+        if len(self._nameless):
+            points = np.concatenate((points, packet.markers[self._nameless]))
+        self._on_frame(point_frame(
+            stamp, '', self._names, packet.markers[self._taken], points))
 
-    def _named(self, packet: FramePacket) -> tuple[list[str], list[np.ndarray], list[np.ndarray]]:
-        """Return names and positions of a frame's named markers, and its anonymous points."""
+    def _arrange(self, structure: FrameStructure) -> None:
+        """Find the names of a frame's markers by the model."""
         names: list[str] = []
-        markers: list[np.ndarray] = []
-        points = list(packet.unlabelled)
-        for name, positions in packet.sets:
+        taken: list[int] = []
+        nameless: list[int] = []
+        is_known, first = True, 0
+        for name, count in structure.sets:
             own = self._model.sets.get(name, ())
-            if len(own) == len(positions):
+            if len(own) == count:
                 names += [f'{name}:{marker}' for marker in own]
-                markers += list(positions)
+                taken += range(first, first + count)
             else:
                 # The model is not known yet, or no longer this one.
-                self._wants_model = True
-        sent = {name for name, _ in packet.sets}
-        for body, number, position in packet.labelled:
+                is_known = False
+            first += count
+        sent = {name for name, _ in structure.sets}
+        for row, (body, number) in enumerate(structure.labelled, first):
             name = self._model.bodies.get(body, '')
             own = self._model.sets.get(name, ())
             if name in sent:
                 continue
             if 0 < number <= len(own):
                 names.append(f'{name}:{own[number - 1]}')
-                markers.append(position)
+                taken.append(row)
             elif not sent:
-                self._wants_model = True
-                points.append(position)
-        return names, markers, points
+                is_known = False
+                nameless.append(row)
+        self._structure = structure
+        self._names, self._is_known = tuple(names), is_known
+        self._taken, self._nameless = np.array(taken, int), np.array(nameless, int)
 
     def _warn_once(self, key: str, text: str) -> None:
         if key not in self._warned:

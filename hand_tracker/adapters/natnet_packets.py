@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .packet_structure import POINT_SIZE, PacketStructure, point_places, points_at
 from .point_frame import MalformedFrame
 
 # Ids of messages.
@@ -19,10 +20,11 @@ CONNECT, SERVER_INFO, REQUEST_MODEL, MODEL, FRAME = 0, 1, 4, 5, 7
 KEEP_ALIVE, ECHO_REQUEST, ECHO_RESPONSE = 10, 12, 13
 
 HEADER = struct.Struct('<HH')           # id, bytes that follow
-FLOATS = np.dtype(('<f4', 3))
+FRAME_NUMBER = struct.Struct('<I')      # of a frame
+FRAME_TIMES = struct.Struct('<QQQ')     # exposure, receipt of the cameras' data, sending
 RIGID_BODY = 38                         # [bytes]: id, pose, mean error, parameters
-LABELLED_MARKER = np.dtype([('id', '<u4'), ('position', '<f4', 3), ('size', '<f4'),
-                            ('parameters', '<u2'), ('residual', '<f4')])
+LABELLED_MARKER = 26                    # [bytes]: id, position, size, parameters, residual
+POSITION, PARAMETERS = 4, 20            # in it
 OCCLUDED, UNLABELLED = 1, 16            # in a labelled marker's parameters
 MODEL_SHIFT, MEMBER_MASK = 16, 0xffff   # of its id: the model, and the marker's number in it
 MODELS_CHANGED = 2                      # in a frame's parameters
@@ -70,39 +72,79 @@ class DataDescriptions(NamedTuple):
     bodies: dict[int, str]
 
 
+class FrameStructure(NamedTuple):
+    """What frames that are read alike have in common: names and ids, and where their numbers are.
+
+    Attributes
+    ----------
+    common : PacketStructure
+    sets : tuple of (str, int)
+        Name of each marker set, and how many markers it has.
+    labelled : tuple of (int, int)
+        Labelled markers of bodies: the body's id, and the marker's number in it, from 1 on.
+    places : ndarray of int, shape (n, POINT_SIZE)
+        Of the positions: the sets' markers, labelled ones of bodies, labelled ones of none,
+        unlabelled ones.
+    free, unlabelled : int
+        From which of them on they are of no body, and are unlabelled.
+    parameters : ndarray of int
+        Places of the labelled markers' parameters.
+    times, end : int
+        Place of `FRAME_TIMES`, and of the frame's parameters.
+    """
+
+    common: PacketStructure
+    sets: tuple[tuple[str, int], ...]
+    labelled: tuple[tuple[int, int], ...]
+    places: np.ndarray
+    free: int
+    unlabelled: int
+    parameters: np.ndarray
+    times: int
+    end: int
+
+
 class FramePacket(NamedTuple):
     """Frame of motion capture data.
 
     Attributes
     ----------
     number : int
-    sets : tuple of (str, ndarray)
-        Name of each marker set, and its markers' positions (n, 3), NaN where occluded [m].
-    labelled : tuple of (int, int, ndarray)
-        Labelled markers of bodies: the body's id, the marker's number in it, from 1 on, and its
-        position, NaN where occluded [m].
-    unlabelled : ndarray, shape (m, 3)
-        [m]
+    structure : FrameStructure
+        The same object while frames are alike.
+    markers : ndarray, shape (n, 3)
+        Of its sets, one after the other, and then the labelled ones of bodies; NaN where
+        occluded [m].
+    points : ndarray, shape (m, 3)
+        Unlabelled ones, and labelled ones of no body [m].
     exposure, transmit : int
         Middle of the exposure, and when the packet was sent [ticks of the server's clock].
     models_changed : bool
     """
 
     number: int
-    sets: tuple[tuple[str, np.ndarray], ...]
-    labelled: tuple[tuple[int, int, np.ndarray], ...]
-    unlabelled: np.ndarray
+    structure: FrameStructure
+    markers: np.ndarray
+    points: np.ndarray
     exposure: int
     transmit: int
     models_changed: bool
 
 
 class _Cursor:
-    """A place in a packet that moves on as it is read."""
+    """A place in a packet that moves on as it is read.
+
+    Attributes
+    ----------
+    at : int
+    mask : bytearray
+        Ones in the bytes that have decided what follows: counts, sizes and strings.
+    """
 
     def __init__(self, data: bytes, what: str) -> None:
         self._data, self._what = data, what
         self.at = HEADER.size
+        self.mask = bytearray(len(data))
 
     def fail(self, expected: str) -> MalformedFrame:
         return MalformedFrame(f'NatNet {self._what} of {len(self._data)} bytes, at byte {self.at}: '
@@ -119,24 +161,36 @@ class _Cursor:
     def read(self, form: str) -> Any:
         return struct.unpack_from(f'<{form}', self._data, self.skip(struct.calcsize(f'<{form}')))[0]
 
+    def decides(self, start: int, end: int) -> None:
+        """Note bytes that decide how the packet is read."""
+        self.mask[start:end] = b'\xff' * (end - start)
+
     def string(self) -> str:
         end = self._data.find(b'\0', self.at)
         if end < 0:
             raise self.fail('a string with its end')
+        self.decides(self.at, end + 1)
         text = self._data[self.at:end].decode(errors='replace')
         self.at = end + 1
         return text
 
-    def array(self, kind: np.dtype, count: int) -> np.ndarray:
-        at = self.skip(count * kind.itemsize)
-        return np.frombuffer(self._data, kind, count, at)
+    def size(self) -> int:
+        """Read how many bytes or items follow."""
+        found: int = self.read('I')
+        self.decides(self.at - 4, self.at)
+        return found
 
     def count(self, smallest: int) -> int:
         """Read the number of items that follow, none less than `smallest` bytes."""
-        count = self.read('I')
+        count = self.size()
         if count * smallest > len(self._data) - self.at:
             raise self.fail(f'{count} items of at least {smallest} bytes')
         return count
+
+    def items(self, count: int, size: int) -> range:
+        """Move past items of a size; return their places."""
+        at = self.skip(count * size)
+        return range(at, self.at, size)
 
 
 def message_id(data: bytes) -> int:
@@ -209,7 +263,7 @@ def model_definitions(data: bytes, version: tuple[int, int]) -> DataDescriptions
     bodies: dict[int, str] = {}
     for _ in range(cursor.count(4)):
         kind = cursor.read('I')
-        end = cursor.read('I') if version >= (4, 1) else None
+        end = cursor.size() if version >= (4, 1) else None
         if end is not None:
             end += cursor.at
         if kind == MARKER_SET:
@@ -271,7 +325,8 @@ def _skip_strings(cursor: _Cursor) -> None:
         cursor.string()
 
 
-def frame_packet(data: bytes, version: tuple[int, int]) -> FramePacket:
+def frame_packet(data: bytes, version: tuple[int, int],
+                 last: FrameStructure | None = None) -> FramePacket:
     """Decode a frame.
 
     Parameters
@@ -279,11 +334,38 @@ def frame_packet(data: bytes, version: tuple[int, int]) -> FramePacket:
     data : bytes
     version : tuple of int
         Of the protocol.
+    last : FrameStructure, optional
+        Of another frame of this version, by which one that is alike is read sooner.
 
     Raises
     ------
     MalformedFrame
     """
+    found = last if last is not None and last.common.matches(data) else _structure(data, version)
+    octets = np.frombuffer(data, np.uint8)
+    positions = points_at(octets, found.places)
+    is_hidden = octets[found.parameters] & OCCLUDED > 0
+    named, free, end = found.unlabelled - len(is_hidden), found.free, found.unlabelled
+    markers, lonely = positions[:free].astype(float), positions[free:end]
+    if is_hidden.any():
+        # Sets do not say which of their markers are occluded; the list of labelled markers does,
+        # with the same position to the bit, as Motive fills them in.
+        markers[:named][_are_among(positions[:named], positions[named:end][is_hidden])] = np.nan
+        markers[named:][is_hidden[:free - named]] = np.nan
+        lonely = lonely[~is_hidden[free - named:]]
+    unlabelled = positions[end:]
+    if len(unlabelled):
+        # Of old, the markers of rigid bodies are among the unlabelled too.
+        unlabelled = unlabelled[~_are_among(unlabelled, positions[named:end])]
+    exposure, _, transmit = FRAME_TIMES.unpack_from(data, found.times)
+    return FramePacket(
+        FRAME_NUMBER.unpack_from(data, HEADER.size)[0], found, markers,
+        np.concatenate((unlabelled, lonely)).astype(float), exposure, transmit,
+        bool(data[found.end] & MODELS_CHANGED))
+
+
+def _structure(data: bytes, version: tuple[int, int]) -> FrameStructure:
+    """Return the structure of a frame; raise MalformedFrame where it has none."""
     cursor, has_sizes = _Cursor(data, 'frame'), version >= (4, 1)
 
     def section(smallest: int) -> int:
@@ -294,12 +376,12 @@ def frame_packet(data: bytes, version: tuple[int, int]) -> FramePacket:
 
     def skip_section() -> None:
         cursor.skip(4)
-        cursor.skip(cursor.read('I'))
+        cursor.skip(cursor.size())
 
-    number = cursor.read('I')
-    sets = [(cursor.string(), cursor.array(FLOATS, cursor.count(FLOATS.itemsize)))
+    cursor.skip(FRAME_NUMBER.size)
+    sets = [(cursor.string(), cursor.items(cursor.count(POINT_SIZE), POINT_SIZE))
             for _ in range(section(5))]
-    unlabelled = cursor.array(FLOATS, section(FLOATS.itemsize))
+    unlabelled = cursor.items(section(POINT_SIZE), POINT_SIZE)
     if has_sizes:
         for _ in range(3):  # rigid bodies, skeletons, assets
             skip_section()
@@ -308,7 +390,7 @@ def frame_packet(data: bytes, version: tuple[int, int]) -> FramePacket:
         for _ in range(cursor.count(8)):
             cursor.skip(4)
             cursor.skip(RIGID_BODY * cursor.count(RIGID_BODY))
-    labelled = cursor.array(LABELLED_MARKER, section(LABELLED_MARKER.itemsize))
+    labelled = cursor.items(section(LABELLED_MARKER), LABELLED_MARKER)
     for _ in range(2):      # force plates, devices
         if has_sizes:
             skip_section()
@@ -318,37 +400,34 @@ def frame_packet(data: bytes, version: tuple[int, int]) -> FramePacket:
             for _ in range(cursor.count(4)):
                 cursor.skip(4 * cursor.count(4))
     cursor.skip(8 + 8)      # timecode, seconds since the software started
-    exposure, _, transmit = (cursor.read('Q') for _ in range(3))
+    times = cursor.skip(FRAME_TIMES.size)
     if has_sizes:
         cursor.skip(8)      # precision time
-    parameters = cursor.read('H')
-    is_free = (labelled['parameters'] & UNLABELLED > 0) | (labelled['id'] >> MODEL_SHIFT == 0)
-    is_hidden = labelled['parameters'] & OCCLUDED > 0
-    positions = labelled['position']
-    # Of old, the markers of rigid bodies are among the unlabelled too.
-    others = unlabelled[~_are_among(unlabelled, positions)]
-    owned = positions[~is_free].astype(float)
-    owned[is_hidden[~is_free]] = np.nan
-    ids = labelled['id'][~is_free].tolist()
-    return FramePacket(
-        number, tuple((name, _without(rows, positions[is_hidden])) for name, rows in sets
-                      if name != ALL_MARKERS),
-        tuple((each >> MODEL_SHIFT, each & MEMBER_MASK, at) for each, at in zip(ids, owned)),
-        np.concatenate((others, positions[is_free & ~is_hidden])).astype(float),
-        exposure, transmit, bool(parameters & MODELS_CHANGED))
+    end = cursor.skip(2)
+    owned: dict[int, int] = {}
+    free = []
+    for at in labelled:
+        number = int.from_bytes(data[at:at + 4], 'little')
+        cursor.decides(at, at + 4)
+        cursor.mask[at + PARAMETERS] |= UNLABELLED
+        if data[at + PARAMETERS] & UNLABELLED or not number >> MODEL_SHIFT:
+            free.append(at)
+        else:
+            owned[at] = number
+    kept = [(name, items) for name, items in sets if name != ALL_MARKERS]
+    places = [at for _, items in kept for at in items]
+    labels = [*owned, *free]
+    first_free = len(places) + len(owned)
+    places += [at + POSITION for at in labels]
+    return FrameStructure(
+        PacketStructure(data, bytes(cursor.mask)),
+        tuple((name, len(items)) for name, items in kept),
+        tuple((each >> MODEL_SHIFT, each & MEMBER_MASK) for each in owned.values()),
+        point_places([*places, *unlabelled]), first_free, len(places),
+        np.array(labels, int) + PARAMETERS, times, end)
 
 
 def _are_among(rows: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Return which of positions (n, 3) are among others, to the bit."""
     return (rows[:, None] == others).all(axis=2).any(axis=1)
 
-
-def _without(rows: np.ndarray, hidden: np.ndarray) -> np.ndarray:
-    """Return a set's positions, NaN where occluded markers are, which Motive fills in.
-
-    Sets do not say which of their markers are occluded; the list of labelled markers does, with
-    the same position to the bit.
-    """
-    found = rows.astype(float)
-    found[_are_among(rows, hidden)] = np.nan
-    return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -54,10 +55,12 @@ def point_frame(stamp: Time | None, frame_id: str, names: Sequence[str] = (),
     A marker without finite coordinates is NaN; such an anonymous point is left out.
     """
     named = np.array(markers, dtype=float).reshape(-1, 3)
-    named[~np.isfinite(named).all(axis=1)] = np.nan
+    if not np.isfinite(named).all():
+        named[~np.isfinite(named).all(axis=1)] = np.nan
     anonymous = np.array(points, dtype=float).reshape(-1, 3)
-    return SourceFrame(stamp, frame_id, tuple(names), named,
-                       anonymous[np.isfinite(anonymous).all(axis=1)])
+    if not np.isfinite(anonymous).all():
+        anonymous = anonymous[np.isfinite(anonymous).all(axis=1)]
+    return SourceFrame(stamp, frame_id, tuple(names), named, anonymous)
 
 
 def of_subject(frame: SourceFrame, subject: str) -> SourceFrame:
@@ -69,9 +72,15 @@ def of_subject(frame: SourceFrame, subject: str) -> SourceFrame:
     subject : str
         As in 'subject:marker'.
     """
-    rows = [row for row, name in enumerate(frame.names) if name.startswith(f'{subject}:')]
-    return frame._replace(names=tuple(frame.names[row] for row in rows),
-                          markers=frame.markers[rows])
+    names, rows = _names_of_subject(frame.names, subject)
+    return frame._replace(names=names, markers=frame.markers[rows])
+
+
+@lru_cache(1)
+def _names_of_subject(names: tuple[str, ...], subject: str) -> tuple[tuple[str, ...], list[int]]:
+    """Return the names of a subject's markers, and their rows."""
+    rows = [row for row, name in enumerate(names) if name.startswith(f'{subject}:')]
+    return tuple(names[row] for row in rows), rows
 
 
 def turned_upright(frame: SourceFrame, up: str) -> SourceFrame:

@@ -8,23 +8,24 @@ clock; `ClockEstimate` maps it to this machine's, less the least delay seen, whi
 from __future__ import annotations
 
 import asyncio
-import struct
 from collections.abc import Callable
 from contextlib import suppress
 from threading import Event
 from time import monotonic_ns
 from typing import Any
 
+import numpy as np
+
 from ..core.errors import HandTrackerError
 from ..files.plain_xml import parse_plain_xml
 from ..messages.stamps import stamp_of
 from .clock_estimate import ClockEstimate, wall_offset
-from .point_frame import SourceFrame, SourceUnavailable, point_frame
+from .point_frame import MalformedFrame, SourceFrame, SourceUnavailable, point_frame
+from .qtm_packets import QtmStructure, qtm_frame
 
 QTM_PORT = 22223
 QTM_VERSION = '1.25'     # of the protocol
 QTM_COMPONENTS = '3d', '3dres', '3dnolabels', '3dnolabelsres'
-MILLIMETRE = .001
 RETRY_TIME = 2.     # [s]
 END_POLL = .05      # [s]
 ANSWER_TIME = 5.    # [s]
@@ -71,6 +72,7 @@ class QualisysClient:
         self._on_frame, self._on_news, self._latency = on_frame, on_news, latency
         self._clock = ClockEstimate()
         self._names: tuple[str, ...] = ()
+        self._structure: QtmStructure | None = None   # of the last frame
         self._last = -1
         self._is_logged = False
 
@@ -132,26 +134,32 @@ class QualisysClient:
             raise
         return self._qtm.QRTConnection(protocol, timeout=ANSWER_TIME)
 
-    def take(self, packet: Any) -> None:
-        """Take a qtm_rt.QRTPacket as it arrives."""
+    def take(self, packet: bytes) -> None:
+        """Take a packet with a frame as it arrives."""
         received = monotonic_ns()
-        # QTM's frames come in order over TCP; one that is older begins another measurement.
-        if packet.framenumber == self._last:
-            return
-        if packet.framenumber < self._last:
-            self._clock.reset()
-        self._last = packet.framenumber
         try:
-            frame = points_of_packet(packet, self._names)
-        except (struct.error, ValueError) as error:
+            frame = qtm_frame(packet, self._structure)
+        except MalformedFrame as error:
             if not self._is_logged:
                 self._is_logged = True
                 self._on_news(True, f'left out is a damaged frame of QTM: {error}')
             return
-        exposed = 1e-6 * packet.timestamp
+        self._structure = frame.structure
+        # QTM's frames come in order over TCP; one that is older begins another measurement.
+        if frame.number == self._last:
+            return
+        if frame.number < self._last:
+            self._clock.reset()
+        self._last = frame.number
+        exposed = 1e-6 * frame.time
         self._clock.received(exposed, 1e-9 * received - self._latency)
-        self._on_frame(frame._replace(
-            stamp=stamp_of(round(1e9 * self._clock.local(exposed)) + wall_offset())))
+        stamp = stamp_of(round(1e9 * self._clock.local(exposed)) + wall_offset())
+        names, markers, points = self._names, frame.markers, frame.points
+        if len(markers) != len(names):
+            # Markers that QTM has no name for are anonymous.
+            points = np.concatenate((markers[len(names):], points))
+            names, markers = names[:len(markers)], markers[:len(names)]
+        self._on_frame(point_frame(stamp, '', names, markers, points))
 
 
 def marker_labels(xml: str) -> tuple[str, ...]:
@@ -169,29 +177,3 @@ def marker_labels(xml: str) -> tuple[str, ...]:
     return tuple(label.findtext('Name', '').strip()
                  for label in parse_plain_xml(xml).iter('Label'))
 
-
-def points_of_packet(packet: Any, names: tuple[str, ...]) -> SourceFrame:
-    """Return the points of a packet of QTM.
-
-    Parameters
-    ----------
-    packet : qtm_rt.QRTPacket
-    names : tuple of str
-        As of `marker_labels`; markers beyond them are anonymous.
-
-    Returns
-    -------
-    SourceFrame
-        Without stamp.
-
-    Raises
-    ------
-    struct.error
-        If the packet is cut.
-    """
-    found = packet.get_3d_markers() or packet.get_3d_markers_residual()
-    rows = [marker[:3] for marker in found[1]] if found else []
-    unnamed = packet.get_3d_markers_no_label() or packet.get_3d_markers_no_label_residual()
-    others = [marker[:3] for marker in unnamed[1]] if unnamed else []
-    frame = point_frame(None, '', names[:len(rows)], rows[:len(names)], rows[len(names):] + others)
-    return frame._replace(markers=MILLIMETRE * frame.markers, points=MILLIMETRE * frame.points)

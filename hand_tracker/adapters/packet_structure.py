@@ -1,0 +1,57 @@
+"""Structure of packets: the bytes that decide how the others are read, and where points are.
+
+A system's packets are alike for minutes: while their counts, names and ids are those of the last
+one, nothing has to be decoded but numbers at known places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+FLOAT = np.dtype('<f4')
+POINT_SIZE = 3 * FLOAT.itemsize   # [bytes]
+
+
+class PacketStructure:
+    """The bits of a packet that decide how it is read.
+
+    Parameters
+    ----------
+    data : bytes
+        The packet.
+    mask : bytes
+        Of its size: ones where it decides.
+    """
+
+    def __init__(self, data: bytes, mask: bytes) -> None:
+        self._size, self._mask = len(data), int.from_bytes(mask, 'little')
+        self._bits = int.from_bytes(data, 'little') & self._mask
+
+    def matches(self, data: bytes) -> bool:
+        """Return whether another packet is to be read alike."""
+        return (len(data) == self._size
+                and int.from_bytes(data, 'little') & self._mask == self._bits)
+
+
+def point_places(starts: Sequence[int]) -> np.ndarray:
+    """Return the places of all bytes of points that start at some, shape (n, POINT_SIZE)."""
+    return np.add.outer(np.array(starts, int), np.arange(POINT_SIZE))
+
+
+def points_at(octets: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Return the points at places of a packet, as it has them.
+
+    Parameters
+    ----------
+    octets : ndarray of uint8
+        The packet.
+    places : ndarray of int, shape (n, POINT_SIZE)
+        See `point_places`.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, 3)
+    """
+    return octets[places].view(FLOAT)
