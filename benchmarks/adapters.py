@@ -79,8 +79,8 @@ class Sender:
     def prepare(self, positions, stamp):
         """Return what sends a frame."""
         if self._name == 'natnet':
-            # Its frame is packed as it is sent, which takes longer than to hand bytes over.
-            return lambda: self._server.send_at_once({'hand': positions})
+            packet = self._server.packed({'hand': positions})
+            return lambda: self._server.send_at_once(packet)
         if self._name == 'qualisys':
             from helpers.qtm_server import data_packet
             self._number += 1

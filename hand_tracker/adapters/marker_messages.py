@@ -28,6 +28,7 @@ MARKER_MESSAGES: dict[str, MessageKind] = {
 MESSAGES_OF = {'point_cloud': ('point_cloud',), 'mocap4r2': ('markers', 'rigid_bodies'),
                'landmarks': ('pose_array', 'named_pose_array', 'marker_array')}
 FIRST = 'first'
+SERVED = 'natnet', 'qualisys'   # systems of which a client takes packets
 # Topic that each message comes on where the parameter names none.
 USUAL_TOPICS = {'point_cloud': '/pointCloud', 'markers': '/markers',
                 'rigid_bodies': '/rigid_bodies', 'pose_array': 'landmarks',

@@ -28,6 +28,9 @@ USUAL_NODES = 'tracker', 'replay'
 def serve(*nodes: Any) -> None:
     """Serve nodes until interrupted, or until the loop of one, its method `play`, has ended."""
     for node in nodes:
+        if hasattr(node, 'hand_over'):
+            node.hand_over(one for other in nodes for one in getattr(other, 'inputs', ()))
+    for node in nodes:
         if hasattr(node, 'play'):
             with spinning(*(other for other in nodes if other is not node)):
                 node.play()

@@ -80,7 +80,7 @@ class ManagedTracker(LifecycleNodeMixin, TrackerNode):
         for one in self.inputs:
             for hand in one.hands:
                 # Nobody was to send anything meanwhile.
-                hand.listen_to(one.subscription.topic_name)
+                hand.listen_to(one.topic)
         self._set_active(True)
         self.get_logger().info('active')
         return TransitionCallbackReturn.SUCCESS

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from ..tracking.rate_limit import period_ns
@@ -41,7 +43,10 @@ class MarkerInput:
 
     Attributes
     ----------
-    subscription : rclpy.subscription.Subscription
+    topic : str
+        Its full name.
+    subscription : rclpy.subscription.Subscription or None
+        None where a node of this process hands its messages over.
     hands, replies
     fast_path : FastPath or None
         While it serves the subscription.
@@ -57,14 +62,18 @@ class MarkerInput:
         self.is_active = True
         self._node, self._raw, self._keeps_publisher = node, raw, keeps_publisher
         self._has_named_publishers = False
-        self.subscription = node.create_subscription(
+        self.subscription: Subscription | None = node.create_subscription(
             kind, topic, self._on_markers, qos, raw=raw)
+        self.topic = self.subscription.topic_name
+        self._handed: deque[bytes] = deque(maxlen=qos.depth)
+        self._handed_timer = wake_timer(node, self._track_handed)
+        self._handed_timer.cancel()
         self._waiting: list[tuple[Any, float]] = []
         self._newest_timer = wake_timer(node, self._track_newest)
         self._newest_timer.cancel()
         self._drain_timer: Timer | None = None
         for hand in hands:
-            hand.listen_to(self.subscription.topic_name)
+            hand.listen_to(self.topic)
 
     def start_fast_path(self, fast_path: FastPath) -> None:
         """Serve the subscription by a fast path, until `stop_fast_path`."""
@@ -72,7 +81,47 @@ class MarkerInput:
         self._drain_timer = self._node.create_timer(1., self.drain, clock=steady_clock())
         self._drain_timer.cancel()
         fast_path.start(self._node, self.subscription, self._drain_fast_path, self._on_markers,
-                        self._keeps_publisher)
+                        self._keeps_publisher, self._handed)
+
+    def taker(self, topic: str, kind: type) -> Callable[[bytes], None] | None:
+        """Return what takes a topic's messages from a node of this process, which hands them over.
+
+        The topic is not subscribed to then; to be called before the executor is there.
+
+        Parameters
+        ----------
+        topic : str
+            Its full name.
+        kind : type
+            Of the messages.
+
+        Returns
+        -------
+        callable or None
+            To be called with each message as bytes, always in the same thread, in which it is
+            tracked on the fast path. None where it is not this topic, or messages are no bytes.
+        """
+        if self.subscription is None or not self._raw or (topic, kind) != (
+                self.topic, self.subscription.msg_type):
+            return None
+        self._node.destroy_subscription(self.subscription)
+        self.subscription = None
+        return self._take
+
+    def _take(self, message: bytes) -> None:
+        # What waits is of an earlier time.
+        if self._handed or self.fast_path is None or not self.fast_path.process(message):
+            self._handed.append(message)
+            self._handed_timer.reset()
+
+    def _track_handed(self) -> None:
+        """Track what was handed over, in the executor's thread."""
+        self._handed_timer.cancel()
+        if self.fast_path is not None:
+            self.fast_path.serve_slow_path()
+            return
+        while self._handed:
+            self._on_markers(self._handed.popleft())
 
     def stop_fast_path(self) -> None:
         """Leave the subscription to the executor; to be called while it is still there."""
@@ -103,9 +152,8 @@ class MarkerInput:
         """Track the newest of the waiting frames; count the others as left out."""
         self._newest_timer.cancel()
         # Executors that wait for conditions bring one message at a time.
-        take, kind = self.subscription.handle.take_message, self.subscription.msg_type
-        while (taken := take(kind, self._raw)) is not None:
-            self._waiting.append((taken[0], time.monotonic()))
+        while (message := self._next()) is not None:
+            self._waiting.append((message, time.monotonic()))
         waiting, self._waiting = self._waiting, []
         for older, (message, received) in reversed(list(enumerate(waiting))):
             if self._track(message, received):
@@ -113,6 +161,13 @@ class MarkerInput:
                 for hand in self.hands:
                     hand.left_out(older)
                 return
+
+    def _next(self) -> Any:
+        """Return the next message that waits for the slow path alone, or None."""
+        if self.subscription is None:
+            return self._handed.popleft() if self._handed else None
+        taken = self.subscription.handle.take_message(self.subscription.msg_type, self._raw)
+        return None if taken is None else taken[0]
 
     def _track(self, message: Any, received: float) -> bool:
         """Track each hand's markers of a message, and answer with all together.
@@ -184,7 +239,7 @@ class MarkerInput:
         if publishers is None or self._has_named_publishers:
             return
         self._has_named_publishers = True
-        topic = self.subscription.topic_name
+        topic = self.topic
         kept, other = (self._node.publisher_name(topic, guid) for guid in publishers)
         self.hands[0].warn_once(
             'publishers', f'several nodes publish on {topic}: {kept} is tracked until it is silent '

@@ -8,10 +8,11 @@ Qualisys over its real-time protocol, or landmarks of a headset or camera. What 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from threading import Event, Thread
-from typing import Any
+from traceback import format_exc
+from typing import TYPE_CHECKING, Any
 
 from geometry_msgs.msg import PoseArray
 from rclpy.node import Node
@@ -28,7 +29,7 @@ from ..adapters.hand_landmarks import (
     named_landmarks,
 )
 from ..adapters.marker_arrays import MarkerArrayWriter
-from ..adapters.marker_messages import FIRST, MESSAGES_OF, USUAL_TOPICS
+from ..adapters.marker_messages import FIRST, MESSAGES_OF, SERVED, USUAL_TOPICS
 from ..adapters.mocap4r2 import points_of_markers, points_of_rigid_bodies
 from ..adapters.natnet_client import COMMAND_PORT, NatNetClient
 from ..adapters.point_cloud import points_of_cloud
@@ -49,11 +50,14 @@ from .message_types import imported_message
 from .parameters import Parameter
 from .runner import declare, log_line, run
 
+if TYPE_CHECKING:
+    from .marker_input import MarkerInput
+
 SOURCE_DEPTH = 10    # messages of ~/markers
 INPUT_DEPTH = 5      # messages of a topic that wait
+REST_TIME = 1.       # [s] after a fault of a client
 SILENT_TIME = 5.     # [s] without a frame, after which a line says so
 MOCAP4R2, TELEOP = 'mocap4r2_msgs', 'teleop_ros2_interfaces'
-SERVED = 'natnet', 'qualisys'
 
 SOURCE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('source', 'point_cloud', 'Where points come from', choices=(*MESSAGES_OF, *SERVED)),
@@ -89,12 +93,12 @@ class SourceNode(Node):
         self._writer = MarkerArrayWriter(self._warn_once)
         self._publisher = self.create_publisher(MarkerArray, '~/markers', SOURCE_DEPTH)
         self._checks: LandmarkChecks | None = None
+        self._take: Callable[[bytes], None] | None = None
         self._has_frame = False
         self._ended, self._thread = Event(), None
         if values['source'] in SERVED:
-            client = self._client()
             self._origin = f"{values['source']} server {values['server']}"
-            self._thread = Thread(target=client.run, args=(self._ended,), daemon=True)
+            self._thread = Thread(target=self._receive, args=(self._client(),), daemon=True)
             self._thread.start()
         else:
             self._subscribe()
@@ -110,6 +114,16 @@ class SourceNode(Node):
             return NatNetClient(*common, values['local_address'], values['port'] or COMMAND_PORT)
         return QualisysClient(*common, tuple(values['components'].split()), values['latency'],
                               values['port'] or QTM_PORT)
+
+    def _receive(self, client: NatNetClient | QualisysClient) -> None:
+        """Let a client receive until the node ends; after a fault of its own it begins anew."""
+        while not self._ended.is_set():
+            try:
+                client.run(self._ended)
+            except Exception as error:
+                self._warn_once(f'fault {error!r}', f'{self._origin}: begun anew after a fault: '
+                                f'{format_exc()}')
+                self._ended.wait(REST_TIME)
 
     def _subscribe(self) -> None:
         values = self._values
@@ -135,6 +149,11 @@ class SourceNode(Node):
             values['topic'] or USUAL_TOPICS[name], self._on_message,
             QoSProfile(depth=INPUT_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT))
 
+    def hand_over(self, inputs: Iterable[MarkerInput]) -> None:
+        """Hand the messages over to the input of a tracker in this process that takes the topic."""
+        for one in inputs:
+            self._take = one.taker(self._publisher.topic_name, MarkerArray) or self._take
+
     def _on_message(self, message: Any) -> None:
         try:
             frame = self._read(message)
@@ -155,7 +174,12 @@ class SourceNode(Node):
         if not frame.frame_id:
             frame = frame._replace(frame_id=values['frame'])
         stamp = self.get_clock().now().to_msg() if frame.stamp is None else frame.stamp
-        self._publisher.publish(self._writer.write(frame, stamp))
+        message = self._writer.write(frame, stamp)
+        if self._take is not None:
+            self._take(message)
+        # Others may listen too.
+        if self._take is None or self._publisher.get_subscription_count():
+            self._publisher.publish(message)
         if not self._has_frame:
             self._has_frame = True
             log_line(self, False, f'{self._origin}: {len(frame.names)} named markers '

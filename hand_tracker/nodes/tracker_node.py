@@ -113,7 +113,7 @@ class TrackerNode(SubscriptionHidingNode):
         self.create_timer(CALIBRATION_PERIOD, self._update_calibrations, clock=steady_clock())
         self.get_logger().info(
             f"{' and '.join(hand.hand.side for hand in self.hands)} hand: listening for markers "
-            f"on {' and '.join(one.subscription.topic_name for one in self.inputs)}")
+            f"on {' and '.join(one.topic for one in self.inputs)}")
         for hand in self.hands:
             hand.log_unobserved_joints()
 
@@ -212,7 +212,8 @@ class TrackerNode(SubscriptionHidingNode):
 
     def hidden_subscriptions(self) -> list[Subscription]:
         """Return the subscriptions that the fast path serves now."""
-        return [one.subscription for one in self.inputs if one.fast_path is not None]
+        return [one.subscription for one in self.inputs
+                if one.fast_path is not None and one.subscription is not None]
 
     def destroy_node(self) -> None:
         """End calibrations too."""

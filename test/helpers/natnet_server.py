@@ -195,11 +195,16 @@ class NatNetServer:
         self._send(data, target)
         return data
 
-    def send_at_once(self, sets):
-        """Send a frame from the caller's thread, past the network's faults."""
+    def packed(self, sets):
+        """Return a frame for `send_at_once`."""
         self._number += 1
-        now = self.ticks(time.monotonic())
-        data = frame(self.version, self._number, sets, exposure=now, transmit=now)
+        return bytearray(frame(self.version, self._number, sets))
+
+    def send_at_once(self, data):
+        """Send a frame, exposed now, from the caller's thread, past the network's faults."""
+        times = 3 * (self.ticks(time.monotonic()),)
+        behind = 14 if self.version >= (4, 1) else 6
+        struct.pack_into('<QQQ', data, len(data) - behind - 24, *times)
         if self._client is not None:
             self._socket.sendto(data, self._client)
 

@@ -10,6 +10,7 @@ from helpers.hands import hand_at
 from helpers.natnet_server import NatNetServer
 from helpers.ros_process import Process, watching_node
 from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
 
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.numerics.jit import COMPILED
@@ -19,12 +20,12 @@ NEEDS = 'rclpy',
 pytestmark = pytest.mark.ros
 
 
-def together(*names, remaps=(), **parameters):
+def together(*names, remaps=(), environment=None, **parameters):
     """Start nodes in one process."""
     words = [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
     words += [word for remap in remaps for word in ('-r', remap)]
     return Process([sys.executable, '-m', 'hand_tracker.nodes.all_node', *names, '--ros-args',
-                    '-p', 'auto_size:=false', *words])
+                    '-p', 'auto_size:=false', *words], environment)
 
 
 def test_markers_of_motive_are_tracked_in_the_process_that_receives_them():
@@ -44,7 +45,31 @@ def test_markers_of_motive_are_tracked_in_the_process_that_receives_them():
             return int(values.get('frames on fast path') or 0)
 
         node.repeat(send, lambda: answers and (not COMPILED or on_fast_path() > 20), .01)
+        # Handed over: nobody subscribes, and who does so hears them, too.
+        assert node.count_publishers('/source/markers') == 1
+        assert node.count_subscribers('/source/markers') == 0
+        heard = node.collect(MarkerArray, '/source/markers')
+        node.repeat(send, lambda: len(heard) > 20, .01)
+        stamps = [(answer.header.stamp.sec, answer.header.stamp.nanosec) for answer in answers]
+        assert len(set(stamps)) == len(stamps)
         assert len(answers[-1].name) == 25 and np.isfinite(answers[-1].position).all()
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output
+
+
+def test_without_compiled_kernels_markers_are_handed_over_too():
+    with NatNetServer((4, 1), {'RHand': MARKERS}) as server, together(
+            'tracker', 'source', remaps=['markers:=source/markers'], source='natnet',
+            port=server.port, environment={'HAND_TRACKER_JIT': '0'}) as process, \
+            watching_node() as node:
+        answers = node.collect(JointState, 'joint_states')
+
+        def send():
+            if server.is_connected:
+                server.send_frame({'RHand': hand_at()}, time.monotonic())
+
+        node.repeat(send, lambda: len(answers) > 3, .05)
+        assert node.count_subscribers('/source/markers') == 0
         assert process.interrupt() == 0, process.output
     assert 'Traceback' not in process.output
 

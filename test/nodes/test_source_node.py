@@ -21,6 +21,7 @@ from teleop_ros2_interfaces.msg import NamedPoseArray
 from visualization_msgs.msg import MarkerArray
 
 from hand_tracker.adapters.hand_landmarks import LANDMARK_ORDERS, OPENXR
+from hand_tracker.adapters.natnet_client import NatNetClient
 from hand_tracker.adapters.point_frame import SourceUnavailable
 from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES
 from hand_tracker.files.bags import TYPE_STORE
@@ -157,6 +158,29 @@ def test_motive_comes_out_as_markers():
     np.testing.assert_allclose(frame.positions, PLACES, rtol=1e-6)
     assert {marker.ns for marker in found[-1].markers} == {
         *(f'RHand:{name}' for name in MARKERS), 'unlabelled'}
+
+
+def test_a_client_with_a_fault_begins_anew(monkeypatch, capfd):
+    monkeypatch.setattr(source_node, 'REST_TIME', .05)
+    faults, receive = [RuntimeError('bug'), RuntimeError('bug')], NatNetClient.run
+
+    def run(self, ended):
+        if faults:
+            raise faults.pop()
+        receive(self, ended)
+
+    monkeypatch.setattr(NatNetClient, 'run', run)
+    with NatNetServer((4, 1), {'RHand': MARKERS}) as server, source(
+            source='natnet', port=server.port) as (_, watch):
+        found = watch.collect(MarkerArray, '/source/markers')
+
+        def send():
+            if server.is_connected:
+                server.send_frame({'RHand': PLACES}, time.monotonic())
+
+        watch.repeat(send, lambda: found)
+    said = ''.join(capfd.readouterr())
+    assert said.count('begun anew after a fault') == 1 and "RuntimeError: bug" in said
 
 
 def test_qtm_comes_out_as_markers():

@@ -55,7 +55,7 @@ class CallbackPath:
         self.require()
         self._rcl = Rcl()
         self._subscription: Subscription | None = None
-        self._is_installed = False
+        self._is_started = self._is_installed = False
         self._incoming: Octets = self._rcl.octets(TAKE_CAPACITY)
         self._mutex = self._rcl.mutex()
 
@@ -70,7 +70,7 @@ class CallbackPath:
             raise FastPathUnavailable(
                 f'it was not tried with {get_rmw_implementation_identifier()}')
 
-    def start(self, node: Node, subscription: Subscription, on_disabled: Callable[[], None],
+    def start(self, node: Node, subscription: Subscription | None, on_disabled: Callable[[], None],
               on_message: Callable[[bytes], None]) -> None:
         """Take the messages of a subscription, which go to the slow path at first.
 
@@ -79,28 +79,31 @@ class CallbackPath:
         node : rclpy.node.Node
             Served by an EventsExecutor: others would wait in vain, busily, as a message that
             the middleware's callback takes stays announced to them.
-        subscription : rclpy.subscription.Subscription
+        subscription : rclpy.subscription.Subscription or None
+            None where messages come in another way alone.
         on_disabled : callable
             Called in the executor's thread before messages go to the slow path.
         on_message : callable
             The slow path: called there with a message, as bytes.
         """
         self._on_disabled, self._on_message = on_disabled, on_message
-        self._node, self._subscription = node, subscription
-        self._has_callback = False
-        self._timer = wake_timer(node, self._serve_slow_path)
+        self._node, self._subscription, self._is_started = node, subscription, True
+        self._has_callback = subscription is None
+        self._timer = wake_timer(node, self.serve_slow_path)
         self._context.timer[0] = self._timer.handle.pointer
-        self._context.subscription[0] = subscription.handle.pointer
+        if subscription is not None:
+            self._context.subscription[0] = subscription.handle.pointer
 
     def stop(self) -> None:
         """Take no more messages; to be called while the executor is still there."""
-        if self._subscription is None:
+        if not self._is_started:
             return
         atexit.unregister(self.stop)
         self.disable()
         # Waits for a message that is being processed.
-        self._set_callback(None)
-        self._subscription = None
+        if self._subscription is not None:
+            self._set_callback(None)
+        self._subscription, self._is_started = None, False
         self._node.destroy_timer(self._timer)
 
     def _set_callback(self, callback: int | None) -> None:
@@ -111,7 +114,7 @@ class CallbackPath:
     @property
     def is_started(self) -> bool:
         """Whether it is between `start` and `stop`."""
-        return self._subscription is not None
+        return self._is_started
 
     def invalidate(self) -> None:
         """Drop the installed signature and replies; only while the slow path handles a message."""
@@ -130,10 +133,10 @@ class CallbackPath:
         self.invalidate()
         self._set_enabled(self._contexts, False)
 
-    def _serve_slow_path(self) -> None:
-        """Hand unprocessed messages to the slow path."""
+    def serve_slow_path(self) -> None:
+        """Hand unprocessed messages to the slow path; only in the executor's thread."""
         self._timer.cancel()
-        if not self.is_started:
+        if not self._is_started:
             return
         if not self._has_callback:
             # Not before: the timer must be the executor's when the middleware resets it.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -62,7 +63,8 @@ from .rcl import address
 if COMPILED:
     from .rcl import at, call
 
-WHILE_DISABLED = 0       # new messages, of the callback, when the executor's thread calls it
+# New messages, of the callback, when the executor's thread calls it, or who hands over a message.
+WHILE_DISABLED, HANDED_OVER = 0, 2**31
 REPORT = -1              # place of the report among the packs of `track_frame`
 # rmw_message_info_t, in words: the GUID of a message's publisher (RTPS 2.5, 8.2.4.1) is two.
 INFO_WORDS, INFO_PUBLISHER = 16, 5
@@ -92,6 +94,8 @@ class CallbackContext(NamedTuple):
         GUID of the last publisher whose message was left out.
     left_out : ndarray of int, shape (1,)
         Messages of others that were left out.
+    handed : ndarray of int, shape (3,)
+        Address and size of the message that is handed over, and whether it was processed.
     memory : int
     hands : ndarray of int, shape (MOST_HANDS,)
         Addresses of the memories of the hands in a message, filled up with the first.
@@ -114,6 +118,7 @@ class CallbackContext(NamedTuple):
     silence: np.ndarray
     other: np.ndarray
     left_out: np.ndarray
+    handed: np.ndarray
     memory: int
     hands: np.ndarray
     packs: np.ndarray
@@ -193,7 +198,7 @@ class FastPath(CallbackPath):
         self._contexts, self._context = packed(CallbackContext(
             is_enabled=zeros(1), has_missed_message=zeros(1), now=zeros(2),
             info=zeros(INFO_WORDS), publisher=zeros(2), heard=np.full(1, -np.inf),
-            silence=np.zeros(1), other=zeros(2), left_out=zeros(1),
+            silence=np.zeros(1), other=zeros(2), left_out=zeros(1), handed=zeros(3),
             memory=self._memories.ctypes.data, hands=zeros(MOST_HANDS),
             packs=zeros((MOST_HANDS, len(packs))), publishers=zeros(MOST_REPLIES),
             outgoing=np.array([ctypes.addressof(octets) for octets in self._outgoing]),
@@ -209,12 +214,15 @@ class FastPath(CallbackPath):
         self._callback = _callback(
             self._contexts.dtype, self._memories.dtype, self._hand_packs[0].dtype,
             *(pack.dtype for pack in packs))
+        self._handed, self._waiting = self._context.handed, deque[bytes]()
+        self._call, self._address = self._callback.ctypes, self._contexts.ctypes.data
         # Compiled before the first frame waits for them.
         self.drain(0)
         self._set_enabled(self._contexts, False)
 
-    def start(self, node: Node, subscription: Subscription, on_disabled: Callable[[], None],
-              on_message: Callable[[bytes], None], keeps_publisher: bool = False) -> None:
+    def start(self, node: Node, subscription: Subscription | None,
+              on_disabled: Callable[[], None], on_message: Callable[[bytes], None],
+              keeps_publisher: bool = False, waiting: deque[bytes] | None = None) -> None:
         """Take the messages of a subscription, as `CallbackPath.start` does.
 
         Parameters
@@ -224,7 +232,11 @@ class FastPath(CallbackPath):
         keeps_publisher : bool, optional
             Whether messages of others than the first publisher are left out, until it has been
             silent for `PUBLISHER_SILENCE`.
+        waiting : deque of bytes, optional
+            Messages that were handed over and wait for the slow path.
         """
+        if waiting is not None:
+            self._waiting = waiting
         self._context.silence[0] = PUBLISHER_SILENCE if keeps_publisher else 0.
         super().start(node, subscription, on_disabled, on_message)
 
@@ -309,7 +321,10 @@ class FastPath(CallbackPath):
 
     def take(self) -> bytes | None:
         """Return the next message that waits, or None; only while it is disabled."""
-        assert self._subscription is not None
+        if self._waiting:
+            return self._waiting.popleft()
+        if self._subscription is None:
+            return None
         if self._incoming.capacity > KEPT_CAPACITY:
             self._rcl.resize(self._incoming, TAKE_CAPACITY)
         info = self._context.info.ctypes.data
@@ -318,8 +333,22 @@ class FastPath(CallbackPath):
                 return data
         return None
 
+    def process(self, message: bytes) -> bool:
+        """Process a message that is handed over, in the caller's thread, which is always the same.
+
+        Returns
+        -------
+        bool
+            False while the fast path is disabled, which it is from a message on that it does not
+            process.
+        """
+        self._handed[:] = np.frombuffer(message, np.uint8).ctypes.data, len(message), 0
+        self._call(self._address, HANDED_OVER)
+        return bool(self._handed[2])
+
     def _process_waiting(self) -> None:
-        self._callback.ctypes(self._contexts.ctypes.data, WHILE_DISABLED)
+        if self._subscription is not None:
+            self._call(self._address, WHILE_DISABLED)
         self._on_disabled()
 
 
@@ -374,14 +403,17 @@ def _callback(*layouts: np.dtype) -> Any:
         incoming = numba.carray(at(context.incoming), (2,), np.int64)
         # While it is disabled its state is that thread's, which must not take with the mutex held.
         is_disabled = count == WHILE_DISABLED
+        is_handed = count == HANDED_OVER
         taken = True
         while taken:
             if not is_disabled:
                 call(context.lock, context.mutex, 0, 0, 0)
-            taken = (is_disabled or context.is_enabled[0] > 0) and call(
+            taken = (is_disabled or context.is_enabled[0] > 0) and (is_handed or call(
                 context.take, context.subscription[0], context.incoming,
-                context.info.ctypes.data, 0) == 0
-            if taken and _admit_publisher(contexts):
+                context.info.ctypes.data, 0) == 0)
+            if taken and (is_handed or _admit_publisher(contexts)):
+                place, size = ((context.handed[0], context.handed[1]) if is_handed
+                               else (incoming[0], incoming[1]))
                 received = monotonic_time(context)
                 # A message has one hand or two.
                 hands = (numba.carray(at(context.hands[0]), (1,), of_hand),
@@ -402,20 +434,23 @@ def _callback(*layouts: np.dtype) -> Any:
                           numba.carray(at(other[5]), (1,), of_state),
                           numba.carray(at(other[6]), (1,), of_report)))
                 if process_message(memories, hands, packs,
-                                   numba.carray(at(incoming[0]), (incoming[1],), np.uint8)):
+                                   numba.carray(at(place), (size,), np.uint8)):
                     publish_all(context, MOST_REPLIES)
                     published = monotonic_time(context)
                     for i in range(memories[0].hand_count[0]):
                         log_frame(hands[i][0], packs[i][REPORT][0], received, published)
+                    context.handed[2] = is_handed
                 else:
-                    context.has_missed_message[0] = 1
+                    if not is_handed:
+                        context.has_missed_message[0] = 1
                     context.is_enabled[0] = 0
                     taken = False
+            taken = taken and not is_handed
             is_enabled = context.is_enabled[0] > 0
             if not is_disabled:
                 call(context.unlock, context.mutex, 0, 0, 0)
         call(context.reset_error, 0, 0, 0, 0)
-        if not is_enabled and not is_disabled:
+        if not is_enabled and not is_disabled and not is_handed:
             call(context.reset_timer, context.timer[0], 0, 0, 0)
 
     return on_messages

@@ -235,16 +235,17 @@ def test_no_frame_is_lost_while_a_glove_measures_last_joints():
 
 
 @contextmanager
-def own_node():
-    """Yield a tracker in this very process."""
+def own_node(is_fed=False):
+    """Yield a tracker in this very process, and what takes its markers if it is fed."""
     from hand_tracker.nodes.runner import spinning
     from hand_tracker.nodes.tracker_node import TrackerNode
     rclpy.init(args=['--ros-args', '-p', 'qos.markers.reliability:=reliable',
                      '-p', 'qos.markers.depth:=1000', '-p', 'auto_size:=false'])
     node = TrackerNode()
+    take = node.inputs[0].taker('/markers', MarkerArray) if is_fed else None
     try:
         with spinning(node):
-            yield node
+            yield (node, take) if is_fed else node
     finally:
         node.destroy_node()
         rclpy.shutdown()
@@ -266,6 +267,82 @@ def test_a_driver_in_the_same_process_is_heard():
             node.spin_until(lambda: answers[-1].header.stamp == stamp_of(number))
 
         node.repeat(one_more, lambda: tracker.inputs[0].fast_path.frame_count > 50, 0.)
+
+
+def changing_messages(count):
+    """Return messages and stamps; some lack a marker or are of another layout, or are damaged."""
+    random = np.random.default_rng(2)
+    found = []
+    for number, positions in enumerate(motion(RIGHT, count), 1):
+        positions = positions.copy()
+        if random.random() < .2:
+            positions[random.integers(3, 8)] = np.nan  # left out: of another layout
+        # Time jumps back twice; a stray stamp is not believed at once.
+        array = message(positions, number % (count // 3) + LATE * (number < count // 3))
+        if random.random() < .1:
+            array.markers.reverse()
+        data, stamp = serialize_message(array), array.markers[0].header.stamp
+        found.append((data[:random.integers(4, len(data))], None) if random.random() < .05
+                     else (data, stamp))
+    return found
+
+
+def test_messages_that_are_handed_over_are_answered_as_those_that_are_heard():
+    with NodeProcess(MODULE, LOSSLESS, {'__ns': '/heard'}) as process, \
+            own_node(is_fed=True) as (tracker, take), watching_node() as node:
+        assert node.count_subscribers('/markers') == 0
+        publisher = node.create_publisher(MarkerArray, '/heard/markers', 1000)
+        heard = node.collect(JointState, '/heard/joint_states')
+        handed = node.collect(JointState, '/joint_states')
+        process.wait_for_line('listening')
+        node.spin_until(lambda: publisher.get_subscription_count() > 0)
+        numbers = count(2 * LATE, 2)
+
+        def meet():
+            data = serialize_message(message(hand_at(), next(numbers)))
+            publisher.publish(data)
+            take(data)
+
+        node.repeat(meet, lambda: heard and handed, .05)
+        node.spin_for(.5)
+        heard.clear(), handed.clear()
+        for data, stamp in changing_messages(300):
+            publisher.publish(data)
+            take(data)
+            if stamp is not None:
+                node.spin_until(lambda stamp=stamp: all(
+                    found and found[-1].header.stamp == stamp for found in (heard, handed)))
+        assert len(heard) == len(handed) > 250
+        for one, other in zip(heard, handed):
+            assert one.header == other.header and one.position == other.position
+        assert 50 < tracker.inputs[0].fast_path.frame_count < 299
+        assert process.interrupt() == 0
+
+
+def test_none_is_lost_or_overtaken_of_what_is_handed_over_in_haste():
+    with own_node(is_fed=True) as (tracker, take), watching_node() as node:
+        answers = node.collect(JointState, 'joint_states')
+        numbers = count(2, 2)
+        node.repeat(lambda: take(serialize_message(message(hand_at(), next(numbers)))),
+                    lambda: answers, .05)
+        node.spin_for(.5)
+        answers.clear()
+        first = next(numbers)
+
+        def hurry():
+            for number in range(first, first + 1000):
+                positions = hand_at()
+                if number % 50 == 0:
+                    positions[number // 50 % 5 + 3] = np.nan
+                take(serialize_message(message(positions, number)))
+
+        thread = Thread(target=hurry)
+        thread.start()
+        node.spin_until(lambda: len(answers) == 1000)
+        thread.join()
+        assert [answer.header.stamp for answer in answers] == [
+            stamp_of(number) for number in range(first, first + 1000)]
+        assert tracker.inputs[0].fast_path.frame_count > 0
 
 
 def test_pictures_are_limited_to_the_rate_of_the_parameter():
