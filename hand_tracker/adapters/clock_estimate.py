@@ -45,6 +45,11 @@ class ClockEstimate:
         """Whether there was any message yet."""
         return not math.isnan(self._offset)
 
+    @property
+    def line(self) -> tuple[float, float, float]:
+        """Offset at a remote time, drift, and that time, as `local` takes them."""
+        return self._offset, self._drift, self._centre
+
     def received(self, remote: float, local: float) -> None:
         """Take a message that was sent at `remote` and received at `local`."""
         self._take(self._upper, remote, local - remote, 1.)

@@ -9,6 +9,7 @@ import numpy as np
 from ..messages.marker_ids import ANONYMOUS_NAMESPACE, MOST_MARKERS, MarkerIds
 from ..messages.stamps import Time
 from ..messages.templates import Template, markers_template
+from .packet_structure import PacketOrigin
 from .point_frame import SourceFrame
 
 POINTS_STEP = 8               # anonymous points by which a message grows
@@ -25,6 +26,11 @@ class MarkerArrayWriter:
     ----------
     warn_once : callable
         Logs a warning (key, text) once for each key.
+
+    Attributes
+    ----------
+    template : Template
+        With the last message.
     """
 
     def __init__(self, warn_once: Callable[[str, str], None]) -> None:
@@ -51,7 +57,19 @@ class MarkerArrayWriter:
         self._numbers[self._places] = frame.markers[self._taken]
         first = len(self._ids.rows)
         self._numbers[first:first + count] = frame.points[:count]
-        return self._template.fill(stamp, self._numbers)
+        return self.template.fill(stamp, self._numbers)
+
+    def places(self, origin: PacketOrigin) -> tuple[np.ndarray, np.ndarray]:
+        """Return where the points of the last frame are in its packet, and in which markers.
+
+        Parameters
+        ----------
+        origin : PacketOrigin
+            Of that frame.
+        """
+        first = len(self._ids.rows)
+        return (np.concatenate((origin.markers[self._taken], origin.points)),
+                np.concatenate((self._places, np.arange(first, first + len(origin.points)))))
 
     def _prepare(self, frame: SourceFrame, count: int) -> None:
         self._layout = frame.frame_id, frame.names
@@ -62,5 +80,5 @@ class MarkerArrayWriter:
         markers = list(zip(rows, self._ids.ids()))
         markers += [(ANONYMOUS_NAMESPACE, self._ids.anonymous_id(number))
                     for number in range(self._capacity)]
-        self._template: Template = markers_template(frame.frame_id, markers)
+        self.template: Template = markers_template(frame.frame_id, markers)
         self._numbers = np.empty((len(markers), 3))

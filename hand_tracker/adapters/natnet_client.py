@@ -23,6 +23,7 @@ from .natnet_packets import (
     ECHO_REQUEST,
     ECHO_RESPONSE,
     FRAME,
+    FRAME_TIMES,
     KEEP_ALIVE,
     MODEL,
     REQUEST_MODEL,
@@ -38,6 +39,7 @@ from .natnet_packets import (
     model_definitions,
     server_info,
 )
+from .packet_structure import PacketOrigin
 from .point_frame import MalformedFrame, SourceFrame, SourceUnavailable, point_frame
 
 COMMAND_PORT = 1510
@@ -74,7 +76,14 @@ class NatNetClient:
     ------
     SourceUnavailable
         If the server's name is unknown, or this machine has no such address.
+
+    Attributes
+    ----------
+    relay : callable or None
+        Called with each packet and its receipt first; returns whether nothing is left to do.
     """
+
+    relay: Callable[[bytes, int], bool] | None = None
 
     def __init__(self, server: str, on_frame: Callable[[SourceFrame], None],
                  on_news: Callable[[bool, str], None], local: str = '',
@@ -194,6 +203,8 @@ class NatNetClient:
         ------
         MalformedFrame
         """
+        if self.relay is not None and self.relay(data, received):
+            return
         number = message_id(data)
         if number == SERVER_INFO:
             info = server_info(data)
@@ -217,8 +228,7 @@ class NatNetClient:
                 self._clock.echoed(1e-9 * sent, ticks / self._info.frequency, 1e-9 * received)
 
     def _take_frame(self, packet: FramePacket, received: int) -> None:
-        assert self._info is not None
-        frequency = self._info.frequency
+        frequency = self._frequency
         if self._sent is not None and packet.transmit <= self._sent:
             if self._sent - packet.transmit < OVERTAKEN * frequency:
                 return
@@ -234,8 +244,36 @@ class NatNetClient:
         points = packet.points
         if len(self._nameless):
             points = np.concatenate((points, packet.markers[self._nameless]))
-        self._on_frame(point_frame(
-            stamp, '', self._names, packet.markers[self._taken], points))
+        frame = point_frame(stamp, '', self._names, packet.markers[self._taken], points)
+        self._on_frame(frame._replace(origin=self._origin(packet, frame)))
+
+    def _origin(self, packet: FramePacket, frame: SourceFrame) -> PacketOrigin | None:
+        """Return where a frame's numbers are in its packet, None where they are not all there."""
+        structure = packet.structure
+        places = structure.places[:, 0]
+        if (len(places) > structure.unlabelled or len(self._nameless) or packet.models_changed
+                or len(frame.points) < structure.unlabelled - structure.free
+                or not np.isfinite(frame.markers).all()):
+            return None
+        return PacketOrigin(
+            structure.common, places[:structure.free][self._taken],
+            places[structure.free:structure.unlabelled], np.eye(3), structure.times + 16,
+            structure.times, 1. / self._frequency, self._now, self._follow)
+
+    def _now(self) -> tuple[int, tuple[float, float, float], int]:
+        assert self._sent is not None
+        return self._sent, self._clock.line, wall_offset()
+
+    def _follow(self, data: bytes, received: int) -> None:
+        """Note a frame that was relayed."""
+        assert self._structure is not None
+        _, _, self._sent = FRAME_TIMES.unpack_from(data, self._structure.times)
+        self._clock.received(self._sent / self._frequency, 1e-9 * received)
+
+    @property
+    def _frequency(self) -> float:
+        assert self._info is not None
+        return self._info.frequency
 
     def _arrange(self, structure: FrameStructure) -> None:
         """Find the names of a frame's markers by the model."""

@@ -78,6 +78,7 @@ class FrameStructure(NamedTuple):
     Attributes
     ----------
     common : PacketStructure
+        Frames with other markers occluded are not alike.
     sets : tuple of (str, int)
         Name of each marker set, and how many markers it has.
     labelled : tuple of (int, int)
@@ -144,7 +145,7 @@ class _Cursor:
     def __init__(self, data: bytes, what: str) -> None:
         self._data, self._what = data, what
         self.at = HEADER.size
-        self.mask = bytearray(len(data))
+        self.mask = bytearray(b'\xff' * self.at).ljust(len(data), b'\0')
 
     def fail(self, expected: str) -> MalformedFrame:
         return MalformedFrame(f'NatNet {self._what} of {len(self._data)} bytes, at byte {self.at}: '
@@ -404,12 +405,13 @@ def _structure(data: bytes, version: tuple[int, int]) -> FrameStructure:
     if has_sizes:
         cursor.skip(8)      # precision time
     end = cursor.skip(2)
+    cursor.mask[end] |= MODELS_CHANGED
     owned: dict[int, int] = {}
     free = []
     for at in labelled:
         number = int.from_bytes(data[at:at + 4], 'little')
         cursor.decides(at, at + 4)
-        cursor.mask[at + PARAMETERS] |= UNLABELLED
+        cursor.mask[at + PARAMETERS] |= UNLABELLED | OCCLUDED
         if data[at + PARAMETERS] & UNLABELLED or not number >> MODEL_SHIFT:
             free.append(at)
         else:

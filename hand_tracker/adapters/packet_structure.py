@@ -6,7 +6,8 @@ one, nothing has to be decoded but numbers at known places.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,9 +24,14 @@ class PacketStructure:
         The packet.
     mask : bytes
         Of its size: ones where it decides.
+
+    Attributes
+    ----------
+    data, mask
     """
 
     def __init__(self, data: bytes, mask: bytes) -> None:
+        self.data, self.mask = data, mask
         self._size, self._mask = len(data), int.from_bytes(mask, 'little')
         self._bits = int.from_bytes(data, 'little') & self._mask
 
@@ -33,6 +39,37 @@ class PacketStructure:
         """Return whether another packet is to be read alike."""
         return (len(data) == self._size
                 and int.from_bytes(data, 'little') & self._mask == self._bits)
+
+
+class PacketOrigin(NamedTuple):
+    """Where the numbers of a frame are in its packet, and in all that are like it.
+
+    Attributes
+    ----------
+    structure : PacketStructure
+    markers, points : ndarray of int
+        Places of the frame's markers and of its anonymous points.
+    turn : ndarray, shape (3, 3)
+        By which they are multiplied.
+    order, time : int
+        Places of a number of eight bytes that goes up from packet to packet, and of the exposure.
+    tick : float
+        Of the exposure [s].
+    now : callable
+        Returns the last number that goes up, `ClockEstimate.line`, and `wall_offset` [ns].
+    follow : callable
+        To be called with a packet that was read by its origin alone, and when it was received.
+    """
+
+    structure: PacketStructure
+    markers: np.ndarray
+    points: np.ndarray
+    turn: np.ndarray
+    order: int
+    time: int
+    tick: float
+    now: Callable[[], tuple[int, tuple[float, float, float], int]]
+    follow: Callable[[bytes, int], None]
 
 
 def point_places(starts: Sequence[int]) -> np.ndarray:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..core.errors import HandTrackerError
 from ..messages.stamps import Time
+from .packet_structure import PacketOrigin
 
 # Rows: x, y, z of a frame with z up in the source's axes, by its upward axis.
 UPRIGHT = {'z': np.eye(3), 'y': np.array(((1., 0., 0.), (0., 0., -1.), (0., 1., 0.)))}
@@ -39,6 +40,8 @@ class SourceFrame(NamedTuple):
         NaN where not seen [m].
     points : ndarray, shape (n, 3)
         Anonymous points, in any order [m].
+    origin : PacketOrigin or None
+        Where these numbers are in the packet that was read; None where they are not all there.
     """
 
     stamp: Time | None
@@ -46,6 +49,7 @@ class SourceFrame(NamedTuple):
     names: tuple[str, ...]
     markers: np.ndarray
     points: np.ndarray
+    origin: PacketOrigin | None = None
 
 
 def point_frame(stamp: Time | None, frame_id: str, names: Sequence[str] = (),
@@ -73,7 +77,8 @@ def of_subject(frame: SourceFrame, subject: str) -> SourceFrame:
         As in 'subject:marker'.
     """
     names, rows = _names_of_subject(frame.names, subject)
-    return frame._replace(names=names, markers=frame.markers[rows])
+    origin = frame.origin and frame.origin._replace(markers=frame.origin.markers[rows])
+    return frame._replace(names=names, markers=frame.markers[rows], origin=origin)
 
 
 @lru_cache(1)
@@ -92,5 +97,7 @@ def turned_upright(frame: SourceFrame, up: str) -> SourceFrame:
     up : str
         Its upward axis, one of `UPRIGHT`.
     """
-    turn = UPRIGHT[up].T
-    return frame._replace(markers=frame.markers @ turn, points=frame.points @ turn)
+    turn = UPRIGHT[up]
+    origin = frame.origin and frame.origin._replace(turn=turn @ frame.origin.turn)
+    return frame._replace(markers=frame.markers @ turn.T, points=frame.points @ turn.T,
+                          origin=origin)

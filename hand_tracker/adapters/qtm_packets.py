@@ -16,6 +16,7 @@ from .point_frame import MalformedFrame
 
 QTM_HEADER = struct.Struct('<II')       # bytes of the packet, its kind; of a component likewise
 DATA_HEADER = struct.Struct('<qII')     # time, number, count of components
+QTM_ORDER = 16                          # place of number and count, which go up together
 MARKERS_HEADER = struct.Struct('<Ihh')  # count of markers, lost frames, frames out of step
 DATA = 3                                # kind of a packet with a frame
 LARGEST_QTM_PACKET = 2**24              # [bytes] of parameters or a frame
@@ -82,6 +83,11 @@ def qtm_frame(packet: bytes, last: QtmStructure | None = None) -> QtmFrame:
     time, number, _ = DATA_HEADER.unpack_from(packet, QTM_HEADER.size)
     positions = MILLIMETRE * points_at(np.frombuffer(packet, np.uint8), found.places).astype(float)
     return QtmFrame(number, time, found, positions[:found.labelled], positions[found.labelled:])
+
+
+def order_of(packet: bytes) -> int:
+    """Return a frame's number and count of components as one number."""
+    return int.from_bytes(packet[QTM_ORDER:QTM_ORDER + 8], 'little')
 
 
 def component_places(packet: bytes) -> list[tuple[int, range]]:

@@ -20,8 +20,17 @@ from ..core.errors import HandTrackerError
 from ..files.plain_xml import parse_plain_xml
 from ..messages.stamps import stamp_of
 from .clock_estimate import ClockEstimate, wall_offset
+from .packet_structure import PacketOrigin
 from .point_frame import MalformedFrame, SourceFrame, SourceUnavailable, point_frame
-from .qtm_packets import QtmStructure, qtm_frame
+from .qtm_packets import (
+    DATA_HEADER,
+    MILLIMETRE,
+    QTM_HEADER,
+    QTM_ORDER,
+    QtmStructure,
+    order_of,
+    qtm_frame,
+)
 
 QTM_PORT = 22223
 QTM_VERSION = '1.25'     # of the protocol
@@ -51,7 +60,14 @@ class QualisysClient:
     ------
     SourceUnavailable
         If qtm-rt is not installed, or a component is none of these.
+
+    Attributes
+    ----------
+    relay
+        As of `NatNetClient`.
     """
+
+    relay: Callable[[bytes, int], bool] | None = None
 
     def __init__(self, server: str, on_frame: Callable[[SourceFrame], None],
                  on_news: Callable[[bool, str], None],
@@ -73,7 +89,7 @@ class QualisysClient:
         self._clock = ClockEstimate()
         self._names: tuple[str, ...] = ()
         self._structure: QtmStructure | None = None   # of the last frame
-        self._last = -1
+        self._last = self._order = -1
         self._is_logged = False
 
     def run(self, ended: Event) -> None:
@@ -101,7 +117,7 @@ class QualisysClient:
                 raise OSError('it answers with a frame where its parameters are asked for')
             self._names = marker_labels(xml.decode(errors='replace'))
             self._clock.reset()
-            self._last = -1
+            self._last, self._structure = -1, None
             await connection.stream_frames(
                 components=list(self._components), on_packet=self.take)
             self._on_news(False, f'QTM on {self._server} streams {", ".join(self._components)}, '
@@ -137,6 +153,8 @@ class QualisysClient:
     def take(self, packet: bytes) -> None:
         """Take a packet with a frame as it arrives."""
         received = monotonic_ns()
+        if self.relay is not None and self.relay(packet, received):
+            return
         try:
             frame = qtm_frame(packet, self._structure)
         except MalformedFrame as error:
@@ -150,7 +168,7 @@ class QualisysClient:
             return
         if frame.number < self._last:
             self._clock.reset()
-        self._last = frame.number
+        self._last, self._order = frame.number, order_of(packet)
         exposed = 1e-6 * frame.time
         self._clock.received(exposed, 1e-9 * received - self._latency)
         stamp = stamp_of(round(1e9 * self._clock.local(exposed)) + wall_offset())
@@ -159,7 +177,26 @@ class QualisysClient:
             # Markers that QTM has no name for are anonymous.
             points = np.concatenate((markers[len(names):], points))
             names, markers = names[:len(markers)], markers[:len(names)]
-        self._on_frame(point_frame(stamp, '', names, markers, points))
+        found = point_frame(stamp, '', names, markers, points)
+        self._on_frame(found._replace(origin=self._origin(frame.structure, found)))
+
+    def _origin(self, structure: QtmStructure, frame: SourceFrame) -> PacketOrigin | None:
+        """Return where a frame's numbers are in its packet, None where they are not all there."""
+        places, named = structure.places[:, 0], len(frame.names)
+        if len(places) != named + len(frame.points) or not np.isfinite(frame.markers).all():
+            return None
+        return PacketOrigin(
+            structure.common, places[:named], places[named:], MILLIMETRE * np.eye(3), QTM_ORDER,
+            QTM_HEADER.size, 1e-6, self._now, self._follow)
+
+    def _now(self) -> tuple[int, tuple[float, float, float], int]:
+        return self._order, self._clock.line, wall_offset()
+
+    def _follow(self, packet: bytes, received: int) -> None:
+        """Note a frame that was relayed."""
+        time, self._last, _ = DATA_HEADER.unpack_from(packet, QTM_HEADER.size)
+        self._order = order_of(packet)
+        self._clock.received(1e-6 * time, 1e-9 * received - self._latency)
 
 
 def marker_labels(xml: str) -> tuple[str, ...]:

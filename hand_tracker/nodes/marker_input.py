@@ -15,6 +15,7 @@ from ..tracking.rate_limit import period_ns
 from ..tracking.stream import TrackedFrame
 from .executors import steady_clock, wake_timer
 from .fast_path import PUBLISHER_SILENCE, FastPath, InstalledHand
+from .fast_path.packet_relay import PacketRelay
 from .replies import Replies
 from .tracked_hand import TrackedHand
 
@@ -65,6 +66,7 @@ class MarkerInput:
         self.subscription: Subscription | None = node.create_subscription(
             kind, topic, self._on_markers, qos, raw=raw)
         self.topic = self.subscription.topic_name
+        self._relay: PacketRelay | None = None
         self._handed: deque[bytes] = deque(maxlen=qos.depth)
         self._handed_timer = wake_timer(node, self._track_handed)
         self._handed_timer.cancel()
@@ -82,6 +84,8 @@ class MarkerInput:
         self._drain_timer.cancel()
         fast_path.start(self._node, self.subscription, self._drain_fast_path, self._on_markers,
                         self._keeps_publisher, self._handed)
+        if self.subscription is None:
+            self._relay = PacketRelay(fast_path)
 
     def taker(self, topic: str, kind: type) -> Callable[[bytes], None] | None:
         """Return what takes a topic's messages from a node of this process, which hands them over.
@@ -114,6 +118,11 @@ class MarkerInput:
             self._handed.append(message)
             self._handed_timer.reset()
 
+    @property
+    def relay(self) -> PacketRelay | None:
+        """What takes packets that are handed over; None without a fast path, or while some wait."""
+        return None if self._handed else self._relay
+
     def _track_handed(self) -> None:
         """Track what was handed over, in the executor's thread."""
         self._handed_timer.cancel()
@@ -128,7 +137,7 @@ class MarkerInput:
         if self.fast_path is not None:
             self.fast_path.stop()
             self._node.destroy_timer(self._drain_timer)
-        self.fast_path = self._drain_timer = None
+        self.fast_path = self._drain_timer = self._relay = None
 
     def disable_fast_path(self) -> None:
         """Let the next message take the slow path."""

@@ -85,6 +85,8 @@ SOURCE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
 class SourceNode(Node):
     """Node that publishes the points of one source as MarkerArrays."""
 
+    _input: MarkerInput    # of a tracker in this process
+
     def __init__(self) -> None:
         super().__init__('source')
         values = self._values = declare(self, SOURCE_PARAMETERS)
@@ -94,20 +96,22 @@ class SourceNode(Node):
         self._publisher = self.create_publisher(MarkerArray, '~/markers', SOURCE_DEPTH)
         self._checks: LandmarkChecks | None = None
         self._take: Callable[[bytes], None] | None = None
+        self._client: NatNetClient | QualisysClient | None = None
         self._has_frame = False
         self._ended, self._thread = Event(), None
         if values['source'] in SERVED:
             self._origin = f"{values['source']} server {values['server']}"
-            self._thread = Thread(target=self._receive, args=(self._client(),), daemon=True)
+            self._client = self._new_client()
+            self._thread = Thread(target=self._receive, args=(self._client,), daemon=True)
             self._thread.start()
         else:
             self._subscribe()
-            self._origin = self._input.topic_name
+            self._origin = self._source.topic_name
             self._silence = self.create_timer(
                 SILENT_TIME, self._report_silence, clock=steady_clock())
         self.get_logger().info(f'{self._origin}: publishing on {self._publisher.topic_name}')
 
-    def _client(self) -> NatNetClient | QualisysClient:
+    def _new_client(self) -> NatNetClient | QualisysClient:
         values = self._values
         common = values['server'], self._publish, partial(log_line, self)
         if values['source'] == 'natnet':
@@ -144,7 +148,7 @@ class SourceNode(Node):
         kind, self._read = readers[name]
         if values['source'] == 'landmarks':
             self._checks = LandmarkChecks(values['side'], self._warn_once)
-        self._input = self.create_subscription(
+        self._source = self.create_subscription(
             imported_message(*kind) if isinstance(kind, tuple) else kind,
             values['topic'] or USUAL_TOPICS[name], self._on_message,
             QoSProfile(depth=INPUT_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT))
@@ -152,7 +156,20 @@ class SourceNode(Node):
     def hand_over(self, inputs: Iterable[MarkerInput]) -> None:
         """Hand the messages over to the input of a tracker in this process that takes the topic."""
         for one in inputs:
-            self._take = one.taker(self._publisher.topic_name, MarkerArray) or self._take
+            take = one.taker(self._publisher.topic_name, MarkerArray)
+            if take is not None:
+                self._take, self._input = take, one
+                if self._client is not None:
+                    self._client.relay = self._relay
+
+    def _relay(self, packet: bytes, received: int) -> bool:
+        """Hand over a packet as it is, where it is like the last one; return whether it was."""
+        relay = self._input.relay
+        if relay is None or not relay.relay(packet, received):
+            return False
+        if self._publisher.get_subscription_count():
+            self._publisher.publish(relay.message())
+        return True
 
     def _on_message(self, message: Any) -> None:
         try:
@@ -177,6 +194,8 @@ class SourceNode(Node):
         message = self._writer.write(frame, stamp)
         if self._take is not None:
             self._take(message)
+            if self._input.relay is not None:
+                self._input.relay.install(frame.origin, self._writer)
         # Others may listen too.
         if self._take is None or self._publisher.get_subscription_count():
             self._publisher.publish(message)

@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from helpers.hands import hand_at
 from helpers.natnet_server import NatNetServer
@@ -14,6 +15,9 @@ from visualization_msgs.msg import MarkerArray
 
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.numerics.jit import COMPILED
+from hand_tracker.nodes.runner import spinning
+from hand_tracker.nodes.source_node import SourceNode
+from hand_tracker.nodes.tracker_node import TrackerNode
 
 NEEDS = 'rclpy',
 
@@ -55,6 +59,37 @@ def test_markers_of_motive_are_tracked_in_the_process_that_receives_them():
         assert len(answers[-1].name) == 25 and np.isfinite(answers[-1].position).all()
         assert process.interrupt() == 0, process.output
     assert 'Traceback' not in process.output
+
+
+@pytest.mark.skipif(not COMPILED, reason='there is no fast path here')
+def test_packets_like_the_last_one_are_relayed():
+    with NatNetServer((4, 1), {'RHand': MARKERS}) as server, watching_node() as node:
+        answers = node.collect(JointState, 'joint_states')
+        rclpy.init(args=['--ros-args', '-r', 'markers:=source/markers', '-p', 'source:=natnet',
+                         '-p', f'port:={server.port}', '-p', 'auto_size:=false'])
+        tracker, source = TrackerNode(), SourceNode()
+        results, sent = [], []
+        try:
+            source.hand_over(tracker.inputs)
+            relay = source._client.relay
+            source._client.relay = lambda *packet: results.append(relay(*packet)) or results[-1]
+
+            def send():
+                if server.is_connected:
+                    occluded = [('RHand', 6)] * (len(sent) % 10 == 9)
+                    sent.append(server.send_frame(
+                        {'RHand': hand_at()}, time.monotonic(), occluded=occluded))
+
+            with spinning(tracker, source):
+                node.repeat(send, lambda: results.count(True) > 100, .01)
+                assert tracker.inputs[0].fast_path.frame_count >= results.count(True)
+        finally:
+            source.destroy_node()
+            tracker.destroy_node()
+            rclpy.shutdown()
+    stamps = [answer.header.stamp.sec + 1e-9 * answer.header.stamp.nanosec for answer in answers]
+    assert (np.diff(stamps) > 0).all() and results.count(False) > 10
+    assert len(answers) >= results.count(True)
 
 
 def test_without_compiled_kernels_markers_are_handed_over_too():

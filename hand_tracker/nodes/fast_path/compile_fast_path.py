@@ -11,6 +11,7 @@ from ...core.point_labelling.cloud_labeller import compile_kernels as compile_la
 from ...tracking.compile_kernels import compile_tracking, complete_set
 from ..serialization import codec_agrees
 from .middleware import FastPath
+from .packet_relay import PacketRelay
 from .rcl import FastPathUnavailable
 
 
@@ -26,7 +27,7 @@ def main() -> int:
 def compile_fast_path() -> None:
     """Compile the fast path; raise FastPathUnavailable where it cannot serve here."""
     codec_agrees()
-    FastPath(compile_tracking().kernel_arguments())
+    PacketRelay(FastPath(compile_tracking().kernel_arguments()))
 
 
 if __name__ == '__main__':

@@ -308,6 +308,11 @@ class FastPath(CallbackPath):
             times, runs, None, on_fast_path=True, restarted=False)
 
     @property
+    def entrance(self) -> tuple[int, int, int]:
+        """Addresses by which compiled code hands over a message: `handed`, callback, context."""
+        return self._handed.ctypes.data, self._callback.address, self._address
+
+    @property
     def frame_count(self) -> int:
         """Number of frames of hands processed so far."""
         return int(sum(hand.frames[0] for hand in self._hands))

@@ -278,7 +278,7 @@ def changing_messages(count):
         if random.random() < .2:
             positions[random.integers(3, 8)] = np.nan  # left out: of another layout
         # Time jumps back twice; a stray stamp is not believed at once.
-        array = message(positions, number % (count // 3) + LATE * (number < count // 3))
+        array = message(positions, 1 + number % (count // 3) + LATE * (number < count // 3))
         if random.random() < .1:
             array.markers.reverse()
         data, stamp = serialize_message(array), array.markers[0].header.stamp

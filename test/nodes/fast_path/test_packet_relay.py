@@ -1,0 +1,121 @@
+"""Packets relayed by their numbers alone: the messages that decoding and writing make of them."""
+
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from helpers import natnet_server
+from helpers.qtm_server import data_packet
+
+from hand_tracker.adapters import qualisys
+from hand_tracker.adapters.clock_estimate import LONGEST_LOOK
+from hand_tracker.adapters.marker_arrays import MarkerArrayWriter
+from hand_tracker.adapters.natnet_client import NatNetClient
+from hand_tracker.adapters.point_frame import MalformedFrame, of_subject, turned_upright
+from hand_tracker.core.numerics.jit import packed
+from hand_tracker.messages.cdr import ENCAPSULATION
+from hand_tracker.messages.stamps import Stamp, nanoseconds
+from hand_tracker.nodes.fast_path.packet_relay import (
+    NO_PACKET,
+    fill_message,
+    install_origin,
+    new_relay_memory,
+)
+
+NEEDS = 'rclpy', 'qtm_rt'
+NAMES = {'RHand': tuple('abcdefgh'), 'cup': ('rim', 'foot')}
+VERSION = 4, 1
+HEAD = 24
+RATE = 100
+START, WAY = 1000., .002   # [s]
+
+
+def changed_somewhere(random, data):
+    """Return a packet with one of its bytes changed, but of its head, or cut."""
+    found = bytearray(data)
+    found[random.integers(HEAD, len(found))] = random.integers(256)
+    return bytes(found[:len(found) if random.random() < .7 else random.integers(HEAD, len(found))])
+
+
+def motive(random, number):
+    """Return a packet of NatNet: markers, some occluded or nowhere, and now and then a point."""
+    sets = {name: random.normal(size=(len(names), 3)) for name, names in NAMES.items()}
+    if random.random() < .03:
+        sets['cup'][0, 1] = np.nan
+    ticks = natnet_server.NatNetServer.ticks(START + number / RATE)
+    return natnet_server.frame(
+        VERSION, number, sets, [random.normal(size=3)] * (random.random() < .03),
+        [('RHand', 3)] * (random.random() < .05), exposure=ticks, transmit=ticks,
+        changed=random.random() < .02)
+
+
+def qtm(random, number):
+    """Return a packet of QTM, in which points come and go."""
+    return data_packet(number, round(1e6 * number / RATE), {
+        '3d': 1e3 * random.normal(size=(3, 3)),
+        '3dnolabels': random.normal(size=(random.choice((2, 2, 2, 2, 1)), 3))})
+
+
+def motive_client(on_frame):
+    client = NatNetClient('127.0.0.1', on_frame, lambda *news: None)
+    client.take(natnet_server.server_info(VERSION), 0)
+    client.take(natnet_server.model(VERSION, NAMES), 0)
+    return client.take
+
+
+def qtm_client(on_frame, monkeypatch):
+    now = [0]
+    monkeypatch.setattr(qualisys, 'monotonic_ns', lambda: now[0])
+    client = qualisys.QualisysClient('127.0.0.1', on_frame, lambda *news: None)
+    client._names = 'wrist', 'index'
+
+    def take(packet, received):
+        now[0] = received
+        client.take(packet)
+
+    return take
+
+
+@pytest.mark.parametrize('system', ['motive', 'subject', 'upright', 'qtm'])
+def test_a_relayed_packet_has_the_message_of_one_that_is_decoded(system, monkeypatch):
+    random, frames = np.random.default_rng(7), []
+    take = (qtm_client(frames.append, monkeypatch) if system == 'qtm'
+            else motive_client(frames.append))
+    packets = qtm if system == 'qtm' else motive
+    writer = MarkerArrayWriter(lambda key, text: None)
+    memories, memory = packed(new_relay_memory())
+    relayed = decoded = 0
+    for number in range(1, 1500):
+        # Over UDP some are overtaken.
+        packet = packets(random, number - 2 * (system != 'qtm' and random.random() < .03))
+        if random.random() < .1:
+            packet = changed_somewhere(random, packet)
+        with np.errstate(invalid='ignore'):  # signalling NaN
+            received = round(1e9 * (START + number / RATE + WAY))
+            is_relayed = fill_message(memories, np.frombuffer(packet, np.uint8), received)
+            message = memory.message.tobytes()[ENCAPSULATION:][:int(memory.message_size[0])]
+            frames.clear()
+            with suppress(MalformedFrame):
+                take(packet, received)
+        if not frames:
+            assert not is_relayed
+            continue
+        frame, = frames
+        if system == 'subject':
+            frame = of_subject(frame, 'RHand')
+        if system == 'upright':
+            frame = turned_upright(frame, 'y')
+        if is_relayed:
+            stamp = Stamp(*np.frombuffer(message[8:16], np.uint32).tolist())
+            assert abs(nanoseconds(stamp) - nanoseconds(frame.stamp)) < LONGEST_LOOK
+            assert writer.write(frame._replace(frame_id='mocap'), stamp) == message
+            relayed += 1
+        else:
+            writer.write(frame._replace(frame_id='mocap'), frame.stamp)
+            decoded += 1
+        # As PacketRelay does.
+        memory.size[0] = NO_PACKET
+        if frame.origin is not None:
+            install_origin(memory, frame.origin, *writer.places(frame.origin), writer.template)
+            memory.last[0], memory.clock[:], memory.wall[0] = frame.origin.now()
+    assert relayed > 600 and decoded > 150
