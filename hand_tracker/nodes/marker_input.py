@@ -14,8 +14,7 @@ from rclpy.timer import Timer
 from ..tracking.rate_limit import period_ns
 from ..tracking.stream import TrackedFrame
 from .executors import steady_clock, wake_timer
-from .fast_path import PUBLISHER_SILENCE, FastPath, InstalledHand
-from .fast_path.packet_relay import PacketRelay
+from .fast_path import PUBLISHER_SILENCE, FastPath, InstalledHand, PacketRelay
 from .replies import Replies
 from .tracked_hand import TrackedHand
 

@@ -157,7 +157,7 @@ def drawn_frame(random, version):
     sets = {name: random.normal(size=(count, 3)) for name, count in (
         ('RHand', 8), ('cup', random.choice((3, 3, 3, 2))))}
     occluded = [(name, row) for name, rows in sets.items() for row in range(len(rows))
-                if random.random() < .1]
+                if random.random() < .01]
     return natnet_server.frame(
         version, random.integers(2**31), sets,
         random.normal(size=(random.choice((0, 0, 0, 2)), 3)), occluded,
@@ -200,7 +200,7 @@ def test_frames_are_the_same_by_the_structure_of_the_last(version):
         assert (structure.sets, structure.labelled) == (alone.sets, alone.labelled)
         reused += structure is last
         last = structure
-    assert reused > 700 and refused > 100
+    assert reused > 400 and refused > 100
 
 
 @pytest.mark.parametrize('size', [0, 1, 3, 5, 100])

@@ -2,6 +2,8 @@
 
 `FastPath` is the tracker's, `CommandPath` that of a robot that follows; `kernel`
 and `command_kernel` are their arithmetic, `callback_path` what they share, `rcl` the C functions.
+`PacketRelay` brings packets of a source in the same process to the tracker's, in the source's
+thread, which then takes the place of the middleware's below.
 
 States of a frame's way::
 
@@ -23,7 +25,8 @@ mutex: the middleware's thread never asks for it.
 
 from .command_path import CommandPath, ListedJoints
 from .middleware import PUBLISHER_SILENCE, FastPath, InstalledHand
+from .packet_relay import PacketRelay
 from .rcl import FastPathUnavailable
 
 __all__ = ['PUBLISHER_SILENCE', 'CommandPath', 'FastPath', 'FastPathUnavailable', 'InstalledHand',
-           'ListedJoints']
+           'ListedJoints', 'PacketRelay']
