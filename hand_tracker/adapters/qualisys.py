@@ -8,8 +8,9 @@ clock; `ClockEstimate` maps it to this machine's, less the least delay seen, whi
 from __future__ import annotations
 
 import asyncio
+import os
+import select
 from collections.abc import Callable
-from contextlib import suppress
 from threading import Event
 from time import monotonic_ns
 from typing import Any
@@ -37,6 +38,7 @@ QTM_VERSION = '1.25'     # of the protocol
 QTM_COMPONENTS = '3d', '3dres', '3dnolabels', '3dnolabelsres'
 RETRY_TIME = 2.     # [s]
 END_POLL = .05      # [s]
+MOST_AT_ONCE = 2**16   # [bytes]
 ANSWER_TIME = 5.    # [s]
 
 
@@ -107,11 +109,11 @@ class QualisysClient:
 
     async def _serve(self, ended: Event) -> None:
         """Receive until the connection ends."""
-        lost = asyncio.Event()
         reason = 'the connection has ended'
         connection = None
         try:
-            connection = await asyncio.wait_for(self._connect(lost), ANSWER_TIME)
+            protocol = await asyncio.wait_for(self._connect(), ANSWER_TIME)
+            connection = self._qtm.QRTConnection(protocol, timeout=ANSWER_TIME)
             xml = await connection.get_parameters(['3d'])
             if not isinstance(xml, bytes):
                 raise OSError('it answers with a frame where its parameters are asked for')
@@ -123,9 +125,7 @@ class QualisysClient:
             self._on_news(False, f'QTM on {self._server} streams {", ".join(self._components)}, '
                                  f'{len(self._names)} named markers')
             self._is_logged = False
-            while not ended.is_set() and not lost.is_set():
-                with suppress(asyncio.TimeoutError):
-                    await asyncio.wait_for(lost.wait(), END_POLL)
+            self._receive(protocol, ended)
         except (OSError, asyncio.TimeoutError, HandTrackerError,
                 self._qtm.QRTCommandException) as error:
             reason = str(error) or 'it does not answer'
@@ -137,18 +137,36 @@ class QualisysClient:
             self._on_news(True, f'QTM on {self._server}:{self._port}: {reason}; trying again every '
                                 f'{RETRY_TIME:g} s. Is QTM measuring, with real-time output on?')
 
-    async def _connect(self, lost: asyncio.Event) -> Any:
-        """Return a connection, as qtm_rt.connect does, but of checked packets."""
+    @staticmethod
+    def _receive(protocol: Any, ended: Event) -> None:
+        """Receive frames until the connection ends, without asyncio, which takes longer."""
+        if protocol.transport is None:
+            return
+        protocol.transport.pause_reading()
+        connection = protocol.transport.get_extra_info('socket').fileno()
+        while not ended.is_set():
+            if not select.select((connection,), (), (), END_POLL)[0]:
+                continue
+            data = os.read(connection, MOST_AT_ONCE)
+            if not data:
+                return
+            try:
+                protocol.data_received(data)
+            except Exception as error:
+                raise OSError(f'the connection has ended: {error}') from error
+
+    async def _connect(self) -> Any:
+        """Return a connection's protocol, as qtm_rt.connect does, but of checked packets."""
         loop = asyncio.get_running_loop()
         _, protocol = await loop.create_connection(
-            lambda: self._protocol(loop=loop, on_disconnect=lambda error: lost.set()),
+            lambda: self._protocol(loop=loop),
             self._server, self._port)
         try:
             await protocol.set_version(QTM_VERSION)
         except BaseException:
             protocol.transport.close()
             raise
-        return self._qtm.QRTConnection(protocol, timeout=ANSWER_TIME)
+        return protocol
 
     def take(self, packet: bytes) -> None:
         """Take a packet with a frame as it arrives."""
