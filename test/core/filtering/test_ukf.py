@@ -21,7 +21,7 @@ NOISE = 3e-4  # [m]
 
 def moved(state, step, uncertainty=0.):
     """Return the whole state after a step of the motion model."""
-    rate, _, _ = ukf.turn_rate(tuple(state[3:6]), tuple(state[6:]), step, uncertainty)
+    rate, _, _ = ukf.squared_turn_rate(tuple(state[3:6]), tuple(state[6:]), step, uncertainty)
     turn = ukf.turn_matrices(rate, step)[0]
     return np.array([ukf.turned(turn, tuple(axis)) for axis in state.reshape(3, 3).T]).T.ravel()
 
