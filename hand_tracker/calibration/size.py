@@ -23,7 +23,7 @@ from .palm_template import rigid_poses, to_palm
 
 MIN_SIZE_FRAMES = 20    # with the whole palm seen
 SIZE_FRAMES = 100       # that are read, at most
-SHEAR_SPREAD = .3       # [1] standard deviation of the palm's shear, and of length to breadth
+SHEAR_SPREAD = .3       # [1] standard deviation of the palm's shear, and of length minus breadth
 PALM_ERROR = .001       # [m] standard deviation of the distances of the palm's markers
 
 # Scales of the fingers' bones relative to the mean hand's [1].
