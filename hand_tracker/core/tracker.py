@@ -188,6 +188,7 @@ class HandTracker:
         # Rows of the layout in those of the kernels, where they are not the same.
         self._rows = None if layout.names == MARKERS else np.maximum(rows, 0)
         self._lacking = np.flatnonzero(rows < 0)
+        self._listed = listed_count(layout)
         chains = digit_chains(right, mounting)
         self._right_table, self._right_mounting = joint_table(right), mounting
         self._template = mounting.position[:PALM_COUNT].copy()
@@ -325,7 +326,7 @@ class HandTracker:
         self.restarted = bool(self._kernel(track_frame)(
             *self.kernel_arguments(distal_flexion)[:-1], report, frame,
             np.nan if time is None else float(time)))
-        return self.state_from_report(report, listed_count(self.layout))
+        return self.state_from_report(report, self._listed)
 
     def kernel_arguments(self, distal_flexion: ArrayLike | None = None) -> tuple[
             Pack[Model], Pack[Chains], Pack[KernelOptions], Pack[FrameClock], Pack[State],
