@@ -1,7 +1,6 @@
 """Track a hand or both: replay or live driver, tracker, robot_state_publisher, RViz if asked."""
 
 import atexit
-import json
 import shutil
 import sys
 import tempfile
@@ -16,7 +15,7 @@ from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutd
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from hand_tracker.adapters.marker_messages import DEFAULT_MESSAGE, SERVED, direct_input
+from hand_tracker.adapters.marker_messages import DEFAULT_MESSAGE, direct_input
 from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.model.hand import BOTH, SIDES, Hand
 from hand_tracker.core.numerics.quaternion import quaternion
@@ -213,16 +212,14 @@ def start(context):
     is_secured = given['use_security'] == 'true'
     environment = security_environment(given['keystore']) if is_secured else {}
 
-    def node(executable, parameters, package='hand_tracker', files=(), namespace='',
-             last_files=(), **more):
+    def node(executable, parameters, package='hand_tracker', files=(), namespace='', **more):
         if is_secured:
             more.update(additional_env=environment, ros_arguments=[
                 '--enclave', enclave_of(environment, executable)])
         return Node(
             package=package, executable=executable,
             namespace='/'.join(filter(None, (given['namespace'], namespace))),
-            parameters=[*files, common, *map(texts_kept, parameters), *last_files],
-            output='screen', **more)
+            parameters=[*files, common, *map(texts_kept, parameters)], output='screen', **more)
 
     direct = direct_source(given)
     message = agreed('marker_message', direct.message if direct else DEFAULT_MESSAGE,
@@ -244,23 +241,16 @@ def start(context):
         if shares_process and alone:
             raise RuntimeError(f"robot_process: 'tracker'; expected own with {what}: {why}")
     tracker = 'managed_tracker' if is_managed else 'teleoperate' if shares_process else 'tracker'
-    source_parameters = {'side': hands[0].hand.side, **source_arguments(given)}
-    hosts_source = given['source'] in SERVED and tracker == 'tracker' and not is_secured
-    if hosts_source:
-        tracker = 'all'
     actions = [node(
         tracker, [{
             **hand_parameters, **of_both, 'broadcast': broadcast, 'marker_message': message,
             'on_body': on_body,
             **(robots[0] if shares_process else {})}],
         # A name would be that of both nodes.
-        name=None if shares_process or hosts_source else TRACKER_NAME,
+        name=None if shares_process else TRACKER_NAME,
         files=[given['parameters']] if given['parameters'] else [],
-        remappings=[('markers', direct.topic if direct else topic_of_markers(given)),
-                    *([('~/markers', topic_of_markers(given))] if hosts_source else [])],
-        on_exit=ended('tracker'),
-        **({'arguments': ['tracker', SOURCE_NAME],
-            'last_files': [source_file(source_parameters)]} if hosts_source else {}))]
+        remappings=[('markers', direct.topic if direct else topic_of_markers(given))],
+        on_exit=ended('tracker'))]
     if publishes_links:
         actions += [node(
             'robot_state_publisher',
@@ -272,9 +262,10 @@ def start(context):
     else:
         actions.append(LogInfo(msg='robot_state_publisher is not installed: '
                                    'the tracker broadcasts every frame itself'))
-    if given['source'] in SYSTEMS and not direct and not hosts_source:
+    if given['source'] in SYSTEMS and not direct:
         actions.append(node(
-            'source', [source_parameters],
+            'source',
+            [{'side': hands[0].hand.side, **source_arguments(given)}],
             files=[given['parameters']] if given['parameters'] else [], name=SOURCE_NAME,
             remappings=[('~/markers', topic_of_markers(given))], on_exit=ended('source')))
     if given['source'] == 'recording':
@@ -340,14 +331,6 @@ def source_arguments(given):
     """Return the parameters of the source node that arguments set."""
     return {name: given[name] for name in ('source', 'topic', 'message', 'server', 'subject')
             if given[name]}
-
-
-def source_file(parameters):
-    """Return a file with parameters of the source node: the tracker has one of the same name."""
-    path = temporary_folder() / 'source.yaml'
-    path.write_text(json.dumps(
-        {f'/**/{SOURCE_NAME}': {'ros__parameters': parameters}}), encoding='utf-8')
-    return path
 
 
 def direct_source(given):
@@ -531,16 +514,11 @@ def rviz_config(prefix, namespace, with_robots=()):
         config = config.replace(f'TF Prefix: {side}_robot', f'TF Prefix: {own}')
         config = config.replace(f'Value: {side}_robot/', f'Value: {own}/')
     if config != packaged:
-        path = temporary_folder() / path.name
+        folder = tempfile.mkdtemp(prefix='hand_tracker_')
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        path = Path(folder, path.name)
         path.write_text(config, encoding='utf-8')
     return path
-
-
-def temporary_folder():
-    """Return a folder that is removed when the launch ends."""
-    folder = tempfile.mkdtemp(prefix='hand_tracker_')
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return Path(folder)
 
 
 def number(given, name):

@@ -67,9 +67,9 @@ class MarkerArrayWriter:
         origin : PacketOrigin
             Of that frame.
         """
-        first = len(self._ids.rows)
-        return (np.concatenate((origin.markers[self._taken], origin.points)),
-                np.concatenate((self._places, np.arange(first, first + len(origin.points)))))
+        first, points = len(self._ids.rows), origin.points[:MOST_MARKERS]
+        return (np.concatenate((origin.markers[self._taken], points)),
+                np.concatenate((self._places, np.arange(first, first + len(points)))))
 
     def _prepare(self, frame: SourceFrame, count: int) -> None:
         self._layout = frame.frame_id, frame.names

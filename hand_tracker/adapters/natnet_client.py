@@ -26,6 +26,7 @@ from .natnet_packets import (
     FRAME_TIMES,
     KEEP_ALIVE,
     MODEL,
+    OCCLUDED,
     REQUEST_MODEL,
     SERVER_INFO,
     DataDescriptions,
@@ -80,7 +81,8 @@ class NatNetClient:
     Attributes
     ----------
     relay : callable or None
-        Called with each packet and its receipt first; returns whether nothing is left to do.
+        Called first with each packet and its receipt, once there was a frame of this model;
+        returns whether nothing is left to do.
     """
 
     relay: Callable[[bytes, int], bool] | None = None
@@ -203,7 +205,8 @@ class NatNetClient:
         ------
         MalformedFrame
         """
-        if self.relay is not None and self.relay(data, received):
+        # Without a structure, of another model or server, what is relayed has the old names.
+        if self._structure is not None and self.relay is not None and self.relay(data, received):
             return
         number = message_id(data)
         if number == SERVER_INFO:
@@ -251,7 +254,10 @@ class NatNetClient:
         """Return where a frame's numbers are in its packet, None where they are not all there."""
         structure = packet.structure
         places = structure.places[:, 0]
-        if (len(places) > structure.unlabelled or len(self._nameless) or packet.models_changed
+        parameters = np.frombuffer(structure.common.data, np.uint8)[structure.parameters]
+        if ((parameters & OCCLUDED).any()
+                or len(places) > structure.unlabelled or len(self._nameless)
+                or packet.models_changed
                 or len(frame.points) < structure.unlabelled - structure.free
                 or not np.isfinite(frame.markers).all()):
             return None

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import asyncio
 import os
-import select
+import selectors
+from collections import deque
 from collections.abc import Callable
 from threading import Event
 from time import monotonic_ns
@@ -92,7 +93,7 @@ class QualisysClient:
         self._names: tuple[str, ...] = ()
         self._structure: QtmStructure | None = None   # of the last frame
         self._last = self._order = -1
-        self._is_logged = False
+        self._is_logged = self._has_told_damage = False
 
     def run(self, ended: Event) -> None:
         """Receive until `ended` is set, also from a QTM that is started later or anew."""
@@ -120,12 +121,13 @@ class QualisysClient:
             self._names = marker_labels(xml.decode(errors='replace'))
             self._clock.reset()
             self._last, self._structure = -1, None
+            packets: deque[bytes] = deque()
             await connection.stream_frames(
-                components=list(self._components), on_packet=self.take)
+                components=list(self._components), on_packet=packets.append)
             self._on_news(False, f'QTM on {self._server} streams {", ".join(self._components)}, '
                                  f'{len(self._names)} named markers')
-            self._is_logged = False
-            self._receive(protocol, ended)
+            self._is_logged = self._has_told_damage = False
+            self._receive(protocol, packets, ended)
         except (OSError, asyncio.TimeoutError, HandTrackerError,
                 self._qtm.QRTCommandException) as error:
             reason = str(error) or 'it does not answer'
@@ -137,23 +139,37 @@ class QualisysClient:
             self._on_news(True, f'QTM on {self._server}:{self._port}: {reason}; trying again every '
                                 f'{RETRY_TIME:g} s. Is QTM measuring, with real-time output on?')
 
-    @staticmethod
-    def _receive(protocol: Any, ended: Event) -> None:
-        """Receive frames until the connection ends, without asyncio, which takes longer."""
+    def _receive(self, protocol: Any, packets: deque[bytes], ended: Event) -> None:
+        """Receive frames until the connection ends, without asyncio, which takes longer.
+
+        Parameters
+        ----------
+        protocol : CheckedQtmProtocol
+        packets : deque of bytes
+            To which it appends frames.
+        ended : threading.Event
+        """
         if protocol.transport is None:
             return
         protocol.transport.pause_reading()
         connection = protocol.transport.get_extra_info('socket').fileno()
-        while not ended.is_set():
-            if not select.select((connection,), (), (), END_POLL)[0]:
-                continue
-            data = os.read(connection, MOST_AT_ONCE)
-            if not data:
-                return
-            try:
-                protocol.data_received(data)
-            except Exception as error:
-                raise OSError(f'the connection has ended: {error}') from error
+        fault: Exception | None = None
+        with selectors.DefaultSelector() as selector:
+            selector.register(connection, selectors.EVENT_READ)
+            while not ended.is_set():
+                while packets:
+                    self.take(packets.popleft())
+                if fault is not None:
+                    raise OSError(f'the connection has ended: {fault}') from fault
+                if not selector.select(END_POLL):
+                    continue
+                data = os.read(connection, MOST_AT_ONCE)
+                if not data:
+                    return
+                try:
+                    protocol.data_received(data)
+                except Exception as error:
+                    fault = error
 
     async def _connect(self) -> Any:
         """Return a connection's protocol, as qtm_rt.connect does, but of checked packets."""
@@ -171,13 +187,15 @@ class QualisysClient:
     def take(self, packet: bytes) -> None:
         """Take a packet with a frame as it arrives."""
         received = monotonic_ns()
-        if self.relay is not None and self.relay(packet, received):
+        # Without a structure, of another connection, what is relayed has the old names.
+        if (self._structure is not None and self.relay is not None
+                and self.relay(packet, received)):
             return
         try:
             frame = qtm_frame(packet, self._structure)
         except MalformedFrame as error:
-            if not self._is_logged:
-                self._is_logged = True
+            if not self._has_told_damage:
+                self._has_told_damage = True
                 self._on_news(True, f'left out is a damaged frame of QTM: {error}')
             return
         self._structure = frame.structure

@@ -30,12 +30,18 @@ def serve(*nodes: Any) -> None:
     for node in nodes:
         if hasattr(node, 'hand_over'):
             node.hand_over(one for other in nodes for one in getattr(other, 'inputs', ()))
-    for node in nodes:
-        if hasattr(node, 'play'):
-            with spinning(*(other for other in nodes if other is not node)):
-                node.play()
-            return
-    spin(*nodes)
+    try:
+        for node in nodes:
+            if hasattr(node, 'play'):
+                with spinning(*(other for other in nodes if other is not node)):
+                    node.play()
+                return
+        spin(*nodes)
+    finally:
+        # What hands over has to end before that to which it does is destroyed.
+        for node in nodes:
+            if hasattr(node, 'end'):
+                node.end()
 
 
 def main(args: list[str] | None = None) -> int:

@@ -19,6 +19,8 @@ from .replies import Replies
 from .tracked_hand import TrackedHand
 
 if TYPE_CHECKING:
+    from ..adapters.marker_arrays import MarkerArrayWriter
+    from ..adapters.packet_structure import PacketOrigin
     from .tracker_node import TrackerNode
 
 
@@ -112,8 +114,10 @@ class MarkerInput:
         return self._take
 
     def _take(self, message: bytes) -> None:
+        # The executor's thread may stop it meanwhile.
+        fast_path = self.fast_path
         # What waits is of an earlier time.
-        if self._handed or self.fast_path is None or not self.fast_path.process(message):
+        if self._handed or fast_path is None or not fast_path.process(message):
             self._handed.append(message)
             self._handed_timer.reset()
 
@@ -121,6 +125,15 @@ class MarkerInput:
     def relay(self) -> PacketRelay | None:
         """What takes packets that are handed over; None without a fast path, or while some wait."""
         return None if self._handed else self._relay
+
+    def install_relay(self, origin: PacketOrigin | None, writer: MarkerArrayWriter) -> None:
+        """Relay packets like the last one, also where it waits; see `PacketRelay.install`.
+
+        To be called in the thread that hands messages over.
+        """
+        relay = self._relay
+        if relay is not None:
+            relay.install(origin, writer)
 
     def _track_handed(self) -> None:
         """Track what was handed over, in the executor's thread."""

@@ -158,7 +158,8 @@ class SourceNode(Node):
         for one in inputs:
             take = one.taker(self._publisher.topic_name, MarkerArray)
             if take is not None:
-                self._take, self._input = take, one
+                # The client's thread takes the input where there is a `_take`.
+                self._input, self._take = one, take
                 if self._client is not None:
                     self._client.relay = self._relay
 
@@ -194,8 +195,7 @@ class SourceNode(Node):
         message = self._writer.write(frame, stamp)
         if self._take is not None:
             self._take(message)
-            if self._input.relay is not None:
-                self._input.relay.install(frame.origin, self._writer)
+            self._input.install_relay(frame.origin, self._writer)
         # Others may listen too.
         if self._take is None or self._publisher.get_subscription_count():
             self._publisher.publish(message)
@@ -219,11 +219,15 @@ class SourceNode(Node):
         if self._once.allows(key):
             log_line(self, True, text)
 
-    def destroy_node(self) -> None:
-        """End the client too."""
+    def end(self) -> None:
+        """End the client, which hands over nothing from then on."""
         self._ended.set()
         if self._thread is not None:
             self._thread.join()
+
+    def destroy_node(self) -> None:
+        """End the client too."""
+        self.end()
         super().destroy_node()
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from hand_tracker.adapters.marker_arrays import MOST_MARKERS, MarkerArrayWriter
+from hand_tracker.adapters.packet_structure import PacketOrigin, PacketStructure
 from hand_tracker.adapters.point_frame import of_subject, point_frame, turned_upright
 from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES
 from hand_tracker.files.bags import MARKER_ARRAY, TYPE_STORE
@@ -98,6 +99,16 @@ def test_one_name_twice_in_a_frame_is_told(writer, said):
 def test_a_flood_of_points_is_cut(writer, said):
     _, markers = written(writer, points=np.ones((MOST_MARKERS + 1, 3)))
     assert len(markers) == MOST_MARKERS and '1001 anonymous points' in said['points']
+
+
+def test_points_that_are_cut_have_no_places(writer):
+    written(writer, ['a'], PLACES[:1], np.ones((MOST_MARKERS + 1, 3)))
+    origin = PacketOrigin(PacketStructure(b'', b''), np.array([7]), np.arange(MOST_MARKERS + 1),
+                          np.eye(3), 0, 0, 1., lambda: (0, (0., 0., 0.), 0), print)
+    places, rows = writer.places(origin)
+    np.testing.assert_array_equal(places, [7, *range(MOST_MARKERS)])
+    np.testing.assert_array_equal(rows, range(MOST_MARKERS + 1))
+    assert len(writer.template.numbers) == 3 * len(rows)
 
 
 def test_points_are_turned_upright():

@@ -172,3 +172,48 @@ def test_stamps_are_the_exposures_times_under_jitter(drift):
     errors -= exposed[numbers]
     settled = exposed[numbers] > start + 10.
     assert np.abs(errors[settled]).max() < 2e-4
+
+
+def client_with_model(frames):
+    """Return a client without a network that knows its server and the model."""
+    client = NatNetClient('127.0.0.1', frames.append, lambda *news: None)
+    client.take(natnet_server.server_info((4, 1)), 0)
+    client.take(natnet_server.model((4, 1), NAMES), 0)
+    return client
+
+
+def frame_at(number, **more):
+    ticks = NatNetServer.ticks(1000. + .01 * number)
+    return natnet_server.frame(
+        (4, 1), number, sets(number), exposure=ticks, transmit=ticks, **more)
+
+
+@pytest.mark.parametrize('is_new', ['model', 'server'])
+def test_frames_of_another_model_or_server_are_decoded_before_any_is_relayed(is_new):
+    frames, asked = [], []
+    client = client_with_model(frames)
+    client.relay = lambda data, received: (
+        data[0] == natnet_server.FRAME and (asked.append(data) or True))
+    client.take(frame_at(1), 0)
+    client.take(frame_at(2), 0)
+    assert len(frames) == len(asked) == 1
+    if is_new == 'server':
+        client._forget()
+        client.take(natnet_server.server_info((4, 1)), 0)
+    client.take(natnet_server.model((4, 1), {**NAMES, 'RHand': ('ring', 'index')}), 0)
+    client.take(frame_at(3), 0)
+    client.take(frame_at(4), 0)
+    assert len(frames) == len(asked) == 2 and frames[1].names[0] == 'RHand:ring'
+
+
+def test_frames_with_an_occluded_marker_have_no_origin():
+    frames = []
+    client = client_with_model(frames)
+    client.take(frame_at(1), 0)
+    # Filled in elsewhere than in its set, so that it is not known which of its markers is occluded.
+    data = bytearray(frame_at(2, occluded=[('RHand', 1)]))
+    data[data.index(natnet_server.points(sets(2)['RHand'][1]))] ^= 1
+    client.take(bytes(data), 0)
+    client.take(frame_at(3), 0)
+    assert [frame.origin is None for frame in frames] == [False, True, False]
+    assert np.isfinite(frames[1].markers).all()

@@ -1,7 +1,11 @@
 """The client of Qualisys before a simulated QTM, through Qualisys' own package."""
 
+import os
+import resource
 import struct
 import sys
+from contextlib import ExitStack
+from threading import Event, Thread
 
 import numpy as np
 import pytest
@@ -162,3 +166,67 @@ def test_stamps_are_the_exposures_times_under_jitter(monkeypatch):
     wall = wall_offset()
     errors = np.array([1e-9 * (nanoseconds(frame.stamp) - wall) for frame in frames]) - exposed
     assert np.abs(errors[exposed > start + 10.]).max() < 2e-4
+
+
+def test_frames_of_another_connection_are_decoded_before_any_is_relayed(monkeypatch):
+    monkeypatch.setattr(qualisys, 'RETRY_TIME', .1)
+    asked, clients = [], []
+
+    def make(on_frame, tell):
+        clients.append(QualisysClient('127.0.0.1', on_frame, tell, port=server.port))
+        clients[0].relay = lambda *packet: asked.append(packet) or True
+        return clients[0]
+
+    with QtmServer(LABELS) as server, receiving_client(make) as (frames, _):
+        for connection in (1, 2):
+            wait(lambda connection=connection: streams_begun(server) == connection
+                 and server.streams)
+            server.send(data_packet(1, 1000, {'3d': [[1., 2., 3.]] * 2}))
+            wait(lambda connection=connection: len(frames) == connection)
+            server.send(data_packet(2, 2000, {'3d': [[1., 2., 3.]] * 2}))
+            wait(lambda connection=connection: len(asked) == connection)
+            if connection == 1:
+                server.parameters = parameters_packet(('ring', 'little'))
+                server.hang_up()
+    assert [frame.names for frame in frames] == [LABELS, ('ring', 'little')]
+
+
+def test_a_fault_of_who_takes_frames_is_no_lost_connection():
+    def fail(frame):
+        raise ValueError('of ours')
+
+    news = []
+    with QtmServer(LABELS) as server:
+        def send():
+            wait(lambda: server.streams)
+            server.send(data_packet(1, 1000, {'3d': [[1., 2., 3.]] * 2}))
+
+        client = QualisysClient('127.0.0.1', fail, lambda *each: news.append(each),
+                                port=server.port)
+        sender = Thread(target=send)
+        sender.start()
+        with pytest.raises(ValueError, match='of ours'):
+            client.run(Event())
+        sender.join()
+    assert not any(is_warning for is_warning, _ in news)
+
+
+def test_a_process_with_many_open_files_receives():
+    limit, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if most < 2048:
+        pytest.skip('no process here may open so many files')
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(limit, 2048), most))
+    try:
+        with ExitStack() as stack:
+            opened = os.open(os.devnull, os.O_RDONLY)
+            stack.callback(os.close, opened)
+            while opened < 1024:
+                opened = os.dup(opened)
+                stack.callback(os.close, opened)
+            server = stack.enter_context(QtmServer(LABELS))
+            frames, _ = stack.enter_context(receiving(server))
+            wait(lambda: server.streams)
+            server.send(data_packet(1, 1000, {'3d': [[1., 2., 3.]] * 2}))
+            wait(lambda: frames)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (limit, most))

@@ -2,6 +2,8 @@
 
 import sys
 import time
+from contextlib import contextmanager
+from threading import Event, Thread
 
 import numpy as np
 import pytest
@@ -13,8 +15,11 @@ from helpers.ros_process import Process, watching_node
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
+from hand_tracker.adapters.point_frame import point_frame
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.numerics.jit import COMPILED
+from hand_tracker.messages.stamps import Stamp
+from hand_tracker.nodes import all_node
 from hand_tracker.nodes.runner import spinning
 from hand_tracker.nodes.source_node import SourceNode
 from hand_tracker.nodes.tracker_node import TrackerNode
@@ -105,8 +110,67 @@ def test_without_compiled_kernels_markers_are_handed_over_too():
 
         node.repeat(send, lambda: len(answers) > 3, .05)
         assert node.count_subscribers('/source/markers') == 0
-        assert process.interrupt() == 0, process.output
+        with repeated(send):
+            assert process.interrupt() == 0, process.output
     assert 'Traceback' not in process.output
+
+
+@contextmanager
+def repeated(act):
+    """Act all the while in a thread."""
+    ended = Event()
+
+    def go_on():
+        while not ended.wait(.001):
+            act()
+
+    thread = Thread(target=go_on)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def test_what_is_relayed_is_like_the_last_frame_also_where_that_waits():
+    rclpy.init(args=['--ros-args', '-r', 'markers:=source/markers', '-p', 'source:=point_cloud'])
+    tracker, source, installed = TrackerNode(), SourceNode(), []
+
+    class Relay:
+        def install(self, origin, writer):
+            installed.append((origin, writer))
+
+    try:
+        source.hand_over(tracker.inputs)
+        tracker.inputs[0]._relay = Relay()
+        for number in range(3):
+            source._publish(point_frame(Stamp(number, 0), '', MARKERS, hand_at()))
+        # No executor has tracked them.
+        assert installed == 3 * [(None, source._writer)] and tracker.inputs[0].relay is None
+    finally:
+        source.destroy_node()
+        tracker.destroy_node()
+        rclpy.shutdown()
+
+
+def test_a_client_has_ended_before_the_tracker_is_destroyed(monkeypatch):
+    def interrupted(*nodes):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(all_node, 'spin', interrupted)
+    with NatNetServer((4, 1), {'RHand': MARKERS}) as server:
+        rclpy.init(args=['--ros-args', '-p', 'source:=natnet', '-p', f'port:={server.port}'])
+        tracker, source = TrackerNode(), SourceNode()
+        try:
+            assert source._thread.is_alive()
+            with pytest.raises(KeyboardInterrupt):
+                all_node.serve(tracker, source)
+            assert not source._thread.is_alive()
+        finally:
+            tracker.destroy_node()
+            source.destroy_node()
+            rclpy.shutdown()
 
 
 def test_tracker_and_replay_are_what_it_runs_by_itself_and_it_ends_with_the_recording():

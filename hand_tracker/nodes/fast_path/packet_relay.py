@@ -28,6 +28,7 @@ if COMPILED:
 PACKET_CAPACITY = 2**13   # [bytes]
 POINTS_CAPACITY = 2**8    # points of a packet, and stamps of a message
 NO_PACKET = -1
+LARGEST_NUMBER = 2**63 - 1   # of the numbers that go up; one above is taken for a negative one
 LONGEST_WAY = 1.          # [s] from exposure to receipt; else one of the clocks was set
 
 
@@ -118,12 +119,11 @@ def install_origin(memory: RelayMemory, origin: PacketOrigin, places: np.ndarray
     """
     memory.size[0] = NO_PACKET
     data, mask = origin.structure.data, origin.structure.mask
-    numbers = template.numbers[::3][rows]
     if (len(data) > PACKET_CAPACITY or len(places) > POINTS_CAPACITY
             or len(template.stamps) > POINTS_CAPACITY
             or len(template.body) > len(memory.message)):
         return
-    size, count = len(data), len(places)
+    size, count, numbers = len(data), len(places), template.numbers[::3][rows]
     memory.mask[:size] = np.frombuffer(mask, np.uint8)
     memory.bits[:size] = np.frombuffer(data, np.uint8) & memory.mask[:size]
     memory.point_count[0], memory.places[:count], memory.numbers[:count] = count, places, numbers
@@ -223,7 +223,8 @@ class PacketRelay:
 
     def _keep_time(self) -> None:
         assert self._origin is not None
-        self._memory.last[0], line, self._memory.wall[0] = self._origin.now()
+        number, line, self._memory.wall[0] = self._origin.now()
+        self._memory.last[0] = min(number, LARGEST_NUMBER)
         self._memory.clock[:] = line
 
     def relay(self, packet: bytes, received: int) -> bool:

@@ -16,7 +16,10 @@ from hand_tracker.core.numerics.jit import packed
 from hand_tracker.messages.cdr import ENCAPSULATION
 from hand_tracker.messages.stamps import Stamp, nanoseconds
 from hand_tracker.nodes.fast_path.packet_relay import (
+    LARGEST_NUMBER,
     NO_PACKET,
+    POINTS_CAPACITY,
+    PacketRelay,
     fill_message,
     install_origin,
     new_relay_memory,
@@ -119,3 +122,33 @@ def test_a_relayed_packet_has_the_message_of_one_that_is_decoded(system, monkeyp
             install_origin(memory, frame.origin, *writer.places(frame.origin), writer.template)
             memory.last[0], memory.clock[:], memory.wall[0] = frame.origin.now()
     assert relayed > 600 and decoded > 150
+
+
+def frame_of_motive(points=0, ticks=1):
+    """Return a frame as a client hands it over, and the writer of its message."""
+    frames = []
+    sets = {name: np.ones((len(names), 3)) for name, names in NAMES.items()}
+    motive_client(frames.append)(natnet_server.frame(
+        VERSION, 1, sets, np.ones((points, 3)), exposure=ticks, transmit=ticks), 0)
+    writer = MarkerArrayWriter(lambda key, text: None)
+    writer.write(frames[0]._replace(frame_id='mocap'), frames[0].stamp)
+    return frames[0], writer
+
+
+def test_packets_of_too_many_points_are_not_relayed():
+    frame, writer = frame_of_motive()
+    memory = new_relay_memory()
+    places, rows = writer.places(frame.origin)
+    install_origin(memory, frame.origin, places, rows, writer.template)
+    assert memory.size[0] == len(frame.origin.structure.data)
+    many = np.arange(POINTS_CAPACITY + 1)
+    install_origin(memory, frame.origin, many, many, writer.template)
+    assert memory.size[0] == NO_PACKET
+
+
+def test_a_number_beyond_those_of_the_relay_leaves_packets_to_be_decoded():
+    relay = PacketRelay.__new__(PacketRelay)  # without its compiled callback
+    frame, writer = frame_of_motive(ticks=2**63 + 5)
+    relay._memory, relay._installed = new_relay_memory(), None
+    relay.install(frame.origin, writer)
+    assert frame.origin.now()[0] == 2**63 + 5 and relay._memory.last[0] == LARGEST_NUMBER
