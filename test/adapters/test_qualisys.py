@@ -195,20 +195,25 @@ def test_a_fault_of_who_takes_frames_is_no_lost_connection():
     def fail(frame):
         raise ValueError('of ours')
 
-    news = []
+    warnings, ended = [], Event()
+
+    def tell(is_warning, text):
+        if is_warning:
+            warnings.append(text)
+            ended.set()
+
     with QtmServer(LABELS) as server:
         def send():
             wait(lambda: server.streams)
             server.send(data_packet(1, 1000, {'3d': [[1., 2., 3.]] * 2}))
 
-        client = QualisysClient('127.0.0.1', fail, lambda *each: news.append(each),
-                                port=server.port)
+        client = QualisysClient('127.0.0.1', fail, tell, port=server.port)
         sender = Thread(target=send)
         sender.start()
         with pytest.raises(ValueError, match='of ours'):
-            client.run(Event())
+            client.run(ended)
         sender.join()
-    assert not any(is_warning for is_warning, _ in news)
+    assert not warnings
 
 
 def test_a_process_with_many_open_files_receives():
@@ -226,7 +231,8 @@ def test_a_process_with_many_open_files_receives():
             server = stack.enter_context(QtmServer(LABELS))
             frames, _ = stack.enter_context(receiving(server))
             wait(lambda: server.streams)
-            server.send(data_packet(1, 1000, {'3d': [[1., 2., 3.]] * 2}))
-            wait(lambda: frames)
+            for number in (1, 2):
+                server.send(data_packet(number, 1000 * number, {'3d': [[1., 2., 3.]] * 2}))
+                wait(lambda number=number: len(frames) == number)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (limit, most))
