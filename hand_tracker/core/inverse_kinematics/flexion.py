@@ -184,12 +184,22 @@ def solve_two_bone(along: float, height: float, linkage: Linkage, natural: Natur
             least = cost
             best1 = angle1
             best2 = angle2
+    return limit_turn(along, height, linkage, best1, best2, previous2, step)
+
+
+@jit
+def limit_turn(along: float, height: float, linkage: Linkage, angle1: float, angle2: float,
+               previous2: float, step: float) -> tuple[float, float]:
+    """Return flexions whose second has turned from the previous one no faster than a finger does.
+
+    Where it is held back the first aims at the target anew.
+    """
     most = MAX_SECOND_HINGE_SPEED * step
-    if abs(best2 - previous2) > most:
-        best2 = previous2 + math.copysign(most, best2 - previous2)
-        x, y = chain_end(linkage, best2)
-        best1, _ = aim_end(along, height, linkage, x, y)
-    return best1, best2
+    if abs(angle2 - previous2) > most:
+        angle2 = previous2 + math.copysign(most, angle2 - previous2)
+        x, y = chain_end(linkage, angle2)
+        angle1, _ = aim_end(along, height, linkage, x, y)
+    return angle1, angle2
 
 
 @jit
@@ -403,13 +413,10 @@ def choose_three_bone(along: float, height: float, linkage: Linkage, start: floa
     if (bend_cost(other1, other2, miss, natural, previous2)
             < bend_cost(angle1, angle2, flexed_miss, natural, previous2)):
         angle1, angle2, angle3 = other1, other2, coupled_angle(linkage, other2)
-    most = MAX_SECOND_HINGE_SPEED * step
-    if abs(angle2 - previous2) > most:
-        angle2 = previous2 + math.copysign(most, angle2 - previous2)
-        angle3 = coupled_angle(linkage, angle2)
-        x, y = coupled_end(linkage, angle2, angle3)
-        angle1, _ = aim_end(along, height, linkage, x, y)
-    return angle1, angle2, angle3
+    angle1, turned2 = limit_turn(along, height, linkage, angle1, angle2, previous2, step)
+    if turned2 != angle2:
+        angle3 = coupled_angle(linkage, turned2)
+    return angle1, turned2, angle3
 
 
 @jit

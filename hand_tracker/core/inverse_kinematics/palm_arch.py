@@ -122,10 +122,7 @@ def fit_principal_palm(table: MarkerRows, rows: RowState, lower: np.ndarray, upp
         return
     if table.is_cupping[0] and not several:
         synergy(table.synergy, angles, lower, upper, rows.arch)
-    for i in range(3):
-        fitted.position[i] = wrist.position[i]
-        for k in range(3):
-            fitted.rotation[i, k] = wrist.rotation[i, k]
+    store_pose(fitted.rotation, fitted.position, frame(wrist.rotation), vector(wrist.position))
     fitted.placed[0] = wrist.placed[0]
     count = solve_palm(
         table, rows, lower, upper, several and table.is_cupping[0] > 0, fitted)
