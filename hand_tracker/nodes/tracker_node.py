@@ -24,8 +24,7 @@ from ..core.numerics import jit
 from ..core.tracker import HandTracker
 from ..messages.labels import LabelMap
 from ..messages.stamps import Time
-from ..tracking.compilation import COMPILE_TIME
-from ..tracking.compile_kernels import compile_tracking
+from ..tracking.compile_kernels import compile_tracking, prepare_kernels
 from ..tracking.diagnostics import STATUS_PERIOD
 from ..tracking.point_labels import PointLabels
 from .executors import SubscriptionHidingNode, steady_clock
@@ -157,8 +156,7 @@ class TrackerNode(SubscriptionHidingNode):
                 f'{cause}: the tracker is some hundred times slower; {cure}')
             return
         if jit.COMPILED:
-            if not jit.is_ready(jit.TRACKING_SET):
-                self.get_logger().info(f'compiling the kernels, once, for {COMPILE_TIME}')
+            prepare_kernels(self.get_logger().info)
             # Loaded before the first frame would wait for them.
             compile_tracking()
         if wants_fast_path and self._serialization.raw:

@@ -5,7 +5,7 @@ Run as ``python -m hand_tracker.tracking.compile_kernels [SET...]`` by `Compilat
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -44,21 +44,21 @@ def compile_tracking() -> HandTracker:
 
 
 def prepare_kernels(say: Callable[[str], object]) -> None:
-    """Load the kernels before they are needed; compile missing ones, and announce the wait.
+    """Compile missing kernels before they are needed, and announce the wait.
 
     Parameters
     ----------
     say : callable
         Takes a line.
     """
-    if not jit.COMPILED:
+    if not jit.COMPILED or jit.is_ready(jit.TRACKING_SET):
         return
-    if not jit.is_ready(jit.TRACKING_SET):
-        say(f'compiling the kernels, which are kept, for {COMPILE_TIME} ...')
-        # Without a folder to keep them in they are compiled each time, below.
-        with suppress(OSError, jit.KernelsUnavailable):
-            complete_set(jit.TRACKING_SET, compile_tracking)
-    compile_tracking()
+    say(f'compiling the kernels, which are kept, for {COMPILE_TIME} ...')
+    try:
+        complete_set(jit.TRACKING_SET, compile_tracking)
+    except (OSError, jit.KernelsUnavailable):
+        # Without a folder to keep them in they are compiled each time.
+        compile_tracking()
 
 
 @contextmanager
