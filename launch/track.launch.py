@@ -193,138 +193,202 @@ PUBLISHED_HERE = ('tf tf_static joint_states joint_confidence hand_markers hand_
 
 def start(context):
     """Return the nodes for the arguments given."""
-    given = context.launch_configurations
     check_names()
-    if given['rviz'] == 'true' and not installed('rviz2'):
-        # Found out later, nodes that have been started are left behind.
-        raise RuntimeError('rviz: rviz2 is not installed')
-    publishes_links = installed('robot_state_publisher')
-    in_file = file_parameters(given)
-    hand_parameters = shared_parameters(given, in_file)
-    hands = hands_of(given, in_file, hand_parameters)
-    recording = given['recording'] or str(packaged_recording(
-        BOTH if len(hands) > 1 else hands[0].hand.side))
-    broadcast = 'wrist' if publishes_links else 'all'
-    check_frames(in_file, broadcast, f'{hands[0].prefix}wrist')
-    common = {'use_sim_time': agreed(
-        'use_sim_time', given['use_sim_time'] == 'true', False, in_file)}
+    launch = HandLaunch(context.launch_configurations)
+    return [
+        launch.tracker(), *launch.hand_publishers(), *launch.source(), *launch.replay(),
+        *launch.mounts(), *launch.skins(), *launch.retargets(), *launch.robots_beside(),
+        *launch.rviz()]
 
-    is_secured = given['use_security'] == 'true'
-    environment = security_environment(given['keystore']) if is_secured else {}
 
-    def node(executable, parameters, package='hand_tracker', files=(), namespace='', **more):
-        if is_secured:
-            more.update(additional_env=environment, ros_arguments=[
-                '--enclave', enclave_of(environment, executable)])
+class HandLaunch:
+    """Nodes of one launch, by what they do, from its arguments and its parameter file."""
+
+    def __init__(self, given):
+        self.given = given
+        if given['rviz'] == 'true' and not installed('rviz2'):
+            # Found out later, nodes that have been started are left behind.
+            raise RuntimeError('rviz: rviz2 is not installed')
+        self.publishes_links = installed('robot_state_publisher')
+        self.shows_frames = self.publishes_links and installed('tf2_ros')
+        self.broadcast = 'wrist' if self.publishes_links else 'all'
+        self.in_file = file_parameters(given)
+        self.hand_parameters = shared_parameters(given, self.in_file)
+        self.hands = hands_of(given, self.in_file, self.hand_parameters)
+        check_frames(self.in_file, self.broadcast, f'{self.hands[0].prefix}wrist')
+        self.common = {'use_sim_time': agreed(
+            'use_sim_time', given['use_sim_time'] == 'true', False, self.in_file)}
+        self.environment = (security_environment(given['keystore'])
+                            if given['use_security'] == 'true' else {})
+        self.direct = direct_source(given)
+        self.hand_mounts = mounts_of(given, self.hands)
+        self.on_body = agreed('on_body', any(map(any, self.hand_mounts)), False, self.in_file)
+        self.robots = [robot_parameters(given, self.in_file, hand, self.on_body)
+                       for hand in self.hands]
+        self.shares_process = shares_process(given, self.hands, self.robots)
+
+    def node(self, executable, parameters, package='hand_tracker', file='', namespace='', **more):
+        """Return a node with what all have: namespace, parameters, enclave."""
+        if self.environment:
+            more.update(additional_env=self.environment, ros_arguments=[
+                '--enclave', enclave_of(self.environment, executable)])
         return Node(
             package=package, executable=executable,
-            namespace='/'.join(filter(None, (given['namespace'], namespace))),
-            parameters=[*files, common, *map(texts_kept, parameters)], output='screen', **more)
+            namespace='/'.join(filter(None, (self.given['namespace'], namespace))),
+            parameters=[*filter(None, [file]), self.common, *map(texts_kept, parameters)],
+            output='screen', **more)
 
-    direct = direct_source(given)
-    message = agreed('marker_message', direct.message if direct else DEFAULT_MESSAGE,
-                     DEFAULT_MESSAGE, in_file)
-    of_both = {}
-    if len(hands) > 1:
-        of_both = {f'{hand.hand.side}.hand_file': hand.parameters['hand_file'] for hand in hands}
-    mounts = [mount_arguments(given, hand) for hand in hands]
-    if any(map(any, mounts)) and not all(map(any, mounts)):
-        raise RuntimeError('body_frame, mount, left_body_frame, left_mount: of one hand alone; '
-                           'expected that both hang on a body, or neither')
-    on_body = agreed('on_body', any(map(any, mounts)), False, in_file)
-    robots = [robot_parameters(given, in_file, hand, on_body) for hand in hands]
-    is_managed = given['lifecycle'] == 'true'
-    shares_process = given['robot_process'] == 'tracker' and any(
-        robot['robot'] for robot in robots)
-    for alone, what, why in ((is_managed, 'lifecycle:=true', 'that process is not managed'),
-                             (len(hands) > 1, 'side:=both', 'it drives one robot')):
-        if shares_process and alone:
-            raise RuntimeError(f"robot_process: 'tracker'; expected own with {what}: {why}")
-    tracker = 'managed_tracker' if is_managed else 'teleoperate' if shares_process else 'tracker'
-    actions = [node(
-        tracker, [{
-            **hand_parameters, **of_both, 'broadcast': broadcast, 'marker_message': message,
-            'on_body': on_body,
-            **(robots[0] if shares_process else {})}],
-        # A name would be that of both nodes.
-        name=None if shares_process else TRACKER_NAME,
-        files=[given['parameters']] if given['parameters'] else [],
-        remappings=[('markers', direct.topic if direct else topic_of_markers(given))],
-        on_exit=ended('tracker'))]
-    if publishes_links:
-        actions += [node(
+    def tracker(self):
+        """Return the tracker of the hand or hands, which may drive the robot too."""
+        if self.shares_process:
+            executable, name = 'teleoperate', None  # a name would be that of both nodes
+        else:
+            executable, name = (
+                'managed_tracker' if self.given['lifecycle'] == 'true' else 'tracker'), TRACKER_NAME
+        parameters = {
+            **self.hand_parameters, 'broadcast': self.broadcast, 'on_body': self.on_body,
+            'marker_message': agreed(
+                'marker_message', self.direct.message if self.direct else DEFAULT_MESSAGE,
+                DEFAULT_MESSAGE, self.in_file)}
+        if len(self.hands) > 1:
+            parameters |= {f'{hand.hand.side}.hand_file': hand.parameters['hand_file']
+                           for hand in self.hands}
+        if self.shares_process:
+            parameters |= self.robots[0]
+        topic = self.direct.topic if self.direct else topic_of_markers(self.given)
+        return self.node(
+            executable, [parameters], file=self.given['parameters'], name=name,
+            remappings=[('markers', topic)], on_exit=ended('tracker'))
+
+    def hand_publishers(self):
+        """Return robot_state_publisher for each hand, or a line that it is missing."""
+        if not self.publishes_links:
+            return [LogInfo(msg='robot_state_publisher is not installed: '
+                                'the tracker broadcasts every frame itself')]
+        return [self.state_publisher(
+            'robot_state_publisher', urdf(hand.hand, hand.prefix), hand.namespace,
+            joints_of(self.given, hand.namespace, self.in_file)) for hand in self.hands]
+
+    def state_publisher(self, name, description, namespace, remappings, **parameters):
+        """Return robot_state_publisher of a URDF, without which the launch ends."""
+        return self.node(
             'robot_state_publisher',
-            [{'robot_description': urdf(hand, prefix),
-              'publish_frequency': number(given, 'publish_frequency')}],
-            package='robot_state_publisher', namespace=namespace,
-            remappings=joints_of(given, namespace, in_file),
-            on_exit=ended('robot_state_publisher')) for hand, prefix, namespace, _ in hands]
-    else:
-        actions.append(LogInfo(msg='robot_state_publisher is not installed: '
-                                   'the tracker broadcasts every frame itself'))
-    if given['source'] in SYSTEMS and not direct:
-        actions.append(node(
-            'source',
-            [{'side': hands[0].hand.side, **source_arguments(given)}],
-            files=[given['parameters']] if given['parameters'] else [], name=SOURCE_NAME,
-            remappings=[('~/markers', topic_of_markers(given))], on_exit=ended('source')))
-    if given['source'] == 'recording':
+            [{'robot_description': description, **parameters,
+              'publish_frequency': number(self.given, 'publish_frequency')}],
+            package='robot_state_publisher', namespace=namespace, remappings=remappings,
+            on_exit=ended(name))
+
+    def source(self):
+        """Return the node of another system, where the tracker does not take its messages."""
+        if self.given['source'] not in SYSTEMS or self.direct:
+            return []
+        return [self.node(
+            'source', [{'side': self.hands[0].hand.side, **source_arguments(self.given)}],
+            file=self.given['parameters'], name=SOURCE_NAME,
+            remappings=[('~/markers', topic_of_markers(self.given))], on_exit=ended('source'))]
+
+    def replay(self):
+        """Return the replay of a recording, where that is the source."""
+        if self.given['source'] != 'recording':
+            return []
+        recording = self.given['recording'] or str(packaged_recording(
+            BOTH if len(self.hands) > 1 else self.hands[0].hand.side))
         # The launch ends with the tracker, so nothing is waited for in vain.
-        actions.append(node(
+        return [self.node(
             'replay',
-            [{'recording': recording, 'layout': hand_parameters['layout'],
-              'exclude_topics': PUBLISHED_HERE, 'rate': number(given, 'rate'),
-              'loop': given['loop'] == 'true', 'wait_for_subscriber': inf}],
-            remappings=[('markers', given['markers'])],
-            on_exit=ended('replay')))
-    actions += [node(
-        'mount',
-        [{name: hand.parameters[name] for name in MOUNT_TAKES}
-         | {'wrist_frame': in_file.get('wrist_frame', AUTO)}
-         | ({'body_frame': frame} if frame else {})
-         | ({'mount_file': f'my_{hand.namespace}_mount.yaml'} if hand.namespace else {})],
-        files=[file] if file else [], name='mount', namespace=hand.namespace,
-        on_exit=ended('mount')) for hand, (frame, file) in zip(hands, mounts) if frame or file]
-    if given['skin'] == 'true' or given['skin'] == 'auto' and given['rviz'] == 'true':
-        # Without its libraries it says so and ends, and all else goes on.
-        actions += [node('skin', [{
-            **{name: hand.parameters[name] for name in SKIN_TAKES},
-            'wrist_frame': in_file.get('wrist_frame', AUTO)}], namespace=hand.namespace,
-            remappings=joints_of(given, hand.namespace, in_file)) for hand in hands]
-    if not shares_process:
-        # A robot that is not of the hand's side is refused by name, and all else goes on.
-        actions += [node('retarget', [robot], namespace=hand.namespace,
-                         remappings=joints_of(given, hand.namespace, in_file))
-                    for robot, hand in zip(robots, hands) if robot['robot']]
-    shown = []
-    if given['show_robot'] == 'true' or given['show_robot'] == 'auto' and given['rviz'] == 'true':
-        shown = [(hand, robot) for hand, robot in zip(hands, robots) if robot['robot']]
-    if shown and not (publishes_links and installed('tf2_ros')):
-        actions.append(LogInfo(msg='robot_state_publisher or tf2_ros is not installed: '
-                                   'robots are not shown'))
-        shown = []
-    for hand, robot in shown:
-        description, place, root = robot_beside(hand, robot)
-        name = f'{hand.prefix}robot'
-        actions += [
-            node('robot_state_publisher',
-                 [{'robot_description': description, 'frame_prefix': f'{name}/',
-                   'publish_frequency': number(given, 'publish_frequency')}],
-                 package='robot_state_publisher', namespace=name,
-                 remappings=[('joint_states', full_name(given, '/'.join(
-                     filter(None, (hand.namespace, 'robot/command')))))],
-                 on_exit=ended('robot_state_publisher of the robot')),
-            node('static_transform_publisher', [], package='tf2_ros', namespace=name, arguments=[
-                *(word for pair in zip(PLACE_OPTIONS, map(str, place)) for word in pair),
-                '--frame-id', f'{hand.prefix}wrist', '--child-frame-id', f'{name}/{root}'],
-                 on_exit=ended('static_transform_publisher of the robot'))]
-    if given['rviz'] == 'true':
-        actions.append(node(
-            'rviz2', [], package='rviz2',
-            arguments=['-d', str(rviz_config(hands[0].prefix, hands[0].namespace,
-                                             [hand for hand, _ in shown])),
-                       '-f', given['fixed_frame']]))
-    return actions
+            [{'recording': recording, 'layout': self.hand_parameters['layout'],
+              'exclude_topics': PUBLISHED_HERE, 'rate': number(self.given, 'rate'),
+              'loop': self.given['loop'] == 'true', 'wait_for_subscriber': inf}],
+            remappings=[('markers', self.given['markers'])], on_exit=ended('replay'))]
+
+    def mounts(self):
+        """Return a mount for each hand that hangs on a body."""
+        return [self.node(
+            'mount',
+            [{name: hand.parameters[name] for name in MOUNT_TAKES} | self.wrist_frame()
+             | ({'body_frame': frame} if frame else {})
+             | ({'mount_file': f'my_{hand.namespace}_mount.yaml'} if hand.namespace else {})],
+            file=file, name='mount', namespace=hand.namespace, on_exit=ended('mount'))
+            for hand, (frame, file) in zip(self.hands, self.hand_mounts) if frame or file]
+
+    def wrist_frame(self):
+        """Return the parameter of nodes that look up the wrist: its frame by the file."""
+        return {'wrist_frame': self.in_file.get('wrist_frame', AUTO)}
+
+    def skins(self):
+        """Return the skin of each hand; without its libraries it says so, and all else goes on."""
+        if not is_on(self.given, 'skin'):
+            return []
+        return [self.node(
+            'skin',
+            [{name: hand.parameters[name] for name in SKIN_TAKES} | self.wrist_frame()],
+            namespace=hand.namespace,
+            remappings=joints_of(self.given, hand.namespace, self.in_file))
+            for hand in self.hands]
+
+    def retargets(self):
+        """Return the drivers of robots; one that is not of the hand's side refuses by name."""
+        if self.shares_process:
+            return []
+        return [self.node('retarget', [robot], namespace=hand.namespace,
+                          remappings=joints_of(self.given, hand.namespace, self.in_file))
+                for robot, hand in zip(self.robots, self.hands) if robot['robot']]
+
+    def robots_beside(self):
+        """Return what broadcasts the frames of each shown robot beside its hand."""
+        shown = self.shown_robots()
+        if shown and not self.shows_frames:
+            return [LogInfo(msg='robot_state_publisher or tf2_ros is not installed: '
+                                'robots are not shown')]
+        actions = []
+        for hand, robot in shown:
+            description, place, root = robot_beside(hand, robot)
+            name = f'{hand.prefix}robot'
+            command = full_name(self.given, '/'.join(
+                filter(None, (hand.namespace, 'robot/command'))))
+            actions += [
+                self.state_publisher(
+                    'robot_state_publisher of the robot', description, name,
+                    [('joint_states', command)], frame_prefix=f'{name}/'),
+                self.node(
+                    'static_transform_publisher', [], package='tf2_ros', namespace=name,
+                    arguments=[
+                        *(word for pair in zip(PLACE_OPTIONS, map(str, place)) for word in pair),
+                        '--frame-id', f'{hand.prefix}wrist', '--child-frame-id', f'{name}/{root}'],
+                    on_exit=ended('static_transform_publisher of the robot'))]
+        return actions
+
+    def shown_robots(self):
+        """Return each hand with the robot that is to be shown beside it."""
+        if not is_on(self.given, 'show_robot'):
+            return []
+        return [(hand, robot) for hand, robot in zip(self.hands, self.robots) if robot['robot']]
+
+    def rviz(self):
+        """Return RViz where it is asked for, which follows the first hand."""
+        if self.given['rviz'] != 'true':
+            return []
+        first = self.hands[0]
+        robots_of = [hand for hand, _ in self.shown_robots()] if self.shows_frames else []
+        return [self.node('rviz2', [], package='rviz2', arguments=[
+            '-d', str(rviz_config(first.prefix, first.namespace, robots_of)),
+            '-f', self.given['fixed_frame']])]
+
+
+def is_on(given, name):
+    """Return whether something is shown: by its argument, or with RViz when that is auto."""
+    return given[name] == 'true' or given[name] == 'auto' and given['rviz'] == 'true'
+
+
+def shares_process(given, hands, robots):
+    """Return whether the tracker's process drives the robot too; refuse it where it cannot."""
+    shared = given['robot_process'] == 'tracker' and any(robot['robot'] for robot in robots)
+    for alone, what, why in (
+            (given['lifecycle'] == 'true', 'lifecycle:=true', 'that process is not managed'),
+            (len(hands) > 1, 'side:=both', 'it drives one robot')):
+        if shared and alone:
+            raise RuntimeError(f"robot_process: 'tracker'; expected own with {what}: {why}")
+    return shared
 
 
 def source_arguments(given):
@@ -391,10 +455,16 @@ def hands_of(given, in_file, parameters):
     return hands
 
 
-def mount_arguments(given, hand):
-    """Return the body's frame that a hand hangs on, and the file of its offset."""
-    which = 'left_' if hand.namespace == 'left' else ''
-    return given[f'{which}body_frame'], given[f'{which}mount']
+def mounts_of(given, hands):
+    """Return of each hand the body's frame that it hangs on, and the file of its offset."""
+    mounts = []
+    for hand in hands:
+        which = 'left_' if hand.namespace == 'left' else ''
+        mounts.append((given[f'{which}body_frame'], given[f'{which}mount']))
+    if any(map(any, mounts)) and not all(map(any, mounts)):
+        raise RuntimeError('body_frame, mount, left_body_frame, left_mount: of one hand alone; '
+                           'expected that both hang on a body, or neither')
+    return mounts
 
 
 def robot_parameters(given, in_file, hand, on_body):
