@@ -108,8 +108,7 @@ def tracked_pip(task: PipTask, options: TrackerOptions, seed: int | tuple[int, .
     angles = np.zeros((len(times), len(JOINTS)))
     angles[:, FLEXION_JOINTS[:, 1]] = np.radians(OTHER_PIPS)
     angles[:, INDEX_PIP] = np.radians(pip + swing * np.sin(2. * np.pi * SWING_FREQUENCY * times))
-    angles[:, FLEXION_JOINTS[:, 2]] = (
-        hand.coupling[:, 0] * angles[:, FLEXION_JOINTS[:, 1]] + hand.coupling[:, 1])
+    angles = hand.coupled(angles, hand.limits)
     position = np.outer(sway * np.sin(2. * np.pi * SWAY_FREQUENCY * times), (1., 0., 0.))
     rotation = np.tile(np.eye(3), (len(times), 1, 1))
     pose = forward(joint_table(hand), angles, rotation, position)

@@ -9,6 +9,7 @@ from helpers.markers import AXES, STAMP, eight, marker
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
 from hand_tracker.core.model.hand import JOINTS, LINKS, Hand
@@ -29,7 +30,12 @@ from hand_tracker.messages.builders import (
 )
 from hand_tracker.messages.labels import InvalidLabel, LabelMap
 from hand_tracker.messages.marker_array import markers_from_message
-from hand_tracker.messages.rviz_markers import HELD_OPACITY, STATE_COLOURS, hand_markers
+from hand_tracker.messages.rviz_markers import (
+    HELD_OPACITY,
+    STATE_COLOURS,
+    hand_markers,
+    states_of_colours,
+)
 from hand_tracker.messages.templates import transform_numbers
 from hand_tracker.tracking.diagnostics import Level, Status
 
@@ -423,6 +429,14 @@ def test_picture_has_a_colour_for_every_state_of_a_marker():
     assert (part.id, len(part.points)) == (0, 8)
     assert len(set(STATE_COLOURS.values())) == len(STATE_COLOURS)
     assert all(STATE_COLOURS[kind] == rgb(colour) for kind, colour in zip(states, part.colors))
+
+
+def test_states_are_read_back_from_the_colours_of_a_serialized_picture():
+    states = np.resize([state for state in MarkerState if state != MarkerState.ABSENT], 8)
+    shown = picture(rest_state()._replace(marker_states=states))['r_markers']
+    read_back = deserialize_message(serialize_message(shown), Marker)
+    assert states_of_colours(read_back.colors).tolist() == states.tolist()
+    assert len(states_of_colours([])) == 0
 
 
 def test_picture_fades_when_the_palm_is_lost():

@@ -75,9 +75,10 @@ def test_known_distances(first, second, expected):
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
+@pytest.mark.parametrize('deviation', [0., .15], ids=['straight', 'deviated'])
 @pytest.mark.parametrize('side', SIDES)
-def test_capsules_lie_on_the_bones(side):
-    hand = Hand.scaled(side=side)
+def test_capsules_lie_on_the_bones(side, deviation):
+    hand = Hand.scaled(side=side, phalanx_deviation=deviation * np.array((1., -1., .5, 1.)))
     rng = np.random.default_rng(1)
     angles = rng.uniform(*hand.limits.T)
     found = hand_capsules(hand)

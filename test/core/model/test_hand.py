@@ -214,6 +214,8 @@ def changed(name, index, value):
     (changed('radii', (4, 0), 0.), 'radii[4, 0]: 0; allowed is 0.001 to 0.05 m'),
     ({'palm_radius': .06}, 'palm_radius: 0.06; allowed is 0.001 to 0.05 m'),
     (changed('splay', 0, 1.), 'splay[0]: 1; allowed is -0.785398 to 0.785398 rad'),
+    (changed('phalanx_deviation', 1, .4),
+     'phalanx_deviation[1]: 0.4; allowed is -0.349066 to 0.349066 rad'),
     (changed('limits', (3, 1), 4.), 'limits[3, 1]: 4; allowed is -3.14159 to 3.14159 rad'),
     (changed('limits', (3, 0), 2.), 'limits of index_pip_flexion: 114.592 to 95 degrees; '
      'the lower limit must not exceed the upper'),

@@ -15,6 +15,7 @@ import pytest
 from hand_tracker.core.numerics.jit import (
     COMPILED,
     empty_like_pack,
+    empty_packs,
     kernel_sources,
     overwrite,
     packed,
@@ -150,6 +151,16 @@ def test_another_pack_is_apart():
     angles[:] = 1.
     assert values.angles[3] == 7. and values.angles.sum() == 7.
     assert [part.shape for part in parts(other)] == [part.shape for part in values]
+
+
+def test_packs_made_at_once_share_nothing():
+    pack, values = packed(blank_report())
+    at = values._fields.index('angles')
+    first, second = empty_packs(pack, 2)
+    overwrite(first, pack)
+    overwrite(second, pack)
+    parts(first)[at][:] = 7.
+    assert (parts(second)[at] == values.angles).all() and (values.angles != 7.).all()
 
 
 def test_a_pack_is_overwritten_with_all_that_another_holds():

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.core.numerics.rigid_fit import fit_rigid
+from hand_tracker.core.numerics.rigid_fit import fit_rigid, step_rigidly
 
 
 def test_the_pose_is_that_of_least_squares():
@@ -37,3 +37,24 @@ def test_nothing_is_replaced_where_nothing_is_determined():
     assert fit_rigid(here, here, np.ones(3), rotation, position) == 0.
     assert fit_rigid(here, here, np.zeros(3), rotation, position) == 0.
     assert (rotation == 7.).all() and (position == 7.).all()
+
+
+def test_steps_towards_aims_keep_distances_and_end_at_the_rigid_fit():
+    random = np.random.default_rng(3)
+    for _ in range(20):
+        count = random.integers(3, 9)
+        start, weights = random.normal(size=(count, 3)), random.uniform(.1, 2., count)
+        turn = Rotation.from_rotvec(.3 * random.normal(size=3))
+        aims = turn.apply(start) + .1 + .02 * random.normal(size=(count, 3))
+        points = start.copy()
+        for _ in range(60):
+            step_rigidly(points, aims, weights)
+        rotation, position = np.empty((3, 3)), np.empty(3)
+        fit_rigid(start, aims, weights, rotation, position)
+        assert np.allclose(points, start @ rotation.T + position, rtol=0, atol=1e-7)
+
+
+def test_a_step_of_points_on_a_line_only_moves_them():
+    points = np.array(((0., 0, 0), (1, 0, 0), (2, 0, 0)))
+    step_rigidly(points, points + (0., 1., 0.), np.ones(3))
+    assert np.allclose(points, ((0, 1, 0), (1, 1, 0), (2, 1, 0)))
