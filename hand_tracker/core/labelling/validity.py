@@ -42,10 +42,11 @@ def reject_frozen(markers: np.ndarray, seen: np.ndarray, last: np.ndarray, still
                   stood: np.ndarray, patience: int) -> None:
     """Reject frozen markers: lost ones whose last position the driver repeats.
 
-    A marker is frozen if its position repeats bit for bit while at least two palm markers
-    move. A palm marker may rest on a table while the hand turns about it, so it is frozen
-    only once its distance from another has changed. Markers at the origin are handled where
-    messages are decoded.
+    A digit's marker is frozen if its position repeats bit for bit while at least two palm
+    markers move. A palm marker may rest on a table while the hand turns about it, so it is frozen
+    only once its distance from another has changed; as two may freeze at once, one other palm
+    marker and a digit that move are enough. Markers at the origin are handled where messages are
+    decoded.
 
     Parameters
     ----------
@@ -63,10 +64,14 @@ def reject_frozen(markers: np.ndarray, seen: np.ndarray, last: np.ndarray, still
     patience : int
         Frames after which a marker counts as frozen; 0 for never.
     """
-    moved = 0
-    for i in range(3):
+    palm_moved = digits_moved = 0
+    for i in range(markers.shape[0]):
         if seen[i] and not is_equal(markers[i], last[i]):
-            moved += 1
+            if i < 3:
+                palm_moved += 1
+            else:
+                digits_moved += 1
+    hand_moved = palm_moved >= 2 or palm_moved == 1 and digits_moved > 0
     for i in range(markers.shape[0]):
         if not seen[i]:
             continue
@@ -74,8 +79,8 @@ def reject_frozen(markers: np.ndarray, seen: np.ndarray, last: np.ndarray, still
             still[i] = 0
             for j in range(3 if i < 3 else 0):
                 stood[i, j] = _gap(markers, seen, i, j)
-        elif moved >= 2 and (
-                i >= 3 or still[i] + 1 != patience or _has_moved_in_palm(markers, seen, stood, i)):
+        elif (palm_moved >= 2 if i >= 3 else hand_moved and (
+                still[i] + 1 != patience or _has_moved_in_palm(markers, seen, stood, i))):
             still[i] += 1
         for k in range(3):
             last[i, k] = markers[i, k]

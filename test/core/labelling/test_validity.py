@@ -61,6 +61,21 @@ def test_a_palm_marker_that_repeats_is_frozen_once_the_palm_has_left_it(marker):
     assert states(given).all(), 'the palm stopped within 3 mm'
 
 
+@pytest.mark.parametrize('moving', range(3))
+def test_two_palm_markers_that_repeat_are_frozen_once_the_third_has_left_them(moving):
+    markers = np.diag((.09, .07, .05))[[0, 1, 2] + [0] * 5]
+    frozen = np.delete(np.arange(3), moving)
+    away = 2. * markers[moving] - markers[frozen].sum(axis=0)
+    move = np.tile(.002 * away / np.linalg.norm(away), (8, 1))
+    move[frozen] = 0.
+    seen = states([markers + frame * move for frame in range(8)])
+    assert seen[:3].all() and not seen[4:, frozen].any() and seen[:, moving].all()
+    assert seen[:, 3:].all()
+    move[3:] = 0.
+    assert states([markers + frame * move for frame in range(8)]).all(), (
+        'one marker alone is a stray')
+
+
 @pytest.mark.parametrize('marker', range(3))
 def test_a_palm_marker_may_rest_while_the_hand_turns_about_it(marker):
     markers = np.random.default_rng(1).normal(scale=.1, size=(8, 3))
