@@ -75,11 +75,10 @@ def send_over_a_bad_cable(reliability):
             node.repeat(send, lambda: len(answers) > 5, .005)
             # To meet over such a cable would take DDS minutes.
             cable.loss, cable.lateness = LOSS, LATENESS
-            first, frames = sent[-1], 100 * TIMES
-            for _ in range(frames):
-                send()
-                node.spin_for(.005)
-            early = len(answers)
+            first = sent[-1]
+            node.repeat(send, lambda: sent[-1] >= first + 100 * TIMES and (
+                nanoseconds(answers[-1].header.stamp) > nanoseconds(stamp_of(first))), .005)
+            frames, early = sent[-1] - first, len(answers)
             cable.loss = cable.lateness = 0.
             until = nanoseconds(stamp_of(sent[-1]))
             # By what comes after them a reader hears that it lacks some.
