@@ -14,6 +14,8 @@ import time
 
 import numpy as np
 
+from ..core.numerics.jit import jit
+
 BIN = .5               # [s] of the remote clock, of which the tightest bounds are kept
 BINS = 60
 MAX_DRIFT = 3e-4       # of a clock of quartz [s/s]
@@ -23,6 +25,12 @@ FINE_DRIFTS = np.array(sorted(
     np.linspace(-1., 1., 41) * 2. * MAX_DRIFT / (len(COARSE_DRIFTS) - 1), key=abs))
 LONGEST_LOOK = 50_000  # [ns] at two clocks, if nothing comes in between
 TOLERANCE = .001       # [s] by which bounds may contradict each other before all begins anew
+
+
+@jit
+def local_time(remote: float, offset: float, drift: float, centre: float) -> float:
+    """Return the local time of a remote one, by a clock's `ClockEstimate.line` [s]."""
+    return remote + offset + drift * (remote - centre)
 
 
 class ClockEstimate:
@@ -47,7 +55,7 @@ class ClockEstimate:
 
     @property
     def line(self) -> tuple[float, float, float]:
-        """Offset at a remote time, drift, and that time, as `local` takes them."""
+        """Offset at a remote time, drift, and that time, as of `local_time`."""
         return self._offset, self._drift, self._centre
 
     def received(self, remote: float, local: float) -> None:
@@ -68,7 +76,7 @@ class ClockEstimate:
 
     def local(self, remote: float) -> float:
         """Return the local time of a remote one; NaN before the first message."""
-        return remote + self._offset + self._drift * (remote - self._centre)
+        return local_time(remote, *self.line)
 
     def _take(self, bounds: np.ndarray, remote: float, offset: float, sign: float) -> None:
         """Keep a bound if it is the tightest of its bin; fit where the line passes it."""

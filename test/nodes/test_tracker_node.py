@@ -39,7 +39,7 @@ from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.hand_file import load_hand, save_hand
 from hand_tracker.messages.stamps import seconds
 from hand_tracker.simulation.motions import motion_named
-from hand_tracker.tracking.diagnostics import STATUS_GAP, STATUS_PERIOD
+from hand_tracker.tracking.diagnostics import STATUS_GAP
 from hand_tracker.tracking.distal_flexion import DISTAL_JOINTS
 from hand_tracker.tracking.rate_limit import KEYS_LOGGED
 

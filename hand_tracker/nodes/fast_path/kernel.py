@@ -10,7 +10,7 @@ processed here, and give the same replies. No ROS.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -60,12 +60,18 @@ LOG_CAPACITY = 1024       # frames until the log is drained
 # Columns of the log
 RECEIVED, PUBLISHED, TIME, RESIDUAL, PALM_STATE = range(5)
 LOG_COLUMNS = 5
-# Places among the arguments of `track_frame`.
-CLOCK: Final = 3
-STATE: Final = 5
-# Arguments of `track_frame` before the markers, as of `HandTracker.kernel_arguments`.
-TrackPacks = tuple[Pack[Model], Pack[Chains], Pack[KernelOptions], Pack[FrameClock], Pack[State],
-                   Pack[State], Pack[Report]]
+
+
+class TrackPacks(NamedTuple):
+    """Arguments of `track_frame` before the markers, as of `HandTracker.kernel_arguments`."""
+
+    model: Pack[Model]
+    chains: Pack[Chains]
+    options: Pack[KernelOptions]
+    clock: Pack[FrameClock]
+    blank: Pack[State]
+    state: Pack[State]
+    report: Pack[Report]
 
 
 class FastPathMemory(NamedTuple):
@@ -362,7 +368,7 @@ def process_message(memories: Pack[FastPathMemory], hands: Sequence[Pack[HandMem
     count = memory.hand_count[0]
     # Before any hand is tracked.
     for i in range(count):
-        if not _is_next(memory, hands[i][0], packs[i][CLOCK][0], packs[i][STATE][0], sec, nanosec):
+        if not _is_next(memory, hands[i][0], packs[i].clock[0], packs[i].state[0], sec, nanosec):
             return False
     for i in range(count):
         _track_hand(memory, hands[i][0], packs[i], sec, nanosec)

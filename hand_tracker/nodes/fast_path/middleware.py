@@ -47,6 +47,7 @@ from .kernel import (
     PUBLISHED,
     RECEIVED,
     TIME,
+    TrackPacks,
     drain_log,
     install_layout,
     install_part,
@@ -61,11 +62,12 @@ from .kernel import (
 from .rcl import address
 
 if COMPILED:
+    from numba import carray
+
     from .rcl import at, call
 
 # New messages, of the callback, when the executor's thread calls it, or who hands over a message.
 WHILE_DISABLED, HANDED_OVER = 0, 2**31
-REPORT = -1              # place of the report among the packs of `track_frame`
 # rmw_message_info_t, in words: the GUID of a message's publisher (RTPS 2.5, 8.2.4.1) is two.
 INFO_WORDS, INFO_PUBLISHER = 16, 5
 PUBLISHER_SILENCE = 1.   # [s] of the publisher that is tracked before another one is
@@ -186,7 +188,8 @@ class FastPath(CallbackPath):
 
     def __init__(self, packs: tuple[Any, ...], folder: Path | None = None) -> None:
         super().__init__()
-        self._packs = [packs] * MOST_HANDS
+        report = TrackPacks(*packs).report
+        self._packs = [TrackPacks(*packs)] * MOST_HANDS
         self._templates: dict[int, Template] = {}
         self._memories, self._memory = packed(new_memory(), as_record=True)
         hands = [packed(new_hand_memory(), as_record=True) for _ in range(MOST_HANDS)]
@@ -209,8 +212,8 @@ class FastPath(CallbackPath):
         self._set_enabled = load_kernel(set_enabled, (self._contexts, False), folder)
         self._admit_publisher = load_kernel(_admit_publisher, (self._contexts,), folder)
         self._drain = load_kernel(_drain, (
-            self._contexts, self._hand_packs[0], packs[REPORT], self._log, self._states,
-            empty_like_pack(packs[REPORT])), folder)
+            self._contexts, self._hand_packs[0], report, self._log, self._states,
+            empty_like_pack(report)), folder)
         self._callback = _callback(
             self._contexts.dtype, self._memories.dtype, self._hand_packs[0].dtype,
             *(pack.dtype for pack in packs))
@@ -275,7 +278,7 @@ class FastPath(CallbackPath):
             self._set_outgoing(number, publisher, template, self._memory.replies[number])
         for place in range(MOST_HANDS):
             hand = hands[place if place < len(hands) else 0]
-            self._packs[hand.number] = hand.packs
+            self._packs[hand.number] = TrackPacks(*hand.packs)
             self._context.hands[place] = self._hand_packs[hand.number].ctypes.data
             self._context.packs[place] = [pack.ctypes.data for pack in hand.packs]
         self._is_installed = True
@@ -288,11 +291,10 @@ class FastPath(CallbackPath):
         hand : int
             Its number.
         """
-        packs = self._packs[hand]
-        last_report = empty_like_pack(packs[REPORT])
+        report = self._packs[hand].report
+        last_report = empty_like_pack(report)
         logged, count, sec, nanosec = self._drain(
-            self._contexts, self._hand_packs[hand], packs[REPORT], self._log, self._states,
-            last_report)
+            self._contexts, self._hand_packs[hand], report, self._log, self._states, last_report)
         if not logged:
             return None
         log = self._log[:logged]
@@ -392,6 +394,18 @@ def _admit_publisher(contexts: Any) -> bool:
     return True
 
 
+@jit
+def _packs_at(addresses: np.ndarray, of_model: np.dtype, of_chains: np.dtype, of_options: np.dtype,
+              of_clock: np.dtype, of_blank: np.dtype, of_state: np.dtype,
+              of_report: np.dtype) -> TrackPacks:
+    """Return the packs at a hand's addresses, of these layouts."""
+    return TrackPacks(
+        carray(at(addresses[0]), (1,), of_model), carray(at(addresses[1]), (1,), of_chains),
+        carray(at(addresses[2]), (1,), of_options), carray(at(addresses[3]), (1,), of_clock),
+        carray(at(addresses[4]), (1,), of_blank), carray(at(addresses[5]), (1,), of_state),
+        carray(at(addresses[6]), (1,), of_report))
+
+
 def _callback(*layouts: np.dtype) -> Any:
     """Return the compiled callback for new messages, for packs of these layouts."""
     import numba
@@ -423,27 +437,16 @@ def _callback(*layouts: np.dtype) -> Any:
                 # A message has one hand or two.
                 hands = (numba.carray(at(context.hands[0]), (1,), of_hand),
                          numba.carray(at(context.hands[1]), (1,), of_hand))
-                one, other = context.packs[0], context.packs[1]
-                packs = ((numba.carray(at(one[0]), (1,), of_model),
-                          numba.carray(at(one[1]), (1,), of_chains),
-                          numba.carray(at(one[2]), (1,), of_options),
-                          numba.carray(at(one[3]), (1,), of_clock),
-                          numba.carray(at(one[4]), (1,), of_blank),
-                          numba.carray(at(one[5]), (1,), of_state),
-                          numba.carray(at(one[6]), (1,), of_report)),
-                         (numba.carray(at(other[0]), (1,), of_model),
-                          numba.carray(at(other[1]), (1,), of_chains),
-                          numba.carray(at(other[2]), (1,), of_options),
-                          numba.carray(at(other[3]), (1,), of_clock),
-                          numba.carray(at(other[4]), (1,), of_blank),
-                          numba.carray(at(other[5]), (1,), of_state),
-                          numba.carray(at(other[6]), (1,), of_report)))
+                packs = (_packs_at(context.packs[0], of_model, of_chains, of_options, of_clock,
+                                   of_blank, of_state, of_report),
+                         _packs_at(context.packs[1], of_model, of_chains, of_options, of_clock,
+                                   of_blank, of_state, of_report))
                 if process_message(memories, hands, packs,
                                    numba.carray(at(place), (size,), np.uint8)):
                     publish_all(context, MOST_REPLIES)
                     published = monotonic_time(context)
                     for i in range(memories[0].hand_count[0]):
-                        log_frame(hands[i][0], packs[i][REPORT][0], received, published)
+                        log_frame(hands[i][0], packs[i].report[0], received, published)
                     context.handed[2] = is_handed
                 else:
                     if not is_handed:

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ...adapters.clock_estimate import local_time
 from ...adapters.marker_arrays import MarkerArrayWriter
 from ...adapters.packet_structure import POINT_SIZE, PacketOrigin, PacketStructure
 from ...core.numerics.jit import CACHE_FOLDER, COMPILED, DEFERRED, Pack, jit, packed
 from ...messages.cdr import ENCAPSULATION
-from ...messages.templates import Template
+from ...messages.templates import Template, write_stamps
 from .kernel import MESSAGE_CAPACITY
 
 if TYPE_CHECKING:
@@ -173,17 +174,14 @@ def fill_message(memories: Pack[RelayMemory], packet: np.ndarray, received: int)
         for i in range(3):
             message[first + i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
     exposed = memory.tick[0] * packet[memory.time[0]:memory.time[0] + 8].view(np.int64)[0]
-    offset, drift, centre = memory.clock[0], memory.clock[1], memory.clock[2]
-    local = exposed + offset + drift * (exposed - centre)
+    local = local_time(exposed, memory.clock[0], memory.clock[1], memory.clock[2])
     # False for NaN, too.
     if not 0. <= 1e-9 * received - local < LONGEST_WAY:
         return False
     nanoseconds = np.int64(np.round(1e9 * local)) + memory.wall[0]
     sec = nanoseconds // 1_000_000_000
-    words = message.view(np.uint32)
-    for i in range(memory.stamp_count[0]):
-        words[memory.stamps[i]] = sec & 0xffffffff
-        words[memory.stamps[i] + 1] = nanoseconds - 1_000_000_000 * sec
+    write_stamps(message.view(np.uint32), memory.stamps[:memory.stamp_count[0]], sec,
+                 nanoseconds - 1_000_000_000 * sec)
     return True
 
 

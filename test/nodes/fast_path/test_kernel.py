@@ -69,6 +69,7 @@ from hand_tracker.nodes.fast_path.kernel import (
     NOT_WANTED,
     REPLY_CAPACITY,
     RESIDUAL,
+    TrackPacks,
     drain_log,
     install_layout,
     install_part,
@@ -134,8 +135,9 @@ class Paths:
 
     def go(self, data):
         """Process a message; return whether that was possible."""
-        return process_message(self.memories, (self.hands,), (self.fast.kernel_arguments(),),
-                               np.frombuffer(data, np.uint8))
+        return process_message(
+            self.memories, (self.hands,), (TrackPacks(*self.fast.kernel_arguments()),),
+            np.frombuffer(data, np.uint8))
 
     def state(self):
         """Return the state after the last frame of the fast path."""
@@ -306,7 +308,7 @@ def test_both_hands_of_a_message_are_tracked_as_each_alone():
     def go(data):
         return process_message(
             memories, tuple(hand.hands for hand in hands.values()),
-            tuple(hand.fast.kernel_arguments() for hand in hands.values()),
+            tuple(TrackPacks(*hand.fast.kernel_arguments()) for hand in hands.values()),
             np.frombuffer(data, np.uint8))
 
     template = joint_state_template([f'{side}_{joint}' for side in DEMO for joint in JOINTS])

@@ -29,6 +29,7 @@ from hand_tracker.messages.stamps import seconds
 from hand_tracker.nodes import tracker_node
 from hand_tracker.nodes.fast_path import callback_path
 from hand_tracker.nodes.runner import INTERRUPTS, run
+from hand_tracker.tracking.diagnostics import STATUS_PERIOD
 
 NEEDS = 'rclpy',
 
