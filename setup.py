@@ -7,9 +7,9 @@ from xml.etree import ElementTree
 from setuptools import find_packages, setup
 
 HERE = Path(__file__).resolve().parent
-PACKAGE = ElementTree.parse(HERE / 'package.xml').getroot()
-NAME = PACKAGE.findtext('name')
-MAINTAINER = PACKAGE.find('maintainer')
+MANIFEST = ElementTree.parse(HERE / 'package.xml').getroot()
+NAME = MANIFEST.findtext('name')
+MAINTAINER = MANIFEST.find('maintainer')
 
 
 def data(folder):
@@ -20,9 +20,9 @@ def data(folder):
 
 setup(
     name=NAME,
-    version=PACKAGE.findtext('version'),
-    description=PACKAGE.findtext('description'),
-    license=PACKAGE.findtext('license'),
+    version=MANIFEST.findtext('version'),
+    description=MANIFEST.findtext('description'),
+    license=MANIFEST.findtext('license'),
     maintainer=MAINTAINER.text,
     maintainer_email=MAINTAINER.get('email'),
     packages=find_packages(include=[NAME, f'{NAME}.*'], exclude=['test']),

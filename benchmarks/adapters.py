@@ -24,15 +24,15 @@ sys.path.append(str(Path(__file__).resolve().parent.parent / 'test'))
 import numpy as np
 
 from benchmarks.common import add_json_option, end, environ, environment, write_rows
-from benchmarks.round_trip import BOUTS, PATIENCE, WARM, cpu_time, isolate
+from benchmarks.round_trip import BOUTS, FIRST_ANSWER_TIME, WARM, cpu_time, isolate
 
 BASE = 'markers'
 # Parameter `marker_message` of the tracker, by source.
 DIRECT = {'point_cloud': 'point_cloud', 'mocap4r2': 'mocap4r2_markers', 'landmarks': 'pose_array'}
 # Behind a source's name: through a source node, in a process of its own or in the tracker's.
-NODE, ALL = '_node', '_all'
+AS_NODE, IN_ONE = '_node', '_all'
 SERVERS = 'natnet', 'qualisys'
-SOURCES = *DIRECT, *(f'{name}{how}' for how in (NODE, ALL) for name in (*DIRECT, *SERVERS))
+SOURCES = *DIRECT, *(f'{name}{how}' for how in (AS_NODE, IN_ONE) for name in (*DIRECT, *SERVERS))
 
 
 def hand_frames(rate):
@@ -46,7 +46,7 @@ def hand_frames(rate):
 
 def source_of(name):
     """Return the source of a row."""
-    return name.removesuffix(NODE).removesuffix(ALL)
+    return name.removesuffix(AS_NODE).removesuffix(IN_ONE)
 
 
 class Sender:
@@ -168,11 +168,11 @@ def start(stack, names):
             more += ['-r', f'markers:=/{name}/source/markers']
             origin = ['-p', f'source:={source}', '-p', f'topic:=/{name}/in',
                       '-p', f'port:={servers[name].port if name in servers else 0}']
-            if name.endswith(ALL):
+            if name.endswith(IN_ONE):
                 more += origin
             else:
                 run(name, 'source', *origin)
-        run(name, 'all tracker source' if name.endswith(ALL) else 'tracker',
+        run(name, 'all tracker source' if name.endswith(IN_ONE) else 'tracker',
             '-p', 'auto_size:=false', *more)
     return processes, servers
 
@@ -231,7 +231,7 @@ class Measurement:
 
     def wait_for(self, name):
         """Send until a source answers each frame of half a second."""
-        until = time.monotonic() + PATIENCE
+        until = time.monotonic() + FIRST_ANSWER_TIME
         while not np.isfinite(self.trips(name, .5)).all():
             if time.monotonic() > until:
                 raise SystemExit(f'{name} does not answer')

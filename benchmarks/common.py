@@ -4,13 +4,13 @@ import argparse
 import json
 import os
 import subprocess
-from pathlib import Path
 
+from benchmarks.repository import REPOSITORY
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.evaluation.results import hardware, versions
 
-ROOT = Path(__file__).resolve().parent.parent
 MARK = 0x1a5a5a5a    # placeholder for seconds and nanoseconds of a stamp; below 1e9
+RATE = 120.          # [Hz] of the frames
 END_TIME = 20.       # [s] in which a node ends
 
 
@@ -29,7 +29,7 @@ def environment(**more):
 
 def environ(**more):
     """Return the environment variables of a process that imports this package."""
-    paths = str(ROOT), *filter(None, [os.environ.get('PYTHONPATH')])
+    paths = str(REPOSITORY), *filter(None, [os.environ.get('PYTHONPATH')])
     return {**os.environ, 'PYTHONPATH': os.pathsep.join(paths), **more}
 
 

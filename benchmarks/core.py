@@ -22,7 +22,7 @@ if not __package__:
 
 import numpy as np
 
-from benchmarks.common import add_json_option, environ, environment, write_rows
+from benchmarks.common import RATE, add_json_option, environ, environment, write_rows
 from hand_tracker.core import pipeline, tracker
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
@@ -30,7 +30,6 @@ from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.simulation.motions import motion_named
 
-RATE = 120.
 NOISE = 1e-4          # [m]
 HIDDEN = {0: (), 1: ('middle',), 3: ('index_mcp', 'middle', 'little')}
 SEEN_FIRST = 240      # frames with all markers visible, not counted

@@ -18,15 +18,16 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks.common import ROOT, add_json_option, environ, environment, write_rows
+from benchmarks.common import add_json_option, environ, environment, write_rows
+from benchmarks.repository import REPOSITORY
 from hand_tracker.calibration.hand_axes import with_recognised_axes
 from hand_tracker.core.model.hand import SIDES, Hand
 from hand_tracker.files.point_recording import Axes, PointRecording
 from hand_tracker.files.recordings import VICON_CSV, read_recording, write_recording
 from hand_tracker.simulation.packaged_recordings import demo_recording
 
-NAMES = ('Wrist', 'IndexMCP', 'LittleMCP', 'IndexDIP', 'MiddleDIP', 'RingDIP', 'LittleDIP',
-         'ThumbTip')
+POINT_NAMES = ('Wrist', 'IndexMCP', 'LittleMCP', 'IndexDIP', 'MiddleDIP', 'RingDIP', 'LittleDIP',
+               'ThumbTip')
 FILES = {'C3D': 'take.c3d', 'TRC': 'take.trc', 'Qualisys TSV': 'take.tsv',
          'OptiTrack CSV': 'take.csv', 'Vicon CSV': 'vicon.csv', 'npz': 'take.npz'}
 
@@ -34,14 +35,14 @@ FILES = {'C3D': 'take.c3d', 'TRC': 'take.trc', 'Qualisys TSV': 'take.tsv',
 def long_recording(minutes, rate, hands):
     """Return the packaged recordings of both sides, over and over, as one recording."""
     frames = round(60. * minutes * rate)
-    points = np.empty((frames, len(NAMES) * hands, 3), dtype=np.float32)
+    points = np.empty((frames, len(POINT_NAMES) * hands, 3), dtype=np.float32)
     labels = []
     for i, side in enumerate(SIDES[:hands]):
         markers = demo_recording(Hand.scaled(side=side)).markers
-        columns = points[:, i * len(NAMES):(i + 1) * len(NAMES)]
+        columns = points[:, i * len(POINT_NAMES):(i + 1) * len(POINT_NAMES)]
         for first in range(0, frames, len(markers)):
             columns[first:first + len(markers)] = markers[:frames - first]
-        labels += [f'{side[0].upper()}_{name}' for name in NAMES]
+        labels += [f'{side[0].upper()}_{name}' for name in POINT_NAMES]
     return PointRecording('long', 'test', tuple(labels), points, rate, None, Axes('m', 'z'))
 
 
@@ -77,7 +78,7 @@ def main():
             path = Path(folder, file)
             write_recording(path, recording, VICON_CSV if file.startswith('vicon') else None)
             done = subprocess.run(
-                [sys.executable, '-m', 'benchmarks.files', '--read', path], cwd=ROOT,
+                [sys.executable, '-m', 'benchmarks.files', '--read', path], cwd=REPOSITORY,
                 env=environ(), capture_output=True, text=True, check=True)
             path.unlink()
             rows.append({'format': name, **json.loads(done.stdout)})

@@ -40,7 +40,7 @@ TIPS = tuple(place.replace('dip', 'tip') for place in PAPER_PLACES)
 CONFIGURE = .003   # share of frames preceded by a change of hand, layout or options
 RESET = .0002      # share of frames preceded by a reset
 MOST_GHOSTS = 20   # points of no hand in a cloud
-GHOST_RANGE = .3   # [m] from the origin, on each axis
+GHOST_REACH = .3   # [m] from the origin, on each axis
 MILLION = 1_000_000
 
 
@@ -319,7 +319,7 @@ class CloudFuzz:
         if any(changed):
             self._new_labeller()
         made = [hand.frame() for hand in self.hands]
-        ghosts = rng.uniform(-GHOST_RANGE, GHOST_RANGE, (rng.integers(MOST_GHOSTS + 1), 3))
+        ghosts = rng.uniform(-GHOST_REACH, GHOST_REACH, (rng.integers(MOST_GHOSTS + 1), 3))
         points = np.concatenate([*(markers for markers, _, _ in made), ghosts])
         points = points[rng.permutation(len(points))]
         ids = rng.integers(-1, len(points), len(points)) if rng.random() < .3 else None

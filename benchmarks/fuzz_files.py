@@ -42,10 +42,10 @@ from hand_tracker.files.recordings import (
 from hand_tracker.files.skeleton_motion import HandAngles, skeleton_motion
 from hand_tracker.simulation.packaged_recordings import demo_recording
 
-FRAMES = 24
+FUZZED_FRAMES = 24
 LARGEST_SEED = 2**17      # [bytes] of files of a folder
-NAMES = ('wrist', 'index_mcp', 'little_mcp', 'index_dip', 'middle_dip', 'ring_dip', 'little_dip',
-         'thumb_tip')
+FUZZED_NAMES = ('wrist', 'index_mcp', 'little_mcp', 'index_dip', 'middle_dip', 'ring_dip',
+                'little_dip', 'thumb_tip')
 EXTREMES = (b'0', b'-1', b'1', b'255', b'65535', b'65536', b'4294967295', b'99999999999', b'1e308',
             b'nan', b'inf', b'-', b'', b'\xff', b'\0', b'1_0', b'0x10', b'{', b'}', b'\n', b'\t',
             b',', b'"', b'\r\n\r\n')
@@ -71,8 +71,8 @@ def seeds(kind, folder, files):
     list of bytes
     """
     recorded = demo_recording()
-    labels = tuple(f'Anna:R_{name}' for name in NAMES)
-    recording = PointRecording('hand', 'seed', labels, recorded.markers[:FRAMES].astype(
+    labels = tuple(f'Anna:R_{name}' for name in FUZZED_NAMES)
+    recording = PointRecording('hand', 'seed', labels, recorded.markers[:FUZZED_FRAMES].astype(
         np.float32), 120., None, Axes('m', 'z'))
     unnamed = recording._replace(labels=(*labels[:4], '', '', '', ''))
     path = folder / f'seed{SUFFIX_OF.get(kind, "." + kind)}'
@@ -80,8 +80,8 @@ def seeds(kind, folder, files):
     if kind == 'bvh':
         for order in ('ZXY', 'XYZ'):
             write_bvh(path, skeleton_motion(HandAngles(
-                Hand.scaled(), recorded.angles[:FRAMES], np.zeros((FRAMES, 3)),
-                np.tile(np.eye(3), (FRAMES, 1, 1)), np.arange(FRAMES) / 120.)), order)
+                Hand.scaled(), recorded.angles[:FUZZED_FRAMES], np.zeros((FUZZED_FRAMES, 3)),
+                np.tile(np.eye(3), (FUZZED_FRAMES, 1, 1)), np.arange(FUZZED_FRAMES) / 120.)), order)
             found.append(path.read_bytes())
     else:
         for one in (recording, unnamed):

@@ -3,7 +3,8 @@
 import ast
 from pathlib import Path
 
-PACKAGE = Path(__file__).resolve().parent.parent / 'hand_tracker'
+from benchmarks.repository import PACKAGE_FOLDER
+
 # Folders and files from the lowest to the highest: each imports only those before it, and those
 # in the same place. What stands for a folder holds for all in it that has no place of its own.
 ORDER = ('__init__.py', 'core/errors.py', 'core/numerics', 'core/model', 'core/filtering',
@@ -54,7 +55,7 @@ def imported_files(path):
     -------
     set of str
     """
-    package, found = list(path.relative_to(PACKAGE).parts[:-1]), set()
+    package, found = list(path.relative_to(PACKAGE_FOLDER).parts[:-1]), set()
     tree = ast.parse(path.read_text(encoding='utf-8'))
     for_types = {id(inner) for node in ast.walk(tree) if isinstance(node, ast.If)
                  and ast.unparse(node.test) == 'TYPE_CHECKING' for inner in ast.walk(node)}
@@ -67,13 +68,13 @@ def imported_files(path):
             names = (Path(*base, f'{alias.name}.py'), Path(*base, alias.name, '__init__.py'),
                      Path(*base).with_suffix('.py') if base else Path('__init__.py'),
                      Path(*base, '__init__.py'))
-            found.add(next(name.as_posix() for name in names if (PACKAGE / name).is_file()))
+            found.add(next(name.as_posix() for name in names if (PACKAGE_FOLDER / name).is_file()))
     return found
 
 
 def upward_imports():
     """Return pairs (file, imported file) of which the second has a higher place."""
     return sorted(
-        (source, target) for path in PACKAGE.rglob('*.py')
-        for source in [path.relative_to(PACKAGE).as_posix()]
+        (source, target) for path in PACKAGE_FOLDER.rglob('*.py')
+        for source in [path.relative_to(PACKAGE_FOLDER).as_posix()]
         for target in imported_files(path) if is_upward(source, target))

@@ -68,7 +68,7 @@ from hand_tracker.viewer.page_guard import LARGEST_FRAME, PageGuard
 Entry = Callable[[bytes], None]
 
 # Names of the files, by the entry's name: the suffix is part of what outside gives.
-RECORDINGS = {'c3d': 'case.c3d', 'trc': 'case.trc', 'qualisys_tsv': 'case.tsv',
+CASE_FILES = {'c3d': 'case.c3d', 'trc': 'case.trc', 'qualisys_tsv': 'case.tsv',
               'optitrack_csv': 'case.csv', 'vicon_csv': 'case.csv', 'bvh': 'case.bvh',
               'npz': 'case.npz', 'mcap': 'case.mcap', 'db3': 'case.db3'}
 LONGEST_MESSAGE = 2000     # characters of an error
@@ -109,7 +109,7 @@ def _in_file(read: Callable[[Path], Any], name: str, data: bytes) -> None:
     except HandTrackerError as error:
         text = str(error)
         require(path.name in text, f'a message that does not name the file: {text[:200]}')
-        require(name not in RECORDINGS.values() or len(text) <= LONGEST_MESSAGE,
+        require(name not in CASE_FILES.values() or len(text) <= LONGEST_MESSAGE,
                 f'a message of {len(text)} characters')
         raise
 
@@ -294,7 +294,7 @@ def _labels(data: bytes) -> None:
 
 
 ENTRIES: dict[str, Entry] = {
-    **{entry: partial(_in_file, _read_recording, name) for entry, name in RECORDINGS.items()},
+    **{entry: partial(_in_file, _read_recording, name) for entry, name in CASE_FILES.items()},
     'bag_metadata': _bag_metadata,
     'take': partial(_in_file, load_take, 'case.npz'),
     'mesh': _mesh,

@@ -24,17 +24,16 @@ sys.path.append(str(Path(__file__).resolve().parent.parent / 'test'))
 
 import numpy as np
 
-from benchmarks.common import add_json_option, environment, write_rows
-from benchmarks.round_trip import PATIENCE
+from benchmarks.common import RATE, add_json_option, environment, write_rows
+from benchmarks.round_trip import FIRST_ANSWER_TIME
 
-RATE = 120.             # [Hz] of the driver
 LONGEST_WAIT = 1.       # [s] before a kill
 DRIVEN, PLAYED = 'driven', 'played'
 # Program, parameters and chain of each; the viewer, which is of none, shows the driven one.
-NODES = {'driver': ('simulate', {'rate': RATE}, DRIVEN),
-         'tracker': ('tracker', {}, DRIVEN),
-         'replay': ('replay', {'loop': True}, PLAYED),
-         'viewer': ('viewer', {'tracker': f'/{DRIVEN}/hand_tracker'}, None)}
+KILLED_NODES = {'driver': ('simulate', {'rate': RATE}, DRIVEN),
+                'tracker': ('tracker', {}, DRIVEN),
+                'replay': ('replay', {'loop': True}, PLAYED),
+                'viewer': ('viewer', {'tracker': f'/{DRIVEN}/hand_tracker'}, None)}
 BESIDE = {'retarget': ('retarget', {'robot': 'plain'}, DRIVEN),
           'tracker of the replay': ('tracker', {}, PLAYED)}
 SHOWN = 'The hand is at'
@@ -72,12 +71,12 @@ class Rig:
         self.answers = {chain: Answers(self.node, chain) for chain in (DRIVEN, PLAYED)}
         self.robot = FollowingRobot(self.node, f'/{DRIVEN}/')
         self.started = []      # name and process of each that was ever started
-        self.processes = {name: self.start(name) for name in (*NODES, *BESIDE)}
+        self.processes = {name: self.start(name) for name in (*KILLED_NODES, *BESIDE)}
 
     def start(self, name):
         """Start a node; return its process."""
         from helpers.ros_process import Process
-        program, parameters, chain = {**NODES, **BESIDE}[name]
+        program, parameters, chain = {**KILLED_NODES, **BESIDE}[name]
         words = [word for key, value in parameters.items() for word in (
             '-p', f'{key}:={str(value).lower() if isinstance(value, bool) else value}')]
         options = ['--port', '0'] if program == 'viewer' else []
@@ -89,7 +88,7 @@ class Rig:
 
     def works(self, name):
         """Return whether a node does what it is for, since `Answers.begin`."""
-        chain = NODES[name][2]
+        chain = KILLED_NODES[name][2]
         if chain is None:
             return SHOWN in self.processes[name].output
         return self.answers[chain].count > 5
@@ -98,7 +97,7 @@ class Rig:
         """Wait until a node works; return how long it took from now [s], NaN if it does not."""
         began = time.monotonic()
         while not self.works(name):
-            if time.monotonic() - began > PATIENCE or self.processes[name].ended:
+            if time.monotonic() - began > FIRST_ANSWER_TIME or self.processes[name].ended:
                 return float('nan')
             self.node.spin_for(.01)
         return time.monotonic() - began
@@ -116,7 +115,7 @@ def kill(rig, name):
         one.begin()
     rig.processes[name] = rig.start(name)
     seconds = rig.wait_for(name)
-    others = [one.longest for chain, one in rig.answers.items() if chain != NODES[name][2]]
+    others = [one.longest for chain, one in rig.answers.items() if chain != KILLED_NODES[name][2]]
     return seconds, max(others)
 
 
@@ -129,15 +128,15 @@ def main():
     options = parser.parse_args()
     random.seed(options.seed)
     print(environment())
-    found = {name: [] for name in NODES}
+    found = {name: [] for name in KILLED_NODES}
     with ExitStack() as stack:
         rig = Rig(stack)
-        for name in NODES:
+        for name in KILLED_NODES:
             if not np.isfinite(rig.wait_for(name)):
                 raise SystemExit(f'{name} does not work:\n{rig.processes[name].output}')
         for _ in range(options.count):
             rig.robot.engage()
-            name = random.choice(list(NODES))
+            name = random.choice(list(KILLED_NODES))
             found[name].append(kill(rig, name))
             if not np.isfinite(found[name][-1][0]):
                 print(f'{name} did not come back:\n{rig.processes[name].output}')

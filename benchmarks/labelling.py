@@ -18,7 +18,7 @@ if not __package__:
 import numpy as np
 
 from benchmarks.common import print_measured
-from benchmarks.layouts import LAYOUT_RATE, SETTLING_FRAMES, TURN, layout_frames
+from benchmarks.layouts import LAYOUT_RATE, TURN, UNCOUNTED_LAYOUT_FRAMES, layout_frames
 from hand_tracker.core.model.hand import SIDES, Hand
 from hand_tracker.core.model.layout_presets import PAPER_LAYOUT
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
@@ -27,7 +27,7 @@ from hand_tracker.core.point_labelling.natural_poses import model_prototype
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.evaluation.point_labelling import NamedMarkers, clouds
 
-POINTS = 40
+CLOUD_SIZE = 40
 APART = .25       # [m] between the hands
 SEARCHES = 20
 
@@ -43,7 +43,7 @@ def hands_in_motion(count):
 def measure(count):
     """Return the rows."""
     hands = hands_in_motion(count)
-    ghosts = POINTS - len(SIDES) * len(MARKERS)
+    ghosts = CLOUD_SIZE - len(SIDES) * len(MARKERS)
     cloud = clouds(hands, ghosts, 0., np.random.RandomState(1))
     ways = {way: [HandTracker(Hand.scaled(side=side)) for side in SIDES]
             for way in ('labelled', 'following')}
@@ -69,12 +69,12 @@ def measure(count):
                 if way == 'following':
                     right += np.array_equal(labels.rows, cloud.rows[i])
     rows = [{'benchmark': 'labelling', 'way': way, 'median_us': round(1e-3 * float(
-        np.median(taken[SETTLING_FRAMES:])), 2)} for way, taken in times.items()]
+        np.median(taken[UNCOUNTED_LAYOUT_FRAMES:])), 2)} for way, taken in times.items()]
     rows[1]['right_pct'] = round(100. * right / count, 2)
     rows.append({'benchmark': 'labelling', 'way': 'search',
                  'median_us': round(1e-3 * float(np.median(searches(prototypes, cloud))), 2)})
     for row in rows:
-        row['points'] = POINTS
+        row['points'] = CLOUD_SIZE
         row['ratio'] = round(row['median_us'] / rows[0]['median_us'], 2)
     return rows
 

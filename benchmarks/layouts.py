@@ -26,7 +26,7 @@ from hand_tracker.simulation.motions import motion_named
 LAYOUT_RATE = 120.
 LAYOUT_NOISE = 1e-4   # [m]
 TURN = 60             # frames in which a layout has its turn
-SETTLING_FRAMES = 120  # not counted
+UNCOUNTED_LAYOUT_FRAMES = 120  # not counted
 
 
 def layout_frames(name, count, hand):
@@ -52,7 +52,7 @@ def measure(count):
                 times[name][i] = perf_counter_ns() - start
     rows = []
     for name, taken in times.items():
-        median, p99 = np.percentile(taken[SETTLING_FRAMES:], (50, 99)) * 1e-3
+        median, p99 = np.percentile(taken[UNCOUNTED_LAYOUT_FRAMES:], (50, 99)) * 1e-3
         rows.append({'benchmark': 'layouts', 'layout': name, 'markers': frames[name].shape[1],
                      'median_us': round(float(median), 2), 'p99_us': round(float(p99), 2)})
     for row in rows:

@@ -28,14 +28,13 @@ if not __package__:
 # Compiled kernels show none of their calls.
 os.environ['HAND_TRACKER_JIT'] = '0'
 
-from benchmarks.common import add_json_option, put_stamps, write_rows
-from benchmarks.import_order import ORDER, PACKAGE, is_upward, upward_imports
+from benchmarks.common import RATE, add_json_option, put_stamps, write_rows
+from benchmarks.import_order import ORDER, PACKAGE_FOLDER, is_upward, upward_imports
 from benchmarks.round_trip import isolate, messages
 
 UNCOUNTED = 'core/numerics'
 ANSWERS = '/joint_states', '/tf', '/joint_confidence'
-RATE = 120.      # [Hz] of the frames
-WARM_UP = 60     # frames that are not traced: the filters settle
+UNTRACED_FRAMES = 60     # frames that are not traced: the filters settle
 
 
 class Call(NamedTuple):
@@ -97,9 +96,9 @@ class Tracer:
     def _entered(self, frame):
         """Record the call of a function; return its file if it is one of the package."""
         path = Path(frame.f_code.co_filename)
-        if not path.is_relative_to(PACKAGE):
+        if not path.is_relative_to(PACKAGE_FOLDER):
             return None
-        file = str(path.relative_to(PACKAGE))
+        file = str(path.relative_to(PACKAGE_FOLDER))
         # Comprehensions and lambdas are part of the function they stand in.
         if not frame.f_code.co_name.startswith('<') and not file.startswith(UNCOUNTED):
             outer = [name for name in self._stack if name is not None]
@@ -115,7 +114,7 @@ def traced_frames(count):
     Parameters
     ----------
     count : int
-        Frames, after `WARM_UP`.
+        Frames, after `UNTRACED_FRAMES`.
 
     Returns
     -------
@@ -140,10 +139,10 @@ def traced_frames(count):
             markers.drain()
 
         lap = messages(['right'], RATE)
-        for i in range(WARM_UP + count):
+        for i in range(UNTRACED_FRAMES + count):
             data, places = lap[i % len(lap)]
             put_stamps(data, places, RECORDING_START_NS + round(i * 1e9 / RATE))
-            if i < WARM_UP:
+            if i < UNTRACED_FRAMES:
                 process(bytes(data))
             else:
                 found.append(tracer.run(process, bytes(data)))

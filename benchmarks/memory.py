@@ -21,7 +21,7 @@ if not __package__:
 import numpy as np
 import psutil
 
-from benchmarks.common import add_json_option, environment, put_stamps, write_rows
+from benchmarks.common import RATE, add_json_option, environment, put_stamps, write_rows
 from benchmarks.round_trip import isolate, messages
 from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.core.model.marker_rows import LAYOUT_CAPACITY
@@ -46,7 +46,6 @@ from hand_tracker.nodes.fast_path.kernel import (
 from hand_tracker.simulation.packaged_recordings import RECORDING_START_NS, demo_recording
 
 HOUR = 432_000    # frames at 120 Hz
-RATE = 120.
 SAMPLES = 200
 TIMERS_EVERY = 30  # frames
 

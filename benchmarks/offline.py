@@ -32,7 +32,7 @@ from benchmarks.common import (
 )
 
 SHORT = 10.  # [s]
-OUTPUTS = 'csv', 'mcap'
+OUTPUT_SUFFIXES = 'csv', 'mcap'
 
 
 def record(path, rate, seconds):
@@ -95,7 +95,7 @@ def measure(recordings, frames, output, jobs=1):
             'frames_per_s_core': round(frames / found['cpu_seconds'])}
 
 
-def measure_one(rate, seconds, folder, outputs=OUTPUTS):
+def measure_one(rate, seconds, folder, outputs=OUTPUT_SUFFIXES):
     """Yield the rows of one recording, for each kind of output."""
     recording = Path(folder, 'markers.mcap')
     frames = record(recording, rate, seconds)

@@ -29,31 +29,28 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import numpy as np
 
-from benchmarks.common import add_json_option, environment, write_rows
+from benchmarks.common import RATE, add_json_option, environment, write_rows
 from hand_tracker.calibration.landmarks import landmark_positions
 from hand_tracker.core.inverse_kinematics.digit import digit_chains, solve_digits
 from hand_tracker.core.model.hand import JOINTS, LINKS, ROOT, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import (
     MARKERS,
-    PALM_MARKERS,
     MarkerLayout,
     marker_positions,
 )
 from hand_tracker.core.model.palm_triangle import fit_wrist
 from hand_tracker.core.numerics.jit import jit, packed
 from hand_tracker.core.numerics.vectors import components, frame, subtract, vector
-from hand_tracker.core.tracker import HandTracker
+from hand_tracker.core.tracker import PALM_COUNT, HandTracker
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.simulation.motions import motion_named
 
-RATE = 120.
-WARM_UP = 20         # frames that are not counted
+UNTIMED = 20         # frames that are not counted
 BUDGET = 20.         # [s] for each peer
-ROUNDS = 30          # greatest number of iterations of a peer
+MOST_ROUNDS = 30     # greatest number of iterations of a peer
 STILL = 1e-4         # [rad] and [m] change of an iteration that ends them
-DAMPING = 1e-9       # regularises angles that no marker observes
-PALM = len(PALM_MARKERS)
+ANGLE_DAMPING = 1e-9       # regularises angles that no marker observes
 
 
 class Scene:
@@ -154,7 +151,7 @@ class Ours:
         digits = digit_chains(scene.hand, scene.mounting)
         self._given, self._roots = given, digits.root.copy()
         self._chains, _ = packed(digits)
-        self._template = scene.mounting.position[:PALM].copy()
+        self._template = scene.mounting.position[:PALM_COUNT].copy()
         self.pose = np.zeros(len(JOINTS)), np.eye(3), np.zeros(3)
 
     def solve(self, markers):
@@ -204,13 +201,13 @@ class Placo(Programmes):
         self._robot = placo.RobotWrapper('', placo.Flags.ignore_collisions, scene.urdf)
         self._solver = placo.KinematicsSolver(self._robot)
         self._solver.mask_fbase(given)
-        self._solver.add_regularization_task(DAMPING)
+        self._solver.add_regularization_task(ANGLE_DAMPING)
         if not given:
             start = np.eye(4)
             start[:3, :3], start[:3, 3] = scene.rotation[0], scene.position[0]
             self._robot.set_T_world_fbase(start)
         self._robot.update_kinematics()
-        self._first = PALM if given else 0
+        self._first = PALM_COUNT if given else 0
         self._tasks = [self._solver.add_position_task(f'marker_{marker}', np.zeros(3))
                        for marker in MARKERS[self._first:]]
 
@@ -247,7 +244,7 @@ class Pink(Programmes):
         self._configuration = pink.Configuration(model, model.createData(), start)
         self._at = [model.joints[model.getJointId(name)].idx_q for name in scene.names]
         self._limits = [pink.limits.ConfigurationLimit(model, config_limit_gain=1.)]
-        self._first = PALM if given else 0
+        self._first = PALM_COUNT if given else 0
         self._tasks = [pink.tasks.FrameTask(f'marker_{marker}', 1., 0.)
                        for marker in MARKERS[self._first:]]
 
@@ -257,7 +254,7 @@ class Pink(Programmes):
 
     def step(self):
         change = self._pink.solve_ik(
-            self._configuration, self._tasks, 1., solver='daqp', damping=DAMPING,
+            self._configuration, self._tasks, 1., solver='daqp', damping=ANGLE_DAMPING,
             limits=self._limits, safety_break=False)
         self._configuration.integrate_inplace(change, 1.)
         return change
@@ -287,7 +284,7 @@ class Mink(Programmes):
             self._configuration.update(start)
         self._at = [model.joint(name).qposadr[0] for name in scene.names]
         self._limits = [mink.ConfigurationLimit(model, gain=1.)]
-        self._first = PALM if given else 0
+        self._first = PALM_COUNT if given else 0
         self._tasks = [mink.FrameTask(f'marker_{marker}', 'body', 1., 0.)
                        for marker in MARKERS[self._first:]]
 
@@ -315,7 +312,7 @@ class Mink(Programmes):
 
     def step(self):
         change = self._mink.solve_ik(
-            self._configuration, self._tasks, 1., solver='daqp', damping=DAMPING,
+            self._configuration, self._tasks, 1., solver='daqp', damping=ANGLE_DAMPING,
             limits=self._limits)
         self._configuration.integrate_inplace(change, 1.)
         return change
@@ -334,7 +331,7 @@ class Scipy:
         from scipy.optimize import least_squares
         from scipy.spatial.transform import Rotation
         self._least_squares, self._turn, self._scene = least_squares, Rotation.from_rotvec, scene
-        self._first, count = PALM if given else 0, len(scene.names)
+        self._first, count = PALM_COUNT if given else 0, len(scene.names)
         self._free = 0 if given else 6
         self._bounds = (np.r_[scene.lower, np.full(self._free, -np.inf)],
                         np.r_[scene.upper, np.full(self._free, np.inf)])
@@ -390,7 +387,7 @@ class DexRetargeting:
             path = Path(folder, 'hand.urdf')
             path.write_text(scene.urdf, encoding='utf-8')
             robot = RobotWrapper(str(path))
-        links = [f'marker_{marker}' for marker in MARKERS[PALM:]]
+        links = [f'marker_{marker}' for marker in MARKERS[PALM_COUNT:]]
         self._optimizer = PositionOptimizer(
             robot, scene.names, links, np.arange(len(links)),
             **{'norm_delta': 0.} if exact else {})
@@ -403,7 +400,7 @@ class DexRetargeting:
         # Its rounded solution may exceed a limit, which it refuses as an initial guess.
         start = np.clip(self._found, self._scene.lower, self._scene.upper)
         self._found = self._optimizer.retarget(
-            markers[PALM:].astype(np.float32), np.empty(0), start)
+            markers[PALM_COUNT:].astype(np.float32), np.empty(0), start)
 
     @property
     def pose(self):
@@ -421,7 +418,7 @@ class IKPy:
         with TemporaryDirectory() as folder:
             path = Path(folder, 'hand.urdf')
             path.write_text(scene.urdf, encoding='utf-8')
-            for marker in MARKERS[PALM:]:
+            for marker in MARKERS[PALM_COUNT:]:
                 way = [f'marker_{marker}']
                 while way[0] != ROOT:
                     joint = parents[way[0]]
@@ -434,7 +431,7 @@ class IKPy:
                      if name in scene.names], np.zeros(len(names))))
 
     def solve(self, markers):
-        for (chain, active, found), marker in zip(self._chains, markers[PALM:]):
+        for (chain, active, found), marker in zip(self._chains, markers[PALM_COUNT:]):
             found[:] = chain.inverse_kinematics(marker, initial_position=found)
             for i, joint in active:
                 self._angles[joint] = found[i]
@@ -444,16 +441,16 @@ class IKPy:
         return self._angles, np.eye(3), np.zeros(3)
 
 
-ONE, ALL = {'rounds': 1}, {'rounds': ROUNDS}
-BOTH = (True, False)  # whether the wrist is given
+ONE_ROUND, ALL_ROUNDS = {'rounds': 1}, {'rounds': MOST_ROUNDS}
+WRIST_GIVEN = (True, False)  # whether the wrist is given
 # Name, class, package, methods with their arguments, whether the wrist is given
 PEERS = (
-    ('hand_tracker', Ours, None, {'inverse kinematics alone': {}}, BOTH),
+    ('hand_tracker', Ours, None, {'inverse kinematics alone': {}}, WRIST_GIVEN),
     ('hand_tracker', Core, None, {'the whole core': {}}, (False,)),
-    ('placo', Placo, 'placo', {'one QP': ONE, 'converged': ALL}, BOTH),
-    ('mink', Mink, 'mink', {'one QP': ONE, 'converged': ALL}, BOTH),
-    ('pink', Pink, 'pin-pink', {'one QP': ONE, 'converged': ALL}, BOTH),
-    ('scipy', Scipy, 'scipy', {'least_squares, bounded': {}}, BOTH),
+    ('placo', Placo, 'placo', {'one QP': ONE_ROUND, 'converged': ALL_ROUNDS}, WRIST_GIVEN),
+    ('mink', Mink, 'mink', {'one QP': ONE_ROUND, 'converged': ALL_ROUNDS}, WRIST_GIVEN),
+    ('pink', Pink, 'pin-pink', {'one QP': ONE_ROUND, 'converged': ALL_ROUNDS}, WRIST_GIVEN),
+    ('scipy', Scipy, 'scipy', {'least_squares, bounded': {}}, WRIST_GIVEN),
     ('dex-retargeting', DexRetargeting, 'dex-retargeting',
      {'position optimiser': {'exact': False}, 'the same, exact': {'exact': True}}, (True,)),
     ('ikpy', IKPy, 'ikpy', {'a chain for each digit': {}}, (True,)),
@@ -472,11 +469,11 @@ def measure(name, kind, method, arguments, given, scene):
         peer.solve(row)
         times.append(time.perf_counter() - start)
         poses.append([np.array(part) for part in peer.pose])
-        if time.monotonic() > end and len(times) > WARM_UP:
+        if time.monotonic() > end and len(times) > UNTIMED:
             break
-    median, p99 = np.percentile(times[WARM_UP:], (50, 99)) * 1e3
-    counted = slice(WARM_UP, len(times))
-    found = [np.array(part[WARM_UP:]) for part in zip(*poses)]
+    median, p99 = np.percentile(times[UNTIMED:], (50, 99)) * 1e3
+    counted = slice(UNTIMED, len(times))
+    found = [np.array(part[UNTIMED:]) for part in zip(*poses)]
     # With a given wrist the peer's wrist is the true one.
     truth = scene.angles[counted], *(found[1:] if given else (
         scene.rotation[counted], scene.position[counted]))
@@ -485,9 +482,9 @@ def measure(name, kind, method, arguments, given, scene):
     turn = np.abs(found[0] - truth[0])[:, scene.movable]
     return {'peer': name, 'method': method, 'wrist': 'given' if given else 'solved',
             'median_ms': round(float(median), 4), 'p99_ms': round(float(p99), 4),
-            'mean_mm': round(1e3 * float(miss[:, PALM if given else 0:].mean()), 4),
+            'mean_mm': round(1e3 * float(miss[:, PALM_COUNT if given else 0:].mean()), 4),
             'joints_mm': round(1e3 * float(off.mean()), 4),
-            'degrees': round(float(np.degrees(turn.mean())), 4), 'frames': len(times) - WARM_UP}
+            'degrees': round(float(np.degrees(turn.mean())), 4), 'frames': len(times) - UNTIMED}
 
 
 def main():
@@ -500,7 +497,7 @@ def main():
     add_json_option(parser)
     options = parser.parse_args()
 
-    scene = Scene(options.frames + WARM_UP, 1e-3 * options.noise)
+    scene = Scene(options.frames + UNTIMED, 1e-3 * options.noise)
     chosen = [row for row in PEERS if row[0] in options.peers]
     print(environment(**_versions(row[2] for row in chosen)))
     print(f"{'peer':17}{'method':26}{'wrist':8}{'median ms':>10}{'p99 ms':>9}{'mean mm':>9}"

@@ -32,7 +32,7 @@ from hand_tracker.files.bags import bag_message, marker_array_message, write_bag
 from hand_tracker.nodes import replay_node
 from hand_tracker.nodes.runner import run
 
-START = 1_700_000_000 * 10**9
+FIRST_STAMP_NS = 1_700_000_000 * 10**9
 
 
 class TimedReplay(replay_node.ReplayNode):
@@ -66,7 +66,8 @@ def record(path, rate, seconds):
     write_bag(path, (
         bag_message('/markers', stamp, marker_array_message(
             stamp, 'mocap', MARKERS, rng.normal(size=(len(MARKERS), 3))))
-        for stamp in (START + round(i * 1e9 / rate) for i in range(round(rate * seconds)))))
+        for stamp in (FIRST_STAMP_NS + round(i * 1e9 / rate)
+                      for i in range(round(rate * seconds)))))
 
 
 def listen(process):

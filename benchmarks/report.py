@@ -17,7 +17,7 @@ if not __package__:
 from benchmarks.common import environment
 from hand_tracker.evaluation.tables import Table
 
-NAMES = 'core', 'instructions', 'round_trip', 'peers', 'offline', 'startup', 'memory'
+REPORTED_BENCHMARKS = 'core', 'instructions', 'round_trip', 'peers', 'offline', 'startup', 'memory'
 
 
 def section(name, rows):
@@ -41,7 +41,7 @@ def main():
     parser.add_argument('-o', '--output', type=Path, default=Path('docs/benchmarks.md'))
     options = parser.parse_args()
     parts = ['# Benchmarks', 'Made by `python -m benchmarks.report`, not by hand.', environment()]
-    for name in NAMES:
+    for name in REPORTED_BENCHMARKS:
         path = options.folder / f'{name}.json'
         if path.exists():
             parts += section(name, json.loads(path.read_text(encoding='utf-8')))

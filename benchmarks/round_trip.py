@@ -38,18 +38,18 @@ from benchmarks.common import (
 )
 
 HANDS = 'right', 'left'
-BOTH = 'both'          # hands in one message, for one node
-SIDES_OF = {'1': HANDS[:1], '2': HANDS, BOTH: (BOTH,)}
-START = 1_700_000_000  # [s] of the first stamp
-PATIENCE = 300.        # [s] for the first answer: kernels may have to be compiled
+BOTH_HANDS = 'both'    # hands in one message, for one node
+SIDES_OF = {'1': HANDS[:1], '2': HANDS, BOTH_HANDS: (BOTH_HANDS,)}
+FIRST_STAMP = 1_700_000_000  # [s] of the first stamp
+FIRST_ANSWER_TIME = 300.  # [s] for the first answer: kernels may have to be compiled
 WARM = .5              # [s] before the measurement
 LAP = 2.               # [s] of motion, sent forwards and backwards
 REST = .2              # [s] for the last answers
 BOUTS = 5              # turns of each node at a rate
 ECHO = Path(__file__).with_name('echo.c')
-LIBRARIES = ('rcl', 'rmw', 'rcutils', 'rosidl_runtime_c', 'sensor_msgs__rosidl_typesupport_c',
-             'visualization_msgs__rosidl_typesupport_c')
-NODES = 'hand_tracker', 'rclpy_echo', 'c_echo'
+C_LIBRARIES = ('rcl', 'rmw', 'rcutils', 'rosidl_runtime_c', 'sensor_msgs__rosidl_typesupport_c',
+               'visualization_msgs__rosidl_typesupport_c')
+MEASURED_NODES = 'hand_tracker', 'rclpy_echo', 'c_echo'
 HEADING = (f"{'node':14}{'Hz':>6}{'hands':>7}{'median µs':>11}{'p99 µs':>9}{'CPU %':>7}"
            f"{'dropped %':>11}")
 LINE = ('{node:14}{rate_hz:6g}{hands:7}{median_us:11.0f}{p99_us:9.0f}{cpu_percent:7.1f}'
@@ -117,7 +117,7 @@ def compiled_echo(folder):
          *([Path(folder, python), f'-Wl,-rpath,{folder}'] if python.endswith('.so') else []),
          *(f'-I{path}' for path in (prefix / 'include').iterdir()),
          f'-L{prefix}/lib', f'-Wl,-rpath,{prefix}/lib', '-Wl,--allow-shlib-undefined',
-         *(f'-l{library}' for library in LIBRARIES)], stderr=subprocess.PIPE, text=True)
+         *(f'-l{library}' for library in C_LIBRARIES)], stderr=subprocess.PIPE, text=True)
     if done.returncode:
         print(done.stderr, file=sys.stderr)
         return {}
@@ -166,11 +166,11 @@ class Driver:
                     data[4:12], time.perf_counter_ns()), 100, raw=True))
         self._executor = Executor(context=context)
         self._executor.add_node(self.node)
-        self._sent, self._time = 0, START * 10**9
+        self._sent, self._time = 0, FIRST_STAMP * 10**9
 
     def wait_for(self, name, process, frames):
         """Send to a node until it answers; return the time of the answer [ns], or None."""
-        until = time.monotonic() + PATIENCE
+        until = time.monotonic() + FIRST_ANSWER_TIME
         while not self._answers[name]:
             if process.poll() is not None or time.monotonic() > until:
                 return None
@@ -246,19 +246,19 @@ def messages(sides, rate):
 
 
 def start(stack, folder, sides):
-    """Start all nodes for these of the sides, or `BOTH`; return their processes by namespace."""
+    """Start all nodes for sides, or `BOTH_HANDS`; return their processes by namespace."""
     commands = {'hand_tracker': [sys.executable, '-m', 'hand_tracker.nodes.tracker_node'],
                 'rclpy_echo': [sys.executable, '-m', 'benchmarks.round_trip', '--echo']}
     echoes = compiled_echo(folder)
     if not echoes:
         print('c_echo: not there, it needs a C compiler and the headers of rcl')
     processes = {}
-    for node in NODES if echoes else commands:
+    for node in MEASURED_NODES if echoes else commands:
         for side in sides:
             more = (['-p', f'side:={side}', '-p', 'auto_size:=false'] if node == 'hand_tracker'
                     else [])
             name = f'{node}_{side}'
-            command = commands.get(node) or echoes[2 if side == BOTH else 1]
+            command = commands.get(node) or echoes[2 if side == BOTH_HANDS else 1]
             process = stack.enter_context(subprocess.Popen(
                 [*map(str, command), '--ros-args', '-r', f'__ns:=/{name}', *more],
                 stderr=subprocess.DEVNULL, env=environ()))
@@ -277,7 +277,7 @@ def cpu_time(process):
 def measure(driver, processes, nodes, frames, rate, sides, seconds):
     """Return a row for each node, and its round-trip times [µs], NaN for dropped frames.
 
-    Each of the sides has a process and messages of its own; `BOTH` has one of both hands.
+    Each of the sides has a process and messages of its own; `BOTH_HANDS` has one of both hands.
     Nodes are measured in short turns, since the speed of the machine varies.
     """
     found = {node: Bouts() for node in nodes}
@@ -300,7 +300,8 @@ def measure(driver, processes, nodes, frames, rate, sides, seconds):
         median, p99 = np.percentile(answered, (50, 99)) if answered.size else (np.nan,) * 2
         rows.append({
             'node': node, 'rate_hz': rate,
-            'hands': 'both' if BOTH in sides else len(sides), 'median_us': round(float(median), 1),
+            'hands': 'both' if BOTH_HANDS in sides else len(sides),
+            'median_us': round(float(median), 1),
             'p99_us': round(float(p99), 1),
             'cpu_percent': round(100. * bouts.used / bouts.seconds, 1),
             'dropped_percent': round(100. * (1. - answered.size / bouts.sent), 3)})
@@ -342,8 +343,8 @@ def main():
         measured_sides = [SIDES_OF[hands] for hands in options.hands]
         processes = start(stack, folder, dict.fromkeys(
             side for sides in measured_sides for side in sides))
-        frames = {rate: {side: messages(HANDS if side == BOTH else (side,), rate)
-                         for side in (*HANDS, BOTH)} for rate in options.rates}
+        frames = {rate: {side: messages(HANDS if side == BOTH_HANDS else (side,), rate)
+                         for side in (*HANDS, BOTH_HANDS)} for rate in options.rates}
         driver = Driver(processes)
         for name, process in processes.items():
             side = name.rpartition('_')[2]

@@ -36,28 +36,27 @@ from benchmarks.common import (
     stamp_places,
     write_rows,
 )
-from benchmarks.round_trip import HANDS, PATIENCE, START, isolate
+from benchmarks.round_trip import FIRST_ANSWER_TIME, FIRST_STAMP, HANDS, isolate
 
-LAP = 20.              # [s] of motion, sent forwards and backwards
-ABSENT = .05           # share of a lap in which the left hand is not in the messages
-SEED = 16
+SOAK_LAP = 20.         # [s] of motion, sent forwards and backwards
+LEFT_ABSENT_SHARE = .05  # share of a lap in which the left hand is not in the messages
+SOAK_SEED = 16
 FAULTS = {'swaps': .5, 'ghosts': .5, 'dropouts': 1., 'frozen': .2}  # [1/s] of each hand
 SECOND, MINUTE = 1., 60.  # [s]
 PARAMETERS_EVERY = 5.  # [s]
 JUMP_EVERY = 20.       # [s]
 LISTENER_TURN = 2.     # [s] in which it listens, and in which it does not
 LISTENER_LIFE = 45.    # [s] until it is killed and another one comes
-ANSWER_TIME = 5.       # [s] after which a frame without an answer is lost
+OVERDUE_TIME = 5.      # [s] after which a frame without an answer is lost
 STOP_TIME = 30.        # [s] to end
 QUEUE = 1000           # messages: two seconds
-JUMPS = -10., 3600., -3600., 'stray'  # [s], or one frame's stamp alone
-PARAMETERS = (         # of any kind; the last two are refused
+STAMP_JUMPS = -10., 3600., -3600., 'stray'  # [s], or one frame's stamp alone
+PARAMETER_CHANGES = (  # of any kind; the last two are refused
     {'smoothing': False}, {'smoothing': True, 'swap_margin': 3.}, {'swap_margin': 2.},
     {'right.limits.index_pip_flexion.upper_deg': 60.},
     {'right.limits.index_pip_flexion.upper_deg': 110., 'prediction': 'vtm_ukf'},
     {'prediction': 'fading', 'display_rate': 5.}, {'display_rate': 60.},
     {'finger_ik': 'magic'}, {'unit_scale': 0.})
-REFUSED = 2            # of them
 
 EDGE = 10              # first and last minutes that are compared, at most a third of all
 JUDGED_FROM = 30       # minutes
@@ -114,13 +113,13 @@ def simulated_messages(rate, folder):
     path = Path(folder, 'hand.yaml')
     save_hand(path, hand, skin_layout(hand))
     right, left = (Simulation(
-        'demo', Hand.scaled(side=side), rate=rate, seed=SEED + number, duration=LAP,
-        faults=Faults(**FAULTS)).recording().markers[:round(LAP * rate)]
+        'demo', Hand.scaled(side=side), rate=rate, seed=SOAK_SEED + number, duration=SOAK_LAP,
+        faults=Faults(**FAULTS)).recording().markers[:round(SOAK_LAP * rate)]
         for number, side in enumerate(HANDS))
     left = left + LEFT_HAND_OFFSET
     # In the second half lost markers are absent, in the first NaN.
     half = len(right) // 2
-    left[half:half + round(ABSENT * len(left))] = np.nan
+    left[half:half + round(LEFT_ABSENT_SHARE * len(left))] = np.nan
     mark = Time(sec=MARK, nanosec=MARK)
     markers = [Marker(ns=side, id=number, type=Marker.SPHERE)
                for side in HANDS for number in range(len(MARKERS))]
@@ -217,7 +216,7 @@ class Driver:
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 100)
         self._client = self.node.create_client(
             SetParametersAtomically, '/soak/hand_tracker/set_parameters_atomically')
-        self._clock = START * 10**9
+        self._clock = FIRST_STAMP * 10**9
         self._waiting = {}       # when each frame without an answer was sent [ns], by its stamp
         self.trips = []          # [ns]
         self.sent = self.lost = self.parameters_set = self.parameters_refused = 0
@@ -266,7 +265,7 @@ class Driver:
             is_set = call.result().result.successful
             self.parameters_set += is_set
             self.parameters_refused += not is_set
-        overdue = time.perf_counter_ns() - round(1e9 * ANSWER_TIME)
+        overdue = time.perf_counter_ns() - round(1e9 * OVERDUE_TIME)
         # In the order in which they were sent.
         while self._waiting:
             stamp = next(iter(self._waiting))
@@ -342,7 +341,7 @@ def soak(driver, executor, watched, frames, rate, minutes):
     more : dict of str to int
         How many frames the driver itself sent late, and how often time jumped.
     """
-    parameters, jumps = cycle(PARAMETERS), cycle(JUMPS)
+    parameters, jumps = cycle(PARAMETER_CHANGES), cycle(STAMP_JUMPS)
     order = [*range(len(frames)), *range(len(frames) - 2, 0, -1)]
     rows, jumped, number = [], 0, 0
     listener = new_listener()
@@ -383,7 +382,7 @@ def soak(driver, executor, watched, frames, rate, minutes):
                 show_row(rows[-1])
                 if not rows[-1]['answered'] or any(one.has_crashed for one in watched.values()):
                     break
-        spin_until(executor, time.perf_counter_ns() + round(1e9 * (ANSWER_TIME + 1.)))
+        spin_until(executor, time.perf_counter_ns() + round(1e9 * (OVERDUE_TIME + 1.)))
         driver.end_second()
         rows.append(minute(driver, watched, len(rows) + 1, rate, before))
         show_row(rows[-1])
@@ -505,7 +504,7 @@ def main():
 
 def wait_for_answers(driver, executor, tracker, frames, rate):
     """Send until the tracker answers, and both hands are there."""
-    until = time.monotonic() + PATIENCE
+    until = time.monotonic() + FIRST_ANSWER_TIME
     number = 0
     while not driver.trips or len(driver.diagnostics) < len(HANDS):
         if tracker.process.poll() is not None or time.monotonic() > until:
@@ -513,7 +512,7 @@ def wait_for_answers(driver, executor, tracker, frames, rate):
         driver.send(*frames[number % len(frames)][:2], rate)
         number += 1
         executor.spin_once(.02)
-    spin_until(executor, time.perf_counter_ns() + round(1e9 * ANSWER_TIME))
+    spin_until(executor, time.perf_counter_ns() + round(1e9 * OVERDUE_TIME))
     driver.forget()
 
 

@@ -19,11 +19,10 @@ if not __package__:
 
 import numpy as np
 
-from benchmarks.common import add_json_option, end, environ, environment, write_rows
+from benchmarks.common import RATE, add_json_option, end, environ, environment, write_rows
 from benchmarks.round_trip import Driver, cpu_time, isolate, messages
 from hand_tracker.nodes.fast_path import FastPath
 
-RATE = 120.
 COMPILING_LIMIT = 1800.  # [s]
 
 

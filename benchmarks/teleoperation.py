@@ -31,7 +31,7 @@ from benchmarks.common import (
 )
 from benchmarks.round_trip import (
     BOUTS,
-    PATIENCE,
+    FIRST_ANSWER_TIME,
     WARM,
     Driver,
     compiled_echo,
@@ -40,7 +40,8 @@ from benchmarks.round_trip import (
     messages,
 )
 
-ONE_PROCESS, TWO_PROCESSES, TRACKER, C_ECHO = 'one_process', 'two_processes', 'tracker', 'c_echo'
+ONE_PROCESS, TWO_PROCESSES = 'one_process', 'two_processes'
+TRACKER_ALONE, C_ECHO = 'tracker', 'c_echo'
 DRIVING = ONE_PROCESS, TWO_PROCESSES
 ENGAGE_RATE = 100.  # [Hz] of markers meanwhile
 
@@ -66,7 +67,7 @@ def start(stack, folder, robot, urdf):
         ONE_PROCESS: [begin(node('teleoperate'), ONE_PROCESS, *tracking, *driving)],
         TWO_PROCESSES: [begin(node('tracker'), TWO_PROCESSES, *tracking),
                         begin(node('retarget'), TWO_PROCESSES, *driving)],
-        TRACKER: [begin(node('tracker'), TRACKER, *tracking)]}
+        TRACKER_ALONE: [begin(node('tracker'), TRACKER_ALONE, *tracking)]}
     if echo := compiled_echo(folder):
         processes[C_ECHO] = [begin(echo[1], C_ECHO)]
     else:
@@ -78,7 +79,7 @@ def engage(driver, name, frames):
     """Send markers and ask until the robot of a row is engaged."""
     from std_srvs.srv import SetBool
     client = driver.node.create_client(SetBool, f'/{name}/retarget/engage')
-    asked, until = None, time.monotonic() + PATIENCE
+    asked, until = None, time.monotonic() + FIRST_ANSWER_TIME
     while asked is None or not (asked.done() and asked.result().success):
         if time.monotonic() > until:
             raise SystemExit('the robot is not engaged')

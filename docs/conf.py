@@ -4,8 +4,7 @@ import os
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 os.environ['HAND_TRACKER_JIT'] = '0'
 
 from hand_tracker import __version__  # noqa: E402

@@ -19,6 +19,7 @@ from matplotlib.patches import Ellipse, FancyBboxPatch
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from benchmarks.repository import PICTURE_FOLDER
 from hand_tracker.core.model.hand import JOINTS, Hand, preset_limits
 from hand_tracker.core.model.kinematics import Pose, forward, joint_table, tip_offsets
 from hand_tracker.core.model.layout_presets import LAYOUT_PRESETS, preset_layout
@@ -82,28 +83,27 @@ from hand_tracker.splicing.clock_alignment import ClockAlignment
 from hand_tracker.splicing.hand_mount import rest_mount
 from hand_tracker.splicing.spliced_body import SplicedHand, splice
 
-FOLDER = Path(__file__).resolve().parent / 'pictures'
 # Of the robot that is driven while the tracker fails [s].
 DRIVEN_JOINT, DRIVEN_START, DRIVEN_SECONDS = 'index_pip_flexion', 0., 14.
 ENGAGED_AT, JUMPS, KILLED = (1., 11.5), ((5., 5.03), (6.5, 6.53)), ((3.5, 4.1), (8., 10.5))
-STATE_COLOURS = {GuardState.DISENGAGED: LIGHT_GREY, GuardState.EASING: SKY_BLUE,
+GUARD_COLOURS = {GuardState.DISENGAGED: LIGHT_GREY, GuardState.EASING: SKY_BLUE,
                  GuardState.FOLLOWING: PAPER_WHITE, GuardState.HOLDING: ORANGE}
 LAYOUT_SIZE = 170, 245    # [px]
 GIF_RATE, GIF_COLOURS, GIF_TOLERANCE = 20., 40, 13  # [Hz], entries, of 255
 THREE_VERSION = '0.170.0'    # as docs/glb.html has it
-SEED = 1                 # that of the evaluations
-CONDITIONS = {'occluded': 'markers hidden', 'wrong': 'labels exchanged, reflections'}
+PICTURE_SEED = 1         # that of the evaluations
+SHOWN_CONDITIONS = {'occluded': 'markers hidden', 'wrong': 'labels exchanged, reflections'}
 WRONG_MARKER_ERROR = .01  # [m] above which a measured marker counts as wrong
 FULL_COLOUR_ERROR = .025  # [m] of skin shown wholly vermillion
 MAX_ERROR_MM = 60.        # mean error of a frame, above which the hand is out of the picture
 TRIP_RATE, TRIP_SECONDS = 480, 10.  # [Hz], [s] of the round trips
 SHOWN_MS, TICKS_MS = (.06, 12.), (.1, .2, .5, 1, 2, 5, 10)
-NODES = {'hand_tracker': ('hand_tracker', 'tracks the whole hand', SKY_BLUE),
-         'rclpy_echo': ('echo in rclpy', 'tracks nothing', ORANGE),
-         'c_echo': ('echo in C', 'tracks nothing', REDDISH_PURPLE)}
+TRIP_NODES = {'hand_tracker': ('hand_tracker', 'tracks the whole hand', SKY_BLUE),
+              'rclpy_echo': ('echo in rclpy', 'tracks nothing', ORANGE),
+              'c_echo': ('echo in C', 'tracks nothing', REDDISH_PURPLE)}
 CARD, CARD_INK, CARD_MUTED = '#151C26', '#F2F4F7', '#9AA7B5'
-MARKER_RGB, PALM_BONE_RGB = (.95, .95, .95), (.72, .75, .79)
-MARKER_BALL_RADIUS = .0040  # [m]
+DRAWN_MARKER_RGB, PALM_BONE_RGB = (.95, .95, .95), (.72, .75, .79)
+DRAWN_BALL_RADIUS = .0040   # [m]
 
 
 @cache
@@ -140,8 +140,8 @@ def resting_layout(hand):
         turned = np.eye(3) if link < 0 else rest.rotation[link]
         above = (vertices - (0. if link < 0 else rest.position[link])) @ turned - centre
         axis = 0 if marker == 'thumb' else 2
-        near = np.linalg.norm(np.delete(above, axis, axis=1), axis=1) < .7 * MARKER_BALL_RADIUS
-        offset[axis] = above[near, axis].max() + .8 * MARKER_BALL_RADIUS
+        near = np.linalg.norm(np.delete(above, axis, axis=1), axis=1) < .7 * DRAWN_BALL_RADIUS
+        offset[axis] = above[near, axis].max() + .8 * DRAWN_BALL_RADIUS
     return MarkerLayout(offsets=offsets)
 
 
@@ -162,8 +162,8 @@ def balls(markers, states=None):
     """Return a ball for each marker; those not seen are orange."""
     states = np.zeros(len(markers)) if states is None else states
     # Larger where not seen: a predicted marker may lie within the skin.
-    return [ball_mesh(centre, MARKER_BALL_RADIUS, MARKER_RGB) if state == MarkerState.SEEN
-            else ball_mesh(centre, 1.4 * MARKER_BALL_RADIUS, rgb(ORANGE))
+    return [ball_mesh(centre, DRAWN_BALL_RADIUS, DRAWN_MARKER_RGB) if state == MarkerState.SEEN
+            else ball_mesh(centre, 1.4 * DRAWN_BALL_RADIUS, rgb(ORANGE))
             for centre, state in zip(markers, states)]
 
 
@@ -195,11 +195,11 @@ def card(width, height):
 
 def save(figure, name):
     """Write a figure as PNG with a reduced palette, which makes it small."""
-    FOLDER.mkdir(exist_ok=True)
+    PICTURE_FOLDER.mkdir(exist_ok=True)
     image = figure_image(figure)
-    image.save(FOLDER / name, optimize=True)
-    print(f'{FOLDER / name}: {image.width} x {image.height}, '
-          f'{(FOLDER / name).stat().st_size / 1e3:.0f} kB', flush=True)
+    image.save(PICTURE_FOLDER / name, optimize=True)
+    print(f'{PICTURE_FOLDER / name}: {image.width} x {image.height}, '
+          f'{(PICTURE_FOLDER / name).stat().st_size / 1e3:.0f} kB', flush=True)
 
 
 def hero(seconds=16.8):
@@ -236,7 +236,7 @@ def motion():
     back = card(width, height)
     for x, what in ((165, 'markers measured'), (475, 'hand tracked from them')):
         write_text(back, x, 314, what, 17, CARD_INK)
-    for x, colour, text in ((24, MARKER_RGB, 'seen'), (92, ORANGE, 'hidden, predicted')):
+    for x, colour, text in ((24, DRAWN_MARKER_RGB, 'seen'), (92, ORANGE, 'hidden, predicted')):
         back.add_artist(Ellipse((x / width, 1. - 22 / height), 13 / width, 13 / height,
                                 color=colour))
         write_text(back, x + 14, 22, text, 15, CARD_MUTED, ha='left')
@@ -256,8 +256,8 @@ def motion():
             image.alpha_composite(Image.fromarray(
                 render(meshes, camera, size, 2, shadows)), (left, 18))
         images.append(image.convert('RGB'))
-    FOLDER.mkdir(exist_ok=True)
-    path = FOLDER / 'motion.gif'
+    PICTURE_FOLDER.mkdir(exist_ok=True)
+    path = PICTURE_FOLDER / 'motion.gif'
     save_gif(path, images, GIF_RATE, GIF_COLOURS, (ORANGE,), GIF_TOLERANCE)
     print(f'{path}: {len(images)} frames, {path.stat().st_size / 1e6:.2f} MB', flush=True)
 
@@ -269,7 +269,7 @@ def constraints():
     for column, title in enumerate(('the truth', 'tracked with constraints', 'without')):
         write_text(figure, left + step * column + .5 * size[0], 62, title, 36, CARD_INK,
                    weight='bold')
-    for number, (condition, what) in enumerate(CONDITIONS.items()):
+    for number, (condition, what) in enumerate(SHOWN_CONDITIONS.items()):
         one, markers, frame, poses, errors = _helped_most(condition)
         top = head + row * number
         figure.add_artist(Line2D((left / figure.bbox.width, 1. - left / figure.bbox.width),
@@ -304,13 +304,13 @@ def constraints():
 
 def _judged(measured, true):
     """Return a ball for each measured marker; given the truth, mark wrong and add hidden ones."""
-    found = [(at, MARKER_RGB) for at in measured]
+    found = [(at, DRAWN_MARKER_RGB) for at in measured]
     if true is not None:
         off = np.linalg.norm(measured - true, axis=1)
-        found = [(at, rgb(SKY_BLUE) if miss > WRONG_MARKER_ERROR else MARKER_RGB)
+        found = [(at, rgb(SKY_BLUE) if miss > WRONG_MARKER_ERROR else DRAWN_MARKER_RGB)
                  for at, miss in zip(measured, off)]
         found += [(at, rgb(ORANGE)) for at, miss in zip(true, off) if np.isnan(miss)]
-    return [ball_mesh(at, MARKER_BALL_RADIUS, colour)
+    return [ball_mesh(at, DRAWN_BALL_RADIUS, colour)
             for at, colour in found if np.isfinite(at).all()]
 
 
@@ -318,7 +318,7 @@ def _constraints_legend(figure):
     """Draw the legend along the lower edge."""
     width, height = figure.bbox.size
     y = height - 40
-    for x, colour, text in ((72, MARKER_RGB, 'marker measured'), (312, ORANGE, 'hidden'),
+    for x, colour, text in ((72, DRAWN_MARKER_RGB, 'marker measured'), (312, ORANGE, 'hidden'),
                             (442, SKY_BLUE, 'measured with a wrong label, or a reflection')):
         figure.add_artist(Ellipse((x / width, 1. - y / height), 18 / width, 18 / height,
                                   color=colour))
@@ -341,8 +341,9 @@ def _helped_most(condition):
     """
     found, means, layout = [], [], resting_layout(Hand.scaled())
     for number, name in enumerate(ablation.ABLATION_MOTIONS):
-        one = trial(name, SEED + number, ablation.ABLATION_RATE, ablation.ABLATION_DURATION, layout)
-        markers = ablation.markers_of(one, condition, SEED + number)
+        one = trial(name, PICTURE_SEED + number, ablation.ABLATION_RATE,
+                    ablation.ABLATION_DURATION, layout)
+        markers = ablation.markers_of(one, condition, PICTURE_SEED + number)
         tracked, off = [], []
         for change in (ablation.ABLATION_VARIANTS[ablation.ALL_CONSTRAINTS],
                        ablation.without_any()):
@@ -365,8 +366,8 @@ def angles():
     hand, recording = Hand.scaled(), demo_recording()
     tracked = tracked_angles(tracked_from(recording, hand, MarkerLayout()))
     figure = digit_page(tracked, hand, 'index', 'demo.mcap, right hand', truth=recording.angles)
-    FOLDER.mkdir(exist_ok=True)
-    figure.savefig(FOLDER / 'angles.png')
+    PICTURE_FOLDER.mkdir(exist_ok=True)
+    figure.savefig(PICTURE_FOLDER / 'angles.png')
 
 
 def latency(samples=None):
@@ -378,7 +379,7 @@ def latency(samples=None):
                 sys.executable, '-m', 'benchmarks.round_trip', '--rates', f'{TRIP_RATE}',
                 '--seconds', f'{TRIP_SECONDS}', '--samples', samples], check=True)
         with np.load(samples) as found:
-            trips = {node: 1e-3 * found[key] for node in NODES
+            trips = {node: 1e-3 * found[key] for node in TRIP_NODES
                      if (key := f'{node}_{TRIP_RATE}_1') in found}
     row, left, top, right = 128, 420, 190, 1540
     figure = card(1600, top + row * len(trips) + 120)
@@ -397,7 +398,7 @@ def latency(samples=None):
                                 (right - left) / width, .88 * row / height))
         _log_axis(axes, number + 1 == len(trips))
         axes.set_ylim(0., 1.05 * highest)
-        what, note, colour = NODES[node]
+        what, note, colour = TRIP_NODES[node]
         axes.stairs(share, edges, fill=True, color=colour, alpha=.35)
         axes.stairs(share, edges, color=colour, linewidth=2.5)
         lost = np.isnan(trips[node]).mean()
@@ -451,7 +452,7 @@ def teleoperation():
         states.append(driver.guard.state)
     figure = blank_figure(1100, 420, layout='constrained')
     axes = figure.subplots()
-    for state, colour in STATE_COLOURS.items():
+    for state, colour in GUARD_COLOURS.items():
         axes.fill_between(times, 0, 1, where=[one is state for one in states], color=colour,
                           alpha=.35, linewidth=0, transform=axes.get_xaxis_transform(),
                           label=state.value)
@@ -461,8 +462,8 @@ def teleoperation():
     axes.set_ylabel(f'{DRIVEN_JOINT} [degrees]')
     axes.set_xlim(0., DRIVEN_SECONDS)
     figure.legend(loc='outside upper center', ncols=6, frameon=False)
-    FOLDER.mkdir(exist_ok=True)
-    figure.savefig(FOLDER / 'teleoperation.png', metadata={'Software': None})
+    PICTURE_FOLDER.mkdir(exist_ok=True)
+    figure.savefig(PICTURE_FOLDER / 'teleoperation.png', metadata={'Software': None})
 
 
 def _log_axis(axes, is_lowest):
@@ -524,7 +525,7 @@ def glb(time=2.):
             path = route.request.url.partition('?')[0]
             library = path.partition(f'three@{THREE_VERSION}/')[2]
             route.fulfill(path=Path(folder, 'package', library) if library else
-                          hand if path.endswith('.glb') else FOLDER.parent / 'glb.html')
+                          hand if path.endswith('.glb') else PICTURE_FOLDER.parent / 'glb.html')
 
         with sync_playwright() as playwright:
             browser = playwright.chromium.launch(
@@ -535,7 +536,7 @@ def glb(time=2.):
             page.route('**/*', answer)
             page.goto(f'http://page/glb.html?file=hand.glb&time={time}&frames=4')
             page.wait_for_function("document.title == 'drawn'", timeout=120_000)
-            page.screenshot(path=FOLDER / 'glb.png')
+            page.screenshot(path=PICTURE_FOLDER / 'glb.png')
             browser.close()
 
 
@@ -619,22 +620,22 @@ def spliced(seconds=(9., 13.4, 16.8)):
     save(figure, 'spliced.png')
 
 
-PICTURES = {'hero': hero, 'motion': motion, 'constraints': constraints, 'angles': angles,
-            'latency': latency, 'layouts': layouts, 'teleoperation': teleoperation, 'glb': glb,
-            'spliced': spliced}
+PICTURE_MAKERS = {'hero': hero, 'motion': motion, 'constraints': constraints, 'angles': angles,
+                  'latency': latency, 'layouts': layouts, 'teleoperation': teleoperation,
+                  'glb': glb, 'spliced': spliced}
 
 
 def main():
     """Make all pictures, or the named ones."""
     parser = argparse.ArgumentParser(prog='python -m docs.pictures',
                                      description=__doc__.split('\n', maxsplit=1)[0])
-    parser.add_argument('names', nargs='*', choices=(*PICTURES, []), metavar='NAME',
-                        help=', '.join(PICTURES))
+    parser.add_argument('names', nargs='*', choices=(*PICTURE_MAKERS, []), metavar='NAME',
+                        help=', '.join(PICTURE_MAKERS))
     parser.add_argument('--samples', metavar='FILE.npz', help='of benchmarks.round_trip, for '
                         'latency; measured when left out')
     chosen = parser.parse_args()
-    for name in chosen.names or PICTURES:
-        PICTURES[name](*([chosen.samples] if name == 'latency' else ()))
+    for name in chosen.names or PICTURE_MAKERS:
+        PICTURE_MAKERS[name](*([chosen.samples] if name == 'latency' else ()))
 
 
 if __name__ == '__main__':

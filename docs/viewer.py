@@ -14,16 +14,16 @@ from tempfile import TemporaryDirectory
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
+from benchmarks.repository import PICTURE_FOLDER
 from hand_tracker.package_data import packaged_recording
 
-FOLDER = Path(__file__).resolve().parent / 'pictures'
 BROWSER = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))),
                None)
 SOFTWARE = ('--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader')
 SIZE = {'width': 1280, 'height': 720}
 SIZE_WITH_BARS = {'width': 1280, 'height': 860}
-HIDDEN = '16.2'                 # [s] of the recording: a marker is hidden
-PATIENCE, SETTLED, DRAWN = 120e3, 2e3, 8e3    # [ms]
+HIDDEN_AT = '16.2'              # [s] of the recording: a marker is hidden
+PATIENCE_MS, SETTLED_MS, DRAWN_MS = 120e3, 2e3, 8e3  # [ms]
 SHOWN_MOVEMENTS = 6             # of twelve, at which a calibration is photographed
 COLOURS = 256                   # of a picture
 PACE = 60.                      # [Hz] of the simulated markers: the browser draws by software
@@ -34,23 +34,23 @@ def photograph(address):
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=BROWSER, args=SOFTWARE)
         page = browser.new_page(viewport=SIZE)
-        page.set_default_timeout(PATIENCE)
+        page.set_default_timeout(PATIENCE_MS)
         page.goto(address)
         # That the browser draws by software: it hides fingers.
         page.locator('.mantine-Notification-closeButton').click()
         page.get_by_text('Pause', exact=True).click()
         page.get_by_text('Play', exact=True).wait_for()
         # The last place that was played may still be on its way.
-        page.wait_for_timeout(SETTLED)
+        page.wait_for_timeout(SETTLED_MS)
         time = page.get_by_role('textbox').first
-        time.fill(HIDDEN)
+        time.fill(HIDDEN_AT)
         time.press('Enter')
-        page.wait_for_timeout(DRAWN)
-        page.screenshot(path=FOLDER / 'viewer.png')
+        page.wait_for_timeout(DRAWN_MS)
+        page.screenshot(path=PICTURE_FOLDER / 'viewer.png')
         page.get_by_label('Side by side', exact=True).click()
         page.mouse.move(SIZE['width'] // 2, SIZE['height'] // 2)
-        page.wait_for_timeout(DRAWN)
-        page.screenshot(path=FOLDER / 'viewer_comparison.png')
+        page.wait_for_timeout(DRAWN_MS)
+        page.screenshot(path=PICTURE_FOLDER / 'viewer_comparison.png')
         browser.close()
 
 
@@ -76,15 +76,15 @@ def calibration():
         browser = running.enter_context(sync_playwright()).chromium.launch(
             executable_path=BROWSER, args=SOFTWARE)
         page = browser.new_page(viewport=SIZE_WITH_BARS)
-        page.set_default_timeout(PATIENCE)
+        page.set_default_timeout(PATIENCE_MS)
         page.goto(address)
         page.locator('.mantine-Notification-closeButton').click()
         page.get_by_text('seen').wait_for()
-        page.wait_for_timeout(DRAWN)
+        page.wait_for_timeout(DRAWN_MS)
         file = Path(folder, 'my_hand.yaml')
         calibrating = running.enter_context(started('calibrate_node', output=file))
         page.locator('.cb .all').nth(SHOWN_MOVEMENTS - 1).wait_for()
-        picture = FOLDER / 'viewer_calibration.png'
+        picture = PICTURE_FOLDER / 'viewer_calibration.png'
         page.screenshot(path=picture)
         Image.open(picture).convert('RGB').quantize(COLOURS).save(picture, optimize=True)
         calibrating.wait()

@@ -8,12 +8,12 @@ from hand_tracker import Hand, HandTracker
 from hand_tracker.files.bags import open_bag
 from hand_tracker.tracking.recording import marker_topic, track
 
-RECORDINGS = Path(__file__).resolve().parents[1] / 'recordings'
+RECORDING_FOLDER = Path(__file__).resolve().parents[1] / 'recordings'
 
 
 def tracked(side, file):
     """Return the tracked frames of one hand's recording, by their stamps."""
-    with open_bag(RECORDINGS / file) as bag:
+    with open_bag(RECORDING_FOLDER / file) as bag:
         tracker = HandTracker(Hand.scaled(side=side))
         frames = track(bag.messages([marker_topic(bag)]), tracker)
         return {frame.stamp: frame.state for frame, _ in zip(frames, range(600))}

@@ -10,17 +10,18 @@ from hand_tracker.retargeting.retargeter import Retargeter
 from hand_tracker.retargeting.robot_file import load_robot
 from hand_tracker.tracking.recording import marker_topic, track
 
-STIFFNESS, DAMPING, ARMATURE = 3., .02, 1e-4   # [N m/rad], [N m s/rad], [kg m²] of each joint
+# Of each joint [N m/rad], [N m s/rad], [kg m²].
+JOINT_STIFFNESS, JOINT_DAMPING, JOINT_ARMATURE = 3., .02, 1e-4
 
 robot, tracker = load_robot('plain'), HandTracker()
 spec = mujoco.MjSpec.from_file(robot.urdf)
 spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
 spec.option.gravity = 0., 0., 0.
 for joint in spec.joints:
-    joint.armature = ARMATURE
+    joint.armature = JOINT_ARMATURE
 for name in robot.order:
     actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    actuator.set_to_position(STIFFNESS, DAMPING)
+    actuator.set_to_position(JOINT_STIFFNESS, JOINT_DAMPING)
 model = spec.compile()
 data, retargeter = mujoco.MjData(model), Retargeter(robot.hand, tracker.hand)
 joints = [model.joint(name).qposadr[0] for name in robot.order]

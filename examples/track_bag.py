@@ -7,8 +7,8 @@ from hand_tracker import HandTracker
 from hand_tracker.files.bags import open_bag
 from hand_tracker.tracking.recording import marker_topic, save, track
 
-SHIPPED = Path(__file__).resolve().parents[1] / 'recordings' / 'demo.mcap'
-path = sys.argv[1] if sys.argv[1:] else SHIPPED
+DEMO_BAG = Path(__file__).resolve().parents[1] / 'recordings' / 'demo.mcap'
+path = sys.argv[1] if sys.argv[1:] else DEMO_BAG
 
 with open_bag(path) as bag:
     topic = marker_topic(bag)

@@ -15,14 +15,14 @@ from hand_tracker.files.ros2_control import with_mock_hardware
 from hand_tracker.retargeting.robot_file import load_robot
 from launch import LaunchDescription
 
-ROBOT = 'plain'
+DRIVEN_ROBOT = 'plain'
 # Nodes of the robot: `robot_description` and `joint_states` without it are the person's hand.
 ROBOT_NAMESPACE = 'robot'
 # By controller: the output of the retarget node, and its topic in that namespace.
 CONTROLLERS = {
     'hand_positions': ('position_array', 'commands'),
     'hand_trajectory': ('joint_trajectory', 'joint_trajectory')}
-ARGUMENTS = (
+CONTROL_ARGUMENTS = (
     DeclareLaunchArgument(
         'controller', default_value='hand_positions', choices=list(CONTROLLERS),
         description='Of config/plain_hand_controllers.yaml: hand_positions, a '
@@ -39,7 +39,7 @@ def start(context):
     controller, side = given['controller'], given['side']
     output, topic = CONTROLLERS[controller]
     share = Path(get_package_share_directory('hand_tracker'))
-    robot = load_robot(ROBOT, preferred_side=side)
+    robot = load_robot(DRIVEN_ROBOT, preferred_side=side)
     description = with_mock_hardware(Path(robot.urdf).read_text(encoding='utf-8'), robot.order)
 
     def of_robot(package, executable, **more):
@@ -55,7 +55,7 @@ def start(context):
             'joint_state_broadcaster', controller,
             '--controller-manager', f'/{ROBOT_NAMESPACE}/controller_manager']),
         Node(package='hand_tracker', executable='retarget', output='screen',
-             parameters=[{'robot': ROBOT, 'side': side, 'outputs': output}],
+             parameters=[{'robot': DRIVEN_ROBOT, 'side': side, 'outputs': output}],
              remappings=[(f'robot/{output}', f'{ROBOT_NAMESPACE}/{controller}/{topic}')]),
         IncludeLaunchDescription(PythonLaunchDescriptionSource(
             str(share / 'launch' / 'track.launch.py')), launch_arguments={'side': side}.items())]
@@ -63,4 +63,4 @@ def start(context):
 
 def generate_launch_description():
     """Return the description that `ros2 launch` runs."""
-    return LaunchDescription([*ARGUMENTS, OpaqueFunction(function=start)])
+    return LaunchDescription([*CONTROL_ARGUMENTS, OpaqueFunction(function=start)])

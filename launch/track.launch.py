@@ -182,7 +182,7 @@ ROBOT_TAKES = 'hand_file', 'hand_length', 'hand_breadth', 'limits.preset', 'thum
 MOUNT_TAKES = 'hand_file', 'side', 'prefix'
 SKIN_TAKES = 'hand_file', 'side', 'hand_length', 'hand_breadth', 'thumb', 'prefix'
 SHOWN_TOPICS = 'robot_description', 'hand_markers', 'hand_skin'
-BESIDE = .25            # [m] from the wrist to the robot's palm
+ROBOT_DISTANCE = .25    # [m] from the wrist to the robot's palm
 PLACE_OPTIONS = '--x', '--y', '--z', '--qx', '--qy', '--qz', '--qw'
 SHOWN_ROBOT = 'Name: Robot of the {} hand\n      Enabled: {}\n'
 FOLLOWED = 'Target Frame: {}middle_knuckle'  # by RViz's view: amid the hand, still in the palm
@@ -488,7 +488,7 @@ def robot_beside(hand, robot):
     model = loaded.hand.model
     turned, at = loaded.hand.base_pose(model.frames(model.open_position()))
     # On the side of the little finger, which is -y of the right wrist.
-    at = at + (0., BESIDE if hand.hand.side == 'left' else -BESIDE, 0.)
+    at = at + (0., ROBOT_DISTANCE if hand.hand.side == 'left' else -ROBOT_DISTANCE, 0.)
     description = (Path(loaded.urdf).read_text(encoding='utf-8') if loaded.urdf
                    else robot['robot_description'])
     return description, (*at.tolist(), *quaternion(turned)), next(iter(model.links))

@@ -24,8 +24,8 @@ POLICY = Path(__file__).with_name('hand_tracker.policy.xml')
 VERSION = '0.2.0'       # of the format of policies
 ENCLAVES = '/hand_tracker'
 WAIT = 120.             # [s] for a node: kernels may have to be compiled, and other work run beside
-SETTLED = 2.            # [s] in which the graph does not change any more
-POLL = .2               # [s]
+SETTLED_TIME = 2.       # [s] in which the graph does not change any more
+GRAPH_POLL = .2         # [s]
 
 # Arguments of each node in the arrangements that change what it uses. Those that the launch file
 # starts may have to follow /clock.
@@ -42,8 +42,8 @@ ARRANGEMENTS = {
     'skin': ([CLOCKED],), 'landmarks': ([],), 'calibrate': ([],),
     'mount': (['body_frame:=body', 'duration:=600.', CLOCKED],),
     'viewer': ([], ['side:=both'], SEPARATED)}
-NAMES = {'tracker': 'hand_tracker', 'managed_tracker': 'hand_tracker',
-         'skin': 'hand_skin'}  # of nodes, where not the program's
+NODE_NAMES = {'tracker': 'hand_tracker', 'managed_tracker': 'hand_tracker',
+              'skin': 'hand_skin'}  # of nodes, where not the program's
 SHARED_PROCESSES = {'teleoperate': ('tracker', 'retarget')}  # an enclave is a process's
 # Of other packages, that the launch file starts: from their documentation, ROS 2 Jazzy.
 OTHERS = {'robot_state_publisher': {
@@ -111,11 +111,11 @@ def settled_rules(watcher, node, namespace, process):
         if now != last:
             last, since = now, time.monotonic()
         # What every node has comes before what it is for.
-        elif now is not None and time.monotonic() - since > SETTLED and any(
+        elif now is not None and time.monotonic() - since > SETTLED_TIME and any(
                 name not in ('/rosout', 'parameter_events', '/parameter_events')
                 for kind in ('publish', 'subscribe') for name in now['topics', kind]):
             return now
-        time.sleep(POLL)
+        time.sleep(GRAPH_POLL)
     raise RuntimeError(f'{node} in {namespace} is not there')
 
 
@@ -160,7 +160,7 @@ def uses(programs=None):
                     # It listens while it calibrates.
                     for namespace, _ in started:
                         calibrate(watcher, f'{namespace}/mount/calibrate')
-                node = NAMES.get(program, program)
+                node = NODE_NAMES.get(program, program)
                 found.append(Use(program, node, merged([
                     settled_rules(watcher, node, *one) for one in started])))
                 for subscription in heard:

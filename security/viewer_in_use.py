@@ -8,7 +8,7 @@ import rclpy
 from hand_tracker.nodes.live_tracker import LiveTracker
 from hand_tracker.nodes.runner import spinning
 
-POLL = .1  # [s]
+VIEWER_POLL = .1  # [s]
 
 
 def main():
@@ -22,7 +22,7 @@ def main():
             if one is not None:
                 one.set_demand(looked_at=True, compared=True)
         while rclpy.ok():
-            time.sleep(POLL)
+            time.sleep(VIEWER_POLL)
     return 0
 
 

@@ -4,14 +4,14 @@ import time
 from threading import Event
 
 import pytest
-from helpers.clients import PATIENCE
+from helpers.clients import CLIENT_PATIENCE
 
 from hand_tracker.background import NewestCall
 
 
 def outcome(call):
     """Return the next outcome."""
-    until = time.monotonic() + PATIENCE
+    until = time.monotonic() + CLIENT_PATIENCE
     while (found := call.poll()) is None:
         assert time.monotonic() < until
         time.sleep(.001)
@@ -23,7 +23,7 @@ def test_the_newest_of_what_was_asked_for_meanwhile_is_next():
 
     def work(number):
         called.append(number)
-        assert may_end.wait(PATIENCE)
+        assert may_end.wait(CLIENT_PATIENCE)
         return -number
 
     call = NewestCall(work)

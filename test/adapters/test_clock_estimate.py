@@ -7,7 +7,7 @@ from hand_tracker.adapters.clock_estimate import ClockEstimate
 
 JITTER = .005        # [s]
 ACCURACY = 2e-4      # [s]
-SETTLED = 5.         # [s]
+SETTLED_AFTER = 5.   # [s]
 RATE = 120.          # [Hz]
 PROCESSING = .004    # [s] from exposure to sending
 
@@ -39,22 +39,22 @@ def simulated(seconds, drift=0., wander=0., has_echoes=True, base=3e-4, start=1e
 @pytest.mark.parametrize('drift, wander', [(0., 0.), (8e-5, 0.), (-2e-4, 0.), (5e-5, 3e-6)])
 def test_stamps_are_within_a_fifth_of_a_millisecond(drift, wander):
     _, times, errors = simulated(40., drift, wander)
-    assert np.abs(errors[times > SETTLED]).max() < ACCURACY
+    assert np.abs(errors[times > SETTLED_AFTER]).max() < ACCURACY
 
 
 def test_nothing_accumulates():
     _, times, errors = simulated(600., 1e-4, 3e-6, seed=2)
-    early = (times > SETTLED) & (times < 60.)
-    assert np.abs(errors[times > SETTLED]).max() < ACCURACY
+    early = (times > SETTLED_AFTER) & (times < 60.)
+    assert np.abs(errors[times > SETTLED_AFTER]).max() < ACCURACY
     # The last minutes are as good as the first.
     assert np.abs(errors[times > 540.]).mean() < 2. * np.abs(errors[early]).mean()
 
 
 def test_without_echoes_the_least_delay_remains():
     _, times, errors = simulated(40., 5e-5, has_echoes=False, base=0.)
-    assert np.abs(errors[times > SETTLED]).max() < ACCURACY
+    assert np.abs(errors[times > SETTLED_AFTER]).max() < ACCURACY
     _, times, errors = simulated(40., 5e-5, has_echoes=False, base=.002)
-    assert np.abs(errors[times > SETTLED] - .002).max() < ACCURACY
+    assert np.abs(errors[times > SETTLED_AFTER] - .002).max() < ACCURACY
 
 
 def test_a_clock_that_was_set_is_followed():

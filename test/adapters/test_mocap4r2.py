@@ -6,7 +6,7 @@ import numpy as np
 
 from hand_tracker.adapters.mocap4r2 import points_of_markers, points_of_rigid_bodies
 
-NAME, INDEX, BOTH = range(3)
+NAME, INDEX, BOTH_WAYS = range(3)
 
 
 def marker(kind, index, name, *at):
@@ -23,7 +23,7 @@ def message(**fields):
 def test_named_markers_are_named_and_indices_are_not():
     frame = points_of_markers(message(markers=[
         marker(NAME, 0, 'index', 1., 2., 3.), marker(INDEX, 5, 'ignored', 4., 5., 6.),
-        marker(BOTH, 7, 'thumb', float('nan'), 0., 0.), marker(NAME, 0, '', 7., 8., 9.)]))
+        marker(BOTH_WAYS, 7, 'thumb', float('nan'), 0., 0.), marker(NAME, 0, '', 7., 8., 9.)]))
     assert frame.names == ('index', 'thumb')
     np.testing.assert_array_equal(frame.markers, [[1., 2., 3.], [np.nan] * 3])
     np.testing.assert_array_equal(frame.points, [[4., 5., 6.], [7., 8., 9.]])

@@ -118,7 +118,7 @@ def test_names_that_nobody_tells_are_missed_once(monkeypatch):
     with NatNetServer((3, 0), NAMES) as server:
         server.answers_models = False
         with receiving(server) as (frames, news):
-            stream(server, lambda: server.requests.count(natnet_server.REQUEST_MODEL) > 8)
+            stream(server, lambda: server.requests.count(natnet_server.MOTIVE_REQUEST_MODEL) > 8)
     assert not named(frames)
     assert ['does not tell the names' in text for is_warning, text in news if is_warning] == [True]
 
@@ -150,7 +150,7 @@ def test_stamps_are_the_exposures_times_under_jitter(drift):
     client.take(natnet_server.model((4, 1), NAMES), 0)
 
     def ticks(at):
-        return round((777. + at * (1. + drift)) * natnet_server.FREQUENCY)
+        return round((777. + at * (1. + drift)) * natnet_server.MOTIVE_FREQUENCY)
 
     start, rate = 1000., 60.
     packets, exposed = [], start + np.arange(60. * rate) / rate
@@ -193,7 +193,7 @@ def test_frames_of_another_model_or_server_are_decoded_before_any_is_relayed(is_
     frames, asked = [], []
     client = client_with_model(frames)
     client.relay = lambda data, received: (
-        data[0] == natnet_server.FRAME and (asked.append(data) or True))
+        data[0] == natnet_server.MOTIVE_FRAME and (asked.append(data) or True))
     client.take(frame_at(1), 0)
     client.take(frame_at(2), 0)
     assert len(frames) == len(asked) == 1

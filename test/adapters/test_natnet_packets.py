@@ -17,9 +17,10 @@ from hand_tracker.adapters.natnet_packets import (
 from hand_tracker.adapters.point_frame import MalformedFrame
 
 VERSIONS = (3, 0), (3, 1), (4, 0), (4, 1)
-SETS = {'RHand': np.array([[.1, .2, .3], [-1., 2., -3.]], 'f4'), 'cup': np.ones((1, 3), 'f4')}
+MARKER_SETS = {'RHand': np.array([[.1, .2, .3], [-1., 2., -3.]], 'f4'),
+               'cup': np.ones((1, 3), 'f4')}
 NAMES = {'RHand': ('wrist', 'index mcp'), 'cup': ('rim',)}
-UNLABELLED = np.array([[7., 8., 9.], [.5, .25, .125]], 'f4')
+NAMELESS = np.array([[7., 8., 9.], [.5, .25, .125]], 'f4')
 
 
 def other_decoder(kind, data, version):
@@ -35,7 +36,7 @@ def other_decoder(kind, data, version):
 
 
 def made_frame(version, **more):
-    return natnet_server.frame(version, 42, SETS, UNLABELLED, exposure=123456789012,
+    return natnet_server.frame(version, 42, MARKER_SETS, NAMELESS, exposure=123456789012,
                                transmit=123456799999, **more)
 
 
@@ -77,8 +78,8 @@ def check_frame(data, version):
 @pytest.mark.parametrize('version', VERSIONS)
 def test_frames_are_decoded_as_by_another_decoder(version):
     found = check_frame(made_frame(version), version)
-    np.testing.assert_array_equal(sets_of(found)[0]['RHand'], SETS['RHand'])
-    np.testing.assert_array_equal(found.points, [*UNLABELLED, natnet_server.LONELY])
+    np.testing.assert_array_equal(sets_of(found)[0]['RHand'], MARKER_SETS['RHand'])
+    np.testing.assert_array_equal(found.points, [*NAMELESS, natnet_server.LONELY])
     assert found.exposure == 123456789012
     alone = check_frame(made_frame(version, has_sets=False, occluded=[('cup', 0)]), version)
     assert not alone.structure.sets and len(alone.points) == 3
@@ -88,8 +89,8 @@ def test_frames_are_decoded_as_by_another_decoder(version):
 @pytest.mark.parametrize('version', VERSIONS)
 def test_occluded_markers_are_missing(version):
     found, _ = sets_of(frame_packet(made_frame(version, occluded=[('RHand', 1)]), version))
-    np.testing.assert_array_equal(found['RHand'], [SETS['RHand'][0], [np.nan] * 3])
-    np.testing.assert_array_equal(found['cup'], SETS['cup'])
+    np.testing.assert_array_equal(found['RHand'], [MARKER_SETS['RHand'][0], [np.nan] * 3])
+    np.testing.assert_array_equal(found['cup'], MARKER_SETS['cup'])
 
 
 @pytest.mark.parametrize('version', (*VERSIONS, (4, 2)))

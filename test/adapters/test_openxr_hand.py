@@ -12,7 +12,7 @@ from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.simulation.poses import pose_angles
 
 TURN = Rotation.from_euler('xyz', (.3, -1., 2.))
-WRIST = np.array((.1, -.2, 1.))
+WRIST_POSITION = np.array((.1, -.2, 1.))
 
 
 @pytest.mark.parametrize('side', SIDES)
@@ -20,9 +20,9 @@ WRIST = np.array((.1, -.2, 1.))
 def test_landmarks_are_those_of_the_forward_kinematics(side, count):
     hand = Hand.scaled(side=side)
     angles = pose_angles('fist', hand)
-    found = OpenXrHand(hand, count).poses(angles, TURN.as_quat(), WRIST)
-    pose = forward(joint_table(hand), angles, TURN.as_matrix(), WRIST)
-    expected = dict(zip(LANDMARKS, landmark_positions(hand, pose, WRIST)))
+    found = OpenXrHand(hand, count).poses(angles, TURN.as_quat(), WRIST_POSITION)
+    pose = forward(joint_table(hand), angles, TURN.as_matrix(), WRIST_POSITION)
+    expected = dict(zip(LANDMARKS, landmark_positions(hand, pose, WRIST_POSITION)))
     at = dict(zip(LANDMARK_ORDERS[count], found.positions))
     for name in LANDMARKS:
         np.testing.assert_allclose(at[name], expected[name], atol=1e-12)
@@ -35,7 +35,7 @@ def test_landmarks_are_those_of_the_forward_kinematics(side, count):
 @pytest.mark.parametrize('side', SIDES)
 def test_axes_are_those_of_openxr(side):
     hand = Hand.scaled(side=side)
-    found = OpenXrHand(hand, 26).poses(pose_angles('relaxed', hand), TURN.as_quat(), WRIST)
+    found = OpenXrHand(hand, 26).poses(pose_angles('relaxed', hand), TURN.as_quat(), WRIST_POSITION)
     at = dict(zip(OPENXR, found.positions))
     axes = dict(zip(OPENXR, Rotation.from_quat(found.orientations).as_matrix()))
     for bone, end in (('INDEX_PROXIMAL', 'INDEX_INTERMEDIATE'), ('RING_DISTAL', 'RING_TIP'),
@@ -50,5 +50,5 @@ def test_axes_are_those_of_openxr(side):
     back = TURN.apply((0., 0., 1.))
     np.testing.assert_allclose(axes['WRIST'][:, 1], back, atol=1e-12)
     np.testing.assert_allclose(axes['WRIST'][:, 0], TURN.apply((0., -1., 0.)), atol=1e-12)
-    palm = (at['PALM'] - WRIST) @ TURN.apply((1., 0., 0.))
-    assert 0. < palm < (at['MIDDLE_PROXIMAL'] - WRIST) @ TURN.apply((1., 0., 0.))
+    palm = (at['PALM'] - WRIST_POSITION) @ TURN.apply((1., 0., 0.))
+    assert 0. < palm < (at['MIDDLE_PROXIMAL'] - WRIST_POSITION) @ TURN.apply((1., 0., 0.))

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from helpers.clouds import FORMATS, cloud
+from helpers.clouds import NUMBER_FORMATS, cloud
 
 from hand_tracker.adapters.point_cloud import points_of_cloud
 from hand_tracker.adapters.point_frame import MalformedFrame
 
-POINTS = np.array([[.5, -.25, 1.], [2., 4., -8.], [.125, 0., 0.], [1., 2., 3.]])
+CLOUD_POINTS = np.array([[.5, -.25, 1.], [2., 4., -8.], [.125, 0., 0.], [1., 2., 3.]])
 
 
 @pytest.mark.parametrize('order', '<>')
@@ -15,16 +15,16 @@ POINTS = np.array([[.5, -.25, 1.], [2., 4., -8.], [.125, 0., 0.], [1., 2., 3.]])
 @pytest.mark.parametrize('fields', [('x', 'y', 'z'), ('rgb', 'z', 'y', 'x'),
                                     ('intensity', 'x', 'y', 'ring', 'z', 'rgb')])
 def test_any_layout_is_read(fields, form, order):
-    message = cloud(POINTS, fields, form, order, padding=3)
+    message = cloud(CLOUD_POINTS, fields, form, order, padding=3)
     frame = points_of_cloud(message)
-    np.testing.assert_array_equal(frame.points, POINTS)
+    np.testing.assert_array_equal(frame.points, CLOUD_POINTS)
     assert frame.names == () and frame.frame_id == 'world'
     assert (frame.stamp.sec, frame.stamp.nanosec) == (5, 7)
 
 
 def test_rows_of_an_organised_cloud_may_be_padded():
-    message = cloud(POINTS, height=2, row_padding=5)
-    np.testing.assert_array_equal(points_of_cloud(message).points, POINTS)
+    message = cloud(CLOUD_POINTS, height=2, row_padding=5)
+    np.testing.assert_array_equal(points_of_cloud(message).points, CLOUD_POINTS)
 
 
 def test_integers_are_numbers_too():
@@ -33,9 +33,9 @@ def test_integers_are_numbers_too():
 
 
 def test_points_that_are_not_finite_are_left_out():
-    points = POINTS.copy()
+    points = CLOUD_POINTS.copy()
     points[0, 1], points[2, 2] = np.nan, np.inf
-    np.testing.assert_array_equal(points_of_cloud(cloud(points)).points, POINTS[[1, 3]])
+    np.testing.assert_array_equal(points_of_cloud(cloud(points)).points, CLOUD_POINTS[[1, 3]])
 
 
 def test_an_empty_cloud_is_a_frame_without_points():
@@ -47,7 +47,7 @@ def without_z(message):
 
 
 def unknown_type(message):
-    message.fields[0].datatype = max(FORMATS.values()) + 1
+    message.fields[0].datatype = max(NUMBER_FORMATS.values()) + 1
 
 
 def field_beyond_the_point(message):
@@ -68,7 +68,7 @@ def overlapping_rows(message):
     (too_little_data, '47 bytes of data; 1 rows of 4 points of 12 bytes'),
     (overlapping_rows, 'a row every 4')])
 def test_contradictions_are_named(damage, said):
-    message = cloud(POINTS)
+    message = cloud(CLOUD_POINTS)
     damage(message)
     with pytest.raises(MalformedFrame, match='point cloud: ') as error:
         points_of_cloud(message)

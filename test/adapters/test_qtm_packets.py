@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 import pytest
-from helpers.qtm_server import COMPONENTS, DATA, data_packet
+from helpers.qtm_server import COMPONENTS, QTM_DATA, data_packet
 
 from hand_tracker.adapters.point_frame import MalformedFrame
 from hand_tracker.adapters.qtm_packets import qtm_frame
@@ -77,10 +77,10 @@ def test_frames_are_the_same_by_the_structure_of_the_last():
 
 
 @pytest.mark.parametrize('packet, said', [
-    (struct.pack('<II', 8, DATA), 'of 8 bytes; expected at least 24'),
-    (struct.pack('<IIqIIII', 32, DATA, 1, 1, 2**32 - 1, 0, 1), 'components with its size'),
-    (struct.pack('<IIqIIII', 32, DATA, 1, 1, 1, 8, COMPONENTS['3d']), 'component 1 of 0 bytes'),
-    (struct.pack('<IIqIIIIIhh', 40, DATA, 1, 1, 1, 16, COMPONENTS['3dres'], 2**32 - 1, 0, 0),
+    (struct.pack('<II', 8, QTM_DATA), 'of 8 bytes; expected at least 24'),
+    (struct.pack('<IIqIIII', 32, QTM_DATA, 1, 1, 2**32 - 1, 0, 1), 'components with its size'),
+    (struct.pack('<IIqIIII', 32, QTM_DATA, 1, 1, 1, 8, COMPONENTS['3d']), 'component 1 of 0 bytes'),
+    (struct.pack('<IIqIIIIIhh', 40, QTM_DATA, 1, 1, 1, 16, COMPONENTS['3dres'], 2**32 - 1, 0, 0),
      '4294967295 markers of 16')])
 def test_frames_of_sizes_that_lead_nowhere_are_refused(packet, said):
     with pytest.raises(MalformedFrame, match=said):

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from helpers.clients import receiving_client, wait
 from helpers.qtm_server import (
-    COMMAND,
-    XML,
+    QTM_COMMAND,
+    QTM_XML,
     QtmServer,
     data_packet,
     packet,
@@ -95,9 +95,9 @@ def test_a_damaged_packet_and_a_lost_connection_are_survived(monkeypatch, capfd)
 
 
 @pytest.mark.parametrize('answer, told', [
-    (packet(XML, b'<!DOCTYPE r [<!ENTITY a "b">]><r><Label><Name>&a;</Name></Label></r>\0'),
+    (packet(QTM_XML, b'<!DOCTYPE r [<!ENTITY a "b">]><r><Label><Name>&a;</Name></Label></r>\0'),
      'document type or entities'),
-    (packet(XML, b'<r>\0'), 'not XML'),
+    (packet(QTM_XML, b'<r>\0'), 'not XML'),
     (data_packet(1, 1000, {'3d': []}), 'a frame where its parameters')])
 def test_parameters_that_are_none_are_told(monkeypatch, answer, told):
     monkeypatch.setattr(qualisys, 'RETRY_TIME', .1)
@@ -113,8 +113,8 @@ def test_parameters_that_are_none_are_told(monkeypatch, answer, told):
 
 
 @pytest.mark.parametrize('hostile', [
-    struct.pack('<II', 0, COMMAND),               # for qtm-rt the next packet begins where it did
-    struct.pack('<II', 2**31, COMMAND)])
+    struct.pack('<II', 0, QTM_COMMAND),          # for qtm-rt the next packet begins where it did
+    struct.pack('<II', 2**31, QTM_COMMAND)])
 def test_sizes_that_lead_nowhere_end_the_connection(monkeypatch, hostile):
     monkeypatch.setattr(qualisys, 'RETRY_TIME', .1)
     with QtmServer(LABELS) as server, receiving(server) as (frames, news):

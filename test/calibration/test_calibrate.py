@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.skin_markers import EVERY_JOINT, WORN, simulated_take
+from helpers.skin_markers import EVERY_JOINT, WORN_PLACES, simulated_take
 from PIL import Image
 
 from hand_tracker.calibration import LANDMARKS, landmark_positions
@@ -42,7 +42,7 @@ def test_hand_file_and_picture_are_written(tmp_path, capsys):
 
 
 def test_a_recording_of_the_worn_markers(tmp_path):
-    take, _ = simulated_take(HAND, WORN, seconds=12.)
+    take, _ = simulated_take(HAND, WORN_PLACES, seconds=12.)
     start = 10 ** 18
     write_bag(tmp_path / 'take.mcap', (
         bag_message('/markers', stamp, marker_array_message(stamp, 'mocap', MARKERS, frame))
@@ -87,7 +87,7 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_fit(tmp_path, ca
 
 
 def test_a_left_recording_is_not_fitted_as_a_right_hand(tmp_path, capsys):
-    take, _ = simulated_take(HAND.mirrored(), WORN, seconds=8.)
+    take, _ = simulated_take(HAND.mirrored(), WORN_PLACES, seconds=8.)
     write_bag(tmp_path / 'take.mcap', (
         bag_message('/markers', stamp, marker_array_message(stamp, 'mocap', MARKERS, frame))
         for stamp, frame in ((10 ** 18 + round(1e9 * i / take.rate), frame)
@@ -125,7 +125,7 @@ def test_joint_centres_are_no_markers_on_the_skin(tmp_path, capsys):
 
 
 def test_coverage_says_what_to_do():
-    _, angles = simulated_take(HAND, WORN, seconds=8.)
+    _, angles = simulated_take(HAND, WORN_PLACES, seconds=8.)
     covered = coverage(angles)
     assert len(covered) == 15 and all(0. <= one.share <= 1. for one in covered)
     still = coverage(np.zeros((10, 25)))

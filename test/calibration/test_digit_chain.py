@@ -26,40 +26,40 @@ from hand_tracker.core.model.hand import (
 from hand_tracker.core.model.kinematics import ABDUCTION_SIGN, digit_base, forward, joint_table
 
 STEP = 1e-6
-CHAIN = Chain(digit_base(Hand.scaled(), 1)[0], np.array((0, 1, 2, 1)))
+FINGER = Chain(digit_base(Hand.scaled(), 1)[0], np.array((0, 1, 2, 1)))
 
 
 @pytest.fixture(params=(ANGLES, ANGLES + 1), ids=('planar', 'second joint abducts'))
 def case(request):
     random = np.random.default_rng(3)
-    shape = .03 + .02 * random.standard_normal(CHAIN.size)
+    shape = .03 + .02 * random.standard_normal(FINGER.size)
     return shape, random.standard_normal((6, request.param))
 
 
 def test_derivatives_by_angles(case):
     shape, angles = case
-    by_angle = place_with_derivatives(CHAIN, shape, angles).by_angle
+    by_angle = place_with_derivatives(FINGER, shape, angles).by_angle
     for angle, step in enumerate(STEP * np.eye(angles.shape[1])):
-        expected = (place_markers(CHAIN, shape, angles + step)
-                    - place_markers(CHAIN, shape, angles - step)) / (2. * STEP)
+        expected = (place_markers(FINGER, shape, angles + step)
+                    - place_markers(FINGER, shape, angles - step)) / (2. * STEP)
         np.testing.assert_allclose(by_angle[..., angle], expected, atol=1e-9)
 
 
-@pytest.mark.parametrize('parameter', range(CHAIN.size))
+@pytest.mark.parametrize('parameter', range(FINGER.size))
 def test_derivatives_by_shape(case, parameter):
     shape, angles = case
-    step = STEP * np.eye(CHAIN.size)[parameter]
-    expected = (place_markers(CHAIN, shape + step, angles)
-                - place_markers(CHAIN, shape - step, angles)) / (2. * STEP)
+    step = STEP * np.eye(FINGER.size)[parameter]
+    expected = (place_markers(FINGER, shape + step, angles)
+                - place_markers(FINGER, shape - step, angles)) / (2. * STEP)
     np.testing.assert_allclose(
-        place_with_derivatives(CHAIN, shape, angles).by_shape[..., parameter], expected,
+        place_with_derivatives(FINGER, shape, angles).by_shape[..., parameter], expected,
         atol=1e-9)
 
 
 def test_derivatives_come_with_the_places(case):
     np.testing.assert_allclose(
-        place_with_derivatives(CHAIN, *case).points, place_markers(CHAIN, *case), atol=1e-15)
-    assert place_with_derivatives(CHAIN, *case, by_shape_too=False).by_shape.shape[-1] == 0
+        place_with_derivatives(FINGER, *case).points, place_markers(FINGER, *case), atol=1e-15)
+    assert place_with_derivatives(FINGER, *case, by_shape_too=False).by_shape.shape[-1] == 0
 
 
 @pytest.mark.parametrize('digit', range(5))

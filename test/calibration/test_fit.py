@@ -22,7 +22,7 @@ FRAMES = 200
 # Each frame is by itself: no motion leads from one to the next.
 APART = TrackerOptions(smoothing=False, rigidity=False, outlier_gate=0., swap_margin=0.,
                        reentry_rate=1000.)
-TIP_ROWS = [LANDMARKS.index(name) for name in (
+EIGHT_ROWS = [LANDMARKS.index(name) for name in (
     'wrist', 'index_mcp', 'little_mcp', 'index_dip', 'middle_dip', 'ring_dip', 'little_dip',
     'thumb_tip')]
 LEADERS = np.array([JOINTS.index(f'{finger}_pip_flexion') for finger in FINGERS]
@@ -156,7 +156,7 @@ def test_fitted_thumb_beats_the_default_axes_on_frames_it_has_not_seen(noise, mo
     errors = []
     for tried in (fitted, default):
         tracker = HandTracker(tried, options=APART)
-        states = [tracker.update(frame[TIP_ROWS]) for frame in fresh]
+        states = [tracker.update(frame[EIGHT_ROWS]) for frame in fresh]
         found = np.array([landmark_positions(tried, state.pose, state.wrist_position)
                           for state in states])
         errors.append(np.linalg.norm(found - fresh, axis=2)[:, 2:4].mean())
@@ -168,7 +168,7 @@ def test_rest_direction_centres_the_range_of_motion():
     hand, fitted = refitted()
     joints = recorded(hand)[1]
     tracker = HandTracker(fitted, options=APART)
-    seen = np.array([tracker.update(frame[TIP_ROWS]).angles for frame in joints])
+    seen = np.array([tracker.update(frame[EIGHT_ROWS]).angles for frame in joints])
     for name in ('thumb_cmc_abduction', 'thumb_cmc_flexion'):
         joint = JOINTS.index(name)
         middle = np.percentile(seen[:, joint], (1., 99.)).mean()
@@ -218,7 +218,7 @@ def test_solved_thumb_is_the_trackers():
     solved = solve_thumb(hand, saddle, local[:, 4] - hand.thumb_cmc)
     tracker = HandTracker(hand, options=APART)
     for frame, mcp, ip in zip(joints, solved.mcp, solved.ip):
-        state = tracker.update(frame[TIP_ROWS])
+        state = tracker.update(frame[EIGHT_ROWS])
         mine = state.wrist_rotation.T @ (landmark_positions(
             hand, state.pose, state.wrist_position) - state.wrist_position).T
         np.testing.assert_allclose(mine.T[2] - hand.thumb_cmc, mcp, atol=1e-4)

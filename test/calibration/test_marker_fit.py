@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from helpers.captures import capture_path
-from helpers.skin_markers import EVERY_JOINT, SKIN_OFFSET, WORN, simulated_take
+from helpers.skin_markers import EVERY_JOINT, SKIN_OFFSET, WORN_PLACES, simulated_take
 
 from hand_tracker.calibration.fit_report import (
     FitReport,
@@ -38,7 +38,7 @@ from hand_tracker.core.model.marker_layout import marker_positions, require_solv
 from hand_tracker.core.tracker import HandTracker
 
 LARGE = Hand.scaled(.205, .095)
-THUMB = [JOINTS.index(f'thumb_{joint}') for joint in THUMB_JOINTS]
+THUMB_COLUMNS = [JOINTS.index(f'thumb_{joint}') for joint in THUMB_JOINTS]
 
 
 @cache
@@ -134,7 +134,7 @@ def test_the_second_flexion_follows_the_first_as_in_the_take():
 
 def test_angles_of_a_thumb_that_abducts_at_its_mcp_are_those_of_the_hand():
     take, angles = simulated_take(LARGE, EVERY_JOINT, seconds=40., motions=('range_of_motion',))
-    assert np.ptp(angles[:, THUMB[2]]) > np.radians(8.)
+    assert np.ptp(angles[:, THUMB_COLUMNS[2]]) > np.radians(8.)
     fit = fit_markers([take])
     axis = fit.hand.thumb_abduction_axis @ LARGE.thumb_abduction_axis
     assert np.degrees(np.arccos(axis)) < 10.
@@ -144,7 +144,7 @@ def test_angles_of_a_thumb_that_abducts_at_its_mcp_are_those_of_the_hand():
     worn = take.points[:, [take.names.index(name) for name in fit.worn]]
     found = np.array([tracker.update(frame, i / take.rate).angles
                       for i, frame in enumerate(worn)])
-    misses = np.degrees(np.abs(found - angles)[:, THUMB]).mean(axis=0)
+    misses = np.degrees(np.abs(found - angles)[:, THUMB_COLUMNS]).mean(axis=0)
     assert (misses < 5.).all(), misses
 
 
@@ -157,15 +157,15 @@ def test_zero_of_the_thumb_moves_only_to_keep_its_range_within_the_limits():
         hand, angles = fitted_hand(LARGE, [None] * 4 + [digit], 'right', 'paper')
         turn = np.arccos(hand.thumb_rest_direction @ LARGE.thumb_rest_direction)
         assert (turn > .1) == bool(moved)
-        inside = np.mean((angles[:, THUMB[0]] > hand.limits[THUMB[0], 0])
-                         & (angles[:, THUMB[0]] < hand.limits[THUMB[0], 1]))
+        inside = np.mean((angles[:, THUMB_COLUMNS[0]] > hand.limits[THUMB_COLUMNS[0], 0])
+                         & (angles[:, THUMB_COLUMNS[0]] < hand.limits[THUMB_COLUMNS[0], 1]))
         assert inside > .97
 
 
 def test_eight_markers_alone_tell_the_length_and_little_else():
-    take, _ = simulated_take(LARGE, WORN)
+    take, _ = simulated_take(LARGE, WORN_PLACES)
     fit = fit_markers([take])
-    assert fit.worn == WORN
+    assert fit.worn == WORN_PLACES
     # One marker on a finger does not show which of two bends it has.
     assert fit.flexions == (None,) * 5
     np.testing.assert_array_equal(fit.hand.natural_flexion, average_natural_flexion())

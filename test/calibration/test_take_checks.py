@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from helpers.captures import capture_path
-from helpers.skin_markers import EVERY_JOINT, WORN, simulated_take
+from helpers.skin_markers import EVERY_JOINT, WORN_PLACES, simulated_take
 
 from hand_tracker.calibration.take_checks import check_takes
 from hand_tracker.calibration.take_files import load_take
@@ -53,7 +53,7 @@ def test_the_other_side_is_refused():
 
 
 def test_exchanged_labels_of_fingers_are_refused():
-    take = simulated_take(Hand.scaled(), WORN, seconds=12.)[0]
+    take = simulated_take(Hand.scaled(), WORN_PLACES, seconds=12.)[0]
     names = list(take.names)
     names[3], names[5] = names[5], names[3]
     with pytest.raises(InvalidTake, match='wrong order beside each other: wrong labels'):

@@ -5,12 +5,12 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.repository import REPOSITORY
 from hand_tracker.core.model.hand import JOINTS, SIDES, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
 from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
@@ -31,8 +31,6 @@ from hand_tracker.drawing.animation import (
 from hand_tracker.drawing.images import save_gif
 from hand_tracker.files.bags import write_bag
 from hand_tracker.simulation.packaged_recordings import demo_recording, recording_messages
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def track(hand, frames=24):
@@ -121,7 +119,7 @@ def test_sheet_shows_poses_in_time(tmp_path):
 
 def run_demo(*arguments):
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(
-        [str(ROOT), os.environ.get('PYTHONPATH', '')])}
+        [str(REPOSITORY), os.environ.get('PYTHONPATH', '')])}
     return subprocess.run(
         [sys.executable, '-m', 'hand_tracker', 'demo', *map(str, arguments)],
         capture_output=True, text=True, timeout=240., env=environment)

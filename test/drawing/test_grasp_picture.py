@@ -17,11 +17,11 @@ from hand_tracker.drawing.grasp_picture import (
 
 TURN = Rotation.from_euler('xyz', (.3, -.5, 1.2)).as_matrix()
 AT = np.array((.1, -.2, .3))
-ORANGE = (1., .6, .1)
+BALL_COLOUR = (1., .6, .1)
 
 
 def placed(kind, size):
-    return PlacedShape(kind, size, TURN, AT, ORANGE)
+    return PlacedShape(kind, size, TURN, AT, BALL_COLOUR)
 
 
 def volume(mesh):

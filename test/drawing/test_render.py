@@ -17,7 +17,7 @@ from hand_tracker.drawing.render import (
     view_axes,
 )
 
-RED, BLUE = (1., 0., 0.), (0., 0., 1.)
+PURE_RED, PURE_BLUE = (1., 0., 0.), (0., 0., 1.)
 FRONT = Camera(np.eye(3), np.zeros(3), .1)  # a picture element is a millimetre
 SIZE = 100, 100
 
@@ -34,7 +34,7 @@ def colour_at(image, x, y):
 @pytest.mark.parametrize('length', [0., .02])
 def test_bone_is_closed_and_faces_outwards(length):
     end = np.array((length, 0., 0.))
-    mesh = bone_mesh(np.zeros(3), end, .01, .005, RED)
+    mesh = bone_mesh(np.zeros(3), end, .01, .005, PURE_RED)
     edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     # The poles are rings of no size: but for theirs every edge has two faces.
     counts = np.unique(edges, axis=0, return_counts=True)[1]
@@ -45,7 +45,7 @@ def test_bone_is_closed_and_faces_outwards(length):
 
 
 def test_ball_is_a_disc_of_its_size_in_its_place():
-    image = render([ball_mesh(np.array((.02, .01, 0.)), .01, RED)], FRONT, SIZE)
+    image = render([ball_mesh(np.array((.02, .01, 0.)), .01, PURE_RED)], FRONT, SIZE)
     rows, columns = np.nonzero(covered(image))
     assert columns.mean() == pytest.approx(69.5, abs=1.)
     assert rows.mean() == pytest.approx(39.5, abs=1.)
@@ -54,7 +54,8 @@ def test_ball_is_a_disc_of_its_size_in_its_place():
 
 
 def test_near_hides_far_whatever_the_order():
-    near, far = ball_mesh(np.array((0., 0., .03)), .01, RED), ball_mesh(np.zeros(3), .02, BLUE)
+    near = ball_mesh(np.array((0., 0., .03)), .01, PURE_RED)
+    far = ball_mesh(np.zeros(3), .02, PURE_BLUE)
     for meshes in ((near, far), (far, near)):
         image = render(meshes, FRONT, SIZE)
         assert colour_at(image, 0., 0.) == 0
@@ -62,7 +63,7 @@ def test_near_hides_far_whatever_the_order():
 
 
 def test_what_is_nearer_is_larger():
-    sizes = [covered(render([ball_mesh(np.array((0., 0., z)), .01, RED)], FRONT, SIZE)).sum()
+    sizes = [covered(render([ball_mesh(np.array((0., 0., z)), .01, PURE_RED)], FRONT, SIZE)).sum()
              for z in (-.2, 0., .2)]
     assert sizes[0] < sizes[1] < sizes[2]
 
@@ -72,7 +73,7 @@ def test_light_comes_from_above_and_throws_shadows():
     image = render([ball_mesh(np.zeros(3), .04, (.8, .8, .8))], FRONT, SIZE).astype(int)
     assert image[25, 40, 0] > image[75, 60, 0] + 30
     alone = render([ground], FRONT, SIZE).astype(int)
-    ball = ball_mesh(np.array((-.02, .02, .03)), .006, RED)
+    ball = ball_mesh(np.array((-.02, .02, .03)), .006, PURE_RED)
     shaded = render([ground, ball], FRONT, SIZE).astype(int)
     darker = (alone - shaded)[..., 1] > 20
     under_ball = shaded[..., 0] > shaded[..., 1] + 40
@@ -114,8 +115,8 @@ def test_fitted_camera_has_all_points_in_its_picture_and_little_air():
 
 
 def test_joined_meshes_keep_their_faces():
-    first, second = ball_mesh(np.zeros(3), .01, RED), ball_mesh(np.ones(3), .01, BLUE)
+    first, second = ball_mesh(np.zeros(3), .01, PURE_RED), ball_mesh(np.ones(3), .01, PURE_BLUE)
     both = merge_meshes([first, second])
     corners = both.vertices[both.faces[len(first.faces):]]
     np.testing.assert_array_equal(corners, second.vertices[second.faces])
-    np.testing.assert_array_equal(both.colours[[0, -1]], (RED, BLUE))
+    np.testing.assert_array_equal(both.colours[[0, -1]], (PURE_RED, PURE_BLUE))

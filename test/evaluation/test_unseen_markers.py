@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from helpers.captures import capture_path
-from helpers.skin_markers import EVERY_JOINT, WORN, simulated_take
+from helpers.skin_markers import EVERY_JOINT, WORN_PLACES, simulated_take
 
 from hand_tracker.__main__ import main
 from hand_tracker.calibration.marker_fit import fit_markers
@@ -17,7 +17,7 @@ from hand_tracker.evaluation.plain_markers import fit_plain_markers, plain_marke
 from hand_tracker.evaluation.ridge_markers import fit_ridge, ridge_markers
 from hand_tracker.evaluation.unseen_markers import MARKER_METHODS, judge, judgements
 
-UNSEEN = tuple(name for name in EVERY_JOINT if name not in WORN)
+UNSEEN = tuple(name for name in EVERY_JOINT if name not in WORN_PLACES)
 
 
 @pytest.fixture(scope='module')

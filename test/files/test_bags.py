@@ -29,7 +29,7 @@ from hand_tracker.files.bags import (
     write_bag,
 )
 
-START = 1_700_000_000_000_000_000
+FIRST_STAMP_NS = 1_700_000_000_000_000_000
 PERIOD = 8_333_333
 LABELS = ('wrist', 'index', 'thumb')
 NAMES = ('index_mcp', 'index_pip')
@@ -38,7 +38,7 @@ NAMES = ('index_mcp', 'index_pip')
 def frames(count=30):
     """Yield messages of two topics, the second marker missing in every third frame."""
     for frame in range(count):
-        time = START + frame * PERIOD
+        time = FIRST_STAMP_NS + frame * PERIOD
         positions = np.arange(9.).reshape(3, 3) + frame
         if frame % 3 == 0:
             positions[1] = np.nan
@@ -63,7 +63,7 @@ def test_reads_what_it_writes(tmp_path, suffix):
     with open_bag(path) as bag:
         assert bag.topics == {'/markers': MARKER_ARRAY, '/truth': JOINT_STATE}
         assert bag.counts == {'/markers': 30, '/truth': 30}
-        assert (bag.start, bag.duration) == (START, 29 * PERIOD)
+        assert (bag.start, bag.duration) == (FIRST_STAMP_NS, 29 * PERIOD)
         assert list(bag.messages()) == list(frames())
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
@@ -110,7 +110,7 @@ def test_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
 def test_topics_and_start_select_messages(tmp_path):
     path = tmp_path / 'bag.mcap'
     write_bag(path, frames())
-    start = START + 20 * PERIOD
+    start = FIRST_STAMP_NS + 20 * PERIOD
     with open_bag(path) as bag:
         selected = list(bag.messages(['/truth'], start))
         assert selected == [m for m in frames() if m.topic == '/truth' and m.time >= start]
@@ -138,12 +138,12 @@ def test_file_is_a_rosbag2_file_of_the_right_version(tmp_path):
 
 def test_marker_array_leaves_missing_markers_out():
     positions = [[1, 2, 3], [np.nan, 0, 0], [4, 5, 6]]
-    message = marker_array_message(START + 7, 'mocap', LABELS, positions, diameter=.02)
+    message = marker_array_message(FIRST_STAMP_NS + 7, 'mocap', LABELS, positions, diameter=.02)
     assert [(m.ns, m.id, m.text) for m in message.markers] == [
         ('hand', 0, 'wrist'), ('hand', 2, 'thumb')]
     last = message.markers[1]
     assert (last.type, last.action) == (last.SPHERE, last.ADD)
-    assert (last.header.stamp.sec, last.header.stamp.nanosec) == divmod(START + 7, 10**9)
+    assert (last.header.stamp.sec, last.header.stamp.nanosec) == divmod(FIRST_STAMP_NS + 7, 10**9)
     assert last.header.frame_id == 'mocap'
     point = last.pose.position
     assert (point.x, point.y, point.z) == (4, 5, 6)

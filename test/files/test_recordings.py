@@ -156,10 +156,10 @@ def test_axes_are_turned_and_mirrored(up, handed):
     np.testing.assert_allclose(matrix @ axis, (0., 0., 1.))
 
 
-TRC = ('PathFileType\t4\t(X/Y/Z)\tx.trc\n'
-       'DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\n100\t100\t2\t2\t{units}\n'
-       'Frame#\tTime\tA\t\t\tB{end}\n\t\tX{i}\tY{i}\tZ{i}\tX{j}\tY{j}\tZ{j}{end}\n{blank}'
-       '1\t0.00\t1.0\t2.0\t3.0\t\t\t{end}\n2\t0.01\t4.0\t5.0\t6.0\t7.0\t8.0\t9.0{end}\n')
+TRC_TEXT = ('PathFileType\t4\t(X/Y/Z)\tx.trc\n'
+            'DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\n100\t100\t2\t2\t{units}\n'
+            'Frame#\tTime\tA\t\t\tB{end}\n\t\tX{i}\tY{i}\tZ{i}\tX{j}\tY{j}\tZ{j}{end}\n{blank}'
+            '1\t0.00\t1.0\t2.0\t3.0\t\t\t{end}\n2\t0.01\t4.0\t5.0\t6.0\t7.0\t8.0\t9.0{end}\n')
 
 
 @pytest.mark.parametrize('first', [0, 1])
@@ -167,7 +167,7 @@ TRC = ('PathFileType\t4\t(X/Y/Z)\tx.trc\n'
 @pytest.mark.parametrize('blank', ['', '\n', '\t\t\n'])
 @pytest.mark.parametrize('units, scale', [('mm', .001), ('m', 1.), ('Inches', .0254)])
 def test_trc_files_of_every_kind_are_read(tmp_path, first, end, blank, units, scale):
-    text = TRC.format(i=first, j=first + 1, end=end, blank=blank, units=units)
+    text = TRC_TEXT.format(i=first, j=first + 1, end=end, blank=blank, units=units)
     found = read_recording(text_file(tmp_path, text, 'a.trc'))
     assert found.labels == ('A', 'B') and found.rate == 100.
     assert np.isnan(found.points[0, 1]).all()
@@ -271,7 +271,7 @@ def test_a_cut_file_is_refused_or_read_as_far_as_it_goes(tmp_path, suffix):
 
 
 @pytest.mark.parametrize('name, text, message', [
-    ('a.trc', TRC.format(i=1, j=2, end='', blank='', units='mm').replace('5.0', 'x5'),
+    ('a.trc', TRC_TEXT.format(i=1, j=2, end='', blank='', units='mm').replace('5.0', 'x5'),
      r"line 7: column 4: 'x5'; expected a number"),
     ('a.trc', 'PathFileType\t4\n', r'line 2: the file ends'),
     ('a.tsv', QTM.format(names='', columns='', rows='a\tb\n' * 1001), r'no numbers in'),

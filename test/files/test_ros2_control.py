@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import yaml
 
+from benchmarks.repository import REPOSITORY
 from hand_tracker.files.ros2_control import MOCK_PLUGIN, UnknownJoints, with_mock_hardware
 from hand_tracker.retargeting.robot_file import load_robot
 from hand_tracker.retargeting.robot_model import robot_model
 from hand_tracker.retargeting.robot_urdf import read_urdf_tree
 
-ROOT = Path(__file__).resolve().parents[2]
-CONFIG = ROOT / 'config' / 'plain_hand_controllers.yaml'
-LAUNCHED = ROOT / 'launch' / 'plain_hand_control.launch.py'
+CONFIG = REPOSITORY / 'config' / 'plain_hand_controllers.yaml'
+LAUNCHED = REPOSITORY / 'launch' / 'plain_hand_control.launch.py'
 # As of ros2_controllers' own documents.
 TYPES = {'hand_positions': 'forward_command_controller/ForwardCommandController',
          'hand_trajectory': 'joint_trajectory_controller/JointTrajectoryController',

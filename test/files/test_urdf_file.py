@@ -18,7 +18,7 @@ from hand_tracker.core.model.marker_layout import MarkerLayout
 from hand_tracker.files.hand_file import save_hand
 from hand_tracker.files.urdf_file import urdf
 
-SHIPPED = Path(__file__).parents[2] / 'urdf'
+URDF_FOLDER = Path(__file__).parents[2] / 'urdf'
 ODD_HANDS = {
     'wide': Hand.scaled(limits=preset_limits('wide')),
     'splayed': Hand.scaled(.21, .09, splay=(.12, .02, -.08, -.2)),
@@ -142,7 +142,7 @@ def test_text_is_the_same_every_time_and_short(hand):
 def test_shipped_files_are_what_the_command_writes(side, tmp_path):
     made = tmp_path / 'hand.urdf'
     assert main(['--side', side, '--prefix', f'{side}_', '-o', str(made)]) == 0
-    shipped = SHIPPED / f'hand_{side}.urdf'
+    shipped = URDF_FOLDER / f'hand_{side}.urdf'
     assert shipped.read_text(encoding='utf-8') == made.read_text(encoding='utf-8'), (
         f'remake it: python -m hand_tracker urdf --side {side} --prefix {side}_ -o {shipped.name}')
 

@@ -6,15 +6,15 @@ from scipy.spatial.transform import Rotation
 CLASSES = {'mcp': slice(5, None, 4), 'pip': slice(6, None, 4), 'dip': slice(7, None, 4),
            'tip': slice(8, None, 4), 'thumb_cmc': 1, 'thumb_mcp': 2, 'thumb_ip': 3,
            'thumb_tip': 4}
-PALM = [0, 5, 17]
+PALM_POINT_ROWS = [0, 5, 17]
 
 
 def in_palm(joints, template):
     """Return joints (n, 21, 3) in the frame of a template (3, 3) of wrist and two knuckles."""
-    center = joints[:, PALM].mean(axis=1, keepdims=True)
+    center = joints[:, PALM_POINT_ROWS].mean(axis=1, keepdims=True)
     rotation = np.array([Rotation.align_vectors(
         template - template.mean(axis=0), frame)[0].as_matrix()
-        for frame in joints[:, PALM] - center])
+        for frame in joints[:, PALM_POINT_ROWS] - center])
     return np.einsum('nij,nkj->nki', rotation, joints - center) + template.mean(axis=0)
 
 
@@ -31,8 +31,8 @@ def plain_pip_errors(fitted, judged):
     z -= (z @ x) * x
     z /= np.linalg.norm(z)
     template = np.median(
-        in_palm(fitted, (first @ np.column_stack((x, np.cross(z, x), z)))[PALM]), axis=0)
-    local = in_palm(judged, template[PALM])
+        in_palm(fitted, (first @ np.column_stack((x, np.cross(z, x), z)))[PALM_POINT_ROWS]), axis=0)
+    local = in_palm(judged, template[PALM_POINT_ROWS])
     errors = np.empty((len(local), 4))
     for finger in range(4):
         mcp, pip, dip = (5 + 4 * finger + joint for joint in range(3))

@@ -12,9 +12,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from hand_tracker.messages.stamps import seconds
 from helpers.hands import hand_at
-from helpers.ros_process import NodeProcess, watching_node
+from helpers.ros_process import TRACKER_MODULE, NodeProcess, watching_node
 
-MODULE = 'hand_tracker.nodes.tracker_node'
 PERIOD = 8_333_333  # of the frames [ns]
 LATE = 120_000      # number of a frame long after those of a test
 # However slow the machine is, nothing overwrites what waits.
@@ -109,7 +108,8 @@ def messages(values):
 def tracking(parameters=None, qos=1000, remaps=None, environment=None):
     """Yield a bench that loses nothing; its node must end well in the middle of its work."""
     parameters = {**LOSSLESS, **(parameters or {})}
-    with NodeProcess(MODULE, parameters, remaps, environment) as process, watching_node() as node:
+    with NodeProcess(TRACKER_MODULE, parameters, remaps, environment) as process, \
+            watching_node() as node:
         bench = Bench(process, node, qos, 'hand_tracker')
         yield bench
         process.wait_for_line('listening')

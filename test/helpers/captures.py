@@ -16,13 +16,12 @@ from hand_tracker.evaluation.captures import load_capture
 from hand_tracker.files.bags import bag_message, marker_array_message, write_bag
 
 VARIABLE = 'HAND_TRACKER_CAPTURES'
-ROOT = Path(__file__).resolve().parents[2]
 START_NS = 1_700_000_000_000_000_000
 
 
 def capture_folder():
     """Return where the captures are, whether or not there are any."""
-    return Path(os.environ.get(VARIABLE) or ROOT.parent / 'shared' / 'data')
+    return Path(os.environ.get(VARIABLE) or Path(__file__).resolve().parents[3] / 'shared' / 'data')
 
 
 def capture_path(name):

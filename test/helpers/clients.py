@@ -4,7 +4,7 @@ import time
 from contextlib import contextmanager
 from threading import Event, Thread
 
-PATIENCE = 60.  # [s]
+CLIENT_PATIENCE = 60.  # [s]
 
 
 @contextmanager
@@ -18,13 +18,13 @@ def receiving_client(make):
         yield frames, news
     finally:
         ended.set()
-        thread.join(PATIENCE)
+        thread.join(CLIENT_PATIENCE)
         assert not thread.is_alive()
 
 
 def wait(condition, act=lambda: None):
     """Wait until a condition holds, acting meanwhile; fail when it does not in time."""
-    until = time.monotonic() + PATIENCE
+    until = time.monotonic() + CLIENT_PATIENCE
     while not condition():
         assert time.monotonic() < until
         act()

@@ -4,7 +4,7 @@ import numpy as np
 
 from hand_tracker.files.bags import TYPE_STORE
 
-FORMATS = {'i1': 1, 'u1': 2, 'i2': 3, 'u2': 4, 'i4': 5, 'u4': 6, 'f4': 7, 'f8': 8}
+NUMBER_FORMATS = {'i1': 1, 'u1': 2, 'i2': 3, 'u2': 4, 'i4': 5, 'u4': 6, 'f4': 7, 'f8': 8}
 
 
 def cloud(points, fields=('x', 'y', 'z'), form='f4', order='<', padding=0, height=1,
@@ -27,6 +27,6 @@ def cloud(points, fields=('x', 'y', 'z'), form='f4', order='<', padding=0, heigh
             stamp=types['builtin_interfaces/msg/Time'](sec=5, nanosec=7), frame_id='world'),
         height=height, width=width, is_bigendian=order == '>', point_step=step,
         fields=[types['sensor_msgs/msg/PointField'](
-            name=name, offset=layout.fields[name][1], datatype=FORMATS[kind], count=1)
+            name=name, offset=layout.fields[name][1], datatype=NUMBER_FORMATS[kind], count=1)
             for name, kind in zip(fields, kinds)],
         row_step=width * step + row_padding, data=rows.ravel(), is_dense=False)

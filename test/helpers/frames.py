@@ -12,13 +12,13 @@ from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.stamps import Stamp
 
-SEEN = marker_positions(
+RESTING = marker_positions(
     MarkerLayout().mounting(Hand.scaled()),
     forward(joint_table(Hand.scaled()), np.zeros(len(JOINTS))))
-FIRST = Stamp(0, 0)
+ZERO_STAMP = Stamp(0, 0)
 
 
-def frame(positions=SEEN, stamp=FIRST, unknown=(), foreign=(), doubled=()):
+def frame(positions=RESTING, stamp=ZERO_STAMP, unknown=(), foreign=(), doubled=()):
     """Return what a message held."""
     return SimpleNamespace(positions=np.asarray(positions), stamp=stamp or None, frame_id='mocap',
                            unknown=unknown, foreign=foreign, doubled=doubled)
@@ -26,7 +26,7 @@ def frame(positions=SEEN, stamp=FIRST, unknown=(), foreign=(), doubled=()):
 
 def hidden(*slots):
     """Return the markers of a hand at rest without some."""
-    positions = SEEN.copy()
+    positions = RESTING.copy()
     positions[list(slots)] = np.nan
     return positions
 
@@ -34,7 +34,7 @@ def hidden(*slots):
 @cache
 def tracked_hand():
     """Return the hand at rest, tracked."""
-    return HandTracker().update(SEEN)
+    return HandTracker().update(RESTING)
 
 
 def state_of(palm=PalmState.TRACKED, **states):

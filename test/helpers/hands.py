@@ -10,12 +10,12 @@ from hand_tracker.core.tracker import HandTracker
 
 # Bent well away from the singular poses, so that seeing it twice changes nothing; of the
 # thumb's angles, one marker tells some combinations only.
-BENT = np.array(((0., .05, .5, .8, .32),) * 4 + ((.1, -.1, .05, .2, .2),)).ravel()
+BENT_ANGLES = np.array(((0., .05, .5, .8, .32),) * 4 + ((.1, -.1, .05, .2, .2),)).ravel()
 RIGHT = Hand.scaled()
 LAYOUT = MarkerLayout()
 
 
-def hand_at(angles=BENT, hand=RIGHT, layout=LAYOUT, offset=(0., 0., 1.), turn=0.):
+def hand_at(angles=BENT_ANGLES, hand=RIGHT, layout=LAYOUT, offset=(0., 0., 1.), turn=0.):
     """Return the eight markers of a hand in a pose."""
     c, s = np.cos(turn), np.sin(turn)
     at = np.array(((c, -s, 0.), (s, c, 0.), (0., 0., 1.))), np.array(offset)
@@ -27,7 +27,7 @@ def motion(hand, count=40):
     """Return frames of a moving hand that loses markers in every known way."""
     frames = []
     for t in np.linspace(0., 2., count):
-        angles = np.clip(BENT * (1. + .4 * np.sin(3. * t)), *hand.limits.T)
+        angles = np.clip(BENT_ANGLES * (1. + .4 * np.sin(3. * t)), *hand.limits.T)
         frames.append(hand_at(angles, hand, offset=(.1 * t, .05, 1.), turn=.5 * t))
     frames[10][4] = np.nan
     frames[11][4] = frames[12][6] = 0.
@@ -59,4 +59,4 @@ def from_pose_to_pose(seed, poses=20):
 
 def bending(number):
     """Return the markers of a hand that bends to and fro, in frame `number`."""
-    return hand_at(BENT * (1. + .3 * np.sin(.02 * number)))
+    return hand_at(BENT_ANGLES * (1. + .3 * np.sin(.02 * number)))

@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 LAUNCH = Path(__file__).resolve().parents[2] / 'launch' / 'track.launch.py'
-RATE = 120.        # of the recording [Hz]
+DEMO_RATE = 120.   # of the recording [Hz]
 FIRST_START = 240.  # [s]: kernels may have to be compiled, and other work run beside
 
 

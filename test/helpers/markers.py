@@ -9,7 +9,7 @@ from rclpy.serialization import serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
 STAMP = Time(sec=12, nanosec=345)
-AXES = np.arange(24.).reshape(8, 3) / 100. + .01
+MARKER_POSITIONS = np.arange(24.).reshape(8, 3) / 100. + .01
 
 
 def marker(number, position=(1., 2., 3.), ns='', frame='mocap', kind=Marker.SPHERE,
@@ -25,7 +25,7 @@ def marker(number, position=(1., 2., 3.), ns='', frame='mocap', kind=Marker.SPHE
     return message
 
 
-def eight(positions=AXES, **fields):
+def eight(positions=MARKER_POSITIONS, **fields):
     """Return the markers of a whole hand."""
     return [marker(i, position, **fields) for i, position in enumerate(positions)]
 

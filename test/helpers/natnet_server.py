@@ -8,11 +8,11 @@ from threading import Event, Thread
 
 import numpy as np
 
-CONNECT, SERVER_INFO, REQUEST_MODEL, MODEL, FRAME = 0, 1, 4, 5, 7
-ECHO_REQUEST, ECHO_RESPONSE = 12, 13
-FREQUENCY = 10_000_000   # of Motive's clock on Windows [Hz]
+MOTIVE_CONNECT, MOTIVE_SERVER_INFO, MOTIVE_REQUEST_MODEL, MOTIVE_MODEL, MOTIVE_FRAME = 0, 1, 4, 5, 7
+MOTIVE_ECHO_REQUEST, MOTIVE_ECHO_RESPONSE = 12, 13
+MOTIVE_FREQUENCY = 10_000_000  # of Motive's clock on Windows [Hz]
 LONELY = -5., -6., -7.   # [m], a point that is listed among the labelled as an unlabelled one
-OFFSET = 12345.678       # [s] of that clock against this machine's
+MOTIVE_CLOCK_OFFSET = 12345.678  # [s] of that clock against this machine's
 
 
 def packet(number, payload):
@@ -33,10 +33,10 @@ def points(rows):
     return np.asarray(rows, '<f4').tobytes()
 
 
-def server_info(version, frequency=FREQUENCY, port=1511, group=''):
+def server_info(version, frequency=MOTIVE_FREQUENCY, port=1511, group=''):
     data = b'Motive'.ljust(256, b'\0') + bytes((3, 0, 0, 0)) + bytes((*version, 0, 0))
     data += struct.pack('<QH?', frequency, port, bool(group))
-    return packet(SERVER_INFO, data + socket.inet_aton(group or '0.0.0.0'))
+    return packet(MOTIVE_SERVER_INFO, data + socket.inet_aton(group or '0.0.0.0'))
 
 
 def rigid_body_model(version, name, count, body=9):
@@ -63,7 +63,7 @@ def model(version, sets):
     for kind, part in parts:
         size = struct.pack('<I', len(part)) if version >= (4, 1) else b''
         data += struct.pack('<I', kind) + size + part
-    return packet(MODEL, data)
+    return packet(MOTIVE_MODEL, data)
 
 
 def frame(version, number, sets, unlabelled=(), occluded=(), exposure=0, transmit=0,
@@ -105,7 +105,7 @@ def frame(version, number, sets, unlabelled=(), occluded=(), exposure=0, transmi
     data += struct.pack('<IIdQQQ', 0, 0, 1.5, exposure, exposure, transmit)
     if version >= (4, 1):
         data += struct.pack('<II', 0, 0)
-    return packet(FRAME, data + struct.pack('<HI', 2 * changed, 0))
+    return packet(MOTIVE_FRAME, data + struct.pack('<HI', 2 * changed, 0))
 
 
 class Network:
@@ -180,7 +180,7 @@ class NatNetServer:
     @staticmethod
     def ticks(monotonic):
         """Return the server's clock at a time of this machine's monotonic clock [s]."""
-        return round((monotonic + OFFSET) * FREQUENCY)
+        return round((monotonic + MOTIVE_CLOCK_OFFSET) * MOTIVE_FREQUENCY)
 
     @property
     def is_connected(self):
@@ -225,12 +225,12 @@ class NatNetServer:
                 continue
             number, = struct.unpack_from('<H', data)
             self.requests.append(number)
-            if number == CONNECT:
+            if number == MOTIVE_CONNECT:
                 self._client = address
                 self._send(server_info(self.version, port=self.data_port, group=self._group),
                            address, through=False)
-            elif number == REQUEST_MODEL and self.answers_models:
+            elif number == MOTIVE_REQUEST_MODEL and self.answers_models:
                 self._send(model(self.version, self.sets), address, through=False)
-            elif number == ECHO_REQUEST:
+            elif number == MOTIVE_ECHO_REQUEST:
                 ticks = struct.pack('<Q', self.ticks(time.monotonic()))
-                self._send(packet(ECHO_RESPONSE, data[4:12] + ticks), address)
+                self._send(packet(MOTIVE_ECHO_RESPONSE, data[4:12] + ticks), address)

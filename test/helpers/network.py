@@ -16,7 +16,7 @@ from threading import Event, Thread
 
 NEW_NETWORK = 0x40000000        # CLONE_NEWNET of sched.h
 TUNSETIFF, TAP = 0x400454ca, 0x1002  # of if_tun.h; frames without a header
-LATEST = .02  # [s]
+MOST_DELAY = .02  # [s]
 
 
 def lack():
@@ -112,7 +112,7 @@ class Cable:
                     self.carried += 1
                     if rng.random() < self.lateness:
                         self.late += 1
-                        due += rng.uniform(0., LATEST)
+                        due += rng.uniform(0., MOST_DELAY)
                     heapq.heappush(waiting, (due, next(numbers), self._other[key.fd], packet))
                 while waiting and waiting[0][0] <= time.monotonic():
                     _, _, end, packet = heapq.heappop(waiting)

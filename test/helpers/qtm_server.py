@@ -7,7 +7,7 @@ from threading import Event, Thread
 
 import numpy as np
 
-ERROR, COMMAND, XML, DATA = range(4)
+QTM_ERROR, QTM_COMMAND, QTM_XML, QTM_DATA = range(4)
 COMPONENTS = {'3d': 1, '3dnolabels': 2, '3dres': 9, '3dnolabelsres': 10}
 
 
@@ -32,7 +32,7 @@ def data_packet(number, microseconds, components):
             for row, at in enumerate(rows))
         body = struct.pack('<Ihh', len(rows), 0, 0) + body
         parts += struct.pack('<II', 8 + len(body), COMPONENTS[name]) + body
-    return packet(DATA, struct.pack('<qII', microseconds, number, len(components)) + parts)
+    return packet(QTM_DATA, struct.pack('<qII', microseconds, number, len(components)) + parts)
 
 
 def parameters(labels):
@@ -44,7 +44,7 @@ def parameters(labels):
 
 
 def parameters_packet(labels):
-    return packet(XML, parameters(labels))
+    return packet(QTM_XML, parameters(labels))
 
 
 class QtmServer:
@@ -107,7 +107,7 @@ class QtmServer:
             stream.close()
 
     async def _serve(self, reader, writer):
-        writer.write(packet(COMMAND, b'QTM RT Interface connected\0'))
+        writer.write(packet(QTM_COMMAND, b'QTM RT Interface connected\0'))
         try:
             while True:
                 size, _ = struct.unpack('<II', await reader.readexactly(8))
@@ -115,12 +115,12 @@ class QtmServer:
                 self.commands.append(command)
                 name = command.split()[0].lower()
                 if name == 'version':
-                    writer.write(packet(COMMAND, b'Version set to 1.25\0'))
+                    writer.write(packet(QTM_COMMAND, b'Version set to 1.25\0'))
                 elif name == 'getparameters':
                     writer.write(self.parameters)
                 elif name == 'streamframes':
                     self.streams.append(writer)
                 else:
-                    writer.write(packet(ERROR, b'Parse error\0'))
+                    writer.write(packet(QTM_ERROR, b'Parse error\0'))
         except (asyncio.IncompleteReadError, ConnectionError):
             pass

@@ -37,7 +37,7 @@ os.environ['ROS_DOMAIN_ID'] = str(DOMAIN)
 os.environ.update({'ROS_LOCALHOST_ONLY': '1'} if os.environ.get('ROS_DISTRO') == 'humble'
                   else {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'})
 
-TRACKER = 'hand_tracker.nodes.tracker_node'
+TRACKER_MODULE = 'hand_tracker.nodes.tracker_node'
 PATIENCE = 240.  # [s]: kernels may have to be compiled, and other work run beside
 
 
@@ -149,7 +149,7 @@ class NodeProcess(Process):
 
     def __init__(self, module, parameters=None, remaps=None, environment=None, files=()):
         command = [sys.executable, '-m', module, '--ros-args']
-        if module == TRACKER:
+        if module == TRACKER_MODULE:
             # What it answers is compared with the hand that it starts with.
             parameters = {'auto_size': False, **(parameters or {})}
         for file in files:

@@ -6,16 +6,16 @@ from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import PAPER_PLACES, marker_positions
 from hand_tracker.simulation.skin_take import EVERY_JOINT, skin_take
 
-__all__ = ['EVERY_JOINT', 'SKIN_OFFSET', 'WORN', 'simulated_take', 'worn_markers']
+__all__ = ['EVERY_JOINT', 'SKIN_OFFSET', 'WORN_PLACES', 'simulated_take', 'worn_markers']
 
 SKIN_OFFSET = .008  # [m] dorsal
-WORN = PAPER_PLACES
-MOTIONS = 'spelling', 'power_grasp', 'precision_grasp', 'piano'
+WORN_PLACES = PAPER_PLACES
+TAKE_MOTIONS = 'spelling', 'power_grasp', 'precision_grasp', 'piano'
 
 
 def simulated_take(hand, names, seconds=16., **more):
     """Return a take of a hand in motions of the library, and its angles (T, 25) [rad]."""
-    return skin_take(hand, names, **{'motions': MOTIONS, 'seconds': seconds,
+    return skin_take(hand, names, **{'motions': TAKE_MOTIONS, 'seconds': seconds,
                                      'height': SKIN_OFFSET, **more})
 
 

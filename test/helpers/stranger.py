@@ -22,22 +22,22 @@ from visualization_msgs.msg import Marker, MarkerArray
 from hand_tracker.messages.builders import prefixed_names
 from helpers.hands import hand_at
 
-MODULE = 'helpers.stranger'
+STRANGER_MODULE = 'helpers.stranger'
 PARAMETER, WANTED = 'relax_time', 1.75
-PERIOD = 8_333_333     # of its rounds [ns]
+ROUND_PERIOD = 8_333_333  # of its rounds [ns]
 TOLD_EVERY = 12        # rounds
-AT = .05               # of each joint of the robot [rad]
-FRAME = 'stranger'     # of its markers
+STRANGER_ANGLE = .05   # of each joint of the robot [rad]
+STRANGER_FRAME = 'stranger'  # of its markers
 WAYS = 7               # in which it tries
 
 
 def markers(number):
     """Return a hand's markers as a message."""
     # Not of helpers.bench, with which it would come into a ROS domain of its own.
-    array, (sec, nanosec) = MarkerArray(), divmod(number * PERIOD, 10**9)
+    array, (sec, nanosec) = MarkerArray(), divmod(number * ROUND_PERIOD, 10**9)
     for label, position in enumerate(hand_at()):
         marker = Marker(ns='leds', id=label, type=Marker.SPHERE)
-        marker.header.frame_id = FRAME
+        marker.header.frame_id = STRANGER_FRAME
         marker.header.stamp = Time(sec=sec, nanosec=nanosec)
         at = marker.pose.position
         at.x, at.y, at.z = map(float, position)
@@ -80,7 +80,8 @@ class Stranger:
         names = [name.removeprefix('right_') for name in prefixed_names('right_').joints]
         for topic, sent in (
                 ('markers', markers(number)),
-                ('robot/joint_states', JointState(name=names, position=[AT] * len(names))),
+                ('robot/joint_states', JointState(
+                    name=names, position=[STRANGER_ANGLE] * len(names))),
                 ('retarget/engage', Bool(data=True)), ('retarget/deadman', Bool(data=True))):
             if publisher := self._publishers[topic]:
                 publisher.publish(sent)
@@ -114,7 +115,7 @@ def main():
     try:
         for number in count():
             stranger.act(number)
-            until = node.get_clock().now().nanoseconds + PERIOD
+            until = node.get_clock().now().nanoseconds + ROUND_PERIOD
             while (left := until - node.get_clock().now().nanoseconds) > 0:
                 executor.spin_once(left * 1e-9)
             if number % TOLD_EVERY == 0:

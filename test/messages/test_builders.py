@@ -5,7 +5,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from helpers.hands import rest_state
-from helpers.markers import AXES, STAMP, eight, marker
+from helpers.markers import MARKER_POSITIONS, STAMP, eight, marker
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -41,7 +41,7 @@ from hand_tracker.tracking.diagnostics import Level, Status
 
 NEEDS = 'rclpy', 'visualization_msgs'
 
-SEEN, PREDICTED = palette.rgb(palette.BLUISH_GREEN), palette.rgb(palette.ORANGE)
+SEEN_RGB, PREDICTED_RGB = palette.rgb(palette.BLUISH_GREEN), palette.rgb(palette.ORANGE)
 
 
 def read(markers, labels=(), **options):
@@ -99,7 +99,7 @@ def test_refuses_another_number_of_labels():
 
 def test_reads_eight_markers_in_any_order():
     frame = read(eight()[::-1])
-    assert np.array_equal(frame.positions, AXES)
+    assert np.array_equal(frame.positions, MARKER_POSITIONS)
     assert (frame.stamp, frame.frame_id) == (STAMP, 'mocap')
     assert (frame.unknown, frame.foreign, frame.doubled) == ((), (), ())
 
@@ -112,7 +112,7 @@ def test_phasespace_message():
         message += [sphere, marker(sphere.id, (at.x, at.y, at.z + .04), ns='ids',
                                    kind=Marker.TEXT_VIEW_FACING)]
     frame = read(message)
-    assert np.array_equal(frame.positions, AXES)
+    assert np.array_equal(frame.positions, MARKER_POSITIONS)
     assert (frame.stamp, frame.frame_id, frame.doubled) == (STAMP, 'mocap', ())
 
 
@@ -120,42 +120,42 @@ def test_phasespace_message():
 def test_only_what_is_added_counts(action):
     frame = read([*eight()[:7], marker(7, action=action)])
     assert np.isnan(frame.positions[7]).all()
-    assert np.array_equal(frame.positions[:7], AXES[:7])
+    assert np.array_equal(frame.positions[:7], MARKER_POSITIONS[:7])
 
 
 @pytest.mark.parametrize('kind', [Marker.CUBE, Marker.SPHERE, Marker.CYLINDER])
 def test_point_like_types_count(kind):
-    assert np.array_equal(read(eight(kind=kind)).positions, AXES)
+    assert np.array_equal(read(eight(kind=kind)).positions, MARKER_POSITIONS)
 
 
 @pytest.mark.parametrize('kind', [
     Marker.ARROW, Marker.LINE_STRIP, Marker.LINE_LIST, Marker.TEXT_VIEW_FACING,
     Marker.MESH_RESOURCE, Marker.TRIANGLE_LIST, 12, 99, -1])
 def test_other_types_do_not_count(kind):
-    frame = read(eight(kind=kind, points=AXES))
+    frame = read(eight(kind=kind, points=MARKER_POSITIONS))
     assert frame.stamp is None
     assert np.isnan(frame.positions).all()
 
 
 @pytest.mark.parametrize('kind', [Marker.POINTS, Marker.SPHERE_LIST, Marker.CUBE_LIST])
 def test_points_of_a_list_are_labelled_by_their_index(kind):
-    frame = read([marker(55, (0, 0, 0), kind=kind, points=AXES)])
-    assert np.array_equal(frame.positions, AXES)
+    frame = read([marker(55, (0, 0, 0), kind=kind, points=MARKER_POSITIONS)])
+    assert np.array_equal(frame.positions, MARKER_POSITIONS)
     assert frame.stamp == STAMP
 
 
 def test_points_of_a_list_are_in_its_pose():
-    cloud = marker(0, (1., 2., 3.), kind=Marker.POINTS, points=AXES)
+    cloud = marker(0, (1., 2., 3.), kind=Marker.POINTS, points=MARKER_POSITIONS)
     turn = cloud.pose.orientation
     turn.z, turn.w = 2., 2.  # a quarter turn about z; drivers forget to normalise
-    expected = AXES @ np.array(((0, 1, 0), (-1, 0, 0), (0, 0, 1))) + (1, 2, 3)
+    expected = MARKER_POSITIONS @ np.array(((0, 1, 0), (-1, 0, 0), (0, 0, 1))) + (1, 2, 3)
     assert np.allclose(read([cloud]).positions, expected, rtol=0, atol=1e-15)
     turn.z = turn.w = 0.
-    assert np.allclose(read([cloud]).positions, AXES + (1, 2, 3), rtol=0, atol=1e-15)
+    assert np.allclose(read([cloud]).positions, MARKER_POSITIONS + (1, 2, 3), rtol=0, atol=1e-15)
 
 
 def test_points_of_a_list_are_lost_like_markers():
-    points = AXES.copy()
+    points = MARKER_POSITIONS.copy()
     points[2], points[5] = 0., np.nan
     frame = read([marker(0, (1, 1, 1), kind=Marker.POINTS, points=points)])
     assert np.isnan(frame.positions[[2, 5]]).all()
@@ -169,14 +169,14 @@ def test_an_empty_list_is_nothing():
 def test_absent_markers_are_missing():
     frame = read([eight()[i] for i in (0, 1, 2, 5)])
     assert np.isnan(frame.positions[[3, 4, 6, 7]]).all()
-    assert np.array_equal(frame.positions[[0, 1, 2, 5]], AXES[[0, 1, 2, 5]])
+    assert np.array_equal(frame.positions[[0, 1, 2, 5]], MARKER_POSITIONS[[0, 1, 2, 5]])
 
 
 @pytest.mark.parametrize('lost', [(np.nan,) * 3, (1., np.nan, 1.), (np.inf, 0., 0.)])
 def test_numbers_that_are_not_finite_stay_so(lost):
     frame = read([marker(0, lost), *eight()[1:]])
     assert not np.isfinite(frame.positions[0]).all()
-    assert np.array_equal(frame.positions[1:], AXES[1:])
+    assert np.array_equal(frame.positions[1:], MARKER_POSITIONS[1:])
 
 
 def test_zero_is_missing_or_not():
@@ -200,16 +200,17 @@ def test_the_last_of_two_that_answer_to_one_label_wins_and_is_reported():
 
 
 def test_labels_choose_one_of_two_hands():
-    other = eight(AXES + 5., ns='left')
+    other = eight(MARKER_POSITIONS + 5., ns='left')
     frame = read([*other, *eight(ns='right')], [f'right/{i}' for i in range(8)])
-    assert np.array_equal(frame.positions, AXES)
+    assert np.array_equal(frame.positions, MARKER_POSITIONS)
     assert frame.doubled == ()
     assert frame.unknown == tuple(('left', i) for i in range(8))
 
 
 def test_a_marker_in_another_frame_is_left_out():
-    frame = read([marker(0, AXES[0]), marker(1, frame='base'), marker(2, AXES[2], frame='')])
-    assert np.array_equal(frame.positions[[0, 2]], AXES[[0, 2]])
+    frame = read([marker(0, MARKER_POSITIONS[0]), marker(1, frame='base'),
+                  marker(2, MARKER_POSITIONS[2], frame='')])
+    assert np.array_equal(frame.positions[[0, 2]], MARKER_POSITIONS[[0, 2]])
     assert np.isnan(frame.positions[1]).all()
     assert (frame.frame_id, frame.foreign) == ('mocap', ('base',))
 
@@ -220,18 +221,19 @@ def test_the_first_marker_of_the_hand_gives_the_frame():
 
 
 def test_frame_asked_for():
-    frame = read([marker(0, AXES[0], frame='base'), marker(1, AXES[1]), marker(2, frame='')],
+    frame = read([marker(0, MARKER_POSITIONS[0], frame='base'), marker(1, MARKER_POSITIONS[1]),
+                  marker(2, frame='')],
                  frame_id='mocap')
     assert np.isnan(frame.positions[0]).all()
-    assert np.array_equal(frame.positions[1], AXES[1])
+    assert np.array_equal(frame.positions[1], MARKER_POSITIONS[1])
     assert (frame.frame_id, frame.foreign) == ('mocap', ('base',))
     alone = read([marker(0, frame='base')], frame_id='mocap')
     assert (alone.stamp, alone.foreign) == (None, ('base',))
 
 
 def test_units():
-    frame = read(eight(AXES * 1000.), scale=.001)
-    assert np.allclose(frame.positions, AXES, rtol=1e-15, atol=0)
+    frame = read(eight(MARKER_POSITIONS * 1000.), scale=.001)
+    assert np.allclose(frame.positions, MARKER_POSITIONS, rtol=1e-15, atol=0)
 
 
 def test_stamp_of_the_first_marker_of_the_hand():
@@ -395,7 +397,7 @@ def test_picture_of_a_seen_hand():
         assert part.lifetime.sec + part.lifetime.nanosec > 0
     points = [(p.x, p.y, p.z) for p in parts['r_markers'].points]
     assert np.array_equal(points, state.markers)
-    assert all(SEEN == rgb(colour) for colour in parts['r_markers'].colors)
+    assert all(SEEN_RGB == rgb(colour) for colour in parts['r_markers'].colors)
 
 
 def test_bones_have_the_lengths_of_the_hand():
@@ -418,7 +420,7 @@ def test_picture_shows_seen_held_and_absent_differently():
     places[5] = np.nan
     part = picture(tracker.update(places))['r_markers']
     assert len(part.points) == len(part.colors) == 7
-    assert [PREDICTED == rgb(colour) for colour in part.colors] == [i == 5 for i in range(7)]
+    assert [PREDICTED_RGB == rgb(colour) for colour in part.colors] == [i == 5 for i in range(7)]
 
 
 def test_picture_has_a_colour_for_every_state_of_a_marker():
@@ -444,4 +446,4 @@ def test_picture_fades_when_the_palm_is_lost():
     tracker.update(rest_state().markers)
     parts = picture(tracker.update(np.full((8, 3), np.nan)))
     assert parts['r_bones'].color.a == pytest.approx(HELD_OPACITY)
-    assert all(PREDICTED == rgb(colour) for colour in parts['r_markers'].colors)
+    assert all(PREDICTED_RGB == rgb(colour) for colour in parts['r_markers'].colors)

@@ -8,7 +8,7 @@ import pytest
 import rclpy
 from builtin_interfaces.msg import Time
 from helpers.hands import rest_state
-from helpers.markers import AXES, STAMP, big_endian, data_of, eight, marker
+from helpers.markers import MARKER_POSITIONS, STAMP, big_endian, data_of, eight, marker
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
@@ -105,11 +105,11 @@ def test_phasespace_message_with_texts_that_change():
     reader = MarkerReader(LabelMap())
     for i in range(3):
         message = [marker(0, (0, 0, 0), frame='', action=Marker.DELETEALL, stamp=Time())]
-        for sphere in eight(AXES + i, ns='leds'):
+        for sphere in eight(MARKER_POSITIONS + i, ns='leds'):
             message += [sphere, marker(sphere.id, ns='ids', kind=Marker.TEXT_VIEW_FACING)]
             message[-1].text = 'x' * i
         frame = reader.read(data_of(message))
-        assert np.array_equal(frame.positions, AXES + i)
+        assert np.array_equal(frame.positions, MARKER_POSITIONS + i)
         assert (frame.stamp, frame.frame_id, frame.doubled) == (
             (STAMP.sec, STAMP.nanosec), 'mocap', ())
 
@@ -120,12 +120,12 @@ def test_what_lies_between_the_fields_does_not_matter():
     reader.read(data.tobytes())
     end_of_frame = data.tobytes().index(b'mocap\0') + 6
     data[end_of_frame:end_of_frame + 2] = 170
-    assert np.array_equal(reader.read(data.tobytes()).positions, AXES)
+    assert np.array_equal(reader.read(data.tobytes()).positions, MARKER_POSITIONS)
     assert len(reader._sources) == 1
 
 
 def test_a_list_of_points_and_markers_in_one_message():
-    cloud = marker(0, (1., 2., 3.), kind=Marker.POINTS, points=AXES)
+    cloud = marker(0, (1., 2., 3.), kind=Marker.POINTS, points=MARKER_POSITIONS)
     cloud.pose.orientation.z = 1.
     message = [cloud, marker(3, (9., 9., 9.)), marker(1, (0., 0., 0.))]
     expected = markers_from_message(MarkerArray(markers=message), LabelMap(), scale=.001)
@@ -253,7 +253,7 @@ def test_a_reader_goes_on_after_what_it_refused():
     reader = MarkerReader(LabelMap())
     with pytest.raises(MalformedMessage):
         reader.read(data_of(eight(ns='l' * 1000))[:-100])
-    for markers in (eight(), eight(AXES + 1.)[:5], eight(ns='l' * 10000)):
+    for markers in (eight(), eight(MARKER_POSITIONS + 1.)[:5], eight(ns='l' * 10000)):
         check(reader.read(data_of(markers)),
               markers_from_message(MarkerArray(markers=markers), LabelMap()))
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
-from helpers.clouds import FORMATS, cloud
+from helpers.clouds import NUMBER_FORMATS, cloud
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mocap4r2_msgs.msg import Marker, Markers, RigidBodies, RigidBody
@@ -101,7 +101,7 @@ any_poses = headed(st.sampled_from([0, 1, *LANDMARK_ORDERS]).flatmap(
 def clouds(draw):
     """Return a PointCloud2 of rclpy, of any layout."""
     height, width = draw(st.integers(0, 3)), draw(st.integers(0, 4))
-    form = draw(st.sampled_from(sorted(FORMATS)))
+    form = draw(st.sampled_from(sorted(NUMBER_FORMATS)))
     kind = numbers if form.startswith('f') else st.integers(0, 127)
     if form == 'f4':
         kind = st.one_of(st.floats(width=32), st.sampled_from([0., np.nan]))
@@ -116,7 +116,7 @@ def clouds(draw):
 
 
 any_clouds = headed(clouds())
-SYSTEMS = {system.kind.type: (system, strategy) for system, strategy in (
+SYSTEM_READERS = {system.kind.type: (system, strategy) for system, strategy in (
     (MARKERS_SYSTEM, any_markers), (BODIES_SYSTEM, any_bodies), (POSES_SYSTEM, any_poses),
     (CLOUD_SYSTEM, any_clouds))}
 
@@ -180,9 +180,9 @@ def check_against_adapter(system, message):
             assert read.frame_id == through_node.frame_id
 
 
-@pytest.mark.parametrize('name', SYSTEMS)
+@pytest.mark.parametrize('name', SYSTEM_READERS)
 def test_any_message_is_read_as_its_adapter_reads_it(name):
-    system, strategy = SYSTEMS[name]
+    system, strategy = SYSTEM_READERS[name]
 
     @settings(max_examples=150, deadline=None)
     @given(strategy)

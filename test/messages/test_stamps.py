@@ -8,7 +8,7 @@ import pytest
 from hand_tracker.files.bags import MARKER_ARRAY, TYPE_STORE, bag_message, joint_state_message
 from hand_tracker.messages.stamps import header_stamp, marker_stamps, restamp
 
-LATEST = 2**31 * 10**9  # an int32 of seconds [ns]
+LATEST_STAMP = 2**31 * 10**9  # an int32 of seconds [ns]
 
 
 def make(name, *fields):
@@ -48,7 +48,7 @@ def random_array(rng, stamp):
 @pytest.mark.parametrize('little_endian', [True, False])
 def test_marker_array(little_endian):
     for seed in range(100):
-        old, new = np.random.default_rng(seed).integers(LATEST, size=2).tolist()
+        old, new = np.random.default_rng(seed).integers(LATEST_STAMP, size=2).tolist()
         before, after = (
             bytes(TYPE_STORE.serialize_cdr(random_array(np.random.default_rng(seed), stamp),
                                       MARKER_ARRAY, little_endian=little_endian))

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from helpers.bench import LOSSLESS, MODULE, Bench, begun_anew, message, stamp_of
+from helpers.bench import LOSSLESS, TRACKER_MODULE, Bench, begun_anew, message, stamp_of
 from helpers.hands import RIGHT, hand_at, motion
 from helpers.ros_process import NodeProcess, watching_node
 from sensor_msgs.msg import JointState
@@ -21,7 +21,7 @@ NEEDS = 'rclpy',
 LEFT = RIGHT.mirrored()
 MIRROR = np.array((1., -1., 1.))
 HANDS = {'right': RIGHT, 'left': LEFT}
-AT_REST = hand_at(), hand_at(hand=LEFT)
+REST_HANDS = hand_at(), hand_at(hand=LEFT)
 
 
 class BothBench(Bench):
@@ -49,7 +49,8 @@ class BothBench(Bench):
 @contextmanager
 def tracking_both(parameters=None, kind=BothBench):
     """Yield a bench of a tracker of both hands that loses nothing."""
-    with NodeProcess(MODULE, {'side': 'both', **LOSSLESS, **(parameters or {})}) as process, \
+    parameters = {'side': 'both', **LOSSLESS, **(parameters or {})}
+    with NodeProcess(TRACKER_MODULE, parameters) as process, \
             watching_node() as node:
         yield kind(process, node, 1000, 'hand_tracker')
         assert process.interrupt() == 0, process.output
@@ -64,11 +65,11 @@ def test_each_hand_is_tracked_as_if_it_were_alone_while_the_other_vanishes():
     rights, lefts = motion(RIGHT, 120), motion(LEFT, 120)
     lefts[40:60] = [np.full((8, 3), np.nan)] * 20  # now as NaN, now left out
     alone = {side: begun_anew(HandTracker(HANDS[side]), frame)
-             for side, frame in zip(SIDES, AT_REST)}
+             for side, frame in zip(SIDES, REST_HANDS)}
     with tracking_both() as bench:
         transforms = collected_transforms(bench.node)
         diagnostics = bench.node.collect(DiagnosticArray, '/diagnostics')
-        bench.meet(AT_REST, heard=(transforms,) if transforms is not None else ())
+        bench.meet(REST_HANDS, heard=(transforms,) if transforms is not None else ())
         for number, frames in enumerate(zip(rights, lefts)):
             seen = {side: frame for side, frame in zip(SIDES, frames)
                     if not (number % 30 > 24 and side == SIDES[number // 30 % 2])}
@@ -92,7 +93,7 @@ def test_each_hand_is_tracked_as_if_it_were_alone_while_the_other_vanishes():
                     for status in array.status for value in status.values
                     if value.key == 'frames on fast path'}
 
-        bench.node.repeat(lambda: bench.answer(AT_REST),
+        bench.node.repeat(lambda: bench.answer(REST_HANDS),
                           lambda: len(on_fast_path()) == 2 and (
                               not COMPILED or min(on_fast_path().values()) > 0))
         assert set(on_fast_path()) == {f'hand_tracker: {side} hand' for side in SIDES}
@@ -120,7 +121,7 @@ def test_mirrored_markers_give_mirrored_hands():
     frames = motion(RIGHT, 60)
     with tracking_both() as bench:
         transforms = collected_transforms(bench.node)
-        bench.meet(AT_REST)
+        bench.meet(REST_HANDS)
         for frame in frames:
             heard = bench.answer((frame, frame * MIRROR))
             assert np.array_equal(heard.position[:25], heard.position[25:])
@@ -147,8 +148,8 @@ def test_hands_are_told_apart_by_ids_and_two_of_one_place_are_refused():
     with tracking_both(frames, IdBench) as bench:
         pictures = {side: bench.node.collect(MarkerArray, f'{side}/hand_markers')
                     for side in SIDES}
-        bench.meet(AT_REST, heard=tuple(pictures.values()))
-        assert list(bench.answer(AT_REST).name) == names(*SIDES)
+        bench.meet(REST_HANDS, heard=tuple(pictures.values()))
+        assert list(bench.answer(REST_HANDS).name) == names(*SIDES)
         for side in SIDES:
             assert {part.ns.split('_')[0] for part in pictures[side][-1].markers} == {side}
         result = bench.set({'left.markers': '0'})
@@ -157,12 +158,12 @@ def test_hands_are_told_apart_by_ids_and_two_of_one_place_are_refused():
         assert not result.successful and 'left.markers' in result.reason
         # An option is of both hands, a limit of one.
         joint = JOINTS.index('index_pip_flexion')
-        before = bench.angles(AT_REST)
+        before = bench.angles(REST_HANDS)
         limit = np.degrees(before[joint]) - 5.
         assert bench.set({'left.limits.index_pip_flexion.upper_deg': limit,
                           'smoothing': False}).successful
         for _ in range(3):
-            after = bench.angles(AT_REST)
+            after = bench.angles(REST_HANDS)
         assert after[joint] == pytest.approx(before[joint], abs=1e-6)
         assert after[25 + joint] == pytest.approx(np.radians(limit))
         assert 'belong' not in bench.process.output
@@ -192,7 +193,7 @@ def test_each_hand_may_have_topics_of_its_own():
 
 
 def test_names_of_one_hand_are_refused_for_both():
-    with NodeProcess(MODULE, {'side': 'both', 'prefix': 'my_'}) as process:
+    with NodeProcess(TRACKER_MODULE, {'side': 'both', 'prefix': 'my_'}) as process:
         assert process.wait() == 1
         assert "prefix: 'my_'; expected auto for both hands" in process.output
         assert 'Traceback' not in process.output

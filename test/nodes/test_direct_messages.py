@@ -8,7 +8,7 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, Pose, PoseArray
-from helpers.bench import LATE, LOSSLESS, MODULE, lines, message, stamp_of
+from helpers.bench import LATE, LOSSLESS, TRACKER_MODULE, lines, message, stamp_of
 from helpers.clouds import cloud
 from helpers.hands import RIGHT, hand_at, motion
 from helpers.ros_process import NodeProcess, watching_node
@@ -124,8 +124,8 @@ def trackers(kinds, parameters=None):
     with ExitStack() as stack:
         node = stack.enter_context(watching_node())
         processes = {name: stack.enter_context(NodeProcess(
-            MODULE, {'marker_message': name.partition('__')[0], **LOSSLESS, **more,
-                     **(parameters or {})},
+            TRACKER_MODULE, {'marker_message': name.partition('__')[0], **LOSSLESS, **more,
+                             **(parameters or {})},
             {'__ns': f'/{name}'})) for name, (_, _, more) in kinds.items()}
         yield Trackers(node, processes, kinds)
         assert all(process.interrupt() == 0 for process in processes.values())
@@ -220,7 +220,7 @@ def test_what_is_wrong_with_landmarks_is_said_once():
 
 
 def test_a_publisher_of_another_message_is_named():
-    with NodeProcess(MODULE, {'marker_message': 'mocap4r2_markers'}) as process, \
+    with NodeProcess(TRACKER_MODULE, {'marker_message': 'mocap4r2_markers'}) as process, \
             watching_node() as node:
         process.wait_for_line('listening')
         node.create_publisher(MarkerArray, 'markers', 10)
@@ -230,7 +230,7 @@ def test_a_publisher_of_another_message_is_named():
 
 
 def test_another_message_than_these_is_refused():
-    with NodeProcess(MODULE, {'marker_message': 'pose'}) as process:
+    with NodeProcess(TRACKER_MODULE, {'marker_message': 'pose'}) as process:
         assert process.wait() == 1
         assert "marker_message: 'pose' is not one of marker_array, mocap4r2_markers" in (
             process.output)

@@ -16,8 +16,8 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from helpers.bench import (
     LATE,
-    MODULE,
     PERIOD,
+    TRACKER_MODULE,
     lines,
     message,
     messages,
@@ -96,7 +96,7 @@ def test_a_killed_tracker_comes_back_and_the_robot_does_not_jump():
         retarget.wait_for_line('listening')
         robot = FollowingRobot(node)
         Sender(node)
-        tracker = stack.enter_context(NodeProcess(MODULE))
+        tracker = stack.enter_context(NodeProcess(TRACKER_MODULE))
         for killed in (*[True] * TIMES, False):
             # Before, answers of the killed one may be on their way.
             tracker.wait_for_line('listening')
@@ -105,7 +105,7 @@ def test_a_killed_tracker_comes_back_and_the_robot_does_not_jump():
             if killed:
                 node.spin_for(random.uniform(0., .3))
                 kill(tracker)
-                tracker = stack.enter_context(NodeProcess(MODULE))
+                tracker = stack.enter_context(NodeProcess(TRACKER_MODULE))
         assert tracker.interrupt() == 0, tracker.output
         # The robot is held, then disengaged; its node goes on.
         retarget.wait_for_line('holding')
@@ -118,7 +118,7 @@ def test_a_killed_tracker_comes_back_and_the_robot_does_not_jump():
 
 @pytest.mark.parametrize('source', ['replay', 'simulate'])
 def test_a_killed_source_is_followed_by_the_next_one(source):
-    with NodeProcess(MODULE) as tracker, watching_node() as node, ExitStack() as stack:
+    with NodeProcess(TRACKER_MODULE) as tracker, watching_node() as node, ExitStack() as stack:
         answers = node.collect(JointState, 'joint_states')
         tracker.wait_for_line('listening')
         for _ in range(TIMES + 1):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers.bench import LOSSLESS, Bench
-from helpers.hands import BENT, hand_at
+from helpers.hands import BENT_ANGLES, hand_at
 from helpers.ros_process import NodeProcess, watching_node
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -48,7 +48,7 @@ def test_it_activates_itself_and_answers_only_while_it_is_active():
         bench.meet(hand_at())
         for _ in range(5):
             angles = bench.angles(hand_at())
-        assert angles[PIP] == pytest.approx(BENT[PIP], abs=1e-6)
+        assert angles[PIP] == pytest.approx(BENT_ANGLES[PIP], abs=1e-6)
         assert change(node, Transition.TRANSITION_DEACTIVATE)
         unanswered_then_answered(node, bench)
         assert np.allclose(bench.angles(hand_at()), angles, rtol=0, atol=1e-3)
@@ -85,6 +85,6 @@ def test_cleaned_up_it_loads_the_hand_file_as_it_is_then(tmp_path):
         frame = hand_at(hand=large)
         # Angles go over to another hand's within some frames.
         node.repeat(lambda: bench.answer(frame), lambda: abs(
-            bench.joint_states[-1].position[PIP] - BENT[PIP]) < 1e-3)
+            bench.joint_states[-1].position[PIP] - BENT_ANGLES[PIP]) < 1e-3)
         assert process.interrupt() == 0, process.output
     assert 'Traceback' not in process.output

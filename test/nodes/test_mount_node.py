@@ -8,8 +8,8 @@ import yaml
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 from helpers.bench import message
-from helpers.hands import BENT, RIGHT
-from helpers.ros_process import TRACKER, NodeProcess, watching_node
+from helpers.hands import BENT_ANGLES, RIGHT
+from helpers.ros_process import TRACKER_MODULE, NodeProcess, watching_node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
@@ -38,7 +38,7 @@ class Arm:
         knots = np.arange(0., 400., .6)
         self._places = CubicSpline(knots, rng.normal(0., .15, (len(knots), 3)))
         self._turns = CubicSpline(knots, rng.normal(0., .5, (len(knots), 3)))
-        self._pose = forward(joint_table(RIGHT), BENT)
+        self._pose = forward(joint_table(RIGHT), BENT_ANGLES)
 
     def forearm(self, time):
         """Return place and rotation of the body's frame in the body's world."""
@@ -49,7 +49,7 @@ class Arm:
         place, turn = self.forearm(time)
         wrist = (turn * OFFSET[1]).as_matrix()
         markers = marker_positions(
-            MarkerLayout().mounting(RIGHT), forward(joint_table(RIGHT), BENT, wrist,
+            MarkerLayout().mounting(RIGHT), forward(joint_table(RIGHT), BENT_ANGLES, wrist,
                                                     place + turn.apply(OFFSET[0])),
             wrist, place + turn.apply(OFFSET[0]))
         return markers * (1., -1., -1.) + (0., 0., 2.)
@@ -77,7 +77,7 @@ def latest(messages, child):
 
 def test_the_hand_hangs_on_the_body_where_the_calibration_finds_it(tmp_path):
     arm, numbers, written = Arm(), count(1), tmp_path / 'mount.yaml'
-    with (NodeProcess(TRACKER, {'on_body': True, 'broadcast': 'all'}) as tracker,
+    with (NodeProcess(TRACKER_MODULE, {'on_body': True, 'broadcast': 'all'}) as tracker,
           NodeProcess(MOUNT, {'body_frame': 'forearm', 'duration': 20.,
                               'mount_file': str(written)}) as mount, watching_node() as node):
         moving, resting = node.collect(TFMessage, '/tf'), node.collect(

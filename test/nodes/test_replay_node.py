@@ -40,13 +40,13 @@ NEEDS = 'rclpy',
 pytestmark = pytest.mark.ros
 
 MODULE = 'hand_tracker.nodes.replay_node'
-START = 1_700_000_000 * 10**9
+FIRST_STAMP_NS = 1_700_000_000 * 10**9
 PERIOD = 8_333_333  # [ns]
 FRAMES = 60
 LABELS = ('wrist', 'index', 'thumb')
 
 
-def frames(count=FRAMES, start=START):
+def frames(count=FRAMES, start=FIRST_STAMP_NS):
     for frame in range(count):
         stamp = start + frame * PERIOD
         yield bag_message('/markers', stamp, marker_array_message(
@@ -60,7 +60,7 @@ def write_folder(path, messages=(), offers=(), storage=StoragePlugin.SQLITE3, fo
         if foreign:
             nothing = writer.add_connection('/foreign', 'no_such_msgs/msg/Nothing',
                                             msgdef='int32 a', rihs01=f'RIHS01_{"0" * 64}')
-            writer.write(nothing, START, b'\0\1\0\0\1\0\0\0')
+            writer.write(nothing, FIRST_STAMP_NS, b'\0\1\0\0\1\0\0\0')
         for topic, kind, stamp, data in messages:
             if topic not in connections:
                 connections[topic] = writer.add_connection(
@@ -137,9 +137,9 @@ def test_plays_all_as_recorded(bags, watch, name):
         watch.spin_until(lambda: len(markers) == FRAMES and frames_of(truth)[-1:] == [FRAMES - 1])
         clean(process, process.wait())
     assert frames_of(markers) == list(range(FRAMES))
-    assert [stamp_of(m) for m in markers] == [START + i * PERIOD for i in range(FRAMES)]
+    assert [stamp_of(m) for m in markers] == [FIRST_STAMP_NS + i * PERIOD for i in range(FRAMES)]
     assert [marker.text for marker in markers[0].markers] == list(LABELS)
-    assert [stamp_of(m) for m in truth] == [START + i * PERIOD for i in frames_of(truth)]
+    assert [stamp_of(m) for m in truth] == [FIRST_STAMP_NS + i * PERIOD for i in frames_of(truth)]
 
 
 def test_rate_and_restamp(bags, watch):
@@ -178,10 +178,11 @@ def test_clock_and_recorded_stamps(bags, watch):
     with replay(bags / 'hand.mcap', clock=200.0, start_offset=0.099) as process:
         watch.spin_until(lambda: frames_of(markers)[-1:] == [FRAMES - 1])
         clean(process, process.wait())
-    assert stamp_of(markers[0]) == START + 12 * PERIOD
+    assert stamp_of(markers[0]) == FIRST_STAMP_NS + 12 * PERIOD
     times = np.array([message.clock.sec * 10**9 + message.clock.nanosec for message in clock])
     assert (np.diff(times) >= 0).all()
-    assert times[0] >= START + 99 * 10**6 and times[-1] <= START + (FRAMES + 1) * PERIOD
+    assert times[0] >= FIRST_STAMP_NS + 99 * 10**6
+    assert times[-1] <= FIRST_STAMP_NS + (FRAMES + 1) * PERIOD
     # 200 a second of recorded time at most; a busy machine leaves some out.
     assert 1 < len(times) <= (times[-1] - times[0]) / 5e6 * 1.5 + 2
 

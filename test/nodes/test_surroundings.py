@@ -11,7 +11,7 @@ from glob import glob
 
 import pytest
 from helpers import network
-from helpers.bench import LOSSLESS, MODULE, Bench, lines, message, stamp_of, tracking
+from helpers.bench import LOSSLESS, TRACKER_MODULE, Bench, lines, message, stamp_of, tracking
 from helpers.hands import bending, hand_at
 from helpers.ros_process import NodeProcess, Process, watching_node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -61,7 +61,8 @@ def send_over_a_bad_cable(reliability):
     qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy[reliability.upper()])
     with network.connected_networks() as (here, there, cable):
         with there:
-            process = NodeProcess(MODULE, {**LOSSLESS, 'qos.markers.reliability': reliability})
+            process = NodeProcess(
+                TRACKER_MODULE, {**LOSSLESS, 'qos.markers.reliability': reliability})
         with process, here, watching_node() as node:
             answers = node.collect(JointState, 'joint_states')
             publisher = node.create_publisher(MarkerArray, 'markers', qos)
@@ -167,7 +168,7 @@ def test_frames_are_answered_after_the_system_time_is_set(tmp_path):
     set_clock(0)
     environment = {'LD_PRELOAD': FAKETIME, 'FAKETIME_TIMESTAMP_FILE': str(offset),
                    'FAKETIME_NO_CACHE': '1', 'FAKETIME_DONT_FAKE_MONOTONIC': '1'}
-    with NodeProcess(MODULE, LOSSLESS, environment=environment) as process, (
+    with NodeProcess(TRACKER_MODULE, LOSSLESS, environment=environment) as process, (
             watching_node()) as node:
         bench = Bench(process, node, 1000, 'hand_tracker')
         bench.meet(hand_at())

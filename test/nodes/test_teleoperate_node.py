@@ -5,7 +5,7 @@ from itertools import count
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from helpers.bench import message, stamp_of
-from helpers.hands import BENT, hand_at
+from helpers.hands import BENT_ANGLES, hand_at
 from helpers.robots import wide_hand
 from helpers.ros_process import NodeProcess, watching_node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -19,7 +19,7 @@ from hand_tracker.files.urdf_file import urdf
 
 NEEDS = 'rclpy', 'trajectory_msgs'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-FRAME = .004  # [s]
+FRAME_TIME = .004  # [s]
 
 pytestmark = pytest.mark.ros
 
@@ -43,14 +43,14 @@ class Rig:
             String, 'retarget/state', lambda found: self.states.append(found.data), LATCHED)
         self._markers = node.create_publisher(MarkerArray, 'markers', 10)
         self._robot = node.create_publisher(JointState, 'robot/joint_states', 10)
-        node.create_timer(FRAME, self._tick)
+        node.create_timer(FRAME_TIME, self._tick)
 
     def _tick(self):
         number = next(self.numbers)
         if self.is_seen:
             stamp = stamp_of(number)
             self.sent.add((stamp.sec, stamp.nanosec))
-            self._markers.publish(message(hand_at(BENT * (1. + .02 * (number % 5))), number))
+            self._markers.publish(message(hand_at(BENT_ANGLES * (1. + .02 * (number % 5))), number))
         if self.has_robot and self.commands:
             self._robot.publish(self.commands[-1])
         elif self.has_robot:

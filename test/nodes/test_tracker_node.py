@@ -15,8 +15,17 @@ import rclpy.time
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, Pose
-from helpers.bench import LATE, MODULE, Bench, begun_anew, lines, message, messages, tracking
-from helpers.hands import BENT, RIGHT, hand_at, motion
+from helpers.bench import (
+    LATE,
+    TRACKER_MODULE,
+    Bench,
+    begun_anew,
+    lines,
+    message,
+    messages,
+    tracking,
+)
+from helpers.hands import BENT_ANGLES, RIGHT, hand_at, motion
 from helpers.ros_process import PATIENCE, NodeProcess, Process, watching_node
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import (
@@ -54,7 +63,7 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 def solved():
     """Return what the tracker finds of that hand; compiles before nodes are waited for."""
     angles = HandTracker().update(hand_at()).angles
-    assert np.allclose(angles[:20], BENT[:20], rtol=0, atol=1e-9)
+    assert np.allclose(angles[:20], BENT_ANGLES[:20], rtol=0, atol=1e-9)
     return angles
 
 
@@ -149,7 +158,7 @@ def test_wrist_alone_with_a_hand_file_and_names_of_ones_own(tmp_path):
     layout = MarkerLayout(offsets=np.full((8, 3), .004))
     save_hand(tmp_path / 'hand.yaml', hand, layout)
     tracker = HandTracker(hand, layout)
-    angles = BENT * np.where([joint.endswith('pip_flexion') for joint in JOINTS], 2.3, 1.)
+    angles = BENT_ANGLES * np.where([joint.endswith('pip_flexion') for joint in JOINTS], 2.3, 1.)
     frame = hand_at(angles, hand, layout)
     state = tracker.update(frame)
     assert np.degrees(state.angles).max() > 100.
@@ -175,7 +184,7 @@ def test_parameters_at_run_time(solved):
     # Angles that are filtered go over to what a parameter allows within some frames.
     with tracking({'angle_filter': False}) as bench:
         bench.meet(frame)
-        assert bench.angles(frame)[pip] == pytest.approx(BENT[pip])
+        assert bench.angles(frame)[pip] == pytest.approx(BENT_ANGLES[pip])
         assert bench.set({upper: 20.}).successful
         assert bench.angles(frame)[pip] == np.radians(20.)
 
@@ -212,11 +221,11 @@ def test_parameters_at_run_time(solved):
         assert bench.set({'coupling.index.slope': .5, 'finger_ik': 'fabrik'}).successful
         angles = bench.angles(swapped)
         assert angles[JOINTS.index('index_dip_flexion')] == pytest.approx(.5 * angles[pip])
-        assert angles[pip] == pytest.approx(BENT[pip], abs=1e-3)
+        assert angles[pip] == pytest.approx(BENT_ANGLES[pip], abs=1e-3)
 
 
 def test_a_misspelt_parameter_is_named_and_help_starts_no_node():
-    with NodeProcess(MODULE, {'hand_lenght': .19, 'rigidity': False}) as process:
+    with NodeProcess(TRACKER_MODULE, {'hand_lenght': .19, 'rigidity': False}) as process:
         process.wait_for_line("there is no parameter 'hand_lenght': left out; "
                               "did you mean 'hand_length'?")
         assert process.interrupt() == 0
@@ -233,11 +242,11 @@ def test_the_documented_parameter_file_changes_nothing_and_all_is_described(tmp_
     save_hand(file, Hand.scaled(
         .2, .1, side='left', limits=.5 * preset_limits('wide'),
         coupling=((.7, np.radians(3.)),) * 5).with_paper_thumb(), MarkerLayout())
-    with NodeProcess(MODULE, {'hand_file': str(file)}) as process, watching_node() as node:
+    with NodeProcess(TRACKER_MODULE, {'hand_file': str(file)}) as process, watching_node() as node:
         plain = described(Bench(process, node, 10, 'hand_tracker'))
         assert process.interrupt() == 0
-    with NodeProcess(MODULE, files=[CONFIG], parameters={'hand_file': str(file)}) as process, \
-            watching_node() as node:
+    with NodeProcess(TRACKER_MODULE, files=[CONFIG],
+                     parameters={'hand_file': str(file)}) as process, watching_node() as node:
         bench = Bench(process, node, 10, 'hand_tracker')
         assert described(bench) == plain
         bench.meet(hand_at(hand=load_hand(file)[0]))
@@ -660,7 +669,7 @@ def test_a_wrong_start_ends_with_one_line_and_exit_code_1(tmp_path):
         ({'hand_file': str(bad)}, r'hand_file: .*hand.yaml: finger_bones_mm.index.*900'))
     with ExitStack() as stack:
         started = [(stack.enter_context(NodeProcess(
-            MODULE, parameters, environment={'HAND_TRACKER_JIT': '0'})), said)
+            TRACKER_MODULE, parameters, environment={'HAND_TRACKER_JIT': '0'})), said)
             for parameters, said in cases]
         for process, said in started:
             assert process.wait() == 1, process.output
@@ -672,7 +681,7 @@ def test_a_wrong_start_ends_with_one_line_and_exit_code_1(tmp_path):
 def test_a_lack_of_numba_is_logged_in_one_line(tmp_path):
     (tmp_path / 'numba.py').write_text('raise ImportError')
     path = os.pathsep.join((str(tmp_path), os.environ.get('PYTHONPATH', '')))
-    with NodeProcess(MODULE, environment={'PYTHONPATH': path}) as process:
+    with NodeProcess(TRACKER_MODULE, environment={'PYTHONPATH': path}) as process:
         process.wait_for_line('listening')
         warning, = lines(process, 'slower')
         assert '[WARN]' in warning and 'numba is not installed' in warning
@@ -681,7 +690,7 @@ def test_a_lack_of_numba_is_logged_in_one_line(tmp_path):
 
 def test_numba_turned_off_is_logged_in_one_line():
     pytest.importorskip('numba', reason='numba is not installed: there is nothing to turn off')
-    with NodeProcess(MODULE, environment={'HAND_TRACKER_JIT': '0'}) as process:
+    with NodeProcess(TRACKER_MODULE, environment={'HAND_TRACKER_JIT': '0'}) as process:
         process.wait_for_line('listening')
         warning, = lines(process, 'slower')
         assert '[WARN]' in warning and 'HAND_TRACKER_JIT=0' in warning
@@ -691,7 +700,7 @@ def test_numba_turned_off_is_logged_in_one_line():
 @pytest.mark.parametrize('rule', [
     ('-r', 'a b'), ('-r', '__node:=a-b'), ('--params-file', '/nowhere.yaml'), ('--bogus',)])
 def test_a_wrong_command_line_ends_with_one_line_and_exit_code_1(rule):
-    with Process([sys.executable, '-m', MODULE, '--ros-args', *rule],
+    with Process([sys.executable, '-m', TRACKER_MODULE, '--ros-args', *rule],
                  {'HAND_TRACKER_JIT': '0'}) as process:
         assert process.wait() == 1, process.output
     # rcl says a line of its own before.

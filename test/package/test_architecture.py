@@ -6,19 +6,19 @@ import re
 import subprocess
 import sys
 from collections import defaultdict
-from pathlib import Path
 
 import pytest
 
-from benchmarks.import_order import ORDER, PACKAGE, imported_files, place, upward_imports
+from benchmarks.import_order import ORDER, PACKAGE_FOLDER, imported_files, place, upward_imports
+from benchmarks.repository import REPOSITORY
 
-ROOT = Path(__file__).resolve().parents[2]
 FAST_PATH = 'nodes/fast_path/'
+FOLDERS = 'hand_tracker', 'launch', 'benchmarks', 'docs', 'examples', 'security', 'test'
 UNPICKLING = {'pickle', 'marshal', 'shelve', 'dill', 'cloudpickle'}
 SLOW_TO_IMPORT = {'matplotlib', 'numba', 'rosbags', 'scipy', 'skimage'}
 TEXT_TO_CODE = {'eval', 'exec', 'os.system', 'os.popen', 'subprocess.getoutput'}
-MODULES = {path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text(encoding='utf-8'))
-           for path in sorted(PACKAGE.rglob('*.py'))}
+MODULES = {path.relative_to(PACKAGE_FOLDER).as_posix(): ast.parse(path.read_text(encoding='utf-8'))
+           for path in sorted(PACKAGE_FOLDER.rglob('*.py'))}
 
 
 def top(name):
@@ -68,7 +68,7 @@ def test_no_import_runs_upwards():
 
 def test_only_the_fast_path_imports_from_its_modules():
     imported = {target for name in MODULES if not name.startswith(FAST_PATH)
-                for target in imported_files(PACKAGE / name) if target.startswith(FAST_PATH)}
+                for target in imported_files(PACKAGE_FOLDER / name) if target.startswith(FAST_PATH)}
     assert imported == {f'{FAST_PATH}__init__.py'}
 
 
@@ -116,7 +116,7 @@ def test_no_bytes_become_code():
     """No pickle, no shell, no YAML or XML of more than plain trees."""
     found = []
     launch_files = {f'launch/{path.name}': ast.parse(path.read_text(encoding='utf-8'))
-                    for path in (ROOT / 'launch').glob('*.py')}
+                    for path in (REPOSITORY / 'launch').glob('*.py')}
     for name, tree in {**MODULES, **launch_files}.items():
         for node in ast.walk(tree):
             if isinstance(node, (ast.Import, ast.ImportFrom)):
@@ -141,10 +141,23 @@ def test_no_two_modules_have_one_name():
             if name not in ('__init__.py', '__main__.py')} == {}
 
 
-def test_no_two_modules_define_one_constant():
-    constants = ((constant, name) for name, tree in MODULES.items()
-                 for constant in top_level_constants(tree))
-    assert repeated(constants) == {}
+def constants_of(files):
+    """Yield the constants of files of the repository, each with its file."""
+    for path in files:
+        for constant in top_level_constants(ast.parse(path.read_text(encoding='utf-8'))):
+            yield constant, path.relative_to(REPOSITORY).as_posix()
+
+
+def test_no_constant_has_two_meanings():
+    """The constants of test files are their own, but none has the name of one of the package."""
+    tests = sorted((REPOSITORY / 'test').rglob('test_*.py'))
+    others = [path for folder in FOLDERS for path in sorted((REPOSITORY / folder).rglob('*.py'))
+              if path not in tests]
+    assert repeated(constants_of(others)) == {}
+    package = {constant for constant, file in constants_of(others)
+               if file.startswith(('hand_tracker/', 'launch/'))}
+    assert [(constant, file) for constant, file in constants_of(tests)
+            if constant in package] == []
 
 
 def test_no_two_modules_define_one_class_or_function():
@@ -157,24 +170,25 @@ def test_no_two_modules_define_one_class_or_function():
 
 
 def test_every_folder_of_the_core_names_its_modules():
-    for folder in sorted(path for path in (PACKAGE / 'core').iterdir() if path.is_dir()):
+    for folder in sorted(path for path in (PACKAGE_FOLDER / 'core').iterdir() if path.is_dir()):
         text = ast.get_docstring(MODULES.get(f'core/{folder.name}/__init__.py', ast.Module([], [])))
         modules = {path.stem for path in folder.glob('*.py')} - {'__init__'}
         assert modules <= set(re.findall(r'`(\w+)`', text or '')), folder.name
 
 
 def test_the_architecture_names_what_is_there():
-    text = (ROOT / 'docs' / 'architecture.md').read_text(encoding='utf-8')
-    files = {path.name for folder in (PACKAGE, ROOT / 'test') for path in folder.rglob('*.py')}
+    text = (REPOSITORY / 'docs' / 'architecture.md').read_text(encoding='utf-8')
+    files = {path.name for folder in (PACKAGE_FOLDER, REPOSITORY / 'test')
+             for path in folder.rglob('*.py')}
     named = set(re.findall(r'`(\w+\.py)`', text))
     assert named - files == set()
     folders = set(re.findall(r'`([\w/]+)/`', text))
-    assert [name for name in folders if not (PACKAGE / name).is_dir()
-            and not (ROOT / name).is_dir()] == []
+    assert [name for name in folders if not (PACKAGE_FOLDER / name).is_dir()
+            and not (REPOSITORY / name).is_dir()] == []
 
 
 def test_the_architecture_names_every_folder_and_the_modules_of_a_frame():
-    text = (ROOT / 'docs' / 'architecture.md').read_text(encoding='utf-8')
+    text = (REPOSITORY / 'docs' / 'architecture.md').read_text(encoding='utf-8')
     expected = {f'{name.rpartition("/")[0]}/' for name in MODULES if '/' in name}
     expected |= {name.split('/')[-1] for name in MODULES if '__init__' not in name
                  and top(name) in ('core', 'messages', 'tracking', 'nodes')}

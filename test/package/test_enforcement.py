@@ -19,7 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from helpers import stranger
 from helpers.bench import messages
 from helpers.robots import wide_hand
-from helpers.ros_process import PATIENCE, TRACKER, NodeProcess, Process, watching_node
+from helpers.ros_process import PATIENCE, TRACKER_MODULE, NodeProcess, Process, watching_node
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
@@ -35,7 +35,7 @@ from hand_tracker.messages.builders import prefixed_names
 from hand_tracker.nodes.live_tracker import LiveTracker
 from hand_tracker.nodes.runner import spinning
 from hand_tracker.package_data import packaged_recording
-from security.policies import ARRANGEMENTS, ENCLAVES, NAMES, SHARED_PROCESSES, settled_rules
+from security.policies import ARRANGEMENTS, ENCLAVES, NODE_NAMES, SHARED_PROCESSES, settled_rules
 from security.trials import DRIVER, STRANGER, UNSECURED, enforced, make_keystore
 
 NEEDS = 'rclpy', 'tf2_msgs', 'trajectory_msgs', 'rosbag2_interfaces'
@@ -43,7 +43,7 @@ NEEDS = 'rclpy', 'tf2_msgs', 'trajectory_msgs', 'rosbag2_interfaces'
 REPLAY, RETARGET = (f'hand_tracker.nodes.{program}_node' for program in ('replay', 'retarget'))
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TEST_FOLDER = str(Path(__file__).resolve().parents[1])
-ROUNDS = 300  # of a stranger's tries, before there is anybody else
+TRIAL_ROUNDS = 300  # of a stranger's tries, before there is anybody else
 FRAMES = 300
 # rmw_fastrtps says this where Fast DDS, or itself, was built without them.
 WITHOUT_PLUGINS = "doesn't have the security libraries"
@@ -81,7 +81,7 @@ def set_environment(monkeypatch):
 
 def stranger_process(environment):
     paths = TEST_FOLDER, *filter(None, [os.environ.get('PYTHONPATH')])
-    return Process([sys.executable, '-m', stranger.MODULE],
+    return Process([sys.executable, '-m', stranger.STRANGER_MODULE],
                    {**environment, 'PYTHONPATH': os.pathsep.join(paths)})
 
 
@@ -105,7 +105,7 @@ def start_nodes(stack, robot, environment_of, by_deadman):
     processes = [stack.enter_context(NodeProcess(*arguments, environment=environment_of(program)))
                  for program, *arguments in (
                      # Of several publishers it then believes all.
-                     ('tracker', TRACKER, {'publishers': 'all'}),
+                     ('tracker', TRACKER_MODULE, {'publishers': 'all'}),
                      ('retarget', RETARGET, {
                          'robot': robot, 'safety.hold_to_engage': by_deadman}))]
     for process in processes:
@@ -143,7 +143,7 @@ def test_a_stranger_reaches_nothing_and_the_nodes_work(
         processes = start_nodes(stack, robot, lambda program: enforced(
             keystore, f'{ENCLAVES}/{program}'), by_deadman)
         process = stack.enter_context(stranger_process(of_stranger))
-        wait_until(process, lambda: reached(process).rounds > ROUNDS)
+        wait_until(process, lambda: reached(process).rounds > TRIAL_ROUNDS)
         if who == 'without permission':
             # It is known to them.
             wait_until(process, lambda: 'hand_tracker' in reached(process).nodes)
@@ -156,7 +156,7 @@ def test_a_stranger_reaches_nothing_and_the_nodes_work(
             'recording': str(packaged_recording('right')), 'loop': True},
             environment=enforced(keystore, f'{ENCLAVES}/replay')))
         driver.node.spin_until(lambda: len(driver.frames) > FRAMES)
-        assert stranger.FRAME not in {frame.header.frame_id for frame in driver.frames}
+        assert stranger.STRANGER_FRAME not in {frame.header.frame_id for frame in driver.frames}
         assert driver.relax_time() != stranger.WANTED
         assert driver.set_relax_time()
         driver.engage(by_deadman)
@@ -222,7 +222,8 @@ class Driver:
         names = [name.removeprefix('right_') for name in prefixed_names('right_').joints]
 
         def act():
-            self._robot.publish(JointState(name=names, position=[stranger.AT] * len(names)))
+            self._robot.publish(JointState(
+                name=names, position=[stranger.STRANGER_ANGLE] * len(names)))
             self._deadman.publish(Bool(data=by_deadman))
             if not by_deadman:
                 self.node.call(SetBool, 'retarget/engage', SetBool.Request(data=True))
@@ -239,7 +240,7 @@ def test_every_node_starts_enforced_in_every_arrangement(
         # An enclave as the launch file gives it.
         environment = environ(**security_environment(str(keystore)))
         del environment['ROS_SECURITY_ENCLAVE_OVERRIDE']
-        parts = {NAMES.get(part, part) for part in SHARED_PROCESSES.get(program, (program,))}
+        parts = {NODE_NAMES.get(part, part) for part in SHARED_PROCESSES.get(program, (program,))}
         for number, parameters in enumerate(ARRANGEMENTS.get(program, (['robot:=plain'],))):
             # The last one is forgotten.
             driver.spin_until(lambda: parts.isdisjoint(driver.get_node_names()))
@@ -260,7 +261,7 @@ def test_every_node_starts_enforced_in_every_arrangement(
 
 def test_the_viewer_sees_the_hand_enforced(keystore, set_environment):
     with ExitStack() as stack:
-        for program, module, parameters in (('tracker', TRACKER, {}), ('replay', REPLAY, {
+        for program, module, parameters in (('tracker', TRACKER_MODULE, {}), ('replay', REPLAY, {
                 'recording': str(packaged_recording('right')), 'loop': True})):
             stack.enter_context(NodeProcess(
                 module, parameters, environment=enforced(keystore, f'{ENCLAVES}/{program}')))

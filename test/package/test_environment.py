@@ -4,11 +4,11 @@ import os
 import shutil
 import subprocess
 import time
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from benchmarks.repository import REPOSITORY
+
 PATIENCE = 240.  # [s], on a busy machine
 TOOLS = (
     'bash', 'cat', 'cut', 'dirname', 'env', 'find', 'flock', 'grep', 'mkdir', 'rm', 'sha256sum',
@@ -45,9 +45,9 @@ class Machine:
         self.bin = folder / 'bin'
         self.bin.mkdir()
         for name in ('scripts', 'requirements', 'overlay'):
-            shutil.copytree(ROOT / name, self.checkout / name)
+            shutil.copytree(REPOSITORY / name, self.checkout / name)
         for name in ('package.xml', 'pyproject.toml', 'setup.py', 'setup.cfg'):
-            shutil.copy(ROOT / name, self.checkout)
+            shutil.copy(REPOSITORY / name, self.checkout)
         for name in ('core', 'skin'):
             (self.checkout / 'hand_tracker' / name).mkdir(parents=True)
             (self.checkout / 'hand_tracker' / name / '__init__.py').touch()
@@ -339,7 +339,7 @@ def test_sourced_ros_of_another_python_is_left_alone(machine):
 def test_scripts_pass_shellcheck():
     if shutil.which('shellcheck') is None:
         pytest.skip('shellcheck is not installed')
-    scripts = [ROOT / 'scripts' / name for name in (
+    scripts = [REPOSITORY / 'scripts' / name for name in (
         'audit', 'demo', 'docs', 'environment.sh', 'lint', 'test')]
-    scripts += [ROOT / '.ci' / 'run', ROOT / 'overlay' / 'build', ROOT / 'requirements' / 'pin']
-    subprocess.run(['shellcheck', '-x', *scripts], cwd=ROOT, check=True, env=os.environ)
+    scripts += [REPOSITORY / name for name in ('.ci/run', 'overlay/build', 'requirements/pin')]
+    subprocess.run(['shellcheck', '-x', *scripts], cwd=REPOSITORY, check=True, env=os.environ)

@@ -4,23 +4,22 @@ import csv
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.repository import REPOSITORY
 from hand_tracker import load_hand
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
 
-ROOT = Path(__file__).resolve().parents[2]
-EXAMPLES = sorted((ROOT / 'examples').glob('*.py'))
+EXAMPLES = sorted((REPOSITORY / 'examples').glob('*.py'))
 
 
 def run(name, folder):
     """Run an example in a folder; return the numbers of the line that it prints."""
-    done = subprocess.run([sys.executable, ROOT / 'examples' / f'{name}.py'], cwd=folder,
+    done = subprocess.run([sys.executable, REPOSITORY / 'examples' / f'{name}.py'], cwd=folder,
                           check=True, stdout=subprocess.PIPE, text=True)
     return [float(number) for number in re.findall(r'(?<![\w/])\d+(?:\.\d+)?(?= )', done.stdout)]
 
@@ -89,7 +88,7 @@ def test_live_node(tmp_path):
         at.x, at.y, at.z = place
         at.z += 1.    # zero would be a marker that is lost
         marker.header.frame_id, marker.header.stamp.sec = 'mocap', 7
-    command = [sys.executable, ROOT / 'examples' / 'live_node.py']
+    command = [sys.executable, REPOSITORY / 'examples' / 'live_node.py']
     with Process(command, cwd=tmp_path) as process, watching_node() as node:
         publisher = node.create_publisher(MarkerArray, 'markers', 10)
         answers = node.collect(JointState, 'joint_states')

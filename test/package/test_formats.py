@@ -8,13 +8,13 @@ import pytest
 from helpers.bodies import body_that_carries
 from helpers.point_files import hand_recording
 
+from benchmarks.repository import REPOSITORY
 from hand_tracker.__main__ import main
 from hand_tracker.files.bvh_file import write_bvh_motion
 from hand_tracker.files.recordings import VICON_CSV, write_recording
 
-ROOT = Path(__file__).resolve().parents[2]
-COMMANDS = re.findall(r'^\| .* \| `(hand_tracker [^`]*)` \|$',
-                      (ROOT / 'README.md').read_text(encoding='utf-8'), re.MULTILINE)
+README_COMMANDS = re.findall(r'^\| .* \| `(hand_tracker [^`]*)` \|$',
+                      (REPOSITORY / 'README.md').read_text(encoding='utf-8'), re.MULTILINE)
 VICON_NAMES = {'R_Wrist': 'Anna:WRA', 'R_IndexMCP': 'Anna:FIN', 'R_PinkyMCP': 'Anna:PIN'}
 
 
@@ -33,12 +33,12 @@ def recordings(tmp_path_factory):
 
 
 def test_the_readme_has_a_command_for_every_format():
-    assert len(COMMANDS) >= 11
+    assert len(README_COMMANDS) >= 11
     for suffix in ('.c3d', '.trc', '.tsv', '.csv', '.bvh', '.npz', '.mcap', '.glb'):
-        assert any(suffix in command for command in COMMANDS)
+        assert any(suffix in command for command in README_COMMANDS)
 
 
-@pytest.mark.parametrize('command', COMMANDS)
+@pytest.mark.parametrize('command', README_COMMANDS)
 def test_the_commands_of_the_readme_run(recordings, monkeypatch, command):
     monkeypatch.chdir(recordings)
     before = {path: path.stat().st_mtime_ns for path in recordings.iterdir()}

@@ -17,8 +17,9 @@ import numpy as np
 import pytest
 import yaml
 from helpers.hands import hand_at
-from helpers.launching import FIRST_START, LACK, LAUNCH, RATE, installed, named
+from helpers.launching import DEMO_RATE, FIRST_START, LACK, LAUNCH, installed, named
 
+from benchmarks.repository import REPOSITORY
 from hand_tracker.adapters.hand_landmarks import OPENXR
 from hand_tracker.calibration.landmarks import LANDMARKS
 from hand_tracker.core.model.hand import (
@@ -38,9 +39,8 @@ from hand_tracker.files.hand_file import save_hand
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.retargeting.robot_file import load_robot
 
-ROOT = Path(__file__).resolve().parents[2]
-RVIZ = ROOT / 'config' / 'hand_tracker.rviz'
-RECORDING = ROOT / 'recordings' / 'demo.mcap'
+RVIZ = REPOSITORY / 'config' / 'hand_tracker.rviz'
+RECORDING = REPOSITORY / 'recordings' / 'demo.mcap'
 FEW = 40  # frames
 
 CHOICES = {
@@ -160,7 +160,7 @@ def short(tmp_path_factory):
     """Return the first half second of the packaged recording."""
     path = tmp_path_factory.mktemp('recording') / 'short.mcap'
     with open_bag(RECORDING) as bag:
-        write_bag(path, islice(bag.messages(['/markers']), round(RATE / 2)))
+        write_bag(path, islice(bag.messages(['/markers']), round(DEMO_RATE / 2)))
     return path
 
 
@@ -189,7 +189,7 @@ def between(stamps, seen):
 
 def check_rate(tracked):
     """Check that stamps are those of frames at the rate; a busy machine may leave some out."""
-    steps = np.diff(tracked) * 1e-9 * RATE
+    steps = np.diff(tracked) * 1e-9 * DEMO_RATE
     assert (np.rint(steps) > 0).all()
     assert np.abs(steps - np.rint(steps)).max() < .02
 
@@ -381,7 +381,7 @@ def test_what_an_earlier_run_recorded_is_not_replayed(watch, tmp_path):
             yield message._replace(topic='/hand_markers')
 
     with open_bag(RECORDING) as bag:
-        messages = list(islice(bag.messages(['/markers']), round(RATE / 2)))
+        messages = list(islice(bag.messages(['/markers']), round(DEMO_RATE / 2)))
     write_bag(tmp_path / 'run.mcap', earlier_run())
     states = watch.collect(JointState, 'joint_states')
     with Launch(recording=tmp_path / 'run.mcap') as process:
@@ -478,7 +478,7 @@ class System:
 
 def rows_of_the_readme():
     """Return the arguments of each live system in the README, one text a row."""
-    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    text = (REPOSITORY / 'README.md').read_text(encoding='utf-8')
     found = []
     for cell in re.findall(r'\| (`source:=[^|]*) \|$', text, re.MULTILINE):
         first, *others = re.findall('`([^`]+)`', cell)
@@ -870,7 +870,8 @@ def test_rviz_configuration():
 
 
 def test_topics_of_the_rviz_configuration_are_published():
-    sources = '\n'.join(path.read_text() for path in (ROOT / 'hand_tracker/nodes').glob('*.py'))
+    sources = '\n'.join(path.read_text() for path in
+                        (REPOSITORY / 'hand_tracker/nodes').glob('*.py'))
     published = dict((topic, kind) for kind, topic in re.findall(
         r"create_publisher\(\s*(\w+), f?'(?:\{[\w.]+\})?(\w+)'", sources))
     assert published['hand_markers'] == 'MarkerArray'

@@ -17,7 +17,7 @@ from launch import LaunchDescription
 
 # The command launch_test reads no configuration of pytest.
 sys.path.append(str(Path(__file__).resolve().parents[1]))
-from helpers.launching import FIRST_START, LACK, LAUNCH, RATE, named  # noqa: E402
+from helpers.launching import DEMO_RATE, FIRST_START, LACK, LAUNCH, named  # noqa: E402
 from helpers.ros_process import watching_node  # noqa: E402
 
 NEEDS = 'launch_testing', 'launch_ros', 'rclpy'
@@ -36,7 +36,7 @@ class TestRunning(unittest.TestCase):
     def test_joint_states(self):
         with watching_node() as watch:
             states = watch.collect(JointState, 'joint_states')
-            watch.spin_until(lambda: len(states) > RATE, FIRST_START)
+            watch.spin_until(lambda: len(states) > DEMO_RATE, FIRST_START)
         self.assertEqual(list(states[-1].name), named('right_', JOINTS))
 
 

@@ -15,11 +15,11 @@ from zipfile import ZipFile
 import pytest
 
 import hand_tracker
+from benchmarks.repository import REPOSITORY
 from hand_tracker import TrackerOptions, package_data
 from hand_tracker.entry import NODES
 from hand_tracker.nodes.tracker_parameters import START
 
-ROOT = Path(__file__).resolve().parents[2]
 DATA_FOLDERS = ('config', 'config/robots', 'examples', 'launch', 'recordings', 'urdf')
 
 # Import name -> rosdep key, where they differ.
@@ -42,7 +42,7 @@ OPTIONAL = {'distributed', 'fsspec', 'numba', 'llvmlite', 'mujoco', 'qtm_rt', 'v
 
 FORBIDDEN_IN_CORE = {'PIL', 'joblib', 'matplotlib', 'rclpy', 'rosbags', 'scipy', 'skimage',
                      'tf2_ros', 'trimesh', 'yaml'}
-CORE = sorted((ROOT / 'hand_tracker' / 'core').rglob('*.py'))
+CORE = sorted((REPOSITORY / 'hand_tracker' / 'core').rglob('*.py'))
 
 
 def imported_modules(tree):
@@ -60,7 +60,7 @@ def parse(path):
 
 @pytest.fixture(scope='module')
 def manifest():
-    return ElementTree.parse(ROOT / 'package.xml').getroot()
+    return ElementTree.parse(REPOSITORY / 'package.xml').getroot()
 
 
 @pytest.fixture(scope='module')
@@ -69,7 +69,7 @@ def wheel(tmp_path_factory):
     pytest.importorskip('pip', reason='pip, which builds the wheel, is not installed')
     folder = tmp_path_factory.mktemp('wheel')
     ignored = shutil.ignore_patterns('.*', '*.egg-info', 'build', 'install', 'log', '__pycache__')
-    shutil.copytree(ROOT, folder / 'checkout', ignore=ignored)
+    shutil.copytree(REPOSITORY, folder / 'checkout', ignore=ignored)
     run_pip('wheel', '--no-build-isolation', '-w', folder, folder / 'checkout')
     return next(folder.glob('*.whl'))
 
@@ -94,7 +94,7 @@ def test_public_names_are_imported_when_they_are_first_used():
     names = ', '.join(hand_tracker.__all__)
     before, listed, after = run_python(
         'import sys, hand_tracker; print(*sys.modules); print(*dir(hand_tracker)); '
-        f'from hand_tracker import {names}; print(*sys.modules)', cwd=ROOT).splitlines()
+        f'from hand_tracker import {names}; print(*sys.modules)', cwd=REPOSITORY).splitlines()
     ours = [name for name in before.split() if name.startswith('hand_tracker')]
     assert ours == ['hand_tracker'] and 'numpy' not in before.split()
     assert set(hand_tracker.__all__) <= set(listed.split())
@@ -124,7 +124,7 @@ def test_an_unknown_name_is_refused():
 def test_help_imports_nothing_that_computes():
     modules = set(run_python(
         'import sys; from hand_tracker.__main__ import main; main(["--help"]); '
-        'print(*sys.modules)', cwd=ROOT).split())
+        'print(*sys.modules)', cwd=REPOSITORY).split())
     assert modules & {'numpy', 'numba', 'matplotlib', 'rclpy', 'scipy'} == set()
 
 
@@ -136,7 +136,7 @@ def test_manifest_is_a_format_3_ament_python_package(manifest):
 
 def test_manifest_covers_every_import(manifest):
     declared = {depend.text for depend in manifest.findall('exec_depend')}
-    sources = [*(ROOT / 'hand_tracker').rglob('*.py'), *(ROOT / 'launch').glob('*.py')]
+    sources = [*(REPOSITORY / 'hand_tracker').rglob('*.py'), *(REPOSITORY / 'launch').glob('*.py')]
     imported = {name for path in sources for name in imported_modules(parse(path))}
     foreign = imported - sys.stdlib_module_names - OPTIONAL - {'hand_tracker'}
     assert {ROSDEP_KEYS.get(name, name) for name in foreign} - declared == set()
@@ -144,7 +144,7 @@ def test_manifest_covers_every_import(manifest):
 
 def test_manifest_declares_nothing_that_is_not_used(manifest):
     declared = {depend.text for depend in manifest.findall('exec_depend')}
-    sources = [*(ROOT / 'hand_tracker').rglob('*.py'), *(ROOT / 'launch').glob('*.py')]
+    sources = [*(REPOSITORY / 'hand_tracker').rglob('*.py'), *(REPOSITORY / 'launch').glob('*.py')]
     text = '\n'.join(path.read_text() for path in sources)
     names = {key: name for name, key in ROSDEP_KEYS.items()}
     assert [depend for depend in declared - STARTED_ONLY
@@ -152,7 +152,7 @@ def test_manifest_declares_nothing_that_is_not_used(manifest):
 
 
 def test_no_file_of_tests_skips_while_it_is_imported():
-    for path in (ROOT / 'test').rglob('*.py'):
+    for path in (REPOSITORY / 'test').rglob('*.py'):
         # A skip at import ends the collection of launch_testing: `NEEDS` is for that.
         found = [ast.unparse(node) for node in ast.parse(path.read_bytes()).body
                  if not isinstance(node, ast.FunctionDef | ast.ClassDef)
@@ -161,16 +161,16 @@ def test_no_file_of_tests_skips_while_it_is_imported():
 
 
 def test_markers_of_pytest_are_used():
-    (markers,) = re.findall(r'(?m)^markers = \[(.*)\]', (ROOT / 'pyproject.toml').read_text())
+    (markers,) = re.findall(r'(?m)^markers = \[(.*)\]', (REPOSITORY / 'pyproject.toml').read_text())
     declared = re.findall(r'"(\w+): ', markers)
     assert declared
-    tests = '\n'.join(path.read_text() for path in (ROOT / 'test').rglob('*.py'))
+    tests = '\n'.join(path.read_text() for path in (REPOSITORY / 'test').rglob('*.py'))
     assert [name for name in declared if f'pytest.mark.{name}' not in tests] == []
 
 
 def test_an_interrupt_while_a_command_is_imported_is_quiet():
     command = [sys.executable, '-X', 'importtime', '-m', 'hand_tracker', 'demo']
-    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, cwd=REPOSITORY, stderr=subprocess.PIPE, text=True)
     head = []
     # What it needs next comes after its own imports.
     while not head or 'matplotlib' not in head[-1]:
@@ -183,17 +183,17 @@ def test_an_interrupt_while_a_command_is_imported_is_quiet():
 
 
 def test_entry_points_lead_to_functions():
-    targets = re.findall(r"'(\w+) = ([\w.]+):(\w+)'", (ROOT / 'setup.py').read_text())
+    targets = re.findall(r"'(\w+) = ([\w.]+):(\w+)'", (REPOSITORY / 'setup.py').read_text())
     assert len(targets) == 14
     for _, module, function in targets:
-        path = ROOT / (module.replace('.', '/') + '.py')
+        path = REPOSITORY / (module.replace('.', '/') + '.py')
         assert path.is_file()
         names = [node.name for node in parse(path).body if isinstance(node, ast.FunctionDef)]
         assert function in names, path
     assert set(NODES) == {script for script, _, _ in targets} - {'hand_tracker'}
 
 
-@pytest.mark.parametrize('path', CORE, ids=lambda path: str(path.relative_to(ROOT)))
+@pytest.mark.parametrize('path', CORE, ids=lambda path: str(path.relative_to(REPOSITORY)))
 def test_core_needs_no_ros_no_files_and_no_plots(path):
     tree = parse(path)
     imported = set(imported_modules(tree))
@@ -204,18 +204,18 @@ def test_core_needs_no_ros_no_files_and_no_plots(path):
 
 
 def test_core_imports_no_other_folder():
-    names = ('.'.join(path.relative_to(ROOT).with_suffix('').parts) for path in CORE)
+    names = ('.'.join(path.relative_to(REPOSITORY).with_suffix('').parts) for path in CORE)
     imports = ''.join(f'import {name.removesuffix(".__init__")}; ' for name in names)
-    modules = set(run_python(f'{imports}import sys; print(*sys.modules)', cwd=ROOT).split())
+    modules = set(run_python(f'{imports}import sys; print(*sys.modules)', cwd=REPOSITORY).split())
     ours = {name for name in modules if name.startswith('hand_tracker.')}
     assert {name for name in ours if not re.match(r'hand_tracker\.core\b', name)} == set()
     assert modules & {'rclpy', 'matplotlib', 'rosbags'} == set()
 
 
 def test_checkout_is_its_own_share_directory():
-    if not Path(package_data.__file__).resolve().is_relative_to(ROOT):
+    if not Path(package_data.__file__).resolve().is_relative_to(REPOSITORY):
         pytest.skip('an installed hand_tracker is under test, not the checkout')
-    assert package_data.share_directory() == ROOT
+    assert package_data.share_directory() == REPOSITORY
 
 
 @pytest.mark.parametrize(
@@ -239,7 +239,7 @@ def test_wheel_holds_the_data_files(wheel):
     expected = {
         f'{folder}/{path.name}'
         for folder in DATA_FOLDERS
-        for path in (ROOT / folder).glob('[!.]*')
+        for path in (REPOSITORY / folder).glob('[!.]*')
         if path.is_file()
     }
     names = ZipFile(wheel).namelist()
@@ -247,8 +247,8 @@ def test_wheel_holds_the_data_files(wheel):
     shared = {name[len(prefix):] for name in names if name.startswith(prefix)}
     assert shared >= {f'hand_tracker/{name}' for name in expected}
     assert {'hand_tracker/package.xml', 'hand_tracker/security/hand_tracker.policy.xml'} <= shared
-    sources = [path for path in (ROOT / 'hand_tracker').rglob('*') if path.suffix == '.py']
-    assert set(names) >= {str(path.relative_to(ROOT)) for path in sources}
+    sources = [path for path in (REPOSITORY / 'hand_tracker').rglob('*') if path.suffix == '.py']
+    assert set(names) >= {str(path.relative_to(REPOSITORY)) for path in sources}
     assert 'hand_tracker/py.typed' in names
     assert 'ament_index/resource_index/packages/hand_tracker' in shared
     assert [name for name in names if name.startswith(('test/', 'overlay/', 'tf2_ros/'))] == []
@@ -264,9 +264,9 @@ def test_installed_wheel_finds_its_data(wheel, tmp_path):
 
 
 def test_the_documents_name_every_argument_and_parameter():
-    text = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
+    text = (REPOSITORY / 'docs' / 'ros.md').read_text(encoding='utf-8')
     named = set(re.findall(r'`([^`]+)`', text))
-    launch = (ROOT / 'launch' / 'track.launch.py').read_text(encoding='utf-8')
+    launch = (REPOSITORY / 'launch' / 'track.launch.py').read_text(encoding='utf-8')
     arguments = re.findall(r"DeclareLaunchArgument\(\s*'(\w+)'", launch)
     assert len(arguments) > 10
     assert [name for name in arguments if name not in named] == []
@@ -278,7 +278,7 @@ def test_the_documents_name_every_argument_and_parameter():
 
 
 def test_links_of_the_documents_lead_somewhere():
-    documents = [*ROOT.glob('*.md'), *(ROOT / 'docs').glob('*.md')]
+    documents = [*REPOSITORY.glob('*.md'), *(REPOSITORY / 'docs').glob('*.md')]
     broken = []
     for document in documents:
         for link in re.findall(r'\]\(([^)#\s]+)', document.read_text(encoding='utf-8')):

@@ -19,8 +19,8 @@ def test_markers_rest_on_the_skin():
     markers = marker_positions(pictures.resting_layout(hand).mounting(hand), rest)
     skin = pictures.skin_mesh(hand, rest).vertices
     gaps = np.linalg.norm(markers[:, None] - skin, axis=2).min(axis=1)
-    assert (gaps > .4 * pictures.MARKER_BALL_RADIUS).all()
-    assert (gaps < 1.4 * pictures.MARKER_BALL_RADIUS).all()
+    assert (gaps > .4 * pictures.DRAWN_BALL_RADIUS).all()
+    assert (gaps < 1.4 * pictures.DRAWN_BALL_RADIUS).all()
 
 
 def test_hidden_markers_are_larger_and_of_another_colour():
@@ -30,7 +30,7 @@ def test_hidden_markers_are_larger_and_of_another_colour():
 
 
 def test_the_motion_of_the_readme_is_smooth_and_small():
-    path = pictures.FOLDER / 'motion.gif'
+    path = pictures.PICTURE_FOLDER / 'motion.gif'
     assert path.stat().st_size <= 3e6
     with Image.open(path) as image:
         assert image.info['loop'] == 0 and image.info['duration'] <= 50  # [ms]
@@ -46,7 +46,7 @@ def test_the_demo_ends_as_it_begins():
 
 
 def test_round_trips_are_drawn_where_they_are_on_the_axis(tmp_path, monkeypatch):
-    monkeypatch.setattr(pictures, 'FOLDER', tmp_path)
+    monkeypatch.setattr(pictures, 'PICTURE_FOLDER', tmp_path)
     centres = {'hand_tracker': .3, 'rclpy_echo': 1., 'c_echo': .1}  # [ms]
     spread = np.append(np.geomspace(.9, 1.1, 99), np.nan)
     np.savez(tmp_path / 'trips.npz', **{
@@ -56,7 +56,7 @@ def test_round_trips_are_drawn_where_they_are_on_the_axis(tmp_path, monkeypatch)
     with Image.open(tmp_path / 'latency.png') as image:
         pixels = np.asarray(image.convert('RGB')).astype(int)[:, 440:]
     means = {}
-    for node, (_, _, colour) in pictures.NODES.items():
+    for node, (_, _, colour) in pictures.TRIP_NODES.items():
         off = np.abs(pixels - 255. * np.array(pictures.rgb(colour))).max(axis=2)
         # Of the outline, not of its foot that runs along the whole axis.
         here = (off < 8.).sum(axis=0)
@@ -68,7 +68,7 @@ def test_round_trips_are_drawn_where_they_are_on_the_axis(tmp_path, monkeypatch)
 
 @pytest.mark.skipif(not COMPILED, reason='takes minutes in plain Python')
 def test_hero_is_a_whole_card_with_three_stages(tmp_path, monkeypatch):
-    monkeypatch.setattr(pictures, 'FOLDER', tmp_path)
+    monkeypatch.setattr(pictures, 'PICTURE_FOLDER', tmp_path)
     pictures.hero()
     with Image.open(tmp_path / 'hero.png') as image:
         pixels = np.asarray(image.convert('RGBA')).astype(int)

@@ -20,11 +20,11 @@ from security.policies import (
 )
 
 NEEDS = 'rclpy', 'tf2_msgs', 'trajectory_msgs', 'rosbag2_interfaces', 'lifecycle_msgs'
-SHIPPED = {use.program: use for use in shipped_uses()}
+SHIPPED_USES = {use.program: use for use in shipped_uses()}
 
 
 def test_there_is_a_policy_for_every_program():
-    assert set(SHIPPED) == {*ARRANGEMENTS, *OTHERS}
+    assert set(SHIPPED_USES) == {*ARRANGEMENTS, *OTHERS}
 
 
 @pytest.mark.skipif(os.environ.get('ROS_DISTRO', 'jazzy') != 'jazzy',
@@ -34,7 +34,7 @@ def test_a_node_uses_what_its_policy_allows_and_nothing_else(program):
     if program == 'skin':
         pytest.importorskip('skimage', reason='needs scikit-image')
     found, = uses([program])
-    assert found == SHIPPED[program], 'python -m security.policies writes it anew'
+    assert found == SHIPPED_USES[program], 'python -m security.policies writes it anew'
 
 
 def test_nodes_of_one_process_may_do_what_each_alone_may():
@@ -69,6 +69,6 @@ def test_nodes_of_one_of_both_hands_hear_the_joints_of_both(program):
 
 def test_nothing_is_allowed_by_a_wildcard():
     assert VERSION in POLICY.read_text(encoding='utf-8')
-    for use in SHIPPED.values():
+    for use in SHIPPED_USES.values():
         for names in use.rules.values():
             assert names and not any(sign in name for name in names for sign in '*?[')

@@ -10,7 +10,7 @@ NAMES = ('thumb', 'index', 'wrist')
 LOWER, UPPER = np.array((-.5, 0., -1.)), np.array((1., 1.6, 1.))
 SPEED = np.array((0., 2., 40.))
 REST = np.array((0., .1, 0.))
-ROBOT = np.array((.4, 1., -.3))
+ROBOT_POSITION = np.array((.4, 1., -.3))
 HAND = np.array((.1, .6, .2))
 STEP = .01
 
@@ -23,7 +23,7 @@ class Rig:
         self.guard = CommandGuard(NAMES, LOWER, UPPER, SPEED, REST, self.options)
         self.now = 100.
 
-    def tick(self, hand=HAND, robot=ROBOT, step=STEP):
+    def tick(self, hand=HAND, robot=ROBOT_POSITION, step=STEP):
         """Let a period pass, with a frame of the hand unless that is None; return the command."""
         self.now += step
         if robot is not None:
@@ -56,8 +56,8 @@ def test_nothing_moves_before_it_is_engaged():
 
 
 @pytest.mark.parametrize('hand, robot, reason', [
-    (None, ROBOT, 'no hand'), (HAND, None, 'joint states are missing'),
-    (np.full(3, np.nan), ROBOT, 'no hand'), (HAND, np.full(3, np.nan), 'missing'),
+    (None, ROBOT_POSITION, 'no hand'), (HAND, None, 'joint states are missing'),
+    (np.full(3, np.nan), ROBOT_POSITION, 'no hand'), (HAND, np.full(3, np.nan), 'missing'),
     (HAND, np.array((.4, 1.9, 0.)), 'index is at 1.900, outside its limits 0.000 to 1.600')])
 def test_without_a_hand_or_a_robot_it_is_not_engaged(hand, robot, reason):
     rig = Rig()
@@ -92,7 +92,7 @@ def test_a_robot_without_joint_states_starts_at_rest_by_choice():
 
 def test_it_eases_from_where_the_robot_is():
     rig = Rig().engaged()
-    commands = [ROBOT]
+    commands = [ROBOT_POSITION]
     while rig.guard.state is GuardState.EASING:
         commands.append(rig.tick())
     assert len(commands) > .3 / (rig.options.ease_speed * STEP)
@@ -147,7 +147,7 @@ def test_engaging_again_starts_from_the_robot_and_not_from_the_last_command():
     rig = Rig().following()
     rig.guard.disengage()
     assert rig.tick() is None
-    moved = ROBOT + (.2, -.5, .1)
+    moved = ROBOT_POSITION + (.2, -.5, .1)
     rig.run(.1, robot=moved)
     assert rig.guard.engage(rig.now) == ''
     assert np.abs(rig.tick(robot=moved) - moved).max() < .01
@@ -291,7 +291,7 @@ FAULTS = ('none', 'frozen', 'killed', 'late', 'nan', 'jump', 'noise', 'robot los
 def test_ten_thousand_faults_break_no_rule(options):
     random = np.random.default_rng(len(options) + sum(map(len, options)))
     rig = Rig(**options)
-    guard, robot, frozen = rig.guard, ROBOT.copy(), HAND.copy()
+    guard, robot, frozen = rig.guard, ROBOT_POSITION.copy(), HAND.copy()
     margin, last, last_time = rig.options.limit_margin, None, 0.
     most = np.where(SPEED > 0., np.minimum(SPEED, rig.options.max_speed), rig.options.max_speed)
     seen, sent = set(), 0

@@ -13,7 +13,7 @@ from hand_tracker.retargeting.wrist_follower import (
 )
 
 STEP = .01
-ROBOT = WristPose(np.array((.5, -.2, .8)), Rotation.from_rotvec((.3, .2, -.4)))
+ROBOT_WRIST = WristPose(np.array((.5, -.2, .8)), Rotation.from_rotvec((.3, .2, -.4)))
 PERSON = WristPose(np.array((2., 1., 1.2)), Rotation.from_rotvec((0., 1., 0.)))
 
 
@@ -27,7 +27,7 @@ class Rig:
     def __init__(self, **options):
         self.it, self.now = WristFollower(WristOptions(**options)), 5.
         self.it.observe(PERSON, self.now)
-        assert self.it.engage(ROBOT, self.now) == ''
+        assert self.it.engage(ROBOT_WRIST, self.now) == ''
 
     def tick(self, pose):
         self.now += STEP
@@ -47,19 +47,19 @@ def turned_by(first, second):
 def test_it_moves_as_much_as_the_person_in_the_frame_of_the_robots_base():
     rig = Rig(scale=.5, yaw_deg=90.)
     at = rig.settle(moved(x=.08, z=.04, turn=(.3, 0., 0.)))
-    np.testing.assert_allclose(at.position - ROBOT.position, (0., .04, .02), atol=1e-9)
-    np.testing.assert_allclose(turned_by(ROBOT, at), (0., .3, 0.), atol=1e-9)
+    np.testing.assert_allclose(at.position - ROBOT_WRIST.position, (0., .04, .02), atol=1e-9)
+    np.testing.assert_allclose(turned_by(ROBOT_WRIST, at), (0., .3, 0.), atol=1e-9)
 
 
 def test_the_twist_leads_to_the_pose_and_ends_there():
     rig = Rig()
-    at, goal = ROBOT, moved(y=.05, turn=(0., 0., .2))
+    at, goal = ROBOT_WRIST, moved(y=.05, turn=(0., 0., .2))
     for _ in range(100):
         command = rig.tick(goal)
         np.testing.assert_allclose(command.pose.position, at.position + STEP * command.linear)
         np.testing.assert_allclose(turned_by(at, command.pose), STEP * command.angular, atol=1e-12)
         at = command.pose
-    np.testing.assert_allclose(at.position - ROBOT.position, (0., .05, 0.), atol=1e-9)
+    np.testing.assert_allclose(at.position - ROBOT_WRIST.position, (0., .05, 0.), atol=1e-9)
     assert np.abs(command.linear).max() < 1e-9 and np.abs(command.angular).max() < 1e-9
 
 
@@ -101,11 +101,11 @@ def test_speeds_hold_whatever_comes_and_a_jump_is_not_followed(fault):
 
 def test_without_both_poses_it_is_not_engaged_and_sends_nothing():
     it = WristFollower()
-    assert "person's wrist is missing" in it.engage(ROBOT, 0.)
+    assert "person's wrist is missing" in it.engage(ROBOT_WRIST, 0.)
     it.observe(PERSON, 0.)
     assert "robot's wrist is missing" in it.engage(None, 0.)
     assert it.command(.01) is None
-    assert it.engage(ROBOT, 0.) == '' and it.command(.01) is not None
+    assert it.engage(ROBOT_WRIST, 0.) == '' and it.command(.01) is not None
     it.disengage()
     assert it.command(.02) is None
 

@@ -4,12 +4,12 @@ import os
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.repository import REPOSITORY
 from hand_tracker.cli.simulate import main
 from hand_tracker.core.errors import InvalidLayout
 from hand_tracker.core.model.hand import FINGERS, JOINTS, Hand
@@ -39,7 +39,6 @@ from hand_tracker.simulation.simulator import (
 )
 from hand_tracker.simulation.visibility import markers_inside, skin_layout
 
-ROOT = Path(__file__).resolve().parents[2]
 HAND = Hand.scaled()
 LAYOUT = skin_layout(HAND)
 
@@ -165,7 +164,7 @@ def test_the_command_writes_a_recording_with_truth_and_a_hand_file(tmp_path):
                '--rate', '60', '--duration', '2', '--cameras', '4', '--dropouts', '2',
                '--seed', '3', '--side', 'left', '--calibration', 'hand.yaml']
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True,
-                          env={**os.environ, 'PYTHONPATH': str(ROOT)})
+                          env={**os.environ, 'PYTHONPATH': str(REPOSITORY)})
     assert done.returncode == 0, done.stderr
     assert 'frames at 60 Hz' in done.stdout
     with open_bag(tmp_path / 'out.mcap') as bag:
@@ -207,7 +206,7 @@ def test_the_entry_of_the_node_records_when_it_is_given_a_motion(tmp_path):
         done = subprocess.run(
             [sys.executable, '-m', 'hand_tracker.entry', 'simulate', *arguments],
             cwd=tmp_path, capture_output=True, text=True,
-            env={**os.environ, 'PYTHONPATH': str(ROOT)})
+            env={**os.environ, 'PYTHONPATH': str(REPOSITORY)})
         assert done.returncode == code and said in done.stdout + done.stderr
 
 

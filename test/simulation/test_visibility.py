@@ -4,11 +4,11 @@ import os
 import subprocess
 import sys
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.repository import REPOSITORY
 from hand_tracker.calibration import LANDMARKS, landmark_positions
 from hand_tracker.core.model.hand import FINGERS, JOINTS, SIDES, Hand, preset_limits
 from hand_tracker.core.model.kinematics import forward, joint_table
@@ -22,7 +22,6 @@ from hand_tracker.simulation.gestures import GRASPS, LETTER_SHAPES, grasp_shape,
 from hand_tracker.simulation.motion import DEMO_STEPS, demo_motion, minimum_jerk
 from hand_tracker.simulation.poses import NAMED_POSES, Touch, pose_angles, thumb_gap
 
-ROOT = Path(__file__).resolve().parents[2]
 HAND = Hand.scaled()
 SIZES = [HAND, Hand.scaled(.16, .07), Hand.scaled(.21, .10), HAND.mirrored(),
          HAND.replace(limits=preset_limits('wide'))]
@@ -234,7 +233,7 @@ def remade(tmp_path_factory):
     """Return the packaged recordings, made again, by side."""
     folder = tmp_path_factory.mktemp('remade')
     (folder / 'recordings').mkdir()
-    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    environment = {**os.environ, 'PYTHONPATH': str(REPOSITORY)}
     for options in ([], ['--side', 'left'], ['--side', 'both']):
         run = subprocess.run([sys.executable, '-m', 'hand_tracker', 'record', *options], cwd=folder,
                              capture_output=True, text=True, check=True, env=environment)
@@ -249,7 +248,7 @@ def packaged_messages(path):
 
 @pytest.mark.parametrize('side', PACKAGED_RECORDINGS)
 def test_packaged_recording_is_remade_byte_for_byte(remade, side):
-    packaged, remade = ROOT / PACKAGED_RECORDINGS[side], remade[side]
+    packaged, remade = REPOSITORY / PACKAGED_RECORDINGS[side], remade[side]
     assert packaged_messages(remade) == packaged_messages(packaged)
     if writer_of(remade) != writer_of(packaged):
         pytest.skip('another release of rosbags compresses differently; the messages agree')
@@ -305,7 +304,7 @@ def test_packaged_recording_is_small_and_holds_what_was_made(recording):
 def test_command_says_why_it_cannot_write(tmp_path):
     run = subprocess.run(
         [sys.executable, '-m', 'hand_tracker', 'record', '-o', tmp_path / 'demo.txt'],
-        cwd=ROOT, capture_output=True, text=True)
+        cwd=REPOSITORY, capture_output=True, text=True)
     assert run.returncode == 1
     assert "unknown extension '.txt'" in run.stderr
     assert 'Traceback' not in run.stderr

@@ -22,7 +22,7 @@ from hand_tracker.splicing.spliced_points import hand_world, marker_wrist, splic
 
 NEEDS = 'bvhio', 'pygltflib'
 OFFSET = .6
-UPRIGHT = np.array(ROTATIONS['y'], dtype=float)
+TURN_UPRIGHT = np.array(ROTATIONS['y'], dtype=float)
 
 
 @pytest.fixture(scope='module')
@@ -32,7 +32,7 @@ def simulated():
     path, turns = wrist_motion(body.motion(100.), body.wrists['right'])
     across = turns @ np.array((0., 0., .03))
     middle = .01 * path.positions
-    points = np.stack([middle + across, middle - across, middle + 1.], axis=1) @ UPRIGHT.T
+    points = np.stack([middle + across, middle - across, middle + 1.], axis=1) @ TURN_UPRIGHT.T
     recording = PointRecording('body', 'test', ('Anna:RWRA', 'Anna:RWRB', 'Anna:C7'),
                                points.astype(np.float32), 100., None, Axes('m', 'z'))
     tracked = body.hand('right', np.arange(1000) / 120., lambda t: t + OFFSET)
@@ -46,7 +46,7 @@ def test_joints_are_put_into_the_world_of_the_body(simulated):
     assert alignment.offset == pytest.approx(OFFSET, abs=.004)
     world = hand_world(wrist, tracked, alignment)
     assert not world.is_same and world.distance < 2. * np.linalg.norm(LEVER)
-    turned = UPRIGHT @ body.world.T @ UPRIGHT.T
+    turned = TURN_UPRIGHT @ body.world.T @ TURN_UPRIGHT.T
     angle = np.degrees(np.arccos((np.trace(world.rotation.T @ turned) - 1.) / 2.))
     assert angle < 6.
     spliced = splice_points(recording, [(tracked, alignment, world)])
@@ -128,7 +128,7 @@ def test_a_body_of_markers_is_a_skeleton_in_motion_too(simulated, tmp_path):
                             ('mixamorig:RightHandIndex1', 'right_index_mcp'),
                             ('mixamorig:RightHandThumb3', 'right_thumb_ip')):
             at = np.array(root.filter(name, isEqual=True)[0].PositionWorld)
-            path = expected.points[:, expected.labels.index(label)] @ UPRIGHT
+            path = expected.points[:, expected.labels.index(label)] @ TURN_UPRIGHT
             is_hidden = (frame, label) == (305, 'Anna:C7')
             # Straight on, from frame 299 to frame 310.
             true = (5. * path[299] + 6. * path[310]) / 11. if is_hidden else path[frame]

@@ -5,14 +5,13 @@ import shutil
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
+from benchmarks.repository import REPOSITORY
 from hand_tracker.core.numerics import jit
 from hand_tracker.tracking.compilation import Compilation
 
-ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 600.  # [s]
 
 needs_numba = pytest.mark.skipif(
@@ -53,7 +52,8 @@ print(farthest, *(line for _, line in stream.pop_log_lines()), sep='\\n')
 
 def run(program, cache, *arguments):
     environment = {**os.environ, 'HAND_TRACKER_JIT': 'background', 'NUMBA_CACHE_DIR': str(cache),
-                   'PYTHONPATH': os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])}
+                   'PYTHONPATH': os.pathsep.join(
+                       [str(REPOSITORY), os.environ.get('PYTHONPATH', '')])}
     return subprocess.run([sys.executable, '-c', program, *arguments], env=environment,
                           capture_output=True, text=True)
 
@@ -68,7 +68,7 @@ def unfinished_cache(folder):
 
 @needs_numba
 def test_compiled_kernels_take_over_between_two_frames_and_go_on_alike(tmp_path):
-    done = run(TAKE_OVER, unfinished_cache(tmp_path), str(ROOT / 'recordings' / 'demo.mcap'))
+    done = run(TAKE_OVER, unfinished_cache(tmp_path), str(REPOSITORY / 'recordings' / 'demo.mcap'))
     assert done.returncode == 0, done.stderr
     farthest, first, second = done.stdout.splitlines()
     assert float(farthest) <= 1e-9
@@ -220,7 +220,7 @@ with compile_lock('one'):
 def test_two_processes_compile_a_set_one_after_the_other(tmp_path):
     pytest.importorskip('fcntl', reason='there are no locks of files here')
     environment = {**os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(tmp_path),
-                   'PYTHONPATH': str(ROOT)}
+                   'PYTHONPATH': str(REPOSITORY)}
     both = [subprocess.Popen([sys.executable, '-c', TWO_AT_ONCE, str(tmp_path / 'log')],
                              env=environment) for _ in range(2)]
     assert [process.wait(PATIENCE) for process in both] == [0, 0]

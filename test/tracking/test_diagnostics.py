@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.frames import SEEN, frame, hidden, state_of
+from helpers.frames import RESTING, frame, hidden, state_of
 
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.core.model.states import MarkerState, PalmState
@@ -19,7 +19,7 @@ class Hand:
         self.watch = InputMonitor(0., '/markers', labels or LabelMap())
         self.diagnosis = Diagnostics(0., self.watch)
 
-    def feed(self, now, state, positions=SEEN):
+    def feed(self, now, state, positions=RESTING):
         """Take one tracked frame; return whether it is to be told."""
         self.watch.received(now, frame(positions))
         self.watch.tracked(now, state)
@@ -42,7 +42,7 @@ def test_nothing_came_yet():
 
 def test_a_tracked_hand():
     hand = Hand()
-    state = HandTracker().update(SEEN)
+    state = HandTracker().update(RESTING)
     for i in range(121):
         hand.feed(i / 120., state)
     level, text, values = hand.status(1.)

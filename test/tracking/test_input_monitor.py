@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from helpers.frames import SEEN, frame, hidden, state_of
+from helpers.frames import RESTING, frame, hidden, state_of
 
 from hand_tracker.core.model.hand import MEAN_BREADTH, MEAN_LENGTH, Hand
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
@@ -34,7 +34,7 @@ class Input:
         # Nothing is refused: what is wrong with the palm is to be said here.
         self.tracker = HandTracker(options=TrackerOptions(outlier_gate=0., swap_margin=0.))
 
-    def feed(self, now, positions=SEEN, **causes):
+    def feed(self, now, positions=RESTING, **causes):
         """Take one message."""
         self.watch.received(now, frame(positions, **causes))
         if causes.get('stamp', True):
@@ -62,9 +62,10 @@ def test_says_when_tracking_starts_and_no_more():
 
 @pytest.mark.parametrize('fault, positions, said', [
     (PalmState.LOST, hidden(0, 1, 2), 'the palm is lost'),
-    (PalmState.COINCIDENT, np.vstack((SEEN[[0, 0, 0]], SEEN[3:])), 'coincide'),
-    (PalmState.COLLINEAR, np.vstack((SEEN[:2], [(SEEN[0] + SEEN[1]) / 2.], SEEN[3:])), 'one line'),
-    (PalmState.TOO_FAR_APART, 1000. * SEEN[:8] / 30., 'unit_scale')])
+    (PalmState.COINCIDENT, np.vstack((RESTING[[0, 0, 0]], RESTING[3:])), 'coincide'),
+    (PalmState.COLLINEAR, np.vstack(
+        (RESTING[:2], [(RESTING[0] + RESTING[1]) / 2.], RESTING[3:])), 'one line'),
+    (PalmState.TOO_FAR_APART, 1000. * RESTING[:8] / 30., 'unit_scale')])
 def test_says_which_fault_the_palm_has_and_since_when(fault, positions, said):
     hand = Input()
     hand.feed(.1)
@@ -90,7 +91,7 @@ def test_a_flickering_palm_is_said_a_bounded_number_of_times():
     hand = Input()
     lines = []
     for i in range(1000):
-        hand.feed(i / 100., SEEN if i % 2 else hidden(0, 1, 2))
+        hand.feed(i / 100., RESTING if i % 2 else hidden(0, 1, 2))
         lines += hand.said(i / 100.)
     assert len(lines) == LOG_LINES
     now = 10. + LOG_WINDOW
@@ -100,7 +101,7 @@ def test_a_flickering_palm_is_said_a_bounded_number_of_times():
 
 
 def test_says_once_when_the_markers_stay_off_the_hand_and_again_when_not():
-    off = SEEN.copy()
+    off = RESTING.copy()
     off[3:] *= 1.6  # farther than any finger reaches
     hand = Input()
     lines = []
@@ -118,13 +119,13 @@ def test_says_once_when_the_markers_stay_off_the_hand_and_again_when_not():
 
 
 def test_says_nothing_of_markers_that_are_off_for_a_moment_or_while_the_palm_is_lost():
-    off = SEEN.copy()
+    off = RESTING.copy()
     off[3:] *= 1.6
     hand = Input()
     hand.feed(0.)
     assert hand.said(0.) == ['tracking']
     for i in range(1, 200):
-        hand.feed(i / 20., SEEN if i % 30 == 0 else off)
+        hand.feed(i / 20., RESTING if i % 30 == 0 else off)
         assert hand.said(i / 20.) == []
     lost = off.copy()
     lost[:3] = np.nan

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.frames import FIRST, SEEN, frame, hidden, state_of
+from helpers.frames import RESTING, ZERO_STAMP, frame, hidden, state_of
 from helpers.hands import from_pose_to_pose, hand_at
 
 from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, Hand
@@ -24,7 +24,7 @@ def monitor():
     return Monitor(0., '/markers', LabelMap())
 
 
-def single(now, state=None, positions=SEEN, restarted=False):
+def single(now, state=None, positions=RESTING, restarted=False):
     """Return a frame of the slow path."""
     stamp = Stamp(100 + int(now), round(now % 1. * 1e9))
     tracked = TrackedFrame(now - LATENCY, stamp, 'mocap', 100. + now, state or state_of(),
@@ -51,10 +51,10 @@ def status(found, now):
 
 def test_a_single_frame_of_the_slow_path():
     state = state_of()
-    tracked = TrackedFrame(3., FIRST, 'mocap', 5., state, frame(), True, True, True)
+    tracked = TrackedFrame(3., ZERO_STAMP, 'mocap', 5., state, frame(), True, True, True)
     frames = TrackedFrames.of(tracked, 3.5)
     assert (frames.frame_count, frames.stamp, frames.received, frames.published, frames.times) == (
-        1, FIRST, [3.], [3.5], [5.])
+        1, ZERO_STAMP, [3.], [3.5], [5.])
     assert frames.runs == [(3.5, state)] and frames.state is state
     assert frames.markers is tracked.markers
     assert frames.restarted and not frames.on_fast_path

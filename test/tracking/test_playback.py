@@ -10,7 +10,7 @@ import pytest
 from hand_tracker.tracking import playback as module
 from hand_tracker.tracking.playback import BUSY_WAIT, Playback, read_ahead
 
-START = 5 * 10**9
+BEGIN = 5 * 10**9
 PERIOD = 10**7
 PATIENCE = 240.  # [s], on a busy machine
 
@@ -30,7 +30,7 @@ class Clock:
         return self._now
 
     def time_ns(self):
-        return START + self._now
+        return BEGIN + self._now
 
     def sleep(self, seconds):
         self._now += round(1e9 * seconds)
@@ -80,13 +80,13 @@ def wait(condition):
 
 
 def items(count, period=PERIOD):
-    return [Item(START + i * period) for i in range(count)]
+    return [Item(BEGIN + i * period) for i in range(count)]
 
 
 @pytest.mark.parametrize('rate', [1., 4.])
 def test_plays_at_recorded_times(clock, rate):
     played = []
-    Playback(START, rate).play(
+    Playback(BEGIN, rate).play(
         items(21), lambda item, due: played.append((item.time, due, clock.time_ns())))
     recorded, due, at = zip(*played)
     assert recorded == tuple(item.time for item in items(21))
@@ -95,13 +95,13 @@ def test_plays_at_recorded_times(clock, rate):
 
 
 def test_same_recorded_time_is_due_at_the_same_time():
-    player = Player(Playback(START), [Item(START), Item(START), Item(START + 1000)])
+    player = Player(Playback(BEGIN), [Item(BEGIN), Item(BEGIN), Item(BEGIN + 1000)])
     player.join()
     assert player.due[1] == player.due[0] and player.due[2] == player.due[0] + 1000
 
 
 def test_late_item_does_not_delay_the_next(clock):
-    playback = Playback(START)
+    playback = Playback(BEGIN)
     late = []
 
     def put(item, due):
@@ -115,21 +115,21 @@ def test_late_item_does_not_delay_the_next(clock):
 
 
 def test_paused_plays_nothing_until_resumed():
-    playback = Playback(START, paused=True)
+    playback = Playback(BEGIN, paused=True)
     player = Player(playback, items(3))
-    assert playback.paused and playback.now == START
+    assert playback.paused and playback.now == BEGIN
     wait(lambda: playback._playing)
-    assert player.played == [] and playback.now == START
+    assert player.played == [] and playback.now == BEGIN
     before = time.time_ns()
     playback.resume()
     assert len(player.join()) == 3
     # Nothing was due before.
     assert player.due[0] >= before
-    assert not playback.paused and playback.now > START
+    assert not playback.paused and playback.now > BEGIN
 
 
 def test_pause_acts_at_once_and_time_stands():
-    playback = Playback(START)
+    playback = Playback(BEGIN)
     player = Player(playback, items(100))
     player.wait_for(5)
     playback.toggle_paused()
@@ -146,8 +146,8 @@ def test_pause_acts_at_once_and_time_stands():
 
 
 def test_rate_acts_on_the_wait_under_way():
-    playback = Playback(START)
-    player = Player(playback, [Item(START), Item(START + 3600 * 10**9)])
+    playback = Playback(BEGIN)
+    player = Player(playback, [Item(BEGIN), Item(BEGIN + 3600 * 10**9)])
     player.wait_for(1)
     assert playback.set_rate(1e6)
     assert len(player.join()) == 2
@@ -155,16 +155,16 @@ def test_rate_acts_on_the_wait_under_way():
 
 @pytest.mark.parametrize('rate', [0., -1., float('nan'), float('inf')])
 def test_bad_rate_is_refused(rate):
-    assert not Playback(START).set_rate(rate)
+    assert not Playback(BEGIN).set_rate(rate)
 
 
 def test_time_stands_until_play_begins(clock):
-    playback = Playback(START, 1000.)
+    playback = Playback(BEGIN, 1000.)
     clock.sleep(.02)
     playback.pause()
     playback.resume()
     playback.set_rate(4.)
-    assert playback.now == START
+    assert playback.now == BEGIN
     clock.sleep(.02)
     times = []
     playback.play(items(11), lambda item, due: times.append(clock.time_ns()))
@@ -172,7 +172,7 @@ def test_time_stands_until_play_begins(clock):
 
 
 def test_play_next_plays_one_and_moves_the_time():
-    playback = Playback(START, paused=True)
+    playback = Playback(BEGIN, paused=True)
     player = Player(playback, items(3, 3600 * 10**9))
     for count in (1, 2, 3):
         assert playback.play_next()
@@ -184,11 +184,11 @@ def test_play_next_plays_one_and_moves_the_time():
 
 
 def test_play_next_needs_a_pause():
-    assert not Playback(START).play_next()
+    assert not Playback(BEGIN).play_next()
 
 
 def test_close_lets_go_who_waits_for_a_step():
-    playback = Playback(START, paused=True)
+    playback = Playback(BEGIN, paused=True)
     answers = []
     caller = Thread(target=lambda: answers.append(playback.play_next()))
     caller.start()

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from itertools import count, islice
-from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -17,6 +16,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.offline import measure_one
+from benchmarks.repository import REPOSITORY
 from hand_tracker.cli.track import main
 from hand_tracker.core.model.hand import JOINTS, SIDES, Hand, preset_coupling, preset_limits
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
@@ -46,13 +46,12 @@ from hand_tracker.simulation.packaged_recordings import (
 from hand_tracker.tracking.monitor import Monitor
 from hand_tracker.tracking.recording import MarkerReading, track
 
-ROOT = Path(__file__).resolve().parents[2]
 FRAMES = 150
-STATUS_PERIOD = 10_000_000  # [ns]
+STAMP_STEP = 10_000_000     # [ns]
 ROS = ('builtin_interfaces', 'geometry_msgs', 'rclpy', 'sensor_msgs', 'std_msgs', 'tf2_msgs',
        'tf2_ros', 'visualization_msgs')
 PATIENCE = 240.  # [s], on a busy machine
-GIVEN = '--no-auto-size'  # the hand is the mean hand
+GIVEN_SIZE = '--no-auto-size'  # the hand is the mean hand
 RUN = 'import sys; from hand_tracker.__main__ import main; sys.exit(main(sys.argv[1:]))'
 HALF_MILLIDEGREE = .0005  # of rounding in a table
 
@@ -99,7 +98,7 @@ def message_of(positions, stamp=7 * 10**9, time=None, frame='mocap', numbers=MAR
 
 
 def run_in_process(*arguments, code=RUN):
-    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    environment = {**os.environ, 'PYTHONPATH': str(REPOSITORY)}
     return subprocess.Popen(
         [sys.executable, '-c', code, 'track', *map(str, arguments)], env=environment,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -110,7 +109,7 @@ def run_in_process(*arguments, code=RUN):
 @pytest.mark.parametrize('wrist', [False, True])
 def test_table_holds_what_the_tracker_says_of_the_arrays(recording, bag, wrist, tmp_path, capsys):
     output = tmp_path / 'out.csv'
-    assert main([str(bag), '-o', str(output), GIVEN] + ['--wrist'] * wrist) == 0
+    assert main([str(bag), '-o', str(output), GIVEN_SIZE] + ['--wrist'] * wrist) == 0
     assert f'{FRAMES} of {FRAMES} frames tracked' in capsys.readouterr().out
     header, table = read_table(output)
     assert header == ['time_s', *(f'right_{joint}_deg' for joint in JOINTS),
@@ -134,7 +133,7 @@ def test_both_hands_of_a_recording_are_tracked_as_each_alone(tmp_path, capsys):
                   for side, part in packaged_recordings('both').items()}
     recordings['left'].markers[20:30] = np.nan  # not in the messages at all
     write_bag(tmp_path / 'in.mcap', both_hands_messages(recordings))
-    arguments = [str(tmp_path / 'in.mcap'), '--side', 'both', '--wrist', GIVEN, '-o']
+    arguments = [str(tmp_path / 'in.mcap'), '--side', 'both', '--wrist', GIVEN_SIZE, '-o']
     assert main([*arguments, str(tmp_path / 'out.csv')]) == 0
     assert '60 of 60 frames tracked' in capsys.readouterr().out
     header, table = read_table(tmp_path / 'out.csv')
@@ -172,7 +171,7 @@ def test_both_hands_are_found_among_points_without_labels(tmp_path, capsys):
                                       angles=part.angles[:60])
                   for side, part in packaged_recordings('both').items()}
     write_bag(tmp_path / 'in.mcap', both_hands_messages(recordings))
-    arguments = [str(tmp_path / 'in.mcap'), '--side', 'both', '--wrist', GIVEN]
+    arguments = [str(tmp_path / 'in.mcap'), '--side', 'both', '--wrist', GIVEN_SIZE]
     for labels in ('source', 'none'):
         assert main([*arguments, '--labels', labels, '-o', str(tmp_path / f'{labels}.csv')]) == 0
     assert 'the left hand is found among 16 points' in capsys.readouterr().err
@@ -191,14 +190,14 @@ def test_the_size_of_the_hand_is_learned_unless_it_is_given(tmp_path):
         late = table[:, 0] > 5.5
         return np.abs(table[late, pip] - np.degrees(recording.angles[late, pip - 1])).mean()
 
-    assert error() < 4. < 15. < error(GIVEN)
+    assert error() < 4. < 15. < error(GIVEN_SIZE)
 
 
 @pytest.mark.parametrize('extension', ['.mcap', '.db3'])
 def test_recording_holds_the_same_angles_with_the_markers_stamps(
         recording, bag, extension, tmp_path):
     output = tmp_path / f'out{extension}'
-    assert main([str(bag), '-o', str(output), '--wrist', GIVEN]) == 0
+    assert main([str(bag), '-o', str(output), '--wrist', GIVEN_SIZE]) == 0
     with open_bag(output) as written:
         assert written.topics == {'/joint_states': 'sensor_msgs/msg/JointState',
                                   '/tf': 'tf2_msgs/msg/TFMessage'}
@@ -257,7 +256,7 @@ def test_topic_frame_labels_and_units_are_those_asked_for(recording, tmp_path):
     labels = [word for i, marker in enumerate(MARKERS)
               for word in ('--label', f'{marker}=hand/{i + 2}')]
     assert main([str(tmp_path / 'in.mcap'), '-o', str(tmp_path / 'out.csv'), *labels, '--topic',
-                 'a/markers', '--frame', 'mocap', '--unit-scale', '.001', GIVEN]) == 0
+                 'a/markers', '--frame', 'mocap', '--unit-scale', '.001', GIVEN_SIZE]) == 0
     _, table = read_table(tmp_path / 'out.csv')
     assert np.allclose(table[:, 1:], np.degrees([state.angles for state in states_of(recording)]),
                        rtol=0, atol=2. * HALF_MILLIDEGREE)
@@ -278,12 +277,12 @@ def test_nothing_comes_out_before_the_palm_was_seen_and_of_other_markers(recordi
     lost = palmless.copy()
     lost[:3] = 0.
     messages = [
-        message_of(palmless, STATUS_PERIOD), message_of(whole, 2 * STATUS_PERIOD),
-        message_of(np.vstack((np.full((8, 3), np.nan), whole)), 3 * STATUS_PERIOD,
+        message_of(palmless, STAMP_STEP), message_of(whole, 2 * STAMP_STEP),
+        message_of(np.vstack((np.full((8, 3), np.nan), whole)), 3 * STAMP_STEP,
                    numbers=['x'] * 16),
-        message_of(palmless, 4 * STATUS_PERIOD), message_of(lost, 5 * STATUS_PERIOD)]
+        message_of(palmless, 4 * STAMP_STEP), message_of(lost, 5 * STAMP_STEP)]
     frames = list(track(messages, HandTracker()))
-    assert [frame.stamp for frame in frames] == [n * STATUS_PERIOD for n in (2, 4, 5)]
+    assert [frame.stamp for frame in frames] == [n * STAMP_STEP for n in (2, 4, 5)]
     tracker = HandTracker()
     lost[:3] = np.nan
     for frame, markers in zip(frames, (whole, palmless, lost)):
@@ -381,7 +380,7 @@ for name in list(sys.modules):
 
 
 def test_the_lines_of_the_readme_do_the_same(recording, tmp_path, monkeypatch):
-    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    text = (REPOSITORY / 'README.md').read_text(encoding='utf-8')
     code, = (block for block in re.findall(r'```python\n(.*?)```', text, re.DOTALL)
              if 'markers.npy' in block)
     assert len([line for line in code.splitlines() if line]) <= 10

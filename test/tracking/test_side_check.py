@@ -9,11 +9,10 @@ from helpers.hands import from_pose_to_pose
 from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
-from hand_tracker.core.model.states import MarkerState
+from hand_tracker.core.model.states import PREDICTED, SEEN
 from hand_tracker.tracking.side_check import SideCheck
 
 RATE = 100.
-SEEN, PREDICTED = int(MarkerState.SEEN), int(MarkerState.PREDICTED)
 HAND = Hand.scaled()
 
 

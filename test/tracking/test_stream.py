@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.frames import SEEN
+from helpers.frames import RESTING
 
 from hand_tracker.core.model.hand import JOINTS, Hand, preset_limits
 from hand_tracker.core.model.kinematics import forward, joint_table
@@ -63,7 +63,7 @@ class Reader:
 
 
 def markers(stamp=STAMP, frame_id='mocap'):
-    return MarkerFrame(stamp, frame_id, SEEN, (), (), ())
+    return MarkerFrame(stamp, frame_id, RESTING, (), (), ())
 
 
 def receipt():
@@ -92,7 +92,7 @@ def test_the_time_of_receipt_counts_until_a_stamp_has_come():
 def test_a_frame_is_read_timed_and_tracked(stream):
     frame = stream.track([markers()], 2., no_receipt)
     (positions, time, flexion), = stream.tracker.updates
-    assert positions is SEEN and time == 5. and flexion is None
+    assert positions is RESTING and time == 5. and flexion is None
     assert (frame.received, frame.stamp, frame.frame_id, frame.time, frame.state) == (
         2., STAMP, 'mocap', 5., 'a state')
     assert frame.is_valid and frame.is_regular and not frame.restarted
@@ -200,7 +200,7 @@ def test_a_take_collects_each_frame(stream):
     stream.take = SimpleNamespace(add=lambda positions, time: taken.append((positions, time)))
     assert stream.needs_each_frame
     stream.track([markers()], 2., no_receipt)
-    assert taken == [(SEEN, 5.)]
+    assert taken == [(RESTING, 5.)]
 
 
 @pytest.fixture

@@ -23,13 +23,13 @@ NEEDS = 'playwright', 'skimage', 'viser'
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason='no Chromium is installed')
 
-SETTLED = 2e3       # [ms]
+SETTLED_MS = 2e3    # [ms]
 DESKTOP, PHONE = (1100, 500), (390, 844)
 LYING, SMALL = (844, 390), (700, 500)
 HAND = 2000         # [pixels] that are skin, at least
-MARKERS = 500       # [pixels] that are markers that are seen, at least
+MARKER_PIXELS = 500  # [pixels] that are markers that are seen, at least
 MOVED = .003        # share of the pixels that change when a finger moves
-SEEN = 12           # [0 to 255] by which a changed pixel changes
+VISIBLE_CHANGE = 12  # [0 to 255] by which a changed pixel changes
 NARROW = 20         # [pixels] between the parts of one hand
 FIST = '2'          # [s] of the recording: all fingers are bent
 
@@ -96,7 +96,7 @@ class Page:
         self.page.get_by_text('Pause', exact=True).click()
         self.page.get_by_text('Play', exact=True).wait_for()
         # The last place that was played may still be on its way, and would replace this one.
-        self.page.wait_for_timeout(SETTLED)
+        self.page.wait_for_timeout(SETTLED_MS)
         time_box = self.page.get_by_role('textbox').first
         time_box.fill(seconds)
         time_box.press('Enter')
@@ -125,7 +125,7 @@ def changed(first, second):
     # The panel opens after the scene and takes some of its width.
     if first.shape != second.shape:
         return np.nan
-    return (np.abs(first - second).max(axis=-1) > SEEN).mean()
+    return (np.abs(first - second).max(axis=-1) > VISIBLE_CHANGE).mean()
 
 
 @contextmanager
@@ -154,7 +154,7 @@ def test_the_hand_moves_while_the_recording_plays(desktop):
 
 
 def test_markers_show_through_the_skin(desktop):
-    desktop.until(lambda: is_seen_marker(desktop.picture()).sum() > MARKERS, 'markers')
+    desktop.until(lambda: is_seen_marker(desktop.picture()).sum() > MARKER_PIXELS, 'markers')
 
 
 def test_a_paused_hand_stands_still_where_it_was_sent(desktop):

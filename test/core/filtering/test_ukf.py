@@ -4,7 +4,6 @@ import math
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from benchmarks.repository import REPOSITORY
 from hand_tracker.core.filtering import ukf
 from hand_tracker.core.numerics import jit
 
-ROOT = Path(__file__).resolve().parents[3]
 NOISE = 3e-4  # [m]
 
 
@@ -228,9 +227,9 @@ def test_filterpy_agrees_in_plain_python():
         pytest.skip('already plain')
     subprocess.run(
         [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', __file__,
-         '-k', 'over_a_track'], check=True, cwd=ROOT,
+         '-k', 'over_a_track'], check=True, cwd=REPOSITORY,
         env={**os.environ, 'HAND_TRACKER_JIT': '0', 'PYTHONPATH': os.pathsep.join(
-            [str(ROOT), os.environ.get('PYTHONPATH', '')])})
+            [str(REPOSITORY), os.environ.get('PYTHONPATH', '')])})
 
 
 @given(st.integers(0, 2 ** 32 - 1))

@@ -15,12 +15,12 @@ from hand_tracker.core.inverse_kinematics.flexion import (
     straightest,
 )
 
-BONES = (.046, .036, .029)
+THREE_BONES = (.046, .036, .029)
 LIMITS = np.radians(((-20., 20.), (-5., 30.), (-10., 95.)))
 
 
 def linkage(slope, offset=0., droop=0.):
-    return Linkage(BONES, droop, tuple(LIMITS[:, 0]), tuple(LIMITS[:, 1]), slope, offset,
+    return Linkage(THREE_BONES, droop, tuple(LIMITS[:, 0]), tuple(LIMITS[:, 1]), slope, offset,
                    3)
 
 
@@ -65,18 +65,18 @@ def test_a_bend_is_found_in_a_few_tries(monkeypatch):
     assert len(tried) < 50 * 13
 
 
-ON_NAIL = -.35  # droop of a marker on the nail [rad]
+NAIL_ANGLE = -.35  # droop of a marker on the nail [rad]
 
 
 def choose(angles, natural, previous=0., step=1.):
-    chain = linkage(.5, droop=ON_NAIL)
-    return np.array(choose_three_bone(*end(angles, ON_NAIL), chain, straightest(chain),
+    chain = linkage(.5, droop=NAIL_ANGLE)
+    return np.array(choose_three_bone(*end(angles, NAIL_ANGLE), chain, straightest(chain),
                                       NaturalFlexion(*natural), previous, step))
 
 
 @pytest.mark.parametrize('second', [.02, .3])
 def test_of_two_bends_of_a_digit_with_its_marker_on_the_nail_the_natural_one_is_taken(second):
-    chain = linkage(.5, droop=ON_NAIL)
+    chain = linkage(.5, droop=NAIL_ANGLE)
     assert .1 < straightest(chain) < .35
     angles = (.05, second, coupled_angle(chain, second))
     # The person's own, from the other bend too; by another's it is the other one.
@@ -85,11 +85,11 @@ def test_of_two_bends_of_a_digit_with_its_marker_on_the_nail_the_natural_one_is_
     other = choose(angles, (0., .42 - second, .05), previous=.42 - second)
     assert abs(other[1] - second) > .2
     # It fits as well.
-    np.testing.assert_allclose(end(other, ON_NAIL), end(angles, ON_NAIL), atol=1e-7)
+    np.testing.assert_allclose(end(other, NAIL_ANGLE), end(angles, NAIL_ANGLE), atol=1e-7)
 
 
 def test_to_the_other_bend_a_digit_turns_no_faster_than_fingers_do():
-    chain = linkage(.5, droop=ON_NAIL)
+    chain = linkage(.5, droop=NAIL_ANGLE)
     angles = (.05, .45, coupled_angle(chain, .45))
     found = choose(angles, (0., .45, .1), previous=.1, step=.01)
     assert found[1] == pytest.approx(.1 + .01 * MAX_SECOND_HINGE_SPEED)

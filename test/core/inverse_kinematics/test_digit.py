@@ -32,7 +32,7 @@ TIPS = MarkerLayout(places=(*PAPER_PLACES[:3], *(f'{digit}_tip' for digit in DIG
 # Beside the middle of the bone, and a little to its palmar side.
 BESIDE = MarkerLayout(offsets=np.vstack((np.zeros((3, 3)), np.tile((.001, .003, -.002), (5, 1)))))
 LAYOUTS = pytest.mark.parametrize('layout', [PAPER, TIPS, BESIDE], ids=['paper', 'tips', 'beside'])
-FIRST, SECOND, THIRD = FLEXION_JOINTS.T
+FIRSTS, SECONDS, THIRDS = FLEXION_JOINTS.T
 MCP_ABDUCTION = JOINTS.index('thumb_mcp_abduction')
 
 
@@ -43,10 +43,10 @@ def poses(count, hand=HAND, seed=1):
     for share in rng.uniform(.05, .95, size=(count, 25)):
         angles = np.zeros(25)
         angles[ABDUCTION_JOINTS] = (lower + share * (upper - lower))[ABDUCTION_JOINTS]
-        angles[FIRST] = .4 * share[FIRST] * upper[FIRST]
-        angles[SECOND] = np.radians(10.) + .5 * share[SECOND] * upper[SECOND]
-        angles[SECOND] = np.minimum(angles[SECOND], upper[SECOND])
-        angles[THIRD] = hand.coupling[:, 0] * angles[SECOND] + hand.coupling[:, 1]
+        angles[FIRSTS] = .4 * share[FIRSTS] * upper[FIRSTS]
+        angles[SECONDS] = np.radians(10.) + .5 * share[SECONDS] * upper[SECONDS]
+        angles[SECONDS] = np.minimum(angles[SECONDS], upper[SECONDS])
+        angles[THIRDS] = hand.coupling[:, 0] * angles[SECONDS] + hand.coupling[:, 1]
         yield angles
 
 
@@ -111,10 +111,10 @@ def test_a_person_s_own_flexion_finds_the_bends_that_an_average_one_s_misses():
         digits, found, misses = digit_chains(hand, skin.mounting(hand)), np.zeros(25), []
         for bend in bends:
             angles = np.zeros(25)
-            angles[FIRST[:4]], angles[SECOND[:4]] = np.radians(5.), bend
-            angles[THIRD] = hand.coupling[:, 0] * angles[SECOND]
+            angles[FIRSTS[:4]], angles[SECONDS[:4]] = np.radians(5.), bend
+            angles[THIRDS] = hand.coupling[:, 0] * angles[SECONDS]
             found, _ = solve(digits, markers_of(angles, skin), found)
-            misses.append(np.abs(found - angles)[SECOND[:4]])
+            misses.append(np.abs(found - angles)[SECONDS[:4]])
         worst.append(np.degrees(np.max(misses)))
     assert worst[1] < 8. and worst[0] > 25.
 
@@ -164,7 +164,7 @@ def test_every_joint_stops_at_its_own_limits(layout, by_fabrik):
         assert (limits[solved, 0] <= found[solved]).all()
         assert (found[solved] <= limits[solved, 1]).all()
         reached |= found[:, None] == limits
-    assert reached[ABDUCTION_JOINTS].all() and reached[FIRST].all()
+    assert reached[ABDUCTION_JOINTS].all() and reached[FIRSTS].all()
 
 
 def test_abduction_of_every_digit_goes_to_the_limit_on_its_side():
@@ -183,7 +183,7 @@ def test_measured_last_joints_take_the_place_of_their_coupling():
     coupled = digit_chains(HAND, TIPS.mounting(HAND))
     pack, _ = packed(coupled)
     copy, measured = packed(digit_chains(HAND, TIPS.mounting(HAND)))
-    last = HAND.limits[THIRD]
+    last = HAND.limits[THIRDS]
     override_coupling(pack, np.array((.3, np.nan, 9., -9., np.inf)), copy)
     np.testing.assert_array_equal(measured.measured, (True, False, True, True, False))
     np.testing.assert_array_equal(
@@ -208,7 +208,7 @@ def test_a_measured_last_joint_is_where_it_was_measured(layout):
     bent = np.array((.2, .9, .4, .1, .6))
     override_coupling(pack, bent, copy)
     for angles in poses(10, seed=6):
-        angles[THIRD] = bent
+        angles[THIRDS] = bent
         found, _ = solve(measured, markers_of(angles, layout))
         np.testing.assert_allclose(found, angles, atol=1e-6)
 
@@ -216,7 +216,7 @@ def test_a_measured_last_joint_is_where_it_was_measured(layout):
 def test_abduction_of_a_fist_follows_in_the_time_that_passed():
     digits = digit_chains(HAND, PAPER.mounting(HAND))
     angles = np.zeros(25)
-    angles[FIRST[:4]], angles[SECOND[:4]] = 1.2, 1.3
+    angles[FIRSTS[:4]], angles[SECONDS[:4]] = 1.2, 1.3
     angles[ABDUCTION_JOINTS[:4]] = .1
     markers = markers_of(angles)
     once, _ = solve(digits, markers, step=2. * REFERENCE_STEP)
@@ -232,10 +232,10 @@ def test_a_second_hinge_turns_no_faster_than_its_step_allows():
     layout = MarkerLayout(offsets=offsets)
     digits = digit_chains(HAND, layout.mounting(HAND))
     angles = next(poses(1))
-    angles[SECOND[:4]] = 1.
+    angles[SECONDS[:4]] = 1.
     before = np.zeros(25)
-    before[SECOND] = -digits.droop
+    before[SECONDS] = -digits.droop
     markers = markers_of(angles, layout)
     for step in (5e-4, 1e-3):
         found, _ = solve(digits, markers, before, step)
-        np.testing.assert_allclose(abs(found - before)[SECOND[:4]], MAX_SECOND_HINGE_SPEED * step)
+        np.testing.assert_allclose(abs(found - before)[SECONDS[:4]], MAX_SECOND_HINGE_SPEED * step)

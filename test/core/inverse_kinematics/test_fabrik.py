@@ -12,13 +12,13 @@ from hand_tracker.core.inverse_kinematics.flexion import (
     solve_two_bone,
 )
 
-BONES = np.array((.045, .026))
+TWO_BONES = np.array((.045, .026))
 LOWER, UPPER = np.radians((-10., -10.)), np.radians((85., 95.))
-TWO_HINGES = Linkage((*BONES, 0.), 0., (*LOWER, 0.), (*UPPER, 0.), 0., 0., 2)
+TWO_HINGES = Linkage((*TWO_BONES, 0.), 0., (*LOWER, 0.), (*UPPER, 0.), 0., 0., 2)
 THREE_BONES = np.array((.045, .026, .018))
 
 
-def end(angles, bones=BONES):
+def end(angles, bones=TWO_BONES):
     headings = np.cumsum(angles)
     return np.array((bones @ np.cos(headings), -bones @ np.sin(headings)))
 

@@ -16,19 +16,19 @@ from hand_tracker.core.inverse_kinematics.flexion import (
 )
 
 LOWER, UPPER = np.radians((-10., -10.)), np.radians((85., 95.))
-BONES = (.045, .026)
+TWO_BONES = (.045, .026)
 NATURAL = NaturalFlexion(1.5, 0., AVERAGE_SPREAD)
 ON_SKIN = np.radians(-25.)  # droop of a marker on the dorsal skin
 
 
-def end(first, second, droop=0., bones=BONES):
+def end(first, second, droop=0., bones=TWO_BONES):
     bent = first + second + droop
     return (bones[0] * np.cos(first) + bones[1] * np.cos(bent),
             -bones[0] * np.sin(first) - bones[1] * np.sin(bent))
 
 
 def linkage(droop=0.):
-    return Linkage((*BONES, 0.), droop, (*LOWER, 0.), (*UPPER, 0.), 0., 0., 2)
+    return Linkage((*TWO_BONES, 0.), droop, (*LOWER, 0.), (*UPPER, 0.), 0., 0., 2)
 
 
 def solve(along, height, droop=0., previous=0., step=1., natural=NATURAL):
@@ -44,7 +44,7 @@ def test_angles_come_back():
 def test_hyperextension_begins_without_a_jump_where_flexion_would_break_a_limit():
     # A straight finger at the extension limit of its MCP, its tip moving up past straight.
     headings = np.radians(np.linspace(-5., -12., 500))
-    reach = sum(BONES) * .9995
+    reach = sum(TWO_BONES) * .9995
     found = np.array([solve(reach * np.cos(h), -reach * np.sin(h)) for h in headings])
     assert found[0, 1] > 0. > found[-1, 1]
     assert np.abs(np.diff(found, axis=0)).max() < np.radians(.5)

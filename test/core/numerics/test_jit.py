@@ -7,11 +7,11 @@ import subprocess
 import sys
 import time
 from copy import deepcopy
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.repository import REPOSITORY
 from hand_tracker.core.numerics.jit import (
     COMPILED,
     empty_like_pack,
@@ -24,8 +24,7 @@ from hand_tracker.core.numerics.jit import (
 from hand_tracker.core.pose.report import blank_report
 from hand_tracker.core.records import blank_state
 
-ROOT = Path(__file__).resolve().parents[3]
-PROGRAM = """
+SCRIPT = """
 import sys
 import numpy as np
 from hand_tracker.core.numerics import jit
@@ -69,8 +68,8 @@ np.save(sys.argv[2], rows)
 def rows(tmp_path, switch):
     out = tmp_path / f'{switch}.npy'
     environment = {**os.environ, 'HAND_TRACKER_JIT': switch, 'PYTHONPATH': os.pathsep.join(
-        [str(ROOT), os.environ.get('PYTHONPATH', '')])}
-    subprocess.run([sys.executable, '-c', PROGRAM, switch, str(out)], check=True, env=environment)
+        [str(REPOSITORY), os.environ.get('PYTHONPATH', '')])}
+    subprocess.run([sys.executable, '-c', SCRIPT, switch, str(out)], check=True, env=environment)
     return np.load(out)
 
 
@@ -88,7 +87,7 @@ def test_the_switch_turns_numba_off(tmp_path):
 @pytest.mark.skipif(not COMPILED, reason='nothing is kept without numba')
 def test_kernels_of_other_sources_go_when_unused_for_a_month(tmp_path):
     caches = tmp_path / 'hand_tracker'
-    environment = {**os.environ, 'XDG_CACHE_HOME': str(tmp_path), 'PYTHONPATH': str(ROOT)}
+    environment = {**os.environ, 'XDG_CACHE_HOME': str(tmp_path), 'PYTHONPATH': str(REPOSITORY)}
     environment.pop('NUMBA_CACHE_DIR', None)
 
     def old(name, days):
@@ -115,7 +114,7 @@ def test_kernels_of_other_sources_go_when_unused_for_a_month(tmp_path):
 
 
 def test_a_change_of_any_kernel_or_of_its_constants_makes_new_ones():
-    package, sources = ROOT / 'hand_tracker', kernel_sources()
+    package, sources = REPOSITORY / 'hand_tracker', kernel_sources()
     for path in package.rglob('*.py'):
         text = path.read_text(encoding='utf-8')
         if not re.search(r'^ *@(partial\()?jit', text, re.M):

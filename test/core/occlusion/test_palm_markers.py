@@ -16,9 +16,9 @@ from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.occlusion.palm_markers import expected_markers, track_palm
 from hand_tracker.core.occlusion.prediction import Observation, Prediction
 
-FINGERS = np.array(((.15, .025, -.02), (.16, .005, -.02), (.15, -.015, -.02), (.13, -.035, -.02),
-                    (.09, .06, -.04)))
-HAND = np.vstack((TEMPLATE, FINGERS))
+FINGER_POSITIONS = np.array(((.15, .025, -.02), (.16, .005, -.02), (.15, -.015, -.02),
+                             (.13, -.035, -.02), (.09, .06, -.04)))
+HAND = np.vstack((TEMPLATE, FINGER_POSITIONS))
 STEP = 1. / 120.
 LIMITS = PalmLimits(1.5, .3, .2)
 
@@ -27,11 +27,11 @@ class Palm:
     """Follows the palm of a hand whose digits do not move in it, frame by frame."""
 
     def __init__(self, by_fingers=True, longest=2., fading=.04):
-        self.tracks, self.digits = initial_tracks(TEMPLATE), initial_tracks(FINGERS)
+        self.tracks, self.digits = initial_tracks(TEMPLATE), initial_tracks(FINGER_POSITIONS)
         self.wrist = wrist_at_origin()
         self.options = Prediction(False, fading, by_fingers, 0., longest, 0.)
 
-    def see(self, rotation, position, hidden=(), digits=FINGERS):
+    def see(self, rotation, position, hidden=(), digits=FINGER_POSITIONS):
         """Follow a frame; return its `PalmState` and the three places."""
         markers = np.vstack((TEMPLATE, digits)) @ rotation.T + position
         seen = np.ones(8, dtype=bool)
@@ -108,7 +108,7 @@ def test_fingers_that_come_back_tell_nothing_yet():
     for _ in range(10):
         palm.see(*swing(0))
     palm.see(*swing(0), hidden=(2, 3))
-    moved = FINGERS + np.array(((.04, .0, -.04),) + 4 * ((0., 0., 0.),))
+    moved = FINGER_POSITIONS + np.array(((.04, .0, -.04),) + 4 * ((0., 0., 0.),))
     _, found = palm.see(*swing(0), (2,), moved)
     np.testing.assert_allclose(found, TEMPLATE, atol=1e-9)
 
@@ -138,7 +138,7 @@ def test_even_motion_is_expected_to_go_on():
     for frame in range(120):
         palm.see(np.eye(3), speed * STEP * frame)
     expected = np.empty((8, 3))
-    palm.digits.mean[:, :3] = FINGERS
+    palm.digits.mean[:, :3] = FINGER_POSITIONS
     expected_markers(palm.tracks, palm.digits, TEMPLATE, STEP, expected)
     np.testing.assert_allclose(expected, HAND + speed * STEP * 120, atol=2e-4)
 
@@ -147,7 +147,7 @@ def test_even_motion_is_expected_to_go_on():
     (lambda m: m, PalmState.TRACKED), (lambda m: 2. * m, PalmState.TOO_FAR_APART),
     (lambda m: .1 * m, PalmState.TOO_CLOSE), (lambda m: m[[0, 1, 1]], PalmState.COINCIDENT)])
 def test_a_palm_of_no_hand_is_not_seen(change, fault):
-    markers, seen = np.vstack((change(TEMPLATE), FINGERS)), np.ones(8, dtype=bool)
+    markers, seen = np.vstack((change(TEMPLATE), FINGER_POSITIONS)), np.ones(8, dtype=bool)
     found = check_palm(
         markers, seen, TEMPLATE, wrist_at_origin()._replace(placed=np.array((True,))), LIMITS)
     assert found == fault

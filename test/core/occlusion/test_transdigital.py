@@ -15,7 +15,7 @@ from hand_tracker.core.occlusion.transdigital import (
     regress_hidden,
 )
 
-LINKS = .6, .8, .7
+PRIOR_LINKS = .6, .8, .7
 STEP = 1. / 60.
 PLACES = np.random.default_rng(1).normal(scale=.05, size=(5, 3))
 
@@ -36,7 +36,7 @@ def learned(places, velocities, memory=7.):
     return statistics
 
 
-def coefficients_of(statistics, hidden, places=PLACES, links=LINKS):
+def coefficients_of(statistics, hidden, places=PLACES, links=PRIOR_LINKS):
     found = np.full((15, 15), 7.)
     mask = np.zeros(5, dtype=bool)
     mask[list(hidden)] = True
@@ -58,7 +58,7 @@ def test_shares_are_those_of_an_explicit_ridge_regression_on_the_history(hidden,
     # Every past frame twice, as a move to now and as a velocity over the horizon, and the prior
     # as moves of its own.
     weight = STEP * np.exp(-STEP / memory * np.arange(len(places))[::-1])
-    root = np.linalg.cholesky(prior_correlation(*LINKS) + 1e-15 * np.eye(15))
+    root = np.linalg.cholesky(prior_correlation(*PRIOR_LINKS) + 1e-15 * np.eye(15))
     rows = np.vstack((
         np.sqrt(weight)[:, None] * (places - now).reshape(-1, 15),
         np.sqrt(weight)[:, None] * VELOCITY_HORIZON * velocities.reshape(-1, 15),
@@ -76,7 +76,7 @@ def test_before_anything_is_learned_the_prior_alone_counts():
     coefficients = coefficients_of(nothing_learned().statistics, (3,))
     kept = PRIOR_MOVE ** 2 / (PRIOR_MOVE ** 2 + MOVE_FLOOR ** 2)
     ring, middle, index = (coefficients[9:12, rows_of((digit,))] for digit in (2, 1, 0))
-    np.testing.assert_allclose(ring, LINKS[2] * kept * np.eye(3), atol=.02)
+    np.testing.assert_allclose(ring, PRIOR_LINKS[2] * kept * np.eye(3), atol=.02)
     # What lies beyond the neighbour adds little to it.
     assert abs(middle).max() < .02 and abs(index).max() < .02
     assert (coefficients[9:12, 12:] == 0.).all(), 'the thumb tells nothing of fingers'
@@ -87,7 +87,7 @@ def test_before_anything_is_learned_the_thumb_is_free():
 
 
 def test_links_of_fingers_multiply():
-    prior = prior_correlation(*LINKS)
+    prior = prior_correlation(*PRIOR_LINKS)
     np.testing.assert_array_equal(prior[:3, :3], np.eye(3))
     np.testing.assert_allclose(prior[0:3, 3:6], .6 * np.eye(3))
     np.testing.assert_allclose(prior[9:12, 0:3], .6 * .8 * .7 * np.eye(3))

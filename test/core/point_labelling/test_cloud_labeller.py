@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.errors import HandTrackerError
-from hand_tracker.core.model.hand import FLEXION_JOINTS, Hand
+from hand_tracker.core.model.hand import FLEXION_JOINTS, SIDES, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.point_labelling.cloud_labeller import CloudLabeller
@@ -17,7 +17,6 @@ from hand_tracker.core.point_labelling.prototypes import learn_prototype
 from hand_tracker.simulation.packaged_recordings import demo_recording
 
 RATE = 120.
-SIDES = 'right', 'left'
 
 
 def prototype(side='right', **size):

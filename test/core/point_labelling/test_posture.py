@@ -15,7 +15,7 @@ from hand_tracker.core.point_labelling.posture import (
 )
 
 PROTOTYPE = model_prototype(Hand.scaled(), MarkerLayout(), MARKERS).statistics
-SEEN = np.array([0, 1, 2, 4, 5, 7])
+SEEN_ROWS = np.array([0, 1, 2, 4, 5, 7])
 HIDDEN = np.array([3, 6])
 
 
@@ -26,9 +26,9 @@ def coordinates(markers):
 
 def swept():
     """Return points, rows of the markers, the swept matrix and its constant."""
-    points = PROTOTYPE.template[SEEN] + .02 * np.random.default_rng(3).normal(size=(6, 3))
+    points = PROTOTYPE.template[SEEN_ROWS] + .02 * np.random.default_rng(3).normal(size=(6, 3))
     rows = np.full(8, -1)
-    rows[SEEN] = np.arange(6)
+    rows[SEEN_ROWS] = np.arange(6)
     matrix = np.empty((24, 24))
     constant, hidden = reset_matrix(PROTOTYPE, rows, matrix)
     assert hidden == 2
@@ -38,9 +38,9 @@ def swept():
 def test_hidden_markers_leave_the_marginal_distribution():
     points, rows, matrix, constant = swept()
     covariance = np.linalg.inv(PROTOTYPE.precision)
-    seen = coordinates(SEEN)
+    seen = coordinates(SEEN_ROWS)
     marginal = covariance[np.ix_(seen, seen)]
-    off = (points - PROTOTYPE.template[SEEN]).ravel()
+    off = (points - PROTOTYPE.template[SEEN_ROWS]).ravel()
     distance = posture_distance(matrix, PROTOTYPE.template, points, rows, np.empty(24),
                                 np.empty(24))
     assert np.isclose(distance, off @ np.linalg.solve(marginal, off), rtol=1e-8)
@@ -50,8 +50,8 @@ def test_hidden_markers_leave_the_marginal_distribution():
 def test_hidden_markers_are_expected_where_the_seen_ones_leave_them():
     points, rows, matrix, _ = swept()
     covariance = np.linalg.inv(PROTOTYPE.precision)
-    seen, hidden = coordinates(SEEN), coordinates(HIDDEN)
-    off = (points - PROTOTYPE.template[SEEN]).ravel()
+    seen, hidden = coordinates(SEEN_ROWS), coordinates(HIDDEN)
+    off = (points - PROTOTYPE.template[SEEN_ROWS]).ravel()
     expected = PROTOTYPE.template[HIDDEN].ravel() + covariance[np.ix_(hidden, seen)] @ (
         np.linalg.solve(covariance[np.ix_(seen, seen)], off))
     places = np.empty((8, 3))

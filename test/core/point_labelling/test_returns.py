@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hand_tracker.core.point_labelling.clutter import STRETCH
 from hand_tracker.core.point_labelling.returns import (
     MOTION_GAIN,
     STRAY_SPEED,
@@ -11,7 +12,6 @@ from hand_tracker.core.point_labelling.returns import (
 )
 
 ERROR = .0015   # [m]
-STRETCH = .04   # [s]
 
 
 def test_a_point_that_goes_with_the_hand_is_a_marker_one_that_goes_on_evenly_is_none():

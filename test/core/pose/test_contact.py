@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import minimize
 
+from hand_tracker.core.inverse_kinematics.digit import THUMB
 from hand_tracker.core.model.capsules import hand_capsules, pair_gaps, place_capsules
 from hand_tracker.core.model.hand import (
     ABDUCTION_JOINTS,
@@ -37,8 +38,8 @@ settings.load_profile('contact')
 HAND = Hand.scaled()
 WIDE = Hand.scaled(limits=preset_limits('wide'))
 ALIKE = np.ones(5)
-FRICTION = .5
-INDEX, MIDDLE, RING, LITTLE, THUMB = range(5)
+SKIN_FRICTION = .5
+INDEX, MIDDLE, RING, LITTLE = range(4)
 FREE = np.column_stack((ABDUCTION_JOINTS, FLEXION_JOINTS[:, :2]))
 shares = arrays(float, 25, elements=st.floats(0., 1.))
 
@@ -248,7 +249,7 @@ def test_paths_jump_only_where_a_digit_passes_through_the_middle_of_another():
     assert jumps == 0
 
 
-def carried(before, after, hidden, gap=CONTACT_GAP, friction=FRICTION):
+def carried(before, after, hidden, gap=CONTACT_GAP, friction=SKIN_FRICTION):
     """Return how the hidden digits are carried from one pose to another, shape (5, 3) [m]."""
     body = body_of(HAND)
     ends = np.empty((2, len(body.link), 2, 3))
@@ -278,7 +279,7 @@ def test_a_hidden_finger_is_dragged_along_the_skin_of_its_neighbour():
     assert moved[MIDDLE, 2] < -.0002, 'down with the index finger'
     np.testing.assert_array_equal(moved[[INDEX, RING, LITTLE, THUMB]], 0.)
     more = carried(before, after, [MIDDLE], friction=1.)
-    np.testing.assert_allclose(more[MIDDLE, 2], moved[MIDDLE, 2] / FRICTION, rtol=.05)
+    np.testing.assert_allclose(more[MIDDLE, 2], moved[MIDDLE, 2] / SKIN_FRICTION, rtol=.05)
 
 
 def test_a_neighbour_pushes_and_does_not_pull():

@@ -8,17 +8,17 @@ from hand_tracker.core.pose.continuity import blend
 
 LOWER, UPPER = np.full(25, -1.), np.full(25, 2.)
 STEP, RATE = .01, 15.
-NONE = np.zeros(5, dtype=bool)
+NO_DIGIT = np.zeros(5, dtype=bool)
 INDEX = np.array((True, False, False, False, False))
 OF_INDEX = np.array((ABDUCTION_JOINTS[0], *FLEXION_JOINTS[0]))
 
 
-def blended_path(solved, changes, step=STEP, rate=RATE, predicted=NONE):
+def blended_path(solved, changes, step=STEP, rate=RATE, predicted=NO_DIGIT):
     """Return the blended angles of frames (n, 25), with what `changes` has in some of them."""
     blended, offset = solved[0].copy(), np.zeros(25)
     path = []
     for frame, angles in enumerate(solved):
-        blend(angles, blended, offset, changes.get(frame, NONE), predicted, step, rate,
+        blend(angles, blended, offset, changes.get(frame, NO_DIGIT), predicted, step, rate,
              LOWER, UPPER)
         path.append(blended.copy())
     return np.array(path)

@@ -13,7 +13,7 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point
-from helpers.bench import LATE, LOSSLESS, MODULE, Bench, lines, message, stamp_of
+from helpers.bench import LATE, LOSSLESS, TRACKER_MODULE, Bench, lines, message, stamp_of
 from helpers.hands import RIGHT, hand_at, motion
 from helpers.ros_process import NodeProcess, watching_node
 from rclpy.executors import SingleThreadedExecutor
@@ -94,7 +94,7 @@ def pair():
         try:
             for path, value in PATHS.items():
                 processes[path] = NodeProcess(
-                    MODULE, {'fast_path': value, **LOSSLESS},
+                    TRACKER_MODULE, {'fast_path': value, **LOSSLESS},
                     {'__ns': f'/{path}', 'markers': f'/{path}/markers'})
             yield Pair(node, processes)
             assert all(process.interrupt() == 0 for process in processes.values())
@@ -188,7 +188,7 @@ def last_values(diagnostics):
 @contextmanager
 def bench_of(node):
     """Yield a bench of a tracker that takes the fast path."""
-    with NodeProcess(MODULE, LOSSLESS) as process:
+    with NodeProcess(TRACKER_MODULE, LOSSLESS) as process:
         bench = Bench(process, node, 1000, 'hand_tracker')
         bench.meet(hand_at())
         diagnostics = node.collect(DiagnosticArray, '/diagnostics')
@@ -294,7 +294,7 @@ def changing_messages(count):
 
 
 def test_messages_that_are_handed_over_are_answered_as_those_that_are_heard():
-    with NodeProcess(MODULE, LOSSLESS, {'__ns': '/heard'}) as process, \
+    with NodeProcess(TRACKER_MODULE, LOSSLESS, {'__ns': '/heard'}) as process, \
             own_node(is_fed=True) as (tracker, take), watching_node() as node:
         assert node.count_subscribers('/markers') == 0
         publisher = node.create_publisher(MarkerArray, '/heard/markers', 1000)

@@ -30,7 +30,7 @@ NAMES = {'RHand': tuple('abcdefgh'), 'cup': ('rim', 'foot')}
 VERSION = 4, 1
 HEAD = 24
 RATE = 100
-START, WAY = 1000., .002   # [s]
+FIRST_TIME, WAY = 1000., .002  # [s]
 
 
 def changed_somewhere(random, data):
@@ -45,7 +45,7 @@ def motive(random, number):
     sets = {name: random.normal(size=(len(names), 3)) for name, names in NAMES.items()}
     if random.random() < .03:
         sets['cup'][0, 1] = np.nan
-    ticks = natnet_server.NatNetServer.ticks(START + number / RATE)
+    ticks = natnet_server.NatNetServer.ticks(FIRST_TIME + number / RATE)
     return natnet_server.frame(
         VERSION, number, sets, [random.normal(size=3)] * (random.random() < .03),
         [('RHand', 3)] * (random.random() < .05), exposure=ticks, transmit=ticks,
@@ -94,7 +94,7 @@ def test_a_relayed_packet_has_the_message_of_one_that_is_decoded(system, monkeyp
         if random.random() < .1:
             packet = changed_somewhere(random, packet)
         with np.errstate(invalid='ignore'):  # signalling NaN
-            received = round(1e9 * (START + number / RATE + WAY))
+            received = round(1e9 * (FIRST_TIME + number / RATE + WAY))
             is_relayed = fill_message(memories, np.frombuffer(packet, np.uint8), received)
             message = memory.message.tobytes()[ENCAPSULATION:][:int(memory.message_size[0])]
             frames.clear()
