@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.captures import capture_file, capture_path
+from helpers.capture_files import capture_file, capture_path
 
 from hand_tracker.adapters.hand_landmarks import (
     LANDMARK_ORDERS,

@@ -5,7 +5,7 @@ import random
 import numpy as np
 import pytest
 from helpers import natnet_server
-from helpers.captures import capture_file
+from helpers.capture_files import capture_file
 
 from hand_tracker.adapters import natnet_packets
 from hand_tracker.adapters.natnet_packets import (

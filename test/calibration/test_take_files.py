@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.captures import capture_path
+from helpers.capture_files import capture_path
 from helpers.skin_markers import EVERY_JOINT, simulated_take
 
 from hand_tracker.calibration.take_files import load_take

@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 from helpers.baseline import class_errors, plain_pip_errors
-from helpers.captures import capture_path
+from helpers.capture_files import capture_path
 
 from hand_tracker.calibration import fit_hand, landmark_positions
 from hand_tracker.core.labelling.plausibility import correct_exchange, typical_places

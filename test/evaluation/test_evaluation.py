@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from helpers.captures import capture_path
+from helpers.capture_files import capture_path
 
 from hand_tracker.__main__ import main
 from hand_tracker.calibration import LANDMARKS, fit_hand

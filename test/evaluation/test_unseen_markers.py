@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from helpers.captures import capture_path
+from helpers.capture_files import capture_path
 from helpers.skin_markers import EVERY_JOINT, WORN_PLACES, simulated_take
 
 from hand_tracker.__main__ import main

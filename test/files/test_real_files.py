@@ -6,7 +6,7 @@ import c3d
 import ezc3d
 import numpy as np
 import pytest
-from helpers.captures import capture_folder, capture_path
+from helpers.capture_files import capture_folder, capture_path
 from scipy.spatial.transform import Rotation
 
 from hand_tracker.calibration.hand_axes import hands_of, side_likelihood, with_recognised_axes

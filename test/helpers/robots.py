@@ -10,7 +10,7 @@ from hand_tracker.retargeting.guard_options import GuardOptions
 from hand_tracker.retargeting.robot_file import load_robot
 from hand_tracker.retargeting.robot_hand import robot_hand
 from hand_tracker.retargeting.robot_urdf import load_urdf_tree, read_urdf_tree
-from helpers.captures import capture_folder
+from helpers.capture_files import capture_folder
 
 STATE_PERIOD = .005   # [s]
 ENGAGED_ANEW = .5     # [s] without a command: the robot has been disengaged between

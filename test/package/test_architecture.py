@@ -136,7 +136,8 @@ def test_no_bytes_become_code():
 
 
 def test_no_two_modules_have_one_name():
-    names = ((path.split('/')[-1], path) for path in MODULES)
+    names = ((path.name, path) for folder in FOLDERS
+             for path in sorted((REPOSITORY / folder).rglob('*.py')))
     assert {name: where for name, where in repeated(names).items()
             if name not in ('__init__.py', '__main__.py')} == {}
 

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks import peers, report
+from benchmarks import peers, write_document
 from benchmarks.offline import measure_many
 from benchmarks.repository import REPOSITORY
 from hand_tracker.core.model.hand import Hand, preset_limits
@@ -120,8 +120,9 @@ def test_every_round_trip_is_kept(tmp_path):
 def test_the_document_has_every_row(tmp_path, monkeypatch):
     rows = [{'start': 'cold', 'seconds': 31.5}, {'start': 'warm', 'seconds': 1.25, 'starts': 3}]
     (tmp_path / 'startup.json').write_text(json.dumps(rows))
-    monkeypatch.setattr(sys, 'argv', ['report', str(tmp_path), '-o', str(tmp_path / 'out.md')])
-    assert report.main() == 0
+    monkeypatch.setattr(sys, 'argv', [
+        'write_document', str(tmp_path), '-o', str(tmp_path / 'out.md')])
+    assert write_document.main() == 0
     text = (tmp_path / 'out.md').read_text()
     assert '## startup' in text and 'benchmarks.startup' in text
     lines = [[cell.strip() for cell in line.strip('|').split('|')]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.baseline import class_errors, plain_pip_errors
 from helpers.bench import LOSSLESS
-from helpers.captures import capture_messages, capture_path, capture_stamps
+from helpers.capture_files import capture_messages, capture_path, capture_stamps
 from helpers.ros_process import PATIENCE, NodeProcess, watching_node
 from sensor_msgs.msg import JointState
 

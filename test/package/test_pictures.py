@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from docs import pictures
+from docs import draw_pictures
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import marker_positions
@@ -16,21 +16,21 @@ NEEDS = 'skimage',
 def test_markers_rest_on_the_skin():
     hand = Hand.scaled()
     rest = forward(joint_table(hand), np.zeros(len(JOINTS)))
-    markers = marker_positions(pictures.resting_layout(hand).mounting(hand), rest)
-    skin = pictures.skin_mesh(hand, rest).vertices
+    markers = marker_positions(draw_pictures.resting_layout(hand).mounting(hand), rest)
+    skin = draw_pictures.skin_mesh(hand, rest).vertices
     gaps = np.linalg.norm(markers[:, None] - skin, axis=2).min(axis=1)
-    assert (gaps > .4 * pictures.DRAWN_BALL_RADIUS).all()
-    assert (gaps < 1.4 * pictures.DRAWN_BALL_RADIUS).all()
+    assert (gaps > .4 * draw_pictures.DRAWN_BALL_RADIUS).all()
+    assert (gaps < 1.4 * draw_pictures.DRAWN_BALL_RADIUS).all()
 
 
 def test_hidden_markers_are_larger_and_of_another_colour():
-    seen, hidden = pictures.balls(np.zeros((2, 3)), [0, 1])
+    seen, hidden = draw_pictures.balls(np.zeros((2, 3)), [0, 1])
     assert np.ptp(hidden.vertices) > 1.2 * np.ptp(seen.vertices)
     assert not np.allclose(seen.colours, hidden.colours)
 
 
 def test_the_motion_of_the_readme_is_smooth_and_small():
-    path = pictures.PICTURE_FOLDER / 'motion.gif'
+    path = draw_pictures.PICTURE_FOLDER / 'motion.gif'
     assert path.stat().st_size <= 3e6
     with Image.open(path) as image:
         assert image.info['loop'] == 0 and image.info['duration'] <= 50  # [ms]
@@ -39,25 +39,25 @@ def test_the_motion_of_the_readme_is_smooth_and_small():
 
 @pytest.mark.skipif(not COMPILED, reason='takes minutes in plain Python')
 def test_the_demo_ends_as_it_begins():
-    _, states = pictures.demo()
+    _, states = draw_pictures.demo()
     steps = np.abs(np.diff([state.angles for state in states], axis=0)).max(axis=1)
     seam = np.abs(states[0].angles - states[-1].angles).max()
     assert seam < np.quantile(steps, .99)
 
 
 def test_round_trips_are_drawn_where_they_are_on_the_axis(tmp_path, monkeypatch):
-    monkeypatch.setattr(pictures, 'PICTURE_FOLDER', tmp_path)
+    monkeypatch.setattr(draw_pictures, 'PICTURE_FOLDER', tmp_path)
     centres = {'hand_tracker': .3, 'rclpy_echo': 1., 'c_echo': .1}  # [ms]
     spread = np.append(np.geomspace(.9, 1.1, 99), np.nan)
     np.savez(tmp_path / 'trips.npz', **{
-        f'{node}_{pictures.TRIP_RATE}_1': 1e3 * centre * spread
+        f'{node}_{draw_pictures.TRIP_RATE}_1': 1e3 * centre * spread
         for node, centre in centres.items()})
-    pictures.latency(tmp_path / 'trips.npz')
+    draw_pictures.latency(tmp_path / 'trips.npz')
     with Image.open(tmp_path / 'latency.png') as image:
         pixels = np.asarray(image.convert('RGB')).astype(int)[:, 440:]
     means = {}
-    for node, (_, _, colour) in pictures.TRIP_NODES.items():
-        off = np.abs(pixels - 255. * np.array(pictures.rgb(colour))).max(axis=2)
+    for node, (_, _, colour) in draw_pictures.TRIP_NODES.items():
+        off = np.abs(pixels - 255. * np.array(draw_pictures.rgb(colour))).max(axis=2)
         # Of the outline, not of its foot that runs along the whole axis.
         here = (off < 8.).sum(axis=0)
         means[node] = np.flatnonzero(here > 5).mean()
@@ -68,8 +68,8 @@ def test_round_trips_are_drawn_where_they_are_on_the_axis(tmp_path, monkeypatch)
 
 @pytest.mark.skipif(not COMPILED, reason='takes minutes in plain Python')
 def test_hero_is_a_whole_card_with_three_stages(tmp_path, monkeypatch):
-    monkeypatch.setattr(pictures, 'PICTURE_FOLDER', tmp_path)
-    pictures.hero()
+    monkeypatch.setattr(draw_pictures, 'PICTURE_FOLDER', tmp_path)
+    draw_pictures.hero()
     with Image.open(tmp_path / 'hero.png') as image:
         pixels = np.asarray(image.convert('RGBA')).astype(int)
     # Round corners, and no hole but them.

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.captures import capture_folder
+from helpers.capture_files import capture_folder
 from helpers.robots import GRIPPER, human_robot, third_party_robot, wide_hand
 
 from hand_tracker.calibration.landmarks import LANDMARKS, landmark_positions

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import yaml
-from helpers.captures import capture_folder
+from helpers.capture_files import capture_folder
 from helpers.robots import GRIPPER, wide_hand
 
 from hand_tracker.core.model.hand import JOINTS

@@ -15,7 +15,7 @@ from helpers.ros_process import PATIENCE, Process
 from PIL import Image
 from playwright import sync_api
 
-from docs.viewer import BROWSER, SOFTWARE
+from docs.viewer_pictures import BROWSER, SETTLED_MS, SOFTWARE
 from hand_tracker.cli.view import warm_up
 from hand_tracker.package_data import packaged_recording
 
@@ -23,7 +23,6 @@ NEEDS = 'playwright', 'skimage', 'viser'
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason='no Chromium is installed')
 
-SETTLED_MS = 2e3    # [ms]
 DESKTOP, PHONE = (1100, 500), (390, 844)
 LYING, SMALL = (844, 390), (700, 500)
 HAND = 2000         # [pixels] that are skin, at least

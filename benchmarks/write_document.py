@@ -1,6 +1,6 @@
 """Write the results of all benchmarks into one document.
 
-    python -m benchmarks.report FOLDER [-o docs/benchmarks.md]
+    python -m benchmarks.write_document FOLDER [-o docs/benchmarks.md]
 
 FOLDER has the output of `python -m benchmarks.NAME --json FOLDER/NAME.json` on this machine.
 """
@@ -40,7 +40,8 @@ def main():
     parser.add_argument('folder', type=Path, help='of NAME.json')
     parser.add_argument('-o', '--output', type=Path, default=Path('docs/benchmarks.md'))
     options = parser.parse_args()
-    parts = ['# Benchmarks', 'Made by `python -m benchmarks.report`, not by hand.', environment()]
+    parts = ['# Benchmarks', 'Made by `python -m benchmarks.write_document`, not by hand.',
+             environment()]
     for name in REPORTED_BENCHMARKS:
         path = options.folder / f'{name}.json'
         if path.exists():

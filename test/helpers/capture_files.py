@@ -1,7 +1,7 @@
 """Captures of real hands, kept apart from the project: found, and made into recordings.
 
 The folder is `HAND_TRACKER_CAPTURES`, or `../shared/data` from the project's root. To make
-a recording of a capture: `python test/helpers/captures.py FILE.npz OUT.mcap`.
+a recording of a capture: `python test/helpers/capture_files.py FILE.npz OUT.mcap`.
 """
 
 import argparse

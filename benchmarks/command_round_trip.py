@@ -1,6 +1,7 @@
 """Measure the way from markers to a robot's command over DDS, beside the C echo's round trip.
 
-    python -m benchmarks.teleoperation [--rates 120 480] [--seconds 5] [--robot ROBOT] [--json OUT]
+    python -m benchmarks.command_round_trip [--rates 120 480] [--seconds 5] [--robot ROBOT]
+        [--json OUT]
 
 Markers are published; a tracker node and a retarget node, in one process and each in one of its
 own, with their defaults, answer with the command of a robot. In turns with them, in the same run,

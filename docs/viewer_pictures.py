@@ -1,4 +1,4 @@
-"""Take pictures of the viewer's page: `python -m docs.viewer [NAME ...]`.
+"""Take pictures of the viewer's page: `python -m docs.viewer_pictures [NAME ...]`.
 
 `recording` and `calibration`; needs playwright and Chromium, and rclpy for the second.
 """

@@ -1,4 +1,4 @@
-"""Make the pictures of the README: `python -m docs.pictures [NAME ...]`.
+"""Make the pictures of the README: `python -m docs.draw_pictures [NAME ...]`.
 
 The hands are tracked from simulated recordings and drawn with their skin. All pictures are
 reproducible but the latency, which is measured.
@@ -627,7 +627,7 @@ PICTURE_MAKERS = {'hero': hero, 'motion': motion, 'constraints': constraints, 'a
 
 def main():
     """Make all pictures, or the named ones."""
-    parser = argparse.ArgumentParser(prog='python -m docs.pictures',
+    parser = argparse.ArgumentParser(prog='python -m docs.draw_pictures',
                                      description=__doc__.split('\n', maxsplit=1)[0])
     parser.add_argument('names', nargs='*', choices=(*PICTURE_MAKERS, []), metavar='NAME',
                         help=', '.join(PICTURE_MAKERS))
