@@ -56,7 +56,7 @@ class Answers:
         self.count += 1
 
     def begin(self):
-        """Forget the pauses so far."""
+        """Drop the pauses so far."""
         self.longest, self.last, self.count = 0., time.monotonic(), 1
 
 

@@ -274,8 +274,8 @@ class Driver:
             del self._waiting[stamp]
             self.lost += 1
 
-    def forget(self):
-        """Forget the frames of the start, which wait for nothing."""
+    def drop_first(self):
+        """Drop the frames of the start, for which nothing waits."""
         self._waiting.clear()
         self.trips.clear()
         self.sent = self.lost = 0
@@ -513,7 +513,7 @@ def wait_for_answers(driver, executor, tracker, frames, rate):
         number += 1
         executor.spin_once(.02)
     spin_until(executor, time.perf_counter_ns() + round(1e9 * OVERDUE_TIME))
-    driver.forget()
+    driver.drop_first()
 
 
 if __name__ == '__main__':

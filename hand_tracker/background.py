@@ -1,4 +1,4 @@
-"""Work beside what goes on: child processes at low priority, calls in a background thread."""
+"""Background work: child processes at low priority, and calls in a thread."""
 
 import os
 import subprocess

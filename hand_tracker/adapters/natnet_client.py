@@ -101,9 +101,9 @@ class NatNetClient:
                 f"NatNet server '{server}', local address '{local}': {error}") from None
         self._clock = ClockEstimate()
         self._warned: set[str] = set()
-        self._forget()
+        self._reset()
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         self._info: ServerInfo | None = None
         self._model = DataDescriptions({}, {})
         self._structure: FrameStructure | None = None   # of the last frame, with this model
@@ -128,7 +128,7 @@ class NatNetClient:
         """Receive until the server is silent for long."""
         selector = sockets.enter_context(selectors.DefaultSelector())
         self._commands = self._socket(sockets, selector, self._local, 0)
-        self._forget()
+        self._reset()
         is_joined = False
         heard, self._asked, self._echoed = time.monotonic(), -ASK_PERIOD, 0.
         while not ended.is_set():
@@ -243,7 +243,7 @@ class NatNetClient:
         stamp = stamp_of(round(1e9 * exposed) + wall_offset())
         if packet.structure is not self._structure:
             self._arrange(packet.structure)
-        self._wants_model |= not self._is_known
+        self._wants_model |= not self._is_named
         points = packet.points
         if len(self._nameless):
             points = np.concatenate((points, packet.markers[self._nameless]))
@@ -286,7 +286,7 @@ class NatNetClient:
         names: list[str] = []
         taken: list[int] = []
         nameless: list[int] = []
-        is_known, first = True, 0
+        is_named, first = True, 0
         for name, count in structure.sets:
             own = self._model.sets.get(name, ())
             if len(own) == count:
@@ -294,7 +294,7 @@ class NatNetClient:
                 taken += range(first, first + count)
             else:
                 # The model is not known yet, or no longer this one.
-                is_known = False
+                is_named = False
             first += count
         sent = {name for name, _ in structure.sets}
         for row, (body, number) in enumerate(structure.labelled, first):
@@ -306,10 +306,10 @@ class NatNetClient:
                 names.append(f'{name}:{own[number - 1]}')
                 taken.append(row)
             elif not sent:
-                is_known = False
+                is_named = False
                 nameless.append(row)
         self._structure = structure
-        self._names, self._is_known = tuple(names), is_known
+        self._names, self._is_named = tuple(names), is_named
         self._taken, self._nameless = np.array(taken, int), np.array(nameless, int)
 
     def _warn_once(self, key: str, text: str) -> None:

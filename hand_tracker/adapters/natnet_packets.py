@@ -73,7 +73,7 @@ class DataDescriptions(NamedTuple):
 
 
 class FrameStructure(NamedTuple):
-    """What frames that are read alike have in common: names and ids, and where their numbers are.
+    """Byte layout of a NatNet frame: marker sets, ids and offsets of its numbers.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Structure of packets: the bytes that decide how the others are read, and where points are.
+"""Structure of packets: the header bits that decide the layout, and the offsets of points.
 
 A system's packets are alike for minutes: while their counts, names and ids are those of the last
 one, nothing has to be decoded but numbers at known places.
@@ -16,7 +16,7 @@ POINT_SIZE = 3 * FLOAT.itemsize   # [bytes]
 
 
 class PacketStructure:
-    """The bits of a packet that decide how it is read.
+    """Mask and value of a packet's header bits; packets that match have one layout.
 
     Parameters
     ----------
@@ -36,13 +36,13 @@ class PacketStructure:
         self._bits = int.from_bytes(data, 'little') & self._mask
 
     def matches(self, data: bytes) -> bool:
-        """Return whether another packet is to be read alike."""
+        """Return whether another packet has this layout."""
         return (len(data) == self._size
                 and int.from_bytes(data, 'little') & self._mask == self._bits)
 
 
 class PacketOrigin(NamedTuple):
-    """Where the numbers of a frame are in its packet, and in all that are like it.
+    """Offsets of a frame's numbers in its packet, and in all that match its structure.
 
     Attributes
     ----------

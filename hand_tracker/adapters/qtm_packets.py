@@ -28,7 +28,7 @@ MILLIMETRE = .001
 
 
 class QtmStructure(NamedTuple):
-    """What frames that are read alike have in common: components, and where their markers are.
+    """Byte layout of a QTM frame: offsets of its markers, labelled ones first.
 
     Attributes
     ----------

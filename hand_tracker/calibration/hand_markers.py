@@ -91,7 +91,7 @@ def choose_markers(recording: PointRecording, side: str | None = None,
     given = {marker: labelled_column(recording, marker, label)
              for marker, label in (names or {}).items()}
     if layout is None or layout.names == MARKERS:
-        chosen = _choose_eight(recording, _hand_of(recording, side), given, layout)
+        chosen = _choose_eight(_hand_of(recording, side), given, layout)
         lacks_palm = bool(set(chosen.missing) & set(PALM_MARKERS))
     else:
         found = labelled_layout(
@@ -116,7 +116,7 @@ def choose_markers(recording: PointRecording, side: str | None = None,
     return chosen
 
 
-def _choose_eight(recording: PointRecording, hand: HandPoints, given: Mapping[str, int],
+def _choose_eight(hand: HandPoints, given: Mapping[str, int],
                   layout: MarkerLayout | None) -> ChosenMarkers:
     """Choose the paper's eight markers, `given` by their columns or by landmarks."""
     columns: list[tuple[int, ...]] = []

@@ -142,7 +142,7 @@ class LiveTake:
             self._frames.append(markers.copy())
 
     def coverage(self) -> Coverage:
-        """Return how much of it is there."""
+        """Return the share of each movement that the take shows, and the markers unseen now."""
         frames = self._frames.copy()  # another thread may add to them
         if not frames:
             return Coverage(self._shares)
@@ -154,7 +154,7 @@ class LiveTake:
 
     @property
     def is_over(self) -> bool:
-        """Whether it has its greatest duration."""
+        """Whether the take has its greatest duration."""
         return self.seconds >= self._max_duration
 
     def take(self) -> MarkerTake:

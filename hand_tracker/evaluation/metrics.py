@@ -32,46 +32,11 @@ class PoseDistance(NamedTuple):
     degrees: np.ndarray
 
 
-def quaternion_distances(first: ArrayLike, second: ArrayLike) -> np.ndarray:
-    """Return ‖log(q1⁻¹ q2)‖ = acos |⟨q1, q2⟩|, half the angle of the relative rotation.
-
-    Parameters
-    ----------
-    first, second : array_like, shape (..., 4)
-        Unit quaternions; q and −q are the same rotation.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        0 to π/2 [rad].
-    """
-    q1, q2 = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
-    q2 = np.where((q1 * q2).sum(axis=-1, keepdims=True) < 0., -q2, q2)
-    # Angle of two vectors of equal length, accurate also where the arc cosine is not.
-    return 2. * np.arctan2(np.linalg.norm(q1 - q2, axis=-1),
-                           np.linalg.norm(q1 + q2, axis=-1))
-
-
-def pose_distance(first: ArrayLike, second: ArrayLike) -> PoseDistance:
-    """Return the distance of poses given as joint rotations (Eq. 11).
-
-    Parameters
-    ----------
-    first, second : array_like, shape (..., k, 4)
-        Unit quaternions of the k joints, 25 in the paper.
-
-    Returns
-    -------
-    PoseDistance
-    """
-    return _pose_distance(quaternion_distances(first, second))
-
-
 def angle_distance(first: ArrayLike, second: ArrayLike) -> PoseDistance:
     """Return the distance of poses given as angles of revolute joints (Eq. 11).
 
-    Equals `pose_distance` of the joints' quaternions: the logarithm of a relative rotation is half
-    the difference of the angles.
+    Equals that of the joints' quaternions: the logarithm of a relative rotation is half the
+    difference of the angles.
 
     Parameters
     ----------
@@ -83,10 +48,7 @@ def angle_distance(first: ArrayLike, second: ArrayLike) -> PoseDistance:
     PoseDistance
     """
     turn = np.asarray(first, dtype=float) - np.asarray(second, dtype=float)
-    return _pose_distance(.5 * np.abs(np.angle(np.exp(1j * turn))))
-
-
-def _pose_distance(halves: np.ndarray) -> PoseDistance:
+    halves = .5 * np.abs(np.angle(np.exp(1j * turn)))
     squared = (halves ** 2).sum(axis=-1)
     return PoseDistance(squared, np.sqrt(squared), np.degrees(2. * halves.mean(axis=-1)))
 

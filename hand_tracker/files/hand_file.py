@@ -242,7 +242,7 @@ def hand_text(hand: Hand, layout: MarkerLayout) -> str:
 
 
 def _preset_of_limits(hand: Hand) -> str | None:
-    """Return the preset that a hand's limits are, the wearer's first; None if they are none."""
+    """Return the preset equal to a hand's limits, the wearer's first; None for other limits."""
     presets = LIMIT_PRESETS[::-1] if hand.range_of_motion.any() else LIMIT_PRESETS
     return next((preset for preset in presets if np.array_equal(
         hand.limits, preset_limits(preset, hand.range_of_motion))), None)

@@ -1,4 +1,4 @@
-"""YAML of plain trees, by the safe loader: what can stand for more than it says is refused."""
+"""YAML of plain trees, by the safe loader: aliases, deep nesting and huge integers are refused."""
 
 from __future__ import annotations
 

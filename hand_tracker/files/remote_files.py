@@ -20,7 +20,7 @@ class Url(str):
 
     @property
     def name(self) -> str:
-        """Its last part."""
+        """File name: the last part of the URL's path."""
         return PurePosixPath(self.rstrip('/')).name
 
 

@@ -1,4 +1,4 @@
-"""Several nodes in one process: what goes from one to the other does not leave it.
+"""Several nodes in one process, between which messages do not leave it.
 
 Names before --ros-args choose them: `all tracker source retarget`; without any they are tracker and
 replay. A parameter reaches every node that has it, `-p NODE:PARAMETER:=VALUE` the one with this ROS

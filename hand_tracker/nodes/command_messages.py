@@ -28,14 +28,14 @@ OUTPUTS = {'joint_state': ('robot/command', JointState),
 
 
 class CommandObjects(NamedTuple):
-    """Fills objects as `Template` fills bytes."""
+    """Builder of command messages as objects, where they are not `Template` bytes."""
 
     fill: Callable[[Time, np.ndarray], Any]
 
 
 def command_template(output: str, names: Sequence[str], period: float,
                      raw: bool) -> Template | CommandObjects:
-    """Return what fills a message of a command.
+    """Return the template of a robot's command, of bytes or of objects.
 
     Parameters
     ----------

@@ -71,7 +71,7 @@ class HandServices:
         return response
 
     def _load(self, path: str) -> str:
-        """Have the hand of a file tracked; return what to say of it."""
+        """Switch the tracker to the hand of a file; return the message for user and log."""
         hand, layout = another_hand(self._start, path, self._side)
         if layout.names != self._layout.names:
             raise InvalidParameter(f'hand_file: {path}: {len(layout.names)} markers; expected the '

@@ -275,6 +275,7 @@ class LiveTracker:
 
     def numbers(self, state: HandState) -> dict[str, str]:
         """Return the tracker's values on /diagnostics as texts, by name."""
+        # `state`, of the interface, is for recordings: here diagnostics have the values.
         return {name: f'{float(text):.3g} {unit}' if (text := self._numbers.get(key)) else '–'
                 for name, (key, unit) in NUMBERS.items()}
 

@@ -94,7 +94,7 @@ class ManagedTracker(LifecycleNodeMixin, TrackerNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget what was tracked."""
+        """Drop the tracked state."""
         for hand in self.hands:
             hand.reset()
         self._is_loaded = False

@@ -123,7 +123,7 @@ class MarkerInput:
 
     @property
     def relay(self) -> PacketRelay | None:
-        """What takes packets that are handed over; None without a fast path, or while some wait."""
+        """Relay of a source's packets; None without a fast path, or while messages wait."""
         return None if self._handed else self._relay
 
     def install_relay(self, origin: PacketOrigin | None, writer: MarkerArrayWriter) -> None:

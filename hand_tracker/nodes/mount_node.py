@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 NAMING = 'hand_file', 'side', 'prefix', 'wrist_frame'  # parameters of the tracker, too
 MOUNT_NUMBERS = 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'
 FARTHEST = 2.           # [m] of the wrist from the body's frame
-LOOK_PERIOD = .1        # [s] between two looks at whether a calibration is over
+END_CHECK_PERIOD = .1   # [s] between two checks whether a calibration is over
 STATIC_DEPTH = 100      # messages of /tf_static, one of each publisher
 MOUNT_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     *(row for row in START if row.name in NAMING),
@@ -46,7 +46,7 @@ MOUNT_PARAMETERS = tuple(row._replace(read_only=True) for row in (
                 range=(-FARTHEST, FARTHEST)) for name in MOUNT_NUMBERS[:3]),
     *(Parameter(name, float(name == 'qw'), f"{name[1]} of the wrist's rotation in the body's "
                 'frame, a quaternion', range=(-1., 1.)) for name in MOUNT_NUMBERS[3:]),
-    Parameter('duration', 20., 'How long ~/calibrate looks at both captures [s]',
+    Parameter('duration', 20., 'How long ~/calibrate records both captures [s]',
               range=(1., 600.)),
     Parameter('mount_file', 'my_mount.yaml', 'Parameter file that ~/calibrate writes, from the '
               'folder in which the node was started'),
@@ -79,7 +79,7 @@ class MountNode(Node):
         self._wrist: PoseTrack
         self._ends = math.inf   # time at which the calibration is over [s]
         self.create_service(Trigger, '~/calibrate', self._on_calibrate)
-        self.create_timer(LOOK_PERIOD, self._look, clock=steady_clock())
+        self.create_timer(END_CHECK_PERIOD, self._check_end, clock=steady_clock())
         self._show(offset)
         is_given = offset != [row.default for row in MOUNT_PARAMETERS if row.name in MOUNT_NUMBERS]
         self.get_logger().info(
@@ -146,7 +146,7 @@ class MountNode(Node):
                 assert pose is not None
                 track.append(pose)
 
-    def _look(self) -> None:
+    def _check_end(self) -> None:
         if time.monotonic() < self._ends:
             return
         self._ends = math.inf

@@ -55,7 +55,7 @@ from .tracker_parameters import AUTO, START, starting_hand, with_defaults
 RETARGET_DEPTH = 10     # messages that wait at most
 RETARGET_STATUS_PERIOD = 1.  # [s]
 NOTICE_AFTER = 2.       # [s] of compiling or loading kernels
-WAKING_PERIOD = .01     # [s] between two looks at what waits
+WAKING_PERIOD = .01     # [s] between two checks of what waits
 WRIST_OUTPUTS = {'pose': ('robot/wrist_target', PoseStamped),
                  'twist': ('robot/wrist_twist', TwistStamped)}
 # Those that the tracker has too and that shape the hand.

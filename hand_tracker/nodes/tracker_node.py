@@ -52,8 +52,8 @@ from .tracker_parameters import (
     values_of_hand,
 )
 
-REPORT_PERIOD = .1      # [s] between two looks at what is to be logged
-CALIBRATION_PERIOD = .25  # [s] between two looks at a calibration's whole take
+REPORT_PERIOD = .1      # [s] between two checks of what is to be logged
+CALIBRATION_PERIOD = .25  # [s] between two checks of a calibration's whole take
 DIAGNOSTICS_DEPTH = 10
 
 

@@ -43,7 +43,7 @@ class BoxQp(NamedTuple):
 
 
 def new_box_qp(size: int) -> BoxQp:
-    """Return a problem of zeros with room for `size` variables."""
+    """Return a problem of zeros with space for `size` variables."""
     return BoxQp(
         hessian=np.zeros((size, size)), factor=np.zeros((size, size)), gradient=np.zeros(size),
         lower=np.zeros(size), upper=np.zeros(size), solution=np.zeros(size),
@@ -77,9 +77,9 @@ def solve_box_qp(n: int, qp: BoxQp) -> int:
         share, blocking = 1., -1
         for k in range(count):
             i = free[k]
-            room = x[i] - qp.lower[i] if slope[i] > 0. else qp.upper[i] - x[i]
-            if abs(slope[i]) * share > room:
-                share, blocking = room / abs(slope[i]), i
+            slack = x[i] - qp.lower[i] if slope[i] > 0. else qp.upper[i] - x[i]
+            if abs(slope[i]) * share > slack:
+                share, blocking = slack / abs(slope[i]), i
         for k in range(count):
             i = free[k]
             x[i] = min(max(x[i] - share * slope[i], qp.lower[i]), qp.upper[i])

@@ -119,7 +119,7 @@ def new_guard_memory(lower: np.ndarray, upper: np.ndarray, speed: np.ndarray,
 
 @jit
 def is_followed(guard: GuardMemory, now: float) -> bool:
-    """Return whether a frame of the hand that comes now is followed, as the last one was.
+    """Return whether the robot goes on following a frame of the hand that comes now.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def _are_finite(guard: GuardMemory, given: np.ndarray, now: float) -> bool:
 
 @jit
 def observe_position(guards: Pack[GuardMemory], given: np.ndarray, now: float) -> None:
-    """Take where the robot is; what is not finite is left out.
+    """Take the robot's measured joint positions; ones that are not finite are left out.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ def make_problem(robot: RobotHand, hand: Hand, options: RetargetOptions) -> Prob
     Raises
     ------
     InvalidRobot
-        If the robot's side is not the person's, or it has more joints than there is room for.
+        If the robot's side is not the person's, or it has more joints than the kernel's arrays.
     """
     if hand.side != robot.side and not robot.anatomy.is_gripper:
         raise InvalidRobot(f"side: the robot's hand is a {robot.side} one, the person's a "

@@ -10,7 +10,7 @@ DECIMALS_MM = 2
 
 
 def findings(loaded: LoadedRobot) -> list[str]:
-    """Return what was found of a robot, a line each.
+    """Return the findings on a robot's geometry, a line each.
 
     Parameters
     ----------

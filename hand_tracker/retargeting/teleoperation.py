@@ -192,7 +192,7 @@ class Teleoperation:
         return bool(observe_solution(self._pack, solution, self.guard.pack, now))
 
     def _fault_of(self, names: Sequence[str]) -> str:
-        """Return what is wrong with joint states of which some of this hand are missing."""
+        """Return the fault of joint states that lack joints of this hand, in words."""
         if set(names) & set(self._other_names):
             return f'a hand of the other side is refused: {names[0]}'
         missing = next(name for name in self._hand_names if name not in names)
@@ -236,7 +236,7 @@ class Teleoperation:
             self._memory.held[self._idle] = given[self._idle]
 
     def command(self, now: float) -> Command | None:
-        """Return what is to be sent now; None for nothing.
+        """Return the command to send now; None where none is to be sent.
 
         Parameters
         ----------

@@ -131,7 +131,7 @@ def fit_wrist_offset(body: PoseTrack, wrist: PoseTrack) -> WristOffset:
 
 
 def _mount(*motions: np.ndarray) -> HandMount:
-    """Return `fit_mount` of what both captures saw."""
+    """Fit the mount to the common motion of both captures; raise if the wrist moved too little."""
     mount = fit_mount(*motions)
     if mount is None:
         raise OffsetError('the wrist moved too little; expected the arm to be moved to all sides, '
@@ -166,7 +166,7 @@ def _delay(times: np.ndarray, turns: np.ndarray, body_turns: np.ndarray,
 
 
 def _together(body: np.ndarray, wrist: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return what both captures saw at the same times, the body between two of its poses.
+    """Return the poses of both captures at common times, the body's by interpolation.
 
     Parameters
     ----------

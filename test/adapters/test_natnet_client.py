@@ -198,7 +198,7 @@ def test_frames_of_another_model_or_server_are_decoded_before_any_is_relayed(is_
     client.take(frame_at(2), 0)
     assert len(frames) == len(asked) == 1
     if is_new == 'server':
-        client._forget()
+        client._reset()
         client.take(natnet_server.server_info((4, 1)), 0)
     client.take(natnet_server.model((4, 1), {**NAMES, 'RHand': ('ring', 'index')}), 0)
     client.take(frame_at(3), 0)

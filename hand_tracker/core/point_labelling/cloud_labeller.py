@@ -47,7 +47,7 @@ TRUSTED_MARGIN = 200.
 RIVAL_TIME = .1
 RIVAL_TIMES = 4.
 TRUST_TIME = 1.             # [s] in which labels that are the best become trusted; ours
-RELABELLING_FRAMES = 6      # between two looks for another labelling
+RELABELLING_FRAMES = 6      # between two searches for another labelling
 SEARCH_FRAMES = 36          # between two searches for another place of the palm
 PRESSING_FRAMES = 2         # the same where the present one is in doubt
 STILL_SEEN = .75            # of the markers seen before; with fewer the frame may be cut, ours
@@ -188,7 +188,7 @@ class CloudLabeller:
         return tuple(hand.prototype for hand in self._hands)
 
     def reset(self) -> None:
-        """Forget all hands."""
+        """Drop all hands."""
         self._time = None
         for hand in self._hands:
             hand.lose()
@@ -256,7 +256,7 @@ class CloudLabeller:
 
     def _follow(self, points: np.ndarray, ids: np.ndarray, free: np.ndarray,
                 step: float) -> tuple[np.ndarray, PointHistory]:
-        """Follow the hands that are found; return what each point was, and how it came."""
+        """Follow the found hands; return the row in the clutter and the history of each point."""
         before, clutter = np.empty(len(points), dtype=np.int64), np.empty(len(points))
         history = kernel(continue_clutter)(self._clutter, points, step, before, clutter)
         firsts = [first for first, hand in zip(self._firsts, self._hands) if hand.track is not None]

@@ -416,7 +416,7 @@ def _carry_hidden(prototype: Prototype, track: HandTrack, i: int, matrix: np.nda
 @labelling_jit
 def _judge_return(track: HandTrack, i: int, seen: PalmPoints, row: int, matrix: np.ndarray,
                   gradient: np.ndarray, same: bool, step: float) -> bool:
-    """Judge a marker that has come back; return whether its point is hardly it.
+    """Judge the return of a marker; return whether its point is unlikely to be the marker.
 
     Parameters are those of `returns.present_cost`.
     """

@@ -313,7 +313,7 @@ def best_return(track: HandTrack, i: int, seen: PalmPoints) -> float:
 
 @labelling_jit
 def give_up(track: HandTrack, i: int, seen: PalmPoints, row: int) -> None:
-    """Take a marker for hidden that did not come back; its point is remembered as no marker."""
+    """Undo a marker's return: it is hidden again, and its point counts as clutter."""
     returns, history, mark = track.returns, seen.history, seen.first + i
     track.finding.rows[i] = -1
     track.hidden_for[i] = returns.hidden_for[i]

@@ -82,7 +82,7 @@ class FastPathMemory(NamedTuple):
     parser : ndarray of int, shape (1,)
         Number of the messages' parser.
     message : ndarray
-        Payload of the message, aligned, and room behind it.
+        Payload of the message, aligned, and space behind it.
     heads, places, strings : ndarray
         See `parse_points`.
     known_heads, known_strings : ndarray

@@ -34,7 +34,7 @@ LONGEST_WAY = 1.          # [s] from exposure to receipt; else one of the clocks
 
 
 class RelayMemory(NamedTuple):
-    """What packets to relay have in common, and the message of which they are the numbers.
+    """Byte layout of the packets to relay, and the message that their numbers are written to.
 
     Attributes
     ----------
