@@ -25,23 +25,6 @@ ALL_TRANSFORMS = 1 + len(LINKS)  # the wrist, and the links in their parents
 
 
 @jit
-def write_stamps(words: np.ndarray, stamps: np.ndarray, sec: int, nanosec: int) -> None:
-    """Write a time into a serialized message.
-
-    Parameters
-    ----------
-    words : ndarray of uint32
-        The message by four bytes; changed.
-    stamps : ndarray of int, shape (m,)
-        Where its stamps are in `words`.
-    sec, nanosec : int
-    """
-    for i in range(len(stamps)):
-        words[stamps[i]] = sec & 0xffffffff
-        words[stamps[i] + 1] = nanosec & 0xffffffff
-
-
-@jit
 def fill_template(words: np.ndarray, doubles: np.ndarray, stamps: np.ndarray,
                   numbers_at: np.ndarray, sec: int, nanosec: int, numbers: np.ndarray) -> None:
     """Write a stamp and the numbers into a template.
@@ -57,7 +40,9 @@ def fill_template(words: np.ndarray, doubles: np.ndarray, stamps: np.ndarray,
     sec, nanosec : int
     numbers : ndarray, shape (>= n,)
     """
-    write_stamps(words, stamps, sec, nanosec)
+    for i in range(len(stamps)):
+        words[stamps[i]] = sec & 0xffffffff
+        words[stamps[i] + 1] = nanosec & 0xffffffff
     for i in range(len(numbers_at)):
         doubles[numbers_at[i]] = numbers[i]
 

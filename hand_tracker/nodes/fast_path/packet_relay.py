@@ -16,7 +16,7 @@ from ...adapters.marker_arrays import MarkerArrayWriter
 from ...adapters.packet_structure import POINT_SIZE, PacketOrigin, PacketStructure
 from ...core.numerics.jit import CACHE_FOLDER, COMPILED, DEFERRED, Pack, jit, packed
 from ...messages.cdr import ENCAPSULATION
-from ...messages.templates import Template, write_stamps
+from ...messages.templates import Template, fill_template
 from .kernel import MESSAGE_CAPACITY
 
 if TYPE_CHECKING:
@@ -180,8 +180,9 @@ def fill_message(memories: Pack[RelayMemory], packet: np.ndarray, received: int)
         return False
     nanoseconds = np.int64(np.round(1e9 * local)) + memory.wall[0]
     sec = nanoseconds // 1_000_000_000
-    write_stamps(message.view(np.uint32), memory.stamps[:memory.stamp_count[0]], sec,
-                 nanoseconds - 1_000_000_000 * sec)
+    # The numbers are there already.
+    fill_template(message.view(np.uint32), message, memory.stamps[:memory.stamp_count[0]],
+                  memory.numbers[:0], sec, nanoseconds - 1_000_000_000 * sec, message)
     return True
 
 
