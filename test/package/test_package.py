@@ -90,6 +90,12 @@ def test_version_is_stated_alike(manifest):
     assert manifest.findtext('version') == hand_tracker.__version__
 
 
+def test_the_reference_lists_the_public_names():
+    text = (REPOSITORY / 'docs' / 'api.rst').read_text(encoding='utf-8')
+    names = re.search(r'toctree: generated\n\n((?: +\w+\n)+)', text)[1]   # of the first list
+    assert sorted(names.split()) == sorted(hand_tracker.__all__)
+
+
 def test_public_names_are_imported_when_they_are_first_used():
     names = ', '.join(hand_tracker.__all__)
     before, listed, after = run_python(
