@@ -61,7 +61,7 @@ def start(stack, folder, robot, urdf):
         return [sys.executable, '-m', f'hand_tracker.nodes.{name}_node']
 
     tracking = 'side:=right', 'auto_size:=false'
-    # No driver of a robot is there to tell where it is.
+    # No driver of a robot is there to publish where it is.
     driving = (f'robot:={robot}', 'safety.require_robot_state:=false',
                *([f'robot_description:={urdf}'] if urdf else []))
     processes = {

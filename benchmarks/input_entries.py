@@ -195,7 +195,7 @@ def _message_objects(data: bytes) -> None:
 
 
 def _ignored(*_: Any) -> None:
-    """Take what a person would be told."""
+    """Take a line that would be printed."""
 
 
 def _publish(frame: SourceFrame, writer: MarkerArrayWriter | None = None) -> None:

@@ -12,7 +12,7 @@ package outside `core/numerics` and `depth` its deepest nesting of calls. `upwar
 from a folder into a higher one; `climbs` counts how often the node calls into a higher folder than
 with its call before, and `calls_after` its calls into other folders once the last answer to the
 frame (joint states, transforms, confidence) is published. The traced frames are of the demo motion;
-the frame of the median number of functions is reported, as now and then one is told of on
+the frame of the median number of functions is taken, as now and then one is reported on
 /diagnostics or in the log; `all_files` and `all_functions` count those of any frame.
 """
 

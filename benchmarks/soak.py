@@ -7,7 +7,7 @@ drop-outs and frozen markers, while listeners come, go and are killed, parameter
 them not allowed, and the stamps jump. A second tracker follows a recording in a loop, which jumps
 back at each lap. Markers and joint states are reliable and queued, so that the middleware loses
 nothing: a frame without an answer is lost. The exit code is 1 where a bound is exceeded; growth
-and latency are judged from `JUDGED_FROM` minutes on, as minutes of warming up tell nothing.
+and latency are judged from `JUDGED_FROM` minutes on, as minutes of warming up show nothing.
 """
 
 import argparse
@@ -242,7 +242,7 @@ class Driver:
         if jump == 'stray':
             clock -= 5 * 10**9 + 1
         elif jump is not None:
-            # No stamp comes twice: /tf has each once, and answers are told apart by it.
+            # No stamp comes twice: /tf has each once, and answers are distinguished by it.
             clock = self._clock = self._clock + round(1e9 * jump) + random.randrange(10**6)
         stamp = put_stamps(data, places, clock)
         message = bytes(data)

@@ -4,7 +4,7 @@
 
 Cold, where plain Python tracks while the kernels are compiled, and warm, where they are on disk.
 Markers are sent all the while. Between the two the compiling process is waited for, and its time
-is told.
+is printed.
 """
 
 import argparse

@@ -165,7 +165,7 @@ explain_pip() {
   fail "pip could not install the requirements. The log: $log"
 }
 
-# Without the overlay all works but /tf and the replay's services, so that its lack is told, not fatal.
+# Without the overlay all works but /tf and the replay's services, so that its lack is printed, not fatal.
 # The tests also need the messages of other systems' drivers.
 install_overlay() {
   local sources lack stamp=overlay

@@ -39,7 +39,7 @@ OPENXR = {'PALM': 'palm', 'WRIST': 'wrist',
 LANDMARK_ORDERS = {21: LANDMARKS, 25: tuple(OPENXR.values())[1:], 26: tuple(OPENXR.values())}
 PALM_LENGTHS = .04, .16  # [m] from wrist to middle MCP, of any hand
 CURLED = .15             # of the palm's length, by which finger tips are in front of it [1]
-SIDE_FRAMES = 30         # that agree on a side before it is told
+SIDE_FRAMES = 30         # that agree on a side before it is logged
 OTHER_COUNT = ('PoseArray of {} poses; expected are '
                + ', '.join(map(str, LANDMARK_ORDERS)) + ' landmarks')
 

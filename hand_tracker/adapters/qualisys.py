@@ -1,8 +1,8 @@
 """Receive frames of Qualisys Track Manager over its real-time protocol, with Qualisys' qtm-rt.
 
 Frames have QTM's time since the start of the measurement, in microseconds of the camera system's
-clock; `ClockEstimate` maps it to this machine's, less the least delay seen, which QTM tells nobody:
-`latency` gives it where it is known.
+clock; `ClockEstimate` maps it to this machine's, less the least delay seen, which QTM does not
+send: `latency` gives it where it is known.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class QualisysClient:
         asyncio.run(self._run(ended))
 
     async def _run(self, ended: Event) -> None:
-        # A packet that qtm-rt cannot read ends the connection, which is told as such.
+        # A packet that qtm-rt cannot read ends the connection, which is logged as such.
         asyncio.get_running_loop().set_exception_handler(lambda loop, context: None)
         while not ended.is_set():
             await self._serve(ended)

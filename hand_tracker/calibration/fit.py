@@ -86,7 +86,7 @@ def fit_hand(joints: ArrayLike, side: str, limits: str | ArrayLike = WEARER_LIMI
         finger_cmc=cmc_joints(mcp, length),
         finger_bones=median_lengths(fingers),
         thumb_cmc=palm[THUMB_ROWS[0]], thumb_bones=median_lengths(thumb), side=side)
-    # The thumb is solved within its limits: they are known before, and told better after.
+    # The thumb is solved within its limits: they are known before, and better after.
     hand = fit_thumb(_limited(fit_fingers(hand, fingers), local, limits), thumb)
     hand = hand.replace(palm_synergy=fit_palm_synergy(
         hand, {name: local[:, LANDMARKS.index(name)] for name in LANDMARKS

@@ -21,7 +21,7 @@ from .natural_flexion import FlexionLine
 from .palm_template import PalmFit
 from .takes import Gathered
 
-OBSERVED_SHARE = .7      # of the spread known before; a larger deviation has told nothing
+OBSERVED_SHARE = .7      # of the spread known before; with a larger deviation nothing was observed
 OBSERVED_DEVIATION = .002  # [m] of a length; with a larger one it is not known either
 FRAME_DEVIATION = .003     # [m] of the wrist's frame, by the heights of the palm's markers
 HELD_OUT_BLOCK = 1.      # [s] of the parts of a take that are not fitted
@@ -45,7 +45,7 @@ class FittedParameter(NamedTuple):
         Value, its standard deviation, and that before the take, in the unit.
     unit : {'mm', 'degrees', ''}
     observed : bool
-        Whether the take told of it.
+        Whether the take determined it.
     advice : str
         Movement to observe it.
     """
@@ -103,11 +103,11 @@ class FitReport(NamedTuple):
         return found + [''] + self.unobserved()
 
     def verdict(self) -> str:
-        """Return how well the hand fits what was not fitted, and how much the takes tell."""
+        """Return how well the hand fits what was not fitted, and how much the takes determine."""
         judged = [one.held_out for one in self.residuals if np.isfinite(one.held_out)]
-        told = sum(one.observed for one in self.parameters)
-        share = (f'{told} of {len(self.parameters)} parameters are known by the takes, the others '
-                 'are as on other hands')
+        observed = sum(one.observed for one in self.parameters)
+        share = (f'{observed} of {len(self.parameters)} parameters are known by the takes, the '
+                 'others are as on other hands')
         if not judged:
             return f'the takes are too short to judge the fit; {share}'
         miss = float(np.mean(judged))
@@ -118,12 +118,12 @@ class FitReport(NamedTuple):
 
     def unobserved(self) -> list[str]:
         """Return the unobserved parameters, in words, with the movements to observe them."""
-        told: dict[tuple[str, str], list[str]] = {}
+        advised: dict[tuple[str, str], list[str]] = {}
         for one in self.parameters:
             if not one.observed:
-                told.setdefault((one.digit, one.advice), []).append(one.name)
+                advised.setdefault((one.digit, one.advice), []).append(one.name)
         return [f'{digit} {", ".join(names)}: not observed, as on other hands; {advice}'
-                for (digit, advice), names in told.items()]
+                for (digit, advice), names in advised.items()]
 
 
 def report_fit(fit: MarkerFit, gathered: Gathered, rate: float,

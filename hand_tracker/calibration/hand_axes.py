@@ -1,4 +1,4 @@
-"""Unit and handedness of recorded points, and the side of a hand, told from the hand itself."""
+"""Unit and handedness of recorded points, and the side of a hand, found by the hand itself."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SIZE_UNITS = ('m', 'dm', 'cm', 'mm')
 SAMPLED_FRAMES = 500
 SURE = .9                  # likelihood above which axes are taken for mirrored
 LEAST_DOUBT = .02          # of a side that every frame shows
-WRONG_SIZE = 2.5           # times as large or small as hands are, that is told of
+WRONG_SIZE = 2.5           # times as large or small as hands are, that is logged
 
 
 class HandPoints(NamedTuple):
@@ -70,7 +70,7 @@ def labelled_hands(labels: Sequence[str], is_landmarks: bool = False) -> list[Ha
 
 
 def side_likelihood(recording: PointRecording, hand: HandPoints) -> float:
-    """Return how likely a hand is a right one by its shape, .5 where that cannot be told.
+    """Return how likely a hand is a right one by its shape, .5 where that is undecided.
 
     Fingers bend to the palm, so that back, fingers and thumb's side are those of a right hand or
     of its mirror image.
@@ -112,15 +112,15 @@ def side_likelihood(recording: PointRecording, hand: HandPoints) -> float:
                 height = np.einsum('ti,ti->t', point - middle, normal)
                 dorsal -= np.nan_to_num(height[:, None] * normal)
     heights = np.einsum('ti,ti->t', np.cross(distal, lateral), dorsal)
-    told = heights[np.isfinite(heights) & (heights != 0.)]
-    if not len(told):
+    clear = heights[np.isfinite(heights) & (heights != 0.)]
+    if not len(clear):
         return .5
-    weights = np.abs(told)
-    return float(np.clip(weights[told > 0.].sum() / weights.sum(), LEAST_DOUBT, 1. - LEAST_DOUBT))
+    weights = np.abs(clear)
+    return float(np.clip(weights[clear > 0.].sum() / weights.sum(), LEAST_DOUBT, 1. - LEAST_DOUBT))
 
 
 def side_by_shape(recording: PointRecording, side: str = '') -> str:
-    """Return the side of a hand that its shape tells for sure, empty where it does not.
+    """Return the side of a hand that its shape decides, empty where it does not.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def hand_scale(recording: PointRecording, hand: HandPoints) -> float | None:
 
 
 def with_recognised_axes(recording: PointRecording) -> PointRecording:
-    """Return a recording in the unit and on the side that its hands tell, where its file does not.
+    """Return a recording with unit and handedness by its hands, where its file names none.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from ..files.point_recording import PointRecording
 from .hand_axes import HandPoints, hands_of, side_likelihood
 from .layout_labels import labelled_layout, point_names
 
-LEAST_LIKELIHOOD = .2      # of layouts that are told of
+LEAST_LIKELIHOOD = .2      # of layouts that are listed
 LEAST_PRESENT = .5         # of a layout's markers that are there
 NAMED_SIDE = .99           # likelihood of a side that labels name
 HAND_SPAN = .30            # [m] that a hand's markers are within

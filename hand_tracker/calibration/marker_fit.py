@@ -1,7 +1,7 @@
 """Fit a person's hand, and where the markers are on it, to takes of markers on the skin.
 
 The palm's markers give its frame. In it each digit is fitted by itself (`digit_fit`); the digits
-share the hand's length, which their bones tell together.
+share the hand's length, which their bones determine together.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,9 +41,9 @@ from .worn_markers import worn_names
 
 LENGTH_ROUNDS = 2        # fits of all digits, the hand's length estimated anew between them
 FIT_STEPS = LENGTH_ROUNDS * len(DIGITS)
-PALM_LENGTH_SPREAD = .05  # of the length that the palm tells, as a logarithm
+PALM_LENGTH_SPREAD = .05  # of the length by the palm, as a logarithm
 MOST_LENGTH_STEP = .15
-KNOWN_LENGTH_SPREAD = .02  # of a length that the bones have told, as a logarithm
+KNOWN_LENGTH_SPREAD = .02  # of a length by the bones, as a logarithm
 POSTURE_FRAMES = 300     # evenly spaced, which show the range of motion
 # Share of the noise that a worn marker is given in the fit: the tracker meets it, whatever the
 # others say. Ours, from captures.

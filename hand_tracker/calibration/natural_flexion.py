@@ -1,6 +1,6 @@
 """Fit `Hand.natural_flexion`: how a person's second flexion goes with the first.
 
-A marker always tells its direction from the digit's root, but its reach only away from straight.
+A marker always shows its direction from the digit's root, but its reach only away from straight.
 So the line is fitted by Bayesian least squares of the second flexion on the direction, with the
 average person's line as prior: few postures, or postures alike, leave it there.
 Ours; no source.

@@ -47,7 +47,7 @@ def check_takes(takes: Sequence[MarkerTake]) -> list[str]:
                           f'{LEAST_DURATION:g} s of a moving hand, best 40 s')
     gathered = gather(takes)
     there = gathered.names
-    # A layout says where its markers of the palm are; else the knuckles tell.
+    # A layout says where its markers of the palm are; else the knuckles decide.
     missing = [name for name in KNUCKLES if name not in there and not gathered.usual]
     if missing or len(gathered.of(-1)) < 3:
         raise InvalidTake(f'{named}: it has {", ".join(there) or "no markers of a hand"}; expected '

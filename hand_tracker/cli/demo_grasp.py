@@ -101,9 +101,9 @@ class GraspingRobot(DrivenRobot):
 
     def _publish_joint_states(self) -> None:
         self._advance()
-        told, self._position = self._position, self._physics.joints
+        commanded, self._position = self._position, self._physics.joints
         super()._publish_joint_states()
-        self._position = told
+        self._position = commanded
 
     def _advance(self) -> None:
         if self._start is None:
@@ -122,13 +122,13 @@ class GraspingRobot(DrivenRobot):
         moments = [self._moment(at, title) for at, title in DRAWN_MOMENTS.items()]
         save_grasp_picture(output / 'grasp.png', moments)
         moved = self.track.moved()
-        told = (f'the ball moved by {1e3 * moved:.1f} mm in the closed hand, '
+        outcome = (f'the ball moved by {1e3 * moved:.1f} mm in the closed hand, '
                 f'{OPENS_AT - TURNED_AT:.1f} s of it upside down')
         if moved > LOST_FROM:
-            raise HandTrackerError(f'the ball was dropped: {told}')
+            raise HandTrackerError(f'the ball was dropped: {outcome}')
         if self.track.fell() < FREE_FROM:
             raise HandTrackerError('the ball did not fall when the hand opened')
-        print(f'  {output / "grasp.png"}: {told}; it fell once the hand opened')
+        print(f'  {output / "grasp.png"}: {outcome}; it fell once the hand opened')
 
     def _moment(self, at: float, title: str) -> GraspMoment:
         """Return what is drawn of the simulation at a time, up along z."""

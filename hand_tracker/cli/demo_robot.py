@@ -72,7 +72,7 @@ class DrivenRobot:
         self._is_engaged = answer.result().success  # type: ignore[attr-defined]
 
     def save(self, output: Path, hand: Hand, stamps: np.ndarray, angles: np.ndarray) -> None:
-        """Draw what it was told beside what the hand did: `robot.gif` and `robot.png`.
+        """Draw what it was commanded beside what the hand did: `robot.gif` and `robot.png`.
 
         Parameters
         ----------

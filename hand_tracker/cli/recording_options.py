@@ -203,7 +203,7 @@ def recorded_hand(options: argparse.Namespace
 
 
 def recorded_notes(recording: Path | PointBag) -> tuple[str, ...]:
-    """Return what to tell of a recording as of `recorded_hand`."""
+    """Return the notes to print on a recording, see `recorded_hand`."""
     return recording.notes if isinstance(recording, PointBag) else ()
 
 

@@ -62,7 +62,7 @@ class TrackerOptions:
         True, 'Smooth the positions of seen markers by their filters')
     angle_filter: bool = _option(
         True, 'Filter abduction and flexion of seen digits too, as smoothing is on: quiet where '
-        'their markers tell little of them')
+        'their markers constrain them little')
     marker_noise: float = _option(
         5e-4, 'Upper bound of the marker noise, which is estimated: standard deviation on each '
         'axis', unit='m', range=(1e-5, 1e-2))

@@ -112,7 +112,7 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
         solve_multi_marker_digits(model, chains, state, seen, step)
         # 4 Inverse kinematics, fingers and thumb: abduction, then flexion within limits.
         iterations = solve_angles(model, chains, options, state, seen, step)
-        # 4 Inverse kinematics: quiet angles, where the digits' markers tell little of them.
+        # 4 Inverse kinematics: quiet angles, where the digits' markers constrain them little.
         estimate_angles(chains, options, state, step)
         if has_more_rows:
             refine_multi_marker_digits(model, chains, state, seen, step)

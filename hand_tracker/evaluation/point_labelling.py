@@ -136,7 +136,7 @@ def of_capture(capture: Capture) -> NamedMarkers:
 
 
 def of_take(take: MarkerTake) -> NamedMarkers:
-    """Return the markers of a take whose names tell where they are."""
+    """Return the markers of a take whose names say where they are."""
     known = [(i, marker) for i, marker in enumerate(identify(take.names)) if marker]
     return NamedMarkers(take.name, tuple(marker.name for _, marker in known),
                         tuple(marker.digit for _, marker in known),

@@ -104,7 +104,7 @@ class Bag:
     duration : int
         Time from the first message to the last [ns].
     notes : tuple of str
-        What to tell of the recording.
+        Notes on the recording, to print.
     """
 
     notes: tuple[str, ...] = ()

@@ -28,7 +28,7 @@ from .text_table import open_packed
 from .trc_file import TRC_START, read_trc, write_trc
 from .vicon_csv import OTHER_VICON_BLOCKS, VICON_BLOCK, read_vicon_csv, write_vicon_csv
 
-HEAD_BYTES = 2**12         # that tell the format
+HEAD_BYTES = 2**12         # by which formats are recognised
 BAG_STARTS = (b'\x89MCAP0', b'SQLite format 3\0')
 PACKED_SUFFIX = '.gz'
 
@@ -66,7 +66,7 @@ class FileFormat(NamedTuple):
     suffixes : tuple of str
         The first is the usual one.
     is_like : callable
-        Tells a file of it by its first bytes.
+        Recognises a file of it by its first bytes.
     read : callable
         Returns a `PointRecording` with the file's points, and their `Axes`.
     write : callable or None

@@ -330,7 +330,7 @@ def read_points(table: TextTable, delimiter: str, columns: int, coordinates: np.
     partial : bool
         Whether a file that is cut is read as far as it goes, with a note.
     frame_column : int or None, optional
-        Column of the frames' numbers, which tell frames that the file leaves out from a cut.
+        Column of the frames' numbers, which distinguish frames that the file leaves out from a cut.
 
     Returns
     -------

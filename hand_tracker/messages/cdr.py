@@ -288,8 +288,8 @@ def parse_points(parser: int, octets: np.ndarray, words: np.ndarray, numbers: np
     size : int
         Bytes of the message.
     heads : ndarray of int32, shape (n, 5)
-        Filled: what tells the points apart, see each parser. Messages with equal heads and strings
-        have equal points at the same places.
+        Filled: what distinguishes the points, see each parser. Messages with equal heads and
+        strings have equal points at the same places.
     places : ndarray of int64, shape (n, 3)
         Filled: where the stamp is in words; where position and the points of a list are in
         doubles.

@@ -13,7 +13,7 @@ from .marker_array import ADD, LIST_TYPES, POINT_TYPES, placed, scaled
 from .message_kinds import MARKER_ARRAY_KIND, MessageKind
 from .stamps import Time
 
-LABELS_KEPT = 4096  # namespaces and ids that are told apart at most
+LABELS_KEPT = 4096  # namespaces and ids that are distinguished at most
 
 
 class PointFrame(NamedTuple):

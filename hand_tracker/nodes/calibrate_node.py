@@ -1,4 +1,4 @@
-"""Calibrate node: tell a person how to move the hand, then fit a hand file to its markers.
+"""Calibrate node: prompt a person how to move the hand, then fit a hand file to its markers.
 
 It hears the markers as the tracker does, with the same parameters, shows how much of each movement
 it has seen, and ends by itself. Its exit code is 0 with a hand file, 1 where the take is refused.

@@ -101,7 +101,7 @@ class LiveTracker:
         Parameters
         ----------
         say : callable
-            Told in a line what it waits for.
+            Called with a line: what it waits for.
         """
         self._get = self._node.create_client(GetParameters, f'{self._tracker}/get_parameters')
         self._set = self._node.create_client(

@@ -19,7 +19,7 @@ ASKED_EVERY = 1.     # [s] whether the player is paused: others may pause it too
 class PlayerClient:
     """The node that plays the recording, as the viewer's playhead: that of rosbag2, or replay.
 
-    Where it is in the recording it does not tell.
+    It does not publish where in the recording it is.
 
     Parameters
     ----------

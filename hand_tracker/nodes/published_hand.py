@@ -24,7 +24,7 @@ from ..messages.rviz_markers import HELD_OPACITY, JOINTS_SHOWN, states_of_colour
 KEPT = 100           # joint states that may wait for the markers of their stamp
 # In bytes: behind the encapsulation, and there behind the number of markers.
 JOINTS_STAMP, MARKERS_STAMP = slice(4, 12), slice(8, 16)
-# Of the palm, within which no joint moves: they tell where the wrist is.
+# Of the palm, within which no joint moves: they determine where the wrist is.
 PALM_POINTS = [SKELETON_POINTS.index(name)
                for name in ('wrist', 'index_proximal', 'little_proximal')]
 PALM_SHOWN = [JOINTS_SHOWN.index(point) for point in PALM_POINTS]
@@ -71,7 +71,7 @@ class PublishedHand:
         return self._state
 
     def read(self, joint_state: bytes, hand_markers: bytes) -> HandState | None:
-        """Return the hand of two messages, as far as they tell it.
+        """Return the hand of two messages, as far as they determine it.
 
         None if they are not this tracker's.
         """

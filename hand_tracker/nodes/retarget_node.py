@@ -350,12 +350,12 @@ class RetargetNode(SubscriptionHidingNode):
     def _publish_state(self) -> None:
         """Publish and log the state where it has changed."""
         guard = self._teleoperation.guard
-        told = guard.state.value, self._teleoperation.fault or guard.reason
-        if told == self._said:
+        said = guard.state.value, self._teleoperation.fault or guard.reason
+        if said == self._said:
             return
-        self._said = told
-        self._state.publish(String(data=told[0]))
-        self.get_logger().info(f'{told[0]}: {told[1]}')
+        self._said = said
+        self._state.publish(String(data=said[0]))
+        self.get_logger().info(f'{said[0]}: {said[1]}')
         self._publish_status()
 
     def _publish_status(self) -> None:

@@ -280,7 +280,7 @@ def _init(args: list[str] | None) -> None:
 def _warn_of_unknown(nodes: Sequence[Node]) -> None:
     """Log the parameters given at the start that no node has: rclpy drops them."""
     known = {name for node in nodes for name in node.get_parameters_by_prefix('')}
-    # rclpy tells of them nowhere else.
+    # rclpy lists them nowhere else.
     given = {name: node for node in nodes for name in getattr(node, '_parameter_overrides', ())}
     for name, node in given.items():
         if name not in known:

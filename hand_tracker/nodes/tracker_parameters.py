@@ -284,7 +284,7 @@ def another_hand(values: Mapping[str, Any], path: str, side: str) -> tuple[Hand,
     path : str
         Hand file.
     side : {'right', 'left'}
-        That is tracked, as names and frames tell it.
+        That is tracked, by names and frames.
 
     Returns
     -------
@@ -365,7 +365,7 @@ def common_table() -> tuple[Parameter, ...]:
 
 
 def labels_table(names: Sequence[str] = MARKERS) -> tuple[Parameter, ...]:
-    """Return the parameters that tell which marker is which; they act from the next frame on.
+    """Return the parameters that assign labels to markers; they act from the next frame on.
 
     Parameters
     ----------
@@ -400,7 +400,7 @@ def live_table(hand: Hand, names: Sequence[str] = MARKERS) -> tuple[Parameter, .
 
 
 def markers_parameter(side: str, topics: str) -> Parameter:
-    """Return the parameter that tells one hand's markers from the other's.
+    """Return the parameter that distinguishes one hand's markers from the other's.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ GRID_RATE = 120.           # [Hz] at which speeds are compared
 CUTOFF = 6.                # [Hz] of the low-pass filter: faster than wrists turn is noise
 MIN_OVERLAP = 3.           # [s] that both recordings must show
 PEAK_WIDTH = .5            # [s] about the best offset that is the same peak
-MIN_SPREAD = .02           # standard deviation of a wrist's speed that tells a clock, of the mean
+MIN_SPREAD = .02           # standard deviation of a wrist's speed that shows a clock, of the mean
 MIN_CORRELATION = .5
 MIN_CONFIDENCE = .1
 SURE_CORRELATION = .9
@@ -25,7 +25,7 @@ SURE_DEVIATION = .004      # [s]
 LEAST_REST = .01           # share of a speed's variance that no other system sees alike
 WINDOW = 20.               # [s] in which the drift is taken for constant
 DRIFT_REACH = .5           # [s] that it may amount to over half of the recording
-DRIFT_OVERLAP = 60.        # [s] from which on a drift is told from noise
+DRIFT_OVERLAP = 60.        # [s] from which on a drift is distinguished from noise
 
 
 class AlignmentError(HandTrackerError):
@@ -212,7 +212,7 @@ def _refined(body: _Speed, hand: _Speed, line: tuple[float, float]) -> ClockAlig
     times = start.hand_times(body.times)
     inside = (times > hand.times[0] + .1) & (times < hand.times[-1] - .1)
     body_times, speed = body.times[inside], body.values[inside]
-    # About the middle of the overlap, where offset and drift are told apart.
+    # About the middle of the overlap, where offset and drift are independent.
     middle = float(np.mean(times[inside]))
     at_middle = line[0] + (1. + line[1]) * middle
     duration = max(float(np.ptp(body_times)), MIN_OVERLAP)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-MIN_MOTION = .02           # [m] rms that the wrist moves in two directions, to tell the world
+MIN_MOTION = .02           # [m] rms that the wrist moves in two directions, to determine the world
 MAX_MOUNT_SPREAD = np.radians(30.)
 ROUNDS = 50
 
@@ -76,7 +76,7 @@ def fit_mount(body_places: np.ndarray, body_turns: np.ndarray, hand_places: np.n
     Returns
     -------
     HandMount or None
-        None where the wrist moves too little to tell.
+        None where the wrist moves too little for a fit.
     """
     body, hand = (places - places.mean(axis=0) for places in (body_places, hand_places))
     left, sizes, right = np.linalg.svd(hand.T @ body / len(body))

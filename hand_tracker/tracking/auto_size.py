@@ -52,7 +52,7 @@ class AutoSize:
         markers : ndarray, shape (n, 3)
             In the order of the layout, NaN where not seen [m].
         time : float or None
-            Of the frame; frames without a time tell nothing [s].
+            Of the frame; frames without a time are not counted [s].
 
         Returns
         -------

@@ -16,7 +16,7 @@ from ..background import start_low_priority
 from ..core.numerics import jit
 
 POLL_PERIOD = .1  # [s]
-COMPILE_TIME = 'one to three minutes'  # on two cores, as users are told
+COMPILE_TIME = 'one to three minutes'  # on two cores, as is logged
 PROGRAM = 'hand_tracker.tracking.compile_kernels'
 
 

@@ -93,7 +93,7 @@ class MarkerEvents:
 
 
 class LabelChanges:
-    """Tell whether the labels of a source are of no use, as none of them stays with its marker.
+    """Judge whether the labels of a source are of no use, as none of them stays with its marker.
 
     Parameters
     ----------

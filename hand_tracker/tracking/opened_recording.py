@@ -167,7 +167,7 @@ def open_recording(path: str | PathLike[str] | PointBag,
 
 
 def recorded_points(path: str | PathLike[str], reading: ReadingOptions) -> PointRecording:
-    """Read a recording as points, in the unit and on the side that its hands tell.
+    """Read a recording as points, with unit and handedness by its hands.
 
     Parameters
     ----------

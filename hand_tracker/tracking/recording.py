@@ -134,7 +134,7 @@ def track(messages: Iterable[BagMessage], tracker: HandTracker,
     monitor : Monitor, optional
         Updated by the time of the recording.
     say : callable, optional
-        Told in a line that kernels are compiled meanwhile, and when they take over.
+        Called with a line: that kernels are compiled meanwhile, and when they take over.
     auto_size : bool, optional
         Whether the size of the hand is learned from the first seconds.
 

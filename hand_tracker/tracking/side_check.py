@@ -1,4 +1,4 @@
-"""Tell a hand of the other side from its labelled markers: fingers bend to the palm. No ROS."""
+"""Recognise a hand of the other side by its labelled markers: fingers bend to the palm. No ROS."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MEMORY = 1.             # [s] of that time that count: a verdict may be mended. 
 
 
 class SideCheck:
-    """Tell whether markers are rather of the other hand, or mirrored.
+    """Judge whether markers are rather of the other hand, or mirrored.
 
     Parameters
     ----------

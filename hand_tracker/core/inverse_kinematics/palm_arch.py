@@ -2,7 +2,8 @@
 
 Markers on the knuckles ride on the metacarpals, which flex at the fingers' CMC joints as the palm
 cups. A marker more than three makes that arch observable; how far the metacarpals usually flex,
-and that the ring finger's goes along with the little's, decides where markers tell little. Ours.
+and that the ring finger's goes along with the little's, decides where markers constrain
+little. Ours.
 """
 
 import math
@@ -32,7 +33,7 @@ from ..numerics.vectors import (
 POSE_UNKNOWNS, UNKNOWNS = 6, 10       # turn and shift of the wrist; then the four CMC flexions
 MOST_PALM_STEPS, LEAST_PALM_STEPS = 10, 3
 PALM_DAMPING = 1e-9                   # [1]
-PALM_STEP_SPREADS = (1., .3)          # [rad, m] of one step: what no marker tells stays
+PALM_STEP_SPREADS = (1., .3)          # [rad, m] of one step: what no marker constrains stays
 SETTLED_PALM = 1e-11                  # [rad², m²] of the step after which there is none
 PALM_OUTLIER = .015                   # [m] distance at which a marker's weight falls to a quarter
 FIRST_PALM_OUTLIER = .04              # [m] in the second step; the first takes all markers alike
@@ -43,7 +44,7 @@ LOST_PALM = .03                       # [m] of the markers from the last pose: b
 CMC_SPREADS = (.008, .008, .07, .35)
 RING_SHARE = .5                       # [1] of the little finger's CMC flexion
 RING_FLEXION, LITTLE_FLEXION = (int(joint) for joint in FLEXION_JOINTS[2:4, 0])
-LEAST_FREE = 4                        # markers of the palm that tell an arch
+LEAST_FREE = 4                        # markers of the palm that determine an arch
 
 
 @jit

@@ -256,7 +256,7 @@ class Hand:
     natural_flexion : array_like, shape (5, 3)
         Slope, offset and spread of each digit's second flexion over its first, as this person
         moves: PIP = slope MCP + offset; the thumb's MCP = slope CMC + offset. It decides where a
-        marker tells nothing, the more the smaller the spread [1, rad, rad].
+        marker constrains nothing, the more the smaller the spread [1, rad, rad].
     palm_synergy : array_like, shape (4,)
         CMC flexion of each finger per mean MCP flexion of ring and little finger, where the palm
         cups and no marker shows it [1].

@@ -87,7 +87,7 @@ class MarkerLayout:
         Standard deviation of each marker from its place on an axis, as skin moves on the bones;
         0 where it is not known [m]. That of a digit's marker says how far its reach is believed
         beside `Hand.natural_flexion`, and that two bends of a digit with its marker at the tip
-        are told apart by it.
+        are distinguished by it.
     names : sequence of str, optional
         Names of 3 to 60 markers, three of them on the palm; the paper's eight, `MARKERS`, when
         left out.

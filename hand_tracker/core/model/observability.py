@@ -19,7 +19,7 @@ def unobserved_joints(hand: Hand, layout: MarkerLayout) -> tuple[str, ...]:
     """Return the names of the joints that stay uncertain though all markers are seen.
 
     The covariance of wrist and angles at a hand that is a little bent, where nothing but the
-    markers tells the angles. Of a palm that is taken for flat no arch is shown.
+    markers determines the angles. Of a palm that is taken for flat no arch is shown.
 
     Parameters
     ----------

@@ -204,7 +204,7 @@ class CloudLabeller:
         time : float, optional
             Of the frame; when left out frames are taken as evenly spaced at 120 Hz [s].
         ids : array_like of int, shape (n,), optional
-            By which the source tells points apart, as a hint; negative where it does not.
+            By which the source distinguishes points, as a hint; negative where it does not.
 
         Returns
         -------
@@ -252,7 +252,7 @@ class CloudLabeller:
             for hand in self._hands:
                 hand.lose()
             return UNTIMED_STEP
-        return step or UNTIMED_STEP  # stamps that stand still tell nothing
+        return step or UNTIMED_STEP  # stamps that stand still give no step
 
     def _follow(self, points: np.ndarray, ids: np.ndarray, free: np.ndarray,
                 step: float) -> tuple[np.ndarray, PointHistory]:
@@ -330,7 +330,7 @@ class CloudLabeller:
         poor = (not palm_is_seen(hand.statistics, finding.rows)
                 and (rival.rows >= 0).sum() <= seen.sum()
                 and changed[hand.statistics.rigid > 0.].any())
-        # Whether markers of a likely hand come back is better told by how the points move.
+        # Whether markers of a likely hand come back is better judged by how the points move.
         returns_alone = not (pressing or changed.any()) and lead < RETURN_MARGIN
         if (returns_alone or np.array_equal(rival.rows, finding.rows) or not lead > 0. or poor
                 or rival.distance[0] > UNLIKELY * max(hand.statistics.typical, 1.)):
@@ -396,7 +396,7 @@ class CloudLabeller:
         whole = palm_is_seen(hand.statistics, finding.rows)
         lead = self._mirrored_lead(hand, points, mine, not whole)
         hand.is_other_side = lead > MIRROR_MARGIN
-        # Two markers of the palm leave its side to the digits: these must tell it.
+        # Two markers of the palm leave its side to the digits: these must decide it.
         if (rivals or lead > (MIRROR_MARGIN if whole else -MIRROR_MARGIN)
                 or not _is_typical(hand.statistics, finding)):
             hand.lose()

@@ -92,7 +92,7 @@ def match_costs(prototype: Prototype, track: HandTrack, points: np.ndarray, ids:
     points : ndarray, shape (n, 3)
         [m]
     ids : ndarray of int, shape (n,)
-        By which the source tells them apart; negative where it does not.
+        By which the source distinguishes them; negative where it does not.
     clutter : ndarray, shape (n,)
         By `continue_clutter`.
     history : PointHistory
@@ -222,7 +222,7 @@ def settle_palm(prototype: Prototype, track: HandTrack, points: np.ndarray, rows
     """Turn a palm with hidden markers by the moves of all its markers together.
 
     Digits that bend and a palm that turns look alike to those two of its markers that are seen;
-    the joint distribution of all tells them apart. Hidden markers of the palm keep their distance
+    the joint distribution of all distinguishes them. Hidden markers of the palm keep their distance
     from where it places them, less and less, as long as the same markers are seen.
 
     Parameters
@@ -556,7 +556,7 @@ def follow_hands(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
     points : ndarray, shape (n, 3)
         [m]
     ids : ndarray of int, shape (n,)
-        By which the source tells them apart; negative where it does not.
+        By which the source distinguishes them; negative where it does not.
     clutter : ndarray, shape (n,)
         By `continue_clutter`.
     history : PointHistory

@@ -87,7 +87,7 @@ class HandTrack(NamedTuple):
         Time for which labels have been the best since each seen marker's point may have been each
         other marker's; on the diagonal since it may have been none [s].
     ids : ndarray of int, shape (M,)
-        By which the source told the markers' points apart; -1 where it did not.
+        By which the source distinguished the markers' points; -1 where it did not.
     returns : Returns
         How each marker came back that was hidden.
     palm_offset : ndarray, shape (M, 3)

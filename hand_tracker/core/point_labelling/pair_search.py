@@ -1,6 +1,6 @@
 """Search for hands by two markers of the palm: all turns about their line are tried.
 
-All turns are tried. The best are labelled, and placed by all markers together: the digits tell the
+All turns are tried. The best are labelled, and placed by all markers together: the digits fix the
 turn, as far as their joint distribution allows.
 """
 

@@ -1,7 +1,7 @@
 """Statistics of a hand's markers in the palm's frame: one normal distribution of all together.
 
 Learned from labelled frames of the wearer, or from natural poses of a hand model. As it is one
-distribution, a finger's markers tell where its other markers and its neighbours' are.
+distribution, a finger's markers predict where its other markers and its neighbours' are.
 """
 
 from collections.abc import Sequence
