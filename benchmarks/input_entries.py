@@ -265,7 +265,7 @@ def _page_request(data: bytes) -> None:
 
 
 class _Connection:
-    """What the guard of the page answers through."""
+    """Connection through which the guard of the page answers."""
 
     respond = staticmethod(_ignored)
 

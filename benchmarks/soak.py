@@ -308,7 +308,7 @@ def new_listener():
 
 
 class Timetable:
-    """What happens while frames are sent, each at its period [s]."""
+    """Events while frames are sent, each at its period [s]."""
 
     def __init__(self, now, **periods):
         self._periods = periods

@@ -35,7 +35,7 @@ class TaskResult(NamedTuple):
     Attributes
     ----------
     value : object
-        What the task returned, None if it raised an error.
+        The task's result, None if it raised an error.
     lines : list of str
         Messages of the task; the last one is its value or its error.
     """
@@ -188,7 +188,7 @@ def run_tasks(work: Callable[[Any, Interruptions, MessageCollector], Any], tasks
         Of this process.
     cluster : str, optional
         Address of a Dask scheduler, as tcp://10.0.0.5:8786; its workers replace the processes.
-        What a worker was at when it died is done again by another one.
+        The task of a worker that died is done again by another one.
 
     Yields
     ------

@@ -335,7 +335,7 @@ class HandLaunch:
                 for robot, hand in zip(self.robots, self.hands) if robot['robot']]
 
     def robots_beside(self):
-        """Return what broadcasts the frames of each shown robot beside its hand."""
+        """Return the nodes that broadcast the frames of each shown robot beside its hand."""
         shown = self.shown_robots()
         if shown and not self.shows_frames:
             return [LogInfo(msg='robot_state_publisher or tf2_ros is not installed: '
@@ -524,7 +524,7 @@ def check_names():
 
 
 def file_parameters(given):
-    """Return what the parameter file sets for the tracker."""
+    """Return the tracker's parameters in the parameter file."""
     if not given['parameters']:
         return {}
     try:
@@ -600,7 +600,7 @@ def number(given, name):
 
 
 def ended(name):
-    """Return what ends the launch when a node has ended, with an error when it had one."""
+    """Return the handler that ends the launch with a node, with its error if it had one."""
     def end(event, context):
         if event.returncode and not context.is_shutdown:
             raise RuntimeError(f'the {name} ended with exit code {event.returncode}')

@@ -60,7 +60,7 @@ class MarkerArrayWriter:
         return self.template.fill(stamp, self._numbers)
 
     def places(self, origin: PacketOrigin) -> tuple[np.ndarray, np.ndarray]:
-        """Return where the points of the last frame are in its packet, and in which markers.
+        """Return the offsets of the last frame's points in its packet, and their markers.
 
         Parameters
         ----------

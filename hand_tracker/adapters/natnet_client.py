@@ -251,7 +251,7 @@ class NatNetClient:
         self._on_frame(frame._replace(origin=self._origin(packet, frame)))
 
     def _origin(self, packet: FramePacket, frame: SourceFrame) -> PacketOrigin | None:
-        """Return where a frame's numbers are in its packet, None where they are not all there."""
+        """Return the offsets of a frame's numbers in its packet; None where some are missing."""
         structure = packet.structure
         places = structure.places[:, 0]
         parameters = np.frombuffer(structure.common.data, np.uint8)[structure.parameters]

@@ -15,7 +15,7 @@ from .qtm_packets import DATA, LARGEST_QTM_PACKET, QTM_HEADER, component_places
 class CheckedQtmProtocol(QTMProtocol):
     """Hand over whole packets whose sizes are sound; another ends the connection.
 
-    What `set_on_packet` sets is called with the bytes of each frame.
+    The function set by `set_on_packet` is called with the bytes of each frame.
     """
 
     _waiting = b''

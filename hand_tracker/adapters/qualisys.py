@@ -217,7 +217,7 @@ class QualisysClient:
         self._on_frame(found._replace(origin=self._origin(frame.structure, found)))
 
     def _origin(self, structure: QtmStructure, frame: SourceFrame) -> PacketOrigin | None:
-        """Return where a frame's numbers are in its packet, None where they are not all there."""
+        """Return the offsets of a frame's numbers in its packet; None where some are missing."""
         places, named = structure.places[:, 0], len(frame.names)
         if len(places) != named + len(frame.points) or not np.isfinite(frame.markers).all():
             return None

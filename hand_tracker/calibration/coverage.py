@@ -47,7 +47,7 @@ class Covered(NamedTuple):
 
 
 def coverage(angles: np.ndarray) -> list[Covered]:
-    """Return how far the joints of each digit moved.
+    """Return the range of motion of each digit's joints.
 
     Parameters
     ----------

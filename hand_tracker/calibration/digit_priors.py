@@ -101,7 +101,7 @@ def digit_chain(hand: Hand, digit: int, links: np.ndarray) -> Chain:
 
 
 def digit_posture(hand: Hand, digit: int, links: np.ndarray) -> PosturePrior:
-    """Return how a digit is usually held; flexions count from the x axis of its base.
+    """Return the prior of a digit's angles; flexions count from the x axis of its base.
 
     Parameters
     ----------

@@ -103,7 +103,7 @@ class FitReport(NamedTuple):
         return found + [''] + self.unobserved()
 
     def verdict(self) -> str:
-        """Return how well the hand fits what was not fitted, and how much the takes determine."""
+        """Return the verdict: fit to the frames left out, and share of parameters observed."""
         judged = [one.held_out for one in self.residuals if np.isfinite(one.held_out)]
         observed = sum(one.observed for one in self.parameters)
         share = (f'{observed} of {len(self.parameters)} parameters are known by the takes, the '

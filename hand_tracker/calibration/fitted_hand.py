@@ -174,7 +174,7 @@ def hand_angles(hand: Hand, digits: Sequence[FittedDigit | None]) -> np.ndarray:
 
 
 def measured_range(angles: np.ndarray) -> np.ndarray:
-    """Return what postures show of each joint's range, with a margin.
+    """Return the range of each joint in postures, with a margin.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def measured_range(angles: np.ndarray) -> np.ndarray:
 
 def mount_markers(hand: Hand, digits: Sequence[FittedDigit | None],
                   palm: dict[str, np.ndarray]) -> dict[str, MarkerMount]:
-    """Return where every marker is on a right hand.
+    """Return the mount of every marker on a right hand.
 
     Parameters
     ----------

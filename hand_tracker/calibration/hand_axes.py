@@ -70,7 +70,7 @@ def labelled_hands(labels: Sequence[str], is_landmarks: bool = False) -> list[Ha
 
 
 def side_likelihood(recording: PointRecording, hand: HandPoints) -> float:
-    """Return how likely a hand is a right one by its shape, .5 where that is undecided.
+    """Return the probability of a right hand by its shape, .5 where that is undecided.
 
     Fingers bend to the palm, so that back, fingers and thumb's side are those of a right hand or
     of its mirror image.

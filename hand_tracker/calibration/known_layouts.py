@@ -1,4 +1,4 @@
-"""How well a recording's labels match the layout presets, and on which side the hand is."""
+"""Match of a recording's labels with the layout presets, and the side of its hand."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def complete_layout(recording: PointRecording) -> LikelyLayout | None:
 
 
 def _right_likelihood(recording: PointRecording, hand: HandPoints) -> float:
-    """Return how likely a hand is a right one, by its labels and by its shape."""
+    """Return the probability of a right hand, by its labels and by its shape."""
     by_shape = side_likelihood(recording, hand)
     if not hand.side:
         return by_shape

@@ -265,7 +265,7 @@ def _with_postures(fit: DigitFit | None, digit: int, gathered: Gathered, local: 
 
 
 def _flexion_lines(gathered: Gathered, postures: np.ndarray) -> tuple[FlexionLine | None, ...]:
-    """Return how each digit's second flexion goes with the first in postures (n, 25)."""
+    """Return the line of each digit's second flexion over the first in postures (n, 25)."""
     return tuple(
         fit_flexion_line(postures[:, FLEXION_JOINTS[digit, 0]],
                          postures[:, FLEXION_JOINTS[digit, 1]], average)

@@ -1,4 +1,4 @@
-"""How a person's palm cups as ring and little finger flex, by the knuckles of these two. Ours."""
+"""Palm synergy: cupping of a person's palm over the flexion of ring and little finger. Ours."""
 
 from __future__ import annotations
 

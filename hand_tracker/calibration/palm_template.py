@@ -244,7 +244,7 @@ def aligned_palm(palm: PalmFit, length_spread: float = LENGTH_SPREAD) -> PalmFit
 
 
 def _spread(palm: PalmFit, name: str) -> tuple[float, float, float] | None:
-    """Return how far a marker is from its usual place; None of one at no landmark [m]."""
+    """Return a marker's distance from its usual place; None of one at no landmark [m]."""
     if name in palm.usual:
         return USUAL_SPREAD
     if name == 'wrist':

@@ -77,7 +77,7 @@ PROMPTS = (
 
 
 def shown_shares(markers: np.ndarray, side: str) -> np.ndarray:
-    """Return how much of each of `PROMPTS` the markers have shown.
+    """Return the share of each of `PROMPTS` that the markers have shown.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def _shapes(arms: np.ndarray) -> np.ndarray:
 
 
 def _alone(arms: np.ndarray) -> np.ndarray:
-    """Return how much each finger moved alone, of fingers with arms (T, 4, 3), as shares (4,)."""
+    """Return the share by which each finger moved alone (4,), of fingers with arms (T, 4, 3)."""
     reach = np.linalg.norm(arms, axis=2)
     longest = _lasting(reach, REACH_FRAMES)
     flexed = _share(_lasting(_beyond_others(_flexion(arms))), ALONE_FLEXION)

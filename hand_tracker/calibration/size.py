@@ -168,7 +168,7 @@ def _fit_fingers(markers: np.ndarray, hand: Hand, layout: MarkerLayout,
 
 def _unnaturalness(markers: np.ndarray, hand: Hand, layout: MarkerLayout,
                    finger: int) -> np.ndarray:
-    """Return how unnatural a finger's poses are with its bones at each of `SCALES` [1]."""
+    """Return the cost of a finger's poses with its bones at each of `SCALES` [1]."""
     row = layout.principal[len(PALM_MARKERS) + finger]
     if row < 0 or not layout.places[row].endswith('_dip'):
         return np.zeros(len(SCALES))  # the last joint's coupling would have to be known

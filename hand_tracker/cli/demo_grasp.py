@@ -39,7 +39,7 @@ DRAWN_MOMENTS = {
 
 
 class GraspTrack:
-    """Where the ball and the joints were.
+    """Recorded path of the ball and of the joints.
 
     Attributes
     ----------
@@ -59,12 +59,12 @@ class GraspTrack:
         return min(int(np.searchsorted(self.times, at)), len(self.times) - 1)
 
     def moved(self) -> float:
-        """Return how far the ball moved in the hand while that was closed [m]."""
+        """Return the ball's movement in the hand while that was closed [m]."""
         held = np.array(self.balls)[self.row(CLOSED_AT):self.row(OPENS_AT)]
         return float(np.linalg.norm(held - held[0], axis=1).max())
 
     def fell(self) -> float:
-        """Return how far the ball went after the hand opened [m]."""
+        """Return the ball's movement after the hand opened [m]."""
         return float(np.linalg.norm(self.balls[-1] - self.balls[self.row(OPENS_AT)]))
 
 
@@ -131,7 +131,7 @@ class GraspingRobot(DrivenRobot):
         print(f'  {output / "grasp.png"}: {outcome}; it fell once the hand opened')
 
     def _moment(self, at: float, title: str) -> GraspMoment:
-        """Return what is drawn of the simulation at a time, up along z."""
+        """Return the shapes of the simulation to draw at a time, up along z."""
         row = self.track.row(at)
         model, joints = self._model, self.track.joints[row]
         variables = np.array([joints[model.joint_names.index(name)] for name in model.variables])

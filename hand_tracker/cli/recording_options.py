@@ -143,7 +143,7 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
 
 
 def reading_options(options: argparse.Namespace) -> ReadingOptions:
-    """Return how the command line wants a file of points to be read."""
+    """Return the options of the command line for reading a file of points."""
     return ReadingOptions(options.units, options.up, options.handed,
                           not getattr(options, 'keep_zeros', False), options.partial)
 
@@ -216,7 +216,7 @@ def recorded_labels(options: argparse.Namespace, recording: Path | PointBag,
 
 
 def marker_reading(options: argparse.Namespace, labels: LabelMap) -> MarkerReading:
-    """Return how the messages of one hand are read, as the command line says."""
+    """Return the options of the command line for reading one hand's messages."""
     return MarkerReading(labels, options.frame, options.unit_scale, not options.keep_zeros,
                          options.labels != 'none')
 

@@ -142,7 +142,7 @@ def _splice_points(options: argparse.Namespace, tracked: list[HandAngles]) -> st
 
 def _frames_covered(body: Path, side: str, hand_times: np.ndarray, alignment: ClockAlignment,
                     times: np.ndarray) -> str:
-    """Return how many of the body's frames a hand's recording covers, as text.
+    """Return the number of the body's frames that a hand's recording covers, as text.
 
     Raises
     ------

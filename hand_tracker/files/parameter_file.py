@@ -69,7 +69,7 @@ def save_parameters(path: Path, heading: str, values: dict[str, Any]) -> None:
     path : Path
         Replaced if it exists.
     heading : str
-        What they are, in one line.
+        Description of the parameters, in one line.
     values : dict of str to object
 
     Raises

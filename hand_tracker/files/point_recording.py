@@ -105,7 +105,7 @@ class PointRecording(NamedTuple):
     axes : Axes
         Of the file; `points` are converted.
     notes : tuple of str
-        What was converted, assumed or left out, a line each.
+        Conversions, assumptions and omissions, a line each.
     is_landmarks : bool
         Whether these are joint centres, not markers on the skin.
     said : Said

@@ -98,7 +98,7 @@ def _read_keys(table: TextTable) -> tuple[dict[str, list[str]], list[str], list[
 
 
 def _lead_columns(table: TextTable, cells: list[str], count: int) -> int:
-    """Return how many columns are in front of the coordinates: frame and time, or none."""
+    """Return the number of columns before the coordinates: frame and time, or none."""
     lead = len(cells) - 3 * count
     # A tab at the end of lines.
     if lead in (1, 3) and not cells[-1]:

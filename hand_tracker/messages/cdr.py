@@ -44,7 +44,7 @@ SMALLEST_POINT = 32  # [bytes], less than any message needs for one, but for tho
 
 
 def point_capacity(size: int) -> int:
-    """Return how many points are read of a message of `size` bytes at most."""
+    """Return the greatest number of points of a message of `size` bytes."""
     return max(size // SMALLEST_POINT, MOST_MARKERS) + 1
 
 

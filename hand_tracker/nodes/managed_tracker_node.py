@@ -7,7 +7,7 @@ activate
 deactivate
     Markers are left out; the next activation goes on with the same hand.
 cleanup
-    What was tracked is forgotten.
+    The tracked state is dropped.
 
 It activates itself at the start, unless the parameter `autostart` is false.
 """

@@ -89,7 +89,7 @@ class MarkerInput:
             self._relay = PacketRelay(fast_path)
 
     def taker(self, topic: str, kind: type) -> Callable[[bytes], None] | None:
-        """Return what takes a topic's messages from a node of this process, which hands them over.
+        """Return the callback that takes a topic's messages from a node of this process.
 
         The topic is not subscribed to then; to be called before the executor is there.
 

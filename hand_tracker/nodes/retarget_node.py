@@ -288,7 +288,7 @@ class RetargetNode(SubscriptionHidingNode):
         self._publish_state()
 
     def _wrist_start(self, now: float) -> WristPose | None:
-        """Return where the robot's wrist is; for twists alone any pose will do."""
+        """Return the pose of the robot's wrist; for twists alone any pose will do."""
         if now - self._robot_wrist_time <= self._teleoperation.guard.options.robot_timeout:
             return self._robot_wrist
         asks_for_pose = any(name == 'pose' for name, _ in self._wrist_outputs)

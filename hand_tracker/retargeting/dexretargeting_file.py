@@ -26,7 +26,7 @@ def translated(given: Any, source: str) -> tuple[dict[str, Any], tuple[str, ...]
     -------
     settings : dict
     notes : tuple of str
-        What of the file is not used, and why.
+        Parts of the file that are not used, and why.
 
     Raises
     ------

@@ -43,7 +43,7 @@ def turn_deg(axes: np.ndarray) -> float:
 
 
 def axes_in_words(axes: np.ndarray, side: str) -> str:
-    """Return where x, y and z of a frame point in a hand.
+    """Return the directions of a frame's x, y and z in a hand, in words.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ def _moving(robot: RobotHand) -> set[int]:
 
 
 def _palm_frame(robot: RobotHand) -> str:
-    """Return how the palm's frame is turned, and whether dex-retargeting would go wrong."""
+    """Return the turn of the palm's frame, in words, and whether dex-retargeting would go wrong."""
     axes = robot.anatomy.axes
     words = f'its axes are {axes_in_words(axes, robot.side)}'
     away = turn_deg(axes @ DEX_AXES)

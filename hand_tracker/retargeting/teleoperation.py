@@ -50,7 +50,7 @@ class JointRows:
     Attributes
     ----------
     rows : ndarray of int, shape (m,)
-        What `find` has returned last.
+        The last result of `find`.
     """
 
     def __init__(self, wanted: Sequence[str]) -> None:

@@ -21,7 +21,7 @@ FINGER_BONE_ENDS = {'pip': 'proximal', 'dip': 'middle', 'tip': 'distal'}
 
 
 def skin_mount(hand: Hand, name: str, height: float | None = None) -> MarkerMount:
-    """Return where a marker is on the skin of a hand, dorsal of its landmark.
+    """Return the position of a marker on the skin of a hand, dorsal of its landmark.
 
     Parameters
     ----------

@@ -63,13 +63,13 @@ def wrist_motion(body: BvhMotion, joint: int) -> tuple[Trajectory, np.ndarray]:
 
 
 def overlapping(hand_times: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return which times a hand's recording covers, bool."""
+    """Return the mask of the times that a hand's recording covers."""
     return (times >= hand_times[0]) & (times <= hand_times[-1])
 
 
 def mount_hand(body: BvhMotion, place: BodyHand, motion: SkeletonMotion,
                alignment: ClockAlignment, unit: float) -> HandMount:
-    """Return how a hand sits on a body's wrist: fitted to both, else as in the T-pose.
+    """Return the mount of a hand on a body's wrist: fitted to both, else as in the T-pose.
 
     Parameters
     ----------

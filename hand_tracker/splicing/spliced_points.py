@@ -73,7 +73,7 @@ def marker_wrist(body: PointRecording, side: str) -> Trajectory:
 
 
 def hand_world(wrist: Trajectory, tracked: HandAngles, alignment: ClockAlignment) -> World:
-    """Return where the hand's world is in the body's, by the wrist's path in both.
+    """Return the pose of the hand's world in the body's, by the wrist's path in both.
 
     Parameters
     ----------

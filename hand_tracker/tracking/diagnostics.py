@@ -266,7 +266,7 @@ def _marker(state: HandState | None, slot: int) -> str:
 
 
 def _passing(states: Iterable[enum.Enum]) -> str:
-    """Return what to add to a value for states that have come and gone since the last status."""
+    """Return the text added to a value: states that have come and gone since the last status."""
     words = ' and '.join(map(_words, states))
     return f', {words} since the last status' if words else ''
 

@@ -22,7 +22,7 @@ class LiveCalibration:
     Attributes
     ----------
     take : LiveTake or None
-        What collects frames, while they are to be collected.
+        Collector of frames; None while none are collected.
     """
 
     def __init__(self) -> None:

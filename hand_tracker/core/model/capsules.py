@@ -61,7 +61,7 @@ class Capsules(NamedTuple):
 
 
 def capsule_ends(hand: Hand) -> np.ndarray:
-    """Return where the axes of the digits' capsules end in their links, shape (5, 3, 3) [m]."""
+    """Return the ends of the digits' capsule axes in their links, shape (5, 3, 3) [m]."""
     ends = hand.bone_ends()
     # Tips lie on the skin; the other ends of bones lie inside joints.
     ends[:, 2, 0] = np.maximum(ends[:, 2, 0] - hand.radii[:, 2], 0.)

@@ -315,7 +315,7 @@ def palm_is_seen(prototype: Prototype, rows: np.ndarray) -> bool:
 
 @labelling_jit
 def count_seen_palm(prototype: Prototype, rows: np.ndarray) -> int:
-    """Return how many markers of the palm are seen."""
+    """Return the number of the palm's seen markers."""
     seen = 0
     for i in range(len(rows)):
         seen += 1 if rows[i] >= 0 and prototype.rigid[i] > 0. else 0

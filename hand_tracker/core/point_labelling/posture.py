@@ -123,7 +123,7 @@ def posture_cost(constant: float, distance: float, seen: int, hidden: int) -> fl
 
 @labelling_jit
 def count_seen(rows: np.ndarray) -> int:
-    """Return how many markers have a point, of labels (M,)."""
+    """Return the number of markers with a point, of labels (M,)."""
     seen = 0
     for i in range(len(rows)):
         seen += 1 if rows[i] >= 0 else 0
@@ -153,7 +153,7 @@ def _step(local: np.ndarray, rows: np.ndarray, marker: int, point: int,
 
 @labelling_jit
 def _change(matrix: np.ndarray, gradient: np.ndarray, marker: int, step: np.ndarray) -> float:
-    """Return how the squared distance changes as one marker moves by `step` [m]."""
+    """Return the change of the squared distance as one marker moves by `step` [m]."""
     a = 3 * marker
     total = 0.
     for k in range(3):
@@ -408,7 +408,7 @@ def _best_point(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, loca
 @labelling_jit
 def _handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, place: np.ndarray,
               giver: int, taker: int, distance: float, seen: int) -> float:
-    """Return how the cost changes if a hidden marker takes the point of a seen one.
+    """Return the change of the cost if a hidden marker takes the point of a seen one.
 
     `place` is that point, shape (3,), in the palm's frame [m]; others are as for `refine_labels`.
     """
