@@ -71,7 +71,7 @@ def test_launch_file_and_controllers_agree():
     settings = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))
     manager = settings['/**/controller_manager']['ros__parameters']
     assert {name: manager[name]['type'] for name in TYPES} == TYPES
-    controllers, order = constant('CONTROLLERS'), load_robot(constant('ROBOT')).order
+    controllers, order = constant('CONTROLLERS'), load_robot(constant('DRIVEN_ROBOT')).order
     assert set(controllers) | {'joint_state_broadcaster'} == set(TYPES)
     for name in controllers:
         assert tuple(settings[f'/**/{name}']['ros__parameters']['joints']) == order
