@@ -119,13 +119,16 @@ def settled_rules(watcher, node, namespace, process):
     raise RuntimeError(f'{node} in {namespace} is not there')
 
 
-def uses(programs=None):
+def uses(programs=None, expected=None):
     """Return what each of our nodes uses, by its program.
 
     Parameters
     ----------
     programs : collection of str, optional
         All when left out.
+    expected : mapping of str to Use, optional
+        By program; where a node uses something else it is waited for, as on a busy machine a
+        node may pause before it has all.
 
     Returns
     -------
@@ -161,8 +164,14 @@ def uses(programs=None):
                     for namespace, _ in started:
                         calibrate(watcher, f'{namespace}/mount/calibrate')
                 node = NODE_NAMES.get(program, program)
-                found.append(Use(program, node, merged([
-                    settled_rules(watcher, node, *one) for one in started])))
+                until = time.monotonic() + WAIT
+                while True:
+                    use = Use(program, node, merged([
+                        settled_rules(watcher, node, *one) for one in started]))
+                    if (expected is None or use == expected[program]
+                            or time.monotonic() > until):
+                        break
+                found.append(use)
                 for subscription in heard:
                     watcher.destroy_subscription(subscription)
     finally:

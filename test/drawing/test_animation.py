@@ -147,7 +147,8 @@ def test_demo_runs_its_nodes_and_leaves_pictures_and_a_table(ros, tmp_path):
         header, *rows = csv.reader(file)
     assert header == ['time_s', *(f'right_{joint}_deg' for joint in JOINTS)]
     times, *angles = np.array(rows, dtype=float).T
-    assert len(times) == int(re.search(r'(\d+) joint states', done.stdout).group(1)) > 0
+    # A row has the markers of its frame too, which the listener may have lost.
+    assert 0 < len(times) <= int(re.search(r'(\d+) joint states', done.stdout).group(1))
     since_last = 1e-9 * (short.stamps - short.stamps[-1])
     frames = np.searchsorted(since_last, times - times[-1] - .5 / 120.)
     # The recording's noise in an open hand: degrees at the PIP.
