@@ -1,8 +1,9 @@
 """Labelling of points without names, in front of the tracker: which point is which marker.
 
 In reading order: `prototypes`, `bending` and `natural_poses` (where a hand's markers are, and how
-they spread), `posture` (cost of a labelling by all markers together), `palm_search` (hands in a
-single frame), `clutter` (points of no hand), `hand_track` (a hand from frame to frame),
-`pair_search` (hands with too few palm markers), `returns` (markers that reappear), `following`
-(data association of points over frames), `cloud_labeller` (all of it, for one or two hands).
+they spread), `posture` (cost of a labelling by all markers together), `links` (by the distances of
+neighbours on a digit), `palm_search` (hands in a single frame), `clutter` (points of no hand),
+`hand_track` (a hand from frame to frame), `pair_search` (hands with too few palm markers),
+`returns` (markers that reappear), `following` (data association of points over frames),
+`cloud_labeller` (all of it, for one or two hands).
 """

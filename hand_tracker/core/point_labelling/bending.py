@@ -39,12 +39,11 @@ def bending(template: np.ndarray, digit: np.ndarray) -> np.ndarray:
     fingers = (digit >= 0) & (digit != thumb)
     along = template[fingers].mean(axis=0) - palm.mean(axis=0) if fingers.any() else None
     for number in sorted(set(digit[digit >= 0])):
-        mine = np.flatnonzero(digit == number)
-        gaps = np.linalg.norm(template[mine, None] - palm, axis=2)
-        base = palm[np.argmin(gaps.min(axis=0))]
-        mine = mine[np.argsort(np.linalg.norm(template[mine] - base, axis=1))]
+        knuckle, mine = outward_markers(template, digit, number)
         # Palms may have their markers far behind the knuckles.
-        base = template[mine[0]] + min(1., LONGEST_BONE / gaps.min()) * (base - template[mine[0]])
+        back = template[knuckle] - template[mine[0]]
+        gap = np.linalg.norm(template[mine] - template[knuckle], axis=1).min()
+        base = template[mine[0]] + min(1., LONGEST_BONE / gap) * back
         chain = np.concatenate((base[None], template[mine]))
         out = along if number != thumb and along is not None else chain[-1] - base
         across = _unit(np.cross(normal, out))
@@ -57,6 +56,23 @@ def bending(template: np.ndarray, digit: np.ndarray) -> np.ndarray:
                               for first in BEND_SHARES for other in BEND_SHARES])
             moments[np.ix_(rows, rows)] += moves.T @ moves / len(moves)
     return moments
+
+
+def outward_markers(template: np.ndarray, digit: np.ndarray, number: int) -> tuple[int, np.ndarray]:
+    """Return the marker of the palm next to a digit's, and the digit's markers outwards.
+
+    Parameters
+    ----------
+    template, digit
+        As for `bending`.
+    number : int
+        Of the digit.
+    """
+    palm, mine = np.flatnonzero(digit < 0), np.flatnonzero(digit == number)
+    gaps = np.linalg.norm(template[mine, None] - template[palm], axis=2)
+    knuckle = palm[np.argmin(gaps.min(axis=0))]
+    outwards = np.argsort(np.linalg.norm(template[mine] - template[knuckle], axis=1))
+    return int(knuckle), mine[outwards]
 
 
 def _bent(chain: np.ndarray, axis: np.ndarray, first: float, other: float) -> np.ndarray:

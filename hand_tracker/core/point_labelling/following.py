@@ -20,6 +20,7 @@ from .hand_track import (
     place_again,
     predict_hand,
 )
+from .links import exchange_gain
 from .pair_search import place_by_all
 from .palm_search import (
     Finding,
@@ -35,11 +36,14 @@ from .posture import (
     HIDDEN_COST,
     SEEN_COST,
     contradiction,
+    count_seen,
+    exchange_change,
     exchange_labels,
     label_costs,
     posture_cost,
     posture_distance,
     reset_matrix,
+    tail_cost,
 )
 from .prototypes import Prototype
 from .returns import (
@@ -63,6 +67,10 @@ RIGID_DEVIATION = .004      # [m] of the distance of two palm markers; ours
 CIRCLE_COST = 8.            # of a palm marker whose turn about two others is not as predicted
 RIGID_GAIN = 30.            # that such distances take off the cost of a palm marker at most
 MEETING_COST = 12.          # below which two labels may as well be exchanged; ours
+# Evidence for an exchange of two markers' points that a frame adds at most, and above which they
+# are exchanged; how much more where labels were the best for long, and what is long; ours.
+CROSSING_GAIN, CROSSING_MARGIN = 10., 26.
+TRUSTED_CROSSING, CROSSING_TRUST = 60., .5    # [variances, s]
 HINT_GAIN = 4.              # of a point that has the id that the marker had
 JUDGED_TIME = .5            # [s] for which a marker that came back is judged by its motion; ours
 RETURN_DOUBT = 12.          # cost above which it is hidden again; ours
@@ -111,7 +119,7 @@ def match_costs(prototype: Prototype, track: HandTrack, points: np.ndarray, ids:
         variance = track.deviation[i] ** 2
         for j in range(len(points)):
             if hidden and prototype.rigid[i] <= 0.:
-                value = come + return_cost(track, i, seen, j)
+                value = come + return_cost(prototype, track, i, seen, j)
             else:
                 off = ((points[j, 0] - track.place[i, 0]) ** 2
                        + (points[j, 1] - track.place[i, 1]) ** 2
@@ -338,7 +346,7 @@ def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, row
     constant, hidden = reset_matrix(prototype, rows, matrix)
     residual, gradient = np.empty(3 * count), np.empty(3 * count)
     distance = posture_distance(matrix, prototype.template, local, rows, residual, gradient)
-    write_cost(prototype, finding, posture_cost(constant, distance, count - hidden, hidden),
+    write_cost(prototype, local, finding, posture_cost(constant, distance, count - hidden, hidden),
                distance)
     same = _same_are_seen(track, rows)
     given_up = np.zeros(count, dtype=np.bool_)
@@ -347,7 +355,7 @@ def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, row
             _carry_hidden(prototype, track, i, matrix, gradient, same, step)
             continue
         given_up[i] = _judge_return(
-            track, i, seen_points, rows[i], matrix, gradient, same, step)
+            prototype, track, i, seen_points, rows[i], matrix, gradient, same, step)
         _correct_marker(track, i, seen_points, rows[i], replaced, step)
         contradicted = contradiction(
             matrix, gradient, i, distance, count - hidden) > CONTRADICTION
@@ -355,12 +363,65 @@ def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, row
     for i in range(count):
         if given_up[i] and track.returns.age[i] < math.inf:
             give_up(track, i, seen_points, rows[i])
+    _exchange_by_links(prototype, track, seen_points, matrix, gradient, distance)
     # A rare pose is still a hand's while it costs less than points of no hand.
     astray = (finding.distance[0] > ASTRAY_DISTANCE * max(prototype.typical, 1.)
               and finding.cost[0] > 0.
               or count - hidden < max(3., LEAST_FOLLOWED * count))
     track.astray_for[0] = track.astray_for[0] + step if astray else 0.
     track.age[0] += step
+
+
+@labelling_jit
+def _exchange_by_links(prototype: Prototype, track: HandTrack, seen: PalmPoints,
+                       matrix: np.ndarray, gradient: np.ndarray, distance: float) -> None:
+    """Exchange the points of seen markers whose links and posture say so for long enough.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    track : HandTrack
+    seen : PalmPoints
+    matrix, gradient
+        As for `posture_distance`.
+    distance : float
+        Squared Mahalanobis distance of the seen markers.
+    """
+    rows = track.finding.rows
+    if not len(prototype.links):
+        return
+    dimensions = 3 * count_seen(rows)
+    present = tail_cost(distance, dimensions)
+    first, second, most = -1, -1, 0.
+    for i in range(len(rows)):
+        for j in range(i):
+            trust = track.trusted_for[i, j] / CROSSING_TRUST
+            if rows[i] < 0 or rows[j] < 0 or trust >= 1.:
+                track.exchanged[i, j] = 0.
+                continue
+            change = exchange_change(matrix, gradient, seen.local, rows, i, j)
+            gain = exchange_gain(prototype, seen.local, rows, i, j) + present - tail_cost(
+                max(distance + change, 0.), dimensions)
+            track.exchanged[i, j] = max(track.exchanged[i, j] + min(gain, CROSSING_GAIN), 0.)
+            lead = track.exchanged[i, j] - CROSSING_MARGIN - TRUSTED_CROSSING * trust
+            if lead > most:
+                first, second, most = i, j, lead
+    if first < 0:
+        return
+    rows[first], rows[second] = rows[second], rows[first]
+    track.exchanged[first] = track.exchanged[second] = 0.
+    track.exchanged[:, first] = track.exchanged[:, second] = 0.
+    track.trusted_for[first, second] = track.trusted_for[second, first] = 0.
+    for i in (first, second):
+        track.returns.age[i] = math.inf
+        track.suspected_for[i] = 0.
+        for k in range(3):
+            track.local[i, k] = seen.local[rows[i], k]
+            track.expected[i, k] = np.nan
+    for k in range(3):
+        drift = track.drift[first, k]
+        track.drift[first, k] = track.drift[second, k]
+        track.drift[second, k] = drift
 
 
 @labelling_jit
@@ -414,8 +475,8 @@ def _carry_hidden(prototype: Prototype, track: HandTrack, i: int, matrix: np.nda
 
 
 @labelling_jit
-def _judge_return(track: HandTrack, i: int, seen: PalmPoints, row: int, matrix: np.ndarray,
-                  gradient: np.ndarray, same: bool, step: float) -> bool:
+def _judge_return(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoints, row: int,
+                  matrix: np.ndarray, gradient: np.ndarray, same: bool, step: float) -> bool:
     """Judge the return of a marker; return whether its point is unlikely to be the marker.
 
     Parameters are those of `returns.present_cost`.
@@ -426,8 +487,8 @@ def _judge_return(track: HandTrack, i: int, seen: PalmPoints, row: int, matrix: 
     if not track.returns.age[i] < math.inf:
         return False
     come = coming_cost(track)
-    present = come + present_cost(track, i, seen, row, matrix, gradient, same, step)
-    other = come + best_return(track, i, seen)
+    present = come + present_cost(prototype, track, i, seen, row, matrix, gradient, same, step)
+    other = come + best_return(prototype, track, i, seen)
     if track.returns.age[i] > JUDGED_TIME:
         track.returns.age[i] = math.inf
     return present > RETURN_DOUBT or other < min(present - RETURN_LEAD, 0.)
@@ -511,7 +572,7 @@ def relabel(prototype: Prototype, track: HandTrack, points: np.ndarray, free: np
     constant, hidden, distance = exchange_labels(
         prototype, local, np.zeros(len(points), dtype=np.bool_), exchanged.rows, matrix,
         np.empty(3 * count), np.empty(3 * count))
-    write_cost(prototype, exchanged,
+    write_cost(prototype, local, exchanged,
                posture_cost(constant, distance, count - hidden, hidden), distance)
     label_costs(prototype, local, free, cost)
     assign_rows(cost, HIDDEN_COST, anew.rows)
@@ -519,7 +580,7 @@ def relabel(prototype: Prototype, track: HandTrack, points: np.ndarray, free: np
 
 
 @labelling_jit
-def _doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
+def doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
     """Trust no pair of labels that might be exchanged: of markers that meet, or are both hidden."""
     for i in range(len(rows)):
         hidden = rows[i] < 0 or track.hidden_for[i] > 0.
@@ -528,8 +589,11 @@ def _doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
         for j in range(len(rows)):
             if j == i:
                 continue
-            if hidden and (rows[j] < 0 or track.hidden_for[j] > 0.):
-                track.trusted_for[i, j] = 0.
+            # A point that is taken may be the other's, which may have had another all the while.
+            if hidden:
+                trusted = 0. if rows[j] < 0 or track.hidden_for[j] > 0. else min(
+                    track.trusted_for[i, j], track.trusted_for[j, j])
+                track.trusted_for[i, j] = track.trusted_for[j, i] = trusted
             if rows[i] < 0:
                 continue
             # Cost if marker j had the point of i, and i that of j or none.
@@ -611,15 +675,15 @@ def follow_hands(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
     for hand in range(len(tracks)):
         track = tracks[hand]
         mine = rows[first:first + len(track.place)]
-        _doubt_labels(track, cost[first:first + len(track.place)], mine)
+        doubt_labels(track, cost[first:first + len(track.place)], mine)
         place_palm_by(prototypes[hand], track, points, mine)
         settle_palm(prototypes[hand], track, points, mine, step)
         correct_hand(prototypes[hand], track, points, mine, last[hand], step, history,
                      firsts[hand])
         for i in range(len(mine)):
             if track.finding.rows[i] >= 0:
-                track.ids[i] = ids[mine[i]]
-                free[mine[i]] = False
+                track.ids[i] = ids[track.finding.rows[i]]
+                free[track.finding.rows[i]] = False
         first += len(track.place)
     for hand in range(len(tracks)):
         track = tracks[hand]

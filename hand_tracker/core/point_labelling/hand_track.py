@@ -90,6 +90,8 @@ class HandTrack(NamedTuple):
         By which the source distinguished the markers' points; -1 where it did not.
     returns : Returns
         How each marker came back that was hidden.
+    exchanged : ndarray, shape (M, M)
+        Evidence that two markers have each other's points, by their links.
     palm_offset : ndarray, shape (M, 3)
         Of each hidden marker of the palm from where all seen markers together place it, in the
         palm's frame; not a number where that is not known [m].
@@ -117,6 +119,7 @@ class HandTrack(NamedTuple):
     trusted_for: np.ndarray
     ids: np.ndarray
     returns: Returns
+    exchanged: np.ndarray
     palm_offset: np.ndarray
     doubt: np.ndarray
     astray_for: np.ndarray
@@ -136,8 +139,8 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
         Returns(np.full(count, np.inf), np.zeros(count), np.zeros(count), np.zeros(count),
                 np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((2, count, 3)),
                 np.zeros((count, 3)), np.zeros(count)),
-        np.full((count, 3), np.nan), np.zeros(1), np.zeros(1), np.zeros(1),
-        np.full(1, BIRTHS[1]))
+        np.zeros((count, count)), np.full((count, 3), np.nan), np.zeros(1), np.zeros(1),
+        np.zeros(1), np.full(1, BIRTHS[1]))
     loaded_or_plain(start_places)(prototype, points, track)
     return track
 
@@ -161,6 +164,7 @@ def start_places(prototype: Prototype, points: np.ndarray, track: HandTrack) -> 
         track.hidden_for[i] = 0. if rows[i] >= 0 else 1.
         track.suspected_for[i] = 0.
         track.returns.age[i] = math.inf
+        track.exchanged[i] = 0.
 
 
 @labelling_jit

@@ -184,7 +184,7 @@ def _relabel_placed(prototype: Prototype, points: np.ndarray, free: np.ndarray,
     place_by_all(prototype, points, found)
     to_palm_frame(points, found.rotation, found.position, found.size[0], local)
     cost, distance = complete_labels(prototype, local, free, found.rows, matrix)
-    write_cost(prototype, found, cost, distance)
+    write_cost(prototype, local, found, cost, distance)
     drop_sparse(found)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from ..numerics.assignment import assign_rows
 from ..numerics.jit import labelling_jit
 from ..numerics.rigid_fit import fit_rigid
+from .links import links_cost
 from .posture import (
     HIDDEN_COST,
     SEEN_COST,
@@ -332,7 +333,7 @@ def refine_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
     place_by_palm(prototype, points, found.rows, found)
     to_palm_frame(points, found.rotation, found.position, found.size[0], local)
     cost, distance = complete_labels(prototype, local, free, found.rows, matrix)
-    write_cost(prototype, found, cost, distance)
+    write_cost(prototype, local, found, cost, distance)
     drop_sparse(found)
     place_by_palm(prototype, points, found.rows, found)
 
@@ -348,7 +349,8 @@ def chain_palm(prototype: Prototype, points: np.ndarray, free: np.ndarray,
     copy_finding(finding, found)
     for _ in range(CHAIN_ROUNDS):
         to_palm_frame(points, found.rotation, found.position, found.size[0], local)
-        cost = found.cost[0] - size_cost(prototype, found.size[0])
+        cost = (found.cost[0] - size_cost(prototype, found.size[0])
+                - links_cost(prototype, local, found.rows))
         if not chain_labels(prototype, local, free, found.rows, matrix, cost):
             break
         refine_palm(prototype, points, free, found)
@@ -368,18 +370,22 @@ def copy_finding(source: Finding, target: Finding) -> None:
 
 
 @labelling_jit
-def write_cost(prototype: Prototype, found: Finding, cost: float, distance: float) -> None:
+def write_cost(prototype: Prototype, local: np.ndarray, found: Finding, cost: float,
+               distance: float) -> None:
     """Write cost and distance of a labelled hand.
 
     Parameters
     ----------
     prototype : Prototype
+    local : ndarray, shape (n, 3)
+        Points in the palm's frame [m].
     found : Finding
         With its labels and size; changed.
     cost, distance : float
         Of its posture: `posture_cost`, and squared Mahalanobis distance.
     """
-    found.cost[0] = cost + size_cost(prototype, found.size[0])
+    found.cost[0] = (cost + size_cost(prototype, found.size[0])
+                     + links_cost(prototype, local, found.rows))
     found.distance[0] = distance / (3. * max(count_seen(found.rows), 1))
 
 

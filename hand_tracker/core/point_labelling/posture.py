@@ -162,6 +162,22 @@ def _change(matrix: np.ndarray, gradient: np.ndarray, marker: int, step: np.ndar
 
 
 @labelling_jit
+def exchange_change(matrix: np.ndarray, gradient: np.ndarray, local: np.ndarray,
+                    rows: np.ndarray, i: int, j: int) -> float:
+    """Return how the squared distance changes as two seen markers exchange their points."""
+    one, other = np.empty(3), np.empty(3)
+    _step(local, rows, i, rows[j], one)
+    change = _change(matrix, gradient, i, one)
+    for k in range(3):
+        other[k] = -one[k]
+    change += _change(matrix, gradient, j, other)
+    for a in range(3):
+        for b in range(3):
+            change += 2. * one[a] * matrix[3 * i + a, 3 * j + b] * other[b]
+    return change
+
+
+@labelling_jit
 def refine_labels(matrix: np.ndarray, mean: np.ndarray, local: np.ndarray, free: np.ndarray,
                   rows: np.ndarray, residual: np.ndarray, gradient: np.ndarray) -> float:
     """Exchange labels, and take other points, as long as the posture becomes more likely.
@@ -185,7 +201,7 @@ def refine_labels(matrix: np.ndarray, mean: np.ndarray, local: np.ndarray, free:
     for i in range(count):
         if rows[i] >= 0:
             taken[rows[i]] = True
-    one, other = np.empty(3), np.empty(3)
+    one = np.empty(3)
     total = posture_distance(matrix, mean, local, rows, residual, gradient)
     for _ in range(EXCHANGE_ROUNDS):
         least = -SMALLEST_GAIN
@@ -196,14 +212,7 @@ def refine_labels(matrix: np.ndarray, mean: np.ndarray, local: np.ndarray, free:
             for j in range(i):
                 if rows[j] < 0:
                     continue
-                _step(local, rows, i, rows[j], one)
-                change = (_change(matrix, gradient, i, one))
-                for k in range(3):
-                    other[k] = -one[k]
-                change += _change(matrix, gradient, j, other)
-                for a in range(3):
-                    for b in range(3):
-                        change += 2. * one[a] * matrix[3 * i + a, 3 * j + b] * other[b]
+                change = exchange_change(matrix, gradient, local, rows, i, j)
                 if change < least:
                     least, marker, partner = change, i, j
             for j in range(len(local)):

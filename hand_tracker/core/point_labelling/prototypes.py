@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InvalidLayout
 from ..model.hand import LEFT_HAND_MIRROR, OTHER_SIDE
-from .bending import bending
+from .bending import bending, outward_markers
 
 ALIGNMENT_ROUNDS = 6         # of alignment to the mean palm
 LEARNED_FRAMES = 3000       # at most, evenly spread
@@ -29,6 +29,9 @@ MAX_PALM_PAIRS = 6          # from which it is searched where no triangle is see
 MIN_PAIR_GAP = .02          # [m]
 TYPICAL_SHARE = .999        # of the learned frames that count as typical
 BENDING_SHARE = .03         # of a digit's natural bending, in variances, that shows enough; ours
+LINK_DEVIATION = .003       # [m] of a link's length, besides what frames show; ours
+BENT_DEVIATION = .006       # [m] more of a digit that they do not show bending; ours
+LONGEST_LINK = .06          # [m] from the palm to a digit's first marker; ours
 SIDE_DEVIATIONS = 4.        # [1] of a side of a base, within which it is searched
 
 
@@ -62,6 +65,10 @@ class Prototype(NamedTuple):
         Least and greatest size of the palm, relative to the template.
     typical : float
         Squared Mahalanobis distance, per coordinate, that typical frames do not exceed.
+    links : ndarray of int, shape (L, 2)
+        Neighbouring markers of digits that have several.
+    lengths : ndarray, shape (L, 2)
+        Mean distance of each two, and its standard deviation [m].
     """
 
     template: np.ndarray
@@ -76,6 +83,8 @@ class Prototype(NamedTuple):
     marginal_constant: np.ndarray
     sizes: np.ndarray
     typical: float
+    links: np.ndarray
+    lengths: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +173,32 @@ def learn_prototype(names: Sequence[str], frames: np.ndarray, digits: Sequence[i
         template, rigid, np.array(palm)[bases], tolerances, np.array(palm)[pairs],
         pair_tolerances, precision, float(np.linalg.slogdet(covariance)[1]), np.linalg.inv(alone),
         np.linalg.slogdet(alone)[1], np.array(sizes),
-        float(np.quantile(distances, TYPICAL_SHARE)) / off.shape[1]))
+        float(np.quantile(distances, TYPICAL_SHARE)) / off.shape[1],
+        *_links(template, local, digit, shape, _lacking(shown, bending(template, digit), digit))))
+
+
+def _links(template: np.ndarray, local: np.ndarray, digit: np.ndarray, shape: float,
+           lacking: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the links of digits with several markers, (L, 2), and their lengths, (L, 2) [m].
+
+    `local`, shape (T, M, 3), are the frames in the palm's frame [m]; `lacking` is by `_lacking`,
+    the other parameters are those of `learn_prototype` and `bending`.
+    """
+    links, palm = [], np.flatnonzero(digit < 0)
+    for number in sorted(set(digit[digit >= 0])):
+        chain = outward_markers(template, digit, number)[1].tolist()
+        if len(chain) < 2:
+            continue
+        gaps = np.linalg.norm(local[:, palm] - local[:, chain[:1]], axis=2).mean(axis=0)
+        if gaps.min() < LONGEST_LINK:
+            chain.insert(0, int(palm[np.argmin(gaps)]))
+        links += [*zip(chain, chain[1:])]
+    pairs = np.array(links, dtype=np.int64).reshape(-1, 2)
+    gaps = np.linalg.norm(local[:, pairs[:, 0]] - local[:, pairs[:, 1]], axis=2)
+    mean = gaps.mean(axis=0)
+    return pairs, np.stack((mean, np.sqrt(
+        gaps.var(axis=0) + LINK_DEVIATION ** 2 + (shape * mean) ** 2
+        + (BENT_DEVIATION * lacking[pairs[:, 1]]) ** 2)), axis=1)
 
 
 def _not_shown(shown: np.ndarray, template: np.ndarray, digit: np.ndarray) -> np.ndarray:
@@ -185,12 +219,19 @@ def _not_shown(shown: np.ndarray, template: np.ndarray, digit: np.ndarray) -> np
         [m²]
     """
     natural = bending(template, digit)
+    lacking = np.repeat(_lacking(shown, natural, digit), 3)
+    return natural * np.sqrt(np.outer(lacking, lacking))
+
+
+def _lacking(shown: np.ndarray, natural: np.ndarray, digit: np.ndarray) -> np.ndarray:
+    """Return the share of its digit's natural bending that frames lack, of each marker, (M,)."""
+    lacking = np.zeros(len(digit))
     coordinate = np.repeat(digit, 3)
     for number in set(digit[digit >= 0]):
         mine = np.ix_(coordinate == number, coordinate == number)
         share = np.trace(shown[mine]) / np.trace(natural[mine])
-        natural[mine] *= max(1. - share / BENDING_SHARE, 0.)
-    return natural
+        lacking[digit == number] = max(1. - share / BENDING_SHARE, 0.)
+    return lacking
 
 
 def _aligned(frames: np.ndarray, palm: list[int]) -> tuple[np.ndarray, np.ndarray]:

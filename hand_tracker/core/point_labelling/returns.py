@@ -12,6 +12,7 @@ import numpy as np
 from ..numerics.jit import labelling_jit
 from .clutter import CLUTTER_DEVIATION, STRETCH, PointHistory
 from .hand_track import HIDDEN_DEVIATION, LONGEST_HIDDEN, HandTrack
+from .links import marker_links_cost
 from .posture import SEEN_COST, block_inverse
 from .prototypes import Prototype
 
@@ -97,11 +98,13 @@ def note_arrivals(prototype: Prototype, track: HandTrack, seen: PalmPoints) -> N
 
 
 @labelling_jit
-def return_cost(track: HandTrack, i: int, seen: PalmPoints, row: int) -> float:
+def return_cost(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoints,
+                row: int) -> float:
     """Return the cost of a point as a marker that was hidden.
 
     Parameters
     ----------
+    prototype : Prototype
     track : HandTrack
     i : int
         Of the marker, which is hidden, or still judged.
@@ -111,11 +114,13 @@ def return_cost(track: HandTrack, i: int, seen: PalmPoints, row: int) -> float:
     """
     history, mark = seen.history, seen.first + i
     cost = place_of_return(track, i, seen.local[row])
+    linked = marker_links_cost(
+        prototype, track.local, track.hidden_for <= 0., i, seen.local[row])
     if history.age[row] <= 0.:
-        return cost
+        return cost + linked
     if history.cost[row, mark] == math.inf:
-        return cost + MISTAKEN_COST
-    return (max(cost, history.cost[row, mark]) + history.motion[row, mark]
+        return cost + linked + MISTAKEN_COST
+    return linked + (max(cost, history.cost[row, mark]) + history.motion[row, mark]
             + stretch_cost(track, i, seen, row))
 
 
@@ -239,12 +244,13 @@ def begin_return(track: HandTrack, i: int, seen: PalmPoints, row: int) -> None:
 
 
 @labelling_jit
-def present_cost(track: HandTrack, i: int, seen: PalmPoints, row: int, matrix: np.ndarray,
-                 gradient: np.ndarray, same: bool, step: float) -> float:
+def present_cost(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoints, row: int,
+                 matrix: np.ndarray, gradient: np.ndarray, same: bool, step: float) -> float:
     """Return the cost of the point of a marker that came back, by how it has moved since.
 
     Parameters
     ----------
+    prototype : Prototype
     track : HandTrack
         Of the last frame; what is known of the marker's return is updated.
     i : int
@@ -298,16 +304,17 @@ def present_cost(track: HandTrack, i: int, seen: PalmPoints, row: int, matrix: n
     cost = SEEN_COST + RETURN_COST + place_cost(
         off, track.error[i] ** 2 + HIDDEN_DEVIATION ** 2 * min(
             returns.hidden_for[i], LONGEST_HIDDEN), unlike, track.spread[i])
-    return max(cost, returns.cost[i]) + motion
+    return max(cost, returns.cost[i]) + motion + marker_links_cost(
+        prototype, track.local, track.hidden_for <= 0., i, local[row])
 
 
 @labelling_jit
-def best_return(track: HandTrack, i: int, seen: PalmPoints) -> float:
+def best_return(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoints) -> float:
     """Return the least cost of a point that no hand has, as a marker that came back."""
     least, history = math.inf, seen.history
     for j in range(len(seen.points)):
         if not history.taken[j] and history.cost[j, seen.first + i] < math.inf:
-            least = min(least, return_cost(track, i, seen, j))
+            least = min(least, return_cost(prototype, track, i, seen, j))
     return least
 
 

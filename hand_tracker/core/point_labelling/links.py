@@ -1,0 +1,88 @@
+"""Cost of a labelling by the distances of a digit's neighbouring markers.
+
+They hardly change however a digit bends, so that they tell touching digits apart, whose joint
+distribution is wide.
+"""
+
+import math
+
+import numpy as np
+
+from ..numerics.jit import labelling_jit
+from .prototypes import Prototype
+
+LINK_FREEDOM = 4.           # of Student's distribution of lengths, as skin moves; ours
+LINK_MEAN = 1.              # cost of a true link in the mean
+
+
+@labelling_jit
+def _length_cost(prototype: Prototype, link: int, one: np.ndarray, other: np.ndarray) -> float:
+    """Return the cost of a link's length between two places, shape (3,), in the palm's frame."""
+    square = 0.
+    for k in range(3):
+        square += (one[k] - other[k]) ** 2
+    off = (math.sqrt(square) - prototype.lengths[link, 0]) / prototype.lengths[link, 1]
+    return (LINK_FREEDOM + 1.) * math.log1p(off * off / LINK_FREEDOM) - LINK_MEAN
+
+
+@labelling_jit
+def links_cost(prototype: Prototype, local: np.ndarray, rows: np.ndarray) -> float:
+    """Return the cost of the seen links of a labelling.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    local : ndarray, shape (n, 3)
+        Points in the palm's frame [m].
+    rows : ndarray of int, shape (M,)
+        Point of each marker, -1 for none.
+    """
+    total = 0.
+    for link in range(len(prototype.links)):
+        one, other = rows[prototype.links[link, 0]], rows[prototype.links[link, 1]]
+        if one >= 0 and other >= 0:
+            total += _length_cost(prototype, link, local[one], local[other])
+    return total
+
+
+@labelling_jit
+def marker_links_cost(prototype: Prototype, local: np.ndarray, seen: np.ndarray, marker: int,
+                      place: np.ndarray) -> float:
+    """Return the cost of a place of a marker by its links to markers that are seen.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    local : ndarray, shape (M, 3)
+        Places of the markers in the palm's frame [m].
+    seen : ndarray of bool, shape (M,)
+    marker : int
+    place : ndarray, shape (3,)
+        In the palm's frame [m].
+    """
+    total = 0.
+    for link in range(len(prototype.links)):
+        one, other = prototype.links[link, 0], prototype.links[link, 1]
+        if other == marker:
+            one, other = other, one
+        if one == marker and seen[other]:
+            total += _length_cost(prototype, link, place, local[other])
+    return total
+
+
+@labelling_jit
+def exchange_gain(prototype: Prototype, local: np.ndarray, rows: np.ndarray, i: int,
+                  j: int) -> float:
+    """Return by how much the links cost less if two seen markers exchange their points.
+
+    Parameters are those of `links_cost`; `rows` is as before on return.
+    """
+    gain = 0.
+    for turn in range(2):
+        for link in range(len(prototype.links)):
+            a, b = prototype.links[link, 0], prototype.links[link, 1]
+            if (a == i or a == j or b == i or b == j) and rows[a] >= 0 and rows[b] >= 0:
+                cost = _length_cost(prototype, link, local[rows[a]], local[rows[b]])
+                gain += cost if turn == 0 else -cost
+        rows[i], rows[j] = rows[j], rows[i]
+    return gain
