@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..core.model.hand import OTHER_SIDE, Hand
+from ..core.model.layout_presets import LAYOUT_PRESETS, preset_layout
 from ..core.model.marker_layout import MarkerLayout
 from ..core.point_labelling.cloud_labeller import CloudLabeller, CloudLabels
 from ..core.point_labelling.natural_poses import model_prototype
@@ -17,7 +18,7 @@ from ..messages.points import PointFrame, PointReader
 from ..messages.stamps import seconds
 
 LABEL_SOURCES = ('source', 'none')
-SEARCHED_LONG = 3.  # [s] without the hand among enough points, before a pose is asked for
+SEARCHED_LONG = 2.  # [s] without the hand among enough points, before the cure is named
 
 
 def is_measured(hand: Hand) -> bool:
@@ -25,6 +26,11 @@ def is_measured(hand: Hand) -> bool:
     mean = Hand.scaled(side=hand.side)
     return not all(map(np.array_equal, (hand.finger_bones, hand.finger_mcp),
                        (mean.finger_bones, mean.finger_mcp)))
+
+
+def layouts_of(count: int) -> list[str]:
+    """Return the names of the layout presets with so many markers."""
+    return [name for name in LAYOUT_PRESETS if len(preset_layout(name).names) == count]
 
 
 class PointLabels:
@@ -147,9 +153,13 @@ class PointLabelReader:
             self._log_lines.append((True, f'only {count} points; the hand has {self._count} '
                                     'markers'))
         else:
-            self._log_lines.append((True, f'the {self._side} hand is not found among {count} '
-                                    'points: spread your fingers for a moment; else check '
-                                    'unit_scale, side and where the markers are'))
+            others = layouts_of(count)
+            known = f': set layout:={" or layout:=".join(others)} if it is yours' if (
+                others and count != self._count) else ''
+            self._log_lines.append((
+                True, f'the {self._side} hand is not found among {count} points: spread your '
+                f'fingers for a moment; else the layout, of {self._count} markers, does not fit '
+                f'them{known}; or check unit_scale and side'))
 
     def pop_log_lines(self) -> list[tuple[bool, str]]:
         """Return the lines to log since the last call: whether it is a warning, and the line."""

@@ -61,6 +61,33 @@ def test_a_measured_hand_is_looked_for_in_its_own_size(size, sizes):
     assert tuple(labels._prototypes['right'].statistics.sizes) == sizes
 
 
+@pytest.mark.parametrize('count, said', [
+    (19, 'does not fit them: set layout:=sig18_19 if it is yours; or check unit_scale and side'),
+    (8, 'does not fit them; or check unit_scale and side'),
+    (12, 'does not fit them; or check unit_scale and side'),
+    (7, 'only 7 points; the hand has 8 markers')])
+def test_a_layout_that_does_not_fit_is_named_with_the_cure_after_two_seconds(count, said):
+    class Labeller:
+        def update(self, points, time, ids):
+            return CloudLabels((np.full(8, -1),), (False,), (False,))
+
+    class Points:
+        def read(self, message):
+            return PointFrame(Stamp(message // 10, 10**8 * (message % 10)), 'mocap',
+                              np.zeros((count, 3)), np.arange(count), ())
+
+    labels = PointLabels()
+    reader = PointLabelReader(Hand.scaled(), preset_layout('paper8'), Points(), labels)
+    labels._labeller = Labeller()
+    lines = []
+    for tenth in range(10, 50):
+        reader.read(tenth)
+        lines += [(tenth, *line) for line in reader.pop_log_lines()]
+    (tenth, is_warning, line), = lines
+    assert (tenth, is_warning) == (30, True)
+    assert line.endswith(said)
+
+
 def test_the_markers_of_any_layout_are_read():
     layout = preset_layout('sig18_19')
     cloud = np.random.default_rng(2).uniform(size=(30, 3))
