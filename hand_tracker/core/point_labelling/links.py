@@ -46,8 +46,8 @@ def links_cost(prototype: Prototype, local: np.ndarray, rows: np.ndarray) -> flo
 
 
 @labelling_jit
-def marker_links_cost(prototype: Prototype, local: np.ndarray, seen: np.ndarray, marker: int,
-                      place: np.ndarray) -> float:
+def marker_links_cost(prototype: Prototype, local: np.ndarray, hidden_for: np.ndarray,
+                      marker: int, place: np.ndarray) -> float:
     """Return the cost of a place of a marker by its links to markers that are seen.
 
     Parameters
@@ -55,7 +55,8 @@ def marker_links_cost(prototype: Prototype, local: np.ndarray, seen: np.ndarray,
     prototype : Prototype
     local : ndarray, shape (M, 3)
         Places of the markers in the palm's frame [m].
-    seen : ndarray of bool, shape (M,)
+    hidden_for : ndarray, shape (M,)
+        Time for which each has been hidden, 0 for those that are seen [s].
     marker : int
     place : ndarray, shape (3,)
         In the palm's frame [m].
@@ -65,7 +66,7 @@ def marker_links_cost(prototype: Prototype, local: np.ndarray, seen: np.ndarray,
         one, other = prototype.links[link, 0], prototype.links[link, 1]
         if other == marker:
             one, other = other, one
-        if one == marker and seen[other]:
+        if one == marker and hidden_for[other] <= 0.:
             total += _length_cost(prototype, link, place, local[other])
     return total
 

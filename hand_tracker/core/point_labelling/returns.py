@@ -115,7 +115,7 @@ def return_cost(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoints
     history, mark = seen.history, seen.first + i
     cost = place_of_return(track, i, seen.local[row])
     linked = marker_links_cost(
-        prototype, track.local, track.hidden_for <= 0., i, seen.local[row])
+        prototype, track.local, track.hidden_for, i, seen.local[row])
     if history.age[row] <= 0.:
         return cost + linked
     if history.cost[row, mark] == math.inf:
@@ -305,7 +305,7 @@ def present_cost(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoint
         off, track.error[i] ** 2 + HIDDEN_DEVIATION ** 2 * min(
             returns.hidden_for[i], LONGEST_HIDDEN), unlike, track.spread[i])
     return max(cost, returns.cost[i]) + motion + marker_links_cost(
-        prototype, track.local, track.hidden_for <= 0., i, local[row])
+        prototype, track.local, track.hidden_for, i, local[row])
 
 
 @labelling_jit

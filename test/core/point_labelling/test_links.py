@@ -59,11 +59,11 @@ def test_an_exchange_gains_what_the_links_cost_less():
 
 def test_a_place_costs_what_its_links_to_seen_markers_do():
     statistics, places = PROTOTYPE.statistics, markers_of(5)
-    seen = np.ones(len(NAMES), dtype=bool)
-    own = marker_links_cost(statistics, places, seen, RING, places[RING])
-    assert marker_links_cost(statistics, places, seen, RING, places[LITTLE]) > own + 5.
-    seen[NAMES.index('RingPIP')] = False
-    assert marker_links_cost(statistics, places, seen, RING, places[LITTLE]) == 0.
+    hidden_for = np.zeros(len(NAMES))
+    own = marker_links_cost(statistics, places, hidden_for, RING, places[RING])
+    assert marker_links_cost(statistics, places, hidden_for, RING, places[LITTLE]) > own + 5.
+    hidden_for[NAMES.index('RingPIP')] = .1
+    assert marker_links_cost(statistics, places, hidden_for, RING, places[LITTLE]) == 0.
 
 
 def test_labels_of_tips_whose_points_cross_are_exchanged_within_frames():
