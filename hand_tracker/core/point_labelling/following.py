@@ -20,7 +20,7 @@ from .hand_track import (
     place_again,
     predict_hand,
 )
-from .links import exchange_gain
+from .links import exchange_gain, marker_links_cost
 from .pair_search import place_by_all
 from .palm_search import (
     Finding,
@@ -119,7 +119,10 @@ def match_costs(prototype: Prototype, track: HandTrack, points: np.ndarray, ids:
         variance = track.deviation[i] ** 2
         for j in range(len(points)):
             if hidden and prototype.rigid[i] <= 0.:
-                value = come + return_cost(prototype, track, i, seen, j)
+                value = come + return_cost(track, i, seen, j)
+                if len(prototype.links):
+                    value += marker_links_cost(
+                        prototype, track.local, track.hidden_for, i, seen.local[j])
             else:
                 off = ((points[j, 0] - track.place[i, 0]) ** 2
                        + (points[j, 1] - track.place[i, 1]) ** 2

@@ -98,13 +98,11 @@ def note_arrivals(prototype: Prototype, track: HandTrack, seen: PalmPoints) -> N
 
 
 @labelling_jit
-def return_cost(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoints,
-                row: int) -> float:
+def return_cost(track: HandTrack, i: int, seen: PalmPoints, row: int) -> float:
     """Return the cost of a point as a marker that was hidden.
 
     Parameters
     ----------
-    prototype : Prototype
     track : HandTrack
     i : int
         Of the marker, which is hidden, or still judged.
@@ -114,13 +112,11 @@ def return_cost(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoints
     """
     history, mark = seen.history, seen.first + i
     cost = place_of_return(track, i, seen.local[row])
-    linked = marker_links_cost(
-        prototype, track.local, track.hidden_for, i, seen.local[row])
     if history.age[row] <= 0.:
-        return cost + linked
+        return cost
     if history.cost[row, mark] == math.inf:
-        return cost + linked + MISTAKEN_COST
-    return linked + (max(cost, history.cost[row, mark]) + history.motion[row, mark]
+        return cost + MISTAKEN_COST
+    return (max(cost, history.cost[row, mark]) + history.motion[row, mark]
             + stretch_cost(track, i, seen, row))
 
 
@@ -314,7 +310,8 @@ def best_return(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoints
     least, history = math.inf, seen.history
     for j in range(len(seen.points)):
         if not history.taken[j] and history.cost[j, seen.first + i] < math.inf:
-            least = min(least, return_cost(prototype, track, i, seen, j))
+            least = min(least, return_cost(track, i, seen, j) + marker_links_cost(
+                prototype, track.local, track.hidden_for, i, seen.local[j]))
     return least
 
 
