@@ -373,13 +373,14 @@ def check(state, limits):
     for what, good in (
             ('numbers finite', all(np.isfinite(part).all() for part in (
                 state.angles, state.wrist_position, state.pose.position, turns, state.markers,
-                state.hidden_for, state.confidence, state.residuals[seen]))),
+                state.hidden_for, state.deviation, state.residuals[seen]))),
             ('angles within limits', ((limits[:, 0] <= state.angles)
                                       & (state.angles <= limits[:, 1])).all()),
             ('rotations orthonormal', abs(square - np.eye(3)).max() <= 1e-6),
             ('rotations right-handed', (np.linalg.det(turns) > 0.).all()),
-            ('confidence from 0 to 1', ((0. <= state.confidence)
-                                        & (state.confidence <= 1.)).all()),
+            ('deviations within the ranges of the angles', (
+                (0. <= state.deviation)
+                & (state.deviation <= 1.02 * np.ptp(limits, axis=1) + 1e-9)).all()),
             ('hidden_for not negative', (state.hidden_for >= 0.).all()),
             ('residuals of seen markers', not (np.isin(state.marker_states, (
                 MarkerState.SEEN, MarkerState.SWAPPED)) ^ seen).any()),

@@ -45,10 +45,10 @@ from .occlusion.transdigital import limit_neighbour_difference
 from .options import KernelOptions
 from .pose.contact import CONTACT_GAP, drag_hidden, separate
 from .pose.continuity import blend
+from .pose.deviation import write_deviation
 from .pose.report import (
     Report,
     hang_digits,
-    write_confidence,
     write_marker_states,
     write_markers,
     write_pose,
@@ -119,7 +119,7 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
         # 5 Pose: continuous angles, digits apart from each other and from the palm.
         blend_angles(chains, options, state, seen, step)
         resolve_contact(model, chains, options, state, seen, step)
-    # 5 Pose: forward kinematics, states of the markers, confidence.
+    # 5 Pose: forward kinematics, states of the markers, deviations.
     write_report(model, chains, options, state, markers, seen, fault if fault else palm,
                  iterations, report)
     return restarted
@@ -410,5 +410,6 @@ def write_report(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelO
     if model.rows.is_needed[0]:
         write_rows(model.rows, state.rows, options.prediction.max_prediction_time, model.mirror,
                    report)
-    write_confidence(state.palm, state.digits, state.offset, state.wrist.placed[0] > 0, report)
+    write_deviation(chains, model.mounting, state.palm, state.digits, state.rows.deviation,
+                    state.offset, state.wrist.placed[0] > 0, report)
     report.palm[0], report.iterations[0] = palm, iterations

@@ -70,8 +70,8 @@ class HandState(NamedTuple):
         `MarkerState` of each marker.
     hidden_for : ndarray, shape (n,)
         Time since each marker was seen, 0 for seen ones [s].
-    confidence : ndarray, shape (25,)
-        Of each angle, from 1 (measured now) to 0 (unknown).
+    deviation : ndarray, shape (25,)
+        Standard deviation of each angle; 0 of a locked joint [rad].
     residuals : ndarray, shape (n,)
         Distance of each seen marker from its place on the pose, NaN for hidden ones [m].
     iterations : int
@@ -86,7 +86,7 @@ class HandState(NamedTuple):
     markers: np.ndarray
     marker_states: np.ndarray
     hidden_for: np.ndarray
-    confidence: np.ndarray
+    deviation: np.ndarray
     residuals: np.ndarray
     iterations: int
 
@@ -354,14 +354,14 @@ class HandTracker:
         `listed` is the layout's `listed_count`.
         """
         (palm, angles, rotation, position, rotations, positions, markers, states, hidden_for,
-         confidence, residuals, iterations, rows, kinds) = parts(report)
+         deviation, residuals, iterations, rows, kinds) = parts(report)
         if listed:
             rows, states = rows[:listed], kinds[:listed]
             markers, hidden_for, residuals = (
                 rows[:, :3], rows[:, LISTED_TIME], rows[:, LISTED_RESIDUAL])
         # Unpacked, an array of one number would cost as much as the rest.
         return HandState(PALM_STATES[palm[0]], angles, rotation, position,
-                         Pose(rotations, positions), markers, states, hidden_for, confidence,
+                         Pose(rotations, positions), markers, states, hidden_for, deviation,
                          residuals, int(iterations[0]))
 
     def _chains_with(self, distal_flexion: ArrayLike) -> Pack[Chains]:

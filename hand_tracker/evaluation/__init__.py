@@ -80,6 +80,9 @@ EVALUATIONS = {
     'steadiness': Evaluation(
         'steadiness', 'Steadiness',
         'error and step from frame to frame of each class of angles, beside the true step'),
+    'deviations': Evaluation(
+        'angle_deviations', 'Deviations of angles',
+        'how many errors of angles lie within their published deviations'),
     'solvers': Evaluation(
         'solvers', 'Solvers', 'palm and finger solvers against each other'),
 }

@@ -19,7 +19,7 @@ from .marker_array import ADD, SPHERE, TRIANGLE_LIST
 from .stamps import Time
 
 # Messages that answer a frame, by number
-JOINT_STATES, TRANSFORMS, CONFIDENCES = range(3)
+JOINT_STATES, TRANSFORMS, ANGLE_DEVIATIONS = range(3)
 REPLIES = 3
 ALL_TRANSFORMS = 1 + len(LINKS)  # the wrist, and the links in their parents
 

@@ -99,7 +99,7 @@ class PublishedHand:
         return HandState(
             PalmState.TRACKED if found else PalmState.LOST, angles, rotation, position,
             forward(joint_table(self._hand), angles, rotation, position), markers, states,
-            hidden_for=unknown, confidence=np.full(len(JOINTS), np.nan), residuals=unknown,
+            hidden_for=unknown, deviation=np.full(len(JOINTS), np.nan), residuals=unknown,
             iterations=0)
 
 

@@ -24,7 +24,7 @@ from ..messages.builders import (
     wrist_frames,
 )
 from ..messages.stamps import Time, nanoseconds
-from ..messages.templates import CONFIDENCES, JOINT_STATES, TRANSFORMS, transform_numbers
+from ..messages.templates import ANGLE_DEVIATIONS, JOINT_STATES, TRANSFORMS, transform_numbers
 from ..tracking.stream import TrackedFrame
 from .serialization import Reply, Serialization, TFMessage
 
@@ -35,7 +35,7 @@ except ImportError:
 
 TF_DEPTH = 100       # that of tf2_ros
 TEMPLATES_KEPT = 64  # hostile messages may name a new frame each
-TOPIC_OF = {JOINT_STATES: 'joint_states', CONFIDENCES: 'joint_confidence'}
+TOPIC_OF = {JOINT_STATES: 'joint_states', ANGLE_DEVIATIONS: 'joint_confidence'}
 
 
 class AnsweredHand(NamedTuple):
@@ -55,7 +55,7 @@ class AnsweredHand(NamedTuple):
 
 
 class Replies:
-    """Joint states, transforms and confidences of the hands in the messages of one topic.
+    """Joint states, transforms and deviations of the hands in the messages of one topic.
 
     Hands of one stamp are answered together. They are numbered as they are given.
 
@@ -69,7 +69,7 @@ class Replies:
     broadcast : {'wrist', 'all', 'none'}
         Frames on /tf.
     has_separate_topics : bool, optional
-        Whether joint states and confidences of each hand go out on a topic of their own.
+        Whether joint states and deviations of each hand go out on a topic of their own.
     """
 
     def __init__(self, node: Node, hands: Sequence[AnsweredHand], serialization: Serialization,
@@ -154,7 +154,7 @@ class Replies:
         return [*self._joint_replies(tuple(frames)), *self._transform_replies(frames)]
 
     def _joint_replies(self, hands: tuple[int, ...]) -> list[Reply]:
-        kinds = [JOINT_STATES, CONFIDENCES] if self._has_listeners else [JOINT_STATES]
+        kinds = [JOINT_STATES, ANGLE_DEVIATIONS] if self._has_listeners else [JOINT_STATES]
         groups = [(number,) for number in hands] if self._is_separate else [hands]
         return [Reply(
             self._publishers[kind, group[0] if self._is_separate else 0],
@@ -184,16 +184,16 @@ class Replies:
         if kind == TRANSFORMS:
             return transform_numbers(
                 self._tables[number], state, 1 + len(self._links[number])).ravel()
-        return state.angles if kind == JOINT_STATES else state.confidence
+        return state.angles if kind == JOINT_STATES else state.deviation
 
     def published_until(self, number: int, stamp: Any) -> None:
         """Note the stamp of the last frame of a hand that the fast path has answered."""
         self._last_transform[number] = nanoseconds(stamp)
 
     def follow_listeners(self) -> bool:
-        """Publish confidences only while somebody listens; return whether that has changed."""
+        """Publish deviations only while somebody listens; return whether that has changed."""
         # To ask in each frame would cost more than filling the message.
         had_listeners, self._has_listeners = self._has_listeners, any(
             publisher.get_subscription_count() > 0
-            for (kind, _), publisher in self._publishers.items() if kind == CONFIDENCES)
+            for (kind, _), publisher in self._publishers.items() if kind == ANGLE_DEVIATIONS)
         return self._has_listeners != had_listeners

@@ -73,8 +73,8 @@ RETARGET_PARAMETERS = tuple(row._replace(read_only=True) for row in (
               'answered at once', (1., 1000.)),
     Parameter('fast_path', True, 'Answer regular frames of the hand in compiled code alone, in the '
               "middleware's own thread"),
-    Parameter('min_confidence', .05, "Mean confidence of the hand's angles below which the hand "
-              'is lost', (0., 1.)),
+    Parameter('min_confidence', .05, 'How much must be known of the hand, by the deviations of its '
+              'angles: 1 all, 0 as much as without any marker; the hand is lost below', (0., 1.)),
     *(Parameter(f'safety.{option.name}', option.default, option.metadata['description'] + (
         f" [{option.metadata['unit']}]" if 'unit' in option.metadata else ''),
         option.metadata.get('range'), option.metadata.get('choices', ()))
@@ -161,12 +161,12 @@ class RetargetNode(SubscriptionHidingNode):
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', RETARGET_DEPTH)
         self._state = self.create_publisher(String, '~/state', latched)
-        # Of the hand, its confidence and the robot.
+        # Of the hand, its deviations and the robot.
         self._joint_readers: list[JointStateReader] = []
         self._joint_subscriptions: list[Any] = []
         self._read_joints: list[Callable[[Any], None]] = []
         for topic, callback in (('joint_states', self._on_hand),
-                                ('joint_confidence', self._on_confidence),
+                                ('joint_confidence', self._on_deviations),
                                 ('robot/joint_states', self._on_robot)):
             reader = JointStateReader()
             read = partial(self._read, reader.read if raw else _read_object, callback)
@@ -255,8 +255,8 @@ class RetargetNode(SubscriptionHidingNode):
             self._send(now, hand.stamp)
         self._publish_state()
 
-    def _on_confidence(self, hand: JointPositions) -> None:
-        self._teleoperation.observe_confidence(hand.names, hand.positions)
+    def _on_deviations(self, hand: JointPositions) -> None:
+        self._teleoperation.observe_deviations(hand.names, hand.positions)
 
     def _on_robot(self, robot: JointPositions) -> None:
         self._teleoperation.observe_robot(robot.names, robot.positions, time.monotonic())

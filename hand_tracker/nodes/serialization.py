@@ -57,7 +57,7 @@ class Reply(NamedTuple):
     template : Template
         Its numbers are those of its hands, one after the other, as many of each.
     kind : int
-        `JOINT_STATES`, `TRANSFORMS` or `CONFIDENCES`.
+        `JOINT_STATES`, `TRANSFORMS` or `ANGLE_DEVIATIONS`.
     hands : tuple of int
         Numbers of its hands.
     """

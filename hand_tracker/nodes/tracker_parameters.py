@@ -144,7 +144,7 @@ START_OF_BOTH = (
               'one topic, markers, or of one each, right/markers and left/markers',
               choices=(SHARED, SEPARATE), read_only=True),
     Parameter('joint_state_topics', SHARED, 'Whether the joint states of both hands, and their '
-              'confidences, go out in one message, or on a topic each, as right/joint_states',
+              'deviations, go out in one message, or on a topic each, as right/joint_states',
               choices=(SHARED, SEPARATE), read_only=True))
 
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.numerics.jit import Pack, jit
+from ..core.pose.deviation import mean_confidence
 from .guard_kernel import (
     GUARD_CAPACITY,
     GuardMemory,
@@ -43,7 +44,9 @@ class FollowMemory(NamedTuple):
         Of the last frame that was retargeted [s].
     is_confident : ndarray of int, shape (1,)
     min_confidence : float
-        Mean confidence of the hand's angles below which the hand counts as lost.
+        `mean_confidence` of the hand below which it counts as lost.
+    unknown : ndarray, shape (25,)
+        Standard deviations of its angles where nothing shows them [rad].
     used : ndarray of int, shape (GUARD_CAPACITY,)
         Row among the solved variables of each of the robot's, -1 for those that move no digit.
     held, wanted : ndarray, shape (GUARD_CAPACITY,)
@@ -61,6 +64,7 @@ class FollowMemory(NamedTuple):
     hand_time: np.ndarray
     is_confident: np.ndarray
     min_confidence: float
+    unknown: np.ndarray
     used: np.ndarray
     held: np.ndarray
     wanted: np.ndarray
@@ -72,7 +76,8 @@ class FollowMemory(NamedTuple):
 
 
 def new_follow_memory(count: int, used: list[int], held: np.ndarray, rows: tuple[np.ndarray, ...],
-                      min_confidence: float, options: GuardOptions) -> FollowMemory:
+                      min_confidence: float, unknown: np.ndarray,
+                      options: GuardOptions) -> FollowMemory:
     """Return the memory of a robot that has followed nothing yet.
 
     Parameters
@@ -85,7 +90,7 @@ def new_follow_memory(count: int, used: list[int], held: np.ndarray, rows: tuple
         Where the others are [rad or m].
     rows : tuple of three ndarrays, shape (m,)
         Variable, multiplier and offset of each joint of a command.
-    min_confidence : float
+    min_confidence, unknown : float and ndarray, shape (25,)
         See `FollowMemory`.
     options : GuardOptions
     """
@@ -99,30 +104,30 @@ def new_follow_memory(count: int, used: list[int], held: np.ndarray, rows: tuple
     variable, multiplier, offset = rows
     return FollowMemory(
         new_jump_gate(JOINT_COUNT, options.max_jump, options.jump_frames),
-        np.full(1, -math.inf), np.ones(1, np.int64), min_confidence, padded(solved, np.int64),
-        padded(held), padded(held), len(variable), padded(variable, np.int64),
-        padded(multiplier), padded(offset), np.zeros(GUARD_CAPACITY))
+        np.full(1, -math.inf), np.ones(1, np.int64), min_confidence, unknown,
+        padded(solved, np.int64), padded(held), padded(held), len(variable),
+        padded(variable, np.int64), padded(multiplier), padded(offset), np.zeros(GUARD_CAPACITY))
 
 
 @jit
-def observe_mean_confidence(memories: Pack[FollowMemory], guards: Pack[GuardMemory],
-                            numbers: np.ndarray, rows: np.ndarray) -> None:
-    """Take the confidence of the hand's angles; where it is low, the hand is lost.
+def observe_deviations(memories: Pack[FollowMemory], guards: Pack[GuardMemory],
+                       numbers: np.ndarray, rows: np.ndarray) -> None:
+    """Take the standard deviations of the hand's angles; where little is known, it is lost.
 
     Parameters
     ----------
     memories, guards : packs
         Changed.
     numbers : ndarray
-        0 to 1.
+        [rad]
     rows : ndarray of int, shape (m,)
-        Those of the hand, one at least.
+        Those of the hand; of no use unless all its angles are there.
     """
-    total = 0.
-    for i in range(len(rows)):
-        total += numbers[rows[i]]
+    if len(rows) < JOINT_COUNT:
+        return
     memory = memories[0]
-    memory.is_confident[0] = total / len(rows) >= memory.min_confidence
+    memory.is_confident[0] = (
+        mean_confidence(numbers, rows, memory.unknown) >= memory.min_confidence)
     if not memory.is_confident[0]:
         guards[0].hand_time[0] = -math.inf
 

@@ -9,12 +9,13 @@ import numpy as np
 
 from ..core.model.hand import JOINTS, SIDES, Hand
 from ..core.numerics.jit import packed
+from ..core.pose.deviation import unknown_deviation
 from .command_guard import CommandGuard
 from .follow_kernel import (
     accept_angles,
     follow_frame,
     new_follow_memory,
-    observe_mean_confidence,
+    observe_deviations,
     observe_solution,
     write_joints,
 )
@@ -91,7 +92,7 @@ class Teleoperation:
     order : sequence of str, optional
         Joints of a command, in their order; the robot file's when left out.
     min_confidence : float, optional
-        Mean confidence of the hand's angles below which the hand counts as lost.
+        `mean_confidence` of the hand below which it counts as lost.
 
     Attributes
     ----------
@@ -134,8 +135,9 @@ class Teleoperation:
         self._pack, self._memory = packed(new_follow_memory(
             len(model.variables), used, robot.rest,
             (model.joints.variable[rows], model.joints.multiplier[rows],
-             model.joints.offset[rows]), min_confidence, self.guard.options))
-        self._hand_rows, self._confidence_rows = (JointRows(self._hand_names) for _ in range(2))
+             model.joints.offset[rows]), min_confidence,
+            unknown_deviation(hand.limits), self.guard.options))
+        self._hand_rows, self._deviation_rows = (JointRows(self._hand_names) for _ in range(2))
         self._robot_rows = JointRows(model.variables)
 
     @property
@@ -156,8 +158,8 @@ class Teleoperation:
 
     @property
     def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows of the hand, its confidence and the robot in their last joint states."""
-        return self._hand_rows.rows, self._confidence_rows.rows, self._robot_rows.rows
+        """Rows of the hand, its deviations and the robot in their last joint states."""
+        return self._hand_rows.rows, self._deviation_rows.rows, self._robot_rows.rows
 
     def observe_hand(self, names: Sequence[str], angles: Sequence[float] | np.ndarray,
                      now: float) -> bool:
@@ -198,21 +200,20 @@ class Teleoperation:
         missing = next(name for name in self._hand_names if name not in names)
         return f'joint states without {missing}: they are not of this hand'
 
-    def observe_confidence(self, names: Sequence[str], confidence: Sequence[float] | np.ndarray
+    def observe_deviations(self, names: Sequence[str], deviations: Sequence[float] | np.ndarray
                            ) -> None:
-        """Take the confidence of the hand's angles; where it is low, the hand is lost.
+        """Take the standard deviations of the hand's angles; where little is known, it is lost.
 
         Parameters
         ----------
         names : sequence of str
-        confidence : sequence of float
-            0 to 1.
+        deviations : sequence of float
+            [rad]
         """
-        rows, _ = self._confidence_rows.find(names)
-        if not len(rows) or len(confidence) != len(names):
+        rows, _ = self._deviation_rows.find(names)
+        if len(deviations) != len(names):
             return
-        observe_mean_confidence(self._pack, self.guard.pack,
-                                np.array(confidence, dtype=float), rows)
+        observe_deviations(self._pack, self.guard.pack, np.array(deviations, dtype=float), rows)
 
     def observe_robot(self, names: Sequence[str], positions: Sequence[float] | np.ndarray,
                       now: float) -> None:
@@ -266,7 +267,7 @@ def compile_following(loaded: LoadedRobot, hand: Hand) -> None:
     one.observe_hand(JOINTS, angles + 10., 0.)
     memory, human, problem, solution, guard = one.packs
     follow_frame(memory, human, problem, solution, guard, 0.)
-    one.observe_confidence(JOINTS, angles)
+    one.observe_deviations(JOINTS, angles)
     one.observe_robot(loaded.hand.model.variables, loaded.hand.rest, 0.)
     one.guard.lose_hand()
     one.command(0.)

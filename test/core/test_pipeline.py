@@ -154,7 +154,7 @@ def test_an_angle_goes_back_at_the_rate_allowed_when_its_marker_comes_back():
     np.testing.assert_allclose(index[:6], .2, atol=1e-6)
     np.testing.assert_allclose(np.diff(index)[5:15], 3. * STEP, atol=1e-6)
     assert index[-1] == pytest.approx(.8, abs=1e-6)
-    assert states[6].confidence[LEADERS[0]] < .1 and states[-1].confidence[LEADERS[0]] > .9
+    assert states[6].deviation[LEADERS[0]] > .55 and states[-1].deviation[LEADERS[0]] < .3
     # Fingers that were seen throughout are where they are at once.
     assert states[3].angles[LEADERS[1]] == pytest.approx(.8, abs=1e-6)
 
@@ -284,7 +284,7 @@ def test_time_that_jumps_back_leaves_nothing_of_before():
         found = again.update(waved(frame), 1. + frame * STEP)
         assert again.restarted == (frame == 1)
         expected = fresh.update(waved(frame), 1. + frame * STEP)
-        for name in ('angles', 'markers', 'marker_states', 'hidden_for', 'confidence'):
+        for name in ('angles', 'markers', 'marker_states', 'hidden_for', 'deviation'):
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
 
 

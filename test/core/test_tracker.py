@@ -24,6 +24,7 @@ from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.options import TrackerOptions
+from hand_tracker.core.pose.deviation import unknown_deviation
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.simulation.simulator import calibrated
 from hand_tracker.simulation.visibility import skin_layout
@@ -284,7 +285,9 @@ def never_seen(name, bends, options=None, side='right'):
         markers[row] = np.nan
         states.append(tracker.update(markers))
         assert states[-1].marker_states[row] == MarkerState.ABSENT
-        assert (states[-1].confidence[5 * (row - 3):5 * (row - 2)] == 0.).all()
+        digit = slice(5 * (row - 3), 5 * (row - 2))
+        np.testing.assert_allclose(
+            states[-1].deviation[digit], unknown_deviation(hand.limits)[digit])
         assert (states[-1].angles >= hand.limits[:, 0]).all()
         assert (states[-1].angles <= hand.limits[:, 1]).all()
     return hand, states

@@ -18,6 +18,7 @@ from hand_tracker.core.model.marker_layout import (
 )
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.options import TrackerOptions
+from hand_tracker.core.pose.deviation import unknown_deviation
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.simulation.motions import motion_named
 
@@ -253,7 +254,7 @@ def test_time_that_jumps_back_begins_anew():
         again = tracker.update(markers, 1. + frame * STEP)
         assert tracker.restarted == (frame == 1)
         first = fresh.update(markers, 1. + frame * STEP)
-        for name in ('angles', 'markers', 'marker_states', 'hidden_for', 'confidence',
+        for name in ('angles', 'markers', 'marker_states', 'hidden_for', 'deviation',
                      'wrist_position', 'wrist_rotation'):
             np.testing.assert_array_equal(getattr(again, name), getattr(first, name), name)
 
@@ -337,16 +338,19 @@ def test_no_angle_jumps_where_a_measured_flexion_comes_or_is_missed(places):
     np.testing.assert_allclose(path[-1], path[0], atol=1e-9)
 
 
-def test_confidence_falls_while_a_marker_is_hidden_and_is_back_with_it():
+def test_deviations_grow_while_a_marker_is_hidden_and_are_back_with_it():
     row, joints = INDEX, [JOINTS.index('index_mcp_flexion'), JOINTS.index('index_pip_flexion')]
     states = track(700, hide((row,), 300, 660), noise=2e-4)
-    confidence = np.array([state.confidence[joints] for state in states])
-    assert (confidence[200:300] > .98).all() and (confidence[661:] > .9).all()
-    assert (np.diff(confidence[300:660], axis=0) <= 1e-12).all()
-    assert (confidence[310] > .9).all() and (confidence[659] < .5).all()
+    seen = track(700, lambda *_: None, noise=2e-4)
+    deviation, own = (np.array([state.deviation for state in some]) for some in (states, seen))
+    ratio = deviation[:, joints] / own[:, joints]
+    unknown = unknown_deviation(HAND.limits)[joints]
+    assert abs(ratio[:300] - 1.).max() < 1e-9 and abs(ratio[670:] - 1.).max() < .1
+    assert (ratio[310] > 1.2).all() and (deviation[310, joints] < .8 * unknown).all()
+    np.testing.assert_allclose(deviation[659, joints], unknown, rtol=.01)
     others = [i for i in range(25)
               if i not in FLEXION_JOINTS[0] and not JOINTS[i].startswith('index')]
-    assert (np.array([state.confidence[others] for state in states[100:]]) > .98).all()
+    np.testing.assert_allclose(deviation[:, others], own[:, others], atol=1e-3)
     hidden_for = np.array([state.hidden_for[row] for state in states])
     np.testing.assert_allclose(hidden_for[300:660], STEP * np.arange(1, 361), atol=1e-9)
     assert (hidden_for[1:300] == 0.).all() and (hidden_for[660:] == 0.).all()
@@ -356,7 +360,7 @@ def test_confidence_falls_while_a_marker_is_hidden_and_is_back_with_it():
     assert (found[stale + 1:660] == MarkerState.STALE).all()
 
 
-def test_confidence_tells_of_an_angle_that_still_goes_back_to_its_marker():
+def test_deviation_tells_of_an_angle_that_still_goes_back_to_its_marker():
     def bent(frame):
         # It closes while nobody sees it.
         angles = np.zeros(25)
@@ -371,17 +375,18 @@ def test_confidence_tells_of_an_angle_that_still_goes_back_to_its_marker():
         state = tracker.update(markers, frame * STEP)
         off = abs(state.angles[pip] - bent(frame)[pip])
         if frame in (220, 225):
-            assert off > np.radians(25.) and state.confidence[pip] < .1
-            assert state.confidence[FLEXION_JOINTS[1, 1]] > .98
-    assert off < 1e-3 and state.confidence[pip] > .98
+            assert off > np.radians(25.) and state.deviation[pip] > .9 * off
+            assert state.deviation[FLEXION_JOINTS[1, 1]] < .2
+    assert off < 1e-3 and state.deviation[pip] < .12
 
 
 def test_of_what_was_never_seen_nothing_is_known():
     states = track(60, hide((MIDDLE,), 0, 60))
+    unknown = unknown_deviation(HAND.limits)
     middle = [i for i, name in enumerate(JOINTS) if name.startswith('middle')]
-    assert (states[-1].confidence[middle] == 0.).all()
+    np.testing.assert_allclose(states[-1].deviation[middle], unknown[middle])
     waiting = HandTracker().update(np.full((8, 3), np.nan))
-    assert (waiting.confidence == 0.).all()
+    np.testing.assert_allclose(waiting.deviation, unknown)
 
 
 @pytest.mark.parametrize('rows', [(INDEX,), (1,), (0, 1, 2, MIDDLE)])
@@ -396,7 +401,7 @@ def test_a_left_hand_is_a_mirrored_right_hand_under_occlusion_too(rows):
         a, b = right.update(markers, frame * STEP), left.update(markers * MIRROR, frame * STEP)
         np.testing.assert_array_equal(b.angles, a.angles)
         np.testing.assert_array_equal(b.marker_states, a.marker_states)
-        np.testing.assert_array_equal(b.confidence, a.confidence)
+        np.testing.assert_allclose(b.deviation, a.deviation, rtol=1e-9)
         np.testing.assert_allclose(b.markers, a.markers * MIRROR, atol=1e-12)
         np.testing.assert_allclose(b.wrist_position, a.wrist_position * MIRROR, atol=1e-12)
 

@@ -8,7 +8,13 @@ import pytest
 from hand_tracker.core.model.capsules import hand_capsules, pair_gaps
 from hand_tracker.core.model.hand import FLEXION_JOINTS, JOINTS, Hand
 from hand_tracker.core.options import TrackerOptions
-from hand_tracker.evaluation import ablation, camera_count, frame_rates, steadiness
+from hand_tracker.evaluation import (
+    ablation,
+    angle_deviations,
+    camera_count,
+    frame_rates,
+    steadiness,
+)
 from hand_tracker.evaluation.calibrated_fit import calibrated_fit, true_angles
 from hand_tracker.evaluation.evaluation_options import Options
 from hand_tracker.evaluation.overlap import deepest_overlaps
@@ -181,6 +187,33 @@ def test_a_hand_that_was_calibrated_is_steady_and_right():
         assert rows[name]['error_deg'] < most, name
         assert rows[name]['step_deg'] < ratio * rows[name]['truth_step_deg'], name
     assert rows['pip']['mean_mm'] < 2.5
+
+
+def test_most_errors_lie_within_their_deviations(tmp_path):
+    rows = [row for i, motion in enumerate(('spelling', 'power_grasp', 'range_of_motion'))
+            for row in angle_deviations.judge((motion, 107 + i), 7)]
+    for hand in ('drawn', 'fitted'):
+        for is_seen in (True, False):
+            found = angle_deviations.pooled([
+                row for row in rows if row['method'] == hand and row['joint_class'] == 'all'
+                and (row['condition'] in ('straight', 'between', 'bent')) == is_seen])
+            assert 50. < found['within_1_pct'] < 92., (hand, is_seen)
+            assert 85. < found['within_2_pct'] <= 100., (hand, is_seen)
+    spread = {row['condition']: row['deviation_deg'] for row in rows
+              if (row['method'], row['joint_class']) == ('drawn', 'pip')}
+    assert spread['bent'] < spread['straight'] < spread['hidden_longer']
+    assert [len(table.lines) for table in angle_deviations.tables(rows)] == [9, 9]
+    (picture,) = angle_deviations.pictures(rows, tmp_path)
+    assert (tmp_path / picture.file).stat().st_size > 10_000
+
+
+def test_within_a_deviation_counts_errors_of_known_size():
+    rows = [{'angles': count, 'within_1_pct': one, 'within_2_pct': two, 'error_deg': error,
+             'deviation_deg': 1.} for count, one, two, error in ((1, 0., 100., 2.),
+                                                                 (3, 100., 100., 0.))]
+    found = angle_deviations.pooled(rows)
+    assert (found['within_1_pct'], found['within_2_pct'], found['error_deg']) == (75., 100., 1.)
+    assert angle_deviations.pooled([]) is None
 
 
 def test_true_angles_are_about_the_joints_that_were_found():

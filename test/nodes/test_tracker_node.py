@@ -350,16 +350,16 @@ def test_markers_without_stamp_or_frame_from_a_best_effort_publisher():
         assert len(lines(bench.process, 'have no frame')) == 1
 
 
-def test_stamps_of_any_kind_confidence_and_diagnostics():
+def test_stamps_of_any_kind_deviations_and_diagnostics():
     whole = hand_at()
     without_index, palmless = whole.copy(), whole.copy()
     without_index[3] = palmless[0] = np.nan
     with tracking() as bench:
         told = bench.node.collect(DiagnosticArray, '/diagnostics')
-        confidence = bench.node.collect(JointState, 'joint_confidence')
-        bench.meet(whole, heard=(told, confidence))
+        deviations = bench.node.collect(JointState, 'joint_confidence')
+        bench.meet(whole, heard=(told, deviations))
         check_stamps(bench, whole, palmless)
-        check_confidence(bench, whole, without_index, confidence)
+        check_deviations(bench, whole, without_index, deviations)
         check_diagnostics(bench, whole, without_index, told)
 
 
@@ -388,8 +388,8 @@ def check_stamps(bench, whole, palmless):
     assert len(lines(bench.process, 'jumped back')) == 1
 
 
-def check_confidence(bench, whole, without_index, confidence):
-    """Check that the confidence is that of the core, with the stamp of the joint states."""
+def check_deviations(bench, whole, without_index, deviations):
+    """Check that the deviations are those of the core, with the stamp of the joint states."""
     bench.number = LATE
     for _ in range(2):
         bench.answer(whole)
@@ -397,10 +397,10 @@ def check_confidence(bench, whole, without_index, confidence):
     tracker = begun_anew(HandTracker(), whole)
     for frame in (whole, without_index, without_index):
         stamp = bench.answer(frame).header.stamp
-        bench.node.spin_until(lambda stamp=stamp: confidence[-1].header.stamp == stamp)
-        assert list(confidence[-1].name) == list(bench.joint_states[-1].name)
+        bench.node.spin_until(lambda stamp=stamp: deviations[-1].header.stamp == stamp)
+        assert list(deviations[-1].name) == list(bench.joint_states[-1].name)
         assert np.array_equal(
-            confidence[-1].position, tracker.update(frame, seconds(stamp)).confidence)
+            deviations[-1].position, tracker.update(frame, seconds(stamp)).deviation)
 
 
 def test_limits_reach_robot_state_publisher_at_the_start_and_at_run_time():

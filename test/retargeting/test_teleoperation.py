@@ -127,16 +127,20 @@ def test_a_jump_of_the_hand_is_followed_only_when_it_persists(own_hand):
     assert np.abs(after - before).max() > .5
 
 
-def test_a_hand_without_confidence_is_lost(own_hand):
+def test_a_hand_of_which_little_is_known_is_lost(own_hand):
     rig = Rig(urdf(wide_hand()), own_hand, min_confidence=.2).engaged()
     assert rig.tick() is not None
-    rig.it.observe_confidence(RIGHT, [.1] * len(RIGHT))
+    rig.it.observe_deviations(RIGHT, [.5] * len(RIGHT))
     before = rig.tick(pose_angles('fist', rig.hand)).position
     assert rig.it.guard.state is GuardState.HOLDING
     for _ in range(20):
         after = rig.tick(pose_angles('fist', rig.hand)).position
     assert np.abs(after - before).max() < .01
-    rig.it.observe_confidence(RIGHT, [.9] * len(RIGHT))
+    # Those of some joints say nothing of the hand.
+    rig.it.observe_deviations(RIGHT[:20], [.02] * 20)
+    rig.tick()
+    assert not rig.it.guard.is_following
+    rig.it.observe_deviations(RIGHT, [.02] * len(RIGHT))
     rig.tick()
     assert rig.it.guard.is_following
 

@@ -439,7 +439,7 @@ def refine_digits(chains: Chains, table: MarkerRows, rows: RowState, seen: np.nd
     chains : Chains
     table : MarkerRows
     rows : RowState
-        Its `angles` are replaced.
+        Its `angles` and `deviation` are replaced.
     seen : ndarray of bool, shape (8,)
     angles : ndarray, shape (25,)
         Replaced for digits that are solved by several markers [rad].
@@ -454,8 +454,32 @@ def refine_digits(chains: Chains, table: MarkerRows, rows: RowState, seen: np.nd
             is_solved = (
                 rows.is_solved[digit] or not rows.is_measured[3 + digit]
                 or solve_digit_angles(chains, table, rows, digit, angles, step, workspace)[0] > 1)
+        rows.deviation[5 * digit:5 * digit + 5] = 0.
+        if is_solved:
+            _write_deviation(chains, table, rows, digit, workspace)
         for joint in range(5 * digit, 5 * digit + 5):
             if is_solved and not (digit < 4 and joint == 5 * digit):
                 angles[joint] = rows.angles[joint]
             else:
                 rows.angles[joint] = angles[joint]
+
+
+@jit
+def _write_deviation(chains: Chains, table: MarkerRows, rows: RowState, digit: int,
+                     workspace: DigitWorkspace) -> None:
+    """Write the standard deviations of a digit's solved angles by all its markers."""
+    for j in range(CHAIN_JOINTS):
+        workspace.angles[j] = rows.angles[5 * digit + j]
+    _equations(chains, table, rows, digit, workspace.angles, 0., workspace)
+    matrix, one, column = workspace.matrix, workspace.gradient, workspace.step
+    first = 0 if digit == THUMB else 1
+    for j in range(first):
+        for k in range(CHAIN_JOINTS):
+            matrix[j, k] = 0.
+            matrix[k, j] = 0.
+        matrix[j, j] = 1.
+    for j in range(first, CHAIN_JOINTS):
+        one[:] = 0.
+        one[j] = 1.
+        if solve_damped(matrix, one, CHAIN_JOINTS, 0., workspace.factor, column):
+            rows.deviation[5 * digit + j] = math.sqrt(column[j])

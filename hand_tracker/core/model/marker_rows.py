@@ -166,6 +166,8 @@ class RowState(NamedTuple):
         Flexion of the fingers' CMC joints [rad].
     angles : ndarray, shape (25,)
         Solved by all markers of a digit [rad].
+    deviation : ndarray, shape (25,)
+        Standard deviation of these, 0 where a digit is not solved so [rad].
     local : ndarray, shape (65, 3)
         This frame's markers in the wrist's frame, the palm laid flat [m].
     targets : ndarray, shape (5, 3)
@@ -183,6 +185,7 @@ class RowState(NamedTuple):
     hidden_for: np.ndarray
     arch: np.ndarray
     angles: np.ndarray
+    deviation: np.ndarray
     local: np.ndarray
     targets: np.ndarray
     is_solved: np.ndarray
@@ -196,5 +199,5 @@ def initial_rows(relaxed: np.ndarray) -> RowState:
 
     return RowState(np.full((ROW_CAPACITY, 3), np.nan), none(), none(), none(),
                     np.zeros(ROW_CAPACITY), np.zeros(len(FINGERS)), relaxed.copy(),
-                    np.zeros((ROW_CAPACITY, 3)), np.zeros((len(DIGITS), 3)),
+                    np.zeros(len(relaxed)), np.zeros((ROW_CAPACITY, 3)), np.zeros((len(DIGITS), 3)),
                     np.zeros(len(DIGITS), dtype=bool), np.zeros(len(DIGITS), dtype=bool))

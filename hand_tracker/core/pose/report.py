@@ -1,11 +1,11 @@
-"""The frame's report: angles and pose, positions and states of the markers, confidence."""
+"""The frame's report: angles and pose, positions and states of the markers."""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from ..filtering.tracks import Tracks, position_deviation
+from ..filtering.tracks import Tracks
 from ..model.hand import FINGERS
 from ..model.kinematics import JointTable, place_links
 from ..model.marker_layout import MARKERS, MarkerLayout, Mounting
@@ -25,9 +25,6 @@ from ..numerics.vectors import (
     vector,
 )
 
-# Deviations at which confidence falls to 1/e; both are alike on a digit 50 mm long.
-CONFIDENCE_MARKER_SPREAD = .01  # [m] standard deviation of a marker
-CONFIDENCE_ANGLE_OFFSET = .2    # [rad] of an angle from its solution
 # First link of each digit that hangs on the joint of its chain's root: MCP, the thumb's CMC.
 FIRST_LINKS = np.array((1, 6, 11, 16, 20))
 LISTED_TIME, LISTED_RESIDUAL, LISTED_COLUMNS = 3, 4, 5  # behind the position
@@ -57,8 +54,8 @@ class Report(NamedTuple):
         `MarkerState`.
     hidden_for : ndarray, shape (8,)
         [s]
-    confidence : ndarray, shape (25,)
-        [1]
+    deviation : ndarray, shape (25,)
+        Standard deviation of the angles [rad].
     residuals : ndarray, shape (8,)
         [m]
     iterations : ndarray of int, shape (1,)
@@ -78,7 +75,7 @@ class Report(NamedTuple):
     markers: np.ndarray
     marker_states: np.ndarray
     hidden_for: np.ndarray
-    confidence: np.ndarray
+    deviation: np.ndarray
     residuals: np.ndarray
     iterations: np.ndarray
     listed: np.ndarray
@@ -319,35 +316,3 @@ def _place_of_row(rows: MarkerRows, row: int, mirror: np.ndarray, report: Report
     else:
         axes, origin = frame(report.link_rotations[at]), vector(report.link_positions[at])
     return add(origin, rotate(axes, local))
-
-
-@jit
-def write_confidence(palm: Tracks, digits: Tracks, offset: np.ndarray, placed: bool,
-                     report: Report) -> None:
-    """Write the confidence of each angle, from its markers' spread and its distance to blend.
-
-    confidence = exp(-spread² / CONFIDENCE_MARKER_SPREAD² - offset² / CONFIDENCE_ANGLE_OFFSET²)
-
-    Parameters
-    ----------
-    palm, digits : Tracks
-    offset : ndarray, shape (25,)
-        Of the blended angles from the solved ones [rad].
-    placed : bool
-        Whether the palm has been seen.
-    report : Report
-        Changed.
-    """
-    palm_spread = 0.
-    for i in range(3):
-        palm_spread = max(palm_spread, position_deviation(palm.covariance[i]))
-    for digit in range(5):
-        variance = position_deviation(digits.covariance[digit]) ** 2 + palm_spread ** 2
-        known = placed and digits.known[digit]
-        highest = math.exp(-variance / CONFIDENCE_MARKER_SPREAD ** 2) if known else 0.
-        for joint in range(5 * digit, 5 * digit + 5):
-            confidence = highest
-            # For a hidden digit the solution is itself a guess: its offset says nothing.
-            if known and digits.seen[digit] and offset[joint] != 0.:
-                confidence *= math.exp(-(offset[joint] / CONFIDENCE_ANGLE_OFFSET) ** 2)
-            report.confidence[joint] = confidence

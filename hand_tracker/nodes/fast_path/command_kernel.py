@@ -20,7 +20,7 @@ from ...retargeting.follow_kernel import (
     NOT_FOLLOWED,
     FollowMemory,
     follow_frame,
-    observe_mean_confidence,
+    observe_deviations,
 )
 from ...retargeting.guard_kernel import GUARD_CAPACITY, GuardMemory, observe_position
 from ...retargeting.human_hand import JOINT_COUNT, HumanHand
@@ -65,7 +65,7 @@ class CommandMemory(NamedTuple):
 
     Attributes
     ----------
-    hand, confidence, robot : ListedNumbers
+    hand, deviations, robot : ListedNumbers
     position : ndarray, shape (GUARD_CAPACITY,)
         Workspace.
     replies, stamps_at, numbers_at, stamps
@@ -79,7 +79,7 @@ class CommandMemory(NamedTuple):
     """
 
     hand: ListedNumbers
-    confidence: ListedNumbers
+    deviations: ListedNumbers
     robot: ListedNumbers
     position: np.ndarray
     replies: np.ndarray
@@ -102,7 +102,7 @@ def new_command_memory() -> CommandMemory:
             one(), np.zeros(LISTED_CAPACITY))
 
     return CommandMemory(
-        hand=listed(), confidence=listed(), robot=listed(), position=np.zeros(GUARD_CAPACITY),
+        hand=listed(), deviations=listed(), robot=listed(), position=np.zeros(GUARD_CAPACITY),
         replies=np.zeros((MOST_COMMANDS, COMMAND_CAPACITY // 8)),
         stamps_at=np.zeros((MOST_COMMANDS, 1), np.int64),
         numbers_at=np.zeros((MOST_COMMANDS, GUARD_CAPACITY), np.int64),
@@ -159,9 +159,9 @@ def read_numbers(listed: ListedNumbers, octets: np.ndarray) -> bool:
 
 
 @jit
-def process_confidence(commands: Pack[CommandMemory], follows: Pack[FollowMemory],
+def process_deviations(commands: Pack[CommandMemory], follows: Pack[FollowMemory],
                        guards: Pack[GuardMemory], octets: np.ndarray) -> bool:
-    """Take a message with the confidence of the hand's angles; return whether it was processed.
+    """Take a message with the deviations of the hand's angles; return whether it was processed.
 
     Parameters
     ----------
@@ -170,10 +170,10 @@ def process_confidence(commands: Pack[CommandMemory], follows: Pack[FollowMemory
     octets : ndarray of uint8, shape (n,)
         The message.
     """
-    listed = commands[0].confidence
+    listed = commands[0].deviations
     if not read_numbers(listed, octets):
         return False
-    observe_mean_confidence(follows, guards, listed.numbers, listed.rows[:listed.used[0]])
+    observe_deviations(follows, guards, listed.numbers, listed.rows[:listed.used[0]])
     return True
 
 

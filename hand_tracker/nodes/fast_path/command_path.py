@@ -27,7 +27,7 @@ from .command_kernel import (
     MOST_COMMANDS,
     install_numbers,
     new_command_memory,
-    process_confidence,
+    process_deviations,
     process_hand,
     process_position,
 )
@@ -38,7 +38,7 @@ if COMPILED:
     from .rcl import at, call
 
 # Messages that are taken beside those of the hand, by number
-CONFIDENCE, ROBOT = range(2)
+HAND_DEVIATIONS, ROBOT = range(2)
 SIDES_TAKEN = 2
 
 
@@ -51,7 +51,7 @@ class CommandContext(NamedTuple):
     has_missed_message : ndarray of int, shape (1,)
         Whether the hand's message was taken, but not processed.
     has_missed_side : ndarray of int, shape (SIDES_TAKEN,)
-        The same of `CONFIDENCE` and `ROBOT`.
+        The same of `HAND_DEVIATIONS` and `ROBOT`.
     now : ndarray of int, shape (2,)
         Seconds and nanoseconds of clock_gettime.
     memory : int
@@ -157,14 +157,14 @@ class CommandPath(CallbackPath):
         node, hand, on_disabled, on_message
             See `start`.
         sides : sequence of Subscription
-            Of `CONFIDENCE` and `ROBOT`: the slow path has what came of them by `take_sides`.
+            Of `HAND_DEVIATIONS` and `ROBOT`: the slow path has what came of them by `take_sides`.
         """
         self._side_subscriptions = sides
         self._context.side_subscriptions[:] = [one.handle.pointer for one in sides]
         self.start(node, hand, on_disabled, on_message)
 
     def take_sides(self) -> Iterator[tuple[int, bytes]]:
-        """Yield the messages that wait of `CONFIDENCE` and `ROBOT`; only while disabled."""
+        """Yield the messages that wait of `HAND_DEVIATIONS` and `ROBOT`; only while disabled."""
         for side, subscription in enumerate(self._side_subscriptions):
             incoming = self._side_incoming[side]
             if self._context.has_missed_side[side]:
@@ -181,7 +181,7 @@ class CommandPath(CallbackPath):
         ----------
         hand : ListedJoints
         sides : sequence of ListedJoints
-            Of `CONFIDENCE` and `ROBOT`; messages of a layout that is not installed go to the
+            Of `HAND_DEVIATIONS` and `ROBOT`; messages of a layout that is not installed go to the
             slow path.
         replies : sequence of (Publisher, Template)
             At most `MOST_COMMANDS`.
@@ -189,7 +189,7 @@ class CommandPath(CallbackPath):
         memory, context = self._memory, self._context
         if not install_numbers(memory.hand, hand.reader, hand.rows):
             return
-        for listed, side in zip((memory.confidence, memory.robot), sides):
+        for listed, side in zip((memory.deviations, memory.robot), sides):
             install_numbers(listed, side.reader, side.rows)
         memory.wanted[:] = context.publishers[:] = 0
         for number, (publisher, template) in enumerate(replies):
@@ -239,8 +239,8 @@ def _command_callback(*layouts: np.dtype) -> Any:
                             context.side_incoming[side], 0, 0) == 0:
                         buffer = numba.carray(at(context.side_incoming[side]), (2,), np.int64)
                         octets = numba.carray(at(buffer[0]), (buffer[1],), np.uint8)
-                        if side == CONFIDENCE:
-                            known = process_confidence(commands, packs[0], packs[4], octets)
+                        if side == HAND_DEVIATIONS:
+                            known = process_deviations(commands, packs[0], packs[4], octets)
                         else:
                             known = process_position(commands, packs[4], octets, now)
                         if not known:

@@ -37,7 +37,7 @@ from ...messages.cdr import (
 from ...messages.stamps import Time, stamp_time
 from ...messages.templates import (
     ALL_TRANSFORMS,
-    CONFIDENCES,
+    ANGLE_DEVIATIONS,
     JOINT_STATES,
     REPLIES,
     TRANSFORMS,
@@ -137,8 +137,8 @@ class HandMemory(NamedTuple):
     time : ndarray, shape (1,)
         The same as a number [s].
     reply, first_number, number_count : ndarray of int, shape (3,)
-        By `JOINT_STATES`, `TRANSFORMS` and `CONFIDENCES`: in which reply the hand's numbers are,
-        `NOT_WANTED` if in none, from which of its numbers on, and how many.
+        By `JOINT_STATES`, `TRANSFORMS` and `ANGLE_DEVIATIONS`: in which reply the hand's numbers
+        are, `NOT_WANTED` if in none, from which of its numbers on, and how many.
     transforms : ndarray, shape (26, 7)
         See `write_transforms`.
     frames, drained : ndarray of int, shape (1,)
@@ -294,7 +294,7 @@ def install_part(hand: HandMemory, kind: int, reply: int, part: slice) -> None:
     hand : HandMemory
         Changed.
     kind : int
-        `JOINT_STATES`, `TRANSFORMS` or `CONFIDENCES`.
+        `JOINT_STATES`, `TRANSFORMS` or `ANGLE_DEVIATIONS`.
     reply : int
         Its number.
     part : slice
@@ -421,8 +421,8 @@ def fill_replies(memory: FastPathMemory, hand: HandMemory, parent: np.ndarray,
         write_transforms(parent, report.link_rotations, report.link_positions,
                         report.wrist_rotation, report.wrist_position, transforms)
         _fill_part(memory, hand, TRANSFORMS, transforms.reshape(transforms.size))
-    if hand.reply[CONFIDENCES] != NOT_WANTED:
-        _fill_part(memory, hand, CONFIDENCES, report.confidence)
+    if hand.reply[ANGLE_DEVIATIONS] != NOT_WANTED:
+        _fill_part(memory, hand, ANGLE_DEVIATIONS, report.deviation)
 
 
 @jit

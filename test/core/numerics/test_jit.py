@@ -59,7 +59,7 @@ for options in (TrackerOptions(), TrackerOptions('spheres', 'fabrik'),
             markers[[1, 2]] = markers[[2, 1]]
         measured = np.full(5, .3) if frame >= 80 else None
         state = tracker.update(markers, distal_flexion=measured)
-        rows.append(np.concatenate((state.angles, state.confidence, state.marker_states,
+        rows.append(np.concatenate((state.angles, state.deviation, state.marker_states,
                                     state.wrist_position, state.pose.position.ravel())))
 np.save(sys.argv[2], rows)
 """

@@ -17,7 +17,7 @@ from hand_tracker.messages.templates import (
 from hand_tracker.nodes.fast_path.command_kernel import (
     install_numbers,
     new_command_memory,
-    process_confidence,
+    process_deviations,
     process_hand,
     process_position,
 )
@@ -50,9 +50,9 @@ class SlowPath:
                           position_array_template(len(self.it.order))]
         self.readers = [JointStateReader() for _ in range(3)]
 
-    def confidence(self, data, now):
+    def deviations(self, data, now):
         read = self.readers[1].read(data)
-        self.it.observe_confidence(read.names, read.positions)
+        self.it.observe_deviations(read.names, read.positions)
 
     def robot(self, data, now):
         read = self.readers[2].read(data)
@@ -78,10 +78,10 @@ class BothPaths(SlowPath):
         self.has_layout = False
         self.done = []
 
-    def confidence(self, data, now):
+    def deviations(self, data, now):
         follow, guard = self.it.packs[0], self.it.packs[-1]
-        if not process_confidence(self.commands, follow, guard, bytes_of(data)):
-            super().confidence(data, now)
+        if not process_deviations(self.commands, follow, guard, bytes_of(data)):
+            super().deviations(data, now)
             self.install()
 
     def robot(self, data, now):
@@ -117,12 +117,12 @@ class BothPaths(SlowPath):
 
 
 def stream(frames, random):
-    """Yield frames of a hand with faults: angles, confidence, seconds since the last one."""
+    """Yield frames of a hand with faults: angles, deviations, seconds since the last one."""
     hand = wide_hand()
     relaxed, fist = hand.relaxed(), pose_angles('fist', hand)
     for i in range(frames):
         share = .3 + .3 * np.sin(2. * np.pi * 1.3 * STEP * i)
-        angles, confidence = relaxed + share * (fist - relaxed), np.full(len(JOINTS), .9)
+        angles, deviations = relaxed + share * (fist - relaxed), np.full(len(JOINTS), .02)
         step = STEP * random.uniform(.8, 1.2)
         fault = random.integers(200)
         if fault == 0:
@@ -130,12 +130,12 @@ def stream(frames, random):
         elif fault == 1:
             angles = fist + 1.
         elif fault == 2:
-            confidence[:] = .1
+            deviations[:] = .5
         elif fault == 3:
             step = .2
         elif fault == 4:
             step = 0.
-        yield angles, confidence, step
+        yield angles, deviations, step
 
 
 @pytest.mark.parametrize('options', [
@@ -148,10 +148,10 @@ def test_both_paths_send_the_same_bits_whatever_comes(robot, options, tmp_path):
                           else ('robotiq_2f', GRIPPER)))
     rigs = [kind(loaded, GuardOptions(**options)) for kind in (SlowPath, BothPaths)]
     model, random = loaded.hand.model, np.random.default_rng(3)
-    hands, confidences = (joint_state_template(NAMES) for _ in range(2))
+    hands, told = (joint_state_template(NAMES) for _ in range(2))
     robots = joint_state_template(model.joint_names)
     at, now, sent = model.joint_positions(loaded.hand.rest), 50., 0
-    for number, (angles, confidence, step) in enumerate(stream(2500, random)):
+    for number, (angles, deviations, step) in enumerate(stream(2500, random)):
         now += step
         stamp = Stamp(number, 7 * number)
         answers = []
@@ -162,7 +162,7 @@ def test_both_paths_send_the_same_bits_whatever_comes(robot, options, tmp_path):
             answers.append(rig.hand(hands.fill(stamp, angles), now))
             if not rig.it.guard.is_engaged:
                 rig.it.guard.engage(now)
-            rig.confidence(confidences.fill(stamp, confidence), now)
+            rig.deviations(told.fill(stamp, deviations), now)
         assert answers[0] == answers[1], number
         assert rigs[0].it.guard.state is rigs[1].it.guard.state
         assert rigs[0].it.refused_jumps == rigs[1].it.refused_jumps

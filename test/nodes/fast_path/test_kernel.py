@@ -55,7 +55,7 @@ from hand_tracker.messages.message_kinds import (
 )
 from hand_tracker.messages.stamps import Stamp, seconds
 from hand_tracker.messages.templates import (
-    CONFIDENCES,
+    ANGLE_DEVIATIONS,
     JOINT_STATES,
     TRANSFORMS,
     joint_state_template,
@@ -109,7 +109,7 @@ class Paths:
         self.slow, self.fast = HandTracker(hand, layout), HandTracker(hand, layout)
         self.templates = {
             JOINT_STATES: joint_state_template(NAMES.joints),
-            CONFIDENCES: joint_state_template(NAMES.joints),
+            ANGLE_DEVIATIONS: joint_state_template(NAMES.joints),
             TRANSFORMS: transforms_template(
                 wrist_frames(NAMES, 'mocap') + link_frames(NAMES, table))}
         self.memories, self.memory = packed(new_memory())
@@ -156,7 +156,7 @@ class Paths:
         """Return state and replies of the slow path."""
         frame = self.reader.read(data)
         state = self.slow.update(frame.positions, seconds(frame.stamp))
-        numbers = {JOINT_STATES: state.angles, CONFIDENCES: state.confidence,
+        numbers = {JOINT_STATES: state.angles, ANGLE_DEVIATIONS: state.deviation,
                    TRANSFORMS: transform_numbers(self.table, state)}
         return state, {number: template.fill(frame.stamp, numbers[number])
                        for number, template in self.templates.items()}
@@ -413,7 +413,7 @@ def test_an_answer_that_has_no_room_is_not_installed(paths):
 
 
 def test_only_what_is_wanted_is_filled(paths):
-    paths.hand.reply[CONFIDENCES] = NOT_WANTED
+    paths.hand.reply[ANGLE_DEVIATIONS] = NOT_WANTED
     before = paths.replies()
     assert paths.go(data_of(markers_of(DEMO['right'][1], 1)))
     after = paths.replies()
