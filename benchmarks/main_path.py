@@ -11,7 +11,7 @@ last answer (`answer_files`, ...), and with monitoring. `files` and `functions` 
 package outside `core/numerics` and `depth` its deepest nesting of calls. `upward_calls` are calls
 from a folder into a higher one; `climbs` counts how often the node calls into a higher folder than
 with its call before, and `calls_after` its calls into other folders once the last answer to the
-frame (joint states, transforms, confidence) is published. The traced frames are of the demo motion;
+frame (joint states, transforms, deviations) is published. The traced frames are of the demo motion;
 the frame of the median number of functions is taken, as now and then one is reported on
 /diagnostics or in the log; `all_files` and `all_functions` count those of any frame.
 """

@@ -26,20 +26,20 @@ from .steadiness import BENT, NEAR_STRAIGHT
 from .tables import SERIES_COLOURS, Picture, Table, figure_with, save_figure, words
 
 DEVIATIONS_RATE, DEVIATIONS_DURATION = 120., 8.  # [Hz, s]
-SETTLED_AFTER = .5                               # [s] after the start that is not judged
+DEVIATIONS_FROM = .5                             # [s] after the start that is not judged
 HIDING_LENGTHS = (.05, .1, .25, .5, 1.)          # [s] that markers are hidden for
 SEEN_LENGTHS = (.4, .8)                          # [s] between these
 PALM_HIDDEN_SHARE = .12                          # [1] of these that hide a marker of the palm
 SHORTLY, LONG = .1, .5                           # [s] of the conditions' names
 JUDGED_CONDITIONS = ('straight', 'between', 'bent', 'hidden_0.1_s', 'hidden_0.5_s', 'hidden_longer',
               'palm_hidden')
-CLASSES = {
+JUDGED_CLASSES = {
     'mcp_flexion': FLEXION_JOINTS[:4, 0], 'pip': FLEXION_JOINTS[:4, 1],
     'dip': FLEXION_JOINTS[:4, 2], 'mcp_abduction': ABDUCTION_JOINTS[:4],
     'thumb_cmc_flexion': FLEXION_JOINTS[4:, 0], 'thumb_mcp': FLEXION_JOINTS[4:, 1],
     'thumb_ip': FLEXION_JOINTS[4:, 2], 'thumb_abduction': ABDUCTION_JOINTS[4:]}
 EVERY_CLASS = 'all'
-CLASSES[EVERY_CLASS] = np.concatenate(list(CLASSES.values()))
+JUDGED_CLASSES[EVERY_CLASS] = np.concatenate(list(JUDGED_CLASSES.values()))
 
 
 def evaluate(options: Options) -> Iterator[Row]:
@@ -88,11 +88,11 @@ def _judge_hand(motion: str, name: str, hand: Hand, layout: MarkerLayout, true: 
     deviation = np.array([state.deviation for state in states])
     hidden_for = np.array([state.hidden_for for state in states])
     bend = np.degrees(true[:, FLEXION_JOINTS[:, 1]])
-    first = round(SETTLED_AFTER * DEVIATIONS_RATE)
+    first = round(DEVIATIONS_FROM * DEVIATIONS_RATE)
     for condition, holds in zip(JUDGED_CONDITIONS, _conditions(hidden_for, bend)):
         mask = holds[:, DIGIT_OF_JOINT] & np.isfinite(error)
         mask[:first] = False
-        for joint_class, joints in CLASSES.items():
+        for joint_class, joints in JUDGED_CLASSES.items():
             judged = mask[:, joints]
             if not judged.any():
                 continue
@@ -158,7 +158,7 @@ def tables(rows: list[Row]) -> list[Table]:
         'root mean square of errors ~ deviations, degrees',
         ('joints', *map(words, JUDGED_CONDITIONS)),
         [(words(name), *(_cell(_of(rows, method=hand, joint_class=name, condition=condition))
-                         for condition in JUDGED_CONDITIONS)) for name in CLASSES])
+                         for condition in JUDGED_CONDITIONS)) for name in JUDGED_CLASSES])
         for hand in dict.fromkeys(row['method'] for row in rows)]
 
 

@@ -41,6 +41,7 @@ HIDDEN_TIME = 1.2          # [s] in which a hidden digit's variance comes within
 # Error of the hand's model at a marker whose motion on the skin is unknown, along its digit [m].
 MODEL_DEVIATION = .0018
 ACROSS_DIGIT = 1.5         # [1] the same across the digit, relative to it
+SHARED_ERROR = 1.8         # [1] by how much more several markers of a digit err, as they err alike
 SADDLE_DEVIATION = .045    # [rad] of the thumb's abduction, by the axes of its saddle joint
 LEAST_LEVER = 1e-3         # [m] below which a marker is taken for one on the axis
 # Abduction, first and second flexion of each digit, (15,): what its marker shows.
@@ -127,7 +128,8 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
         for joint in range(5 * digit, 5 * digit + 5):
             if several[joint] > 0.:
                 unknown = LIMITS_SHARE * (chains.upper[joint] - chains.lower[joint])
-                report.deviation[joint] = _within(several[joint] ** 2, unknown, 0.)
+                shown = SHARED_ERROR * several[joint]
+                report.deviation[joint] = _within(shown * shown, unknown, 0.)
             # An angle that still goes back to its marker is off by as much as it has to go.
             if offset[joint] != 0.:
                 report.deviation[joint] = math.hypot(report.deviation[joint], offset[joint])
