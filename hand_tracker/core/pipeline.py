@@ -45,10 +45,10 @@ from .occlusion.transdigital import limit_neighbour_difference
 from .options import KernelOptions
 from .pose.contact import CONTACT_GAP, drag_hidden, separate
 from .pose.continuity import blend
-from .pose.deviation import write_deviation
 from .pose.report import (
     Report,
     hang_digits,
+    write_deviation,
     write_marker_states,
     write_markers,
     write_pose,

@@ -38,6 +38,12 @@ def frame(matrix: np.ndarray) -> Frame:
 
 
 @jit
+def column(matrix: np.ndarray, number: int) -> Vector:
+    """Return a column of a matrix (3, 3): an axis of a frame that is a rotation."""
+    return matrix[0, number], matrix[1, number], matrix[2, number]
+
+
+@jit
 def store_pose(rotation: np.ndarray, position: np.ndarray, axes: Frame, origin: Vector) -> None:
     """Write axes as the columns of a matrix, shape (3, 3), and an origin, shape (3,)."""
     for i in range(3):
@@ -184,6 +190,24 @@ def solve_symmetric(a: Vector, b: Vector, c: Vector, m: Vector) -> Vector:
 def clamp(value: float, lower: float, upper: float) -> float:
     """Return `value` limited to the interval [lower, upper]."""
     return min(max(value, lower), upper)
+
+
+@jit
+def deviation_within(variance: float, prior: float, lost: float) -> float:
+    """Return the standard deviation of what was observed, within what is usual.
+
+    Parameters
+    ----------
+    variance : float
+        Of the observation [unit²].
+    prior : float
+        Standard deviation without one [unit].
+    lost : float
+        Share of what the observation told that is lost since [1].
+    """
+    usual = prior * prior
+    known = variance * usual / (variance + usual)
+    return math.sqrt(known + lost * (usual - known))
 
 
 @jit

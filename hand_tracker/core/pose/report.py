@@ -1,12 +1,14 @@
-"""The frame's report: angles and pose, positions and states of the markers."""
+"""The frame's report: angles and pose, positions and states of the markers, deviations."""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from ..filtering.tracks import Tracks
-from ..model.hand import FINGERS
+from ..filtering.tracks import Tracks, position_deviation
+from ..inverse_kinematics.digit import THUMB, Chains
+from ..inverse_kinematics.digit_angles import MEASURED_SPREAD
+from ..model.hand import ABDUCTION_JOINTS, FINGERS, FLEXION_JOINTS
 from ..model.kinematics import JointTable, place_links
 from ..model.marker_layout import MARKERS, MarkerLayout, Mounting
 from ..model.marker_rows import LAYOUT_CAPACITY, PRINCIPALS, MarkerRows, RowState
@@ -17,12 +19,27 @@ from ..numerics.vectors import (
     Vector,
     add,
     clamp,
+    column,
+    cross,
+    deviation_within,
     distance,
+    dot,
     frame,
+    length,
     rotate,
     rotate_about_y,
+    scale,
     subtract,
     vector,
+)
+from .deviation import (
+    ACROSS_DIGIT,
+    HIDDEN_TIME,
+    LEAST_LEVER,
+    LIMITS_SHARE,
+    MODEL_DEVIATION,
+    SADDLE_DEVIATION,
+    SHARED_ERROR,
 )
 
 # First link of each digit that hangs on the joint of its chain's root: MCP, the thumb's CMC.
@@ -316,3 +333,95 @@ def _place_of_row(rows: MarkerRows, row: int, mirror: np.ndarray, report: Report
     else:
         axes, origin = frame(report.link_rotations[at]), vector(report.link_positions[at])
     return add(origin, rotate(axes, local))
+
+
+@jit
+def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tracks,
+                    several: np.ndarray, offset: np.ndarray, placed: bool,
+                    report: Report) -> None:
+    """Write the standard deviation of each angle, as in `deviation`.
+
+    Parameters
+    ----------
+    chains : Chains
+    mounting : Mounting
+        Of the principal markers, on the hand's own side.
+    palm, digits : Tracks
+    several : ndarray, shape (25,)
+        Deviation of the angles that several markers show, else 0 [rad].
+    offset : ndarray, shape (25,)
+        Of the blended angles from the estimated ones [rad].
+    placed : bool
+        Whether the palm has been seen.
+    report : Report
+        Its pose is written already; changed.
+    """
+    found = report.deviation
+    for joint in range(len(found)):
+        found[joint] = LIMITS_SHARE * (chains.upper[joint] - chains.lower[joint])
+    palm_spread = 0.
+    for i in range(3):
+        palm_spread = max(palm_spread, position_deviation(palm.covariance[i]))
+    for digit in range(5):
+        if not placed or not digits.known[digit]:
+            continue
+        abduction = ABDUCTION_JOINTS[digit]
+        first, second, third = FLEXION_JOINTS[digit]
+        noise, lost, hidden_for = palm_spread * palm_spread, 0., digits.hidden_for[digit]
+        if digits.seen[digit]:
+            noise += position_deviation(digits.covariance[digit]) ** 2
+        if hidden_for > 0.:
+            lost = 1. - math.exp(-2. * hidden_for / HIDDEN_TIME)
+        skin = chains.skin[digit]
+        model = skin if skin > 0. else MODEL_DEVIATION
+        along = noise + model * model
+        across = noise + (ACROSS_DIGIT * model) ** 2
+        # The marker on the pose, and how it moves with each angle [m/rad].
+        link = mounting.link[3 + digit]
+        place = add(vector(report.link_positions[link]), rotate(
+            frame(report.link_rotations[link]), vector(mounting.position[3 + digit])))
+        bone = subtract(vector(report.link_positions[second]),
+                        vector(report.link_positions[first]))
+        beyond = subtract(place, vector(report.link_positions[second]))
+        reach = add(bone, beyond)
+        by_abduction = cross(column(report.link_rotations[abduction], 2), reach)
+        by_first = cross(column(report.link_rotations[first], 1), reach)
+        by_second = cross(column(report.link_rotations[second], 1), beyond)
+        slope = chains.coupling[digit, 0]
+        if chains.hinges[digit] == 3:
+            last = subtract(place, vector(report.link_positions[third]))
+            by_second = add(by_second, scale(
+                cross(column(report.link_rotations[third], 1), last), slope))
+
+        far = max(length(reach), LEAST_LEVER)
+        change = dot(by_second, reach) / far
+        # Of a straight digit the reach falls by half of this times the square of the angle.
+        curvature = max(dot(bone, beyond), 0.) / far
+        information = change * change / along + .5 * curvature / math.sqrt(along)
+        natural = chains.natural[digit, 2] ** 2
+        second_variance = natural / (information * natural + 1.)
+        lever = max(dot(by_first, by_first), LEAST_LEVER * LEAST_LEVER)
+        # As the second flexion errs, the first aims the marker back.
+        lean = dot(by_second, by_first) / lever
+        first_variance = along / lever + lean * lean * second_variance
+        lever = max(dot(by_abduction, by_abduction), LEAST_LEVER * LEAST_LEVER)
+        turn_variance = across / lever
+        if digit == THUMB:
+            turn_variance += SADDLE_DEVIATION * SADDLE_DEVIATION
+        found[abduction] = deviation_within(turn_variance, found[abduction], lost)
+        found[first] = deviation_within(first_variance, found[first], lost)
+        found[second] = deviation_within(second_variance, found[second], lost)
+        coupled = slope * found[second]
+        spread = MEASURED_SPREAD if chains.measured[digit] else chains.coupling_spread[digit]
+        found[third] = deviation_within(coupled * coupled + spread * spread, found[third], 0.)
+
+        if not digits.seen[digit]:
+            continue
+        for joint in range(5 * digit, 5 * digit + 5):
+            if several[joint] > 0.:
+                shown = SHARED_ERROR * several[joint]
+                found[joint] = deviation_within(shown * shown, LIMITS_SHARE * (
+                    chains.upper[joint] - chains.lower[joint]), 0.)
+            # An angle that still goes back to its marker is off by as much as it has to go.
+            if offset[joint] != 0.:
+                found[joint] = math.hypot(found[joint], offset[joint])

@@ -19,9 +19,8 @@ from hand_tracker.core.pose.deviation import (
     SHARED_ERROR,
     mean_confidence,
     unknown_deviation,
-    write_deviation,
 )
-from hand_tracker.core.pose.report import blank_report, write_pose
+from hand_tracker.core.pose.report import blank_report, write_deviation, write_pose
 from hand_tracker.core.tracker import HandTracker
 
 HAND = Hand.scaled()
