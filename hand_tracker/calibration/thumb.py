@@ -1,14 +1,23 @@
-"""Fit the thumb: position and axis of the saddle joint, MCP abduction, coupling of the IP.
+"""Fit the thumb: position and axes of the saddle joint, pronation, coupling of the IP.
 
-It is fitted so that the thumb solved from its tip alone reproduces the recorded joints.
+First its axes are fitted to the recorded joints. Then the coupling, with a little of the rest, so
+that the thumb solved from its tip alone reproduces them.
 """
 
 from typing import NamedTuple, cast
 
 import numpy as np
 
-from ..core.inverse_kinematics.digit import ASIDE_ROUNDS
-from ..core.model.hand import DIGITS, JOINTS, THUMB_ABDUCTION_AXIS, THUMB_COUPLING, Hand
+from ..core.inverse_kinematics.digit import OUT_OF_PLANE_ROUNDS
+from ..core.model.hand import (
+    DIGITS,
+    JOINTS,
+    THUMB_ABDUCTION_AXIS,
+    THUMB_AXIS_DISTANCE_RANGE,
+    THUMB_COUPLING,
+    THUMB_PRONATION_RANGE,
+    Hand,
+)
 from ..core.model.kinematics import digit_base
 from .fingers import MOTION_PERCENTILES
 from .least_squares import evenly_spaced, regularised_fit
@@ -24,11 +33,17 @@ CMC_SPREAD = .0025                # [m] from the median of the recorded joint
 SLOPE_SPREAD = .5                 # of the slope's logarithm
 OFFSET_SPREAD = np.radians(15.)
 MCP_ABDUCTION_SPREAD = np.radians(8.)
+PRONATION_SPREAD = np.radians(45.)
+AXIS_DISTANCE_SPREAD = .02        # [m]
 SLOPE_BOUNDS = (.3, 3.)
 OFFSET_BOUNDS = (-np.pi / 4, np.pi / 4)
 AXIS_BOUND = 2.5                  # [AXIS_SPREAD], 42 degrees
 CMC_BOUND = 4.                    # [CMC_SPREAD]
-CMC_WEIGHT = .3                   # [1] of its misses beside those of MCP and IP; from captures
+CMC_WEIGHT = .3                   # [1] of its misses by the tip, beside MCP and IP; from captures
+
+# Lean, pronation [rad] and distance of the axes [m] at which fits start.
+LEAN_STARTS = ((0., 0.), (1., 0.), (-1., 0.), (0., 1.), (0., -1.))
+PRONATION_STARTS = ((0., .002), (.8, .01))
 
 
 class Saddle(NamedTuple):
@@ -42,8 +57,10 @@ class Saddle(NamedTuple):
         Unit length.
     thumb_coupling : tuple of float
         Slope and offset of the IP's flexion against the MCP's [1, rad].
-    thumb_mcp_abduction : float
+    thumb_mcp_abduction, thumb_pronation : float
         [rad]
+    thumb_axis_distance : float
+        [m]
     """
 
     thumb_cmc: np.ndarray
@@ -51,6 +68,8 @@ class Saddle(NamedTuple):
     thumb_rest_direction: np.ndarray
     thumb_coupling: tuple[float, float]
     thumb_mcp_abduction: float = 0.
+    thumb_pronation: float = 0.
+    thumb_axis_distance: float = 0.
 
 
 class ThumbAngles(NamedTuple):
@@ -60,18 +79,19 @@ class ThumbAngles(NamedTuple):
     ----------
     abduction, flexion : ndarray, shape (n,)
         Of the CMC, from the x axis of its base [rad].
-    mcp, ip : ndarray, shape (n, 3)
-        Joints relative to the CMC, in the wrist frame [m].
+    cmc, mcp, ip : ndarray, shape (n, 3)
+        Joints relative to `Saddle.thumb_cmc`, in the wrist frame [m].
     """
 
     abduction: np.ndarray
     flexion: np.ndarray
+    cmc: np.ndarray
     mcp: np.ndarray
     ip: np.ndarray
 
 
 def fit_thumb(hand: Hand, thumb: np.ndarray) -> Hand:
-    """Return `hand` with the thumb's CMC, axes, MCP abduction and coupling fitted.
+    """Return `hand` with the thumb's CMC, axes, pronation, MCP abduction and coupling fitted.
 
     Parameters
     ----------
@@ -85,37 +105,78 @@ def fit_thumb(hand: Hand, thumb: np.ndarray) -> Hand:
     Hand
     """
     recorded = thumb[evenly_spaced(len(thumb), THUMB_FIT_FRAMES)]
-
+    metacarpal = np.median(recorded[:, 1] - recorded[:, 0], axis=0)
     default, across, along = _default_axes()
+    rest = hand.thumb_rest_direction
 
-    def saddle(x: np.ndarray) -> Saddle:
-        axis = default + AXIS_SPREAD * (x[0] * across + x[1] * along)
+    def saddle(x: np.ndarray, coupling: np.ndarray) -> Saddle:
+        pronation, distance = PRONATION_SPREAD * x[6], AXIS_DISTANCE_SPREAD * x[7]
+        # The CMC's axes are supinated as far as the phalanges are pronated, so that these bend
+        # where they are recorded to.
+        axis = _turned(default + AXIS_SPREAD * (x[0] * across + x[1] * along), rest, -pronation)
+        axis /= np.linalg.norm(axis)
+        ahead = metacarpal - (metacarpal @ axis) * axis
         return Saddle(
-            hand.thumb_cmc + CMC_SPREAD * x[4:7], axis / np.linalg.norm(axis),
-            hand.thumb_rest_direction, (THUMB_COUPLING[0] * np.exp(SLOPE_SPREAD * x[2]),
-                                        THUMB_COUPLING[1] + OFFSET_SPREAD * x[3]),
-            MCP_ABDUCTION_SPREAD * x[7])
+            hand.thumb_cmc + CMC_SPREAD * x[2:5] - distance * ahead / np.linalg.norm(ahead), axis,
+            rest, (THUMB_COUPLING[0] * np.exp(SLOPE_SPREAD * coupling[0]),
+                   THUMB_COUPLING[1] + OFFSET_SPREAD * coupling[1]),
+            MCP_ABDUCTION_SPREAD * x[5], pronation, distance)
 
-    def residuals(x: np.ndarray) -> np.ndarray:
-        part = saddle(x)
+    def misses_of_axes(x: np.ndarray) -> np.ndarray:
+        return _misses_of_axes(saddle(x, np.zeros(2)), recorded)
+
+    def misses_by_tip(change: np.ndarray) -> np.ndarray:
+        part = saddle(np.append(axes[:6] + change[:6], axes[6:]), change[6:])
         solved = solve_thumb(hand, part, recorded[:, 3] - part.thumb_cmc)
-        joints = np.stack((0. * solved.mcp, solved.mcp, solved.ip), axis=1) + part.thumb_cmc
-        misses = np.sqrt(((joints - recorded[:, :3]) ** 2).sum(axis=2))
-        return misses * (CMC_WEIGHT, 1., 1.)
+        joints = np.stack((solved.cmc, solved.mcp, solved.ip), axis=1) + part.thumb_cmc
+        return np.linalg.norm(joints - recorded[:, :3], axis=2) * (CMC_WEIGHT, 1., 1.)
 
+    bounds = np.array([(-AXIS_BOUND, AXIS_BOUND)] * 2 + [(-CMC_BOUND, CMC_BOUND)] * 3
+                      + [hand.limits[MCP_ABDUCTION_ROW] / MCP_ABDUCTION_SPREAD,
+                         np.divide(THUMB_PRONATION_RANGE, PRONATION_SPREAD),
+                         np.divide(THUMB_AXIS_DISTANCE_RANGE, AXIS_DISTANCE_SPREAD)])
+    axes = regularised_fit(misses_of_axes, [
+        np.array((*lean, 0., 0., 0., 0., pronation / PRONATION_SPREAD,
+                  distance / AXIS_DISTANCE_SPREAD))
+        for lean in LEAN_STARTS for pronation, distance in PRONATION_STARTS], bounds.T)
     slopes = np.log(np.divide(SLOPE_BOUNDS, THUMB_COUPLING[0])) / SLOPE_SPREAD
     offsets = np.subtract(OFFSET_BOUNDS, THUMB_COUPLING[1]) / OFFSET_SPREAD
-    bounds = np.array([(-AXIS_BOUND, AXIS_BOUND)] * 2 + [slopes, offsets]
-                      + [(-CMC_BOUND, CMC_BOUND)] * 3
-                      + [hand.limits[MCP_ABDUCTION_ROW] / MCP_ABDUCTION_SPREAD]).T
-    starts = [np.array((a, b, k, 0., 0., 0., 0., 0.)) for k in (-.7, .7)
-              for a, b in ((0., 0.), (1., 0.), (-1., 0.), (0., 1.), (0., -1.))]
-    part = saddle(regularised_fit(residuals, starts, bounds))
+    change = regularised_fit(
+        misses_by_tip, [np.array((0., 0., 0., 0., 0., 0., slope, 0.)) for slope in (-.7, .7)],
+        np.vstack((bounds[:6] - axes[:6, None], slopes, offsets)).T)
+    part = saddle(np.append(axes[:6] + change[:6], axes[6:]), change[6:])
     return hand.replace(
         thumb_cmc=part.thumb_cmc, thumb_abduction_axis=part.thumb_abduction_axis,
         thumb_rest_direction=_rest_direction(hand, part, thumb[:, 3] - part.thumb_cmc),
-        thumb_mcp_abduction=part.thumb_mcp_abduction,
+        thumb_mcp_abduction=part.thumb_mcp_abduction, thumb_pronation=part.thumb_pronation,
+        thumb_axis_distance=part.thumb_axis_distance,
         coupling=np.vstack((hand.coupling[:4], part.thumb_coupling)))
+
+
+def _misses_of_axes(saddle: Saddle, joints: np.ndarray) -> np.ndarray:
+    """Return how far recorded joints are from where a thumb's axes allow them.
+
+    Parameters
+    ----------
+    saddle : Saddle
+    joints : ndarray, shape (n, 4, 3)
+        CMC, MCP, IP and tip, in the palm frame [m].
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Of the CMC, by a metacarpal as recorded, and of IP and tip from the plane of the
+        phalanges [m].
+    """
+    base, _, _ = digit_base(cast(Hand, saddle), THUMB_ROW)
+    local = (joints - saddle.thumb_cmc) @ base
+    x, y, z = (local[:, 1] - local[:, 0]).T
+    turn, flexion = np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
+    cmc = np.column_stack((np.cos(turn), np.sin(turn), 0. * turn)) * saddle.thumb_axis_distance
+    straight, bent = _phalanx_axes(saddle).T
+    normal = np.einsum('ijt,i->tj', _metacarpal_axes(turn, flexion), np.cross(straight, bent))
+    return np.column_stack((np.linalg.norm(local[:, 0] - cmc, axis=1),
+                            *(((local[:, i] - local[:, 1]) * normal).sum(axis=1) for i in (2, 3))))
 
 
 def solve_thumb(hand: Hand, saddle: Saddle, tips: np.ndarray) -> ThumbAngles:
@@ -134,45 +195,49 @@ def solve_thumb(hand: Hand, saddle: Saddle, tips: np.ndarray) -> ThumbAngles:
     ThumbAngles
     """
     base, _, _ = digit_base(cast(Hand, saddle), THUMB_ROW)
-    local = base.T @ tips.T
+    x, y, z = base.T @ tips.T
+    level = np.hypot(x, y)
     table = _flexion_table(hand, saddle.thumb_coupling)
-    _, middle, last = hand.thumb_bones
-    beside = np.zeros_like(local)  # of the tip by the MCP's abduction
-    aside = saddle.thumb_mcp_abduction
-    for _ in range(ASIDE_ROUNDS if aside else 1):
-        turn, flexion, mcp, ip = _solve_plane(hand, table, local - beside)
-        distal, across, dorsal = _metacarpal_axes(turn, flexion)
-        ahead = middle * np.cos(mcp) + last * np.cos(mcp + ip)
-        beside = ((np.cos(aside) - 1.) * distal + np.sin(aside) * across) * ahead
-    first = hand.thumb_bones[0] * distal
-    second = first + middle * (
-        np.cos(mcp) * (np.cos(aside) * distal + np.sin(aside) * across) - np.sin(mcp) * dorsal)
-    return ThumbAngles(turn, flexion, (base @ first).T, (base @ second).T)
+    metacarpal, proximal, distal = hand.thumb_bones
+    out = _phalanx_axes(saddle)
+    lateral, more = np.zeros_like(x), 0.
+    for _ in range(OUT_OF_PLANE_ROUNDS if out[1].any() or saddle.thumb_axis_distance else 1):
+        along = (np.copysign(np.sqrt(np.maximum(level ** 2 - lateral ** 2, 0.)), x)
+                 - saddle.thumb_axis_distance)
+        flexions = np.interp(np.sqrt(np.maximum(along ** 2 + z ** 2 + more, 0.)), *table)
+        mcp, ip = flexions.real, flexions.imag
+        ahead = proximal * np.cos(mcp) + distal * np.cos(mcp + ip)
+        below = proximal * np.sin(mcp) + distal * np.sin(mcp + ip)
+        forward, lateral, down = out @ (ahead, below) + ((metacarpal,), (0.,), (0.,))
+        more = (metacarpal + ahead) ** 2 + below ** 2 - forward ** 2 - down ** 2
+    turn = np.arctan2(np.copysign(y, x * y), np.abs(x)) - np.arcsin(
+        np.clip(np.copysign(lateral, x * lateral) / level, -1., 1.))
+    flexion = np.arctan2(-z, along) - np.arctan2(down, forward)
+    cmc = saddle.thumb_axis_distance * np.array((np.cos(turn), np.sin(turn), 0. * turn))
+    axes = _metacarpal_axes(turn, flexion)
+    first = cmc + metacarpal * axes[0]
+    second = first + np.einsum('ijt,it->jt', axes, out @ (
+        proximal * np.cos(mcp), proximal * np.sin(mcp)))
+    return ThumbAngles(turn, flexion, *((base @ joint).T for joint in (cmc, first, second)))
 
 
-def _solve_plane(hand: Hand, table: tuple[np.ndarray, np.ndarray], tips: np.ndarray
-                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return turn, flexion, MCP and IP of a thumb that stays in its plane, (n,) each [rad].
-
-    `tips` (3, n) are in its base [m].
-    """
-    x, y, z = tips
-    turn = np.arctan2(np.copysign(y, x * y), np.abs(x))
-    along = np.copysign(np.hypot(x, y), x)
-    flexions = np.interp(np.hypot(along, z), *table)
-    mcp, ip = flexions.real, flexions.imag
-    bones = hand.thumb_bones
-    ahead = bones[0] + bones[1] * np.cos(mcp) + bones[2] * np.cos(mcp + ip)
-    below = bones[1] * np.sin(mcp) + bones[2] * np.sin(mcp + ip)
-    return turn, np.arctan2(-z, along) - np.arctan2(below, ahead), mcp, ip
-
-
-def _metacarpal_axes(turn: np.ndarray, flexion: np.ndarray
-                     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return where metacarpals point in the thumb's base, across and dorsally, (3, n) each."""
+def _metacarpal_axes(turn: np.ndarray, flexion: np.ndarray) -> np.ndarray:
+    """Return where metacarpals point in the base, across and to the palm, shape (3, 3, n)."""
     c, s, cf, sf = np.cos(turn), np.sin(turn), np.cos(flexion), np.sin(flexion)
-    return (np.array((c * cf, s * cf, -sf)), np.array((-s, c, np.zeros_like(s))),
-            np.array((c * sf, s * sf, cf)))
+    return np.array(((c * cf, s * cf, -sf), (-s, c, 0. * s), (-c * sf, -s * sf, -cf)))
+
+
+def _phalanx_axes(saddle: Saddle) -> np.ndarray:
+    """Return straight and bent phalanges on a metacarpal: forward, aside, down, shape (3, 2)."""
+    ca, sa = np.cos(saddle.thumb_mcp_abduction), np.sin(saddle.thumb_mcp_abduction)
+    cp, sp = np.cos(saddle.thumb_pronation), np.sin(saddle.thumb_pronation)
+    return np.array(((ca, 0.), (cp * sa, sp), (-sp * sa, cp)))
+
+
+def _turned(v: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:
+    """Return a vector (3,) turned about a unit axis."""
+    return (np.cos(angle) * v + np.sin(angle) * np.cross(axis, v)
+            + (1. - np.cos(angle)) * (axis @ v) * axis)
 
 
 def _default_axes() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -114,8 +114,7 @@ def tables(rows: list[Row]) -> list[Table]:
 
 
 CAPTURE_LOSSES = (
-    'The DIP carries the marker: both hands meet it unless a limit forbids. The thumb\'s CMC '
-    'moves in captures and in neither hand, so that the fitted fifth decides. Ours has more '
+    'The DIP carries the marker: both hands meet it unless a limit forbids. Ours has more '
     'to fit, the axes of joints, and can fit the noise of a short recording. And it filters '
     'markers, which costs a little where captures are solved to a skeleton, without noise.')
 

@@ -33,7 +33,9 @@ from ..core.model.hand import (
     SIDES,
     SLOPE_RANGE,
     SPLAY_RANGE,
+    THUMB_AXIS_DISTANCE_RANGE,
     THUMB_MCP_ABDUCTION_RANGE,
+    THUMB_PRONATION_RANGE,
     USUAL_COUPLING_SPREAD,
     Hand,
     average_natural_flexion,
@@ -61,6 +63,8 @@ PHALANX_DEVIATION = Quantity(
     'degrees', 0, *(math.degrees(v) for v in (-PHALANX_DEVIATION_RANGE, PHALANX_DEVIATION_RANGE)))
 THUMB_MCP_ABDUCTION = Quantity(
     'degrees', 0, *(math.degrees(v) for v in THUMB_MCP_ABDUCTION_RANGE))
+THUMB_PRONATION = Quantity('degrees', 0, *(math.degrees(v) for v in THUMB_PRONATION_RANGE))
+THUMB_AXIS_DISTANCE = Quantity('mm', 0, *(1000. * v for v in THUMB_AXIS_DISTANCE_RANGE))
 DIRECTION = Quantity('', 3, -1e6, 1e6)
 SLOPE = Quantity('', 0, *SLOPE_RANGE)
 COUPLING_OFFSET = Quantity('degrees', 0, *(math.degrees(v) for v in COUPLING_OFFSET_RANGE))
@@ -88,6 +92,8 @@ THUMB_FIELDS = {
     'abduction_axis': ('thumb_abduction_axis', DIRECTION),
     'rest_direction': ('thumb_rest_direction', DIRECTION),
     'mcp_abduction_deg': ('thumb_mcp_abduction', THUMB_MCP_ABDUCTION),
+    'pronation_deg': ('thumb_pronation', THUMB_PRONATION),
+    'axis_distance_mm': ('thumb_axis_distance', THUMB_AXIS_DISTANCE),
 }
 COUPLING_FIELDS = {
     'slope': SLOPE, 'offset_deg': COUPLING_OFFSET, 'spread_deg': COUPLING_DEVIATION}

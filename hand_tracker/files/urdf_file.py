@@ -97,6 +97,9 @@ def _capsules(hand: Hand, table: JointTable) -> dict[str, list[LinkCapsule]]:
     ends = capsule_ends(hand)
     if hand.side == 'left':
         ends = ends * LEFT_HAND_MIRROR
+    cmc = table.translation[LINKS.index('thumb_metacarpal')]
+    if cmc.any():
+        capsules['thumb_saddle'] = [LinkCapsule(np.zeros(3), cmc, hand.palm_radius, 'palm')]
     for i, finger in enumerate(FINGERS):
         knuckle = table.translation[LINKS.index(f'{finger}_knuckle')]
         capsules[f'{finger}_metacarpal'] = [

@@ -29,8 +29,11 @@ LEADERS = np.array([JOINTS.index(f'{finger}_pip_flexion') for finger in FINGERS]
                    + [JOINTS.index('thumb_mcp_flexion')])
 
 
-def person(side='right'):
-    """Return a hand that differs from the default in all that is fitted."""
+def person(side='right', pronation=0., distance=0.):
+    """Return a hand that differs from the default in all that is fitted.
+
+    Pronation of its thumb in degrees, distance of the CMC's axes in metres.
+    """
     mean = Hand.scaled(.18, .08)
     # A fitted palm has wrist, index and little MCP in the plane of x and y.
     z = np.cross(mean.finger_mcp[3], mean.finger_mcp[0])
@@ -43,6 +46,7 @@ def person(side='right'):
         thumb_rest_direction=turn @ mean.thumb_rest_direction,
         thumb_cmc=flat @ mean.thumb_cmc + (.002, -.001, .001), thumb_bones=(.044, .033, .027),
         thumb_mcp_abduction=np.radians(-6.),
+        thumb_pronation=np.radians(pronation), thumb_axis_distance=distance,
         finger_abduction_axes=((.2, .05, 1.), (.1, 0., 1.), (.05, -.1, 1.), (-.1, -.05, 1.)),
         splay=np.radians((6., 0., -5., -12.)),
         coupling=((.4, .2), (.6, 0.), (.2, .3), (.5, -.1), (1.5, -.1)),
@@ -209,20 +213,46 @@ def test_angles_of_landmarks_are_those_of_the_hand():
     np.testing.assert_allclose(found[:, thumb], angles[:, thumb], atol=np.radians(4.))
 
 
-def test_solved_thumb_is_the_trackers():
-    hand = person()
+@pytest.mark.parametrize('pronation, distance', [(0., 0.), (50., .012)])
+def test_solved_thumb_is_the_trackers(pronation, distance):
+    hand = person(pronation=pronation, distance=distance)
     angles, joints = recorded(hand)
     saddle = Saddle(hand.thumb_cmc, hand.thumb_abduction_axis, hand.thumb_rest_direction,
-                    hand.coupling[4], hand.thumb_mcp_abduction)
+                    hand.coupling[4], hand.thumb_mcp_abduction, hand.thumb_pronation,
+                    hand.thumb_axis_distance)
     local = landmark_positions(hand, forward(joint_table(hand), angles))
     solved = solve_thumb(hand, saddle, local[:, 4] - hand.thumb_cmc)
     tracker = HandTracker(hand, options=APART)
-    for frame, mcp, ip in zip(joints, solved.mcp, solved.ip):
+    for frame, cmc, mcp, ip in zip(joints, solved.cmc, solved.mcp, solved.ip):
         state = tracker.update(frame[EIGHT_ROWS])
         mine = state.wrist_rotation.T @ (landmark_positions(
             hand, state.pose, state.wrist_position) - state.wrist_position).T
+        np.testing.assert_allclose(mine.T[1] - hand.thumb_cmc, cmc, atol=1e-4)
         np.testing.assert_allclose(mine.T[2] - hand.thumb_cmc, mcp, atol=1e-4)
         np.testing.assert_allclose(mine.T[3] - hand.thumb_cmc, ip, atol=1e-4)
+
+
+@pytest.mark.parametrize('side', ['right', 'left'])
+def test_a_saddle_whose_axes_do_not_meet_is_found_with_the_pronation_of_the_phalanges(side):
+    hand = person(side, pronation=50., distance=.012)
+    fitted = fit_hand(recorded(hand)[1], side, hand.limits)
+    assert np.degrees(fitted.thumb_pronation) == pytest.approx(50., abs=2.)
+    assert fitted.thumb_axis_distance == pytest.approx(.012, abs=5e-4)
+    _, joints = recorded(hand, seed=1)
+    tracker = HandTracker(fitted, options=APART)
+    states = [tracker.update(frame[EIGHT_ROWS]) for frame in joints]
+    found = np.array([landmark_positions(fitted, state.pose, state.wrist_position)
+                      for state in states])
+    assert np.linalg.norm(found - joints, axis=2)[:, 1:4].mean() < 5e-4
+
+
+def test_angles_of_landmarks_are_those_of_a_pronated_thumb():
+    hand = person(pronation=50., distance=.012)
+    angles, _ = recorded(hand)
+    found = landmark_angles(hand, landmark_positions(hand, forward(joint_table(hand), angles)))
+    thumb = [JOINTS.index(f'thumb_{joint}') for joint in (
+        'cmc_abduction', 'cmc_flexion', 'mcp_flexion', 'ip_flexion')]
+    np.testing.assert_allclose(found[:, thumb], angles[:, thumb], atol=1e-9)
 
 
 def test_incomplete_frames_do_not_count():

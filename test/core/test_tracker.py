@@ -501,8 +501,11 @@ def test_a_wrong_shape_is_refused():
 
 
 @pytest.mark.parametrize('side', ['right', 'left'])
-def test_a_filtered_thumb_whose_phalanges_lean_meets_its_marker(side):
-    hand = Hand.scaled(side=side, thumb_mcp_abduction=np.radians(-8.))
+@pytest.mark.parametrize('pronation, distance', [(0., 0.), (70., .018)])
+def test_a_filtered_thumb_whose_phalanges_leave_its_plane_meets_its_marker(
+        side, pronation, distance):
+    hand = Hand.scaled(side=side, thumb_mcp_abduction=np.radians(-8.),
+                       thumb_pronation=np.radians(pronation), thumb_axis_distance=distance)
     lean = JOINTS.index('thumb_mcp_abduction')
     tracker, misses = HandTracker(hand), []
     for frame, phase in enumerate(np.linspace(0., 4. * np.pi, 240)):

@@ -23,6 +23,7 @@ ODD_HANDS = {
     'wide': Hand.scaled(limits=preset_limits('wide')),
     'splayed': Hand.scaled(.21, .09, splay=(.12, .02, -.08, -.2)),
     'deviating': Hand.scaled(side='left', phalanx_deviation=(.1, 0., -.05, -.15)),
+    'pronated': Hand.scaled(side='left', thumb_pronation=.8, thumb_axis_distance=.015),
     'finger CMC in the wrist': Hand.scaled(finger_cmc=np.zeros((4, 3))),
     'thumb straight down': Hand.scaled(
         thumb_rest_direction=(0., 0., -1.), thumb_abduction_axis=(0., 1., 0.)),
@@ -92,10 +93,12 @@ def test_limits_and_origins_are_the_hands(hand):
 @pytest.mark.parametrize('side', SIDES)
 def test_capsules_run_from_joint_to_joint(side):
     robot = ElementTree.fromstring(urdf(Hand.scaled(
-        side=side, phalanx_deviation=(.1, 0., -.05, -.15))))
+        side=side, phalanx_deviation=(.1, 0., -.05, -.15), thumb_pronation=.8,
+        thumb_axis_distance=.015)))
     followers = {f'{finger}_{a}': f'{finger}_{b}' for finger in FINGERS for a, b in (
         ('metacarpal', 'mcp_abduction'), ('proximal', 'pip_flexion'), ('middle', 'dip_flexion'))}
-    followers.update(thumb_metacarpal='thumb_mcp_abduction', thumb_proximal='thumb_ip_flexion')
+    followers.update(thumb_saddle='thumb_cmc_flexion', thumb_metacarpal='thumb_mcp_abduction',
+                     thumb_proximal='thumb_ip_flexion')
     for link, joint in followers.items():
         end = numbers(robot.find(f"joint[@name='{joint}']/origin").get('xyz'))
         ball, far_ball, (tag, centre, along, size) = shapes(robot, link)

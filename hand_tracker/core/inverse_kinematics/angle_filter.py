@@ -24,7 +24,7 @@ from ..numerics.jit import jit
 from ..numerics.vectors import Vector, clamp, components, frame, subtract, vector
 from ..occlusion.prediction import Observation
 from .abduction_plane import FIST_NEAR, in_plane, plane_direction
-from .digit import Chains, beside_plane, linkage_of, natural_flexion_of
+from .digit import Chains, linkage_of, natural_flexion_of, planar_marker
 from .flexion import (
     AVERAGE_SPREAD,
     MAX_SECOND_HINGE_SPEED,
@@ -34,6 +34,7 @@ from .flexion import (
     chain_end,
     chain_reach,
     coupled_angle,
+    flexion_of,
 )
 
 # Time constant of the mean innovation, which is taken for motion [s].
@@ -151,16 +152,20 @@ def filter_angles(chains: Chains, roots: np.ndarray, observation: Observation, s
         if begins:
             state.variance[digit, :] = 0.
         if observation.seen[digit]:
-            marker = subtract(vector(observation.positions[digit]), vector(roots[digit]))
-            if chains.aside[digit] != 0.:
-                marker = subtract(marker, beside_plane(chains, digit, solved))
-            marker = components(frame(chains.base[digit]), marker)
+            measured = components(frame(chains.base[digit]), subtract(
+                vector(observation.positions[digit]), vector(roots[digit])))
+            marker = measured
+            if not chains.is_planar[digit]:
+                marker = planar_marker(chains, digit, measured, solved)
             evidence = DigitEvidence(
                 observation.noise[digit], 0. if begins else min(step, LONGEST_STEP),
                 # A leap is blended in later: it has to be in this frame.
                 REACQUISITION_VARIANCE if begins or changed[digit] else 0.)
             _estimate_abduction(chains, digit, marker, evidence, state)
             _estimate_flexion(chains, digit, marker, evidence, solved, state)
+            if not chains.is_planar[digit]:
+                _follow_bend(chains, digit, marker,
+                             planar_marker(chains, digit, measured, state.angles), state.angles)
     for joint in range(25):
         if observation.seen[DIGIT_OF_JOINT[joint]]:
             state.shift[joint] = state.angles[joint] - solved[joint]
@@ -322,6 +327,19 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
     state.angles[first] = aim
     state.angles[second] = angle
     state.angles[third] = coupled_angle(linkage, angle)
+
+
+@jit
+def _follow_bend(chains: Chains, digit: int, before: Vector, after: Vector,
+                 angles: np.ndarray) -> None:
+    """Turn a digit as its planar marker moves with the bend, before and after the estimate."""
+    abduction, first = ABDUCTION_JOINTS[digit], FLEXION_JOINTS[digit, 0]
+    turn = math.atan2(after[1], after[0]) - math.atan2(before[1], before[0])
+    aim = (flexion_of(math.hypot(after[0], after[1]), after[2])
+           - flexion_of(math.hypot(before[0], before[1]), before[2]))
+    angles[abduction] = clamp(angles[abduction] + chains.sign[digit] * turn,
+                              chains.lower[abduction], chains.upper[abduction])
+    angles[first] = clamp(angles[first] + aim, chains.lower[first], chains.upper[first])
 
 
 @jit

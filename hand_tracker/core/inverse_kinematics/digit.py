@@ -20,15 +20,17 @@ from .fabrik import fabrik
 from .flexion import (
     Linkage,
     NaturalFlexion,
+    chain_end,
     choose_three_bone,
     coupled_angle,
     coupled_end,
+    flexion_of,
     solve_three_bone,
     solve_two_bone,
     straightest,
 )
 
-ASIDE_ROUNDS = 5  # solutions of a digit that leaves its plane; each is nearer by a factor of ten
+OUT_OF_PLANE_ROUNDS = 5  # solutions of a digit that leaves its plane, each nearer than the last
 THUMB = 4         # among the digits
 THUMB_MCP_ABDUCTION_JOINT = JOINTS.index('thumb_mcp_abduction')
 
@@ -72,8 +74,13 @@ class Chains(NamedTuple):
         Standard deviation of the marker from its place, by motion of the skin; 0 if unknown [m].
     measured : ndarray of bool, shape (5,)
         Whether a measured last joint replaces the coupling.
-    aside : ndarray, shape (5,)
-        Abduction of the second hinge, by which what is behind it leaves the plane [rad].
+    aside, pronation : ndarray, shape (5,)
+        Abduction of the second hinge, and turn of its axes about the first bone, by which what
+        is behind it leaves the plane [rad].
+    advance : ndarray, shape (5,)
+        Distance of the first hinge of flexion from the axis of abduction [m].
+    is_planar : ndarray of bool, shape (5,)
+        Whether these three are zero.
     """
 
     root: np.ndarray
@@ -95,6 +102,9 @@ class Chains(NamedTuple):
     skin: np.ndarray
     measured: np.ndarray
     aside: np.ndarray
+    pronation: np.ndarray
+    advance: np.ndarray
+    is_planar: np.ndarray
 
 
 def digit_chains(hand: Hand, mounting: Mounting) -> Chains:
@@ -123,16 +133,19 @@ def digit_chains(hand: Hand, mounting: Mounting) -> Chains:
     droop = np.arctan2(-markers[:, 2], markers[:, 0])
     hinges = np.where(third, 3, 2)
     length = (bones * (np.arange(3) < hinges[:, None])).sum(axis=1)
+    aside, pronation, advance = np.zeros((3, 5))
+    aside[THUMB] = np.clip(hand.thumb_mcp_abduction, *hand.limits[THUMB_MCP_ABDUCTION_JOINT])
+    pronation[THUMB], advance[THUMB] = hand.thumb_pronation, hand.thumb_axis_distance
+    length += advance
     lower, upper = hand.limits.T.copy()
     sign = np.array(ABDUCTION_SIGN)
     turn_limits = np.sort(sign[:, None] * hand.limits[ABDUCTION_JOINTS], axis=1)
-    aside = np.zeros(5)
-    aside[-1] = np.clip(hand.thumb_mcp_abduction, *hand.limits[THUMB_MCP_ABDUCTION_JOINT])
     pack, found = packed(Chains(
         root, base, tilt, hinges, bones, length, droop, lateral, np.zeros(5),
         sign, turn_limits, lower, upper, hand.coupling.copy(), hand.coupling_spread.copy(),
         hand.natural_flexion.copy(), mounting.deviation[MARKERS.index('index'):].copy(),
-        np.zeros(5, dtype=bool), aside))
+        np.zeros(5, dtype=bool), aside, pronation, advance,
+        (aside == 0.) & (pronation == 0.) & (advance == 0.)))
     # Without a measured flexion this finds `start`.
     override_coupling(pack, np.full(5, np.nan), pack)
     return found
@@ -253,37 +266,53 @@ def solve_digit(chains: Chains, digit: int, target: Vector, angles: np.ndarray, 
 
 
 @jit
-def beside_plane(chains: Chains, digit: int, angles: np.ndarray) -> Vector:
-    """Return a marker's displacement by the abduction of the digit's second hinge.
+def planar_marker(chains: Chains, digit: int, marker: Vector, angles: np.ndarray) -> Vector:
+    """Return where a marker would be if all bones of its digit lay in the plane of abduction.
+
+    The planar digit bends like the true one. As the place depends on the bend, and the bend is
+    solved for the place, they are found in rounds.
 
     Parameters
     ----------
     chains : Chains
     digit : int
+    marker : vector
+        In the digit's base [m].
     angles : ndarray, shape (25,)
-        [rad]
+        Of which those of second and third flexion count [rad].
 
     Returns
     -------
     vector
-        From where the marker would be without it, in the wrist's frame [m].
+        In the digit's base [m].
     """
-    first, second, third = FLEXION_JOINTS[digit]
+    _, second, third = FLEXION_JOINTS[digit]
     linkage = linkage_of(chains, digit)
     if chains.hinges[digit] == 3:
-        ahead = coupled_end(linkage, angles[second], angles[third])[0] - linkage.bones[0]
+        end, below = coupled_end(linkage, angles[second], angles[third])
     else:
-        ahead = linkage.bones[1] * math.cos(angles[second] + linkage.droop)
+        end, below = chain_end(linkage, angles[second])
+    ahead, beside = end - linkage.bones[0], chains.lateral[digit]
     aside = chains.sign[digit] * chains.aside[digit]
-    c, s = math.cos(aside) - 1.0, math.sin(aside)
-    along = c * ahead - s * chains.lateral[digit]
-    across = s * ahead + c * chains.lateral[digit]
-    flexion = angles[first] + chains.tilt[digit]
-    turn = chains.sign[digit] * angles[ABDUCTION_JOINTS[digit]]
-    level = along * math.cos(flexion)
-    return rotate(frame(chains.base[digit]), (
-        level * math.cos(turn) - across * math.sin(turn),
-        level * math.sin(turn) + across * math.cos(turn), -along * math.sin(flexion)))
+    c, s = math.cos(aside), math.sin(aside)
+    along, across = c * ahead - s * beside, s * ahead + c * beside
+    c, s = math.cos(chains.pronation[digit]), math.sin(chains.pronation[digit])
+    forward, lateral = along + linkage.bones[0], c * across + s * below
+    down = c * below - s * across
+
+    x, y, height = marker
+    level = math.sqrt(x * x + y * y)
+    sense = math.copysign(1., x)
+    distance = sense * math.sqrt(max(level * level - lateral * lateral, 0.)) - chains.advance[digit]
+    reach = math.sqrt(max(distance * distance + height * height + end * end + below * below
+                          - forward * forward - down * down, 0.))
+    bend = flexion_of(distance, height) + math.atan2(below, end) - math.atan2(down, forward)
+    turn = math.atan2(sense * y, abs(x))
+    if level > 0.:
+        turn -= math.asin(clamp(sense * lateral / level, -1., 1.))
+    distance, height = reach * math.cos(bend), -reach * math.sin(bend)
+    c, s = math.cos(turn), math.sin(turn)
+    return c * distance - s * beside, s * distance + c * beside, height
 
 
 @jit
@@ -319,18 +348,19 @@ def solve_rooted_digit(chains: Chains, digit: int, target: Vector, angles: np.nd
                        step: float, by_fabrik: bool, tolerance: float, iterations: int) -> int:
     """Solve a digit for its marker's place from its first joint, in the wrist's frame [m].
 
-    Parameters and returned value are as for `solve_digit`, but that the thumb's second hinge may
-    be abducted.
+    Parameters and returned value are as for `solve_digit`, but that bones may leave the plane.
     """
     used = 0
-    if chains.aside[digit] == 0.:
+    if chains.is_planar[digit]:
         used = solve_digit(chains, digit, target, angles, step, by_fabrik, tolerance, iterations)
     else:
         joints = (ABDUCTION_JOINTS[digit], FLEXION_JOINTS[digit, 0], FLEXION_JOINTS[digit, 1],
                   FLEXION_JOINTS[digit, 2])
         before = angles[joints[0]], angles[joints[1]], angles[joints[2]], angles[joints[3]]
-        for _ in range(ASIDE_ROUNDS):
-            flat = subtract(target, beside_plane(chains, digit, angles))
+        base = frame(chains.base[digit])
+        marker = components(base, target)
+        for _ in range(OUT_OF_PLANE_ROUNDS):
+            flat = rotate(base, planar_marker(chains, digit, marker, angles))
             # Each round goes on from the last frame, not from the round before.
             for i in range(4):
                 angles[joints[i]] = before[i]

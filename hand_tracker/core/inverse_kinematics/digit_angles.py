@@ -88,6 +88,14 @@ def new_digit_workspace() -> DigitWorkspace:
 
 
 @jit
+def turn_about_x(axes: Frame, angle: float) -> Frame:
+    """Return a frame turned about its x axis by an angle [rad]: pronation."""
+    c, s = math.cos(angle), math.sin(angle)
+    return (axes[0], add(scale(axes[1], c), scale(axes[2], s)),
+            subtract(scale(axes[2], c), scale(axes[1], s)))
+
+
+@jit
 def turn_about_y(axes: Frame, angle: float) -> Frame:
     """Return a frame turned about its y axis by an angle [rad]: flexion."""
     c, s = math.cos(angle), math.sin(angle)
@@ -117,12 +125,15 @@ def place_digit(chains: Chains, bone_ends: np.ndarray, digit: int, angles: np.nd
         if j == 0 or j == 1 and not is_thumb or j == 2 and is_thumb:
             if j == 2:
                 origin = add(origin, rotate(axes, vector(bone_ends[digit, 0])))
+                axes = turn_about_x(axes, chains.pronation[digit])
             axes = turn_about_z(axes, sign * angles[j])
             _write_link(workspace, j, axes, origin, scale(axes[2], sign))
             continue
         if j >= 3 and not (j == 3 and is_thumb):
             origin = add(origin, rotate(axes, vector(bone_ends[digit, 1 if is_thumb else j - 3])))
         first = j == (1 if is_thumb else 2)
+        if first:
+            origin = add(origin, scale(axes[0], chains.advance[digit]))
         axes = turn_about_y(axes, angles[j] + (chains.tilt[digit] if first else 0.))
         _write_link(workspace, j, axes, origin, axes[1])
 

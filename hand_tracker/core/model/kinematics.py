@@ -79,7 +79,7 @@ def digit_base(hand: Hand, digit: int) -> tuple[np.ndarray, np.ndarray, float]:
     rotation : ndarray, shape (3, 3)
         From the base frame to the right hand's wrist frame.
     position : ndarray, shape (3,)
-        The MCP joint of a finger, the CMC joint of the thumb [m].
+        The MCP joint of a finger; of the thumb a point on the CMC's axis of abduction [m].
     tilt : float
         [rad]
     """
@@ -117,8 +117,11 @@ def joint_table(hand: Hand) -> JointTable:
         tilted = np.array(((c, 0., s), (0., 1., 0.), (-s, 0., c)))
         if name == 'thumb':
             joints = THUMB_JOINTS
-            rotations = (base, tilted, np.eye(3), np.eye(3), np.eye(3))
-            translations = (root, 0. * X_AXIS, ends[digit, 0], 0. * X_AXIS, ends[digit, 1])
+            cp, sp = np.cos(hand.thumb_pronation), np.sin(hand.thumb_pronation)
+            pronated = np.array(((1., 0., 0.), (0., cp, -sp), (0., sp, cp)))
+            rotations = (base, tilted, pronated, np.eye(3), np.eye(3))
+            translations = (root, hand.thumb_axis_distance * X_AXIS, ends[digit, 0], 0. * X_AXIS,
+                            ends[digit, 1])
         else:
             joints = FINGER_JOINTS
             cmc = hand.finger_cmc[digit]

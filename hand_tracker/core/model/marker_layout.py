@@ -310,7 +310,7 @@ def landmark_on_link(hand: Hand, place: str, rides: bool = False) -> tuple[int, 
     if place == 'wrist':
         return -1, np.zeros(3)
     if place == 'thumb_cmc':
-        return -1, hand.thumb_cmc
+        return -1, hand.resting_thumb_cmc()
     index = DIGITS.index(digit)
     if joint == 'cmc' or joint == 'mcp' and digit in FINGERS and not rides:
         return -1, (hand.finger_cmc if joint == 'cmc' else hand.finger_mcp)[index]

@@ -73,15 +73,18 @@ def test_angles_of_an_open_hand_come_back(layout):
 
 
 @LAYOUTS
-def test_a_thumb_whose_phalanges_lean_from_its_plane_comes_back(layout):
-    hand = HAND.replace(thumb_mcp_abduction=np.radians(-8.))
+@pytest.mark.parametrize('pronation, distance', [
+    (0., 0.), (50., 0.), (0., .015), (60., .015), (-30., .01)])
+def test_a_thumb_whose_phalanges_leave_its_plane_comes_back(layout, pronation, distance):
+    hand = HAND.replace(thumb_mcp_abduction=np.radians(-8.),
+                        thumb_pronation=np.radians(pronation), thumb_axis_distance=distance)
     digits = digit_chains(hand, layout.mounting(hand))
     for angles in poses(20, hand):
         angles[MCP_ABDUCTION] = hand.thumb_mcp_abduction
         found, _ = solve(digits, markers_of(angles, layout, hand))
         np.testing.assert_allclose(found, angles, atol=2e-4)
         np.testing.assert_allclose(markers_of(found, layout, hand),
-                                   markers_of(angles, layout, hand), atol=2e-6)
+                                   markers_of(angles, layout, hand), atol=1e-5)
 
 
 @LAYOUTS

@@ -32,7 +32,8 @@ TABLE_1 = {
     'thumb_ip': (10, 95, None, None),
     'finger_dip': (10, 90, None, None),
 }
-NOT_ARRAYS = ('side', 'palm_radius', 'thumb_mcp_abduction')
+NOT_ARRAYS = (
+    'side', 'palm_radius', 'thumb_mcp_abduction', 'thumb_pronation', 'thumb_axis_distance')
 
 # Pads meet: abduction, MCP, PIP, DIP of the finger; the thumb's five [degrees].
 OPPOSITION = {
