@@ -185,6 +185,8 @@ SHOWN_TOPICS = 'robot_description', 'hand_markers', 'hand_skin'
 ROBOT_DISTANCE = .25    # [m] from the wrist to the robot's palm
 PLACE_OPTIONS = '--x', '--y', '--z', '--qx', '--qy', '--qz', '--qw'
 SHOWN_ROBOT = 'Name: Robot of the {} hand\n      Enabled: {}\n'
+VIEW_DISTANCE = 'Distance: {:g}\n'  # [m] of RViz's view from what it follows
+ONE_HAND, SECOND_HAND, ROBOTS_BESIDE = .6, .7, .35  # [m] for one hand, more for what is beside
 FOLLOWED = 'Target Frame: {}middle_knuckle'  # by RViz's view: amid the hand, still in the palm
 # A recording may hold these from an earlier run; two publishers of a frame fight.
 PUBLISHED_HERE = ('tf tf_static joint_states joint_confidence hand_markers hand_skin '
@@ -371,7 +373,7 @@ class HandLaunch:
         first = self.hands[0]
         robots_of = [hand for hand, _ in self.shown_robots()] if self.shows_frames else []
         return [self.node('rviz2', [], package='rviz2', arguments=[
-            '-d', str(rviz_config(first.prefix, first.namespace, robots_of)),
+            '-d', str(rviz_config(first.prefix, first.namespace, len(self.hands), robots_of)),
             '-f', self.given['fixed_frame']])]
 
 
@@ -570,8 +572,8 @@ def check_frames(in_file, broadcast, root):
             f"parameters: wrist_frame: '{wrist}'; for robot_state_publisher it is '{root}'")
 
 
-def rviz_config(prefix, namespace, with_robots=()):
-    """Return RViz's configuration, which follows the hand: for other names, or robots, a copy."""
+def rviz_config(prefix, namespace, n_hands=1, with_robots=()):
+    """Return RViz's configuration, which follows the first hand and sees all that is shown."""
     path = Path(get_package_share_directory('hand_tracker')) / 'config' / 'hand_tracker.rviz'
     packaged = path.read_text(encoding='utf-8')
     config = packaged.replace(FOLLOWED.format('right_'), FOLLOWED.format(prefix))
@@ -583,6 +585,8 @@ def rviz_config(prefix, namespace, with_robots=()):
         config = config.replace(SHOWN_ROBOT.format(side, 'false'), SHOWN_ROBOT.format(side, 'true'))
         config = config.replace(f'TF Prefix: {side}_robot', f'TF Prefix: {own}')
         config = config.replace(f'Value: {side}_robot/', f'Value: {own}/')
+    distance = ONE_HAND + SECOND_HAND * (n_hands - 1) + ROBOTS_BESIDE * bool(with_robots)
+    config = config.replace(VIEW_DISTANCE.format(ONE_HAND), VIEW_DISTANCE.format(distance))
     if config != packaged:
         folder = tempfile.mkdtemp(prefix='hand_tracker_')
         atexit.register(shutil.rmtree, folder, ignore_errors=True)

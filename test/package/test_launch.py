@@ -762,6 +762,8 @@ def test_a_robot_is_shown_beside_the_hand(short, tmp_path, side, prefix):
         config = next(one['arguments'] for one in given if '-d' in one['arguments'])
         shown = yaml.safe_load(Path(config[config.index('-d') + 1]).read_text())
         assert process.interrupt() == 0 and 'Traceback' not in process.output, process.output
+    # The robot is in the view, which one hand alone fills.
+    assert view(shown)['Distance'] > 1.5 * view(yaml.safe_load(RVIZ.read_text()))['Distance']
     own = f"{f'{side}_' if prefix == 'auto' else prefix}robot"
     robot, = (one for one in given if 'frame_prefix' in one)
     assert robot['frame_prefix'] == f'{own}/'
