@@ -32,18 +32,18 @@ from .labelling.validity import (
     note_changes,
     reject_frozen,
 )
-from .model.capsules import place_capsules
-from .model.marker_rows import PRINCIPALS
+from .model.capsules import Placement, place_capsules
+from .model.marker_rows import PRINCIPALS, ROW_CAPACITY
 from .model.palm_triangle import fit_wrist
 from .model.states import LOST, TRACKED, WAITING
-from .numerics.jit import Pack, jit, overwrite
+from .numerics.jit import Pack, jit, local_flags, local_floats, overwrite
 from .numerics.vectors import clamp, store, subtract, vector
 from .occlusion.digit_markers import track_digits
 from .occlusion.palm_markers import expected_markers, track_palm
 from .occlusion.prediction import Observation
 from .occlusion.transdigital import limit_neighbour_difference
 from .options import KernelOptions
-from .pose.contact import CONTACT_GAP, drag_hidden, separate
+from .pose.contact import CONTACT_GAP, Mobility, drag_hidden, separate
 from .pose.continuity import blend
 from .pose.report import (
     Report,
@@ -90,7 +90,7 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
         Whether time jumped back, so that tracking began anew.
     """
     step, restarted = begin_frame(model, clock, blank, state, markers, time)
-    seen = np.empty(len(markers), dtype=np.bool_)
+    seen = local_flags(ROW_CAPACITY)[:len(markers)]
     iterations, has_more_rows = 0, model[0].rows.is_needed[0]
     # 1 Labelling: reject invalid measurements, associate the others with markers.
     fault = label_markers(model, chains, options, state, markers, seen, step)
@@ -346,9 +346,10 @@ def blend_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: Pack
         state.changed[:] = False
         for joint in range(25):
             state.blended[joint] = state.estimate.angles[joint]
-    predicted = ~seen[3:]
-    if not seen[:3].all():
-        predicted[:] = True
+    palm_is_seen = seen[:3].all()
+    predicted = local_flags(5)
+    for i in range(5):
+        predicted[i] = not (palm_is_seen and seen[3 + i])
     blend(state.estimate.angles, state.blended, state.offset, state.changed, predicted, step,
           options.reentry_rate, chains.lower, chains.upper)
 
@@ -363,33 +364,43 @@ def resolve_contact(model: Pack[Model], chains: Pack[Chains], options: Pack[Kern
     model, chains, options, state = model[0], chains[0], options[0], state[0]
     # Slices are arrays to numba, as the poses of a simulation are, and fields are not: so
     # `separate` is compiled once.
-    angles, before = state.separated[:], state.separated.copy()
+    angles, ends = state.separated[:], state.capsule_ends[:]
+    placement = Placement(local_floats((25, 3, 3)), local_floats((25, 3)), ends[1])
+    all_seen, any_seen = seen[3:].all(), seen[3:].any()
+    is_dragging = options.friction > 0. and not all_seen
+    if is_dragging:
+        if not state.are_placed[0]:
+            place_capsules(model.capsules, angles, placement)
+        ends[0] = ends[1]
+    is_placed = False
     for joint in range(25):
         angles[joint] = state.blended[joint]
     if options.rigidity:
-        # Starting from the last frame's solution keeps a contact from flickering. What is seen is
-        # where it is, and hidden digits give way; where none is seen, all stay as they are.
-        mobility = np.ones(5)
-        for i in range(5):
-            if seen[3 + i]:
-                mobility[i] = 0.
-        any_seen = seen[3:].any()
+        # Starting from the last frame's solution keeps a contact from flickering.
         kept = math.exp(-step / CONTACT_RELEASE_TIME) if any_seen else 1.
         for joint in range(25):
             angles[joint] = clamp(angles[joint] + kept * state.contact_offset[joint],
                                   chains.lower[joint], chains.upper[joint])
-        if any_seen:
-            separate(model.capsules, angles, chains.lower[:], chains.upper[:],
-                     chains.coupling[:, 0].copy(), mobility, options.penetration)
+        # What is seen is where it is, and hidden digits give way; where none is seen, all stay as
+        # they are.
+        if any_seen and not all_seen:
+            slope, weight = local_floats(5), local_floats(5)
+            for digit in range(5):
+                slope[digit] = chains.coupling[digit, 0]
+                weight[digit] = 0. if seen[3 + digit] else 1.
+            separate(model.capsules, angles,
+                     Mobility(chains.lower[:], chains.upper[:], slope, weight),
+                     options.penetration, placement)
+            is_placed = True
         for joint in range(25):
             offset = angles[joint] - state.blended[joint]
             state.contact_offset[joint] = offset if abs(offset) >= MIN_CONTACT_OFFSET else 0.
     state.pushes[:] = 0.
-    if options.friction > 0. and not seen[3:].all():
-        ends = np.empty((2, len(model.capsules.link), 2, 3))
-        place_capsules(model.capsules, before, ends[0])
-        place_capsules(model.capsules, angles, ends[1])
-        drag_hidden(model.capsules, ends[0], ends[1], ~seen[3:], CONTACT_GAP, options.friction,
+    state.are_placed[0] = is_dragging
+    if is_dragging:
+        if not is_placed:
+            place_capsules(model.capsules, angles, placement)
+        drag_hidden(model.capsules, ends[0], ends[1], seen[3:], CONTACT_GAP, options.friction,
                     state.pushes)
 
 

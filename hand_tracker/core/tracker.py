@@ -3,6 +3,7 @@
 `HandTracker` validates the input and owns all state; the method is `pipeline.track_frame`.
 """
 
+from collections.abc import Callable
 from copy import deepcopy
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,6 +34,7 @@ from .numerics.jit import (
     Kernel,
     Pack,
     empty_packs,
+    for_types_of,
     load_kernel,
     loaded_or_plain,
     packed,
@@ -129,10 +131,12 @@ class HandTracker:
     _clock: Pack[FrameClock]
     _state: State
     _reports: list[Pack[Report]]
+    _track_frame: Callable[..., bool] | None  # chosen by the first frame
 
     def __init__(self, hand: Hand | None = None, layout: MarkerLayout | None = None,
                  options: TrackerOptions | None = None) -> None:
         self._as_record = COMPILED
+        self._track_frame = None
         self._set_hand(Hand.scaled() if hand is None else hand,
                        MarkerLayout() if layout is None else layout,
                        TrackerOptions() if options is None else options)
@@ -160,6 +164,8 @@ class HandTracker:
         self._set_hand(self.hand if hand is None else hand,
                        self.layout if layout is None else layout,
                        self.options if options is None else options)
+        # Those of the former hand's capsules.
+        self._state.are_placed[:] = False
         if self.hand.side != former.side:
             self.reset()
         elif not has_size_of(former, self.hand):
@@ -237,6 +243,7 @@ class HandTracker:
         """Go on with the kernels that `load_kernels` has loaded; call it between two frames."""
         clock, state = self._clock[0], self._state
         self._as_record = True
+        self._track_frame = None
         self._set_hand(self.hand, self.layout, self.options)
         self._clock, _ = self._packed(clock)
         self._report, _ = self._packed(blank_report())
@@ -323,9 +330,11 @@ class HandTracker:
         if not self._reports:
             self._reports = empty_packs(self._report, REPORTS_AT_ONCE)
         report = self._reports.pop()
-        self.restarted = bool(self._kernel(track_frame)(
-            *self.kernel_arguments(distal_flexion)[:-1], report, frame,
-            np.nan if time is None else float(time)))
+        arguments = (*self.kernel_arguments(distal_flexion)[:-1], report, frame,
+                     np.nan if time is None else float(time))
+        if self._track_frame is None:
+            self._track_frame = for_types_of(self._kernel(track_frame), arguments)
+        self.restarted = bool(self._track_frame(*arguments))
         return self.state_from_report(report, self._listed)
 
     def kernel_arguments(self, distal_flexion: ArrayLike | None = None) -> tuple[
@@ -374,10 +383,12 @@ class HandTracker:
         return self._measured_chains
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the attributes but the state's pack, which `_state` has views of."""
-        return {name: value for name, value in self.__dict__.items() if name != '_state_pack'}
+        """Return the attributes but the kernel, and the state's pack, which `_state` views."""
+        return {name: value for name, value in self.__dict__.items()
+                if name not in ('_state_pack', '_track_frame')}
 
     def __setstate__(self, attributes: dict[str, Any]) -> None:
         """Restore the attributes; pack the state anew, so that `_state` has views of the pack."""
         self.__dict__.update(attributes)
+        self._track_frame = None
         self._state_pack, self._state = self._packed(self._state)

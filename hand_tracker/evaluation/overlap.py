@@ -4,9 +4,11 @@ import numpy as np
 
 from ..core.model.capsules import (
     Capsules,
+    Placement,
     axis_of,
-    close_pairs,
+    blank_placement,
     hand_capsules,
+    may_touch,
     nearest_points,
     place_capsules,
 )
@@ -30,17 +32,19 @@ def deepest_overlaps(hand: Hand, angles: np.ndarray) -> np.ndarray:
     """
     shapes = hand_capsules(hand)
     found = np.zeros(len(angles))
-    _overlaps(packed(shapes)[0][0], np.array(angles, dtype=float),
-              np.empty((len(shapes.link), 2, 3)), found)
+    _overlaps(packed(shapes)[0][0], np.array(angles, dtype=float), blank_placement(), found)
     return found
 
 
 @jit
-def _overlaps(capsules: Capsules, angles: np.ndarray, ends: np.ndarray, found: np.ndarray) -> None:
+def _overlaps(capsules: Capsules, angles: np.ndarray, placement: Placement,
+              found: np.ndarray) -> None:
     for frame in range(found.size):
-        place_capsules(capsules, angles[frame], ends)
-        axes = indexed(ends)
-        for pair in close_pairs(capsules, ends, 0.0):
+        place_capsules(capsules, angles[frame], placement)
+        axes = indexed(placement.ends)
+        for pair in range(len(capsules.first)):
+            if not may_touch(capsules, axes, pair, 0.0):
+                continue
             distance = nearest_points(
                 axis_of(axes, capsules.first[pair]), axis_of(axes, capsules.second[pair]))[2]
             found[frame] = max(found[frame], capsules.apart[pair] - distance)

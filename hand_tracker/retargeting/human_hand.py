@@ -28,9 +28,9 @@ class HumanHand(NamedTuple):
         Tips in the frames of their links [m].
     angles : ndarray, shape (1, 25)
         [rad]
-    wrist_rotation, wrist_position : ndarray, shape (1, 3, 3) and (1, 3)
+    wrist_rotation, wrist_position : ndarray, shape (3, 3) and (3,)
         Identity and zero.
-    rotations, positions : ndarray, shape (1, 25, 3, 3) and (1, 25, 3)
+    rotations, positions : ndarray, shape (25, 3, 3) and (25, 3)
         Of the links.
     landmarks : ndarray, shape (21, 3)
         In the order of `LANDMARKS` [m].
@@ -53,8 +53,8 @@ def new_human_hand(hand: Hand) -> HumanHand:
     links = len(LINKS)
     return HumanHand(
         joint_table(hand), LANDMARK_LINKS.astype(np.int64), TIP_ROWS.astype(np.int64),
-        tip_offsets(hand), np.zeros((1, JOINT_COUNT)), np.eye(3)[None], np.zeros((1, 3)),
-        np.zeros((1, links, 3, 3)), np.zeros((1, links, 3)), np.zeros((POINT_COUNT, 3)))
+        tip_offsets(hand), np.zeros((1, JOINT_COUNT)), np.eye(3), np.zeros(3),
+        np.zeros((links, 3, 3)), np.zeros((links, 3)), np.zeros((POINT_COUNT, 3)))
 
 
 @jit
@@ -62,14 +62,15 @@ def place_landmarks(humans: Pack[HumanHand]) -> None:
     """Write the landmarks of the person's angles, in the wrist's frame."""
     human = humans[0]
     table, landmarks = human.table, human.landmarks
-    place_links(table.parent, table.rotation, table.translation, table.axis, human.angles,
-                human.wrist_rotation, human.wrist_position, human.rotations, human.positions)
+    place_links(JointTable(table.parent[:], table.rotation[:], table.translation[:], table.axis[:]),
+                human.angles[0], human.wrist_rotation[:], human.wrist_position[:],
+                human.rotations[:], human.positions[:])
     for row in range(1, POINT_COUNT):
         for k in range(3):
-            landmarks[row, k] = human.positions[0, human.links[row - 1], k]
+            landmarks[row, k] = human.positions[human.links[row - 1], k]
     for tip in range(TIP_COUNT):
         row = human.tip_rows[tip]
-        turn = human.rotations[0, human.links[row - 1]]
+        turn = human.rotations[human.links[row - 1]]
         for k in range(3):
             landmarks[row, k] += (turn[k, 0] * human.tips[tip, 0] + turn[k, 1] * human.tips[tip, 1]
                                   + turn[k, 2] * human.tips[tip, 2])

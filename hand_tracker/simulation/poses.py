@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..calibration.least_squares import least_squares
-from ..core.model.capsules import hand_capsules
+from ..core.model.capsules import blank_placement, hand_capsules
 from ..core.model.hand import DIGITS, FINGERS, JOINTS, LINKS, Hand, preset_limits
 from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.numerics.jit import as_item
-from ..core.pose.contact import separate
+from ..core.pose.contact import Mobility, separate
 
 # [degrees] (MCP abduction, MCP flexion, PIP flexion); the DIP follows the PIP.
 STRAIGHT_FINGERS = ((3, 4, 5), (0, 3, 5), (2, 3, 5), (4, 4, 5))
@@ -131,8 +131,9 @@ def without_overlaps(hand: Hand, free: np.ndarray, lower: np.ndarray,
         [rad]
     """
     angles = couple(hand, free, lower, upper)
-    separate(as_item(hand_capsules(hand.replace(side='right'))), angles, lower, upper,
-             hand.coupling[:, 0].copy(), CONTACT_MOBILITY, ALLOWED_OVERLAP)
+    separate(as_item(hand_capsules(hand.replace(side='right'))), angles,
+             Mobility(lower, upper, hand.coupling[:, 0].copy(), CONTACT_MOBILITY),
+             ALLOWED_OVERLAP, blank_placement())
     free = np.clip(rounded(angles[FREE_JOINTS]), lower[FREE_JOINTS], upper[FREE_JOINTS])
     return couple(hand, free, lower, upper)
 

@@ -14,7 +14,7 @@ from ..model.hand import FLEXION_JOINTS
 from ..model.marker_rows import MarkerRows, RowState
 from ..model.palm_triangle import Wrist, rigid_palm
 from ..numerics.cholesky import solve_damped
-from ..numerics.jit import jit
+from ..numerics.jit import jit, local_floats
 from ..numerics.vectors import (
     Vector,
     add,
@@ -173,10 +173,10 @@ def solve_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upper: np.n
         _place_by_three(rows, state, wrist)
     is_free = is_free and seen >= LEAST_FREE
     count = UNKNOWNS if is_free else POSE_UNKNOWNS
-    matrix = np.empty((UNKNOWNS, UNKNOWNS))
-    factor = np.empty((UNKNOWNS, UNKNOWNS))
-    gradient = np.empty(UNKNOWNS)
-    step = np.zeros(UNKNOWNS)
+    matrix = local_floats((UNKNOWNS, UNKNOWNS))
+    factor = local_floats((UNKNOWNS, UNKNOWNS))
+    gradient = local_floats(UNKNOWNS)
+    step = local_floats(UNKNOWNS)
     for number in range(MOST_PALM_STEPS):
         outlier = (math.inf if number == 0 else FIRST_PALM_OUTLIER if number == 1
                    else PALM_OUTLIER)
@@ -230,7 +230,7 @@ def _place_by_three(rows: MarkerRows, state: RowState, wrist: Wrist) -> None:
     corners = vector(state.points[a]), vector(state.points[b]), vector(state.points[c])
     if _triangle(*corners) <= 0.:
         return
-    template = np.empty((3, 3))
+    template = local_floats((3, 3))
     store(template, 0, on_palm(rows, a, 0.))
     store(template, 1, on_palm(rows, b, 0.))
     store(template, 2, on_palm(rows, c, 0.))
@@ -261,7 +261,7 @@ def _palm_equations(rows: MarkerRows, state: RowState, wrist: Wrist, outlier: fl
     for k in range(POSE_UNKNOWNS):
         matrix[k, k] = PALM_STEP_SPREADS[k // 3] ** -2
     axes, origin = frame(wrist.rotation), vector(wrist.position)
-    by = np.zeros((3, UNKNOWNS))
+    by = local_floats((3, UNKNOWNS))
     for row in range(rows.used[0]):
         if not _is_shown(rows, state, row):
             continue

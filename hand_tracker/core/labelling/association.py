@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model.states import REJECTED, SEEN, SWAPPED
-from ..numerics.jit import jit
+from ..numerics.jit import jit, local_floats, local_integers
 from ..numerics.vectors import clamp, distance, store, vector
 from .plausibility import (
     EXCHANGE_MARGIN,
@@ -37,6 +37,7 @@ from .readings import (
     cost_reading,
     expect,
     is_as_expected,
+    number_rows,
     palm_size,
     record_measurements,
     set_gates,
@@ -149,7 +150,8 @@ def associate(markers: np.ndarray, seen: np.ndarray, expected: ExpectedMarkers, 
         return
     evidence, template = state.evidence, bounds.typical.template
     record_measurements(evidence, markers, seen, state.sides, gate > 0.0)
-    rows = np.arange(8)
+    rows = local_integers(8)
+    number_rows(rows)
     if _begins_anew(state, template, patience) or not expect(evidence, expected):
         if margin > 0.0:
             correct_exchange(evidence.markers, evidence.seen, bounds.typical, rows)
@@ -159,7 +161,7 @@ def associate(markers: np.ndarray, seen: np.ndarray, expected: ExpectedMarkers, 
 
     set_gates(evidence, template, expected.deviation, state.unseen_for,
               state.incomplete_for[0], step, gate)
-    reading = Reading(rows, np.zeros(8), np.zeros((8, 3)))
+    reading = Reading(rows, local_floats(8), local_floats((8, 3)))
     kept = (seen[0], seen[1], seen[2])
     total = cost_reading(evidence, bounds, kept, False, np.inf, reading)
     if total >= IMPOSSIBLE or not is_as_expected(evidence, bounds, reading.local):
@@ -207,7 +209,7 @@ def _begin(evidence: Evidence, bounds: HandBounds, state: AssociationState, rows
         state.refused_for[i] = 0.0
         if rows[i] != i and evidence.seen[rows[i]]:
             verdict[i] = SWAPPED
-    gaps = np.empty((3, 3))
+    gaps = local_floats((3, 3))
     for i in range(3):
         for j in range(3):
             gaps[i, j] = evidence.gaps[rows[i], rows[j]]
@@ -340,7 +342,8 @@ def _compare_rival(evidence: Evidence, bounds: HandBounds, state: AssociationSta
     after the other, which must be clearly better.
     """
     seen, lead = evidence.seen, state.lead
-    rival = np.arange(8)
+    rival = local_integers(8)
+    number_rows(rival)
     own = True
     for i in range(8):
         own = own and (rows[i] == i or not seen[rows[i]])

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model.palm_triangle import complete_palm, rigid_palm
-from ..numerics.jit import jit
+from ..numerics.jit import jit, local_flags, local_floats, local_integers
 from ..numerics.vectors import (
     Vector,
     clamp,
@@ -324,12 +324,12 @@ def _assign_digits(evidence: Evidence, bounds: HandBounds, relabel: bool, size: 
     """Assign the rows of a reading's digits at least cost; return that cost."""
     seen = evidence.seen
     rows, costs, local = reading.rows, reading.costs, reading.local
-    table = np.empty((5, 5))
+    table = local_floats((5, 5))
     for i in range(5):
         for j in range(5):
             if relabel or i == j:
                 table[i, j] = _digit_cost(evidence, bounds, local, i, rows[3 + j], size)
-    crossed = np.zeros((5, 5))
+    crossed = local_floats((5, 5))
     for i in range(5):
         for j in range(5):
             if (relabel or j == i + 1) and seen[rows[3 + i]] and seen[rows[3 + j]] and (
@@ -347,7 +347,7 @@ def _assign_digits(evidence: Evidence, bounds: HandBounds, relabel: bool, size: 
         if cost < least:
             least = cost
             best = n
-    given = np.empty(5, dtype=np.int64)
+    given = local_integers(5)
     for i in range(5):
         given[i] = rows[3 + i]
     for i in range(5):
@@ -438,7 +438,9 @@ def is_as_expected(evidence: Evidence, bounds: HandBounds, local: np.ndarray) ->
     """
     markers, seen, expected = evidence.markers, evidence.seen, evidence.expected
     known, home, gate = evidence.known, evidence.home, evidence.gate
-    size = palm_size(evidence.gaps, evidence.sides, bounds.typical.template, np.arange(8),
+    rows = local_integers(8)
+    number_rows(rows)
+    size = palm_size(evidence.gaps, evidence.sides, bounds.typical.template, rows,
                      (seen[0] > 0, seen[1] > 0, seen[2] > 0))
     witnesses = 0
     for i in range(3, 8):
@@ -492,7 +494,7 @@ def best_reading(evidence: Evidence, bounds: HandBounds, margin: float, total: f
         total, kept = _refuse_palm_markers(evidence, bounds, total, reading)
     chosen = kept
     if margin > 0.0:
-        found = Reading(np.full(8, -1), np.zeros(8), reading.local)
+        found = Reading(local_integers(8), local_floats(8), reading.local)
         least, palm = _relabel(evidence, bounds, kept, total, reading, found)
         if least < total and _is_clearly_better(found, reading, total >= IMPOSSIBLE, margin):
             chosen = palm
@@ -510,7 +512,8 @@ def _refuse_palm_markers(evidence: Evidence, bounds: HandBounds, total: float,
     """
     seen = evidence.seen
     kept = (seen[0] > 0, seen[1] > 0, seen[2] > 0)
-    trial = Reading(np.arange(8), np.zeros(8), reading.local)
+    trial = Reading(local_integers(8), local_floats(8), reading.local)
+    number_rows(trial.rows)
     for n in range(1, len(PALM_SUBSETS)):
         some = (PALM_SUBSETS[n, 0], PALM_SUBSETS[n, 1], PALM_SUBSETS[n, 2])
         if not ((seen[0] or not some[0]) and (seen[1] or not some[1])
@@ -549,9 +552,9 @@ def _relabel(evidence: Evidence, bounds: HandBounds, kept: Kept, total: float,
             found.rows[i] = reading.rows[i]
         least = cost_reading(evidence, bounds, kept, True, np.inf, found)
     # The palm takes other rows: only those that make a rigid palm
-    trial = Reading(np.full(8, -1), np.zeros(8), reading.local)
+    trial = Reading(local_integers(8), local_floats(8), reading.local)
     count = 0
-    triple = np.empty(3, dtype=np.int64)
+    triple = local_integers(3)
     for n in range(2 * len(PALM_TRIPLES)):
         for i in range(3):
             triple[i] = PALM_TRIPLES[n % len(PALM_TRIPLES), i]
@@ -575,6 +578,13 @@ def _relabel(evidence: Evidence, bounds: HandBounds, kept: Kept, total: float,
 
 
 @jit
+def number_rows(rows: np.ndarray) -> None:
+    """Write the rows of the labels as given, shape (8,): each marker is its own."""
+    for i in range(len(rows)):
+        rows[i] = i
+
+
+@jit
 def _copy_labels(source: Reading, target: Reading) -> None:
     """Copy rows and costs of a reading to another."""
     for i in range(8):
@@ -585,7 +595,7 @@ def _copy_labels(source: Reading, target: Reading) -> None:
 @jit
 def _fill_rows(triple: np.ndarray, rows: np.ndarray) -> None:
     """Write `triple` as the palm's rows, and for each digit its own row or one that is left."""
-    used = np.zeros(8, dtype=np.bool_)
+    used = local_flags(8)
     for i in range(3):
         rows[i] = triple[i]
         used[triple[i]] = True

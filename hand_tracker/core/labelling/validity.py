@@ -12,7 +12,7 @@ from ..filtering.tracks import Tracks
 from ..model.marker_rows import PRINCIPALS, MarkerRows, RowState
 from ..model.palm_triangle import PalmLimits, Wrist, complete_palm, palm_fault, palm_places
 from ..model.states import TRACKED
-from ..numerics.jit import jit
+from ..numerics.jit import jit, local_floats
 from ..numerics.vectors import distance, is_equal, store, vector
 
 COORDINATE_LIMIT = 1e3  # [m] greatest valid coordinate
@@ -135,7 +135,7 @@ def check_palm(markers: np.ndarray, seen: np.ndarray, template: np.ndarray, wris
     points = complete_palm((vector(markers[0]), vector(markers[1]), vector(markers[2])),
                            palm_places(template, wrist),
                            (seen[0], seen[1], seen[2]))
-    palm = np.empty((3, 3))
+    palm = local_floats((3, 3))
     for i in range(3):
         store(palm, i, points[i])
     fault = palm_fault(palm, template, limits)

@@ -9,12 +9,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..numerics.jit import indexed, jit, packed
+from ..numerics.jit import indexed, jit, local_floats, packed
 from ..numerics.vectors import Vector, add, clamp, dot, scale, subtract, vector
 from .hand import DIGITS, FINGERS, LINKS, Hand
-from .kinematics import joint_table, place_links
+from .kinematics import JointTable, joint_table, place_digit_links
 
 BONES_PER_DIGIT = 3
+FINGER_COUNT = len(FINGERS)
+FIRST_METACARPAL = len(DIGITS) * BONES_PER_DIGIT  # of the capsules
+CAPSULE_COUNT = FIRST_METACARPAL + 2 * FINGER_COUNT
+# Bones of different digits, and the two outer bones of a digit with metacarpals.
+PAIR_COUNT = (len(DIGITS) * (len(DIGITS) - 1) // 2 * BONES_PER_DIGIT ** 2
+              + len(DIGITS) * (BONES_PER_DIGIT - 1) * FINGER_COUNT)
 PALM_INDEX = len(DIGITS)     # of the palm where digits are numbered
 WEB_SHARE = .4               # of the proximal phalanx: up to here skin joins neighbours; unsourced
 MIN_SQUARED_LENGTH = 1e-12   # [m²] below which a segment is a point
@@ -58,6 +64,28 @@ class Capsules(NamedTuple):
     apart: np.ndarray
     reach: np.ndarray
     side: np.ndarray
+
+
+class Placement(NamedTuple):
+    """Links and capsules of a pose, in the wrist's frame.
+
+    Attributes
+    ----------
+    rotations, positions : ndarray, shape (25, 3, 3) and (25, 3)
+        Frames of the links [m].
+    ends : ndarray, shape (c, 2, 3)
+        Start and end of each capsule's axis [m].
+    """
+
+    rotations: np.ndarray
+    positions: np.ndarray
+    ends: np.ndarray
+
+
+def blank_placement() -> Placement:
+    """Return a placement of zeros, to be replaced."""
+    return Placement(np.zeros((len(LINKS), 3, 3)), np.zeros((len(LINKS), 3)),
+                     np.zeros((CAPSULE_COUNT, 2, 3)))
 
 
 def capsule_ends(hand: Hand) -> np.ndarray:
@@ -145,80 +173,92 @@ def pair_gaps(capsules: Capsules, angles: np.ndarray) -> np.ndarray:
     ndarray, shape (p,)
         Negative where they overlap [m].
     """
-    ends = np.empty((len(capsules.link), 2, 3))
-    place_capsules(packed(capsules)[0][0], np.asarray(angles, dtype=float), ends)
+    placement = blank_placement()
+    place_capsules(packed(capsules)[0][0], np.array(angles, dtype=float), placement)
+    ends = placement.ends
     return np.array([nearest_points(ends[a], ends[b])[2] for a, b in zip(
         capsules.first, capsules.second)]) - capsules.apart
 
 
 @jit
-def place_frames(capsules: Capsules, angles: np.ndarray, rotations: np.ndarray,
-                 positions: np.ndarray, ends: np.ndarray) -> None:
-    """Write the frames of the links and the ends of the capsules' axes in a pose.
+def place_digit_capsules(capsules: Capsules, digit: int, angles: np.ndarray,
+                         placement: Placement) -> None:
+    """Write a digit's links and capsules in a pose.
+
+    Parameters
+    ----------
+    capsules : Capsules
+    digit : int
+    angles : ndarray, shape (25,)
+        [rad]
+    placement : Placement
+        Changed.
+    """
+    turned, moved = local_floats((3, 3)), local_floats(3)
+    turned[0, 0] = turned[1, 1] = turned[2, 2] = 1.
+    # Slices, as those of one pose in many, are arrays to numba, and fields are not.
+    table = JointTable(
+        capsules.parent[:], capsules.rotation[:], capsules.translation[:], capsules.axis[:])
+    place_digit_links(table, digit, angles, turned, moved, placement.rotations, placement.positions)
+    for bone in range(BONES_PER_DIGIT):
+        _place_capsule(capsules, BONES_PER_DIGIT * digit + bone, placement)
+    if digit < FINGER_COUNT:
+        _place_capsule(capsules, FIRST_METACARPAL + digit, placement)
+        _place_capsule(capsules, FIRST_METACARPAL + FINGER_COUNT + digit, placement)
+
+
+@jit
+def _place_capsule(capsules: Capsules, row: int, placement: Placement) -> None:
+    """Write the ends of a capsule's axis, its link placed."""
+    turns, origins, ends = (indexed(placement.rotations), indexed(placement.positions),
+                            indexed(placement.ends))
+    link, start, end = capsules.link[row], indexed(capsules.start), indexed(capsules.end)
+    for i in range(3):
+        x, y, z = turns[link, i, 0], turns[link, i, 1], turns[link, i, 2]
+        at = origins[link, i]
+        ends[row, 0, i] = at + x * start[row, 0] + y * start[row, 1] + z * start[row, 2]
+        ends[row, 1, i] = at + x * end[row, 0] + y * end[row, 1] + z * end[row, 2]
+
+
+@jit
+def place_capsules(capsules: Capsules, angles: np.ndarray, placement: Placement) -> None:
+    """Write all links and capsules in a pose.
 
     Parameters
     ----------
     capsules : Capsules
     angles : ndarray, shape (25,)
         [rad]
-    rotations, positions : ndarray, shape (1, 25, 3, 3) and (1, 25, 3)
-        Links in the wrist's frame, replaced [m].
-    ends : ndarray, shape (c, 2, 3)
-        Start and end of each axis in the wrist's frame, replaced [m].
+    placement : Placement
+        Replaced.
     """
-    place_links(capsules.parent, capsules.rotation, capsules.translation, capsules.axis,
-                angles.reshape((1, 25)), np.eye(3).reshape((1, 3, 3)), np.zeros((1, 3)),
-                rotations, positions)
-    turns, origins, found = indexed(rotations), indexed(positions), indexed(ends)
-    links, start, end = (
-        indexed(capsules.link), indexed(capsules.start), indexed(capsules.end))
-    for row in range(capsules.link.size):
-        link = links[row]
-        for i in range(3):
-            x, y, z = turns[0, link, i, 0], turns[0, link, i, 1], turns[0, link, i, 2]
-            at = origins[0, link, i]
-            found[row, 0, i] = at + x * start[row, 0] + y * start[row, 1] + z * start[row, 2]
-            found[row, 1, i] = at + x * end[row, 0] + y * end[row, 1] + z * end[row, 2]
+    for digit in range(5):
+        place_digit_capsules(capsules, digit, angles, placement)
 
 
 @jit
-def place_capsules(capsules: Capsules, angles: np.ndarray, ends: np.ndarray) -> None:
-    """Write the ends of the capsules' axes in a pose.
-
-    Parameters
-    ----------
-    capsules : Capsules
-    angles : ndarray, shape (25,)
-        [rad]
-    ends : ndarray, shape (c, 2, 3)
-        Start and end of each axis in the wrist's frame, replaced [m].
-    """
-    place_frames(capsules, angles, np.empty((1, 25, 3, 3)), np.empty((1, 25, 3)), ends)
-
-
-@jit
-def close_pairs(capsules: Capsules, ends: np.ndarray, gap: float) -> np.ndarray:
-    """Return the pairs that may be nearer than a gap, by the midpoints of the axes.
+def may_touch(capsules: Capsules, ends: np.ndarray, pair: int, gap: float) -> bool:
+    """Return whether a pair may be nearer than a gap, by the midpoints of the axes.
 
     Parameters
     ----------
     capsules : Capsules
     ends : ndarray, shape (c, 2, 3)
-        As of `place_capsules` [m].
+        Of a `Placement`, `indexed` [m].
+    pair : int
     gap : float
         Distance between the surfaces [m].
 
     Returns
     -------
-    ndarray of int, shape (n,)
+    bool
     """
-    # One axis at a time: numba compiles that fast.
-    squares = -4.0 * (capsules.reach + gap) ** 2
+    first, second = capsules.first[pair], capsules.second[pair]
+    square = 0.
     for i in range(3):
-        middles = ends[:, 0, i] + ends[:, 1, i]
-        between = middles[capsules.first] - middles[capsules.second]
-        squares += between * between
-    return (squares <= 0.0).nonzero()[0]
+        between = ends[first, 0, i] + ends[first, 1, i] - ends[second, 0, i] - ends[second, 1, i]
+        square += between * between
+    return square <= 4. * (capsules.reach[pair] + gap) ** 2
 
 
 @jit

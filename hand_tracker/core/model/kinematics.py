@@ -153,61 +153,79 @@ def tip_offsets(hand: Hand) -> np.ndarray:
 
 
 @jit
-def place_links(
-        parent: np.ndarray, rotation: np.ndarray, translation: np.ndarray, axis: np.ndarray,
-        angles: np.ndarray, wrist_rotation: np.ndarray, wrist_position: np.ndarray,
-        rotations: np.ndarray, positions: np.ndarray) -> None:
-    """Write the frames of all links in n poses: the kernel of `forward`.
+def place_digit_links(
+        table: JointTable, digit: int, angles: np.ndarray, wrist_rotation: np.ndarray,
+        wrist_position: np.ndarray, rotations: np.ndarray, positions: np.ndarray) -> None:
+    """Write the frames of a digit's five links in a pose.
+
+    Parameters are those of `place_links`.
+    """
+    parent, rotation, translation, axis = (
+        indexed(table.parent), indexed(table.rotation), indexed(table.translation),
+        indexed(table.axis))
+    angles, rotations, positions = indexed(angles), indexed(rotations), indexed(positions)
+    wrist_rotation, wrist_position = indexed(wrist_rotation), indexed(wrist_position)
+    for joint in range(5 * digit, 5 * digit + 5):
+        x, y, z = axis[joint, 0], axis[joint, 1], axis[joint, 2]
+        s = math.sin(angles[joint])
+        c = math.cos(angles[joint])
+        v = 1. - c
+        turn = (
+            (c + v * x * x, v * x * y - s * z, v * x * z + s * y),
+            (v * x * y + s * z, c + v * y * y, v * y * z - s * x),
+            (v * x * z - s * y, v * y * z + s * x, c + v * z * z))
+        up = parent[joint]
+        for i in range(3):
+            if up < 0:
+                a = wrist_rotation[i, 0]
+                b = wrist_rotation[i, 1]
+                d = wrist_rotation[i, 2]
+                at = wrist_position[i]
+            else:
+                a = rotations[up, i, 0]
+                b = rotations[up, i, 1]
+                d = rotations[up, i, 2]
+                at = positions[up, i]
+            positions[joint, i] = (
+                at + a * translation[joint, 0] + b * translation[joint, 1]
+                + d * translation[joint, 2])
+            e = (a * rotation[joint, 0, 0] + b * rotation[joint, 1, 0]
+                 + d * rotation[joint, 2, 0])
+            f = (a * rotation[joint, 0, 1] + b * rotation[joint, 1, 1]
+                 + d * rotation[joint, 2, 1])
+            g = (a * rotation[joint, 0, 2] + b * rotation[joint, 1, 2]
+                 + d * rotation[joint, 2, 2])
+            for k in range(3):
+                rotations[joint, i, k] = e * turn[0][k] + f * turn[1][k] + g * turn[2][k]
+
+
+@jit
+def place_links(table: JointTable, angles: np.ndarray, wrist_rotation: np.ndarray,
+                wrist_position: np.ndarray, rotations: np.ndarray, positions: np.ndarray) -> None:
+    """Write the frames of all links in a pose.
 
     Parameters
     ----------
-    parent, rotation, translation, axis : ndarray
-        Fields of `JointTable`.
-    angles : ndarray, shape (n, 25)
+    table : JointTable
+    angles : ndarray, shape (25,)
         [rad]
-    wrist_rotation, wrist_position : ndarray, shape (n, 3, 3) and (n, 3)
+    wrist_rotation, wrist_position : ndarray, shape (3, 3) and (3,)
         Wrist in the reference frame [m].
-    rotations, positions : ndarray, shape (n, 25, 3, 3) and (n, 25, 3)
+    rotations, positions : ndarray, shape (25, 3, 3) and (25, 3)
         Links in the reference frame, replaced [m].
     """
-    parent, rotation, translation, axis = (
-        indexed(parent), indexed(rotation), indexed(translation), indexed(axis))
-    angles, rotations, positions = indexed(angles), indexed(rotations), indexed(positions)
-    wrist_rotation, wrist_position = indexed(wrist_rotation), indexed(wrist_position)
-    for frame in range(angles.shape[0]):
-        for joint in range(25):
-            x, y, z = axis[joint, 0], axis[joint, 1], axis[joint, 2]
-            s = math.sin(angles[frame, joint])
-            c = math.cos(angles[frame, joint])
-            v = 1. - c
-            turn = (
-                (c + v * x * x, v * x * y - s * z, v * x * z + s * y),
-                (v * x * y + s * z, c + v * y * y, v * y * z - s * x),
-                (v * x * z - s * y, v * y * z + s * x, c + v * z * z))
-            up = parent[joint]
-            for i in range(3):
-                if up < 0:
-                    a = wrist_rotation[frame, i, 0]
-                    b = wrist_rotation[frame, i, 1]
-                    d = wrist_rotation[frame, i, 2]
-                    at = wrist_position[frame, i]
-                else:
-                    a = rotations[frame, up, i, 0]
-                    b = rotations[frame, up, i, 1]
-                    d = rotations[frame, up, i, 2]
-                    at = positions[frame, up, i]
-                positions[frame, joint, i] = (
-                    at + a * translation[joint, 0] + b * translation[joint, 1]
-                    + d * translation[joint, 2])
-                e = (a * rotation[joint, 0, 0] + b * rotation[joint, 1, 0]
-                     + d * rotation[joint, 2, 0])
-                f = (a * rotation[joint, 0, 1] + b * rotation[joint, 1, 1]
-                     + d * rotation[joint, 2, 1])
-                g = (a * rotation[joint, 0, 2] + b * rotation[joint, 1, 2]
-                     + d * rotation[joint, 2, 2])
-                for k in range(3):
-                    rotations[frame, joint, i, k] = (
-                        e * turn[0][k] + f * turn[1][k] + g * turn[2][k])
+    for digit in range(5):
+        place_digit_links(
+            table, digit, angles, wrist_rotation, wrist_position, rotations, positions)
+
+
+@jit
+def _place_poses(table: JointTable, angles: np.ndarray, wrist_rotation: np.ndarray,
+                 wrist_position: np.ndarray, rotations: np.ndarray, positions: np.ndarray) -> None:
+    """Write the frames of all links in n poses, the first dimension of all but the table."""
+    for n in range(len(angles)):
+        place_links(table, angles[n], wrist_rotation[n], wrist_position[n], rotations[n],
+                    positions[n])
 
 
 def forward(table: JointTable, angles: ArrayLike, wrist_rotation: ArrayLike | None = None,
@@ -245,8 +263,8 @@ def forward(table: JointTable, angles: ArrayLike, wrist_rotation: ArrayLike | No
     rotations = np.empty((n, len(LINKS), 3, 3))
     positions = np.empty((n, len(LINKS), 3))
     # Copies: numba would compile once more for the read-only view of a single frame.
-    place_links(*table, batch, np.array(np.broadcast_to(turned, (n, 3, 3)), order='C'),
-                np.array(np.broadcast_to(moved, (n, 3)), order='C'), rotations, positions)
+    _place_poses(table, batch, np.array(np.broadcast_to(turned, (n, 3, 3)), order='C'),
+                 np.array(np.broadcast_to(moved, (n, 3)), order='C'), rotations, positions)
     if angles.ndim == 1:
         return Pose(rotations[0], positions[0])
     return Pose(rotations, positions)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from .jit import jit
+from .jit import jit, local_floats
 from .vectors import (
     add,
     cross,
@@ -48,8 +48,8 @@ def fit_rigid(template: np.ndarray, points: np.ndarray, weights: np.ndarray,
         where nothing is determined, and then nothing is replaced.
     """
     total = 0.
-    here = np.zeros(3)
-    there = np.zeros(3)
+    here = local_floats(3)
+    there = local_floats(3)
     for i in range(len(weights)):
         if weights[i] > 0.:
             total += weights[i]
@@ -61,8 +61,8 @@ def fit_rigid(template: np.ndarray, points: np.ndarray, weights: np.ndarray,
     for k in range(3):
         there[k] /= total
         here[k] /= total
-    moment = np.zeros((3, 3))
-    spread = np.zeros(2)
+    moment = local_floats((3, 3))
+    spread = local_floats(2)
     for i in range(len(weights)):
         if weights[i] > 0.:
             for j in range(3):
@@ -91,7 +91,7 @@ def fit_rigid(template: np.ndarray, points: np.ndarray, weights: np.ndarray,
 def _largest_eigenvector(moment: np.ndarray) -> tuple[float, float, float, float]:
     """Return the quaternion of the largest eigenvalue of Horn's matrix, by Jacobi rotations."""
     s = moment
-    a = np.empty((4, 4))
+    a = local_floats((4, 4))
     a[0, 0] = s[0, 0] + s[1, 1] + s[2, 2]
     a[1, 1] = s[0, 0] - s[1, 1] - s[2, 2]
     a[2, 2] = -s[0, 0] + s[1, 1] - s[2, 2]
@@ -102,7 +102,9 @@ def _largest_eigenvector(moment: np.ndarray) -> tuple[float, float, float, float
     a[1, 2] = a[2, 1] = s[0, 1] + s[1, 0]
     a[1, 3] = a[3, 1] = s[2, 0] + s[0, 2]
     a[2, 3] = a[3, 2] = s[1, 2] + s[2, 1]
-    vectors = np.eye(4)
+    vectors = local_floats((4, 4))
+    for i in range(4):
+        vectors[i, i] = 1.
     scale = 0.
     for i in range(4):
         scale += abs(a[i, i])
@@ -162,7 +164,7 @@ def step_rigidly(points: np.ndarray, aims: np.ndarray, weights: np.ndarray) -> N
     shift = scale(shift, 1. / total)
 
     # The small rotation that balances the moments of the residuals
-    inertia = np.zeros((3, 3))
+    inertia = local_floats((3, 3))
     moment = (0., 0., 0.)
     for i in range(len(weights)):
         point = vector(points[i])

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..filtering.tracks import Tracks, predict_track, update_track
 from ..model.palm_triangle import Wrist
-from ..numerics.jit import jit
+from ..numerics.jit import jit, local_flags, local_floats
 from ..numerics.vectors import Vector, add, components, dot, frame, length, scale, subtract, vector
 from .prediction import Observation, Prediction
 from .transdigital import DigitPrior, Transdigital, learn, regress_hidden
@@ -48,11 +48,11 @@ def track_digits(observation: Observation, step: float, tracks: Tracks, wrist: W
     coefficients = transdigital.coefficients
     memory, longest = options.transdigital_memory, options.max_prediction_time
     relax_time = options.relax_time if wrist.placed[0] else FIRST_RELAX_TIME
-    before = np.empty((5, 3))
-    moves = np.zeros((5, 3))
-    pace = np.empty((5, 3))
-    steady = np.empty(5, dtype=np.bool_)
-    hidden = np.empty(5, dtype=np.bool_)
+    before = local_floats((5, 3))
+    moves = local_floats((5, 3))
+    pace = local_floats((5, 3))
+    steady = local_flags(5)
+    hidden = local_flags(5)
     axes = frame(wrist.rotation)
     origin = vector(wrist.position)
     changed = False
@@ -108,8 +108,8 @@ def _relax(tracks: Tracks, digit: int, seen: np.ndarray, transdigital: Transdigi
     statistics = transdigital.statistics
     # A marker never seen has no statistics: use its rest position.
     weight = statistics.weight[0] if tracks.known[digit] else 0.
-    mean = np.empty((5, 3))
-    deviation = np.empty((5, 3))
+    mean = local_floats((5, 3))
+    deviation = local_floats((5, 3))
     for i in range(5):
         for k in range(3):
             mean[i, k] = rest[i, k]

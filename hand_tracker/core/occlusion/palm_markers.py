@@ -10,7 +10,7 @@ import numpy as np
 from ..filtering.tracks import Tracks, predict_track, update_track
 from ..model.palm_triangle import Corners, Wrist, complete_palm, palm_places, rigid_palm
 from ..model.states import CARRIED, LOST, TRACKED, WAITING
-from ..numerics.jit import jit
+from ..numerics.jit import jit, local_floats
 from ..numerics.rigid_fit import step_rigidly
 from ..numerics.vectors import Vector, add, rotate, scale, store, subtract, vector
 from .prediction import Observation, Prediction
@@ -92,9 +92,9 @@ def _fit_to_fingers(markers: np.ndarray, seen: np.ndarray, tracks: Tracks, digit
     """Move hidden palm markers to their places in a rigid fit that includes the fingers."""
     axes, origin = rigid_palm(
         (vector(tracks.mean[0]), vector(tracks.mean[1]), vector(tracks.mean[2])), template)
-    points = np.zeros((8, 3))
-    aims = np.zeros((8, 3))
-    weights = np.zeros(8)
+    points = local_floats((8, 3))
+    aims = local_floats((8, 3))
+    weights = local_floats(8)
     for i in range(3):
         weights[i] = SEEN_PALM_WEIGHT if seen[i] else PREDICTED_PALM_WEIGHTS[count]
         store(points, i, vector(tracks.mean[i]))

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model.hand import DIGITS, FLEXION_JOINTS
-from ..numerics.jit import jit
+from ..numerics.jit import jit, local_floats
 from ..numerics.vectors import clamp
 
 COORDINATES = 3 * len(DIGITS)
@@ -124,8 +124,8 @@ def learn(statistics: MotionStatistics, places: np.ndarray, velocities: np.ndarr
         Time constant of the weights [s].
     """
     kept = math.exp(-step / memory)
-    x = np.empty(COORDINATES)
-    v = np.empty(COORDINATES)
+    x = local_floats(COORDINATES)
+    v = local_floats(COORDINATES)
     for i in range(COORDINATES):
         x[i] = places[i // 3, i % 3]
         v[i] = velocities[i // 3, i % 3]
@@ -160,10 +160,10 @@ def regress_hidden(statistics: MotionStatistics, correlation: np.ndarray, places
         Replaced: moves of hidden digits (rows) for moves of seen ones (columns); else 0.
     """
     weight = statistics.weight[0]
-    x = np.empty(COORDINATES)
+    x = local_floats(COORDINATES)
     for i in range(COORDINATES):
         x[i] = clamp(places[i // 3, i % 3], -MAX_LEARNED_PLACE, MAX_LEARNED_PLACE)
-    moments = np.empty((COORDINATES, COORDINATES))
+    moments = local_floats((COORDINATES, COORDINATES))
     for i in range(COORDINATES):
         for j in range(COORDINATES):
             moments[i, j] = PRIOR_MOVE ** 2 * correlation[i, j] + (

@@ -8,15 +8,18 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model.capsules import (
+    PAIR_COUNT,
     PALM_INDEX,
     Capsules,
+    Placement,
     axis_of,
-    close_pairs,
+    may_touch,
     nearest_points,
-    place_frames,
+    place_capsules,
+    place_digit_capsules,
 )
 from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS
-from ..numerics.jit import indexed, jit
+from ..numerics.jit import indexed, jit, local_floats, local_integers
 from ..numerics.vectors import Vector, add, clamp, cross, dot, scale, subtract, unit, vector
 
 PENETRATION = .001         # [m] default overlap that rigidity leaves, as flesh yields; ours
@@ -55,22 +58,6 @@ class Mobility(NamedTuple):
     upper: np.ndarray
     slope: np.ndarray
     weight: np.ndarray
-
-
-class Placement(NamedTuple):
-    """Links and capsules of a pose, in the wrist's frame.
-
-    Attributes
-    ----------
-    rotations, positions : ndarray, shape (1, 25, 3, 3) and (1, 25, 3)
-        Frames of the links [m].
-    ends : ndarray, shape (c, 2, 3)
-        Start and end of each capsule's axis [m].
-    """
-
-    rotations: np.ndarray
-    positions: np.ndarray
-    ends: np.ndarray
 
 
 class Contacts(NamedTuple):
@@ -130,8 +117,8 @@ class FreeAngles(NamedTuple):
 
 
 @jit
-def separate(capsules: Capsules, angles: np.ndarray, lower: np.ndarray, upper: np.ndarray,
-             slope: np.ndarray, mobility: np.ndarray, tolerance: float) -> int:
+def separate(capsules: Capsules, angles: np.ndarray, mobility: Mobility, tolerance: float,
+             placement: Placement) -> int:
     """Move overlapping digits apart, and out of the palm, by the least change of angles.
 
     Minimises the sum over the free angles (abduction, first and second flexion of each digit;
@@ -145,39 +132,29 @@ def separate(capsules: Capsules, angles: np.ndarray, lower: np.ndarray, upper: n
     capsules : Capsules
     angles : ndarray, shape (25,)
         Within limits; replaced where digits move [rad].
-    lower, upper : ndarray, shape (25,)
-        Limits [rad].
-    slope : ndarray, shape (5,)
-        Third flexion over second; 0 where the third is measured [1].
-    mobility : ndarray, shape (5,)
-        Readiness of each digit to move; pairs of digits that are not, at 0, may overlap [1].
+    mobility : Mobility
+        Pairs of digits that are not ready to move, at 0, may overlap.
     tolerance : float
         Overlap that remains [m].
+    placement : Placement
+        Replaced by that of the angles.
 
     Returns
     -------
     int
         Rounds used; 0 without an overlap.
     """
-    if not (mobility > 0.0).any():
-        return 0
-    rotations = np.empty((1, 25, 3, 3))
-    positions = np.empty((1, 25, 3))
-    ends = np.empty((capsules.link.size, 2, 3))
     aim = TOLERANCE_SHARE * tolerance
-    place_frames(capsules, angles, rotations, positions, ends)
-    if not _overlaps(capsules, ends, mobility, aim):
+    place_capsules(capsules, angles, placement)
+    if not _overlaps(capsules, placement.ends, mobility, aim):
         return 0
 
-    digits = Mobility(lower, upper, slope, mobility)
-    placement = Placement(rotations, positions, ends)
     rounds = 0
     removed = ROUND_OVERLAP
     while rounds < MAX_ROUNDS:
-        rounds += _solve_rounds(capsules, angles, digits, placement, aim, removed,
+        rounds += _solve_rounds(capsules, angles, mobility, placement, aim, removed,
                                 min(MAX_ROUNDS - rounds, ROUNDS_PER_START))
-        place_frames(capsules, angles, rotations, positions, ends)
-        if not _overlaps(capsules, ends, mobility, tolerance):
+        if not _overlaps(capsules, placement.ends, mobility, tolerance):
             break
         # Stuck before the tolerance: start again from here with larger steps.
         removed = RESTART_OVERLAP
@@ -196,7 +173,7 @@ def _solve_rounds(capsules: Capsules, angles: np.ndarray, mobility: Mobility, pl
         Replaced [rad].
     mobility : Mobility
     placement : Placement
-        Of `angles`; changed.
+        Of `angles`; goes with them.
     aim : float
         Overlap that remains [m].
     removed : float
@@ -204,9 +181,18 @@ def _solve_rounds(capsules: Capsules, angles: np.ndarray, mobility: Mobility, pl
     rounds : int
         At most so many.
     """
-    before = angles.copy()
-    free = _free_angles(mobility, before)
-    contacts = _no_contacts(capsules.first.size)
+    before = local_floats(25)
+    for joint in range(25):
+        before[joint] = angles[joint]
+    free = FreeAngles(
+        indexed(local_floats(6)), indexed(local_floats((6, 3))), indexed(local_floats((6, 3))),
+        indexed(local_floats((6, 3))), indexed(local_floats((6, 3))), indexed(local_floats((6, 3))))
+    _bound_changes(mobility, before, free)
+    contacts = Contacts(
+        indexed(local_integers(PAIR_COUNT)), indexed(local_integers((PAIR_COUNT, 2))),
+        indexed(local_floats((PAIR_COUNT, 2, 3))), indexed(local_floats(PAIR_COUNT)),
+        indexed(local_floats(PAIR_COUNT)), indexed(local_floats(PAIR_COUNT)),
+        local_floats(PAIR_COUNT), indexed(local_floats((25, 2, 3))))
     for number in range(rounds):
         used = _list_contacts(capsules, angles, mobility, placement, aim, removed, free, contacts)
         _push_apart(contacts, used, free)
@@ -215,19 +201,18 @@ def _solve_rounds(capsules: Capsules, angles: np.ndarray, mobility: Mobility, pl
             contacts.last_force[contacts.pairs[k]] = contacts.force[k]
         # Sliding contacts make the iteration oscillate: damp its last rounds.
         share = 1.0 if number < ROUNDS_PER_START - DAMPED_ROUNDS else 0.5
-        if _change_angles(before, mobility, share, free, angles) < SETTLED_CHANGE:
+        moved = _change_angles(before, mobility, share, free, angles)
+        for digit in range(5):
+            if mobility.weight[digit] > 0.0:
+                place_digit_capsules(capsules, digit, angles, placement)
+        if moved < SETTLED_CHANGE:
             return number + 1
-        place_frames(
-            capsules, angles, placement.rotations, placement.positions, placement.ends)
     return rounds
 
 
 @jit
-def _free_angles(mobility: Mobility, before: np.ndarray) -> FreeAngles:
-    """Return no changes of angles (25,), with their bounds."""
-    free = FreeAngles(
-        indexed(np.zeros(6)), indexed(np.zeros((6, 3))), indexed(np.zeros((6, 3))),
-        indexed(np.zeros((6, 3))), indexed(np.zeros((6, 3))), indexed(np.zeros((6, 3))))
+def _bound_changes(mobility: Mobility, before: np.ndarray, free: FreeAngles) -> None:
+    """Write the readiness of the digits, and the bounds of the changes of angles (25,)."""
     for digit in range(5):
         free.ready[digit] = mobility.weight[digit]
         for i in range(3):
@@ -236,16 +221,6 @@ def _free_angles(mobility: Mobility, before: np.ndarray) -> FreeAngles:
                 mobility.lower[joint] - before[joint], -MAX_SEPARATION_CHANGE)
             free.most[digit, i] = min(
                 mobility.upper[joint] - before[joint], MAX_SEPARATION_CHANGE)
-    return free
-
-
-@jit
-def _no_contacts(count: int) -> Contacts:
-    """Return memory for the contacts of so many pairs, without force."""
-    return Contacts(
-        indexed(np.empty(count, dtype=np.int64)), indexed(np.empty((count, 2), dtype=np.int64)),
-        indexed(np.empty((count, 2, 3))), indexed(np.empty(count)), indexed(np.empty(count)),
-        indexed(np.empty(count)), np.zeros(count), indexed(np.empty((25, 2, 3))))
 
 
 @jit
@@ -256,16 +231,18 @@ def _list_contacts(capsules: Capsules, angles: np.ndarray, mobility: Mobility,
 
     Parameters are those of `_solve_rounds`; `pushed` of `free`, and `contacts`, are replaced.
     """
-    _place_lines(capsules, placement.rotations, placement.positions, contacts.lines)
+    _place_lines(capsules, placement, contacts.lines)
     used = 0
     for digit in range(5):
         for i in range(3):
             free.pushed[digit, i] = 0.0
-    for pair in close_pairs(capsules, placement.ends, ROUND_GAP):
-        if not _gives_way(capsules, pair, mobility.weight):
+    ends = indexed(placement.ends)
+    for pair in range(PAIR_COUNT):
+        if not (_gives_way(capsules, pair, mobility.weight)
+                and may_touch(capsules, ends, pair, ROUND_GAP)):
             continue
-        overlap = _linearise(capsules, pair, angles, mobility, contacts.lines, placement.ends,
-                             used, contacts.lever)
+        overlap = _linearise(capsules, pair, angles, mobility, contacts.lines, ends, used,
+                             contacts.lever)
         if overlap < -ROUND_GAP:
             continue
         contacts.force[used] = contacts.last_force[pair]
@@ -300,13 +277,15 @@ def _push_apart(contacts: Contacts, used: int, free: FreeAngles) -> None:
                 digit = contacts.digits[k, end]
                 for i in range(3):
                     gained += contacts.lever[k, end, i] * free.goal[digit, i]
-            more = max((contacts.bound[k] - gained) / contacts.stiff[k], -contacts.force[k])
-            if more == 0.0:
+            if gained >= contacts.bound[k] and contacts.force[k] == 0.0:
                 continue
+            more = max((contacts.bound[k] - gained) / contacts.stiff[k], -contacts.force[k])
             contacts.force[k] += more
             moved = max(moved, abs(more) * contacts.stiff[k])
             for end in range(2):
                 digit = contacts.digits[k, end]
+                if free.ready[digit] == 0.0:
+                    continue
                 for i in range(3):
                     free.pushed[digit, i] += free.ready[digit] * more * contacts.lever[k, end, i]
                     free.goal[digit, i] = clamp(
@@ -365,13 +344,13 @@ def _gives_way(capsules: Capsules, pair: int, mobility: np.ndarray) -> bool:
 
 
 @jit
-def _overlaps(capsules: Capsules, ends: np.ndarray, mobility: np.ndarray,
+def _overlaps(capsules: Capsules, ends: np.ndarray, mobility: Mobility,
               tolerance: float) -> bool:
     """Return whether any pair that gives way overlaps by more than the tolerance."""
-    close = close_pairs(capsules, ends, 0.0)
     ends = indexed(ends)
-    for pair in close:
-        if not _gives_way(capsules, pair, mobility):
+    for pair in range(PAIR_COUNT):
+        if not (_gives_way(capsules, pair, mobility.weight)
+                and may_touch(capsules, ends, pair, 0.0)):
             continue
         distance = nearest_points(
             axis_of(ends, capsules.first[pair]), axis_of(ends, capsules.second[pair]))[2]
@@ -388,17 +367,17 @@ def _along(segment: tuple[Vector, Vector], share: float) -> Vector:
 
 
 @jit
-def _place_lines(capsules: Capsules, rotations: np.ndarray, positions: np.ndarray,
-                 lines: np.ndarray) -> None:
+def _place_lines(capsules: Capsules, placement: Placement, lines: np.ndarray) -> None:
     """Write the joints' axes as Plücker lines, shape (25, 2, 3): directions, moments [m]."""
-    rotations, positions, axes = indexed(rotations), indexed(positions), indexed(capsules.axis)
+    rotations, positions, axes = (indexed(placement.rotations), indexed(placement.positions),
+                                  indexed(capsules.axis))
     for joint in range(25):
         x, y, z = axes[joint, 0], axes[joint, 1], axes[joint, 2]
         for i in range(3):
-            lines[joint, 0, i] = (rotations[0, joint, i, 0] * x + rotations[0, joint, i, 1] * y
-                                  + rotations[0, joint, i, 2] * z)
+            lines[joint, 0, i] = (rotations[joint, i, 0] * x + rotations[joint, i, 1] * y
+                                  + rotations[joint, i, 2] * z)
         moment = cross(
-            (positions[0, joint, 0], positions[0, joint, 1], positions[0, joint, 2]),
+            (positions[joint, 0], positions[joint, 1], positions[joint, 2]),
             (lines[joint, 0, 0], lines[joint, 0, 1], lines[joint, 0, 2]))
         for i in range(3):
             lines[joint, 1, i] = moment[i]
@@ -419,7 +398,7 @@ def _linearise(capsules: Capsules, pair: int, angles: np.ndarray, mobility: Mobi
     lines : ndarray, shape (25, 2, 3)
         Of `_place_lines`.
     ends : ndarray, shape (c, 2, 3)
-        Of `Placement` [m].
+        Of `Placement`, `indexed` [m].
     row : int
     lever : ndarray, shape (p, 2, 3)
         Its row is replaced, for both digits of the pair [m/rad].
@@ -430,7 +409,6 @@ def _linearise(capsules: Capsules, pair: int, angles: np.ndarray, mobility: Mobi
         Overlap of the pair, negative for a gap [m].
     """
     lower, upper, slope = mobility.lower, mobility.upper, mobility.slope
-    ends = indexed(ends)
     first = axis_of(ends, capsules.first[pair])
     second = axis_of(ends, capsules.second[pair])
     s, t, distance = nearest_points(first, second)
@@ -479,7 +457,7 @@ def _velocity_along(lines: np.ndarray, joint: int, push: Vector, moment: Vector)
 
 
 @jit
-def drag_hidden(capsules: Capsules, before: np.ndarray, after: np.ndarray, hidden: np.ndarray,
+def drag_hidden(capsules: Capsules, before: np.ndarray, after: np.ndarray, seen: np.ndarray,
                 gap: float, friction: float, displacement: np.ndarray) -> None:
     """Write the displacement of hidden digits by the seen digits that touch them.
 
@@ -492,9 +470,9 @@ def drag_hidden(capsules: Capsules, before: np.ndarray, after: np.ndarray, hidde
     ----------
     capsules : Capsules
     before, after : ndarray, shape (c, 2, 3)
-        Capsules (`place_capsules`) in the last frame and with this frame's seen digits, in
+        Capsules (of a `Placement`) in the last frame and with this frame's seen digits, in
         the wrist's frame [m].
-    hidden : ndarray of bool, shape (5,)
+    seen : ndarray of bool, shape (5,)
     gap : float
         Between surfaces, below which they touch [m].
     friction : float
@@ -503,8 +481,11 @@ def drag_hidden(capsules: Capsules, before: np.ndarray, after: np.ndarray, hidde
         Of the digits' markers, replaced; zero for seen ones and without a contact [m].
     """
     displacement[:] = 0.0
-    weights = np.zeros(6)
-    for pair in close_pairs(capsules, before, gap):
+    before, after = indexed(before), indexed(after)
+    weights = local_floats(6)
+    for pair in range(PAIR_COUNT):
+        if not may_touch(capsules, before, pair, gap):
+            continue
         first = capsules.first[pair]
         second = capsules.second[pair]
         was_first, was_second = axis_of(before, first), axis_of(before, second)
@@ -515,7 +496,7 @@ def drag_hidden(capsules: Capsules, before: np.ndarray, after: np.ndarray, hidde
         for end in range(2):
             digit = capsules.digits[pair, end]
             other = capsules.digits[pair, 1 - end]
-            if digit == PALM_INDEX or not hidden[digit] or (other != PALM_INDEX and hidden[other]):
+            if digit == PALM_INDEX or seen[digit] or not (other == PALM_INDEX or seen[other]):
                 continue
             row = second if end == 0 else first
             share = t if end == 0 else s

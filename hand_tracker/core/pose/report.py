@@ -174,11 +174,9 @@ def write_pose(table: JointTable, angles: np.ndarray, lower: np.ndarray, upper: 
         report.wrist_position[i] = mirror[i] * wrist.position[i]
         for k in range(3):
             report.wrist_rotation[i, k] = mirror[i] * mirror[k] * wrist.rotation[i, k]
-    place_links(table.parent, table.rotation, table.translation, table.axis,
-                report.angles.reshape((1, 25)), report.wrist_rotation.reshape((1, 3, 3)),
-                report.wrist_position.reshape((1, 3)),
-                report.link_rotations.reshape((1, 25, 3, 3)),
-                report.link_positions.reshape((1, 25, 3)))
+    place_links(JointTable(table.parent[:], table.rotation[:], table.translation[:], table.axis[:]),
+                report.angles[:], report.wrist_rotation[:], report.wrist_position[:],
+                report.link_rotations[:], report.link_positions[:])
 
 
 @jit

@@ -8,10 +8,13 @@ from hypothesis.extra.numpy import arrays
 from scipy.optimize import minimize
 
 from hand_tracker.core.model.capsules import (
+    CAPSULE_COUNT,
+    PAIR_COUNT,
     PALM_INDEX,
     WEB_SHARE,
-    close_pairs,
+    blank_placement,
     hand_capsules,
+    may_touch,
     nearest_points,
     pair_gaps,
     place_capsules,
@@ -82,8 +85,9 @@ def test_capsules_lie_on_the_bones(side, deviation):
     rng = np.random.default_rng(1)
     angles = rng.uniform(*hand.limits.T)
     found = hand_capsules(hand)
-    ends = np.empty((len(found.link), 2, 3))
-    place_capsules(found, angles, ends)
+    placement = blank_placement()
+    place_capsules(found, angles, placement)
+    ends = placement.ends
     right = hand.replace(side='right')
     pose = forward(joint_table(right), angles)
     for digit, name in enumerate(DIGITS):
@@ -106,7 +110,7 @@ def test_capsules_lie_on_the_bones(side, deviation):
 def test_only_strangers_meet():
     found = hand_capsules(Hand.scaled())
     pairs = list(zip(found.first, found.second))
-    assert len(set(pairs)) == len(pairs)
+    assert len(set(pairs)) == len(pairs) == PAIR_COUNT and len(found.link) == CAPSULE_COUNT
     assert (found.digits[:, 0] < found.digits[:, 1]).all(), 'none meets its own digit'
     palm = found.digits[:, 1] == PALM_INDEX
     own = [LINKS.index(f'{finger}_proximal') for finger in FINGERS] + [
@@ -122,10 +126,12 @@ def test_pairs_far_apart_do_not_touch(share):
     hand = Hand.scaled(limits=preset_limits('wide'))
     found = hand_capsules(hand)
     angles = hand.limits[:, 0] + share * np.ptp(hand.limits, axis=1)
-    ends = np.empty((len(found.link), 2, 3))
-    place_capsules(found, angles, ends)
+    placement = blank_placement()
+    place_capsules(found, angles, placement)
     gaps = pair_gaps(found, angles)
-    far = np.setdiff1d(np.arange(len(gaps)), close_pairs(packed(found)[0][0], ends, .002))
+    shapes = packed(found)[0][0]
+    far = [pair for pair in range(len(gaps))
+           if not may_touch(shapes, placement.ends, pair, .002)]
     assert (gaps[far] > .002).all()
 
 

@@ -12,7 +12,12 @@ from hypothesis.extra.numpy import arrays
 from scipy.optimize import minimize
 
 from hand_tracker.core.inverse_kinematics.digit import THUMB
-from hand_tracker.core.model.capsules import hand_capsules, pair_gaps, place_capsules
+from hand_tracker.core.model.capsules import (
+    blank_placement,
+    hand_capsules,
+    pair_gaps,
+    place_capsules,
+)
 from hand_tracker.core.model.hand import (
     ABDUCTION_JOINTS,
     FLEXION_JOINTS,
@@ -25,6 +30,7 @@ from hand_tracker.core.pose.contact import (
     CONTACT_GAP,
     PENETRATION,
     TOLERANCE_SHARE,
+    Mobility,
     drag_hidden,
     separate,
 )
@@ -67,7 +73,8 @@ def apart(hand, angles, mobility=ALIKE, slope=None):
     moved = np.array(angles)
     slope = hand.coupling[:, 0].copy() if slope is None else slope
     linkage = pack_of(hand)[0][0]
-    rounds = separate(linkage, moved, *hand.limits.T.copy(), slope, mobility, PENETRATION)
+    rounds = separate(linkage, moved, Mobility(*hand.limits.T.copy(), slope, mobility),
+                      PENETRATION, blank_placement())
     return moved, rounds
 
 
@@ -252,11 +259,12 @@ def test_paths_jump_only_where_a_digit_passes_through_the_middle_of_another():
 def carried(before, after, hidden, gap=CONTACT_GAP, friction=SKIN_FRICTION):
     """Return how the hidden digits are carried from one pose to another, shape (5, 3) [m]."""
     body = body_of(HAND)
-    ends = np.empty((2, len(body.link), 2, 3))
-    place_capsules(body, before, ends[0])
-    place_capsules(body, after, ends[1])
+    last, now = blank_placement(), blank_placement()
+    place_capsules(body, before, last)
+    place_capsules(body, after, now)
     displacement = np.full((5, 3), np.nan)
-    drag_hidden(body, ends[0], ends[1], np.isin(np.arange(5), hidden), gap, friction, displacement)
+    seen = ~np.isin(np.arange(5), hidden)
+    drag_hidden(body, last.ends, now.ends, seen, gap, friction, displacement)
     return displacement
 
 
