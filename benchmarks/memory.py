@@ -34,6 +34,7 @@ from hand_tracker.messages.templates import JOINT_STATES, joint_state_template
 from hand_tracker.nodes.fast_path.kernel import (
     LOG_CAPACITY,
     LOG_COLUMNS,
+    TrackPacks,
     drain_log,
     install_part,
     install_reply,
@@ -62,10 +63,9 @@ def fast_path_frames():
     memories, memory = packed(new_memory())
     hands, hand = packed(new_hand_memory())
     lap, answer = messages(['right'], RATE), joint_state_template(JOINTS)
-    arguments = tracker.kernel_arguments()
-    reports = arguments[-1]
+    packs = TrackPacks(*tracker.kernel_arguments())
     seen = (np.zeros((LOG_CAPACITY, LOG_COLUMNS)),
-            np.zeros((LOG_CAPACITY, LAYOUT_CAPACITY), np.int8), empty_like_pack(reports))
+            np.zeros((LOG_CAPACITY, LAYOUT_CAPACITY), np.int8), empty_like_pack(packs.report))
 
     def frame(i):
         data, places = lap[i % len(lap)]
@@ -78,11 +78,11 @@ def fast_path_frames():
             install_part(hand, JOINT_STATES, 0, slice(0, len(JOINTS)))
             return
         if not process_message(
-                memories, (hands,), (arguments,), np.frombuffer(data, np.uint8)):
+                memories, (hands,), (packs,), np.frombuffer(data, np.uint8)):
             raise RuntimeError(f'frame {i} left the fast path')
-        log_frame(hand, reports[0], 0., 0.)
+        log_frame(hand, packs.report[0], 0., 0.)
         if i % TIMERS_EVERY == 0:
-            drain_log(hands, reports, *seen)
+            drain_log(hands, packs.report, *seen)
 
     return frame
 

@@ -10,8 +10,7 @@ from hand_tracker.retargeting.retargeter import Retargeter
 from hand_tracker.retargeting.robot_file import load_robot
 from hand_tracker.tracking.recording import marker_topic, track
 
-# Of each joint [N m/rad], [N m s/rad], [kg m²].
-JOINT_STIFFNESS, JOINT_DAMPING, JOINT_ARMATURE = 3., .02, 1e-4
+JOINT_STIFFNESS, JOINT_DAMPING, JOINT_ARMATURE = 3., .02, 1e-4  # [N m/rad, N m s/rad, kg m²]
 
 robot, tracker = load_robot('plain'), HandTracker()
 spec = mujoco.MjSpec.from_file(robot.urdf)

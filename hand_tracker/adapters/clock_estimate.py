@@ -14,8 +14,6 @@ import time
 
 import numpy as np
 
-from ..core.numerics.jit import jit
-
 BIN = .5               # [s] of the remote clock, of which the tightest bounds are kept
 BINS = 60
 MAX_DRIFT = 3e-4       # of a clock of quartz [s/s]
@@ -27,7 +25,6 @@ LONGEST_LOOK = 50_000  # [ns] at two clocks, if nothing comes in between
 TOLERANCE = .001       # [s] by which bounds may contradict each other before all begins anew
 
 
-@jit
 def local_time(remote: float, offset: float, drift: float, centre: float) -> float:
     """Return the local time of a remote one, by a clock's `ClockEstimate.line` [s]."""
     return remote + offset + drift * (remote - centre)

@@ -123,7 +123,7 @@ class GraspingRobot(DrivenRobot):
         save_grasp_picture(output / 'grasp.png', moments)
         moved = self.track.moved()
         outcome = (f'the ball moved by {1e3 * moved:.1f} mm in the closed hand, '
-                f'{OPENS_AT - TURNED_AT:.1f} s of it upside down')
+                   f'{OPENS_AT - TURNED_AT:.1f} s of it upside down')
         if moved > LOST_FROM:
             raise HandTrackerError(f'the ball was dropped: {outcome}')
         if self.track.fell() < FREE_FROM:

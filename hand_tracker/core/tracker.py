@@ -319,7 +319,7 @@ class HandTracker:
         ValueError
             If a shape is another.
         """
-        frame = np.array(markers, dtype=float)
+        frame = np.array(markers, dtype=float, order='C')
         if frame.shape != (len(self.layout.names), 3):
             raise ValueError(f'markers: shape {frame.shape}; expected '
                              f'{(len(self.layout.names), 3)}')

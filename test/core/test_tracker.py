@@ -440,6 +440,31 @@ def test_a_layout_without_information_is_refused(layout, message):
         HandTracker(layout=layout)
 
 
+@pytest.mark.parametrize('marker', range(3))
+def test_a_palm_marker_off_the_palm_is_refused_and_a_jump_of_the_hand_is_not(marker):
+    hand = Hand.scaled()
+    places = marker_positions(
+        MarkerLayout().mounting(hand), forward(joint_table(hand), np.zeros(len(JOINTS))))
+    for off, is_refused in ((np.eye(8)[:, marker:marker + 1], True), (np.ones((8, 1)), False)):
+        tracker = HandTracker(hand)
+        for _ in range(20):
+            tracker.update(places)
+        state = tracker.update(places + off * (0., 0., .016))
+        assert (state.marker_states[marker] == MarkerState.REJECTED) == is_refused
+        assert (np.delete(state.marker_states, marker) == MarkerState.SEEN).all()
+
+
+def test_a_frame_in_the_order_of_columns_is_the_same_frame():
+    hand = Hand.scaled()
+    places = marker_positions(
+        MarkerLayout().mounting(hand), forward(joint_table(hand), np.zeros(len(JOINTS))))
+    rows, columns = HandTracker(hand), HandTracker(hand)
+    for k in range(4):
+        one, other = rows.update(places), columns.update(
+            places if k % 2 == 0 else np.asfortranarray(places))
+        assert (one.angles == other.angles).all() and (one.markers == other.markers).all()
+
+
 def test_a_frozen_marker_is_held_while_the_hand_moves():
     hand = Hand.scaled()
     tracker = HandTracker(hand, options=TrackerOptions(frozen_frames=5))

@@ -135,9 +135,14 @@ def test_no_bytes_become_code():
     assert found == []
 
 
+def repository_files():
+    """Return the Python files of the repository; not what Sphinx has copied."""
+    return [path for folder in FOLDERS for path in sorted((REPOSITORY / folder).rglob('*.py'))
+            if '_build' not in path.parts]
+
+
 def test_no_two_modules_have_one_name():
-    names = ((path.name, path) for folder in FOLDERS
-             for path in sorted((REPOSITORY / folder).rglob('*.py')))
+    names = ((path.name, path) for path in repository_files())
     assert {name: where for name, where in repeated(names).items()
             if name not in ('__init__.py', '__main__.py')} == {}
 
@@ -152,8 +157,7 @@ def constants_of(files):
 def test_no_constant_has_two_meanings():
     """The constants of test files are their own, but none has the name of one of the package."""
     tests = sorted((REPOSITORY / 'test').rglob('test_*.py'))
-    others = [path for folder in FOLDERS for path in sorted((REPOSITORY / folder).rglob('*.py'))
-              if path not in tests]
+    others = [path for path in repository_files() if path not in tests]
     assert repeated(constants_of(others)) == {}
     package = {constant for constant, file in constants_of(others)
                if file.startswith(('hand_tracker/', 'launch/'))}

@@ -150,7 +150,7 @@ def _write_link(workspace: DigitWorkspace, j: int, axes: Frame, origin: Vector,
 
 @jit
 def marker_on_digit(rows: MarkerRows, row: int, angles: np.ndarray,
-             workspace: DigitWorkspace) -> tuple[Vector, Vector]:
+                    workspace: DigitWorkspace) -> tuple[Vector, Vector]:
     """Return a marker's place on a placed digit, and the landmark that it is at [m]."""
     link = rows.link[row]
     axes = (vector(workspace.frames[link, 0]), vector(workspace.frames[link, 1]),

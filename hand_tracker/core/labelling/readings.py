@@ -33,9 +33,9 @@ from .validity import COORDINATE_LIMIT
 # pianist 35 mm at 30 Hz.
 DIGIT_GATE_BASE = .012       # [m] in the palm's frame
 DIGIT_GATE_BEND = 120.       # [m/s²]
-# Palm markers in the input's frame: ours, for a hand that is shaken; captured hands do 22 mm at
-# 120 Hz (ManipNet).
-PALM_GATE_BASE = .01        # [m]
+# Palm markers in the input's frame; ours. A hand that jumps farther as a whole (captured ones do
+# 22 mm at 120 Hz, ManipNet) has its digits in place on its palm: see `is_as_expected`.
+PALM_GATE_BASE = .01         # [m]
 PALM_GATE_BEND = 100.        # [m/s²]
 MAX_BEND_TIME = .1           # [s] a longer step widens the gates no further
 MIN_PREDICTION_ERROR = .001  # [m]

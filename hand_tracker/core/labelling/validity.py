@@ -42,11 +42,10 @@ def reject_frozen(markers: np.ndarray, seen: np.ndarray, last: np.ndarray, still
                   stood: np.ndarray, patience: int) -> None:
     """Reject frozen markers: lost ones whose last position the driver repeats.
 
-    A digit's marker is frozen if its position repeats bit for bit while at least two palm
-    markers move. A palm marker may rest on a table while the hand turns about it, so it is frozen
-    only once its distance from another has changed; as two may freeze at once, one other palm
-    marker and a digit that move are enough. Markers at the origin are handled where messages are
-    decoded.
+    A marker is frozen if its position repeats bit for bit while the hand moves: two palm markers,
+    or, as two may freeze at once, one and a digit's. A palm marker may rest on a table while the
+    hand turns about it, so it is frozen only once its distance from another has changed. Markers
+    at the origin are handled where messages are decoded.
 
     Parameters
     ----------
@@ -79,8 +78,8 @@ def reject_frozen(markers: np.ndarray, seen: np.ndarray, last: np.ndarray, still
             still[i] = 0
             for j in range(3 if i < 3 else 0):
                 stood[i, j] = _gap(markers, seen, i, j)
-        elif (palm_moved >= 2 if i >= 3 else hand_moved and (
-                still[i] + 1 != patience or _has_moved_in_palm(markers, seen, stood, i))):
+        elif hand_moved and (i >= 3 or still[i] + 1 != patience
+                             or _has_moved_in_palm(markers, seen, stood, i)):
             still[i] += 1
         for k in range(3):
             last[i, k] = markers[i, k]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...adapters.clock_estimate import local_time
+from ...adapters import clock_estimate
 from ...adapters.marker_arrays import MarkerArrayWriter
 from ...adapters.packet_structure import POINT_SIZE, PacketOrigin, PacketStructure
 from ...core.numerics.jit import CACHE_FOLDER, COMPILED, DEFERRED, Pack, jit, packed
@@ -31,6 +31,7 @@ POINTS_CAPACITY = 2**8    # points of a packet, and stamps of a message
 NO_PACKET = -1
 LARGEST_NUMBER = 2**63 - 1   # of the numbers that go up; one above is taken for a negative one
 LONGEST_WAY = 1.          # [s] from exposure to receipt; else one of the clocks was set
+_local_time = jit(clock_estimate.local_time)
 
 
 class RelayMemory(NamedTuple):
@@ -174,7 +175,7 @@ def fill_message(memories: Pack[RelayMemory], packet: np.ndarray, received: int)
         for i in range(3):
             message[first + i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
     exposed = memory.tick[0] * packet[memory.time[0]:memory.time[0] + 8].view(np.int64)[0]
-    local = local_time(exposed, memory.clock[0], memory.clock[1], memory.clock[2])
+    local = _local_time(exposed, memory.clock[0], memory.clock[1], memory.clock[2])
     # False for NaN, too.
     if not 0. <= 1e-9 * received - local < LONGEST_WAY:
         return False

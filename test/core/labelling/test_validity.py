@@ -71,6 +71,9 @@ def test_two_palm_markers_that_repeat_are_frozen_once_the_third_has_left_them(mo
     seen = states([markers + frame * move for frame in range(8)])
     assert seen[:3].all() and not seen[4:, frozen].any() and seen[:, moving].all()
     assert seen[:, 3:].all()
+    move[6] = 0.
+    seen = states([markers + frame * move for frame in range(8)])
+    assert not seen[4:, 6].any(), 'a digit frozen with them'
     move[3:] = 0.
     assert states([markers + frame * move for frame in range(8)]).all(), (
         'one marker alone is a stray')
