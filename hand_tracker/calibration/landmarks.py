@@ -78,8 +78,8 @@ def digit_angles(hand: Hand, digit: int, joints: np.ndarray) -> np.ndarray:
         Abduction, then the three flexions [rad].
     """
     base, _, tilt = digit_base(hand, digit)
-    if DIGITS[digit] == 'thumb' and hand.thumb_pronation:
-        return _pronated_angles(hand, np.diff(joints, axis=1) @ base, tilt)
+    if DIGITS[digit] == 'thumb' and hand.thumb_roll:
+        return _thumb_angles(hand, np.diff(joints, axis=1) @ base, tilt)
     x, y, z = np.moveaxis(np.diff(joints, axis=1) @ base, -1, 0)
     level = x + 1j * y
     aside = 1j * hand.bone_ends()[digit, :, 1]
@@ -94,8 +94,8 @@ def digit_angles(hand: Hand, digit: int, joints: np.ndarray) -> np.ndarray:
                             (flexions + np.pi) % (2. * np.pi) - np.pi))
 
 
-def _pronated_angles(hand: Hand, bones: np.ndarray, tilt: float) -> np.ndarray:
-    """Return abduction and flexions (T, 4) of a thumb whose phalanges are pronated [rad].
+def _thumb_angles(hand: Hand, bones: np.ndarray, tilt: float) -> np.ndarray:
+    """Return abduction and flexions (T, 4) of a thumb whose phalanges are rolled [rad].
 
     The metacarpal tells abduction and its own flexion, the phalanges their flexions about it.
     `bones` (T, 3, 3) are in its base, at whose zero the metacarpal is flexed by `tilt`.
@@ -104,10 +104,10 @@ def _pronated_angles(hand: Hand, bones: np.ndarray, tilt: float) -> np.ndarray:
     turn, flexion = np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
     c, s, cf, sf = np.cos(turn), np.sin(turn), np.cos(flexion), np.sin(flexion)
     axes = np.array(((c * cf, s * cf, -sf), (-s, c, 0. * c), (c * sf, s * sf, cf)))
-    aside, pronation = hand.thumb_mcp_abduction, hand.thumb_pronation
-    straight = np.array((np.cos(aside), np.cos(pronation) * np.sin(aside),
-                         np.sin(pronation) * np.sin(aside)))
-    palmar = np.array((0., np.sin(pronation), -np.cos(pronation)))
+    aside, roll = hand.thumb_mcp_abduction, hand.thumb_roll
+    straight = np.array((np.cos(aside), np.cos(roll) * np.sin(aside),
+                         np.sin(roll) * np.sin(aside)))
+    palmar = np.array((0., np.sin(roll), -np.cos(roll)))
     phalanges = np.einsum('ijt,tkj->tki', axes, bones[:, 1:])
     bent = np.unwrap(np.arctan2(phalanges @ palmar, phalanges @ straight), axis=1)
     return np.column_stack((turn, flexion - tilt, bent[:, 0], bent[:, 1] - bent[:, 0]))

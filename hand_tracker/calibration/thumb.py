@@ -1,4 +1,4 @@
-"""Fit the thumb: position and axes of the saddle joint, pronation, coupling of the IP.
+"""Fit the thumb: position and axes of the saddle joint, roll, coupling of the IP.
 
 First its axes are fitted to the recorded joints. Then the coupling, with a little of the rest, so
 that the thumb solved from its tip alone reproduces them.
@@ -15,7 +15,7 @@ from ..core.model.hand import (
     THUMB_ABDUCTION_AXIS,
     THUMB_AXIS_DISTANCE_RANGE,
     THUMB_COUPLING,
-    THUMB_PRONATION_RANGE,
+    THUMB_ROLL_RANGE,
     Hand,
 )
 from ..core.model.kinematics import digit_base
@@ -33,7 +33,7 @@ CMC_SPREAD = .0025                # [m] from the median of the recorded joint
 SLOPE_SPREAD = .5                 # of the slope's logarithm
 OFFSET_SPREAD = np.radians(15.)
 MCP_ABDUCTION_SPREAD = np.radians(8.)
-PRONATION_SPREAD = np.radians(45.)
+ROLL_SPREAD = np.radians(45.)
 AXIS_DISTANCE_SPREAD = .02        # [m]
 SLOPE_BOUNDS = (.3, 3.)
 OFFSET_BOUNDS = (-np.pi / 4, np.pi / 4)
@@ -41,9 +41,9 @@ AXIS_BOUND = 2.5                  # [AXIS_SPREAD], 42 degrees
 CMC_BOUND = 4.                    # [CMC_SPREAD]
 CMC_WEIGHT = .3                   # [1] of its misses by the tip, beside MCP and IP; from captures
 
-# Lean, pronation [rad] and distance of the axes [m] at which fits start.
+# Lean, roll [rad] and distance of the axes [m] at which fits start.
 LEAN_STARTS = ((0., 0.), (1., 0.), (-1., 0.), (0., 1.), (0., -1.))
-PRONATION_STARTS = ((0., .002), (.8, .01))
+ROLL_STARTS = ((0., .002), (.8, .01))
 
 
 class Saddle(NamedTuple):
@@ -57,7 +57,7 @@ class Saddle(NamedTuple):
         Unit length.
     thumb_coupling : tuple of float
         Slope and offset of the IP's flexion against the MCP's [1, rad].
-    thumb_mcp_abduction, thumb_pronation : float
+    thumb_mcp_abduction, thumb_roll : float
         [rad]
     thumb_axis_distance : float
         [m]
@@ -68,7 +68,7 @@ class Saddle(NamedTuple):
     thumb_rest_direction: np.ndarray
     thumb_coupling: tuple[float, float]
     thumb_mcp_abduction: float = 0.
-    thumb_pronation: float = 0.
+    thumb_roll: float = 0.
     thumb_axis_distance: float = 0.
 
 
@@ -91,7 +91,7 @@ class ThumbAngles(NamedTuple):
 
 
 def fit_thumb(hand: Hand, thumb: np.ndarray) -> Hand:
-    """Return `hand` with the thumb's CMC, axes, pronation, MCP abduction and coupling fitted.
+    """Return `hand` with the thumb's CMC, axes, roll, MCP abduction and coupling fitted.
 
     Parameters
     ----------
@@ -110,17 +110,17 @@ def fit_thumb(hand: Hand, thumb: np.ndarray) -> Hand:
     rest = hand.thumb_rest_direction
 
     def saddle(x: np.ndarray, coupling: np.ndarray) -> Saddle:
-        pronation, distance = PRONATION_SPREAD * x[6], AXIS_DISTANCE_SPREAD * x[7]
-        # The CMC's axes are supinated as far as the phalanges are pronated, so that these bend
+        roll, distance = ROLL_SPREAD * x[6], AXIS_DISTANCE_SPREAD * x[7]
+        # The CMC's axes are rolled back as far as the phalanges are rolled, so that these bend
         # where they are recorded to.
-        axis = _turned(default + AXIS_SPREAD * (x[0] * across + x[1] * along), rest, -pronation)
+        axis = _turned(default + AXIS_SPREAD * (x[0] * across + x[1] * along), rest, -roll)
         axis /= np.linalg.norm(axis)
         ahead = metacarpal - (metacarpal @ axis) * axis
         return Saddle(
             hand.thumb_cmc + CMC_SPREAD * x[2:5] - distance * ahead / np.linalg.norm(ahead), axis,
             rest, (THUMB_COUPLING[0] * np.exp(SLOPE_SPREAD * coupling[0]),
                    THUMB_COUPLING[1] + OFFSET_SPREAD * coupling[1]),
-            MCP_ABDUCTION_SPREAD * x[5], pronation, distance)
+            MCP_ABDUCTION_SPREAD * x[5], roll, distance)
 
     def misses_of_axes(x: np.ndarray) -> np.ndarray:
         return _misses_of_axes(saddle(x, np.zeros(2)), recorded)
@@ -133,12 +133,12 @@ def fit_thumb(hand: Hand, thumb: np.ndarray) -> Hand:
 
     bounds = np.array([(-AXIS_BOUND, AXIS_BOUND)] * 2 + [(-CMC_BOUND, CMC_BOUND)] * 3
                       + [hand.limits[MCP_ABDUCTION_ROW] / MCP_ABDUCTION_SPREAD,
-                         np.divide(THUMB_PRONATION_RANGE, PRONATION_SPREAD),
+                         np.divide(THUMB_ROLL_RANGE, ROLL_SPREAD),
                          np.divide(THUMB_AXIS_DISTANCE_RANGE, AXIS_DISTANCE_SPREAD)])
     axes = regularised_fit(misses_of_axes, [
-        np.array((*lean, 0., 0., 0., 0., pronation / PRONATION_SPREAD,
+        np.array((*lean, 0., 0., 0., 0., roll / ROLL_SPREAD,
                   distance / AXIS_DISTANCE_SPREAD))
-        for lean in LEAN_STARTS for pronation, distance in PRONATION_STARTS], bounds.T)
+        for lean in LEAN_STARTS for roll, distance in ROLL_STARTS], bounds.T)
     slopes = np.log(np.divide(SLOPE_BOUNDS, THUMB_COUPLING[0])) / SLOPE_SPREAD
     offsets = np.subtract(OFFSET_BOUNDS, THUMB_COUPLING[1]) / OFFSET_SPREAD
     change = regularised_fit(
@@ -148,7 +148,7 @@ def fit_thumb(hand: Hand, thumb: np.ndarray) -> Hand:
     return hand.replace(
         thumb_cmc=part.thumb_cmc, thumb_abduction_axis=part.thumb_abduction_axis,
         thumb_rest_direction=_rest_direction(hand, part, thumb[:, 3] - part.thumb_cmc),
-        thumb_mcp_abduction=part.thumb_mcp_abduction, thumb_pronation=part.thumb_pronation,
+        thumb_mcp_abduction=part.thumb_mcp_abduction, thumb_roll=part.thumb_roll,
         thumb_axis_distance=part.thumb_axis_distance,
         coupling=np.vstack((hand.coupling[:4], part.thumb_coupling)))
 
@@ -230,7 +230,7 @@ def _metacarpal_axes(turn: np.ndarray, flexion: np.ndarray) -> np.ndarray:
 def _phalanx_axes(saddle: Saddle) -> np.ndarray:
     """Return straight and bent phalanges on a metacarpal: forward, aside, down, shape (3, 2)."""
     ca, sa = np.cos(saddle.thumb_mcp_abduction), np.sin(saddle.thumb_mcp_abduction)
-    cp, sp = np.cos(saddle.thumb_pronation), np.sin(saddle.thumb_pronation)
+    cp, sp = np.cos(saddle.thumb_roll), np.sin(saddle.thumb_roll)
     return np.array(((ca, 0.), (cp * sa, sp), (-sp * sa, cp)))
 
 

@@ -35,7 +35,7 @@ from ..core.model.hand import (
     SPLAY_RANGE,
     THUMB_AXIS_DISTANCE_RANGE,
     THUMB_MCP_ABDUCTION_RANGE,
-    THUMB_PRONATION_RANGE,
+    THUMB_ROLL_RANGE,
     USUAL_COUPLING_SPREAD,
     Hand,
     average_natural_flexion,
@@ -63,7 +63,7 @@ PHALANX_DEVIATION = Quantity(
     'degrees', 0, *(math.degrees(v) for v in (-PHALANX_DEVIATION_RANGE, PHALANX_DEVIATION_RANGE)))
 THUMB_MCP_ABDUCTION = Quantity(
     'degrees', 0, *(math.degrees(v) for v in THUMB_MCP_ABDUCTION_RANGE))
-THUMB_PRONATION = Quantity('degrees', 0, *(math.degrees(v) for v in THUMB_PRONATION_RANGE))
+THUMB_ROLL = Quantity('degrees', 0, *(math.degrees(v) for v in THUMB_ROLL_RANGE))
 THUMB_AXIS_DISTANCE = Quantity('mm', 0, *(1000. * v for v in THUMB_AXIS_DISTANCE_RANGE))
 DIRECTION = Quantity('', 3, -1e6, 1e6)
 SLOPE = Quantity('', 0, *SLOPE_RANGE)
@@ -92,7 +92,7 @@ THUMB_FIELDS = {
     'abduction_axis': ('thumb_abduction_axis', DIRECTION),
     'rest_direction': ('thumb_rest_direction', DIRECTION),
     'mcp_abduction_deg': ('thumb_mcp_abduction', THUMB_MCP_ABDUCTION),
-    'pronation_deg': ('thumb_pronation', THUMB_PRONATION),
+    'roll_deg': ('thumb_roll', THUMB_ROLL),
     'axis_distance_mm': ('thumb_axis_distance', THUMB_AXIS_DISTANCE),
 }
 COUPLING_FIELDS = {

@@ -29,10 +29,10 @@ LEADERS = np.array([JOINTS.index(f'{finger}_pip_flexion') for finger in FINGERS]
                    + [JOINTS.index('thumb_mcp_flexion')])
 
 
-def person(side='right', pronation=0., distance=0.):
+def person(side='right', roll=0., distance=0.):
     """Return a hand that differs from the default in all that is fitted.
 
-    Pronation of its thumb in degrees, distance of the CMC's axes in metres.
+    Roll of its thumb in degrees, distance of the CMC's axes in metres.
     """
     mean = Hand.scaled(.18, .08)
     # A fitted palm has wrist, index and little MCP in the plane of x and y.
@@ -46,7 +46,7 @@ def person(side='right', pronation=0., distance=0.):
         thumb_rest_direction=turn @ mean.thumb_rest_direction,
         thumb_cmc=flat @ mean.thumb_cmc + (.002, -.001, .001), thumb_bones=(.044, .033, .027),
         thumb_mcp_abduction=np.radians(-6.),
-        thumb_pronation=np.radians(pronation), thumb_axis_distance=distance,
+        thumb_roll=np.radians(roll), thumb_axis_distance=distance,
         finger_abduction_axes=((.2, .05, 1.), (.1, 0., 1.), (.05, -.1, 1.), (-.1, -.05, 1.)),
         splay=np.radians((6., 0., -5., -12.)),
         coupling=((.4, .2), (.6, 0.), (.2, .3), (.5, -.1), (1.5, -.1)),
@@ -213,12 +213,12 @@ def test_angles_of_landmarks_are_those_of_the_hand():
     np.testing.assert_allclose(found[:, thumb], angles[:, thumb], atol=np.radians(4.))
 
 
-@pytest.mark.parametrize('pronation, distance', [(0., 0.), (50., .012)])
-def test_solved_thumb_is_the_trackers(pronation, distance):
-    hand = person(pronation=pronation, distance=distance)
+@pytest.mark.parametrize('roll, distance', [(0., 0.), (50., .012)])
+def test_solved_thumb_is_the_trackers(roll, distance):
+    hand = person(roll=roll, distance=distance)
     angles, joints = recorded(hand)
     saddle = Saddle(hand.thumb_cmc, hand.thumb_abduction_axis, hand.thumb_rest_direction,
-                    hand.coupling[4], hand.thumb_mcp_abduction, hand.thumb_pronation,
+                    hand.coupling[4], hand.thumb_mcp_abduction, hand.thumb_roll,
                     hand.thumb_axis_distance)
     local = landmark_positions(hand, forward(joint_table(hand), angles))
     solved = solve_thumb(hand, saddle, local[:, 4] - hand.thumb_cmc)
@@ -233,10 +233,10 @@ def test_solved_thumb_is_the_trackers(pronation, distance):
 
 
 @pytest.mark.parametrize('side', ['right', 'left'])
-def test_a_saddle_whose_axes_do_not_meet_is_found_with_the_pronation_of_the_phalanges(side):
-    hand = person(side, pronation=50., distance=.012)
+def test_a_saddle_whose_axes_do_not_meet_is_found_with_the_roll_of_the_phalanges(side):
+    hand = person(side, roll=50., distance=.012)
     fitted = fit_hand(recorded(hand)[1], side, hand.limits)
-    assert np.degrees(fitted.thumb_pronation) == pytest.approx(50., abs=2.)
+    assert np.degrees(fitted.thumb_roll) == pytest.approx(50., abs=2.)
     assert fitted.thumb_axis_distance == pytest.approx(.012, abs=5e-4)
     _, joints = recorded(hand, seed=1)
     tracker = HandTracker(fitted, options=APART)
@@ -246,8 +246,8 @@ def test_a_saddle_whose_axes_do_not_meet_is_found_with_the_pronation_of_the_phal
     assert np.linalg.norm(found - joints, axis=2)[:, 1:4].mean() < 5e-4
 
 
-def test_angles_of_landmarks_are_those_of_a_pronated_thumb():
-    hand = person(pronation=50., distance=.012)
+def test_angles_of_landmarks_are_those_of_a_rolled_thumb():
+    hand = person(roll=50., distance=.012)
     angles, _ = recorded(hand)
     found = landmark_angles(hand, landmark_positions(hand, forward(joint_table(hand), angles)))
     thumb = [JOINTS.index(f'thumb_{joint}') for joint in (

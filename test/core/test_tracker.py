@@ -526,11 +526,11 @@ def test_a_wrong_shape_is_refused():
 
 
 @pytest.mark.parametrize('side', ['right', 'left'])
-@pytest.mark.parametrize('pronation, distance', [(0., 0.), (70., .018)])
+@pytest.mark.parametrize('roll, distance', [(0., 0.), (70., .018)])
 def test_a_filtered_thumb_whose_phalanges_leave_its_plane_meets_its_marker(
-        side, pronation, distance):
+        side, roll, distance):
     hand = Hand.scaled(side=side, thumb_mcp_abduction=np.radians(-8.),
-                       thumb_pronation=np.radians(pronation), thumb_axis_distance=distance)
+                       thumb_roll=np.radians(roll), thumb_axis_distance=distance)
     lean = JOINTS.index('thumb_mcp_abduction')
     tracker, misses = HandTracker(hand), []
     for frame, phase in enumerate(np.linspace(0., 4. * np.pi, 240)):

@@ -68,7 +68,7 @@ def random_hand(rng):
     noise['phalanx_deviation'] = rng.uniform(-.3, .3, 4)
     noise['range_of_motion'] = rng.uniform(0., 2., (25, 2)) * (-1., 1.)
     noise['thumb_mcp_abduction'] = rng.uniform(-.3, .3)
-    noise['thumb_pronation'] = rng.uniform(-.3, 1.)
+    noise['thumb_roll'] = rng.uniform(-.3, 1.)
     noise['thumb_axis_distance'] = rng.uniform(0., .02)
     noise['coupling'] = noise['coupling'] + rng.uniform(0., .3, (5, 2))
     return mean.replace(**noise, side=str(rng.choice(SIDES)))

@@ -23,7 +23,7 @@ ODD_HANDS = {
     'wide': Hand.scaled(limits=preset_limits('wide')),
     'splayed': Hand.scaled(.21, .09, splay=(.12, .02, -.08, -.2)),
     'deviating': Hand.scaled(side='left', phalanx_deviation=(.1, 0., -.05, -.15)),
-    'pronated': Hand.scaled(side='left', thumb_pronation=.8, thumb_axis_distance=.015),
+    'rolled': Hand.scaled(side='left', thumb_roll=.8, thumb_axis_distance=.015),
     'finger CMC in the wrist': Hand.scaled(finger_cmc=np.zeros((4, 3))),
     'thumb straight down': Hand.scaled(
         thumb_rest_direction=(0., 0., -1.), thumb_abduction_axis=(0., 1., 0.)),
@@ -93,7 +93,7 @@ def test_limits_and_origins_are_the_hands(hand):
 @pytest.mark.parametrize('side', SIDES)
 def test_capsules_run_from_joint_to_joint(side):
     robot = ElementTree.fromstring(urdf(Hand.scaled(
-        side=side, phalanx_deviation=(.1, 0., -.05, -.15), thumb_pronation=.8,
+        side=side, phalanx_deviation=(.1, 0., -.05, -.15), thumb_roll=.8,
         thumb_axis_distance=.015)))
     followers = {f'{finger}_{a}': f'{finger}_{b}' for finger in FINGERS for a, b in (
         ('metacarpal', 'mcp_abduction'), ('proximal', 'pip_flexion'), ('middle', 'dip_flexion'))}

@@ -74,7 +74,7 @@ class Chains(NamedTuple):
         Standard deviation of the marker from its place, by motion of the skin; 0 if unknown [m].
     measured : ndarray of bool, shape (5,)
         Whether a measured last joint replaces the coupling.
-    aside, pronation : ndarray, shape (5,)
+    aside, roll : ndarray, shape (5,)
         Abduction of the second hinge, and turn of its axes about the first bone, by which what
         is behind it leaves the plane [rad].
     advance : ndarray, shape (5,)
@@ -102,7 +102,7 @@ class Chains(NamedTuple):
     skin: np.ndarray
     measured: np.ndarray
     aside: np.ndarray
-    pronation: np.ndarray
+    roll: np.ndarray
     advance: np.ndarray
     is_planar: np.ndarray
 
@@ -133,9 +133,9 @@ def digit_chains(hand: Hand, mounting: Mounting) -> Chains:
     droop = np.arctan2(-markers[:, 2], markers[:, 0])
     hinges = np.where(third, 3, 2)
     length = (bones * (np.arange(3) < hinges[:, None])).sum(axis=1)
-    aside, pronation, advance = np.zeros((3, 5))
+    aside, roll, advance = np.zeros((3, 5))
     aside[THUMB] = np.clip(hand.thumb_mcp_abduction, *hand.limits[THUMB_MCP_ABDUCTION_JOINT])
-    pronation[THUMB], advance[THUMB] = hand.thumb_pronation, hand.thumb_axis_distance
+    roll[THUMB], advance[THUMB] = hand.thumb_roll, hand.thumb_axis_distance
     length += advance
     lower, upper = hand.limits.T.copy()
     sign = np.array(ABDUCTION_SIGN)
@@ -144,8 +144,8 @@ def digit_chains(hand: Hand, mounting: Mounting) -> Chains:
         root, base, tilt, hinges, bones, length, droop, lateral, np.zeros(5),
         sign, turn_limits, lower, upper, hand.coupling.copy(), hand.coupling_spread.copy(),
         hand.natural_flexion.copy(), mounting.deviation[MARKERS.index('index'):].copy(),
-        np.zeros(5, dtype=bool), aside, pronation, advance,
-        (aside == 0.) & (pronation == 0.) & (advance == 0.)))
+        np.zeros(5, dtype=bool), aside, roll, advance,
+        (aside == 0.) & (roll == 0.) & (advance == 0.)))
     # Without a measured flexion this finds `start`.
     override_coupling(pack, np.full(5, np.nan), pack)
     return found
@@ -296,7 +296,7 @@ def planar_marker(chains: Chains, digit: int, marker: Vector, angles: np.ndarray
     aside = chains.sign[digit] * chains.aside[digit]
     c, s = math.cos(aside), math.sin(aside)
     along, across = c * ahead - s * beside, s * ahead + c * beside
-    c, s = math.cos(chains.pronation[digit]), math.sin(chains.pronation[digit])
+    c, s = math.cos(chains.roll[digit]), math.sin(chains.roll[digit])
     forward, lateral = along + linkage.bones[0], c * across + s * below
     down = c * below - s * across
 

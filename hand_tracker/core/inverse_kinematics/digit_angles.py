@@ -89,7 +89,7 @@ def new_digit_workspace() -> DigitWorkspace:
 
 @jit
 def turn_about_x(axes: Frame, angle: float) -> Frame:
-    """Return a frame turned about its x axis by an angle [rad]: pronation."""
+    """Return a frame turned about its x axis by an angle [rad]: a thumb's roll."""
     c, s = math.cos(angle), math.sin(angle)
     return (axes[0], add(scale(axes[1], c), scale(axes[2], s)),
             subtract(scale(axes[2], c), scale(axes[1], s)))
@@ -125,7 +125,7 @@ def place_digit(chains: Chains, bone_ends: np.ndarray, digit: int, angles: np.nd
         if j == 0 or j == 1 and not is_thumb or j == 2 and is_thumb:
             if j == 2:
                 origin = add(origin, rotate(axes, vector(bone_ends[digit, 0])))
-                axes = turn_about_x(axes, chains.pronation[digit])
+                axes = turn_about_x(axes, chains.roll[digit])
             axes = turn_about_z(axes, sign * angles[j])
             _write_link(workspace, j, axes, origin, scale(axes[2], sign))
             continue

@@ -134,7 +134,7 @@ RADIUS_RANGE = (.001, .05)     # [m] of a capsule
 SPLAY_RANGE = np.pi / 4        # [rad] to either side
 PHALANX_DEVIATION_RANGE = np.pi / 9              # [rad] to either side
 THUMB_MCP_ABDUCTION_RANGE = (-np.pi / 4, np.pi / 4)  # [rad]
-THUMB_PRONATION_RANGE = (-np.pi / 2, np.pi / 2)      # [rad]
+THUMB_ROLL_RANGE = (-np.pi / 2, np.pi / 2)           # [rad]
 THUMB_AXIS_DISTANCE_RANGE = (0., .03)                # [m]
 HAND_LENGTH_RANGE = (.10, .26)   # [m]
 HAND_BREADTH_RANGE = (.04, .14)  # [m]
@@ -238,9 +238,10 @@ class Hand:
     thumb_mcp_abduction : float
         Angle of the thumb's MCP abduction, which stays: the phalanges bend in another plane than
         the metacarpal [rad].
-    thumb_pronation : float
-        Angle about the metacarpal, from y to z, by which the flexion axes of the thumb's MCP and
-        IP are turned against that of its CMC [rad].
+    thumb_roll : float
+        Angle about the metacarpal, right-handed about its direction to the tip (from y to z), by
+        which the flexion axes of the thumb's MCP and IP are turned against that of its CMC;
+        positive turns the pad palmar, away from the fingers [rad].
     thumb_axis_distance : float
         Distance of the CMC's flexion axis from its abduction axis, towards the metacarpal: the
         axes of a saddle joint do not meet. `thumb_cmc` is on the axis of abduction [m].
@@ -291,7 +292,7 @@ class Hand:
     thumb_rest_direction: np.ndarray = field(
         default_factory=lambda: np.array(THUMB_REST_DIRECTION))
     thumb_mcp_abduction: float = 0.
-    thumb_pronation: float = 0.
+    thumb_roll: float = 0.
     thumb_axis_distance: float = 0.
     finger_abduction_axes: np.ndarray = field(
         default_factory=lambda: np.array(((0., 0., 1.),) * 4))
@@ -317,7 +318,7 @@ class Hand:
                 ('limits', (25, 2)), ('range_of_motion', (25, 2)),
                 ('coupling', (5, 2)), ('coupling_spread', (5,)), ('natural_flexion', (5, 3)),
                 ('palm_synergy', (4,)), ('radii', (5, 3)), ('palm_radius', ()),
-                ('thumb_mcp_abduction', ()), ('thumb_pronation', ()),
+                ('thumb_mcp_abduction', ()), ('thumb_roll', ()),
                 ('thumb_axis_distance', ())):
             object.__setattr__(self, name, _array(name, getattr(self, name), shape))
         if self.side not in SIDES:
@@ -329,7 +330,7 @@ class Hand:
         for name in ('radii', 'palm_radius'):
             _require(name, getattr(self, name), *RADIUS_RANGE, 'm')
         _require('thumb_mcp_abduction', self.thumb_mcp_abduction, *THUMB_MCP_ABDUCTION_RANGE, 'rad')
-        _require('thumb_pronation', self.thumb_pronation, *THUMB_PRONATION_RANGE, 'rad')
+        _require('thumb_roll', self.thumb_roll, *THUMB_ROLL_RANGE, 'rad')
         _require('thumb_axis_distance', self.thumb_axis_distance, *THUMB_AXIS_DISTANCE_RANGE, 'm')
         _require('splay', self.splay, -SPLAY_RANGE, SPLAY_RANGE, 'rad')
         _require('phalanx_deviation', self.phalanx_deviation, -PHALANX_DEVIATION_RANGE,
@@ -474,7 +475,7 @@ class Hand:
         """
         cmc = self.resting_thumb_cmc()
         return self.replace(thumb_cmc=cmc, thumb_abduction_axis=cmc - self.finger_mcp[0],
-                            thumb_pronation=0., thumb_axis_distance=0.)
+                            thumb_roll=0., thumb_axis_distance=0.)
 
 
 def cmc_joints(mcp: np.ndarray, length: float) -> np.ndarray:

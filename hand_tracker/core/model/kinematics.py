@@ -117,9 +117,9 @@ def joint_table(hand: Hand) -> JointTable:
         tilted = np.array(((c, 0., s), (0., 1., 0.), (-s, 0., c)))
         if name == 'thumb':
             joints = THUMB_JOINTS
-            cp, sp = np.cos(hand.thumb_pronation), np.sin(hand.thumb_pronation)
-            pronated = np.array(((1., 0., 0.), (0., cp, -sp), (0., sp, cp)))
-            rotations = (base, tilted, pronated, np.eye(3), np.eye(3))
+            cp, sp = np.cos(hand.thumb_roll), np.sin(hand.thumb_roll)
+            rolled = np.array(((1., 0., 0.), (0., cp, -sp), (0., sp, cp)))
+            rotations = (base, tilted, rolled, np.eye(3), np.eye(3))
             translations = (root, hand.thumb_axis_distance * X_AXIS, ends[digit, 0], 0. * X_AXIS,
                             ends[digit, 1])
         else:

@@ -73,11 +73,11 @@ def test_angles_of_an_open_hand_come_back(layout):
 
 
 @LAYOUTS
-@pytest.mark.parametrize('pronation, distance', [
+@pytest.mark.parametrize('roll, distance', [
     (0., 0.), (50., 0.), (0., .015), (60., .015), (-30., .01)])
-def test_a_thumb_whose_phalanges_leave_its_plane_comes_back(layout, pronation, distance):
+def test_a_thumb_whose_phalanges_leave_its_plane_comes_back(layout, roll, distance):
     hand = HAND.replace(thumb_mcp_abduction=np.radians(-8.),
-                        thumb_pronation=np.radians(pronation), thumb_axis_distance=distance)
+                        thumb_roll=np.radians(roll), thumb_axis_distance=distance)
     digits = digit_chains(hand, layout.mounting(hand))
     for angles in poses(20, hand):
         angles[MCP_ABDUCTION] = hand.thumb_mcp_abduction

@@ -14,7 +14,7 @@ from hand_tracker.core.model.marker_rows import marker_rows
 @pytest.mark.parametrize('digit', range(5))
 def test_a_digit_is_placed_where_forward_kinematics_places_it(digit):
     hand = Hand.scaled(.2, .095, phalanx_deviation=(.1, 0., -.05, -.15),
-                       thumb_pronation=.9, thumb_axis_distance=.015)
+                       thumb_roll=.9, thumb_axis_distance=.015)
     layout = MarkerLayout()
     chains = digit_chains(hand, layout.mounting(hand))
     ends = marker_rows(hand, layout, 'flat').bone_ends

@@ -33,7 +33,7 @@ TABLE_1 = {
     'finger_dip': (10, 90, None, None),
 }
 NOT_ARRAYS = (
-    'side', 'palm_radius', 'thumb_mcp_abduction', 'thumb_pronation', 'thumb_axis_distance')
+    'side', 'palm_radius', 'thumb_mcp_abduction', 'thumb_roll', 'thumb_axis_distance')
 
 # Pads meet: abduction, MCP, PIP, DIP of the finger; the thumb's five [degrees].
 OPPOSITION = {

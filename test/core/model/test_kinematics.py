@@ -166,6 +166,23 @@ def test_thumb_flexes_across_the_palm_and_abducts_out_of_it():
     assert abs(abducted[2]) > abs(abducted[1])
 
 
+@pytest.mark.parametrize('side, sense', [('right', 1.), ('left', -1.)])
+def test_positive_roll_turns_the_thumbs_pad_palmar_and_away_from_the_fingers(side, sense):
+    hand = Hand.scaled(side=side)
+    rolled = hand.replace(thumb_roll=np.radians(50.))
+    link = LINKS.index('thumb_distal')
+    before, after = (forward(joint_table(one), np.zeros(25)).rotation[link]
+                     for one in (hand, rolled))
+    np.testing.assert_allclose(after[:, 0], before[:, 0], atol=1e-12)
+    # Right-handed about the thumb towards its tip, on a left hand left-handed.
+    about = np.cross(before[:, 1], after[:, 1]) @ before[:, 0]
+    assert about == pytest.approx(sense * np.sin(np.radians(50.)))
+    to_fingers = (hand.finger_mcp[0] - hand.thumb_cmc) * (1., sense, 1.)
+    pads = -before[:, 2], -after[:, 2]
+    assert pads[1][2] < pads[0][2] - .5
+    assert pads[1] @ to_fingers < pads[0] @ to_fingers
+
+
 def test_zero_angles_are_the_documented_rest():
     hand = HANDS['arched']
     pose = forward(joint_table(hand), np.zeros(25))
