@@ -60,8 +60,9 @@ def landmark_positions(hand: Hand, pose: Pose,
 def digit_angles(hand: Hand, digit: int, joints: np.ndarray) -> np.ndarray:
     """Return the angles of a digit in recorded postures.
 
-    Flexions are measured in the plane that contains the abduction axis and fits all bones between
-    the joints best, so that a single bone along the axis does not turn it.
+    A finger's flexions are measured in the plane that contains the abduction axis and fits all
+    bones between the joints best, so that a single bone along the axis does not turn it; the
+    thumb's plane is that of its metacarpal.
 
     Parameters
     ----------
@@ -78,7 +79,7 @@ def digit_angles(hand: Hand, digit: int, joints: np.ndarray) -> np.ndarray:
         Abduction, then the three flexions [rad].
     """
     base, _, tilt = digit_base(hand, digit)
-    if DIGITS[digit] == 'thumb' and hand.thumb_roll:
+    if DIGITS[digit] == 'thumb':
         return _thumb_angles(hand, np.diff(joints, axis=1) @ base, tilt)
     x, y, z = np.moveaxis(np.diff(joints, axis=1) @ base, -1, 0)
     level = x + 1j * y
@@ -95,22 +96,35 @@ def digit_angles(hand: Hand, digit: int, joints: np.ndarray) -> np.ndarray:
 
 
 def _thumb_angles(hand: Hand, bones: np.ndarray, tilt: float) -> np.ndarray:
-    """Return abduction and flexions (T, 4) of a thumb whose phalanges are rolled [rad].
+    """Return abduction and flexions (T, 4) of a thumb [rad].
 
     The metacarpal tells abduction and its own flexion, the phalanges their flexions about it.
     `bones` (T, 3, 3) are in its base, at whose zero the metacarpal is flexed by `tilt`.
     """
     x, y, z = bones[:, 0].T
     turn, flexion = np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
+    phalanges = np.einsum('ijt,tkj->tki', metacarpal_axes(turn, flexion), bones[:, 1:])
+    straight, bent = (phalanges @ phalanx_axes(hand.thumb_mcp_abduction, hand.thumb_roll)).T
+    mcp, both = np.unwrap(np.arctan2(bent, straight), axis=0)
+    return np.column_stack((turn, flexion - tilt, mcp, both - mcp))
+
+
+def metacarpal_axes(turn: np.ndarray, flexion: np.ndarray) -> np.ndarray:
+    """Return where thumbs' metacarpals point in the base, across and to the palm, (3, 3, n).
+
+    Abducted and flexed by angles of shape (n,) from the x axis of the base [rad].
+    """
     c, s, cf, sf = np.cos(turn), np.sin(turn), np.cos(flexion), np.sin(flexion)
-    axes = np.array(((c * cf, s * cf, -sf), (-s, c, 0. * c), (c * sf, s * sf, cf)))
-    aside, roll = hand.thumb_mcp_abduction, hand.thumb_roll
-    straight = np.array((np.cos(aside), np.cos(roll) * np.sin(aside),
-                         np.sin(roll) * np.sin(aside)))
-    palmar = np.array((0., np.sin(roll), -np.cos(roll)))
-    phalanges = np.einsum('ijt,tkj->tki', axes, bones[:, 1:])
-    bent = np.unwrap(np.arctan2(phalanges @ palmar, phalanges @ straight), axis=1)
-    return np.column_stack((turn, flexion - tilt, bent[:, 0], bent[:, 1] - bent[:, 0]))
+    return np.array(((c * cf, s * cf, -sf), (-s, c, 0. * s), (-c * sf, -s * sf, -cf)))
+
+
+def phalanx_axes(aside: float, roll: float) -> np.ndarray:
+    """Return straight and bent phalanges on a thumb's metacarpal: forward, aside, down, (3, 2).
+
+    By the thumb's MCP abduction and its roll [rad].
+    """
+    ca, sa, cr, sr = np.cos(aside), np.sin(aside), np.cos(roll), np.sin(roll)
+    return np.array(((ca, 0.), (cr * sa, sr), (-sr * sa, cr)))
 
 
 def landmark_angles(hand: Hand, local: np.ndarray) -> np.ndarray:

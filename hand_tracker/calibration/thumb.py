@@ -20,6 +20,7 @@ from ..core.model.hand import (
 )
 from ..core.model.kinematics import digit_base
 from .fingers import MOTION_PERCENTILES
+from .landmarks import metacarpal_axes, phalanx_axes
 from .least_squares import evenly_spaced, regularised_fit
 
 THUMB_ROW = DIGITS.index('thumb')
@@ -173,8 +174,8 @@ def _misses_of_axes(saddle: Saddle, joints: np.ndarray) -> np.ndarray:
     x, y, z = (local[:, 1] - local[:, 0]).T
     turn, flexion = np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
     cmc = np.column_stack((np.cos(turn), np.sin(turn), 0. * turn)) * saddle.thumb_axis_distance
-    straight, bent = _phalanx_axes(saddle).T
-    normal = np.einsum('ijt,i->tj', _metacarpal_axes(turn, flexion), np.cross(straight, bent))
+    straight, bent = phalanx_axes(saddle.thumb_mcp_abduction, saddle.thumb_roll).T
+    normal = np.einsum('ijt,i->tj', metacarpal_axes(turn, flexion), np.cross(straight, bent))
     return np.column_stack((np.linalg.norm(local[:, 0] - cmc, axis=1),
                             *(((local[:, i] - local[:, 1]) * normal).sum(axis=1) for i in (2, 3))))
 
@@ -199,7 +200,7 @@ def solve_thumb(hand: Hand, saddle: Saddle, tips: np.ndarray) -> ThumbAngles:
     level = np.hypot(x, y)
     table = _flexion_table(hand, saddle.thumb_coupling)
     metacarpal, proximal, distal = hand.thumb_bones
-    out = _phalanx_axes(saddle)
+    out = phalanx_axes(saddle.thumb_mcp_abduction, saddle.thumb_roll)
     lateral, more = np.zeros_like(x), 0.
     for _ in range(OUT_OF_PLANE_ROUNDS if out[1].any() or saddle.thumb_axis_distance else 1):
         along = (np.copysign(np.sqrt(np.maximum(level ** 2 - lateral ** 2, 0.)), x)
@@ -214,24 +215,11 @@ def solve_thumb(hand: Hand, saddle: Saddle, tips: np.ndarray) -> ThumbAngles:
         np.clip(np.copysign(lateral, x * lateral) / level, -1., 1.))
     flexion = np.arctan2(-z, along) - np.arctan2(down, forward)
     cmc = saddle.thumb_axis_distance * np.array((np.cos(turn), np.sin(turn), 0. * turn))
-    axes = _metacarpal_axes(turn, flexion)
+    axes = metacarpal_axes(turn, flexion)
     first = cmc + metacarpal * axes[0]
     second = first + np.einsum('ijt,it->jt', axes, out @ (
         proximal * np.cos(mcp), proximal * np.sin(mcp)))
     return ThumbAngles(turn, flexion, *((base @ joint).T for joint in (cmc, first, second)))
-
-
-def _metacarpal_axes(turn: np.ndarray, flexion: np.ndarray) -> np.ndarray:
-    """Return where metacarpals point in the base, across and to the palm, shape (3, 3, n)."""
-    c, s, cf, sf = np.cos(turn), np.sin(turn), np.cos(flexion), np.sin(flexion)
-    return np.array(((c * cf, s * cf, -sf), (-s, c, 0. * s), (-c * sf, -s * sf, -cf)))
-
-
-def _phalanx_axes(saddle: Saddle) -> np.ndarray:
-    """Return straight and bent phalanges on a metacarpal: forward, aside, down, shape (3, 2)."""
-    ca, sa = np.cos(saddle.thumb_mcp_abduction), np.sin(saddle.thumb_mcp_abduction)
-    cp, sp = np.cos(saddle.thumb_roll), np.sin(saddle.thumb_roll)
-    return np.array(((ca, 0.), (cp * sa, sp), (-sp * sa, cp)))
 
 
 def _turned(v: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:
