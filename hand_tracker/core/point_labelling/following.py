@@ -366,7 +366,7 @@ def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, row
     for i in range(count):
         if given_up[i] and track.returns.age[i] < math.inf:
             give_up(track, i, seen_points, rows[i])
-    _exchange_by_links(prototype, track, seen_points, matrix, gradient, distance)
+    _exchange_by_links(prototype, track, seen_points, matrix, gradient, distance, count - hidden)
     # A rare pose is still a hand's while it costs less than points of no hand.
     astray = (finding.distance[0] > ASTRAY_DISTANCE * max(prototype.typical, 1.)
               and finding.cost[0] > 0.
@@ -377,8 +377,11 @@ def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, row
 
 @labelling_jit
 def _exchange_by_links(prototype: Prototype, track: HandTrack, seen: PalmPoints,
-                       matrix: np.ndarray, gradient: np.ndarray, distance: float) -> None:
+                       matrix: np.ndarray, gradient: np.ndarray, distance: float,
+                       judged: int) -> None:
     """Exchange the points of seen markers whose links and posture say so for long enough.
+
+    A frame in which a marker was given up is no evidence: the posture is still that with it.
 
     Parameters
     ----------
@@ -388,30 +391,37 @@ def _exchange_by_links(prototype: Prototype, track: HandTrack, seen: PalmPoints,
     matrix, gradient
         As for `posture_distance`.
     distance : float
-        Squared Mahalanobis distance of the seen markers.
+        Squared Mahalanobis distance of the markers that were seen.
+    judged : int
+        Their number, with those given up since.
     """
-    rows = track.finding.rows
+    finding = track.finding
+    rows = finding.rows
     if not len(prototype.links):
         return
-    dimensions = 3 * count_seen(rows)
-    present = tail_cost(distance, dimensions)
-    first, second, most = -1, -1, 0.
+    whole = count_seen(rows) == judged
+    present = tail_cost(distance, 3 * judged)
+    first, second, most, saved, farther = -1, -1, 0., 0., 0.
     for i in range(len(rows)):
         for j in range(i):
             trust = track.trusted_for[i, j] / CROSSING_TRUST
             if rows[i] < 0 or rows[j] < 0 or trust >= 1.:
                 track.exchanged[i, j] = 0.
                 continue
+            if not whole:
+                continue
             change = exchange_change(matrix, gradient, seen.local, rows, i, j)
             gain = exchange_gain(prototype, seen.local, rows, i, j) + present - tail_cost(
-                max(distance + change, 0.), dimensions)
+                max(distance + change, 0.), 3 * judged)
             track.exchanged[i, j] = max(track.exchanged[i, j] + min(gain, CROSSING_GAIN), 0.)
             lead = track.exchanged[i, j] - CROSSING_MARGIN - TRUSTED_CROSSING * trust
             if lead > most:
-                first, second, most = i, j, lead
+                first, second, most, saved, farther = i, j, lead, gain, change
     if first < 0:
         return
     rows[first], rows[second] = rows[second], rows[first]
+    finding.cost[0] -= saved
+    finding.distance[0] = max(distance + farther, 0.) / (3. * judged)
     track.exchanged[first] = track.exchanged[second] = 0.
     track.exchanged[:, first] = track.exchanged[:, second] = 0.
     track.trusted_for[first, second] = track.trusted_for[second, first] = 0.

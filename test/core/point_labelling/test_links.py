@@ -8,12 +8,27 @@ from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.point_labelling.cloud_labeller import CloudLabeller
+from hand_tracker.core.point_labelling.clutter import no_clutter
+from hand_tracker.core.point_labelling.following import CROSSING_TRUST, _exchange_by_links
+from hand_tracker.core.point_labelling.hand_track import begin_track
 from hand_tracker.core.point_labelling.links import (
     exchange_gain,
     links_cost,
     marker_links_cost,
 )
 from hand_tracker.core.point_labelling.natural_poses import model_prototype, natural_poses
+from hand_tracker.core.point_labelling.palm_search import (
+    blank_finding,
+    place_by_palm,
+    to_palm_frame,
+    write_cost,
+)
+from hand_tracker.core.point_labelling.posture import (
+    posture_cost,
+    posture_distance,
+    reset_matrix,
+)
+from hand_tracker.core.point_labelling.returns import PalmPoints
 
 LAYOUT = preset_layout('sig18_19')
 NAMES = tuple(LAYOUT.names)
@@ -85,3 +100,64 @@ def test_labels_of_tips_whose_points_cross_are_exchanged_within_frames():
         elif share == 0. and frame > 30:
             assert np.array_equal(rows, right)
     assert wrong <= 4
+
+
+def judge(rows, seen):
+    """Return what labels cost, as a finding, and matrix, gradient and distance of the posture."""
+    statistics, count = PROTOTYPE.statistics, len(NAMES)
+    finding = blank_finding(count)
+    place_by_palm(statistics, seen.points, np.arange(count), finding)
+    finding.rows[:] = rows
+    to_palm_frame(seen.points, finding.rotation, finding.position, finding.size[0], seen.local)
+    matrix, gradient = np.empty((3 * count, 3 * count)), np.empty(3 * count)
+    constant, hidden = reset_matrix(statistics, rows, matrix)
+    distance = posture_distance(
+        matrix, statistics.template, seen.local, rows, np.empty(3 * count), gradient)
+    write_cost(statistics, seen.local, finding,
+               posture_cost(constant, distance, count - hidden, hidden), distance)
+    return finding, (matrix, gradient, distance)
+
+
+def exchanged_track(one, other):
+    """Return a track with two markers' points exchanged, its points, posture and right cost."""
+    places, rows = markers_of(5), np.arange(len(NAMES))
+    seen = PalmPoints(places, np.empty_like(places), no_clutter(len(NAMES)).history, 0)
+    right, _ = judge(rows, seen)
+    rows[[one, other]] = other, one
+    finding, posture = judge(rows, seen)
+    return begin_track(PROTOTYPE.statistics, finding, places), seen, posture, right
+
+
+@pytest.mark.parametrize('trusted, frames', [(0., 3), (.5, 6), (1., None)])
+def test_points_are_exchanged_after_as_many_frames_as_the_labels_were_trusted(trusted, frames):
+    track, seen, posture, right = exchanged_track(RING, LITTLE)
+    track.trusted_for[:] = trusted * CROSSING_TRUST
+    track.drift[RING], track.drift[LITTLE] = 1., 2.
+    for frame in range(1, 20):
+        _exchange_by_links(PROTOTYPE.statistics, track, seen, *posture, len(NAMES))
+        if track.finding.rows[RING] == RING:
+            break
+    if frames is None:
+        assert track.finding.rows[RING] == LITTLE
+        return
+    assert frame == frames
+    assert np.array_equal(track.finding.rows, np.arange(len(NAMES)))
+    assert np.array_equal(track.local[[RING, LITTLE]], seen.local[[RING, LITTLE]])
+    assert (track.drift[RING] == 2.).all() and (track.drift[LITTLE] == 1.).all()
+    assert not track.exchanged[[RING, LITTLE]].any() and track.trusted_for[RING, LITTLE] == 0.
+    # What the hand is judged by next is of the labels that it has now.
+    assert track.finding.cost[0] == pytest.approx(right.cost[0])
+    assert track.finding.distance[0] == pytest.approx(right.distance[0])
+
+
+def test_a_frame_in_which_a_marker_was_given_up_is_no_evidence_for_an_exchange():
+    track, seen, posture, _ = exchanged_track(RING, LITTLE)
+    _exchange_by_links(PROTOTYPE.statistics, track, seen, *posture, len(NAMES))
+    thumb = NAMES.index('ThumbTip')
+    evidence = track.exchanged.copy()
+    assert evidence.any()
+    track.finding.rows[thumb] = -1
+    for _ in range(9):
+        _exchange_by_links(PROTOTYPE.statistics, track, seen, *posture, len(NAMES))
+    assert track.finding.rows[RING] == LITTLE
+    assert np.array_equal(track.exchanged, evidence)
