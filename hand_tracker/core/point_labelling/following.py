@@ -379,7 +379,7 @@ def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, row
 def _exchange_by_links(prototype: Prototype, track: HandTrack, seen: PalmPoints,
                        matrix: np.ndarray, gradient: np.ndarray, distance: float,
                        judged: int) -> None:
-    """Exchange the points of seen markers whose links and posture say so for long enough.
+    """Exchange the points of digits' markers whose links and posture say so for long enough.
 
     A frame in which a marker was given up is no evidence: the posture is still that with it.
 
@@ -405,7 +405,9 @@ def _exchange_by_links(prototype: Prototype, track: HandTrack, seen: PalmPoints,
     for i in range(len(rows)):
         for j in range(i):
             trust = track.trusted_for[i, j] / CROSSING_TRUST
-            if rows[i] < 0 or rows[j] < 0 or trust >= 1.:
+            # The palm is placed by its markers as they are labelled: they stay.
+            if (rows[i] < 0 or rows[j] < 0 or prototype.rigid[i] > 0. or prototype.rigid[j] > 0.
+                    or trust >= 1.):
                 track.exchanged[i, j] = 0.
                 continue
             if not whole:

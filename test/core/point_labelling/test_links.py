@@ -161,3 +161,12 @@ def test_a_frame_in_which_a_marker_was_given_up_is_no_evidence_for_an_exchange()
         _exchange_by_links(PROTOTYPE.statistics, track, seen, *posture, len(NAMES))
     assert track.finding.rows[RING] == LITTLE
     assert np.array_equal(track.exchanged, evidence)
+
+
+@pytest.mark.parametrize('pair', [('IndexMCP', 'MiddleMCP'), ('PinkyMCP', 'PinkyPIP')])
+def test_points_of_the_palm_are_not_exchanged_by_links(pair):
+    one, other = map(NAMES.index, pair)
+    track, seen, posture, _ = exchanged_track(one, other)
+    for _ in range(9):
+        _exchange_by_links(PROTOTYPE.statistics, track, seen, *posture, len(NAMES))
+    assert track.finding.rows[one] == other
