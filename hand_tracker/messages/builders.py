@@ -84,7 +84,8 @@ def time_message(stamp: StampLike) -> Time:
     return Time(sec=stamp.sec, nanosec=stamp.nanosec)
 
 
-def joint_state(stamp: StampLike, joints: Sequence[str], angles: np.ndarray) -> JointState:
+def joint_state(stamp: StampLike, joints: Sequence[str], angles: np.ndarray,
+                effort: Sequence[float] = ()) -> JointState:
     """Return the JointState of a hand, or of several.
 
     Parameters
@@ -93,13 +94,16 @@ def joint_state(stamp: StampLike, joints: Sequence[str], angles: np.ndarray) -> 
     joints : sequence of str, length n
     angles : ndarray, shape (n,)
         [rad]
+    effort : sequence of float, optional
+        One for each joint, or none.
 
     Returns
     -------
     JointState
     """
     return JointState(header=Header(stamp=time_message(stamp)), name=joints,
-                      position=array('d', np.asarray(angles, dtype=float).tobytes()))
+                      position=array('d', np.asarray(angles, dtype=float).tobytes()),
+                      effort=array('d', effort))
 
 
 def diagnostics(stamp: StampLike, name: str, hardware_id: str,

@@ -1,4 +1,4 @@
-"""Read serialized JointStates: the names once, the positions of every frame.
+"""Read serialized JointStates: the names once, the numbers of every frame.
 
 Names hardly ever change from one message to the next, and building objects of them costs more than
 retargeting a frame. The encoding is plain CDR (XCDR1), as in `cdr`; damaged bytes are refused.
@@ -19,7 +19,7 @@ STAMP_END = ENCAPSULATION + 8  # [bytes]
 
 
 class JointPositions(NamedTuple):
-    """Stamp, names and positions of a JointState.
+    """Stamp, names, positions and efforts of a JointState.
 
     Attributes
     ----------
@@ -28,11 +28,14 @@ class JointPositions(NamedTuple):
         Of `JointStateReader` the same object as long as the names do not change.
     positions : sequence of float, shape (n,)
         As many as the message has [rad or m].
+    effort : sequence of float, shape (m,)
+        The same; none where the message ends before.
     """
 
     stamp: Stamp
     names: Sequence[str]
     positions: Sequence[float] | np.ndarray
+    effort: Sequence[float] | np.ndarray
 
 
 def angles_of(message: Any, names: Sequence[str]) -> np.ndarray | None:
@@ -54,7 +57,7 @@ def angles_of(message: Any, names: Sequence[str]) -> np.ndarray | None:
 
 
 class JointStateReader:
-    """Read stamp, names and positions of JointStates of one publisher."""
+    """Read JointStates of one publisher."""
 
     def __init__(self) -> None:
         # From the frame's name to the number of positions: the same bytes, the same layout.
@@ -94,7 +97,8 @@ class JointStateReader:
                                    'positions')
         sec, nanosec = struct.unpack_from('<iI', data, ENCAPSULATION)
         return JointPositions(Stamp(sec, nanosec), self._names,
-                              np.frombuffer(data, '<f8', self._count, start))
+                              np.frombuffer(data, '<f8', self._count, start),
+                              _effort(data, start + 8 * self._count))
 
     def _parse_head(self, data: bytes) -> None:
         """Take the names and the number of positions."""
@@ -112,6 +116,18 @@ class JointStateReader:
         except (struct.error, UnicodeDecodeError):
             raise MalformedMessage(f'JointState of {len(data)} bytes: cut off or damaged') from None
         self._names, self._head = tuple(names), bytes(data[STAMP_END:at])
+
+
+def _effort(data: bytes, at: int) -> np.ndarray:
+    """Return the efforts behind the velocities, which begin here."""
+    try:
+        for _ in range(2):
+            count, at = _count(data, at)
+            start = at + (ENCAPSULATION - at) % 8 if count else at
+            at = start + 8 * count
+        return np.frombuffer(data, '<f8', count, start)
+    except (struct.error, ValueError):
+        return np.zeros(0)
 
 
 def _count(data: bytes, at: int) -> tuple[int, int]:

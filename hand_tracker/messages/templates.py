@@ -151,12 +151,14 @@ class _Writer:
         return Template(bytes(self._data), self._stamps, self._numbers)
 
 
-def joint_state_template(names: Sequence[str]) -> Template:
-    """Return the template of a JointState with positions alone.
+def joint_state_template(names: Sequence[str], effort: Sequence[float] = ()) -> Template:
+    """Return the template of a JointState with positions and, constant, `effort`.
 
     Parameters
     ----------
     names : sequence of str
+    effort : sequence of float, optional
+        One for each name, or none.
 
     Returns
     -------
@@ -170,8 +172,10 @@ def joint_state_template(names: Sequence[str]) -> Template:
         writer.string(name)
     writer.count(len(names))
     writer.numbers(len(names))
-    writer.count(0)
-    writer.count(0)
+    writer.count(0)             # velocities
+    writer.count(len(effort))
+    if len(effort):
+        writer.pack(f'{len(effort)}d', *effort)
     return writer.template()
 
 

@@ -14,6 +14,7 @@ from sensor_msgs.msg import JointState
 
 from ..core.model.hand import Hand
 from ..core.model.kinematics import joint_table, tip_offsets
+from ..core.pose.deviation import unknown_deviation
 from ..core.tracker import HandState
 from ..messages.builders import (
     Names,
@@ -134,7 +135,7 @@ class Replies:
             new = {number: frame for number, frame in together.items()
                    if time != self._last_transform[number]}
             for publisher, template, kind, numbers in (
-                    *self._joint_replies(tuple(together)), *self._transform_replies(new)):
+                    *self._joint_replies(together), *self._transform_replies(new)):
                 stamp: Time = together[numbers[0]].stamp
                 publisher.publish(template.fill(stamp, np.concatenate(
                     [self._numbers(kind, number, together[number].state) for number in numbers])))
@@ -151,16 +152,26 @@ class Replies:
         frames : mapping of int to TrackedFrame
             As for `publish`.
         """
-        return [*self._joint_replies(tuple(frames)), *self._transform_replies(frames)]
+        return [*self._joint_replies(frames), *self._transform_replies(frames)]
 
-    def _joint_replies(self, hands: tuple[int, ...]) -> list[Reply]:
+    def _joint_replies(self, frames: Mapping[int, TrackedFrame]) -> list[Reply]:
         kinds = [JOINT_STATES, ANGLE_DEVIATIONS] if self._has_listeners else [JOINT_STATES]
-        groups = [(number,) for number in hands] if self._is_separate else [hands]
-        return [Reply(
-            self._publishers[kind, group[0] if self._is_separate else 0],
-            self._template((kind, group), lambda group=group: self._serialization.joint_states(
-                [joint for number in group for joint in self._names[number].joints])),
-            kind, group) for kind in kinds for group in groups]
+        groups = [(number,) for number in frames] if self._is_separate else [tuple(frames)]
+        replies = []
+        for kind in kinds:
+            for group in groups:
+                # Constant between two changes of the limits, each of which makes another template.
+                unknown = () if kind == JOINT_STATES else tuple(np.concatenate(
+                    [unknown_deviation(frames[number].limits) for number in group]).tolist())
+                template = self._template(
+                    (kind, group, unknown),
+                    lambda group=group, unknown=unknown: self._serialization.joint_states(
+                        [joint for number in group for joint in self._names[number].joints],
+                        unknown))
+                replies.append(Reply(
+                    self._publishers[kind, group[0] if self._is_separate else 0], template, kind,
+                    group))
+        return replies
 
     def _transform_replies(self, frames: Mapping[int, TrackedFrame]) -> list[Reply]:
         if self._tf is None or not frames:

@@ -256,7 +256,7 @@ class RetargetNode(SubscriptionHidingNode):
         self._publish_state()
 
     def _on_deviations(self, hand: JointPositions) -> None:
-        self._teleoperation.observe_deviations(hand.names, hand.positions)
+        self._teleoperation.observe_deviations(hand.names, hand.positions, hand.effort)
 
     def _on_robot(self, robot: JointPositions) -> None:
         self._teleoperation.observe_robot(robot.names, robot.positions, time.monotonic())
@@ -386,7 +386,7 @@ def _read_object(message: JointState) -> JointPositions:
     """Return what is read of a message."""
     return JointPositions(
         Stamp(message.header.stamp.sec, message.header.stamp.nanosec), message.name,
-        message.position)
+        message.position, message.effort)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -99,11 +99,19 @@ class Serialization:
             return MarkerReader(*how, kind, warn_once)
         return _ObjectReader(lambda message: markers_from_message(message, *how))
 
-    def joint_states(self, joints: Sequence[str]) -> Template | _ObjectTemplate:
-        """Return the template of a JointState of a number for each of the joints."""
+    def joint_states(self, joints: Sequence[str],
+                     effort: Sequence[float] = ()) -> Template | _ObjectTemplate:
+        """Return the template of a JointState of a number for each of the joints.
+
+        Parameters
+        ----------
+        joints : sequence of str
+        effort : sequence of float, optional
+            Constant; one for each joint, or none.
+        """
         if self.raw:
-            return joint_state_template(joints)
-        return _ObjectTemplate(lambda stamp, numbers: joint_state(stamp, joints, numbers))
+            return joint_state_template(joints, effort)
+        return _ObjectTemplate(lambda stamp, numbers: joint_state(stamp, joints, numbers, effort))
 
     def transforms(self, frames: Sequence[tuple[str, str]]) -> Template | _ObjectTemplate:
         """Return the template of a TFMessage of n times 7 numbers.
@@ -203,9 +211,10 @@ def _sample_markers() -> MarkerArray:
 
 def _writes_alike() -> bool:
     names, numbers = prefixed_names('left_'), np.linspace(-1., 1., 25)
-    data = joint_state_template(names.joints).fill(SAMPLE_STAMP, numbers)
-    if not _says(data, joint_state(SAMPLE_STAMP, names.joints, numbers)):
-        return False
+    for effort in ((), numbers.tolist()):
+        data = joint_state_template(names.joints, effort).fill(SAMPLE_STAMP, numbers)
+        if not _says(data, joint_state(SAMPLE_STAMP, names.joints, numbers, effort)):
+            return False
     corners = np.arange(18.).reshape(6, 3)
     data = _skin_template(names, len(corners)).fill(SAMPLE_STAMP, corners.ravel())
     if not _says(data, hand_skin(time_message(SAMPLE_STAMP), names, corners)):

@@ -45,8 +45,6 @@ class FollowMemory(NamedTuple):
     is_confident : ndarray of int, shape (1,)
     min_confidence : float
         `mean_confidence` of the hand below which it counts as lost.
-    unknown : ndarray, shape (25,)
-        Standard deviations of its angles where nothing shows them [rad].
     used : ndarray of int, shape (GUARD_CAPACITY,)
         Row among the solved variables of each of the robot's, -1 for those that move no digit.
     held, wanted : ndarray, shape (GUARD_CAPACITY,)
@@ -64,7 +62,6 @@ class FollowMemory(NamedTuple):
     hand_time: np.ndarray
     is_confident: np.ndarray
     min_confidence: float
-    unknown: np.ndarray
     used: np.ndarray
     held: np.ndarray
     wanted: np.ndarray
@@ -76,8 +73,7 @@ class FollowMemory(NamedTuple):
 
 
 def new_follow_memory(count: int, used: list[int], held: np.ndarray, rows: tuple[np.ndarray, ...],
-                      min_confidence: float, unknown: np.ndarray,
-                      options: GuardOptions) -> FollowMemory:
+                      min_confidence: float, options: GuardOptions) -> FollowMemory:
     """Return the memory of a robot that has followed nothing yet.
 
     Parameters
@@ -90,7 +86,7 @@ def new_follow_memory(count: int, used: list[int], held: np.ndarray, rows: tuple
         Where the others are [rad or m].
     rows : tuple of three ndarrays, shape (m,)
         Variable, multiplier and offset of each joint of a command.
-    min_confidence, unknown : float and ndarray, shape (25,)
+    min_confidence : float
         See `FollowMemory`.
     options : GuardOptions
     """
@@ -104,22 +100,22 @@ def new_follow_memory(count: int, used: list[int], held: np.ndarray, rows: tuple
     variable, multiplier, offset = rows
     return FollowMemory(
         new_jump_gate(JOINT_COUNT, options.max_jump, options.jump_frames),
-        np.full(1, -math.inf), np.ones(1, np.int64), min_confidence, unknown,
+        np.full(1, -math.inf), np.ones(1, np.int64), min_confidence,
         padded(solved, np.int64), padded(held), padded(held), len(variable),
         padded(variable, np.int64), padded(multiplier), padded(offset), np.zeros(GUARD_CAPACITY))
 
 
 @jit
 def observe_deviations(memories: Pack[FollowMemory], guards: Pack[GuardMemory],
-                       numbers: np.ndarray, rows: np.ndarray) -> None:
+                       numbers: np.ndarray, unknown: np.ndarray, rows: np.ndarray) -> None:
     """Take the standard deviations of the hand's angles; where little is known, it is lost.
 
     Parameters
     ----------
     memories, guards : packs
         Changed.
-    numbers : ndarray
-        [rad]
+    numbers, unknown : ndarray
+        What they are, and what they would be of an angle of which nothing is known [rad].
     rows : ndarray of int, shape (m,)
         Those of the hand; of no use unless all its angles are there.
     """
@@ -127,7 +123,7 @@ def observe_deviations(memories: Pack[FollowMemory], guards: Pack[GuardMemory],
         return
     memory = memories[0]
     memory.is_confident[0] = (
-        mean_confidence(numbers, rows, memory.unknown) >= memory.min_confidence)
+        mean_confidence(numbers, rows, unknown) >= memory.min_confidence)
     if not memory.is_confident[0]:
         guards[0].hand_time[0] = -math.inf
 

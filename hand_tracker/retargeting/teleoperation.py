@@ -9,7 +9,6 @@ import numpy as np
 
 from ..core.model.hand import JOINTS, SIDES, Hand
 from ..core.numerics.jit import packed
-from ..core.pose.deviation import unknown_deviation
 from .command_guard import CommandGuard
 from .follow_kernel import (
     accept_angles,
@@ -135,8 +134,7 @@ class Teleoperation:
         self._pack, self._memory = packed(new_follow_memory(
             len(model.variables), used, robot.rest,
             (model.joints.variable[rows], model.joints.multiplier[rows],
-             model.joints.offset[rows]), min_confidence,
-            unknown_deviation(hand.limits), self.guard.options))
+             model.joints.offset[rows]), min_confidence, self.guard.options))
         self._hand_rows, self._deviation_rows = (JointRows(self._hand_names) for _ in range(2))
         self._robot_rows = JointRows(model.variables)
 
@@ -200,8 +198,8 @@ class Teleoperation:
         missing = next(name for name in self._hand_names if name not in names)
         return f'joint states without {missing}: they are not of this hand'
 
-    def observe_deviations(self, names: Sequence[str], deviations: Sequence[float] | np.ndarray
-                           ) -> None:
+    def observe_deviations(self, names: Sequence[str], deviations: Sequence[float] | np.ndarray,
+                           unknown: Sequence[float] | np.ndarray) -> None:
         """Take the standard deviations of the hand's angles; where little is known, it is lost.
 
         Parameters
@@ -209,11 +207,16 @@ class Teleoperation:
         names : sequence of str
         deviations : sequence of float
             [rad]
+        unknown : sequence of float
+            Of angles of which nothing is known; where it is not as long, nothing is [rad].
         """
         rows, _ = self._deviation_rows.find(names)
         if len(deviations) != len(names):
             return
-        observe_deviations(self._pack, self.guard.pack, np.array(deviations, dtype=float), rows)
+        most = (np.array(unknown, dtype=float) if len(unknown) == len(names)
+                else np.full(len(names), np.nan))
+        observe_deviations(
+            self._pack, self.guard.pack, np.array(deviations, dtype=float), most, rows)
 
     def observe_robot(self, names: Sequence[str], positions: Sequence[float] | np.ndarray,
                       now: float) -> None:
@@ -267,7 +270,7 @@ def compile_following(loaded: LoadedRobot, hand: Hand) -> None:
     one.observe_hand(JOINTS, angles + 10., 0.)
     memory, human, problem, solution, guard = one.packs
     follow_frame(memory, human, problem, solution, guard, 0.)
-    one.observe_deviations(JOINTS, angles)
+    one.observe_deviations(JOINTS, angles, angles)
     one.observe_robot(loaded.hand.model.variables, loaded.hand.rest, 0.)
     one.guard.lose_hand()
     one.command(0.)

@@ -93,6 +93,8 @@ class TrackedFrame(NamedTuple):
         signature, and nothing but its markers went into the frame.
     restarted : bool
         Whether time jumped back, so that tracking began anew.
+    limits : ndarray, shape (25, 2)
+        Of the hand that was tracked [rad].
     """
 
     received: float
@@ -104,6 +106,7 @@ class TrackedFrame(NamedTuple):
     is_valid: bool
     is_regular: bool
     restarted: bool
+    limits: np.ndarray
 
 
 class FrameTime:
@@ -243,7 +246,8 @@ class Stream:
         state = tracker.update(markers.positions, time, distal_flexion)
         return TrackedFrame(
             received, stamp, markers.frame_id or UNNAMED_FRAME, time, state, markers,
-            tracker.placed, has_stamp and distal_flexion is None, tracker.restarted)
+            tracker.placed, has_stamp and distal_flexion is None, tracker.restarted,
+            tracker.hand.limits)
 
     @property
     def size(self) -> str:

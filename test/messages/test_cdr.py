@@ -269,14 +269,17 @@ stamps = st.builds(Stamp, int32, st.integers(0, 2**32 - 1))
                                                    exclude_characters='\0'), max_size=9))
 def test_joint_states_are_the_messages(frames, prefix):
     names = prefixed_names(prefix)
-    template = joint_state_template(names.joints)
+    effort = [] if len(prefix) % 2 else frames[0][1]
+    template = joint_state_template(names.joints, effort)
     for stamp, angles in frames:
         message = deserialize_message(template.fill(stamp, angles), JointState)
-        expected = joint_state(stamp, names.joints, angles)
+        expected = joint_state(stamp, names.joints, angles, effort)
         assert message.header == expected.header
         assert list(message.name) == list(names.joints)
         assert np.array_equal(message.position, expected.position, equal_nan=True)
-        assert len(message.velocity) == len(message.effort) == 0
+        assert len(message.velocity) == 0
+        assert np.array_equal(message.effort, expected.effort, equal_nan=True)
+        assert np.array_equal(message.effort, effort, equal_nan=True)
 
 
 def test_published_bytes_are_no_longer_changed():
@@ -322,7 +325,8 @@ def test_another_layout_is_noticed(monkeypatch, at):
 
 def test_another_layout_of_what_goes_out_is_noticed(monkeypatch):
     monkeypatch.setattr(
-        serialization, 'joint_state_template', lambda names: joint_state_template(names[::-1]))
+        serialization, 'joint_state_template', lambda names, effort: joint_state_template(
+            names[::-1], effort))
     assert not serialization.codec_agrees()
 
 

@@ -27,9 +27,10 @@ def message(names, count=None, frame='', more=0):
 def test_all_is_read_as_by_rclpy(one):
     reader = JointStateReader()
     for _ in range(2):
-        stamp, names, positions = reader.read(serialize_message(one))
+        stamp, names, positions, effort = reader.read(serialize_message(one))
         assert stamp == Stamp(-3, 2**31 + 5) and list(names) == list(one.name)
         np.testing.assert_array_equal(positions, one.position)
+        np.testing.assert_array_equal(effort, one.effort)
 
 
 def test_names_that_change_are_read_anew():
@@ -44,7 +45,7 @@ def test_names_that_change_are_read_anew():
 def test_what_is_cut_off_or_damaged_is_refused_or_read_and_never_more():
     data = serialize_message(message(['thumb', 'index'], frame='base'))
     random = np.random.default_rng(0)
-    # Velocities and efforts, which are empty, are not looked at.
+    # Velocities and efforts may be missing.
     for end in range(data.index(np.float64(.1).tobytes()) + 8):
         with pytest.raises(MalformedMessage):
             JointStateReader().read(data[:end])
@@ -62,5 +63,11 @@ def test_what_is_cut_off_or_damaged_is_refused_or_read_and_never_more():
 
 def test_a_message_of_the_template_is_read():
     data = joint_state_template(['a', 'bc', 'd']).fill(Stamp(1, 2), [1., 2., 3.])
-    np.testing.assert_array_equal(JointStateReader().read(data).positions, (1., 2., 3.))
+    read = JointStateReader().read(data)
+    np.testing.assert_array_equal(read.positions, (1., 2., 3.))
+    assert len(read.effort) == 0 and len(JointStateReader().read(data[:-2]).effort) == 0
+    with_effort = joint_state_template(['a', 'bc', 'd'], [4., 5., 6.]).fill(
+        Stamp(1, 2), [1., 2., 3.])
+    np.testing.assert_array_equal(JointStateReader().read(with_effort).effort, (4., 5., 6.))
+    assert len(JointStateReader().read(with_effort[:-2]).effort) == 0
     assert deserialize_message(data, JointState).name == ['a', 'bc', 'd']

@@ -44,6 +44,7 @@ from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.model.states import PalmState
 from hand_tracker.core.numerics.jit import COMPILED
+from hand_tracker.core.pose.deviation import unknown_deviation
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.hand_file import load_hand, save_hand
 from hand_tracker.messages.stamps import seconds
@@ -401,6 +402,7 @@ def check_deviations(bench, whole, without_index, deviations):
         assert list(deviations[-1].name) == list(bench.joint_states[-1].name)
         assert np.array_equal(
             deviations[-1].position, tracker.update(frame, seconds(stamp)).deviation)
+        assert np.array_equal(deviations[-1].effort, unknown_deviation(tracker.hand.limits))
 
 
 def test_limits_reach_robot_state_publisher_at_the_start_and_at_run_time():

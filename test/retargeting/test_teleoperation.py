@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from helpers.robots import GRIPPER, wide_hand
 
-from hand_tracker.core.model.hand import JOINTS
+from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
+from hand_tracker.core.pose.deviation import unknown_deviation
+from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.retargeting.command_guard import GuardState
 from hand_tracker.retargeting.guard_options import GuardOptions
@@ -130,19 +134,43 @@ def test_a_jump_of_the_hand_is_followed_only_when_it_persists(own_hand):
 def test_a_hand_of_which_little_is_known_is_lost(own_hand):
     rig = Rig(urdf(wide_hand()), own_hand, min_confidence=.2).engaged()
     assert rig.tick() is not None
-    rig.it.observe_deviations(RIGHT, [.5] * len(RIGHT))
+    rig.it.observe_deviations(RIGHT, [.5] * len(RIGHT), [.5] * len(RIGHT))
     before = rig.tick(pose_angles('fist', rig.hand)).position
     assert rig.it.guard.state is GuardState.HOLDING
     for _ in range(20):
         after = rig.tick(pose_angles('fist', rig.hand)).position
     assert np.abs(after - before).max() < .01
     # Those of some joints say nothing of the hand.
-    rig.it.observe_deviations(RIGHT[:20], [.02] * 20)
+    rig.it.observe_deviations(RIGHT[:20], [.02] * 20, [.5] * 20)
     rig.tick()
     assert not rig.it.guard.is_following
-    rig.it.observe_deviations(RIGHT, [.02] * len(RIGHT))
+    rig.it.observe_deviations(RIGHT, [.02] * len(RIGHT), [.5] * len(RIGHT))
     rig.tick()
     assert rig.it.guard.is_following
+    # Nor is a hand trusted of which is not said what little is.
+    rig.it.observe_deviations(RIGHT, [.02] * len(RIGHT), [])
+    rig.tick()
+    assert not rig.it.guard.is_following
+
+
+def test_a_hidden_hand_is_lost_whatever_limits_the_tracker_has(own_hand):
+    narrow = np.radians(10.) * np.sign(wide_hand().limits)
+    for limits in (narrow, Hand.scaled().limits, wide_hand().limits):
+        rig = Rig(urdf(wide_hand()), own_hand, min_confidence=.05).engaged()
+        hand, layout = Hand.scaled(limits=limits), MarkerLayout()
+        tracker, unknown = HandTracker(hand, layout), unknown_deviation(hand.limits)
+        markers = marker_positions(layout.mounting(hand), forward(joint_table(hand), np.clip(
+            hand.relaxed(), *limits.T)))
+        for frame in range(40):
+            state = tracker.update(markers, .01 * frame)
+        rig.it.observe_deviations(RIGHT, state.deviation, unknown)
+        rig.tick()
+        assert rig.it.guard.is_following
+        for frame in range(30):
+            state = tracker.update(np.full((8, 3), np.nan), .5 + .1 * frame)
+        rig.it.observe_deviations(RIGHT, state.deviation, unknown)
+        rig.tick()
+        assert rig.it.guard.state is GuardState.HOLDING
 
 
 def test_a_robot_whose_states_lack_a_joint_is_not_engaged(own_hand):

@@ -5,7 +5,7 @@ import pytest
 from helpers.frames import RESTING, ZERO_STAMP, frame, hidden, state_of
 from helpers.hands import from_pose_to_pose, hand_at
 
-from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, Hand
+from hand_tracker.core.model.hand import LEFT_HAND_MIRROR, Hand, preset_limits
 from hand_tracker.core.model.states import MarkerState, PalmState
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.labels import LabelMap
@@ -28,7 +28,8 @@ def single(now, state=None, positions=RESTING, restarted=False):
     """Return a frame of the slow path."""
     stamp = Stamp(100 + int(now), round(now % 1. * 1e9))
     tracked = TrackedFrame(now - LATENCY, stamp, 'mocap', 100. + now, state or state_of(),
-                           frame(positions, stamp), True, True, restarted)
+                           frame(positions, stamp), True, True, restarted,
+                           preset_limits('paper'))
     return TrackedFrames.of(tracked, now)
 
 
@@ -51,7 +52,8 @@ def status(found, now):
 
 def test_a_single_frame_of_the_slow_path():
     state = state_of()
-    tracked = TrackedFrame(3., ZERO_STAMP, 'mocap', 5., state, frame(), True, True, True)
+    tracked = TrackedFrame(3., ZERO_STAMP, 'mocap', 5., state, frame(), True, True, True,
+                           preset_limits('paper'))
     frames = TrackedFrames.of(tracked, 3.5)
     assert (frames.frame_count, frames.stamp, frames.received, frames.published, frames.times) == (
         1, ZERO_STAMP, [3.], [3.5], [5.])

@@ -12,6 +12,8 @@ this one is meant to hold: about two thirds of the errors lie within it (`hand_t
 deviations`). `report` writes it. Ours; no source.
 """
 
+import math
+
 import numpy as np
 
 from ..model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS
@@ -52,8 +54,9 @@ def mean_confidence(deviations: np.ndarray, rows: np.ndarray, unknown: np.ndarra
         Standard deviations of the angles, among others [rad].
     rows : ndarray of int, shape (25,)
         Where the hand's are among them.
-    unknown : ndarray, shape (25,)
-        By `unknown_deviation` [rad].
+    unknown : ndarray
+        By `unknown_deviation` of whoever found the deviations, in their order [rad]. Of an angle
+        where it is no positive number nothing counts as known, unless both are 0: it is locked.
 
     Returns
     -------
@@ -61,8 +64,10 @@ def mean_confidence(deviations: np.ndarray, rows: np.ndarray, unknown: np.ndarra
     """
     total, count = 0., 0
     for joint in SHOWN_JOINTS:
-        if unknown[joint] > 0.:
-            share = deviations[rows[joint]] / unknown[joint]
-            total += max(0., 1. - share * share)
-            count += 1
+        found, most = deviations[rows[joint]], unknown[rows[joint]]
+        if found == 0. and most == 0.:
+            continue
+        count += 1
+        if 0. <= found < most < math.inf:
+            total += 1. - (found / most) ** 2
     return total / count if count else 1.

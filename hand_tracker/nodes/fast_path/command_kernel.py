@@ -48,8 +48,8 @@ class ListedNumbers(NamedTuple):
         Which of the positions count, in the order of whoever reads them.
     used : ndarray of int, shape (1,)
         How many of them.
-    numbers : ndarray, shape (LISTED_CAPACITY,)
-        Positions of the last message, aligned.
+    numbers, effort : ndarray, shape (LISTED_CAPACITY,)
+        Positions of the last message, and efforts where they count, aligned.
     """
 
     head: np.ndarray
@@ -58,6 +58,7 @@ class ListedNumbers(NamedTuple):
     rows: np.ndarray
     used: np.ndarray
     numbers: np.ndarray
+    effort: np.ndarray
 
 
 class CommandMemory(NamedTuple):
@@ -99,7 +100,7 @@ def new_command_memory() -> CommandMemory:
     def listed() -> ListedNumbers:
         return ListedNumbers(
             np.zeros(HEAD_CAPACITY, np.uint8), one(), one(), np.zeros(GUARD_CAPACITY, np.int64),
-            one(), np.zeros(LISTED_CAPACITY))
+            one(), np.zeros(LISTED_CAPACITY), np.zeros(LISTED_CAPACITY))
 
     return CommandMemory(
         hand=listed(), deviations=listed(), robot=listed(), position=np.zeros(GUARD_CAPACITY),
@@ -142,9 +143,7 @@ def read_numbers(listed: ListedNumbers, octets: np.ndarray) -> bool:
     octets : ndarray of uint8, shape (n,)
         The message.
     """
-    size, count = listed.size[0], listed.listed[0]
-    end = STAMP_END + size
-    start = end + (ENCAPSULATION - end) % 8
+    size, count, start = listed.size[0], listed.listed[0], _numbers_at(listed)
     if size == 0 or len(octets) < start + 8 * count:
         return False
     if octets[0] != LITTLE_ENDIAN[0] or octets[1] != LITTLE_ENDIAN[1]:
@@ -155,6 +154,36 @@ def read_numbers(listed: ListedNumbers, octets: np.ndarray) -> bool:
     copied = listed.numbers.view(np.uint8)
     for i in range(8 * count):
         copied[i] = octets[start + i]
+    return True
+
+
+@jit
+def _numbers_at(listed: ListedNumbers) -> int:
+    """Return where the positions of a JointState begin."""
+    end = STAMP_END + listed.size[0]
+    return end + (ENCAPSULATION - end) % 8
+
+
+@jit
+def _read_effort(listed: ListedNumbers, octets: np.ndarray) -> bool:
+    """Read the efforts behind the positions; return whether there are as many, and no velocities.
+
+    Parameters
+    ----------
+    listed : ListedNumbers
+        Whose positions have been read; changed.
+    octets : ndarray of uint8, shape (n,)
+        The message.
+    """
+    count = listed.listed[0]
+    end = _numbers_at(listed) + 8 * count
+    if len(octets) < end + 8 + 8 * count or count == 0:
+        return False
+    if _word(octets, end) != 0 or _word(octets, end + 4) != count:
+        return False
+    copied = listed.effort.view(np.uint8)
+    for i in range(8 * count):
+        copied[i] = octets[end + 8 + i]
     return True
 
 
@@ -171,9 +200,10 @@ def process_deviations(commands: Pack[CommandMemory], follows: Pack[FollowMemory
         The message.
     """
     listed = commands[0].deviations
-    if not read_numbers(listed, octets):
+    if not read_numbers(listed, octets) or not _read_effort(listed, octets):
         return False
-    observe_deviations(follows, guards, listed.numbers, listed.rows[:listed.used[0]])
+    observe_deviations(
+        follows, guards, listed.numbers, listed.effort, listed.rows[:listed.used[0]])
     return True
 
 

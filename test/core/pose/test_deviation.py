@@ -182,10 +182,21 @@ def test_confidence_is_the_share_of_the_variance_that_is_gone():
     assert mean_confidence(.5 * UNKNOWN, rows, UNKNOWN) == pytest.approx(.75)
     # More than unknown is not less than nothing, and a locked hand is known.
     assert mean_confidence(3. * UNKNOWN, rows, UNKNOWN) == 0.
-    assert mean_confidence(UNKNOWN, rows, NOTHING) == 1.
-    swapped = np.concatenate((rows[::-1], rows))
-    several = np.concatenate((UNKNOWN, NOTHING))
-    assert mean_confidence(several, swapped[25:] + 25, UNKNOWN) == 1.
+    assert mean_confidence(NOTHING, rows, NOTHING) == 1.
+    several, unknown = np.concatenate((UNKNOWN, NOTHING)), np.tile(UNKNOWN, 2)
+    assert mean_confidence(several, rows + 25, unknown) == 1.
+    assert mean_confidence(several, rows, unknown) == 0.
     one = NOTHING.copy()
     one[FLEXION_JOINTS[2, 0]] = UNKNOWN[FLEXION_JOINTS[2, 0]]
     assert mean_confidence(one, rows, UNKNOWN) == pytest.approx(14. / 15.)
+
+
+@pytest.mark.parametrize('unknown', [np.nan, np.inf, 0., -1.])
+def test_an_angle_without_a_deviation_of_the_unknown_is_unknown(unknown):
+    rows = np.arange(len(JOINTS))
+    given = UNKNOWN.copy()
+    given[FLEXION_JOINTS[2, 0]] = unknown
+    assert mean_confidence(.001 * UNKNOWN, rows, given) == pytest.approx(14. / 15.)
+    given[:] = unknown
+    assert mean_confidence(.001 * UNKNOWN, rows, given) == 0.
+    assert mean_confidence(np.full(len(JOINTS), np.nan), rows, UNKNOWN) == 0.

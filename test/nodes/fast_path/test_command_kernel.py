@@ -52,7 +52,7 @@ class SlowPath:
 
     def deviations(self, data, now):
         read = self.readers[1].read(data)
-        self.it.observe_deviations(read.names, read.positions)
+        self.it.observe_deviations(read.names, read.positions, read.effort)
 
     def robot(self, data, now):
         read = self.readers[2].read(data)
@@ -148,7 +148,9 @@ def test_both_paths_send_the_same_bits_whatever_comes(robot, options, tmp_path):
                           else ('robotiq_2f', GRIPPER)))
     rigs = [kind(loaded, GuardOptions(**options)) for kind in (SlowPath, BothPaths)]
     model, random = loaded.hand.model, np.random.default_rng(3)
-    hands, told = (joint_state_template(NAMES) for _ in range(2))
+    hands, told = joint_state_template(NAMES), joint_state_template(NAMES, [.3] * len(NAMES))
+    # Of limits that a change has narrowed, and of a tracker that says nothing of the unknown.
+    narrowed, silent = joint_state_template(NAMES, [.03] * len(NAMES)), joint_state_template(NAMES)
     robots = joint_state_template(model.joint_names)
     at, now, sent = model.joint_positions(loaded.hand.rest), 50., 0
     for number, (angles, deviations, step) in enumerate(stream(2500, random)):
@@ -162,10 +164,13 @@ def test_both_paths_send_the_same_bits_whatever_comes(robot, options, tmp_path):
             answers.append(rig.hand(hands.fill(stamp, angles), now))
             if not rig.it.guard.is_engaged:
                 rig.it.guard.engage(now)
-            rig.deviations(told.fill(stamp, deviations), now)
+            of_frame = narrowed if number % 50 > 45 else silent if number % 300 > 297 else told
+            rig.deviations(of_frame.fill(stamp, deviations), now)
         assert answers[0] == answers[1], number
         assert rigs[0].it.guard.state is rigs[1].it.guard.state
         assert rigs[0].it.refused_jumps == rigs[1].it.refused_jumps
+        assert bytes(rigs[0].it.packs[0][0].is_confident) == bytes(
+            rigs[1].it.packs[0][0].is_confident)
         if answers[0] is not None:
             sent += 1
     done = rigs[1].done

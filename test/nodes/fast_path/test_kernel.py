@@ -33,6 +33,7 @@ from hand_tracker.core.model.states import (
     PalmState,
 )
 from hand_tracker.core.numerics.jit import COMPILED, empty_like_pack, overwrite, packed, parts
+from hand_tracker.core.pose.deviation import unknown_deviation
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.bags import TYPE_STORE
 from hand_tracker.messages.builders import (
@@ -109,7 +110,8 @@ class Paths:
         self.slow, self.fast = HandTracker(hand, layout), HandTracker(hand, layout)
         self.templates = {
             JOINT_STATES: joint_state_template(NAMES.joints),
-            ANGLE_DEVIATIONS: joint_state_template(NAMES.joints),
+            ANGLE_DEVIATIONS: joint_state_template(
+                NAMES.joints, unknown_deviation(hand.limits).tolist()),
             TRANSFORMS: transforms_template(
                 wrist_frames(NAMES, 'mocap') + link_frames(NAMES, table))}
         self.memories, self.memory = packed(new_memory())

@@ -25,6 +25,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.core.numerics.jit import COMPILED
+from hand_tracker.core.pose.deviation import LIMITS_SHARE
 from hand_tracker.messages.stamps import seconds
 from hand_tracker.nodes import tracker_node
 from hand_tracker.nodes.fast_path import callback_path
@@ -214,6 +215,13 @@ def test_a_parameter_acts_from_the_next_frame_on():
         node.repeat(lambda: bench.answer(hand_at()), lambda: deviations)
         node.spin_until(lambda: deviations[-1].header.stamp == bench.joint_states[-1].header.stamp)
         assert 0. < deviations[-1].position[joint] < .4
+        # A live limit changes what the unknown is.
+        before = deviations[-1].effort[joint]
+        assert bench.set({'limits.index_pip_flexion.upper_deg': .5 * limit}).successful
+        bench.answer(hand_at())
+        node.spin_until(lambda: deviations[-1].header.stamp == bench.joint_states[-1].header.stamp)
+        assert before - deviations[-1].effort[joint] == pytest.approx(
+            LIMITS_SHARE * np.radians(.5 * limit))
 
 
 def test_no_frame_is_lost_while_a_glove_measures_last_joints():
