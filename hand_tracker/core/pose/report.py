@@ -382,7 +382,8 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
                         vector(report.link_positions[first]))
         beyond = subtract(place, vector(report.link_positions[second]))
         reach = add(bone, beyond)
-        by_abduction = cross(column(report.link_rotations[abduction], 2), reach)
+        by_abduction = cross(column(report.link_rotations[abduction], 2), subtract(
+            place, vector(report.link_positions[abduction])))
         by_first = cross(column(report.link_rotations[first], 1), reach)
         by_second = cross(column(report.link_rotations[second], 1), beyond)
         slope = chains.coupling[digit, 0]

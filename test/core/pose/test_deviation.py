@@ -23,7 +23,7 @@ from hand_tracker.core.pose.deviation import (
 from hand_tracker.core.pose.report import blank_report, write_deviation, write_pose
 from hand_tracker.core.tracker import HandTracker
 
-HAND = Hand.scaled()
+HAND = Hand.scaled(thumb_axis_distance=.02)
 LAYOUT = MarkerLayout()
 MOUNTING = LAYOUT.principal_mounting(HAND)
 UNKNOWN = unknown_deviation(HAND.limits)
@@ -56,17 +56,15 @@ def combined(variance, unknown):
     return 1. / np.sqrt(1. / variance + 1. / unknown ** 2)
 
 
-def marker_from_root(digit, angles):
-    """Return a digit's marker from its first joint [m]."""
-    pose = forward(joint_table(HAND), angles)
-    return (marker_positions(MOUNTING, pose)[3 + digit]
-            - pose.position[FLEXION_JOINTS[digit, 0]])
+def marker_at(digit, angles):
+    """Return a digit's marker in the wrist's frame [m]."""
+    return marker_positions(MOUNTING, forward(joint_table(HAND), angles))[3 + digit]
 
 
 def derivative(digit, angles, change):
     """Return the derivative of the marker's place by a change of the angles [m/rad]."""
-    return (marker_from_root(digit, angles + STEP * change)
-            - marker_from_root(digit, angles - STEP * change)) / (2. * STEP)
+    return (marker_at(digit, angles + STEP * change)
+            - marker_at(digit, angles - STEP * change)) / (2. * STEP)
 
 
 @pytest.mark.parametrize('digit', range(5))
@@ -79,12 +77,12 @@ def test_a_marker_tells_of_angles_by_how_far_it_moves_with_them(digit, degrees):
     found = deviations(angles, noise)
     one = np.eye(len(JOINTS))
     bends = one[second] + HAND.coupling[digit, 0] * one[third]
-    marker = marker_from_root(digit, angles)
+    pose = forward(joint_table(HAND), angles)
+    marker = marker_at(digit, angles) - pose.position[first]
     reach = np.linalg.norm(marker)
     along = noise ** 2 + MODEL_DEVIATION ** 2
     # The second by the reach: its first and, straight, its second derivative.
     change = derivative(digit, angles, bends) @ marker / reach
-    pose = forward(joint_table(HAND), angles)
     bone = pose.position[second] - pose.position[first]
     curvature = max(bone @ (marker - bone), 0.) / reach
     variance = 1. / (change ** 2 / along + curvature / (2. * np.sqrt(along))
