@@ -265,7 +265,7 @@ def _anchor(palm: PalmFit, hand: Hand, name: str) -> np.ndarray:
     if name == 'wrist':
         return above
     if name == 'thumb_cmc':
-        return hand.thumb_cmc + above
+        return hand.resting_thumb_cmc() + above
     if name.startswith(BACK_NAMES):
         length = hand.finger_mcp[1, 0] / MCP_OF_LENGTH[1]
         return np.array((BACK_OF_LENGTH * length, 0., BACK_HEIGHT))

@@ -74,4 +74,5 @@ def tracked_hand(hand: Hand, seed: int, scale: float = 1.) -> tuple[Hand, Marker
     hand, layout = calibrated(hand, MarkerLayout(), seed)
     return hand.replace(limits=preset_limits('wide'), **{
         name: scale * getattr(hand, name) for name in (
-            'finger_cmc', 'finger_mcp', 'finger_bones', 'thumb_cmc', 'thumb_bones')}), layout
+            'finger_cmc', 'finger_mcp', 'finger_bones', 'thumb_cmc', 'thumb_bones',
+            'thumb_axis_distance')}), layout

@@ -489,7 +489,8 @@ def cmc_joints(mcp: np.ndarray, length: float) -> np.ndarray:
 def has_size_of(hand: Hand, other: Hand) -> bool:
     """Return whether two hands have the same joints and bones."""
     return all(np.array_equal(getattr(hand, name), getattr(other, name)) for name in (
-        'finger_mcp', 'finger_bones', 'thumb_cmc', 'thumb_bones'))
+        'finger_mcp', 'finger_bones', 'thumb_cmc', 'thumb_bones', 'thumb_axis_distance',
+        'thumb_roll'))
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:

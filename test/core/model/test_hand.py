@@ -17,6 +17,7 @@ from hand_tracker.core.model.hand import (
     RELAXED_THUMB,
     Hand,
     average_natural_flexion,
+    has_size_of,
     joint_kind,
     preset_coupling,
     preset_limits,
@@ -273,3 +274,10 @@ def test_a_relaxed_hand_is_bent_more_from_index_to_little_within_its_limits(pres
 def test_a_relaxed_hand_keeps_limits_of_ones_own():
     limits = np.zeros((25, 2))
     np.testing.assert_array_equal(Hand.scaled(limits=limits).relaxed(), 0.)
+
+
+@pytest.mark.parametrize('change, is_same', [
+    ({}, True), ({'limits': preset_limits('wide')}, True), ({'thumb_axis_distance': .02}, False),
+    ({'thumb_roll': .1}, False), (changed('thumb_bones', 0, .05), False)])
+def test_hands_of_one_size_have_the_same_joints_and_bones(hand, change, is_same):
+    assert has_size_of(hand, hand.replace(**change)) == is_same
