@@ -130,8 +130,9 @@ ARGUMENTS = (
         description="The left robot's URDF, where robot_description is the right one's"),
     DeclareLaunchArgument(
         'show_robot', default_value='auto', choices=['auto', 'true', 'false'],
-        description='Broadcast the frames of the robots, as they are commanded, beside the hands '
-                    'for RViz; auto: when RViz is shown. Needs robot_state_publisher and tf2_ros'),
+        description='Broadcast the frames of the robots beside the hands for RViz: as they are, '
+                    'once engaged as they are commanded; auto: when RViz is shown. Needs '
+                    'robot_state_publisher and tf2_ros'),
     DeclareLaunchArgument(
         'robot_process', default_value='own', choices=['own', 'tracker'],
         description="Process that drives the robot: its own, which holds the robot when the "
@@ -346,12 +347,12 @@ class HandLaunch:
         for hand, robot in shown:
             description, place, root = robot_beside(hand, robot)
             name = f'{hand.prefix}robot'
-            command = full_name(self.given, '/'.join(
-                filter(None, (hand.namespace, 'robot/command'))))
+            positions = full_name(self.given, '/'.join(
+                filter(None, (hand.namespace, 'robot/shown'))))
             actions += [
                 self.state_publisher(
                     'robot_state_publisher of the robot', description, name,
-                    [('joint_states', command)], frame_prefix=f'{name}/'),
+                    [('joint_states', positions)], frame_prefix=f'{name}/'),
                 self.node(
                     'static_transform_publisher', [], package='tf2_ros', namespace=name,
                     arguments=[
@@ -477,7 +478,8 @@ def robot_parameters(given, in_file, hand, on_body):
         robot, description = given['left_robot'] or robot, given['left_robot_description']
     return {**{name: hand.parameters[name] for name in ROBOT_TAKES}, 'side': hand.hand.side,
             'wrist_frame': in_file.get('wrist_frame', AUTO), 'on_body': on_body,
-            'robot': robot, 'robot_description': description}
+            'robot': robot, 'robot_description': description,
+            'show_robot': is_on(given, 'show_robot')}
 
 
 def robot_beside(hand, robot):

@@ -38,7 +38,7 @@ ARRANGEMENTS = {
     'simulate': ([], ['truth:=true']),
     'source': (['source:=natnet'], ['source:=point_cloud', CLOCKED], ['source:=landmarks']),
     'retarget': (['robot:=plain', 'outputs:=joint_state joint_trajectory position_array'],
-                 ['robot:=plain', 'wrist.outputs:=pose twist', CLOCKED]),
+                 ['robot:=plain', 'wrist.outputs:=pose twist', 'show_robot:=true', CLOCKED]),
     'skin': ([CLOCKED],), 'landmarks': ([],), 'calibrate': ([],),
     'mount': (['body_frame:=body', 'duration:=600.', CLOCKED],),
     'viewer': ([], ['side:=both'], SEPARATED)}

@@ -18,6 +18,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, TwistStamped, Vector3
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
@@ -75,6 +76,8 @@ RETARGET_PARAMETERS = tuple(row._replace(read_only=True) for row in (
               "middleware's own thread"),
     Parameter('min_confidence', .05, 'How much must be known of the hand, by the deviations of its '
               'angles: 1 all, 0 as much as without any marker; the hand is lost below', (0., 1.)),
+    Parameter('show_robot', False, 'Publish on robot/shown, for those who show the robot, what is '
+              'commanded, and while it is not engaged where it is'),
     *(Parameter(f'safety.{option.name}', option.default, option.metadata['description'] + (
         f" [{option.metadata['unit']}]" if 'unit' in option.metadata else ''),
         option.metadata.get('range'), option.metadata.get('choices', ()))
@@ -92,6 +95,7 @@ class RetargetNode(SubscriptionHidingNode):
     """Node that drives one robot hand by one human hand."""
 
     _fast_path: CommandPath | None = None
+    _shown: Publisher | None = None
 
     def __init__(self) -> None:
         super().__init__('retarget')
@@ -123,6 +127,9 @@ class RetargetNode(SubscriptionHidingNode):
         self._outputs = self._make_outputs('outputs', OUTPUTS, values['outputs'].split())
         if not self._outputs:
             raise InvalidArguments(f"outputs: empty; expected of {', '.join(OUTPUTS)}")
+        if values['show_robot']:
+            self._shown = self.create_publisher(JointState, 'robot/shown', RETARGET_DEPTH)
+            self._outputs.append(('joint_state', self._shown))
         self._wrist_outputs = self._make_outputs(
             'wrist.outputs', WRIST_OUTPUTS, values['wrist.outputs'].split())
         if self._wrist_outputs:
@@ -253,6 +260,7 @@ class RetargetNode(SubscriptionHidingNode):
         now = time.monotonic()
         if self._teleoperation.observe_hand(hand.names, hand.positions, now):
             self._send(now, hand.stamp)
+        self._show_present(hand.stamp)
         self._publish_state()
 
     def _on_deviations(self, hand: JointPositions) -> None:
@@ -329,6 +337,11 @@ class RetargetNode(SubscriptionHidingNode):
             stamp = stamp or stamp_of(self.get_clock().now().nanoseconds)
             for (_, publisher), template in zip(self._outputs, self._templates):
                 publisher.publish(template.fill(stamp, command.position))
+
+    def _show_present(self, stamp: Stamp) -> None:
+        """Publish where the robot is while it is not engaged, for those who show it."""
+        if self._shown is not None and not self._teleoperation.guard.is_engaged:
+            self._shown.publish(self._templates[-1].fill(stamp, self._teleoperation.present))
 
     def _send_wrist(self, now: float) -> None:
         """Send the wrist's command; it moves only while the fingers follow."""

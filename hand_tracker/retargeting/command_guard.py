@@ -132,6 +132,15 @@ class CommandGuard:
         return self.memory.command[:self.memory.joints]
 
     @property
+    def present(self) -> np.ndarray:
+        """Where the robot is, shape (n,) [rad or m]: as commanded, or by its joint states.
+
+        Not engaged and without joint states it is where it was left, at first at rest.
+        """
+        at_robot = not self.is_engaged and self.memory.has_robot[0]
+        return (self.memory.robot if at_robot else self.memory.command)[:self.memory.joints].copy()
+
+    @property
     def is_following(self) -> bool:
         """Whether commands lead to the person's pose."""
         return self.state in (GuardState.EASING, GuardState.FOLLOWING)

@@ -131,6 +131,7 @@ class Teleoperation:
                                   robot.rest, options)
         self.fault = ''
         rows = [model.joint_names.index(name) for name in self.order]
+        self._ordered_rows = rows
         self._pack, self._memory = packed(new_follow_memory(
             len(model.variables), used, robot.rest,
             (model.joints.variable[rows], model.joints.multiplier[rows],
@@ -251,6 +252,11 @@ class Teleoperation:
             return None
         write_joints(self._pack, self.guard.pack)
         return Command(self.order, self._memory.joints[:len(self.order)].copy())
+
+    @property
+    def present(self) -> np.ndarray:
+        """Where the joints of a command are, by `CommandGuard.present`, shape (len(order),)."""
+        return self._model.joint_positions(self.guard.present)[self._ordered_rows]
 
 
 def compile_following(loaded: LoadedRobot, hand: Hand) -> None:

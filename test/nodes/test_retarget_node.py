@@ -73,6 +73,12 @@ def robot(tmp_path):
     return str(path)
 
 
+def on_fast_path(diagnostics):
+    """Return how many frames were answered there."""
+    return max((int(value.value) for message in diagnostics for status in message.status
+                for value in status.values if value.key == 'frames on fast path'), default=0)
+
+
 def joints():
     return [name.removeprefix('right_') for name in prefixed_names('right_').joints]
 
@@ -121,6 +127,34 @@ def test_it_moves_from_where_the_robot_is_in_every_form_once_engaged(robot):
         node.spin_until(lambda: any(
             'disengaged by the person' in status.message
             for message in diagnostics for status in message.status))
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output
+
+
+def test_the_robot_is_shown_before_it_is_engaged_and_as_it_is_commanded(robot):
+    parameters = {'robot': robot, 'outputs': 'joint_state joint_trajectory position_array',
+                  'show_robot': True}
+    with NodeProcess(MODULE, parameters) as process, watching_node() as node:
+        bench = Bench(node)
+        shown = node.collect(JointState, 'robot/shown')
+        diagnostics = node.collect(DiagnosticArray, '/diagnostics')
+        process.wait_for_line('listening')
+        node.spin_until(lambda: shown)
+        assert set(shown[0].name) == set(joints())
+        assert shown[0].header.stamp == Time(sec=1)
+        bench.start = robot_states(joints(), .05)
+        node.spin_until(lambda: np.allclose(shown[-1].position, .05))
+        node.spin_until(lambda: len(shown) > 20)
+        assert not (bench.commands or bench.arrays or bench.trajectories)
+        bench.until_engaged()
+        if COMPILED:
+            node.spin_until(lambda: on_fast_path(diagnostics) > 20)
+        del shown[:], bench.commands[:]
+        node.spin_until(lambda: len(shown) > 20 and len(bench.commands) > 20)
+        assert {tuple(one.position) for one in shown} & {
+            tuple(one.position) for one in bench.commands}
+        assert bench.engage(False).success
+        node.spin_until(lambda: np.allclose(shown[-1].position, .05))
         assert process.interrupt() == 0, process.output
     assert 'Traceback' not in process.output
 
@@ -180,18 +214,13 @@ def test_the_fingers_stay_on_the_fast_path_while_an_arms_wrist_follows(robot):
             wrist.transform.translation.z += .0005
             transforms.publish(tf2_msgs.TFMessage(transforms=[wrist]))
 
-        def on_fast_path():
-            return max((int(value.value) for message in diagnostics for status in message.status
-                        for value in status.values if value.key == 'frames on fast path'),
-                       default=0)
-
         node.create_timer(PERIOD, rise)
         bench.until_engaged()
-        node.spin_until(lambda: on_fast_path() > 50)
+        node.spin_until(lambda: on_fast_path(diagnostics) > 50)
         # The wrist goes on beside them: by the way that it was seen to rise.
         del twists[:]
-        before = on_fast_path()
-        node.spin_until(lambda: len(twists) > 50 and on_fast_path() > before + 20)
+        before = on_fast_path(diagnostics)
+        node.spin_until(lambda: len(twists) > 50 and on_fast_path(diagnostics) > before + 20)
         assert np.median([one.twist.linear.z for one in twists]) > .01
         # What ends the fingers ends the wrist.
         assert bench.engage(False).success

@@ -769,7 +769,7 @@ def test_a_robot_is_shown_beside_the_hand(short, tmp_path, side, prefix):
     assert robot['frame_prefix'] == f'{own}/'
     assert robot['robot_description'] == Path(load_robot('plain', preferred_side=side).urdf
                                               ).read_text()
-    assert 'joint_states:=/robot/command' in robot['arguments']
+    assert 'joint_states:=/robot/shown' in robot['arguments']
     place, = (one['arguments'] for one in given if '--child-frame-id' in one['arguments'])
     numbers = {key: float(value) for key, value in zip(place, place[1:]) if key in (
         '--x', '--y', '--z')}

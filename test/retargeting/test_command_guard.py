@@ -90,6 +90,18 @@ def test_a_robot_without_joint_states_starts_at_rest_by_choice():
     assert np.abs(rig.tick(robot=None) - REST).max() < .01
 
 
+def test_where_the_robot_is_is_known_in_every_state():
+    rig, elsewhere = Rig(), ROBOT_POSITION + .1
+    np.testing.assert_allclose(rig.guard.present, REST)
+    rig.engaged()
+    np.testing.assert_allclose(rig.guard.present, ROBOT_POSITION)
+    commands = rig.run(1., robot=elsewhere)
+    np.testing.assert_array_equal(rig.guard.present, commands[-1])
+    rig.guard.disengage()
+    np.testing.assert_allclose(rig.guard.present, elsewhere)
+    assert rig.tick() is None
+
+
 def test_it_eases_from_where_the_robot_is():
     rig = Rig().engaged()
     commands = [ROBOT_POSITION]

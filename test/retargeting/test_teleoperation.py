@@ -87,6 +87,7 @@ def test_a_command_has_the_order_that_is_asked_for_and_mimics_by_name(own_hand):
     command = rig.tick()
     assert command.names == ('other', 'slide')
     assert command.position[0] == command.position[1]
+    np.testing.assert_array_equal(rig.it.present, command.position)
     for order, message in ((('slide', 'slide'), 'a joint comes twice'),
                            (('slide', 'knee'), "there is no movable joint 'knee'"),
                            (('other',), 'order: slide missing')):

@@ -28,7 +28,7 @@ from ...retargeting.retarget_kernel import Problem, Solution
 
 HEAD_CAPACITY = 2**14     # [bytes] of what joint states of a publisher begin with
 LISTED_CAPACITY = 512     # numbers in a JointState
-MOST_COMMANDS = 3         # messages of a command
+MOST_COMMANDS = 4         # messages of a command, one of them for those who show the robot
 COMMAND_CAPACITY = 2**15  # [bytes] of such a message
 # Arguments of `follow_frame` before the time.
 FollowPacks = tuple[Pack[FollowMemory], Pack[HumanHand], Pack[Problem], Pack[Solution],
