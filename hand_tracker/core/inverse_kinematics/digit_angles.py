@@ -185,15 +185,13 @@ def solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit:
     Returns
     -------
     seen : int
-        Measured markers of the digit, but for the thumb's CMC; angles are replaced if there is
-        one.
+        Measured markers of the digit; angles are replaced if there is one.
     cost : float
         Of the solution, as a mean over these markers, in squared deviations [1].
     """
     seen = 0
     for row in range(rows.used[0]):
-        # A marker on the thumb's saddle tells nothing of the flexions.
-        if rows.digit[row] == digit and rows.link[row] > 0 and state.is_measured[row]:
+        if rows.digit[row] == digit and state.is_measured[row]:
             seen += 1
     if seen == 0:
         return 0, 0.

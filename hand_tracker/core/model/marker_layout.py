@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InvalidLayout
 from .hand import DIGITS, FINGERS, LEFT_HAND_MIRROR, LINKS, Hand
-from .kinematics import Pose, joint_table
+from .kinematics import Pose
 
 MARKERS = ('wrist', 'index_mcp', 'little_mcp', 'index', 'middle', 'ring', 'little', 'thumb')
 PALM_MARKERS = MARKERS[:3]
@@ -163,16 +163,7 @@ class MarkerLayout:
         -------
         Mounting
         """
-        found = self._mounting(hand, range(len(self.names)), rides=self.names != MARKERS)
-        # Where the CMC's axes do not meet, the joint moves with the saddle; but not the triangle
-        # that places the wrist.
-        moving = [row for row in self.further if self.places[row] == 'thumb_cmc'
-                  and hand.thumb_axis_distance > 0.]
-        table, saddle = joint_table(hand), LINKS.index('thumb_saddle')
-        found.link[moving] = saddle
-        found.position[moving] -= table.translation[saddle]
-        found.position[moving] = found.position[moving] @ table.rotation[saddle]
-        return found
+        return self._mounting(hand, range(len(self.names)), rides=self.names != MARKERS)
 
     def principal_mounting(self, hand: Hand) -> Mounting:
         """Return the mounting of the principal markers, palm flat; parameters as of `mounting`.

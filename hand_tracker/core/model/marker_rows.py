@@ -106,15 +106,13 @@ def marker_rows(hand: Hand, layout: MarkerLayout, palm_arch: str) -> MarkerRows:
         rows.order[row] = at
         place = layout.places[at] if at >= 0 else MarkerLayout().places[row]
         name = place.split('_')[0]
-        on_palm = place in PALM_LANDMARKS
-        # A thumb's CMC that moves with its saddle.
-        if not on_palm or place == 'thumb_cmc' and mounting.link[at] >= 0:
+        if place not in PALM_LANDMARKS:
             rows.digit[row] = DIGITS.index(name)
             link = mounting.link[at] if at >= 0 else principal.link[row]
             position = mounting.position[at] if at >= 0 else principal.position[row]
             rows.link[row] = link % 5
-            if at >= 0 and not on_palm:
-                rows.offset[row], rows.share[row] = layout.offsets[at], layout.skin_shares[at]
+            rows.offset[row] = layout.offsets[at] if at >= 0 else 0.
+            rows.share[row] = layout.skin_shares[at] if at >= 0 else 0.
             rows.end[row] = position - rows.offset[row]
         else:
             finger = FINGERS.index(name) if place.endswith('_mcp') else ON_WRIST
