@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from ..adapters.packet_structure import PacketOrigin
     from .tracker_node import TrackerNode
 
+# Discovery may bring a publisher's node later than its messages: asked for this often, at reports.
+NAME_LOOKUPS = 50
+
 
 class MarkerInput:
     """Track the hands whose markers come on one topic, each message on the slow or the fast path.
@@ -63,7 +66,7 @@ class MarkerInput:
         self.fast_path: FastPath | None = None
         self.is_active = True
         self._node, self._raw, self._keeps_publisher = node, raw, keeps_publisher
-        self._has_named_publishers = False
+        self._name_lookups = NAME_LOOKUPS
         self.subscription: Subscription | None = node.create_subscription(
             kind, topic, self._on_markers, qos, raw=raw)
         self.topic = self.subscription.topic_name
@@ -257,11 +260,15 @@ class MarkerInput:
     def name_publishers(self) -> None:
         """Say once that messages of another publisher than the one tracked are left out."""
         publishers = None if self.fast_path is None else self.fast_path.publishers
-        if publishers is None or self._has_named_publishers:
+        if publishers is None or not self._name_lookups:
             return
-        self._has_named_publishers = True
+        self._name_lookups -= 1
         topic = self.topic
-        kept, other = (self._node.publisher_name(topic, guid) for guid in publishers)
+        names = [self._node.publisher_name(topic, guid) for guid in publishers]
+        if None in names and self._name_lookups:
+            return
+        self._name_lookups = 0
+        kept, other = (name or 'an unknown publisher' for name in names)
         self.hands[0].warn_once(
             'publishers', f'several nodes publish on {topic}: {kept} is tracked until it is silent '
             f'for {PUBLISHER_SILENCE:g} s, and what {other} sends meanwhile is left out '

@@ -8,14 +8,19 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ..messages.marker_array import MARKER_ARRAY
 
+# What rmw reports while discovery knows an endpoint but not yet its node.
+UNNAMED_NODE = '_NODE_NAME_UNKNOWN_'
 
-def full_name(endpoint: TopicEndpointInfo) -> str:
-    """Return the name of an endpoint's node with its namespace.
+
+def full_name(endpoint: TopicEndpointInfo) -> str | None:
+    """Return the name of an endpoint's node with its namespace; None while it is not discovered.
 
     Parameters
     ----------
     endpoint : TopicEndpointInfo
     """
+    if endpoint.node_name == UNNAMED_NODE:
+        return None
     return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
 
 
@@ -38,7 +43,7 @@ def who_publishes(endpoints: Sequence[TopicEndpointInfo], reliability: str,
     if not endpoints:
         return 'nothing publishes them (a remapping, ROS_DOMAIN_ID?)'
     for endpoint in endpoints:
-        name = full_name(endpoint)
+        name = full_name(endpoint) or 'a node not yet discovered'
         if endpoint.topic_type != message_type:
             return f'{name} publishes {endpoint.topic_type}, not {message_type}'
         if reliability == 'reliable' and endpoint.qos_profile.reliability.name != 'RELIABLE':

@@ -272,12 +272,15 @@ class TrackerNode(SubscriptionHidingNode):
         return who_publishes(
             self.get_publishers_info_by_topic(topic), self._reliability, self._kind.type)
 
-    def publisher_name(self, topic: str, guid: bytes) -> str:
-        """Return the full name of the node that publishes on a topic with a GUID."""
+    def publisher_name(self, topic: str, guid: bytes) -> str | None:
+        """Return the full name of the node that publishes on a topic with a GUID.
+
+        None while that node is not discovered, and when it is gone.
+        """
         for endpoint in self.get_publishers_info_by_topic(topic):
             if bytes(endpoint.endpoint_gid[:len(guid)]) == guid:
                 return full_name(endpoint)
-        return 'a publisher that is gone'
+        return None
 
 
 def main(args: list[str] | None = None) -> int:

@@ -4,15 +4,16 @@ from types import SimpleNamespace
 
 import pytest
 
-from hand_tracker.nodes.topic_publishers import who_publishes
+from hand_tracker.nodes.topic_publishers import UNNAMED_NODE, full_name, who_publishes
 
 NEEDS = 'rclpy',
 
 
-def endpoint(kind='visualization_msgs/msg/MarkerArray', reliability='RELIABLE'):
+def endpoint(kind='visualization_msgs/msg/MarkerArray', reliability='RELIABLE',
+             node='driver'):
     """Return a publisher as rclpy describes it."""
     return SimpleNamespace(
-        node_namespace='/', node_name='driver', topic_type=kind,
+        node_namespace='/', node_name=node, topic_type=kind,
         qos_profile=SimpleNamespace(reliability=SimpleNamespace(name=reliability)))
 
 
@@ -21,6 +22,12 @@ def endpoint(kind='visualization_msgs/msg/MarkerArray', reliability='RELIABLE'):
     ([endpoint('geometry_msgs/msg/PoseArray')], 'reliable', '/driver publishes geometry_msgs'),
     ([endpoint(reliability='BEST_EFFORT')], 'reliable', 'qos.markers.reliability'),
     ([endpoint(reliability='BEST_EFFORT')], 'best_effort', 'sends nothing'),
+    ([endpoint(node=UNNAMED_NODE)], 'reliable', 'a node not yet discovered publishes them'),
     ([endpoint()], 'reliable', 'sends nothing that arrives; is it paused?')])
 def test_says_why_nothing_may_come(endpoints, reliability, said):
     assert said in who_publishes(endpoints, reliability)
+
+
+def test_a_node_that_discovery_has_not_brought_has_no_name():
+    assert full_name(endpoint()) == '/driver'
+    assert full_name(endpoint(node=UNNAMED_NODE)) is None
