@@ -15,7 +15,7 @@ from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutd
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from hand_tracker.adapters.marker_messages import DEFAULT_MESSAGE, direct_input
+from hand_tracker.adapters.marker_messages import DEFAULT_MESSAGE, SERVED, direct_input
 from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.model.hand import BOTH, SIDES, Hand
 from hand_tracker.core.numerics.quaternion import quaternion
@@ -35,7 +35,7 @@ from hand_tracker.retargeting.robot_file import load_robot
 from launch import LaunchDescription
 
 # Systems of which the tracker, or else a source node, takes the messages or packets.
-SYSTEMS = 'point_cloud', 'mocap4r2', 'natnet', 'qualisys', 'landmarks'
+SYSTEMS = 'point_cloud', 'mocap4r2', *SERVED, 'landmarks'
 ARGUMENTS = (
     DeclareLaunchArgument(
         'source', default_value='recording', choices=['recording', 'markers', 'live', *SYSTEMS],
@@ -54,6 +54,11 @@ ARGUMENTS = (
     DeclareLaunchArgument(
         'subject', default_value='',
         description='Rigid body, marker set or subject of the hand; empty: whatever there is'),
+    DeclareLaunchArgument(
+        'source_process', default_value='auto', choices=['auto', 'own', 'tracker'],
+        description="Process of the client of natnet or qualisys: the tracker's, which answers "
+                    "sooner, or its own; auto: the tracker's, but its own with lifecycle:=true or "
+                    "use_security:=true"),
     DeclareLaunchArgument(
         'recording', default_value='',
         description='recording to replay (rosbag2, C3D, TRC, TSV, CSV, BVH, npz), but for what the '
@@ -228,7 +233,8 @@ class HandLaunch:
         self.on_body = agreed('on_body', any(map(any, self.hand_mounts)), False, self.in_file)
         self.robots = [robot_parameters(given, self.in_file, hand, self.on_body)
                        for hand in self.hands]
-        self.shares_process = shares_process(given, self.hands, self.robots)
+        self.has_robot = drives_robot_in_tracker(given, self.hands, self.robots)
+        self.has_source = takes_packets_in_tracker(given)
 
     def node(self, executable, parameters, package='hand_tracker', file='', namespace='', **more):
         """Return a node with what all have: namespace, parameters, enclave."""
@@ -242,12 +248,18 @@ class HandLaunch:
             output='screen', **more)
 
     def tracker(self):
-        """Return the tracker of the hand or hands, which may drive the robot too."""
-        if self.shares_process:
-            executable, name = 'teleoperate', None  # a name would be that of both nodes
+        """Return the tracker of the hand or hands, with what shares its process."""
+        # A name would be that of all nodes of a process.
+        executable, name, programs = 'tracker', None, []
+        if self.has_source:
+            executable, programs = 'all', [
+                'tracker', 'source', *(['retarget'] if self.has_robot else [])]
+        elif self.has_robot:
+            executable = 'teleoperate'
         else:
-            executable, name = (
-                'managed_tracker' if self.given['lifecycle'] == 'true' else 'tracker'), TRACKER_NAME
+            name = TRACKER_NAME
+            if self.given['lifecycle'] == 'true':
+                executable = 'managed_tracker'
         parameters = {
             **self.hand_parameters, 'broadcast': self.broadcast, 'on_body': self.on_body,
             'marker_message': agreed(
@@ -256,12 +268,15 @@ class HandLaunch:
         if len(self.hands) > 1:
             parameters |= {f'{hand.hand.side}.hand_file': hand.parameters['hand_file']
                            for hand in self.hands}
-        if self.shares_process:
+        if self.has_robot:
             parameters |= self.robots[0]
+        if self.has_source:
+            parameters |= source_arguments(self.given)
         topic = self.direct.topic if self.direct else topic_of_markers(self.given)
         return self.node(
             executable, [parameters], file=self.given['parameters'], name=name,
-            remappings=[('markers', topic)], on_exit=ended('tracker'))
+            arguments=programs, on_exit=ended('tracker'),
+            remappings=[(markers, topic) for markers in ('markers', '~/markers')])
 
     def hand_publishers(self):
         """Return robot_state_publisher for each hand, or a line that it is missing."""
@@ -282,8 +297,8 @@ class HandLaunch:
             on_exit=ended(name))
 
     def source(self):
-        """Return the node of another system, where the tracker does not take its messages."""
-        if self.given['source'] not in SYSTEMS or self.direct:
+        """Return the node of another system, where the tracker's process does not serve it."""
+        if self.given['source'] not in SYSTEMS or self.direct or self.has_source:
             return []
         return [self.node(
             'source', [{'side': self.hands[0].hand.side, **source_arguments(self.given)}],
@@ -331,7 +346,7 @@ class HandLaunch:
 
     def retargets(self):
         """Return the drivers of robots; one that is not of the hand's side refuses by name."""
-        if self.shares_process:
+        if self.has_robot:
             return []
         return [self.node('retarget', [robot], namespace=hand.namespace,
                           remappings=joints_of(self.given, hand.namespace, self.in_file))
@@ -383,7 +398,15 @@ def is_on(given, name):
     return given[name] == 'true' or given[name] == 'auto' and given['rviz'] == 'true'
 
 
-def shares_process(given, hands, robots):
+def takes_packets_in_tracker(given):
+    """Return whether the tracker's process is a system's client; refuse it where it cannot."""
+    alone = [f'{name}:=true' for name in ('lifecycle', 'use_security') if given[name] == 'true']
+    if given['source_process'] == 'tracker' and alone:
+        raise RuntimeError(f"source_process: 'tracker'; expected own with {alone[0]}")
+    return given['source'] in SERVED and given['source_process'] != 'own' and not alone
+
+
+def drives_robot_in_tracker(given, hands, robots):
     """Return whether the tracker's process drives the robot too; refuse it where it cannot."""
     shared = given['robot_process'] == 'tracker' and any(robot['robot'] for robot in robots)
     for alone, what, why in (

@@ -73,7 +73,7 @@ SOURCE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
               range=(0., 1.)),
     Parameter('subject', '', 'Rigid body, marker set or subject whose markers alone are taken; '
               'empty for all'),
-    Parameter('side', 'right', 'Side of the landmarks', choices=SIDES),
+    Parameter('side', 'right', 'Side of the landmarks: right or left; of other sources any'),
     Parameter('landmarks', 21, 'Landmarks of a hand in a marker_array: 21, 25 or 26',
               range=(min(LANDMARK_ORDERS), max(LANDMARK_ORDERS))),
     Parameter('frame', SOURCE_FRAME, 'Frame of points whose source names none'),
@@ -147,6 +147,10 @@ class SourceNode(Node):
                                                   count=values['landmarks']))}
         kind, self._read = readers[name]
         if values['source'] == 'landmarks':
+            # A process's other nodes may have a side too, as `both`.
+            if values['side'] not in SIDES:
+                raise SourceUnavailable(f"side: '{values['side']}'; expected of landmarks: "
+                                        f"{', '.join(SIDES)}")
             self._checks = LandmarkChecks(values['side'], self._warn_once)
         self._source = self.create_subscription(
             imported_message(*kind) if isinstance(kind, tuple) else kind,

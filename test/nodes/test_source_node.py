@@ -146,7 +146,7 @@ def test_one_hand_of_two_is_taken_with_its_validity():
 
 def test_motive_comes_out_as_markers():
     with NatNetServer((4, 1), {'RHand': MARKERS}) as server, source(
-            source='natnet', server='127.0.0.1', port=server.port) as (_, watch):
+            source='natnet', server='127.0.0.1', port=server.port, side='both') as (_, watch):
         found = watch.collect(MarkerArray, '/source/markers')
 
         def send():
@@ -210,7 +210,8 @@ def test_the_messages_are_those_that_rclpy_writes():
 
 @pytest.mark.parametrize('parameters, said', [
     ({'source': 'point_cloud', 'message': 'markers'}, "'markers' is none of point_cloud's"),
-    ({'source': 'landmarks', 'landmarks': 22}, '22; expected one of 21, 25, 26')])
+    ({'source': 'landmarks', 'landmarks': 22}, '22; expected one of 21, 25, 26'),
+    ({'source': 'landmarks', 'side': 'both'}, "side: 'both'; expected of landmarks: right, left")])
 def test_parameters_that_contradict_each_other_are_refused(parameters, said):
     with pytest.raises(SourceUnavailable, match=said), source(**parameters):
         pass

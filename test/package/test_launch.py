@@ -54,6 +54,7 @@ CHOICES = {
     'rviz': ['true', 'false'],
     'skin': ['auto', 'true', 'false'],
     'robot_process': ['own', 'tracker'],
+    'source_process': ['auto', 'own', 'tracker'],
     'show_robot': ['auto', 'true', 'false'],
     'use_sim_time': ['true', 'false'],
     'lifecycle': ['true', 'false'],
@@ -497,7 +498,9 @@ def test_the_readme_has_a_row_for_every_system():
 
 
 @launches
-@pytest.mark.parametrize('row', rows_of_the_readme())
+@pytest.mark.parametrize('row', [
+    *rows_of_the_readme(), 'source:=natnet server:=ADDRESS source_process:=own',
+    'source:=qualisys server:=ADDRESS markers:=/lab/markers'])
 def test_the_launch_commands_of_the_readme_track_the_hand(watch, tmp_path, row):
     for needed in ('mocap4r2_msgs', 'teleop_ros2_interfaces', 'qtm_rt'):
         pytest.importorskip(needed, reason=f'needs {needed}')
@@ -817,6 +820,8 @@ def canonical(xml):
     ({'side': 'both', 'source': 'natnet', 'subject': 'RHand'}, "subject: 'RHand'; expected"),
     ({'robot': 'plain', 'robot_process': 'tracker', 'lifecycle': 'true'},
      "robot_process: 'tracker'; expected own with lifecycle:=true"),
+    ({'source': 'natnet', 'source_process': 'tracker', 'lifecycle': 'true'},
+     "source_process: 'tracker'; expected own with lifecycle:=true"),
     ({'side': 'both', 'robot': 'plain', 'robot_process': 'tracker'},
      "robot_process: 'tracker'; expected own with side:=both"),
     ({'side': 'both', 'body_frame': 'arm'}, 'expected that both hang on a body, or neither'),
