@@ -4,8 +4,8 @@
 
 The frames of `benchmarks.core`, markers hidden in half of each second, or with --layouts those of
 `benchmarks.layouts`, all markers seen, under valgrind's cachegrind, compiled for a processor that
-it knows: what a longer run takes more than a shorter one, by frame. Starts differ by tens of
-millions: about a hundredth of what so many frames take.
+it knows: what a run that tracks all frames takes more than one that tracks the first of them, by
+frame. Starts differ by tens of millions: about a hundredth of what so many frames take.
 """
 
 import argparse
@@ -20,33 +20,34 @@ if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.common import add_json_option, environ, environment, write_rows
-from benchmarks.core import HIDDEN, SEEN_FIRST, frames, measure_all
+from benchmarks.core import HIDDEN, SEEN_FIRST, frames
 from benchmarks.layouts import layout_frames
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.layout_presets import LAYOUT_PRESETS, preset_layout
 from hand_tracker.core.tracker import HandTracker
 
 COUNTER = 'valgrind', '--tool=cachegrind', '--cache-sim=no', '--trace-children=yes'
-MOST_LAYOUT_FRAMES = 20_000
 # Without the instructions that valgrind has not learned.
 PROCESSOR = {'NUMBA_CPU_NAME': 'haswell', 'NUMBA_CPU_FEATURES': '+avx2,+fma,+bmi,+bmi2'}
 
 
-def track(what, count):
-    """Track so many frames after the first ones, of a layout or with so many markers hidden."""
+def track(what, count, made):
+    """Track so many of the frames made, of a layout or with so many markers hidden."""
     hand = Hand.scaled()
-    if what not in LAYOUT_PRESETS:
-        measure_all(frames(SEEN_FIRST + count, HIDDEN[int(what)], hand)[0], hand)
-        return
-    tracker = HandTracker(hand, preset_layout(what))
-    # As many are made for the shorter run.
-    for frame in layout_frames(what, MOST_LAYOUT_FRAMES, hand)[:SEEN_FIRST + count]:
+    if what in LAYOUT_PRESETS:
+        tracker = HandTracker(hand, preset_layout(what))
+        markers = layout_frames(what, made, hand)
+    else:
+        tracker = HandTracker(hand)
+        markers, _ = frames(made, HIDDEN[int(what)], hand)
+    for frame in markers[:count]:
         tracker.update(frame)
 
 
-def counted(what, count, cache):
+def counted(what, count, made, cache):
     """Return the instructions of a process that tracks, its kernels kept in `cache`."""
-    command = [sys.executable, '-m', 'benchmarks.instructions', '--here', str(what), str(count)]
+    command = [sys.executable, '-m', 'benchmarks.instructions', '--here',
+               *map(str, (what, count, made))]
     # All processes start alike.
     variables = environ(**PROCESSOR, NUMBA_CACHE_DIR=str(cache), PYTHONHASHSEED='0')
     subprocess.run(command, check=True, env=variables)
@@ -64,14 +65,11 @@ def main():
     add_json_option(parser)
     parser.add_argument('--layouts', nargs='+', choices=tuple(LAYOUT_PRESETS), default=(),
                         metavar='NAME', help='in place of the markers hidden')
-    parser.add_argument('--here', nargs=2, help=argparse.SUPPRESS)
+    parser.add_argument('--here', nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.here:
-        track(options.here[0], int(options.here[1]))
+        track(options.here[0], *map(int, options.here[1:]))
         return 0
-    if options.layouts and SEEN_FIRST + options.frames > MOST_LAYOUT_FRAMES:
-        parser.error(f'--frames: {options.frames}; expected at most '
-                     f'{MOST_LAYOUT_FRAMES - SEEN_FIRST} with --layouts')
     if shutil.which(COUNTER[0]) is None:
         raise SystemExit(
             'valgrind is not installed. On Debian and Ubuntu: sudo apt install valgrind')
@@ -79,12 +77,10 @@ def main():
     print(environment())
     rows = []
     with TemporaryDirectory() as cache:
-        if not options.layouts:
-            none = counted(0, 0, cache)
         for what in options.layouts or HIDDEN:
-            if options.layouts:
-                none = counted(what, 0, cache)
-            more = counted(what, options.frames, cache) - none
+            # Both make all frames: what that takes is not counted.
+            made = SEEN_FIRST + options.frames
+            more = counted(what, made, made, cache) - counted(what, SEEN_FIRST, made, cache)
             rows.append({'stage': 'all', 'layout' if options.layouts else 'markers_hidden': what,
                          'instructions': round(more / options.frames)})
             print(f'{what}' + ('' if options.layouts else ' hidden')
