@@ -218,7 +218,7 @@ class HandLaunch:
             # Found out later, nodes that have been started are left behind.
             raise RuntimeError('rviz: rviz2 is not installed')
         self.publishes_links = installed('robot_state_publisher')
-        self.shows_frames = self.publishes_links and installed('tf2_ros')
+        shows_frames = self.publishes_links and installed('tf2_ros')
         self.broadcast = 'wrist' if self.publishes_links else 'all'
         self.in_file = file_parameters(given)
         self.hand_parameters = shared_parameters(given, self.in_file)
@@ -231,8 +231,11 @@ class HandLaunch:
         self.direct = direct_source(given)
         self.hand_mounts = mounts_of(given, self.hands)
         self.on_body = agreed('on_body', any(map(any, self.hand_mounts)), False, self.in_file)
+        self.should_show_robots = is_on(given, 'show_robot') and any(
+            (given['robot'], given['left_robot']))
+        self.shows_robots = self.should_show_robots and shows_frames
         self.robots = [robot_parameters(given, self.in_file, hand, self.on_body)
-                       for hand in self.hands]
+                       | {'show_robot': self.shows_robots} for hand in self.hands]
         self.has_robot = drives_robot_in_tracker(given, self.hands, self.robots)
         self.has_source = takes_packets_in_tracker(given)
 
@@ -354,12 +357,11 @@ class HandLaunch:
 
     def robots_beside(self):
         """Return the nodes that broadcast the frames of each shown robot beside its hand."""
-        shown = self.shown_robots()
-        if shown and not self.shows_frames:
+        if self.should_show_robots and not self.shows_robots:
             return [LogInfo(msg='robot_state_publisher or tf2_ros is not installed: '
                                 'robots are not shown')]
         actions = []
-        for hand, robot in shown:
+        for hand, robot in self.shown_robots():
             description, place, root = robot_beside(hand, robot)
             name = f'{hand.prefix}robot'
             positions = full_name(self.given, '/'.join(
@@ -370,6 +372,7 @@ class HandLaunch:
                     [('joint_states', positions)], frame_prefix=f'{name}/'),
                 self.node(
                     'static_transform_publisher', [], package='tf2_ros', namespace=name,
+                    name='static_transform_publisher',  # else a random one, unknown to a policy
                     arguments=[
                         *(word for pair in zip(PLACE_OPTIONS, map(str, place)) for word in pair),
                         '--frame-id', f'{hand.prefix}wrist', '--child-frame-id', f'{name}/{root}'],
@@ -378,7 +381,7 @@ class HandLaunch:
 
     def shown_robots(self):
         """Return each hand with the robot that is to be shown beside it."""
-        if not is_on(self.given, 'show_robot'):
+        if not self.shows_robots:
             return []
         return [(hand, robot) for hand, robot in zip(self.hands, self.robots) if robot['robot']]
 
@@ -387,7 +390,7 @@ class HandLaunch:
         if self.given['rviz'] != 'true':
             return []
         first = self.hands[0]
-        robots_of = [hand for hand, _ in self.shown_robots()] if self.shows_frames else []
+        robots_of = [hand for hand, _ in self.shown_robots()]
         return [self.node('rviz2', [], package='rviz2', arguments=[
             '-d', str(rviz_config(first.prefix, first.namespace, len(self.hands), robots_of)),
             '-f', self.given['fixed_frame']])]
@@ -501,8 +504,7 @@ def robot_parameters(given, in_file, hand, on_body):
         robot, description = given['left_robot'] or robot, given['left_robot_description']
     return {**{name: hand.parameters[name] for name in ROBOT_TAKES}, 'side': hand.hand.side,
             'wrist_frame': in_file.get('wrist_frame', AUTO), 'on_body': on_body,
-            'robot': robot, 'robot_description': description,
-            'show_robot': is_on(given, 'show_robot')}
+            'robot': robot, 'robot_description': description}
 
 
 def robot_beside(hand, robot):

@@ -1,6 +1,6 @@
 """SROS 2 policies of least privilege, made from the nodes as they run: exactly what each one uses.
 
-    python -m security.policies [--namespace /lab] [--output security/hand_tracker.policy.xml]
+    python -m security.policies [--namespace /lab] [--all NODE ...] [--output POLICY.xml]
 
 Each node is started in every arrangement that changes its topics or services, in a namespace of
 its own, and the graph is asked what it has. docs/security.md says how a keystore is made of them.
@@ -44,15 +44,23 @@ ARRANGEMENTS = {
     'viewer': ([], ['side:=both'], SEPARATED)}
 NODE_NAMES = {'tracker': 'hand_tracker', 'managed_tracker': 'hand_tracker',
               'skin': 'hand_skin'}  # of nodes, where not the program's
-SHARED_PROCESSES = {'teleoperate': ('tracker', 'retarget')}  # an enclave is a process's
-# Of other packages, that the launch file starts: from their documentation, ROS 2 Jazzy.
-OTHERS = {'robot_state_publisher': {
-    ('topics', 'publish'): {'/rosout', '/tf', '/tf_static', '/parameter_events',
-                            'robot_description'},
-    ('topics', 'subscribe'): {'/clock', 'joint_states', '/parameter_events'}}}
-# Of both hands in namespaces right and left, beside which one message has the joints of both.
-PER_HAND = 'retarget', 'skin', 'robot_state_publisher', 'mount'
-OF_BOTH_HANDS = {'joint_states', 'joint_confidence'}
+# An enclave is a process's; `all` runs these unless others are named.
+SHARED_PROCESSES = {'teleoperate': ('tracker', 'retarget'), 'all': ('tracker', 'replay')}
+# Of other packages, that the launch file starts.
+OTHERS = {
+    'robot_state_publisher': {
+        ('topics', 'publish'): {'/rosout', '/tf', '/tf_static', '/parameter_events',
+                                'robot_description'},
+        ('topics', 'subscribe'): {'/clock', 'joint_states', '/parameter_events'}},
+    'static_transform_publisher': {
+        ('topics', 'publish'): {'/rosout', '/tf_static', '/parameter_events'},
+        ('topics', 'subscribe'): {'/clock', '/parameter_events'}}}
+# Namespaces of a program's nodes: of one hand, of each of both, and of the robots that are shown
+# beside them.
+HANDS, ROBOTS = ('', '/right', '/left'), ('/right_robot', '/left_robot')
+NAMESPACES = {'retarget': HANDS, 'skin': HANDS, 'mount': HANDS,
+              'robot_state_publisher': HANDS + ROBOTS, 'static_transform_publisher': ROBOTS}
+OF_BOTH_HANDS = {'joint_states', 'joint_confidence'}  # one message has those of both
 PARAMETER_SERVICES = ('describe_parameters', 'get_parameter_types', 'get_parameters',
                       'get_type_description', 'list_parameters', 'set_parameters',
                       'set_parameters_atomically')
@@ -200,7 +208,26 @@ def start(stack, module, namespace, parameters):
     return process
 
 
-def policy(found, namespace='/'):
+def heard_topics(names, namespace, below):
+    """Return the topics that a node subscribes to, by the namespace that it is in.
+
+    Parameters
+    ----------
+    names : set of str
+        As it has them where there is one hand.
+    namespace : str
+        Of all nodes, without a slash at its end.
+    below : str
+        Namespace in it, of `HANDS` or `ROBOTS`.
+    """
+    if below in ROBOTS and 'joint_states' in names:
+        # Beside one hand, or beside one of both.
+        return names - {'joint_states'} | {f'{namespace}{hand}/robot/shown'
+                                           for hand in ('', below.removesuffix('_robot'))}
+    return names | {f'{namespace}/{name}' for name in names & OF_BOTH_HANDS if below in HANDS[1:]}
+
+
+def policy(found, namespace='/', shared=SHARED_PROCESSES):
     """Return the policy as an XML tree, one enclave a program and one profile a node.
 
     Parameters
@@ -208,25 +235,27 @@ def policy(found, namespace='/'):
     found : iterable of Use
     namespace : str, optional
         Of the nodes.
+    shared : mapping of str to sequence of str, optional
+        Programs whose nodes are in one process, by the program of that.
     """
+    namespace = namespace.rstrip('/')
     root = ElementTree.Element('policy', version=VERSION)
     enclaves = ElementTree.SubElement(root, 'enclaves')
     for program, node, rules in found:
         enclave = ElementTree.SubElement(enclaves, 'enclave', path=f'{ENCLAVES}/{program}')
         profiles = ElementTree.SubElement(enclave, 'profiles')
-        for below in ('', '/right', '/left') if program in PER_HAND else ('',):
+        for below in NAMESPACES.get(program, ('',)):
             profile = ElementTree.SubElement(
-                profiles, 'profile', ns=(namespace.rstrip('/') + below) or '/', node=node)
+                profiles, 'profile', ns=(namespace + below) or '/', node=node)
             for (kind, permission), names in sorted(rules.items()):
-                if below and (kind, permission) == ('topics', 'subscribe'):
-                    names = names | {f"{namespace.rstrip('/')}/{name}"
-                                     for name in names & OF_BOTH_HANDS}
+                if (kind, permission) == ('topics', 'subscribe'):
+                    names = heard_topics(names, namespace, below)
                 group = ElementTree.SubElement(profile, kind, {permission: 'ALLOW'})
                 for name in sorted(names):
                     ElementTree.SubElement(group, kind[:-1]).text = name
     profiles_of = {enclave.get('path').rpartition('/')[2]: enclave.find('profiles')
                    for enclave in enclaves}
-    for program, parts in SHARED_PROCESSES.items():
+    for program, parts in shared.items():
         # Uses of other programs, as of those who try the policy, have no such process.
         if not profiles_of.keys() >= set(parts):
             continue
@@ -264,12 +293,16 @@ def main():
     """Start the nodes and write what they use."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--namespace', default='/', help='of the nodes (default: /)')
+    parser.add_argument('--all', nargs='+', metavar='NODE', choices=ARRANGEMENTS,
+                        help='nodes of ros2 run hand_tracker all (default: tracker replay)')
     parser.add_argument('--output', type=Path, default=POLICY)
     options = parser.parse_args()
     from benchmarks.round_trip import isolate
     isolate()
-    found = shipped_uses() if options.namespace != '/' else [*uses(), *others()]
-    text = ElementTree.tostring(policy(found, options.namespace), 'unicode')
+    shared = SHARED_PROCESSES | ({'all': options.all} if options.all else {})
+    is_as_shipped = options.namespace == '/' and not options.all
+    found = [*uses(), *others()] if is_as_shipped else shipped_uses()
+    text = ElementTree.tostring(policy(found, options.namespace, shared), 'unicode')
     options.output.write_text(f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n',
                               encoding='utf-8')
     print(f'{options.output}: {len(found)} enclaves')

@@ -1,21 +1,34 @@
 """The shipped SROS 2 policies allow what the nodes use as they run, and nothing else."""
 
 import os
+import subprocess
+from contextlib import ExitStack
+from pathlib import Path
 from xml.etree import ElementTree
 
-import helpers.ros_process  # noqa: F401, a DDS domain of its own
 import pytest
+import yaml
+from helpers.launching import installed
+from helpers.ros_process import watching_node
 
+from hand_tracker.core.model.hand import Hand
+from hand_tracker.files.urdf_file import urdf
 from security.policies import (
     ARRANGEMENTS,
     ENCLAVES,
+    HANDS,
+    NAMESPACES,
+    NODE_NAMES,
     OTHERS,
-    PER_HAND,
     POLICY,
+    ROBOTS,
     SHARED_PROCESSES,
     VERSION,
+    merged,
     policy,
+    settled_rules,
     shipped_uses,
+    start,
     uses,
 )
 
@@ -37,6 +50,56 @@ def test_a_node_uses_what_its_policy_allows_and_nothing_else(program):
     assert found == SHIPPED_USES[program], 'python -m security.policies writes it anew'
 
 
+@pytest.mark.parametrize('program, package', [
+    ('robot_state_publisher', 'robot_state_publisher'),
+    ('static_transform_publisher', 'tf2_ros')])
+def test_a_program_of_another_package_uses_what_its_policy_allows(tmp_path, program, package):
+    if not installed(package):
+        pytest.skip(f'{package} is not installed')
+    path = next(path for prefix in os.environ['AMENT_PREFIX_PATH'].split(os.pathsep)
+                if (path := Path(prefix, 'lib', package, program)).exists())
+    described = tmp_path / 'described.yaml'
+    described.write_text(yaml.safe_dump({'/**': {'ros__parameters': {
+        'use_sim_time': True, 'robot_description': urdf(Hand.scaled())}}}))
+    frames = (['--frame-id', 'a', '--child-frame-id', 'b'] if package == 'tf2_ros' else [])
+    with watching_node() as node, subprocess.Popen([
+            path, *frames, '--ros-args', '-r', f'__ns:=/{program}', '-r', f'__node:={program}',
+            '--params-file', described], stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL) as process:
+        try:
+            found = settled_rules(node, program, f'/{program}', process)
+        finally:
+            process.kill()
+    assert merged([found]) == SHIPPED_USES[program].rules
+
+
+@pytest.mark.parametrize('below', ROBOTS)
+def test_a_shown_robot_is_heard_beside_one_hand_and_beside_one_of_both(below):
+    profile, = (profile for profile in ElementTree.parse(POLICY).getroot().iter('profile')
+                if (profile.get('ns'), profile.get('node')) == (below, 'robot_state_publisher'))
+    side = below.removesuffix('_robot')
+    assert {expression.text for expression in profile.find("topics[@subscribe='ALLOW']")} == {
+        '/clock', '/parameter_events', '/robot/shown', f'{side}/robot/shown'}
+
+
+def test_nodes_of_all_use_no_more_than_each_alone():
+    with ExitStack() as stack, watching_node() as node:
+        process = start(stack, 'hand_tracker.nodes.all_node', '/all', [])
+        for program in SHARED_PROCESSES['all']:
+            found = merged([settled_rules(
+                node, NODE_NAMES.get(program, program), '/all', process)])
+            allowed = SHIPPED_USES[program].rules
+            assert all(names <= allowed.get(rule, set()) for rule, names in found.items()), found
+
+
+def test_a_policy_of_other_nodes_in_one_process_names_them_alone():
+    nodes = 'tracker', 'source', 'retarget'
+    enclave, = (enclave for enclave in policy(shipped_uses(), shared={'all': nodes}).iter('enclave')
+                if enclave.get('path') == f'{ENCLAVES}/all')
+    assert {profile.get('node') for profile in enclave.iter('profile')} == {
+        'hand_tracker', 'source', 'retarget'}
+
+
 def test_nodes_of_one_process_may_do_what_each_alone_may():
     nodes = {enclave.get('path'): [
         (profile.get('node'), ElementTree.tostring(profile).strip())
@@ -50,14 +113,16 @@ def test_nodes_of_one_process_may_do_what_each_alone_may():
 def test_a_namespace_moves_relative_names_alone():
     root = policy(shipped_uses(), '/lab')
     assert {profile.get('ns') for profile in root.iter('profile')} == {
-        '/lab', '/lab/right', '/lab/left'}
+        f'/lab{below}' for below in HANDS + ROBOTS}
     topics = {expression.text for expression in root.iter('topic')}
     assert {'markers', 'joint_states', '/tf', '/diagnostics', '/rosout'} <= topics
     assert {name for name in topics if name.startswith('/lab')} == {
-        '/lab/joint_states', '/lab/joint_confidence'}
+        '/lab/joint_states', '/lab/joint_confidence',
+        *(f'/lab{hand}/robot/shown' for hand in HANDS)}
 
 
-@pytest.mark.parametrize('program', [name for name in PER_HAND if name != 'mount'])
+@pytest.mark.parametrize('program', [
+    name for name, below in NAMESPACES.items() if HANDS[1] in below and name != 'mount'])
 def test_nodes_of_one_of_both_hands_hear_the_joints_of_both(program):
     enclave, = (enclave for enclave in policy(shipped_uses()).iter('enclave')
                 if enclave.get('path') == f'{ENCLAVES}/{program}')
