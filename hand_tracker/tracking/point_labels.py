@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..core.model.hand import OTHER_SIDE, Hand
-from ..core.model.layout_presets import LAYOUT_PRESETS, preset_layout
+from ..core.model.layout_presets import JOINT_CENTRE_PRESETS, LAYOUT_PRESETS, preset_layout
 from ..core.model.marker_layout import MarkerLayout
 from ..core.point_labelling.cloud_labeller import CloudLabeller, CloudLabels
 from ..core.point_labelling.natural_poses import model_prototype
@@ -28,9 +28,11 @@ def is_measured(hand: Hand) -> bool:
                        (mean.finger_bones, mean.finger_mcp)))
 
 
-def layouts_of(count: int) -> list[str]:
-    """Return the names of the layout presets with so many markers."""
-    return [name for name in LAYOUT_PRESETS if len(preset_layout(name).names) == count]
+def worn_presets(names: tuple[str, ...], most: int) -> list[str]:
+    """Return the presets of other worn markers than those of some names, at most so many."""
+    worn = {preset: tuple(preset_layout(preset).names) for preset in LAYOUT_PRESETS
+            if preset not in JOINT_CENTRE_PRESETS}
+    return [preset for preset, others in worn.items() if len(others) <= most and others != names]
 
 
 class PointLabels:
@@ -114,7 +116,7 @@ class PointLabelReader:
                  labels: PointLabels | None = None) -> None:
         self._labels = labels or PointLabels()
         self._labels.set_hand(hand, layout, points)
-        self._side, self._count = hand.side, len(layout.names)
+        self._side, self._names = hand.side, tuple(layout.names)
         self._searched_since: float | None = None
         self._was_found = False
         self._asked = False
@@ -123,7 +125,7 @@ class PointLabelReader:
     def read(self, message: Any) -> MarkerFrame:
         """Return the markers of a message; those not found are not seen."""
         frame, rows, found, other_side = self._labels.read(message, self._side)
-        positions = np.full((self._count, 3), np.nan)
+        positions = np.full((len(self._names), 3), np.nan)
         positions[rows >= 0] = frame.points[rows[rows >= 0]]
         if frame.stamp is not None:
             self._note(seconds(frame.stamp), found, len(frame.points), other_side)
@@ -149,17 +151,17 @@ class PointLabelReader:
             self._log_lines.append((True, f'the points look like a {other} hand: set '
                                     f'side:={other}, or check whether axes are exchanged or '
                                     'mirrored'))
-        elif count < self._count:
-            self._log_lines.append((True, f'only {count} points; the hand has {self._count} '
+        elif count < len(self._names):
+            self._log_lines.append((True, f'only {count} points; the hand has {len(self._names)} '
                                     'markers'))
         else:
-            others = layouts_of(count)
-            known = f': set layout:={" or layout:=".join(others)} if it is yours' if (
-                others and count != self._count) else ''
+            # Any of the points may be of no hand: the markers are these, or fewer.
+            others = worn_presets(self._names, count)
+            known = f' (if you wear another, set it: {", ".join(others)})' if others else ''
             self._log_lines.append((
                 True, f'the {self._side} hand is not found among {count} points: spread your '
-                f'fingers for a moment; else the layout, of {self._count} markers, does not fit '
-                f'them{known}; or check unit_scale and side'))
+                f'fingers for a moment; else the layout, of {len(self._names)} markers, does not '
+                f'fit them{known}; or check unit_scale and side'))
 
     def pop_log_lines(self) -> list[tuple[bool, str]]:
         """Return the lines to log since the last call: whether it is a warning, and the line."""

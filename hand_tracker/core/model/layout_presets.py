@@ -144,6 +144,7 @@ LAYOUT_PRESETS: dict[str, Callable[[], MarkerLayout]] = {
     'webxr25': _webxr25,
     'openxr26': _openxr26,
 }
+JOINT_CENTRE_PRESETS = 'mediapipe21', 'webxr25', 'openxr26'  # of skeletons: nobody wears them
 
 
 def preset_layout(name: str) -> MarkerLayout:
