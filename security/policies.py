@@ -57,9 +57,10 @@ OTHERS = {
         ('topics', 'subscribe'): {'/clock', '/parameter_events'}}}
 # Namespaces of a program's nodes: of one hand, of each of both, and of the robots that are shown
 # beside them.
-HANDS, ROBOTS = ('', '/right', '/left'), ('/right_robot', '/left_robot')
-NAMESPACES = {'retarget': HANDS, 'skin': HANDS, 'mount': HANDS,
-              'robot_state_publisher': HANDS + ROBOTS, 'static_transform_publisher': ROBOTS}
+HAND_NAMESPACES, ROBOT_NAMESPACES = ('', '/right', '/left'), ('/right_robot', '/left_robot')
+NAMESPACES = {'retarget': HAND_NAMESPACES, 'skin': HAND_NAMESPACES, 'mount': HAND_NAMESPACES,
+              'robot_state_publisher': HAND_NAMESPACES + ROBOT_NAMESPACES,
+              'static_transform_publisher': ROBOT_NAMESPACES}
 OF_BOTH_HANDS = {'joint_states', 'joint_confidence'}  # one message has those of both
 PARAMETER_SERVICES = ('describe_parameters', 'get_parameter_types', 'get_parameters',
                       'get_type_description', 'list_parameters', 'set_parameters',
@@ -218,13 +219,15 @@ def heard_topics(names, namespace, below):
     namespace : str
         Of all nodes, without a slash at its end.
     below : str
-        Namespace in it, of `HANDS` or `ROBOTS`.
+        Namespace in it, of `HAND_NAMESPACES` or `ROBOT_NAMESPACES`.
     """
-    if below in ROBOTS and 'joint_states' in names:
+    if below in ROBOT_NAMESPACES and 'joint_states' in names:
         # Beside one hand, or beside one of both.
         return names - {'joint_states'} | {f'{namespace}{hand}/robot/shown'
                                            for hand in ('', below.removesuffix('_robot'))}
-    return names | {f'{namespace}/{name}' for name in names & OF_BOTH_HANDS if below in HANDS[1:]}
+    if below not in HAND_NAMESPACES[1:]:
+        return names
+    return names | {f'{namespace}/{name}' for name in names & OF_BOTH_HANDS}
 
 
 def policy(found, namespace='/', shared=SHARED_PROCESSES):
