@@ -16,6 +16,7 @@ from ..core.model.hand import (
     Hand,
 )
 from ..core.model.marker_layout import landmark_on_link
+from ..core.numerics.rigid_fit import nearest_rotation
 from .least_squares import evenly_spaced, least_squares
 from .marker_names import UsualPlace
 
@@ -138,9 +139,7 @@ def rigid_poses(points: np.ndarray, template: np.ndarray) -> tuple[np.ndarray, n
     middle = (weight * template).sum(axis=1)
     correlation = np.swapaxes(weight * (known - center[:, None]), 1, 2) @ (
         template - middle[:, None])
-    u, _, vt = np.linalg.svd(correlation)
-    u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
-    rotation = u @ vt
+    rotation = nearest_rotation(correlation)
     rotation[~enough] = np.nan
     return rotation, center - (rotation @ middle[..., None])[..., 0]
 

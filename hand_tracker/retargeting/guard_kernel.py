@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.numerics.jit import Pack, jit
+from ..core.numerics.vectors import clamp
 from .guard_options import GuardOptions
 from .jump_gate import JumpGate, accepts_position, new_jump_gate
 
@@ -284,25 +285,20 @@ def move_command(guards: Pack[GuardMemory], goal: np.ndarray, goal_velocity: np.
     for i in range(guard.joints):
         command, velocity = guard.command[i], guard.velocity[i]
         most = min(guard.speed[i], speed)
-        ahead = _within(goal_velocity[i], -most, most)
+        ahead = clamp(goal_velocity[i], -most, most)
         away = goal[i] - command - ahead * step
         braked = _braked_speed(away, acceleration, slowing)
-        wished = _within(ahead + _within(away / step, -braked, braked), -most, most)
+        wished = clamp(ahead + clamp(away / step, -braked, braked), -most, most)
         # So that it can still stop within the margin of a limit.
-        wished = _within(wished, -_braked_speed(command - guard.lower[i], acceleration, slowing),
+        wished = clamp(wished, -_braked_speed(command - guard.lower[i], acceleration, slowing),
                          _braked_speed(guard.upper[i] - command, acceleration, slowing))
-        wished = _within(wished, velocity - slowing, velocity + slowing)
-        wished = _within(wished, -guard.speed[i], guard.speed[i])
+        wished = clamp(wished, velocity - slowing, velocity + slowing)
+        wished = clamp(wished, -guard.speed[i], guard.speed[i])
         # A command within the margin of a limit never goes on outwards.
-        moved = _within(command + wished * step, min(guard.lower[i], command),
+        moved = clamp(command + wished * step, min(guard.lower[i], command),
                         max(guard.upper[i], command))
         guard.velocity[i] = (moved - command) / step
         guard.command[i] = moved
-
-
-@jit
-def _within(value: float, lower: float, upper: float) -> float:
-    return min(max(value, lower), upper)
 
 
 @jit

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..core.numerics.rigid_fit import nearest_rotation
+
 MIN_MOTION = .02           # [m] rms that the wrist moves in two directions, to determine the world
 MAX_MOUNT_SPREAD = np.radians(30.)
 ROUNDS = 50
@@ -90,9 +92,3 @@ def fit_mount(body_places: np.ndarray, body_turns: np.ndarray, hand_places: np.n
     rest = (world @ body_turns @ wrist).swapaxes(1, 2) @ hand_turns
     spread = np.median(Rotation.from_matrix(rest).magnitude())
     return HandMount(wrist, world, float(spread))
-
-
-def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """Return the rotation that is nearest to a matrix, shape (3, 3), by its singular values."""
-    left, _, right = np.linalg.svd(matrix)
-    return left @ np.diag((1., 1., np.linalg.det(left @ right))) @ right

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from ..core.numerics.rigid_fit import nearest_rotation
 from ..files.point_recording import PointRecording, unique_labels
 from ..files.skeleton_motion import HandAngles, joint_centres
 from .body_skeleton import SkeletonError
 from .clock_alignment import ClockAlignment, Trajectory
-from .hand_mount import nearest_rotation
 from .spliced_body import overlapping
 
 # 'RWRA', 'Anna:LWristOut', 'right_wrist': all of one side are about its wrist.

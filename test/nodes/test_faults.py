@@ -7,6 +7,7 @@ import os
 import random
 import signal
 import sys
+import time
 from contextlib import ExitStack
 from itertools import count
 
@@ -36,6 +37,7 @@ from visualization_msgs.msg import MarkerArray
 from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.messages.stamps import marker_stamps, nanoseconds, restamp
+from hand_tracker.nodes.fast_path import PUBLISHER_SILENCE
 
 NEEDS = 'rclpy',
 
@@ -173,11 +175,15 @@ def test_of_two_publishers_the_first_is_kept_and_it_is_said():
         stranger.spin_until(lambda: other.get_subscription_count() > 0)
         numbers = count(10**6)
         sent = set()
+        tracked = [time.monotonic()]  # when the first was last sent something
 
         def both():
             number = next(numbers)
-            sent.add(nanoseconds(stamp_of(number)))
             bench.answer(hand_at())
+            if time.monotonic() - tracked[0] > PUBLISHER_SILENCE / 2:
+                sent.clear()  # other work held up the first: the other may have been tracked
+            tracked[0] = time.monotonic()
+            sent.add(nanoseconds(stamp_of(number)))
             other.publish(message(strange, number))
 
         for _ in range(50):
@@ -187,7 +193,7 @@ def test_of_two_publishers_the_first_is_kept_and_it_is_said():
         assert '/markers: /test is tracked until' in bench.process.output
         assert 'what /stranger sends' in bench.process.output
         answered = {nanoseconds(answer.header.stamp) for answer in bench.joint_states}
-        assert not sent & answered
+        assert sent and not sent & answered
         # Once the first is silent, the other is tracked, and then it is the first that is left out.
         heard = []
 
@@ -284,15 +290,18 @@ def test_a_clock_that_jumps_and_stops_holds_up_nothing():
         bench.meet(hand_at())
         for sec in (100, 3700, 100, 101):
             clock.publish(Clock(clock=Time(sec=sec)))
-            bench.node.spin_for(.05)
+            # A frame without a stamp of its own is answered with the clock's.
+            bench.node.repeat(
+                lambda: bench.publisher.publish(message(hand_at(), 0)),
+                lambda sec=sec: bench.joint_states[-1].header.stamp == Time(sec=sec))
             for _ in range(5):
                 bench.answer(hand_at())
-        # Now it stands: frames and diagnostics go on, also of frames without a stamp of their own.
+        # Now it stands: frames and diagnostics go on.
         bench.joint_states.clear()
         for _ in range(20):
             bench.publisher.publish(message(hand_at(), 0))
-        bench.node.spin_until(lambda: len(bench.joint_states) == 20)
-        assert all(answer.header.stamp.sec == 101 for answer in bench.joint_states)
+        bench.node.spin_until(lambda: 20 <= sum(
+            answer.header.stamp == Time(sec=101) for answer in bench.joint_states))
         frames = int(values()['/markers']['frames'])
         bench.node.repeat(lambda: bench.send(hand_at()),
                           lambda: int(values()['/markers']['frames']) > frames + 20)

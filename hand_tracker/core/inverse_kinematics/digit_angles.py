@@ -12,7 +12,7 @@ import numpy as np
 
 from ..model.marker_rows import MarkerRows, RowState
 from ..model.palm_triangle import Wrist
-from ..numerics.cholesky import solve_damped
+from ..numerics.cholesky import fix_unknown, solve_damped
 from ..numerics.jit import jit
 from ..numerics.vectors import (
     Frame,
@@ -255,11 +255,7 @@ def _fix_active_limits(chains: Chains, digit: int, first: int, workspace: DigitW
         if j >= first and not (workspace.angles[j] <= chains.lower[joint] and pull < 0.
                                or workspace.angles[j] >= chains.upper[joint] and pull > 0.):
             continue
-        for k in range(CHAIN_JOINTS):
-            workspace.matrix[j, k] = 0.
-            workspace.matrix[k, j] = 0.
-        workspace.matrix[j, j] = 1.
-        workspace.gradient[j] = 0.
+        fix_unknown(workspace.matrix, workspace.gradient, j, CHAIN_JOINTS)
 
 
 @jit
@@ -485,10 +481,7 @@ def _write_deviation(chains: Chains, table: MarkerRows, rows: RowState, digit: i
     matrix, one, column = workspace.matrix, workspace.gradient, workspace.step
     first = 0 if digit == THUMB else 1
     for j in range(first):
-        for k in range(CHAIN_JOINTS):
-            matrix[j, k] = 0.
-            matrix[k, j] = 0.
-        matrix[j, j] = 1.
+        fix_unknown(matrix, one, j, CHAIN_JOINTS)
     for j in range(first, CHAIN_JOINTS):
         one[:] = 0.
         one[j] = 1.

@@ -13,7 +13,7 @@ import numpy as np
 from ..model.hand import FLEXION_JOINTS
 from ..model.marker_rows import MarkerRows, RowState
 from ..model.palm_triangle import Wrist, rigid_palm
-from ..numerics.cholesky import solve_damped
+from ..numerics.cholesky import fix_unknown, solve_damped
 from ..numerics.jit import jit, local_floats
 from ..numerics.vectors import (
     Vector,
@@ -311,11 +311,7 @@ def _arch_prior(arch: np.ndarray, lower: np.ndarray, upper: np.ndarray, matrix: 
         if not (arch[finger] <= lower[5 * finger] and pull < 0.
                 or arch[finger] >= upper[5 * finger] and pull > 0.):
             continue
-        for k in range(UNKNOWNS):
-            matrix[at, k] = 0.
-            matrix[k, at] = 0.
-        matrix[at, at] = 1.
-        gradient[at] = 0.
+        fix_unknown(matrix, gradient, at, UNKNOWNS)
 
 
 @jit

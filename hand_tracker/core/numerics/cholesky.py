@@ -8,6 +8,28 @@ from .jit import jit
 
 
 @jit
+def fix_unknown(matrix: np.ndarray, vector: np.ndarray, fixed: int, count: int) -> None:
+    """Keep one unknown of the equations A x = b at 0, whatever the others become.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (>= count, >= count)
+        A, symmetric, changed.
+    vector : ndarray, shape (>= count,)
+        b, changed.
+    fixed : int
+        Number of the unknown.
+    count : int
+        Of all unknowns.
+    """
+    for k in range(count):
+        matrix[fixed, k] = 0.
+        matrix[k, fixed] = 0.
+    matrix[fixed, fixed] = 1.
+    vector[fixed] = 0.
+
+
+@jit
 def solve_damped(matrix: np.ndarray, vector: np.ndarray, count: int, damping: float,
                  factor: np.ndarray, solution: np.ndarray) -> bool:
     """Solve (A + damping diag(A)) x = b by Cholesky's factorisation.

@@ -22,6 +22,17 @@ from .vectors import (
 JACOBI_SWEEPS = 12  # at most; three to five suffice for a symmetric matrix of four rows
 
 
+def nearest_rotation(matrices: np.ndarray) -> np.ndarray:
+    """Return the rotations nearest to matrices, both of shape (..., 3, 3).
+
+    By their singular values: Kabsch (A solution for the best rotation to relate two sets of
+    vectors, 1976).
+    """
+    left, _, right = np.linalg.svd(matrices)
+    left[..., 2] *= np.linalg.det(left @ right)[..., None]
+    return left @ right
+
+
 @jit
 def fit_rigid(template: np.ndarray, points: np.ndarray, weights: np.ndarray,
               rotation: np.ndarray, position: np.ndarray) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import InvalidLayout
 from ..model.hand import LEFT_HAND_MIRROR, OTHER_SIDE
+from ..numerics.rigid_fit import nearest_rotation
 from .bending import bending, outward_markers
 
 ALIGNMENT_ROUNDS = 6         # of alignment to the mean palm
@@ -242,10 +243,7 @@ def _aligned(frames: np.ndarray, palm: list[int]) -> tuple[np.ndarray, np.ndarra
         rest = template[palm]
         centre = frames[:, palm].mean(axis=1, keepdims=True)
         moment = np.einsum('ki,nkj->nij', rest - rest.mean(axis=0), frames[:, palm] - centre)
-        u, _, vt = np.linalg.svd(moment)
-        turn = np.linalg.det(u) * np.linalg.det(vt)
-        u[:, :, 2] *= turn[:, None]
-        rotation = u @ vt
+        rotation = nearest_rotation(moment)
         local = np.einsum('nij,nkj->nki', rotation, frames - centre) + rest.mean(axis=0)
         template = local.mean(axis=0)
     return template, local
