@@ -152,7 +152,13 @@ def _hand_of(recording: PointRecording, side: str | None) -> HandPoints:
 
 
 def labelled_column(recording: PointRecording, marker: str, label: str) -> int:
-    """Return the column of the point with a label, which is to be a marker."""
+    """Return the column of the point with a label, which is to be a marker.
+
+    Raises
+    ------
+    UnknownMarkers
+        If no point has the label, or several have.
+    """
     exact = [i for i, one in enumerate(recording.labels) if one == label]
     # Without its subject, where that leaves no doubt.
     short = [i for i, one in enumerate(recording.labels) if one.rpartition(':')[2] == label]

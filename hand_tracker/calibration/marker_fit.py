@@ -120,7 +120,7 @@ def fit_markers(takes: Sequence[MarkerTake], limits: str = WEARER_LIMITS,
 
 def fit_gathered(gathered: Gathered, side: str, limits: str = WEARER_LIMITS,
                  done: Callable[[], None] = lambda: None) -> MarkerFit:
-    """Fit a hand to gathered markers; parameters as for `fit_markers`."""
+    """Fit a hand to gathered markers; parameters and errors as for `fit_markers`."""
     gathered, palm = split_palm(gathered)
     worn = worn_names(gathered.markers, palm.held)
     fits: list[DigitFit | None] = [None] * len(DIGITS)
@@ -165,7 +165,13 @@ def fit_gathered(gathered: Gathered, side: str, limits: str = WEARER_LIMITS,
 
 
 def split_palm(gathered: Gathered) -> tuple[Gathered, PalmFit]:
-    """Assign knuckles that move in the palm to their digits; return the markers and the palm."""
+    """Assign knuckles that move in the palm to their digits; return the markers and the palm.
+
+    Raises
+    ------
+    InvalidTake
+        If the palm is not seen.
+    """
     columns = gathered.of(-1)
     seen = np.isfinite(gathered.points[:, columns]).all(axis=2).sum(axis=1)
     if np.count_nonzero(seen >= 3) < MIN_PALM_FRAMES:

@@ -49,6 +49,11 @@ def take_of_bag(path: Path, options: argparse.Namespace,
     Returns
     -------
     MarkerTake
+
+    Raises
+    ------
+    InvalidTake
+        If the file is no recording.
     """
     worn = MARKERS if layout is None else layout.names
     reader = MarkerReader(

@@ -320,6 +320,11 @@ def write_bvh(path: Path, motion: SkeletonMotion, order: str = EULER_ORDERS[0]) 
     motion : SkeletonMotion
     order : str, optional
         Of the Euler angles, one of `EULER_ORDERS`.
+
+    Raises
+    ------
+    RecordingError
+        If the order is another.
     """
     if order not in EULER_ORDERS:
         raise RecordingError(f'{path}: Euler order {order!r}; expected one of '

@@ -114,6 +114,11 @@ def write_glb(path: Path, motion: SkeletonMotion, mesh: BoundMesh | None = None)
     path : Path
     motion : SkeletonMotion
     mesh : BoundMesh, optional
+
+    Raises
+    ------
+    RecordingError
+        If there is a skin on more than `MAX_SKIN_JOINTS` joints.
     """
     count = len(motion.names)
     if mesh is not None and count > MAX_SKIN_JOINTS:

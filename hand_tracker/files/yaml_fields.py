@@ -62,6 +62,7 @@ def read_yaml(path: str | PathLike[str], parse: Callable[[Any], Parsed]) -> Pars
     Raises
     ------
     InvalidHandFile
+        If it cannot be read, is no YAML, or has a field that is refused.
     """
     try:
         text = read_yaml_text(path)
@@ -73,7 +74,7 @@ def read_yaml(path: str | PathLike[str], parse: Callable[[Any], Parsed]) -> Pars
 
 
 def parse_yaml(text: str, name: str | PathLike[str], parse: Callable[[Any], Parsed]) -> Parsed:
-    """Parse YAML text as `read_yaml` does; errors name it by `name`."""
+    """Parse YAML text as `read_yaml` does; its `InvalidHandFile` has the name."""
     try:
         return parse(parse_plain_yaml(text, UniqueKeyLoader))
     except yaml.MarkedYAMLError as error:
@@ -89,7 +90,7 @@ def parse_yaml(text: str, name: str | PathLike[str], parse: Callable[[Any], Pars
 
 
 def mapping(where: str, value: Any, allowed: Collection[str]) -> dict:
-    """Return a mapping after checking its keys; None becomes an empty one."""
+    """Return a mapping, empty for None; raise `InvalidHandFile` for a key that is not allowed."""
     if value is None:
         return {}
     if not isinstance(value, dict):
@@ -105,14 +106,20 @@ def mapping(where: str, value: Any, allowed: Collection[str]) -> dict:
 
 
 def choice(where: str, value: Any, allowed: Collection[str]) -> str:
-    """Return a value after checking that it is one of those allowed."""
+    """Return a value; raise `InvalidHandFile` unless it is one of those allowed."""
     if value not in tuple(allowed):
         raise InvalidHandFile(f'{where}: {value!r}; allowed are {", ".join(allowed)}')
     return value
 
 
 def number(where: str, value: Any, quantity: Quantity) -> float | list[float]:
-    """Return a value of the file in metres, radians or no unit, after checking its range."""
+    """Return a value of the file in metres, radians or no unit.
+
+    Raises
+    ------
+    InvalidHandFile
+        If it is no number, or no list of as many as asked for, or out of range.
+    """
     if not quantity.size:
         values, places = [value], ['']
     elif isinstance(value, list) and len(value) == quantity.size:

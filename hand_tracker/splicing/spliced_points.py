@@ -85,6 +85,11 @@ def hand_world(wrist: Trajectory, tracked: HandAngles, alignment: ClockAlignment
     Returns
     -------
     World
+
+    Raises
+    ------
+    SkeletonError
+        If the body's wrist is seen in too few of the hand's frames.
     """
     own = tracked.times - tracked.times[0]
     times = alignment.hand_times(wrist.times)

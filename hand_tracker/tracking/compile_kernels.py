@@ -63,7 +63,13 @@ def prepare_kernels(say: Callable[[str], object]) -> None:
 
 @contextmanager
 def compile_lock(kernel_set: str) -> Iterator[None]:
-    """Lock a set of kernels in the cache folder: one process at a time compiles it."""
+    """Lock a set of kernels in the cache folder: one process at a time compiles it.
+
+    Raises
+    ------
+    KernelsUnavailable
+        If there is no such folder.
+    """
     try:
         import fcntl
     except ImportError:  # not POSIX: both compile, and the later files replace the others

@@ -42,6 +42,11 @@ def collect_frames(frames: Iterable[RecordedFrame], hand: Callable[[], Hand]) ->
     Returns
     -------
     HandAngles
+
+    Raises
+    ------
+    HandTrackerError
+        If there are no frames.
     """
     angles, positions, rotations, stamps = [], [], [], []
     for _, stamp, _, state in frames:
