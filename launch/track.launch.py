@@ -32,6 +32,7 @@ from hand_tracker.nodes.tracker_parameters import (
 )
 from hand_tracker.package_data import packaged_recording
 from hand_tracker.retargeting.robot_file import load_robot
+from hand_tracker.retargeting.robot_paths import with_file_addresses
 from launch import LaunchDescription
 
 # Systems of which the tracker, or else a source node, takes the messages or packets.
@@ -362,10 +363,13 @@ class HandLaunch:
                                 'robots are not shown')]
         actions = []
         for hand, robot in self.shown_robots():
-            description, place, root = robot_beside(hand, robot)
+            description, missing, place, root = robot_beside(hand, robot)
             name = f'{hand.prefix}robot'
             positions = full_name(self.given, '/'.join(
                 filter(None, (hand.namespace, 'robot/shown'))))
+            if missing:
+                actions.append(LogInfo(msg=f'{name}: RViz will not show what of the URDF is not '
+                                           f"found: {', '.join(missing)}"))
             actions += [
                 self.state_publisher(
                     'robot_state_publisher of the robot', description, name,
@@ -508,7 +512,7 @@ def robot_parameters(given, in_file, hand, on_body):
 
 
 def robot_beside(hand, robot):
-    """Return a robot's URDF, the pose of its base beside the hand [m], and its root link."""
+    """Return a robot's URDF, what it lacks, the pose beside the hand [m], and the root link."""
     try:
         loaded = load_robot(robot['robot'], robot['robot_description'],
                             preferred_side=hand.hand.side)
@@ -518,9 +522,11 @@ def robot_beside(hand, robot):
     turned, at = loaded.hand.base_pose(model.frames(model.open_position()))
     # On the side of the little finger, which is -y of the right wrist.
     at = at + (0., ROBOT_DISTANCE if hand.hand.side == 'left' else -ROBOT_DISTANCE, 0.)
-    description = (Path(loaded.urdf).read_text(encoding='utf-8') if loaded.urdf
-                   else robot['robot_description'])
-    return description, (*at.tolist(), *quaternion(turned)), next(iter(model.links))
+    description, missing = (
+        with_file_addresses(Path(loaded.urdf).read_text(encoding='utf-8'),
+                            Path(loaded.urdf).parent) if loaded.urdf
+        else with_file_addresses(robot['robot_description'], None))
+    return description, missing, (*at.tolist(), *quaternion(turned)), next(iter(model.links))
 
 
 def joints_of(given, namespace, in_file):

@@ -7,7 +7,6 @@ parameter gives. All keys are optional; what is not given is found by geometry. 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import fields
 from math import isfinite
@@ -25,12 +24,12 @@ from .retarget_options import RetargetOptions
 from .robot_anatomy import ROLES, find_anatomy
 from .robot_hand import Follow, RobotHand, TipSphere, tip_sphere
 from .robot_model import RobotModel, robot_model
+from .robot_paths import resolve_path
 from .robot_urdf import InvalidRobot, UrdfTree, load_urdf_tree, read_urdf_tree
 
 ROBOT_FILE_KEYS = ('name', 'urdf', 'side', 'digits', 'rest', 'follow', 'options', 'order')
 DIGIT_KEYS = ('tip', 'tip_offset_mm', 'radius_mm')
 FOLLOW_KEYS = ('angle', 'scale', 'offset_deg')
-PACKAGE_SCHEME = 'package://'
 
 
 class LoadedRobot(NamedTuple):
@@ -122,27 +121,6 @@ def read_settings(path: Path) -> dict[str, Any]:
     if not isinstance(tree, dict):
         raise InvalidRobot(f'{path}: expected a mapping with keys as {", ".join(ROBOT_FILE_KEYS)}')
     return tree
-
-
-def resolve_path(text: str, folder: Path) -> Path:
-    """Return the file of a path, a path relative to a folder, or a package:// path.
-
-    Raises
-    ------
-    InvalidRobot
-        If the package is in none of the prefixes of AMENT_PREFIX_PATH, or a home is not known.
-    """
-    if not text.startswith(PACKAGE_SCHEME):
-        try:
-            return folder / Path(text).expanduser()
-        except RuntimeError as error:  # '~somebody' whom this machine does not know
-            raise InvalidRobot(f'{text}: {error}') from None
-    package, _, rest = text[len(PACKAGE_SCHEME):].partition('/')
-    for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
-        if (share := Path(prefix) / 'share' / package).is_dir():
-            return share / rest
-    raise InvalidRobot(f"{text}: there is no package '{package}'; source its workspace, or give a "
-                       'path')
 
 
 def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
