@@ -32,7 +32,9 @@ def pytest_configure(config):
     A node imports for three seconds where nothing keeps byte code, and tests start some hundred.
     """
     if os.environ.pop('PYTHONDONTWRITEBYTECODE', None):
-        folder = tempfile.TemporaryDirectory(prefix='hand_tracker-byte-code-')
+        # Kernels may still be compiled in the background, by a process that outlives its node.
+        folder = tempfile.TemporaryDirectory(prefix='hand_tracker-byte-code-',
+                                             ignore_cleanup_errors=True)
         config.add_cleanup(folder.cleanup)
         os.environ.setdefault('PYTHONPYCACHEPREFIX', folder.name)
     if not getattr(config.option, 'numprocesses', None) or hasattr(config, 'workerinput'):
