@@ -794,6 +794,38 @@ def test_a_robot_is_shown_beside_the_hand(short, tmp_path, side, prefix):
 
 
 @launches
+@pytest.mark.skipif(find_spec('trajectory_msgs') is None, reason='no trajectory_msgs')
+def test_rviz_is_told_where_the_meshes_of_a_robot_are(short, tmp_path):
+    for name, program in (('robot_state_publisher', None),
+                          ('tf2_ros', 'static_transform_publisher')):
+        environment = fake_package(tmp_path, name, program)
+    mesh = tmp_path / 'my_robot' / 'meshes' / 'palm.stl'
+    for folder in (mesh.parent, mesh.parents[1] / 'urdf'):
+        folder.mkdir(parents=True)
+    mesh.touch()
+    plain = Path(load_robot('plain').urdf).read_text()
+    links = ''.join(
+        f'<link name="link{i}"><visual><geometry><mesh filename="{name}"/></geometry></visual>'
+        f'</link><joint name="joint{i}" type="fixed"><parent link="palm"/><child link="link{i}"/>'
+        '</joint>' for i, name in enumerate(('../meshes/palm.stl', 'lost.stl',
+                                             'package://my_robot/meshes/palm.stl', 'lost.stl')))
+    robot = mesh.parents[1] / 'urdf' / 'robot.urdf'
+    robot.write_text(plain.replace('</robot>', f'{links}</robot>'))
+    with Launch(environment, recording=short, robot=robot, show_robot='true') as process:
+        process.wait_for_line('right_robot: RViz will not show what of the URDF is not found',
+                              FIRST_START)
+        watched = time.monotonic() + FIRST_START
+        while process.output.count('GIVEN') < 3 and time.monotonic() < watched:
+            time.sleep(.1)
+        given = [json.loads(found) for found in re.findall('GIVEN (.*)', process.output)]
+        assert process.interrupt() == 0 and 'Traceback' not in process.output, process.output
+    shown, = (one['robot_description'] for one in given if 'frame_prefix' in one)
+    files = [found.get('filename') for found in ElementTree.fromstring(shown).iter('mesh')]
+    assert files == [mesh.as_uri(), 'lost.stl', mesh.as_uri(), 'lost.stl']
+    assert re.findall('not found: (.*)', process.output) == ['lost.stl']
+
+
+@launches
 @pytest.mark.parametrize('lacking', ['', 'robot_state_publisher', 'tf2_ros'])
 def test_robots_are_published_to_be_shown_only_where_something_can_show_them(lacking):
     file = load_python_launch_file_as_module(str(LAUNCH))
