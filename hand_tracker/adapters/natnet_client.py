@@ -40,11 +40,11 @@ from .natnet_packets import (
     model_definitions,
     server_info,
 )
+from .packet_reception import Relay, receive
 from .packet_structure import PacketOrigin
 from .point_frame import MalformedFrame, SourceFrame, SourceUnavailable, point_frame
 
 COMMAND_PORT = 1510
-LARGEST_PACKET = 2**16
 RECEIVE_BUFFER = 2**20   # [bytes]
 ASK_PERIOD = 1.          # [s] between two requests that were not answered, and to keep alive
 PATIENT_REQUESTS = 3     # for the model, until the lack of an answer is logged
@@ -80,12 +80,11 @@ class NatNetClient:
 
     Attributes
     ----------
-    relay : callable or None
-        Called first with each packet and its receipt, once there was a frame of this model;
-        returns whether nothing is left to do.
+    relay : Relay or None
+        Receives once there was a frame of this model.
     """
 
-    relay: Callable[[bytes, int], bool] | None = None
+    relay: Relay | None = None
 
     def __init__(self, server: str, on_frame: Callable[[SourceFrame], None],
                  on_news: Callable[[bool, str], None], local: str = '',
@@ -140,11 +139,13 @@ class NatNetClient:
                     'on, and do firewalls let UDP through?')
                 return
             self._ask(now)
-            for key, _ in selector.select(self._wait):
-                received, heard = time.monotonic_ns(), now
-                data = key.fileobj.recv(LARGEST_PACKET)  # type: ignore[union-attr]
+            # Without a structure, of another model or server, what is relayed has the old names.
+            relay = None if self._structure is None else self.relay
+            for data, received, is_relayed in receive(selector, self._wait, relay):
+                heard = now
                 try:
-                    self.take(data, received)
+                    if not is_relayed:
+                        self.take(data, received)
                 except MalformedFrame as error:
                     self._warn_once('malformed', f'left out is a damaged packet: {error}')
             if self._info is not None and self._info.group and not is_joined:
@@ -205,9 +206,6 @@ class NatNetClient:
         ------
         MalformedFrame
         """
-        # Without a structure, of another model or server, what is relayed has the old names.
-        if self._structure is not None and self.relay is not None and self.relay(data, received):
-            return
         number = message_id(data)
         if number == SERVER_INFO:
             info = server_info(data)

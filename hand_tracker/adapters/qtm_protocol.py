@@ -20,6 +20,11 @@ class CheckedQtmProtocol(QTMProtocol):
 
     _waiting = b''
 
+    @property
+    def is_between_packets(self) -> bool:
+        """Whether what is received next begins a packet."""
+        return not self._waiting
+
     def data_received(self, data: bytes) -> None:
         """Take bytes as they arrive.
 

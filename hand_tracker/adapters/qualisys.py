@@ -8,7 +8,6 @@ send: `latency` gives it where it is known.
 from __future__ import annotations
 
 import asyncio
-import os
 import selectors
 from collections import deque
 from collections.abc import Callable
@@ -22,6 +21,7 @@ from ..core.errors import HandTrackerError
 from ..files.plain_xml import parse_plain_xml
 from ..messages.stamps import stamp_of
 from .clock_estimate import ClockEstimate, wall_offset
+from .packet_reception import Relay, receive
 from .packet_structure import PacketOrigin
 from .point_frame import MalformedFrame, SourceFrame, SourceUnavailable, point_frame
 from .qtm_packets import (
@@ -39,7 +39,6 @@ QTM_VERSION = '1.25'     # of the protocol
 QTM_COMPONENTS = '3d', '3dres', '3dnolabels', '3dnolabelsres'
 RETRY_TIME = 2.     # [s]
 END_POLL = .05      # [s]
-MOST_AT_ONCE = 2**16   # [bytes]
 ANSWER_TIME = 5.    # [s]
 
 
@@ -70,7 +69,7 @@ class QualisysClient:
         As of `NatNetClient`.
     """
 
-    relay: Callable[[bytes, int], bool] | None = None
+    relay: Relay | None = None
 
     def __init__(self, server: str, on_frame: Callable[[SourceFrame], None],
                  on_news: Callable[[bool, str], None],
@@ -161,15 +160,17 @@ class QualisysClient:
                     self.take(packets.popleft())
                 if fault is not None:
                     raise OSError(f'the connection has ended: {fault}') from fault
-                if not selector.select(END_POLL):
-                    continue
-                data = os.read(connection, MOST_AT_ONCE)
-                if not data:
-                    return
-                try:
-                    protocol.data_received(data)
-                except Exception as error:
-                    fault = error
+                # Without a structure, of another connection, what is relayed has the old names.
+                relay = (self.relay if protocol.is_between_packets
+                         and self._structure is not None else None)
+                for data, _, is_relayed in receive(selector, END_POLL, relay, is_stream=True):
+                    if not data:
+                        return
+                    try:
+                        if not is_relayed:
+                            protocol.data_received(data)
+                    except Exception as error:
+                        fault = error
 
     async def _connect(self) -> Any:
         """Return a connection's protocol, as qtm_rt.connect does, but of checked packets."""
@@ -187,10 +188,6 @@ class QualisysClient:
     def take(self, packet: bytes) -> None:
         """Take a packet with a frame as it arrives."""
         received = monotonic_ns()
-        # Without a structure, of another connection, what is relayed has the old names.
-        if (self._structure is not None and self.relay is not None
-                and self.relay(packet, received)):
-            return
         try:
             frame = qtm_frame(packet, self._structure)
         except MalformedFrame as error:

@@ -8,7 +8,7 @@ Qualisys over its real-time protocol, or landmarks of a headset or camera. What 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from threading import Event, Thread
 from traceback import format_exc
@@ -32,6 +32,7 @@ from ..adapters.marker_arrays import MarkerArrayWriter
 from ..adapters.marker_messages import FIRST, MESSAGES_OF, SERVED, USUAL_TOPICS
 from ..adapters.mocap4r2 import points_of_markers, points_of_rigid_bodies
 from ..adapters.natnet_client import COMMAND_PORT, NatNetClient
+from ..adapters.packet_reception import ReceivedPacket
 from ..adapters.point_cloud import points_of_cloud
 from ..adapters.point_frame import (
     UPRIGHT,
@@ -167,14 +168,17 @@ class SourceNode(Node):
                 if self._client is not None:
                     self._client.relay = self._relay
 
-    def _relay(self, packet: bytes, received: int) -> bool:
-        """Hand over a packet as it is, where it is like the last one; return whether it was."""
+    def _relay(self, sockets: Sequence[int], timeout: float,
+               is_stream: bool = False) -> Sequence[ReceivedPacket] | None:
+        """Receive for the client, as `Relay`; packets like the last one are handed over."""
         relay = self._input.relay
-        if relay is None or not relay.relay(packet, received):
-            return False
-        if self._publisher.get_subscription_count():
-            self._publisher.publish(relay.message())
-        return True
+        if relay is None:
+            return None
+        packets = relay.receive(sockets, timeout, is_stream)
+        if any(packet.is_relayed for packet in packets):
+            if self._publisher.get_subscription_count():
+                self._publisher.publish(relay.message())
+        return packets
 
     def _on_message(self, message: Any) -> None:
         try:

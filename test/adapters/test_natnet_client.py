@@ -3,6 +3,7 @@
 import socket
 import struct
 import time
+from threading import Event
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from helpers.natnet_server import LONELY, NatNetServer, Network
 from hand_tracker.adapters import natnet_client
 from hand_tracker.adapters.clock_estimate import wall_offset
 from hand_tracker.adapters.natnet_client import NatNetClient
+from hand_tracker.adapters.packet_reception import ReceivedPacket
 from hand_tracker.adapters.point_frame import SourceUnavailable
 from hand_tracker.messages.stamps import nanoseconds
 
@@ -189,21 +191,31 @@ def frame_at(number, **more):
 
 
 @pytest.mark.parametrize('is_new', ['model', 'server'])
-def test_frames_of_another_model_or_server_are_decoded_before_any_is_relayed(is_new):
-    frames, asked = [], []
-    client = client_with_model(frames)
-    client.relay = lambda data, received: (
-        data[0] == natnet_server.MOTIVE_FRAME and (asked.append(data) or True))
-    client.take(frame_at(1), 0)
-    client.take(frame_at(2), 0)
-    assert len(frames) == len(asked) == 1
-    if is_new == 'server':
-        client._reset()
-        client.take(natnet_server.server_info((4, 1)), 0)
-    client.take(natnet_server.model((4, 1), {**NAMES, 'RHand': ('ring', 'index')}), 0)
-    client.take(frame_at(3), 0)
-    client.take(frame_at(4), 0)
-    assert len(frames) == len(asked) == 2 and frames[1].names[0] == 'RHand:ring'
+def test_frames_of_another_model_or_server_are_decoded_before_any_is_relayed(is_new, monkeypatch):
+    frames, relayed, ended = [], [], Event()
+    client = NatNetClient('127.0.0.1', frames.append, lambda *news: None)
+    client.relay = object()
+    others = natnet_server.model((4, 1), {**NAMES, 'RHand': ('ring', 'index')})
+    info = natnet_server.server_info((4, 1))
+    packets = [info, natnet_server.model((4, 1), NAMES), frame_at(1), frame_at(2),
+               *[None, info][:2 * (is_new == 'server')], others, frame_at(3), frame_at(4)]
+
+    def receive(selector, timeout, relay):
+        """Let each packet come once, and the server be sought anew where there is None."""
+        data = packets.pop(0)
+        if not packets:
+            ended.set()
+        if data is None:
+            client._reset()
+            return ()
+        is_relayed = relay is not None and data[0] == natnet_server.MOTIVE_FRAME
+        relayed.extend([data] * is_relayed)
+        return ReceivedPacket(data, time.monotonic_ns(), is_relayed),
+
+    monkeypatch.setattr(natnet_client, 'receive', receive)
+    client.run(ended)
+    assert relayed == [frame_at(2), frame_at(4)]
+    assert [frame.names[0] for frame in frames] == ['RHand:wrist', 'RHand:ring']
 
 
 def test_frames_with_an_occluded_marker_have_no_origin():

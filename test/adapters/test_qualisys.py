@@ -9,7 +9,7 @@ from threading import Event, Thread
 
 import numpy as np
 import pytest
-from helpers.clients import receiving_client, wait
+from helpers.clients import receiving_client, relay_of, wait
 from helpers.qtm_server import (
     QTM_COMMAND,
     QTM_XML,
@@ -174,7 +174,7 @@ def test_frames_of_another_connection_are_decoded_before_any_is_relayed(monkeypa
 
     def make(on_frame, tell):
         clients.append(QualisysClient('127.0.0.1', on_frame, tell, port=server.port))
-        clients[0].relay = lambda *packet: asked.append(packet) or True
+        clients[0].relay = relay_of(asked)
         return clients[0]
 
     with QtmServer(LABELS) as server, receiving_client(make) as (frames, _):

@@ -1,8 +1,12 @@
 """Clients of motion capture systems that receive in a thread while a test looks on."""
 
+import os
+import select
 import time
 from contextlib import contextmanager
 from threading import Event, Thread
+
+from hand_tracker.adapters.packet_reception import MOST_AT_ONCE, ReceivedPacket
 
 CLIENT_PATIENCE = 60.  # [s]
 
@@ -20,6 +24,20 @@ def receiving_client(make):
         ended.set()
         thread.join(CLIENT_PATIENCE)
         assert not thread.is_alive()
+
+
+def relay_of(asked):
+    """Return a relay that receives for a client, and takes all packets, which it appends."""
+    def relay(sockets, timeout, is_stream=False):
+        ready, _, _ = select.select(sockets, [], [], timeout)
+        if not ready:
+            return ()
+        data = os.read(ready[0], MOST_AT_ONCE)
+        if data:
+            asked.append(data)
+        return ReceivedPacket(data, time.monotonic_ns(), bool(data)),
+
+    return relay
 
 
 def wait(condition, act=lambda: None):

@@ -1,23 +1,28 @@
-"""Packets of a system like the last one, from its bytes to the fast path in compiled code alone.
+"""Packets of a system like the last one, from its socket to the fast path in compiled code alone.
 
 What a source node decodes and writes in Python costs several times what the tracker does. But a
 system's packets are alike for minutes: of those only the numbers are read, at the places where the
-last one had them, and written into the message that was made of it.
+last one had them, and written into the message that was made of it. The thread waits for a packet
+and answers it without the interpreter, which notes afterwards what came.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ...adapters import clock_estimate
 from ...adapters.marker_arrays import MarkerArrayWriter
+from ...adapters.packet_reception import MOST_AT_ONCE, ReceivedPacket
 from ...adapters.packet_structure import POINT_SIZE, PacketOrigin, PacketStructure
 from ...core.numerics.jit import CACHE_FOLDER, COMPILED, DEFERRED, Pack, jit, packed
 from ...messages.cdr import ENCAPSULATION
 from ...messages.templates import Template, fill_template
+from .callback_path import monotonic_ns
 from .kernel import MESSAGE_CAPACITY
+from .rcl import Rcl, address
 
 if TYPE_CHECKING:
     from .middleware import FastPath
@@ -26,7 +31,13 @@ if COMPILED:
     from .middleware import HANDED_OVER
     from .rcl import at, call
 
-PACKET_CAPACITY = 2**13   # [bytes]
+PACKET_CAPACITY = 2**13   # [bytes] of a packet that is relayed
+MOST_SOCKETS = 2
+# pollfd as a number, of Linux: the file, POLLIN, and what was found
+FILE_MASK, WAITS_FOR_DATA, FOUND_SHIFT = 2**32 - 1, 1 << 32, 48
+MSG_DONTWAIT = 0x40
+REST_MS = 1               # [ms] after an answer, if no packet comes
+NOTHING_CAME = -1         # in place of a number of bytes
 POINTS_CAPACITY = 2**8    # points of a packet, and stamps of a message
 NO_PACKET = -1
 LARGEST_NUMBER = 2**63 - 1   # of the numbers that go up; one above is taken for a negative one
@@ -64,8 +75,20 @@ class RelayMemory(NamedTuple):
     stamps : ndarray of int, shape (POINTS_CAPACITY,)
         Where its stamps are, by four bytes.
     stamp_count : ndarray of int, shape (1,)
+    polled : ndarray of int, shape (MOST_SOCKETS,)
+        Each a pollfd: file descriptor, and what is waited for.
+    packet : ndarray of uint8, shape (MOST_AT_ONCE,)
+        What was received.
+    now : ndarray of int, shape (2,)
+        Seconds and nanoseconds of clock_gettime.
+    received : ndarray of int, shape (1,)
+        When, of the monotonic clock [ns].
+    is_relayed : ndarray of int, shape (1,)
+        Whether it was tracked.
     handed, callback, context : int
         Addresses, of the fast path.
+    poll, receive, get_time : int
+        C functions.
     """
 
     size: np.ndarray
@@ -85,12 +108,21 @@ class RelayMemory(NamedTuple):
     message_size: np.ndarray
     stamps: np.ndarray
     stamp_count: np.ndarray
+    polled: np.ndarray
+    packet: np.ndarray
+    now: np.ndarray
+    received: np.ndarray
+    is_relayed: np.ndarray
     handed: int
     callback: int
     context: int
+    poll: int
+    receive: int
+    get_time: int
 
 
-def new_relay_memory(handed: int = 0, callback: int = 0, context: int = 0) -> RelayMemory:
+def new_relay_memory(handed: int = 0, callback: int = 0, context: int = 0, poll: int = 0,
+                     receive: int = 0, get_time: int = 0) -> RelayMemory:
     """Return a `RelayMemory` with nothing installed."""
     def integers(size: int) -> np.ndarray:
         return np.zeros(size, np.int64)
@@ -100,7 +132,9 @@ def new_relay_memory(handed: int = 0, callback: int = 0, context: int = 0) -> Re
         np.zeros(PACKET_CAPACITY, np.uint8), integers(1), integers(POINTS_CAPACITY),
         integers(POINTS_CAPACITY), np.eye(3), integers(1), integers(1), integers(1), np.ones(1),
         np.zeros(3), integers(1), np.zeros(MESSAGE_CAPACITY // 8), integers(1),
-        integers(POINTS_CAPACITY), integers(1), handed, callback, context)
+        integers(POINTS_CAPACITY), integers(1), integers(MOST_SOCKETS),
+        np.zeros(MOST_AT_ONCE, np.uint8), integers(2), integers(1), integers(1), handed,
+        callback, context, poll, receive, get_time)
 
 
 def install_origin(memory: RelayMemory, origin: PacketOrigin, places: np.ndarray,
@@ -196,9 +230,13 @@ class PacketRelay:
     """
 
     def __init__(self, fast_path: FastPath) -> None:
-        self._memories, self._memory = packed(
-            new_relay_memory(*fast_path.entrance), as_record=True)
-        self._callback = _relay_callback(self._memories.dtype)
+        rcl = Rcl()
+        self._memories, self._memory = packed(new_relay_memory(
+            *fast_path.entrance, address(rcl.poll), address(rcl.receive),
+            address(rcl.get_time)), as_record=True)
+        # It stays while it is called, even if nobody else has it any more.
+        self._fast_path = fast_path
+        self._callback = _receive_callback(self._memories.dtype)
         self._call, self._address = self._callback.ctypes, self._memories.ctypes.data
         self._origin: PacketOrigin | None = None
         self._installed: tuple[PacketStructure, Template] | None = None
@@ -227,41 +265,68 @@ class PacketRelay:
         self._memory.last[0] = min(number, LARGEST_NUMBER)
         self._memory.clock[:] = line
 
-    def relay(self, packet: bytes, received: int) -> bool:
-        """Hand over a packet, received at a time of the monotonic clock [ns], if it is alike.
+    def receive(self, sockets: Sequence[int], timeout: float,
+                is_stream: bool = False) -> Sequence[ReceivedPacket]:
+        """Receive on one of at most `MOST_SOCKETS` sockets, and track a packet that is alike.
 
-        Returns
-        -------
-        bool
-            Whether it was tracked.
+        Parameters
+        ----------
+        sockets, timeout, is_stream
+            See `Relay`.
         """
-        if not self._call(self._address, packet, len(packet), received):
-            return False
-        assert self._origin is not None
-        self._origin.follow(packet, received)
-        self._keep_time()
-        return True
+        memory = self._memory
+        for place, file in enumerate(sockets):
+            memory.polled[place] = WAITS_FOR_DATA | file
+        size = self._call(self._address, len(sockets), round(1e3 * timeout), is_stream)
+        if size == NOTHING_CAME:
+            return ()
+        data, received = memory.packet[:size].tobytes(), int(memory.received[0])
+        is_relayed = bool(memory.is_relayed[0])
+        if is_relayed:
+            assert self._origin is not None
+            self._origin.follow(data, received)
+            self._keep_time()
+        return ReceivedPacket(data, received, is_relayed),
 
     def message(self) -> bytes:
         """Return the message of the last packet."""
         return self._memory.message.tobytes()[ENCAPSULATION:][:int(self._memory.message_size[0])]
 
 
-def _relay_callback(of_memory: np.dtype) -> Any:
-    """Return the compiled function that relays a packet, for memory of this layout."""
+def _receive_callback(of_memory: np.dtype) -> Any:
+    """Return the compiled function that receives and relays, for memory of this layout."""
     import numba
 
-    @numba.cfunc('int64(voidptr, voidptr, uintp, int64)', error_model='numpy',
+    @numba.cfunc('int64(voidptr, int64, int64, int64)', error_model='numpy',
                  cache=DEFERRED or CACHE_FOLDER is not None)
-    def relay_packet(address: Any, data: Any, size: Any, received: Any) -> Any:
+    def receive(address: Any, sockets: Any, milliseconds: Any, is_stream: Any) -> Any:
         memories = numba.carray(address, (1,), of_memory)
-        if not fill_message(memories, numba.carray(data, (size,), np.uint8), received):
-            return 0
         memory = memories[0]
+        memory.is_relayed[0] = 0
+        if call(memory.poll, memory.polled.ctypes.data, sockets, milliseconds, 0) <= 0:
+            return NOTHING_CAME
+        ready = 0
+        while ready < sockets - 1 and memory.polled[ready] >> FOUND_SHIFT == 0:
+            ready += 1
+        # Of a stream no more than a packet that is alike: what follows may be the next one.
+        most = (memory.size[0] if is_stream and memory.size[0] != NO_PACKET
+                else len(memory.packet))
+        size = call(memory.receive, memory.polled[ready] & FILE_MASK, memory.packet.ctypes.data,
+                    most, MSG_DONTWAIT)
+        if size < 0:
+            return NOTHING_CAME
+        memory.received[0] = monotonic_ns(memory)
+        if not fill_message(memories, memory.packet[:size], memory.received[0]):
+            return size
         handed = numba.carray(at(memory.handed), (3,), np.int64)
         handed[0] = memory.message.ctypes.data + ENCAPSULATION
         handed[1], handed[2] = memory.message_size[0], 0
         call(memory.callback, memory.context, HANDED_OVER, 0, 0)
-        return handed[2]
+        memory.is_relayed[0] = handed[2]
+        if handed[2]:
+            # Else Python's work takes the processor from who waits for the answer: on two cores
+            # that came 0.2 ms later.
+            call(memory.poll, memory.polled.ctypes.data, sockets, REST_MS, 0)
+        return size
 
-    return relay_packet
+    return receive

@@ -65,6 +65,7 @@ class Rcl:
             self.reset_error = rcutils.rcutils_reset_error
             self.lock, self.unlock = system.pthread_mutex_lock, system.pthread_mutex_unlock
             self.get_time, self._new_mutex = system.clock_gettime, system.pthread_mutex_init
+            self.poll, self.receive = system.poll, system.recv
             self._allocator = _typed(rcutils.rcutils_get_default_allocator, result=Allocator)()
         except (OSError, AttributeError) as error:
             raise FastPathUnavailable(error) from None

@@ -1,5 +1,8 @@
 """Packets relayed by their numbers alone: the messages that decoding and writing make of them."""
 
+import ctypes
+import socket
+import time
 from contextlib import suppress
 
 import numpy as np
@@ -12,7 +15,7 @@ from hand_tracker.adapters.clock_estimate import LONGEST_LOOK
 from hand_tracker.adapters.marker_arrays import MarkerArrayWriter
 from hand_tracker.adapters.natnet_client import NatNetClient
 from hand_tracker.adapters.point_frame import MalformedFrame, of_subject, turned_upright
-from hand_tracker.core.numerics.jit import packed
+from hand_tracker.core.numerics.jit import COMPILED, packed
 from hand_tracker.messages.cdr import ENCAPSULATION
 from hand_tracker.messages.stamps import Stamp, nanoseconds
 from hand_tracker.nodes.fast_path.packet_relay import (
@@ -152,3 +155,92 @@ def test_a_number_beyond_those_of_the_relay_leaves_packets_to_be_decoded():
     relay._memory, relay._installed = new_relay_memory(), None
     relay.install(frame.origin, writer)
     assert frame.origin.now()[0] == 2**63 + 5 and relay._memory.last[0] == LARGEST_NUMBER
+
+
+class Taker:
+    """The entrance of a fast path, that takes messages, or not."""
+
+    def __init__(self):
+        self.accepts, self.messages = True, []
+        self._handed = np.zeros(3, np.int64)
+        self._callback = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_size_t)(self._take)
+
+    def _take(self, context, count):
+        self.messages.append(ctypes.string_at(int(self._handed[0]), int(self._handed[1])))
+        self._handed[2] = self.accepts
+
+    @property
+    def entrance(self):
+        callback = ctypes.cast(self._callback, ctypes.c_void_p).value
+        return self._handed.ctypes.data, callback, 0
+
+
+def qtm_at(number):
+    """Return a packet whose markers tell its number, and which is exposed some µs after others."""
+    return data_packet(number, number, {'3d': np.full((2, 3), 1e3 * number)})
+
+
+def decoded_by(relay, writer, packet):
+    """Decode a packet, and have those like it relayed."""
+    frames = []
+    client = qualisys.QualisysClient('127.0.0.1', frames.append, lambda *news: None)
+    client._names = 'wrist', 'index'
+    client.take(packet)
+    frame = frames[0]._replace(frame_id='mocap')
+    writer.write(frame, frame.stamp)
+    relay.install(frame.origin, writer)
+
+
+@pytest.mark.skipif(not COMPILED, reason='there is no fast path here')
+def test_packets_of_a_stream_are_received_one_by_one():
+    taker, writer = Taker(), MarkerArrayWriter(lambda key, text: None)
+    relay = PacketRelay(taker)
+    receiver, sender = socket.socketpair()
+    with receiver, sender:
+        def receive(timeout=5.):
+            return relay.receive([receiver.fileno()], timeout, is_stream=True)
+
+        assert receive(.01) == ()
+        # Nothing is installed: all that waits.
+        sender.sendall(qtm_at(1) + qtm_at(2))
+        (data, _, is_relayed), = receive()
+        assert data == qtm_at(1) + qtm_at(2) and not is_relayed and not taker.messages
+        decoded_by(relay, writer, qtm_at(2))
+        sender.sendall(qtm_at(3) + qtm_at(4))
+        for number in (3, 4):
+            before = time.monotonic_ns()
+            (data, received, is_relayed), = receive()
+            assert data == qtm_at(number) and is_relayed
+            assert received <= time.monotonic_ns() and (number == 4 or received >= before)
+            assert taker.messages[-1] == relay.message()
+            assert np.float64(number).tobytes() in taker.messages[-1]
+        # One that was before, and one of another size with the beginning of the next.
+        sender.sendall(qtm_at(4) + data_packet(5, 5, {'3d': []}) + qtm_at(6))
+        found = [packet for _ in range(3) for packet in receive()]
+        assert not any(packet.is_relayed for packet in found) and len(taker.messages) == 2
+        assert b''.join(packet.data for packet in found) == (
+            qtm_at(4) + data_packet(5, 5, {'3d': []}) + qtm_at(6))
+        assert receive(.01) == ()
+        taker.accepts = False
+        sender.sendall(qtm_at(7))
+        (data, _, is_relayed), = receive()
+        assert data == qtm_at(7) and not is_relayed and len(taker.messages) == 3
+        sender.close()
+        assert receive()[0].data == b''
+
+
+@pytest.mark.skipif(not COMPILED, reason='there is no fast path here')
+def test_datagrams_of_two_sockets_are_received_whole():
+    relay = PacketRelay(Taker())
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first, \
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as second, \
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for one in first, second:
+            one.bind(('127.0.0.1', 0))
+        files = [first.fileno(), second.fileno()]
+        for number, one in enumerate((second, first, second)):
+            sent = bytes([number]) * (60_000 - number)
+            sender.sendto(sent, one.getsockname())
+            (data, _, is_relayed), = relay.receive(files, 5.)
+            assert data == sent and not is_relayed
+        assert relay.receive(files, 0.) == ()
