@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -145,13 +145,15 @@ def _track_into_folder(options: argparse.Namespace, interrupted: Interruptions) 
     if Path(folder).suffix in TRACKED_KINDS:
         raise BagError(f'{folder}: several recordings, or --format, fill a folder; '
                        f'expected a name without {Path(folder).suffix}')
-    names = [f'{_name(recording)}.{options.format or TABLE[1:]}'
-             for recording in options.recordings]
+    stems = _different_names(options.recordings)
+    names = [f'{stem}.{options.format or TABLE[1:]}' for stem in stems]
     outputs = [Url(f'{folder.rstrip("/")}/{name}') if isinstance(folder, Url)
                else (folder / name).absolute() for name in names]
     for name, output in zip(names, outputs):
         if outputs.count(output) > 1:
-            raise BagError(f'{folder}/{name}: several recordings have this name; '
+            same = [str(recording) for recording, other in zip(options.recordings, outputs)
+                    if other == output]
+            raise BagError(f'{folder}/{name}: would be written for {" and ".join(same)}; '
                            'expected different names, or a command for each')
     if isinstance(folder, Path):
         folder.mkdir(parents=True, exist_ok=True)
@@ -174,8 +176,7 @@ def _track_into_folder(options: argparse.Namespace, interrupted: Interruptions) 
                 if isinstance(folder, Path) else line
             named = line.startswith(str(task.recording))
             progress.say(line if named else f'{task.recording.name}: {line}')
-    print(_table([(_name(recording), *rows[output])
-                  for recording, output in zip(options.recordings, outputs)]))
+    print(_table([(stem, *rows[output]) for stem, output in zip(stems, outputs)]))
     count = len(options.recordings)
     if tracked < count:
         raise BagError(f'{folder}: only {tracked} of {count} recordings tracked')
@@ -201,10 +202,12 @@ def _table(rows: list[tuple[str, ...]]) -> str:
                      for row in cells)
 
 
-def _name(recording: Path | Url) -> str:
+def _different_names(recordings: Sequence[Path | Url]) -> list[str]:
+    """Return names for recordings: without a suffix, but where two differ by it alone."""
+    named = [Path(one.name) if isinstance(one, Url) else one.resolve() for one in recordings]
     # A folder's name may have dots.
-    recording = Path(recording.name) if isinstance(recording, Url) else recording.resolve()
-    return recording.stem if recording.suffix in (*STORAGE, *FILE_SUFFIXES) else recording.name
+    stems = [one.stem if one.suffix in (*STORAGE, *FILE_SUFFIXES) else one.name for one in named]
+    return [one.name if stems.count(stem) > 1 else stem for one, stem in zip(named, stems)]
 
 
 def _jobs(text: str) -> int:

@@ -575,9 +575,10 @@ def test_a_folder_of_recordings_is_resumed_where_it_stopped(bag, tmp_path, capsy
 
 
 def test_recordings_of_one_name_are_refused(bag, tmp_path, capsys):
-    other = tmp_path / 'in.db3'
+    other = tmp_path / 'other' / bag.name
     assert main([str(bag), str(other), '-o', str(tmp_path / 'out')]) == 1
-    assert 'in.csv: several recordings have this name' in capsys.readouterr().err
+    assert f'in.mcap.csv: would be written for {bag} and {other}; expected different names' in (
+        capsys.readouterr().err)
     assert not (tmp_path / 'out').exists()
 
 
