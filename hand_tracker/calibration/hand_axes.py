@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model.hand import FINGERS
-from ..files.point_recording import UNIT_SPELLINGS, PointRecording
+from ..files.point_recording import UNIT_SPELLINGS, PointRecording, conversion_note
 from .hand_labels import PALM_WORDS, hand_labels
 
 # [m] of grown-up hands: index to little knuckle, and wrist to knuckles.
@@ -172,13 +172,16 @@ def with_recognised_axes(recording: PointRecording) -> PointRecording:
     if scales and not recording.said.units:
         unit = min(SIZE_UNITS, key=lambda name: abs(np.log(
             scales[0] * UNIT_SPELLINGS[name][0] / axes.scale)))
+        assumed = conversion_note(axes, recording.said)
         if unit != axes.units:
             _scale_points(recording, UNIT_SPELLINGS[unit][0] / axes.scale)
             axes = axes._replace(units=unit)
-        notes += (f'in {unit}, as the hand is {KNUCKLE_BREADTH * 1e3:.0f} mm wide then, more or '
-                  'less',)
+        notes = (*(note for note in notes if note != assumed), conversion_note(
+            axes, recording.said,
+            f'as the hand is {KNUCKLE_BREADTH * 1e3:.0f} mm wide then, more or less'))
     elif scales and not 1. / WRONG_SIZE < scales[0] < WRONG_SIZE:
-        notes += (f'the hand is {scales[0]:.2g} times as large as hands are: is the file in '
+        times = float(f'{scales[0]:.2g}')
+        notes += (f'the hand is {times:g} times as large as hands are: is the file in '
                   f'{axes.units}? (--units)',)
     for hand in hands:
         side = hand.side or _side_of_name(recording.name)

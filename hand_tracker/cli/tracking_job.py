@@ -14,7 +14,7 @@ from ..files.bags import Bag, BagError, BagMessage, open_bag
 from ..parallel import Interruptions
 from ..progress import Progress
 from ..tracking.monitor import Monitor
-from ..tracking.opened_recording import open_recording
+from ..tracking.opened_recording import PointBag, open_recording
 from ..tracking.point_labels import PointLabels
 from ..tracking.recording import (
     MarkerReading,
@@ -23,6 +23,7 @@ from ..tracking.recording import (
     marker_topic,
     track_hands,
 )
+from ..tracking.setting_names import BAG_OPTION_NAMES, FILE_OPTION_NAMES
 from .recording_options import (
     marker_reading,
     recorded_hand,
@@ -84,9 +85,10 @@ class TrackingJob:
         """Yield the tracked frames of several hands, by their names."""
         self._trackers = [tracker for tracker, _ in hands.values()]
         point_labels = PointLabels()
+        names = FILE_OPTION_NAMES if isinstance(self._bag, PointBag) else BAG_OPTION_NAMES
         recorded = {}
         for name, (tracker, reading) in hands.items():
-            monitor = Monitor(1e-9 * self._bag.start, self._topic, reading.labels)
+            monitor = Monitor(1e-9 * self._bag.start, self._topic, reading.labels, names)
             self._monitors[f'{name} hand: ' if name else ''] = monitor
             recorded[name] = RecordedHand(tracker, reading, monitor, auto_size, point_labels)
         messages = self._progress.over(self._monitored())

@@ -74,15 +74,16 @@ class Axes(NamedTuple):
 
 
 class Said(NamedTuple):
-    """Whether units and handedness of the axes are given, by file or user, or assumed.
+    """Whether units, handedness and upward axis are given, by file or user, or assumed.
 
     Attributes
     ----------
-    units, handed : bool
+    units, handed, up : bool
     """
 
     units: bool = True
     handed: bool = False
+    up: bool = True
 
 
 class PointRecording(NamedTuple):
@@ -159,6 +160,27 @@ class PointRecording(NamedTuple):
             for rows in self.blocks():
                 rows[:] = rows @ matrix
         return self._replace(axes=axes)
+
+
+def conversion_note(axes: Axes, said: Said, unit_reason: str = '') -> str:
+    """Return the note on a file's unit and axes, empty where there is nothing to say.
+
+    Parameters
+    ----------
+    axes : Axes
+        As the points were converted.
+    said : Said
+    unit_reason : str, optional
+        Why the unit is this one, where the file does not say.
+    """
+    units = f'{axes.units} ({unit_reason}: --units)' if unit_reason else axes.units
+    handed = ', left-handed' if axes.handed == 'left' else ''
+    assumed = [f'--{name}' for name, given in (('units', said.units or unit_reason),
+                                               ('up', said.up)) if not given]
+    if axes == Axes('m', 'z') and not (assumed or unit_reason):
+        return ''
+    return (f'the file is in {units}, {axes.up} up{handed}; read as metres, z up'
+            + (f' (assumed, as it does not say: {", ".join(assumed)})' if assumed else ''))
 
 
 def unit_name(text: str) -> str | None:

@@ -22,6 +22,7 @@ from .point_recording import (
     PointRecording,
     RecordingError,
     Said,
+    conversion_note,
 )
 from .qualisys_tsv import QTM_START, read_qualisys_tsv, write_qualisys_tsv
 from .text_table import open_packed
@@ -202,15 +203,10 @@ def _in_metres(recording: PointRecording, axes: Axes, usual: Axes,
     units, up = (options.units or axes.units or usual.units,
                  options.up or axes.up or usual.up)
     final = Axes(units, up, options.handed or axes.handed)
-    assumed = [f'--{name}' for name, given in (('units', options.units or axes.units),
-                                               ('up', options.up or axes.up)) if not given]
-    notes = recording.notes
-    if final != Axes('m', 'z') or assumed:
-        handed = ', left-handed' if final.handed == 'left' else ''
-        notes += (f'the file is in {units}, {up} up{handed}; read as metres, z up'
-                  + (f' (assumed, as it does not say: {", ".join(assumed)})' if assumed else ''),)
-    return recording.converted(final)._replace(notes=notes, said=Said(
-        bool(options.units or axes.units), bool(options.handed)))
+    said = Said(bool(options.units or axes.units), bool(options.handed),
+                bool(options.up or axes.up))
+    notes = (*recording.notes, *filter(None, (conversion_note(final, said),)))
+    return recording.converted(final)._replace(notes=notes, said=said)
 
 
 def write_recording(path: str | PathLike[str], recording: PointRecording,

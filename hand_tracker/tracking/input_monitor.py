@@ -22,6 +22,7 @@ from ..messages.marker_array import MarkerFrame
 from ..messages.stamps import Time, nanoseconds, seconds
 from .marker_events import MarkerEvents
 from .rate_limit import LogRateLimiter, OncePerKey
+from .setting_names import PARAMETER_NAMES, SettingNames
 
 SILENT_AFTER = 3.   # [s] without markers before that is said
 NEVER_SEEN_AFTER = 5.    # [s] of tracking before a marker that was never seen is named
@@ -34,14 +35,12 @@ FIT_AFTER_AT_END = 2.  # [s]
 FIT_STEP = .1          # [s] that a frame counts for at most: a pause tells nothing of the fit
 STANDING_STAMPS = 10  # frames in a row with one stamp before that is said
 
-WHAT_TO_CHECK = ('check unit_scale (1 for metres, 0.001 for millimetres), the size of the hand and '
-         'labels.*')
 PALM_FAULTS = {
     PalmState.LOST: 'the palm is lost: none of its markers is seen',
     PalmState.COINCIDENT: 'palm markers coincide',
     PalmState.COLLINEAR: 'the palm markers lie on one line',
-    PalmState.TOO_FAR_APART: f'the palm markers are too far apart for this hand: {WHAT_TO_CHECK}',
-    PalmState.TOO_CLOSE: f'the palm markers are too close together for this hand: {WHAT_TO_CHECK}',
+    PalmState.TOO_FAR_APART: 'the palm markers are too far apart for this hand',
+    PalmState.TOO_CLOSE: 'the palm markers are too close together for this hand',
 }
 
 
@@ -117,6 +116,8 @@ class InputMonitor:
     topic : str
         Where the markers come from.
     labels : LabelMap
+    names : SettingNames, optional
+        Those of the node's parameters when left out.
 
     Attributes
     ----------
@@ -124,8 +125,9 @@ class InputMonitor:
         Side of a hand from whose palm the fingers bend away.
     """
 
-    def __init__(self, now: float, topic: str, labels: LabelMap) -> None:
-        self.labels = labels
+    def __init__(self, now: float, topic: str, labels: LabelMap,
+                 names: SettingNames = PARAMETER_NAMES) -> None:
+        self.labels, self.names = labels, names
         self._topic = topic
         self._received = self._labelled = self._since = now
         self._palm: PalmState | None = None
@@ -161,13 +163,13 @@ class InputMonitor:
             self.received_alike(now, frame.stamp)
         for name in frame.foreign:
             self.warn_once(('frame', name), f"markers in frame '{name}' are left out, as those of "
-                           f"frame '{frame.frame_id}' are tracked (mocap_frame)")
+                           f"frame '{frame.frame_id}' are tracked ({self.names.frame})")
         for slot in frame.doubled:
             marker = self.labels.names[slot]
             self.warn_once(
                 ('doubled', slot), 'several markers of one message answer to the label '
                 f"'{self.labels.labels[slot]}' of {marker}; the last one counts. "
-                f'A more precise labels.{marker} tells them apart')
+                f'A more precise {self.names.label.format(marker)} tells them apart')
 
     def received_alike(self, now: float, stamp: Time) -> None:
         """Note messages with the signature of the last one.
@@ -200,7 +202,7 @@ class InputMonitor:
         palm = PalmState.TRACKED if state.palm is PalmState.CARRIED else state.palm
         if palm is not self._palm:
             self._palm, self._since = palm, now
-            self._fault = PALM_FAULTS.get(palm, self._fault)
+            self._fault = self._palm_fault(palm) if palm in PALM_FAULTS else self._fault
         if self._started is None and palm is PalmState.TRACKED:
             self._started = now
         residual = mean_residual(state.residuals)
@@ -333,11 +335,19 @@ class InputMonitor:
             hidden = palm[np.isnan(self._frame.positions[palm, 0])]
             if not hidden.size:
                 return ('waiting for the palm: its markers are more than a kilometre away; '
-                        f'{WHAT_TO_CHECK}')
+                        f'{self._what_to_check()}')
             return (f'waiting for the palm: not seen yet {self._expected(hidden)}; '
                     f'{self._others()}')
         assert isinstance(situation, PalmState)
-        return f'{PALM_FAULTS[situation]}; since {now - self._since:.1f} s, the last pose is kept'
+        return (f'{self._palm_fault(situation)}; since {now - self._since:.1f} s, the last pose is '
+                'kept')
+
+    def _palm_fault(self, palm: PalmState) -> str:
+        is_of_size = palm in (PalmState.TOO_FAR_APART, PalmState.TOO_CLOSE)
+        return PALM_FAULTS[palm] + (f': {self._what_to_check()}' if is_of_size else '')
+
+    def _what_to_check(self) -> str:
+        return f'check {self.names.scale}, the size of the hand and {self.names.labels}'
 
     def side_fault(self) -> str | None:
         """Return why a hand is of the other side, or None."""
@@ -346,8 +356,8 @@ class InputMonitor:
             return None
         other = OTHER_SIDE[side]
         return (f'the fingers bend away from the palm of a {side} hand, which is left out: set '
-                f'side:={other} if it is a {other} one, else an axis is mirrored, or two are '
-                'exchanged')
+                f'{self.names.side.format(other)} if it is a {other} one, else an axis is '
+                'mirrored, or two are exchanged')
 
     def why_never(self) -> str:
         """Explain why no frame at all was tracked.
@@ -389,7 +399,7 @@ class InputMonitor:
             self.warn_once(
                 'fit', f'the markers are on average {1e3 * miss:.1f} mm off the hand, where '
                 '1 to 2 mm are usual for one that was measured: its fingers may stay too '
-                'straight; expected is a hand file (hand_file, hand:=, --hand) with the '
+                f'straight; expected is a hand file ({self.names.hand}) with the '
                 "lengths of your hand and the markers' offsets on the skin, as "
                 'config/hand.yaml explains')
 

@@ -14,6 +14,7 @@ from ..messages.stamps import Time
 from .diagnostics import Diagnostics, Status
 from .input_monitor import InputMonitor, StateRun
 from .marker_events import LabelChanges
+from .setting_names import PARAMETER_NAMES, SettingNames
 from .side_check import SideCheck
 from .stream import TrackedFrame
 
@@ -77,16 +78,21 @@ class Monitor:
     topic : str
         Where the markers come from.
     labels : LabelMap
+    names : SettingNames, optional
+        Those of the node's parameters when left out.
 
     Attributes
     ----------
+    names
     label_fault : str or None
         Why the labels of the source are of no use.
     """
 
-    def __init__(self, now: float, topic: str, labels: LabelMap) -> None:
+    def __init__(self, now: float, topic: str, labels: LabelMap,
+                 names: SettingNames = PARAMETER_NAMES) -> None:
+        self.names = names
         self.label_fault: str | None = None
-        self._input = InputMonitor(now, topic, labels)
+        self._input = InputMonitor(now, topic, labels, names)
         self._diagnostics = Diagnostics(now, self._input)
         self._label_changes = LabelChanges(len(labels.names))
         self._side_check: SideCheck | None = None

@@ -16,6 +16,7 @@ from ..core.point_labelling.prototypes import HandPrototype
 from ..messages.marker_array import MarkerFrame
 from ..messages.points import PointFrame, PointReader
 from ..messages.stamps import seconds
+from .setting_names import PARAMETER_NAMES, SettingNames
 
 LABEL_SOURCES = ('source', 'none')
 SEARCHED_LONG = 2.  # [s] without the hand among enough points, before the cure is named
@@ -108,15 +109,18 @@ class PointLabelReader:
     points : PointReader
     labels : PointLabels, optional
         Shared with the reader of the other hand in these messages.
+    names : SettingNames, optional
+        Those of the node's parameters when left out.
     """
 
     signature = None  # such messages are never alike
 
     def __init__(self, hand: Hand, layout: MarkerLayout, points: PointReader,
-                 labels: PointLabels | None = None) -> None:
+                 labels: PointLabels | None = None,
+                 names: SettingNames = PARAMETER_NAMES) -> None:
         self._labels = labels or PointLabels()
         self._labels.set_hand(hand, layout, points)
-        self._side, self._names = hand.side, tuple(layout.names)
+        self._side, self._names, self._settings = hand.side, tuple(layout.names), names
         self._searched_since: float | None = None
         self._was_found = False
         self._asked = False
@@ -149,8 +153,8 @@ class PointLabelReader:
         other = OTHER_SIDE[self._side]
         if other_side:
             self._log_lines.append((True, f'the points look like a {other} hand: set '
-                                    f'side:={other}, or check whether axes are exchanged or '
-                                    'mirrored'))
+                                    f'{self._settings.side.format(other)}, or check whether axes '
+                                    'are exchanged or mirrored'))
         elif count < len(self._names):
             self._log_lines.append((True, f'only {count} points; the hand has {len(self._names)} '
                                     'markers'))
@@ -161,7 +165,7 @@ class PointLabelReader:
             self._log_lines.append((
                 True, f'the {self._side} hand is not found among {count} points: spread your '
                 f'fingers for a moment; else the layout, of {len(self._names)} markers, does not '
-                f'fit them{known}; or check unit_scale and side'))
+                f'fit them{known}; or check the side and {self._settings.scale}'))
 
     def pop_log_lines(self) -> list[tuple[bool, str]]:
         """Return the lines to log since the last call: whether it is a warning, and the line."""

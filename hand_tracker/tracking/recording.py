@@ -31,6 +31,7 @@ from ..messages.templates import Template, joint_state_template, transforms_temp
 from .auto_size import AutoSize
 from .monitor import Monitor, TrackedFrames
 from .point_labels import PointLabelReader, PointLabels
+from .setting_names import PARAMETER_NAMES
 from .stream import Reader, Stream, TrackedFrame
 
 USUAL_TOPIC = '/markers'
@@ -173,7 +174,8 @@ class RecordedHand:
             reader = MarkerReader(reading.labels, *positions)
         else:
             reader = PointLabelReader(
-                tracker.hand, tracker.layout, PointReader(*positions), point_labels)
+                tracker.hand, tracker.layout, PointReader(*positions), point_labels,
+                PARAMETER_NAMES if monitor is None else monitor.names)
         self._stream = Stream(
             tracker, reader, AutoSize(tracker.hand, tracker.layout) if auto_size else None)
         self._stream.compile_in_background()

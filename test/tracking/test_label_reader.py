@@ -63,10 +63,11 @@ def test_a_measured_hand_is_looked_for_in_its_own_size(size, sizes):
 
 @pytest.mark.parametrize('layout, count, said', [
     ('paper8', 28, 'does not fit them (if you wear another, set it: tips5_palm3, '
-     'vicon_production5, dfki13, optitrack_hand, sig18_19, kyutech23); or check unit_scale and '
-     'side'),
+     'vicon_production5, dfki13, optitrack_hand, sig18_19, kyutech23); or check the side and '
+     'unit_scale (1 for metres, 0.001 for millimetres)'),
     ('sig18_19', 21, 'does not fit them (if you wear another, set it: paper8, tips5_palm3, '
-     'vicon_production5, dfki13, optitrack_hand); or check unit_scale and side'),
+     'vicon_production5, dfki13, optitrack_hand); or check the side and unit_scale (1 for metres, '
+     '0.001 for millimetres)'),
     ('paper8', 7, 'only 7 points; the hand has 8 markers')])
 def test_a_layout_that_does_not_fit_is_named_with_the_cure_after_two_seconds(layout, count, said):
     class Labeller:

@@ -16,7 +16,7 @@ from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import PAPER_PLACES, marker_positions
 from hand_tracker.evaluation.captures import load_capture
-from hand_tracker.files.point_recording import Axes, PointRecording, Said
+from hand_tracker.files.point_recording import Axes, PointRecording, Said, conversion_note
 from hand_tracker.files.recordings import VICON_CSV, write_recording
 from hand_tracker.simulation.motion import demo_motion
 from hand_tracker.tracking.opened_recording import MarkerChoice, PointBag, open_recording
@@ -64,9 +64,13 @@ def test_the_shape_of_a_hand_tells_its_side(side):
 def test_the_size_of_a_hand_tells_the_unit_and_its_side_the_axes(unit, size):
     recording = hand_recording(400)
     mirrored = size * recording.points * np.array((-1., 1., 1.), dtype=np.float32)
+    said = Said(False, False)
     found = with_recognised_axes(recording._replace(
-        points=mirrored, format='BVH', said=Said(False, False)))
+        points=mirrored, format='BVH', said=said, notes=(conversion_note(Axes('m', 'z'), said),)))
     assert found.axes == Axes(unit, 'z', 'left')
+    assert [note for note in found.notes if 'the file is in' in note] == [
+        f'the file is in {unit} (as the hand is 62 mm wide then, more or less: --units), z up; '
+        'read as metres, z up']
     np.testing.assert_allclose(found.points, recording.points, rtol=1e-5)
 
 
@@ -192,7 +196,10 @@ def test_convert_refuses_what_it_cannot_write(tracked, tmp_path, capsys):
 @pytest.mark.parametrize('arguments, message', [
     (['inspect', 'none.c3d'], 'no such file'),
     (['track', '{file}', '-o', 'out.csv', '--markers', 'nose=A'], "'nose=A'; expected MARKER="),
-    (['track', '{file}', '-o', 'out.csv', '--side', 'left'], 'no label for wrist'),
+    (['track', '{file}', '-o', 'out.csv', '--side', 'left'],
+     'thumb of a left hand; expected --side right, of which they are, or --markers wrist='),
+    (['track', '{file}', '-o', 'out.csv', '--units', 'm'],
+     'check --units, the size of the hand and --markers'),
     (['track', '{file}', '--side', 'both', '-o', 'out.csv'],
      'a file of points is tracked for one hand'),
     (['convert', '{file}', 'none/out.trc'], 'no folder')])
@@ -202,6 +209,15 @@ def test_faults_are_told_in_a_line(tracked, tmp_path, monkeypatch, capsys, argum
     assert main(words) == 1
     error = capsys.readouterr().err
     assert message in error and 'Traceback' not in error
+
+
+def test_recordings_that_differ_by_their_suffix_alone_keep_it(tracked, tmp_path, capsys):
+    recordings = [str(tracked / name) for name in ('take.c3d', 'take.trc', 'vicon.csv')]
+    assert main(['track', *recordings, '-o', str(tmp_path / 'out')]) == 0
+    names = {path.name for path in (tmp_path / 'out').iterdir()}
+    assert names == {'take.c3d.csv', 'take.trc.csv', 'vicon.csv'}
+    table = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in table[1:4]] == ['take.c3d', 'take.trc', 'vicon']
 
 
 def test_takes_and_captures_are_read_from_every_format(tracked, tmp_path):

@@ -1,0 +1,43 @@
+"""Names of the settings that messages ask for: parameters of the node, or options of a command."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class SettingNames(NamedTuple):
+    """Names of settings, for whoever reads a message.
+
+    Attributes
+    ----------
+    scale : str
+        That of the markers' unit.
+    labels : str
+        That of all labels.
+    label : str
+        That of one marker's, which stands for {}.
+    side : str
+        That of a side, which stands for {}.
+    hand : str
+        That of the hand file.
+    frame : str
+        That of the frame of the markers.
+    """
+
+    scale: str
+    labels: str
+    label: str
+    side: str
+    hand: str
+    frame: str
+
+
+PARAMETER_NAMES = SettingNames(
+    'unit_scale (1 for metres, 0.001 for millimetres)', 'labels.*', 'labels.{}', 'side:={}',
+    'hand_file, hand:=', 'mocap_frame')
+# Of commands, for rosbag2 recordings, and for files of points.
+BAG_OPTION_NAMES = SettingNames(
+    '--unit-scale (1 for metres, 0.001 for millimetres)', '--label', '--label {}=NAMESPACE/ID',
+    '--side {}', '--hand', '--frame')
+FILE_OPTION_NAMES = BAG_OPTION_NAMES._replace(
+    scale='--units', labels='--markers', label='--markers {}=LABEL')
