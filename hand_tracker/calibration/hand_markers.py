@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.errors import HandTrackerError
+from ..core.model.hand import OTHER_SIDE
 from ..core.model.marker_layout import (
     MARKERS,
     PALM_LANDMARKS,
@@ -108,10 +109,14 @@ def choose_markers(recording: PointRecording, side: str | None = None,
         some = [label for label in recording.labels if label]
         shown = ', '.join(some[:SHOWN_LABELS]) + (', ...' if len(some) > SHOWN_LABELS else '')
         other = complete_layout(recording) if layout is None else None
+        instead = '' if other is None else (
+            f'--side {other.side}, of which they are, or '
+            if side and other.side == OTHER_SIDE[side]
+            else f'--layout {other.name}, whose markers are all there, or ')
         raise UnknownMarkers(
-            f'{recording.name}: no label for {", ".join(chosen.missing)}; expected '
-            + (f'--layout {other.name}, whose markers are all there, or ' if other else '')
-            + f'--markers {chosen.missing[0]}=LABEL,... with labels of the file: '
+            f'{recording.name}: no label for {", ".join(chosen.missing)}'
+            + (f' of a {side} hand' if side else '') + f'; expected {instead}'
+            f'--markers {chosen.missing[0]}=LABEL,... with labels of the file: '
             f'{shown or "it has none"}', chosen.missing)
     return chosen
 

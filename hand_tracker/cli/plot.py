@@ -17,7 +17,8 @@ def _plot_file(options: argparse.Namespace, interrupted: Interruptions) -> str:
         tracked = tracked_angles((1e-9 * frame.time, frame.state) for frame in frames)
     title = f'{options.recording.name}, {hand.side} hand'
     names = save_pages(output, tracked, hand, title, job.layout)
-    return (f'{names[0] if len(names) == 1 else ", ".join(map(str, names))}: '
+    pictures = '' if len(names) == 1 else f'{len(names)} pictures, one of each digit: '
+    return (f'{pictures}{", ".join(map(str, names))}: '
             f'{job.tracked} of {job.read} frames tracked')
 
 

@@ -20,7 +20,8 @@ def require_surface_library() -> None:
         import_module('skimage.measure')
     except ImportError:
         raise MissingLibrary(
-            'making the skin of a hand needs scikit-image: pip install scikit-image') from None
+            'making the skin of a hand needs scikit-image: pip install scikit-image, or this '
+            'package with its extra view') from None
 
 
 def surface_mesh(shape: HandShape) -> tuple[np.ndarray, np.ndarray]:

@@ -68,13 +68,17 @@ def body_hands(joints: Sequence[BvhJoint]) -> dict[str, BodyHand]:
     """
     found: dict[str, BodyHand] = {}
     for i, joint in enumerate(joints):
-        named = WRIST_NAME.fullmatch(joint.name) or WRIST_NAME_REVERSED.fullmatch(joint.name)
+        named = _wrist_name(joint)
         if named is None or not joint.channels or joint.parent < 0:
             continue
         side = next(side for side in SIDES if side[0] == named['side'][0].lower())
         # The first is the wrist where a hand hangs from it.
         found.setdefault(side, BodyHand(side, i, named['prefix'] or '', _digits(joints, i)))
     return found
+
+
+def _wrist_name(joint: BvhJoint) -> re.Match[str] | None:
+    return WRIST_NAME.fullmatch(joint.name) or WRIST_NAME_REVERSED.fullmatch(joint.name)
 
 
 def require_hand(joints: Sequence[BvhJoint], side: str, file: str) -> BodyHand:
@@ -87,6 +91,10 @@ def require_hand(joints: Sequence[BvhJoint], side: str, file: str) -> BodyHand:
     """
     hands = body_hands(joints)
     if side not in hands:
+        root = joints[0]
+        if root.parent < 0 and _wrist_name(root) is not None:
+            raise SkeletonError(f'{file}: {root.name} is its root: the skeleton of a hand alone; '
+                                'expected that of a body, whose wrists hang on its arms')
         names = [joint.name for joint in joints if joint.channels]
         raise SkeletonError(
             f"{file}: no joint is a {side} wrist by its name; expected {side.title()}Hand, "

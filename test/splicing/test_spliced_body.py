@@ -145,6 +145,9 @@ def test_a_body_without_a_wrist_by_name_is_refused():
     joints = tuple(joint._replace(name=f'bone{i}') for i, joint in enumerate(body.joints))
     with pytest.raises(SkeletonError, match='no joint is a right wrist by its name.*bone1'):
         require_hand(joints, 'right', 'body.bvh')
+    alone = [joints[0]._replace(name='RightHand'), *joints[1:]]
+    with pytest.raises(SkeletonError, match='RightHand is its root: the skeleton of a hand alone'):
+        require_hand(alone, 'right', 'hand.bvh')
 
 
 def test_the_glb_moves_as_the_bvh(tmp_path):
