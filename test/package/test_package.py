@@ -269,6 +269,26 @@ def test_installed_wheel_finds_its_data(wheel, tmp_path):
     assert (found / 'package.xml').is_file()
 
 
+def test_an_editable_install_is_found_beside_a_checkout_of_its_name(tmp_path):
+    pytest.importorskip('setuptools', reason='setuptools, which builds the package, is missing')
+    checkout, installed = tmp_path / 'hand_tracker', tmp_path / 'installed'
+    ignored = shutil.ignore_patterns('.*', '*.egg-info', 'build', 'install', 'log', '__pycache__')
+    shutil.copytree(REPOSITORY, checkout, ignore=ignored)
+    # As pip has it built.
+    run_python('from setuptools.build_meta import build_editable; '
+               f'build_editable({str(tmp_path)!r})', cwd=checkout)
+    with ZipFile(next(tmp_path.glob('*.whl'))) as built:
+        built.extractall(installed)
+    # Neither other installs nor PYTHONPATH: the folder beside it and this install alone.
+    found = subprocess.run(
+        [sys.executable, '-E', '-S', '-c', f'import site; site.addsitedir({str(installed)!r}); '
+         'import hand_tracker; print(hand_tracker.__version__, hand_tracker.__file__)'],
+        cwd=tmp_path, check=True, stdout=subprocess.PIPE, text=True).stdout
+    version, file = found.strip().split(maxsplit=1)
+    assert version == hand_tracker.__version__
+    assert Path(file) == checkout.resolve() / 'hand_tracker' / '__init__.py'
+
+
 def test_the_documents_name_every_argument_and_parameter():
     text = (REPOSITORY / 'docs' / 'ros.md').read_text(encoding='utf-8')
     named = set(re.findall(r'`([^`]+)`', text))
