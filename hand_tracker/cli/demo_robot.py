@@ -18,7 +18,9 @@ from ..calibration.landmarks import landmark_positions
 from ..core.errors import HandTrackerError
 from ..core.model.hand import Hand
 from ..core.model.kinematics import forward, joint_table
-from ..drawing.robot_picture import save_robot_animation, save_robot_picture
+from ..drawing.images import evenly_spaced
+from ..drawing.robot_picture import RobotPose, save_robot_animation, save_robot_picture
+from ..messages.stamps import nanoseconds
 from ..retargeting.robot_file import LoadedRobot
 from .robot import robot_pose
 
@@ -41,7 +43,8 @@ class DrivenRobot:
         self.loaded = loaded
         self._model = loaded.hand.model
         self._position = self._model.joint_positions(loaded.hand.rest)
-        self.commands: dict[int, np.ndarray] = {}   # of the variables, by time of receipt [ns]
+        # Of the variables, by stamp [ns]: that of the frame of the hand that is answered.
+        self.commands: dict[int, np.ndarray] = {}
         self._is_engaged, self._asked = False, 0.
         self._states = node.create_publisher(JointState, 'robot/joint_states', 10)
         self._engage = node.create_client(SetBool, 'retarget/engage')
@@ -57,7 +60,7 @@ class DrivenRobot:
         at = dict(zip(message.name, message.position))
         self._position = np.array([at.get(name, before) for name, before in zip(
             self._model.joint_names, self._position)])
-        self.commands[time.time_ns()] = np.array(
+        self.commands[nanoseconds(message.header.stamp)] = np.array(
             [at[name] for name in self._model.variables])
 
     def _publish_joint_states(self) -> None:
@@ -91,19 +94,24 @@ class DrivenRobot:
         """
         if len(self.commands) < 2:
             raise HandTrackerError('the robot got no command; see the messages of retarget above')
-        sent = np.array(sorted(self.commands))
-        times = np.arange(max(sent[0], stamps[0]), min(sent[-1], stamps[-1]),
-                          round(1e9 / ROBOT_GIF_RATE))
-        if len(times) < 2:
+        rows = np.array([row for row, stamp in enumerate(stamps.tolist())
+                         if stamp in self.commands], dtype=int)
+        if len(rows) < 2:
             raise HandTrackerError('the robot was engaged only as the recording ended; expected a '
                                    'longer one, or a smaller --rate')
-        rows = np.minimum(np.searchsorted(stamps, times), len(stamps) - 1)
         table, robot = joint_table(hand), self.loaded.hand
-        poses = [robot_pose(f'{1e-9 * (now - stamps[0]):.1f} s', landmark_positions(
-            hand, forward(table, angles[row])), robot, self.commands[sent[at]])
-            for now, row, at in zip(times, rows, np.searchsorted(sent, times))]
-        save_robot_animation(output / 'robot.gif', robot.name, poses, ROBOT_GIF_RATE)
-        drawn = np.linspace(0., len(poses) - 1, DRAWN_POSES + 2)[1:-1].astype(int)
-        save_robot_picture(output / 'robot.png', robot.name, [poses[i] for i in drawn])
+
+        def pose(row: int) -> RobotPose:
+            stamp = int(stamps[row])
+            return robot_pose(f'{1e-9 * (stamp - stamps[0]):.1f} s', landmark_positions(
+                hand, forward(table, angles[row])), robot, self.commands[stamp])
+
+        answered = stamps[rows]
+        times = np.arange(answered[0], answered[-1], round(1e9 / ROBOT_GIF_RATE))
+        save_robot_animation(
+            output / 'robot.gif', robot.name,
+            [pose(row) for row in rows[np.searchsorted(answered, times)]], ROBOT_GIF_RATE)
+        save_robot_picture(output / 'robot.png', robot.name,
+                           [pose(rows[i]) for i in evenly_spaced(len(rows), DRAWN_POSES)])
         print(f'  {output / "robot.gif"}, {output / "robot.png"}: {robot.name} beside the hand, '
-              f'{len(sent)} commands')
+              f'{len(self.commands)} commands')

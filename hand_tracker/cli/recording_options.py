@@ -7,7 +7,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH, COUPLING_PRESETS, LIMIT_PRESETS, SIDES, Hand
@@ -26,6 +26,21 @@ from ..tracking.opened_recording import (
 )
 from ..tracking.point_labels import LABEL_SOURCES
 from ..tracking.recording import USUAL_TOPIC, MarkerReading
+
+
+class WornHand(NamedTuple):
+    """A hand in a recording: where its markers are, and their labels.
+
+    Attributes
+    ----------
+    hand : Hand
+    layout : MarkerLayout
+    labels : LabelMap
+    """
+
+    hand: Hand
+    layout: MarkerLayout
+    labels: LabelMap
 
 
 def add_hand_options(parser: argparse.ArgumentParser, both: bool = False) -> None:

@@ -8,8 +8,9 @@ from ..core.model.hand import BOTH
 from ..files.hand_file import choose_hand
 from ..messages.labels import InvalidLabel
 from ..package_data import packaged_recording
+from ..viewer.page_options import add_page_options
 from ..viewer.recording_source import ViewerRecording
-from ..viewer.serve import add_page_options, skin_of, view
+from ..viewer.serve import skin_of, view
 from .recording_options import (
     add_recording_options,
     marker_reading,
@@ -57,7 +58,8 @@ def main(args: list[str] | None = None) -> int:
     """Track a recording and show the hand in the browser, with controls to play it."""
     options = _parse(args)
     try:
-        view(_source(options), options)
+        source = _source(options)
+        view(source, options, source.hand)
     except (HandTrackerError, OSError) as error:
         print(f'hand_tracker view: {error}', file=sys.stderr)
         return 1

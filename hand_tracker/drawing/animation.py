@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from ..core.model.hand import DIGITS, Hand
 from ..core.model.skeleton import DIGIT_CHAINS, PALM_BONES, SKELETON_BONES, bone_radii
-from .images import figure_image, save_gif
+from .images import evenly_spaced, figure_image, save_gif
 from .palette import DIGIT_COLOURS, INK, VERMILLION, rgb
 from .render import view_axes
 
@@ -149,11 +149,11 @@ def save_animation(path: str | PathLike[str], motion: HandMotion, hand: Hand, ti
     images = []
     for now in np.arange(motion.times[0], motion.times[-1], 1. / ANIMATION_RATE):
         for of_hand, (shown_motion, _) in zip(views, rows):
-            frame = _frames_at(shown_motion.times, now)
+            frame = _frame_at(shown_motion.times, now)
             for view in of_hand:
                 view.draw(shown_motion.points[frame], shown_motion.markers[frame],
                           shown_motion.seen[frame])
-        frame = _frames_at(motion.times, now)
+        frame = _frame_at(motion.times, now)
         clock.set_text(f'{motion.times[frame] - motion.times[0]:.1f} s')
         images.append(figure_image(figure).convert('RGB'))
     save_gif(path, images, ANIMATION_RATE, ANIMATION_COLOURS,
@@ -178,11 +178,9 @@ def save_sheet(path: str | PathLike[str], motion: HandMotion, hand: Hand,
     figure = Figure(
         figsize=(width * SHEET_COLUMNS, height * SHEET_ROWS + TITLE_BAR_HEIGHT), dpi=120)
     sheet_width, sheet_height = figure.get_size_inches()
-    poses = SHEET_ROWS * SHEET_COLUMNS
-    # Middles of equal parts: the hand rests at both ends.
-    start, end = motion.times[[0, -1]]
-    wanted = start + (end - start) * (np.arange(poses) + .5) / poses
-    for pose, frame in enumerate(_frames_at(motion.times, wanted)):
+    # Among the frames, not in time: where many are missing, an instant would be there twice.
+    frames = evenly_spaced(len(motion.times), SHEET_ROWS * SHEET_COLUMNS)
+    for pose, frame in enumerate(frames):
         row, column = divmod(pose, SHEET_COLUMNS)
         bottom = height * (SHEET_ROWS - 1 - row)
         for view, size, below in zip(VIEW_EXTENTS, sizes, (sizes[1][1], 0.)):
@@ -190,7 +188,8 @@ def save_sheet(path: str | PathLike[str], motion: HandMotion, hand: Hand,
             HandView(figure, corner, view, hand, scale).draw(
                 motion.points[frame], motion.markers[frame], motion.seen[frame])
         figure.text((column * width + .1) / sheet_width, (bottom + height - .15) / sheet_height,
-                    f'{motion.times[frame] - start:.1f} s', color=INK, fontsize=8, va='top')
+                    f'{motion.times[frame] - motion.times[0]:.1f} s', color=INK, fontsize=8,
+                    va='top')
     _draw_title_bar(figure, title)
     figure.savefig(path)
 
@@ -208,6 +207,6 @@ def _draw_title_bar(figure: Figure, title: str) -> None:
                   columnspacing=.8, handletextpad=.4, handlelength=1.)
 
 
-def _frames_at(times: np.ndarray, wanted: np.ndarray | float) -> np.ndarray:
-    """Return the index of the first frame at or after each wanted time."""
-    return np.minimum(np.searchsorted(times, wanted), len(times) - 1)
+def _frame_at(times: np.ndarray, wanted: float) -> int:
+    """Return the index of the first frame at or after a wanted time."""
+    return min(int(np.searchsorted(times, wanted)), len(times) - 1)

@@ -13,6 +13,11 @@ PIXELS_PER_INCH = 100
 PALETTE_FRAMES = 5  # frames, evenly spaced in time, from which the palette is computed
 
 
+def evenly_spaced(count: int, shown: int) -> np.ndarray:
+    """Return which of `count` images to show: the middles of equal parts, none of them twice."""
+    return np.unique(((np.arange(shown) + .5) / shown * count).astype(int))
+
+
 def blank_figure(width: float, height: float, **options: Any) -> Figure:
     """Return an empty figure of a size in pixels; `options` go to `matplotlib.figure.Figure`."""
     return Figure(figsize=(width / PIXELS_PER_INCH, height / PIXELS_PER_INCH),

@@ -13,7 +13,8 @@ import sys
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
-from ..viewer.serve import add_page_options, view
+from ..viewer.page_options import add_page_options
+from ..viewer.serve import view
 from .live_tracker import LiveTracker
 from .runner import run, spinning
 

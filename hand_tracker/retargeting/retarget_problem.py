@@ -60,7 +60,8 @@ def make_problem(robot: RobotHand, hand: Hand, options: RetargetOptions) -> Prob
     """
     if hand.side != robot.side and not robot.anatomy.is_gripper:
         raise InvalidRobot(f"side: the robot's hand is a {robot.side} one, the person's a "
-                           f'{hand.side} one')
+                           f"{hand.side} one; expected a {hand.side} robot, or the person's "
+                           f'{robot.side} hand (--side {robot.side}, side:={robot.side})')
     joints, variables = used_joints(robot), used_variables(robot)
     roles = list(robot.anatomy.digits)
     bones = [(role, bone, rows) for role in roles for bone, rows in _matched_bones(robot, role)]

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model.hand import OTHER_SIDE
 from ..core.model.marker_layout import MARKERS, PALM_MARKERS
 from ..core.model.states import MarkerState, PalmState
 from ..core.pose.report import mean_residual
@@ -23,6 +22,7 @@ from ..messages.stamps import Time, nanoseconds, seconds
 from .marker_events import MarkerEvents
 from .rate_limit import LogRateLimiter, OncePerKey
 from .setting_names import PARAMETER_NAMES, SettingNames
+from .side_check import side_fault
 
 SILENT_AFTER = 3.   # [s] without markers before that is said
 NEVER_SEEN_AFTER = 5.    # [s] of tracking before a marker that was never seen is named
@@ -352,12 +352,7 @@ class InputMonitor:
     def side_fault(self) -> str | None:
         """Return why a hand is of the other side, or None."""
         side = self.bends_away_from
-        if side is None:
-            return None
-        other = OTHER_SIDE[side]
-        return (f'the fingers bend away from the palm of a {side} hand, which is left out: set '
-                f'{self.names.side.format(other)} if it is a {other} one, else an axis is '
-                'mirrored, or two are exchanged')
+        return None if side is None else side_fault(side, self.names)
 
     def why_never(self) -> str:
         """Explain why no frame at all was tracked.

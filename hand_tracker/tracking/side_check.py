@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from ..core.model.hand import FINGERS
+from ..core.model.hand import FINGERS, OTHER_SIDE
 from ..core.model.marker_layout import PALM_MARKERS
 from ..core.model.states import SEEN, SWAPPED
 from ..core.tracker import HandState
+from .setting_names import BAG_OPTION_NAMES, SettingNames
 
 # [m] that fingers are beyond the palm's plane: more than they bend back, MCP by 30 degrees; ours.
 BEYOND_PALM = .035
@@ -48,14 +49,25 @@ class SideCheck:
         time : float or None
             Of the frame [s].
         """
+        seen = (state.marker_states == SEEN) | (state.marker_states == SWAPPED)
+        return self.add_markers(np.where(seen[:, None], state.markers, np.nan), time)
+
+    def add_markers(self, positions: np.ndarray, time: float | None) -> bool | None:
+        """Note a frame that is not tracked, as `add`.
+
+        Parameters
+        ----------
+        positions : ndarray, shape (n, 3)
+            Of all markers, NaN where one is not seen [m].
+        time : float or None
+            [s]
+        """
         if time is None or not math.isfinite(time):
             return None
         step = 0. if self._last is None else min(max(time - self._last, 0.), GREATEST_STEP)
         self._last = time
-        markers = np.full((len(state.markers) + 1, 3), np.nan)
-        seen = (state.marker_states == SEEN) | (state.marker_states == SWAPPED)
-        markers[:-1][seen] = state.markers[seen]
-        markers = markers[self._principal]
+        # The last row stands for markers that the layout does not have.
+        markers = np.vstack((positions, np.full(3, np.nan)))[self._principal]
         r, p, q = markers[:len(PALM_MARKERS)]
         normal = self._sign * np.cross(p - r, q - r)  # to the palm's inner side
         length = float(np.sqrt(normal @ normal))
@@ -76,3 +88,31 @@ class SideCheck:
         if self._palmar < MINOR_SHARE * self._dorsal:
             return True
         return False if self._dorsal < MINOR_SHARE * self._palmar else None
+
+
+def side_fault(side: str, names: SettingNames) -> str:
+    """Return what is wrong where fingers bend away from the palm of a hand of a side."""
+    other = OTHER_SIDE[side]
+    return (f'the fingers bend away from the palm of a {side} hand, which is left out: set '
+            f'{names.side.format(other)} if it is a {other} one, else an axis is mirrored, or two '
+            'are exchanged')
+
+
+def recorded_side_fault(frames: Iterable[tuple[float, np.ndarray]], side: str,
+                        principal: Sequence[int]) -> str | None:
+    """Return why recorded markers are not of a side, without tracking them; None if they may be.
+
+    Parameters
+    ----------
+    frames : iterable of (float, ndarray)
+        Time [s] and positions, as for `SideCheck.add_markers`; read until the side is seen right.
+    side, principal
+        See `SideCheck`.
+    """
+    check, is_wrong = SideCheck(side, principal), None
+    for time, positions in frames:
+        verdict = check.add_markers(positions, time)
+        is_wrong = is_wrong if verdict is None else verdict
+        if is_wrong is False:
+            break
+    return side_fault(side, BAG_OPTION_NAMES) if is_wrong else None

@@ -18,6 +18,7 @@ from ..core.tracker import HandState
 from ..retargeting.robot_file import LoadedRobot
 from ..skin.skinning import Skin
 from .page_guard import LOCAL_NAMES, PageGuard
+from .page_options import FIRST_PORT, LOCALHOST
 from .panel import Panel
 from .robot_scene import RobotScene, robot_extent
 from .scene import (
@@ -36,10 +37,9 @@ if TYPE_CHECKING:
     from viser import SceneApi
 
 PAGE_RATE = 30.       # [Hz]
-FIRST_PORT = 8080
 PORT_ATTEMPTS = 100
 TOKEN_BYTES = 16
-LOCALHOST, ALL_INTERFACES = '127.0.0.1', '0.0.0.0'
+ALL_INTERFACES = '0.0.0.0'
 DOCUMENTATION_ADDRESS = '192.0.2.1', 9    # reserved (RFC 5737); nothing is sent there
 
 

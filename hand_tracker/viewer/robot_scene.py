@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import time
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from ..core.model.hand import Hand
 from ..core.model.kinematics import Pose
 from ..core.tracker import HandState
 from ..retargeting.retargeter import Retargeter
-from ..retargeting.robot_file import LoadedRobot, load_robot
+from ..retargeting.robot_file import LoadedRobot
 from ..retargeting.robot_hand import RobotHand
 from ..retargeting.robot_urdf import DEFAULT_SHAPE_RGB, rotation_from_rpy
 from .scene import Extent, wxyz
@@ -21,37 +20,8 @@ if TYPE_CHECKING:
     from viser import SceneApi
 
 EXTENT_MARGIN = .02         # [m] around what is framed
-PLAIN_ROBOT = 'plain'       # the preset whose URDF comes with the package
 BONE_SHARE = .5             # [1] of the tip's radius, of the bones of a robot without shapes
 Z_TO_X = rotation_from_rpy(np.array((0., .5 * np.pi, 0.)))
-
-
-def add_robot_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options `--robot` and `--robot-description` to a command line."""
-    parser.add_argument('--robot', nargs='?', const=PLAIN_ROBOT, default='', metavar='ROBOT',
-                        help='robot hand that follows: a preset, robot file, dex-retargeting file '
-                        'or URDF; without a value the plain hand that comes with this package')
-    parser.add_argument('--robot-description', default='', metavar='URDF',
-                        help="path of the robot's URDF, for a preset or a file without")
-
-
-def chosen_robot(options: argparse.Namespace, side: str) -> LoadedRobot | None:
-    """Return the robot of the options of `add_robot_options`; None where there is none.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-    side : {'right', 'left'}
-        Of the person's hand.
-
-    Raises
-    ------
-    InvalidRobot
-        If it cannot be loaded.
-    """
-    if not options.robot:
-        return None
-    return load_robot(options.robot, options.robot_description, preferred_side=side)
 
 
 class RobotScene:

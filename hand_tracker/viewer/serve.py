@@ -7,24 +7,14 @@ from ..core.errors import HandTrackerError
 from ..core.model.hand import Hand
 from ..parallel import raise_on_interruption
 from ..skin.skinning import Skin
-from .page import FIRST_PORT, LOCALHOST, Viewer
-from .robot_scene import add_robot_options, chosen_robot
+from .page import Viewer
+from .page_options import chosen_robot
 from .source import FrameSource
 
 INSTALL_HINT = 'pip install -e ".[fast,view]"'
 
 
-def add_page_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the page to a command line: where it listens, and a robot."""
-    parser.add_argument('--host', default=LOCALHOST, metavar='ADDRESS',
-                        help='where to listen: 0.0.0.0 for the whole network, where whoever has '
-                        'the printed address sees and steers it (default: this machine alone)')
-    parser.add_argument('--port', type=int, default=FIRST_PORT,
-                        help=f'first port that is tried (default: {FIRST_PORT})')
-    add_robot_options(parser)
-
-
-def view(source: FrameSource, options: argparse.Namespace) -> None:
+def view(source: FrameSource, options: argparse.Namespace, hand: Hand | None = None) -> None:
     """Serve a page that shows a source, and a robot if one is asked for, until interrupted.
 
     Parameters
@@ -32,6 +22,9 @@ def view(source: FrameSource, options: argparse.Namespace) -> None:
     source : FrameSource
     options : argparse.Namespace
         With those of `add_page_options`.
+    hand : Hand, optional
+        Of the source, where it is known before that is prepared: a robot that does not fit it is
+        refused before the page is there.
 
     Raises
     ------
@@ -39,6 +32,7 @@ def view(source: FrameSource, options: argparse.Namespace) -> None:
         If it cannot listen there, viser is not installed, or the robot cannot be loaded or does
         not fit the hand.
     """
+    robot = None if hand is None else chosen_robot(options, hand)
     interruptions = raise_on_interruption()
     try:
         viewer = Viewer(options.host, options.port)
@@ -47,7 +41,8 @@ def view(source: FrameSource, options: argparse.Namespace) -> None:
     try:
         print(f'The hand is at {" and ".join(viewer.addresses)} (Ctrl-C ends it)', flush=True)
         source.prepare(viewer.say)
-        robot = chosen_robot(options, source.hand.side)
+        if hand is None:
+            robot = chosen_robot(options, source.hand)
         viewer.show(source, skin_of, lambda: not interruptions, robot)
     except KeyboardInterrupt:
         print()

@@ -1,0 +1,184 @@
+"""What the demo hears of its nodes: the markers, the joint states that answer them, their delay."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
+
+from ..core.model.kinematics import forward, joint_table
+from ..core.model.marker_layout import PALM_MARKERS, marker_positions
+from ..core.model.palm_triangle import fit_wrist
+from ..messages.builders import prefixed_names
+from ..messages.cdr import MarkerReader
+from ..messages.joint_states import JointStateReader
+from ..messages.stamps import nanoseconds
+from .recording_options import WornHand
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:
+    TFMessage = None
+
+LISTENER_DEPTH = 2000  # messages that wait at most while this program has no turn
+
+
+class ReceivedFrames(NamedTuple):
+    """Frames of which both the markers and the joint state arrived.
+
+    Attributes
+    ----------
+    stamps : ndarray of int, shape (n,)
+        [ns]
+    angles : ndarray, shape (n, 25)
+        [rad]
+    markers : ndarray, shape (n, m, 3)
+        In the wrist's frame [m].
+    places : ndarray, shape (n, m, 3)
+        Of the markers on the tracked hand, in the wrist's frame [m].
+    """
+
+    stamps: np.ndarray
+    angles: np.ndarray
+    markers: np.ndarray
+    places: np.ndarray
+
+
+class ReceivedHand:
+    """Markers and joint states of one hand, as they were received.
+
+    Parameters
+    ----------
+    worn : WornHand
+    """
+
+    def __init__(self, worn: WornHand) -> None:
+        self.hand, self.layout, self.labels = worn
+        self.joints = prefixed_names(f'{self.hand.side}_').joints
+        self.markers: dict[int, np.ndarray] = {}  # by stamp [ns]
+        self.angles: dict[int, Sequence[float] | np.ndarray] = {}
+
+    @property
+    def palm_rows(self) -> list[int]:
+        """Rows of the three principal markers of the palm."""
+        return list(self.layout.principal[:len(PALM_MARKERS)])
+
+    def received_frames(self, recent: float | None = None) -> ReceivedFrames:
+        """Return the whole frames of the last so many seconds, or all, with the palm fitted."""
+        stamps = [stamp for stamp in self.angles if stamp in self.markers]
+        if recent is not None and stamps:
+            stamps = [stamp for stamp in stamps if stamp > stamps[-1] - 1e9 * recent]
+        angles = np.array([self.angles[stamp] for stamp in stamps]).reshape(-1, 25)
+        palm = self.palm_rows
+        template = self.layout.principal_mounting(self.hand).position[:len(palm)]
+        # Nothing is known of the palm before its markers were all seen.
+        rotation, position = np.eye(3), np.full(3, np.nan)
+        markers = np.empty((len(stamps), len(self.layout.names), 3))
+        for stamp, local in zip(stamps, markers):
+            frame = self.markers[stamp]
+            if np.isfinite(frame[palm]).all():
+                fit_wrist(frame[palm], template, rotation, position)
+            local[:] = (frame - position) @ rotation
+        places = marker_positions(
+            self.layout.mounting(self.hand), forward(joint_table(self.hand), angles))
+        return ReceivedFrames(np.array(stamps, dtype=np.int64), angles, markers, places)
+
+
+class Listener:
+    """Collect the messages of the nodes, as bytes: building objects would cost the tracker's time.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    hands : sequence of WornHand
+
+    Attributes
+    ----------
+    hands : list of ReceivedHand
+    transforms : int
+        Messages on /tf.
+    """
+
+    def __init__(self, node: Node, hands: Sequence[WornHand]) -> None:
+        self.hands = [ReceivedHand(hand) for hand in hands]
+        self.transforms = 0
+        self._latencies: list[float] = []  # [s]
+        self._frames: set[int] = set()     # stamps of markers [ns]
+        self._marker_readers = [MarkerReader(hand.labels) for hand in self.hands]
+        self._joint_reader = JointStateReader()
+        quick = QoSProfile(depth=LISTENER_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        node.create_subscription(MarkerArray, 'markers', self._on_markers, quick, raw=True)
+        node.create_subscription(
+            JointState, 'joint_states', self._on_angles, LISTENER_DEPTH, raw=True)
+        if TFMessage is not None:
+            node.create_subscription(
+                TFMessage, '/tf', self._on_transforms, LISTENER_DEPTH, raw=True)
+
+    def _on_markers(self, message: bytes) -> None:
+        for hand, reader in zip(self.hands, self._marker_readers):
+            frame = reader.read(message)
+            if frame.stamp is not None:
+                stamp = nanoseconds(frame.stamp)
+                hand.markers[stamp] = frame.positions
+                self._frames.add(stamp)
+
+    def _on_angles(self, message: bytes) -> None:
+        joints = self._joint_reader.read(message)
+        stamp = nanoseconds(joints.stamp)
+        # The replay stamps a frame with the time at which it is due.
+        self._latencies.append(1e-9 * (time.time_ns() - stamp))
+        for hand in self.hands:
+            if hand.joints[0] in joints.names:
+                first = joints.names.index(hand.joints[0])
+                hand.angles[stamp] = joints.positions[first:first + len(hand.joints)]
+
+    def _on_transforms(self, _: bytes) -> None:
+        self.transforms += 1
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Return the numbers of received frames of markers and of joint states."""
+        return len(self._frames), len(self._latencies)
+
+    def left_out(self) -> tuple[int, int]:
+        """Return how many received frames were not answered, and of how many from the first on.
+
+        The frames before the first answer do not count, in which the palm may not be seen.
+        """
+        answered = set().union(*(hand.angles for hand in self.hands))
+        first = min(answered, default=0)
+        played = {stamp for stamp in self._frames if stamp >= first}
+        return len(played - answered), len(played)
+
+    def line(self) -> str:
+        """Return a line on the last second of frames."""
+        received = [hand.received_frames(1.) for hand in self.hands]
+        if min(len(one.stamps) for one in received) < 2:
+            return 'waiting for the first frames'
+        stamps = received[0].stamps
+        seen = np.concatenate([np.isfinite(one.markers[-1]).all(axis=1) for one in received])
+        return (f'{(len(stamps) - 1) / np.ptp(stamps) * 1e9:6.1f} Hz   '
+                f'{self.summary(received, len(stamps))}   markers seen '
+                f'{seen.sum()} of {len(seen)}')
+
+    def summary(self, received: Sequence[ReceivedFrames], recent: int = 0) -> str:
+        """Return latency and residual of frames in words.
+
+        Parameters
+        ----------
+        received : sequence of ReceivedFrames
+            Whose residual it is.
+        recent : int, optional
+            Whose latency it is: that of so many last joint states; of all when 0.
+        """
+        misses = np.concatenate([np.linalg.norm(one.places - one.markers, axis=2)
+                                 for one in received])
+        p50, p99 = 1e3 * np.percentile(self._latencies[-recent:], (50, 99))
+        return (f'latency p50 {p50:.2f} ms, p99 {p99:.2f} ms   '
+                f'residual {1e3 * np.nanmean(misses):.2f} mm')

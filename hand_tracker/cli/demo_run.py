@@ -1,0 +1,232 @@
+"""The demo's run: replay and tracker as processes, what was heard of them, pictures and a table."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from rclpy.node import Node
+
+from ..core.errors import HandTrackerError
+from ..core.model.hand import BOTH, Hand
+from ..core.model.kinematics import forward, joint_table, tip_offsets
+from ..core.model.marker_layout import MARKERS, marker_positions
+from ..core.model.palm_triangle import fit_wrist
+from ..core.model.skeleton import skeleton_points
+from ..core.numerics.jit import DEFERRED
+from ..drawing.animation import HandMotion, save_animation, save_sheet
+from ..files.angle_table import write_angle_table
+from ..files.hand_file import save_hand
+from ..files.layout_file import save_layout
+from ..retargeting.robot_file import LoadedRobot
+from ..tracking.opened_recording import PointBag
+from .demo_grasp import GraspingRobot
+from .demo_listener import Listener, ReceivedFrames, TFMessage
+from .demo_robot import DrivenRobot
+from .recording_options import WornHand
+
+LINE_EVERY = .5  # [s] between live lines
+TOLD_SHARE = .01  # of the frames that are missing, from which on that is explained
+LAG = .5         # [s] without a message, after which no more comes
+
+
+def _start(node: str, **parameters: object) -> subprocess.Popen[bytes]:
+    """Start one of the package's nodes in a process of its own."""
+    settings = [word for name, value in parameters.items() if value not in (None, '')
+                for word in ('-p', f'{name}:={value}')]
+    return subprocess.Popen(
+        [sys.executable, '-m', 'hand_tracker.entry', node, '--ros-args', *settings])
+
+
+def _stop(process: subprocess.Popen[bytes]) -> int:
+    """End a node as Ctrl-C does; return its exit code."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    try:
+        return process.wait(10.)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
+
+
+def run_demo(options: argparse.Namespace, hands: Sequence[WornHand], recording: Path | PointBag,
+             frame_count: int, loaded: LoadedRobot | None) -> None:
+    """Play a recording through the nodes, and save what they answered.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of the command line.
+    hands : sequence of WornHand
+        One, or the right and the left one.
+    recording : Path or PointBag
+    frame_count : int
+        Messages of markers in the recording.
+    loaded : LoadedRobot or None
+        Robot that follows.
+
+    Raises
+    ------
+    HandTrackerError
+        If a node ends early, or nothing was answered.
+    """
+    processes: list[subprocess.Popen[bytes]] = []
+    # A closing terminal or a killed script ends the nodes too.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        rclpy.init()
+        node = rclpy.create_node('demo')
+        listener = Listener(node, hands)
+        robot = None
+        if loaded is not None:
+            robot = (GraspingRobot if options.grasp else DrivenRobot)(node, loaded)
+        if isinstance(recording, PointBag) and not options.hand:
+            # The tracker learns from it where the markers are.
+            options.hand = str(options.output / 'hand.yaml')
+            save_hand(options.hand, hands[0].hand, hands[0].layout)
+        elif isinstance(recording, PointBag) and hands[0].layout.names != MARKERS:
+            # And the replay from this which markers they are.
+            options.layout = str(options.output / 'layout.yaml')
+            save_layout(options.layout, hands[0].layout)
+        _play(node, listener, options, processes, robot)
+        codes = [_stop(process) for process in processes]
+        _save(listener, options.output, frame_count, robot)
+        if any(codes):
+            raise HandTrackerError(f'the nodes ended with exit codes {codes}')
+    finally:
+        for process in processes:
+            _stop(process)
+        rclpy.try_shutdown()
+
+
+def _play(node: Node, listener: Listener, options: argparse.Namespace,
+          processes: list[subprocess.Popen[bytes]], robot: DrivenRobot | None) -> None:
+    """Run the nodes until the recording ends."""
+    presets = {f'{name}.preset': value for name, value in (
+        ('limits', options.limits), ('coupling', options.coupling)) if value}
+    print('Starting the tracker ...', flush=True)
+    # What is received is compared with the hand that is given here, the recording's.
+    first = listener.hands[0]
+    side = first.hand.side if len(listener.hands) == 1 else BOTH
+    tracker = _start('tracker', hand_file=options.hand, layout=options.layout, side=side,
+                     broadcast='all', auto_size='false', **presets)
+    processes.append(tracker)
+    if robot is not None:
+        processes.append(_start('retarget', robot=options.robot, hand_file=options.hand, side=side,
+                                robot_description=options.robot_description))
+    # However long it takes on a busy machine.
+    while not node.count_publishers('joint_states') or robot and not robot.is_ready:
+        for process, name in zip(processes, ('tracker', 'retarget node')):
+            if process.poll() is not None:
+                raise HandTrackerError(f'the {name} did not start; see its message above')
+        rclpy.spin_once(node, timeout_sec=.1)
+    # Where kernels are on disk they load now, not while frames wait.
+    rest = marker_positions(
+        first.layout.mounting(first.hand), forward(joint_table(first.hand), np.zeros(25)))
+    palm = rest[first.palm_rows]
+    fit_wrist(palm, palm, np.eye(3), np.zeros(3))
+    # Those who wait for the first frame: the tracker and this listener.
+    replay = _start('replay', recording=options.recording, rate=float(options.rate), subscribers=2,
+                    side='' if side == BOTH else side, markers=','.join(options.markers),
+                    layout=options.layout, units=options.units, up=options.up,
+                    handed=options.handed, partial=options.partial)
+    processes.append(replay)
+    due = time.monotonic()
+    end: float | None = None
+    counts = listener.counts
+    is_terminal = sys.stdout.isatty()
+    waiting = ''
+    while end is None or time.monotonic() < end:
+        rclpy.spin_once(node, timeout_sec=.05)
+        if replay.poll() is not None or tracker.poll() is not None:
+            if end is None or counts != listener.counts:
+                end = time.monotonic() + LAG
+            counts = listener.counts
+        if end is None and time.monotonic() >= due:
+            due += LINE_EVERY
+            text = listener.line()
+            if is_terminal:
+                print(f'\r{text}', end='', flush=True)
+            elif text != waiting:
+                print(text, flush=True)
+            waiting = text
+    print()
+    if replay.returncode or tracker.poll() is not None:
+        ended = 'replay' if replay.returncode else 'tracker'
+        raise HandTrackerError(f'the {ended} ended early; see its message above')
+
+
+def _save(listener: Listener, output: Path, frame_count: int,
+          robot: DrivenRobot | None) -> None:
+    """Write the received messages of a recording with so many frames."""
+    received = [hand.received_frames() for hand in listener.hands]
+    if min(len(one.stamps) for one in received) < 2:
+        raise HandTrackerError('no frame arrived: are there labelled markers of each hand on '
+                               '/markers?')
+    for line in _count_lines(listener, received, frame_count):
+        print(line, flush=True)
+    start = min(one.stamps[0] for one in received)
+    write_angle_table(output / 'angles.csv', [
+        joint for hand in listener.hands for joint in hand.joints], _rows(received, start))
+    motions = [_motion(hand.hand, one, start) for hand, one in zip(listener.hands, received)]
+    for motion, hand in motions:
+        name = 'hand.png' if len(motions) == 1 else f'{hand.side}_hand.png'
+        save_sheet(output / name, motion, hand, f'{hand.side} hand, tracked over ROS 2')
+        print(f'  {output / name}: poses in time, from above and from the thumb')
+    print('Drawing the animation ...', flush=True)
+    (motion, hand), *others = motions
+    title = 'both hands' if others else f'{hand.side} hand'
+    save_animation(output / 'hand.gif', motion, hand, f'{title}, tracked over ROS 2', others)
+    for name, what in (('hand.gif', f"the tracked {'hands' if others else 'hand'} in motion"),
+                       ('angles.csv', f'the {25 * len(motions)} joint angles of every answered '
+                        'frame, in degrees')):
+        print(f'  {output / name}: {what}')
+    if robot is not None:
+        (one,) = received
+        robot.save(output, hand, one.stamps, one.angles)
+
+
+def _count_lines(listener: Listener, received: Sequence[ReceivedFrames],
+                 frame_count: int) -> Iterator[str]:
+    """Yield how many frames were played, heard and answered, and why not all."""
+    frames, states = listener.counts
+    transforms = f' and {listener.transforms} messages on /tf' if TFMessage else ''
+    yield (f'{frame_count} frames of markers played, {states} joint states{transforms} answer '
+           f'them; {listener.summary(received)}')
+    left_out, count = listener.left_out()
+    if left_out > TOLD_SHARE * count:
+        cause = ('plain Python tracks until the kernels are compiled, once, on the first start'
+                 if DEFERRED else 'this machine had other work')
+        yield (f'{left_out} of {count} frames were left out, as {cause}: run it again, and more '
+               'are answered.')
+    if frame_count - frames > TOLD_SHARE * frame_count:
+        yield (f'{frame_count - frames} of the frames played were not heard here, by the program '
+               'that draws: it had no turn on this machine.')
+
+
+def _rows(received: Sequence[ReceivedFrames],
+          start: int) -> Iterator[tuple[float, np.ndarray, Sequence[float]]]:
+    """Yield the rows of the table: time [s] and the angles of all hands, NaN of one not tracked."""
+    by_stamp = [dict(zip(one.stamps.tolist(), one.angles)) for one in received]
+    unknown = np.full(25, np.nan)
+    for stamp in sorted(set().union(*by_stamp)):
+        yield 1e-9 * (stamp - start), np.concatenate(
+            [angles.get(stamp, unknown) for angles in by_stamp]), ()
+
+
+def _motion(hand: Hand, received: ReceivedFrames, start: int) -> tuple[HandMotion, Hand]:
+    """Return a hand as it is drawn, in times since the start [ns]."""
+    seconds = 1e-9 * (received.stamps - start)
+    points = skeleton_points(
+        tip_offsets(hand), forward(joint_table(hand), received.angles),
+        np.zeros((len(seconds), 3)))
+    seen = np.isfinite(received.markers).all(axis=2)
+    markers = np.where(seen[..., None], received.markers, received.places)
+    return HandMotion(seconds, points, markers, seen), hand
