@@ -1,6 +1,5 @@
-"""Let the plain robot hand follow the packaged recording in MuJoCo: pip install mujoco."""
+"""Let the plain robot hand follow the packaged recording in MuJoCo."""
 
-import mujoco
 import numpy as np
 
 from hand_tracker import HandTracker
@@ -9,6 +8,11 @@ from hand_tracker.package_data import packaged_recording
 from hand_tracker.retargeting.retargeter import Retargeter
 from hand_tracker.retargeting.robot_file import load_robot
 from hand_tracker.tracking.recording import marker_topic, track
+
+try:
+    import mujoco
+except ModuleNotFoundError:
+    raise SystemExit('This example needs MuJoCo: pip install mujoco') from None
 
 JOINT_STIFFNESS, JOINT_DAMPING, JOINT_ARMATURE = 3., .02, 1e-4  # [N m/rad, N m s/rad, kg m²]
 

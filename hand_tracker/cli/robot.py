@@ -46,7 +46,8 @@ def main(args: list[str] | None = None) -> int:
     inspect = commands.add_parser(
         'inspect', help='find palm, digits, side and axes of a URDF; write a robot file, draw it')
     inspect.add_argument('robot', help='URDF, robot file, dex-retargeting file, or preset')
-    inspect.add_argument('--urdf', default='', help="the URDF's path, for a preset or a file")
+    inspect.add_argument('--robot-description', '--urdf', dest='urdf', default='', metavar='URDF',
+                         help="the URDF's path, for a preset or a file")
     inspect.add_argument('--side', choices=SIDES, help="instead of the geometry's")
     inspect.add_argument('--hand', metavar='FILE', help='hand file of the person to draw beside')
     inspect.add_argument('-o', '--output', metavar='FILE', help='robot file (YAML) to write')
@@ -54,7 +55,8 @@ def main(args: list[str] | None = None) -> int:
     show = commands.add_parser(
         'view', help='show the robot in the browser, following the packaged recording')
     show.add_argument('robot', help='as for inspect')
-    show.add_argument('--urdf', default='', help='as for inspect')
+    show.add_argument('--robot-description', '--urdf', dest='urdf', default='', metavar='URDF',
+                      help='as for inspect')
     show.add_argument('--side', choices=SIDES, default=SIDES[0], help="the person's")
     options = parser.parse_args(args)
     if options.command == 'view':
@@ -69,8 +71,16 @@ def main(args: list[str] | None = None) -> int:
         if options.output:
             text = robot_file_text(loaded, loaded.urdf)
             Path(options.output).write_text(text, encoding='utf-8')
+            print(f'{options.output}: the robot file written')
         if options.picture:
             _draw(options.picture, loaded, options.hand)
+            print(f'{options.picture}: the robot beside a human hand, in five poses')
+        if options.output:
+            side = '' if loaded.hand.side == SIDES[0] else f' --side {loaded.hand.side}'
+            launched = '' if loaded.hand.side == SIDES[0] else f' side:={loaded.hand.side}'
+            print(f'next: hand_tracker robot view {options.output}{side}, in the browser; or ros2 '
+                  'launch hand_tracker track.launch.py source:=markers '
+                  f'robot:={Path(options.output).absolute()}{launched}')
     except (HandTrackerError, OSError) as error:
         print(f'{parser.prog}: {error}', file=sys.stderr)
         return 1

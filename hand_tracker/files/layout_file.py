@@ -24,7 +24,15 @@ from ..core.model.marker_layout import (
 )
 from ..output_files import write_whole_text
 from .plain_yaml import yaml_text
-from .yaml_fields import InvalidHandFile, Quantity, choice, mapping, number, read_yaml
+from .yaml_fields import (
+    LAYOUT_EXAMPLE,
+    InvalidHandFile,
+    Quantity,
+    choice,
+    mapping,
+    number,
+    read_yaml,
+)
 
 MARKER_OFFSET = Quantity('mm', 3, -1000. * OFFSET_RANGE, 1000. * OFFSET_RANGE)
 MARKER_DEVIATION = Quantity('mm', 0, *(1000. * v for v in DEVIATION_RANGE))
@@ -55,7 +63,7 @@ def load_layout(path: str | PathLike[str]) -> MarkerLayout:
             raise InvalidHandFile('markers: missing; expected a list of markers')
         return layout_of_tree(tree['markers'])
 
-    return read_yaml(path, parse)
+    return read_yaml(path, parse, LAYOUT_EXAMPLE)
 
 
 def save_layout(path: str | PathLike[str], layout: MarkerLayout) -> None:

@@ -8,7 +8,7 @@ import yaml
 
 from ..core.errors import HandTrackerError
 from ..output_files import write_whole_text
-from .plain_yaml import parse_plain_yaml, read_yaml_text, yaml_text
+from .plain_yaml import parse_plain_yaml, read_yaml_text, yaml_fault, yaml_text
 
 SECTION = 'ros__parameters'
 
@@ -42,8 +42,7 @@ def node_parameters(path: str | Path, node: str) -> dict[str, Any]:
     try:
         tree = parse_plain_yaml(read_yaml_text(path))
     except (OSError, ValueError, yaml.YAMLError) as error:
-        reason = ' '.join(str(getattr(error, 'strerror', error)).split())
-        raise InvalidParameterFile(f'{path}: {reason}') from None
+        raise InvalidParameterFile(yaml_fault(path, error)) from None
     sections = list(_sections(tree))
     applied = [_applies(name, node) for name, _ in sections]
     named = [name.rpartition('/')[2] == node.rpartition('/')[2] for name, _ in sections]

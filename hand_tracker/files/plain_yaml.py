@@ -106,3 +106,55 @@ def parse_plain_yaml(text: str, loader: type[PlainLoader] = PlainLoader) -> Any:
     # Dates, escapes and tags that are none raise whatever Python's own types do.
     except Exception as error:
         raise yaml.YAMLError(str(error)) from None
+
+
+# What the parser was at: what is wrong from where that began, in words of a file.
+BROKEN_FROM_START = {
+    'while scanning a simple key': "a key without ':' and a value",
+    'while scanning a quoted scalar': 'a text in quotes that is not closed',
+    'while parsing a flow node': 'a list in [ ] or a mapping in { } that is not closed',
+    'while parsing a flow sequence': 'a list in [ ] that is not closed, or lacks a comma',
+    'while parsing a flow mapping': 'a mapping in { } that is not closed, or lacks a comma',
+}
+INDENTED_OTHERWISE = ('while parsing a block mapping', 'while parsing a block collection')
+
+
+def yaml_fault(name: str | PathLike[str], error: Exception, like: str = '') -> str:
+    """Return in one line why a file cannot be read: file, line, and what is expected there.
+
+    Parameters
+    ----------
+    name : str or path-like
+        Of the file.
+    error : OSError, ValueError or yaml.YAMLError
+        Of `read_yaml_text` or `parse_plain_yaml`.
+    like : str, optional
+        File that is written as is expected.
+
+    Returns
+    -------
+    str
+    """
+    if isinstance(error, OSError):
+        return f'{name}: {error.strerror or error}'
+    if isinstance(error, yaml.reader.ReaderError):
+        return f'{name}: no YAML text: character {error.character:#x}; expected text in UTF-8'
+    if not isinstance(error, yaml.MarkedYAMLError) or error.problem_mark is None:
+        return f'{name}: no YAML text: {" ".join(str(error).split())}'
+    mark, context, problem = error.problem_mark, error.context or '', error.problem or ''
+    if not isinstance(error, (yaml.scanner.ScannerError, yaml.parser.ParserError)):
+        wrong = ('a tag, which is not read' if 'tag' in problem.split() else
+                 'a list or a mapping as a key' if 'unhashable' in problem else problem)
+        return f'{name}:{mark.line + 1}:{mark.column + 1}: {wrong}'
+    is_cut = mark.buffer is not None and not mark.buffer[mark.pointer:].strip('\0 \n')
+    wrong, expected = 'no YAML', f'YAML, as in {like}' if like else 'YAML'
+    if context in BROKEN_FROM_START:
+        wrong, mark = BROKEN_FROM_START[context], error.context_mark or mark
+    elif context in INDENTED_OTHERWISE:
+        wrong = 'another indentation than that of the lines before'
+    elif problem.startswith('mapping values'):
+        wrong = "a second ':' in an entry, or a line that is indented too far"
+    elif repr('\t') in problem:
+        wrong, expected = 'a tab', 'spaces'
+    cut = ' (the file ends there, perhaps cut off)' if is_cut else ''
+    return f'{name}:{mark.line + 1}:{mark.column + 1}: {wrong}{cut}; expected {expected}'

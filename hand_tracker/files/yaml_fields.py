@@ -11,9 +11,10 @@ import yaml
 from numpy.typing import ArrayLike
 
 from ..core.errors import HandTrackerError
-from .plain_yaml import UniqueKeyLoader, parse_plain_yaml, read_yaml_text
+from .plain_yaml import UniqueKeyLoader, parse_plain_yaml, read_yaml_text, yaml_fault
 
 Parsed = TypeVar('Parsed')
+HAND_EXAMPLE, LAYOUT_EXAMPLE = 'config/hand.yaml', 'docs/layouts.md'
 
 
 class InvalidHandFile(HandTrackerError, ValueError):
@@ -50,7 +51,8 @@ class Quantity(NamedTuple):
         return numbers if self.size else numbers[0]
 
 
-def read_yaml(path: str | PathLike[str], parse: Callable[[Any], Parsed]) -> Parsed:
+def read_yaml(path: str | PathLike[str], parse: Callable[[Any], Parsed],
+              like: str = HAND_EXAMPLE) -> Parsed:
     """Read and parse a YAML file; errors name the file.
 
     Parameters
@@ -58,6 +60,8 @@ def read_yaml(path: str | PathLike[str], parse: Callable[[Any], Parsed]) -> Pars
     path : str or path-like
     parse : callable
         Takes the file's tree; may raise `HandTrackerError`.
+    like : str, optional
+        File that is written as is expected, for errors.
 
     Raises
     ------
@@ -66,25 +70,18 @@ def read_yaml(path: str | PathLike[str], parse: Callable[[Any], Parsed]) -> Pars
     """
     try:
         text = read_yaml_text(path)
-    except OSError as error:
-        raise InvalidHandFile(f'{path}: {error.strerror}') from None
-    except UnicodeDecodeError as error:
-        raise InvalidHandFile(f'{path}: no YAML text: {error}') from None
-    return parse_yaml(text, path, parse)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidHandFile(yaml_fault(path, error)) from None
+    return parse_yaml(text, path, parse, like)
 
 
-def parse_yaml(text: str, name: str | PathLike[str], parse: Callable[[Any], Parsed]) -> Parsed:
+def parse_yaml(text: str, name: str | PathLike[str], parse: Callable[[Any], Parsed],
+               like: str = HAND_EXAMPLE) -> Parsed:
     """Parse YAML text as `read_yaml` does; its `InvalidHandFile` has the name."""
     try:
         return parse(parse_plain_yaml(text, UniqueKeyLoader))
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        expected = ('' if isinstance(error, yaml.constructor.ConstructorError)
-                    else '; expected YAML, as in config/hand.yaml')
-        raise InvalidHandFile(
-            f'{name}:{mark.line + 1}:{mark.column + 1}: {error.problem}{expected}') from None
     except yaml.YAMLError as error:
-        raise InvalidHandFile(f'{name}: no YAML text: {error}') from None
+        raise InvalidHandFile(yaml_fault(name, error, like)) from None
     except HandTrackerError as error:
         raise InvalidHandFile(f'{name}: {error}') from None
 

@@ -144,7 +144,7 @@ class CalibrateNode(Node):
             self._now(), f'{self.get_name()}: {self._side} hand', self._topic,
             Status(Level.OK, text, {CALIBRATION_KEY: text, **shares})))
 
-    def _who_publishes(self) -> str:
+    def _who_publishes(self) -> str | None:
         return who_publishes(self.get_publishers_info_by_topic(self._topic), self._reliability)
 
 

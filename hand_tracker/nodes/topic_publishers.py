@@ -25,7 +25,7 @@ def full_name(endpoint: TopicEndpointInfo) -> str | None:
 
 
 def who_publishes(endpoints: Sequence[TopicEndpointInfo], reliability: str,
-                  message_type: str = MARKER_ARRAY) -> str:
+                  message_type: str = MARKER_ARRAY) -> str | None:
     """Explain why the publishers of a topic may deliver no markers.
 
     Parameters
@@ -38,10 +38,11 @@ def who_publishes(endpoints: Sequence[TopicEndpointInfo], reliability: str,
 
     Returns
     -------
-    str
+    str or None
+        None where there is no publisher.
     """
     if not endpoints:
-        return 'nothing publishes them (a remapping, ROS_DOMAIN_ID?)'
+        return None
     for endpoint in endpoints:
         name = full_name(endpoint) or 'a node not yet discovered'
         if endpoint.topic_type != message_type:

@@ -345,5 +345,5 @@ class TrackedHand:
             self._node.now(), f'{self._node.get_name()}: {self.hand.side} hand', self._topic,
             status))
 
-    def _who_publishes(self) -> str:
+    def _who_publishes(self) -> str | None:
         return self._node.who_publishes(self._topic)

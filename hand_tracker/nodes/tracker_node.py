@@ -267,7 +267,7 @@ class TrackerNode(SubscriptionHidingNode):
         for hand in self.hands:
             hand.publish_status(time.monotonic())
 
-    def who_publishes(self, topic: str) -> str:
+    def who_publishes(self, topic: str) -> str | None:
         """Return a line on the publishers of a topic of markers."""
         return who_publishes(
             self.get_publishers_info_by_topic(topic), self._reliability, self._kind.type)

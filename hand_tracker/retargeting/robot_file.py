@@ -17,7 +17,7 @@ import numpy as np
 import yaml
 
 from ..core.model.hand import JOINTS, SIDES
-from ..files.plain_yaml import parse_plain_yaml, read_yaml_text
+from ..files.plain_yaml import parse_plain_yaml, read_yaml_text, yaml_fault
 from ..package_data import share_directory
 from .dexretargeting_file import translated
 from .retarget_options import RetargetOptions
@@ -94,8 +94,8 @@ def load_robot(robot: str, urdf: str = '', side: str | None = None,
         settings, notes = translated(settings['retargeting'], str(path))
     given = urdf or str(settings.get('urdf', '')).replace('{side}', side or preferred_side)
     if not given:
-        raise InvalidRobot(f"{path}: no urdf: give the path of the robot's URDF (--urdf, or "
-                           'robot_description of the node)')
+        raise InvalidRobot(f"{path}: no urdf: give the path of the robot's URDF "
+                           '(--robot-description of a command, robot_description of the node)')
     if given.lstrip().startswith('<'):
         tree, place = read_urdf_tree(given, 'robot_description'), ''
     else:
@@ -116,8 +116,7 @@ def read_settings(path: Path) -> dict[str, Any]:
     try:
         tree = parse_plain_yaml(read_yaml_text(path))
     except (OSError, ValueError, yaml.YAMLError) as error:
-        reason = ' '.join(str(getattr(error, 'strerror', None) or error).split())
-        raise InvalidRobot(f'{path}: {reason}') from None
+        raise InvalidRobot(yaml_fault(path, error)) from None
     if not isinstance(tree, dict):
         raise InvalidRobot(f'{path}: expected a mapping with keys as {", ".join(ROBOT_FILE_KEYS)}')
     return tree

@@ -188,7 +188,7 @@ class Diagnostics:
         return now - self._last_status >= STATUS_GAP and (
             self._summary(now) != self._last_summary or not self._passed <= self._last_passed)
 
-    def status(self, now: float, publishers: Callable[[], str]) -> Status:
+    def status(self, now: float, publishers: Callable[[], str | None]) -> Status:
         """Return the status.
 
         Parameters
@@ -233,7 +233,7 @@ class Diagnostics:
         states = None if self._state is None else self._state.marker_states.tobytes()
         return self._input.situation(now), states
 
-    def _level(self, now: float, publishers: Callable[[], str],
+    def _level(self, now: float, publishers: Callable[[], str | None],
                worn: list[bool]) -> tuple[Level, str]:
         situation = self._input.situation(now)
         text = self._input.describe(now, situation, publishers)

@@ -25,6 +25,8 @@ from .setting_names import PARAMETER_NAMES, SettingNames
 from .side_check import side_fault
 
 SILENT_AFTER = 3.   # [s] without markers before that is said
+# [s] from the start in which nothing need publish markers yet: their source may still be starting.
+START_UP = 20.
 NEVER_SEEN_AFTER = 5.    # [s] of tracking before a marker that was never seen is named
 OFF_HAND_DISTANCE = .015    # [m] that the seen markers may be off the hand on average
 OFF_HAND_AFTER = 2.  # [s] before more than that is said
@@ -129,7 +131,8 @@ class InputMonitor:
                  names: SettingNames = PARAMETER_NAMES) -> None:
         self.labels, self.names = labels, names
         self._topic = topic
-        self._received = self._labelled = self._since = now
+        self._start = self._received = self._labelled = self._since = now
+        self._has_received = False
         self._palm: PalmState | None = None
         self._frame: MarkerFrame | None = None
         self._state: HandState | StateRun | None = None
@@ -158,7 +161,7 @@ class InputMonitor:
             On a clock that never jumps [s].
         frame : MarkerFrame
         """
-        self._received, self._frame = now, frame
+        self._received, self._frame, self._has_received = now, frame, True
         if frame.stamp is not None:
             self.received_alike(now, frame.stamp)
         for name in frame.foreign:
@@ -182,6 +185,7 @@ class InputMonitor:
             Of that one.
         """
         self._received = self._labelled = now
+        self._has_received = True
         time = None if seconds(stamp) is None else nanoseconds(stamp)
         self._standing = self._standing + 1 if time is not None and time == self._time else 0
         self._time = time
@@ -238,7 +242,8 @@ class InputMonitor:
         if self._once.allows(key):
             self._pending.append(text)
 
-    def report(self, now: float, publishers: Callable[[], str]) -> list[tuple[bool, str]]:
+    def report(self, now: float,
+               publishers: Callable[[], str | None]) -> list[tuple[bool, str]]:
         """Return the lines to log.
 
         Parameters
@@ -246,7 +251,8 @@ class InputMonitor:
         now : float
             On a clock that never jumps [s].
         publishers : callable
-            Returns a text on who publishes the markers; called when none come.
+            Returns a text on who publishes the markers, None where nothing does; called when
+            none come.
 
         Returns
         -------
@@ -258,11 +264,18 @@ class InputMonitor:
         self._judge_fit(FIT_AFTER)
         lines = [(True, text) for text in self._pending]
         self._pending = []
-        situation = self.situation(now)
+        situation, who = self.situation(now), None
+        if situation == 'silent' and situation != self._announced:
+            who = publishers()
+            if who is None and not self._has_received and now - self._start < START_UP:
+                situation = None
         if situation is not None and situation != self._announced and self._limiter.allows(now):
             is_tracked = situation is PalmState.TRACKED
+            # A source that has ended is no fault: a recording was played, say.
+            has_ended = situation == 'silent' and who is None and self._has_received
             again = ' again' if is_tracked and self._has_tracked else ''
-            lines.append((not is_tracked, self.describe(now, situation, publishers) + again))
+            lines.append((not is_tracked and not has_ended,
+                          self.describe(now, situation, lambda: who) + again))
             self._announced = situation
             self._has_tracked = self._has_tracked or is_tracked
         lines += [(is_warning, f'{text}: {self._expected(slots)}')
@@ -299,7 +312,7 @@ class InputMonitor:
         return self._palm
 
     def describe(self, now: float, situation: PalmState | str | None,
-                 publishers: Callable[[], str]) -> str:
+                 publishers: Callable[[], str | None]) -> str:
         """Describe a situation in words.
 
         Parameters
@@ -317,7 +330,11 @@ class InputMonitor:
         if situation is None:
             return f'no markers on {self._topic} yet'
         if situation == 'silent':
-            return f'no markers on {self._topic} for {now - self._received:.0f} s: {publishers()}'
+            why = publishers()
+            if why is None:
+                why = ('what published them has ended' if self._has_received else
+                       'nothing publishes them (a remapping, ROS_DOMAIN_ID?)')
+            return f'no markers on {self._topic} for {now - self._received:.0f} s: {why}'
         if situation == 'unlabelled':
             return (f'messages on {self._topic} have held no marker of the hand for '
                     f'{now - self._labelled:.0f} s: {self._others()}; '

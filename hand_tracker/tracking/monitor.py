@@ -178,12 +178,12 @@ class Monitor:
         """Log a warning once for each key."""
         self._input.warn_once(key, text)
 
-    def log_lines(self, now: float, publishers: Callable[[], str]) -> list[tuple[bool, str]]:
+    def log_lines(self, now: float, publishers: Callable[[], str | None]) -> list[tuple[bool, str]]:
         """Return the lines to log at `now` [s], see `InputMonitor.report`."""
         self._check_side_of_hand()
         return self._input.report(now, publishers)
 
-    def status(self, now: float, publishers: Callable[[], str]) -> Status:
+    def status(self, now: float, publishers: Callable[[], str | None]) -> Status:
         """Return the status for /diagnostics at `now` [s], see `Diagnostics.status`."""
         return self._diagnostics.status(now, publishers)
 

@@ -1,17 +1,11 @@
-"""Pictures: what is drawn is where the hand is, and the demo leaves what it promises."""
-
-import csv
-import os
-import re
-import subprocess
-import sys
+"""Pictures: what is drawn is where the hand is."""
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
-from benchmarks.repository import REPOSITORY
-from hand_tracker.core.model.hand import JOINTS, SIDES, Hand
+from hand_tracker.core.model.hand import SIDES, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
 from hand_tracker.core.model.marker_layout import MarkerLayout, marker_positions
 from hand_tracker.core.model.skeleton import (
@@ -28,9 +22,7 @@ from hand_tracker.drawing.animation import (
     save_animation,
     save_sheet,
 )
-from hand_tracker.drawing.images import save_gif
-from hand_tracker.files.bags import write_bag
-from hand_tracker.simulation.packaged_recordings import demo_recording, recording_messages
+from hand_tracker.drawing.images import evenly_spaced, save_gif
 
 
 def track(hand, frames=24):
@@ -117,57 +109,18 @@ def test_sheet_shows_poses_in_time(tmp_path):
             assert cell.mean() > .05
 
 
-def run_demo(*arguments):
-    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(
-        [str(REPOSITORY), os.environ.get('PYTHONPATH', '')])}
-    return subprocess.run(
-        [sys.executable, '-m', 'hand_tracker', 'demo', *map(str, arguments)],
-        capture_output=True, text=True, timeout=240., env=environment)
+def test_images_are_evenly_spaced_and_none_is_shown_twice():
+    assert evenly_spaced(24, 12).tolist() == list(range(1, 24, 2))
+    assert evenly_spaced(5, 12).tolist() == [0, 1, 2, 3, 4]
 
 
-@pytest.fixture
-def ros():
-    pytest.importorskip('rclpy', reason='needs ROS 2')
-    from helpers import ros_process  # noqa: F401  sets a domain of its own
-
-
-def test_demo_runs_its_nodes_and_leaves_pictures_and_a_table(ros, tmp_path):
-    recording = demo_recording()
-    short = recording._replace(stamps=recording.stamps[:120], markers=recording.markers[:120],
-                               angles=recording.angles[:120])
-    write_bag(tmp_path / 'short.mcap', recording_messages(short, 'right'))
-    done = run_demo('--recording', tmp_path / 'short.mcap', '--output', tmp_path / 'out',
-                    '--robot')
-    assert done.returncode == 0, done.stdout + done.stderr
-    # A busy machine may lose some frames.
-    assert 0 < int(re.search(r'(\d+) frames of markers in', done.stdout).group(1)) <= 120
-    for unit in ('Hz', 'latency p50', 'mm', 'markers seen 8 of 8'):
-        assert unit in done.stdout
-    with open(tmp_path / 'out' / 'angles.csv', newline='', encoding='utf-8') as file:
-        header, *rows = csv.reader(file)
-    assert header == ['time_s', *(f'right_{joint}_deg' for joint in JOINTS)]
-    times, *angles = np.array(rows, dtype=float).T
-    # A row has the markers of its frame too, which the listener may have lost.
-    assert 0 < len(times) <= int(re.search(r'(\d+) joint states', done.stdout).group(1))
-    since_last = 1e-9 * (short.stamps - short.stamps[-1])
-    frames = np.searchsorted(since_last, times - times[-1] - .5 / 120.)
-    # The recording's noise in an open hand: degrees at the PIP.
-    assert np.abs(np.transpose(angles) - np.degrees(short.angles[frames])).mean() < 3.
-    assert int(re.search(r'(\d+) commands', done.stdout).group(1)) > 0
-    for name in ('hand.gif', 'hand.png', 'robot.gif', 'robot.png'):
-        with Image.open(tmp_path / 'out' / name) as image:
-            image.verify()
-
-
-@pytest.mark.parametrize('arguments, message', [
-    (('--recording', 'absent.mcap'), 'absent.mcap'),
-    (('--recording', __file__), "that of no known format"),
-    (('--hand', 'absent.yaml'), 'absent.yaml'),
-    (('--robot', 'hal'), "robot: 'hal' is no file and no preset"),
-    (('--robot', '--side', 'both'), 'a robot follows one hand')])
-def test_demo_says_what_is_wrong_before_it_starts(ros, arguments, message, tmp_path):
-    done = run_demo(*arguments, '--output', tmp_path)
-    assert done.returncode == 1
-    assert message in done.stderr and 'Starting' not in done.stdout
-    assert 'Traceback' not in done.stderr
-    assert not list(tmp_path.iterdir())
+def test_sheet_of_frames_that_are_mostly_missing_shows_each_instant_once(tmp_path, monkeypatch):
+    shown = []
+    monkeypatch.setattr(Figure, 'text', lambda self, x, y, text, **options: shown.append(text))
+    motion = track(Hand.scaled())
+    # All that was answered are six frames at the start, and seven at the end.
+    rows = np.r_[:6, 17:24]
+    few = HandMotion(*(values[rows] for values in motion))
+    save_sheet(tmp_path / 'hand.png', few._replace(times=10. * few.times), Hand.scaled(), 'test')
+    times = [text for text in shown if text.endswith(' s')]
+    assert len(times) == len(set(times)) == 12

@@ -278,17 +278,26 @@ def test_mistakes_are_named_with_file_field_and_what_is_allowed(write, text, mes
 
 
 @pytest.mark.parametrize('text, message', [
-    ('side: right\nlength_mm: [1, 2\nbreadth_mm: 3', ":3:11: expected ',' or ']', but got ':'"),
-    ('side: right\n\tlength_mm: 180', ':2:1: '),
+    ('side: right\nlength_mm: [1, 2\nbreadth_mm: 3',
+     ':2:12: a list in [ ] that is not closed, or lacks a comma; expected YAML'),
+    ('side: right\n\tlength_mm: 180', ':2:1: a tab; expected spaces'),
+    ('side: right\nfinger_mcp_mm:\n  index: [80, ',
+     ':3:15: a list in [ ] or a mapping in { } that is not closed (the file ends there, perhaps '
+     'cut off); expected YAML, as in config/hand.yaml'),
+    ('side: right\nlength_m', ":2:1: a key without ':' and a value (the file ends there"),
+    ('length_mm: 180\nlength\nside: left', ":2:1: a key without ':' and a value; expected"),
+    ('side: "right\nlength_mm: 180', ':1:7: a text in quotes that is not closed'),
+    ('thumb:\n    roll_deg: 1\n  cmc_mm: [1, 2, 3]', ':3:3: another indentation than'),
+    ('side: \0', ': no YAML text: character 0x0; expected text in UTF-8'),
     ('length_mm: 180\nside: left\nlength_mm: 190', ":3:1: key 'length_mm' stands twice"),
     ('thumb:\n  cmc_mm: [1, 2, 3]\n  cmc_mm: [1, 2, 3]', ":3:3: key 'cmc_mm' stands twice"),
-    ('? [1]\n: 2', ':1:3: found unhashable key'),
+    ('? [1]\n: 2', ':1:3: a list or a mapping as a key'),
     ('thumb: &a {}\nlimits: *a', ":2:9: alias '*a', which is not read"),
     ('side: ' + '[' * 50, ':1:56: nested more than 50 deep'),
     ('length_mm: 0x' + 'f' * 4000, ':1:12: an integer of more than 64 bits'),
     ('side: 2001-99-99', ': no YAML text: month must be in 1..12'),
     ('side: ' + ' ' * 2**20, ': no YAML text: more than 1048576 characters'),
-    ('side: !!python/name:os.system', ':1:7: could not determine a constructor'),
+    ('side: !!python/name:os.system', ':1:7: a tag, which is not read'),
 ])
 def test_wrong_yaml_gives_file_line_and_column(write, text, message):
     path = write(text)

@@ -83,3 +83,16 @@ def test_offsets_are_in_millimetres(tmp_path):
     save_layout(tmp_path / 'a.yaml', preset_layout('tips5_palm3'))
     assert '11.0' in (tmp_path / 'a.yaml').read_text(encoding='utf-8')
     assert np.abs(preset_layout('tips5_palm3').offsets).max() == pytest.approx(.011)
+
+
+def test_a_cut_file_is_told_by_its_line(tmp_path):
+    save_layout(tmp_path / 'layout.yaml', preset_layout('kyutech23'))
+    text = (tmp_path / 'layout.yaml').read_text(encoding='utf-8')
+    cut = text[:text.index('offset_mm', len(text) // 2) + len('offset_mm: [-3')]
+    path = written(tmp_path / 'cut.yaml', cut)
+    with pytest.raises(InvalidHandFile) as refused:
+        load_layout(path)
+    line = len(cut.splitlines())
+    assert str(refused.value).startswith(f'{path}:{line}:')
+    assert 'the file ends there' in str(refused.value)
+    assert str(refused.value).endswith('expected YAML, as in docs/layouts.md')

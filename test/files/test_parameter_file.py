@@ -43,9 +43,9 @@ def test_the_last_value_counts(parameters):
     ('/*: {ros__parameters: {side: left}}', 'for /\\*; expected'),
     ('{/**: {ros__parameters: {}}, hand_tracker: {ros__parameters: {side: left}}}',
      'for /\\*\\*, hand_tracker, of which none names the node /left/hand_tracker'),
-    ('a: b: c', 'mapping values are not allowed')])
+    ('a: b: c', "a second ':' in an entry")])
 def test_what_would_be_left_out_is_refused(parameters, text, said):
-    with pytest.raises(InvalidParameterFile, match=f'mine.yaml: {said}'):
+    with pytest.raises(InvalidParameterFile, match=f'mine.yaml(:1:5)?: {said}'):
         parameters(text)
 
 

@@ -1,0 +1,159 @@
+"""The demo: it says at once what is wrong, and leaves what it promises."""
+
+import csv
+import os
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from helpers.robots import wide_hand
+from PIL import Image
+
+from benchmarks.repository import REPOSITORY
+from hand_tracker.cli.recording_options import WornHand
+from hand_tracker.core.model.hand import JOINTS, Hand
+from hand_tracker.core.model.marker_layout import MarkerLayout
+from hand_tracker.files.bags import write_bag
+from hand_tracker.files.urdf_file import urdf
+from hand_tracker.messages.labels import LabelMap
+from hand_tracker.package_data import packaged_recording
+from hand_tracker.retargeting.robot_file import load_robot
+from hand_tracker.simulation.packaged_recordings import demo_recording, recording_messages
+
+OTHER_SIDE_FAULT = 'the fingers bend away from the palm of a right hand'
+
+
+def environment():
+    return {**os.environ, 'PYTHONPATH': os.pathsep.join(
+        [str(REPOSITORY), os.environ.get('PYTHONPATH', '')])}
+
+
+def run_demo(*arguments):
+    return subprocess.run(
+        [sys.executable, '-m', 'hand_tracker', 'demo', *map(str, arguments)],
+        capture_output=True, text=True, timeout=240., env=environment())
+
+
+@pytest.fixture
+def ros():
+    pytest.importorskip('rclpy', reason='needs ROS 2')
+    from helpers import ros_process  # noqa: F401  sets a domain of its own
+
+
+def test_demo_runs_its_nodes_and_leaves_pictures_and_a_table(ros, tmp_path):
+    recording = demo_recording()
+    short = recording._replace(stamps=recording.stamps[:120], markers=recording.markers[:120],
+                               angles=recording.angles[:120])
+    write_bag(tmp_path / 'short.mcap', recording_messages(short, 'right'))
+    done = run_demo('--recording', tmp_path / 'short.mcap', '--output', tmp_path / 'out',
+                    '--robot')
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert int(re.search(r'(\d+) frames of markers played', done.stdout).group(1)) == 120
+    for unit in ('Hz', 'latency p50', 'mm', 'markers seen 8 of 8'):
+        assert unit in done.stdout
+    with open(tmp_path / 'out' / 'angles.csv', newline='', encoding='utf-8') as file:
+        header, *rows = csv.reader(file)
+    assert header == ['time_s', *(f'right_{joint}_deg' for joint in JOINTS)]
+    times, *angles = np.array(rows, dtype=float).T
+    # A row has the markers of its frame too, which the listener may have lost.
+    assert 0 < len(times) <= int(re.search(r'(\d+) joint states', done.stdout).group(1))
+    since_last = 1e-9 * (short.stamps - short.stamps[-1])
+    frames = np.searchsorted(since_last, times - times[-1] - .5 / 120.)
+    # The recording's noise in an open hand: degrees at the PIP.
+    assert np.abs(np.transpose(angles) - np.degrees(short.angles[frames])).mean() < 3.
+    assert int(re.search(r'(\d+) commands', done.stdout).group(1)) > 0
+    for name in ('hand.gif', 'hand.png', 'robot.gif', 'robot.png'):
+        with Image.open(tmp_path / 'out' / name) as image:
+            image.verify()
+
+
+@pytest.mark.parametrize('arguments, message', [
+    (('--recording', 'absent.mcap'), 'absent.mcap'),
+    (('--recording', __file__), "that of no known format"),
+    (('--hand', 'absent.yaml'), 'absent.yaml'),
+    (('--robot', 'hal'), "robot: 'hal' is no file and no preset"),
+    (('--robot', '--side', 'both'), 'a robot follows one hand'),
+    (('--robot', 'allegro'), 'no urdf: give the path of the robot\'s URDF (--robot-description'),
+    (('--recording', packaged_recording('left')), OTHER_SIDE_FAULT),
+    (('--recording', packaged_recording('both'), '--side', 'both', '--limits', 'bent'),
+     "invalid choice: 'bent'")])
+def test_demo_says_what_is_wrong_before_it_starts(ros, arguments, message, tmp_path):
+    done = run_demo(*arguments, '--output', tmp_path)
+    assert done.returncode in (1, 2)
+    assert message in done.stderr and 'Starting' not in done.stdout
+    assert 'Traceback' not in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_demo_refuses_a_robot_of_the_other_side_before_it_starts(ros, tmp_path):
+    (tmp_path / 'left.urdf').write_text(urdf(wide_hand('left')))
+    done = run_demo('--robot', tmp_path / 'left.urdf', '--output', tmp_path / 'out')
+    assert done.returncode == 1 and 'Starting' not in done.stdout
+    assert "the robot's hand is a left one" in done.stderr and '--side left' in done.stderr
+    assert not (tmp_path / 'out').exists()
+
+
+def test_demo_ends_with_the_error_of_track_where_the_side_is_wrong(ros, tmp_path):
+    done = run_demo('--side', 'left', '--recording', packaged_recording(), '--output', tmp_path)
+    tracked = subprocess.run(
+        [sys.executable, '-m', 'hand_tracker', 'track', packaged_recording(), '--side', 'left',
+         '-o', tmp_path / 'angles.csv'], capture_output=True, text=True, env=environment())
+    assert done.returncode == tracked.returncode == 1
+    assert done.stderr.splitlines()[-1].replace('demo: ', 'track: ') == \
+        tracked.stderr.splitlines()[-1]
+
+
+@pytest.fixture
+def node(ros):
+    import rclpy
+
+    rclpy.init()
+    yield rclpy.create_node('demo_test')
+    rclpy.shutdown()
+
+
+def test_frames_that_were_not_answered_are_counted_from_the_first_answer_on(node):
+    from hand_tracker.cli.demo_listener import Listener
+
+    listener = Listener(node, [WornHand(Hand.scaled(), MarkerLayout(), LabelMap())])
+    recording = demo_recording()
+    short = recording._replace(stamps=recording.stamps[:10] - recording.stamps[0] + 10**9,
+                               markers=recording.markers[:10], angles=recording.angles[:10])
+    answered = {int(short.stamps[row]) for row in (2, 3, 7)}
+    for message in recording_messages(short, 'right'):
+        if message.topic == '/markers':
+            listener._on_markers(message.data)
+        elif message.time in answered:
+            listener._on_angles(message.data)
+    assert listener.counts == (10, 3)
+    assert listener.left_out() == (5, 8)
+    (received,) = (hand.received_frames() for hand in listener.hands)
+    assert set(received.stamps.tolist()) == answered
+    np.testing.assert_allclose(received.angles, short.angles[[2, 3, 7]])
+
+
+def test_the_robot_is_drawn_as_it_was_commanded_for_the_frame_beside_it(
+        node, tmp_path, monkeypatch):
+    from sensor_msgs.msg import JointState
+
+    from hand_tracker.cli import demo_robot
+
+    drawn = []
+    monkeypatch.setattr(demo_robot, 'save_robot_animation', lambda *arguments: None)
+    monkeypatch.setattr(demo_robot, 'save_robot_picture',
+                        lambda path, name, poses: drawn.extend(poses))
+    monkeypatch.setattr(demo_robot, 'robot_pose', lambda title, landmarks, robot, command: (
+        title, float(command[0])))
+    stamps = np.arange(10**9, 2 * 10**9, 10**8)
+    robot = demo_robot.DrivenRobot(node, load_robot('plain'))
+    variables = robot.loaded.hand.model.variables
+    # Late, and in another order: neither is of importance, but for the frame that is answered.
+    for row in reversed(range(2, len(stamps))):
+        message = JointState(name=list(variables), position=[.1 * row] * len(variables))
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(
+            int(stamps[row]), 10**9)
+        robot._on_command(message)
+    robot.save(tmp_path, Hand.scaled(), stamps, np.zeros((len(stamps), len(JOINTS))))
+    assert drawn == [(f'{.1 * row:.1f} s', pytest.approx(.1 * row)) for row in (2, 4, 5, 6, 8, 9)]
