@@ -18,7 +18,7 @@ from ..calibration.landmarks import landmark_positions
 from ..core.errors import HandTrackerError
 from ..core.model.hand import Hand
 from ..core.model.kinematics import forward, joint_table
-from ..drawing.images import evenly_spaced
+from ..drawing.images import spread_rows
 from ..drawing.robot_picture import RobotPose, save_robot_animation, save_robot_picture
 from ..messages.stamps import nanoseconds
 from ..retargeting.robot_file import LoadedRobot
@@ -112,6 +112,6 @@ class DrivenRobot:
             output / 'robot.gif', robot.name,
             [pose(row) for row in rows[np.searchsorted(answered, times)]], ROBOT_GIF_RATE)
         save_robot_picture(output / 'robot.png', robot.name,
-                           [pose(rows[i]) for i in evenly_spaced(len(rows), DRAWN_POSES)])
+                           [pose(rows[i]) for i in spread_rows(len(rows), DRAWN_POSES)])
         print(f'  {output / "robot.gif"}, {output / "robot.png"}: {robot.name} beside the hand, '
               f'{len(self.commands)} commands')

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from ..core.model.hand import DIGITS, Hand
 from ..core.model.skeleton import DIGIT_CHAINS, PALM_BONES, SKELETON_BONES, bone_radii
-from .images import evenly_spaced, figure_image, save_gif
+from .images import spread_rows, figure_image, save_gif
 from .palette import DIGIT_COLOURS, INK, VERMILLION, rgb
 from .render import view_axes
 
@@ -179,7 +179,7 @@ def save_sheet(path: str | PathLike[str], motion: HandMotion, hand: Hand,
         figsize=(width * SHEET_COLUMNS, height * SHEET_ROWS + TITLE_BAR_HEIGHT), dpi=120)
     sheet_width, sheet_height = figure.get_size_inches()
     # Among the frames, not in time: where many are missing, an instant would be there twice.
-    frames = evenly_spaced(len(motion.times), SHEET_ROWS * SHEET_COLUMNS)
+    frames = spread_rows(len(motion.times), SHEET_ROWS * SHEET_COLUMNS)
     for pose, frame in enumerate(frames):
         row, column = divmod(pose, SHEET_COLUMNS)
         bottom = height * (SHEET_ROWS - 1 - row)

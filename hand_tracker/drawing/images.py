@@ -13,7 +13,7 @@ PIXELS_PER_INCH = 100
 PALETTE_FRAMES = 5  # frames, evenly spaced in time, from which the palette is computed
 
 
-def evenly_spaced(count: int, shown: int) -> np.ndarray:
+def spread_rows(count: int, shown: int) -> np.ndarray:
     """Return which of `count` images to show: the middles of equal parts, none of them twice."""
     return np.unique(((np.arange(shown) + .5) / shown * count).astype(int))
 

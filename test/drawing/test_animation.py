@@ -22,7 +22,7 @@ from hand_tracker.drawing.animation import (
     save_animation,
     save_sheet,
 )
-from hand_tracker.drawing.images import evenly_spaced, save_gif
+from hand_tracker.drawing.images import spread_rows, save_gif
 
 
 def track(hand, frames=24):
@@ -109,9 +109,9 @@ def test_sheet_shows_poses_in_time(tmp_path):
             assert cell.mean() > .05
 
 
-def test_images_are_evenly_spaced_and_none_is_shown_twice():
-    assert evenly_spaced(24, 12).tolist() == list(range(1, 24, 2))
-    assert evenly_spaced(5, 12).tolist() == [0, 1, 2, 3, 4]
+def test_images_are_spread_rows_and_none_is_shown_twice():
+    assert spread_rows(24, 12).tolist() == list(range(1, 24, 2))
+    assert spread_rows(5, 12).tolist() == [0, 1, 2, 3, 4]
 
 
 def test_sheet_of_frames_that_are_mostly_missing_shows_each_instant_once(tmp_path, monkeypatch):

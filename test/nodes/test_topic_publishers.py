@@ -18,7 +18,6 @@ def endpoint(kind='visualization_msgs/msg/MarkerArray', reliability='RELIABLE',
 
 
 @pytest.mark.parametrize('endpoints, reliability, said', [
-    ([], 'reliable', 'nothing publishes them'),
     ([endpoint('geometry_msgs/msg/PoseArray')], 'reliable', '/driver publishes geometry_msgs'),
     ([endpoint(reliability='BEST_EFFORT')], 'reliable', 'qos.markers.reliability'),
     ([endpoint(reliability='BEST_EFFORT')], 'best_effort', 'sends nothing'),
@@ -26,6 +25,10 @@ def endpoint(kind='visualization_msgs/msg/MarkerArray', reliability='RELIABLE',
     ([endpoint()], 'reliable', 'sends nothing that arrives; is it paused?')])
 def test_says_why_nothing_may_come(endpoints, reliability, said):
     assert said in who_publishes(endpoints, reliability)
+
+
+def test_there_may_be_no_publisher():
+    assert who_publishes([], 'reliable') is None
 
 
 def test_a_node_that_discovery_has_not_brought_has_no_name():

@@ -1,12 +1,14 @@
 """`hand_tracker robot inspect`: what it prints, writes and draws."""
 
 import numpy as np
+import pytest
 from helpers.robots import GRIPPER, wide_hand
 from PIL import Image
 
 from hand_tracker.cli import robot
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.retargeting.robot_file import load_robot
+from hand_tracker.viewer import serve
 
 
 def test_inspecting_prints_writes_and_draws(tmp_path, capsys):
@@ -16,6 +18,10 @@ def test_inspecting_prints_writes_and_draws(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert 'left hand of 5 digits' in printed and "thumb: tip 'thumb_tip'" in printed
     assert load_robot(str(tmp_path / 'hand.yaml')).hand.side == 'left'
+    assert f'{tmp_path / "hand.yaml"}: the robot file written' in printed
+    assert f'{tmp_path / "hand.png"}: the robot beside a human hand' in printed
+    assert f'hand_tracker robot view {tmp_path / "hand.yaml"} --side left' in printed
+    assert f'robot:={tmp_path / "hand.yaml"} side:=left' in printed
     picture = np.asarray(Image.open(tmp_path / 'hand.png').convert('RGB'))
     # Every digit's colour is in both rows of hands, person and robot.
     for colour in ((86, 180, 233), (0, 114, 178), (0, 158, 115), (204, 121, 167), (230, 159, 0)):
@@ -37,3 +43,19 @@ def test_what_cannot_be_read_is_one_line(tmp_path, capsys):
     assert robot.main(['inspect', str(tmp_path / 'none.urdf')]) == 1
     error = capsys.readouterr().err
     assert error.count('\n') == 1 and 'none.urdf: No such file' in error
+
+
+@pytest.mark.parametrize('arguments, said', [
+    (['none.urdf'], 'none.urdf: No such file'),
+    (['allegro'], '--robot-description'),
+    (['plain', '--robot-description', 'none.urdf'], 'none.urdf: No such file'),
+    (['{left}'], '--side left')])
+def test_a_robot_that_cannot_be_shown_is_refused_before_the_page_is_there(
+        arguments, said, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(serve, 'Viewer', None)
+    left = tmp_path / 'left.urdf'
+    left.write_text(urdf(wide_hand('left')))
+    assert robot.main(['view', *(word.format(left=left) for word in arguments)]) == 1
+    output = capsys.readouterr()
+    assert said in output.err and output.err.count('\n') == 1
+    assert 'http' not in output.out

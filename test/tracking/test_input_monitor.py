@@ -20,6 +20,7 @@ from hand_tracker.tracking.input_monitor import (
     OFF_HAND_AFTER,
     SILENT_AFTER,
     STANDING_STAMPS,
+    START_UP,
     InputMonitor,
 )
 from hand_tracker.tracking.marker_events import RECOVERED_AFTER
@@ -215,6 +216,28 @@ def test_says_when_nothing_comes_and_when_it_comes_again():
     assert 'for 10 s' in line
     hand.feed(81.)
     assert hand.said(81.) == ['tracking again']
+
+
+def test_nothing_need_publish_while_a_source_may_still_start():
+    hand = Input()
+    assert hand.watch.report(START_UP - .1, lambda: None) == []
+    (warning, line), = hand.watch.report(START_UP, lambda: None)
+    assert warning and line == ('no markers on /markers for 20 s: nothing publishes them '
+                                '(a remapping, ROS_DOMAIN_ID?)')
+    # A publisher that sends nothing is no source that starts.
+    hand = Input()
+    (warning, line), = hand.watch.report(SILENT_AFTER + .1, lambda: 'is it paused?')
+    assert warning and line.endswith('is it paused?')
+
+
+def test_the_end_of_a_source_is_said_once_and_is_no_warning():
+    hand = Input()
+    hand.feed(.1)
+    assert hand.said(.1) == ['tracking']
+    assert hand.watch.report(SILENT_AFTER, lambda: None) == []
+    assert hand.watch.report(SILENT_AFTER + .2, lambda: None) == [
+        (False, 'no markers on /markers for 3 s: what published them has ended')]
+    assert hand.watch.report(60., lambda: None) == []
 
 
 def test_says_when_no_label_matches():
