@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model.hand import DIGITS
+from ..core.model.marker_layout import MARKERS
 from .arrow_solver import fit_angles
 from .digit_chain import (
     BONE_PART,
@@ -40,7 +41,8 @@ class FittedParameter(NamedTuple):
 
     Attributes
     ----------
-    digit, name : str
+    digit, name, kind : str
+        `kind` is that of several names.
     value, deviation, before : float
         Value, its standard deviation, and that before the take, in the unit.
     unit : {'mm', 'degrees', ''}
@@ -52,6 +54,7 @@ class FittedParameter(NamedTuple):
 
     digit: str
     name: str
+    kind: str
     value: float
     deviation: float
     before: float
@@ -89,25 +92,32 @@ class FitReport(NamedTuple):
     parameters: list[FittedParameter]
 
     def lines(self) -> list[str]:
-        """Return the report as lines of text."""
+        """Return the report as lines of text, without the single parameters."""
         found = ['marker          distance from its place on the fitted hand, mm',
                  '                fitted  not fitted']
         for residual in self.residuals:
             found.append(f'{residual.marker:16s}{_millimetres(residual.fitted):>6s}'
                          f'{_millimetres(residual.held_out):>12s}')
-        found += ['', f'{"parameter":44s}{"value":>8s}{"sd":>7s}{"before":>7s}']
+        unobserved = self.unobserved()
+        return found + ['', *unobserved] if unobserved else found
+
+    def table(self) -> list[str]:
+        """Return the parameters as lines of text."""
+        found = [f'{"parameter":44s}{"value":>8s}{"sd":>7s}{"before":>7s}']
         for one in self.parameters:
             scale = f'{one.value:8.2f}{one.deviation:7.2f}{one.before:7.2f} {one.unit}'
             found.append(f'{one.digit + " " + one.name:44s}{scale:32s}'
                          f'{"" if one.observed else "not observed"}'.rstrip())
-        return found + [''] + self.unobserved()
+        return found
 
     def verdict(self) -> str:
         """Return the verdict: fit to the frames left out, and share of parameters observed."""
         judged = [one.held_out for one in self.residuals if np.isfinite(one.held_out)]
         observed = sum(one.observed for one in self.parameters)
-        share = (f'{observed} of {len(self.parameters)} parameters are known by the takes, the '
-                 'others are as on other hands')
+        usual = ('as expected with eight markers: ' if len(self.residuals) <= len(MARKERS)
+                 and observed < len(self.parameters) else '')
+        share = (f'{usual}{observed} of {len(self.parameters)} parameters are known by the takes, '
+                 'the others are as on other hands of this size')
         if not judged:
             return f'the takes are too short to judge the fit; {share}'
         miss = float(np.mean(judged))
@@ -117,13 +127,19 @@ class FitReport(NamedTuple):
                 f'in the mean{cure}; {share}')
 
     def unobserved(self) -> list[str]:
-        """Return the unobserved parameters, in words, with the movements to observe them."""
-        advised: dict[tuple[str, str], list[str]] = {}
+        """Return what the takes do not show, by kind and digit, and what would show it."""
+        kinds: dict[tuple[str, str], list[str]] = {}   # by advice and digit
         for one in self.parameters:
             if not one.observed:
-                advised.setdefault((one.digit, one.advice), []).append(one.name)
-        return [f'{digit} {", ".join(names)}: not observed, as on other hands; {advice}'
-                for (digit, advice), names in advised.items()]
+                of_digit = kinds.setdefault((one.advice, one.digit), [])
+                if one.kind not in of_digit:
+                    of_digit.append(one.kind)
+        digits: dict[tuple[str, str], list[str]] = {}  # by advice and kinds
+        for (advice, digit), names in kinds.items():
+            digits.setdefault((advice, ', '.join(names)), []).append(digit)
+        return ['as on other hands, wholly or in part, and what would show it:', *(
+            f'  {", ".join(who)}: {what}; {advice}'
+            for (advice, what), who in digits.items())] if digits else []
 
 
 def report_fit(fit: MarkerFit, gathered: Gathered, rate: float,
@@ -194,33 +210,35 @@ def _parameters(digit: int, fit: DigitFit, gathered: Gathered,
     kind = 'thumb' if name == 'thumb' else 'finger'
     markers = [gathered.markers[i] for i in gathered.of(digit)]
     alone = ('move the thumb to every finger and in circles' if kind == 'thumb' else
-             f'bend the {name} finger alone, in its knuckle and in its middle joint')
+             'bend each finger alone, in its knuckle and in its middle joint')
     worn_only = len(markers) == 1
     more = f'{alone}, with more markers on it' if worn_only else alone
     spread = ('circle with the thumb' if kind == 'thumb'
-              else f'spread the {name} finger while it is straight and while it is bent')
+              else 'spread the fingers while they are straight and while they are bent')
     has_tip = any(marker.link == 2 for marker in markers)
-    tip = more if has_tip else 'it needs a marker at the tip, or a ruler'
+    tip = more if has_tip else 'this needs a marker at the tip, or a ruler'
     root = 'CMC' if kind == 'thumb' else 'MCP'
     axes = 'ahead', 'to the thumb\'s side', 'dorsal'
     knuckle = palm.places.get(f'{name}_{root.lower()}')
-    entries: list[tuple[int, str, str, str]] = [
+    entries: list[tuple[int, str, str, str, str]] = [
         (ROOT_PART.start + k, f'{root} {axis} of ' + (
-            'the wrist' if knuckle is None else 'its marker'), METRES, more)
+            'the wrist' if knuckle is None else 'its marker'), f'place of the {root}', METRES, more)
         for k, axis in enumerate(axes)]
-    entries += [(LEAN_PART.start + k, f'abduction axis leaning {axis}', RADIANS, spread)
-                for k, axis in enumerate(('ahead', 'aside'))]
-    entries += [(BONE_PART.start + k, bone, METRES, tip if k == 2 else more)
-                for k, bone in enumerate(BONE_NAMES[kind])]
+    entries += [(LEAN_PART.start + k, f'abduction axis leaning {axis}', 'lean of the abduction '
+                 'axis', RADIANS, spread) for k, axis in enumerate(('ahead', 'aside'))]
+    entries += [(BONE_PART.start + k, bone, 'last bone' if k == 2 else 'bones', METRES,
+                 tip if k == 2 else more) for k, bone in enumerate(BONE_NAMES[kind])]
     last = 'IP' if kind == 'thumb' else 'DIP'
-    entries += [(COUPLING_PART.start, f'{last} coupling slope', PLAIN_NUMBER, tip),
-                (COUPLING_PART.start + 1, f'{last} coupling offset', RADIANS, tip)]
+    coupling = f'coupling of the {last}'
+    entries += [(COUPLING_PART.start, f'{last} coupling slope', coupling, PLAIN_NUMBER, tip),
+                (COUPLING_PART.start + 1, f'{last} coupling offset', coupling, RADIANS, tip)]
     for i, marker in enumerate(markers):
         place = marker.name.removeprefix(f'{name}_').upper().replace('TIP', 'tip')
-        entries += [(FIRST_OFFSET + 3 * i + k, f'{place} offset {axis}', METRES, more)
+        entries += [(FIRST_OFFSET + 3 * i + k, f'{place} offset {axis}', 'offset of the marker'
+                     if worn_only else 'offsets of markers', METRES, more)
                     for k, axis in enumerate(AXIS_NAMES)]
     found = []
-    for row, label, unit, advice in entries:
+    for row, label, what, unit, advice in entries:
         factor = {METRES: 1e3, RADIANS: 180. / np.pi, PLAIN_NUMBER: 1.}[unit]
         deviation, before = fit.deviations[row], fit.problem.prior.spread[row]
         if row < ROOT_PART.stop and knuckle is None:
@@ -230,7 +248,7 @@ def _parameters(digit: int, fit: DigitFit, gathered: Gathered,
         if row < ROOT_PART.stop and knuckle is not None:
             value = value - knuckle[row]
         found.append(FittedParameter(
-            name, label, float(factor * value), float(factor * deviation),
+            name, label, what, float(factor * value), float(factor * deviation),
             float(factor * before), unit, bool(
                 deviation <= OBSERVED_SHARE * before
                 and (unit != METRES or deviation <= OBSERVED_DEVIATION)), advice))
@@ -243,7 +261,7 @@ def _flexion_parameters(digit: int, line: FlexionLine | None) -> list[FittedPara
         return []
     names = 'MCP beside CMC' if DIGITS[digit] == 'thumb' else 'PIP beside MCP'
     return [FittedParameter(
-        DIGITS[digit], f'{names}, {name}', float(factor * value), float(factor * deviation),
+        DIGITS[digit], f'{names}, {name}', names, float(factor * value), float(factor * deviation),
         float(factor * before), unit, bool(deviation <= OBSERVED_SHARE * before),
         'move it as you do at work') for name, unit, factor, value, deviation, before in zip(
             ('slope', 'offset'), (PLAIN_NUMBER, RADIANS), (1., 180. / np.pi), line.row,

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from ..core.model.hand import DIGITS, Hand
 from ..core.model.skeleton import DIGIT_CHAINS, PALM_BONES, SKELETON_BONES, bone_radii
-from .images import spread_rows, figure_image, save_gif
+from .images import figure_image, save_gif, spread_rows
 from .palette import DIGIT_COLOURS, INK, VERMILLION, rgb
 from .render import view_axes
 

@@ -39,6 +39,7 @@ def test_hand_file_and_picture_are_written(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert '# Fitted to take:' in text and 'not observed' in text
     assert 'little_tip' in printed and 'motion in the take' in printed
+    assert printed.startswith('the hand fits ') and 'not observed' not in printed
 
 
 def test_a_recording_of_the_worn_markers(tmp_path):

@@ -22,7 +22,7 @@ from hand_tracker.drawing.animation import (
     save_animation,
     save_sheet,
 )
-from hand_tracker.drawing.images import spread_rows, save_gif
+from hand_tracker.drawing.images import save_gif, spread_rows
 
 
 def track(hand, frames=24):
