@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..files.point_recording import RecordingError
-from ..files.recordings import FORMATS, write_recording
+from ..files.recordings import FORMATS, WRITTEN_SUFFIXES, write_recording
 from ..parallel import Interruptions
 from ..progress import Progress
 from ..tracking.opened_recording import recorded_points
@@ -26,6 +26,9 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
     """Convert the recording of a command line; return the closing line."""
     output = options.output
     refuse_to_replace(options.recording, output)
+    if not options.format and output.suffix not in (*WRITTEN_SUFFIXES, *SKELETON_KINDS):
+        raise RecordingError(f'{output}: unknown extension {output.suffix!r}; expected '
+                             f'{", ".join((*WRITTEN_SUFFIXES, *SKELETON_KINDS))}, or --format')
     if output.suffix in SKELETON_KINDS and not options.format:
         # A skeleton is what the tracker finds in the points.
         return str(track_file(options, interrupted, progress))

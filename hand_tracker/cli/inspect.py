@@ -13,6 +13,7 @@ import numpy as np
 
 from ..calibration.hand_markers import UnknownMarkers, choose_markers
 from ..calibration.known_layouts import LikelyLayout, complete_layout, likely_layouts
+from ..calibration.take_checks import LEAST_DURATION
 from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES
 from ..core.model.layout_presets import PAPER_LAYOUT
@@ -22,6 +23,7 @@ from ..tracking.opened_recording import recorded_points
 from .recording_options import add_reading_options, chosen_labels, reading_options
 
 UNKNOWN_LABEL = 'LABEL'  # in the command that is printed
+FITTED_HAND = 'my_hand.yaml'
 LISTED_LABELS = 40
 LISTED_LAYOUTS = 4
 
@@ -90,6 +92,26 @@ def next_command(path: Path, recording: PointRecording, options: argparse.Namesp
     return shlex.join(words)
 
 
+def calibration_command(command: str) -> str:
+    """Return the command that fits a hand file to what another one tracks with a layout.
+
+    Parameters
+    ----------
+    command : str
+        Of `next_command`.
+
+    Returns
+    -------
+    str
+        Empty where that has no layout.
+    """
+    words = shlex.split(command)
+    if '--layout' not in words:
+        return ''
+    words[1], words[words.index('-o') + 1] = 'calibrate', FITTED_HAND
+    return shlex.join(words)
+
+
 def _lines(path: Path, found: dict[str, Any], command: str) -> list[str]:
     rate = f'{found["rate_hz"]:g} Hz' if found['rate_hz'] else 'unknown rate'
     seconds = f', {found["frames"] / found["rate_hz"]:.1f} s' if found['rate_hz'] else ''
@@ -113,6 +135,10 @@ def _lines(path: Path, found: dict[str, Any], command: str) -> list[str]:
     if UNKNOWN_LABEL in command:
         return [*lines, f"next, if a hand's markers are among them, with their labels in place of "
                 f'{UNKNOWN_LABEL}: {command}']
+    is_take = found['rate_hz'] and found['frames'] >= LEAST_DURATION * found['rate_hz']
+    if is_take and (fitting := calibration_command(command)):
+        lines.append(f'first, for the lengths of this hand and where its markers are: {fitting} '
+                     f'(then --hand {FITTED_HAND} in place of --layout and --side)')
     return [*lines, f'next: {command}']
 
 

@@ -111,6 +111,8 @@ C3D, TRC, TSV, MOTIVE_CSV, VICON_CSV, BVH, NPZ = FORMATS = (
     FileFormat('npz', ('.npz',), lambda head: head.startswith(NPZ_START), read_npz, write_npz),
 )
 FILE_SUFFIXES = tuple(dict.fromkeys(suffix for one in FORMATS for suffix in one.suffixes))
+WRITTEN_SUFFIXES = (*sorted({suffix for one in FORMATS if one.write for suffix in one.suffixes}),
+                    *STORAGE)
 KNOWN_FORMATS = ('C3D, TRC, Qualisys TSV, OptiTrack CSV, Vicon CSV, BVH, npz, or a rosbag2 '
                  'recording (folder, .mcap, .db3)')
 
@@ -234,8 +236,7 @@ def write_recording(path: str | PathLike[str], recording: PointRecording,
         return
     form = form or _by_name(path)
     if form is None or form.write is None:
-        written = sorted({suffix for one in FORMATS if one.write for suffix in one.suffixes})
         raise RecordingError(f'{path}: points are not written as {path.suffix!r}; expected '
-                             f'{", ".join((*written, *STORAGE))}')
+                             f'{", ".join(WRITTEN_SUFFIXES)}')
     write_whole(path, lambda unfinished: form.write(unfinished, recording))  # type: ignore[misc]
 

@@ -343,7 +343,8 @@ class InputMonitor:
             return fault
         if situation == 'off':
             return (f'the markers are on average {1e3 * self._residual:.0f} mm off the hand, which '
-                    'is left out: wrong side, labels, layout or hand size?')
+                    'is left out: wrong side, labels, layout or hand size (a hand file says it: '
+                    f'{self.names.hand})?')
         if situation is PalmState.TRACKED:
             return 'tracking'
         if situation is PalmState.WAITING:

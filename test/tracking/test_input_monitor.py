@@ -113,7 +113,8 @@ def test_says_once_when_the_markers_stay_off_the_hand_and_again_when_not():
     assert first == [False, 'tracking']
     miss = 1e3 * np.mean(hand.tracker.update(off).residuals)
     assert second == [True, f'the markers are on average {miss:.0f} mm off the hand, '
-                      'which is left out: wrong side, labels, layout or hand size?']
+                      'which is left out: wrong side, labels, layout or hand size (a hand file '
+                      'says it: hand_file, hand:=)?']
     assert then == pytest.approx(OFF_HAND_AFTER)
     hand.feed(10.)
     assert hand.watch.report(10., str) == [(False, 'tracking again')]

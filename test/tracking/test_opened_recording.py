@@ -188,7 +188,7 @@ def test_convert_writes_what_is_read_again(tracked, tmp_path, output):
 
 def test_convert_refuses_what_it_cannot_write(tracked, tmp_path, capsys):
     assert main(['convert', str(tracked / 'take.c3d'), str(tmp_path / 'out.fbx')]) == 1
-    assert "points are not written as '.fbx'" in capsys.readouterr().err
+    assert "unknown extension '.fbx'; expected .c3d, .csv, .npz" in capsys.readouterr().err
     assert main(['convert', str(tracked / 'take.c3d'), str(tracked / 'take.c3d')]) == 1
     assert 'would replace the recording' in capsys.readouterr().err
 
@@ -236,15 +236,34 @@ def test_takes_and_captures_are_read_from_every_format(tracked, tmp_path):
     assert capture.side == 'right' and not capture.missing and len(capture.joints) == 720
 
 
+def vicon_recording(labels, frames):
+    """Return a left hand with Vicon's markers, 60 frames a second, and its pose."""
+    layout, hand = preset_layout('vicon_production5'), Hand.scaled(side='left')
+    pose = demo_motion(hand).sample(np.arange(frames) / 60.)
+    points = marker_positions(layout.mounting(hand), forward(joint_table(hand), *pose), *pose[1:])
+    return PointRecording('vicon', 'test', labels, points.astype(np.float32), 60., None,
+                          Axes('m', 'z')), pose
+
+
+@pytest.mark.parametrize('frames, is_take', [(360, True), (240, False)])
+def test_inspect_has_the_hand_of_another_layout_fitted_first(tmp_path, capsys, frames, is_take):
+    path = tmp_path / 'vicon.c3d'
+    labels = tuple(f'Anna:L{name}' for name in preset_layout('vicon_production5').names)
+    write_recording(path, vicon_recording(labels, frames)[0])
+    assert main(['inspect', str(path)]) == 0
+    output = capsys.readouterr().out
+    assert output.endswith(f'next: hand_tracker track {path} -o vicon_angles.csv --layout '
+                           'vicon_production5 --side left\n')
+    assert (f': hand_tracker calibrate {path} -o my_hand.yaml --layout vicon_production5 '
+            '--side left (then --hand my_hand.yaml' in output) == is_take
+
+
 def test_other_layouts_are_tracked_by_their_labels_or_their_shape(tmp_path, capsys):
     layout = preset_layout('vicon_production5')
-    hand = Hand.scaled(side='left')
-    pose = demo_motion(hand).sample(np.arange(60) / 60.)
-    points = marker_positions(layout.mounting(hand), forward(joint_table(hand), *pose), *pose[1:])
     labels = tuple(f'Anna:L{name}' for name in layout.names[:-1]) + ('nail',)
     path = tmp_path / 'vicon.c3d'
-    write_recording(path, PointRecording('vicon', 'test', labels, points.astype(np.float32), 60.,
-                                         None, Axes('m', 'z')))
+    recording, pose = vicon_recording(labels, 60)
+    write_recording(path, recording)
     command = ['track', str(path), '-o', str(tmp_path / 'angles.csv'), '--layout',
                'vicon_production5']
     assert main([*command, '--no-auto-size']) == 0
