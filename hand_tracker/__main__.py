@@ -38,7 +38,10 @@ def main(arguments: list[str] | None = None) -> int:
         # The viewer tracks seconds of a recording at a time, for which plain Python is too slow.
         if name in START_AT_ONCE and '--view' not in arguments:
             os.environ.setdefault('HAND_TRACKER_JIT', 'background')
-        return _import_interruptible(f'hand_tracker.cli.{name}').main(arguments[1:])
+        try:
+            return _import_interruptible(f'hand_tracker.cli.{name}').main(arguments[1:])
+        except KeyboardInterrupt:
+            return INTERRUPTED_EXIT_CODE
     usage = 'usage: hand_tracker COMMAND [--help] ...\n\n' + '\n'.join(
         f'  {command:9s} {what}' for command, what in COMMANDS.items())
     if name in ('-h', '--help'):

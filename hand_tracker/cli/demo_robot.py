@@ -22,7 +22,7 @@ from ..drawing.images import spread_rows
 from ..drawing.robot_picture import RobotPose, save_robot_animation, save_robot_picture
 from ..messages.stamps import nanoseconds
 from ..retargeting.robot_file import LoadedRobot
-from .robot import robot_pose
+from .robot_poses import robot_pose
 
 ROBOT_STATES_PERIOD = .02  # [s]
 ENGAGE_EVERY = .25         # [s]

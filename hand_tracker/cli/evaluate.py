@@ -1,5 +1,7 @@
 """Measure the tracker: each table and figure of the results from one command."""
 
+from __future__ import annotations
+
 import argparse
 import csv
 import json
@@ -8,18 +10,18 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..calibration.take_files import load_take
-from ..calibration.takes import MarkerTake
 from ..core.errors import HandTrackerError
-from ..core.model.marker_layout import MarkerLayout
 from ..evaluation import EVALUATIONS
-from ..evaluation.captures import Capture, load_captures
 from ..evaluation.evaluation_options import Options
-from ..evaluation.results import command_line, write_results
-from ..files.layout_file import choose_layout
-from ..tracking.compile_kernels import prepare_kernels
+from .recording_options import require_inputs
+
+# What reads files and tracks is imported where it is used, so that a wrong option is told at once.
+if TYPE_CHECKING:
+    from ..calibration.takes import MarkerTake
+    from ..core.model.marker_layout import MarkerLayout
+    from ..evaluation.captures import Capture
 
 SEEDS = 2**31 - 1  # at most: each motion has a seed of its own above it
 
@@ -153,6 +155,8 @@ class EvaluationInput(NamedTuple):
 def _takes(files: list[Path], by_layout: bool = False, layout: MarkerLayout | None = None
            ) -> tuple[dict[Path, MarkerTake], dict[Path, HandTrackerError]]:
     """Return the takes of files, and the faults of the others, by file."""
+    from ..calibration.take_files import load_take
+
     takes: dict[Path, MarkerTake] = {}
     faults: dict[Path, HandTrackerError] = {}
     for path in files:
@@ -167,6 +171,8 @@ def _evaluation_input(names: list[str], files: list[Path], fit: list[Path],
                       layout: MarkerLayout | None
                       ) -> tuple[EvaluationInput, list[HandTrackerError]]:
     """Return the loaded captures and takes, and the faults of files that are neither."""
+    from ..evaluation.captures import load_captures
+
     wants_takes = any('takes' in EVALUATIONS[name].judges for name in names)
     wants_layouts = any('layouts' in EVALUATIONS[name].judges for name in names)
     wants_captures = any('captures' in EVALUATIONS[name].judges for name in names)
@@ -198,6 +204,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser, chosen = _parse(arguments)
     names = _names(parser, chosen.name, chosen.files)
     try:
+        require_inputs(chosen)
+        from ..files.layout_file import choose_layout
+        from ..tracking.compile_kernels import prepare_kernels
+
         for folder in (chosen.output, *(file.parent for file in (chosen.json, chosen.results)
                                         if file)):
             if folder:
@@ -244,6 +254,8 @@ def _evaluate(parser: argparse.ArgumentParser, names: list[str], chosen: argpars
             write_csv(options.output / f'{name}.csv', found)
             module.pictures(found, options.output)
     if chosen.results and done:
+        from ..evaluation.results import command_line, write_results
+
         write_results(chosen.results, rows, done, options,
                       command_line(chosen.name, chosen.files, options, chosen.results,
                                    chosen.fit))

@@ -3,18 +3,9 @@
 import argparse
 from pathlib import Path
 
-import numpy as np
-
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH
-from ..files.bags import write_bag
 from ..package_data import PACKAGED_RECORDINGS
-from ..simulation.packaged_recordings import (
-    RECORDING_RATE,
-    both_hands_messages,
-    packaged_recordings,
-    recording_messages,
-)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -26,6 +17,17 @@ def main(arguments: list[str] | None = None) -> None:
                         help='file to write, .mcap or .db3 (default: the packaged one of the '
                         'side, below the current folder)')
     chosen = parser.parse_args(arguments)
+    # Here, so that a wrong option is told at once.
+    import numpy as np
+
+    from ..files.bags import write_bag
+    from ..simulation.packaged_recordings import (
+        RECORDING_RATE,
+        both_hands_messages,
+        packaged_recordings,
+        recording_messages,
+    )
+
     output = chosen.output or Path(PACKAGED_RECORDINGS[chosen.side])
     recordings = packaged_recordings(chosen.side)
     messages = (both_hands_messages(recordings) if chosen.side == BOTH

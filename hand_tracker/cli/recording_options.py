@@ -7,25 +7,30 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH, COUPLING_PRESETS, LIMIT_PRESETS, SIDES, Hand
 from ..core.model.layout_presets import LAYOUT_PRESETS
 from ..core.model.marker_layout import MARKERS, MarkerLayout
-from ..files.bags import BagError
-from ..files.hand_file import choose_hand
 from ..files.point_recording import HANDEDNESS, UNIT_SPELLINGS, UP_AXES
-from ..files.recordings import ReadingOptions, is_bag
-from ..messages.labels import InvalidLabel, LabelMap, default_labels, label_maps
-from ..parallel import Interruptions, raise_on_interruption
-from ..tracking.opened_recording import (
-    MarkerChoice,
-    PointBag,
-    named_labels,
+from ..messages.labels import (
+    LABEL_SOURCES,
+    USUAL_TOPIC,
+    InvalidLabel,
+    LabelMap,
+    default_labels,
+    label_maps,
 )
-from ..tracking.point_labels import LABEL_SOURCES
-from ..tracking.recording import USUAL_TOPIC, MarkerReading
+from ..parallel import Interruptions, raise_on_interruption
+
+# What reads files and tracks is imported where it is used, so that a wrong option is told at once.
+if TYPE_CHECKING:
+    from ..files.recordings import ReadingOptions
+    from ..tracking.opened_recording import PointBag
+    from ..tracking.recording import MarkerReading
+
+ROBOT_SUFFIXES = ('.urdf', '.xml', '.yaml', '.yml')
 
 
 class WornHand(NamedTuple):
@@ -159,12 +164,16 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
 
 def reading_options(options: argparse.Namespace) -> ReadingOptions:
     """Return the options of the command line for reading a file of points."""
+    from ..files.recordings import ReadingOptions
+
     return ReadingOptions(options.units, options.up, options.handed,
                           not getattr(options, 'keep_zeros', False), options.partial)
 
 
 def chosen_labels(texts: Iterable[str], names: Sequence[str] = MARKERS) -> dict[str, str]:
     """Return the label of each marker that a command line's MARKER=LABEL,... texts name."""
+    from ..tracking.opened_recording import named_labels
+
     return named_labels(','.join(texts), names)
 
 
@@ -202,6 +211,10 @@ def recorded_hand(options: argparse.Namespace
     recording : Path or PointBag
         For `open_recording`; a path of rosbag2 recordings.
     """
+    from ..files.hand_file import choose_hand
+    from ..files.recordings import is_bag
+    from ..tracking.opened_recording import MarkerChoice, PointBag
+
     hand, layout = choose_hand(
         options.hand, options.side, options.limits, options.coupling, options.layout)
     if is_bag(options.recording):
@@ -219,12 +232,16 @@ def recorded_hand(options: argparse.Namespace
 
 def recorded_notes(recording: Path | PointBag) -> tuple[str, ...]:
     """Return the notes to print on a recording, see `recorded_hand`."""
+    from ..tracking.opened_recording import PointBag
+
     return recording.notes if isinstance(recording, PointBag) else ()
 
 
 def recorded_labels(options: argparse.Namespace, recording: Path | PointBag,
                     layout: MarkerLayout) -> LabelMap:
     """Return the labels of a recording's messages, which a file of points has by itself."""
+    from ..tracking.opened_recording import PointBag
+
     if isinstance(recording, PointBag):
         return recording.labels
     return label_map([*options.label, *equated(options.markers, layout.names)], layout.names)
@@ -232,6 +249,8 @@ def recorded_labels(options: argparse.Namespace, recording: Path | PointBag,
 
 def marker_reading(options: argparse.Namespace, labels: LabelMap) -> MarkerReading:
     """Return the options of the command line for reading one hand's messages."""
+    from ..tracking.recording import MarkerReading
+
     return MarkerReading(labels, options.frame, options.unit_scale, not options.keep_zeros,
                          options.labels != 'none')
 
@@ -254,6 +273,8 @@ def recorded_hands(options: argparse.Namespace
     -------
     dict of str to tuple of Hand, MarkerLayout and LabelMap
     """
+    from ..files.hand_file import choose_hand
+
     require_bag_of_both(options.recording)
     chosen = {side: choose_hand(
         options.hand, side, options.limits, options.coupling, options.layout) for side in SIDES}
@@ -266,9 +287,39 @@ def recorded_hands(options: argparse.Namespace
 
 def require_bag_of_both(recording: Path) -> None:
     """Refuse files of points where both hands are tracked."""
+    from ..files.bags import BagError
+    from ..files.recordings import is_bag
+
     if not is_bag(recording):
         raise BagError(f'--side both: {recording}: a file of points is tracked for one hand; '
                        'expected a rosbag2 recording, or --side right or left')
+
+
+def require_inputs(options: argparse.Namespace) -> None:
+    """Refuse files of a command line that are not there, before all that reads them is imported.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of which recordings, hand files, and robots' files are looked at, where they are paths.
+
+    Raises
+    ------
+    HandTrackerError
+    """
+    given = vars(options)
+    recordings = [given.get('recording'), *(
+        path for name in ('recordings', 'takes', 'files', 'fit') for path in given.get(name) or ())]
+    # Of a robot there are also names of presets, package:// paths and XML.
+    robots = [given[name] for name in ('robot', 'robot_description', 'urdf') if given.get(name)]
+    files = [given.get('hand'), *(
+        text for text in robots if Path(text).suffix in ROBOT_SUFFIXES
+        and not text.startswith(('package://', '<', '~')))]
+    for paths, fault in ((recordings, 'no such file or folder'),
+                         (files, 'No such file or directory')):
+        for path in paths:
+            if path and isinstance(path, (str, Path)) and not Path(path).exists():
+                raise HandTrackerError(f'{path}: {fault}')
 
 
 def run_command(name: str, work: Callable[[argparse.Namespace, Interruptions], str],
@@ -289,6 +340,7 @@ def run_command(name: str, work: Callable[[argparse.Namespace, Interruptions], s
     int
     """
     try:
+        require_inputs(options)
         print(work(options, raise_on_interruption()))
     except (HandTrackerError, OSError) as error:
         print(f'{name}: {error}', file=sys.stderr)

@@ -4,27 +4,11 @@ import argparse
 import sys
 from pathlib import Path
 
-import numpy as np
-
-from ..calibration.landmarks import landmark_positions
 from ..core.errors import HandTrackerError
-from ..core.model.hand import SIDES, Hand, preset_limits
-from ..core.model.kinematics import forward, joint_table
-from ..drawing.robot_picture import RobotPose, save_robot_picture
-from ..files.hand_file import choose_hand
+from ..core.model.hand import SIDES
 from ..package_data import packaged_recording
-from ..retargeting.retarget_problem import digit_landmarks
-from ..retargeting.retargeter import Retargeter
-from ..retargeting.robot_anatomy import ROLES
-from ..retargeting.robot_file import LoadedRobot, load_robot
-from ..retargeting.robot_hand import RobotHand
-from ..retargeting.robot_inspection import findings, robot_file_text
-from ..simulation.poses import pose_angles
 from . import view
-
-INSPECTED_POSES = {
-    'open': 'open', 'relaxed': 'relaxed', 'pinch': 'pinch', 'point': 'one', 'fist': 'fist'}
-SETTLING_FRAMES = 60
+from .recording_options import require_inputs
 
 
 def main(args: list[str] | None = None) -> int:
@@ -59,10 +43,19 @@ def main(args: list[str] | None = None) -> int:
                       help='as for inspect')
     show.add_argument('--side', choices=SIDES, default=SIDES[0], help="the person's")
     options = parser.parse_args(args)
+    try:
+        require_inputs(options)
+    except HandTrackerError as error:
+        print(f'{parser.prog}: {error}', file=sys.stderr)
+        return 1
     if options.command == 'view':
         return view.main([str(packaged_recording(options.side)), '--side', options.side, '--robot',
                           options.robot, '--robot-description', options.urdf])
     try:
+        # Here, so that a wrong option is told at once.
+        from ..retargeting.robot_file import load_robot
+        from ..retargeting.robot_inspection import findings, robot_file_text
+
         loaded = load_robot(options.robot, options.urdf, options.side)
         for line in findings(loaded):
             print(line)
@@ -73,7 +66,9 @@ def main(args: list[str] | None = None) -> int:
             Path(options.output).write_text(text, encoding='utf-8')
             print(f'{options.output}: the robot file written')
         if options.picture:
-            _draw(options.picture, loaded, options.hand)
+            from .robot_poses import draw_robot
+
+            draw_robot(options.picture, loaded, options.hand)
             print(f'{options.picture}: the robot beside a human hand, in five poses')
         if options.output:
             side = '' if loaded.hand.side == SIDES[0] else f' --side {loaded.hand.side}'
@@ -85,38 +80,6 @@ def main(args: list[str] | None = None) -> int:
         print(f'{parser.prog}: {error}', file=sys.stderr)
         return 1
     return 0
-
-
-def _draw(path: str, loaded: LoadedRobot, hand_file: str | None) -> None:
-    hand = (choose_hand(hand_file, loaded.hand.side)[0] if hand_file else
-            Hand.scaled(side=loaded.hand.side, limits=preset_limits('wide')))
-    table = joint_table(hand)
-    poses = []
-    for title, pose in INSPECTED_POSES.items():
-        angles = pose_angles(pose, hand)
-        landmarks = landmark_positions(hand, forward(table, angles))
-        solver = Retargeter(loaded.hand, hand, loaded.options)
-        for _ in range(SETTLING_FRAMES):
-            position = solver.update(landmarks, np.inf, angles)
-        poses.append(robot_pose(title, landmarks, loaded.hand, position))
-    save_robot_picture(path, loaded.hand.name, poses)
-
-
-def robot_pose(title: str, landmarks: np.ndarray, robot: RobotHand,
-               position: np.ndarray) -> RobotPose:
-    """Return both hands as they are drawn.
-
-    Parameters
-    ----------
-    title : str
-    landmarks : ndarray, shape (21, 3)
-        Of the person, in the wrist's frame [m].
-    robot : RobotHand
-    position : ndarray, shape (n,)
-        Of its variables [rad or m].
-    """
-    return RobotPose(title, {role: landmarks[digit_landmarks(role)] for role in ROLES},
-                     robot.chains(position))
 
 
 if __name__ == '__main__':

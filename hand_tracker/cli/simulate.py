@@ -22,7 +22,7 @@ from ..simulation.simulator import (
     frame_messages,
     simulated_hand,
 )
-from .recording_options import add_layout_option
+from .recording_options import add_layout_option, require_inputs
 
 
 class _DefaultsHelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
@@ -80,6 +80,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser, chosen = _parse(arguments)
     count = {'frames': 0, 'lost': 0}
     try:
+        require_inputs(chosen)
         hand, layout = simulated_hand(chosen.hand, chosen.side, chosen.layout)
         simulation = Simulation(
             chosen.motion, hand, layout, CameraRig.ring(chosen.cameras), chosen.rate, chosen.seed,

@@ -1,24 +1,22 @@
 """`hand_tracker skin`: draw the skin of a hand, its weights and blending; measure its quality."""
 
+from __future__ import annotations
+
 import argparse
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import Hand
-from ..core.model.kinematics import forward, joint_table
-from ..files.hand_file import choose_hand
-from ..simulation.poses import pose_angles
-from ..skin.load import load_skin
-from ..skin.measure import self_intersection_share, volume
-from ..skin.pictures import PICTURED_POSES, save_blending, save_poses, save_weights
-from ..skin.skinning import Skin, deform
-from .recording_options import add_hand_options
+from .recording_options import add_hand_options, require_inputs
 
-PICTURES = {'poses.png': save_poses, 'weights.png': save_weights, 'blending.png': save_blending}
+# What makes the skin is imported where it is used, so that a wrong option is told at once.
+if TYPE_CHECKING:
+    from ..skin.skinning import Skin
+
+SKIN_PICTURES = 'poses.png', 'weights.png', 'blending.png'
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -34,15 +32,21 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--mesh', metavar='FILE', help='closed mesh of the hand with straight '
                         'joints (OBJ, PLY, STL); default: made from the hand')
     parser.add_argument('-o', '--output', metavar='FOLDER', type=Path, default=Path('skin_output'),
-                        help=f"for {', '.join(PICTURES)}; default: %(default)s")
+                        help=f"for {', '.join(SKIN_PICTURES)}; default: %(default)s")
     options = parser.parse_args(arguments)
     try:
+        require_inputs(options)
+        from ..files.hand_file import choose_hand
+        from ..skin import pictures
+        from ..skin.load import load_skin
+        from ..skin.measure import volume
+
         hand, _ = choose_hand(options.hand, options.side, options.limits, options.coupling)
         print('Making the skin and drawing it ...', flush=True)
         skin = load_skin(hand, options.mesh)
         options.output.mkdir(parents=True, exist_ok=True)
-        for name, save in PICTURES.items():
-            save(options.output / name, hand, skin)
+        for name in SKIN_PICTURES:
+            getattr(pictures, f'save_{Path(name).stem}')(options.output / name, hand, skin)
     except (HandTrackerError, OSError) as error:
         print(f'hand_tracker skin: {error}', file=sys.stderr)
         return 1
@@ -54,6 +58,14 @@ def main(arguments: list[str] | None = None) -> int:
 
 def report(hand: Hand, skin: Skin) -> Iterator[str]:
     """Yield a table: change of volume and self-intersection of the skin in each pose."""
+    import numpy as np
+
+    from ..core.model.kinematics import forward, joint_table
+    from ..simulation.poses import pose_angles
+    from ..skin.measure import self_intersection_share, volume
+    from ..skin.pictures import PICTURED_POSES
+    from ..skin.skinning import deform
+
     yield f"{'':10s}{'linear blending':>26s}{'dual quaternions':>26s}"
     yield f"{'pose':10s}" + 2 * f"{'volume':>13s}{'buried skin':>13s}"
     rest = volume(skin.vertices, skin.faces)

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import LIMIT_PRESETS, SIDES
-from ..files.hand_file import choose_hand
-from ..files.urdf_file import urdf
+from .recording_options import require_inputs
 
 
 def main(args: list[str] | None = None) -> int:
@@ -32,6 +31,11 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument('-o', '--output', metavar='FILE', help='standard output when left out')
     options = parser.parse_args(args)
     try:
+        require_inputs(options)
+        # Here, so that a wrong option is told at once.
+        from ..files.hand_file import choose_hand
+        from ..files.urdf_file import urdf
+
         hand, _ = choose_hand(options.hand, options.side, options.limits)
         text = urdf(hand, options.prefix)
         if options.output:

@@ -1,16 +1,16 @@
 """`hand_tracker view`: show a recording in the browser."""
 
+from __future__ import annotations
+
 import argparse
 import sys
+from typing import TYPE_CHECKING
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH
-from ..files.hand_file import choose_hand
 from ..messages.labels import InvalidLabel
 from ..package_data import packaged_recording
 from ..viewer.page_options import add_page_options
-from ..viewer.recording_source import ViewerRecording
-from ..viewer.serve import skin_of, view
 from .recording_options import (
     add_recording_options,
     marker_reading,
@@ -18,11 +18,20 @@ from .recording_options import (
     recorded_hands,
     recorded_labels,
     recorded_notes,
+    require_inputs,
 )
+
+# The viewer is imported where it is used, so that a wrong option is told at once.
+if TYPE_CHECKING:
+    from ..viewer.recording_source import ViewerRecording
 
 
 def warm_up() -> None:
     """Compile the kernels and make the mean hand's skin, both of which are kept."""
+    from ..files.hand_file import choose_hand
+    from ..viewer.recording_source import ViewerRecording
+    from ..viewer.serve import skin_of
+
     hand, layout = choose_hand()
     ViewerRecording(packaged_recording(), hand, layout).prepare(print)
     skin_of(hand)
@@ -40,6 +49,8 @@ def _source(options: argparse.Namespace) -> ViewerRecording:
     if options.labels == 'none':
         raise InvalidLabel('--labels none: the page shows labelled markers; `hand_tracker track` '
                            'takes points without labels')
+    from ..viewer.recording_source import ViewerRecording
+
     if options.side == BOTH:
         right, left = recorded_hands(options).values()
         other = ViewerRecording(options.recording, *left[:2], options.topic,
@@ -58,7 +69,10 @@ def main(args: list[str] | None = None) -> int:
     """Track a recording and show the hand in the browser, with controls to play it."""
     options = _parse(args)
     try:
+        require_inputs(options)
         source = _source(options)
+        from ..viewer.serve import view
+
         view(source, options, source.hand)
     except (HandTrackerError, OSError) as error:
         print(f'hand_tracker view: {error}', file=sys.stderr)

@@ -14,6 +14,8 @@ def default_labels(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(str(slot) for slot in range(len(names)))
 
 
+USUAL_TOPIC = '/markers'             # of the markers
+LABEL_SOURCES = ('source', 'none')   # whether they have labels
 DEFAULT_LABELS = default_labels(MARKERS)
 ID_RANGE = (-2**31, 2**31 - 1)
 

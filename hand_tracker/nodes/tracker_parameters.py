@@ -38,8 +38,7 @@ from ..core.model.marker_rows import shows_arch
 from ..core.options import TrackerOptions
 from ..files.hand_file import InvalidHandFile, choose_hand
 from ..files.layout_file import choose_layout
-from ..messages.labels import LabelMap, default_labels, label_maps
-from ..tracking.point_labels import LABEL_SOURCES
+from ..messages.labels import LABEL_SOURCES, LabelMap, default_labels, label_maps
 from .parameters import Parameter
 
 AUTO = 'auto'

@@ -18,7 +18,6 @@ from ..messages.points import PointFrame, PointReader
 from ..messages.stamps import seconds
 from .setting_names import PARAMETER_NAMES, SettingNames
 
-LABEL_SOURCES = ('source', 'none')
 SEARCHED_LONG = 2.  # [s] without the hand among enough points, before the cure is named
 
 

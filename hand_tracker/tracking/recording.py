@@ -23,7 +23,7 @@ from ..files.bags import (
     write_bag,
 )
 from ..messages.cdr import MalformedMessage, MarkerReader
-from ..messages.labels import LabelMap
+from ..messages.labels import USUAL_TOPIC, LabelMap
 from ..messages.marker_array import MARKER_ARRAY
 from ..messages.points import PointReader
 from ..messages.stamps import nanoseconds, stamp_of
@@ -34,7 +34,6 @@ from .point_labels import PointLabelReader, PointLabels
 from .setting_names import PARAMETER_NAMES
 from .stream import Reader, Stream, TrackedFrame
 
-USUAL_TOPIC = '/markers'
 TABLE = '.csv'
 OUTPUT_KINDS = (TABLE, *STORAGE)
 POSE_SIZE = 7  # numbers of a position and a quaternion

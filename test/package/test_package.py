@@ -80,9 +80,9 @@ def run_pip(command, *arguments):
     )
 
 
-def run_python(code, cwd):
+def run_python(code, cwd, *arguments):
     """Run `code` in a Python of its own, and return what it prints."""
-    command = [sys.executable, '-c', code]
+    command = [sys.executable, '-c', code, *arguments]
     return subprocess.run(command, cwd=cwd, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
@@ -132,6 +132,21 @@ def test_help_imports_nothing_that_computes():
         'import sys; from hand_tracker.__main__ import main; main(["--help"]); '
         'print(*sys.modules)', cwd=REPOSITORY).split())
     assert modules & {'numpy', 'numba', 'matplotlib', 'rclpy', 'scipy'} == set()
+
+
+@pytest.mark.parametrize('arguments', [
+    ['demo', '--side', 'up'], ['demo', '--hand', 'none.yaml'], ['demo', '--recording', 'none.c3d'],
+    ['demo', '--robot', 'none.urdf'], ['view', 'none.mcap'], ['robot', 'inspect', 'none.urdf'],
+    ['robot', 'view', 'none.urdf'], ['calibrate', 'none.npz', '-o', 'hand.yaml'],
+    ['evaluate', 'markers', 'none.npz'], ['evaluate', 'none'], ['skin', '--side', 'up'],
+    ['urdf', '--hand', 'none.yaml'], ['record', '--side', 'up']], ids=' '.join)
+def test_what_is_wrong_is_said_before_anything_heavy_is_imported(arguments):
+    code, modules = run_python(
+        'import sys; from hand_tracker.__main__ import main\ntry: code = main(sys.argv[1:])\n'
+        'except SystemExit as end: code = end.code\nprint(code); print(*sys.modules)',
+        REPOSITORY, *arguments).splitlines()[-2:]
+    assert code in ('1', '2')
+    assert set(modules.split()) & {'matplotlib', 'numba', 'rclpy', 'rosbags', 'scipy'} == set()
 
 
 def test_manifest_is_a_format_3_ament_python_package(manifest):

@@ -6,17 +6,21 @@ markers, each at a landmark; of those three of the palm and one of each digit, t
 markers, stand for the paper's eight wherever the method wants eight.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InvalidLayout
 from .hand import DIGITS, FINGERS, LEFT_HAND_MIRROR, LINKS, Hand
-from .kinematics import Pose
+
+if TYPE_CHECKING:
+    from .kinematics import Pose
 
 MARKERS = ('wrist', 'index_mcp', 'little_mcp', 'index', 'middle', 'ring', 'little', 'thumb')
 PALM_MARKERS = MARKERS[:3]
@@ -148,7 +152,7 @@ class MarkerLayout:
         """Rows of the markers that are not principal ones."""
         return tuple(row for row in range(len(self.names)) if row not in self.principal)
 
-    def with_offsets(self, offsets: ArrayLike) -> 'MarkerLayout':
+    def with_offsets(self, offsets: ArrayLike) -> MarkerLayout:
         """Return the same markers at other offsets, shape (n, 3) [m]."""
         return replace(self, offsets=np.array(offsets, dtype=float))
 

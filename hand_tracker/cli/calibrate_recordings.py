@@ -1,0 +1,102 @@
+"""Takes of the command `hand_tracker calibrate`, read from its recordings, and their fit."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from ..calibration.calibrate_takes import calibrate_takes
+from ..calibration.layout_names import names_in_layout
+from ..calibration.take_files import load_take, recorded_take
+from ..calibration.takes import InvalidTake, MarkerTake
+from ..core.model.marker_layout import ALL_LANDMARKS, MARKERS, PAPER_PLACES, MarkerLayout
+from ..files.bags import EXPECTED, STORAGE, open_bag
+from ..files.layout_file import choose_layout
+from ..files.recordings import is_bag
+from ..messages.cdr import MarkerReader
+from ..parallel import Interruptions
+from ..tracking.recording import marker_topic
+from ..tracking.stream import FrameTime
+from .recording_options import (
+    chosen_labels,
+    equated,
+    label_map,
+    reading_options,
+)
+
+TAKE_SUFFIX = '.npz'
+
+
+def take_of_bag(path: Path, options: argparse.Namespace,
+                layout: MarkerLayout | None = None) -> MarkerTake:
+    """Return a take of the worn markers from a rosbag2 recording.
+
+    Parameters
+    ----------
+    path : Path
+    options : argparse.Namespace
+        Of the command line.
+    layout : MarkerLayout, optional
+        The paper's eight markers when left out.
+
+    Returns
+    -------
+    MarkerTake
+
+    Raises
+    ------
+    InvalidTake
+        If the file is no recording.
+    """
+    worn = MARKERS if layout is None else layout.names
+    reader = MarkerReader(
+        label_map([*options.label, *equated(options.markers, worn)], worn), options.frame,
+        options.unit_scale, not options.keep_zeros)
+    if not path.is_dir() and (path.suffix not in STORAGE or not path.exists()):
+        fault = (f'unknown extension {path.suffix!r}' if path.exists()
+                 else 'no such file or folder')
+        raise InvalidTake(f'{path}: {fault}; {EXPECTED}, or a {TAKE_SUFFIX} file')
+    frames, times, clock = [], [], FrameTime()
+    with open_bag(path) as bag:
+        for message in bag.messages([marker_topic(bag, options.topic)]):
+            frame = reader.read(message.data)
+            time = None if frame.stamp is None else clock.of(frame.stamp, 1e-9 * message.time)
+            if time is not None:
+                frames.append(frame.positions.copy())
+                times.append(time)
+    if len(frames) < 2:
+        raise InvalidTake(f'{path}: {len(frames)} messages with markers of the hand; '
+                          'expected a take of some 40 s')
+    steps = np.diff(times)
+    rate = 1. / max(float(np.median(steps[steps > 0.])) if (steps > 0.).any() else 1., 1e-4)
+    points = np.array(frames, dtype=float)
+    names, usual = names_in_layout(layout or MarkerLayout([
+        place.replace('dip', options.fingers) for place in PAPER_PLACES]))
+    seen = np.isfinite(points).all(axis=2).any(axis=0)
+    if not seen.any():
+        raise InvalidTake(f'{path}: none of the markers is ever seen in {len(points)} messages: '
+                          'all are absent, NaN or at zero; expected its markers (--label, '
+                          '--layout)')
+    return MarkerTake(path.stem, tuple(name for name, there in zip(names, seen) if there),
+                      points[:, seen], options.side or 'right', rate,
+                      np.zeros(len(points), dtype=int), usual=usual)
+
+
+def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
+    """Fit a hand to the takes of a command line; return the closing line."""
+    takes = []
+    layout = choose_layout(options.layout) if options.layout else None
+    nameable = (*MARKERS, *ALL_LANDMARKS) if layout is None else layout.names
+    for path in options.takes:
+        if is_bag(path):
+            takes.append(take_of_bag(path, options, layout))
+            continue
+        if path.suffix == TAKE_SUFFIX and layout is None and not options.markers:
+            take = load_take(path, options.side)
+        else:
+            take = recorded_take(path, options.side, reading_options(options), layout,
+                                 chosen_labels(options.markers, nameable))
+        takes.append(take._replace(points=options.unit_scale * take.points))
+    return calibrate_takes(takes, options.output, options.limits, options.picture, layout)

@@ -1,0 +1,137 @@
+"""Whose hands the demo shows, and whether its options fit them: said before anything starts."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..core.errors import HandTrackerError
+from ..core.model.hand import BOTH, SIDES
+from ..files.bags import Bag, BagError, write_bag
+from ..files.hand_file import choose_hand
+from ..messages.cdr import MarkerReader
+from ..messages.labels import USUAL_TOPIC, LabelMap, default_labels, label_maps
+from ..package_data import packaged_recording
+from ..simulation.ball_grasp import grasp_recording
+from ..simulation.packaged_recordings import recording_messages
+from ..tracking.opened_recording import PointBag, open_recording
+from ..tracking.recording import MarkerReading, marker_topic
+from ..tracking.side_check import GREATEST_STEP, recorded_side_fault
+from ..viewer.page_options import PLAIN_ROBOT, chosen_robot
+from .recording_options import (
+    WornHand,
+    label_map,
+    recorded_hand,
+    recorded_notes,
+    require_bag_of_both,
+)
+
+
+def _hands(options: argparse.Namespace) -> tuple[list[WornHand], Path | PointBag]:
+    """Return the hand that the options ask for, or both, and the recording.
+
+    Where the options name no recording, the packaged one is noted there.
+    """
+    if options.grasp:
+        return [_grasping_hand(options)], options.recording
+    if options.recording is None:
+        side = options.side or choose_hand(options.hand)[0].side
+        options.recording = packaged_recording(side)
+    if options.side != BOTH:
+        hand, layout, recording = recorded_hand(options)
+        return [WornHand(hand, layout, label_map((), layout.names))], recording
+    require_bag_of_both(options.recording)
+    chosen = {side: choose_hand(options.hand, side, options.limits, options.coupling,
+                                options.layout) for side in SIDES}
+    names = chosen[SIDES[0]][1].names
+    labels = label_maps(default_labels(names), {side: f'{side}/0' for side in SIDES}, names)
+    return [WornHand(*chosen[side], labels[side]) for side in SIDES], options.recording
+
+
+def _grasping_hand(options: argparse.Namespace) -> WornHand:
+    """Write the recording of a hand that grasps, and return the hand."""
+    for name, allowed in (('recording', (None,)), ('side', (None, 'right')), ('hand', (None,)),
+                          ('robot', ('', PLAIN_ROBOT)), ('rate', (1.,)), ('view', (False,))):
+        if getattr(options, name) not in allowed:
+            raise HandTrackerError(f'--grasp: leave out --{name}; it has the mean right hand and '
+                                   'the plain robot hand')
+    hand, layout = choose_hand(None, 'right', options.limits, options.coupling)
+    options.robot = PLAIN_ROBOT
+    options.output.mkdir(parents=True, exist_ok=True)
+    options.recording = options.output / 'grasp.mcap'
+    write_bag(options.recording, recording_messages(grasp_recording(hand), hand.side))
+    return WornHand(hand, layout, label_map((), layout.names))
+
+
+def _require_sides(bag: Bag, topic: str, hands: Sequence[WornHand]) -> None:
+    """Refuse a recording of hands of other sides, as `hand_tracker track` does at its end."""
+    for hand in hands:
+        labels = bag.labels if isinstance(bag, PointBag) else hand.labels
+        fault = recorded_side_fault(
+            _positions(bag, topic, labels), hand.hand.side, hand.layout.principal)
+        if fault is not None:
+            whose = f'{hand.hand.side} hand: ' if len(hands) > 1 else ''
+            raise BagError(f'{bag.path}: {whose}{fault}')
+
+
+def _positions(bag: Bag, topic: str, labels: LabelMap) -> Iterator[tuple[float, np.ndarray]]:
+    """Yield times [s] and positions of the markers, as far apart as `SideCheck` counts them."""
+    reader, due = MarkerReader(labels), bag.start
+    for message in bag.messages([topic]):
+        if message.time >= due:
+            due = message.time + int(1e9 * GREATEST_STEP)
+            yield 1e-9 * message.time, reader.read(message.data).positions
+
+
+def _view(options: argparse.Namespace, hands: Sequence[WornHand],
+          recording: Path | PointBag) -> None:
+    """Show the recording in the browser."""
+    from ..viewer.recording_source import ViewerRecording
+    from ..viewer.serve import view
+
+    sources: list[ViewerRecording] = []
+    for one in reversed(hands):
+        labels = recording.labels if isinstance(recording, PointBag) else one.labels
+        sources.append(ViewerRecording(
+            recording, one.hand, one.layout, None, next(iter(sources), None),
+            MarkerReading(labels)))
+    view(sources[-1], options, hands[0].hand)
+
+
+def demonstrate(options: argparse.Namespace) -> None:
+    """Run the demo; all that may be wrong with the options is said before anything starts.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of the command line.
+
+    Raises
+    ------
+    HandTrackerError
+    """
+    hands, recording = _hands(options)
+    for note in recorded_notes(recording):
+        print(f'{options.recording}: {note}', flush=True)
+    if options.robot and len(hands) > 1 and not options.view:
+        raise HandTrackerError('--side both: a robot follows one hand; choose a side')
+    loaded = None if options.view else chosen_robot(options, hands[0].hand)
+    with open_recording(recording) as bag:
+        topic = marker_topic(bag, USUAL_TOPIC)
+        _require_sides(bag, topic, hands)
+        frame_count = bag.counts[topic]
+    if options.view:
+        _view(options, hands, recording)
+        return
+    options.output.mkdir(parents=True, exist_ok=True)
+    if not os.access(options.output, os.W_OK):
+        raise PermissionError(errno.EACCES, 'no permission to write there', options.output)
+    # What draws and listens is imported once all is right.
+    from .demo_run import run_demo
+
+    run_demo(options, hands, recording, frame_count, loaded)
