@@ -384,7 +384,7 @@ def resolve_contact(model: Pack[Model], chains: Pack[Chains], options: Pack[Kern
         # What is seen is where it is, and hidden digits give way; where none is seen, all stay as
         # they are.
         if any_seen and not all_seen:
-            slope, weight = local_floats(5), local_floats(5)
+            slope, weight = local_floats(5), local_floats(6)
             for digit in range(5):
                 slope[digit] = chains.coupling[digit, 0]
                 weight[digit] = 0. if seen[3 + digit] else 1.

@@ -39,7 +39,7 @@ REACHING_FINGER = (0, 45, 45)   # [degrees] initial guess of a finger that meets
 POSTURE_SIGMA = np.radians(20.)  # [rad] weight of the initial guess
 CONTACT_SIGMA = .001            # [m] weight of the gap
 # Share of each digit in resolving an overlap, index finger to thumb: mostly the thumb moves.
-CONTACT_MOBILITY = np.array((.05, .05, .05, .05, 1.))
+CONTACT_MOBILITY = np.array((.05, .05, .05, .05, 1., 0.))
 ALLOWED_OVERLAP = .0005         # [m] depth of contact that remains
 ANGLE_RESOLUTION = .1           # [degrees] of solved angles, so that all machines agree
 

@@ -50,8 +50,8 @@ class Mobility(NamedTuple):
         Limits [rad].
     slope : ndarray, shape (5,)
         Third flexion over second; 0 where the third is measured [1].
-    weight : ndarray, shape (5,)
-        Readiness of each digit to move, from 0 [1].
+    weight : ndarray, shape (6,)
+        Readiness of each digit to move, from 0; 0 of the palm [1].
     """
 
     lower: np.ndarray
@@ -98,8 +98,6 @@ class FreeAngles(NamedTuple):
 
     Attributes
     ----------
-    ready : ndarray, shape (6,)
-        Readiness of each digit to move [1].
     least, most : ndarray, shape (6, 3)
         Bounds of the changes [rad].
     change : ndarray, shape (6, 3)
@@ -108,7 +106,6 @@ class FreeAngles(NamedTuple):
         Where the contacts' forces push the angles, and the same within bounds [rad].
     """
 
-    ready: np.ndarray
     least: np.ndarray
     most: np.ndarray
     change: np.ndarray
@@ -185,8 +182,8 @@ def _solve_rounds(capsules: Capsules, angles: np.ndarray, mobility: Mobility, pl
     for joint in range(25):
         before[joint] = angles[joint]
     free = FreeAngles(
-        indexed(local_floats(6)), indexed(local_floats((6, 3))), indexed(local_floats((6, 3))),
-        indexed(local_floats((6, 3))), indexed(local_floats((6, 3))), indexed(local_floats((6, 3))))
+        indexed(local_floats((6, 3))), indexed(local_floats((6, 3))), indexed(local_floats((6, 3))),
+        indexed(local_floats((6, 3))), indexed(local_floats((6, 3))))
     _bound_changes(mobility, before, free)
     contacts = Contacts(
         indexed(local_integers(PAIR_COUNT)), indexed(local_integers((PAIR_COUNT, 2))),
@@ -195,7 +192,7 @@ def _solve_rounds(capsules: Capsules, angles: np.ndarray, mobility: Mobility, pl
         local_floats(PAIR_COUNT), indexed(local_floats((25, 2, 3))))
     for number in range(rounds):
         used = _list_contacts(capsules, angles, mobility, placement, aim, removed, free, contacts)
-        _push_apart(contacts, used, free)
+        _push_apart(contacts, used, mobility, free)
         contacts.last_force[:] = 0.0
         for k in range(used):
             contacts.last_force[contacts.pairs[k]] = contacts.force[k]
@@ -212,9 +209,8 @@ def _solve_rounds(capsules: Capsules, angles: np.ndarray, mobility: Mobility, pl
 
 @jit
 def _bound_changes(mobility: Mobility, before: np.ndarray, free: FreeAngles) -> None:
-    """Write the readiness of the digits, and the bounds of the changes of angles (25,)."""
+    """Write the bounds of the changes of angles (25,)."""
     for digit in range(5):
-        free.ready[digit] = mobility.weight[digit]
         for i in range(3):
             joint = _joint(digit, i)
             free.least[digit, i] = max(
@@ -231,14 +227,16 @@ def _list_contacts(capsules: Capsules, angles: np.ndarray, mobility: Mobility,
 
     Parameters are those of `_solve_rounds`; `pushed` of `free`, and `contacts`, are replaced.
     """
-    _place_lines(capsules, placement, contacts.lines)
+    for digit in range(5):
+        if mobility.weight[digit] > 0.0:
+            _place_lines(capsules, digit, placement, contacts.lines)
     used = 0
     for digit in range(5):
         for i in range(3):
             free.pushed[digit, i] = 0.0
     ends = indexed(placement.ends)
     for pair in range(PAIR_COUNT):
-        if not (_gives_way(capsules, pair, mobility.weight)
+        if not (_gives_way(capsules, pair, mobility)
                 and may_touch(capsules, ends, pair, ROUND_GAP)):
             continue
         overlap = _linearise(capsules, pair, angles, mobility, contacts.lines, ends, used,
@@ -250,11 +248,14 @@ def _list_contacts(capsules: Capsules, angles: np.ndarray, mobility: Mobility,
         past = 0.0
         for end in range(2):
             digit = contacts.digits[used, end] = capsules.digits[pair, end]
+            weight = mobility.weight[digit]
+            if weight == 0.0:
+                continue
             for i in range(3):
                 lever = contacts.lever[used, end, i]
-                size += free.ready[digit] * lever ** 2
+                size += weight * lever ** 2
                 past += lever * free.change[digit, i]
-                free.pushed[digit, i] += free.ready[digit] * contacts.force[used] * lever
+                free.pushed[digit, i] += weight * contacts.force[used] * lever
         contacts.bound[used] = min(overlap - aim, removed) + past
         contacts.stiff[used] = size + CONTACT_COMPLIANCE
         contacts.pairs[used] = pair
@@ -263,7 +264,7 @@ def _list_contacts(capsules: Capsules, angles: np.ndarray, mobility: Mobility,
 
 
 @jit
-def _push_apart(contacts: Contacts, used: int, free: FreeAngles) -> None:
+def _push_apart(contacts: Contacts, used: int, mobility: Mobility, free: FreeAngles) -> None:
     """Solve a round's quadratic programme by Hildreth's method, in `free.goal`."""
     for digit in range(5):
         for i in range(3):
@@ -275,6 +276,8 @@ def _push_apart(contacts: Contacts, used: int, free: FreeAngles) -> None:
             gained = CONTACT_COMPLIANCE * contacts.force[k]
             for end in range(2):
                 digit = contacts.digits[k, end]
+                if mobility.weight[digit] == 0.0:
+                    continue
                 for i in range(3):
                     gained += contacts.lever[k, end, i] * free.goal[digit, i]
             if gained >= contacts.bound[k] and contacts.force[k] == 0.0:
@@ -284,10 +287,11 @@ def _push_apart(contacts: Contacts, used: int, free: FreeAngles) -> None:
             moved = max(moved, abs(more) * contacts.stiff[k])
             for end in range(2):
                 digit = contacts.digits[k, end]
-                if free.ready[digit] == 0.0:
+                weight = mobility.weight[digit]
+                if weight == 0.0:
                     continue
                 for i in range(3):
-                    free.pushed[digit, i] += free.ready[digit] * more * contacts.lever[k, end, i]
+                    free.pushed[digit, i] += weight * more * contacts.lever[k, end, i]
                     free.goal[digit, i] = clamp(
                         free.pushed[digit, i], free.least[digit, i], free.most[digit, i])
         if moved < SETTLED_DISTANCE:
@@ -303,6 +307,8 @@ def _change_angles(before: np.ndarray, mobility: Mobility, share: float, free: F
     """
     moved = 0.0
     for digit in range(5):
+        if mobility.weight[digit] == 0.0:
+            continue
         for i in range(3):
             step = share * clamp(free.goal[digit, i] - free.change[digit, i], -MAX_ROUND_CHANGE,
                                  MAX_ROUND_CHANGE)
@@ -334,13 +340,10 @@ def _move_digit(before: np.ndarray, mobility: Mobility, digit: int, change: np.n
 
 
 @jit
-def _gives_way(capsules: Capsules, pair: int, mobility: np.ndarray) -> bool:
+def _gives_way(capsules: Capsules, pair: int, mobility: Mobility) -> bool:
     """Return whether a digit of a pair may move."""
-    for end in range(2):
-        digit = capsules.digits[pair, end]
-        if digit != PALM_INDEX and mobility[digit] > 0.0:
-            return True
-    return False
+    first, second = capsules.digits[pair, 0], capsules.digits[pair, 1]
+    return mobility.weight[first] + mobility.weight[second] > 0.0
 
 
 @jit
@@ -349,7 +352,7 @@ def _overlaps(capsules: Capsules, ends: np.ndarray, mobility: Mobility,
     """Return whether any pair that gives way overlaps by more than the tolerance."""
     ends = indexed(ends)
     for pair in range(PAIR_COUNT):
-        if not (_gives_way(capsules, pair, mobility.weight)
+        if not (_gives_way(capsules, pair, mobility)
                 and may_touch(capsules, ends, pair, 0.0)):
             continue
         distance = nearest_points(
@@ -367,11 +370,11 @@ def _along(segment: tuple[Vector, Vector], share: float) -> Vector:
 
 
 @jit
-def _place_lines(capsules: Capsules, placement: Placement, lines: np.ndarray) -> None:
-    """Write the joints' axes as Plücker lines, shape (25, 2, 3): directions, moments [m]."""
+def _place_lines(capsules: Capsules, digit: int, placement: Placement, lines: np.ndarray) -> None:
+    """Write a digit's axes as Plücker lines, of shape (25, 2, 3): directions, moments [m]."""
     rotations, positions, axes = (indexed(placement.rotations), indexed(placement.positions),
                                   indexed(capsules.axis))
-    for joint in range(25):
+    for joint in range(5 * digit, 5 * digit + 5):
         x, y, z = axes[joint, 0], axes[joint, 1], axes[joint, 2]
         for i in range(3):
             lines[joint, 0, i] = (rotations[joint, i, 0] * x + rotations[joint, i, 1] * y
@@ -386,7 +389,7 @@ def _place_lines(capsules: Capsules, placement: Placement, lines: np.ndarray) ->
 @jit
 def _linearise(capsules: Capsules, pair: int, angles: np.ndarray, mobility: Mobility,
                lines: np.ndarray, ends: np.ndarray, row: int, lever: np.ndarray) -> float:
-    """Write the derivative of a pair's distance by its digits' free angles.
+    """Write the derivative of a pair's distance by the free angles of digits that may move.
 
     Parameters
     ----------
@@ -429,11 +432,11 @@ def _linearise(capsules: Capsules, pair: int, angles: np.ndarray, mobility: Mobi
         normal = scale(normal, -1.0)
         overlap = float(capsules.apart[pair]) + distance
     for end in range(2):
+        digit = capsules.digits[pair, end]
+        if mobility.weight[digit] == 0.0:
+            continue
         for i in range(3):
             lever[row, end, i] = 0.0
-        digit = capsules.digits[pair, end]
-        if digit == PALM_INDEX:
-            continue
         link = capsules.link[capsules.first[pair] if end == 0 else capsules.second[pair]]
         # The line of the pair's force on the digit: direction and moment
         push = normal if end == 0 else scale(normal, -1.0)

@@ -73,7 +73,8 @@ def apart(hand, angles, mobility=ALIKE, slope=None):
     moved = np.array(angles)
     slope = hand.coupling[:, 0].copy() if slope is None else slope
     linkage = pack_of(hand)[0][0]
-    rounds = separate(linkage, moved, Mobility(*hand.limits.T.copy(), slope, mobility),
+    weight = np.append(mobility, 0.)  # the palm's
+    rounds = separate(linkage, moved, Mobility(*hand.limits.T.copy(), slope, weight),
                       PENETRATION, blank_placement())
     return moved, rounds
 
