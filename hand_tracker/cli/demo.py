@@ -37,6 +37,9 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     parser.add_argument('--grasp', action='store_true',
                         help='instead of a recording, a hand that grasps a ball: the plain robot '
                         'hand follows it in MuJoCo (pip install mujoco)')
+    parser.add_argument('--anonymous', action='store_true',
+                        help='take the labels off the markers, which then come back under other '
+                        'ids: the tracker finds the hand, or both, among the points')
     parser.add_argument('--view', action='store_true',
                         help='instead of all that, show the hand in the browser')
     add_page_options(parser)

@@ -23,6 +23,7 @@ from ..tracking.opened_recording import PointBag, open_recording
 from ..tracking.recording import MarkerReading, marker_topic
 from ..tracking.side_check import GREATEST_STEP, recorded_side_fault
 from ..viewer.page_options import PLAIN_ROBOT, chosen_robot
+from .demo_anonymous import ANONYMOUS_RECORDING, PointOwners, take_labels_off
 from .recording_options import (
     WornHand,
     label_map,
@@ -125,13 +126,22 @@ def demonstrate(options: argparse.Namespace) -> None:
         topic = marker_topic(bag, USUAL_TOPIC)
         _require_sides(bag, topic, hands)
         frame_count = bag.counts[topic]
+    if options.anonymous and (options.view or options.grasp):
+        raise HandTrackerError('--anonymous: the page and the grasp take labelled markers; leave '
+                               'out --view and --grasp')
     if options.view:
         _view(options, hands, recording)
         return
     options.output.mkdir(parents=True, exist_ok=True)
     if not os.access(options.output, os.W_OK):
         raise PermissionError(errno.EACCES, 'no permission to write there', options.output)
+    owners: PointOwners = {}
+    if options.anonymous:
+        options.recording = options.output / ANONYMOUS_RECORDING
+        with open_recording(recording) as bag:
+            owners = take_labels_off(bag, topic, hands, options.recording)
+        options.markers = []
     # What draws and listens is imported once all is right.
     from .demo_run import run_demo
 
-    run_demo(options, hands, recording, frame_count, loaded)
+    run_demo(options, hands, recording, frame_count, loaded, owners)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,10 @@ from ..core.model.palm_triangle import fit_wrist
 from ..messages.builders import prefixed_names
 from ..messages.cdr import MarkerReader
 from ..messages.joint_states import JointStateReader
+from ..messages.labels import LabelMap, default_labels
+from ..messages.points import PointReader
 from ..messages.stamps import nanoseconds
+from .demo_anonymous import PointOwners
 from .recording_options import WornHand
 
 try:
@@ -97,21 +101,34 @@ class Listener:
     ----------
     node : rclpy.node.Node
     hands : sequence of WornHand
+    owners : PointOwners
+        Of the points, where they have no labels; else empty.
 
     Attributes
     ----------
     hands : list of ReceivedHand
+    is_anonymous : bool
+        Whether markers come as points without labels, which the tracker gives them.
     transforms : int
         Messages on /tf.
     """
 
-    def __init__(self, node: Node, hands: Sequence[WornHand]) -> None:
+    def __init__(self, node: Node, hands: Sequence[WornHand], owners: PointOwners) -> None:
         self.hands = [ReceivedHand(hand) for hand in hands]
         self.transforms = 0
         self._latencies: list[float] = []  # [s]
         self._frames: set[int] = set()     # stamps of markers [ns]
+        self._owners, self.is_anonymous = owners, bool(owners)
+        self._label_counts = [0, 0]        # right ones, and all
         self._marker_readers = [MarkerReader(hand.labels) for hand in self.hands]
+        self._point_reader = PointReader()
         self._joint_reader = JointStateReader()
+        for hand in self.hands if owners else ():
+            scope = f'{hand.hand.side}/' if len(self.hands) > 1 else ''
+            node.create_subscription(MarkerArray, f'{scope}labelled_markers', partial(
+                self._on_labelled, hand, MarkerReader(LabelMap(
+                    default_labels(hand.layout.names), hand.layout.names))),
+                LISTENER_DEPTH, raw=True)
         quick = QoSProfile(depth=LISTENER_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         node.create_subscription(MarkerArray, 'markers', self._on_markers, quick, raw=True)
         node.create_subscription(
@@ -120,7 +137,22 @@ class Listener:
             node.create_subscription(
                 TFMessage, '/tf', self._on_transforms, LISTENER_DEPTH, raw=True)
 
+    def _on_labelled(self, hand: ReceivedHand, reader: MarkerReader, message: bytes) -> None:
+        frame = reader.read(message)
+        if frame.stamp is not None:
+            hand.markers[nanoseconds(frame.stamp)] = frame.positions
+            for row, place in enumerate(frame.positions):
+                if np.isfinite(place).all():
+                    owner = self._owners.get(place.tobytes())
+                    self._label_counts[0] += owner == (hand.hand.side, row)
+                    self._label_counts[1] += 1
+
     def _on_markers(self, message: bytes) -> None:
+        if self.is_anonymous:
+            points = self._point_reader.read(message)
+            if points.stamp is not None:
+                self._frames.add(nanoseconds(points.stamp))
+            return
         for hand, reader in zip(self.hands, self._marker_readers):
             frame = reader.read(message)
             if frame.stamp is not None:
@@ -145,6 +177,12 @@ class Listener:
     def counts(self) -> tuple[int, int]:
         """Return the numbers of received frames of markers and of joint states."""
         return len(self._frames), len(self._latencies)
+
+    @property
+    def label_counts(self) -> tuple[int, int]:
+        """Return how many labels of points are those of their owners, and how many there are."""
+        right, count = self._label_counts
+        return right, count
 
     def left_out(self) -> tuple[int, int]:
         """Return how many received frames were not answered, and of how many from the first on.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import subprocess
 import sys
@@ -20,13 +21,15 @@ from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.model.marker_layout import MARKERS, marker_positions
 from ..core.model.palm_triangle import fit_wrist
 from ..core.model.skeleton import skeleton_points
-from ..core.numerics.jit import DEFERRED
+from ..core.numerics import jit
 from ..drawing.animation import HandMotion, save_animation, save_sheet
 from ..files.angle_table import write_angle_table
 from ..files.hand_file import save_hand
 from ..files.layout_file import save_layout
 from ..retargeting.robot_file import LoadedRobot
+from ..tracking.compilation import COMPILE_TIME, PROGRAM
 from ..tracking.opened_recording import PointBag
+from .demo_anonymous import PointOwners
 from .demo_grasp import GraspingRobot
 from .demo_listener import Listener, ReceivedFrames, TFMessage
 from .demo_robot import DrivenRobot
@@ -57,7 +60,7 @@ def _stop(process: subprocess.Popen[bytes]) -> int:
 
 
 def run_demo(options: argparse.Namespace, hands: Sequence[WornHand], recording: Path | PointBag,
-             frame_count: int, loaded: LoadedRobot | None) -> None:
+             frame_count: int, loaded: LoadedRobot | None, owners: PointOwners) -> None:
     """Play a recording through the nodes, and save what they answered.
 
     Parameters
@@ -71,6 +74,8 @@ def run_demo(options: argparse.Namespace, hands: Sequence[WornHand], recording: 
         Messages of markers in the recording.
     loaded : LoadedRobot or None
         Robot that follows.
+    owners : PointOwners
+        Of the points of a recording without labels; empty where there are labels.
 
     Raises
     ------
@@ -83,7 +88,7 @@ def run_demo(options: argparse.Namespace, hands: Sequence[WornHand], recording: 
     try:
         rclpy.init()
         node = rclpy.create_node('demo')
-        listener = Listener(node, hands)
+        listener = Listener(node, hands, owners)
         robot = None
         if loaded is not None:
             robot = (GraspingRobot if options.grasp else DrivenRobot)(node, loaded)
@@ -106,17 +111,28 @@ def run_demo(options: argparse.Namespace, hands: Sequence[WornHand], recording: 
         rclpy.try_shutdown()
 
 
+def _complete_kernels() -> None:
+    """Compile the kernels that label points, where that was not done: Python is far too slow."""
+    if jit.JIT_IS_ON and not jit.is_ready(jit.LABELLING_SET):
+        print(f'Compiling what labels points: once, for {COMPILE_TIME} ...', flush=True)
+        subprocess.run([sys.executable, '-m', PROGRAM], check=True,
+                       env={**os.environ, 'HAND_TRACKER_JIT': '1'})
+
+
 def _play(node: Node, listener: Listener, options: argparse.Namespace,
           processes: list[subprocess.Popen[bytes]], robot: DrivenRobot | None) -> None:
     """Run the nodes until the recording ends."""
     presets = {f'{name}.preset': value for name, value in (
         ('limits', options.limits), ('coupling', options.coupling)) if value}
+    if listener.is_anonymous:
+        _complete_kernels()
     print('Starting the tracker ...', flush=True)
     # What is received is compared with the hand that is given here, the recording's.
     first = listener.hands[0]
     side = first.hand.side if len(listener.hands) == 1 else BOTH
     tracker = _start('tracker', hand_file=options.hand, layout=options.layout, side=side,
-                     broadcast='all', auto_size='false', **presets)
+                     broadcast='all', auto_size='false',
+                     labels="'none'" if listener.is_anonymous else None, **presets)
     processes.append(tracker)
     if robot is not None:
         processes.append(_start('retarget', robot=options.robot, hand_file=options.hand, side=side,
@@ -200,10 +216,13 @@ def _count_lines(listener: Listener, received: Sequence[ReceivedFrames],
     transforms = f' and {listener.transforms} messages on /tf' if TFMessage else ''
     yield (f'{frame_count} frames of markers played, {states} joint states{transforms} answer '
            f'them; {listener.summary(received)}')
+    if listener.is_anonymous:
+        right, labelled = listener.label_counts
+        yield f'{right} of {labelled} labels given to points are those of the recording'
     left_out, count = listener.left_out()
     if left_out > TOLD_SHARE * count:
         cause = ('plain Python tracks until the kernels are compiled, once, on the first start'
-                 if DEFERRED else 'this machine had other work')
+                 if jit.DEFERRED else 'this machine had other work')
         yield (f'{left_out} of {count} frames were left out, as {cause}: run it again, and more '
                'are answered.')
     if frame_count - frames > TOLD_SHARE * frame_count:

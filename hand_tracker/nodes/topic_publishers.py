@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ..messages.marker_array import MARKER_ARRAY
+from ..tracking.input_monitor import SENDS_NOTHING
 
 # What rmw reports while discovery knows an endpoint but not yet its node.
 UNNAMED_NODE = '_NODE_NAME_UNKNOWN_'
@@ -50,4 +51,4 @@ def who_publishes(endpoints: Sequence[TopicEndpointInfo], reliability: str,
         if reliability == 'reliable' and endpoint.qos_profile.reliability.name != 'RELIABLE':
             return (f'{name} publishes with best effort, and qos.markers.reliability here is '
                     'reliable')
-    return f'{name} publishes them, but sends nothing that arrives; is it paused?'
+    return f'{name} publishes them, but {SENDS_NOTHING}'

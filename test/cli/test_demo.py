@@ -12,12 +12,15 @@ from helpers.robots import wide_hand
 from PIL import Image
 
 from benchmarks.repository import REPOSITORY
+from hand_tracker.cli.demo_anonymous import take_labels_off
 from hand_tracker.cli.recording_options import WornHand
 from hand_tracker.core.model.hand import JOINTS, Hand
-from hand_tracker.core.model.marker_layout import MarkerLayout
-from hand_tracker.files.bags import write_bag
+from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
+from hand_tracker.files.bags import open_bag, write_bag
 from hand_tracker.files.urdf_file import urdf
-from hand_tracker.messages.labels import LabelMap
+from hand_tracker.messages.cdr import MarkerReader
+from hand_tracker.messages.labels import LabelMap, default_labels, label_maps
+from hand_tracker.messages.points import PointReader
 from hand_tracker.package_data import packaged_recording
 from hand_tracker.retargeting.robot_file import load_robot
 from hand_tracker.simulation.packaged_recordings import demo_recording, recording_messages
@@ -117,7 +120,7 @@ def node(ros):
 def test_frames_that_were_not_answered_are_counted_from_the_first_answer_on(node):
     from hand_tracker.cli.demo_listener import Listener
 
-    listener = Listener(node, [WornHand(Hand.scaled(), MarkerLayout(), LabelMap())])
+    listener = Listener(node, [WornHand(Hand.scaled(), MarkerLayout(), LabelMap())], {})
     recording = demo_recording()
     short = recording._replace(stamps=recording.stamps[:10] - recording.stamps[0] + 10**9,
                                markers=recording.markers[:10], angles=recording.angles[:10])
@@ -157,3 +160,32 @@ def test_the_robot_is_drawn_as_it_was_commanded_for_the_frame_beside_it(
         robot._on_command(message)
     robot.save(tmp_path, Hand.scaled(), stamps, np.zeros((len(stamps), len(JOINTS))))
     assert drawn == [(f'{.1 * row:.1f} s', pytest.approx(.1 * row)) for row in (2, 4, 5, 6, 8, 9)]
+
+
+def test_without_labels_points_keep_their_ids_while_they_are_seen(tmp_path):
+    sides = ('right', 'left')
+    labels = label_maps(default_labels(MARKERS), {side: f'{side}/0' for side in sides})
+    hands = [WornHand(Hand.scaled(side=side), MarkerLayout(), labels[side]) for side in sides]
+    with open_bag(packaged_recording('both')) as bag:
+        owners = take_labels_off(bag, '/markers', hands, tmp_path / 'points.mcap')
+        frames = [np.concatenate([reader.read(message.data).positions for reader in (
+            MarkerReader(hand.labels) for hand in hands)]) for message in bag.messages(
+                ['/markers'])][:400]
+    marker_of: dict[int, int] = {}
+    reader, returned = PointReader(), 0
+    with open_bag(tmp_path / 'points.mcap') as bag:
+        for message, frame in zip(bag.messages(['/markers']), frames):
+            found = reader.read(message.data)
+            at = [(side, row) for side in sides for row in range(len(MARKERS))]
+            markers = [at.index(owners[point.tobytes()]) for point in found.points]
+            assert sorted(markers) == np.flatnonzero(np.isfinite(frame).all(axis=1)).tolist()
+            new = dict(zip(found.ids.tolist(), markers))
+            for label, marker in new.items():
+                if marker in marker_of.values():
+                    assert marker_of[label] == marker
+                else:
+                    returned += bool(marker_of)
+                    assert label not in marker_of
+            marker_of = new
+    assert returned
+    assert [marker_of[label] for label in sorted(marker_of)] != sorted(marker_of.values())
