@@ -4,14 +4,16 @@ import argparse
 import sys
 from pathlib import Path
 
-from ..drawing.angle_plots import PDF, require_output, save_pages, tracked_angles
 from ..parallel import Interruptions
 from .recording_options import add_recording_options, run_command
-from .tracking_job import tracked_recording
 
 
 def _plot_file(options: argparse.Namespace, interrupted: Interruptions) -> str:
     """Track and plot the recording; return a closing message."""
+    # Here, so that a wrong option is told at once.
+    from ..drawing.angle_plots import PDF, require_output, save_pages, tracked_angles
+    from .tracking_job import tracked_recording
+
     output = require_output(options.output or Path(options.recording.stem + PDF))
     with tracked_recording(options, interrupted) as (hand, job, frames):
         tracked = tracked_angles((1e-9 * frame.time, frame.state) for frame in frames)

@@ -8,7 +8,6 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from hand_tracker.cli import plot
 from hand_tracker.cli.plot import main
 from hand_tracker.core.model.hand import DIGITS, JOINTS, Hand, preset_limits
 from hand_tracker.core.model.marker_layout import MARKERS
@@ -146,7 +145,7 @@ def test_command_plots_what_the_tracker_says_of_the_arrays(
         drawn.append((tracked, hand, title))
         return save_pages(path, tracked, hand, title, layout)
 
-    monkeypatch.setattr(plot, 'save_pages', note)
+    monkeypatch.setattr(angle_plots, 'save_pages', note)
     monkeypatch.chdir(tmp_path)
     assert main(['in.mcap', '--limits', 'wide']) == 0
     assert f'in.pdf: {len(recording.stamps)} of' in capsys.readouterr().out

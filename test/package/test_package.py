@@ -139,7 +139,8 @@ def test_help_imports_nothing_that_computes():
     ['demo', '--robot', 'none.urdf'], ['view', 'none.mcap'], ['robot', 'inspect', 'none.urdf'],
     ['robot', 'view', 'none.urdf'], ['calibrate', 'none.npz', '-o', 'hand.yaml'],
     ['evaluate', 'markers', 'none.npz'], ['evaluate', 'none'], ['skin', '--side', 'up'],
-    ['urdf', '--hand', 'none.yaml'], ['record', '--side', 'up']], ids=' '.join)
+    ['urdf', '--hand', 'none.yaml'], ['plot', 'none.mcap'], ['record', '--side', 'up']],
+    ids=' '.join)
 def test_what_is_wrong_is_said_before_anything_heavy_is_imported(arguments):
     code, modules = run_python(
         'import sys; from hand_tracker.__main__ import main\ntry: code = main(sys.argv[1:])\n'
