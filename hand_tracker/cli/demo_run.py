@@ -222,7 +222,7 @@ def _count_lines(listener: Listener, received: Sequence[ReceivedFrames],
     left_out, count = listener.left_out()
     if left_out > TOLD_SHARE * count:
         cause = ('plain Python tracks until the kernels are compiled, once, on the first start'
-                 if jit.DEFERRED else 'this machine had other work')
+                 if jit.DEFERRED and not listener.is_anonymous else 'this machine had other work')
         yield (f'{left_out} of {count} frames were left out, as {cause}: run it again, and more '
                'are answered.')
     if frame_count - frames > TOLD_SHARE * frame_count:
