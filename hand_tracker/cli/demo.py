@@ -32,7 +32,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
                         help='which point of a file is which marker')
     add_reading_options(parser)
     parser.add_argument('--rate', type=float, default=1., help='speed of the replay (default: 1)')
-    parser.add_argument('--output', type=Path, default=Path('demo_output'),
+    parser.add_argument('-o', '--output', type=Path, default=Path('demo_output'),
                         help='folder for the pictures and the table (default: demo_output)')
     parser.add_argument('--grasp', action='store_true',
                         help='instead of a recording, a hand that grasps a ball: the plain robot '

@@ -13,8 +13,8 @@ from hand_tracker.__main__ import main
 from hand_tracker.files.bvh_file import write_bvh_motion
 from hand_tracker.files.recordings import VICON_CSV, write_recording
 
-README_COMMANDS = re.findall(r'^\| .* \| `(hand_tracker [^`]*)` \|$',
-                      (REPOSITORY / 'README.md').read_text(encoding='utf-8'), re.MULTILINE)
+README = (REPOSITORY / 'README.md').read_text(encoding='utf-8')
+README_COMMANDS = re.findall(r'^\| .* \| `(hand_tracker [^`]*)` \|$', README, re.MULTILINE)
 VICON_NAMES = {'R_Wrist': 'Anna:WRA', 'R_IndexMCP': 'Anna:FIN', 'R_PinkyMCP': 'Anna:PIN'}
 
 
@@ -36,6 +36,20 @@ def test_the_readme_has_a_command_for_every_format():
     assert len(README_COMMANDS) >= 11
     for suffix in ('.c3d', '.trc', '.tsv', '.csv', '.bvh', '.npz', '.mcap', '.glb'):
         assert any(suffix in command for command in README_COMMANDS)
+
+
+def test_the_packaged_recording_makes_the_files_of_the_table(monkeypatch, tmp_path):
+    line = re.search('`hand_tracker convert (\\S+) (take.c3d)`, and so ([^;]*); of `(\\S+)` '
+                     '\\(`(.*)`\\)', README)
+    recording, first, others, last, form = line.groups()
+    names = {first, *re.findall('`([^`]*)`', others)}
+    used = {shlex.split(command)[2] for command in README_COMMANDS}
+    assert used == {*names, last, 'body.bvh'}
+    monkeypatch.chdir(tmp_path)
+    # A skeleton is tracked, as another test has it.
+    for words in [*([name] for name in names - {'hand.bvh'}), [last, *form.split()]]:
+        assert main(['convert', str(REPOSITORY / recording), *words]) == 0
+    assert 'wrist' in (tmp_path / last).read_text(encoding='utf-8').splitlines()[2]
 
 
 @pytest.mark.parametrize('command', README_COMMANDS)
