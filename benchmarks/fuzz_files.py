@@ -33,6 +33,7 @@ from hand_tracker.core.model.hand import Hand
 from hand_tracker.files.bvh_file import write_bvh
 from hand_tracker.files.point_recording import Axes, PointRecording
 from hand_tracker.files.recordings import (
+    BAG_STARTS,
     FORMATS,
     VICON_CSV,
     ReadingOptions,
@@ -49,7 +50,8 @@ FUZZED_NAMES = ('wrist', 'index_mcp', 'little_mcp', 'index_dip', 'middle_dip', '
 EXTREMES = (b'0', b'-1', b'1', b'255', b'65535', b'65536', b'4294967295', b'99999999999', b'1e308',
             b'nan', b'inf', b'-', b'', b'\xff', b'\0', b'1_0', b'0x10', b'{', b'}', b'\n', b'\t',
             b',', b'"', b'\r\n\r\n')
-KINDS = ('c3d', 'trc', 'tsv', 'optitrack', 'vicon', 'bvh', 'npz')
+KINDS = ('c3d', 'trc', 'tsv', 'optitrack', 'vicon', 'bvh', 'npz', 'mcap', 'db3')
+BAG_START_OF = dict(zip(('mcap', 'db3'), BAG_STARTS))
 SUFFIX_OF = {'optitrack': '.csv', 'vicon': '.csv'}
 CASES_AT_ONCE = 250
 
@@ -87,12 +89,14 @@ def seeds(kind, folder, files):
         for one in (recording, unnamed):
             write_recording(path, one, VICON_CSV if kind == 'vicon' else None)
             found.append(path.read_bytes())
-    usual = next(one for one in FORMATS if one.name.lower().startswith(
-        {'tsv': 'qualisys'}.get(kind, kind)))
+    starts = BAG_START_OF.get(kind)
+    is_like = (lambda head: head.startswith(starts)) if starts else next(
+        one for one in FORMATS if one.name.lower().startswith(
+            {'tsv': 'qualisys'}.get(kind, kind))).is_like
     for other in sorted(files.rglob('*')) if files else ():
         if other.is_file() and other.stat().st_size <= LARGEST_SEED:
             content = other.read_bytes()
-            if usual.is_like(content[:4096]):
+            if is_like(content[:4096]):
                 found.append(content)
     return found
 
