@@ -163,6 +163,9 @@ class Bag:
         with _read_errors(self.path):
             for connection, time, data in self._reader.messages(connections, start=start):
                 count += 1
+                # A damaged column of SQLite may have any type.
+                if not isinstance(data, bytes) or not isinstance(time, int):
+                    raise TypeError(f'a message on {connection.topic} has no time or no bytes')
                 yield BagMessage(connection.topic, connection.msgtype, time, data)
         listed = sum(self.counts[topic] for topic in wanted)
         if count < listed and (start is None or start <= self.start):

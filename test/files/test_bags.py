@@ -1,6 +1,8 @@
 """Recordings: what is written is read again; damage is named."""
 
 import re
+import sqlite3
+from contextlib import closing
 from itertools import islice
 
 import numpy as np
@@ -252,6 +254,17 @@ def test_damaged_index(tmp_path):
                 assert [m.topic for m in bag.messages()] == ['/markers', '/truth'] * 3
         except BagError as error:
             assert re.search(message, str(error))
+
+
+@pytest.mark.parametrize('change', ['data = 5', "data = 'text'", "timestamp = 'text'"])
+def test_columns_of_another_type_are_named(tmp_path, change):
+    path = tmp_path / 'a.db3'
+    write_bag(path, frames())
+    with closing(sqlite3.connect(path)) as table, table:
+        table.execute(f'UPDATE messages SET {change} WHERE id = 9')
+    with pytest.raises(BagError, match='a.db3: .*expected a complete recording'):
+        with open_bag(path) as bag:
+            list(bag.messages())
 
 
 def test_a_chunk_that_unpacks_without_end_is_refused(tmp_path, monkeypatch):
