@@ -264,7 +264,7 @@ def test_a_left_hand_in_a_namespace_loops(watch, short):
 @pytest.mark.parametrize('arguments, said', [
     ({'parameters': 'absent.yaml'}, 'parameters: absent.yaml: No such file'),
     ({'parameters': RVIZ}, 'hand_tracker.rviz: for no node; expected'),
-    ({'parameters': __file__}, "test_launch.py: expected '<document start>'"),
+    ({'parameters': __file__}, 'test_launch.py:1:3: no YAML; expected YAML'),
     ({'sied': 'left'}, "there is no argument 'sied', did you mean 'side'?; expected are source"),
     ({'loops': 'true', 'side': 'left'}, "there is no argument 'loops', did you mean 'loop'?")])
 def test_what_would_be_left_out_silently_is_refused(arguments, said):
