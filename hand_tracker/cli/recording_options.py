@@ -308,8 +308,9 @@ def require_inputs(options: argparse.Namespace) -> None:
     HandTrackerError
     """
     given = vars(options)
+    # Of many `recordings` one that is missing does not stop the rest.
     recordings = [given.get('recording'), *(
-        path for name in ('recordings', 'takes', 'files', 'fit') for path in given.get(name) or ())]
+        path for name in ('takes', 'files', 'fit') for path in given.get(name) or ())]
     # Of a robot there are also names of presets, package:// paths and XML.
     robots = [given[name] for name in ('robot', 'robot_description', 'urdf') if given.get(name)]
     files = [given.get('hand'), *(

@@ -451,7 +451,7 @@ def test_the_command_says_what_it_needs(tmp_path, capsys):
             evaluate.main(['noise', *arguments])
         assert message in capsys.readouterr().err
     assert evaluate.main(['recordings', str(tmp_path / 'none.npz')]) == 1
-    assert 'No such file' in capsys.readouterr().err
+    assert 'no such file or folder' in capsys.readouterr().err
 
 
 def test_a_capture_that_cannot_be_judged_is_named_and_the_others_are_judged(

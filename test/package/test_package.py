@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import fields
+from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree
 from zipfile import ZipFile
@@ -286,7 +287,9 @@ def test_installed_wheel_finds_its_data(wheel, tmp_path):
 
 
 def test_an_editable_install_is_found_beside_a_checkout_of_its_name(tmp_path):
-    pytest.importorskip('setuptools', reason='setuptools, which builds the package, is missing')
+    # To import it here may fail: another distutils is imported already.
+    if find_spec('setuptools') is None:
+        pytest.skip('setuptools, which builds the package, is missing')
     checkout, installed = tmp_path / 'hand_tracker', tmp_path / 'installed'
     ignored = shutil.ignore_patterns('.*', '*.egg-info', 'build', 'install', 'log', '__pycache__')
     shutil.copytree(REPOSITORY, checkout, ignore=ignored)

@@ -16,12 +16,12 @@ from hand_tracker.files.urdf_file import urdf
 from security.policies import (
     ARRANGEMENTS,
     ENCLAVES,
-    HANDS,
+    HAND_NAMESPACES,
     NAMESPACES,
     NODE_NAMES,
     OTHERS,
     POLICY,
-    ROBOTS,
+    ROBOT_NAMESPACES,
     SHARED_PROCESSES,
     VERSION,
     merged,
@@ -73,7 +73,7 @@ def test_a_program_of_another_package_uses_what_its_policy_allows(tmp_path, prog
     assert merged([found]) == SHIPPED_USES[program].rules
 
 
-@pytest.mark.parametrize('below', ROBOTS)
+@pytest.mark.parametrize('below', ROBOT_NAMESPACES)
 def test_a_shown_robot_is_heard_beside_one_hand_and_beside_one_of_both(below):
     profile, = (profile for profile in ElementTree.parse(POLICY).getroot().iter('profile')
                 if (profile.get('ns'), profile.get('node')) == (below, 'robot_state_publisher'))
@@ -113,16 +113,16 @@ def test_nodes_of_one_process_may_do_what_each_alone_may():
 def test_a_namespace_moves_relative_names_alone():
     root = policy(shipped_uses(), '/lab')
     assert {profile.get('ns') for profile in root.iter('profile')} == {
-        f'/lab{below}' for below in HANDS + ROBOTS}
+        f'/lab{below}' for below in HAND_NAMESPACES + ROBOT_NAMESPACES}
     topics = {expression.text for expression in root.iter('topic')}
     assert {'markers', 'joint_states', '/tf', '/diagnostics', '/rosout'} <= topics
     assert {name for name in topics if name.startswith('/lab')} == {
         '/lab/joint_states', '/lab/joint_confidence',
-        *(f'/lab{hand}/robot/shown' for hand in HANDS)}
+        *(f'/lab{hand}/robot/shown' for hand in HAND_NAMESPACES)}
 
 
 @pytest.mark.parametrize('program', [
-    name for name, below in NAMESPACES.items() if HANDS[1] in below and name != 'mount'])
+    name for name, below in NAMESPACES.items() if HAND_NAMESPACES[1] in below and name != 'mount'])
 def test_nodes_of_one_of_both_hands_hear_the_joints_of_both(program):
     enclave, = (enclave for enclave in policy(shipped_uses()).iter('enclave')
                 if enclave.get('path') == f'{ENCLAVES}/{program}')

@@ -40,7 +40,7 @@ PACKAGE = Path(__file__).parents[2]
 KERNEL_DECORATOR = re.compile(rb'@(partial\()?(labelling_)?jit\b')
 # Files without kernels of their own, whose constants or intrinsics are compiled into kernels.
 COMPILED_IN = ('joint_states.py', 'landmarks.py', 'marker_array.py', 'message_kinds.py',
-               'packet_structure.py', 'rcl.py')
+               'packet_reception.py', 'packet_structure.py', 'rcl.py')
 
 SWITCH = os.environ.get('HAND_TRACKER_JIT', '1')
 HAS_NUMBA = find_spec('numba') is not None
