@@ -3,9 +3,11 @@
 Run as ``python -m hand_tracker.tracking.compile_kernels [SET...]`` by `Compilation`.
 """
 
+import os
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 
@@ -24,6 +26,11 @@ from ..messages.templates import joint_state_template
 from .compilation import COMPILE_TIME
 
 EMPTY_MARKER_ARRAY = LITTLE_ENDIAN + bytes(4)
+LOCK_POLL = .1  # [s]
+
+
+class StarterEnded(Exception):
+    """Another process compiles the kernels, and the one that asked for them has ended."""
 
 
 def compile_tracking() -> HandTracker:
@@ -62,13 +69,20 @@ def prepare_kernels(say: Callable[[str], object]) -> None:
 
 
 @contextmanager
-def compile_lock(kernel_set: str) -> Iterator[None]:
+def compile_lock(kernel_set: str, starter: int | None = None) -> Iterator[None]:
     """Lock a set of kernels in the cache folder: one process at a time compiles it.
+
+    Parameters
+    ----------
+    kernel_set : str
+    starter : int, optional
+        Parent process for which this one waits: once it has ended there is nothing to wait for.
 
     Raises
     ------
     KernelsUnavailable
         If there is no such folder.
+    StarterEnded
     """
     try:
         import fcntl
@@ -78,13 +92,24 @@ def compile_lock(kernel_set: str) -> Iterator[None]:
     if jit.CACHE_FOLDER is None:
         raise jit.KernelsUnavailable('no folder for compiled kernels can be written to')
     with open(jit.CACHE_FOLDER / f'lock-{kernel_set}', 'w') as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+        while True:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if starter is not None and os.getppid() != starter:
+                    raise StarterEnded from None
+                time.sleep(LOCK_POLL)
         yield
 
 
-def complete_set(kernel_set: str, compile_set: Callable[[], object]) -> None:
-    """Compile a set of kernels, and mark it as ready, unless it is on disk."""
-    with compile_lock(kernel_set):
+def complete_set(kernel_set: str, compile_set: Callable[[], object],
+                 starter: int | None = None) -> None:
+    """Compile a set of kernels, and mark it as ready, unless it is on disk.
+
+    Parameters and errors are those of `compile_lock`.
+    """
+    with compile_lock(kernel_set, starter):
         if not jit.is_ready(kernel_set):
             compile_set()
             jit.mark_ready(kernel_set)
@@ -96,8 +121,10 @@ SETS: dict[str, Callable[[], object]] = {
 
 def main(names: Sequence[str]) -> int:
     """Compile sets by their names, all where none is given; return the exit code."""
-    for name in names or SETS:
-        complete_set(name, SETS[name])
+    starter = os.getppid()
+    with suppress(StarterEnded):
+        for name in names or SETS:
+            complete_set(name, SETS[name], starter)
     return 0
 
 

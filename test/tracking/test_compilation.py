@@ -226,3 +226,31 @@ def test_two_processes_compile_a_set_one_after_the_other(tmp_path):
     assert [process.wait(PATIENCE) for process in both] == [0, 0]
     words = (tmp_path / 'log').read_text().split()
     assert [word for word in words if word != 'wants'] == ['in', 'out', 'in', 'out']
+
+
+WAITING = """
+import os
+from hand_tracker.tracking.compile_kernels import StarterEnded, complete_set
+starter = os.getppid()
+print('waits', flush=True)
+try:
+    complete_set('one', print, starter)
+except StarterEnded:
+    print('ended', flush=True)
+"""
+STARTING = f'import subprocess, sys; subprocess.Popen([sys.executable, "-c", {WAITING!r}]); input()'
+
+
+@needs_numba
+def test_who_waits_to_compile_ends_with_its_starter(tmp_path):
+    fcntl = pytest.importorskip('fcntl', reason='there are no locks of files here')
+    environment = {**os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(tmp_path),
+                   'PYTHONPATH': str(REPOSITORY)}
+    with open(tmp_path / 'lock-one', 'w') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        starter = subprocess.Popen([sys.executable, '-c', STARTING], env=environment, text=True,
+                                   stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        assert starter.stdout.readline() == 'waits\n'
+        # Its output ends when both have ended.
+        assert starter.communicate('\n', PATIENCE)[0] == 'ended\n'
+    assert not list(tmp_path.glob('ready-*'))

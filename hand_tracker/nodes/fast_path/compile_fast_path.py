@@ -3,12 +3,13 @@
 Run as ``python -m hand_tracker.nodes.fast_path.compile_fast_path``; needs no running ROS.
 """
 
+import os
 import sys
 from contextlib import suppress
 
 from ...core.numerics import jit
 from ...core.point_labelling.cloud_labeller import compile_kernels as compile_labelling
-from ...tracking.compile_kernels import compile_tracking, complete_set
+from ...tracking.compile_kernels import StarterEnded, compile_tracking, complete_set
 from ..serialization import codec_agrees
 from .middleware import FastPath
 from .packet_relay import PacketRelay
@@ -17,10 +18,12 @@ from .rcl import FastPathUnavailable
 
 def main() -> int:
     """Compile set by set; return the exit code."""
-    complete_set(jit.TRACKING_SET, compile_tracking)
-    with suppress(FastPathUnavailable):
-        complete_set(FastPath.KERNEL_SET, compile_fast_path)
-    complete_set(jit.LABELLING_SET, compile_labelling)
+    starter = os.getppid()
+    with suppress(StarterEnded):
+        complete_set(jit.TRACKING_SET, compile_tracking, starter)
+        with suppress(FastPathUnavailable):
+            complete_set(FastPath.KERNEL_SET, compile_fast_path, starter)
+        complete_set(jit.LABELLING_SET, compile_labelling, starter)
     return 0
 
 
