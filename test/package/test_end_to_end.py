@@ -46,6 +46,8 @@ def test_a_captured_hand_goes_through_replay_and_tracker(name, preset, rate, tmp
                 **LOSSLESS}) as tracker:
         states = watcher.collect(JointState, 'joint_states', 1000)
         tracker.wait_for_line('listening')
+        # What is published before it knows the watcher does not come.
+        watcher.spin_until(lambda: watcher.count_publishers('joint_states') > 0)
         with NodeProcess('hand_tracker.nodes.replay_node', {
                 'recording': str(tmp_path / 'capture.mcap'), 'rate': rate,
                 'restamp': False, 'wait_for_subscriber': PATIENCE}) as replay:

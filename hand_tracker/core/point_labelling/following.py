@@ -72,6 +72,7 @@ MEETING_COST = 12.          # below which two labels may as well be exchanged; o
 CROSSING_GAIN, CROSSING_MARGIN = 10., 26.
 TRUSTED_CROSSING, CROSSING_TRUST = 60., .5    # [variances, s]
 HINT_GAIN = 4.              # of a point that has the id that the marker had
+KEPT_ID_TIME = .1           # [s] for which it has had it: some sources number anew each time; ours
 JUDGED_TIME = .5            # [s] for which a marker that came back is judged by its motion; ours
 RETURN_DOUBT = 12.          # cost above which it is hidden again; ours
 RETURN_LEAD = 4.            # by which another point must cost less to be taken for it; ours
@@ -137,7 +138,8 @@ def match_costs(prototype: Prototype, track: HandTrack, points: np.ndarray, ids:
                         value += rigid_cost(prototype, track, i, points[j])
                     value = min(value, RETURN_COST + max(come, clutter[j]) + circle_cost(
                         prototype, track, i, points[j]))
-            if ids[j] >= 0 and ids[j] == track.ids[i]:
+            if (ids[j] >= 0 and ids[j] == track.ids[i]
+                    and track.id_kept_for[i] >= KEPT_ID_TIME):
                 value -= HINT_GAIN
             cost[i, j] = value if value < 0. else math.inf
 
@@ -697,7 +699,10 @@ def follow_hands(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
                      firsts[hand])
         for i in range(len(mine)):
             if track.finding.rows[i] >= 0:
-                track.ids[i] = ids[track.finding.rows[i]]
+                number = ids[track.finding.rows[i]]
+                track.id_kept_for[i] = (
+                    track.id_kept_for[i] + step if number == track.ids[i] else 0.)
+                track.ids[i] = number
                 free[track.finding.rows[i]] = False
         first += len(track.place)
     for hand in range(len(tracks)):

@@ -88,6 +88,8 @@ class HandTrack(NamedTuple):
         other marker's; on the diagonal since it may have been none [s].
     ids : ndarray of int, shape (M,)
         By which the source distinguished the markers' points; -1 where it did not.
+    id_kept_for : ndarray, shape (M,)
+        Time for which each seen marker's point has had that [s].
     returns : Returns
         How each marker came back that was hidden.
     exchanged : ndarray, shape (M, M)
@@ -118,6 +120,7 @@ class HandTrack(NamedTuple):
     motion: np.ndarray
     trusted_for: np.ndarray
     ids: np.ndarray
+    id_kept_for: np.ndarray
     returns: Returns
     exchanged: np.ndarray
     palm_offset: np.ndarray
@@ -135,7 +138,7 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
         prototype.template.copy(), np.zeros((count, 3)), prototype.template.copy(),
         np.zeros(count), np.full(count, FIRST_DEVIATION),
         np.full(count, FIRST_DEVIATION), np.zeros(count), np.zeros(count), np.zeros((2, 3)),
-        np.zeros((count, count)), np.full(count, -1),
+        np.zeros((count, count)), np.full(count, -1), np.zeros(count),
         Returns(np.full(count, np.inf), np.zeros(count), np.zeros(count), np.zeros(count),
                 np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((2, count, 3)),
                 np.zeros((count, 3)), np.zeros(count)),

@@ -97,6 +97,16 @@ def test_a_stream_keeps_its_labels_beside_ghosts():
     assert right >= 295
 
 
+def test_ids_that_are_dealt_anew_in_each_frame_are_no_hint():
+    random = np.random.default_rng(2)
+    plain, numbered = CloudLabeller([prototype()]), CloudLabeller([prototype()])
+    for number, frame in enumerate(moving(300, seed=2)):
+        points, _ = shuffled(frame, random)
+        by_place = plain.update(points, number / RATE).rows[0]
+        by_id = numbered.update(points, number / RATE, random.permutation(len(points))).rows[0]
+        assert np.array_equal(by_place, by_id), number
+
+
 def test_a_hidden_marker_has_no_label_and_gets_its_own_back():
     random = np.random.default_rng(3)
     labeller = CloudLabeller([prototype()])
