@@ -228,7 +228,7 @@ def test_two_processes_compile_a_set_one_after_the_other(tmp_path):
     assert [word for word in words if word != 'wants'] == ['in', 'out', 'in', 'out']
 
 
-WAITING = """
+WAITER = """
 import os
 from hand_tracker.tracking.compile_kernels import StarterEnded, complete_set
 starter = os.getppid()
@@ -238,7 +238,7 @@ try:
 except StarterEnded:
     print('ended', flush=True)
 """
-STARTING = f'import subprocess, sys; subprocess.Popen([sys.executable, "-c", {WAITING!r}]); input()'
+STARTER = f'import subprocess, sys; subprocess.Popen([sys.executable, "-c", {WAITER!r}]); input()'
 
 
 @needs_numba
@@ -248,7 +248,7 @@ def test_who_waits_to_compile_ends_with_its_starter(tmp_path):
                    'PYTHONPATH': str(REPOSITORY)}
     with open(tmp_path / 'lock-one', 'w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        starter = subprocess.Popen([sys.executable, '-c', STARTING], env=environment, text=True,
+        starter = subprocess.Popen([sys.executable, '-c', STARTER], env=environment, text=True,
                                    stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         assert starter.stdout.readline() == 'waits\n'
         # Its output ends when both have ended.
