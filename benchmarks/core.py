@@ -66,7 +66,7 @@ def measure_all(markers, hand):
 
 
 def measure_stages(markers, hand):
-    """Return the times of each stage [ns], called as separate kernels."""
+    """Return the times of each stage [ns], called as separate kernels, of those that are."""
     times = {name: [] for name in STAGES}
     with ExitStack() as stack:
         stack.enter_context(mock.patch.object(tracker, 'track_frame', TRACK_FRAME))
@@ -74,7 +74,8 @@ def measure_stages(markers, hand):
             stage = getattr(pipeline, name)
             stack.enter_context(mock.patch.object(pipeline, name, timed(stage, found)))
         measure_all(markers, hand)
-    return {name: np.array(found) for name, found in times.items()}
+    # Some are for layouts of more markers alone.
+    return {name: np.array(found) for name, found in times.items() if found}
 
 
 def timed(stage, times):
@@ -120,6 +121,8 @@ def table(rows):
         f'{"compiled" if compiled else "plain"}, {number} hidden'.rjust(22)
         for compiled, number in columns)]
     for stage in (*STAGES, 'all'):
+        if (*columns[0], stage) not in found:
+            continue
         cells = (found[(*column, stage)] for column in columns)
         lines.append(stage.ljust(16) + ''.join(
             f'{cell["median_us"]:.1f}/{cell["p99_us"]:.1f}'.rjust(22) for cell in cells))
