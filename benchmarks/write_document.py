@@ -2,7 +2,8 @@
 
     python -m benchmarks.write_document FOLDER [-o docs/benchmarks.md]
 
-FOLDER has the output of `python -m benchmarks.NAME --json FOLDER/NAME.json` on this machine.
+FOLDER has the output of `python -m benchmarks.NAME --json FOLDER/NAME.json` on this machine. Of a
+benchmark that it lacks the document keeps the section that it has, and says so.
 """
 
 import argparse
@@ -17,6 +18,7 @@ if not __package__:
 from benchmarks.common import environment
 from hand_tracker.evaluation.tables import Table
 
+EARLIER = 'Measured with an earlier revision.'
 REPORTED_BENCHMARKS = 'core', 'instructions', 'round_trip', 'peers', 'offline', 'startup', 'memory'
 
 
@@ -28,6 +30,15 @@ def section(name, rows):
     lines = [[_text(row.get(column)) for column in columns] for row in rows]
     return [f'## {name}', what, f'`{command}`', rest.strip(),
             Table(f'{len(rows)} rows', tuple(columns), lines).text()]
+
+
+def kept_section(name, document):
+    """Return the section of a benchmark that a document has, as paragraphs, none if it has none."""
+    _, found, rest = document.partition(f'\n## {name}\n')
+    text = rest.partition('\n## ')[0].strip()
+    if not found:
+        return []
+    return [f'## {name}', text if text.startswith(EARLIER) else f'{EARLIER}\n\n{text}']
 
 
 def _text(value):
@@ -42,12 +53,14 @@ def main():
     options = parser.parse_args()
     parts = ['# Benchmarks', 'Made by `python -m benchmarks.write_document`, not by hand.',
              environment()]
+    before = options.output.read_text(encoding='utf-8') if options.output.exists() else ''
     for name in REPORTED_BENCHMARKS:
         path = options.folder / f'{name}.json'
         if path.exists():
             parts += section(name, json.loads(path.read_text(encoding='utf-8')))
         else:
-            print(f'{path}: not there, left out', file=sys.stderr)
+            print(f'{path}: not there, its section is that of before', file=sys.stderr)
+            parts += kept_section(name, before)
     options.output.write_text('\n\n'.join(part for part in parts if part) + '\n',
                               encoding='utf-8')
     return 0

@@ -129,6 +129,12 @@ def test_the_document_has_every_row(tmp_path, monkeypatch):
              for line in text.splitlines() if line.startswith('|')]
     assert ['start', 'seconds', 'starts'] in lines
     assert ['cold', '31.5', ''] in lines and ['warm', '1.25', '3'] in lines
+    # What is not measured anew stays, and is said to be of before, once.
+    (tmp_path / 'startup.json').unlink()
+    for _ in range(2):
+        assert write_document.main() == 0
+    text = (tmp_path / 'out.md').read_text()
+    assert '| cold  |    31.5 |' in text and text.count(write_document.EARLIER) == 1
 
 
 def test_an_entry_is_fuzzed_and_what_adds_coverage_is_kept(tmp_path):
