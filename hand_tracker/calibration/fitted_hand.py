@@ -24,7 +24,13 @@ from ..core.model.hand import (
     cmc_joints,
     preset_limits,
 )
-from ..core.model.kinematics import ABDUCTION_SIGN, digit_base, forward, joint_table
+from ..core.model.kinematics import (
+    ABDUCTION_SIGN,
+    digit_base,
+    direction_in_base,
+    forward,
+    joint_table,
+)
 from ..core.model.marker_layout import (
     MARKERS,
     PALM_LANDMARKS,
@@ -324,8 +330,7 @@ def _rest_direction(digit: FittedDigit, usual: np.ndarray, limits: np.ndarray) -
         turn += _shift_into(digit.postures[:, 0] - turn, limits[ABDUCTION_JOINTS[row]])
         flexion += _shift_into(digit.postures[:, 1] + tilt - flexion,
                                limits[FLEXION_JOINTS[row, 0]])
-    return base @ (np.cos(flexion) * np.cos(turn), np.cos(flexion) * np.sin(turn),
-                   -np.sin(flexion))
+    return base @ direction_in_base(turn, flexion)
 
 
 def _shift_into(angles: np.ndarray, limits: np.ndarray) -> float:

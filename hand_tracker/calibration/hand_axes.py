@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model.hand import FINGERS
+from ..core.numerics.vectors import unit_vectors
 from ..files.point_recording import UNIT_SPELLINGS, PointRecording, conversion_note
 from .hand_labels import PALM_WORDS, hand_labels
 
@@ -98,15 +99,15 @@ def side_likelihood(recording: PointRecording, hand: HandPoints) -> float:
         chain = [points[name] for name in (f'{finger}_{place}' for place in CHAIN_PLACES)
                  if name in points]
         if len(chain) > 1:
-            distal += np.nan_to_num(_unit(chain[1] - chain[0]))
+            distal += np.nan_to_num(unit_vectors(chain[1] - chain[0]))
         for a, b, c in zip(chain, chain[1:], chain[2:]):
             dorsal += np.nan_to_num(b - (a + c) / 2.)
     palm = [point for name, point in points.items() if name.startswith(PALM_WORDS)]
     if 'wrist' in points or palm:
         middle = (index + little) / 2.
         along = middle - (points['wrist'] if 'wrist' in points else np.mean(palm, axis=0))
-        distal = np.nan_to_num(_unit(along))
-        normal = _unit(np.cross(along, lateral))
+        distal = np.nan_to_num(unit_vectors(along))
+        normal = unit_vectors(np.cross(along, lateral))
         for name, point in points.items():
             if name.endswith(beyond):
                 height = np.einsum('ti,ti->t', point - middle, normal)
@@ -220,8 +221,3 @@ def _sampled(recording: PointRecording, hand: HandPoints) -> dict[str, np.ndarra
     if wrists and 'wrist' not in points:
         points['wrist'] = np.mean(wrists, axis=0)
     return points
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    with np.errstate(invalid='ignore', divide='ignore'):
-        return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)

@@ -18,7 +18,7 @@ from ..core.model.hand import (
     THUMB_ROLL_RANGE,
     Hand,
 )
-from ..core.model.kinematics import digit_base
+from ..core.model.kinematics import digit_base, direction_in_base
 from .fingers import MOTION_PERCENTILES
 from .landmarks import metacarpal_axes, phalanx_axes
 from .least_squares import evenly_spaced, regularised_fit
@@ -266,6 +266,4 @@ def _rest_direction(hand: Hand, saddle: Saddle, tips: np.ndarray) -> np.ndarray:
         np.percentile(angles, MOTION_PERCENTILES).mean() - limits.mean()
         for angles, limits in zip((solved.abduction, solved.flexion), hand.limits[rows]))
     base, _, _ = digit_base(cast(Hand, saddle), THUMB_ROW)
-    return base @ (
-        np.cos(flexion) * np.cos(abduction), np.cos(flexion) * np.sin(abduction),
-        -np.sin(flexion))
+    return base @ direction_in_base(abduction, flexion)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.numerics.jit import jit
+from ..core.numerics.vectors import unit_vectors
 from .mesh import vertex_normals
 
 # Directions to the eye and up, for a right hand in the wrist frame.
@@ -99,8 +100,8 @@ def camera_axes(towards_eye: ArrayLike, up: ArrayLike) -> np.ndarray:
     ndarray, shape (3, 3)
         Rows: unit directions right, up and towards the eye.
     """
-    eye = _unit(np.asarray(towards_eye, dtype=float))
-    right = _unit(np.cross(np.asarray(up), eye))
+    eye = unit_vectors(np.asarray(towards_eye, dtype=float))
+    right = unit_vectors(np.cross(np.asarray(up), eye))
     return np.array((right, np.cross(eye, right), eye))
 
 
@@ -171,7 +172,7 @@ def render(meshes: Sequence[Mesh], camera: Camera, size: tuple[int, int],
     covered = np.isfinite(pixels[..., 0])
     position, normal, colour = np.split(pixels[covered], 3, axis=1)
     image = np.zeros((*covered.shape, 4))
-    image[covered, :3] = _shade(mesh, camera, position, _unit(normal), colour, shadows)
+    image[covered, :3] = _shade(mesh, camera, position, unit_vectors(normal), colour, shadows)
     image[covered, 3] = 1.
     image = image.reshape(size[1], supersampling, size[0], supersampling, 4).mean(axis=(1, 3))
     # Undo the averaging with empty pixels: opacity carries it.
@@ -182,14 +183,14 @@ def render(meshes: Sequence[Mesh], camera: Camera, size: tuple[int, int],
 def _shade(mesh: Mesh, camera: Camera, position: np.ndarray, normal: np.ndarray,
            colour: np.ndarray, shadows: bool) -> np.ndarray:
     """Return the shaded colours of n points of a surface, shape (n, 3)."""
-    light = _unit(LIGHT_DIRECTION @ camera.axes)
+    light = unit_vectors(LIGHT_DIRECTION @ camera.axes)
     eye = camera.axes[2]
     cosine = normal @ light
     # Wrapped diffuse light: skin scatters light past the terminator.
     diffuse = np.clip((cosine + .25) / 1.25, 0., 1.)
     if shadows:
         diffuse *= _light_visibility(mesh, light, position, normal)
-    half = np.clip(normal @ _unit(light + eye), 0., 1.)
+    half = np.clip(normal @ unit_vectors(light + eye), 0., 1.)
     sky = .5 + .5 * normal @ camera.axes[1]
     rim = (1. - np.clip(normal @ eye, 0., 1.)) ** 3
     shade = AMBIENT_SHARE * (.6 + .4 * sky) + DIFFUSE_SHARE * diffuse
@@ -306,7 +307,7 @@ def bone_mesh(start: np.ndarray, end: np.ndarray, radius: float, end_radius: flo
     offset = end - start
     length = np.linalg.norm(offset)
     along = offset / length if length else np.array((0., 0., 1.))
-    aside = _unit(np.cross(along, np.eye(3)[np.argmin(np.abs(along))]))
+    aside = unit_vectors(np.cross(along, np.eye(3)[np.argmin(np.abs(along))]))
     frame = np.array((aside, np.cross(along, aside), along))
     segments = CIRCLE_SEGMENTS
     polar = np.linspace(-.5 * np.pi, .5 * np.pi, segments)
@@ -329,7 +330,3 @@ def bone_mesh(start: np.ndarray, end: np.ndarray, radius: float, end_radius: flo
 def ball_mesh(centre: np.ndarray, radius: float, colour: ArrayLike) -> Mesh:
     """Return a sphere of a radius [m]; see `bone_mesh`."""
     return bone_mesh(centre, centre, radius, radius, colour)
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)

@@ -20,7 +20,7 @@ from ..core.model.marker_layout import MARKERS, PALM_MARKERS, MarkerLayout
 from ..core.tracker import HandTracker
 from .calibrated_fit import calibrated_fit, true_angles
 from .evaluation_options import Options
-from .rows import Row
+from .rows import Row, root_mean_square_deg
 from .simulated import tasks, trial
 from .steadiness import BENT, NEAR_STRAIGHT
 from .tables import SERIES_COLOURS, Picture, Table, figure_with, save_figure, words
@@ -102,7 +102,8 @@ def _judge_hand(motion: str, name: str, hand: Hand, layout: MarkerLayout, true: 
                 'joint_class': joint_class, 'condition': condition,
                 **{f'within_{count}_pct': round(100. * float(
                     (np.abs(off) <= count * spread).mean()), 2) for count in (1, 2)},
-                'error_deg': _root_mean_square(off), 'deviation_deg': _root_mean_square(spread),
+                'error_deg': root_mean_square_deg(off),
+                'deviation_deg': root_mean_square_deg(spread),
                 'mean_mm': np.nan, 'p95_mm': np.nan, 'angles': int(judged.sum()),
                 'frames': len(markers) - first}
 
@@ -127,11 +128,6 @@ def _conditions(hidden_for: np.ndarray, bend: np.ndarray) -> Iterator[np.ndarray
     yield (hidden > SHORTLY) & (hidden <= LONG)
     yield hidden > LONG
     yield np.repeat(palm, bend.shape[1], axis=1)
-
-
-def _root_mean_square(angles: np.ndarray) -> float:
-    """Return the root mean square of angles [degrees]."""
-    return round(float(np.degrees(np.sqrt(np.mean(angles ** 2)))), 4)
 
 
 def pooled(rows: list[Row]) -> Row | None:

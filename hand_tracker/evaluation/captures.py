@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..calibration import LANDMARKS
-from ..calibration.marker_names import canonical_name
 from ..calibration.take_files import recorded_take, usable_rate
 from ..core.errors import HandTrackerError
 from ..core.model.hand import LEFT_HAND_MIRROR, SIDES
@@ -132,11 +131,7 @@ def load_capture(path: str | PathLike[str]) -> Capture:
 def _recorded_capture(path: Path) -> Capture:
     """Return the capture of a file of points, such as BVH, whose labels name the joints."""
     take = recorded_take(path)
-    names = [canonical_name(name) for name in take.names]
-    joints = np.full((len(take.points), len(LANDMARKS), 3), np.nan)
-    for row, name in enumerate(LANDMARKS):
-        if name in names:
-            joints[:, row] = take.points[:, names.index(name)]
+    joints = take.columns(LANDMARKS)
     joints[~np.isfinite(joints).all(axis=2)] = np.nan
     return Capture(path.stem, joints, take.side, take.rate)
 

@@ -8,6 +8,7 @@ import numpy as np
 Row = dict[str, Any]  # of numbers and strings
 
 MILLIMETRE_DECIMALS = 4  # of stored millimetres
+DEGREE_DECIMALS = 4      # of stored root mean squares
 
 
 def error_statistics(errors: np.ndarray) -> Row:
@@ -27,6 +28,11 @@ def error_statistics(errors: np.ndarray) -> Row:
         return {'mean_mm': np.nan, 'p95_mm': np.nan}
     return {'mean_mm': round(1e3 * float(errors.mean()), MILLIMETRE_DECIMALS),
             'p95_mm': round(1e3 * float(np.percentile(errors, 95.)), MILLIMETRE_DECIMALS)}
+
+
+def root_mean_square_deg(angles: np.ndarray) -> float:
+    """Return the root mean square of angles [rad], rounded [degrees]."""
+    return round(float(np.sqrt(np.mean(np.degrees(angles) ** 2))), DEGREE_DECIMALS)
 
 
 def mean_of(rows: Iterable[Row | None]) -> Row | None:

@@ -21,7 +21,7 @@ from .capture_tracking import track_markers, tracked_joints
 from .demo_frames import demo_frames
 from .evaluation_options import Options
 from .metrics import joint_errors
-from .rows import Row, error_statistics
+from .rows import Row, error_statistics, root_mean_square_deg
 from .simulated import trial
 from .tables import (
     INK,
@@ -85,9 +85,9 @@ def judge(task: tuple[str, float], seed: int) -> list[Row]:
         rows.append({
             'evaluation': 'steadiness', 'recording': motion, 'method': 'hand_tracker',
             'motion': motion, 'rate_hz': round(rate), 'joint_class': name,
-            'error_deg': _root_mean_square((found - true)[:, angles], mask),
-            'step_deg': _root_mean_square(np.diff(found[:, angles], axis=0), pairs),
-            'truth_step_deg': _root_mean_square(np.diff(true[:, angles], axis=0), pairs),
+            'error_deg': root_mean_square_deg((found - true)[:, angles][mask]),
+            'step_deg': root_mean_square_deg(np.diff(found[:, angles], axis=0)[pairs]),
+            'truth_step_deg': root_mean_square_deg(np.diff(true[:, angles], axis=0)[pairs]),
             **error_statistics(errors), 'frames': int(pairs.sum())})
     return rows
 
@@ -112,11 +112,6 @@ def _classes(true: np.ndarray, judged: np.ndarray) -> Iterator[tuple[str, np.nda
     yield 'mcp_abduction', ABDUCTION_JOINTS[fingers], judged[:, fingers]
     yield 'thumb_flexion', FLEXION_JOINTS[thumb, 1], judged[:, thumb]
     yield 'thumb_abduction', ABDUCTION_JOINTS[thumb], judged[:, thumb]
-
-
-def _root_mean_square(angles: np.ndarray, mask: np.ndarray) -> float:
-    """Return the root mean square of masked angles [degrees]."""
-    return round(float(np.sqrt(np.mean(np.degrees(angles[mask]) ** 2))), 4)
 
 
 def tables(rows: list[Row]) -> list[Table]:

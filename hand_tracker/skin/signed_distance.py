@@ -11,6 +11,7 @@ import numpy as np
 from ..core.model.hand import FINGERS, JOINTS, LINKS, MCP_OF_LENGTH, MEAN_LENGTH, Hand
 from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
 from ..core.model.skeleton import DIGIT_CHAINS, skeleton_points
+from ..core.numerics.vectors import unit_vectors
 
 # [degrees] abduction in the pose of the surface: parallel fingers would merge.
 MODELLING_ABDUCTION_DEG = {'index': 13., 'middle': 0., 'ring': 11., 'little': 19.}
@@ -83,7 +84,7 @@ def finger(shape: HandShape, digit: int, points: np.ndarray) -> np.ndarray:
     mcp, pip, dip, tip = shape.points[list(DIGIT_CHAINS[digit][1:])]
     first, second, third = shape.radii[digit]
     down = -_dorsal(shape, f'{FINGERS[digit]}_proximal')
-    end = tip - 1.05 * third * _unit(tip - dip)
+    end = tip - 1.05 * third * unit_vectors(tip - dip)
     # The pulp of each phalanx lies palmar of the bone, the joints dorsal of it.
     proximal = tapered_capsule(points, mcp, pip, 1.12 * first, second + .4 * mm, -.3 * mm)
     proximal_pulp = tapered_capsule(
@@ -109,7 +110,7 @@ def thumb(shape: HandShape, points: np.ndarray) -> np.ndarray:
     first, second, third = shape.radii[4]
     down = -_dorsal(shape, 'thumb_proximal')
     knuckle, root = shape.points[DIGIT_CHAINS[0][1]], shape.points[DIGIT_CHAINS[0][0]]
-    end = tip - 1.05 * third * _unit(tip - ip)
+    end = tip - 1.05 * third * unit_vectors(tip - ip)
     metacarpal = tapered_capsule(points, cmc, mcp, 1.15 * first, 1.02 * first)
     # The thenar is thickest over the proximal half of the metacarpal.
     thenar = tapered_capsule(
@@ -236,7 +237,3 @@ def rounded_triangle(points: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.nda
 def _dorsal(shape: HandShape, link: str) -> np.ndarray:
     """Return the dorsal axis of a link, z of its frame."""
     return shape.pose.rotation[LINKS.index(link), :, 2]
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    return vector / np.linalg.norm(vector)

@@ -10,6 +10,12 @@ from hand_tracker.core.numerics.vectors import vector
 TEMPLATE = np.array(((0., 0., 0.), (.083, .021, -.003), (.068, -.034, -.006)))
 
 
+def random_rotation(rng):
+    """Return a random rotation, shape (3, 3)."""
+    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return q * np.linalg.det(q)
+
+
 def vectors(*arrays):
     return [vector(array) for array in arrays]
 

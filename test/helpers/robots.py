@@ -34,6 +34,13 @@ def wide_hand(side='right'):
     return Hand.scaled(side=side, limits=preset_limits('wide'))
 
 
+def human_robot_file(folder):
+    """Write the URDF of our own hand into a folder; return its path, str."""
+    path = folder / 'robot.urdf'
+    path.write_text(urdf(wide_hand()))
+    return str(path)
+
+
 def human_robot(side='right'):
     """Return our own hand as a robot."""
     return robot_hand(read_urdf_tree(urdf(wide_hand(side))))

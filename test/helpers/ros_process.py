@@ -161,6 +161,20 @@ class NodeProcess(Process):
         super().__init__(command, environment)
 
 
+def frames_on_fast_path(diagnostics, key='name'):
+    """Return the last count of each status that has one.
+
+    Parameters
+    ----------
+    diagnostics : list of DiagnosticArray
+    key : {'name', 'hardware_id'}, optional
+        Of a status, by which it is found.
+    """
+    return {getattr(status, key): int(value.value) for array in diagnostics
+            for status in array.status for value in status.values
+            if value.key == 'frames on fast path'}
+
+
 @contextmanager
 def watching_node(name='test'):
     """Yield a node that collects messages, calls services and spins, in a context of its own."""

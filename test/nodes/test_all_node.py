@@ -11,7 +11,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from helpers.hands import hand_at
 from helpers.natnet_server import NatNetServer
-from helpers.ros_process import Process, watching_node
+from helpers.ros_process import Process, frames_on_fast_path, watching_node
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
@@ -48,12 +48,8 @@ def test_markers_of_motive_are_tracked_in_the_process_that_receives_them():
             if server.is_connected:
                 server.send_frame({'RHand': hand_at()}, time.monotonic())
 
-        def on_fast_path():
-            values = {pair.key: pair.value for array in statuses for status in array.status
-                      for pair in status.values}
-            return int(values.get('frames on fast path') or 0)
-
-        node.repeat(send, lambda: answers and (not COMPILED or on_fast_path() > 20), .01)
+        node.repeat(send, lambda: answers and (not COMPILED or max(
+            frames_on_fast_path(statuses).values(), default=0) > 20), .01)
         # Handed over: nobody subscribes, and who does so hears them, too.
         assert node.count_publishers('/source/markers') == 1
         assert node.count_subscribers('/source/markers') == 0

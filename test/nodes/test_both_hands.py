@@ -7,7 +7,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from helpers.bench import LOSSLESS, TRACKER_MODULE, Bench, begun_anew, message, stamp_of
 from helpers.hands import RIGHT, hand_at, motion
-from helpers.ros_process import NodeProcess, watching_node
+from helpers.ros_process import NodeProcess, frames_on_fast_path, watching_node
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
@@ -88,15 +88,11 @@ def test_each_hand_is_tracked_as_if_it_were_alone_while_the_other_vanishes():
                     transforms[-1].transforms[0].header.stamp == stamp))
                 check_wrists(transforms[-1], dict(zip(seen, expected)))
 
-        def on_fast_path():
-            return {status.name: int(value.value) for array in diagnostics
-                    for status in array.status for value in status.values
-                    if value.key == 'frames on fast path'}
-
         bench.node.repeat(lambda: bench.answer(REST_HANDS),
-                          lambda: len(on_fast_path()) == 2 and (
-                              not COMPILED or min(on_fast_path().values()) > 0))
-        assert set(on_fast_path()) == {f'hand_tracker: {side} hand' for side in SIDES}
+                          lambda: len(frames_on_fast_path(diagnostics)) == 2 and (
+                              not COMPILED or min(frames_on_fast_path(diagnostics).values()) > 0))
+        assert set(frames_on_fast_path(diagnostics)) == {
+            f'hand_tracker: {side} hand' for side in SIDES}
 
 
 def collected_transforms(node):

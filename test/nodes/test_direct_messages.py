@@ -11,7 +11,7 @@ from geometry_msgs.msg import Point, Pose, PoseArray
 from helpers.bench import LATE, LOSSLESS, TRACKER_MODULE, lines, message, stamp_of
 from helpers.clouds import cloud
 from helpers.hands import RIGHT, hand_at, motion
-from helpers.ros_process import NodeProcess, watching_node
+from helpers.ros_process import NodeProcess, frames_on_fast_path, watching_node
 from mocap4r2_msgs.msg import Marker, Markers, RigidBodies, RigidBody
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, PointCloud2
@@ -113,9 +113,8 @@ class Trackers:
 
     def frames_on_fast_path(self):
         """Return the last count of each tracker, by name."""
-        return {status.hardware_id.split('/')[1]: int(value.value)
-                for array in self.diagnostics for status in array.status
-                for value in status.values if value.key == 'frames on fast path'}
+        return {topic.split('/')[1]: frames for topic, frames
+                in frames_on_fast_path(self.diagnostics, 'hardware_id').items()}
 
 
 @contextmanager

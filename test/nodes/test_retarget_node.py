@@ -5,8 +5,8 @@ import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped
-from helpers.robots import wide_hand
-from helpers.ros_process import NodeProcess, watching_node
+from helpers.robots import human_robot_file, wide_hand
+from helpers.ros_process import NodeProcess, frames_on_fast_path, watching_node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray, String
@@ -14,7 +14,6 @@ from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
 from hand_tracker.core.numerics.jit import COMPILED
-from hand_tracker.files.urdf_file import urdf
 from hand_tracker.messages.builders import joint_state, prefixed_names
 
 NEEDS = 'rclpy', 'trajectory_msgs'
@@ -68,15 +67,12 @@ def robot_states(urdf_joints, value):
 
 @pytest.fixture
 def robot(tmp_path):
-    path = tmp_path / 'robot.urdf'
-    path.write_text(urdf(wide_hand()))
-    return str(path)
+    return human_robot_file(tmp_path)
 
 
-def on_fast_path(diagnostics):
+def most_on_fast_path(diagnostics):
     """Return how many frames were answered there."""
-    return max((int(value.value) for message in diagnostics for status in message.status
-                for value in status.values if value.key == 'frames on fast path'), default=0)
+    return max(frames_on_fast_path(diagnostics).values(), default=0)
 
 
 def joints():
@@ -148,7 +144,7 @@ def test_the_robot_is_shown_before_it_is_engaged_and_as_it_is_commanded(robot):
         assert not (bench.commands or bench.arrays or bench.trajectories)
         bench.until_engaged()
         if COMPILED:
-            node.spin_until(lambda: on_fast_path(diagnostics) > 20)
+            node.spin_until(lambda: most_on_fast_path(diagnostics) > 20)
         del shown[:], bench.commands[:]
         node.spin_until(lambda: len(shown) > 20 and len(bench.commands) > 20)
         assert {tuple(one.position) for one in shown} & {
@@ -216,11 +212,11 @@ def test_the_fingers_stay_on_the_fast_path_while_an_arms_wrist_follows(robot):
 
         node.create_timer(PERIOD, rise)
         bench.until_engaged()
-        node.spin_until(lambda: on_fast_path(diagnostics) > 50)
+        node.spin_until(lambda: most_on_fast_path(diagnostics) > 50)
         # The wrist goes on beside them: by the way that it was seen to rise.
         del twists[:]
-        before = on_fast_path(diagnostics)
-        node.spin_until(lambda: len(twists) > 50 and on_fast_path(diagnostics) > before + 20)
+        before = most_on_fast_path(diagnostics)
+        node.spin_until(lambda: len(twists) > 50 and most_on_fast_path(diagnostics) > before + 20)
         assert np.median([one.twist.linear.z for one in twists]) > .01
         # What ends the fingers ends the wrist.
         assert bench.engage(False).success

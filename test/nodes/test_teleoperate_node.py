@@ -6,7 +6,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from helpers.bench import message, stamp_of
 from helpers.hands import BENT_ANGLES, hand_at
-from helpers.robots import wide_hand
+from helpers.robots import human_robot_file
 from helpers.ros_process import NodeProcess, watching_node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
@@ -15,7 +15,6 @@ from std_srvs.srv import SetBool
 from visualization_msgs.msg import MarkerArray
 
 from hand_tracker.core.numerics.jit import COMPILED
-from hand_tracker.files.urdf_file import urdf
 
 NEEDS = 'rclpy', 'trajectory_msgs'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -26,9 +25,7 @@ pytestmark = pytest.mark.ros
 
 @pytest.fixture
 def robot(tmp_path):
-    path = tmp_path / 'robot.urdf'
-    path.write_text(urdf(wide_hand()))
-    return str(path)
+    return human_robot_file(tmp_path)
 
 
 class Rig:

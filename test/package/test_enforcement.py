@@ -18,7 +18,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from helpers import stranger
 from helpers.bench import messages
-from helpers.robots import wide_hand
+from helpers.robots import human_robot_file
 from helpers.ros_process import PATIENCE, TRACKER_MODULE, NodeProcess, Process, watching_node
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -30,7 +30,6 @@ from visualization_msgs.msg import Marker
 from benchmarks.common import end, environ
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.files.keystore import security_environment
-from hand_tracker.files.urdf_file import urdf
 from hand_tracker.messages.builders import prefixed_names
 from hand_tracker.nodes.live_tracker import LiveTracker
 from hand_tracker.nodes.runner import spinning
@@ -65,9 +64,7 @@ def keystore(tmp_path_factory):
 
 @pytest.fixture
 def robot(tmp_path):
-    path = tmp_path / 'robot.urdf'
-    path.write_text(urdf(wide_hand()))
-    return str(path)
+    return human_robot_file(tmp_path)
 
 
 @pytest.fixture

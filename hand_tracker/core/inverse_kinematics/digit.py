@@ -32,6 +32,7 @@ from .flexion import (
 
 OUT_OF_PLANE_ROUNDS = 5  # solutions of a digit that leaves its plane, each nearer than the last
 THUMB = 4         # among the digits
+MEASURED_SPREAD = .01    # [rad] of a last joint that a sensor measures
 THUMB_MCP_ABDUCTION_JOINT = JOINTS.index('thumb_mcp_abduction')
 
 
@@ -200,6 +201,12 @@ def natural_flexion_of(chains: Chains, digit: int) -> NaturalFlexion:
     """Return the `NaturalFlexion` of a digit."""
     natural = chains.natural[digit]
     return NaturalFlexion(natural[0], natural[1], natural[2])
+
+
+@jit
+def last_joint_spread(chains: Chains, digit: int) -> float:
+    """Return the standard deviation of a digit's last joint from its coupling or sensor [rad]."""
+    return MEASURED_SPREAD if chains.measured[digit] else chains.coupling_spread[digit]
 
 
 @jit

@@ -29,7 +29,7 @@ from ..numerics.vectors import (
     subtract,
     vector,
 )
-from .digit import THUMB, Chains
+from .digit import THUMB, Chains, last_joint_spread
 from .palm_arch import flexed
 
 CHAIN_JOINTS = 5
@@ -41,7 +41,6 @@ OUTLIER = .015                # [m] distance at which a marker's weight falls to
 # abduction, which hardly moves. Ours.
 FINGER_SPREADS = (1., .35, 1., 1., 1.)
 THUMB_SPREADS = (.6, .6, .09, 1., 1.)
-MEASURED_SPREAD = .01         # [rad] of a last joint that a sensor measures
 # Random walk of a joint while the digit's principal marker is hidden [rad/√s].
 JOINT_RANDOM_WALK = 1.5
 FAR_OFF = 25.                 # [1] mean cost of a marker, as of five deviations
@@ -320,7 +319,7 @@ def _priors(chains: Chains, digit: int, angles: np.ndarray, walk: float,
         natural[2] / math.sqrt(NATURAL_WEIGHT))
     cost += _add_coupling_prior(
         matrix, gradient, angles, 4, 3, chains.coupling[digit, 0], chains.coupling[digit, 1],
-        MEASURED_SPREAD if chains.measured[digit] else chains.coupling_spread[digit])
+        last_joint_spread(chains, digit))
     return cost
 
 

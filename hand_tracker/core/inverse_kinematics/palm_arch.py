@@ -20,6 +20,7 @@ from ..numerics.vectors import (
     add,
     clamp,
     components,
+    dot,
     frame,
     rotate,
     rotate_about,
@@ -27,6 +28,7 @@ from ..numerics.vectors import (
     store,
     store_pose,
     subtract,
+    triangle_normal,
     vector,
 )
 
@@ -224,11 +226,14 @@ def _place_by_three(rows: MarkerRows, state: RowState, wrist: Wrist) -> None:
                 if not (_is_shown(rows, state, i) and _is_shown(rows, state, j)
                         and _is_shown(rows, state, k)):
                     continue
-                size = _triangle(on_palm(rows, i, 0.), on_palm(rows, j, 0.), on_palm(rows, k, 0.))
+                normal = triangle_normal(
+                    on_palm(rows, i, 0.), on_palm(rows, j, 0.), on_palm(rows, k, 0.))
+                size = dot(normal, normal)
                 if size > largest:
                     largest, a, b, c = size, i, j, k
     corners = vector(state.points[a]), vector(state.points[b]), vector(state.points[c])
-    if _triangle(*corners) <= 0.:
+    normal = triangle_normal(*corners)
+    if dot(normal, normal) <= 0.:
         return
     template = local_floats((3, 3))
     store(template, 0, on_palm(rows, a, 0.))
@@ -242,14 +247,6 @@ def _place_by_three(rows: MarkerRows, state: RowState, wrist: Wrist) -> None:
 def _is_shown(rows: MarkerRows, state: RowState, row: int) -> bool:
     """Return whether a row is a measured marker of the palm."""
     return rows.digit[row] < 0 and state.is_measured[row]
-
-
-@jit
-def _triangle(a: Vector, b: Vector, c: Vector) -> float:
-    """Return four times the squared area of a triangle [m⁴]."""
-    u, v = subtract(b, a), subtract(c, a)
-    x, y, z = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
-    return x * x + y * y + z * z
 
 
 @jit

@@ -62,6 +62,20 @@ class Pose(NamedTuple):
     position: np.ndarray
 
 
+def direction_in_base(turn: float, flexion: float) -> np.ndarray:
+    """Return the direction of a digit's first bone in the frame of `digit_base`, shape (3,).
+
+    Parameters
+    ----------
+    turn : float
+        About z, from x towards y [rad].
+    flexion : float
+        Of the turned bone, from the plane of x and y [rad].
+    """
+    return np.array((np.cos(flexion) * np.cos(turn), np.cos(flexion) * np.sin(turn),
+                     -np.sin(flexion)))
+
+
 def digit_base(hand: Hand, digit: int) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the base frame of a digit, in which its abduction and flexion are solved.
 

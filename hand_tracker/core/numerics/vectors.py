@@ -10,6 +10,8 @@ import numpy as np
 
 from .jit import jit
 
+TINY_LENGTH = 1e-12  # [any unit] up to which an array's vector has no direction
+
 Vector = tuple[float, float, float]
 Frame = tuple[Vector, Vector, Vector]
 
@@ -105,11 +107,16 @@ def is_equal(a: np.ndarray | Vector, b: np.ndarray | Vector) -> bool:
 
 
 @jit
+def triangle_normal(a: Vector, b: Vector, c: Vector) -> Vector:
+    """Return the normal of a triangle, anticlockwise from its tip, of twice its area [m²]."""
+    return cross(subtract(b, a), subtract(c, a))
+
+
+@jit
 def triangle_area(corners: np.ndarray) -> float:
     """Return the area of a triangle, its corners as rows [m²]."""
-    first = vector(corners[0])
-    return 0.5 * length(cross(
-        subtract(vector(corners[1]), first), subtract(vector(corners[2]), first)))
+    return 0.5 * length(triangle_normal(
+        vector(corners[0]), vector(corners[1]), vector(corners[2])))
 
 
 @jit
@@ -128,6 +135,22 @@ def unit(a: Vector) -> Vector:
     if size > 0.0:
         return scale(a, 1.0 / size)
     return (0.0, 0.0, 0.0)
+
+
+def unit_vectors(vectors: np.ndarray) -> np.ndarray:
+    """Return the vectors of an array at length 1, zero where they are zero, NaN where NaN.
+
+    Parameters
+    ----------
+    vectors : ndarray, shape (..., n)
+        [any unit]
+
+    Returns
+    -------
+    ndarray, shape (..., n)
+        [1]
+    """
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), TINY_LENGTH)
 
 
 @jit

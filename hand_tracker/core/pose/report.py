@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..filtering.tracks import Tracks, position_deviation
-from ..inverse_kinematics.digit import THUMB, Chains
-from ..inverse_kinematics.digit_angles import MEASURED_SPREAD
+from ..inverse_kinematics.digit import THUMB, Chains, last_joint_spread
 from ..model.hand import ABDUCTION_JOINTS, FINGERS, FLEXION_JOINTS
 from ..model.kinematics import JointTable, place_links
 from ..model.marker_layout import MARKERS, MarkerLayout, Mounting
@@ -411,7 +410,7 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
         found[first] = deviation_within(first_variance, found[first], lost)
         found[second] = deviation_within(second_variance, found[second], lost)
         coupled = slope * found[second]
-        spread = MEASURED_SPREAD if chains.measured[digit] else chains.coupling_spread[digit]
+        spread = last_joint_spread(chains, digit)
         found[third] = deviation_within(coupled * coupled + spread * spread, found[third], 0.)
 
         if not digits.seen[digit]:

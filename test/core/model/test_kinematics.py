@@ -4,6 +4,7 @@ import io
 
 import numpy as np
 import pytest
+from helpers.palms import random_rotation
 
 from hand_tracker.core.model.hand import DIGITS, FINGERS, JOINTS, LINKS, Hand, preset_limits
 from hand_tracker.core.model.kinematics import digit_base, forward, joint_table, tip_offsets
@@ -24,11 +25,6 @@ HANDS = {
 @pytest.fixture(params=HANDS)
 def hand(request):
     return HANDS[request.param]
-
-
-def random_rotation(rng):
-    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    return q * np.linalg.det(q)
 
 
 def random_angles(rng, n):

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from helpers.palms import random_rotation
 
 from hand_tracker.core.errors import HandTrackerError, InvalidLayout
 from hand_tracker.core.model.hand import FINGERS, JOINTS, LINKS, Hand
@@ -35,11 +36,6 @@ def offset(marker, xyz):
     offsets = np.zeros((8, 3))
     offsets[MARKERS.index(marker)] = xyz
     return offsets
-
-
-def random_rotation(rng):
-    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    return q * np.linalg.det(q)
 
 
 def test_the_papers_markers_are_joints_of_the_hand(hand):
