@@ -25,7 +25,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Header, String
 from std_srvs.srv import SetBool
 
-from ..core.model.hand import SIDES
+from ..core.model.hand import SIDES, Hand
 from ..messages.builders import diagnostics
 from ..messages.cdr import MalformedMessage
 from ..messages.joint_states import JointPositions, JointStateReader
@@ -33,7 +33,7 @@ from ..messages.pose_fields import pose_numbers
 from ..messages.stamps import Stamp, stamp_of
 from ..messages.templates import Template
 from ..retargeting.guard_options import GuardOptions
-from ..retargeting.robot_file import load_robot
+from ..retargeting.robot_file import LoadedRobot, load_robot
 from ..retargeting.teleoperation import Teleoperation, compile_following
 from ..retargeting.wrist_follower import (
     WristCommand,
@@ -103,39 +103,19 @@ class RetargetNode(SubscriptionHidingNode):
         if not values['robot']:
             raise InvalidArguments('robot: empty; expected a preset or a file, as '
                                    '--ros-args -p robot:=allegro')
-        person = with_defaults(values)
-        follows_robot = values['side'] == AUTO and not values['hand_file']
-        preferred = SIDES[0] if follows_robot else starting_hand(person)[0].side
-        loaded = load_robot(values['robot'], values['robot_description'], preferred_side=preferred)
-        if follows_robot:
-            person['side'] = loaded.hand.side
-        hand, _ = starting_hand(person)
+        loaded, hand = _robot_and_person(values)
         names = names_of(hand, values['prefix'], values['wrist_frame'], values['on_body'])
         self._teleoperation = Teleoperation(
-            loaded, hand, names.prefix,
-            GuardOptions(**{option.name: values[f'safety.{option.name}']
-                            for option in fields(GuardOptions)}),
+            loaded, hand, names.prefix, GuardOptions(**_options(GuardOptions, 'safety', values)),
             values['order'].split(), values['min_confidence'])
-        notice = Timer(NOTICE_AFTER, self.get_logger().info, [
-            f'preparing the kernels; the first time they are compiled, for {COMPILE_TIME}'])
-        notice.start()
-        try:
-            compile_following(loaded, hand)
-        finally:
-            notice.cancel()
+        self._compile(loaded, hand)
         self._period = 1. / values['rate']
-        self._outputs = self._make_outputs('outputs', OUTPUTS, values['outputs'].split())
-        if not self._outputs:
-            raise InvalidArguments(f"outputs: empty; expected of {', '.join(OUTPUTS)}")
-        if values['show_robot']:
-            self._shown = self.create_publisher(JointState, 'robot/shown', RETARGET_DEPTH)
-            self._outputs.append(('joint_state', self._shown))
+        self._outputs = self._make_command_outputs(values)
         self._wrist_outputs = self._make_outputs(
             'wrist.outputs', WRIST_OUTPUTS, values['wrist.outputs'].split())
         if self._wrist_outputs:
             # Not without need, as it imports scipy, which takes longer than all else here.
-            self._wrist = WristFollower(WristOptions(**{
-                option.name: values[f'wrist.{option.name}'] for option in fields(WristOptions)}))
+            self._wrist = WristFollower(WristOptions(**_options(WristOptions, 'wrist', values)))
         self._wrist_frame, self._base_frame = names.tracked, values['wrist.base_frame']
         self._robot_wrist: WristPose | None = None
         self._robot_wrist_time = -math.inf
@@ -155,8 +135,29 @@ class RetargetNode(SubscriptionHidingNode):
                                f"hand on {self.resolve_topic_name('joint_states')}")
         self._publish_state()
 
+    def _compile(self, loaded: LoadedRobot, hand: Hand) -> None:
+        """Compile or load the kernels; log a line where that takes long."""
+        notice = Timer(NOTICE_AFTER, self.get_logger().info, [
+            f'preparing the kernels; the first time they are compiled, for {COMPILE_TIME}'])
+        notice.start()
+        try:
+            compile_following(loaded, hand)
+        finally:
+            notice.cancel()
+
+    def _make_command_outputs(self, values: Mapping[str, Any]) -> list[tuple[str, Publisher]]:
+        """Return the name and publisher of each output for the robot, and of what is shown."""
+        outputs = self._make_outputs('outputs', OUTPUTS, values['outputs'].split())
+        if not outputs:
+            raise InvalidArguments(f"outputs: empty; expected of {', '.join(OUTPUTS)}")
+        if values['show_robot']:
+            self._shown = self.create_publisher(JointState, 'robot/shown', RETARGET_DEPTH)
+            outputs.append(('joint_state', self._shown))
+        return outputs
+
     def _make_outputs(self, parameter: str, known: Mapping[str, tuple[str, Any]],
-                      chosen: list[str]) -> list[tuple[str, Any]]:
+                      chosen: list[str]) -> list[tuple[str, Publisher]]:
+        """Return the name and publisher of each chosen output."""
         for name in chosen:
             if name not in known:
                 raise InvalidArguments(f"{parameter}: '{name}'; expected of {', '.join(known)}")
@@ -381,6 +382,23 @@ class RetargetNode(SubscriptionHidingNode):
             **({'wrist': self._wrist_fault or 'ok'} if self._wrist_outputs else {})})
         self._diagnostics.publish(diagnostics(
             self.get_clock().now().to_msg(), self._status_name, self.get_namespace(), status))
+
+
+def _robot_and_person(values: Mapping[str, Any]) -> tuple[LoadedRobot, Hand]:
+    """Return the robot and the person's hand, each of the other's side where its own is open."""
+    person = with_defaults(values)
+    follows_robot = values['side'] == AUTO and not values['hand_file']
+    preferred = SIDES[0] if follows_robot else starting_hand(person)[0].side
+    loaded = load_robot(values['robot'], values['robot_description'], preferred_side=preferred)
+    if follows_robot:
+        person['side'] = loaded.hand.side
+    return loaded, starting_hand(person)[0]
+
+
+def _options(kind: type[GuardOptions] | type[WristOptions], section: str,
+             values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a kind by the parameters of a section."""
+    return {option.name: values[f'{section}.{option.name}'] for option in fields(kind)}
 
 
 def _wrist_message(name: str, header: Header, sent: WristCommand) -> PoseStamped | TwistStamped:

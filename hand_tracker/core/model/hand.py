@@ -118,6 +118,14 @@ RELAXED_THUMB = (10, 5, 0, 10)
 # [degrees] of the second flexion from the natural one beside the first; ours.
 NATURAL_FLEXION_SPREAD = 20
 
+# Shape of each array and number of a hand.
+HAND_SHAPES: dict[str, tuple[int, ...]] = {
+    'finger_cmc': (4, 3), 'finger_mcp': (4, 3), 'finger_bones': (4, 3), 'thumb_cmc': (3,),
+    'thumb_bones': (3,), 'thumb_abduction_axis': (3,), 'thumb_rest_direction': (3,),
+    'finger_abduction_axes': (4, 3), 'splay': (4,), 'phalanx_deviation': (4,), 'limits': (25, 2),
+    'range_of_motion': (25, 2), 'coupling': (5, 2), 'coupling_spread': (5,),
+    'natural_flexion': (5, 3), 'palm_synergy': (4,), 'radii': (5, 3), 'palm_radius': (),
+    'thumb_mcp_abduction': (), 'thumb_roll': (), 'thumb_axis_distance': ()}
 LENGTH_RANGE = (.005, .2)      # [m] of one bone
 POSITION_RANGE = .3            # [m] of a joint from the wrist
 ANGLE_RANGE = np.pi            # [rad] of a limit
@@ -310,19 +318,16 @@ class Hand:
     side: str = 'right'
 
     def __post_init__(self) -> None:
-        for name, shape in (
-                ('finger_cmc', (4, 3)), ('finger_mcp', (4, 3)), ('finger_bones', (4, 3)),
-                ('thumb_cmc', (3,)), ('thumb_bones', (3,)), ('thumb_abduction_axis', (3,)),
-                ('thumb_rest_direction', (3,)), ('finger_abduction_axes', (4, 3)), ('splay', (4,)),
-                ('phalanx_deviation', (4,)),
-                ('limits', (25, 2)), ('range_of_motion', (25, 2)),
-                ('coupling', (5, 2)), ('coupling_spread', (5,)), ('natural_flexion', (5, 3)),
-                ('palm_synergy', (4,)), ('radii', (5, 3)), ('palm_radius', ()),
-                ('thumb_mcp_abduction', ()), ('thumb_roll', ()),
-                ('thumb_axis_distance', ())):
+        for name, shape in HAND_SHAPES.items():
             object.__setattr__(self, name, _array(name, getattr(self, name), shape))
         if self.side not in SIDES:
             raise InvalidHand(f'side: {self.side!r} is not one of {", ".join(SIDES)}')
+        self._check_ranges()
+        self._normalise_directions()
+        self._check_directions()
+
+    def _check_ranges(self) -> None:
+        """Refuse lengths, angles, couplings and radii outside their ranges."""
         for name in ('finger_bones', 'thumb_bones'):
             _require(name, getattr(self, name), *LENGTH_RANGE, 'm')
         for name in ('finger_cmc', 'finger_mcp', 'thumb_cmc'):
@@ -350,6 +355,9 @@ class Hand:
                 ('spread', NATURAL_SPREAD_RANGE, 'rad'))):
             _require(f'natural_flexion {name}', self.natural_flexion[:, column], *bounds, unit)
         _require('palm_synergy', self.palm_synergy, *PALM_SYNERGY_RANGE, '')
+
+    def _normalise_directions(self) -> None:
+        """Give axes and rest direction length 1."""
         for name in ('thumb_abduction_axis', 'thumb_rest_direction', 'finger_abduction_axes'):
             vectors = getattr(self, name)
             sizes = np.linalg.norm(vectors, axis=-1, keepdims=True)
@@ -358,6 +366,9 @@ class Hand:
             # Keep unit vectors bit for bit, so that a copy equals its source.
             sizes[np.abs(sizes - 1.) <= 1e-15] = 1.
             object.__setattr__(self, name, _frozen(vectors / sizes))
+
+    def _check_directions(self) -> None:
+        """Refuse axes and knuckles that no right hand has."""
         if abs(self.thumb_abduction_axis @ self.thumb_rest_direction) > .95:
             raise InvalidHand(
                 'thumb_rest_direction: within 18 degrees of thumb_abduction_axis; '
