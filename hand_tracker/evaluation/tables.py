@@ -108,7 +108,7 @@ def words(name: str) -> str:
 
 def figure_with(count: int, width: float = 4., height: float = 3.2, legend_height: float = .45,
                 columns: int | None = None) -> tuple[Figure, list[Axes]]:
-    """Return a figure with plots in a grid and room for a legend above them.
+    """Return a figure with plots in a grid and space for a legend above them.
 
     Parameters
     ----------

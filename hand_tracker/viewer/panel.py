@@ -56,7 +56,7 @@ class Panel:
             hint='A second hand beside it, from the same markers without any constraint',
             visible=source.beside is None)
         picture = gui.add_button('Save PNG')
-        picture.on_click(save_picture)
+        picture.on_click(_save_picture)
         # A separate panel, which is folded on phones.
         switches = gui.add_panel()
         with switches.add_tab('Constraints'):
@@ -181,10 +181,10 @@ class Angles:
         least = MIN_WIDTH_WITH_ANGLES
         if self._open:
             least -= ANGLES_WIDTH + WIDTH_HYSTERESIS
-        room = camera.image_width >= least and camera.image_height >= MIN_HEIGHT_WITH_ANGLES
-        if room != self._open:
-            self._open = room
-            (self._panel.expand if room else self._panel.minimize)()
+        is_wide = camera.image_width >= least and camera.image_height >= MIN_HEIGHT_WITH_ANGLES
+        if is_wide != self._open:
+            self._open = is_wide
+            (self._panel.expand if is_wide else self._panel.minimize)()
 
 
 def numbers(texts: dict[str, str], state: HandState) -> str:
@@ -200,7 +200,7 @@ def numbers(texts: dict[str, str], state: HandState) -> str:
             f'{cells}</div>{kinds}</div>')
 
 
-def save_picture(event: Any) -> None:
+def _save_picture(event: Any) -> None:
     """Render the view in the browser and download it there as a PNG."""
     camera = event.client.camera
     scale = PNG_SIZE / max(camera.image_height, camera.image_width)

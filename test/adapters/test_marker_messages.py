@@ -22,7 +22,7 @@ from hand_tracker.adapters.marker_messages import (
     ({'source': 'natnet'}, None), ({'source': 'qualisys'}, None),
     ({'source': 'mocap4r2', 'subject': 'RHand'}, None),
     ({'source': 'point_cloud', 'up': 'y'}, None),
-    ({'source': 'point_cloud', 'frame': 'room'}, None),
+    ({'source': 'point_cloud', 'frame': 'lab'}, None),
     # Told by the source node.
     ({'source': 'point_cloud', 'message': 'markers'}, None)])
 def test_what_leaves_points_as_they_are_needs_no_source_node(parameters, expected):

@@ -175,9 +175,9 @@ def walk_plainly(data, words=None):
     octets = np.frombuffer(data, np.uint8, offset=ENCAPSULATION)
     if words is None:
         words = memoryview(np.frombuffer(data, np.int32, size // 4, ENCAPSULATION))
-    room = size // SMALLEST_POINT + 1
-    return PLAIN_WALK(octets, words, size, np.zeros((room, 5), np.int32),
-                      np.zeros((room, 3), np.int64), np.zeros(size, np.uint8))
+    most = size // SMALLEST_POINT + 1
+    return PLAIN_WALK(octets, words, size, np.zeros((most, 5), np.int32),
+                      np.zeros((most, 3), np.int64), np.zeros(size, np.uint8))
 
 
 def survive(data):
@@ -202,7 +202,7 @@ def test_every_truncation_is_refused():
     data = whole_message()
     markers = MarkerReader(LABELS)
     markers.read(data)
-    # rclpy leaves room at the end that holds nothing.
+    # rclpy leaves space at the end that holds nothing.
     end = max(i for i in range(len(data)) if not survive(data[:i])) + 1
     assert len(data) - end < 16
     for i in range(end):

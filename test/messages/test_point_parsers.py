@@ -352,7 +352,7 @@ def test_every_truncation_is_refused(name):
     kind = KINDS[name]
     data = whole_message(kind)
     assert survive(kind, data)
-    # rclpy leaves room at the end that holds nothing.
+    # rclpy leaves space at the end that holds nothing.
     end = max(i for i in range(len(data)) if not survive(kind, data[:i])) + 1
     assert len(data) - end < 16
     assert not any(survive(kind, data[:i]) for i in range(end))

@@ -100,7 +100,7 @@ def test_a_large_robot_is_not_cut(aspect, tmp_path):
     assert own.far > .25 and own.aside > .08 and extent.near <= PERSON_EXTENT.near
     tips -= (0., .09, 0.)
     assert seen_share(tips, 2, aspect, extent).max() < 1.
-    # A narrow picture is as wide as both hands, and has room above them.
+    # A narrow picture is as wide as both hands, and has space above them.
     assert seen_share(tips, 2, aspect, PERSON_EXTENT).max() > 1. or aspect < 1.5
 
 
