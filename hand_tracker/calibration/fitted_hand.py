@@ -151,13 +151,13 @@ def fitted_hand(scaled: Hand, digits: Sequence[FittedDigit | None], side: str,
     mcp, middle = fields['finger_mcp'], FINGERS.index('middle')
     fields['finger_cmc'] = cmc_joints(mcp, mcp[middle, 0] / MCP_OF_LENGTH[middle])
     hand = scaled.replace(side='right', **fields)
-    angles = hand_angles(hand, digits)
+    angles = _hand_angles(hand, digits)
     shown = measured_range(angles)
     return hand.replace(side=side, range_of_motion=shown,
                         limits=preset_limits(limits, shown)), angles
 
 
-def hand_angles(hand: Hand, digits: Sequence[FittedDigit | None]) -> np.ndarray:
+def _hand_angles(hand: Hand, digits: Sequence[FittedDigit | None]) -> np.ndarray:
     """Return the postures of fitted digits as the hand's angles, shape (n, 25) [rad]."""
     frames = max((len(digit.postures) for digit in digits if digit is not None), default=0)
     angles = np.zeros((frames, len(JOINTS)))

@@ -135,7 +135,7 @@ def side_by_shape(recording: PointRecording, side: str = '') -> str:
     return 'right' if right > SURE else 'left' if right < 1. - SURE else ''
 
 
-def hand_scale(recording: PointRecording, hand: HandPoints) -> float | None:
+def _hand_scale(recording: PointRecording, hand: HandPoints) -> float | None:
     """Return the size of a hand relative to the mean adult's; None if not observable [1]."""
     points = _sampled(recording, hand)
     sizes = []
@@ -168,7 +168,7 @@ def with_recognised_axes(recording: PointRecording) -> PointRecording:
     """
     hands = [hand for hand in hands_of(recording) if len(hand.columns) > 2]
     notes = recording.notes
-    scales = [scale for hand in hands if (scale := hand_scale(recording, hand))]
+    scales = [scale for hand in hands if (scale := _hand_scale(recording, hand))]
     axes = recording.axes
     if scales and not recording.said.units:
         unit = min(SIZE_UNITS, key=lambda name: abs(np.log(

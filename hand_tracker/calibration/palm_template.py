@@ -149,7 +149,7 @@ def to_palm(points: np.ndarray, rotation: np.ndarray, position: np.ndarray) -> n
     return (points - position[:, None]) @ rotation
 
 
-def rigid_template(points: np.ndarray) -> np.ndarray:
+def _rigid_template(points: np.ndarray) -> np.ndarray:
     """Return the places (k, 3) of markers in a frame of their own, medians over the frames.
 
     Parameters
@@ -192,7 +192,7 @@ def fit_palm(names: Sequence[str], points: np.ndarray,
     """
     rigid = rigid_set(points)
     template = np.empty((len(names), 3))
-    template[rigid] = rigid_template(points[:, rigid])
+    template[rigid] = _rigid_template(points[:, rigid])
     template[~rigid] = np.nanmedian(to_palm(
         points[:, ~rigid], *rigid_poses(points[:, rigid], template[rigid])), axis=0)
     return aligned_palm(PalmFit(tuple(names), template, rigid, MEAN_LENGTH, MEAN_BREADTH,

@@ -65,7 +65,7 @@ def fit_size(markers: ArrayLike, hand: Hand, layout: MarkerLayout | None = None)
     layout = MarkerLayout() if layout is None else layout
     if len({layout.places[row] for row in layout.principal[:len(PALM_MARKERS)]}) == 1:
         return None  # as on the plate of a glove, whose size is its own
-    frames = principal_markers(np.asarray(markers, dtype=float), layout)
+    frames = _principal_markers(np.asarray(markers, dtype=float), layout)
     if hand.side == 'left':
         frames = frames * LEFT_HAND_MIRROR
     whole = frames[np.isfinite(frames[:, :len(PALM_MARKERS)]).all(axis=(1, 2))]
@@ -86,7 +86,7 @@ def fit_size(markers: ArrayLike, hand: Hand, layout: MarkerLayout | None = None)
         natural_flexion=hand.natural_flexion)
 
 
-def principal_markers(markers: np.ndarray, layout: MarkerLayout) -> np.ndarray:
+def _principal_markers(markers: np.ndarray, layout: MarkerLayout) -> np.ndarray:
     """Return a layout's markers (..., n, 3) that stand for the paper's eight, (..., 8, 3) [m]."""
     rows = np.array(layout.principal)
     return np.where((rows < 0)[:, None], np.nan, markers[..., rows, :])

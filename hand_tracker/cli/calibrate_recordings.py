@@ -29,8 +29,8 @@ from .recording_options import (
 TAKE_SUFFIX = '.npz'
 
 
-def take_of_bag(path: Path, options: argparse.Namespace,
-                layout: MarkerLayout | None = None) -> MarkerTake:
+def _take_of_bag(path: Path, options: argparse.Namespace,
+                 layout: MarkerLayout | None = None) -> MarkerTake:
     """Return a take of the worn markers from a rosbag2 recording.
 
     Parameters
@@ -91,7 +91,7 @@ def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
     nameable = (*MARKERS, *ALL_LANDMARKS) if layout is None else layout.names
     for path in options.takes:
         if is_bag(path):
-            takes.append(take_of_bag(path, options, layout))
+            takes.append(_take_of_bag(path, options, layout))
             continue
         if path.suffix == TAKE_SUFFIX and layout is None and not options.markers:
             take = load_take(path, options.side)

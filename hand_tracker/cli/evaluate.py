@@ -53,7 +53,7 @@ def run_evaluation(name: str, options: Options) -> list[dict[str, Any]]:
     return found
 
 
-def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
+def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
     """Write rows as a table whose columns are all their keys, in the order of appearance."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
     with open(path, 'w', newline='', encoding='utf-8') as file:
@@ -62,7 +62,7 @@ def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
         writer.writerows(rows)
 
 
-def write_json(path: Path, rows: list[dict[str, Any]]) -> None:
+def _write_json(path: Path, rows: list[dict[str, Any]]) -> None:
     """Write rows as a JSON list, one row on a line."""
     lines = ',\n'.join(json.dumps(row, allow_nan=False) for row in rows)
     path.write_text(f'[\n{lines}\n]\n', encoding='utf-8')
@@ -246,12 +246,12 @@ def _evaluate(parser: argparse.ArgumentParser, names: list[str], chosen: argpars
         rows += found
         # After each: what was found is not lost to what comes.
         if chosen.json:
-            write_json(chosen.json, rows)
+            _write_json(chosen.json, rows)
         print(f'\n{EVALUATIONS[name].title}\n')
         for table in module.tables(found):
             print(table.text() + '\n')
         if options.output:
-            write_csv(options.output / f'{name}.csv', found)
+            _write_csv(options.output / f'{name}.csv', found)
             module.pictures(found, options.output)
     if chosen.results and done:
         from ..evaluation.results import command_line, write_results

@@ -55,7 +55,7 @@ def summary(recording: PointRecording, layouts: list[LikelyLayout]) -> dict[str,
         'notes': list(recording.notes)}
 
 
-def next_command(path: Path, recording: PointRecording, options: argparse.Namespace) -> str:
+def _next_command(path: Path, recording: PointRecording, options: argparse.Namespace) -> str:
     """Return the command that tracks a recording, with what its labels leave open.
 
     Parameters
@@ -92,13 +92,13 @@ def next_command(path: Path, recording: PointRecording, options: argparse.Namesp
     return shlex.join(words)
 
 
-def calibration_command(command: str) -> str:
+def _calibration_command(command: str) -> str:
     """Return the command that fits a hand file to what another one tracks with a layout.
 
     Parameters
     ----------
     command : str
-        Of `next_command`.
+        Of `_next_command`.
 
     Returns
     -------
@@ -136,7 +136,7 @@ def _lines(path: Path, found: dict[str, Any], command: str) -> list[str]:
         return [*lines, f"next, if a hand's markers are among them, with their labels in place of "
                 f'{UNKNOWN_LABEL}: {command}']
     is_take = found['rate_hz'] and found['frames'] >= LEAST_DURATION * found['rate_hz']
-    if is_take and (fitting := calibration_command(command)):
+    if is_take and (fitting := _calibration_command(command)):
         lines.append(f'first, for the lengths of this hand and where its markers are: {fitting} '
                      f'(then --hand {FITTED_HAND} in place of --layout and --side)')
     return [*lines, f'next: {command}']
@@ -154,7 +154,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         recording = recorded_points(options.recording, reading_options(options))
         found = summary(recording, likely_layouts(recording))
-        command = next_command(options.recording, recording, options)
+        command = _next_command(options.recording, recording, options)
     except (HandTrackerError, OSError) as error:
         print(f'hand_tracker inspect: {error}', file=sys.stderr)
         return 1

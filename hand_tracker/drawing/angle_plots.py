@@ -165,7 +165,7 @@ def require_output(path: str | PathLike[str]) -> Path:
     return path
 
 
-def shown_markers(digit: str, layout: MarkerLayout) -> list[int]:
+def _shown_markers(digit: str, layout: MarkerLayout) -> list[int]:
     """Return the rows of a digit's markers, its principal one first, and of the palm's three."""
     palm, rest = layout.principal[:len(PALM_MARKERS)], layout.principal[len(PALM_MARKERS):]
     first = rest[DIGITS.index(digit)]
@@ -199,7 +199,7 @@ def digit_page(tracked: TrackedAngles, hand: Hand, digit: str, title: str = '',
     # Unobserved joints, and joints locked by their limits, are left out.
     joints = [i for i, joint in enumerate(JOINTS) if joint.startswith(digit)
               and joint not in UNOBSERVED_JOINTS and np.ptp(hand.limits[i]) > 0.]
-    markers = shown_markers(digit, layout)
+    markers = _shown_markers(digit, layout)
     figure, axes = _stacked_panels([MARKERS_HEIGHT] + [ANGLE_HEIGHT] * (len(joints) + 1))
     times = tracked.times - tracked.times[0]
     steps = np.diff(times)
@@ -218,7 +218,7 @@ def digit_page(tracked: TrackedAngles, hand: Hand, digit: str, title: str = '',
         _draw_angle(ax, _with_gaps(times, missing),
                     _with_gaps(np.degrees(tracked.angles[:, joint]), missing),
                     np.degrees(hand.limits[joint]))
-        ax.set_ylabel(joint_title(JOINTS[joint]) + ' [°]')
+        ax.set_ylabel(_joint_title(JOINTS[joint]) + ' [°]')
     _shade_unseen(axes[-1], spans[0])
     _draw_residual(axes[-1], _with_gaps(times, missing),
                    _with_gaps(1e3 * tracked.residuals[:, markers[0]], missing))
@@ -244,7 +244,7 @@ def _stacked_panels(heights: Sequence[float]) -> tuple[Figure, list[Axes]]:
     return figure, axes
 
 
-def joint_title(joint: str) -> str:
+def _joint_title(joint: str) -> str:
     """Return the title of a joint in two lines, like 'MCP' and 'abduction'."""
     name, direction = joint.split('_')[1:]
     return f'{name.upper()}\n{direction}'

@@ -168,7 +168,7 @@ def render(meshes: Sequence[Mesh], camera: Camera, size: tuple[int, int],
     fine_size = supersampling * size[0], supersampling * size[1]
     attributes = np.hstack(
         (mesh.vertices, vertex_normals(mesh.vertices, mesh.faces), mesh.colours))
-    pixels = rasterize(camera.project(mesh.vertices, fine_size), mesh.faces, attributes, fine_size)
+    pixels = _rasterize(camera.project(mesh.vertices, fine_size), mesh.faces, attributes, fine_size)
     covered = np.isfinite(pixels[..., 0])
     position, normal, colour = np.split(pixels[covered], 3, axis=1)
     image = np.zeros((*covered.shape, 4))
@@ -207,7 +207,7 @@ def _light_visibility(mesh: Mesh, light: np.ndarray, position: np.ndarray,
     sun = Camera(camera_axes(light, (.3, .5, .8)), .5 * (low + high), across, np.inf)
     size = SHADOW_MAP_SIZE, SHADOW_MAP_SIZE
     projected = sun.project(mesh.vertices, size)
-    depth = rasterize(projected, mesh.faces, projected[:, 2:], size)[..., 0]
+    depth = _rasterize(projected, mesh.faces, projected[:, 2:], size)[..., 0]
     depth = np.where(np.isfinite(depth), depth, -np.inf)
     x, y, point_depth = sun.project(position + SHADOW_BIAS * normal, size).T
     column, row = np.round(x - .5).astype(int), np.round(y - .5).astype(int)
@@ -222,8 +222,8 @@ def _light_visibility(mesh: Mesh, light: np.ndarray, position: np.ndarray,
     return lit / weights
 
 
-def rasterize(points: np.ndarray, faces: np.ndarray, attributes: np.ndarray,
-              size: tuple[int, int]) -> np.ndarray:
+def _rasterize(points: np.ndarray, faces: np.ndarray, attributes: np.ndarray,
+               size: tuple[int, int]) -> np.ndarray:
     """Interpolate vertex attributes at each pixel, on the triangle nearest to the eye.
 
     Parameters

@@ -139,7 +139,7 @@ def judge(task: tuple[str, int]) -> list[Row]:
         markers = markers_of(one, condition, seed)
         whole = None
         for variant in ABLATION_VARIANTS:
-            hand, tracked = variant_tracked(one, variant, markers)
+            hand, tracked = _variant_tracked(one, variant, markers)
             worse = _angle_error(tracked.angles, one.angles)
             whole = worse if whole is None else whole
             # Drawn frame: this variant wrong, the tracker with all constraints right.
@@ -207,7 +207,7 @@ def tracked_with(one: Trial, change: Change, markers: np.ndarray,
     return hand, one.track(markers, hand=hand, options=options, flexion=flexion)
 
 
-def variant_tracked(one: Trial, variant: str, markers: np.ndarray) -> tuple[Hand, Tracked]:
+def _variant_tracked(one: Trial, variant: str, markers: np.ndarray) -> tuple[Hand, Tracked]:
     """Track the first markers of a trial with a variant; return its hand model and the results."""
     flexion = None
     if variant == MEASURED_FLEXION:
@@ -386,6 +386,6 @@ def _true(one: Trial, frame: int) -> DrawnHand:
 
 
 def _tracked(one: Trial, variant: str, markers: np.ndarray) -> DrawnHand:
-    hand, tracked = variant_tracked(one, variant, markers)
+    hand, tracked = _variant_tracked(one, variant, markers)
     return hand, one.layout, (
         tracked.angles[-1], tracked.wrist_rotation[-1], tracked.wrist_position[-1])

@@ -56,7 +56,7 @@ def judge(task: tuple[str, int], seed: int) -> list[Row]:
     """Return the rows of one motion and its seed; `seed` is that of the fitted hand."""
     motion, own_seed = task
     one = trial(motion, own_seed, DEVIATIONS_RATE, DEVIATIONS_DURATION)
-    markers = hide_at_times(one.measured(), np.random.RandomState((own_seed, 7)))
+    markers = _hide_at_times(one.measured(), np.random.RandomState((own_seed, 7)))
     fit = calibrated_fit(seed)
     return [row for name, hand, layout, true in (
         ('drawn', one.calibrated_hand, one.layout, one.angles),
@@ -64,7 +64,7 @@ def judge(task: tuple[str, int], seed: int) -> list[Row]:
         for row in _judge_hand(motion, name, hand, layout, true, markers)]
 
 
-def hide_at_times(markers: np.ndarray, random: np.random.RandomState) -> np.ndarray:
+def _hide_at_times(markers: np.ndarray, random: np.random.RandomState) -> np.ndarray:
     """Return markers (n, 8, 3) of which some are hidden at times, after a second."""
     hidden = markers.copy()
     palm = len(PALM_MARKERS)

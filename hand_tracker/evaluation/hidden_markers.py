@@ -114,7 +114,7 @@ def windows(capture: Capture, seed: int) -> tuple[np.ndarray, dict[float, int]]:
                          f'and in {100. * JUDGED_SHARE:g} % of the frames')
 
 
-def hidden_sets(seed: int, start: int) -> Iterator[tuple[str, tuple[int, ...]]]:
+def _hidden_sets(seed: int, start: int) -> Iterator[tuple[str, tuple[int, ...]]]:
     """Yield (kind, rows) of each set of hidden markers in the window at frame `start`."""
     yield from (('one', (row,)) for row in DIGIT_MARKER_ROWS)
     yield from (('palm', (row,)) for row in range(len(PALM_MARKERS)))
@@ -172,7 +172,7 @@ def predicted(tracker: HandTracker, markers: np.ndarray, start: int, lengths: Co
             [np.concatenate((angles[:length], after[length])) for length in lengths])
 
 
-def largest_step(angles: np.ndarray) -> float:
+def _largest_step(angles: np.ndarray) -> float:
     """Return the largest change between consecutive frames, along the first axis [rad]."""
     return np.nanmax(np.abs(np.diff(angles, axis=0)), initial=0.)
 
@@ -212,12 +212,12 @@ def judge(capture: Capture, seed: int) -> list[Row]:
     seen, before = 0., np.empty((0, len(JOINTS)))
     for frame in range(len(markers)):
         if frame in starts:
-            for kind, rows_hidden in hidden_sets(seed, frame):
+            for kind, rows_hidden in _hidden_sets(seed, frame):
                 hidden = list(rows_hidden)
                 found = {method: predicted(tracker, markers, frame, ends, hidden, rate, prediction)
                          for method, prediction in TRACKER_METHODS.items()}
                 angles = found['hand_tracker'][1]
-                steps[kind].append([largest_step(np.vstack((before, path))) for path in angles])
+                steps[kind].append([_largest_step(np.vstack((before, path))) for path in angles])
                 part = slice(frame, frame + frames)
                 guesses = predictions(right.markers, poses, part, hidden, rate, template)
                 # The same frames for all methods: those with all markers captured.
@@ -228,9 +228,9 @@ def judge(capture: Capture, seed: int) -> list[Row]:
                     errors[kind, method].append(
                         np.linalg.norm(guess - true, axis=2) + judged)
         state = advance(tracker, markers[frame], frame, rate)
-        seen = max(seen, largest_step(np.vstack((before, state.angles))))
+        seen = max(seen, _largest_step(np.vstack((before, state.angles))))
         before = state.angles[None]
-    captured = largest_step(captured_bends(capture.joints))
+    captured = _largest_step(captured_bends(capture.joints))
     rows = []
     for kind in HIDDEN_KINDS:
         for method in OCCLUSION_METHODS:

@@ -47,7 +47,7 @@ def _rows_of(take: MarkerTake, hand: Hand, layout: MarkerLayout) -> list[Row]:
         frames = worn.copy()
         if left_out is not None:
             frames[:, left_out] = np.nan
-        found, residuals = track_layout(hand, layout, frames, take)
+        found, residuals = _track_layout(hand, layout, frames, take)
         errors = (residuals if left_out is None
                   else np.linalg.norm(found - worn, axis=2)[:, left_out:left_out + 1])
         for i in range(errors.shape[1]):
@@ -62,8 +62,8 @@ def _rows_of(take: MarkerTake, hand: Hand, layout: MarkerLayout) -> list[Row]:
     return rows
 
 
-def track_layout(hand: Hand, layout: MarkerLayout, frames: np.ndarray,
-                 take: MarkerTake) -> tuple[np.ndarray, np.ndarray]:
+def _track_layout(hand: Hand, layout: MarkerLayout, frames: np.ndarray,
+                  take: MarkerTake) -> tuple[np.ndarray, np.ndarray]:
     """Return the places and residuals of all markers in the frames of a take.
 
     Parameters

@@ -69,7 +69,7 @@ def judge(task: PipTask, seed: int) -> Row:
                 'noise_mm': USUAL_NOISE, 'pip': pip, 'swing_degrees': swing, 'sway_mm': 1e3 * sway}
     for name, smoothing in (('raw', False), ('smoothed', True)):
         found, true, errors = map(np.array, zip(*(
-            tracked_pip(PipTask(*task), TrackerOptions(smoothing=smoothing), (seed, draw))
+            _tracked_pip(PipTask(*task), TrackerOptions(smoothing=smoothing), (seed, draw))
             for draw in range(NOISE_DRAWS))))
         if swing:
             wave = np.exp(-2j * np.pi * SWING_FREQUENCY / PIP_RATE * np.arange(found.shape[1]))
@@ -84,8 +84,8 @@ def judge(task: PipTask, seed: int) -> Row:
     return {**row, **error_statistics(errors), 'frames': true.size}
 
 
-def tracked_pip(task: PipTask, options: TrackerOptions, seed: int | tuple[int, ...]
-                ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _tracked_pip(task: PipTask, options: TrackerOptions, seed: int | tuple[int, ...]
+                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the index PIP as tracked after the noise has been estimated, and the truth.
 
     Parameters

@@ -121,21 +121,21 @@ def evaluate(options: Options) -> Iterator[Row]:
     share of visible markers with their own point; `found_after_s_p95` the time after a total loss
     until a frame is right, where the hand is not found within a second that [s].
     """
-    recordings = [*map(of_take, options.takes)]
+    recordings = [*map(_of_take, options.takes)]
     taken = {recording.name for recording in recordings}
-    recordings += [of_capture(one) for one in options.captures if one.name not in taken]
+    recordings += [_of_capture(one) for one in options.captures if one.name not in taken]
     yield from options.judge_each(
         'clouds', partial(judge, seed=options.seed), list(trials(recordings)),
         lambda trial: trial.name, InvalidCapture('none of the recordings can be labelled'))
 
 
-def of_capture(capture: Capture) -> NamedMarkers:
+def _of_capture(capture: Capture) -> NamedMarkers:
     """Return the paper's eight markers of a capture."""
     return NamedMarkers(capture.name, MARKERS, (-1, -1, -1, 0, 1, 2, 3, 4), capture.markers,
                         capture.side, capture.rate, np.zeros(len(capture.joints), dtype=int))
 
 
-def of_take(take: MarkerTake) -> NamedMarkers:
+def _of_take(take: MarkerTake) -> NamedMarkers:
     """Return the markers of a take whose names say where they are."""
     known = [(i, marker) for i, marker in enumerate(identify(take.names)) if marker]
     return NamedMarkers(take.name, tuple(marker.name for _, marker in known),
@@ -244,7 +244,7 @@ def clouds(recordings: Sequence[NamedMarkers], ghosts: int, hidden: float,
     markers = np.concatenate([one.points for one in recordings], axis=1)
     rate, hands, count = recordings[0].rate, len(recordings), len(recordings[0].markers)
     seen = np.isfinite(markers).all(axis=2) & ~bursts(markers.shape[:2], hidden, rate, random)
-    false = ghost_places(markers, ghosts, rate, random)
+    false = _ghost_places(markers, ghosts, rate, random)
     points, rows = [], np.full(markers.shape[:2], -1)
     for frame in range(len(markers)):
         visible = np.flatnonzero(seen[frame])
@@ -272,8 +272,8 @@ def bursts(shape: tuple[int, int], share: float, rate: float,
     return hidden
 
 
-def ghost_places(markers: np.ndarray, ghosts: int, rate: float,
-                 random: np.random.RandomState) -> np.ndarray:
+def _ghost_places(markers: np.ndarray, ghosts: int, rate: float,
+                  random: np.random.RandomState) -> np.ndarray:
     """Draw ghosts near the hands, each for a burst and slowly moving, (frames, ghosts, 3) [m]."""
     places = np.full((len(markers), ghosts, 3), np.nan)
     middle = np.nanmean(markers, axis=1)
@@ -306,8 +306,8 @@ def judge(trial: LabellingTrial, seed: int) -> list[Row]:
                 after = None
             else:
                 frames = np.arange(min(STREAM_FRAMES, len(made.points)))
-                labels = stream_labels(trial, made, frames, rate)
-                after = finding_times(trial, made, rate, random)
+                labels = _stream_labels(trial, made, frames, rate)
+                after = _finding_times(trial, made, rate, random)
             true = made.rows[frames]
             visible = true >= 0
             wrong = (labels >= 0) & (labels != true)
@@ -325,15 +325,15 @@ def judge(trial: LabellingTrial, seed: int) -> list[Row]:
     return rows
 
 
-def stream_labels(trial: LabellingTrial, made: Clouds, frames: np.ndarray,
-                  rate: float) -> np.ndarray:
+def _stream_labels(trial: LabellingTrial, made: Clouds, frames: np.ndarray,
+                   rate: float) -> np.ndarray:
     """Return the labels of consecutive frames, (frames, hands, M)."""
     labeller = CloudLabeller(trial.prototypes)
     return np.array([labeller.update(made.points[i], i / rate).rows for i in frames])
 
 
-def finding_times(trial: LabellingTrial, made: Clouds, rate: float,
-                  random: np.random.RandomState) -> np.ndarray:
+def _finding_times(trial: LabellingTrial, made: Clouds, rate: float,
+                   random: np.random.RandomState) -> np.ndarray:
     """Return the times until a frame is right, from starts from nothing, (n,) [s]."""
     labeller = CloudLabeller(trial.prototypes)
     longest = int(LONGEST_FINDING * rate)
@@ -366,7 +366,7 @@ def tables(rows: list[Row]) -> list[Table]:
     return found
 
 
-def data_set(row: Row) -> str:
+def _data_set(row: Row) -> str:
     """Return the name of the data set of a row's recording."""
     return str(row['recording']).partition('__')[0]
 
@@ -377,8 +377,8 @@ def pictures(rows: list[Row], folder: Path) -> list[Picture]:
     starts = list(dict.fromkeys(row['start'] for row in own))
     figure, axes = figure_with(len(starts), width=5.)
     for ax, start in zip(axes, starts):
-        for i, name in enumerate(dict.fromkeys(data_set(row) for row in own)):
-            mine = [row for row in own if (row['start'], data_set(row)) == (start, name)]
+        for i, name in enumerate(dict.fromkeys(_data_set(row) for row in own)):
+            mine = [row for row in own if (row['start'], _data_set(row)) == (start, name)]
             means = [np.mean([row['right_pct'] for row in mine if (
                 row['ghosts'], row['hidden_pct']) == (ghosts, round(100. * hidden))])
                 for ghosts, hidden in CLOUDS]

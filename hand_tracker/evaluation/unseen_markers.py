@@ -131,7 +131,7 @@ def _rows_of(fitted: Sequence[MarkerTake], take: MarkerTake, fit: MarkerFit) -> 
     if not whole.any():
         raise InvalidTake(f'{take.name}: no frame has {", ".join(fit.worn)}')
 
-    tracked = track_worn(fit, take)
+    tracked = _track_worn(fit, take)
     found = {'hand_tracker': place_mounted(
         fit.hand, [fit.mounts[name] for name in unseen], tracked.angles,
         tracked.wrist_rotation, tracked.wrist_position)[whole]}
@@ -158,7 +158,7 @@ def _rows_of(fitted: Sequence[MarkerTake], take: MarkerTake, fit: MarkerFit) -> 
     return rows
 
 
-def track_worn(fit: MarkerFit, take: MarkerTake) -> Tracked:
+def _track_worn(fit: MarkerFit, take: MarkerTake) -> Tracked:
     """Track the worn markers of a take; each of its sequences begins anew."""
     worn = take.columns(fit.worn)
     cuts = np.flatnonzero(np.diff(take.sequence)) + 1

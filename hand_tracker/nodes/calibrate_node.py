@@ -132,7 +132,7 @@ class CalibrateNode(Node):
         self._coverage = coverage = self._take.coverage()
         self._publish(coverage.text, coverage.values())
         if self._block is not None:
-            self._block.draw(coverage_block(coverage, self._take.seconds))
+            self._block.draw(_coverage_block(coverage, self._take.seconds))
         elif coverage.text != self._said:
             self._said = coverage.text
             self.get_logger().info(coverage.text)
@@ -148,7 +148,7 @@ class CalibrateNode(Node):
         return who_publishes(self.get_publishers_info_by_topic(self._topic), self._reliability)
 
 
-def coverage_block(coverage: Coverage, seconds: float) -> list[str]:
+def _coverage_block(coverage: Coverage, seconds: float) -> list[str]:
     """Return lines with a bar for each movement, and what to do next.
 
     Parameters

@@ -449,7 +449,7 @@ def live_settings(hand: Hand, values: Mapping[str, Any], names: Sequence[str] = 
     return Settings(
         hand.replace(limits=np.radians(limits), coupling=coupling),
         TrackerOptions(**{option.name: values[option.name] for option in fields(TrackerOptions)}),
-        LabelMap(label_values(values, names), names) if labels is None else labels,
+        LabelMap(_label_values(values, names), names) if labels is None else labels,
         values['unit_scale'], values['zero_is_missing'], values['distal_flexion_timeout'],
         values['display_rate'])
 
@@ -466,7 +466,7 @@ def tracks_alike(former: Settings, settings: Settings) -> bool:
             and np.array_equal(settings.hand.coupling, former.hand.coupling))
 
 
-def label_values(values: Mapping[str, Any], names: Sequence[str] = MARKERS) -> list[Any]:
+def _label_values(values: Mapping[str, Any], names: Sequence[str] = MARKERS) -> list[Any]:
     """Return the value of each marker's label, in the order of the names."""
     return [values[f'labels.{marker}'] for marker in names]
 
@@ -494,7 +494,7 @@ def labels_of_both(values: Mapping[str, Any], topics: str,
     HandTrackerError
         Naming the parameter, its value and what is allowed.
     """
-    labels = label_values(values, names)
+    labels = _label_values(values, names)
     places = {side: str(values[f'{side}.markers']) for side in SIDES}
     if topics == SHARED:
         return label_maps(labels, places, names)

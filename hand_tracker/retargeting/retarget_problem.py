@@ -33,14 +33,14 @@ def digit_landmarks(role: str) -> np.ndarray:
     return np.array([row for row, name in enumerate(LANDMARKS) if name.startswith(role)])
 
 
-def used_joints(robot: RobotHand) -> list[int]:
+def _used_joints(robot: RobotHand) -> list[int]:
     """Return the joints that move a digit against the palm, parents first."""
     return sorted({joint for digit in robot.anatomy.digits.values() for joint in digit.joints})
 
 
 def used_variables(robot: RobotHand) -> list[int]:
     """Return the variables of the joints that move digits."""
-    return sorted({int(robot.model.joints.variable[joint]) for joint in used_joints(robot)})
+    return sorted({int(robot.model.joints.variable[joint]) for joint in _used_joints(robot)})
 
 
 def make_problem(robot: RobotHand, hand: Hand, options: RetargetOptions) -> Problem:
@@ -62,7 +62,7 @@ def make_problem(robot: RobotHand, hand: Hand, options: RetargetOptions) -> Prob
         raise InvalidRobot(f"side: the robot's hand is a {robot.side} one, the person's a "
                            f"{hand.side} one; expected a {hand.side} robot, or the person's "
                            f'{robot.side} hand (--side {robot.side}, side:={robot.side})')
-    joints, variables = used_joints(robot), used_variables(robot)
+    joints, variables = _used_joints(robot), used_variables(robot)
     roles = list(robot.anatomy.digits)
     bones = [(role, bone, rows) for role in roles for bone, rows in _matched_bones(robot, role)]
     for name, count, most in (('joints', len(joints), MAX_JOINTS),
@@ -167,7 +167,7 @@ def _tip_columns(robot: RobotHand, hand: Hand, joints: list[int],
         chain.append([joints.index(joint) for joint in reversed(digit.joints)])
         base = first if role == 'thumb' else role
         row = FINGERS.index(base)
-        anchor.append(base_in_palm(robot, base))
+        anchor.append(_base_in_palm(robot, base))
         human.append(hand.finger_mcp[row] * mirror)
         reach = digits[base].length - robot.spheres[base].radius
         scales.append(max(reach, 1e-3) / float(hand.finger_bones[row].sum()))
@@ -189,7 +189,7 @@ def _tip_columns(robot: RobotHand, hand: Hand, joints: list[int],
                                 np.int64)}
 
 
-def base_in_palm(robot: RobotHand, role: str) -> np.ndarray:
+def _base_in_palm(robot: RobotHand, role: str) -> np.ndarray:
     """Return the base of a digit, hand open, in the palm's frame, shape (3,) [m]."""
     rotations, origins = robot.model.frames(robot.model.open_position())
     palm = robot.anatomy.palm_joint

@@ -88,7 +88,7 @@ def load_robot(robot: str, urdf: str = '', side: str | None = None,
         if not path.is_file():
             raise InvalidRobot(f"robot: '{robot}' is no file and no preset; presets are "
                                f'{", ".join(preset_names())}')
-    settings = read_settings(path)
+    settings = _read_settings(path)
     notes: tuple[str, ...] = ()
     if 'retargeting' in settings:
         settings, notes = translated(settings['retargeting'], str(path))
@@ -105,7 +105,7 @@ def load_robot(robot: str, urdf: str = '', side: str | None = None,
     return loaded._replace(notes=(*notes, *loaded.notes), urdf=place)
 
 
-def read_settings(path: Path) -> dict[str, Any]:
+def _read_settings(path: Path) -> dict[str, Any]:
     """Return the mapping of a YAML file.
 
     Raises

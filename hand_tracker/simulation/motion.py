@@ -125,7 +125,7 @@ class Motion:
             progress = np.clip((times - keys[after - 1]) / np.where(span > 0., span, 1.), 0., 1.)
             start, end = self.angles[after - 1, joints], self.angles[after, joints]
             angles[:, joints] = start + minimum_jerk(progress)[:, None] * (end - start)
-        return (angles, *sway_pose(self.sway, times))
+        return (angles, *_sway_pose(self.sway, times))
 
 
 def minimum_jerk(progress: np.ndarray) -> np.ndarray:
@@ -133,7 +133,7 @@ def minimum_jerk(progress: np.ndarray) -> np.ndarray:
     return progress ** 3 * (10. + progress * (6. * progress - 15.))
 
 
-def sway_pose(sway: Sway, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sway_pose(sway: Sway, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the wrist's rotations (n, 3, 3) and positions (n, 3) [m] at times (n,) [s]."""
     harmonic = np.arange(1, len(sway.amplitude) + 1)[:, None]
     angle = 2. * np.pi * harmonic * times[:, None, None] / sway.period + sway.phase  # (n, h, 6)
@@ -146,7 +146,7 @@ def sway_pose(sway: Sway, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.moveaxis(rotation, 2, 0), moved[:, :3]
 
 
-def motion_of(steps: Sequence[MotionStep], hand: Hand, sway: Sway) -> Motion:
+def _motion_of(steps: Sequence[MotionStep], hand: Hand, sway: Sway) -> Motion:
     """Return the motion through named poses, starting at rest in the first.
 
     Parameters
@@ -259,7 +259,7 @@ def demo_motion(hand: Hand) -> Motion:
     -------
     Motion
     """
-    motion = motion_of(DEMO_STEPS, hand, Sway(1., *np.zeros((3, 1, 6))))
+    motion = _motion_of(DEMO_STEPS, hand, Sway(1., *np.zeros((3, 1, 6))))
     return Motion(motion.times, motion.angles, Sway(
         motion.duration, DEMO_CENTRE * SI_OF_SWAY, DEMO_AMPLITUDE * SI_OF_SWAY,
         np.radians(DEMO_PHASE)))

@@ -72,7 +72,7 @@ def motion_named(name: str, hand: Hand, seed: int | tuple[int, ...] = 1,
     return MOTIONS[name](hand, duration, np.random.RandomState(seed))
 
 
-def slow_sway(random: np.random.RandomState, strength: float = 1.) -> Sway:
+def _slow_sway(random: np.random.RandomState, strength: float = 1.) -> Sway:
     """Return a random slow sway of the wrist about the cameras' view, scaled by `strength` [1]."""
     period = random.uniform(7., 9.)
     amplitude = strength * np.outer((.6, .3, .1), WRIST_DRIFT) * random.uniform(.7, 1.3, (3, 6))
@@ -80,7 +80,7 @@ def slow_sway(random: np.random.RandomState, strength: float = 1.) -> Sway:
                 random.uniform(0., 2. * np.pi, (3, 6)))
 
 
-def resting_motion(shape: Shape, duration: float, hand: Hand, sway: Sway) -> Motion:
+def _resting_motion(shape: Shape, duration: float, hand: Hand, sway: Sway) -> Motion:
     """Return a motion that rests in one hand shape for `duration` [s]."""
     return motion_through([Keyframe(shape_angles(shape, hand), 0., duration)], sway)
 
@@ -94,10 +94,10 @@ def spelling(hand: Hand, duration: float, random: np.random.RandomState) -> Laye
         delays = random.uniform(0., .05, len(DIGITS))
         keys.append(Keyframe(shape_angles(LETTER_SHAPES[letter], hand), move, hold, delays))
         clock, last = clock + move + hold + delays.max(), letter
-    return LayeredMotion(motion_through(keys, slow_sway(random)), hand)
+    return LayeredMotion(motion_through(keys, _slow_sway(random)), hand)
 
 
-def grasping(kind: str) -> MotionMaker:
+def _grasping(kind: str) -> MotionMaker:
     """Return the maker of a motion that repeats a grasp on objects of random size.
 
     Parameters
@@ -117,13 +117,13 @@ def grasping(kind: str) -> MotionMaker:
                 delays = random.uniform(0., .06, len(DIGITS))
                 keys.append(Keyframe(shape_angles(shape, hand), move, hold, delays))
                 clock += move + hold + delays.max()
-        return LayeredMotion(motion_through(keys, slow_sway(random, 1.2)), hand)
+        return LayeredMotion(motion_through(keys, _slow_sway(random, 1.2)), hand)
     return grasps
 
 
-def striking(posture: Shape, pause: tuple[float, float], height: tuple[float, float],
-             pattern: Callable[[np.random.RandomState], Iterable[int]],
-             strength: float) -> MotionMaker:
+def _striking(posture: Shape, pause: tuple[float, float], height: tuple[float, float],
+              pattern: Callable[[np.random.RandomState], Iterable[int]],
+              strength: float) -> MotionMaker:
     """Return the maker of a motion of single-finger strokes, as on a keyboard.
 
     Parameters
@@ -140,7 +140,7 @@ def striking(posture: Shape, pause: tuple[float, float], height: tuple[float, fl
         Scale of the wrist's sway [1].
     """
     def strikes(hand: Hand, duration: float, random: np.random.RandomState) -> LayeredMotion:
-        sway = slow_sway(random, strength)
+        sway = _slow_sway(random, strength)
         starts: list[float] = []
         rises, stays, falls, changes = [], [], [], []
         clock, last = .3, None
@@ -157,17 +157,17 @@ def striking(posture: Shape, pause: tuple[float, float], height: tuple[float, fl
                 last = digit
         strokes = Strokes(*(np.array(part) for part in (starts, rises, stays, falls, changes)))
         end = starts[-1] + rises[-1] + stays[-1] + falls[-1]
-        base = resting_motion(posture, max(duration, end), hand, sway)
+        base = _resting_motion(posture, max(duration, end), hand, sway)
         return LayeredMotion(base, hand, strokes)
     return strikes
 
 
-def typed_digits(random: np.random.RandomState) -> list[int]:
+def _typed_digits(random: np.random.RandomState) -> list[int]:
     """Return the digits of a random typed word, fingers and then the thumb for the space."""
     return [*random.choice(4, random.randint(2, 8), p=(.35, .3, .2, .15)), 4]
 
 
-def piano_digits(random: np.random.RandomState) -> list[int]:
+def _piano_digits(random: np.random.RandomState) -> list[int]:
     """Return the digits of a random scale, arpeggio or trill on a keyboard."""
     scale = [4, 0, 1, 2, 3]
     runs = (scale + scale[-2::-1], [4, 0, 1, 3, 1, 0], [1, 2] * 4, [4, 1, 0, 2, 1, 3])
@@ -188,11 +188,11 @@ def shaking(hand: Hand, duration: float, random: np.random.RandomState) -> Layer
         loose[0, j] = np.radians(6. if joint.endswith('mcp_flexion') else
                                  4. if joint.endswith('pip_flexion') else 0.)
     phase = np.repeat(random.uniform(0., .6, len(DIGITS)), 5)[None]
-    return LayeredMotion(resting_motion(REST_SHAPE, duration, hand, sway), hand,
+    return LayeredMotion(_resting_motion(REST_SHAPE, duration, hand, sway), hand,
                          tremor=Tremor(np.array([base_rate]), loose, phase))
 
 
-def rest_tremor(hand: Hand, duration: float, random: np.random.RandomState) -> LayeredMotion:
+def _rest_tremor(hand: Hand, duration: float, random: np.random.RandomState) -> LayeredMotion:
     """Return rest with a tremor of 4 to 6 Hz, thumb against fingers, for `duration` [s]."""
     # Three close frequencies beat, so that the amplitude varies.
     rates = np.sort(random.uniform(*TREMOR_RATE, 3))
@@ -211,28 +211,28 @@ def rest_tremor(hand: Hand, duration: float, random: np.random.RandomState) -> L
     wrist[0] = .05 * WRIST_DRIFT
     sway = Sway(2., WRIST_CENTRE * SI_OF_SWAY, wrist * SI_OF_SWAY,
                 random.uniform(0., 2. * np.pi, wrist.shape))
-    return LayeredMotion(resting_motion(REST_SHAPE, duration, hand, sway), hand,
+    return LayeredMotion(_resting_motion(REST_SHAPE, duration, hand, sway), hand,
                          tremor=Tremor(rates, amplitude, phase))
 
 
-def ranging(hand: Hand, duration: float, random: np.random.RandomState) -> LayeredMotion:
+def _ranging(hand: Hand, duration: float, random: np.random.RandomState) -> LayeredMotion:
     """Return the range-of-motion sequence of a calibration, repeated to last `duration` [s]."""
     once = list(range_of_motion(hand))
     lasts = sum(key.move + key.hold for key in once) - once[0].move
     rounds = math.ceil(duration / lasts)
-    return LayeredMotion(motion_through(once * rounds, slow_sway(random)), hand)
+    return LayeredMotion(motion_through(once * rounds, _slow_sway(random)), hand)
 
 
 # Name: maker, a function of (hand, duration [s], random state).
 MOTIONS: dict[str, MotionMaker] = {
     'demo': lambda hand, duration, random: demo_motion(hand),
     'spelling': spelling,
-    'power_grasp': grasping('power'),
-    'precision_grasp': grasping('precision'),
-    'lateral_grasp': grasping('lateral'),
-    'typing': striking(REST_SHAPE, (.09, .22), (10., 22.), typed_digits, .35),
-    'piano': striking(REST_SHAPE, (.10, .18), (14., 28.), piano_digits, .5),
+    'power_grasp': _grasping('power'),
+    'precision_grasp': _grasping('precision'),
+    'lateral_grasp': _grasping('lateral'),
+    'typing': _striking(REST_SHAPE, (.09, .22), (10., 22.), _typed_digits, .35),
+    'piano': _striking(REST_SHAPE, (.10, .18), (14., 28.), _piano_digits, .5),
     'shaking': shaking,
-    'tremor': rest_tremor,
-    'range_of_motion': ranging,
+    'tremor': _rest_tremor,
+    'range_of_motion': _ranging,
 }

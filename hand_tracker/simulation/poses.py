@@ -130,12 +130,12 @@ def without_overlaps(hand: Hand, free: np.ndarray, lower: np.ndarray,
     ndarray, shape (25,)
         [rad]
     """
-    angles = couple(hand, free, lower, upper)
+    angles = _couple(hand, free, lower, upper)
     separate(as_item(hand_capsules(hand.replace(side='right'))), angles,
              Mobility(lower, upper, hand.coupling[:, 0].copy(), CONTACT_MOBILITY),
              ALLOWED_OVERLAP, blank_placement())
     free = np.clip(rounded(angles[FREE_JOINTS]), lower[FREE_JOINTS], upper[FREE_JOINTS])
-    return couple(hand, free, lower, upper)
+    return _couple(hand, free, lower, upper)
 
 
 def rounded(angles: np.ndarray) -> np.ndarray:
@@ -143,7 +143,7 @@ def rounded(angles: np.ndarray) -> np.ndarray:
     return np.radians(np.round(np.degrees(angles) / ANGLE_RESOLUTION) * ANGLE_RESOLUTION)
 
 
-def couple(hand: Hand, free: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+def _couple(hand: Hand, free: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """Return all 25 joint angles from the 16 free ones, by coupling and limits [rad]."""
     angles = np.zeros(len(JOINTS))
     angles[FREE_JOINTS] = free
@@ -216,7 +216,7 @@ def _reach(hand: Hand, touch: Touch, natural: np.ndarray, lower: np.ndarray,
         return free
 
     def residuals(x: np.ndarray) -> np.ndarray:
-        gap = thumb_gap(hand, couple(hand, with_moved(x), lower, upper), touch)
+        gap = thumb_gap(hand, _couple(hand, with_moved(x), lower, upper), touch)
         return np.concatenate((gap / CONTACT_SIGMA, (x - natural[moving]) / POSTURE_SIGMA))
 
     low, high = lower[FREE_JOINTS[moving]], upper[FREE_JOINTS[moving]]

@@ -42,26 +42,26 @@ def bone_weights(vertices: np.ndarray, faces: np.ndarray, bones: np.ndarray,
     ndarray, shape (V, count)
         0 to 1; each row sums to 1.
     """
-    closest, distances = closest_points_on_bones(vertices, bones)
+    closest, distances = _closest_points_on_bones(vertices, bones)
     least = distances.min(axis=1)
     near = distances <= least[:, None] * (1. + EQUIDISTANCE)
     target = closest[np.arange(len(vertices)), near.argmax(axis=1)]
-    visible = is_line_of_sight_inside(vertices, faces, target)
+    visible = _is_line_of_sight_inside(vertices, faces, target)
     _, part = connected_components(vertex_adjacency(faces, len(vertices)), directed=False)
     # A part of the mesh without any visible bone follows its nearest bones.
     visible |= ~np.isin(part, part[visible])
     source = np.zeros((len(vertices), count))
     np.add.at(source.T, columns, (near / near.sum(axis=1, keepdims=True)).T)
-    heat = vertex_areas(vertices, faces) * np.where(
+    heat = _vertex_areas(vertices, faces) * np.where(
         visible, HEAT_CONSTANT / np.maximum(least, MIN_BONE_DISTANCE)**2, 0.)
-    solved = splu((cotangent_laplacian(vertices, faces) + diags(heat)).tocsc()).solve(
+    solved = splu((_cotangent_laplacian(vertices, faces) + diags(heat)).tocsc()).solve(
         heat[:, None] * source)
     solved = np.clip(solved, 0., 1.)
     return solved / solved.sum(axis=1, keepdims=True)
 
 
-def closest_points_on_bones(vertices: np.ndarray,
-                            bones: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _closest_points_on_bones(vertices: np.ndarray,
+                             bones: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the closest point of each bone to each vertex, and its distance.
 
     Parameters
@@ -85,7 +85,7 @@ def closest_points_on_bones(vertices: np.ndarray,
     return points, np.linalg.norm(vertices[:, None] - points, axis=2)
 
 
-def cotangent_laplacian(vertices: np.ndarray, faces: np.ndarray) -> spmatrix:
+def _cotangent_laplacian(vertices: np.ndarray, faces: np.ndarray) -> spmatrix:
     """Return the cotangent Laplacian of a mesh, positive semidefinite, shape (V, V) [1]."""
     rows, columns, values = [], [], []
     for corner in range(3):
@@ -103,15 +103,15 @@ def cotangent_laplacian(vertices: np.ndarray, faces: np.ndarray) -> spmatrix:
     return diags(np.asarray(weights.sum(axis=1)).ravel()) - weights
 
 
-def vertex_areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def _vertex_areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Return a third of the area of each vertex's triangles, shape (V,) [m²]."""
     a, b, c = vertices[faces].swapaxes(0, 1)
     third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6.
     return np.bincount(faces.ravel(), np.repeat(third, 3), len(vertices))
 
 
-def is_line_of_sight_inside(vertices: np.ndarray, faces: np.ndarray,
-                            targets: np.ndarray) -> np.ndarray:
+def _is_line_of_sight_inside(vertices: np.ndarray, faces: np.ndarray,
+                             targets: np.ndarray) -> np.ndarray:
     """Test whether the segment from each vertex to its target stays inside the mesh.
 
     Parameters
@@ -137,14 +137,14 @@ def is_line_of_sight_inside(vertices: np.ndarray, faces: np.ndarray,
     face = np.concatenate([np.asarray(found, dtype=int) for found in near])
     adjacent = (faces[face] == vertex[:, None]).any(axis=1)
     vertex, face = vertex[~adjacent], face[~adjacent]
-    blocked = segments_cross_triangles(vertices[vertex], targets[vertex], corners[face])
+    blocked = _segments_cross_triangles(vertices[vertex], targets[vertex], corners[face])
     clear = np.ones(len(vertices), dtype=bool)
     clear[vertex[blocked]] = False
     return inwards & clear
 
 
-def segments_cross_triangles(start: np.ndarray, end: np.ndarray,
-                             corners: np.ndarray) -> np.ndarray:
+def _segments_cross_triangles(start: np.ndarray, end: np.ndarray,
+                              corners: np.ndarray) -> np.ndarray:
     """Test n segments against n triangles, pair by pair: Möller and Trumbore (1997).
 
     Parameters

@@ -75,10 +75,10 @@ def load_skin(hand: Hand, mesh: str | PathLike[str] | None = None, cache: bool =
     MissingLibrary
         If the skin is not cached and a library to compute it is not installed.
     """
-    path = cache_directory() / f'skin-{_cache_key(hand, mesh)}.npz' if cache else None
+    path = _cache_directory() / f'skin-{_cache_key(hand, mesh)}.npz' if cache else None
     arrays = _read_cache(path) if path else None
     if arrays is None:
-        arrays = registered_mesh_arrays(hand, mesh) if mesh else generated_arrays(hand)
+        arrays = _registered_mesh_arrays(hand, mesh) if mesh else generated_arrays(hand)
         if path:
             _write_cache(path, arrays)
     vertices, faces, weights = arrays
@@ -100,7 +100,7 @@ def generated_arrays(hand: Hand) -> SkinArrays:
     return SkinArrays(deform(spread, _rest_pose(right)), faces, weights)
 
 
-def registered_mesh_arrays(hand: Hand, mesh: str | PathLike[str]) -> SkinArrays:
+def _registered_mesh_arrays(hand: Hand, mesh: str | PathLike[str]) -> SkinArrays:
     """Return the skin of a mesh file, registered with a hand of the same side.
 
     Raises
@@ -141,7 +141,7 @@ def _skin_frames(pose: Pose) -> Pose:
     return Pose(*(part[list(SKIN_LINKS)] for part in pose))
 
 
-def cache_directory() -> Path:
+def _cache_directory() -> Path:
     """Return the folder of cached skins: hand_tracker in the user's cache folder."""
     return Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache') / 'hand_tracker'
 

@@ -146,12 +146,12 @@ def _iterate_closest_points(vertices: np.ndarray, model: np.ndarray, tree: cKDTr
         placed = fit.apply(vertices)
         onto = model[tree.query(placed)[1]]
         back = cKDTree(placed).query(model[::4])[1]
-        fit = fit_similarity(np.concatenate((vertices, vertices[back])),
-                             np.concatenate((onto, model[::4])))
+        fit = _fit_similarity(np.concatenate((vertices, vertices[back])),
+                              np.concatenate((onto, model[::4])))
     return fit
 
 
-def fit_similarity(points: np.ndarray, goals: np.ndarray) -> Similarity:
+def _fit_similarity(points: np.ndarray, goals: np.ndarray) -> Similarity:
     """Return the least-squares similarity from points to goals, both (n, 3): Umeyama (1991)."""
     middle, goal = points.mean(axis=0), goals.mean(axis=0)
     centred, wanted = points - middle, goals - goal

@@ -47,8 +47,8 @@ SKIN_TONE_RGB = rgb(SKIN_TONE)
 FULL_COLOUR_DIFFERENCE = .003  # [m] between both blendings, shown wholly vermillion
 
 
-def render_square(hand: Hand, vertices: np.ndarray, faces: np.ndarray, view: str,
-                  colours: ArrayLike = SKIN_TONE_RGB) -> np.ndarray:
+def _render_square(hand: Hand, vertices: np.ndarray, faces: np.ndarray, view: str,
+                   colours: ArrayLike = SKIN_TONE_RGB) -> np.ndarray:
     """Render a mesh into a square picture that it fills.
 
     Parameters
@@ -74,15 +74,15 @@ def render_square(hand: Hand, vertices: np.ndarray, faces: np.ndarray, view: str
         [Mesh(vertices, faces, colours)], camera, (CELL_SIZE, CELL_SIZE), SUPERSAMPLING)
 
 
-def save_grid(path: str | PathLike[str], rows: Sequence[Sequence[np.ndarray]],
-              column_titles: Sequence[str], row_titles: Sequence[str] = ()) -> None:
+def _save_grid(path: str | PathLike[str], rows: Sequence[Sequence[np.ndarray]],
+               column_titles: Sequence[str], row_titles: Sequence[str] = ()) -> None:
     """Write a grid of square pictures as one PNG.
 
     Parameters
     ----------
     path : path-like
     rows : sequence of sequence of ndarray, shape (CELL_SIZE, CELL_SIZE, 4)
-        From `render_square`.
+        From `_render_square`.
     column_titles, row_titles : sequence of str
     """
     margin = TITLE_HEIGHT if row_titles else 0
@@ -102,11 +102,11 @@ def save_poses(path: str | PathLike[str], hand: Hand, skin: Skin) -> None:
     """Write a PNG of the skin in several poses, each from two views."""
     table = joint_table(hand)
     posed = [deform(skin, forward(table, pose_angles(name, hand))) for name in PICTURED_POSES]
-    save_grid(path, [[render_square(hand, vertices, skin.faces, view) for vertices in posed]
+    _save_grid(path, [[_render_square(hand, vertices, skin.faces, view) for vertices in posed]
                      for view in ('aslant', 'the palm')], PICTURED_POSES)
 
 
-def link_colours(skin: Skin) -> np.ndarray:
+def _link_colours(skin: Skin) -> np.ndarray:
     """Return a colour for each link of a skin, shape (B, 3): the digit's, or grey in the palm."""
     colours = []
     for link in skin.links:
@@ -124,8 +124,8 @@ def save_weights(path: str | PathLike[str], hand: Hand, skin: Skin) -> None:
 
     columns = [skin.links.index(LINKS.index(name)) for name in PICTURED_WEIGHTS]
     single_links = [colormaps['cividis'](skin.weights[:, column])[:, :3] for column in columns]
-    colourings = (skin.weights @ link_colours(skin), *single_links)
-    save_grid(path, [[render_square(hand, skin.vertices, skin.faces, view, colours)
+    colourings = (skin.weights @ _link_colours(skin), *single_links)
+    _save_grid(path, [[_render_square(hand, skin.vertices, skin.faces, view, colours)
                       for colours in colourings] for view in ('from above', 'the palm')],
               ['all links', *(name.replace('_', ' ') for name in PICTURED_WEIGHTS)])
 
@@ -141,7 +141,7 @@ def save_blending(path: str | PathLike[str], hand: Hand, skin: Skin) -> None:
         LINKS.index(f'{view.digit}_{bone}') for bone in view.bones]].mean(axis=0), view.height)
         for name, view in FIST_VIEWS.items()]
     rows = ((linear, SKIN_TONE_RGB), (dual, SKIN_TONE_RGB), (dual, marked))
-    save_grid(path, [[render([Mesh(vertices, skin.faces, colours)], camera,
+    _save_grid(path, [[render([Mesh(vertices, skin.faces, colours)], camera,
                              (CELL_SIZE, CELL_SIZE), SUPERSAMPLING) for camera in cameras]
                      for vertices, colours in rows],
               [f'fist, {name}' for name in FIST_VIEWS],

@@ -74,8 +74,8 @@ def signed_distance(shape: HandShape, points: np.ndarray) -> np.ndarray:
     mm = shape.millimetre
     distance = palm(shape, points)
     for digit in range(len(FINGERS)):
-        distance = smooth_union(distance, finger(shape, digit, points), 5. * mm)
-    return smooth_union(distance, thumb(shape, points), 12. * mm)
+        distance = _smooth_union(distance, finger(shape, digit, points), 5. * mm)
+    return _smooth_union(distance, thumb(shape, points), 12. * mm)
 
 
 def finger(shape: HandShape, digit: int, points: np.ndarray) -> np.ndarray:
@@ -86,21 +86,21 @@ def finger(shape: HandShape, digit: int, points: np.ndarray) -> np.ndarray:
     down = -_dorsal(shape, f'{FINGERS[digit]}_proximal')
     end = tip - 1.05 * third * unit_vectors(tip - dip)
     # The pulp of each phalanx lies palmar of the bone, the joints dorsal of it.
-    proximal = tapered_capsule(points, mcp, pip, 1.12 * first, second + .4 * mm, -.3 * mm)
-    proximal_pulp = tapered_capsule(
+    proximal = _tapered_capsule(points, mcp, pip, 1.12 * first, second + .4 * mm, -.3 * mm)
+    proximal_pulp = _tapered_capsule(
         points, mcp + .3 * (pip - mcp) + 1.2 * mm * down,
         mcp + .7 * (pip - mcp) + 1.2 * mm * down, .95 * first, .9 * first)
-    middle = tapered_capsule(
+    middle = _tapered_capsule(
         points, pip, dip + .3 * mm * down, second + .4 * mm, third + .2 * mm, -.3 * mm)
-    middle_pulp = tapered_capsule(
+    middle_pulp = _tapered_capsule(
         points, pip + .4 * (dip - pip) + mm * down, pip + .6 * (dip - pip) + mm * down,
         .9 * second, .88 * second)
-    distal = tapered_capsule(
+    distal = _tapered_capsule(
         points, dip + .3 * mm * down, end + .8 * mm * down, third, .9 * third, .3 * mm, down, .9)
-    distance = smooth_union(proximal, proximal_pulp, 5. * mm)
-    distance = smooth_union(distance, middle, 2. * mm)
-    distance = smooth_union(distance, middle_pulp, 5. * mm)
-    return smooth_union(distance, distal, 2. * mm)
+    distance = _smooth_union(proximal, proximal_pulp, 5. * mm)
+    distance = _smooth_union(distance, middle, 2. * mm)
+    distance = _smooth_union(distance, middle_pulp, 5. * mm)
+    return _smooth_union(distance, distal, 2. * mm)
 
 
 def thumb(shape: HandShape, points: np.ndarray) -> np.ndarray:
@@ -111,21 +111,21 @@ def thumb(shape: HandShape, points: np.ndarray) -> np.ndarray:
     down = -_dorsal(shape, 'thumb_proximal')
     knuckle, root = shape.points[DIGIT_CHAINS[0][1]], shape.points[DIGIT_CHAINS[0][0]]
     end = tip - 1.05 * third * unit_vectors(tip - ip)
-    metacarpal = tapered_capsule(points, cmc, mcp, 1.15 * first, 1.02 * first)
+    metacarpal = _tapered_capsule(points, cmc, mcp, 1.15 * first, 1.02 * first)
     # The thenar is thickest over the proximal half of the metacarpal.
-    thenar = tapered_capsule(
+    thenar = _tapered_capsule(
         points, np.array((24., 8., -15.)) * mm,
         cmc + .75 * (mcp - cmc) + (0., -3. * mm, -2. * mm), 1.25 * first, first)
-    proximal = tapered_capsule(points, mcp, ip, 1.02 * first, .98 * second, -.5 * mm)
-    distal = tapered_capsule(
+    proximal = _tapered_capsule(points, mcp, ip, 1.02 * first, .98 * second, -.5 * mm)
+    distal = _tapered_capsule(
         points, ip + .3 * mm * down, end + .6 * mm * down, 1.02 * second, .92 * third, .2 * mm,
         down, .84)
-    web = rounded_triangle(points, .5 * (cmc + root), cmc + .92 * (mcp - cmc),
-                           root + .82 * (knuckle - root), 4.5 * mm)
-    distance = smooth_union(metacarpal, thenar, 8. * mm)
-    distance = smooth_union(distance, proximal, 4. * mm)
-    distance = smooth_union(distance, distal, 3. * mm)
-    return smooth_union(distance, web, 10. * mm)
+    web = _rounded_triangle(points, .5 * (cmc + root), cmc + .92 * (mcp - cmc),
+                            root + .82 * (knuckle - root), 4.5 * mm)
+    distance = _smooth_union(metacarpal, thenar, 8. * mm)
+    distance = _smooth_union(distance, proximal, 4. * mm)
+    distance = _smooth_union(distance, distal, 3. * mm)
+    return _smooth_union(distance, web, 10. * mm)
 
 
 def palm(shape: HandShape, points: np.ndarray) -> np.ndarray:
@@ -135,28 +135,28 @@ def palm(shape: HandShape, points: np.ndarray) -> np.ndarray:
     metacarpals = []
     for digit in range(len(FINGERS)):
         cmc, mcp = shape.points[list(DIGIT_CHAINS[digit][:2])]
-        metacarpals.append(tapered_capsule(
+        metacarpals.append(_tapered_capsule(
             points, cmc + (0., 0., -2.5 * mm), mcp + (0., 0., -1.2 * mm), radius,
             max(1.15 * shape.radii[digit, 0], .9 * radius)))
     distance = metacarpals[0]
     for metacarpal in metacarpals[1:]:
-        distance = smooth_union(distance, metacarpal, 8. * mm)
+        distance = _smooth_union(distance, metacarpal, 8. * mm)
     cmc, mcp = shape.points[list(DIGIT_CHAINS[3][:2])]
-    hypothenar = tapered_capsule(
+    hypothenar = _tapered_capsule(
         points, np.array((16., -15., -8.)) * mm,
         cmc + .75 * (mcp - cmc) + np.array((0., -2., -5.)) * mm, 1.15 * radius, .95 * radius)
-    distance = smooth_union(distance, hypothenar, 9. * mm)
+    distance = _smooth_union(distance, hypothenar, 9. * mm)
     down = np.array((0., 0., -2. * mm))
     for a, b in zip(DIGIT_CHAINS[:3], DIGIT_CHAINS[1:4]):
         (near, first), (far, second) = shape.points[[[a[0], a[1]], [b[0], b[1]]]]
-        between = rounded_quadrilateral(points - 1.5 * down, near, far, first, second, .7 * radius)
-        distance = smooth_union(distance, between, 4. * mm)
+        between = _rounded_quadrilateral(points - 1.5 * down, near, far, first, second, .7 * radius)
+        distance = _smooth_union(distance, between, 4. * mm)
         ahead = first + .3 * (shape.points[a[2]] - first), second + .3 * (
             shape.points[b[2]] - second)
-        web = rounded_quadrilateral(points - down, first, second, *ahead, 5. * mm)
-        distance = smooth_union(distance, web, 4. * mm)
+        web = _rounded_quadrilateral(points - down, first, second, *ahead, 5. * mm)
+        distance = _smooth_union(distance, web, 4. * mm)
     return _cut_proximal(
-        smooth_union(distance, _wrist(shape, points), 12. * mm), points, -24. * mm, 7. * mm)
+        _smooth_union(distance, _wrist(shape, points), 12. * mm), points, -24. * mm, 7. * mm)
 
 
 def _wrist(shape: HandShape, points: np.ndarray) -> np.ndarray:
@@ -164,23 +164,23 @@ def _wrist(shape: HandShape, points: np.ndarray) -> np.ndarray:
     mm = shape.millimetre
     x, y, z = (points - np.array((0., -3., -5.5)) * mm).T
     beside = np.maximum(np.abs(y) - 12.5 * mm, 0.)
-    return -smooth_union(13.5 * mm - np.hypot(beside, z), 16. * mm - x, 10. * mm)
+    return -_smooth_union(13.5 * mm - np.hypot(beside, z), 16. * mm - x, 10. * mm)
 
 
 def _cut_proximal(distance: np.ndarray, points: np.ndarray, x: float, k: float) -> np.ndarray:
     """Return the signed distance to the part distal of x [m], its rim rounded by k [m]."""
-    return -smooth_union(-distance, points[:, 0] - x, k)
+    return -_smooth_union(-distance, points[:, 0] - x, k)
 
 
-def smooth_union(a: np.ndarray, b: np.ndarray, k: float) -> np.ndarray:
+def _smooth_union(a: np.ndarray, b: np.ndarray, k: float) -> np.ndarray:
     """Return the smooth union of two signed distances, blended where they differ by < k [m]."""
     near = np.maximum(k - np.abs(a - b), 0.) / k
     return np.minimum(a, b) - .25 * k * near * near
 
 
-def tapered_capsule(points: np.ndarray, start: np.ndarray, end: np.ndarray, start_radius: float,
-                    end_radius: float, bulge: float = 0., flat_axis: np.ndarray | None = None,
-                    flatness: float = 1.) -> np.ndarray:
+def _tapered_capsule(points: np.ndarray, start: np.ndarray, end: np.ndarray, start_radius: float,
+                     end_radius: float, bulge: float = 0., flat_axis: np.ndarray | None = None,
+                     flatness: float = 1.) -> np.ndarray:
     """Return the signed distance to a tapered capsule.
 
     Parameters
@@ -212,15 +212,15 @@ def tapered_capsule(points: np.ndarray, start: np.ndarray, end: np.ndarray, star
             - t * (end_radius - start_radius) - 4. * bulge * t * (1. - t))
 
 
-def rounded_quadrilateral(points: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray,
-                          d: np.ndarray, radius: float) -> np.ndarray:
-    """Return the distance [m] to the triangles a b c and b c d; see `rounded_triangle`."""
-    return np.minimum(rounded_triangle(points, a, b, c, radius),
-                      rounded_triangle(points, b, c, d, radius))
+def _rounded_quadrilateral(points: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray,
+                           d: np.ndarray, radius: float) -> np.ndarray:
+    """Return the distance [m] to the triangles a b c and b c d; see `_rounded_triangle`."""
+    return np.minimum(_rounded_triangle(points, a, b, c, radius),
+                      _rounded_triangle(points, b, c, d, radius))
 
 
-def rounded_triangle(points: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray,
-                     radius: float) -> np.ndarray:
+def _rounded_triangle(points: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray,
+                      radius: float) -> np.ndarray:
     """Return the signed distance to the points within `radius` of a triangle [m], shape (n,)."""
     u, v, w = b - a, c - a, points - a
     uu, uv, vv = u @ u, u @ v, v @ v
@@ -229,7 +229,7 @@ def rounded_triangle(points: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.nda
     s, t = (vv * wu - uv * wv) / scale, (uu * wv - uv * wu) / scale
     offset = w - s[:, None] * u - t[:, None] * v
     inside = (s >= 0.) & (t >= 0.) & (s + t <= 1.)
-    edges = np.min([tapered_capsule(points, p, q, 0., 0.)
+    edges = np.min([_tapered_capsule(points, p, q, 0., 0.)
                     for p, q in ((a, b), (b, c), (c, a))], axis=0)
     return np.where(inside, np.linalg.norm(offset, axis=1), edges) - radius
 

@@ -86,7 +86,7 @@ def _dual_quaternions(skin: Skin, rotation: np.ndarray, position: np.ndarray) ->
     real = np.roll(Rotation.from_matrix(turned).as_quat(), 1, axis=1)  # w, x, y, z
     # Of q and -q take the one nearer to the previous link of the digit, or to the palm.
     for row in range(1, len(real)):
-        before = row - 1 if same_digit(*skin.links[row - 1:row + 1]) else 0
+        before = row - 1 if _same_digit(*skin.links[row - 1:row + 1]) else 0
         real[row] *= np.copysign(1., real[row] @ real[before])
     dual = .5 * np.column_stack((-np.einsum('bi,bi->b', moved, real[:, 1:]),
                                  real[:, :1] * moved + np.cross(moved, real[:, 1:])))
@@ -99,7 +99,7 @@ def _dual_quaternions(skin: Skin, rotation: np.ndarray, position: np.ndarray) ->
             + 2. * (w * f - e * u + np.cross(u, f)))
 
 
-def same_digit(first: int, second: int) -> bool:
+def _same_digit(first: int, second: int) -> bool:
     """Test whether two links, as indices of `LINKS`, belong to one digit."""
     links_per_digit = len(LINKS) // len(DIGITS)
     return first // links_per_digit == second // links_per_digit

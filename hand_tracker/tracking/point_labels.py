@@ -28,7 +28,7 @@ def is_measured(hand: Hand) -> bool:
                        (mean.finger_bones, mean.finger_mcp)))
 
 
-def worn_presets(names: tuple[str, ...], most: int) -> list[str]:
+def _worn_presets(names: tuple[str, ...], most: int) -> list[str]:
     """Return the presets of other worn markers than those of some names, at most so many."""
     worn = {preset: tuple(preset_layout(preset).names) for preset in LAYOUT_PRESETS
             if preset not in JOINT_CENTRE_PRESETS}
@@ -159,7 +159,7 @@ class PointLabelReader:
                                     'markers'))
         else:
             # Any of the points may be of no hand: the markers are these, or fewer.
-            others = worn_presets(self._names, count)
+            others = _worn_presets(self._names, count)
             known = f' (if you wear another, set it: {", ".join(others)})' if others else ''
             self._log_lines.append((
                 True, f'the {self._side} hand is not found among {count} points: spread your '

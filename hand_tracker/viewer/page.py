@@ -90,7 +90,7 @@ class Viewer:
     def addresses(self) -> list[str]:
         """URLs of the page: on this machine, and in the network."""
         host = self._server.get_host()
-        hosts = {LOCALHOST: ['localhost'], ALL_INTERFACES: ['localhost', *network_address()]}
+        hosts = {LOCALHOST: ['localhost'], ALL_INTERFACES: ['localhost', *_network_address()]}
         query = '' if self._token is None else f'/?token={self._token}'
         return [f'http://{name}:{self._server.get_port()}{query}'
                 for name in hosts.get(host, [host])]
@@ -274,7 +274,7 @@ def free_port(host: str, port: int) -> int:
                            f'{PORT_ATTEMPTS} ports: {reason}')
 
 
-def network_address() -> list[str]:
+def _network_address() -> list[str]:
     """Return this machine's address in the network, as a list of at most one."""
     with contextlib.suppress(OSError), socket.socket(type=socket.SOCK_DGRAM) as probe:
         probe.connect(DOCUMENTATION_ADDRESS)

@@ -22,10 +22,10 @@ def add_page_options(parser: argparse.ArgumentParser) -> None:
                         'the printed address sees and steers it (default: this machine alone)')
     parser.add_argument('--port', type=int, default=FIRST_PORT,
                         help=f'first port that is tried (default: {FIRST_PORT})')
-    add_robot_options(parser)
+    _add_robot_options(parser)
 
 
-def add_robot_options(parser: argparse.ArgumentParser) -> None:
+def _add_robot_options(parser: argparse.ArgumentParser) -> None:
     """Add the options `--robot` and `--robot-description` to a command line."""
     parser.add_argument('--robot', nargs='?', const=PLAIN_ROBOT, default='', metavar='ROBOT',
                         help='robot hand that follows: a preset, robot file, dex-retargeting file '
@@ -35,7 +35,7 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
 
 
 def chosen_robot(options: argparse.Namespace, hand: Hand) -> LoadedRobot | None:
-    """Return the robot of the options of `add_robot_options`; None where there is none.
+    """Return the robot of the options of `_add_robot_options`; None where there is none.
 
     Parameters
     ----------

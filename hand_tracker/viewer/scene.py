@@ -160,7 +160,7 @@ class HandScene:
         turned, at = anchor.rotation.T, state.wrist_position - anchor.position
         self._node.wxyz = wxyz(turned @ state.wrist_rotation)
         self._node.position = turned @ at + (0., offset, 0.)
-        local = in_wrist(state)
+        local = _in_wrist(state)
         found = state.palm <= PalmState.CARRIED
         if self._skin is not None:
             inside = self._bones.node.visible or self._show_markers
@@ -247,7 +247,7 @@ def anchor_near(anchor: Pose, state: HandState) -> Pose:
     return anchor._replace(position=state.wrist_position - share * off)
 
 
-def in_wrist(state: HandState) -> Pose:
+def _in_wrist(state: HandState) -> Pose:
     """Return the pose of the links in the wrist frame."""
     back = state.wrist_rotation.T
     return Pose(back @ state.pose.rotation,

@@ -210,8 +210,8 @@ def last_joint_spread(chains: Chains, digit: int) -> float:
 
 
 @jit
-def solve_digit(chains: Chains, digit: int, target: Vector, angles: np.ndarray, step: float,
-                by_fabrik: bool, tolerance: float, iterations: int) -> int:
+def _solve_digit(chains: Chains, digit: int, target: Vector, angles: np.ndarray, step: float,
+                 by_fabrik: bool, tolerance: float, iterations: int) -> int:
     """Solve one digit's angles for its marker.
 
     Parameters
@@ -335,7 +335,7 @@ def solve_digits(chains: Chains, roots: np.ndarray, markers: np.ndarray, angles:
     angles : ndarray, shape (25,)
         Previous angles, replaced [rad].
     step, by_fabrik, tolerance, iterations
-        As for `solve_digit`.
+        As for `_solve_digit`.
 
     Returns
     -------
@@ -355,11 +355,11 @@ def solve_rooted_digit(chains: Chains, digit: int, target: Vector, angles: np.nd
                        step: float, by_fabrik: bool, tolerance: float, iterations: int) -> int:
     """Solve a digit for its marker's place from its first joint, in the wrist's frame [m].
 
-    Parameters and returned value are as for `solve_digit`, but that bones may leave the plane.
+    Parameters and returned value are as for `_solve_digit`, but that bones may leave the plane.
     """
     used = 0
     if chains.is_planar[digit]:
-        used = solve_digit(chains, digit, target, angles, step, by_fabrik, tolerance, iterations)
+        used = _solve_digit(chains, digit, target, angles, step, by_fabrik, tolerance, iterations)
     else:
         joints = (ABDUCTION_JOINTS[digit], FLEXION_JOINTS[digit, 0], FLEXION_JOINTS[digit, 1],
                   FLEXION_JOINTS[digit, 2])
@@ -371,8 +371,8 @@ def solve_rooted_digit(chains: Chains, digit: int, target: Vector, angles: np.nd
             # Each round goes on from the last frame, not from the round before.
             for i in range(4):
                 angles[joints[i]] = before[i]
-            used += solve_digit(chains, digit, flat, angles, step, by_fabrik, tolerance,
-                                iterations)
+            used += _solve_digit(chains, digit, flat, angles, step, by_fabrik, tolerance,
+                                 iterations)
     if digit == THUMB:
         angles[THUMB_MCP_ABDUCTION_JOINT] = chains.aside[digit]
     return used

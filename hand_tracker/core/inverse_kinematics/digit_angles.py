@@ -87,7 +87,7 @@ def new_digit_workspace() -> DigitWorkspace:
 
 
 @jit
-def turn_about_x(axes: Frame, angle: float) -> Frame:
+def _turn_about_x(axes: Frame, angle: float) -> Frame:
     """Return a frame turned about its x axis by an angle [rad]: a thumb's roll."""
     c, s = math.cos(angle), math.sin(angle)
     return (axes[0], add(scale(axes[1], c), scale(axes[2], s)),
@@ -95,7 +95,7 @@ def turn_about_x(axes: Frame, angle: float) -> Frame:
 
 
 @jit
-def turn_about_y(axes: Frame, angle: float) -> Frame:
+def _turn_about_y(axes: Frame, angle: float) -> Frame:
     """Return a frame turned about its y axis by an angle [rad]: flexion."""
     c, s = math.cos(angle), math.sin(angle)
     return (subtract(scale(axes[0], c), scale(axes[2], s)), axes[1],
@@ -103,7 +103,7 @@ def turn_about_y(axes: Frame, angle: float) -> Frame:
 
 
 @jit
-def turn_about_z(axes: Frame, angle: float) -> Frame:
+def _turn_about_z(axes: Frame, angle: float) -> Frame:
     """Return a frame turned about its z axis by an angle [rad]: abduction."""
     c, s = math.cos(angle), math.sin(angle)
     return (add(scale(axes[0], c), scale(axes[1], s)),
@@ -124,8 +124,8 @@ def place_digit(chains: Chains, bone_ends: np.ndarray, digit: int, angles: np.nd
         if j == 0 or j == 1 and not is_thumb or j == 2 and is_thumb:
             if j == 2:
                 origin = add(origin, rotate(axes, vector(bone_ends[digit, 0])))
-                axes = turn_about_x(axes, chains.roll[digit])
-            axes = turn_about_z(axes, sign * angles[j])
+                axes = _turn_about_x(axes, chains.roll[digit])
+            axes = _turn_about_z(axes, sign * angles[j])
             _write_link(workspace, j, axes, origin, scale(axes[2], sign))
             continue
         if j >= 3 and not (j == 3 and is_thumb):
@@ -133,7 +133,7 @@ def place_digit(chains: Chains, bone_ends: np.ndarray, digit: int, angles: np.nd
         first = j == (1 if is_thumb else 2)
         if first:
             origin = add(origin, scale(axes[0], chains.advance[digit]))
-        axes = turn_about_y(axes, angles[j] + (chains.tilt[digit] if first else 0.))
+        axes = _turn_about_y(axes, angles[j] + (chains.tilt[digit] if first else 0.))
         _write_link(workspace, j, axes, origin, axes[1])
 
 
@@ -148,8 +148,8 @@ def _write_link(workspace: DigitWorkspace, j: int, axes: Frame, origin: Vector,
 
 
 @jit
-def marker_on_digit(rows: MarkerRows, row: int, angles: np.ndarray,
-                    workspace: DigitWorkspace) -> tuple[Vector, Vector]:
+def _marker_on_digit(rows: MarkerRows, row: int, angles: np.ndarray,
+                     workspace: DigitWorkspace) -> tuple[Vector, Vector]:
     """Return a marker's place on a placed digit, and the landmark that it is at [m]."""
     link = rows.link[row]
     axes = (vector(workspace.frames[link, 0]), vector(workspace.frames[link, 1]),
@@ -162,9 +162,9 @@ def marker_on_digit(rows: MarkerRows, row: int, angles: np.ndarray,
 
 
 @jit
-def solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit: int,
-                       solved: np.ndarray, step: float,
-                       workspace: DigitWorkspace) -> tuple[int, float]:
+def _solve_digit_angles(chains: Chains, rows: MarkerRows, state: RowState, digit: int,
+                        solved: np.ndarray, step: float,
+                        workspace: DigitWorkspace) -> tuple[int, float]:
     """Solve a digit's angles by all its measured markers, in `state.angles`.
 
     Parameters
@@ -269,7 +269,7 @@ def _equations(chains: Chains, rows: MarkerRows, state: RowState, digit: int, an
     for row in range(rows.used[0]):
         if rows.digit[row] != digit or not state.is_measured[row]:
             continue
-        place, end = marker_on_digit(rows, row, angles, workspace)
+        place, end = _marker_on_digit(rows, row, angles, workspace)
         miss = subtract(vector(state.local[row]), place)
         square = miss[0] * miss[0] + miss[1] * miss[1] + miss[2] * miss[2]
         loss = 1. + square / (OUTLIER * OUTLIER)
@@ -338,13 +338,13 @@ def _add_coupling_prior(matrix: np.ndarray, gradient: np.ndarray, angles: np.nda
 
 
 @jit
-def principal_place(chains: Chains, rows: MarkerRows, state: RowState, digit: int,
-                    workspace: DigitWorkspace) -> Vector:
+def _principal_place(chains: Chains, rows: MarkerRows, state: RowState, digit: int,
+                     workspace: DigitWorkspace) -> Vector:
     """Return where a digit's principal marker is by its solved angles, the palm flat [m]."""
     for j in range(CHAIN_JOINTS):
         workspace.angles[j] = state.angles[5 * digit + j]
     place_digit(chains, rows.bone_ends, digit, workspace.angles, workspace)
-    return marker_on_digit(rows, 3 + digit, workspace.angles, workspace)[0]
+    return _marker_on_digit(rows, 3 + digit, workspace.angles, workspace)[0]
 
 
 @jit
@@ -395,8 +395,8 @@ def infer_principal_markers(chains: Chains, table: MarkerRows, rows: RowState, w
         if seen[3 + digit] or not table.has_several[digit]:
             continue
         workspace = new_digit_workspace()
-        if solve_digit_angles(chains, table, rows, digit, angles, step, workspace)[0]:
-            local = principal_place(chains, table, rows, digit, workspace)
+        if _solve_digit_angles(chains, table, rows, digit, angles, step, workspace)[0]:
+            local = _principal_place(chains, table, rows, digit, workspace)
             if digit < 4:
                 local = flexed(local, vector(table.cmc[digit]), rows.arch[digit])
             store(markers, 3 + digit, add(origin, rotate(axes, local)))
@@ -427,7 +427,7 @@ def solve_followed_digits(chains: Chains, table: MarkerRows, rows: RowState, see
         if not table.has_several[digit] or not seen[3 + digit] or (
                 changed[digit] or not rows.is_measured[3 + digit]):
             continue
-        count, cost = solve_digit_angles(
+        count, cost = _solve_digit_angles(
             chains, table, rows, digit, rows.angles, step, workspace)
         rows.is_solved[digit] = count > 1 and cost < FAR_OFF
         if rows.is_solved[digit]:
@@ -459,7 +459,7 @@ def refine_digits(chains: Chains, table: MarkerRows, rows: RowState, seen: np.nd
             # One whose principal marker is hidden was solved before.
             is_solved = (
                 rows.is_solved[digit] or not rows.is_measured[3 + digit]
-                or solve_digit_angles(chains, table, rows, digit, angles, step, workspace)[0] > 1)
+                or _solve_digit_angles(chains, table, rows, digit, angles, step, workspace)[0] > 1)
         rows.deviation[5 * digit:5 * digit + 5] = 0.
         if is_solved:
             _write_deviation(chains, table, rows, digit, workspace)

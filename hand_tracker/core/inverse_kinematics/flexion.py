@@ -130,8 +130,8 @@ def aim_end(along: float, height: float, linkage: Linkage, x: float,
 
 
 @jit
-def bend_cost(angle1: float, angle2: float, miss: float, natural: NaturalFlexion,
-              previous2: float) -> float:
+def _bend_cost(angle1: float, angle2: float, miss: float, natural: NaturalFlexion,
+               previous2: float) -> float:
     """Return the cost of one of two bends, in turns of the second hinge [rad]."""
     return (abs(angle2 - previous2)
             + UNNATURAL_COST * (AVERAGE_SPREAD / natural.spread) * abs(
@@ -179,17 +179,17 @@ def solve_two_bone(along: float, height: float, linkage: Linkage, natural: Natur
     least = math.inf
     for sign, low, high in ((1.0, straight, upper2), (-1.0, lower2, straight)):
         angle1, angle2, miss = solve_bend(along, height, linkage, sign, low, high)
-        cost = bend_cost(angle1, angle2, miss, natural, previous2)
+        cost = _bend_cost(angle1, angle2, miss, natural, previous2)
         if cost < least:
             least = cost
             best1 = angle1
             best2 = angle2
-    return limit_turn(along, height, linkage, best1, best2, previous2, step)
+    return _limit_turn(along, height, linkage, best1, best2, previous2, step)
 
 
 @jit
-def limit_turn(along: float, height: float, linkage: Linkage, angle1: float, angle2: float,
-               previous2: float, step: float) -> tuple[float, float]:
+def _limit_turn(along: float, height: float, linkage: Linkage, angle1: float, angle2: float,
+                previous2: float, step: float) -> tuple[float, float]:
     """Return flexions whose second has turned from the previous one no faster than a finger does.
 
     Where it is held back the first aims at the target anew.
@@ -410,10 +410,10 @@ def choose_three_bone(along: float, height: float, linkage: Linkage, start: floa
     other1, miss = aim_end(along, height, linkage, x, y)
     x, y = coupled_end(linkage, angle2, angle3)
     _, flexed_miss = aim_end(along, height, linkage, x, y)
-    if (bend_cost(other1, other2, miss, natural, previous2)
-            < bend_cost(angle1, angle2, flexed_miss, natural, previous2)):
+    if (_bend_cost(other1, other2, miss, natural, previous2)
+            < _bend_cost(angle1, angle2, flexed_miss, natural, previous2)):
         angle1, angle2, angle3 = other1, other2, coupled_angle(linkage, other2)
-    angle1, turned2 = limit_turn(along, height, linkage, angle1, angle2, previous2, step)
+    angle1, turned2 = _limit_turn(along, height, linkage, angle1, angle2, previous2, step)
     if turned2 != angle2:
         angle3 = coupled_angle(linkage, turned2)
     return angle1, turned2, angle3

@@ -127,7 +127,7 @@ def fit_principal_palm(table: MarkerRows, rows: RowState, lower: np.ndarray, upp
         synergy(table.synergy, angles, lower, upper, rows.arch)
     store_pose(fitted.rotation, fitted.position, frame(wrist.rotation), vector(wrist.position))
     fitted.placed[0] = wrist.placed[0]
-    count = solve_palm(
+    count = _solve_palm(
         table, rows, lower, upper, several and table.is_cupping[0] > 0, fitted)
     if count == 0:
         return
@@ -144,8 +144,8 @@ def fit_principal_palm(table: MarkerRows, rows: RowState, lower: np.ndarray, upp
 
 
 @jit
-def solve_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upper: np.ndarray,
-               is_free: bool, wrist: Wrist) -> int:
+def _solve_palm(rows: MarkerRows, state: RowState, lower: np.ndarray, upper: np.ndarray,
+                is_free: bool, wrist: Wrist) -> int:
     """Fit wrist and arch to the measured markers of the palm.
 
     Parameters

@@ -140,7 +140,7 @@ def label_cost(markers: np.ndarray, seen: np.ndarray, rows: np.ndarray,
 
 
 @jit
-def apply_exchange(rows: np.ndarray, n: int) -> None:
+def _apply_exchange(rows: np.ndarray, n: int) -> None:
     """Exchange the rows of the n-th pair of markers, `EXCHANGES[n]`."""
     one, other = EXCHANGES[n]
     rows[one], rows[other] = rows[other], rows[one]
@@ -178,11 +178,11 @@ def correct_exchange(markers: np.ndarray, seen: np.ndarray, typical: TypicalPlac
     least = given - EXCHANGE_MARGIN
     best = -1
     for n in range(len(EXCHANGES)):
-        apply_exchange(rows, n)
+        _apply_exchange(rows, n)
         cost = label_cost(markers, seen, rows, typical)
-        apply_exchange(rows, n)
+        _apply_exchange(rows, n)
         if cost < least:
             least = cost
             best = n
     if best >= 0:
-        apply_exchange(rows, best)
+        _apply_exchange(rows, best)

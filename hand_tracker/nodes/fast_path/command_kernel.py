@@ -133,7 +133,7 @@ def install_numbers(listed: ListedNumbers, reader: JointStateReader, rows: np.nd
 
 
 @jit
-def read_numbers(listed: ListedNumbers, octets: np.ndarray) -> bool:
+def _read_numbers(listed: ListedNumbers, octets: np.ndarray) -> bool:
     """Read the positions of a JointState; return whether it has the installed layout.
 
     Parameters
@@ -200,7 +200,7 @@ def process_deviations(commands: Pack[CommandMemory], follows: Pack[FollowMemory
         The message.
     """
     listed = commands[0].deviations
-    if not read_numbers(listed, octets) or not _read_effort(listed, octets):
+    if not _read_numbers(listed, octets) or not _read_effort(listed, octets):
         return False
     observe_deviations(
         follows, guards, listed.numbers, listed.effort, listed.rows[:listed.used[0]])
@@ -223,7 +223,7 @@ def process_position(commands: Pack[CommandMemory], guards: Pack[GuardMemory],
     """
     command = commands[0]
     listed = command.robot
-    if not read_numbers(listed, octets):
+    if not _read_numbers(listed, octets):
         return False
     for i in range(listed.used[0]):
         command.position[i] = listed.numbers[listed.rows[i]]
@@ -255,7 +255,7 @@ def process_hand(commands: Pack[CommandMemory], packs: FollowPacks, octets: np.n
     command = commands[0]
     follows, humans, problems, solutions, guards = packs
     listed = command.hand
-    if not read_numbers(listed, octets):
+    if not _read_numbers(listed, octets):
         return NOT_FOLLOWED
     human = humans[0]
     for i in range(JOINT_COUNT):

@@ -305,7 +305,7 @@ def install_part(hand: HandMemory, kind: int, reply: int, part: slice) -> None:
 
 
 @jit
-def copy_payload(memory: FastPathMemory, octets: np.ndarray) -> int:
+def _copy_payload(memory: FastPathMemory, octets: np.ndarray) -> int:
     """Copy a message without its encapsulation; return its size, -1 where it is not supported."""
     size = len(octets) - ENCAPSULATION
     if not 0 <= size <= MESSAGE_CAPACITY:
@@ -319,7 +319,7 @@ def copy_payload(memory: FastPathMemory, octets: np.ndarray) -> int:
 
 
 @jit
-def matches_signature(memory: FastPathMemory, size: int) -> bool:
+def _matches_signature(memory: FastPathMemory, size: int) -> bool:
     """Return whether the message has the installed signature."""
     count, used = parse_points(
         memory.parser[0], memory.message.view(np.uint8), memory.message.view(np.int32),
@@ -361,8 +361,8 @@ def process_message(memories: Pack[FastPathMemory], hands: Sequence[Pack[HandMem
         Whether it was processed; nothing was tracked if not.
     """
     memory = memories[0]
-    size = copy_payload(memory, octets)
-    if size < 0 or not matches_signature(memory, size):
+    size = _copy_payload(memory, octets)
+    if size < 0 or not _matches_signature(memory, size):
         return False
     sec, nanosec = _stamp_of(memory, hands[0][0])
     count = memory.hand_count[0]
@@ -407,12 +407,12 @@ def _track_hand(memory: FastPathMemory, hand: HandMemory, packs: TrackPacks, sec
                      memory.scale[0], memory.zero_is_missing[0] > 0, rows)
     hand.stamp[0], hand.stamp[1], hand.time[0] = sec, nanosec, stamp_time(sec, nanosec)
     track_frame(model, chains, options, clock, blank, state, report, rows, hand.time[0])
-    fill_replies(memory, hand, model[0].table.parent, report[0])
+    _fill_replies(memory, hand, model[0].table.parent, report[0])
 
 
 @jit
-def fill_replies(memory: FastPathMemory, hand: HandMemory, parent: np.ndarray,
-                 report: Report) -> None:
+def _fill_replies(memory: FastPathMemory, hand: HandMemory, parent: np.ndarray,
+                  report: Report) -> None:
     """Write stamp and numbers of a hand's frame into its parts of the replies."""
     if hand.reply[JOINT_STATES] != NOT_WANTED:
         _fill_part(memory, hand, JOINT_STATES, report.angles)
