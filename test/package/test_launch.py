@@ -122,15 +122,12 @@ if LACK is None:
     from launch.launch_description_sources.python_launch_file_utilities import (
         load_python_launch_file_as_module,
     )
-    from launch.utilities import perform_substitutions
     from rcl_interfaces.srv import GetParameters
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from sensor_msgs.msg import JointState, PointCloud2, PointField
     from std_msgs.msg import Bool
     from tf2_msgs.msg import TFMessage
     from visualization_msgs.msg import Marker, MarkerArray
-
-    from launch import LaunchContext
 
     STARTED = {'tracker', 'replay'}
     if installed('robot_state_publisher'):
@@ -829,14 +826,12 @@ def test_rviz_is_told_where_the_meshes_of_a_robot_are(short, tmp_path):
 @pytest.mark.parametrize('lacking', ['', 'robot_state_publisher', 'tf2_ros'])
 def test_robots_are_published_to_be_shown_only_where_something_can_show_them(lacking):
     file = load_python_launch_file_as_module(str(LAUNCH))
-    file.installed = lambda package: package != lacking
-    context = LaunchContext()
-    given = {argument.name: perform_substitutions(context, argument.default_value)
-             for argument in file.ARGUMENTS}
-    launch = file.HandLaunch({**given, 'side': 'both', 'left_robot': 'plain', 'rviz': 'true'})
-    assert {robot['show_robot'] for robot in launch.robots} == {not lacking}
-    assert [hand.hand.side for hand, _ in launch.shown_robots()] == ['left'] * (not lacking)
-    assert len(launch.robots_beside()) == (1 if lacking else 2)
+    given = {row.name: row.default for row in file.ARGUMENTS}
+    plan = file.LaunchPlan({**given, 'side': 'both', 'left_robot': 'plain', 'rviz': 'true'},
+                           lambda package: package != lacking)
+    assert {robot['show_robot'] for robot in plan.robots} == {not lacking}
+    assert [hand.hand.side for hand, _ in plan.shown_robots] == ['left'] * (not lacking)
+    assert len(file.robots_beside(plan)) == (1 if lacking else 2)
 
 
 def view(config):

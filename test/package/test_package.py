@@ -312,7 +312,7 @@ def test_the_documents_name_every_argument_and_parameter():
     text = (REPOSITORY / 'docs' / 'ros.md').read_text(encoding='utf-8')
     named = set(re.findall(r'`([^`]+)`', text))
     launch = (REPOSITORY / 'launch' / 'track.launch.py').read_text(encoding='utf-8')
-    arguments = re.findall(r"DeclareLaunchArgument\(\s*'(\w+)'", launch)
+    arguments = re.findall(r"ArgumentRow\(\s*'(\w+)'", launch)
     assert len(arguments) > 10
     assert [name for name in arguments if name not in named] == []
     assert [row.name for row in START if not row.name.startswith('qos.')

@@ -1,0 +1,355 @@
+"""What a launch starts, by its arguments and its parameter file; what contradicts is refused."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from difflib import get_close_matches
+from typing import Any, NamedTuple
+
+from ..adapters.marker_messages import DEFAULT_MESSAGE, SERVED, DirectInput, direct_input
+from ..core.errors import HandTrackerError
+from ..core.model.hand import BOTH, SIDES, Hand
+from ..files.keystore import security_environment
+from ..files.parameter_file import node_parameters
+from .tracker_parameters import (
+    AUTO,
+    SEPARATE,
+    START,
+    start_of_hand,
+    starting_hand,
+    values_of_hand,
+    with_defaults,
+)
+
+# Systems of which the tracker, or else a source node, takes the messages or packets.
+SYSTEMS = 'point_cloud', 'mocap4r2', *SERVED, 'landmarks'
+NO_PREFIX = 'none'  # as `ros2 launch` takes no empty value
+TRACKER_NAME, SOURCE_NAME = 'hand_tracker', 'source'
+MARKERS_TOPIC = 'markers'
+# Parameters of the tracker that the URDF depends on, and the arguments that set them too.
+ARGUMENT_OF = {
+    'hand_file': 'hand', 'layout': 'layout', 'side': 'side', 'limits.preset': 'limits',
+    'coupling.preset': 'coupling', 'thumb': 'thumb', 'prefix': 'prefix', 'hand_length': None,
+    'hand_breadth': None}
+# Arguments of the left one of both hands, and what they are for one hand.
+LEFT_ARGUMENTS = {
+    'left_hand': 'hand is the hand file', 'left_robot': 'robot is the robot',
+    'left_body_frame': 'body_frame is the frame', 'left_mount': 'mount is the file',
+    'left_robot_description': "robot_description is the robot's"}
+ROBOT_TAKES = 'hand_file', 'hand_length', 'hand_breadth', 'limits.preset', 'thumb', 'prefix'
+MOUNT_TAKES = 'hand_file', 'side', 'prefix'
+SKIN_TAKES = 'hand_file', 'side', 'hand_length', 'hand_breadth', 'thumb', 'prefix'
+
+
+class InvalidLaunch(HandTrackerError, ValueError):
+    """An argument of a launch does not fit the others, the parameter file or what is installed."""
+
+
+class LaunchedHand(NamedTuple):
+    """A hand of a launch.
+
+    Attributes
+    ----------
+    hand : Hand
+    prefix : str
+        Of its names.
+    namespace : str
+        Of what is its alone; empty but for both hands.
+    parameters : dict of str to object
+        Of the tracker, for this hand.
+    """
+
+    hand: Hand
+    prefix: str
+    namespace: str
+    parameters: dict[str, Any]
+
+
+class LaunchPlan:
+    """Hands, sources and robots of one launch, checked.
+
+    Parameters
+    ----------
+    given : mapping of str to str
+        Value of each argument.
+    is_installed : callable
+        Whether there is a package of this name.
+
+    Attributes
+    ----------
+    given
+    broadcast : {'wrist', 'all'}
+        Parameter of the tracker: all without robot_state_publisher.
+    in_file : dict of str to object
+        Parameters of the tracker in the parameter file.
+    hand_parameters : dict of str to object
+        Those of the tracker that the URDF depends on.
+    hands : list of LaunchedHand
+        The right one of both first.
+    common : dict of str to object
+        Parameters of every node.
+    environment : dict of str to str
+        Variables of every node under SROS 2; empty without.
+    direct : DirectInput or None
+        How the tracker takes a source's messages itself; None with a source node.
+    mounts : list of (str, str)
+        Frame of the body that each hand hangs on, and file of its offset; both empty for none.
+    on_body : bool
+    robots : list of dict
+        Parameters of the node by which each hand drives its robot.
+    should_show_robots, shows_robots : bool
+        Whether robots are to be shown, and whether something can broadcast their frames.
+    has_robot, has_source : bool
+        Whether the tracker's process drives the robot too, and receives a system's packets.
+
+    Raises
+    ------
+    HandTrackerError
+        Naming the argument or parameter, its value and what is expected.
+    """
+
+    def __init__(self, given: Mapping[str, str], is_installed: Callable[[str], bool]) -> None:
+        self.given = given
+        if given['rviz'] == 'true' and not is_installed('rviz2'):
+            # Found out later, nodes that have been started are left behind.
+            raise InvalidLaunch('rviz: rviz2 is not installed')
+        self.publishes_links = is_installed('robot_state_publisher')
+        self.broadcast = 'wrist' if self.publishes_links else 'all'
+        self.in_file = self._file_parameters()
+        self.hand_parameters = self._shared_parameters()
+        self.hands = self._both_hands() if self.hand_parameters['side'] == BOTH else [
+            self._one_hand()]
+        self._check_frames(f'{self.hands[0].prefix}wrist')
+        self.common = {'use_sim_time': self.agreed(
+            'use_sim_time', given['use_sim_time'] == 'true', False)}
+        self.environment = (security_environment(given['keystore'])
+                            if given['use_security'] == 'true' else {})
+        self.direct = self._direct_source()
+        self.mounts = self._mounts()
+        self.on_body = self.agreed('on_body', any(map(any, self.mounts)), False)
+        self.should_show_robots = self.is_on('show_robot') and any(
+            (given['robot'], given['left_robot']))
+        self.shows_robots = (self.should_show_robots and self.publishes_links
+                             and is_installed('tf2_ros'))
+        self.robots = [self._robot_parameters(hand) for hand in self.hands]
+        self.has_robot = self._drives_robot_in_tracker()
+        self.has_source = self._takes_packets_in_tracker()
+
+    def is_on(self, name: str) -> bool:
+        """Return whether something is shown: by its argument, or with RViz when that is auto."""
+        return self.given[name] == 'true' or (
+            self.given[name] == AUTO and self.given['rviz'] == 'true')
+
+    def number(self, name: str) -> float:
+        """Return the value of an argument that is a number."""
+        try:
+            return float(self.given[name])
+        except ValueError:
+            raise InvalidLaunch(f"{name}: '{self.given[name]}'; expected a number") from None
+
+    def full_name(self, *parts: str) -> str:
+        """Return the name of a node or topic with the namespaces before it."""
+        return '/'.join(('', *filter(None, self.given['namespace'].split('/')),
+                         *filter(None, parts)))
+
+    def agreed(self, name: str, value: Any, default: Any) -> Any:
+        """Return a value from the parameter file, where its argument was left at the default."""
+        if name not in self.in_file:
+            return value
+        found = self.in_file[name]
+        if not isinstance(found, type(default)):
+            raise InvalidLaunch(f'parameters: {name}: {found!r}; expected a value like {default!r}')
+        if value not in (default, found):
+            raise InvalidLaunch(
+                f'parameters: {name}: {found!r}, but by the argument '
+                f'{ARGUMENT_OF.get(name, name)} it is {value!r}; leave out one of them')
+        return found
+
+    @property
+    def wrist_frame(self) -> str:
+        """Parameter of nodes that look the wrist up: its frame by the file."""
+        return self.in_file.get('wrist_frame', AUTO)
+
+    @property
+    def source_parameters(self) -> dict[str, str]:
+        """Parameters of the source node that arguments set."""
+        return {name: self.given[name] for name in (
+            'source', 'topic', 'message', 'server', 'subject') if self.given[name]}
+
+    @property
+    def marker_topic(self) -> str:
+        """Topic of the tracker's markers; drivers of mocap4r2 have their own /markers."""
+        if self.direct:
+            return self.direct.topic
+        if self.given['source'] in SYSTEMS and self.given['markers'] == MARKERS_TOPIC:
+            return f'{SOURCE_NAME}/markers'
+        return self.given['markers']
+
+    @property
+    def tracker_parameters(self) -> dict[str, Any]:
+        """Parameters of the tracker, and of what shares its process."""
+        message = self.direct.message if self.direct else DEFAULT_MESSAGE
+        return {
+            **self.hand_parameters, 'broadcast': self.broadcast, 'on_body': self.on_body,
+            'marker_message': self.agreed('marker_message', message, DEFAULT_MESSAGE),
+            **({f'{hand.hand.side}.hand_file': hand.parameters['hand_file']
+                for hand in self.hands} if len(self.hands) > 1 else {}),
+            **(self.robots[0] if self.has_robot else {}),
+            **(self.source_parameters if self.has_source else {})}
+
+    @property
+    def shown_robots(self) -> list[tuple[LaunchedHand, dict[str, Any]]]:
+        """Each hand with the robot that is shown beside it."""
+        return [(hand, robot) for hand, robot in zip(self.hands, self.robots)
+                if self.shows_robots and robot['robot']]
+
+    def skin_parameters(self, hand: LaunchedHand) -> dict[str, Any]:
+        """Return the parameters of the skin of a hand."""
+        return {**{name: hand.parameters[name] for name in SKIN_TAKES},
+                'wrist_frame': self.wrist_frame}
+
+    def mount_parameters(self, hand: LaunchedHand, frame: str) -> dict[str, Any]:
+        """Return the parameters of the mount of a hand on a frame of a body; empty for the file's.
+        """
+        return {**{name: hand.parameters[name] for name in MOUNT_TAKES},
+                'wrist_frame': self.wrist_frame,
+                **({'body_frame': frame} if frame else {}),
+                **({'mount_file': f'my_{hand.namespace}_mount.yaml'} if hand.namespace else {})}
+
+    def joint_remappings(self, hand: LaunchedHand) -> list[tuple[str, str]]:
+        """Return the remappings by which a node of one of both hands finds its joint states."""
+        if not hand.namespace or self.in_file.get('joint_state_topics') == SEPARATE:
+            return []
+        return [(name, self.full_name(name)) for name in ('joint_states', 'joint_confidence')]
+
+    def _file_parameters(self) -> dict[str, Any]:
+        """Return the tracker's parameters in the parameter file."""
+        if not self.given['parameters']:
+            return {}
+        try:
+            return node_parameters(self.given['parameters'], self.full_name(TRACKER_NAME))
+        except HandTrackerError as error:
+            raise InvalidLaunch(f'parameters: {error}') from None
+
+    def _shared_parameters(self) -> dict[str, Any]:
+        """Return the parameters of the tracker that the URDF depends on."""
+        defaults = {row.name: row.default for row in START}
+        values: dict[str, Any] = {}
+        for name, argument in ARGUMENT_OF.items():
+            value = self.given[argument] if argument else defaults[name]
+            if argument == 'prefix' and value == NO_PREFIX:
+                value = ''
+            values[name] = self.agreed(name, value, defaults[name])
+        return values
+
+    def _one_hand(self) -> LaunchedHand:
+        for name, instead in LEFT_ARGUMENTS.items():
+            if self.given[name]:
+                raise InvalidLaunch(f"{name}: '{self.given[name]}'; expected none but for "
+                                    f'side:=both: {instead}')
+        values = self.hand_parameters
+        hand, _ = starting_hand(with_defaults(values))
+        prefix = values['prefix']
+        return LaunchedHand(hand, f'{hand.side}_' if prefix == AUTO else prefix, '', values)
+
+    def _both_hands(self) -> list[LaunchedHand]:
+        for name, is_of_one in (('source', self.given['source'] == 'landmarks'),
+                                ('subject', bool(self.given['subject']))):
+            if is_of_one:
+                raise InvalidLaunch(f"{name}: '{self.given[name]}'; expected another or none for "
+                                    'side:=both: it is of one hand')
+        files = {f'{side}.hand_file': self.agreed(
+            f'{side}.hand_file', self.given['left_hand'] if side == 'left' else '', '')
+            for side in SIDES}
+        own = {row.name: row.default for side in SIDES for row in start_of_hand(side)}
+        hands = []
+        for side in SIDES:
+            values = values_of_hand(with_defaults({**own, **self.hand_parameters, **files}), side)
+            hand, _ = starting_hand(values)
+            hands.append(LaunchedHand(hand, f'{side}_', side, values))
+        return hands
+
+    def _check_frames(self, root: str) -> None:
+        """Refuse a parameter file by which the tree of TF would fall apart."""
+        found = self.in_file.get('broadcast', self.broadcast)
+        if found != self.broadcast:
+            raise InvalidLaunch(
+                f"parameters: broadcast: '{found}'; here it is '{self.broadcast}', as "
+                f"robot_state_publisher is {'' if self.publishes_links else 'not '}installed")
+        if self.publishes_links and self.wrist_frame not in (AUTO, root):
+            raise InvalidLaunch(f"parameters: wrist_frame: '{self.wrist_frame}'; for "
+                                f"robot_state_publisher it is '{root}'")
+
+    def _direct_source(self) -> DirectInput | None:
+        if self.given['source'] not in SYSTEMS or self.given['markers'] != MARKERS_TOPIC:
+            return None
+        in_file: dict[str, Any] = {}
+        if self.given['parameters']:
+            with suppress(HandTrackerError):  # there is nothing for the source node in it
+                in_file = node_parameters(self.given['parameters'], self.full_name(SOURCE_NAME))
+        return direct_input({**in_file, **self.source_parameters})
+
+    def _mounts(self) -> list[tuple[str, str]]:
+        mounts = []
+        for hand in self.hands:
+            which = 'left_' if hand.namespace == 'left' else ''
+            mounts.append((self.given[f'{which}body_frame'], self.given[f'{which}mount']))
+        if any(map(any, mounts)) and not all(map(any, mounts)):
+            raise InvalidLaunch('body_frame, mount, left_body_frame, left_mount: of one hand '
+                                'alone; expected that both hang on a body, or neither')
+        return mounts
+
+    def _robot_parameters(self, hand: LaunchedHand) -> dict[str, Any]:
+        """Return the parameters of the node by which a hand drives its robot."""
+        robot, description = self.given['robot'], self.given['robot_description']
+        if hand.namespace == 'left':
+            # A robot file has the URDF of either side; a URDF is of one.
+            robot = self.given['left_robot'] or robot
+            description = self.given['left_robot_description']
+        return {**{name: hand.parameters[name] for name in ROBOT_TAKES}, 'side': hand.hand.side,
+                'wrist_frame': self.wrist_frame, 'on_body': self.on_body,
+                'robot': robot, 'robot_description': description, 'show_robot': self.shows_robots}
+
+    def _drives_robot_in_tracker(self) -> bool:
+        """Return whether the tracker's process drives the robot too; refuse it where it cannot."""
+        shared = self.given['robot_process'] == 'tracker' and any(
+            robot['robot'] for robot in self.robots)
+        for alone, what, why in (
+                (self.given['lifecycle'] == 'true', 'lifecycle:=true',
+                 'that process is not managed'),
+                (len(self.hands) > 1, 'side:=both', 'it drives one robot')):
+            if shared and alone:
+                raise InvalidLaunch(f"robot_process: 'tracker'; expected own with {what}: {why}")
+        return shared
+
+    def _takes_packets_in_tracker(self) -> bool:
+        """Return whether the tracker's process is a system's client; refuse it where it cannot."""
+        process = self.given['source_process']
+        alone = [f'{name}:=true' for name in ('lifecycle', 'use_security')
+                 if self.given[name] == 'true']
+        if process == 'tracker' and alone:
+            raise InvalidLaunch(f"source_process: 'tracker'; expected own with {alone[0]}")
+        return self.given['source'] in SERVED and process != 'own' and not alone
+
+
+def refuse_unknown_arguments(words: Sequence[str], known: Sequence[str]) -> None:
+    """Refuse arguments of a command line that there are none of: launch drops them.
+
+    Parameters
+    ----------
+    words : sequence of str
+        Of the command line, arguments as 'name:=value'.
+    known : sequence of str
+        Names of arguments.
+
+    Raises
+    ------
+    InvalidLaunch
+        Naming the argument, and the one that is most like it.
+    """
+    given = [word.partition(':=')[0] for word in words if ':=' in word]
+    for name in filter(str.isidentifier, given):
+        if name not in known:
+            alike = get_close_matches(name, known, 1)
+            raise InvalidLaunch(f"there is no argument '{name}'"
+                                + (f", did you mean '{alike[0]}'?" if alike else '')
+                                + f'; expected are {", ".join(known)}')

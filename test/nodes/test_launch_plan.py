@@ -1,0 +1,93 @@
+"""What a launch starts by its arguments: the plan, and what of them contradicts."""
+
+import pytest
+
+from hand_tracker.nodes.launch_plan import InvalidLaunch, LaunchPlan, refuse_unknown_arguments
+
+NEEDS = 'rclpy',
+LAUNCH_DEFAULTS = {
+    **dict.fromkeys((
+        'topic', 'message', 'server', 'subject', 'hand', 'layout', 'left_hand', 'namespace',
+        'parameters', 'robot', 'robot_description', 'left_robot', 'left_robot_description',
+        'body_frame', 'mount', 'left_body_frame', 'left_mount', 'keystore'), ''),
+    'source': 'recording', 'source_process': 'auto', 'markers': 'markers', 'rate': '1.0',
+    'side': 'auto', 'limits': 'auto', 'coupling': 'auto', 'thumb': 'saddle', 'prefix': 'auto',
+    'rviz': 'false', 'show_robot': 'auto', 'robot_process': 'own', 'use_sim_time': 'false',
+    'lifecycle': 'false', 'use_security': 'false'}
+
+
+def plan_of(is_installed=True, **given):
+    return LaunchPlan({**LAUNCH_DEFAULTS, **given}, lambda package: is_installed)
+
+
+def test_a_hand_has_names_of_its_side():
+    plan = plan_of(side='left', namespace='second')
+    hand, = plan.hands
+    assert (hand.prefix, hand.namespace, hand.hand.side) == ('left_', '', 'left')
+    assert plan.joint_remappings(hand) == []
+    assert plan.full_name('hand_tracker') == '/second/hand_tracker'
+    assert plan.tracker_parameters['broadcast'] == 'wrist'
+    assert plan_of(is_installed=False).tracker_parameters['broadcast'] == 'all'
+    assert plan_of(prefix='none').hands[0].prefix == ''
+
+
+def test_each_of_both_hands_has_a_namespace_and_a_robot():
+    plan = plan_of(side='both', robot='allegro', left_robot='plain', rviz='true')
+    assert [(hand.prefix, hand.namespace) for hand in plan.hands] == [
+        ('right_', 'right'), ('left_', 'left')]
+    assert [(robot['robot'], robot['side']) for robot in plan.robots] == [
+        ('allegro', 'right'), ('plain', 'left')]
+    assert [hand.namespace for hand, _ in plan.shown_robots] == ['right', 'left']
+    assert plan.joint_remappings(plan.hands[1])[0] == ('joint_states', '/joint_states')
+
+
+@pytest.mark.parametrize('given, topic, direct, has_source', [
+    ({}, 'markers', None, False),
+    ({'markers': 'mine'}, 'mine', None, False),
+    ({'source': 'point_cloud'}, '/pointCloud', 'point_cloud', False),
+    ({'source': 'point_cloud', 'markers': 'mine'}, 'mine', None, False),
+    ({'source': 'natnet'}, 'source/markers', None, True),
+    ({'source': 'natnet', 'lifecycle': 'true'}, 'source/markers', None, False)])
+def test_markers_come_from_where_the_source_sends_them(given, topic, direct, has_source):
+    plan = plan_of(**given)
+    assert (plan.marker_topic, plan.has_source) == (topic, has_source)
+    assert (plan.direct and plan.direct.message) == direct
+
+
+def test_the_parameter_file_counts_where_an_argument_was_left_out(tmp_path):
+    file = tmp_path / 'mine.yaml'
+    file.write_text('/**: {ros__parameters: {side: left, wrist_frame: left_wrist}}')
+    plan = plan_of(parameters=str(file))
+    assert plan.hands[0].hand.side == 'left'
+    assert plan.skin_parameters(plan.hands[0])['wrist_frame'] == 'left_wrist'
+    with pytest.raises(InvalidLaunch, match="side: 'left', but by the argument side it is 'right'"):
+        plan_of(parameters=str(file), side='right')
+
+
+@pytest.mark.parametrize('given, said', [
+    ({'left_robot': 'plain'}, "left_robot: 'plain'; expected none but for side:=both"),
+    ({'side': 'both', 'source': 'landmarks'}, "source: 'landmarks'; expected another or none for"),
+    ({'side': 'both', 'body_frame': 'arm'}, 'expected that both hang on a body, or neither'),
+    ({'robot': 'plain', 'robot_process': 'tracker', 'side': 'both'},
+     "robot_process: 'tracker'; expected own with side:=both: it drives one robot"),
+    ({'source_process': 'tracker', 'use_security': 'true'}, 'keystore: '),
+    ({'source_process': 'tracker', 'lifecycle': 'true'},
+     "source_process: 'tracker'; expected own with lifecycle:=true"),
+    ({'parameters': 'absent.yaml'}, 'parameters: absent.yaml: No such file')])
+def test_what_contradicts_is_refused(given, said, monkeypatch):
+    monkeypatch.delenv('ROS_SECURITY_KEYSTORE', raising=False)
+    with pytest.raises(ValueError, match=said):
+        plan_of(**given)
+
+
+def test_rviz_is_asked_for_in_time():
+    with pytest.raises(InvalidLaunch, match='rviz: rviz2 is not installed'):
+        plan_of(is_installed=False, rviz='true')
+    with pytest.raises(InvalidLaunch, match="rate: 'fast'; expected a number"):
+        plan_of(rate='fast').number('rate')
+
+
+def test_an_unknown_argument_is_refused():
+    refuse_unknown_arguments(['launch', 'side:=left', 'a/b:=x'], ['side'])
+    with pytest.raises(InvalidLaunch, match="'sied', did you mean 'side'"):
+        refuse_unknown_arguments(['sied:=left'], ['side', 'loop'])
