@@ -9,7 +9,7 @@ from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
 from threading import Thread
-from typing import IO, Any, Generic, TypeVar
+from typing import IO, Generic, TypeVar
 
 NICENESS = 10      # of child processes: tracking comes first
 
@@ -18,7 +18,8 @@ Outcome = TypeVar('Outcome')
 
 
 def start_low_priority(arguments: Sequence[str | Path], environment: Mapping[str, str],
-                       output: int | IO[Any], errors: IO[Any]) -> subprocess.Popen[bytes]:
+                       output: int | IO[bytes],
+                       errors: IO[bytes] | IO[str]) -> subprocess.Popen[bytes]:
     """Start this Python with this package in a child process at low priority.
 
     Parameters

@@ -171,8 +171,9 @@ def parallel_map(function: Callable[[Task], Result], tasks: Sequence[Task],
                            'expected is a smaller number of jobs') from error
 
 
-def run_tasks(work: Callable[[Any, Interruptions, MessageCollector], Any], tasks: Sequence[Any],
-              jobs: int, interrupted: Interruptions, cluster: str = '') -> Iterator[TaskResult]:
+def run_tasks(work: Callable[[Task, Interruptions, MessageCollector], Any],
+              tasks: Sequence[Task], jobs: int, interrupted: Interruptions,
+              cluster: str = '') -> Iterator[TaskResult]:
     """Run tasks in up to `jobs` processes, or on a cluster; an error ends its task only.
 
     Parameters

@@ -1,10 +1,15 @@
 """Regularised robust least squares, for parameters with usual values."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:  # scipy is imported at the first fit
+    from scipy.optimize import OptimizeResult
 
 # Frames that a recording counts for, however long: within a grasp model errors are alike.
 INDEPENDENT_FRAMES = 20
@@ -16,7 +21,8 @@ EVALUATIONS_PER_REFIT = 100 # at most: slow fits, of motions without noise, gain
 DIFFERENCE_STEP = 1e-4      # relative, of finite differences
 
 
-def least_squares(residuals: Callable[..., Any], start: ArrayLike, **options: Any) -> Any:
+def least_squares(residuals: Callable[..., np.ndarray], start: ArrayLike,
+                  **options: Any) -> OptimizeResult:
     """Return the result of `scipy.optimize.least_squares`, imported at the first call.
 
     Every node imports this module, and scipy's optimisation takes half as long as all else.

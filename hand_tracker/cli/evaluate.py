@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ..calibration.takes import MarkerTake
     from ..core.model.marker_layout import MarkerLayout
     from ..evaluation.captures import Capture
+    from ..evaluation.rows import Row
 
 SEEDS = 2**31 - 1  # at most: each motion has a seed of its own above it
 
@@ -32,7 +33,7 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def run_evaluation(name: str, options: Options) -> list[dict[str, Any]]:
+def run_evaluation(name: str, options: Options) -> list[Row]:
     """Return the rows of an evaluation.
 
     Parameters
@@ -53,7 +54,7 @@ def run_evaluation(name: str, options: Options) -> list[dict[str, Any]]:
     return found
 
 
-def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
+def _write_csv(path: Path, rows: list[Row]) -> None:
     """Write rows as a table whose columns are all their keys, in the order of appearance."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
     with open(path, 'w', newline='', encoding='utf-8') as file:
@@ -62,7 +63,7 @@ def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
         writer.writerows(rows)
 
 
-def _write_json(path: Path, rows: list[dict[str, Any]]) -> None:
+def _write_json(path: Path, rows: list[Row]) -> None:
     """Write rows as a JSON list, one row on a line."""
     lines = ',\n'.join(json.dumps(row, allow_nan=False) for row in rows)
     path.write_text(f'[\n{lines}\n]\n', encoding='utf-8')

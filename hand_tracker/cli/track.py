@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,7 +24,7 @@ from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.recording import OUTPUT_KINDS, TABLE, save, save_hands
 from ..tracking.save_motion import MOTION_KINDS, SKINNED_KIND, collect_frames, save_motion
 from .recording_options import add_recording_options, run_command
-from .tracking_job import tracked_hands, tracked_recording
+from .tracking_job import ProgressMaker, tracked_hands, tracked_recording
 
 TRACKED_KINDS = (*OUTPUT_KINDS, *MOTION_KINDS)
 BAG_CONTENTS = 'metadata.yaml'     # file by which a folder is a recording
@@ -66,7 +66,7 @@ def refuse_to_replace(recording: Path, output: Path) -> None:
 
 
 def track_file(options: argparse.Namespace, interrupted: Interruptions,
-                progress: Callable[..., Any] = Progress) -> TrackedFile:
+                progress: ProgressMaker = Progress) -> TrackedFile:
     """Track the recordings of a command line; return their results, for the closing lines."""
     output = options.output
     if output.suffix not in TRACKED_KINDS:
@@ -103,7 +103,7 @@ def track_file(options: argparse.Namespace, interrupted: Interruptions,
 
 
 def _track_located(options: argparse.Namespace, interrupted: Interruptions,
-                   progress: Callable[..., Any] = Progress) -> TrackedFile:
+                   progress: ProgressMaker = Progress) -> TrackedFile:
     """Track a recording of which the input, the output or both may be elsewhere."""
     if isinstance(options.recording, Url):
         with local_copy(options.recording) as copy:

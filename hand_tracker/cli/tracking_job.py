@@ -5,13 +5,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
 
 from ..core.model.hand import SIDES, Hand
 from ..core.model.marker_layout import MarkerLayout
 from ..core.tracker import HandTracker
 from ..files.bags import Bag, BagError, BagMessage, open_bag
-from ..parallel import Interruptions
+from ..parallel import Interruptions, MessageCollector
 from ..progress import Progress
 from ..tracking.monitor import Monitor
 from ..tracking.opened_recording import PointBag, open_recording
@@ -32,6 +31,8 @@ from .recording_options import (
 )
 
 LOG_PERIOD = .25     # [s] of the recording
+# Returns what shows the progress of a number of pieces of a name.
+ProgressMaker = Callable[[int, str], Progress | MessageCollector]
 
 
 class TrackingJob:
@@ -56,7 +57,7 @@ class TrackingJob:
     """
 
     def __init__(self, bag: Bag, topic: str, interrupted: Interruptions,
-                 progress: Callable[..., Any], layout: MarkerLayout) -> None:
+                 progress: ProgressMaker, layout: MarkerLayout) -> None:
         self.layout = layout
         self.read = self.tracked = 0
         self._bag, self._topic, self._interrupted = bag, topic, interrupted
@@ -132,7 +133,7 @@ class TrackingJob:
 @contextmanager
 def tracked_recording(
         options: argparse.Namespace, interrupted: Interruptions,
-        progress: Callable[..., Any] = Progress,
+        progress: ProgressMaker = Progress,
 ) -> Iterator[tuple[Hand, TrackingJob, Iterator[RecordedFrame]]]:
     """Track the recording that a command line asks for.
 
@@ -163,7 +164,7 @@ def tracked_recording(
 @contextmanager
 def tracked_hands(
         options: argparse.Namespace, interrupted: Interruptions,
-        progress: Callable[..., Any] = Progress,
+        progress: ProgressMaker = Progress,
 ) -> Iterator[tuple[TrackingJob, Iterator[dict[str, RecordedFrame]]]]:
     """Track both hands in the recording that a command line asks for.
 

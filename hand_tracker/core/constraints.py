@@ -54,7 +54,13 @@ class Constraint(NamedTuple):
 
 
 def without_limits(joints: np.ndarray) -> Change:
-    """Return the change that removes the limits of some joints, a mask of `JOINTS`."""
+    """Return the change that removes the limits of some joints.
+
+    Parameters
+    ----------
+    joints : ndarray of bool, shape (25,)
+        Mask of `JOINTS`.
+    """
     return Change(hand=lambda hand: hand.replace(limits=np.where(
         joints[:, None], (-UNLIMITED_ANGLE, UNLIMITED_ANGLE), hand.limits)))
 

@@ -128,7 +128,16 @@ def track_frame(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOp
 @jit
 def begin_frame(model: Pack[Model], clock: Pack[FrameClock], blank: Pack[State],
                 state: Pack[State], markers: np.ndarray, time: float) -> tuple[float, bool]:
-    """Advance the clock to `time` [s], and mirror a left hand's markers to a right hand's.
+    """Advance the clock, and mirror a left hand's markers to a right hand's.
+
+    Parameters
+    ----------
+    model, clock, blank, state : packs
+        As for `track_frame`; clock and state are changed.
+    markers : ndarray, shape (n, 3)
+        Changed [m].
+    time : float
+        Of the frame, NaN when unknown [s].
 
     Returns
     -------
@@ -152,9 +161,18 @@ def begin_frame(model: Pack[Model], clock: Pack[FrameClock], blank: Pack[State],
 @jit
 def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOptions],
                   state: Pack[State], markers: np.ndarray, seen: np.ndarray, step: float) -> int:
-    """Reject invalid measurements and exchange wrong labels, in `markers` and `seen`.
+    """Reject invalid measurements and exchange wrong labels.
 
-    `step` is the time since the last frame [s].
+    Parameters
+    ----------
+    model, chains, options, state : packs
+        As for `track_frame`; the state is changed.
+    markers : ndarray, shape (n, 3)
+        Changed [m].
+    seen : ndarray of bool, shape (n,)
+        Whether each is measured; replaced.
+    step : float
+        Since the last frame [s].
 
     Returns
     -------
@@ -191,7 +209,16 @@ def predict_palm(model: Pack[Model], options: Pack[KernelOptions], state: Pack[S
                  markers: np.ndarray, seen: np.ndarray, step: float) -> int:
     """Filter the palm's markers and predict hidden ones; return the `PalmState`.
 
-    `step` is the time since the last frame [s].
+    Parameters
+    ----------
+    model, options, state : packs
+        As for `track_frame`; the state is changed.
+    markers : ndarray, shape (8, 3)
+        [m]
+    seen : ndarray of bool, shape (8,)
+        Whether each principal marker is measured.
+    step : float
+        Since the last frame [s].
     """
     model, options, state = model[0], options[0], state[0]
     return track_palm(Observation(markers, seen, state.noise.deviation), step, state.palm,
@@ -217,8 +244,18 @@ def infer_markers(model: Pack[Model], chains: Pack[Chains], state: Pack[State],
                   markers: np.ndarray, seen: np.ndarray, is_lost: bool, step: float) -> None:
     """Place each digit's hidden principal marker by the digit's other markers.
 
-    `is_lost` says that no marker of the palm is seen: then no digit is placed by its own. `step`
-    is the time since the last frame [s].
+    Parameters
+    ----------
+    model, chains, state : packs
+        As for `track_frame`; the state is changed.
+    markers : ndarray, shape (8, 3)
+        Changed [m].
+    seen : ndarray of bool, shape (8,)
+        Changed.
+    is_lost : bool
+        Whether no marker of the palm is seen: then no digit is placed by its own.
+    step : float
+        Since the last frame [s].
     """
     model, chains, state = model[0], chains[0], state[0]
     if is_lost:
@@ -234,7 +271,18 @@ def predict_digits(model: Pack[Model], options: Pack[KernelOptions], state: Pack
                    markers: np.ndarray, seen: np.ndarray, palm_tracked: bool, step: float) -> None:
     """Filter the digits' markers in the wrist's frame and predict hidden ones.
 
-    `step` is the time since the last frame [s].
+    Parameters
+    ----------
+    model, options, state : packs
+        As for `track_frame`; the state is changed.
+    markers : ndarray, shape (8, 3)
+        [m]
+    seen : ndarray of bool, shape (8,)
+        Whether each principal marker is measured.
+    palm_tracked : bool
+        Whether the palm is tracked: only then the digits' statistics learn from the frame.
+    step : float
+        Since the last frame [s].
     """
     model, options, state = model[0], options[0], state[0]
     # Doubtful labels must not enter the statistics.
@@ -253,7 +301,16 @@ def solve_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: P
     """Solve digits with several markers by Gauss-Newton from the last frame's angles.
 
     Digits whose evidence changed, or whose solution fits badly, wait for the closed form by their
-    principal marker. `step` is the time since the last frame [s].
+    principal marker.
+
+    Parameters
+    ----------
+    model, chains, state : packs
+        As for `track_frame`; the state is changed.
+    seen : ndarray of bool, shape (8,)
+        Whether each principal marker is measured.
+    step : float
+        Since the last frame [s].
     """
     model, chains, state = model[0], chains[0], state[0]
     rows = state.rows
@@ -271,7 +328,14 @@ def solve_angles(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelO
                  state: Pack[State], seen: np.ndarray, step: float) -> int:
     """Solve the digits' angles; hidden fingers stay in their candidate space.
 
-    `step` is the time since the last frame [s].
+    Parameters
+    ----------
+    model, chains, options, state : packs
+        As for `track_frame`; the state is changed.
+    seen : ndarray of bool, shape (8,)
+        Whether each principal marker is measured.
+    step : float
+        Since the last frame [s].
 
     Returns
     -------
@@ -304,7 +368,12 @@ def estimate_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: P
                     step: float) -> None:
     """Estimate the seen digits' angles within the noise of their markers.
 
-    `step` is the time since the last frame [s].
+    Parameters
+    ----------
+    chains, options, state : packs
+        As for `track_frame`; the state is changed.
+    step : float
+        Since the last frame [s].
     """
     chains, options, state = chains[0], options[0], state[0]
     for i in range(5):
@@ -326,7 +395,14 @@ def refine_multi_marker_digits(model: Pack[Model], chains: Pack[Chains], state: 
                                seen: np.ndarray, step: float) -> None:
     """Solve the remaining digits with several markers, starting from the closed form.
 
-    `step` is the time since the last frame [s].
+    Parameters
+    ----------
+    model, chains, state : packs
+        As for `track_frame`; the state is changed.
+    seen : ndarray of bool, shape (8,)
+        Whether each principal marker is measured.
+    step : float
+        Since the last frame [s].
     """
     model, chains, state = model[0], chains[0], state[0]
     if model.rows.has_several[:5].any():
@@ -338,7 +414,14 @@ def blend_angles(chains: Pack[Chains], options: Pack[KernelOptions], state: Pack
                  seen: np.ndarray, step: float) -> None:
     """Blend the angles in where a marker vanished, came back or changed its label.
 
-    `step` is the time since the last frame [s].
+    Parameters
+    ----------
+    chains, options, state : packs
+        As for `track_frame`; the state is changed.
+    seen : ndarray of bool, shape (8,)
+        Whether each principal marker is measured.
+    step : float
+        Since the last frame [s].
     """
     chains, options, state = chains[0], options[0], state[0]
     if not state.wrist.placed[0]:
@@ -359,7 +442,14 @@ def resolve_contact(model: Pack[Model], chains: Pack[Chains], options: Pack[Kern
                     state: Pack[State], seen: np.ndarray, step: float) -> None:
     """Separate hidden digits from others (rigidity); drag them along (friction).
 
-    `step` is the time since the last frame [s].
+    Parameters
+    ----------
+    model, chains, options, state : packs
+        As for `track_frame`; the state is changed.
+    seen : ndarray of bool, shape (8,)
+        Whether each principal marker is measured.
+    step : float
+        Since the last frame [s].
     """
     model, chains, options, state = model[0], chains[0], options[0], state[0]
     # Slices are arrays to numba, as the poses of a simulation are, and fields are not: so
@@ -408,7 +498,21 @@ def resolve_contact(model: Pack[Model], chains: Pack[Chains], options: Pack[Kern
 def write_report(model: Pack[Model], chains: Pack[Chains], options: Pack[KernelOptions],
                  state: Pack[State], markers: np.ndarray, seen: np.ndarray, palm: int,
                  iterations: int, report: Pack[Report]) -> None:
-    """Write the frame's `Report`, of the hand's own side."""
+    """Write the frame's `Report`, of the hand's own side.
+
+    Parameters
+    ----------
+    model, chains, options, state, report : packs
+        As for `track_frame`; the report is changed.
+    markers : ndarray, shape (8, 3)
+        [m]
+    seen : ndarray of bool, shape (8,)
+        Whether each principal marker is measured.
+    palm : int
+        `PalmState` of the frame.
+    iterations : int
+        Of FABRIK, over all digits.
+    """
     model, chains, options, state, report = model[0], chains[0], options[0], state[0], report[0]
     write_pose(model.table, state.separated, chains.lower, chains.upper, state.wrist,
                model.mirror, report)

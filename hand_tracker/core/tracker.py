@@ -357,7 +357,7 @@ class HandTracker:
                 self._report)
 
     @staticmethod
-    def state_from_report(report: Any, listed: int = 0) -> HandState:
+    def state_from_report(report: Pack[Report], listed: int = 0) -> HandState:
         """Return the `HandState` of a packed `Report`; they share their arrays.
 
         `listed` is the layout's `listed_count`.

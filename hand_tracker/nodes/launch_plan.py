@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from ..adapters.marker_messages import DEFAULT_MESSAGE, SERVED, DirectInput, direct_input
 from ..core.errors import HandTrackerError
@@ -19,6 +19,8 @@ from .tracker_parameters import (
     values_of_hand,
     with_defaults,
 )
+
+Value = TypeVar('Value')
 
 # Systems of which the tracker, or else a source node, takes the messages or packets.
 SYSTEMS = 'point_cloud', 'mocap4r2', *SERVED, 'landmarks'
@@ -151,7 +153,7 @@ class LaunchPlan:
         return '/'.join(('', *filter(None, self.given['namespace'].split('/')),
                          *filter(None, parts)))
 
-    def agreed(self, name: str, value: Any, default: Any) -> Any:
+    def agreed(self, name: str, value: Value, default: Value) -> Value:
         """Return a value from the parameter file, where its argument was left at the default."""
         if name not in self.in_file:
             return value

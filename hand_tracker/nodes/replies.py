@@ -197,7 +197,7 @@ class Replies:
                 self._tables[number], state, 1 + len(self._links[number])).ravel()
         return state.angles if kind == JOINT_STATES else state.deviation
 
-    def published_until(self, number: int, stamp: Any) -> None:
+    def published_until(self, number: int, stamp: Time) -> None:
         """Note the stamp of the last frame of a hand that the fast path has answered."""
         self._last_transform[number] = nanoseconds(stamp)
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..calibration.landmarks import LANDMARKS, TIP_ROWS
 from ..core.model.hand import JOINTS, Hand
-from ..core.numerics.jit import packed
+from ..core.numerics.jit import Pack, packed
 from .hand_frame import require_wrist_frame
-from .human_hand import new_human_hand, place_landmarks
-from .retarget_kernel import solve_frame
+from .human_hand import HumanHand, new_human_hand, place_landmarks
+from .retarget_kernel import Problem, Solution, solve_frame
 from .retarget_options import RetargetOptions
 from .retarget_problem import make_problem, new_solution, used_variables
 from .robot_hand import RobotHand
@@ -65,7 +64,7 @@ class Retargeter:
         return self._is_first
 
     @property
-    def packs(self) -> tuple[Any, Any, Any]:
+    def packs(self) -> tuple[Pack[HumanHand], Pack[Problem], Pack[Solution]]:
         """The person's hand, the problem and the solution, for kernels."""
         return self._human, self._problem, self._solution
 

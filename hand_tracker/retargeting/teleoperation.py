@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.model.hand import JOINTS, SIDES, Hand
-from ..core.numerics.jit import packed
+from ..core.numerics.jit import Pack, packed
 from .command_guard import CommandGuard
 from .follow_kernel import (
     accept_angles,
@@ -145,7 +145,7 @@ class Teleoperation:
         return int(self._memory.gate.refused[0]) + self.guard.refused_jumps
 
     @property
-    def packs(self) -> tuple[Any, ...]:
+    def packs(self) -> tuple[Pack[Any], ...]:
         """The arguments of `follow_frame` before the time."""
         return self._pack, *self._retargeter.packs, self.guard.pack
 

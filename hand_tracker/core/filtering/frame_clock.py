@@ -17,19 +17,19 @@ STEP_GAIN = .1            # of the exponential mean of the step
 
 
 class FrameClock(NamedTuple):
-    """State of the frame clock, shape (1,) each; NaN where unset.
+    """State of the frame clock; NaN where unset.
 
     Attributes
     ----------
-    last : ndarray
+    last : ndarray, shape (1,)
         Latest accepted timestamp [s].
-    doubted : ndarray
+    doubted : ndarray, shape (1,)
         Timestamp of the last frame if it jumped [s].
-    ahead : ndarray
+    ahead : ndarray, shape (1,)
         Time since `last` that was assumed for frames without an accepted timestamp [s].
-    usual : ndarray
+    usual : ndarray, shape (1,)
         Exponential mean of the step [s].
-    repeats : ndarray of int
+    repeats : ndarray of int, shape (1,)
         Consecutive frames whose timestamp did not advance.
     """
 

@@ -115,7 +115,7 @@ def noise_in_palm_frame(noise_sd: float, covariances: np.ndarray, lever: float) 
     noise_sd : float
         Standard deviation of a coordinate of the markers in the world frame [m].
     covariances : ndarray, shape (3, 9, 9)
-        Of the palm's markers, after this frame's correction.
+        Of the palm's markers, after this frame's correction [products of m, m/s and m/s²].
     lever : float
         From `noise_levers` [1].
 

@@ -45,6 +45,7 @@ class Tracks(NamedTuple):
     mean : ndarray, shape (n, 9)
         Position, velocity and acceleration [m, m/s, m/s²].
     covariance : ndarray, shape (n, 9, 9)
+        Of these [products of m, m/s and m/s²].
     activity : ndarray, shape (n, 7)
         Of `update_filter`.
     pace : ndarray, shape (n, 3)

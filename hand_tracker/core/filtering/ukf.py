@@ -11,7 +11,8 @@ Here f = L(ρ) x, ρ = |v×a|² / (|v|² + c)² with the constant c of the bound
 Hessian R, both zero at its limits, and L', L'' derivatives by ρ, J = L + u gᵀ, u = L' x, and
 m = ½ (u tr(R P) + L'' x gᵀP g) + L' P g. No P is factorised.
 
-All kernels update `mean`, shape (9,), and `covariance`, shape (9, 9), in place [m, m/s, m/s²].
+All kernels update `mean`, shape (9,), and `covariance`, shape (9, 9), in place: three coordinates
+each of position, velocity and acceleration [m, m/s, m/s²], and products of these.
 """
 
 from functools import partial
@@ -133,7 +134,7 @@ def initialise(mean: np.ndarray, covariance: np.ndarray, position: np.ndarray | 
     Parameters
     ----------
     mean, covariance : ndarray, shape (9,) and (9, 9)
-        Replaced.
+        Replaced [m, m/s, m/s², and products of these].
     position : ndarray or Vector, shape (3,)
         [m]
     noise_sd : float
@@ -157,7 +158,7 @@ def predict(mean: np.ndarray, covariance: np.ndarray, step: float, jerk_noise: f
     Parameters
     ----------
     mean, covariance : ndarray, shape (9,) and (9, 9)
-        Replaced; unchanged if `step` is not above 0.
+        Replaced; unchanged if `step` is not above 0 [m, m/s, m/s², and products of these].
     step : float
         [s]
     jerk_noise : float
@@ -201,9 +202,9 @@ def _rate_moments(covariance: np.ndarray, velocity: Vector, acceleration: Vector
     with_rate : tuple of AxisState
         P g: covariance of the state with the rate, by axis.
     variance : float
-        gᵀP g
+        gᵀP g [rad⁴/s⁴]
     trace : float
-        tr(R P)
+        tr(R P) [rad²/s²]
     """
     along, share = dot(velocity, acceleration), 2. / (speed2 * speed2)
     by_velocity = add(scale(velocity, share * dot(acceleration, acceleration) - 4. * rate / speed2),
@@ -285,7 +286,7 @@ def add_jerk(covariance: np.ndarray, step: float, jerk_noise: float) -> None:
     Parameters
     ----------
     covariance : ndarray, shape (9, 9)
-        Replaced.
+        Replaced [products of m, m/s and m/s²].
     step : float
         [s]
     jerk_noise : float
@@ -312,7 +313,7 @@ def correct(mean: np.ndarray, covariance: np.ndarray, observed: np.ndarray | Vec
     Parameters
     ----------
     mean, covariance : ndarray, shape (9,) and (9, 9)
-        Replaced.
+        Replaced [m, m/s, m/s², and products of these].
     observed : ndarray or Vector, shape (3,)
         [m]
     noise_sd : float
@@ -352,7 +353,7 @@ def damp(mean: np.ndarray, covariance: np.ndarray, factor: float) -> None:
     Parameters
     ----------
     mean, covariance : ndarray, shape (9,) and (9, 9)
-        Replaced.
+        Replaced [m, m/s, m/s², and products of these].
     factor : float
         Above 0, at most 1 [1].
     """

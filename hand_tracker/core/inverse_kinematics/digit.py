@@ -355,7 +355,8 @@ def solve_rooted_digit(chains: Chains, digit: int, target: Vector, angles: np.nd
                        step: float, by_fabrik: bool, tolerance: float, iterations: int) -> int:
     """Solve a digit for its marker's place from its first joint, in the wrist's frame [m].
 
-    Parameters and returned value are as for `_solve_digit`, but that bones may leave the plane.
+    Parameters and returned value are as for `_solve_digit`, but that bones may leave the plane;
+    `angles` are all of the hand, shape (25,), of which the digit's are changed [rad].
     """
     used = 0
     if chains.is_planar[digit]:

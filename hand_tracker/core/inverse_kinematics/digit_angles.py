@@ -53,12 +53,13 @@ class DigitWorkspace(NamedTuple):
     Attributes
     ----------
     frames : ndarray, shape (5, 3, 3)
-        Axes of the links, one a row, in the wrist's frame.
+        Axes of the links, one a row, in the wrist's frame [1].
     origins, axes : ndarray, shape (5, 3)
-        Joints, and the axes about which they turn [m].
+        Joints, and the axes about which they turn [m, 1].
     matrix, factor : ndarray, shape (5, 5)
-        Normal equations, and their factor.
+        Normal equations, and their factor [1/rad²].
     gradient, step : ndarray, shape (5,)
+        Their right side, and their solution [1/rad, rad].
     angles, tried, last : ndarray, shape (5,)
         Of the digit's joints [rad].
     jacobian : ndarray, shape (3, 5)
@@ -113,7 +114,19 @@ def _turn_about_z(axes: Frame, angle: float) -> Frame:
 @jit
 def place_digit(chains: Chains, bone_ends: np.ndarray, digit: int, angles: np.ndarray,
                 workspace: DigitWorkspace) -> None:
-    """Write the links of a digit, the palm flat, for angles (5,) along its chain [rad]."""
+    """Write the links of a digit, the palm flat.
+
+    Parameters
+    ----------
+    chains : Chains
+    bone_ends : ndarray, shape (5, 3, 3)
+        As `Hand.bone_ends` [m].
+    digit : int
+    angles : ndarray, shape (5,)
+        Along its chain [rad].
+    workspace : DigitWorkspace
+        Its links are replaced.
+    """
     axes, origin = frame(chains.base[digit]), vector(chains.root[digit])
     is_thumb = digit == THUMB
     sign = chains.sign[digit]

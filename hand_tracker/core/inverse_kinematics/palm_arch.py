@@ -52,9 +52,18 @@ LEAST_FREE = 4                        # markers of the palm that determine an ar
 @jit
 def synergy(gains: np.ndarray, angles: np.ndarray, lower: np.ndarray, upper: np.ndarray,
             arch: np.ndarray) -> None:
-    """Write the CMC flexions (4,) that usually go with the angles (25,), within limits [rad].
+    """Write the CMC flexions that usually go with the fingers' angles, within limits.
 
-    `gains` is as `Hand.palm_synergy`.
+    Parameters
+    ----------
+    gains : ndarray, shape (4,)
+        As `Hand.palm_synergy` [1].
+    angles : ndarray, shape (25,)
+        [rad]
+    lower, upper : ndarray, shape (25,)
+        Limits [rad].
+    arch : ndarray, shape (4,)
+        The CMC flexions, replaced [rad].
     """
     flexion = max(.5 * (angles[RING_FLEXION] + angles[LITTLE_FLEXION]), 0.)
     for finger in range(4):
@@ -63,14 +72,14 @@ def synergy(gains: np.ndarray, angles: np.ndarray, lower: np.ndarray, upper: np.
 
 @jit
 def on_palm(rows: MarkerRows, row: int, flexion: float) -> Vector:
-    """Return a palm marker's place with its metacarpal flexed, in the wrist's frame [m]."""
+    """Return a palm marker's place with its metacarpal flexed [rad], in the wrist's frame [m]."""
     flat = add(vector(rows.end[row]), vector(rows.offset[row]))
     return flexed(flat, vector(rows.cmc[rows.link[row]]), flexion)
 
 
 @jit
 def flexed(place: Vector, center: Vector, flexion: float) -> Vector:
-    """Return a place turned about a CMC joint by its flexion, which lowers what is distal."""
+    """Return a place [m] turned about a CMC joint [m] by its flexion [rad], distal places down."""
     if flexion == 0.:
         return place
     return add(center, rotate_about_y(subtract(place, center), flexion))

@@ -62,10 +62,10 @@ class LabellingOptions(NamedTuple):
     Attributes
     ----------
     outlier_gate : float
-        Greatest accepted distance from a prediction, in standard deviations; what a hand can
-        do in a step is never refused. 0 refuses nothing.
+        Greatest accepted distance from a prediction, in standard deviations [1]; what a hand
+        can do in a step is never refused. 0 refuses nothing.
     swap_margin : float
-        Labels are exchanged if that fits this many times better; 0 exchanges none.
+        Labels are exchanged if that fits this many times better [1]; 0 exchanges none.
     patience : float
         Time after which a marker refused in one place is accepted; 0 for never [s].
     """
@@ -92,7 +92,7 @@ class AssociationState(NamedTuple):
         Which of `EXCHANGES` that is, while labels are as given.
     lead : ndarray, shape (28,)
         Plausibility of the present labelling over each of its `EXCHANGES`, the mean over
-        `PLAUSIBILITY_TIME`, in variances.
+        `PLAUSIBILITY_TIME`, in variances [1].
     incomplete_for : ndarray, shape (1,)
         Time for which the palm was not complete [s].
     unseen_for : ndarray, shape (8,)

@@ -148,7 +148,13 @@ def _apply_exchange(rows: np.ndarray, n: int) -> None:
 
 @jit
 def find_exchange(rows: np.ndarray) -> int:
-    """Return the index in `EXCHANGES` of the one exchanged pair; -1 for none or several."""
+    """Return the index in `EXCHANGES` of the one exchanged pair; -1 for none or several.
+
+    Parameters
+    ----------
+    rows : ndarray of int, shape (8,)
+        Row of each marker.
+    """
     found = -1
     moved = 0
     for i in range(8):

@@ -179,7 +179,20 @@ def blank_evidence() -> Evidence:
 @jit
 def record_measurements(evidence: Evidence, markers: np.ndarray, seen: np.ndarray,
                         sides: np.ndarray, gated: bool) -> None:
-    """Write a frame's measurements and their distances into the evidence."""
+    """Write a frame's measurements and their distances into the evidence.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        Changed.
+    markers : ndarray, shape (8, 3)
+        [m]
+    seen : ndarray of bool, shape (8,)
+    sides : ndarray, shape (3,)
+        Learned lengths of the palm's sides r p, p q and q r; 0 where unknown [m].
+    gated : bool
+        See `Evidence`.
+    """
     evidence.gated[0] = gated
     for i in range(3):
         evidence.sides[i] = sides[i]
@@ -375,7 +388,21 @@ def _rigid_cost(gaps: np.ndarray, sides: np.ndarray, rows: np.ndarray, kept: Kep
 @jit
 def palm_size(gaps: np.ndarray, sides: np.ndarray, template: np.ndarray, rows: np.ndarray,
               kept: Kept) -> float:
-    """Return the palm's perimeter, learned or measured, over the template's; 1 if unknown."""
+    """Return the palm's perimeter, learned or measured, over the template's [1]; 1 if unknown.
+
+    Parameters
+    ----------
+    gaps : ndarray, shape (8, 8)
+        Distances of the measured markers [m].
+    sides : ndarray, shape (3,)
+        Learned lengths of the palm's sides; 0 where unknown [m].
+    template : ndarray, shape (3, 3)
+        r, p and q in the wrist's frame [m].
+    rows : ndarray of int, shape (8,)
+        Row of each marker.
+    kept : tuple of three bool
+        Whether each of the palm's rows is measured and believed.
+    """
     around = 0.0
     rest = 0.0
     for i in range(3):
@@ -435,6 +462,7 @@ def is_as_expected(evidence: Evidence, bounds: HandBounds, local: np.ndarray) ->
 
     Every digit is within its reach and gate, and at most half as far from its prediction as
     that is from any other marker's; the palm is within half its gate, or digits confirm it.
+    `local` are the markers in the palm's frame, shape (8, 3) [m].
     """
     markers, seen, expected = evidence.markers, evidence.seen, evidence.expected
     known, home, gate = evidence.known, evidence.home, evidence.gate

@@ -31,7 +31,7 @@ class Capsules(NamedTuple):
 
     Attributes
     ----------
-    parent, rotation, translation, axis : ndarray
+    parent, rotation, translation, axis : ndarray, shapes (25,), (25, 3, 3), (25, 3) and (25, 3)
         Fields of the hand's `JointTable`.
     link : ndarray of int, shape (c,)
         Link of each capsule: 5 x 3 bones, index finger to thumb, 4 metacarpals, and the 4
@@ -283,7 +283,7 @@ def nearest_points(first: tuple[Vector, Vector] | np.ndarray,
     Returns
     -------
     s, t : float
-        Nearest point on the first and second segment, from 0, its start, to 1, its end.
+        Nearest point on the first and second segment, from 0, its start, to 1, its end [1].
     distance : float
         [m]
     """

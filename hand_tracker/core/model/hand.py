@@ -266,7 +266,8 @@ class Hand:
         Least and greatest angle of each joint that a calibration has seen, with a margin; both 0
         where it has seen none. The limits 'wearer' follow from it [rad].
     coupling : array_like, shape (5, 2)
-        Intradigital correlation: DIP = slope PIP + offset; the thumb's IP = slope MCP + offset.
+        Intradigital correlation: slope and offset of DIP = slope PIP + offset; of the thumb's IP =
+        slope MCP + offset [1, rad].
     coupling_spread : array_like, shape (5,)
         Standard deviation of each digit's last joint from its coupling: its weight beside markers
         that show that joint too [rad].

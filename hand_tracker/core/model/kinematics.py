@@ -172,7 +172,9 @@ def place_digit_links(
         wrist_position: np.ndarray, rotations: np.ndarray, positions: np.ndarray) -> None:
     """Write the frames of a digit's five links in a pose.
 
-    Parameters are those of `place_links`.
+    Parameters are those of `place_links`: `angles`, shape (25,) [rad], the wrist's pose, shapes
+    (3, 3) and (3,) [m], and the links' frames, shapes (25, 3, 3) and (25, 3) [m], of which the
+    digit's are replaced.
     """
     parent, rotation, translation, axis = (
         indexed(table.parent), indexed(table.rotation), indexed(table.translation),

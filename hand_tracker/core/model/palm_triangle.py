@@ -141,7 +141,14 @@ def fit_wrist(markers: np.ndarray, template: np.ndarray, rotation: np.ndarray,
 
 @jit
 def palm_places(template: np.ndarray, wrist: Wrist) -> Corners:
-    """Return the palm's markers at a pose of the wrist, three vectors [m]."""
+    """Return the palm's markers at a pose of the wrist, three vectors [m].
+
+    Parameters
+    ----------
+    template : ndarray, shape (3, 3)
+        The markers in the wrist's frame [m].
+    wrist : Wrist
+    """
     axes = frame(wrist.rotation)
     origin = vector(wrist.position)
     return (add(origin, rotate(axes, vector(template[0]))),

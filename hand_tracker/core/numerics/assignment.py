@@ -18,16 +18,16 @@ def assign_rows(cost: np.ndarray, unassigned_cost: float, columns: np.ndarray) -
     Parameters
     ----------
     cost : ndarray, shape (n, m)
-        Infinite where a row must not have a column.
+        Infinite where a row must not have a column [any unit].
     unassigned_cost : float
-        Of a row without a column.
+        Of a row without a column [the same].
     columns : ndarray of int, shape (n,)
         Column of each row, -1 for none; replaced.
 
     Returns
     -------
     float
-        Total cost.
+        Total cost [the same].
     """
     rows, count = cost.shape
     total = 0.

@@ -43,6 +43,7 @@ def solve_damped(matrix: np.ndarray, vector: np.ndarray, count: int, damping: fl
     count : int
         Number of unknowns.
     damping : float
+        Share of the diagonal that is added to it [1].
     factor : ndarray, shape (>= count, >= count)
         Scratch memory, replaced.
     solution : ndarray, shape (>= count,)

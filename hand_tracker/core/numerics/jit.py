@@ -32,6 +32,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
+Record = TypeVar('Record')
 Pack = Sequence  # Pack[Record]: a sequence of one record, from `packed`
 
 UNUSED_KERNELS_AGE = 30 * 86400.  # [s] after which kernels of other sources are removed
@@ -277,14 +278,14 @@ if COMPILED:
         return array
 
     @jit
-    def overwrite(pack: Any, other: Any) -> None:
+    def overwrite(pack: Any, other: Pack[Any]) -> None:
         """Copy all values of one pack into another of the same layout."""
         pack[0] = other[0]
 else:
     # Plain Python gets floats of a memoryview, twice as fast as numpy's scalars.
     indexed = memoryview  # type: ignore[assignment]
 
-    def overwrite(pack: Any, other: Any) -> None:
+    def overwrite(pack: Any, other: Pack[Any]) -> None:
         """Copy all values of one pack into another of the same layout."""
         for part, new in zip(pack[0], other[0]):
             if hasattr(part, '_fields'):
@@ -294,7 +295,13 @@ else:
 
 
 def local_floats(shape: int | tuple[int, ...]) -> np.ndarray:
-    """Return zeros that a kernel uses until it returns; compiled, they lie on its stack."""
+    """Return zeros that a kernel uses until it returns; compiled, they lie on its stack.
+
+    Parameters
+    ----------
+    shape : int or tuple of int
+        Of the result; constants.
+    """
     return np.zeros(shape)
 
 
@@ -351,7 +358,7 @@ if COMPILED:
         _put_on_stack(_function, _kind)
 
 
-def packed(values: Any, as_record: bool = COMPILED) -> tuple[Any, Any]:
+def packed(values: Record, as_record: bool = COMPILED) -> tuple[Any, Record]:
     """Return nested named tuples of arrays as one argument of a kernel.
 
     For compiled kernels this is a record array, which holds copies: arrays of a tuple would be
@@ -380,17 +387,17 @@ def packed(values: Any, as_record: bool = COMPILED) -> tuple[Any, Any]:
     return record, _filled(record[0], values)
 
 
-def as_item(values: Any) -> Any:
+def as_item(values: Record) -> Record:
     """Return nested named tuples of arrays as kernels get them from a pack: as a record."""
     return packed(values)[0][0]
 
 
-def empty_like_pack(pack: Any) -> Any:
+def empty_like_pack(pack: Pack[Record]) -> Pack[Record]:
     """Return an uninitialised pack of the same layout."""
     return empty_packs(pack, 1)[0]
 
 
-def empty_packs(pack: Any, count: int) -> list[Any]:
+def empty_packs(pack: Pack[Any], count: int) -> list[Pack[Any]]:
     """Return uninitialised packs of the same layout, in one block where they are records.
 
     numpy takes as long to allocate one record of many fields as a thousand.
@@ -400,7 +407,7 @@ def empty_packs(pack: Any, count: int) -> list[Any]:
     return [(type(pack[0])(*(np.empty_like(part) for part in pack[0])),) for _ in range(count)]
 
 
-def parts(pack: Any) -> tuple[Any, ...]:
+def parts(pack: Pack[Any]) -> tuple[Any, ...]:
     """Return the arrays of a pack, in order."""
     return pack.item() if isinstance(pack, np.ndarray) else tuple(pack[0])
 

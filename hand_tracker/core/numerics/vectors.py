@@ -1,7 +1,8 @@
 """Algebra of three-vectors and frames as tuples, shared by every kernel.
 
 A `Vector` is a tuple of three floats. A `Frame` is a tuple of its unit axes (x, y, z) in the
-parent's coordinates: the columns of the rotation from the frame to its parent.
+parent's coordinates: the columns of the rotation from the frame to its parent. Vectors may have any
+unit, and results have that which follows from it.
 """
 
 import math
@@ -18,7 +19,7 @@ Frame = tuple[Vector, Vector, Vector]
 
 @jit
 def vector(array: np.ndarray | Vector) -> Vector:
-    """Return the first three numbers of an array as a `Vector`."""
+    """Return the first three numbers of an array, shape (>= 3,), as a `Vector`."""
     return (float(array[0]), float(array[1]), float(array[2]))
 
 
@@ -102,7 +103,7 @@ def distance(a: Vector, b: Vector) -> float:
 
 @jit
 def is_equal(a: np.ndarray | Vector, b: np.ndarray | Vector) -> bool:
-    """Return whether three coordinates are equal bit for bit."""
+    """Return whether three coordinates, shape (3,), are equal bit for bit."""
     return a[0] == b[0] and a[1] == b[1] and a[2] == b[2]
 
 
@@ -114,7 +115,7 @@ def triangle_normal(a: Vector, b: Vector, c: Vector) -> Vector:
 
 @jit
 def triangle_area(corners: np.ndarray) -> float:
-    """Return the area of a triangle, its corners as rows [m²]."""
+    """Return the area of a triangle [m²], its corners as rows, shape (3, 3) [m]."""
     return 0.5 * length(triangle_normal(
         vector(corners[0]), vector(corners[1]), vector(corners[2])))
 

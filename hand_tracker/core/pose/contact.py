@@ -74,13 +74,13 @@ class Contacts(NamedTuple):
     bound : ndarray, shape (p,)
         By how much the distance shall grow from the start [m].
     stiff : ndarray, shape (p,)
-        By how much it grows for each unit of force.
+        By how much it grows for each unit of force [m²/rad²].
     force : ndarray, shape (p,)
-        Multiplier of its constraint.
+        Multiplier of its constraint [rad²/m].
     last_force : ndarray, shape (p,)
-        The same of each pair in the round before.
+        The same of each pair in the round before [rad²/m].
     lines : ndarray, shape (25, 2, 3)
-        Axes of the joints, of `_place_lines`.
+        Axes of the joints, of `_place_lines`: directions and moments [1, m].
     """
 
     pairs: np.ndarray
