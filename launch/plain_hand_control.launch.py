@@ -5,6 +5,7 @@ given here. Needs ros2_control and ros2_controllers.
 """
 
 from pathlib import Path
+from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
@@ -13,7 +14,7 @@ from launch_ros.actions import Node
 
 from hand_tracker.files.ros2_control import with_mock_hardware
 from hand_tracker.retargeting.robot_file import load_robot
-from launch import LaunchDescription
+from launch import Action, LaunchContext, LaunchDescription
 
 DRIVEN_ROBOT = 'plain'
 # Nodes of the robot: `robot_description` and `joint_states` without it are the person's hand.
@@ -33,7 +34,7 @@ CONTROL_ARGUMENTS = (
 )
 
 
-def start(context):
+def start(context: LaunchContext) -> list[Action]:
     """Return the nodes of the robot, and the launch of the tracker."""
     given = context.launch_configurations
     controller, side = given['controller'], given['side']
@@ -42,7 +43,7 @@ def start(context):
     robot = load_robot(DRIVEN_ROBOT, preferred_side=side)
     description = with_mock_hardware(Path(robot.urdf).read_text(encoding='utf-8'), robot.order)
 
-    def of_robot(package, executable, **more):
+    def of_robot(package: str, executable: str, **more: Any) -> Node:
         return Node(package=package, executable=executable, namespace=ROBOT_NAMESPACE,
                     output='screen', **more)
 
@@ -61,6 +62,6 @@ def start(context):
             str(share / 'launch' / 'track.launch.py')), launch_arguments={'side': side}.items())]
 
 
-def generate_launch_description():
+def generate_launch_description() -> LaunchDescription:
     """Return the description that `ros2 launch` runs."""
     return LaunchDescription([*CONTROL_ARGUMENTS, OpaqueFunction(function=start)])

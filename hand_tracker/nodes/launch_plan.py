@@ -210,8 +210,7 @@ class LaunchPlan:
                 'wrist_frame': self.wrist_frame}
 
     def mount_parameters(self, hand: LaunchedHand, frame: str) -> dict[str, Any]:
-        """Return the parameters of the mount of a hand on a frame of a body; empty for the file's.
-        """
+        """Return the parameters of a hand's mount on a frame of a body, '' for the file's."""
         return {**{name: hand.parameters[name] for name in MOUNT_TAKES},
                 'wrist_frame': self.wrist_frame,
                 **({'body_frame': frame} if frame else {}),
