@@ -26,8 +26,8 @@ from benchmarks.round_trip import Driver, cpu_time, isolate, messages
 from hand_tracker.core.numerics.jit import LABELLING_SET, TRACKING_SET
 from hand_tracker.nodes.fast_path import FastPath
 
-TRACKER = 'hand_tracker.entry', 'tracker'
-ECHO = 'benchmarks.round_trip', '--echo'
+TRACKER_START = 'hand_tracker.entry', 'tracker'
+ECHO_START = 'benchmarks.round_trip', '--echo'
 COMPILING_LIMIT = 1800.  # [s]
 
 
@@ -36,7 +36,7 @@ def start(driver, command, name, frames, cache):
     # An empty string counts as unset: byte code is kept, as Python does by default.
     environment = environ(NUMBA_CACHE_DIR=str(cache / 'kernels'), PYTHONDONTWRITEBYTECODE='',
                           PYTHONPYCACHEPREFIX=str(cache / 'byte_code'),
-                          HAND_TRACKER_JIT='background' if command == TRACKER else '0')
+                          HAND_TRACKER_JIT='background' if command == TRACKER_START else '0')
     began = time.perf_counter_ns()
     with subprocess.Popen([sys.executable, '-m', *command, '--ros-args', '-r', f'__ns:=/{name}'],
                           env=environment, stderr=subprocess.DEVNULL) as process:
@@ -74,12 +74,12 @@ def main():
     driver = Driver([*trackers, *echoes])
     with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         cache = Path(folder)
-        found = {'cold': [start(driver, TRACKER, trackers[0], frames, cache)],
+        found = {'cold': [start(driver, TRACKER_START, trackers[0], frames, cache)],
                  'warm': [], 'rclpy_echo': []}
         compiling = wait_for_kernels(cache)
         for tracker, echo in zip(trackers[1:], echoes):
-            found['warm'].append(start(driver, TRACKER, tracker, frames, cache))
-            found['rclpy_echo'].append(start(driver, ECHO, echo, frames, cache))
+            found['warm'].append(start(driver, TRACKER_START, tracker, frames, cache))
+            found['rclpy_echo'].append(start(driver, ECHO_START, echo, frames, cache))
     rows = []
     for kind, starts in found.items():
         wall, cpu = np.transpose(starts)
