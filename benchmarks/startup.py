@@ -34,12 +34,12 @@ COMPILING_LIMIT = 1800.  # [s]
 def start(driver, command, name, frames, cache):
     """Return the time until the first JointState of a new node, and its processor time [s]."""
     # An empty string counts as unset: byte code is kept, as Python does by default.
-    environment = environ(NUMBA_CACHE_DIR=str(cache / 'kernels'), PYTHONDONTWRITEBYTECODE='',
-                          PYTHONPYCACHEPREFIX=str(cache / 'byte_code'),
-                          HAND_TRACKER_JIT='background' if command == TRACKER_START else '0')
+    variables = environ(NUMBA_CACHE_DIR=str(cache / 'kernels'), PYTHONDONTWRITEBYTECODE='',
+                        PYTHONPYCACHEPREFIX=str(cache / 'byte_code'),
+                        HAND_TRACKER_JIT='background' if command == TRACKER_START else '0')
     began = time.perf_counter_ns()
     with subprocess.Popen([sys.executable, '-m', *command, '--ros-args', '-r', f'__ns:=/{name}'],
-                          env=environment, stderr=subprocess.DEVNULL) as process:
+                          env=variables, stderr=subprocess.DEVNULL) as process:
         try:
             answered = driver.wait_for(name, process, frames)
             if answered is None:

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..core.numerics.vectors import unit_vectors
+
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Return the outward unit normals of a mesh's vertices, weighted by area.
@@ -20,4 +22,4 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     a, b, c = vertices[faces].swapaxes(0, 1)
     normals = np.stack([np.bincount(faces.ravel(), np.repeat(component, 3), len(vertices))
                         for component in np.cross(b - a, c - a).T], axis=1)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    return unit_vectors(normals)

@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from .plain_hand import into_palm, normalized
+from ..core.numerics.vectors import unit_vectors
+from .plain_hand import into_palm
 
 LEARNED_FROM = 10.     # [s] before the window
 VELOCITY_OVER = .025   # [s] before the window
@@ -107,11 +108,11 @@ def carried_poses(markers: np.ndarray, hidden: int, template: np.ndarray, rotati
     """
     a, b = (row for row in range(3) if row != hidden)
     along, middle = template[b] - template[a], .5 * (template[a] + template[b])
-    lines = normalized(markers[:, b] - markers[:, a])
+    lines = unit_vectors(markers[:, b] - markers[:, a])
     rotations = np.full((len(markers), 3, 3), np.nan)
     for frame in np.flatnonzero(np.isfinite(lines).all(axis=1)):
         line = lines[frame]
-        before = normalized(rotation @ along)
+        before = unit_vectors(rotation @ along)
         axis = np.cross(before, line)
         x, y, z = axis
         cross = np.array(((0., -z, y), (z, 0., -x), (-y, x, 0.)))

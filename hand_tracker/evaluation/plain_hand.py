@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.numerics.vectors import unit_vectors
+
 PLAIN_PALM = [0, 5, 17]
 PLAIN_FINGERS = np.arange(5, 21).reshape(4, 4)  # MCP, PIP, DIP and tip
 PLAIN_THUMB = np.arange(1, 5)                   # CMC, MCP, IP and tip
@@ -43,11 +45,6 @@ class PlainHand(NamedTuple):
     thumb_bones: np.ndarray
     thumb_normal: np.ndarray
     thumb_ratio: float
-
-
-def normalized(vectors: np.ndarray) -> np.ndarray:
-    """Normalise vectors (..., 3)."""
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 def palm_poses(markers: np.ndarray, template: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -97,9 +94,9 @@ def fit_plain(joints: np.ndarray) -> PlainHand:
     PlainHand
     """
     wrist = joints[:, 0]
-    z = normalized(np.cross(joints[:, 17] - wrist, joints[:, 5] - wrist))
+    z = unit_vectors(np.cross(joints[:, 17] - wrist, joints[:, 5] - wrist))
     x = joints[:, 9] - wrist
-    x = normalized(x - (x * z).sum(axis=1, keepdims=True) * z)
+    x = unit_vectors(x - (x * z).sum(axis=1, keepdims=True) * z)
     axes = np.stack((x, np.cross(z, x), z), axis=2)
     palm = np.median(into_palm(joints, axes, wrist)[:, PLAIN_PALM], axis=0)
     local = into_palm(joints, *palm_poses(joints[:, PLAIN_PALM], palm))
@@ -109,7 +106,7 @@ def fit_plain(joints: np.ndarray) -> PlainHand:
     thumb = local[:, PLAIN_THUMB]
     thumb_bones = np.median(np.linalg.norm(np.diff(thumb, axis=1), axis=2), axis=0)
     bent = np.cross(thumb[:, 1] - thumb[:, 0], thumb[:, 3] - thumb[:, 0])
-    normal = normalized(np.median(bent, axis=0))
+    normal = unit_vectors(np.median(bent, axis=0))
     turned = np.cross(thumb[:, 1:3] - thumb[:, :2], thumb[:, 2:] - thumb[:, 1:3]) @ normal
     along = (np.diff(thumb, axis=1)[:, :2] * np.diff(thumb, axis=1)[:, 1:]).sum(axis=2)
     mcp, ip = np.arctan2(turned, along).T
@@ -168,8 +165,8 @@ def _thumb(hand: PlainHand, marker: np.ndarray) -> np.ndarray:
     x, y = np.cumsum(bones[:, None] * (np.cos(flexion), np.sin(flexion)), axis=1)  # (3, bends)
     reach = np.hypot(x[2], y[2])
     best = np.argmin(np.abs(reach - np.linalg.norm(target, axis=1)[:, None]), axis=1)
-    ahead = normalized(target)
-    left = normalized(np.cross(hand.thumb_normal, ahead))
+    ahead = unit_vectors(target)
+    left = unit_vectors(np.cross(hand.thumb_normal, ahead))
     c, s = x[2, best] / reach[best], y[2, best] / reach[best]
     along = c * x[:, best] + s * y[:, best]  # (3, n)
     across = c * y[:, best] - s * x[:, best]

@@ -79,6 +79,8 @@ class LaunchPlan:
     Attributes
     ----------
     given
+    publishes_links : bool
+        Whether robot_state_publisher is there, to broadcast the frames of the links.
     broadcast : {'wrist', 'all'}
         Parameter of the tracker: all without robot_state_publisher.
     in_file : dict of str to object
@@ -96,6 +98,7 @@ class LaunchPlan:
     mounts : list of (str, str)
         Frame of the body that each hand hangs on, and file of its offset; both empty for none.
     on_body : bool
+        Whether the hands hang on a body.
     robots : list of dict
         Parameters of the node by which each hand drives its robot.
     should_show_robots, shows_robots : bool

@@ -103,7 +103,7 @@ def save_poses(path: str | PathLike[str], hand: Hand, skin: Skin) -> None:
     table = joint_table(hand)
     posed = [deform(skin, forward(table, pose_angles(name, hand))) for name in PICTURED_POSES]
     _save_grid(path, [[_render_square(hand, vertices, skin.faces, view) for vertices in posed]
-                     for view in ('aslant', 'the palm')], PICTURED_POSES)
+                      for view in ('aslant', 'the palm')], PICTURED_POSES)
 
 
 def _link_colours(skin: Skin) -> np.ndarray:
@@ -126,8 +126,8 @@ def save_weights(path: str | PathLike[str], hand: Hand, skin: Skin) -> None:
     single_links = [colormaps['cividis'](skin.weights[:, column])[:, :3] for column in columns]
     colourings = (skin.weights @ _link_colours(skin), *single_links)
     _save_grid(path, [[_render_square(hand, skin.vertices, skin.faces, view, colours)
-                      for colours in colourings] for view in ('from above', 'the palm')],
-              ['all links', *(name.replace('_', ' ') for name in PICTURED_WEIGHTS)])
+                       for colours in colourings] for view in ('from above', 'the palm')],
+               ['all links', *(name.replace('_', ' ') for name in PICTURED_WEIGHTS)])
 
 
 def save_blending(path: str | PathLike[str], hand: Hand, skin: Skin) -> None:
@@ -142,8 +142,8 @@ def save_blending(path: str | PathLike[str], hand: Hand, skin: Skin) -> None:
         for name, view in FIST_VIEWS.items()]
     rows = ((linear, SKIN_TONE_RGB), (dual, SKIN_TONE_RGB), (dual, marked))
     _save_grid(path, [[render([Mesh(vertices, skin.faces, colours)], camera,
-                             (CELL_SIZE, CELL_SIZE), SUPERSAMPLING) for camera in cameras]
-                     for vertices, colours in rows],
-              [f'fist, {name}' for name in FIST_VIEWS],
-              ('linear', 'dual quaternions',
-               f'orange: {1e3 * FULL_COLOUR_DIFFERENCE:.0f} mm apart'))
+                              (CELL_SIZE, CELL_SIZE), SUPERSAMPLING) for camera in cameras]
+                      for vertices, colours in rows],
+               [f'fist, {name}' for name in FIST_VIEWS],
+               ('linear', 'dual quaternions',
+                f'orange: {1e3 * FULL_COLOUR_DIFFERENCE:.0f} mm apart'))

@@ -181,10 +181,10 @@ class Angles:
         least = MIN_WIDTH_WITH_ANGLES
         if self._open:
             least -= ANGLES_WIDTH + WIDTH_HYSTERESIS
-        is_wide = camera.image_width >= least and camera.image_height >= MIN_HEIGHT_WITH_ANGLES
-        if is_wide != self._open:
-            self._open = is_wide
-            (self._panel.expand if is_wide else self._panel.minimize)()
+        has_space = camera.image_width >= least and camera.image_height >= MIN_HEIGHT_WITH_ANGLES
+        if has_space != self._open:
+            self._open = has_space
+            (self._panel.expand if has_space else self._panel.minimize)()
 
 
 def numbers(texts: dict[str, str], state: HandState) -> str:

@@ -1,10 +1,13 @@
 """What a launch starts by its arguments: the plan, and what of them contradicts."""
 
+import ast
+from pathlib import Path
+
 import pytest
 
 from hand_tracker.nodes.launch_plan import InvalidLaunch, LaunchPlan, refuse_unknown_arguments
 
-NEEDS = 'rclpy',
+LAUNCH_FILE = Path(__file__).parents[2] / 'launch' / 'track.launch.py'
 LAUNCH_DEFAULTS = {
     **dict.fromkeys((
         'topic', 'message', 'server', 'subject', 'hand', 'layout', 'left_hand', 'namespace',
@@ -70,7 +73,7 @@ def test_the_parameter_file_counts_where_an_argument_was_left_out(tmp_path):
     ({'side': 'both', 'body_frame': 'arm'}, 'expected that both hang on a body, or neither'),
     ({'robot': 'plain', 'robot_process': 'tracker', 'side': 'both'},
      "robot_process: 'tracker'; expected own with side:=both: it drives one robot"),
-    ({'source_process': 'tracker', 'use_security': 'true'}, 'keystore: '),
+    ({'use_security': 'true'}, 'keystore: '),
     ({'source_process': 'tracker', 'lifecycle': 'true'},
      "source_process: 'tracker'; expected own with lifecycle:=true"),
     ({'parameters': 'absent.yaml'}, 'parameters: absent.yaml: No such file')])
@@ -80,9 +83,27 @@ def test_what_contradicts_is_refused(given, said, monkeypatch):
         plan_of(**given)
 
 
-def test_rviz_is_asked_for_in_time():
+def test_a_secured_source_has_a_process_of_its_own(tmp_path):
+    (tmp_path / 'enclaves').mkdir()
+    given = {'source': 'natnet', 'use_security': 'true', 'keystore': str(tmp_path)}
+    assert not plan_of(**given).has_source
+    with pytest.raises(InvalidLaunch, match="'tracker'; expected own with use_security:=true"):
+        plan_of(source_process='tracker', **given)
+
+
+def test_defaults_are_those_of_the_launch_file():
+    rows = {call.args[0].value: call.args[1].value
+            for call in ast.walk(ast.parse(LAUNCH_FILE.read_text(encoding='utf-8')))
+            if isinstance(call, ast.Call) and getattr(call.func, 'id', '') == 'ArgumentRow'}
+    assert {name: rows[name] for name in LAUNCH_DEFAULTS} == LAUNCH_DEFAULTS
+
+
+def test_a_missing_rviz_is_named():
     with pytest.raises(InvalidLaunch, match='rviz: rviz2 is not installed'):
         plan_of(is_installed=False, rviz='true')
+
+
+def test_what_is_no_number_is_named():
     with pytest.raises(InvalidLaunch, match="rate: 'fast'; expected a number"):
         plan_of(rate='fast').number('rate')
 

@@ -139,7 +139,7 @@ def unit(a: Vector) -> Vector:
 
 
 def unit_vectors(vectors: np.ndarray) -> np.ndarray:
-    """Return the vectors of an array at length 1, zero where they are zero, NaN where NaN.
+    """Return the vectors of an array at length 1; shorter than that only below `TINY_LENGTH`.
 
     Parameters
     ----------
