@@ -26,7 +26,6 @@ from websockets.server import ServerProtocol
 
 from benchmarks.fuzz_files import require_sound
 from hand_tracker.adapters.hand_landmarks import (
-    LANDMARK_ORDERS,
     LandmarkChecks,
     landmarks_of_markers,
     landmarks_of_poses,
@@ -56,6 +55,7 @@ from hand_tracker.files.ros2_control import with_mock_hardware
 from hand_tracker.messages.cdr import MarkerReader
 from hand_tracker.messages.joint_states import JointStateReader
 from hand_tracker.messages.labels import LabelMap, default_labels, label_maps
+from hand_tracker.messages.landmark_kinds import LANDMARK_ORDERS
 from hand_tracker.messages.marker_array import MARKER_ARRAY, markers_from_message
 from hand_tracker.messages.message_kinds import MessageKind
 from hand_tracker.messages.points import PointReader

@@ -1,9 +1,4 @@
-"""Landmarks of a hand, as cameras and headsets estimate them, as named points.
-
-Known are the 21 of MediaPipe, the 25 of WebXR and the 26 of OpenXR, by their number in a message
-or, in a NamedPoseArray of IsaacTeleop, by their names, 'left_INDEX_TIP'. OpenXR and IsaacTeleop
-call a joint by the bone that begins there: INDEX_PROXIMAL is the index finger's MCP.
-"""
+"""Landmarks of a hand, as cameras and headsets estimate them, as named points, and their checks."""
 
 from __future__ import annotations
 
@@ -12,36 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from ..calibration.landmarks import LANDMARKS
 from ..core.model.hand import FINGERS
 from ..messages.cdr import PointMarker
-from ..messages.message_kinds import (
-    PARSE_POSE_ARRAY,
-    HeadRows,
-    MalformedMessage,
-    MessageKind,
-    PointNames,
-    texts_of,
-)
-from ..messages.pose_array_parser import BESIDE_ORIGIN
+from ..messages.landmark_kinds import LANDMARK_ORDERS, OTHER_COUNT, mark_missing, named_hands
+from ..messages.message_kinds import MalformedMessage
 from .point_frame import MalformedFrame, SourceFrame, SourceUnavailable, point_frame
 
-# Joints of a finger and of the thumb by the bones that begin there, as XR names them.
-XR_FINGER = {'METACARPAL': 'cmc', 'PROXIMAL': 'mcp', 'INTERMEDIATE': 'pip', 'DISTAL': 'dip',
-             'TIP': 'tip'}
-XR_THUMB = {'METACARPAL': 'cmc', 'PROXIMAL': 'mcp', 'DISTAL': 'ip', 'TIP': 'tip'}
-# Our landmark by its name in OpenXR, in the order of OpenXR.
-OPENXR = {'PALM': 'palm', 'WRIST': 'wrist',
-          **{f'THUMB_{bone}': f'thumb_{joint}' for bone, joint in XR_THUMB.items()},
-          **{f'{finger.upper()}_{bone}': f'{finger}_{joint}'
-             for finger in FINGERS for bone, joint in XR_FINGER.items()}}
-# Landmarks in the order of messages without names, by how many there are.
-LANDMARK_ORDERS = {21: LANDMARKS, 25: tuple(OPENXR.values())[1:], 26: tuple(OPENXR.values())}
 PALM_LENGTHS = .04, .16  # [m] from wrist to middle MCP, of any hand
 CURLED = .15             # of the palm's length, by which finger tips are in front of it [1]
 SIDE_FRAMES = 30         # that agree on a side before it is logged
-OTHER_COUNT = ('PoseArray of {} poses; expected are '
-               + ', '.join(map(str, LANDMARK_ORDERS)) + ' landmarks')
 
 
 def landmark_order(count: int) -> tuple[str, ...]:
@@ -69,28 +43,21 @@ def named_landmarks(message: Any, side: str) -> SourceFrame:
     Returns
     -------
     SourceFrame
-        NaN where `is_valid` is false.
+        NaN where `is_valid` is false, or several are at exactly (0, 0, 0).
 
     Raises
     ------
     MalformedFrame
         If names, poses and validity are not equally many, or none is of this side.
     """
-    counts = len(message.name), len(message.pose), len(message.is_valid)
-    if len(set(counts)) > 1:
-        raise MalformedFrame('NamedPoseArray: {} names, {} poses, {} validities; expected as '
-                             'many of each'.format(*counts))
-    names, points = [], []
-    for name, pose, is_valid in zip(message.name, message.pose, message.is_valid):
-        own, _, landmark = name.partition('_')
-        if own.lower() == side and landmark.upper() in OPENXR:
-            names.append(OPENXR[landmark.upper()])
-            at = pose.position
-            points.append((at.x, at.y, at.z) if is_valid else (np.nan,) * 3)
-    if not names:
+    try:
+        found = named_hands(message).get(side)
+    except MalformedMessage as error:
+        raise MalformedFrame(str(error)) from None
+    if found is None:
         raise MalformedFrame(f"NamedPoseArray: no name like '{side}_INDEX_TIP' among "
                              f"{', '.join(message.name[:3]) or 'none'}, ...")
-    return point_frame(message.header.stamp, message.header.frame_id, names, points)
+    return point_frame(message.header.stamp, message.header.frame_id, *found)
 
 
 def landmarks_of_poses(message: Any) -> SourceFrame:
@@ -116,19 +83,8 @@ def landmarks_of_poses(message: Any) -> SourceFrame:
         raise MalformedFrame(OTHER_COUNT.format(len(message.poses)))
     points = np.array([(pose.position.x, pose.position.y, pose.position.z)
                        for pose in message.poses])
-    _mark_missing(points)
+    mark_missing(points)
     return point_frame(message.header.stamp, message.header.frame_id, names, points)
-
-
-def _names_of_poses(rows: HeadRows, strings: bytes) -> tuple[str, PointNames]:
-    """Return the frame and the names of the landmarks of a serialized PoseArray."""
-    names = LANDMARK_ORDERS.get(len(rows))
-    if names is None:
-        raise MalformedMessage(OTHER_COUNT.format(len(rows)))
-    return texts_of(strings, [rows[0][0]])[0], list(names)
-
-
-LANDMARK_POSES = MessageKind('geometry_msgs/msg/PoseArray', PARSE_POSE_ARRAY, _names_of_poses)
 
 
 def landmarks_of_markers(message: Any, count: int) -> SourceFrame:
@@ -161,17 +117,8 @@ def landmarks_of_markers(message: Any, count: int) -> SourceFrame:
     if header is None:
         raise MalformedFrame(f'MarkerArray of {len(message.markers)} markers; expected spheres '
                              f'with the ids 0 to {count - 1} of landmarks')
-    _mark_missing(points)
+    mark_missing(points)
     return point_frame(header.stamp, header.frame_id, names, points)
-
-
-def _mark_missing(points: np.ndarray) -> None:
-    """Set points at exactly (0, 0, 0) to NaN; but one alone is where its source has the origin.
-
-    That one is moved by nothing to speak of, as drivers' markers at exactly zero are lost ones.
-    """
-    at_origin = ~points.any(axis=1)
-    points[at_origin] = np.nan if at_origin.sum() > 1 else (BESIDE_ORIGIN, 0., 0.)
 
 
 def named_points(points: Iterable[PointMarker]) -> SourceFrame:

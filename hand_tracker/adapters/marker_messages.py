@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from ..messages.landmark_kinds import LANDMARK_POSES
 from ..messages.marker_ids import SOURCE_FRAME
 from ..messages.message_kinds import (
     MARKER_ARRAY_KIND,
@@ -17,7 +18,6 @@ from ..messages.message_kinds import (
     RIGID_BODIES,
     MessageKind,
 )
-from .hand_landmarks import LANDMARK_POSES
 
 DEFAULT_MESSAGE = 'marker_array'
 MARKER_MESSAGES: dict[str, MessageKind] = {

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 from ..core.model.hand import DIGITS, LINKS, Hand
 from ..core.model.kinematics import forward, joint_table, tip_offsets
 from ..core.numerics.quaternion import quaternion
-from .hand_landmarks import OPENXR, landmark_order
+from ..messages.landmark_kinds import OPENXR
+from .hand_landmarks import landmark_order
 
 # Columns: the axes of OpenXR along those of a link, x along the bone and z out of its back.
 OPENXR_AXES = np.array(((0., 0., -1.), (-1., 0., 0.), (0., 1., 0.)))

@@ -12,6 +12,7 @@ from ..calibration.layout_names import names_in_layout
 from ..calibration.take_files import load_take, recorded_take
 from ..calibration.takes import InvalidTake, MarkerTake
 from ..core.model.marker_layout import ALL_LANDMARKS, MARKERS, PAPER_PLACES, MarkerLayout
+from ..files.bag_points import has_other_messages
 from ..files.bags import EXPECTED, STORAGE, open_bag
 from ..files.layout_file import choose_layout
 from ..files.recordings import is_bag
@@ -90,7 +91,7 @@ def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
     layout = choose_layout(options.layout) if options.layout else None
     nameable = (*MARKERS, *ALL_LANDMARKS) if layout is None else layout.names
     for path in options.takes:
-        if is_bag(path):
+        if is_bag(path) and not has_other_messages(path, options.topic):
             takes.append(_take_of_bag(path, options, layout))
             continue
         if path.suffix == TAKE_SUFFIX and layout is None and not options.markers:

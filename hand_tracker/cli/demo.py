@@ -24,8 +24,9 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='hand_tracker demo', description=__doc__.split('\n')[0])
     parser.add_argument('--recording', type=Path,
                         help='recording to play: rosbag2 with markers of ids from 0 on /markers, '
-                        'those of both hands in namespaces right and left; or C3D, TRC, TSV, CSV, '
-                        'BVH, npz of one hand (default: the packaged one of the side)')
+                        'those of both hands in namespaces right and left; or of one hand, with '
+                        'names: rosbag2 of mocap4r2 or landmarks, C3D, TRC, TSV, CSV, BVH, npz '
+                        '(default: the packaged one of the side)')
     add_hand_options(parser, both=True)
     add_layout_option(parser)
     parser.add_argument('--markers', action='append', default=[], metavar='MARKER=LABEL,...',

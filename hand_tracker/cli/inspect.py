@@ -18,9 +18,14 @@ from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES
 from ..core.model.layout_presets import PAPER_LAYOUT
 from ..files.point_recording import PointRecording
-from ..files.recordings import is_bag
+from ..messages.marker_array import MARKER_ARRAY
 from ..tracking.opened_recording import recorded_points
-from .recording_options import add_reading_options, chosen_labels, reading_options
+from .recording_options import (
+    add_reading_options,
+    add_topic_option,
+    chosen_labels,
+    reading_options,
+)
 
 UNKNOWN_LABEL = 'LABEL'  # in the command that is printed
 FITTED_HAND = 'my_hand.yaml'
@@ -41,7 +46,8 @@ def summary(recording: PointRecording, layouts: list[LikelyLayout]) -> dict[str,
     dict
         `labels`, empty for points without one; `rate_hz`, null where it is unknown; `units` and
         `up` of the file; `frames`; `gaps_pct` of all points and frames together; `layouts`, the
-        most likely first; and `format`, `handed`, `gaps_pct_by_label`, `notes`.
+        most likely first; and `format`, `handed`, `gaps_pct_by_label`, `notes`; of rosbag2
+        recordings `topic` and `message`, else null.
     """
     gaps = 100. * (1. - recording.seen.mean(axis=0))
     named = {label: round(float(gap), 3) for label, gap in zip(recording.labels, gaps) if label}
@@ -52,6 +58,8 @@ def summary(recording: PointRecording, layouts: list[LikelyLayout]) -> dict[str,
         'handed': recording.axes.handed, 'frames': len(recording.points),
         'gaps_pct': round(float(gaps.mean()), 3) if len(gaps) else 0.,
         'gaps_pct_by_label': named, 'layouts': [layout._asdict() for layout in layouts],
+        'topic': recording.origin and recording.origin.topic,
+        'message': recording.origin and recording.origin.type,
         'notes': list(recording.notes)}
 
 
@@ -74,8 +82,11 @@ def _next_command(path: Path, recording: PointRecording, options: argparse.Names
         if getattr(options, name):
             words.append(f'--{name}={getattr(options, name)}')
     words += ['--partial'] * options.partial
-    if is_bag(path):
+    words += ['--topic', options.topic] if options.topic else []
+    if recording.origin is not None and recording.origin.type == MARKER_ARRAY:
         return shlex.join(words)
+    if not any(recording.labels):
+        return shlex.join([*words, '--labels', 'none'])
     likeliest = None if options.markers else complete_layout(recording)
     if likeliest is not None:
         words += ['--layout', likeliest.name] * (likeliest.name != PAPER_LAYOUT)
@@ -117,7 +128,8 @@ def _lines(path: Path, found: dict[str, Any], command: str) -> list[str]:
     seconds = f', {found["frames"] / found["rate_hz"]:.1f} s' if found['rate_hz'] else ''
     handed = ', left-handed axes' if found['handed'] == 'left' else ''
     labels = [label for label in found['labels'] if label]
-    lines = [f'{path}: {found["format"]}, {found["frames"]} frames, {rate}{seconds}; in '
+    messages = f' with {found["message"]} on {found["topic"]}' if found['topic'] else ''
+    lines = [f'{path}: {found["format"]}{messages}, {found["frames"]} frames, {rate}{seconds}; in '
              f'{found["units"]}, {found["up"]} up{handed}',
              f'points: {len(labels)} with a label, {len(found["labels"]) - len(labels)} without; '
              f'{found["gaps_pct"]:g} % missing']
@@ -149,6 +161,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--json', action='store_true', help='print it as JSON')
     parser.add_argument('--markers', action='append', default=[], metavar='MARKER=LABEL,...',
                         help='which point is which marker, for the command that is printed')
+    add_topic_option(parser)
     add_reading_options(parser)
     options = parser.parse_args(arguments)
     try:

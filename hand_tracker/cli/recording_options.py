@@ -128,8 +128,7 @@ def add_marker_options(parser: argparse.ArgumentParser) -> None:
     ----------
     parser : argparse.ArgumentParser
     """
-    parser.add_argument('--topic', help=f'of the markers; default: {USUAL_TOPIC}, else the only '
-                        'one with a MarkerArray')
+    add_topic_option(parser)
     parser.add_argument('--frame', default='', help='frame of the markers: those in another are '
                         'left out; default: whichever they have')
     parser.add_argument('--label', action='append', default=[], metavar='MARKER=LABEL',
@@ -142,6 +141,12 @@ def add_marker_options(parser: argparse.ArgumentParser) -> None:
                         help='which point of a file is which marker, as index=LFIN: those that '
                         'their labels do not tell')
     add_reading_options(parser)
+
+
+def add_topic_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option of a command line that says which topic of a rosbag2 recording is read."""
+    parser.add_argument('--topic', help=f'of the markers in a rosbag2 recording; default: '
+                        f'{USUAL_TOPIC}, else the only one with points')
 
 
 def add_reading_options(parser: argparse.ArgumentParser) -> None:
@@ -163,11 +168,12 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
 
 
 def reading_options(options: argparse.Namespace) -> ReadingOptions:
-    """Return the options of the command line for reading a file of points."""
+    """Return the options of the command line for reading recorded points."""
     from ..files.recordings import ReadingOptions
 
     return ReadingOptions(options.units, options.up, options.handed,
-                          not getattr(options, 'keep_zeros', False), options.partial)
+                          not getattr(options, 'keep_zeros', False), options.partial,
+                          getattr(options, 'topic', None))
 
 
 def chosen_labels(texts: Iterable[str], names: Sequence[str] = MARKERS) -> dict[str, str]:
@@ -197,7 +203,8 @@ def recorded_hand(options: argparse.Namespace
                   ) -> tuple[Hand, MarkerLayout, Path | PointBag]:
     """Return the hand of a command line, where its markers are, and the recording.
 
-    Without a hand file a file of points says where its markers are, and of which side they are.
+    Without a hand file recorded points, but for MarkerArrays, say where their markers are, and of
+    which side they are.
 
     Parameters
     ----------
@@ -209,18 +216,18 @@ def recorded_hand(options: argparse.Namespace
     hand : Hand
     layout : MarkerLayout
     recording : Path or PointBag
-        For `open_recording`; a path of rosbag2 recordings.
+        For `open_recording`; a path of rosbag2 recordings of MarkerArrays.
     """
     from ..files.hand_file import choose_hand
-    from ..files.recordings import is_bag
-    from ..tracking.opened_recording import MarkerChoice, PointBag
+    from ..tracking.opened_recording import MarkerChoice, PointBag, is_marker_bag
 
     hand, layout = choose_hand(
         options.hand, options.side, options.limits, options.coupling, options.layout)
-    if is_bag(options.recording):
+    reading = reading_options(options)
+    if is_marker_bag(options.recording, reading.topic):
         return hand, layout, options.recording
     points = PointBag(options.recording, MarkerChoice(
-        reading_options(options), hand.side if options.hand else options.side,
+        reading, hand.side if options.hand else options.side,
         chosen_labels(options.markers, layout.names),
         layout if options.hand or options.layout else None,
         vars(options).get('labels') != 'none'))    # not every command has that option
@@ -275,7 +282,7 @@ def recorded_hands(options: argparse.Namespace
     """
     from ..files.hand_file import choose_hand
 
-    require_bag_of_both(options.recording)
+    require_bag_of_both(options.recording, options.topic)
     chosen = {side: choose_hand(
         options.hand, side, options.limits, options.coupling, options.layout) for side in SIDES}
     names = chosen[SIDES[0]][1].names
@@ -285,14 +292,15 @@ def recorded_hands(options: argparse.Namespace
     return {side: (*chosen[side], labels[side]) for side in SIDES}
 
 
-def require_bag_of_both(recording: Path) -> None:
-    """Refuse files of points where both hands are tracked."""
+def require_bag_of_both(recording: Path, topic: str | None = None) -> None:
+    """Refuse other recordings than of MarkerArrays where both hands are tracked."""
     from ..files.bags import BagError
-    from ..files.recordings import is_bag
+    from ..tracking.opened_recording import is_marker_bag
 
-    if not is_bag(recording):
-        raise BagError(f'--side both: {recording}: a file of points is tracked for one hand; '
-                       'expected a rosbag2 recording, or --side right or left')
+    if not is_marker_bag(recording, topic):
+        raise BagError(f'--side both: {recording}: such points are tracked for one hand; expected '
+                       'a rosbag2 recording of MarkerArrays (hand_tracker convert writes one), or '
+                       '--side right or left')
 
 
 def require_inputs(options: argparse.Namespace) -> None:

@@ -19,6 +19,7 @@ from ..files.point_recording import UNIT_SPELLINGS
 from ..files.recordings import (
     BVH,
     ReadingOptions,
+    is_bag,
     read_recording,
     recognised_format,
     write_recording,
@@ -56,7 +57,7 @@ def _splice(options: argparse.Namespace, interrupted: Interruptions,
             progress: Callable[..., Any] = Progress) -> str:
     """Splice the hands of a command line onto its body; return the closing line."""
     output = options.output
-    is_skeleton = recognised_format(options.body) is BVH
+    is_skeleton = not is_bag(options.body) and recognised_format(options.body) is BVH
     expected = SKELETONS_OUT if is_skeleton else (*POINTS_OUT, *SKELETONS_OUT)
     if output.suffix not in expected:
         raise HandTrackerError(

@@ -13,7 +13,7 @@ from ..core.errors import HandTrackerError
 from ..core.model.hand import LEFT_HAND_MIRROR, SIDES
 from ..core.model.marker_layout import PAPER_PLACES
 from ..files.npz_file import open_arrays
-from ..files.recordings import NPZ, recognised_format
+from ..files.recordings import NPZ, is_bag, recognised_format
 from .evaluation_options import Options
 from .rows import Row
 
@@ -96,7 +96,8 @@ def load_capture(path: str | PathLike[str]) -> Capture:
         Naming the file, the fault and what is expected.
     """
     path = Path(path)
-    if path.exists() and path.suffix != NPZ.suffixes[0] and recognised_format(path) is not NPZ:
+    if path.exists() and path.suffix != NPZ.suffixes[0] and (
+            is_bag(path) or recognised_format(path) is not NPZ):
         return _checked(path, _recorded_capture(path))
     try:
         with open_arrays(path, InvalidCapture) as data:

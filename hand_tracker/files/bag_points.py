@@ -1,22 +1,37 @@
-"""MarkerArrays of rosbag2 recordings as recordings of points, and back."""
+"""Messages of points of rosbag2 recordings as recordings of points; these as MarkerArrays."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import count
+from os import PathLike
 from pathlib import Path
+from statistics import median_low
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..messages.cdr import MalformedMessage, MarkerReader
-from ..messages.labels import LabelMap
+from ..messages.cdr import MarkerReader
+from ..messages.labels import USUAL_TOPIC, LabelMap
+from ..messages.landmark_kinds import LANDMARK_POSES, named_hands
 from ..messages.marker_array import MARKER_ARRAY, placed
-from ..messages.stamps import seconds, stamp_of
+from ..messages.marker_ids import ANONYMOUS_NAMESPACE
+from ..messages.message_definitions import NAMED_POSE_ARRAY
+from ..messages.message_kinds import (
+    MARKER_ARRAY_KIND,
+    MOCAP4R2_MARKERS,
+    POINT_CLOUD,
+    RIGID_BODIES,
+    MalformedMessage,
+)
+from ..messages.stamps import nanoseconds, stamp_of
 from ..messages.templates import Template, markers_template
-from .bags import BagMessage, open_bag, write_bag
+from .bags import TYPE_STORE, Bag, BagError, BagMessage, open_bag, write_bag
 from .point_recording import (
     ROWS_AT_ONCE,
     Axes,
+    BagOrigin,
     PointBuffer,
     PointRecording,
     RecordingError,
@@ -29,22 +44,115 @@ WRITTEN_FRAME = 'world'
 START_TIME = 10**9         # [ns] of the first frame: a stamp of zero is none
 KEPT_TEMPLATES = 512       # of markers that are seen together
 MAX_BAG_LABELS = 4096
+# Messages of points, with the parsers of those that are not read as objects.
+PARSED_MESSAGES = {kind.type: kind for kind in (
+    MARKER_ARRAY_KIND, POINT_CLOUD, MOCAP4R2_MARKERS, RIGID_BODIES, LANDMARK_POSES)}
+POINT_MESSAGES = (*PARSED_MESSAGES, NAMED_POSE_ARRAY)
+LANDMARK_MESSAGES = LANDMARK_POSES.type, NAMED_POSE_ARRAY
 
 
-def read_bag_points(path: Path, zero_is_missing: bool = True) -> tuple[PointRecording, Axes]:
-    """Read the markers of a rosbag2 recording, whatever their ids.
+class BagFrame(NamedTuple):
+    """Points of one message of a recording.
+
+    Attributes
+    ----------
+    names : list of str
+        Empty of one without a name.
+    frame_id : str
+    stamp : int or None
+        None where there is none [ns].
+    points : ndarray of float32, shape (n, 3)
+        [m]
+    """
+
+    names: list[str]
+    frame_id: str
+    stamp: int | None
+    points: np.ndarray
+
+
+def point_topics(bag: Bag, topic: str | None = None) -> list[str]:
+    """Return the topics of a recording that may have the points: that asked for, else '/markers'.
+
+    Parameters
+    ----------
+    bag : Bag
+    topic : str, optional
+        That asked for.
+
+    Returns
+    -------
+    list of str
+        Without either all with messages of points.
+    """
+    fitting = sorted(name for name, kind in bag.topics.items() if kind in POINT_MESSAGES)
+    for wanted in (topic, f'/{topic.lstrip("/")}') if topic else (USUAL_TOPIC,):
+        if wanted in fitting:
+            return [wanted]
+    return [] if topic else fitting
+
+
+def point_topic(bag: Bag, topic: str | None = None) -> str:
+    """Return the topic of a recording that holds the points.
+
+    Parameters
+    ----------
+    bag : Bag
+    topic : str, optional
+        That asked for; else it is '/markers' or the only one with messages of points.
+
+    Raises
+    ------
+    BagError
+        If there is no such topic, or several and none asked for.
+    """
+    found = point_topics(bag, topic)
+    if not found:
+        there = ', '.join(f'{name} ({kind})' for name, kind in sorted(bag.topics.items()))
+        raise BagError(f'{bag.path}: no topic {f"{topic} " if topic else ""}of '
+                       f'{" or ".join(POINT_MESSAGES)}; it has {there}')
+    if len(found) > 1:
+        raise BagError(f'{bag.path}: several topics of points; choose one (--topic): '
+                       + ', '.join(f'{name} ({bag.topics[name]})' for name in found))
+    return found[0]
+
+
+def has_other_messages(path: str | PathLike[str], topic: str | None = None) -> bool:
+    """Return whether the points of a rosbag2 recording are in other messages than MarkerArrays.
+
+    Parameters
+    ----------
+    path : path-like
+    topic : str, optional
+        As in `point_topics`.
+
+    Raises
+    ------
+    BagError
+        If it cannot be read.
+    """
+    with open_bag(path) as bag:
+        found = point_topics(bag, topic)
+        return len(found) == 1 and bag.topics[found[0]] != MARKER_ARRAY
+
+
+def read_bag_points(path: Path, zero_is_missing: bool = True,
+                    topic: str | None = None) -> tuple[PointRecording, Axes]:
+    """Read the points of a rosbag2 recording, in any of the messages that live sources send.
 
     Parameters
     ----------
     path : Path
     zero_is_missing : bool, optional
         See `ReadingOptions`.
+    topic : str, optional
+        As in `point_topic`.
 
     Returns
     -------
     PointRecording
-        Of its topic '/markers', else of the first one with MarkerArrays; labels are 'ns/id',
-        or 'id' without a namespace.
+        Labels are names, of MarkerArrays 'ns/id', or 'id' without a namespace, and of
+        NamedPoseArrays such as 'right_index_tip'.
     Axes
         Metres, z up: ROS's convention, REP 103.
 
@@ -53,30 +161,34 @@ def read_bag_points(path: Path, zero_is_missing: bool = True) -> tuple[PointReco
     HandTrackerError
     """
     with open_bag(path) as bag:
-        topics = sorted(name for name, kind in bag.topics.items() if kind == MARKER_ARRAY)
-        if not topics:
-            there = ', '.join(f'{name} ({kind})' for name, kind in sorted(bag.topics.items()))
-            raise RecordingError(f'{path}: no topic of {MARKER_ARRAY}; it has {there}')
-        topic = WRITTEN_TOPIC if WRITTEN_TOPIC in topics else topics[0]
-        notes = [f'topic {topic} of {", ".join(topics)}'] if len(topics) > 1 else []
-        frames, times = [], []
-        columns: dict[str, int] = {}
-        reader = MarkerReader(LabelMap())
+        topic = point_topic(bag, topic)
+        kind = bag.topics[topic]
+        read = _frame_reader(bag, topic)
+        frames: list[tuple[np.ndarray, np.ndarray]] = []
+        received: list[int] = []
+        stamps: list[int | None] = []
+        columns: dict[tuple[str, int], int] = {}
+        frame_id = ''
         for message in bag.messages([topic]):
             try:
-                names, stamp, points = _points_of(reader, message.data)
+                frame = read(message.data)
             except MalformedMessage as error:
                 raise RecordingError(f'{path}: {topic}: the message of {message.time} ns is no '
-                                     f'whole {MARKER_ARRAY}') from error
-            row = np.array([columns.setdefault(name, len(columns)) for name in names], int)
+                                     f'whole {kind}: {error}') from error
+            # Points without a name are told apart by their number alone.
+            numbers = count()
+            row = np.array([columns.setdefault((name, 0 if name else next(numbers)), len(columns))
+                            for name in frame.names], int)
             if len(columns) > MAX_BAG_LABELS:
                 raise RecordingError(f'{path}: more than {MAX_BAG_LABELS} ids of markers; '
                                      'expected ids that stay with their markers')
-            frames.append((row, points))
-            times.append(1e-9 * message.time if stamp is None else stamp)
+            frames.append((row, frame.points))
+            received.append(message.time)
+            stamps.append(frame.stamp)
+            frame_id = frame_id or frame.frame_id
     if not frames:
         raise RecordingError(f'{path}: {topic}: no messages; expected at least one')
-    labels = tuple(columns)
+    labels = tuple(name for name, _ in columns)
     buffer = PointBuffer(path, labels, zero_is_missing, len(frames))
     for first in range(0, len(frames), ROWS_AT_ONCE):
         some = frames[first:first + ROWS_AT_ONCE]
@@ -85,41 +197,99 @@ def read_bag_points(path: Path, zero_is_missing: bool = True) -> tuple[PointReco
             row[places] = points
         buffer.append(rows)
     labels, points = buffer.finish()
-    stamps = np.array(times)
-    steps = np.diff(stamps)
+    times = _times(received, stamps)
+    seconds = np.array([1e-9 * (time - times[0]) for time in times])
+    steps = np.diff(seconds)
     rate = float(1. / np.median(steps[steps > 0.])) if (steps > 0.).any() else math.nan
     is_increasing = len(steps) > 0 and bool((steps > 0.).all())
-    return PointRecording(path.name, BAG_FORMAT, labels, points, rate,
-                          stamps - stamps[0] if is_increasing else None, Axes(),
-                          tuple(notes)), Axes('m', 'z')
+    return PointRecording(
+        path.name, BAG_FORMAT, labels, points, rate, seconds if is_increasing else None, Axes(),
+        is_landmarks=kind in LANDMARK_MESSAGES,
+        origin=BagOrigin(topic, kind, frame_id, times[0])), Axes('m', 'z')
+
+
+def _times(received: Sequence[int], stamps: Sequence[int | None]) -> list[int]:
+    """Return the time of each message: its stamp, else of its recording as far behind as others.
+
+    A message without points has no stamp.
+    """
+    delays = [time - stamp for time, stamp in zip(received, stamps) if stamp is not None]
+    delay = median_low(delays) if delays else 0
+    return [time - delay if stamp is None else stamp for time, stamp in zip(received, stamps)]
+
+
+def _frame_reader(bag: Bag, topic: str) -> Callable[[bytes], BagFrame]:
+    """Return the function that reads the messages of a topic, as the sources live do."""
+    kind, types = bag.topics[topic], bag.types(topic)
+    if kind == NAMED_POSE_ARRAY:
+        return lambda data: _named_poses(_deserialized(types, data, kind))
+    reader = MarkerReader(LabelMap(), kind=PARSED_MESSAGES[kind])
+    if types is TYPE_STORE:
+        return lambda data: _frame_of(reader, data, kind)
+    return lambda data: _frame_of(reader, _as_known(types, data, kind), kind)
+
+
+def _deserialized(types: Any, data: bytes, kind: str) -> Any:
+    # Damaged bytes, and damaged definitions, can raise anything.
+    try:
+        return types.deserialize_cdr(data, kind)
+    except Exception as error:
+        raise MalformedMessage(' '.join(str(error).split()) or type(error).__name__) from error
+
+
+def _as_known(types: Any, data: bytes, kind: str) -> bytes:
+    """Return a message that a recording defines otherwise with the fields that its parser knows."""
+    message = _deserialized(types, data, kind)
+    try:
+        return bytes(TYPE_STORE.serialize_cdr(message, kind))
+    except Exception as error:
+        raise MalformedMessage(f'defined there without fields that are expected: {error}'
+                               ) from error
+
+
+def _named_poses(message: Any) -> BagFrame:
+    """Return the landmarks of both hands of a NamedPoseArray."""
+    hands = named_hands(message)
+    stamp = nanoseconds(message.header.stamp)
+    return BagFrame([f'{side}_{name}' for side, hand in hands.items() for name in hand.names],
+                    message.header.frame_id, stamp or None,
+                    _as_floats([hand.points for hand in hands.values()]))
 
 
 # Numbers beyond those of a marker become infinite, and then missing.
 @np.errstate(over='ignore', invalid='ignore')
-def _points_of(reader: MarkerReader, data: bytes
-               ) -> tuple[list[str], float | None, np.ndarray]:
-    """Return names, stamp of the first marker [s] and positions (n, 3) [m] of a message's points.
+def _as_floats(points: Iterable[np.ndarray]) -> np.ndarray:
+    return np.concatenate([np.empty((0, 3)), *points]).astype(np.float32)
 
-    A name is 'ns/id', or 'id' without a namespace; in a list the place of the point is its id.
+
+def _frame_of(reader: MarkerReader, data: bytes, kind: str) -> BagFrame:
+    """Return the points of a serialized message.
+
+    In a list of a MarkerArray the place of the point is its id.
     """
     names: list[str] = []
-    points: list[np.ndarray] = [np.empty((0, 3))]
-    stamp = None
+    points: list[np.ndarray] = []
+    stamp, frame_id = None, ''
     for one in reader.points(data):
-        stamp = seconds(one.stamp) if stamp is None else stamp
+        stamp = nanoseconds(one.stamp) or None if stamp is None else stamp
+        frame_id = frame_id or one.frame_id
+        space = printable(one.ns)
+        if kind != MARKER_ARRAY:
+            names.append('' if space == ANONYMOUS_NAMESPACE else space)
+            points.append(one.position[None])
+            continue
         ids: Iterable[int] = (one.id,)
         if one.points is None:
             points.append(one.position[None])
         else:
             ids = range(len(one.points))
             points.append(placed(one.points, one.position, one.orientation, True))
-        space = printable(one.ns)
         names += [f'{space}/{number}' if space else str(number) for number in ids]
-    return names, stamp, np.concatenate(points).astype(np.float32)
+    return BagFrame(names, frame_id, stamp, _as_floats(points))
 
 
 def marker_messages(points: np.ndarray, times: Sequence[int], names: Sequence[str],
-                    start: int = 0) -> Iterator[BagMessage]:
+                    start: int = 0, frame_id: str = WRITTEN_FRAME) -> Iterator[BagMessage]:
     """Yield points as MarkerArrays, one for each frame; missing ones are left out.
 
     Parameters
@@ -132,6 +302,7 @@ def marker_messages(points: np.ndarray, times: Sequence[int], names: Sequence[st
         Namespaces of the markers; their ids are 0 to n - 1.
     start : int, optional
         Only frames at this time or later [ns].
+    frame_id : str, optional
 
     Yields
     ------
@@ -147,7 +318,7 @@ def marker_messages(points: np.ndarray, times: Sequence[int], names: Sequence[st
             if len(templates) >= KEPT_TEMPLATES:
                 templates.clear()
             templates[key] = markers_template(
-                WRITTEN_FRAME, [(names[i], i) for i in np.flatnonzero(seen).tolist()])
+                frame_id, [(names[i], i) for i in np.flatnonzero(seen).tolist()])
         yield BagMessage(WRITTEN_TOPIC, MARKER_ARRAY, int(time),
                          templates[key].fill(stamp_of(int(time)), row[seen]))
 
@@ -163,10 +334,17 @@ def write_bag_points(path: Path, recording: PointRecording) -> None:
     recording : PointRecording
     """
     names = [label or 'unlabeled' for label in recording.labels]
-    write_bag(path, marker_messages(recording.points, recorded_times(recording), names))
+    write_bag(path, marker_messages(recording.points, recorded_times(recording), names,
+                                    frame_id=recorded_frame(recording)))
 
 
 def recorded_times(recording: PointRecording) -> list[int]:
-    """Return the time of each frame, the first one `START_TIME` [ns]."""
-    times = np.round(1e9 * recording.times()).astype(np.int64)
-    return (times - times[:1] + START_TIME).tolist()
+    """Return the time of each frame; the first of files other than bags is `START_TIME` [ns]."""
+    start = START_TIME if recording.origin is None else recording.origin.start
+    times = np.round(1e9 * (recording.times() - recording.times()[:1])).astype(np.int64)
+    return [start + time for time in times.tolist()]
+
+
+def recorded_frame(recording: PointRecording) -> str:
+    """Return the frame of a recording's points."""
+    return (recording.origin.frame_id if recording.origin else '') or WRITTEN_FRAME

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag2 import (
     CompressionFormat,
     CompressionMode,
@@ -21,11 +22,12 @@ from rosbags.rosbag2 import (
     Writer,
     storage_mcap,
 )
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from ..core.errors import HandTrackerError
 from ..core.numerics.quaternion import quaternion
 from ..messages.marker_array import MARKER_ARRAY
+from ..messages.message_definitions import DEFINITIONS
 from ..output_files import folder_beside
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -39,6 +41,11 @@ EXPECTED = 'expected a rosbag2 folder with metadata.yaml, a .mcap file or a .db3
 MAX_CHUNK_BYTES = 2**28    # that a chunk of a .mcap unpacks to; usual are 1 to 4 MB
 
 TYPE_STORE = get_typestore(Stores.ROS2_JAZZY)
+for known_type, text in DEFINITIONS.items():
+    TYPE_STORE.register(get_types_from_msg(text, known_type))
+DEFINITION_PARSERS = {
+    MessageDefinitionFormat.MSG: get_types_from_msg,
+    MessageDefinitionFormat.IDL: lambda text, _: get_types_from_idl(text)}
 NO_BYTES = np.empty(0, np.uint8)
 NO_NUMBERS = np.empty(0)
 
@@ -105,9 +112,12 @@ class Bag:
         Time from the first message to the last [ns].
     notes : tuple of str
         Notes on the recording, to print.
+    stands_for : str
+        Topic whose points are on another topic here; empty in a recording read as it is.
     """
 
     notes: tuple[str, ...] = ()
+    stands_for = ''
 
     def __init__(self, path: Path, reader: Reader) -> None:
         self.path = path
@@ -129,6 +139,34 @@ class Bag:
             self.offered_qos.setdefault(topic, []).extend(connection.ext.offered_qos_profiles)
         self.start = int(reader.start_time)
         self.duration = int(reader.end_time) - 1 - self.start
+
+    def types(self, topic: str) -> Any:
+        """Return rosbags' types for the messages of a topic.
+
+        Returns
+        -------
+        rosbags.typesys.store.Typestore
+            `TYPE_STORE`, but where the recording defines a message that is not one of ROS 2's own
+            otherwise than known here.
+
+        Raises
+        ------
+        BagError
+            If that definition is damaged.
+        """
+        connection = next(one for one in self._reader.connections if one.topic == topic)
+        kind, definition = connection.msgtype, connection.msgdef
+        parse = DEFINITION_PARSERS.get(definition.format)
+        if kind not in DEFINITIONS or parse is None:
+            return TYPE_STORE
+        with _read_errors(self.path):
+            defined = parse(definition.data, kind)
+            if all(fields == TYPE_STORE.fielddefs.get(name, ([], None))[1]
+                   for name, (_, fields) in defined.items()):
+                return TYPE_STORE
+            own = get_typestore(Stores.EMPTY)
+            own.register(defined)
+        return own
 
     def messages(self, topics: Iterable[str] | None = None,
                  start: int | None = None) -> Iterator[BagMessage]:
@@ -226,7 +264,7 @@ def write_bag(path: str | PathLike[str], messages: Iterable[BagMessage]) -> None
     path : path-like
         Ending in `.mcap` (compressed by zstd) or `.db3`; replaced if it exists.
     messages : iterable of BagMessage
-        In order of time, of the types of ROS 2 Jazzy's common messages.
+        In order of time, of the types of ROS 2 Jazzy's common messages, or of points.
 
     Raises
     ------

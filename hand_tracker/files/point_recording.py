@@ -86,6 +86,26 @@ class Said(NamedTuple):
     up: bool = True
 
 
+class BagOrigin(NamedTuple):
+    """Where in a rosbag2 recording points come from.
+
+    Attributes
+    ----------
+    topic : str
+    type : str
+        Of its messages.
+    frame_id : str
+        Of the first points.
+    start : int
+        Stamp of the first message, else its time of recording [ns].
+    """
+
+    topic: str
+    type: str
+    frame_id: str
+    start: int
+
+
 class PointRecording(NamedTuple):
     """Points over time, whatever file they came from.
 
@@ -110,6 +130,8 @@ class PointRecording(NamedTuple):
     is_landmarks : bool
         Whether these are joint centres, not markers on the skin.
     said : Said
+    origin : BagOrigin or None
+        Of rosbag2 recordings.
     """
 
     name: str
@@ -122,6 +144,7 @@ class PointRecording(NamedTuple):
     notes: tuple[str, ...] = ()
     is_landmarks: bool = False
     said: Said = Said()
+    origin: BagOrigin | None = None
 
     @property
     def seen(self) -> np.ndarray:

@@ -49,6 +49,8 @@ class ReadingOptions(NamedTuple):
         Whether a point at exactly (0, 0, 0) is one that the system lost.
     partial : bool
         Whether a file that is cut is read as far as it goes, with a note.
+    topic : str or None
+        Of the points in a rosbag2 recording; by `point_topic` when left out.
     """
 
     units: str | None = None
@@ -56,6 +58,7 @@ class ReadingOptions(NamedTuple):
     handed: str | None = None
     zero_is_missing: bool = True
     partial: bool = False
+    topic: str | None = None
 
 
 class FileFormat(NamedTuple):
@@ -188,7 +191,7 @@ def read_recording(path: str | PathLike[str],
     # Damaged bytes are refused by every reader; none may end in another error.
     try:
         if is_bag(path):
-            recording, axes = read_bag_points(path, options.zero_is_missing)
+            recording, axes = read_bag_points(path, options.zero_is_missing, options.topic)
         else:
             form = recognised_format(path)
             usual = Axes(form.usual_units, form.usual_up)

@@ -15,9 +15,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-from ..adapters.hand_landmarks import LANDMARK_ORDERS
 from ..adapters.openxr_hand import OpenXrHand
 from ..messages.joint_states import angles_of
+from ..messages.landmark_kinds import LANDMARK_ORDERS
 from ..messages.pose_fields import pose_numbers
 from ..messages.stamps import nanoseconds
 from .message_types import imported_message

@@ -6,20 +6,8 @@ from importlib import import_module
 from typing import Any
 
 from ..adapters.point_frame import SourceUnavailable
-from ..messages.message_kinds import MOCAP4R2_MARKERS, RIGID_BODIES, MessageKind
-
-# Fields that the parsers know, of messages whose packages are not part of ROS 2.
-_MARKER = {'id_type': 'int8', 'marker_index': 'int32', 'marker_name': 'string',
-           'translation': 'geometry_msgs/Point'}
-_LIST = {'header': 'std_msgs/Header', 'frame_number': 'uint32'}
-KNOWN_FIELDS = {
-    MOCAP4R2_MARKERS.type: {
-        'Markers': {**_LIST, 'markers': 'sequence<mocap4r2_msgs/Marker>'}, 'Marker': _MARKER},
-    RIGID_BODIES.type: {
-        'RigidBodies': {**_LIST, 'rigidbodies': 'sequence<mocap4r2_msgs/RigidBody>'},
-        'RigidBody': {'rigid_body_name': 'string', 'markers': 'sequence<mocap4r2_msgs/Marker>',
-                      'pose': 'geometry_msgs/Pose'},
-        'Marker': _MARKER}}
+from ..messages.message_definitions import KNOWN_FIELDS
+from ..messages.message_kinds import MessageKind
 
 
 def imported_message(package: str, name: str) -> Any:

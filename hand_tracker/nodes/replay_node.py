@@ -1,9 +1,9 @@
 """Replay node: publish the messages of a rosbag2 recording at their recorded times.
 
-Messages are published as recorded, without deserialising them, with the QoS that their
-publishers offered, else reliable. Topics have relative names, so that `-r markers:=/other` and
-`-r __ns:=/left` act on them. The node ends with the recording. Its exit code is 0 then and when
-interrupted, 1 when the recording cannot be played.
+Messages are published as recorded, without deserialising them, with the QoS that their publishers
+offered, else reliable; points that are not in MarkerArrays become such. Topics have relative
+names, so that `-r markers:=/other` and `-r __ns:=/left` act on them. The node ends with the
+recording. Its exit code is 0 then and when interrupted, 1 when the recording cannot be played.
 """
 
 import struct
@@ -25,10 +25,11 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from ..core.model.hand import SIDES
 from ..core.model.marker_layout import MARKERS
-from ..files.bags import BagError
+from ..files.bag_points import POINT_MESSAGES
+from ..files.bags import BagError, open_bag
 from ..files.layout_file import choose_layout
 from ..files.point_recording import HANDEDNESS, UNIT_SPELLINGS, UP_AXES
-from ..files.recordings import ReadingOptions
+from ..files.recordings import ReadingOptions, is_bag
 from ..messages.marker_array import MARKER_ARRAY
 from ..messages.stamps import header_stamp, marker_stamps, restamp
 from ..package_data import packaged_recording
@@ -146,15 +147,18 @@ class ReplayNode(Node):
         reading = ReadingOptions(options.units or None, up or None, options.handed or None,
                                  partial=options.partial)
         layout = choose_layout(options.layout) if options.layout else None
-        with open_recording(options.recording or packaged_recording(), MarkerChoice(
-                reading, options.side or None,
-                named_labels(options.markers, MARKERS if layout is None else layout.names),
-                layout)) as bag:
+        recording = options.recording or packaged_recording()
+        # Topics that are named are played as they are.
+        with open_bag(recording) if options.topics and is_bag(recording) else open_recording(
+                recording, MarkerChoice(
+                    reading, options.side or None,
+                    named_labels(options.markers, MARKERS if layout is None else layout.names),
+                    layout, None)) as bag:
             for note in bag.notes:
                 self.get_logger().info(f'{bag.path}: {note}')
             start = bag.start + round(options.start_offset * 1e9)
             outputs = self._open_outputs(bag)
-            markers = [topic for topic in outputs if bag.topics[topic] == MARKER_ARRAY]
+            markers = [topic for topic in outputs if bag.topics[topic] in POINT_MESSAGES]
             interval = bag.duration // max(1, max(bag.counts[topic] for topic in markers) - 1)
             lap = bag.start + bag.duration - start + (interval or ONE_MESSAGE_LAP)
             playback = Playback(start, options.rate, options.start_paused)
@@ -184,11 +188,12 @@ class ReplayNode(Node):
         if unknown := [topic for topic in wanted if topic not in bag.topics]:
             raise BagError(f'{bag.path}: no topic {", ".join(unknown)}; expected topics among '
                            f'{", ".join(bag.topics)}')
-        if MARKER_ARRAY not in (bag.topics[topic] for topic in wanted):
+        points = [topic for topic in wanted if bag.topics[topic] in POINT_MESSAGES]
+        if not points:
             held = ', '.join(f'{topic} ({bag.topics[topic]})' for topic in wanted)
             raise BagError(f'{bag.path}: no markers in {held or "what is not excluded"}; '
-                           f'expected a topic of {MARKER_ARRAY}')
-        outputs = {}
+                           f'expected a topic of {" or ".join(POINT_MESSAGES)}')
+        outputs: dict[str, ReplayedTopic] = {}
         for topic in wanted:
             if topic == '/clock' and self._options.clock:
                 continue
@@ -203,6 +208,9 @@ class ReplayNode(Node):
                     message_type, topic if topic in GLOBAL_TOPICS else topic.lstrip('/'),
                     _qos(bag.offered_qos[topic])),
                 _stamp_finder(kind, message_type) if live else lambda data: ())
+        if not outputs.keys() & points:
+            raise BagError(f'{bag.path}: {bag.topics[points[0]]} of {points[0]} is not installed; '
+                           'expected to be, or no topics: then its points are played as markers')
         return outputs
 
     def _not_excluded(self, bag: Any) -> list[str]:
@@ -259,7 +267,7 @@ class ReplayNode(Node):
         if tracker not in self.get_node_names_and_namespaces():
             return False
         with suppress(NodeNameNonExistentError):
-            return not any(MARKER_ARRAY in kinds for _, kinds in
+            return not any(set(POINT_MESSAGES) & set(kinds) for _, kinds in
                            self.get_subscriber_names_and_types_by_node(*tracker))
         return False
 

@@ -21,7 +21,6 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from ..adapters.hand_landmarks import (
-    LANDMARK_ORDERS,
     LandmarkChecks,
     landmark_order,
     landmarks_of_markers,
@@ -44,6 +43,7 @@ from ..adapters.point_frame import (
 )
 from ..adapters.qualisys import QTM_PORT, QualisysClient
 from ..core.model.hand import SIDES
+from ..messages.landmark_kinds import LANDMARK_ORDERS
 from ..messages.marker_ids import SOURCE_FRAME
 from ..tracking.rate_limit import OncePerKey
 from .executors import steady_clock

@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
-from ..adapters.hand_landmarks import LANDMARK_POSES, LandmarkChecks, named_points
+from ..adapters.hand_landmarks import LandmarkChecks, named_points
 from ..adapters.marker_messages import MARKER_MESSAGES
 from ..calibration.live_take import LiveTake
 from ..core.model.hand import Hand
@@ -20,6 +20,7 @@ from ..core.tracker import HandState, HandTracker
 from ..messages.builders import diagnostics
 from ..messages.cdr import MarkerReader
 from ..messages.labels import LabelMap
+from ..messages.landmark_kinds import LANDMARK_POSES
 from ..messages.marker_array import MarkerFrame
 from ..messages.points import PointReader
 from ..messages.stamps import Time, nanoseconds

@@ -11,7 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
-from ..files.bag_points import BAG_FORMAT, WRITTEN_TOPIC, marker_messages, recorded_times
+from ..files.bag_points import (
+    WRITTEN_TOPIC,
+    has_other_messages,
+    marker_messages,
+    recorded_frame,
+    recorded_times,
+)
 from ..files.bags import Bag, BagError, BagMessage, open_bag
 from ..files.point_recording import PointRecording
 from ..files.recordings import ReadingOptions, is_bag, read_recording
@@ -31,21 +37,23 @@ class MarkerChoice(NamedTuple):
         Label of each marker that is not found by itself.
     layout : MarkerLayout or None
         The markers; the paper's eight, where their labels say, where None.
-    has_labels : bool
-        Whether labels say which points are the markers; else all points are given.
+    has_labels : bool or None
+        Whether labels say which points are the markers; else all points are given. None where
+        they do as far as there are any.
     """
 
     reading: ReadingOptions = ReadingOptions()
     side: str | None = None
     names: Mapping[str, str] = {}
     layout: MarkerLayout | None = None
-    has_labels: bool = True
+    has_labels: bool | None = True
 
 
 class PointBag(Bag):
-    """A file of points that is read as if it were a `Bag` with a hand's markers on /markers.
+    """Recorded points that are read as if they were a `Bag` with a hand's markers on /markers.
 
     Their ids are the rows of the layout; without labels all points are there, in their order.
+    They come from a file, or from messages other than MarkerArrays of a rosbag2 recording.
 
     Parameters
     ----------
@@ -72,7 +80,7 @@ class PointBag(Bag):
         recording = with_recognised_axes(read_recording(path, choice.reading))
         self.path, self.notes = path, recording.notes
         missing: Sequence[str] = ()
-        if choice.has_labels:
+        if any(recording.labels) if choice.has_labels is None else choice.has_labels:
             chosen = choose_markers(recording, choice.side, choice.names, choice.layout)
             self.layout, missing = chosen.layout, chosen.missing
             self.side = choice.side or chosen.side or ''
@@ -88,7 +96,11 @@ class PointBag(Bag):
         if missing:
             self.notes += (f'no label for {", ".join(missing)}; the other '
                            f'{len(self.layout.names) - len(missing)} markers are tracked',)
+        if recording.origin is not None:
+            self.stands_for = recording.origin.topic
+            self.notes += (f'points of {recording.origin.topic} ({recording.origin.type})',)
         self._times = recorded_times(recording)
+        self._frame_id = recorded_frame(recording)
         self.topics = {WRITTEN_TOPIC: MARKER_ARRAY}
         self.counts = {WRITTEN_TOPIC: len(self._times)}
         self.offered_qos = {WRITTEN_TOPIC: []}
@@ -102,7 +114,7 @@ class PointBag(Bag):
                            f'has {WRITTEN_TOPIC}')
         first = 0 if start is None else int(np.searchsorted(self._times, start))
         return marker_messages(self._points[first:], self._times[first:],
-                               ('hand',) * self._points.shape[1])
+                               ('hand',) * self._points.shape[1], frame_id=self._frame_id)
 
 
 def named_labels(text: str, names: Sequence[str] = MARKERS) -> dict[str, str]:
@@ -145,12 +157,13 @@ def open_recording(path: str | PathLike[str] | PointBag,
         A rosbag2 recording, or a file that `read_recording` reads; a `PointBag` is yielded as
         it is.
     choice : MarkerChoice, optional
-        Of files of points.
+        Of all but MarkerArrays.
 
     Yields
     ------
     Bag
-        A `PointBag` for a file of points.
+        A `PointBag` for a file of points, and for a rosbag2 recording of other messages than
+        MarkerArrays.
 
     Raises
     ------
@@ -159,11 +172,29 @@ def open_recording(path: str | PathLike[str] | PointBag,
     if isinstance(path, PointBag):
         yield path
         return
-    if is_bag(path):
-        with open_bag(path) as bag:
-            yield bag
+    choice = choice or MarkerChoice()
+    if not is_marker_bag(path, choice.reading.topic):
+        yield PointBag(Path(path), choice)
         return
-    yield PointBag(Path(path), choice or MarkerChoice())
+    with open_bag(path) as bag:
+        yield bag
+
+
+def is_marker_bag(path: str | PathLike[str], topic: str | None = None) -> bool:
+    """Return whether a recording is a rosbag2 one that is read as it is, message by message.
+
+    Parameters
+    ----------
+    path : path-like
+    topic : str, optional
+        As in `point_topics`.
+
+    Raises
+    ------
+    BagError
+        If it cannot be read.
+    """
+    return is_bag(path) and not has_other_messages(path, topic)
 
 
 def recorded_points(path: str | PathLike[str], reading: ReadingOptions) -> PointRecording:
@@ -177,12 +208,12 @@ def recorded_points(path: str | PathLike[str], reading: ReadingOptions) -> Point
     Returns
     -------
     PointRecording
-        Of rosbag2 recordings whose markers have the ids 0 to 7 alone these are named.
+        MarkerArrays of which all markers have the ids 0 to 7 are named.
     """
     from ..calibration.hand_axes import with_recognised_axes
 
     recording = read_recording(path, reading)
-    if recording.format == BAG_FORMAT:
+    if recording.origin is not None and recording.origin.type == MARKER_ARRAY:
         labels = LabelMap()
         slots = [labels.slot('', int(label.rpartition('/')[2])) for label in recording.labels]
         named = tuple(PAPER_PLACES[slot] for slot in slots if slot is not None)

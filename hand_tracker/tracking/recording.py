@@ -13,6 +13,7 @@ from ..core.model.hand import JOINTS, ROOT
 from ..core.numerics.quaternion import quaternion
 from ..core.tracker import HandState, HandTracker
 from ..files.angle_table import write_angle_table
+from ..files.bag_points import point_topic
 from ..files.bags import (
     JOINT_STATE,
     STORAGE,
@@ -23,7 +24,7 @@ from ..files.bags import (
     write_bag,
 )
 from ..messages.cdr import MalformedMessage, MarkerReader
-from ..messages.labels import USUAL_TOPIC, LabelMap
+from ..messages.labels import LabelMap
 from ..messages.marker_array import MARKER_ARRAY
 from ..messages.points import PointReader
 from ..messages.stamps import nanoseconds, stamp_of
@@ -60,13 +61,13 @@ class RecordedFrame(NamedTuple):
 
 
 def marker_topic(bag: Bag, topic: str | None = None) -> str:
-    """Return the topic of a recording that holds the markers.
+    """Return the topic of an opened recording that holds the markers.
 
     Parameters
     ----------
     bag : Bag
     topic : str, optional
-        That asked for; else it is '/markers' or the only one of the type.
+        That asked for; else it is '/markers' or the only one with points.
 
     Returns
     -------
@@ -77,19 +78,13 @@ def marker_topic(bag: Bag, topic: str | None = None) -> str:
     BagError
         If there is no such topic, or several and none asked for.
     """
-    fitting = [name for name, kind in bag.topics.items() if kind == MARKER_ARRAY]
-    there = ', '.join(f'{name} ({kind})' for name, kind in sorted(bag.topics.items()))
-    if topic:
-        name = topic if topic in bag.topics else '/' + topic.lstrip('/')
-        if name not in fitting:
-            raise BagError(f'{bag.path}: no topic {topic} of {MARKER_ARRAY}; it has {there}')
-        return name
-    if not fitting:
-        raise BagError(f'{bag.path}: no topic of {MARKER_ARRAY}; it has {there}')
-    if len(fitting) > 1 and USUAL_TOPIC not in fitting:
-        raise BagError(f'{bag.path}: several topics of {MARKER_ARRAY}; '
-                       f'choose one of {", ".join(sorted(fitting))}')
-    return fitting[0] if len(fitting) == 1 else USUAL_TOPIC
+    if topic and bag.stands_for == f'/{topic.lstrip("/")}':
+        topic = None
+    name = point_topic(bag, topic)
+    if bag.topics[name] != MARKER_ARRAY:
+        raise BagError(f'{bag.path}: {name} has messages {bag.topics[name]}; expected '
+                       f'{MARKER_ARRAY}, or to be opened by open_recording')
+    return name
 
 
 class MarkerReading(NamedTuple):

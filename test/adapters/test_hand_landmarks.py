@@ -8,7 +8,6 @@ import pytest
 from helpers.capture_files import capture_file, capture_path
 
 from hand_tracker.adapters.hand_landmarks import (
-    LANDMARK_ORDERS,
     SIDE_FRAMES,
     LandmarkChecks,
     landmarks_of_markers,
@@ -20,6 +19,7 @@ from hand_tracker.adapters.point_frame import MalformedFrame
 from hand_tracker.calibration.landmarks import LANDMARKS, landmark_positions
 from hand_tracker.core.model.hand import FINGERS, SIDES, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.messages.landmark_kinds import LANDMARK_ORDERS
 from hand_tracker.simulation.poses import pose_angles
 
 WEBXR_BONES = ('metacarpal', 'phalanx-proximal', 'phalanx-intermediate', 'phalanx-distal', 'tip')

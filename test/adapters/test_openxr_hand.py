@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_tracker.adapters.hand_landmarks import LANDMARK_ORDERS, OPENXR, side_of_landmarks
+from hand_tracker.adapters.hand_landmarks import side_of_landmarks
 from hand_tracker.adapters.openxr_hand import OpenXrHand
 from hand_tracker.calibration.landmarks import LANDMARKS, landmark_positions
 from hand_tracker.core.model.hand import SIDES, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.messages.landmark_kinds import LANDMARK_ORDERS, OPENXR
 from hand_tracker.simulation.poses import pose_angles
 
 TURN = Rotation.from_euler('xyz', (.3, -1., 2.))

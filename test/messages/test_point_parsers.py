@@ -14,11 +14,7 @@ from mocap4r2_msgs.msg import Marker, Markers, RigidBodies, RigidBody
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
-from hand_tracker.adapters.hand_landmarks import (
-    LANDMARK_ORDERS,
-    LANDMARK_POSES,
-    landmarks_of_poses,
-)
+from hand_tracker.adapters.hand_landmarks import landmarks_of_poses
 from hand_tracker.adapters.marker_arrays import MarkerArrayWriter
 from hand_tracker.adapters.mocap4r2 import points_of_markers, points_of_rigid_bodies
 from hand_tracker.adapters.point_cloud import points_of_cloud
@@ -35,6 +31,7 @@ from hand_tracker.messages.cdr import (
     point_capacity,
 )
 from hand_tracker.messages.labels import LabelMap
+from hand_tracker.messages.landmark_kinds import LANDMARK_ORDERS, LANDMARK_POSES
 from hand_tracker.messages.marker_ids import ANONYMOUS_NAMESPACE, SOURCE_FRAME
 from hand_tracker.messages.message_kinds import (
     MOCAP4R2_MARKERS,

@@ -17,11 +17,11 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from hand_tracker.adapters.hand_landmarks import LANDMARK_ORDERS
 from hand_tracker.adapters.point_frame import SourceUnavailable
 from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.files.bags import TYPE_STORE
+from hand_tracker.messages.landmark_kinds import LANDMARK_ORDERS
 from hand_tracker.messages.message_kinds import MOCAP4R2_MARKERS, MessageKind
 from hand_tracker.nodes import message_types, serialization
 from hand_tracker.nodes.tracker_node import TrackerNode

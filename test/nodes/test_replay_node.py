@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import rclpy
+from helpers.point_bags import MADE, positions_of, stamp_ns, write_point_bag
 from helpers.point_files import hand_recording
 from helpers.ros_process import PATIENCE, NodeProcess, Process, watching_node
 from rosbags.interfaces import (
@@ -21,9 +22,10 @@ from rosbags.interfaces import (
 )
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
+from hand_tracker.core.model.marker_layout import PAPER_PLACES
 from hand_tracker.files.bags import (
     MARKER_ARRAY,
     TYPE_STORE,
@@ -33,6 +35,7 @@ from hand_tracker.files.bags import (
     write_bag,
 )
 from hand_tracker.files.recordings import write_recording
+from hand_tracker.messages.landmark_kinds import LANDMARK_ORDERS
 from hand_tracker.nodes import replay_node
 
 NEEDS = 'rclpy',
@@ -80,6 +83,7 @@ def bags(tmp_path_factory):
     write_folder(folder / 'no_messages')
     offer = Qos(QosHistory.KEEP_LAST, 7, QosReliability.BEST_EFFORT, QosDurability.VOLATILE,
                 QosTime(0, 0), QosTime(0, 0), QosLiveliness.AUTOMATIC, QosTime(0, 0), False)
+    write_folder(folder / 'foreign', foreign=True)
     write_folder(folder / 'mixed', frames(), offers=[offer], foreign=True)
     data = (folder / 'hand.mcap').read_bytes()
     (folder / 'truncated.mcap').write_bytes(data[:len(data) // 2])
@@ -380,6 +384,8 @@ ERRORS = {
     'wrong type': ({'recording': 'truth.mcap'},
                    f'no markers in /truth (sensor_msgs/msg/JointState); expected a topic of '
                    f'{MARKER_ARRAY}'),
+    'foreign': ({'recording': 'foreign', 'topics': '/foreign'},
+                          'no markers in /foreign (no_such_msgs/msg/Nothing); expected a topic'),
     'all excluded': ({'recording': 'hand.mcap', 'exclude_topics': 'markers truth'},
                      f'no markers in what is not excluded; expected a topic of {MARKER_ARRAY}'),
     'topic': ({'recording': 'hand.mcap', 'topics': '/leds'},
@@ -501,3 +507,35 @@ def test_says_that_services_are_missing(bags, tmp_path):
                      environment={'PYTHONPATH': path}) as process:
         clean(process, process.wait())
     assert process.output.count('rosbag2_interfaces is not installed: playing without') == 1
+
+
+@pytest.mark.parametrize('kind', ['cloud', 'bodies', 'named'])
+def test_other_messages_of_points_are_played_as_markers(tmp_path, watch, kind):
+    recording = write_point_bag(tmp_path / 'take', [kind])
+    markers = watch.collect(MarkerArray, 'markers')
+    with replay(recording, restamp=False, side='right') as process:
+        watch.spin_until(lambda: len(markers) == 60)
+        clean(process, process.wait())
+        assert f'points of {MADE[kind][1]} ({MADE[kind][0]})' in process.output
+    assert [stamp_of(m) for m in markers] == [stamp_ns(i) for i in range(60)]
+    for row, message in enumerate(markers):
+        found = {one.id: one.pose.position for one in message.markers}
+        points = np.array([(at.x, at.y, at.z) for _, at in sorted(found.items())])
+        expected = positions_of(kind, 60)[row]
+        if kind == 'cloud':
+            expected = np.roll(expected, row, axis=0)
+        elif kind == 'named':
+            expected = expected[[LANDMARK_ORDERS[21].index(place) for place in PAPER_PLACES]]
+        np.testing.assert_allclose(points, expected, atol=1e-6)
+
+
+def test_topics_that_are_named_are_played_as_recorded(tmp_path, watch):
+    recording = write_point_bag(tmp_path / 'take', ['cloud', 'poses'], suffix='.db3')
+    clouds = watch.collect(PointCloud2, 'pointCloud')
+    with replay(recording, restamp=False, topics='/pointCloud') as process:
+        watch.spin_until(lambda: len(clouds) == 60)
+        clean(process, process.wait())
+    points = np.array([bytes(message.data) for message in clouds[:1]])
+    np.testing.assert_array_equal(
+        np.frombuffer(points[0]).reshape(-1, 3), positions_of('cloud', 1)[0])
+    assert clouds[0].header.frame_id == 'stage'

@@ -20,12 +20,12 @@ from sensor_msgs.msg import PointCloud2
 from teleop_ros2_interfaces.msg import NamedPoseArray
 from visualization_msgs.msg import MarkerArray
 
-from hand_tracker.adapters.hand_landmarks import LANDMARK_ORDERS, OPENXR
 from hand_tracker.adapters.natnet_client import NatNetClient
 from hand_tracker.adapters.point_frame import SourceUnavailable
 from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES
 from hand_tracker.files.bags import TYPE_STORE
 from hand_tracker.messages.labels import LabelMap
+from hand_tracker.messages.landmark_kinds import LANDMARK_ORDERS, OPENXR
 from hand_tracker.messages.marker_array import markers_from_message
 from hand_tracker.nodes import source_node
 from hand_tracker.nodes.runner import spinning

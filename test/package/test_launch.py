@@ -20,7 +20,6 @@ from helpers.hands import hand_at
 from helpers.launching import DEMO_RATE, FIRST_START, LACK, LAUNCH, installed, named
 
 from benchmarks.repository import REPOSITORY
-from hand_tracker.adapters.hand_landmarks import OPENXR
 from hand_tracker.calibration.landmarks import LANDMARKS
 from hand_tracker.core.model.hand import (
     COUPLING_PRESETS,
@@ -37,6 +36,7 @@ from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerL
 from hand_tracker.files.bags import bag_message, joint_state_message, open_bag, write_bag
 from hand_tracker.files.hand_file import save_hand
 from hand_tracker.files.urdf_file import urdf
+from hand_tracker.messages.landmark_kinds import OPENXR
 from hand_tracker.retargeting.robot_file import load_robot
 
 RVIZ = REPOSITORY / 'config' / 'hand_tracker.rviz'

@@ -201,7 +201,7 @@ def test_convert_refuses_what_it_cannot_write(tracked, tmp_path, capsys):
     (['track', '{file}', '-o', 'out.csv', '--units', 'm'],
      'check --units, the size of the hand and --markers'),
     (['track', '{file}', '--side', 'both', '-o', 'out.csv'],
-     'a file of points is tracked for one hand'),
+     'such points are tracked for one hand'),
     (['convert', '{file}', 'none/out.trc'], 'no folder')])
 def test_faults_are_told_in_a_line(tracked, tmp_path, monkeypatch, capsys, arguments, message):
     monkeypatch.chdir(tmp_path)

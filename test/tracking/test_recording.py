@@ -437,9 +437,9 @@ def cut_off(path):
 
 @pytest.mark.parametrize('make, arguments, said', [
     (None, (), 'in.mcap: no such file or folder'),
-    (joint_states_only, (), r'in.mcap: no topic of visualization_msgs/msg/MarkerArray; '
+    (joint_states_only, (), r'in.mcap: no topic of visualization_msgs/msg/MarkerArray or .*; '
      r'it has /joint_states \(sensor_msgs'),
-    (two_topics, (), 'choose one of /left, /right'),
+    (two_topics, (), r'choose one \(--topic\): /left \(visual.*, /right \('),
     (two_topics, ('--topic', '/up'), r'no topic /up of .*; it has /left \(visual'),
     (no_palm, (), r"no frame of /markers shows the palm: .* not seen yet '0' \(wrist\)"),
     (no_hand, (), r"the palm: expected are the labels '0' \(wrist\).*; there are 'hand/8'"),

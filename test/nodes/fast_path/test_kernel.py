@@ -16,7 +16,6 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
-from hand_tracker.adapters.hand_landmarks import LANDMARK_POSES
 from hand_tracker.calibration.landmarks import LANDMARKS
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
@@ -48,6 +47,7 @@ from hand_tracker.messages.labels import (
     default_labels,
     labels_of_hand,
 )
+from hand_tracker.messages.landmark_kinds import LANDMARK_POSES
 from hand_tracker.messages.message_kinds import (
     MARKER_ARRAY_KIND,
     MOCAP4R2_MARKERS,
