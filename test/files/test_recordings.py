@@ -7,6 +7,7 @@ import zipfile
 import ezc3d
 import numpy as np
 import pytest
+from helpers.other_c3d import ezc3d_file
 from helpers.point_files import gappy_recording, hand_recording
 from mcap_ros2.reader import read_ros2_messages
 
@@ -102,21 +103,6 @@ def test_mcap_files_are_read_by_another_library(tmp_path):
             (recording.labels[i], i) for i in seen]
         np.testing.assert_allclose([(p.x, p.y, p.z) for p in (
             marker.pose.position for marker in found)], truth[seen], rtol=1e-6)
-
-
-def ezc3d_file(path, labels, points, units='mm', **parameters):
-    """Write a C3D file by another library; points (T, N, 3), NaN where missing."""
-    file = ezc3d.c3d()
-    homogeneous = np.ones((4, points.shape[1], len(points)))
-    homogeneous[:3] = np.moveaxis(points, 2, 0).swapaxes(1, 2)
-    file['data']['points'] = homogeneous
-    file['parameters']['POINT']['RATE']['value'] = [100.]
-    file['parameters']['POINT']['LABELS']['value'] = list(labels)
-    file['parameters']['POINT']['UNITS']['value'] = [units]
-    for name, value in parameters.items():
-        file.add_parameter('POINT', name, value)
-    file.write(str(path))
-    return path
 
 
 def test_c3d_files_of_ezc3d_are_read(tmp_path):
