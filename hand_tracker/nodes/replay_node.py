@@ -10,7 +10,7 @@ import struct
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import closing, contextmanager, suppress
 from importlib import import_module
 from itertools import count
 from math import inf
@@ -23,10 +23,11 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 
+from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES
 from ..core.model.marker_layout import MARKERS
 from ..files.bag_points import POINT_MESSAGES
-from ..files.bags import BagError, open_bag
+from ..files.bags import Bag, BagError, open_bag
 from ..files.layout_file import choose_layout
 from ..files.point_recording import HANDEDNESS, UNIT_SPELLINGS, UP_AXES
 from ..files.recordings import ReadingOptions, is_bag
@@ -35,6 +36,7 @@ from ..messages.stamps import header_stamp, marker_stamps, restamp
 from ..package_data import packaged_recording
 from ..tracking.opened_recording import MarkerChoice, named_labels, open_recording
 from ..tracking.playback import Playback, read_ahead
+from ..tracking.setting_names import in_parameters
 from .executors import steady_clock
 from .parameters import Parameter
 from .runner import declare, run, spinning
@@ -142,20 +144,9 @@ class ReplayNode(Node):
             If it cannot be played.
         """
         options = self._options
-        # ROS reads y as a yes.
-        up = 'y' if options.up is True else str(options.up)
-        reading = ReadingOptions(options.units or None, up or None, options.handed or None,
-                                 partial=options.partial)
-        layout = choose_layout(options.layout) if options.layout else None
-        recording = options.recording or packaged_recording()
-        # Topics that are named are played as they are.
-        with open_bag(recording) if options.topics and is_bag(recording) else open_recording(
-                recording, MarkerChoice(
-                    reading, options.side or None,
-                    named_labels(options.markers, MARKERS if layout is None else layout.names),
-                    layout, None)) as bag:
+        with self._recording() as bag:
             for note in bag.notes:
-                self.get_logger().info(f'{bag.path}: {note}')
+                self.get_logger().info(f'{bag.path}: {in_parameters(note)}')
             start = bag.start + round(options.start_offset * 1e9)
             outputs = self._open_outputs(bag)
             markers = [topic for topic in outputs if bag.topics[topic] in POINT_MESSAGES]
@@ -178,11 +169,31 @@ class ReplayNode(Node):
                 output.publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIME))
             self.get_logger().info('Played to the end')
 
+    @contextmanager
+    def _recording(self) -> Iterator[Bag]:
+        """Open the recording that the parameters name; its faults are told in their words."""
+        options = self._options
+        # ROS reads y as a yes.
+        up = 'y' if options.up is True else str(options.up)
+        reading = ReadingOptions(options.units or None, up or None, options.handed or None,
+                                 partial=options.partial)
+        recording = options.recording or packaged_recording()
+        try:
+            layout = choose_layout(options.layout) if options.layout else None
+            names = named_labels(options.markers, MARKERS if layout is None else layout.names)
+            choice = MarkerChoice(reading, options.side or None, names, layout, None)
+            # Topics that are named are played as they are.
+            with open_bag(recording) if options.topics and is_bag(recording) else open_recording(
+                    recording, choice) as bag:
+                yield bag
+        except HandTrackerError as error:
+            raise BagError(in_parameters(str(error))) from error
+
     def _publish(self, message: ReplayedMessage, due: int) -> None:
         data = restamp(message.data, message.stamps, due) if message.stamps else message.data
         message.publisher.publish(data)
 
-    def _open_outputs(self, bag: Any) -> dict[str, ReplayedTopic]:
+    def _open_outputs(self, bag: Bag) -> dict[str, ReplayedTopic]:
         """Return a publisher for each recorded topic that is to be played."""
         wanted = list(dict.fromkeys(self._options.topics.split())) or self._not_excluded(bag)
         if unknown := [topic for topic in wanted if topic not in bag.topics]:
@@ -213,7 +224,7 @@ class ReplayNode(Node):
                            'expected to be, or no topics: then its points are played as markers')
         return outputs
 
-    def _not_excluded(self, bag: Any) -> list[str]:
+    def _not_excluded(self, bag: Bag) -> list[str]:
         names = self._options.exclude_topics.split()
         excluded = [topic for topic in bag.topics
                     if topic in names or topic.rpartition('/')[2] in names]
@@ -221,7 +232,7 @@ class ReplayNode(Node):
             self.get_logger().info(f'Not played (exclude_topics): {", ".join(excluded)}')
         return [topic for topic in bag.topics if topic not in excluded]
 
-    def _messages(self, bag: Any, outputs: dict[str, ReplayedTopic], start: int,
+    def _messages(self, bag: Bag, outputs: dict[str, ReplayedTopic], start: int,
                   lap: int) -> Iterator[ReplayedMessage]:
         for number in count() if self._options.loop else range(1):
             message = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import NamedTuple
 
 
@@ -41,3 +42,22 @@ BAG_OPTION_NAMES = SettingNames(
     '--side {}', '--hand', '--frame')
 FILE_OPTION_NAMES = BAG_OPTION_NAMES._replace(
     scale='--units', labels='--markers', label='--markers {}=LABEL')
+# Options that notes and faults of recordings name, which are parameters of the replay node too.
+READING_OPTION = re.compile(r'--(?:(partial)|(layout|markers) ([\w-]+(?:=[\w.,]+)?)'
+                            r'|(units|up|side|handed|layout|markers)(?: (right|left)\b)?)')
+
+
+def in_parameters(text: str) -> str:
+    """Return a note or fault of a recording with the names of parameters in place of options.
+
+    Parameters
+    ----------
+    text : str
+        Such as 'up is assumed (--up), left-handed axes (--handed left)?'.
+    """
+    def parameter(match: re.Match[str]) -> str:
+        partial, chosen, choice, name, value = match.groups()
+        if partial:
+            return 'partial:=true'
+        return f'{chosen or name}:={choice or value}' if choice or value else name
+    return READING_OPTION.sub(parameter, text)

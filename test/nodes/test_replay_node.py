@@ -539,3 +539,11 @@ def test_topics_that_are_named_are_played_as_recorded(tmp_path, watch):
     np.testing.assert_array_equal(
         np.frombuffer(points[0]).reshape(-1, 3), positions_of('cloud', 1)[0])
     assert clouds[0].header.frame_id == 'stage'
+
+
+def test_faults_of_files_are_told_in_words_of_parameters(tmp_path):
+    write_recording(tmp_path / 'take.trc', hand_recording(FRAMES))
+    with replay(tmp_path / 'take.trc', side='left') as process:
+        clean(process, process.wait(), code=1)
+        assert 'expected side:=right, of which they are, or markers:=wrist=LABEL' in process.output
+        assert ' --' not in process.output.replace(' --ros-args', '')
