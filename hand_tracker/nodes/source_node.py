@@ -70,8 +70,8 @@ SOURCE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('port', 0, "Its port; 0 for the system's usual one", range=(0, 65535)),
     Parameter('local_address', '', "Address of this computer in Motive's network; empty for any"),
     Parameter('components', '3d 3dnolabels', 'Of QTM: 3d or 3dres, 3dnolabels or 3dnolabelsres'),
-    Parameter('latency', 0., 'Least time from exposure to receipt, for Qualisys [s]',
-              range=(0., 1.)),
+    Parameter('latency', 0., 'Least time from exposure to receipt, for Qualisys, whose protocol '
+              'does not tell it: all stamps are earlier by it [s]', range=(0., 1.)),
     Parameter('subject', '', 'Rigid body, marker set or subject whose markers alone are taken; '
               'empty for all'),
     Parameter('side', 'right', 'Side of the landmarks: right or left; of other sources any'),
