@@ -8,22 +8,25 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..files.point_recording import RecordingError
-from ..files.recordings import FORMATS, WRITTEN_SUFFIXES, write_recording
+from ..files.written_kinds import SKELETON_KIND, SKINNED_KIND, WRITTEN_FORMATS
 from ..parallel import Interruptions
 from ..progress import Progress
-from ..tracking.opened_recording import recorded_points
-from ..tracking.save_motion import MOTION_KINDS, POINT_KINDS
 from .recording_options import add_recording_options, reading_options, run_command
-from .track import add_motion_options, refuse_to_replace, track_file
+from .track import add_motion_options
 
-SKELETON_KINDS = tuple(kind for kind in MOTION_KINDS if kind not in POINT_KINDS)
-WRITTEN_AS = {one.name.lower().replace(' ', '-'): one for one in FORMATS if one.write}
+SKELETON_KINDS = SKELETON_KIND, SKINNED_KIND
 
 
 def _convert(options: argparse.Namespace, interrupted: Interruptions,
              progress: Callable[..., Any] = Progress) -> str:
     """Convert the recording of a command line; return the closing line."""
+    # Here, so that a wrong option is told at once.
+    from ..files.point_recording import RecordingError
+    from ..files.recordings import FORMATS, WRITTEN_SUFFIXES, write_recording
+    from ..tracking.opened_recording import recorded_points
+    from .track_recordings import refuse_to_replace, track_file
+
+    written_as = dict(zip(WRITTEN_FORMATS, (one for one in FORMATS if one.write)))
     output = options.output
     refuse_to_replace(options.recording, output)
     if not options.format and output.suffix not in (*WRITTEN_SUFFIXES, *SKELETON_KINDS):
@@ -37,7 +40,7 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
         print(f'{options.recording}: {note}', file=sys.stderr)
     if not len(recording.points):
         raise RecordingError(f'{options.recording}: no frames to convert')
-    write_recording(output, recording, WRITTEN_AS[options.format] if options.format else None)
+    write_recording(output, recording, written_as[options.format] if options.format else None)
     return (f'{output}: {len(recording.points)} frames of {len(recording.labels)} points')
 
 
@@ -50,7 +53,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='hand_tracker convert', description=main.__doc__)
     add_recording_options(parser)
     parser.add_argument('output', type=Path, metavar='OUT')
-    parser.add_argument('--format', choices=tuple(WRITTEN_AS),
+    parser.add_argument('--format', choices=WRITTEN_FORMATS,
                         help='of OUT, where its suffix does not tell')
     add_motion_options(parser)
     options = parser.parse_args(arguments)

@@ -4,154 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import shlex
 import sys
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from ..calibration.hand_markers import UnknownMarkers, choose_markers
-from ..calibration.known_layouts import LikelyLayout, complete_layout, likely_layouts
-from ..calibration.take_checks import LEAST_DURATION
 from ..core.errors import HandTrackerError
-from ..core.model.hand import SIDES
-from ..core.model.layout_presets import PAPER_LAYOUT
-from ..files.point_recording import PointRecording
-from ..messages.marker_array import MARKER_ARRAY
-from ..tracking.opened_recording import recorded_points
 from .recording_options import (
     add_reading_options,
     add_topic_option,
-    chosen_labels,
     reading_options,
+    require_inputs,
 )
-
-UNKNOWN_LABEL = 'LABEL'  # in the command that is printed
-FITTED_HAND = 'my_hand.yaml'
-LISTED_LABELS = 40
-LISTED_LAYOUTS = 4
-
-
-def summary(recording: PointRecording, layouts: list[LikelyLayout]) -> dict[str, Any]:
-    """Return the contents of a recording as JSON values.
-
-    Parameters
-    ----------
-    recording : PointRecording
-    layouts : list of LikelyLayout
-
-    Returns
-    -------
-    dict
-        `labels`, empty for points without one; `rate_hz`, null where it is unknown; `units` and
-        `up` of the file; `frames`; `gaps_pct` of all points and frames together; `layouts`, the
-        most likely first; and `format`, `handed`, `gaps_pct_by_label`, `notes`; of rosbag2
-        recordings `topic` and `message`, else null.
-    """
-    gaps = 100. * (1. - recording.seen.mean(axis=0))
-    named = {label: round(float(gap), 3) for label, gap in zip(recording.labels, gaps) if label}
-    return {
-        'format': recording.format, 'labels': list(recording.labels),
-        'rate_hz': round(recording.rate, 6) if np.isfinite(recording.rate) else None,
-        'units': recording.axes.units, 'up': recording.axes.up,
-        'handed': recording.axes.handed, 'frames': len(recording.points),
-        'gaps_pct': round(float(gaps.mean()), 3) if len(gaps) else 0.,
-        'gaps_pct_by_label': named, 'layouts': [layout._asdict() for layout in layouts],
-        'topic': recording.origin and recording.origin.topic,
-        'message': recording.origin and recording.origin.type,
-        'notes': list(recording.notes)}
-
-
-def _next_command(path: Path, recording: PointRecording, options: argparse.Namespace) -> str:
-    """Return the command that tracks a recording, with what its labels leave open.
-
-    Parameters
-    ----------
-    path : Path
-    recording : PointRecording
-    options : argparse.Namespace
-        Of the command line.
-
-    Returns
-    -------
-    str
-    """
-    words = ['hand_tracker', 'track', str(path), '-o', f'{path.name.partition(".")[0]}_angles.csv']
-    for name in ('units', 'up', 'handed'):
-        if getattr(options, name):
-            words.append(f'--{name}={getattr(options, name)}')
-    words += ['--partial'] * options.partial
-    words += ['--topic', options.topic] if options.topic else []
-    if recording.origin is not None and recording.origin.type == MARKER_ARRAY:
-        return shlex.join(words)
-    if not any(recording.labels):
-        return shlex.join([*words, '--labels', 'none'])
-    likeliest = None if options.markers else complete_layout(recording)
-    if likeliest is not None:
-        words += ['--layout', likeliest.name] * (likeliest.name != PAPER_LAYOUT)
-        words += ['--side', likeliest.side] * (likeliest.side in SIDES)
-        return shlex.join(words)
-    given = chosen_labels(options.markers)
-    try:
-        side = choose_markers(recording, names=given).side
-        words += ['--side', side] if side else []
-    except UnknownMarkers as error:
-        given |= {marker: UNKNOWN_LABEL for marker in error.missing}
-    if given:
-        words += ['--markers', ','.join(f'{marker}={label}' for marker, label in given.items())]
-    return shlex.join(words)
-
-
-def _calibration_command(command: str) -> str:
-    """Return the command that fits a hand file to what another one tracks with a layout.
-
-    Parameters
-    ----------
-    command : str
-        Of `_next_command`.
-
-    Returns
-    -------
-    str
-        Empty where that has no layout.
-    """
-    words = shlex.split(command)
-    if '--layout' not in words:
-        return ''
-    words[1], words[words.index('-o') + 1] = 'calibrate', FITTED_HAND
-    return shlex.join(words)
-
-
-def _lines(path: Path, found: dict[str, Any], command: str) -> list[str]:
-    rate = f'{found["rate_hz"]:g} Hz' if found['rate_hz'] else 'unknown rate'
-    seconds = f', {found["frames"] / found["rate_hz"]:.1f} s' if found['rate_hz'] else ''
-    handed = ', left-handed axes' if found['handed'] == 'left' else ''
-    labels = [label for label in found['labels'] if label]
-    messages = f' with {found["message"]} on {found["topic"]}' if found['topic'] else ''
-    lines = [f'{path}: {found["format"]}{messages}, {found["frames"]} frames, {rate}{seconds}; in '
-             f'{found["units"]}, {found["up"]} up{handed}',
-             f'points: {len(labels)} with a label, {len(found["labels"]) - len(labels)} without; '
-             f'{found["gaps_pct"]:g} % missing']
-    for label in labels[:LISTED_LABELS]:
-        gap = found['gaps_pct_by_label'][label]
-        lines.append(f'  {label}' + (f'  ({gap:g} % missing)' if gap else ''))
-    if len(labels) > LISTED_LABELS:
-        lines.append(f'  ... and {len(labels) - LISTED_LABELS} more (--json has all)')
-    lines += [f'note: {note}' for note in found['notes']]
-    for layout in found['layouts'][:LISTED_LAYOUTS]:
-        lines.append(f'layout {layout["name"]}, {layout["side"]} hand: '
-                     f'likelihood {layout["likelihood"]:.2f}')
-    if not found['layouts']:
-        lines.append('no layout of a hand is known by these labels')
-    if UNKNOWN_LABEL in command:
-        return [*lines, f"next, if a hand's markers are among them, with their labels in place of "
-                f'{UNKNOWN_LABEL}: {command}']
-    is_take = found['rate_hz'] and found['frames'] >= LEAST_DURATION * found['rate_hz']
-    if is_take and (fitting := _calibration_command(command)):
-        lines.append(f'first, for the lengths of this hand and where its markers are: {fitting} '
-                     f'(then --hand {FITTED_HAND} in place of --layout and --side)')
-    return [*lines, f'next: {command}']
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -165,16 +27,22 @@ def main(arguments: list[str] | None = None) -> int:
     add_reading_options(parser)
     options = parser.parse_args(arguments)
     try:
+        require_inputs(options)
+        # Here, so that a wrong option is told at once.
+        from ..calibration.known_layouts import likely_layouts
+        from ..tracking.opened_recording import recorded_points
+        from .inspect_recording import next_command, summary, summary_lines
+
         recording = recorded_points(options.recording, reading_options(options))
         found = summary(recording, likely_layouts(recording))
-        command = _next_command(options.recording, recording, options)
+        command = next_command(options.recording, recording, options)
     except (HandTrackerError, OSError) as error:
         print(f'hand_tracker inspect: {error}', file=sys.stderr)
         return 1
     if options.json:
         print(json.dumps({**found, 'next': command}, allow_nan=False))
     else:
-        print('\n'.join(_lines(options.recording, found, command)))
+        print('\n'.join(summary_lines(options.recording, found, command)))
     return 0
 
 

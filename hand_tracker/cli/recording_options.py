@@ -316,9 +316,12 @@ def require_inputs(options: argparse.Namespace) -> None:
     HandTrackerError
     """
     given = vars(options)
-    # Of many `recordings` one that is missing does not stop the rest.
-    recordings = [given.get('recording'), *(
+    several = given.get('recordings') or ()
+    recordings = [given.get('recording'), given.get('body'), *(
         path for name in ('takes', 'files', 'fit') for path in given.get(name) or ())]
+    # Of many `recordings` one that is missing does not stop the rest; URLs are looked up later.
+    if len(several) == 1 or given.get('body'):
+        recordings += [path for path in several if isinstance(path, Path)]
     # Of a robot there are also names of presets, package:// paths and XML.
     robots = [given[name] for name in ('robot', 'robot_description', 'urdf') if given.get(name)]
     files = [given.get('hand'), *(

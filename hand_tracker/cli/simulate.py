@@ -1,28 +1,26 @@
 """`hand_tracker simulate`: record a simulated hand, seen by a ring of cameras, with the truth."""
 
+from __future__ import annotations
+
 import argparse
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES
-from ..files.bags import BagMessage, write_bag
-from ..files.hand_file import save_hand
 from ..progress import Progress
 from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
-from ..simulation.faults import Faults
-from ..simulation.motions import MOTION_DURATION, MOTIONS
-from ..simulation.simulator import (
-    PAPER_RATE,
-    Simulation,
-    calibrated,
-    frame_messages,
-    simulated_hand,
-)
+from ..simulation.motion_names import MOTION_DURATION, MOTION_NAMES, PAPER_RATE
 from .recording_options import add_layout_option, require_inputs
+
+# What simulates is imported where it is used, so that a wrong option is told at once.
+if TYPE_CHECKING:
+    from ..files.bags import BagMessage
+    from ..simulation.simulator import Simulation
 
 
 class _DefaultsHelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
@@ -34,6 +32,8 @@ class _DefaultsHelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
 
 def _frames(simulation: Simulation, count: dict[str, int]) -> Iterator[tuple[BagMessage, ...]]:
     """Yield the messages of each frame; count frames and lost markers in `count`."""
+    from ..simulation.simulator import frame_messages
+
     for part in simulation.blocks():
         count['frames'] += len(part.stamps)
         count['lost'] += int(np.isnan(part.markers[..., 0]).sum())
@@ -47,8 +47,8 @@ def _parse(
         prog='hand_tracker simulate',
         description='Record a simulated hand, seen by a ring of cameras, with the truth.',
         formatter_class=_DefaultsHelpFormatter)
-    parser.add_argument('motion', choices=tuple(MOTIONS), metavar='MOTION',
-                        help=', '.join(MOTIONS))
+    parser.add_argument('motion', choices=MOTION_NAMES, metavar='MOTION',
+                        help=', '.join(MOTION_NAMES))
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='OUT',
                         default=argparse.SUPPRESS,
                         help='recording to write, .mcap or .db3')
@@ -81,6 +81,11 @@ def main(arguments: list[str] | None = None) -> int:
     count = {'frames': 0, 'lost': 0}
     try:
         require_inputs(chosen)
+        from ..files.bags import write_bag
+        from ..files.hand_file import save_hand
+        from ..simulation.faults import Faults
+        from ..simulation.simulator import Simulation, calibrated, simulated_hand
+
         hand, layout = simulated_hand(chosen.hand, chosen.side, chosen.layout)
         simulation = Simulation(
             chosen.motion, hand, layout, CameraRig.ring(chosen.cameras), chosen.rate, chosen.seed,

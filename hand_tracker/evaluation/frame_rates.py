@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..simulation.simulator import PAPER_RATE
+from ..simulation.motion_names import PAPER_RATE
 from .evaluation_options import Options
 from .rows import Row
 from .simulated import distances, mean_max, paper_losses, tasks, trial

@@ -29,6 +29,7 @@ from ..core.numerics.quaternion import quaternion
 from ..messages.marker_array import MARKER_ARRAY
 from ..messages.message_definitions import DEFINITIONS
 from ..output_files import folder_beside
+from .written_kinds import BAG_SUFFIXES
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 TF = 'tf2_msgs/msg/TFMessage'
@@ -36,7 +37,7 @@ POSE = 'geometry_msgs/msg/PoseStamped'
 
 # Read by Humble and Jazzy.
 BAG_METADATA_VERSION = 8
-STORAGE = {'.mcap': StoragePlugin.MCAP, '.db3': StoragePlugin.SQLITE3}
+STORAGE = dict(zip(BAG_SUFFIXES, (StoragePlugin.MCAP, StoragePlugin.SQLITE3)))
 EXPECTED = 'expected a rosbag2 folder with metadata.yaml, a .mcap file or a .db3 file'
 MAX_CHUNK_BYTES = 2**28    # that a chunk of a .mcap unpacks to; usual are 1 to 4 MB
 

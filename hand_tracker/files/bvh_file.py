@@ -12,9 +12,9 @@ import numpy as np
 from .point_recording import Axes, PointBuffer, PointRecording, RecordingError, unique_labels
 from .skeleton_motion import SkeletonMotion
 from .text_table import TextTable, count_of, number_of, open_packed
+from .written_kinds import EULER_ORDERS
 
 BVH_START = 'HIERARCHY'
-EULER_ORDERS = ('ZXY', 'ZYX', 'XYZ', 'XZY', 'YXZ', 'YZX')
 CHANNELS = tuple(f'{axis}{kind}' for kind in ('position', 'rotation') for axis in 'XYZ')
 MAX_BVH_JOINTS = 4096
 MAX_BVH_NUMBERS = 2**28    # of a motion that is read whole

@@ -10,6 +10,7 @@ import numpy as np
 from ..core.model.hand import DIGITS, JOINTS, LINKS, Hand
 from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
 from .point_recording import ROTATIONS, Axes, PointRecording
+from .written_kinds import NAMINGS
 
 # Joints behind the wrist: the link that each turns, parents first. Abduction and flexion of a
 # knuckle are one joint.
@@ -22,7 +23,6 @@ LANDMARK_AT_LINK = {
         ('metacarpal', 'proximal', 'distal') if digit == 'thumb' else
         ('metacarpal', 'proximal', 'middle', 'distal'),
         ('cmc', 'mcp', 'ip') if digit == 'thumb' else ('cmc', 'mcp', 'pip', 'dip'))}
-NAMINGS = ('humanik', 'mixamo', 'xsens', 'unity', 'rokoko', 'optitrack')
 PINKY_NAMINGS = 'humanik', 'mixamo', 'optitrack'    # others say little
 ORDINALS = {'thumb': 'First', 'index': 'Second', 'middle': 'Third', 'ring': 'Fourth',
             'little': 'Fifth'}

@@ -23,7 +23,8 @@ from ..messages.marker_array import MARKER_ARRAY
 from ..messages.stamps import header_stamp, marker_stamps, restamp
 from ..simulation.cameras import CAMERAS_RANGE, PAPER_CAMERAS, CameraRig
 from ..simulation.faults import FAULT_RATE_RANGE, Faults
-from ..simulation.motions import DURATION_RANGE, FRAME_RATE_RANGE, MOTION_DURATION, MOTIONS
+from ..simulation.motion_names import MOTION_DURATION
+from ..simulation.motions import DURATION_RANGE, FRAME_RATE_RANGE, MOTIONS
 from ..simulation.packaged_recordings import JOINT_TRUTH_TOPIC, MARKER_TOPIC, RECORDING_FRAME_ID
 from ..simulation.simulator import (
     MARKER_TRUTH_TOPIC,

@@ -15,12 +15,12 @@ from ..core.model.hand import DIGITS, JOINTS, Hand
 from .gestures import GRASPS, LETTER_SHAPES, REST_SHAPE, Shape, grasp_shape, shape_angles
 from .layers import LayeredMotion, Strokes, Tremor, finger_stroke
 from .motion import SI_OF_SWAY, Keyframe, Motion, Sway, demo_motion, motion_through
+from .motion_names import MOTION_DURATION
 from .range_of_motion import range_of_motion
 
 HandMotion = Motion | LayeredMotion
 MotionMaker = Callable[[Hand, float, np.random.RandomState], HandMotion]
 
-MOTION_DURATION = 20.                      # [s]
 DURATION_RANGE = (1., 3600.)        # [s]
 FRAME_RATE_RANGE = (1., 960.)             # [Hz]
 

@@ -19,7 +19,8 @@ from ..files.bags import BagMessage, bag_message, marker_array_message, pose_mes
 from ..files.hand_file import choose_hand
 from .cameras import CameraRig
 from .faults import Event, Faults, fault_events, with_faults
-from .motions import FRAME_RATE_RANGE, MOTION_DURATION, HandMotion, motion_named
+from .motion_names import MOTION_DURATION, PAPER_RATE
+from .motions import FRAME_RATE_RANGE, HandMotion, motion_named
 from .packaged_recordings import (
     RECORDING_DECIMALS,
     RECORDING_FRAME_ID,
@@ -31,7 +32,6 @@ from .visibility import markers_inside, observe, raised_to_skin, skin_layout
 
 WRIST_TRUTH_TOPIC, MARKER_TRUTH_TOPIC = '/wrist_truth', '/markers_truth'
 
-PAPER_RATE = 480.             # [Hz] of the paper's cameras
 BLOCK_LENGTH = .5             # [s] simulated at once
 # Standard deviations of calibrated lengths, relative [1], of marker offsets per axis [m], and of
 # the coupling's slope, relative [1], and offset [rad]; ours, unsourced.

@@ -20,11 +20,10 @@ from ..files.bvh_file import (
     rotation_channels,
 )
 from ..files.skeleton_motion import SkeletonMotion
+from ..files.written_kinds import WRISTS
 from .body_skeleton import BodyHand, hand_joint_names, skeleton_naming
 from .clock_alignment import ClockAlignment, Trajectory
 from .hand_mount import HandMount, fit_mount, rest_mount
-
-WRISTS = ('body', 'hand')  # whose rotation of the wrist is kept
 
 
 class SplicedHand(NamedTuple):

@@ -16,13 +16,13 @@ from ..files.angle_table import write_angle_table
 from ..files.bag_points import point_topic
 from ..files.bags import (
     JOINT_STATE,
-    STORAGE,
     TF,
     Bag,
     BagError,
     BagMessage,
     write_bag,
 )
+from ..files.written_kinds import TABLE
 from ..messages.cdr import MalformedMessage, MarkerReader
 from ..messages.labels import LabelMap
 from ..messages.marker_array import MARKER_ARRAY
@@ -35,8 +35,6 @@ from .point_labels import PointLabelReader, PointLabels
 from .setting_names import PARAMETER_NAMES
 from .stream import Reader, Stream, TrackedFrame
 
-TABLE = '.csv'
-OUTPUT_KINDS = (TABLE, *STORAGE)
 POSE_SIZE = 7  # numbers of a position and a quaternion
 
 

@@ -9,25 +9,21 @@ import numpy as np
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import LINKS, Hand
-from ..files.bvh_file import EULER_ORDERS, write_bvh
+from ..files.bvh_file import write_bvh
 from ..files.glb_file import BoundMesh, strongest_influences, write_glb
 from ..files.recordings import write_recording
 from ..files.skeleton_motion import (
-    NAMINGS,
     SKELETON_LINKS,
     HandAngles,
     joint_centres,
     skeleton_motion,
     t_pose_turn,
 )
+from ..files.written_kinds import EULER_ORDERS, MOTION_KINDS, NAMINGS, POINT_KINDS
 from ..output_files import write_whole
 from ..skin.load import load_skin
 from ..skin.skinning import Skin
 from .recording import RecordedFrame
-
-POINT_KINDS = ('.trc', '.c3d')
-SKINNED_KIND = '.glb'
-MOTION_KINDS = ('.bvh', SKINNED_KIND, *POINT_KINDS)
 
 
 def collect_frames(frames: Iterable[RecordedFrame], hand: Callable[[], Hand]) -> HandAngles:

@@ -15,12 +15,14 @@ from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.files import npz_file
 from hand_tracker.files.point_recording import Axes, PointRecording, RecordingError
 from hand_tracker.files.recordings import (
+    FORMATS,
     VICON_CSV,
     ReadingOptions,
     read_recording,
     recognised_format,
     write_recording,
 )
+from hand_tracker.files.written_kinds import WRITTEN_FORMATS
 
 NEEDS = 'ezc3d', 'mcap_ros2'
 SUFFIXES = ('.c3d', '.trc', '.tsv', '.csv', 'vicon.csv', '.npz', '.mcap', '.db3')
@@ -304,3 +306,8 @@ def test_missing_and_unwritable_paths_are_named(tmp_path):
         write_recording(tmp_path / 'a.bvh', hand_recording(3))
     with pytest.raises(RecordingError, match='no folder'):
         write_recording(tmp_path / 'none' / 'a.trc', hand_recording(3))
+
+
+def test_options_list_every_format_that_is_written():
+    assert WRITTEN_FORMATS == tuple(
+        one.name.lower().replace(' ', '-') for one in FORMATS if one.write)

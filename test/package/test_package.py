@@ -140,7 +140,10 @@ def test_help_imports_nothing_that_computes():
     ['demo', '--robot', 'none.urdf'], ['view', 'none.mcap'], ['robot', 'inspect', 'none.urdf'],
     ['robot', 'view', 'none.urdf'], ['calibrate', 'none.npz', '-o', 'hand.yaml'],
     ['evaluate', 'markers', 'none.npz'], ['evaluate', 'none'], ['skin', '--side', 'up'],
-    ['urdf', '--hand', 'none.yaml'], ['plot', 'none.mcap'], ['record', '--side', 'up']],
+    ['urdf', '--hand', 'none.yaml'], ['plot', 'none.mcap'], ['record', '--side', 'up'],
+    ['track', 'none.mcap', '-o', 'angles.csv'], ['track', '--wrong'], ['simulate', '--wrong'],
+    ['convert', 'none.mcap', 'other.c3d'], ['convert', '--wrong'], ['inspect', 'none.c3d'],
+    ['splice', 'none.bvh', 'none.mcap', '-o', 'out.bvh'], ['splice', '--wrong']],
     ids=' '.join)
 def test_what_is_wrong_is_said_before_anything_heavy_is_imported(arguments):
     code, modules = run_python(

@@ -7,6 +7,7 @@ from hand_tracker.core.model.hand import FINGERS, JOINTS, Hand, preset_limits
 from hand_tracker.simulation.gestures import GRASPS, LETTER_SHAPES, grasp_shape, shape_angles
 from hand_tracker.simulation.layers import ENSLAVING, Strokes, Tremor, finger_stroke
 from hand_tracker.simulation.motion import demo_motion
+from hand_tracker.simulation.motion_names import MOTION_NAMES
 from hand_tracker.simulation.motions import (
     DURATION_RANGE,
     MOTIONS,
@@ -153,3 +154,7 @@ def test_says_what_there_is():
         motion_named('clapping', HAND)
     with pytest.raises(UnknownMotion, match=f'duration: 0 s.*{DURATION_RANGE[1]:g}'):
         motion_named('piano', HAND, duration=0.)
+
+
+def test_options_list_every_motion():
+    assert MOTION_NAMES == tuple(MOTIONS)

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.model.hand import DIGITS, LINKS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table, tip_offsets
-from hand_tracker.files.bvh_file import EULER_ORDERS
 from hand_tracker.files.recordings import read_recording
 from hand_tracker.files.skeleton_motion import (
     NAMINGS,
@@ -18,6 +17,7 @@ from hand_tracker.files.skeleton_motion import (
     HandAngles,
     joint_names,
 )
+from hand_tracker.files.written_kinds import EULER_ORDERS
 from hand_tracker.skin.load import load_skin
 from hand_tracker.skin.skinning import deform
 from hand_tracker.tracking.save_motion import bound_mesh, save_motion

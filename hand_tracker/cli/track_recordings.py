@@ -1,0 +1,219 @@
+"""Work of the command `hand_tracker track`: recordings tracked, one or many."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+from ..core.model.hand import BOTH, SIDES
+from ..files.bags import STORAGE, BagError
+from ..files.recordings import FILE_SUFFIXES
+from ..files.remote_files import Url, exists, local_copy, matching, upload
+from ..files.written_kinds import OUTPUT_KINDS, SKINNED_KIND, TABLE, TRACKED_KINDS
+from ..parallel import Interruptions, TaskResult, run_tasks
+from ..progress import Progress
+from ..skin.surface import require_surface_library
+from ..tracking.compile_kernels import prepare_kernels
+from ..tracking.recording import save, save_hands
+from ..tracking.save_motion import collect_frames, save_motion
+from .tracking_job import ProgressMaker, tracked_hands, tracked_recording
+
+BAG_CONTENTS = 'metadata.yaml'     # file by which a folder is a recording
+ALREADY_THERE = 'already there'
+WITHOUT_HAND_FILE = (
+    'no hand file: markers count as at the joints; where they are worn on the skin, PIP is tens of '
+    'degrees off until a hand is fitted (hand_tracker calibrate)')
+
+
+class TrackedFile(NamedTuple):
+    """Result of tracking one recording.
+
+    Attributes
+    ----------
+    output : Path or Url
+    read, tracked : int
+        Frames.
+    rate : float
+        Frames in a second of work.
+    """
+
+    output: Path | Url
+    read: int
+    tracked: int
+    rate: float
+
+    def __str__(self) -> str:
+        return (f'{self.output}: {self.tracked} of {self.read} frames tracked, '
+                f'{self.rate:.0f} a second')
+
+
+def refuse_to_replace(recording: Path, output: Path) -> None:
+    """Raise `BagError` where an output would replace the recording, or a folder."""
+    sources = recording.iterdir() if recording.is_dir() else (recording,)
+    there = output.exists() and recording.exists()
+    if output.is_dir() or there and any(map(output.samefile, sources)):
+        raise BagError(f'{output}: would replace the recording or a folder; '
+                       'expected another name for the output')
+
+
+def track_file(options: argparse.Namespace, interrupted: Interruptions,
+                progress: ProgressMaker = Progress) -> TrackedFile:
+    """Track the recordings of a command line; return their results, for the closing lines."""
+    output = options.output
+    if output.suffix not in TRACKED_KINDS:
+        raise BagError(f'{output}: unknown extension {output.suffix!r}; '
+                       f'expected {", ".join(TRACKED_KINDS)}')
+    if output.suffix == SKINNED_KIND:
+        require_surface_library()
+    prepare_kernels(partial(print, file=sys.stderr))
+    start = time.monotonic()
+    refuse_to_replace(options.recording, output)
+    # The frames look for an interruption: it never comes while a file is begun or ended.
+    if options.side == BOTH:
+        if output.suffix not in OUTPUT_KINDS:
+            raise BagError(f'{output}: a {output.suffix} file has one hand; expected '
+                           f'{", ".join(OUTPUT_KINDS)} with --side both')
+        with (tracked_hands(options, interrupted, progress) as (job, of_hands),
+              interrupted.only_noted()):
+            prefixes = [f'{side}_' for side in SIDES]
+            save_hands(output, ({f'{side}_': frame for side, frame in frames.items()}
+                                for frames in of_hands), prefixes,
+                       prefixes if options.wrist else ())
+    else:
+        with (tracked_recording(options, interrupted, progress) as (hand, job, frames),
+              interrupted.only_noted()):
+            if options.hand is None and not job.layout.offsets.any():
+                job.say(WITHOUT_HAND_FILE)
+            if output.suffix in OUTPUT_KINDS:
+                save(output, frames, f'{hand.side}_', options.wrist)
+            else:
+                tracked = collect_frames(frames, lambda: job.hand)
+                save_motion(output, tracked, options.names, options.order)
+    elapsed = time.monotonic() - start
+    return TrackedFile(output, job.read, job.tracked, job.read / elapsed)
+
+
+def _track_located(options: argparse.Namespace, interrupted: Interruptions,
+                   progress: ProgressMaker = Progress) -> TrackedFile:
+    """Track a recording of which the input, the output or both may be elsewhere."""
+    if isinstance(options.recording, Url):
+        with local_copy(options.recording) as copy:
+            return _track_located(_with(options, recording=copy), interrupted, progress)
+    if isinstance(options.output, Url):
+        with TemporaryDirectory(prefix='hand_tracker-') as folder:
+            local = Path(folder, options.output.name)
+            found = track_file(_with(options, output=local), interrupted, progress)
+            upload(local, options.output)
+        return found._replace(output=options.output)
+    return track_file(options, interrupted, progress)
+
+
+def _with(options: argparse.Namespace, **changed: Any) -> argparse.Namespace:
+    return argparse.Namespace(**{**vars(options), **changed})
+
+
+def _expanded(recordings: list[Path | Url]) -> list[Path | Url]:
+    """Return recordings, those in a folder that is no rosbag2 recording in its place."""
+    found: list[Path | Url] = []
+    for one in recordings:
+        if isinstance(one, Url):
+            found += matching(one)
+        elif one.is_dir() and not (one / BAG_CONTENTS).exists():
+            inside = [path for path in sorted(one.iterdir())
+                      if path.suffix in (*STORAGE, *FILE_SUFFIXES)
+                      or (path / BAG_CONTENTS).exists()]
+            if not inside:
+                raise BagError(f'{one}: no recording in this folder')
+            found += inside
+        else:
+            found.append(one)
+    return found
+
+
+def _track_into_folder(options: argparse.Namespace, interrupted: Interruptions) -> str:
+    """Track several recordings, a file for each; return what to say at the end."""
+    folder = options.output
+    if Path(folder).suffix in TRACKED_KINDS:
+        raise BagError(f'{folder}: several recordings, or --format, fill a folder; '
+                       f'expected a name without {Path(folder).suffix}')
+    stems = _different_names(options.recordings)
+    names = [f'{stem}.{options.format or TABLE[1:]}' for stem in stems]
+    outputs = [Url(f'{folder.rstrip("/")}/{name}') if isinstance(folder, Url)
+               else (folder / name).absolute() for name in names]
+    for name, output in zip(names, outputs):
+        if outputs.count(output) > 1:
+            same = [str(recording) for recording, other in zip(options.recordings, outputs)
+                    if other == output]
+            raise BagError(f'{folder}/{name}: would be written for {" and ".join(same)}; '
+                           'expected different names, or a command for each')
+    if isinstance(folder, Path):
+        folder.mkdir(parents=True, exist_ok=True)
+    is_there = [options.resume and (exists(output) if isinstance(output, Url)
+                                    else output.exists()) for output in outputs]
+    # Workers of a cluster may be in other folders.
+    tasks = [_with(options, recording=recording if isinstance(recording, Url)
+                   else recording.absolute(), output=output)
+             for recording, output, skip in zip(options.recordings, outputs, is_there) if not skip]
+    rows: dict[Path | Url, tuple[str, ...]] = {
+        output: (ALREADY_THERE,) for output, skip in zip(outputs, is_there) if skip}
+    progress = Progress(len(tasks), 'recordings')
+    results = run_tasks(_track_located, tasks, options.jobs, interrupted, options.cluster)
+    tracked = len(rows)
+    for result, task in zip(progress.over(results), tasks):
+        tracked += result.value is not None
+        rows[task.output] = _row(result, task)
+        for line in result.lines:
+            line = line.replace(f'{Path(task.output).parent}/', f'{folder}/') \
+                if isinstance(folder, Path) else line
+            named = line.startswith(str(task.recording))
+            progress.say(line if named else f'{task.recording.name}: {line}')
+    print(_table([(stem, *rows[output]) for stem, output in zip(stems, outputs)]))
+    count = len(options.recordings)
+    if tracked < count:
+        raise BagError(f'{folder}: only {tracked} of {count} recordings tracked')
+    return f'{folder}: {count} recordings tracked'
+
+
+def _row(result: TaskResult, task: argparse.Namespace) -> tuple[str, ...]:
+    """Return the cells of a recording's row behind its name: result, frames, share, speed."""
+    found = result.value
+    if found is None:
+        return (f'failed: {result.lines[-1].removeprefix(f"{task.recording}: ")}',)
+    return (task.output.name, str(found.read), f'{100. * found.tracked / max(found.read, 1):.1f}',
+            f'{found.rate:.0f}')
+
+
+def _table(rows: list[tuple[str, ...]]) -> str:
+    """Return the summary of several recordings."""
+    cells = [('recording', 'frames', 'tracked %', 'frames/s', 'result')]
+    cells += [(name, *(numbers or ('',) * 3), result) for name, result, *numbers in rows]
+    widths = [max(len(row[k]) for row in cells) for k in range(4)]
+    return '\n'.join('  '.join([row[0].ljust(widths[0]),
+                                *(row[k].rjust(widths[k]) for k in (1, 2, 3)), row[4]])
+                     for row in cells)
+
+
+def _different_names(recordings: Sequence[Path | Url]) -> list[str]:
+    """Return names for recordings: without a suffix, but where two differ by it alone."""
+    named = [Path(one.name) if isinstance(one, Url) else one.resolve() for one in recordings]
+    # A folder's name may have dots.
+    stems = [one.stem if one.suffix in (*STORAGE, *FILE_SUFFIXES) else one.name for one in named]
+    return [one.name if stems.count(stem) > 1 else stem for one, stem in zip(named, stems)]
+
+
+def track_recordings(options: argparse.Namespace, interrupted: Interruptions) -> str:
+    """Track one recording into a file, or several into a folder; return the closing line."""
+    given, options.recordings = options.recordings, _expanded(options.recordings)
+    if given != options.recordings or len(given) > 1 or options.format:
+        return _track_into_folder(options, interrupted)
+    if options.cluster or options.resume:
+        raise BagError('--cluster and --resume fill a folder; expected several recordings, a '
+                       'folder, or --format')
+    options.recording, = options.recordings
+    return str(_track_located(options, interrupted))
