@@ -68,3 +68,22 @@ def test_wrists_at_rest_and_short_recordings_are_refused():
     still = np.zeros_like(body.positions)
     with pytest.raises(AlignmentError, match="body's wrist moves at one speed"):
         align_clocks(Trajectory(body.times, still), hand)
+
+
+@pytest.mark.parametrize('share', [.01, .003])
+def test_of_a_wrist_that_hardly_moves_no_sure_offset_is_told(share):
+    random = np.random.default_rng(9)
+    for seed in (3, 5, 9):
+        slowed = []
+        for times, positions in recordings(6., seed, offset=.35):
+            unit = 100. if not slowed else 1.    # the body is in centimetres
+            middle = positions.mean(axis=0)
+            slowed.append(Trajectory(times, middle + share * (positions - middle) + random.normal(
+                0., 1e-3 * unit, positions.shape)))
+        try:
+            found = align_clocks(*slowed)
+        except AlignmentError as error:
+            assert '--offset SECONDS' in str(error)
+        else:
+            assert not found.is_sure and found.confidence < .5 and found.deviation > .004
+            assert abs(found.offset - .35) < 4. * found.deviation
