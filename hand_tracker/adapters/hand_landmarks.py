@@ -51,7 +51,7 @@ def named_landmarks(message: Any, side: str) -> SourceFrame:
         If names, poses and validity are not equally many, or none is of this side.
     """
     try:
-        found = named_hands(message).get(side)
+        found = named_hands(message, (side,)).get(side)
     except MalformedMessage as error:
         raise MalformedFrame(str(error)) from None
     if found is None:

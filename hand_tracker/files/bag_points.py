@@ -25,6 +25,7 @@ from ..messages.message_kinds import (
     RIGID_BODIES,
     MalformedMessage,
 )
+from ..messages.point_cloud_parser import MOST_MARKERS
 from ..messages.stamps import nanoseconds, stamp_of
 from ..messages.templates import Template, markers_template
 from .bags import TYPE_STORE, Bag, BagError, BagMessage, open_bag, write_bag
@@ -83,13 +84,15 @@ def point_topics(bag: Bag, topic: str | None = None) -> list[str]:
     Returns
     -------
     list of str
-        Without either all with messages of points.
+        Without either all with MarkerArrays, and without these all with messages of points.
     """
     fitting = sorted(name for name, kind in bag.topics.items() if kind in POINT_MESSAGES)
     for wanted in (topic, f'/{topic.lstrip("/")}') if topic else (USUAL_TOPIC,):
         if wanted in fitting:
             return [wanted]
-    return [] if topic else fitting
+    if topic:
+        return []
+    return [name for name in fitting if bag.topics[name] == MARKER_ARRAY] or fitting
 
 
 def point_topic(bag: Bag, topic: str | None = None) -> str:
@@ -99,7 +102,8 @@ def point_topic(bag: Bag, topic: str | None = None) -> str:
     ----------
     bag : Bag
     topic : str, optional
-        That asked for; else it is '/markers' or the only one with messages of points.
+        That asked for; else it is '/markers', the only one with MarkerArrays, or the only one
+        with messages of points.
 
     Raises
     ------
@@ -132,8 +136,8 @@ def has_other_messages(path: str | PathLike[str], topic: str | None = None) -> b
         If it cannot be read.
     """
     with open_bag(path) as bag:
-        found = point_topics(bag, topic)
-        return len(found) == 1 and bag.topics[found[0]] != MARKER_ARRAY
+        found = point_topics(bag, topic) or point_topics(bag)
+        return bool(found) and all(bag.topics[name] != MARKER_ARRAY for name in found)
 
 
 def read_bag_points(path: Path, zero_is_missing: bool = True,
@@ -175,6 +179,9 @@ def read_bag_points(path: Path, zero_is_missing: bool = True,
             except MalformedMessage as error:
                 raise RecordingError(f'{path}: {topic}: the message of {message.time} ns is no '
                                      f'whole {kind}: {error}') from error
+            if kind == POINT_CLOUD.type and len(frame.points) >= MOST_MARKERS:
+                raise RecordingError(f'{path}: {topic}: a cloud of {MOST_MARKERS} points or more; '
+                                     'expected fewer: markers, not the surface of things')
             # Points without a name are told apart by their number alone.
             numbers = count()
             row = np.array([columns.setdefault((name, 0 if name else next(numbers)), len(columns))
@@ -303,6 +310,7 @@ def marker_messages(points: np.ndarray, times: Sequence[int], names: Sequence[st
     start : int, optional
         Only frames at this time or later [ns].
     frame_id : str, optional
+        Of the messages.
 
     Yields
     ------

@@ -7,7 +7,7 @@ call a joint by the bone that begins there: INDEX_PROXIMAL is the index finger's
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,13 +66,15 @@ class NamedHand(NamedTuple):
     points: np.ndarray
 
 
-def named_hands(message: Any) -> dict[str, NamedHand]:
+def named_hands(message: Any, sides: Collection[str] = SIDES) -> dict[str, NamedHand]:
     """Return the landmarks in a NamedPoseArray by the side of their hand, without other names.
 
     Parameters
     ----------
     message : teleop_ros2_interfaces/NamedPoseArray
         Of rclpy or of rosbags.
+    sides : collection of str, optional
+        Of the hands that are wanted.
 
     Raises
     ------
@@ -86,7 +88,7 @@ def named_hands(message: Any) -> dict[str, NamedHand]:
     found: dict[str, tuple[list[str], list[Sequence[float]]]] = {}
     for name, pose, is_valid in zip(message.name, message.pose, message.is_valid):
         side, _, landmark = name.partition('_')
-        if side.lower() in SIDES and landmark.upper() in OPENXR:
+        if side.lower() in sides and landmark.upper() in OPENXR:
             names, places = found.setdefault(side.lower(), ([], []))
             at = pose.position
             names.append(OPENXR[landmark.upper()])

@@ -23,8 +23,6 @@ KNOWN_FIELDS = {
             'pose': 'sequence<geometry_msgs/Pose>', 'is_valid': 'sequence<boolean>'}}}
 
 
-
-
 def _as_in_file(field_type: str) -> str:
     """Return the type of a field as a .msg file has it."""
     element = field_type.removeprefix('sequence<').removesuffix('>').replace('boolean', 'bool')

@@ -10,7 +10,7 @@ import struct
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from importlib import import_module
 from itertools import count
 from math import inf
@@ -149,7 +149,8 @@ class ReplayNode(Node):
                 self.get_logger().info(f'{bag.path}: {in_parameters(note)}')
             start = bag.start + round(options.start_offset * 1e9)
             outputs = self._open_outputs(bag)
-            markers = [topic for topic in outputs if bag.topics[topic] in POINT_MESSAGES]
+            points = [topic for topic in outputs if bag.topics[topic] in POINT_MESSAGES]
+            markers = [topic for topic in points if bag.topics[topic] == MARKER_ARRAY] or points
             interval = bag.duration // max(1, max(bag.counts[topic] for topic in markers) - 1)
             lap = bag.start + bag.duration - start + (interval or ONE_MESSAGE_LAP)
             playback = Playback(start, options.rate, options.start_paused)
@@ -178,16 +179,18 @@ class ReplayNode(Node):
         reading = ReadingOptions(options.units or None, up or None, options.handed or None,
                                  partial=options.partial)
         recording = options.recording or packaged_recording()
-        try:
-            layout = choose_layout(options.layout) if options.layout else None
-            names = named_labels(options.markers, MARKERS if layout is None else layout.names)
-            choice = MarkerChoice(reading, options.side or None, names, layout, None)
-            # Topics that are named are played as they are.
-            with open_bag(recording) if options.topics and is_bag(recording) else open_recording(
-                    recording, choice) as bag:
-                yield bag
-        except HandTrackerError as error:
-            raise BagError(in_parameters(str(error))) from error
+        with ExitStack() as stack:
+            try:
+                layout = choose_layout(options.layout) if options.layout else None
+                names = named_labels(options.markers, MARKERS if layout is None else layout.names)
+                choice = MarkerChoice(reading, options.side or None, names, layout, None)
+                # Topics that are named are played as they are.
+                bag = stack.enter_context(
+                    open_bag(recording) if options.topics and is_bag(recording)
+                    else open_recording(recording, choice))
+            except HandTrackerError as error:
+                raise BagError(in_parameters(str(error))) from error
+            yield bag
 
     def _publish(self, message: ReplayedMessage, due: int) -> None:
         data = restamp(message.data, message.stamps, due) if message.stamps else message.data

@@ -43,8 +43,8 @@ BAG_OPTION_NAMES = SettingNames(
 FILE_OPTION_NAMES = BAG_OPTION_NAMES._replace(
     scale='--units', labels='--markers', label='--markers {}=LABEL')
 # Options that notes and faults of recordings name, which are parameters of the replay node too.
-READING_OPTION = re.compile(r'--(?:(partial)|(layout|markers) ([\w-]+(?:=[\w.,]+)?)'
-                            r'|(units|up|side|handed|layout|markers)(?: (right|left)\b)?)')
+READING_OPTION = re.compile(r'(?<![\w-])--(?:(partial)|(layout|markers) ([\w-]+(?:=[\w.,]+)?)'
+                            r'|(units|up|side|handed|layout|markers)(?: (right|left)\b)?)(?![\w-])')
 
 
 def in_parameters(text: str) -> str:

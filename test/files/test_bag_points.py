@@ -23,12 +23,17 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from hand_tracker.__main__ import main
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.evaluation.captures import load_capture
-from hand_tracker.files.bag_points import read_bag_points
+from hand_tracker.files.bag_points import (
+    has_other_messages,
+    marker_messages,
+    read_bag_points,
+)
 from hand_tracker.files.bags import TYPE_STORE, open_bag
 from hand_tracker.files.point_recording import RecordingError
 from hand_tracker.files.recordings import ReadingOptions, read_recording
 from hand_tracker.messages.joint_states import JointStateReader
 from hand_tracker.messages.landmark_kinds import LANDMARK_ORDERS
+from hand_tracker.messages.marker_array import MARKER_ARRAY
 from hand_tracker.messages.message_definitions import DEFINITIONS
 from hand_tracker.messages.stamps import nanoseconds
 
@@ -111,6 +116,37 @@ def test_stamps_and_frame_stay_as_they_were_recorded(bags, tmp_path):
             next(bag.messages(['/tf'])).data, 'tf2_msgs/msg/TFMessage').transforms[0]
     assert stamps == [stamp_ns(number) for number in range(150)]
     assert transform.header.frame_id == FRAME_ID
+
+
+def write_clouds(path, points, and_markers=()):
+    """Write a recording of a cloud in each of two messages, and of MarkerArrays beside them."""
+    with Writer(path, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
+        name = 'sensor_msgs/msg/PointCloud2'
+        clouds = writer.add_connection('/camera/depth', name, typestore=TYPE_STORE)
+        arrays = writer.add_connection('/hand/markers', MARKER_ARRAY, typestore=TYPE_STORE)
+        for number in range(2):
+            writer.write(clouds, stamp_ns(number),
+                         TYPE_STORE.serialize_cdr(cloud_message(points, number), name))
+        for message in and_markers:
+            writer.write(arrays, message.time, message.data)
+    return path / f'{path.name}.mcap'
+
+
+def test_marker_arrays_are_chosen_beside_the_cloud_of_a_camera(tmp_path):
+    messages = list(marker_messages(np.zeros((3, 2, 3)), [10**9, 2 * 10**9, 3 * 10**9], 'ab'))
+    path = write_clouds(tmp_path / 'take', np.ones((50, 3)), messages)
+    assert not has_other_messages(path)
+    assert read_recording(path, ReadingOptions(zero_is_missing=False)).labels == ('a/0', 'b/1')
+
+
+def test_a_cloud_of_a_surface_is_refused(tmp_path):
+    path = write_clouds(tmp_path / 'take', np.random.default_rng(0).normal(size=(1200, 3)))
+    with pytest.raises(RecordingError, match='/camera/depth: a cloud of 1000 points or more'):
+        read_recording(path, ReadingOptions(topic='/camera/depth'))
+
+
+def test_several_topics_without_marker_arrays_are_not_played_as_they_are(tmp_path):
+    assert has_other_messages(write_point_bag(tmp_path / 'both', ['cloud', 'poses']))
 
 
 def test_convert_writes_the_points_of_the_topic_asked_for(tmp_path, capsys):

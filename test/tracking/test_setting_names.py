@@ -18,7 +18,8 @@ from hand_tracker.tracking.setting_names import in_parameters
     ('expected --layout sig18_19, whose markers are all there, or --markers wrist=LABEL,... with',
      'expected layout:=sig18_19, whose markers are all there, or markers:=wrist=LABEL,... with'),
     ('cut (--partial reads what is there)', 'cut (partial:=true reads what is there)'),
-    ('no option --at all, a - b -- c', 'no option --at all, a - b -- c')])
+    ('take--up.c3d: --updated, no option --at all', 'take--up.c3d: --updated, no option --at all'),
+    ('a - b -- c', 'a - b -- c')])
 def test_options_become_parameters(text, said):
     assert in_parameters(text) == said
 
