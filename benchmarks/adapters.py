@@ -6,7 +6,9 @@ Each source has a tracker that takes its messages as they are, another one behin
 (`..._node`), and one in the source node's process (`..._all`); `markers` is a tracker that gets
 MarkerArrays. All run at once and are measured in turns, one frame on its way at a time, of eight
 markers; the ratio is that of the medians, the processor time that of all processes of a row.
-OptiTrack and Qualisys are simulated servers on this machine.
+OptiTrack and Qualisys are simulated servers on this machine. In the tracker's process (`..._all`)
+their packets may also have the thumb occluded (`natnet_occluded`), a list of three unlabelled
+markers (`..._unlabelled`), or a body of 300 markers, which are left out (`natnet_large`).
 """
 
 import argparse
@@ -32,7 +34,13 @@ DIRECT = {'point_cloud': 'point_cloud', 'mocap4r2': 'mocap4r2_markers', 'landmar
 # Behind a source's name: through a source node, in a process of its own or in the tracker's.
 AS_NODE, IN_ONE = '_node', '_all'
 SERVERS = 'natnet', 'qualisys'
-SOURCES = *DIRECT, *(f'{name}{how}' for how in (AS_NODE, IN_ONE) for name in (*DIRECT, *SERVERS))
+# Packets of these in the tracker's process, with more in them or less.
+OCCLUDED, UNLABELLED, LARGE = '_occluded', '_unlabelled', '_large'
+PACKETS = (*(f'{name}{how}' for name in SERVERS for how in (OCCLUDED, UNLABELLED)),
+           f'natnet{LARGE}')
+CROWD = {'crowd': tuple(map(str, range(300)))}
+SOURCES = (*DIRECT, *(f'{name}{how}' for how in (AS_NODE, IN_ONE)
+                      for name in (*DIRECT, *SERVERS)), *PACKETS)
 
 
 def hand_frames(rate):
@@ -46,7 +54,14 @@ def hand_frames(rate):
 
 def source_of(name):
     """Return the source of a row."""
-    return name.removesuffix(AS_NODE).removesuffix(IN_ONE)
+    for how in AS_NODE, IN_ONE, OCCLUDED, UNLABELLED, LARGE:
+        name = name.removesuffix(how)
+    return name
+
+
+def is_in_one(name):
+    """Return whether a row's source is in the tracker's process."""
+    return name.endswith(IN_ONE) or name in PACKETS
 
 
 class Sender:
@@ -67,6 +82,10 @@ class Sender:
         from visualization_msgs.msg import MarkerArray
         kinds = {BASE: MarkerArray, 'point_cloud': PointCloud2, 'landmarks': PoseArray}
         self._name, self._server, self._number = source_of(name), server, 0
+        self._how = name.removeprefix(self._name)
+        self._points = np.full((3, 3), .5) + np.eye(3)
+        self._crowd = {name: np.ones((len(names), 3)) for name, names in CROWD.items()
+                       if self._how == LARGE}
         if self._name == 'mocap4r2':
             from mocap4r2_msgs.msg import Markers
             kinds[self._name] = Markers
@@ -79,13 +98,19 @@ class Sender:
     def prepare(self, positions, stamp):
         """Return what sends a frame."""
         if self._name == 'natnet':
-            packet = self._server.packed({'hand': positions})
+            packet = self._server.packed(
+                {'hand': positions, **self._crowd},
+                unlabelled=self._points if self._how == UNLABELLED else (),
+                occluded=[('hand', 7)] if self._how == OCCLUDED else ())
             return lambda: self._server.send_at_once(packet)
         if self._name == 'qualisys':
             from helpers.qtm_server import data_packet
             self._number += 1
             packet = data_packet(
-                self._number, time.monotonic_ns() // 1000, {'3d': 1e3 * positions})
+                self._number, time.monotonic_ns() // 1000, {'3d': 1e3 * (
+                    np.vstack((positions[:7], np.full((1, 3), np.nan)))
+                    if self._how == OCCLUDED else positions),
+                    **({'3dnolabels': 1e3 * self._points} if self._how == UNLABELLED else {})})
             return lambda: self._server.send_at_once(packet)
         data = getattr(self, f'_{self._name}')(positions, stamp)
         return lambda: self._publisher.publish(data)
@@ -157,7 +182,8 @@ def start(stack, names):
         source, more = source_of(name), []
         if source in SERVERS:
             servers[name] = stack.enter_context(
-                NatNetServer((4, 1), {'hand': MARKERS}) if source == 'natnet' else
+                NatNetServer((4, 1), {'hand': MARKERS, **(
+                    CROWD if name.endswith(LARGE) else {})}) if source == 'natnet' else
                 QtmServer(MARKERS))
         if source == 'point_cloud':
             more = [part for row, marker in enumerate(MARKERS)
@@ -167,12 +193,13 @@ def start(stack, names):
         elif name != BASE:
             more += ['-r', f'markers:=/{name}/source/markers']
             origin = ['-p', f'source:={source}', '-p', f'topic:=/{name}/in',
-                      '-p', f'port:={servers[name].port if name in servers else 0}']
-            if name.endswith(IN_ONE):
+                      '-p', f'port:={servers[name].port if name in servers else 0}',
+                      *(['-p', 'subject:=hand'] if name.endswith(LARGE) else [])]
+            if is_in_one(name):
                 more += origin
             else:
                 run(name, 'source', *origin)
-        run(name, 'all tracker source' if name.endswith(IN_ONE) else 'tracker',
+        run(name, 'all tracker source' if is_in_one(name) else 'tracker',
             '-p', 'auto_size:=false', *more)
     return processes, servers
 

@@ -59,17 +59,23 @@ class MarkerArrayWriter:
         self._numbers[first:first + count] = frame.points[:count]
         return self.template.fill(stamp, self._numbers)
 
-    def places(self, origin: PacketOrigin) -> tuple[np.ndarray, np.ndarray]:
-        """Return the offsets of the last frame's points in its packet, and their markers.
+    def rows(self, origin: PacketOrigin) -> tuple[PacketOrigin, np.ndarray, np.ndarray]:
+        """Return the origin of the markers that the last message has, and their rows in it.
 
         Parameters
         ----------
         origin : PacketOrigin
-            Of that frame.
+            Of its frame.
+
+        Returns
+        -------
+        origin : PacketOrigin
+            Of the markers that count.
+        markers, points : ndarray of int
+            The message's markers that these are, and its places for anonymous points.
         """
-        first, points = len(self._ids.rows), origin.points[:MOST_MARKERS]
-        return (np.concatenate((origin.markers[self._taken], points)),
-                np.concatenate((self._places, np.arange(first, first + len(points)))))
+        return (origin.of_rows(self._taken.tolist()), self._places,
+                np.arange(len(self._ids.rows), len(self.template.numbers) // 3))
 
     def _prepare(self, frame: SourceFrame, count: int) -> None:
         self._layout = frame.frame_id, frame.names

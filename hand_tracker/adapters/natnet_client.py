@@ -41,7 +41,7 @@ from .natnet_packets import (
     server_info,
 )
 from .packet_reception import Relay, receive
-from .packet_structure import PacketOrigin
+from .packet_structure import HIDDEN, PacketOrigin
 from .point_frame import MalformedFrame, SourceFrame, SourceUnavailable, point_frame
 
 COMMAND_PORT = 1510
@@ -246,23 +246,25 @@ class NatNetClient:
         if len(self._nameless):
             points = np.concatenate((points, packet.markers[self._nameless]))
         frame = point_frame(stamp, '', self._names, packet.markers[self._taken], points)
-        self._on_frame(frame._replace(origin=self._origin(packet, frame)))
+        self._on_frame(frame._replace(origin=self._origin(packet)))
 
-    def _origin(self, packet: FramePacket, frame: SourceFrame) -> PacketOrigin | None:
-        """Return the offsets of a frame's numbers in its packet; None where some are missing."""
+    def _origin(self, packet: FramePacket) -> PacketOrigin | None:
+        """Return the offsets of a frame's numbers in its packet; None while names are missing."""
         structure = packet.structure
-        places = structure.places[:, 0]
-        parameters = np.frombuffer(structure.common.data, np.uint8)[structure.parameters]
-        if ((parameters & OCCLUDED).any()
-                or len(places) > structure.unlabelled or len(self._nameless)
-                or packet.models_changed
-                or len(frame.points) < structure.unlabelled - structure.free
-                or not np.isfinite(frame.markers).all()):
+        if len(self._nameless) or packet.models_changed:
             return None
+        places, free = structure.places[:, 0], structure.free
+        parameters = np.frombuffer(structure.common.data, np.uint8)[structure.parameters]
+        is_hidden = parameters & OCCLUDED > 0
+        in_sets = structure.unlabelled - len(is_hidden)
+        labelled = places[in_sets:structure.unlabelled]
+        shown = np.concatenate((places[:in_sets], np.where(is_hidden, HIDDEN, labelled)))
+        lonely, unlabelled = shown[free:], places[structure.unlabelled:]
         return PacketOrigin(
-            structure.common, places[:structure.free][self._taken],
-            places[structure.free:structure.unlabelled], np.eye(3), structure.times + 16,
-            structure.times, 1. / self._frequency, self._now, self._follow)
+            structure.common, shown[self._taken],
+            np.concatenate((unlabelled, lonely[lonely != HIDDEN])), np.eye(3),
+            structure.times + 16, structure.times, 1. / self._frequency, self._now, self._follow,
+            labelled[is_hidden], self._taken < in_sets, labelled, len(unlabelled))
 
     def _now(self) -> tuple[int, tuple[float, float, float], int]:
         assert self._sent is not None

@@ -42,7 +42,8 @@ class Relay(Protocol):
         timeout : float
             After which nothing is returned [s].
         is_stream : bool, optional
-            Whether packets come one after the other, the next one from its first byte on.
+            Whether packets come one after the other, the next one from its first byte on, each
+            beginning with its size in four bytes.
 
         Returns
         -------

@@ -13,6 +13,8 @@ import numpy as np
 
 FLOAT = np.dtype('<f4')
 POINT_SIZE = 3 * FLOAT.itemsize   # [bytes]
+HIDDEN = -1                       # in place of a place
+NOWHERE, NEVER = np.zeros(0, int), np.zeros(0, bool)
 
 
 class PacketStructure:
@@ -47,8 +49,10 @@ class PacketOrigin(NamedTuple):
     Attributes
     ----------
     structure : PacketStructure
-    markers, points : ndarray of int
-        Places of the frame's markers and of its anonymous points.
+    markers : ndarray of int
+        Places of the frame's markers, `HIDDEN` for those that no such packet shows.
+    points : ndarray of int
+        Places of the anonymous points; those without a finite position are left out of a frame.
     turn : ndarray, shape (3, 3)
         By which they are multiplied.
     order, time : int
@@ -59,6 +63,15 @@ class PacketOrigin(NamedTuple):
         Returns the last number that goes up, `ClockEstimate.line`, and `wall_offset` [ns].
     follow : callable
         To be called with a packet that was read by its origin alone, and when it was received.
+    filled_in : ndarray of int
+        Places of positions that were filled in for occluded markers.
+    may_be_filled : ndarray of bool
+        Of each marker, whether it is occluded where its position is one of those.
+    labelled : ndarray of int
+        Places of positions of labelled markers.
+    repeated : int
+        Number of the points, from the first on, that are left out where their position is one of
+        those.
     """
 
     structure: PacketStructure
@@ -70,6 +83,16 @@ class PacketOrigin(NamedTuple):
     tick: float
     now: Callable[[], tuple[int, tuple[float, float, float], int]]
     follow: Callable[[bytes, int], None]
+    filled_in: np.ndarray = NOWHERE
+    may_be_filled: np.ndarray = NEVER
+    labelled: np.ndarray = NOWHERE
+    repeated: int = 0
+
+    def of_rows(self, rows: list[int]) -> PacketOrigin:
+        """Return the origin of a frame with some of the markers, by their rows."""
+        flags = self.may_be_filled
+        return self._replace(markers=self.markers[rows],
+                             may_be_filled=flags[rows] if len(flags) else flags)
 
 
 def point_places(starts: Sequence[int]) -> np.ndarray:

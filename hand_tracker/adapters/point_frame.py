@@ -41,7 +41,7 @@ class SourceFrame(NamedTuple):
     points : ndarray, shape (n, 3)
         Anonymous points, in any order [m].
     origin : PacketOrigin or None
-        Where these numbers are in the packet that was read; None where they are not all there.
+        Where these numbers are in the packet that was read; None where that is not known.
     """
 
     stamp: Time | None
@@ -77,7 +77,7 @@ def of_subject(frame: SourceFrame, subject: str) -> SourceFrame:
         As in 'subject:marker'.
     """
     names, rows = _names_of_subject(frame.names, subject)
-    origin = frame.origin and frame.origin._replace(markers=frame.origin.markers[rows])
+    origin = frame.origin and frame.origin.of_rows(rows)
     return frame._replace(names=names, markers=frame.markers[rows], origin=origin)
 
 

@@ -211,13 +211,11 @@ class QualisysClient:
             points = np.concatenate((markers[len(names):], points))
             names, markers = names[:len(markers)], markers[:len(names)]
         found = point_frame(stamp, '', names, markers, points)
-        self._on_frame(found._replace(origin=self._origin(frame.structure, found)))
+        self._on_frame(found._replace(origin=self._origin(frame.structure, len(names))))
 
-    def _origin(self, structure: QtmStructure, frame: SourceFrame) -> PacketOrigin | None:
-        """Return the offsets of a frame's numbers in its packet; None where some are missing."""
-        places, named = structure.places[:, 0], len(frame.names)
-        if len(places) != named + len(frame.points) or not np.isfinite(frame.markers).all():
-            return None
+    def _origin(self, structure: QtmStructure, named: int) -> PacketOrigin:
+        """Return the offsets of a frame's numbers in its packet."""
+        places = structure.places[:, 0]
         return PacketOrigin(
             structure.common, places[:named], places[named:], MILLIMETRE * np.eye(3), QTM_ORDER,
             QTM_HEADER.size, 1e-6, self._now, self._follow)

@@ -101,14 +101,14 @@ def test_a_flood_of_points_is_cut(writer, said):
     assert len(markers) == MOST_MARKERS and '1001 anonymous points' in said['points']
 
 
-def test_points_that_are_cut_have_no_places(writer):
+def test_the_markers_that_count_have_rows_and_points_the_places_behind_them(writer):
     written(writer, ['a'], PLACES[:1], np.ones((MOST_MARKERS + 1, 3)))
     origin = PacketOrigin(PacketStructure(b'', b''), np.array([7]), np.arange(MOST_MARKERS + 1),
                           np.eye(3), 0, 0, 1., lambda: (0, (0., 0., 0.), 0), print)
-    places, rows = writer.places(origin)
-    np.testing.assert_array_equal(places, [7, *range(MOST_MARKERS)])
-    np.testing.assert_array_equal(rows, range(MOST_MARKERS + 1))
-    assert len(writer.template.numbers) == 3 * len(rows)
+    found, markers, points = writer.rows(origin)
+    assert found.markers.tolist() == [7] and markers.tolist() == [0]
+    np.testing.assert_array_equal(points, range(1, MOST_MARKERS + 1))
+    assert len(writer.template.numbers) == 3 * (MOST_MARKERS + 1)
 
 
 def test_points_are_turned_upright():

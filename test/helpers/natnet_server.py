@@ -195,10 +195,10 @@ class NatNetServer:
         self._send(data, target)
         return data
 
-    def packed(self, sets):
-        """Return a frame for `send_at_once`."""
+    def packed(self, sets, **more):
+        """Return a frame for `send_at_once`, with what `frame` takes besides."""
         self._number += 1
-        return bytearray(frame(self.version, self._number, sets))
+        return bytearray(frame(self.version, self._number, sets, **more))
 
     def send_at_once(self, data):
         """Send a frame, exposed now, from the caller's thread, past the network's faults."""

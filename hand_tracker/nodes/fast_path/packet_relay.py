@@ -16,7 +16,7 @@ import numpy as np
 from ...adapters import clock_estimate
 from ...adapters.marker_arrays import MarkerArrayWriter
 from ...adapters.packet_reception import MOST_AT_ONCE, ReceivedPacket
-from ...adapters.packet_structure import POINT_SIZE, PacketOrigin, PacketStructure
+from ...adapters.packet_structure import HIDDEN, POINT_SIZE, PacketOrigin, PacketStructure
 from ...core.numerics.jit import CACHE_FOLDER, COMPILED, DEFERRED, Pack, jit, packed
 from ...messages.cdr import ENCAPSULATION
 from ...messages.templates import Template, fill_template
@@ -31,14 +31,16 @@ if COMPILED:
     from .middleware import HANDED_OVER
     from .rcl import at, call
 
-PACKET_CAPACITY = 2**13   # [bytes] of a packet that is relayed
+PACKET_CAPACITY = MOST_AT_ONCE   # [bytes] of a packet that is relayed
 MOST_SOCKETS = 2
 # pollfd as a number, of Linux: the file, POLLIN, and what was found
 FILE_MASK, WAITS_FOR_DATA, FOUND_SHIFT = 2**32 - 1, 1 << 32, 48
 MSG_DONTWAIT = 0x40
 REST_MS = 1               # [ms] after an answer, if no packet comes
 NOTHING_CAME = -1         # in place of a number of bytes
-POINTS_CAPACITY = 2**8    # points of a packet, and stamps of a message
+POINTS_CAPACITY = 2**10   # points of a packet, and stamps of a message
+PART_MS = 1               # [ms] at most between parts of a packet in a stream
+SIZE_BYTES = 4            # with which a packet of a stream begins: its size
 NO_PACKET = -1
 LARGEST_NUMBER = 2**63 - 1   # of the numbers that go up; one above is taken for a negative one
 LONGEST_WAY = 1.          # [s] from exposure to receipt; else one of the clocks was set
@@ -54,9 +56,18 @@ class RelayMemory(NamedTuple):
         Of the packets, `NO_PACKET` for none [bytes].
     mask, bits : ndarray of uint8, shape (PACKET_CAPACITY,)
         Bits that decide how a packet is read, and what they are.
-    point_count : ndarray of int, shape (1,)
-    places, numbers : ndarray of int, shape (POINTS_CAPACITY,)
-        Of each point: its place in the packet, and its first number in the message.
+    marker_count : ndarray of int, shape (1,)
+    markers, marker_numbers : ndarray of int, shape (POINTS_CAPACITY,)
+        Of each marker: its place in the packet, and its first number in the message.
+    may_be_filled : ndarray of bool, shape (POINTS_CAPACITY,)
+    filled_count, labelled_count, repeated : ndarray of int, shape (1,)
+    filled_in, labelled : ndarray of int, shape (POINTS_CAPACITY,)
+        See `PacketOrigin`.
+    point_count, room : ndarray of int, shape (1,)
+    points : ndarray of int, shape (POINTS_CAPACITY,)
+        Places of anonymous points in the packet.
+    point_numbers : ndarray of int, shape (POINTS_CAPACITY,)
+        First numbers of the places for such points in the message, of which there are `room`.
     turn : ndarray, shape (3, 3)
         By which they are multiplied.
     order, time : ndarray of int, shape (1,)
@@ -94,9 +105,19 @@ class RelayMemory(NamedTuple):
     size: np.ndarray
     mask: np.ndarray
     bits: np.ndarray
+    marker_count: np.ndarray
+    markers: np.ndarray
+    marker_numbers: np.ndarray
+    may_be_filled: np.ndarray
+    filled_count: np.ndarray
+    filled_in: np.ndarray
+    labelled_count: np.ndarray
+    labelled: np.ndarray
+    repeated: np.ndarray
     point_count: np.ndarray
-    places: np.ndarray
-    numbers: np.ndarray
+    points: np.ndarray
+    room: np.ndarray
+    point_numbers: np.ndarray
     turn: np.ndarray
     order: np.ndarray
     time: np.ndarray
@@ -130,15 +151,18 @@ def new_relay_memory(handed: int = 0, callback: int = 0, context: int = 0, poll:
     return RelayMemory(
         np.array([NO_PACKET]), np.zeros(PACKET_CAPACITY, np.uint8),
         np.zeros(PACKET_CAPACITY, np.uint8), integers(1), integers(POINTS_CAPACITY),
-        integers(POINTS_CAPACITY), np.eye(3), integers(1), integers(1), integers(1), np.ones(1),
+        integers(POINTS_CAPACITY), np.zeros(POINTS_CAPACITY, bool), integers(1),
+        integers(POINTS_CAPACITY), integers(1), integers(POINTS_CAPACITY), integers(1),
+        integers(1), integers(POINTS_CAPACITY), integers(1), integers(POINTS_CAPACITY),
+        np.eye(3), integers(1), integers(1), integers(1), np.ones(1),
         np.zeros(3), integers(1), np.zeros(MESSAGE_CAPACITY // 8), integers(1),
         integers(POINTS_CAPACITY), integers(1), integers(MOST_SOCKETS),
         np.zeros(MOST_AT_ONCE, np.uint8), integers(2), integers(1), integers(1), handed,
         callback, context, poll, receive, get_time)
 
 
-def install_origin(memory: RelayMemory, origin: PacketOrigin, places: np.ndarray,
-                   rows: np.ndarray, template: Template) -> None:
+def install_origin(memory: RelayMemory, origin: PacketOrigin, markers: np.ndarray,
+                   points: np.ndarray, template: Template) -> None:
     """Have packets relayed that are like the last one.
 
     Parameters
@@ -146,23 +170,33 @@ def install_origin(memory: RelayMemory, origin: PacketOrigin, places: np.ndarray
     memory : RelayMemory
         Changed.
     origin : PacketOrigin
-    places : ndarray of int, shape (n,)
-        Of its points in the packet.
-    rows : ndarray of int, shape (n,)
-        Of the message's markers that these are.
+    markers, points : ndarray of int
+        Rows in the message, see `MarkerArrayWriter.rows`.
     template : Template
         With the message of that packet.
     """
     memory.size[0] = NO_PACKET
     data, mask = origin.structure.data, origin.structure.mask
-    if (len(data) > PACKET_CAPACITY or len(places) > POINTS_CAPACITY
-            or len(template.stamps) > POINTS_CAPACITY
+    if (len(data) > PACKET_CAPACITY
+            or max(map(len, (origin.markers, origin.points, origin.filled_in, origin.labelled,
+                             points, template.stamps))) > POINTS_CAPACITY
             or len(template.body) > len(memory.message)):
         return
-    size, count, numbers = len(data), len(places), template.numbers[::3][rows]
+    size, numbers = len(data), template.numbers[::3]
+    shown = origin.markers != HIDDEN
+    # Hidden ones are NaN in the template already, and stay so.
+    _put(memory.markers, origin.markers[shown], memory.marker_count)
+    _put(memory.marker_numbers, numbers[markers][shown], memory.marker_count)
+    memory.may_be_filled[:] = False
+    if len(origin.may_be_filled):
+        memory.may_be_filled[:shown.sum()] = origin.may_be_filled[shown]
+    _put(memory.filled_in, origin.filled_in, memory.filled_count)
+    _put(memory.labelled, origin.labelled, memory.labelled_count)
+    _put(memory.points, origin.points, memory.point_count)
+    _put(memory.point_numbers, numbers[points], memory.room)
+    memory.repeated[0] = origin.repeated
     memory.mask[:size] = np.frombuffer(mask, np.uint8)
     memory.bits[:size] = np.frombuffer(data, np.uint8) & memory.mask[:size]
-    memory.point_count[0], memory.places[:count], memory.numbers[:count] = count, places, numbers
     memory.turn[:] = origin.turn
     memory.order[0], memory.time[0], memory.tick[0] = origin.order, origin.time, origin.tick
     memory.message[:len(template.body)] = template.body
@@ -170,6 +204,29 @@ def install_origin(memory: RelayMemory, origin: PacketOrigin, places: np.ndarray
     memory.stamps[:len(template.stamps)] = template.stamps
     memory.stamp_count[0] = len(template.stamps)
     memory.size[0] = size
+
+
+def _put(target: np.ndarray, values: np.ndarray, count: np.ndarray) -> None:
+    """Put values, and how many they are, into memory."""
+    target[:len(values)], count[0] = values, len(values)
+
+
+@jit
+def _is_one_of(point: np.ndarray, packet: np.ndarray, places: np.ndarray) -> bool:
+    """Return whether one of a packet's positions is that of a point; false for NaN."""
+    for place in places:
+        other = packet[place:place + POINT_SIZE].view(np.float32)
+        if point[0] == other[0] and point[1] == other[1] and point[2] == other[2]:
+            return True
+    return False
+
+
+@jit
+def _put_point(message: np.ndarray, first: int, turn: np.ndarray, x: float, y: float,
+               z: float) -> None:
+    """Write a position into a message, turned."""
+    for i in range(3):
+        message[first + i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
 
 
 @jit
@@ -187,8 +244,8 @@ def fill_message(memories: Pack[RelayMemory], packet: np.ndarray, received: int)
     Returns
     -------
     bool
-        Whether it is a later one of those that are relayed, with all its points, of a time that
-        leaves the estimate of the clock about as it is.
+        Whether it is a later one of those that are relayed, with no more points than the message
+        has places for, of a time that leaves the estimate of the clock about as it is.
     """
     memory = memories[0]
     size = memory.size[0]
@@ -200,14 +257,31 @@ def fill_message(memories: Pack[RelayMemory], packet: np.ndarray, received: int)
     if packet[memory.order[0]:memory.order[0] + 8].view(np.int64)[0] <= memory.last[0]:
         return False
     turn, message = memory.turn, memory.message
-    for k in range(memory.point_count[0]):
-        place, first = memory.places[k], memory.numbers[k]
+    filled_in = memory.filled_in[:memory.filled_count[0]]
+    for k in range(memory.marker_count[0]):
+        place, first = memory.markers[k], memory.marker_numbers[k]
         point = packet[place:place + POINT_SIZE].view(np.float32)
         x, y, z = float(point[0]), float(point[1]), float(point[2])
-        if not (np.isfinite(x) and np.isfinite(y) and np.isfinite(z)):
+        if (not (np.isfinite(x) and np.isfinite(y) and np.isfinite(z))
+                or memory.may_be_filled[k] and _is_one_of(point, packet, filled_in)):
+            message[first:first + 3] = np.nan
+        else:
+            _put_point(message, first, turn, x, y, z)
+    labelled, row = memory.labelled[:memory.labelled_count[0]], 0
+    for k in range(memory.point_count[0]):
+        place = memory.points[k]
+        point = packet[place:place + POINT_SIZE].view(np.float32)
+        x, y, z = float(point[0]), float(point[1]), float(point[2])
+        if (not (np.isfinite(x) and np.isfinite(y) and np.isfinite(z))
+                or k < memory.repeated[0] and _is_one_of(point, packet, labelled)):
+            continue
+        if row == memory.room[0]:
             return False
-        for i in range(3):
-            message[first + i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
+        _put_point(message, memory.point_numbers[row], turn, x, y, z)
+        row += 1
+    for k in range(row, memory.room[0]):
+        first = memory.point_numbers[k]
+        message[first:first + 3] = np.nan
     exposed = memory.tick[0] * packet[memory.time[0]:memory.time[0] + 8].view(np.int64)[0]
     local = _local_time(exposed, memory.clock[0], memory.clock[1], memory.clock[2])
     # False for NaN, too.
@@ -217,7 +291,7 @@ def fill_message(memories: Pack[RelayMemory], packet: np.ndarray, received: int)
     sec = nanoseconds // 1_000_000_000
     # The numbers are there already.
     fill_template(message.view(np.uint32), message, memory.stamps[:memory.stamp_count[0]],
-                  memory.numbers[:0], sec, nanoseconds - 1_000_000_000 * sec, message)
+                  memory.points[:0], sec, nanoseconds - 1_000_000_000 * sec, message)
     return True
 
 
@@ -255,7 +329,7 @@ class PacketRelay:
             return
         if self._installed != (origin.structure, writer.template) or (
                 self._memory.size[0] == NO_PACKET):
-            install_origin(self._memory, origin, *writer.places(origin), writer.template)
+            install_origin(self._memory, *writer.rows(origin), writer.template)
         self._origin, self._installed = origin, (origin.structure, writer.template)
         self._keep_time()
 
@@ -315,6 +389,15 @@ def _receive_callback(of_memory: np.dtype) -> Any:
                     most, MSG_DONTWAIT)
         if size < 0:
             return NOTHING_CAME
+        # The rest of a packet that comes in parts.
+        while (is_stream and SIZE_BYTES <= size < most
+               and size < memory.packet[:SIZE_BYTES].view(np.uint32)[0]
+               and call(memory.poll, memory.polled.ctypes.data, sockets, PART_MS, 0) > 0):
+            more = call(memory.receive, memory.polled[ready] & FILE_MASK,
+                        memory.packet.ctypes.data + size, most - size, MSG_DONTWAIT)
+            if more <= 0:
+                break
+            size += more
         memory.received[0] = monotonic_ns(memory)
         if not fill_message(memories, memory.packet[:size], memory.received[0]):
             return size

@@ -43,23 +43,50 @@ def changed_somewhere(random, data):
     return bytes(found[:len(found) if random.random() < .7 else random.integers(HEAD, len(found))])
 
 
-def motive(random, number):
-    """Return a packet of NatNet: markers, some occluded or nowhere, and now and then a point."""
-    sets = {name: random.normal(size=(len(names), 3)) for name, names in NAMES.items()}
-    if random.random() < .03:
-        sets['cup'][0, 1] = np.nan
-    ticks = natnet_server.NatNetServer.ticks(FIRST_TIME + number / RATE)
-    return natnet_server.frame(
-        VERSION, number, sets, [random.normal(size=3)] * (random.random() < .03),
-        [('RHand', 3)] * (random.random() < .05), exposure=ticks, transmit=ticks,
-        changed=random.random() < .02)
+class Motive:
+    """Packets of NatNet: markers, some occluded for a while or nowhere, and points.
+
+    Parameters
+    ----------
+    has_sets : bool
+        See `natnet_server.frame`.
+    """
+
+    def __init__(self, has_sets=True):
+        self._has_sets, self.occluded, self._points = has_sets, [], 0
+
+    def __call__(self, random, number):
+        sets = {name: random.normal(size=(len(names), 3)) for name, names in NAMES.items()}
+        if random.random() < .03:
+            sets['cup'][0, 1] = np.nan
+        if random.random() < .05:
+            self.occluded = [('RHand', 3), ('cup', 1), ('RHand', 0)][:random.integers(4)]
+        if random.random() < .05:
+            self._points = int(random.integers(4))
+        points = random.normal(size=(self._points, 3))
+        if random.random() < .1:       # one is a labelled marker's, or has no place
+            points[:1] = sets['RHand'][2] if random.random() < .5 else np.nan
+        ticks = natnet_server.NatNetServer.ticks(FIRST_TIME + number / RATE)
+        return natnet_server.frame(
+            VERSION, number, sets, points, self.occluded, exposure=ticks, transmit=ticks,
+            changed=random.random() < .02, has_sets=self._has_sets)
 
 
-def qtm(random, number):
-    """Return a packet of QTM, in which points come and go."""
-    return data_packet(number, round(1e6 * number / RATE), {
-        '3d': 1e3 * random.normal(size=(3, 3)),
-        '3dnolabels': random.normal(size=(random.choice((2, 2, 2, 2, 1)), 3))})
+class Qtm:
+    """Packets of QTM, in which markers are hidden and points come and go."""
+
+    def __init__(self):
+        self.occluded, self._points = [], 2
+
+    def __call__(self, random, number):
+        markers = 1e3 * random.normal(size=(3, 3))
+        if random.random() < .1:
+            self.occluded = [0, 2, 1][:random.integers(3)]
+        markers[self.occluded] = np.nan
+        if random.random() < .05:
+            self._points = int(random.integers(4))
+        return data_packet(number, round(1e6 * number / RATE), {
+            '3d': markers, '3dnolabels': 1e3 * random.normal(size=(self._points, 3))})
 
 
 def motive_client(on_frame):
@@ -82,15 +109,15 @@ def qtm_client(on_frame, monkeypatch):
     return take
 
 
-@pytest.mark.parametrize('system', ['motive', 'subject', 'upright', 'qtm'])
+@pytest.mark.parametrize('system', ['motive', 'without sets', 'subject', 'upright', 'qtm'])
 def test_a_relayed_packet_has_the_message_of_one_that_is_decoded(system, monkeypatch):
     random, frames = np.random.default_rng(7), []
     take = (qtm_client(frames.append, monkeypatch) if system == 'qtm'
             else motive_client(frames.append))
-    packets = qtm if system == 'qtm' else motive
+    packets = Qtm() if system == 'qtm' else Motive(system != 'without sets')
     writer = MarkerArrayWriter(lambda key, text: None)
     memories, memory = packed(new_relay_memory())
-    relayed = decoded = 0
+    relayed = decoded = incomplete = 0
     for number in range(1, 1500):
         # Over UDP some are overtaken.
         packet = packets(random, number - 2 * (system != 'qtm' and random.random() < .03))
@@ -116,15 +143,45 @@ def test_a_relayed_packet_has_the_message_of_one_that_is_decoded(system, monkeyp
             assert abs(nanoseconds(stamp) - nanoseconds(frame.stamp)) < LONGEST_LOOK
             assert writer.write(frame._replace(frame_id='mocap'), stamp) == message
             relayed += 1
+            incomplete += bool(packets.occluded)
         else:
             writer.write(frame._replace(frame_id='mocap'), frame.stamp)
             decoded += 1
         # As PacketRelay does.
         memory.size[0] = NO_PACKET
         if frame.origin is not None:
-            install_origin(memory, frame.origin, *writer.places(frame.origin), writer.template)
+            install_origin(memory, *writer.rows(frame.origin), writer.template)
             memory.last[0], memory.clock[:], memory.wall[0] = frame.origin.now()
-    assert relayed > 600 and decoded > 150
+    assert relayed > 900 and incomplete > 300 and decoded > 50
+
+
+def test_a_hand_in_a_large_packet_is_relayed():
+    random, frames = np.random.default_rng(3), []
+    sets = {**NAMES, 'crowd': tuple(map(str, range(450)))}
+    client = NatNetClient('127.0.0.1', frames.append, lambda *news: None)
+    client.take(natnet_server.server_info(VERSION), 0)
+    client.take(natnet_server.model(VERSION, sets), 0)
+    writer = MarkerArrayWriter(lambda key, text: None)
+    memories, memory = packed(new_relay_memory())
+    for number in range(1, 4):
+        ticks = natnet_server.NatNetServer.ticks(FIRST_TIME + number / RATE)
+        packet = natnet_server.frame(
+            VERSION, number, {name: random.normal(size=(len(names), 3))
+                              for name, names in sets.items()}, random.normal(size=(20, 3)),
+            [('crowd', 7), ('RHand', 2)], exposure=ticks, transmit=ticks)
+        assert 2**14 < len(packet) <= 2**16
+        received = round(1e9 * (FIRST_TIME + number / RATE + WAY))
+        is_relayed = fill_message(memories, np.frombuffer(packet, np.uint8), received)
+        assert is_relayed == (number > 1)
+        message = memory.message.tobytes()[ENCAPSULATION:][:int(memory.message_size[0])]
+        client.take(packet, received)
+        frame = of_subject(frames[-1], 'RHand')._replace(frame_id='mocap')
+        stamp = Stamp(*np.frombuffer(message[8:16], np.uint32).tolist()) if is_relayed else (
+            frame.stamp)
+        assert writer.write(frame, stamp) == message or number == 1
+        if number == 1:
+            install_origin(memory, *writer.rows(frame.origin), writer.template)
+        memory.last[0], memory.clock[:], memory.wall[0] = frame.origin.now()
 
 
 def frame_of_motive(points=0, ticks=1):
@@ -141,11 +198,11 @@ def frame_of_motive(points=0, ticks=1):
 def test_packets_of_too_many_points_are_not_relayed():
     frame, writer = frame_of_motive()
     memory = new_relay_memory()
-    places, rows = writer.places(frame.origin)
-    install_origin(memory, frame.origin, places, rows, writer.template)
+    install_origin(memory, *writer.rows(frame.origin), writer.template)
     assert memory.size[0] == len(frame.origin.structure.data)
-    many = np.arange(POINTS_CAPACITY + 1)
-    install_origin(memory, frame.origin, many, many, writer.template)
+    origin, markers, points = writer.rows(frame.origin._replace(
+        points=np.arange(POINTS_CAPACITY + 1)))
+    install_origin(memory, origin, markers, points, writer.template)
     assert memory.size[0] == NO_PACKET
 
 
@@ -227,6 +284,26 @@ def test_packets_of_a_stream_are_received_one_by_one():
         assert data == qtm_at(7) and not is_relayed and len(taker.messages) == 3
         sender.close()
         assert receive()[0].data == b''
+
+
+@pytest.mark.skipif(not COMPILED, reason='there is no fast path here')
+def test_a_packet_of_a_stream_that_comes_in_parts_is_relayed():
+    taker, writer = Taker(), MarkerArrayWriter(lambda key, text: None)
+    relay = PacketRelay(taker)
+    # As datagrams the parts stay apart however late they are read.
+    receiver, sender = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    with receiver, sender:
+        decoded_by(relay, writer, qtm_at(1))
+        for number, cuts in ((2, (0, 20, 50, None)), (3, (0, 4, None))):
+            for first, last in zip(cuts, cuts[1:]):
+                sender.send(qtm_at(number)[first:last])
+            (data, _, is_relayed), = relay.receive([receiver.fileno()], 5., is_stream=True)
+            assert data == qtm_at(number) and is_relayed
+        # One whose rest does not come, and one that is whole though it is shorter.
+        for part in qtm_at(4)[:30], data_packet(5, 5, {'3d': []}):
+            sender.send(part)
+            (data, _, is_relayed), = relay.receive([receiver.fileno()], 5., is_stream=True)
+            assert data == part and not is_relayed
 
 
 @pytest.mark.skipif(not COMPILED, reason='there is no fast path here')
