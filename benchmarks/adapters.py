@@ -35,9 +35,9 @@ DIRECT = {'point_cloud': 'point_cloud', 'mocap4r2': 'mocap4r2_markers', 'landmar
 AS_NODE, IN_ONE = '_node', '_all'
 SERVERS = 'natnet', 'qualisys'
 # Packets of these in the tracker's process, with more in them or less.
-OCCLUDED, UNLABELLED, LARGE = '_occluded', '_unlabelled', '_large'
-PACKETS = (*(f'{name}{how}' for name in SERVERS for how in (OCCLUDED, UNLABELLED)),
-           f'natnet{LARGE}')
+WITH_OCCLUDED, WITH_UNLABELLED, LARGE_FRAMES = '_occluded', '_unlabelled', '_large'
+PACKETS = (*(f'{name}{how}' for name in SERVERS for how in (WITH_OCCLUDED, WITH_UNLABELLED)),
+           f'natnet{LARGE_FRAMES}')
 CROWD = {'crowd': tuple(map(str, range(300)))}
 SOURCES = (*DIRECT, *(f'{name}{how}' for how in (AS_NODE, IN_ONE)
                       for name in (*DIRECT, *SERVERS)), *PACKETS)
@@ -54,7 +54,7 @@ def hand_frames(rate):
 
 def source_of(name):
     """Return the source of a row."""
-    for how in AS_NODE, IN_ONE, OCCLUDED, UNLABELLED, LARGE:
+    for how in AS_NODE, IN_ONE, WITH_OCCLUDED, WITH_UNLABELLED, LARGE_FRAMES:
         name = name.removesuffix(how)
     return name
 
@@ -85,7 +85,7 @@ class Sender:
         self._how = name.removeprefix(self._name)
         self._points = np.full((3, 3), .5) + np.eye(3)
         self._crowd = {name: np.ones((len(names), 3)) for name, names in CROWD.items()
-                       if self._how == LARGE}
+                       if self._how == LARGE_FRAMES}
         if self._name == 'mocap4r2':
             from mocap4r2_msgs.msg import Markers
             kinds[self._name] = Markers
@@ -100,8 +100,8 @@ class Sender:
         if self._name == 'natnet':
             packet = self._server.packed(
                 {'hand': positions, **self._crowd},
-                unlabelled=self._points if self._how == UNLABELLED else (),
-                occluded=[('hand', 7)] if self._how == OCCLUDED else ())
+                unlabelled=self._points if self._how == WITH_UNLABELLED else (),
+                occluded=[('hand', 7)] if self._how == WITH_OCCLUDED else ())
             return lambda: self._server.send_at_once(packet)
         if self._name == 'qualisys':
             from helpers.qtm_server import data_packet
@@ -109,8 +109,8 @@ class Sender:
             packet = data_packet(
                 self._number, time.monotonic_ns() // 1000, {'3d': 1e3 * (
                     np.vstack((positions[:7], np.full((1, 3), np.nan)))
-                    if self._how == OCCLUDED else positions),
-                    **({'3dnolabels': 1e3 * self._points} if self._how == UNLABELLED else {})})
+                    if self._how == WITH_OCCLUDED else positions),
+                    **({'3dnolabels': 1e3 * self._points} if self._how == WITH_UNLABELLED else {})})
             return lambda: self._server.send_at_once(packet)
         data = getattr(self, f'_{self._name}')(positions, stamp)
         return lambda: self._publisher.publish(data)
@@ -183,7 +183,7 @@ def start(stack, names):
         if source in SERVERS:
             servers[name] = stack.enter_context(
                 NatNetServer((4, 1), {'hand': MARKERS, **(
-                    CROWD if name.endswith(LARGE) else {})}) if source == 'natnet' else
+                    CROWD if name.endswith(LARGE_FRAMES) else {})}) if source == 'natnet' else
                 QtmServer(MARKERS))
         if source == 'point_cloud':
             more = [part for row, marker in enumerate(MARKERS)
@@ -194,7 +194,7 @@ def start(stack, names):
             more += ['-r', f'markers:=/{name}/source/markers']
             origin = ['-p', f'source:={source}', '-p', f'topic:=/{name}/in',
                       '-p', f'port:={servers[name].port if name in servers else 0}',
-                      *(['-p', 'subject:=hand'] if name.endswith(LARGE) else [])]
+                      *(['-p', 'subject:=hand'] if name.endswith(LARGE_FRAMES) else [])]
             if is_in_one(name):
                 more += origin
             else:

@@ -41,7 +41,7 @@ from .natnet_packets import (
     server_info,
 )
 from .packet_reception import Relay, receive
-from .packet_structure import HIDDEN, PacketOrigin
+from .packet_structure import NO_PLACE, PacketOrigin
 from .point_frame import MalformedFrame, SourceFrame, SourceUnavailable, point_frame
 
 COMMAND_PORT = 1510
@@ -258,11 +258,11 @@ class NatNetClient:
         is_hidden = parameters & OCCLUDED > 0
         in_sets = structure.unlabelled - len(is_hidden)
         labelled = places[in_sets:structure.unlabelled]
-        shown = np.concatenate((places[:in_sets], np.where(is_hidden, HIDDEN, labelled)))
+        shown = np.concatenate((places[:in_sets], np.where(is_hidden, NO_PLACE, labelled)))
         lonely, unlabelled = shown[free:], places[structure.unlabelled:]
         return PacketOrigin(
             structure.common, shown[self._taken],
-            np.concatenate((unlabelled, lonely[lonely != HIDDEN])), np.eye(3),
+            np.concatenate((unlabelled, lonely[lonely != NO_PLACE])), np.eye(3),
             structure.times + 16, structure.times, 1. / self._frequency, self._now, self._follow,
             labelled[is_hidden], self._taken < in_sets, labelled, len(unlabelled))
 

@@ -13,8 +13,8 @@ import numpy as np
 
 FLOAT = np.dtype('<f4')
 POINT_SIZE = 3 * FLOAT.itemsize   # [bytes]
-HIDDEN = -1                       # in place of a place
-NOWHERE, NEVER = np.zeros(0, int), np.zeros(0, bool)
+NO_PLACE = -1                       # in place of a place
+NO_PLACES_SHOWN, NONE_SHOWN = np.zeros(0, int), np.zeros(0, bool)
 
 
 class PacketStructure:
@@ -50,7 +50,7 @@ class PacketOrigin(NamedTuple):
     ----------
     structure : PacketStructure
     markers : ndarray of int
-        Places of the frame's markers, `HIDDEN` for those that no such packet shows.
+        Places of the frame's markers, `NO_PLACE` for those that no such packet shows.
     points : ndarray of int
         Places of the anonymous points; those without a finite position are left out of a frame.
     turn : ndarray, shape (3, 3)
@@ -83,9 +83,9 @@ class PacketOrigin(NamedTuple):
     tick: float
     now: Callable[[], tuple[int, tuple[float, float, float], int]]
     follow: Callable[[bytes, int], None]
-    filled_in: np.ndarray = NOWHERE
-    may_be_filled: np.ndarray = NEVER
-    labelled: np.ndarray = NOWHERE
+    filled_in: np.ndarray = NO_PLACES_SHOWN
+    may_be_filled: np.ndarray = NONE_SHOWN
+    labelled: np.ndarray = NO_PLACES_SHOWN
     repeated: int = 0
 
     def of_rows(self, rows: list[int]) -> PacketOrigin:

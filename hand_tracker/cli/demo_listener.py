@@ -16,6 +16,7 @@ from visualization_msgs.msg import MarkerArray
 from ..core.model.kinematics import forward, joint_table
 from ..core.model.marker_layout import PALM_MARKERS, marker_positions
 from ..core.model.palm_triangle import fit_wrist
+from ..core.numerics.rigid_fit import fit_rigid
 from ..messages.builders import prefixed_names
 from ..messages.cdr import MarkerReader
 from ..messages.joint_states import JointStateReader
@@ -74,7 +75,10 @@ class ReceivedHand:
         return list(self.layout.principal[:len(PALM_MARKERS)])
 
     def received_frames(self, recent: float | None = None) -> ReceivedFrames:
-        """Return the whole frames of the last so many seconds, or all, with the palm fitted."""
+        """Return the whole frames of the last so many seconds, or all, with the palm fitted.
+
+        By its markers, or by all where one of them is hidden.
+        """
         stamps = [stamp for stamp in self.angles if stamp in self.markers]
         if recent is not None and stamps:
             stamps = [stamp for stamp in stamps if stamp > stamps[-1] - 1e9 * recent]
@@ -84,13 +88,16 @@ class ReceivedHand:
         # Nothing is known of the palm before its markers were all seen.
         rotation, position = np.eye(3), np.full(3, np.nan)
         markers = np.empty((len(stamps), len(self.layout.names), 3))
-        for stamp, local in zip(stamps, markers):
-            frame = self.markers[stamp]
-            if np.isfinite(frame[palm]).all():
-                fit_wrist(frame[palm], template, rotation, position)
-            local[:] = (frame - position) @ rotation
         places = marker_positions(
             self.layout.mounting(self.hand), forward(joint_table(self.hand), angles))
+        for stamp, local, place in zip(stamps, markers, places):
+            frame = self.markers[stamp]
+            seen = np.isfinite(frame).all(axis=1)
+            if seen[palm].all():
+                fit_wrist(frame[palm], template, rotation, position)
+            elif np.isfinite(position).all() and seen.sum() > len(palm):
+                fit_rigid(place, frame, seen.astype(float), rotation, position)
+            local[:] = (frame - position) @ rotation
         return ReceivedFrames(np.array(stamps, dtype=np.int64), angles, markers, places)
 
 

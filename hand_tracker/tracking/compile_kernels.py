@@ -8,6 +8,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -72,6 +74,9 @@ def prepare_kernels(say: Callable[[str], object]) -> None:
 def compile_lock(kernel_set: str, starter: int | None = None) -> Iterator[None]:
     """Lock a set of kernels in the cache folder: one process at a time compiles it.
 
+    Nobody waits for a process of low priority, as `Compilation` starts it, which may take long: it
+    has a lock of its own, and only begins while no other compiles.
+
     Parameters
     ----------
     kernel_set : str
@@ -91,7 +96,21 @@ def compile_lock(kernel_set: str, starter: int | None = None) -> Iterator[None]:
         return
     if jit.CACHE_FOLDER is None:
         raise jit.KernelsUnavailable('no folder for compiled kernels can be written to')
-    with open(jit.CACHE_FOLDER / f'lock-{kernel_set}', 'w') as lock:
+    lock = jit.CACHE_FOLDER / f'lock-{kernel_set}'
+    if os.nice(0) <= 0:
+        with _locked(lock, starter, fcntl):
+            yield
+        return
+    with _locked(lock.with_name(f'{lock.name}-background'), starter, fcntl):
+        with _locked(lock, starter, fcntl):
+            pass
+        yield
+
+
+@contextmanager
+def _locked(path: Path, starter: int | None, fcntl: ModuleType) -> Iterator[None]:
+    """Lock a file; wait for it as long as the starter runs."""
+    with open(path, 'w') as lock:
         while True:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -228,6 +228,29 @@ def test_two_processes_compile_a_set_one_after_the_other(tmp_path):
     assert [word for word in words if word != 'wants'] == ['in', 'out', 'in', 'out']
 
 
+@needs_numba
+@pytest.mark.skipif(os.name != 'posix' or os.nice(0) > 0, reason='all runs at low priority')
+def test_nobody_waits_for_a_compilation_of_low_priority(tmp_path):
+    fcntl = pytest.importorskip('fcntl', reason='there are no locks of files here')
+    environment = {**os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(tmp_path),
+                   'PYTHONPATH': str(REPOSITORY)}
+    program = ('from hand_tracker.tracking.compile_kernels import complete_set\n'
+               'complete_set("one", lambda: print("compiles", flush=True))')
+    with open(tmp_path / 'lock-one-background', 'w') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        done = subprocess.run([sys.executable, '-c', program], env=environment, text=True,
+                              stdout=subprocess.PIPE, timeout=PATIENCE, check=True)
+    assert done.stdout == 'compiles\n'
+    with open(tmp_path / 'lock-two', 'w') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        waiting = subprocess.Popen([sys.executable, '-c', program.replace('one', 'two')],
+                                   env=environment, text=True, stdout=subprocess.PIPE,
+                                   preexec_fn=lambda: os.nice(10))
+        wait_for((tmp_path / 'lock-two-background').exists)
+        assert waiting.poll() is None
+    assert waiting.communicate(timeout=PATIENCE)[0] == 'compiles\n'
+
+
 WAITER = """
 import os
 from hand_tracker.tracking.compile_kernels import StarterEnded, complete_set

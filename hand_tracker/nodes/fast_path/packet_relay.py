@@ -16,7 +16,7 @@ import numpy as np
 from ...adapters import clock_estimate
 from ...adapters.marker_arrays import MarkerArrayWriter
 from ...adapters.packet_reception import MOST_AT_ONCE, ReceivedPacket
-from ...adapters.packet_structure import HIDDEN, POINT_SIZE, PacketOrigin, PacketStructure
+from ...adapters.packet_structure import NO_PLACE, POINT_SIZE, PacketOrigin, PacketStructure
 from ...core.numerics.jit import CACHE_FOLDER, COMPILED, DEFERRED, Pack, jit, packed
 from ...messages.cdr import ENCAPSULATION
 from ...messages.templates import Template, fill_template
@@ -183,7 +183,7 @@ def install_origin(memory: RelayMemory, origin: PacketOrigin, markers: np.ndarra
             or len(template.body) > len(memory.message)):
         return
     size, numbers = len(data), template.numbers[::3]
-    shown = origin.markers != HIDDEN
+    shown = origin.markers != NO_PLACE
     # Hidden ones are NaN in the template already, and stay so.
     _put(memory.markers, origin.markers[shown], memory.marker_count)
     _put(memory.marker_numbers, numbers[markers][shown], memory.marker_count)
