@@ -30,7 +30,9 @@ def environment(**more):
 def environ(**more):
     """Return the environment variables of a process that imports this package."""
     paths = str(REPOSITORY), *filter(None, [os.environ.get('PYTHONPATH')])
-    return {**os.environ, 'PYTHONPATH': os.pathsep.join(paths), **more}
+    # Empty is unset: byte code is kept, as by default; compiling it anew would count as work.
+    return {**os.environ, 'PYTHONPATH': os.pathsep.join(paths), 'PYTHONDONTWRITEBYTECODE': '',
+            **more}
 
 
 def end(process):

@@ -33,8 +33,7 @@ COMPILING_LIMIT = 1800.  # [s]
 
 def start(driver, command, name, frames, cache):
     """Return the time until the first JointState of a new node, and its processor time [s]."""
-    # An empty string counts as unset: byte code is kept, as Python does by default.
-    variables = environ(NUMBA_CACHE_DIR=str(cache / 'kernels'), PYTHONDONTWRITEBYTECODE='',
+    variables = environ(NUMBA_CACHE_DIR=str(cache / 'kernels'),
                         PYTHONPYCACHEPREFIX=str(cache / 'byte_code'),
                         HAND_TRACKER_JIT='background' if command == TRACKER_START else '0')
     began = time.perf_counter_ns()
