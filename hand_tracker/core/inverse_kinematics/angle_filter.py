@@ -265,7 +265,10 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
     hinges = chains.hinges[digit]
     linkage = linkage_of(chains, digit)
     if hinges == 3:
-        linkage = _bent_beyond_coupling(linkage, solved[second], solved[third])
+        # Where the third bends on alone it keeps what it has beyond the coupling.
+        beyond = solved[third] - coupled_angle(linkage, solved[second])
+        linkage = Linkage(linkage.bones, linkage.droop, linkage.lower, linkage.upper,
+                          linkage.slope, linkage.offset + beyond, hinges)
     turn = chains.sign[digit] * state.angles[ABDUCTION_JOINTS[digit]]
     target = in_plane(marker, turn, chains.tilt[digit])
     natural = natural_flexion_of(chains, digit)
@@ -276,9 +279,19 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
     straight = chains.start[digit] if hinges == 3 else -linkage.droop
     before = angle
 
+    reach_found = chain_reach(linkage, found)
+    reach_before = chain_reach(linkage, angle)
     crossed = (angle - straight) * (found - straight) < 0.
-    innovation, slope = _reach_innovation(
-        linkage, target, angle, found, crossed, UNREACHED_NOISE * evidence.noise)
+    if crossed:
+        # Bent to the other side: the distance of the reaches says nothing of the way.
+        slope = _slope(linkage, found)
+        innovation = slope * (found - angle)
+    else:
+        slope = ((reach_found - reach_before) / (found - angle)
+                 if abs(found - angle) > SLOPE_STEP else _slope(linkage, angle))
+        unreached = UNREACHED_NOISE * evidence.noise
+        innovation = reach_found - reach_before + clamp(
+            math.hypot(target[0], target[1]) - reach_found, -unreached, unreached)
     correction, left = observe_angle(
         innovation, slope, FLEXION_NOISE_VARIANCE * evidence.noise * evidence.noise,
         1. - math.exp(-evidence.step / INNOVATION_TIME), variance + evidence.leap)
@@ -295,8 +308,16 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
     angle = clamp(angle, linkage.lower[1], linkage.upper[1])
     state.variance[digit, 1] = variance
 
-    angle, aim = _within_measurement(
-        linkage, target, angle, found, min(FLEXION_BOUND * evidence.noise, LARGEST_MISS))
+    # The measurement bounds the estimate.
+    least = _aim(linkage, target, found)[1]
+    most = min(FLEXION_BOUND * evidence.noise, LARGEST_MISS)
+    aim, miss = _aim(linkage, target, angle)
+    for rest in range(BACKTRACKING_STEPS):
+        if miss - least <= most:
+            break
+        share = RETURN_SHARE * most / (miss - least) if rest < BACKTRACKING_STEPS - 1 else 0.
+        angle = found + share * (angle - found)
+        aim, miss = _aim(linkage, target, angle)
     farthest = MAX_SECOND_HINGE_SPEED * evidence.step
     two_bends = (hinges == 2 or chains.skin[digit] > 0.) and straight > max(linkage.lower[1], 0.)
     if two_bends and abs(angle - before) > farthest > 0.:
@@ -306,68 +327,6 @@ def _estimate_flexion(chains: Chains, digit: int, marker: Vector, evidence: Digi
     state.angles[first] = aim
     state.angles[second] = angle
     state.angles[third] = coupled_angle(linkage, angle)
-
-
-@jit
-def _bent_beyond_coupling(linkage: Linkage, second: float, third: float) -> Linkage:
-    """Return a linkage whose third flexion keeps what it has beyond its coupling [rad]."""
-    beyond = third - coupled_angle(linkage, second)
-    return Linkage(linkage.bones, linkage.droop, linkage.lower, linkage.upper,
-                   linkage.slope, linkage.offset + beyond, linkage.hinges)
-
-
-@jit
-def _reach_innovation(linkage: Linkage, target: tuple[float, float], angle: float, found: float,
-                      crossed: bool, unreached: float) -> tuple[float, float]:
-    """Return observed less expected reach [m], and its slope by the second flexion [m/rad].
-
-    Parameters
-    ----------
-    linkage : Linkage
-    target : tuple of float
-        Marker in the digit's plane, from the first hinge [m].
-    angle, found : float
-        Second flexion as estimated before, and as solved for the marker [rad].
-    crossed : bool
-        Whether one is bent to either side of the straight digit.
-    unreached : float
-        By how much the marker counts beyond what the solution reaches, at most [m].
-    """
-    if crossed:
-        # Bent to the other side: the distance of the reaches says nothing of the way.
-        slope = _slope(linkage, found)
-        return slope * (found - angle), slope
-    reach_found, reach_before = chain_reach(linkage, found), chain_reach(linkage, angle)
-    slope = ((reach_found - reach_before) / (found - angle)
-             if abs(found - angle) > SLOPE_STEP else _slope(linkage, angle))
-    return reach_found - reach_before + clamp(
-        math.hypot(target[0], target[1]) - reach_found, -unreached, unreached), slope
-
-
-@jit
-def _within_measurement(linkage: Linkage, target: tuple[float, float], angle: float, found: float,
-                        most: float) -> tuple[float, float]:
-    """Return a second flexion no farther off the marker than the measurement allows, and the first.
-
-    Parameters
-    ----------
-    linkage : Linkage
-    target : tuple of float
-        Marker in the digit's plane, from the first hinge [m].
-    angle, found : float
-        Second flexion as estimated, and as solved for the marker [rad].
-    most : float
-        By how much more the estimate may miss the marker than the solution does [m].
-    """
-    least = _aim(linkage, target, found)[1]
-    aim, miss = _aim(linkage, target, angle)
-    for rest in range(BACKTRACKING_STEPS):
-        if miss - least <= most:
-            break
-        share = RETURN_SHARE * most / (miss - least) if rest < BACKTRACKING_STEPS - 1 else 0.
-        angle = found + share * (angle - found)
-        aim, miss = _aim(linkage, target, angle)
-    return angle, aim
 
 
 @jit

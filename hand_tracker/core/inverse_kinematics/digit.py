@@ -68,7 +68,7 @@ class Chains(NamedTuple):
     coupling : ndarray, shape (5, 2)
         Slope and offset of the third flexion over the second [1, rad].
     coupling_spread : ndarray, shape (5,)
-        Standard deviation of the last joint from its coupling [rad].
+        Standard deviation of the last joint from its coupling, or as it is measured [rad].
     natural : ndarray, shape (5, 3)
         Slope, offset and spread of the second flexion over the first [1, rad, rad].
     skin : ndarray, shape (5,)
@@ -168,17 +168,19 @@ def override_coupling(chains: Pack[Chains], distal_flexion: np.ndarray,
     distal_flexion : ndarray, shape (5,)
         Clamped to the joints' limits; NaN where not measured [rad].
     measured : packed Chains
-        Equal to `chains`; its `coupling`, `measured` and `start` are replaced.
+        Equal to `chains`; its `coupling`, `coupling_spread`, `measured` and `start` are replaced.
     """
     chains, measured = chains[0], measured[0]
     for digit in range(5):
         last = FLEXION_JOINTS[digit, 2]
         slope, offset = chains.coupling[digit, 0], chains.coupling[digit, 1]
+        spread = chains.coupling_spread[digit]
         known = math.isfinite(distal_flexion[digit])
         if known:
-            slope = 0.
+            slope, spread = 0., MEASURED_SPREAD
             offset = clamp(distal_flexion[digit], chains.lower[last], chains.upper[last])
         measured.measured[digit] = known
+        measured.coupling_spread[digit] = spread
         measured.coupling[digit, 0] = slope
         measured.coupling[digit, 1] = offset
         measured.start[digit] = straightest(linkage_of(measured, digit))
@@ -201,12 +203,6 @@ def natural_flexion_of(chains: Chains, digit: int) -> NaturalFlexion:
     """Return the `NaturalFlexion` of a digit."""
     natural = chains.natural[digit]
     return NaturalFlexion(natural[0], natural[1], natural[2])
-
-
-@jit
-def last_joint_spread(chains: Chains, digit: int) -> float:
-    """Return the standard deviation of a digit's last joint from its coupling or sensor [rad]."""
-    return MEASURED_SPREAD if chains.measured[digit] else chains.coupling_spread[digit]
 
 
 @jit

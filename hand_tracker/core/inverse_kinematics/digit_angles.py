@@ -29,7 +29,7 @@ from ..numerics.vectors import (
     subtract,
     vector,
 )
-from .digit import THUMB, Chains, last_joint_spread
+from .digit import THUMB, Chains
 from .palm_arch import flexed
 
 CHAIN_JOINTS = 5
@@ -332,7 +332,7 @@ def _priors(chains: Chains, digit: int, angles: np.ndarray, walk: float,
         natural[2] / math.sqrt(NATURAL_WEIGHT))
     cost += _add_coupling_prior(
         matrix, gradient, angles, 4, 3, chains.coupling[digit, 0], chains.coupling[digit, 1],
-        last_joint_spread(chains, digit))
+        chains.coupling_spread[digit])
     return cost
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..filtering.tracks import Tracks, position_deviation
-from ..inverse_kinematics.digit import THUMB, Chains, last_joint_spread
+from ..inverse_kinematics.digit import THUMB, Chains
 from ..model.hand import ABDUCTION_JOINTS, FINGERS, FLEXION_JOINTS
 from ..model.kinematics import JointTable, place_links
 from ..model.marker_layout import MARKERS, MarkerLayout, Mounting
@@ -410,7 +410,7 @@ def write_deviation(chains: Chains, mounting: Mounting, palm: Tracks, digits: Tr
         found[first] = deviation_within(first_variance, found[first], lost)
         found[second] = deviation_within(second_variance, found[second], lost)
         coupled = slope * found[second]
-        spread = last_joint_spread(chains, digit)
+        spread = chains.coupling_spread[digit]
         found[third] = deviation_within(coupled * coupled + spread * spread, found[third], 0.)
 
         if not digits.seen[digit]:

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.inverse_kinematics.abduction_plane import REFERENCE_STEP
-from hand_tracker.core.inverse_kinematics.digit import digit_chains, override_coupling, solve_digits
+from hand_tracker.core.inverse_kinematics.digit import (
+    MEASURED_SPREAD,
+    digit_chains,
+    override_coupling,
+    solve_digits,
+)
 from hand_tracker.core.inverse_kinematics.flexion import (
     MAX_SECOND_HINGE_SPEED,
     Linkage,
@@ -192,6 +197,8 @@ def test_measured_last_joints_take_the_place_of_their_coupling():
     np.testing.assert_array_equal(
         measured.coupling, ((0., .3), HAND.coupling[1], (0., last[2, 1]), (0., last[3, 0]),
                             HAND.coupling[4]))
+    np.testing.assert_array_equal(measured.coupling_spread, np.where(
+        measured.measured, MEASURED_SPREAD, HAND.coupling_spread))
     for digit in range(5):
         assert measured.start[digit] == straightest(Linkage(
             tuple(coupled.bones[digit]), coupled.droop[digit],

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.filtering.tracks import initial_tracks
-from hand_tracker.core.inverse_kinematics.digit import digit_chains
+from hand_tracker.core.inverse_kinematics.digit import MEASURED_SPREAD, digit_chains
 from hand_tracker.core.model.hand import ABDUCTION_JOINTS, FLEXION_JOINTS, JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
@@ -134,7 +134,7 @@ def test_a_hidden_digit_goes_over_to_the_unknown():
 
 def test_a_last_joint_that_is_measured_is_known():
     def measured(chains):
-        chains.measured[:], chains.coupling[:, 0] = True, 0.
+        chains.coupling_spread[:], chains.coupling[:, 0] = MEASURED_SPREAD, 0.
         return chains
     assert (deviations(bent(30.), change=measured)[FLEXION_JOINTS[:, 2]] < .011).all()
 
