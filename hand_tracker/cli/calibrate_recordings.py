@@ -12,10 +12,9 @@ from ..calibration.layout_names import names_in_layout
 from ..calibration.take_files import load_take, recorded_take
 from ..calibration.takes import InvalidTake, MarkerTake
 from ..core.model.marker_layout import ALL_LANDMARKS, MARKERS, PAPER_PLACES, MarkerLayout
-from ..files.bag_points import has_other_messages
 from ..files.bags import EXPECTED, STORAGE, open_bag
 from ..files.layout_file import choose_layout
-from ..files.recordings import is_bag
+from ..files.recordings import is_marker_bag
 from ..messages.cdr import MarkerReader
 from ..parallel import Interruptions
 from ..tracking.recording import marker_topic
@@ -91,7 +90,7 @@ def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
     layout = choose_layout(options.layout) if options.layout else None
     nameable = (*MARKERS, *ALL_LANDMARKS) if layout is None else layout.names
     for path in options.takes:
-        if is_bag(path) and not has_other_messages(path, options.topic):
+        if is_marker_bag(path, options.topic):
             takes.append(_take_of_bag(path, options, layout))
             continue
         if path.suffix == TAKE_SUFFIX and layout is None and not options.markers:

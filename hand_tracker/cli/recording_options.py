@@ -146,7 +146,7 @@ def add_marker_options(parser: argparse.ArgumentParser) -> None:
 def add_topic_option(parser: argparse.ArgumentParser) -> None:
     """Add the option of a command line that says which topic of a rosbag2 recording is read."""
     parser.add_argument('--topic', help=f'of the markers in a rosbag2 recording; default: '
-                        f'{USUAL_TOPIC}, else the only one with points')
+                        f'{USUAL_TOPIC}, else the only one with MarkerArrays, else with points')
 
 
 def add_reading_options(parser: argparse.ArgumentParser) -> None:
@@ -219,7 +219,8 @@ def recorded_hand(options: argparse.Namespace
         For `open_recording`; a path of rosbag2 recordings of MarkerArrays.
     """
     from ..files.hand_file import choose_hand
-    from ..tracking.opened_recording import MarkerChoice, PointBag, is_marker_bag
+    from ..files.recordings import is_marker_bag
+    from ..tracking.opened_recording import MarkerChoice, PointBag
 
     hand, layout = choose_hand(
         options.hand, options.side, options.limits, options.coupling, options.layout)
@@ -295,7 +296,7 @@ def recorded_hands(options: argparse.Namespace
 def require_bag_of_both(recording: Path, topic: str | None = None) -> None:
     """Refuse other recordings than of MarkerArrays where both hands are tracked."""
     from ..files.bags import BagError
-    from ..tracking.opened_recording import is_marker_bag
+    from ..files.recordings import is_marker_bag
 
     if not is_marker_bag(recording, topic):
         raise BagError(f'--side both: {recording}: such points are tracked for one hand; expected '

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import count
-from os import PathLike
 from pathlib import Path
 from statistics import median_low
 from typing import Any, NamedTuple
@@ -119,25 +118,6 @@ def point_topic(bag: Bag, topic: str | None = None) -> str:
         raise BagError(f'{bag.path}: several topics of points; choose one (--topic): '
                        + ', '.join(f'{name} ({bag.topics[name]})' for name in found))
     return found[0]
-
-
-def has_other_messages(path: str | PathLike[str], topic: str | None = None) -> bool:
-    """Return whether the points of a rosbag2 recording are in other messages than MarkerArrays.
-
-    Parameters
-    ----------
-    path : path-like
-    topic : str, optional
-        As in `point_topics`.
-
-    Raises
-    ------
-    BagError
-        If it cannot be read.
-    """
-    with open_bag(path) as bag:
-        found = point_topics(bag, topic) or point_topics(bag)
-        return bool(found) and all(bag.topics[name] != MARKER_ARRAY for name in found)
 
 
 def read_bag_points(path: Path, zero_is_missing: bool = True,

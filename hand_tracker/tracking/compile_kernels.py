@@ -8,8 +8,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
@@ -89,27 +89,28 @@ def compile_lock(kernel_set: str, starter: int | None = None) -> Iterator[None]:
         If there is no such folder.
     StarterEnded
     """
-    try:
-        import fcntl
-    except ImportError:  # not POSIX: both compile, and the later files replace the others
+    # Not on POSIX: both compile, and the later files replace the others.
+    if find_spec('fcntl') is None:
         yield
         return
     if jit.CACHE_FOLDER is None:
         raise jit.KernelsUnavailable('no folder for compiled kernels can be written to')
     lock = jit.CACHE_FOLDER / f'lock-{kernel_set}'
     if os.nice(0) <= 0:
-        with _locked(lock, starter, fcntl):
+        with _locked(lock, starter):
             yield
         return
-    with _locked(lock.with_name(f'{lock.name}-background'), starter, fcntl):
-        with _locked(lock, starter, fcntl):
+    with _locked(lock.with_name(f'{lock.name}-background'), starter):
+        with _locked(lock, starter):
             pass
         yield
 
 
 @contextmanager
-def _locked(path: Path, starter: int | None, fcntl: ModuleType) -> Iterator[None]:
+def _locked(path: Path, starter: int | None) -> Iterator[None]:
     """Lock a file; wait for it as long as the starter runs."""
+    import fcntl
+
     with open(path, 'w') as lock:
         while True:
             try:

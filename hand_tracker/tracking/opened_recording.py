@@ -11,16 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
-from ..files.bag_points import (
-    WRITTEN_TOPIC,
-    has_other_messages,
-    marker_messages,
-    recorded_frame,
-    recorded_times,
-)
+from ..files.bag_points import WRITTEN_TOPIC, marker_messages, recorded_frame, recorded_times
 from ..files.bags import Bag, BagError, BagMessage, open_bag
 from ..files.point_recording import PointRecording
-from ..files.recordings import ReadingOptions, is_bag, read_recording
+from ..files.recordings import ReadingOptions, is_marker_bag, read_recording
 from ..messages.labels import InvalidLabel, LabelMap, default_labels
 from ..messages.marker_array import MARKER_ARRAY
 
@@ -178,23 +172,6 @@ def open_recording(path: str | PathLike[str] | PointBag,
         return
     with open_bag(path) as bag:
         yield bag
-
-
-def is_marker_bag(path: str | PathLike[str], topic: str | None = None) -> bool:
-    """Return whether a recording is a rosbag2 one that is read as it is, message by message.
-
-    Parameters
-    ----------
-    path : path-like
-    topic : str, optional
-        As in `point_topics`.
-
-    Raises
-    ------
-    BagError
-        If it cannot be read.
-    """
-    return is_bag(path) and not has_other_messages(path, topic)
 
 
 def recorded_points(path: str | PathLike[str], reading: ReadingOptions) -> PointRecording:

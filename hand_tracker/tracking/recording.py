@@ -65,7 +65,7 @@ def marker_topic(bag: Bag, topic: str | None = None) -> str:
     ----------
     bag : Bag
     topic : str, optional
-        That asked for; else it is '/markers' or the only one with points.
+        That asked for; else by `point_topic`.
 
     Returns
     -------

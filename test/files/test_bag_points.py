@@ -23,14 +23,10 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from hand_tracker.__main__ import main
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.evaluation.captures import load_capture
-from hand_tracker.files.bag_points import (
-    has_other_messages,
-    marker_messages,
-    read_bag_points,
-)
+from hand_tracker.files.bag_points import marker_messages, read_bag_points
 from hand_tracker.files.bags import TYPE_STORE, open_bag
 from hand_tracker.files.point_recording import RecordingError
-from hand_tracker.files.recordings import ReadingOptions, read_recording
+from hand_tracker.files.recordings import ReadingOptions, is_marker_bag, read_recording
 from hand_tracker.messages.joint_states import JointStateReader
 from hand_tracker.messages.landmark_kinds import LANDMARK_ORDERS
 from hand_tracker.messages.marker_array import MARKER_ARRAY
@@ -135,7 +131,7 @@ def write_clouds(path, points, and_markers=()):
 def test_marker_arrays_are_chosen_beside_the_cloud_of_a_camera(tmp_path):
     messages = list(marker_messages(np.zeros((3, 2, 3)), [10**9, 2 * 10**9, 3 * 10**9], 'ab'))
     path = write_clouds(tmp_path / 'take', np.ones((50, 3)), messages)
-    assert not has_other_messages(path)
+    assert is_marker_bag(path)
     assert read_recording(path, ReadingOptions(zero_is_missing=False)).labels == ('a/0', 'b/1')
 
 
@@ -146,7 +142,7 @@ def test_a_cloud_of_a_surface_is_refused(tmp_path):
 
 
 def test_several_topics_without_marker_arrays_are_not_played_as_they_are(tmp_path):
-    assert has_other_messages(write_point_bag(tmp_path / 'both', ['cloud', 'poses']))
+    assert not is_marker_bag(write_point_bag(tmp_path / 'both', ['cloud', 'poses']))
 
 
 def test_convert_writes_the_points_of_the_topic_asked_for(tmp_path, capsys):
