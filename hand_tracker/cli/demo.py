@@ -14,6 +14,7 @@ from ..core.errors import HandTrackerError
 from ..viewer.page_options import add_page_options
 from .recording_options import (
     add_hand_options,
+    add_labels_option,
     add_layout_option,
     add_reading_options,
     require_inputs,
@@ -29,6 +30,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
                         '(default: the packaged one of the side)')
     add_hand_options(parser, both=True)
     add_layout_option(parser)
+    add_labels_option(parser)
     parser.add_argument('--markers', action='append', default=[], metavar='MARKER=LABEL,...',
                         help='which point of a file is which marker')
     add_reading_options(parser)

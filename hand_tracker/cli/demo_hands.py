@@ -5,22 +5,20 @@ from __future__ import annotations
 import argparse
 import errno
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-
-import numpy as np
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH, SIDES
 from ..files.bags import Bag, BagError, write_bag
 from ..files.hand_file import choose_hand
-from ..messages.cdr import MarkerReader
-from ..messages.labels import USUAL_TOPIC, LabelMap, default_labels, label_maps
+from ..messages.labels import USUAL_TOPIC, default_labels, label_maps
 from ..package_data import packaged_recording
 from ..simulation.ball_grasp import grasp_recording
 from ..simulation.packaged_recordings import recording_messages
+from ..tracking.label_check import require_lasting_labels
 from ..tracking.opened_recording import PointBag, open_recording
-from ..tracking.recording import MarkerReading, marker_topic
+from ..tracking.recording import MarkerReading, marker_topic, sampled_positions
 from ..tracking.side_check import GREATEST_STEP, recorded_side_fault
 from ..viewer.page_options import PLAIN_ROBOT, chosen_robot
 from .demo_anonymous import ANONYMOUS_RECORDING, PointOwners, take_labels_off
@@ -29,6 +27,7 @@ from .recording_options import (
     label_map,
     recorded_hand,
     recorded_notes,
+    recorded_reading,
     require_bag_of_both,
 )
 
@@ -69,38 +68,30 @@ def _grasping_hand(options: argparse.Namespace) -> WornHand:
     return WornHand(hand, layout, label_map((), layout.names))
 
 
-def _require_sides(bag: Bag, topic: str, hands: Sequence[WornHand]) -> None:
+def _require_sides(bag: Bag, topic: str, hands: Sequence[WornHand],
+                   readings: Sequence[MarkerReading]) -> None:
     """Refuse a recording of hands of other sides, as `hand_tracker track` does at its end."""
-    for hand in hands:
-        labels = bag.labels if isinstance(bag, PointBag) else hand.labels
-        fault = recorded_side_fault(
-            _positions(bag, topic, labels), hand.hand.side, hand.layout.principal)
+    for hand, reading in zip(hands, readings):
+        if not reading.has_labels:
+            continue
+        # As far apart as `SideCheck` counts them.
+        fault = recorded_side_fault(sampled_positions(bag, topic, reading, GREATEST_STEP),
+                                    hand.hand.side, hand.layout.principal)
         if fault is not None:
             whose = f'{hand.hand.side} hand: ' if len(hands) > 1 else ''
             raise BagError(f'{bag.path}: {whose}{fault}')
 
 
-def _positions(bag: Bag, topic: str, labels: LabelMap) -> Iterator[tuple[float, np.ndarray]]:
-    """Yield times [s] and positions of the markers, as far apart as `SideCheck` counts them."""
-    reader, due = MarkerReader(labels), bag.start
-    for message in bag.messages([topic]):
-        if message.time >= due:
-            due = message.time + int(1e9 * GREATEST_STEP)
-            yield 1e-9 * message.time, reader.read(message.data).positions
-
-
 def _view(options: argparse.Namespace, hands: Sequence[WornHand],
-          recording: Path | PointBag) -> None:
+          recording: Path | PointBag, readings: Sequence[MarkerReading]) -> None:
     """Show the recording in the browser."""
     from ..viewer.recording_source import ViewerRecording
     from ..viewer.serve import view
 
     sources: list[ViewerRecording] = []
-    for one in reversed(hands):
-        labels = recording.labels if isinstance(recording, PointBag) else one.labels
+    for one, reading in reversed(list(zip(hands, readings))):
         sources.append(ViewerRecording(
-            recording, one.hand, one.layout, None, next(iter(sources), None),
-            MarkerReading(labels)))
+            recording, one.hand, one.layout, None, next(iter(sources), None), reading))
     view(sources[-1], options, hands[0].hand)
 
 
@@ -122,26 +113,35 @@ def demonstrate(options: argparse.Namespace) -> None:
     if options.robot and len(hands) > 1 and not options.view:
         raise HandTrackerError('--side both: a robot follows one hand; choose a side')
     loaded = None if options.view else chosen_robot(options, hands[0].hand)
+    readings = [recorded_reading(options, recording, one.layout, one.labels) for one in hands]
+    for one, reading in zip(hands, readings):
+        require_lasting_labels(recording, USUAL_TOPIC, reading, one.layout)
     with open_recording(recording) as bag:
         topic = marker_topic(bag, USUAL_TOPIC)
-        _require_sides(bag, topic, hands)
+        _require_sides(bag, topic, hands, readings)
         frame_count = bag.counts[topic]
     if options.anonymous and (options.view or options.grasp):
-        raise HandTrackerError('--anonymous: the page and the grasp take labelled markers; leave '
-                               'out --view and --grasp')
+        raise HandTrackerError('--anonymous: is shown neither in the page nor with the grasp; '
+                               'leave out --view and --grasp')
     if options.view:
-        _view(options, hands, recording)
+        _view(options, hands, recording, readings)
         return
     options.output.mkdir(parents=True, exist_ok=True)
     if not os.access(options.output, os.W_OK):
         raise PermissionError(errno.EACCES, 'no permission to write there', options.output)
     owners: PointOwners = {}
-    if options.anonymous:
+    has_labels = readings[0].has_labels
+    if has_labels and options.anonymous or not has_labels and isinstance(recording, PointBag):
         options.recording = options.output / ANONYMOUS_RECORDING
         with open_recording(recording) as bag:
-            owners = take_labels_off(bag, topic, hands, options.recording)
-        options.markers = []
+            if has_labels:
+                owners = take_labels_off(bag, topic, hands, options.recording)
+            else:
+                write_bag(options.recording, bag.messages([topic]))
+        # The replay reads what is written here, in metres.
+        options.markers, options.units, options.up, options.handed = [], None, None, None
     # What draws and listens is imported once all is right.
     from .demo_run import run_demo
 
-    run_demo(options, hands, recording, frame_count, loaded, owners)
+    run_demo(options, hands, recording, frame_count, loaded,
+             None if has_labels and not options.anonymous else owners)

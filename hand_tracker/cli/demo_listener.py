@@ -108,29 +108,33 @@ class Listener:
     ----------
     node : rclpy.node.Node
     hands : sequence of WornHand
-    owners : PointOwners
-        Of the points, where they have no labels; else empty.
+    owners : PointOwners, optional
+        Of the points, where they have no labels; empty where that is not known.
 
     Attributes
     ----------
     hands : list of ReceivedHand
     is_anonymous : bool
         Whether markers come as points without labels, which the tracker gives them.
+    knows_owners : bool
+        Whether these labels can be judged.
     transforms : int
         Messages on /tf.
     """
 
-    def __init__(self, node: Node, hands: Sequence[WornHand], owners: PointOwners) -> None:
+    def __init__(self, node: Node, hands: Sequence[WornHand],
+                 owners: PointOwners | None = None) -> None:
         self.hands = [ReceivedHand(hand) for hand in hands]
         self.transforms = 0
         self._latencies: list[float] = []  # [s]
         self._frames: set[int] = set()     # stamps of markers [ns]
-        self._owners, self.is_anonymous = owners, bool(owners)
+        self._owners = owners or {}
+        self.is_anonymous, self.knows_owners = owners is not None, bool(owners)
         self._label_counts = [0, 0]        # right ones, and all
         self._marker_readers = [MarkerReader(hand.labels) for hand in self.hands]
         self._point_reader = PointReader()
         self._joint_reader = JointStateReader()
-        for hand in self.hands if owners else ():
+        for hand in self.hands if self.is_anonymous else ():
             scope = f'{hand.hand.side}/' if len(self.hands) > 1 else ''
             node.create_subscription(MarkerArray, f'{scope}labelled_markers', partial(
                 self._on_labelled, hand, MarkerReader(LabelMap(
@@ -190,6 +194,10 @@ class Listener:
         """Return how many labels of points are those of their owners, and how many there are."""
         right, count = self._label_counts
         return right, count
+
+    def before_first(self) -> int:
+        """Return how many received frames came before the first that is answered."""
+        return len(self._frames) - self.left_out()[1]
 
     def left_out(self) -> tuple[int, int]:
         """Return how many received frames were not answered, and of how many from the first on.

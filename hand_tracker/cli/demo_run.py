@@ -26,6 +26,7 @@ from ..drawing.animation import HandMotion, save_animation, save_sheet
 from ..files.angle_table import write_angle_table
 from ..files.hand_file import save_hand
 from ..files.layout_file import save_layout
+from ..messages.labels import UNLABELLED
 from ..retargeting.robot_file import LoadedRobot
 from ..tracking.compilation import COMPILE_TIME, PROGRAM
 from ..tracking.opened_recording import PointBag
@@ -60,7 +61,8 @@ def _stop(process: subprocess.Popen[bytes]) -> int:
 
 
 def run_demo(options: argparse.Namespace, hands: Sequence[WornHand], recording: Path | PointBag,
-             frame_count: int, loaded: LoadedRobot | None, owners: PointOwners) -> None:
+             frame_count: int, loaded: LoadedRobot | None,
+             owners: PointOwners | None = None) -> None:
     """Play a recording through the nodes, and save what they answered.
 
     Parameters
@@ -74,8 +76,9 @@ def run_demo(options: argparse.Namespace, hands: Sequence[WornHand], recording: 
         Messages of markers in the recording.
     loaded : LoadedRobot or None
         Robot that follows.
-    owners : PointOwners
-        Of the points of a recording without labels; empty where there are labels.
+    owners : PointOwners, optional
+        Of the points of a recording without labels, as far as they are known; None where there
+        are labels.
 
     Raises
     ------
@@ -132,7 +135,7 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
     side = first.hand.side if len(listener.hands) == 1 else BOTH
     tracker = _start('tracker', hand_file=options.hand, layout=options.layout, side=side,
                      broadcast='all', auto_size='false',
-                     labels="'none'" if listener.is_anonymous else None, **presets)
+                     labels=f"'{UNLABELLED}'" if listener.is_anonymous else None, **presets)
     processes.append(tracker)
     if robot is not None:
         processes.append(_start('retarget', robot=options.robot, hand_file=options.hand, side=side,
@@ -218,9 +221,17 @@ def _count_lines(listener: Listener, received: Sequence[ReceivedFrames],
            f'them; {listener.summary(received)}')
     if listener.is_anonymous:
         right, labelled = listener.label_counts
-        yield f'{right} of {labelled} labels given to points are those of the recording'
+        if listener.knows_owners:
+            yield f'{right} of {labelled} labels given to points are those of the recording'
+    if (before := listener.before_first()):
+        event = ('the hand was found among the points' if listener.is_anonymous
+                 else 'the first answer, which the palm must be seen for')
+        yield f'{before} frames came before {event}'
     left_out, count = listener.left_out()
-    if left_out > TOLD_SHARE * count:
+    if 0 < left_out <= TOLD_SHARE * count:
+        yield (f'{left_out} of {count} frames were left out, as newer ones had come before they '
+               'were tracked')
+    elif left_out:
         cause = ('plain Python tracks until the kernels are compiled, once, on the first start'
                  if jit.DEFERRED and not listener.is_anonymous else 'this machine had other work')
         yield (f'{left_out} of {count} frames were left out, as {cause}: run it again, and more '

@@ -16,6 +16,7 @@ from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..files.point_recording import HANDEDNESS, UNIT_SPELLINGS, UP_AXES
 from ..messages.labels import (
     LABEL_SOURCES,
+    UNLABELLED,
     USUAL_TOPIC,
     InvalidLabel,
     LabelMap,
@@ -115,10 +116,15 @@ def add_recording_options(parser: argparse.ArgumentParser, several: bool = False
     parser.add_argument('--auto-size', action=argparse.BooleanOptionalAction, default=True,
                         help="learn the hand's size from the first seconds, where no hand file "
                         'gives it')
-    parser.add_argument('--labels', choices=LABEL_SOURCES, default=LABEL_SOURCES[0],
-                        help='source: markers have labels; none: they are points without usable '
-                        'ids, and are labelled; default: source')
+    add_labels_option(parser)
     add_marker_options(parser)
+
+
+def add_labels_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option of a command line that says whether markers have labels."""
+    parser.add_argument('--labels', choices=LABEL_SOURCES, default=LABEL_SOURCES[0],
+                        help='source: markers have labels, but in a file without any; none: they '
+                        'are points without usable ids, and are labelled; default: source')
 
 
 def add_marker_options(parser: argparse.ArgumentParser) -> None:
@@ -231,7 +237,7 @@ def recorded_hand(options: argparse.Namespace
         reading, hand.side if options.hand else options.side,
         chosen_labels(options.markers, layout.names),
         layout if options.hand or options.layout else None,
-        vars(options).get('labels') != 'none'))    # not every command has that option
+        False if options.labels == UNLABELLED else None))
     if points.side and points.side != hand.side:
         hand, _ = choose_hand(
             options.hand, points.side, options.limits, options.coupling, options.layout)
@@ -245,22 +251,30 @@ def recorded_notes(recording: Path | PointBag) -> tuple[str, ...]:
     return recording.notes if isinstance(recording, PointBag) else ()
 
 
-def recorded_labels(options: argparse.Namespace, recording: Path | PointBag,
-                    layout: MarkerLayout) -> LabelMap:
-    """Return the labels of a recording's messages, which a file of points has by itself."""
+def recorded_reading(options: argparse.Namespace, recording: Path | PointBag,
+                     layout: MarkerLayout, labels: LabelMap | None = None) -> MarkerReading:
+    """Return how one hand's markers are read from a recording's messages.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+    recording, layout
+        See `recorded_hand`.
+    labels : LabelMap, optional
+        Of the markers; by the options when left out. A file of points has them by itself.
+    """
     from ..tracking.opened_recording import PointBag
-
-    if isinstance(recording, PointBag):
-        return recording.labels
-    return label_map([*options.label, *equated(options.markers, layout.names)], layout.names)
-
-
-def marker_reading(options: argparse.Namespace, labels: LabelMap) -> MarkerReading:
-    """Return the options of the command line for reading one hand's messages."""
     from ..tracking.recording import MarkerReading
 
-    return MarkerReading(labels, options.frame, options.unit_scale, not options.keep_zeros,
-                         options.labels != 'none')
+    has_labels = options.labels != UNLABELLED
+    if isinstance(recording, PointBag):
+        labels, has_labels = recording.labels, recording.has_labels
+    elif labels is None:
+        labels = label_map([*options.label, *equated(options.markers, layout.names)], layout.names)
+    given = vars(options)    # not every command has all
+    return MarkerReading(
+        labels, given.get('frame', ''), given.get('unit_scale', 1.),
+        not given.get('keep_zeros'), has_labels)
 
 
 def equated(texts: Iterable[str], names: Sequence[str]) -> list[str]:

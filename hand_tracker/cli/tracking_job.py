@@ -24,10 +24,9 @@ from ..tracking.recording import (
 )
 from ..tracking.setting_names import BAG_OPTION_NAMES, FILE_OPTION_NAMES
 from .recording_options import (
-    marker_reading,
     recorded_hand,
     recorded_hands,
-    recorded_labels,
+    recorded_reading,
 )
 
 LOG_PERIOD = .25     # [s] of the recording
@@ -153,7 +152,7 @@ def tracked_recording(
     frames : iterator of RecordedFrame
     """
     hand, layout, recording = recorded_hand(options)
-    reading = marker_reading(options, recorded_labels(options, recording, layout))
+    reading = recorded_reading(options, recording, layout)
     with open_recording(recording) as bag:
         job = TrackingJob(bag, marker_topic(bag, options.topic), interrupted, progress, layout)
         for note in bag.notes:
@@ -181,7 +180,8 @@ def tracked_hands(
     """
     chosen = recorded_hands(options)
     _, layout, _ = chosen[SIDES[0]]
-    hands = {side: (HandTracker(hand, worn), marker_reading(options, labels))
+    hands = {side: (HandTracker(hand, worn), recorded_reading(
+        options, options.recording, worn, labels))
              for side, (hand, worn, labels) in chosen.items()}
     with open_bag(options.recording) as bag:
         job = TrackingJob(bag, marker_topic(bag, options.topic), interrupted, progress, layout)

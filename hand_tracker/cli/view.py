@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING
 
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH
-from ..messages.labels import InvalidLabel
 from ..package_data import packaged_recording
 from ..viewer.page_options import add_page_options
 from .recording_options import (
     add_recording_options,
-    marker_reading,
     recorded_hand,
     recorded_hands,
-    recorded_labels,
     recorded_notes,
+    recorded_reading,
     require_inputs,
 )
 
@@ -46,23 +44,24 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
 
 def _source(options: argparse.Namespace) -> ViewerRecording:
     """Return the hand that the command line asks for, or both."""
-    if options.labels == 'none':
-        raise InvalidLabel('--labels none: the page shows labelled markers; `hand_tracker track` '
-                           'takes points without labels')
+    from ..tracking.label_check import require_lasting_labels
     from ..viewer.recording_source import ViewerRecording
 
     if options.side == BOTH:
-        right, left = recorded_hands(options).values()
-        other = ViewerRecording(options.recording, *left[:2], options.topic,
-                                reading=marker_reading(options, left[2]))
-        return ViewerRecording(options.recording, *right[:2], options.topic, other,
-                               marker_reading(options, right[2]))
+        source = None
+        for hand, layout, labels in reversed(recorded_hands(options).values()):
+            reading = recorded_reading(options, options.recording, layout, labels)
+            require_lasting_labels(options.recording, options.topic, reading, layout)
+            source = ViewerRecording(
+                options.recording, hand, layout, options.topic, source, reading)
+        assert source is not None
+        return source
     hand, layout, recording = recorded_hand(options)
     for note in recorded_notes(recording):
         print(f'{options.recording}: {note}', file=sys.stderr)
-    labels = recorded_labels(options, recording, layout)
-    return ViewerRecording(
-        recording, hand, layout, options.topic, reading=marker_reading(options, labels))
+    reading = recorded_reading(options, recording, layout)
+    require_lasting_labels(recording, options.topic, reading, layout)
+    return ViewerRecording(recording, hand, layout, options.topic, reading=reading)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -15,7 +15,8 @@ def default_labels(names: Sequence[str]) -> tuple[str, ...]:
 
 
 USUAL_TOPIC = '/markers'             # of the markers
-LABEL_SOURCES = ('source', 'none')   # whether they have labels
+UNLABELLED = 'none'
+LABEL_SOURCES = ('source', UNLABELLED)   # whether they have labels
 DEFAULT_LABELS = default_labels(MARKERS)
 ID_RANGE = (-2**31, 2**31 - 1)
 

@@ -16,10 +16,12 @@ from ..adapters.marker_messages import MARKER_MESSAGES
 from ..calibration.live_take import LiveTake
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
+from ..core.numerics import jit
+from ..core.point_labelling.cloud_labeller import compile_kernels as compile_labelling
 from ..core.tracker import HandState, HandTracker
 from ..messages.builders import diagnostics
 from ..messages.cdr import MarkerReader
-from ..messages.labels import LabelMap
+from ..messages.labels import UNLABELLED, LabelMap
 from ..messages.landmark_kinds import LANDMARK_POSES
 from ..messages.marker_array import MarkerFrame
 from ..messages.points import PointReader
@@ -103,7 +105,9 @@ class TrackedHand:
         self._tracker = HandTracker(self.settings.hand, layout, self.settings.options)
         auto_size = (AutoSize(self.settings.hand, layout, in_background=True)
                      if learns_size(start) else None)
-        self._labels_points = start['labels'] == 'none'
+        self._labels_points = start['labels'] == UNLABELLED
+        if self._labels_points and jit.COMPILED and not jit.LABELLING_IS_DEFERRED:
+            compile_labelling()    # loads what is on disk, now, not while the first frames wait
         self._point_labels = point_labels
         self._kind = MARKER_MESSAGES[start['marker_message']]
         self._landmark_checks = LandmarkChecks(

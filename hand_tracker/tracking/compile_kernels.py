@@ -52,22 +52,26 @@ def compile_tracking() -> HandTracker:
     return tracker
 
 
-def prepare_kernels(say: Callable[[str], object]) -> None:
+def prepare_kernels(say: Callable[[str], object], labels_points: bool = False) -> None:
     """Compile missing kernels before they are needed, and announce the wait.
 
     Parameters
     ----------
     say : callable
         Takes a line.
+    labels_points : bool, optional
+        Whether those that label points are needed too.
     """
-    if not jit.COMPILED or jit.is_ready(jit.TRACKING_SET):
-        return
-    say(f'compiling the kernels, which are kept, for {COMPILE_TIME} ...')
-    try:
-        complete_set(jit.TRACKING_SET, compile_tracking)
-    except (OSError, jit.KernelsUnavailable):
-        # Without a folder to keep them in they are compiled each time.
-        compile_tracking()
+    needed = [jit.TRACKING_SET, *[jit.LABELLING_SET] * labels_points]
+    missing = [name for name in needed if jit.COMPILED and not jit.is_ready(name)]
+    if missing:
+        say(f'compiling the kernels, which are kept, for {COMPILE_TIME} ...')
+    for name in missing:
+        try:
+            complete_set(name, SETS[name])
+        except (OSError, jit.KernelsUnavailable):
+            # Without a folder to keep them in they are compiled each time.
+            SETS[name]()
 
 
 @contextmanager

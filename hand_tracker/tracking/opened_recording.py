@@ -60,6 +60,8 @@ class PointBag(Bag):
         Where the markers are worn.
     labels : LabelMap
         Of those that the file has.
+    has_labels : bool
+        Whether they say which points are the markers; else all points are there.
     side : str
         Of the hand, empty where neither the choice nor the labels nor its shape say.
     notes : tuple of str
@@ -74,7 +76,9 @@ class PointBag(Bag):
         recording = with_recognised_axes(read_recording(path, choice.reading))
         self.path, self.notes = path, recording.notes
         missing: Sequence[str] = ()
-        if any(recording.labels) if choice.has_labels is None else choice.has_labels:
+        self.has_labels = (
+            any(recording.labels) if choice.has_labels is None else choice.has_labels)
+        if self.has_labels:
             chosen = choose_markers(recording, choice.side, choice.names, choice.layout)
             self.layout, missing = chosen.layout, chosen.missing
             self.side = choice.side or chosen.side or ''

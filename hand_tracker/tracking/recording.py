@@ -104,14 +104,44 @@ class MarkerReading(NamedTuple):
     zero_is_missing: bool = True
     has_labels: bool = True
 
+    def marker_reader(self) -> MarkerReader:
+        """Return a reader of labelled markers."""
+        return MarkerReader(self.labels, self.frame_id, self.scale, self.zero_is_missing)
+
+    def point_reader(self) -> PointReader:
+        """Return a reader of all points, whatever their labels."""
+        return PointReader(self.frame_id, self.scale, self.zero_is_missing)
+
 
 USUAL_READING = MarkerReading()
+
+
+def sampled_positions(bag: Bag, topic: str, reading: MarkerReading,
+                      step: float) -> Iterator[tuple[float, np.ndarray]]:
+    """Yield times [s] and positions of a hand's markers in some of the messages.
+
+    Parameters
+    ----------
+    bag : Bag
+    topic : str
+        Of the markers.
+    reading : MarkerReading
+        With labels.
+    step : float
+        Between messages that are read, at least [s].
+    """
+    reader, due = reading.marker_reader(), bag.start
+    for message in bag.messages([topic]):
+        if message.time >= due:
+            due = message.time + int(1e9 * step)
+            yield 1e-9 * message.time, reader.read(message.data).positions
 
 
 def track(messages: Iterable[BagMessage], tracker: HandTracker,
           reading: MarkerReading = USUAL_READING, monitor: Monitor | None = None,
           say: Callable[[str], None] | None = None,
-          auto_size: bool = False) -> Iterator[RecordedFrame]:
+          auto_size: bool = False,
+          point_labels: PointLabels | None = None) -> Iterator[RecordedFrame]:
     """Track recorded markers as the tracker node tracks them live.
 
     As there, messages without any marker of the hand are left out, and so are all before
@@ -130,6 +160,8 @@ def track(messages: Iterable[BagMessage], tracker: HandTracker,
         Called with a line: that kernels are compiled meanwhile, and when they take over.
     auto_size : bool, optional
         Whether the size of the hand is learned from the first seconds.
+    point_labels : PointLabels, optional
+        Of markers without labels, where it knows the other hand among them.
 
     Yields
     ------
@@ -140,7 +172,7 @@ def track(messages: Iterable[BagMessage], tracker: HandTracker,
     BagError
         If a message is damaged.
     """
-    hand = RecordedHand(tracker, reading, monitor, auto_size)
+    hand = RecordedHand(tracker, reading, monitor, auto_size, point_labels)
     for frames in track_hands(messages, {'': hand}, say):
         yield frames['']
 
@@ -160,13 +192,12 @@ class RecordedHand:
                  monitor: Monitor | None = None, auto_size: bool = False,
                  point_labels: PointLabels | None = None) -> None:
         self._monitor = monitor
-        positions = reading.frame_id, reading.scale, reading.zero_is_missing
         reader: Reader
         if reading.has_labels:
-            reader = MarkerReader(reading.labels, *positions)
+            reader = reading.marker_reader()
         else:
             reader = PointLabelReader(
-                tracker.hand, tracker.layout, PointReader(*positions), point_labels,
+                tracker.hand, tracker.layout, reading.point_reader(), point_labels,
                 PARAMETER_NAMES if monitor is None else monitor.names)
         self._stream = Stream(
             tracker, reader, AutoSize(tracker.hand, tracker.layout) if auto_size else None)

@@ -18,6 +18,7 @@ from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
 from ..tracking.compile_kernels import prepare_kernels
 from ..tracking.opened_recording import PointBag, open_recording
+from ..tracking.point_labels import PointLabels
 from ..tracking.recording import (
     USUAL_READING,
     MarkerReading,
@@ -163,6 +164,9 @@ class ViewerRecording:
                  topic: str | None = None, beside: 'ViewerRecording | None' = None,
                  reading: MarkerReading = USUAL_READING) -> None:
         self.beside = beside
+        self._others = [] if beside is None else [beside]    # whose points may be among these
+        if beside is not None:
+            beside._others.append(self)
         self.hand, self._layout = hand, layout
         self.constraints = DEFAULT_CONSTRAINTS
         self.playhead: Any = None    # a `Playhead` once prepared
@@ -189,7 +193,7 @@ class ViewerRecording:
             If no frame of it can be tracked.
         """
         say('Preparing')
-        prepare_kernels(say)
+        prepare_kernels(say, not self._reading.has_labels)
         first = next(self._track(self._tracker(DEFAULT_CONSTRAINTS), self._start), None)
         if first is None or first.time >= self._end:
             raise HandTrackerError(f'{self._name}: nothing to show; expected frames in which the '
@@ -207,7 +211,15 @@ class ViewerRecording:
 
     def _track(self, tracker: TimedTracker, start: int) -> Iterator[RecordedFrame]:
         with open_recording(self._path) as bag:
-            yield from track(bag.messages([self._topic], start), tracker, self._reading)
+            yield from track(bag.messages([self._topic], start), tracker, self._reading,
+                             point_labels=self._point_labels())
+
+    def _point_labels(self) -> PointLabels:
+        """Return what labels points without labels, of the other hand too."""
+        labels = PointLabels()
+        for other in () if self._reading.has_labels else self._others:
+            labels.set_hand(other.hand, other._layout, self._reading.point_reader())
+        return labels
 
     def set_demand(self, looked_at: bool, compared: bool) -> None:
         """Do nothing: a recording needs no subscription."""

@@ -99,6 +99,22 @@ def test_demo_plays_a_c3d_file_of_another_program(ros, tmp_path):
             image.verify()
 
 
+def test_demo_finds_the_hand_among_points_without_labels(ros, tmp_path):
+    recording = demo_recording()
+    np.savez(tmp_path / 'take.npz', markers=recording.markers[:240], rate_hz=120.,
+             marker_names=[f'unlabeled {number}' for number in range(8)])
+    done = run_demo('--recording', tmp_path / 'take.npz', '--output', tmp_path / 'out')
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert int(re.search(r'(\d+) frames of markers played', done.stdout).group(1)) == 240
+    assert int(re.search(r'(\d+) joint states', done.stdout).group(1)) > 0
+    assert 'labels given to points' not in done.stdout   # nobody knows which are right
+    with open(tmp_path / 'out' / 'angles.csv', newline='', encoding='utf-8') as file:
+        rows = np.array(list(csv.reader(file))[1:], dtype=float)
+    error = min(np.abs(rows[:, 1:] - np.degrees(recording.angles[start + np.round(
+        120. * rows[:, 0]).astype(int)])).mean() for start in range(240 - round(120 * rows[-1, 0])))
+    assert error < 4.
+
+
 @pytest.mark.parametrize('arguments, message', [
     (('--recording', 'absent.mcap'), 'absent.mcap'),
     (('--recording', __file__), "that of no known format"),
@@ -147,7 +163,7 @@ def node(ros):
 def test_frames_that_were_not_answered_are_counted_from_the_first_answer_on(node):
     from hand_tracker.cli.demo_listener import Listener
 
-    listener = Listener(node, [WornHand(Hand.scaled(), MarkerLayout(), LabelMap())], {})
+    listener = Listener(node, [WornHand(Hand.scaled(), MarkerLayout(), LabelMap())])
     recording = demo_recording()
     short = recording._replace(stamps=recording.stamps[:10] - recording.stamps[0] + 10**9,
                                markers=recording.markers[:10], angles=recording.angles[:10])
@@ -158,7 +174,7 @@ def test_frames_that_were_not_answered_are_counted_from_the_first_answer_on(node
         elif message.time in answered:
             listener._on_angles(message.data)
     assert listener.counts == (10, 3)
-    assert listener.left_out() == (5, 8)
+    assert listener.left_out() == (5, 8) and listener.before_first() == 2
     (received,) = (hand.received_frames() for hand in listener.hands)
     assert set(received.stamps.tolist()) == answered
     np.testing.assert_allclose(received.angles, short.angles[[2, 3, 7]])

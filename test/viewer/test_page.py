@@ -10,6 +10,9 @@ from threading import Event
 import numpy as np
 import pytest
 
+from hand_tracker.cli import view
+from hand_tracker.cli.demo_anonymous import take_labels_off
+from hand_tracker.cli.recording_options import WornHand
 from hand_tracker.core.constraints import CONSTRAINTS, DEFAULT_CONSTRAINTS, constrained, describe
 from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.model.hand import JOINTS, SIDES, Hand
@@ -24,7 +27,8 @@ from hand_tracker.core.model.skeleton import (
 from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.bags import bag_message, marker_array_message, open_bag, write_bag
-from hand_tracker.messages.labels import DEFAULT_LABELS, label_maps
+from hand_tracker.files.recordings import read_recording, write_recording
+from hand_tracker.messages.labels import DEFAULT_LABELS, LabelMap, label_maps
 from hand_tracker.package_data import packaged_recording
 from hand_tracker.tracking.recording import MarkerReading, track
 from hand_tracker.viewer.angle_bars import angle_bars
@@ -338,6 +342,49 @@ def test_both_hands_of_a_recording_play_together():
     finally:
         viewer.stop()
     assert drawn == [('/hand', -.09, 8), ('/other_hand', .09, 8)]
+
+
+def test_points_without_labels_show_the_hands_that_markers_show(tmp_path):
+    path, layout, sources = packaged_recording('both'), MarkerLayout(), []
+    labels = label_maps(DEFAULT_LABELS, {side: f'{side}/0' for side in SIDES})
+    hands = [WornHand(Hand.scaled(side=side), layout, labels[side]) for side in SIDES]
+    with open_bag(path) as bag:
+        take_labels_off(bag, '/markers', hands, tmp_path / 'points.mcap')
+    for recording, readings in (
+            (path, labels), (tmp_path / 'points.mcap', dict.fromkeys(SIDES, LabelMap()))):
+        one = None
+        for worn in reversed(hands):
+            one = ViewerRecording(recording, worn.hand, layout, None, one, MarkerReading(
+                readings[worn.hand.side], has_labels=recording == path))
+        one.prepare(print)
+        one.playhead.toggle()
+        one.playhead.seek(.2)
+        sources.append(one)
+    labelled, found = sources
+    for shown, expected in ((found, labelled), (found.beside, labelled.beside)):
+        np.testing.assert_allclose(
+            shown.state().wrist_position, expected.state().wrist_position, atol=.003)
+
+
+def test_the_page_takes_points_without_labels_or_names_the_option(tmp_path):
+    recording = read_recording(packaged_recording())
+    without = recording._replace(
+        labels=('',) * len(recording.labels), points=recording.points[:40],
+        stamps=None)
+    write_recording(tmp_path / 'points.npz', without)
+    source = view._source(view._parse([str(tmp_path / 'points.npz'), '--side', 'right']))
+    source.prepare(print)
+    assert source.hand.side == 'right' and source.state() is not None
+    write_recording(tmp_path / 'named.npz', without._replace(labels=tuple('abcdefgh')))
+    with pytest.raises(HandTrackerError, match='--labels none'):
+        view._source(view._parse([str(tmp_path / 'named.npz')]))
+    with open_bag(packaged_recording()) as bag:
+        take_labels_off(bag, '/markers', [WornHand(
+            Hand.scaled(), MarkerLayout(), LabelMap())], tmp_path / 'points.mcap')
+    options = [str(tmp_path / 'points.mcap')]
+    with pytest.raises(HandTrackerError, match='9 % of the frames; expected --labels none'):
+        view._source(view._parse(options))
+    view._source(view._parse([*options, '--labels', 'none'])).prepare(print)
 
 
 def test_the_addresses_lead_to_the_page():

@@ -1,0 +1,61 @@
+"""Recognise a recording whose labels name no markers for long: there are points, but no palm."""
+
+from __future__ import annotations
+
+from os import PathLike
+
+import numpy as np
+
+from ..core.model.marker_layout import PALM_MARKERS, MarkerLayout
+from ..files.bags import BagError
+from .opened_recording import PointBag, open_recording
+from .recording import MarkerReading, marker_topic
+
+LEAST_PALM_SHARE = .25   # of the frames, below which labels are of no use where
+POINTS_SHARE = .5        # of the frames have at least as many points as the hand has markers. Ours
+CHECK_STEP = .1          # [s] between frames that are looked at
+CHECKED_SECONDS = 60.    # from the start of a recording
+
+
+def require_lasting_labels(recording: str | PathLike[str] | PointBag, topic: str | None,
+                           reading: MarkerReading, layout: MarkerLayout) -> None:
+    """Refuse a recording of enough points, of which labels seldom show the palm.
+
+    Such are points with numbers that change whenever one is hidden, as of systems that do not
+    label.
+
+    Parameters
+    ----------
+    recording : path-like or PointBag
+        For `open_recording`.
+    topic : str or None
+        For `marker_topic`.
+    reading : MarkerReading
+    layout : MarkerLayout
+
+    Raises
+    ------
+    BagError
+        Naming the cure.
+    """
+    if not reading.has_labels:
+        return
+    palm = [row for row in layout.principal[:len(PALM_MARKERS)] if row >= 0]
+    markers, points = reading.marker_reader(), reading.point_reader()
+    has_palm, has_points = [], []
+    with open_recording(recording) as bag:
+        due = bag.start
+        for message in bag.messages([marker_topic(bag, topic)]):
+            if message.time > bag.start + 1e9 * CHECKED_SECONDS:
+                break
+            if message.time >= due:
+                due = message.time + int(1e9 * CHECK_STEP)
+                positions = markers.read(message.data).positions
+                has_palm.append(np.isfinite(positions[palm]).all())
+                has_points.append(len(points.read(message.data).points) >= len(positions))
+        if (has_palm and np.mean(has_palm) < LEAST_PALM_SHARE
+                and np.mean(has_points) > POINTS_SHARE):
+            raise BagError(
+                f"{bag.path}: there are points, but the labels show the palm's markers together "
+                f'in only {100. * np.mean(has_palm):.0f} % of the frames; expected --labels none, '
+                'which finds the hand among points by its shape, or the right labels')
