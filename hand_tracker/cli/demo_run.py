@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +26,7 @@ from ..drawing.animation import HandMotion, save_animation, save_sheet
 from ..files.angle_table import write_angle_table
 from ..files.hand_file import save_hand
 from ..files.layout_file import save_layout
-from ..messages.labels import UNLABELLED
+from ..messages.labels import WITHOUT_LABELS
 from ..retargeting.robot_file import LoadedRobot
 from ..tracking.compilation import COMPILE_TIME, PROGRAM
 from ..tracking.opened_recording import PointBag
@@ -114,12 +114,21 @@ def run_demo(options: argparse.Namespace, hands: Sequence[WornHand], recording: 
         rclpy.try_shutdown()
 
 
-def _complete_kernels() -> None:
-    """Compile the kernels that label points, where that was not done: Python is far too slow."""
-    if jit.JIT_IS_ON and not jit.is_ready(jit.LABELLING_SET):
-        print(f'Compiling what labels points: once, for {COMPILE_TIME} ...', flush=True)
-        subprocess.run([sys.executable, '-m', PROGRAM], check=True,
+def _complete_kernels(kernel_set: str, what: str) -> None:
+    """Compile a set of kernels, where that was not done: plain Python is far too slow for it."""
+    if jit.JIT_IS_ON and not jit.is_ready(kernel_set):
+        print(f'Compiling what {what}: once, for {COMPILE_TIME} ...', flush=True)
+        subprocess.run([sys.executable, '-m', PROGRAM, jit.TRACKING_SET, kernel_set], check=True,
                        env={**os.environ, 'HAND_TRACKER_JIT': '1'})
+
+
+def _wait_for(name: str, process: subprocess.Popen[bytes], node: Node,
+              is_there: Callable[[], bool]) -> None:
+    """Wait until a node is there, however long it takes on a busy machine."""
+    while not is_there():
+        if process.poll() is not None:
+            raise HandTrackerError(f'the {name} did not start; see its message above')
+        rclpy.spin_once(node, timeout_sec=.1)
 
 
 def _play(node: Node, listener: Listener, options: argparse.Namespace,
@@ -128,24 +137,23 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
     presets = {f'{name}.preset': value for name, value in (
         ('limits', options.limits), ('coupling', options.coupling)) if value}
     if listener.is_anonymous:
-        _complete_kernels()
-    print('Starting the tracker ...', flush=True)
+        _complete_kernels(jit.LABELLING_SET, 'labels points')
     # What is received is compared with the hand that is given here, the recording's.
     first = listener.hands[0]
     side = first.hand.side if len(listener.hands) == 1 else BOTH
-    tracker = _start('tracker', hand_file=options.hand, layout=options.layout, side=side,
-                     broadcast='all', auto_size='false',
-                     labels=f"'{UNLABELLED}'" if listener.is_anonymous else None, **presets)
-    processes.append(tracker)
     if robot is not None:
+        # First, as the tracker would warn of the markers that do not come meanwhile.
+        print("Starting the robot's node ...", flush=True)
         processes.append(_start('retarget', robot=options.robot, hand_file=options.hand, side=side,
                                 robot_description=options.robot_description))
-    # However long it takes on a busy machine.
-    while not node.count_publishers('joint_states') or robot and not robot.is_ready:
-        for process, name in zip(processes, ('tracker', 'retarget node')):
-            if process.poll() is not None:
-                raise HandTrackerError(f'the {name} did not start; see its message above')
-        rclpy.spin_once(node, timeout_sec=.1)
+        _wait_for('retarget node', processes[-1], node, lambda: robot.is_ready)
+        _complete_kernels(jit.TRACKING_SET, 'tracks')
+    print('Starting the tracker ...', flush=True)
+    tracker = _start('tracker', hand_file=options.hand, layout=options.layout, side=side,
+                     broadcast='all', auto_size='false',
+                     labels=f"'{WITHOUT_LABELS}'" if listener.is_anonymous else None, **presets)
+    processes.append(tracker)
+    _wait_for('tracker', tracker, node, lambda: bool(node.count_publishers('joint_states')))
     # Where kernels are on disk they load now, not while frames wait.
     rest = marker_positions(
         first.layout.mounting(first.hand), forward(joint_table(first.hand), np.zeros(25)))

@@ -15,7 +15,7 @@ from ..calibration.take_checks import LEAST_DURATION
 from ..core.model.hand import SIDES
 from ..core.model.layout_presets import PAPER_LAYOUT
 from ..files.point_recording import PointRecording
-from ..messages.labels import UNLABELLED
+from ..messages.labels import WITHOUT_LABELS
 from ..messages.marker_array import MARKER_ARRAY
 from .recording_options import (
     chosen_labels,
@@ -80,7 +80,7 @@ def next_command(path: Path, recording: PointRecording, options: argparse.Namesp
     if recording.origin is not None and recording.origin.type == MARKER_ARRAY:
         return shlex.join(words)
     if not any(recording.labels):
-        return shlex.join([*words, '--labels', UNLABELLED])
+        return shlex.join([*words, '--labels', WITHOUT_LABELS])
     likeliest = None if options.markers else complete_layout(recording)
     if likeliest is not None:
         words += ['--layout', likeliest.name] * (likeliest.name != PAPER_LAYOUT)

@@ -16,8 +16,8 @@ from ..core.model.marker_layout import MARKERS, MarkerLayout
 from ..files.point_recording import HANDEDNESS, UNIT_SPELLINGS, UP_AXES
 from ..messages.labels import (
     LABEL_SOURCES,
-    UNLABELLED,
     USUAL_TOPIC,
+    WITHOUT_LABELS,
     InvalidLabel,
     LabelMap,
     default_labels,
@@ -237,7 +237,7 @@ def recorded_hand(options: argparse.Namespace
         reading, hand.side if options.hand else options.side,
         chosen_labels(options.markers, layout.names),
         layout if options.hand or options.layout else None,
-        False if options.labels == UNLABELLED else None))
+        False if options.labels == WITHOUT_LABELS else None))
     if points.side and points.side != hand.side:
         hand, _ = choose_hand(
             options.hand, points.side, options.limits, options.coupling, options.layout)
@@ -266,7 +266,7 @@ def recorded_reading(options: argparse.Namespace, recording: Path | PointBag,
     from ..tracking.opened_recording import PointBag
     from ..tracking.recording import MarkerReading
 
-    has_labels = options.labels != UNLABELLED
+    has_labels = options.labels != WITHOUT_LABELS
     if isinstance(recording, PointBag):
         labels, has_labels = recording.labels, recording.has_labels
     elif labels is None:

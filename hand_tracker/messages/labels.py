@@ -15,8 +15,8 @@ def default_labels(names: Sequence[str]) -> tuple[str, ...]:
 
 
 USUAL_TOPIC = '/markers'             # of the markers
-UNLABELLED = 'none'
-LABEL_SOURCES = ('source', UNLABELLED)   # whether they have labels
+WITHOUT_LABELS = 'none'
+LABEL_SOURCES = ('source', WITHOUT_LABELS)   # whether they have labels
 DEFAULT_LABELS = default_labels(MARKERS)
 ID_RANGE = (-2**31, 2**31 - 1)
 

@@ -21,7 +21,7 @@ from ..core.point_labelling.cloud_labeller import compile_kernels as compile_lab
 from ..core.tracker import HandState, HandTracker
 from ..messages.builders import diagnostics
 from ..messages.cdr import MarkerReader
-from ..messages.labels import UNLABELLED, LabelMap
+from ..messages.labels import WITHOUT_LABELS, LabelMap
 from ..messages.landmark_kinds import LANDMARK_POSES
 from ..messages.marker_array import MarkerFrame
 from ..messages.points import PointReader
@@ -105,7 +105,7 @@ class TrackedHand:
         self._tracker = HandTracker(self.settings.hand, layout, self.settings.options)
         auto_size = (AutoSize(self.settings.hand, layout, in_background=True)
                      if learns_size(start) else None)
-        self._labels_points = start['labels'] == UNLABELLED
+        self._labels_points = start['labels'] == WITHOUT_LABELS
         if self._labels_points and jit.COMPILED and not jit.LABELLING_IS_DEFERRED:
             compile_labelling()    # loads what is on disk, now, not while the first frames wait
         self._point_labels = point_labels

@@ -98,7 +98,7 @@ class CommandGuard:
         self.memory: GuardMemory
         self.pack, self.memory = packed(new_guard_memory(*self._inner, most, self.options))
         self._command[:] = self._rest
-        self._reason = 'not engaged yet'
+        self._reason = 'nobody has engaged it yet'
         self._lost_time = -math.inf
 
     @property
@@ -110,7 +110,7 @@ class CommandGuard:
     def reason(self) -> str:
         """Why it is in this state, for a person."""
         # The kernels begin to follow without a word.
-        return 'following the hand' if self.state is GuardState.FOLLOWING else self._reason
+        return 'as the hand moves' if self.state is GuardState.FOLLOWING else self._reason
 
     @property
     def is_engaged(self) -> bool:
@@ -220,7 +220,7 @@ class CommandGuard:
         return ''
 
     def _refuse(self, reason: str) -> str:
-        self._reason = f'not engaged: {reason}'
+        self._reason = reason
         return reason
 
     def press(self, now: float) -> str:
@@ -236,7 +236,7 @@ class CommandGuard:
         self.memory.press_time[0] = now
         return self.engage(now)
 
-    def disengage(self, reason: str = 'disengaged by the person') -> None:
+    def disengage(self, reason: str = 'by the person') -> None:
         """Stop sending commands until the robot is engaged again."""
         self._go(GuardState.DISENGAGED, reason)
 

@@ -121,7 +121,7 @@ def test_it_moves_from_where_the_robot_is_in_every_form_once_engaged(robot):
         node.spin_until(lambda: bench.states[-1] == 'disengaged')
         diagnostics = node.collect(DiagnosticArray, '/diagnostics')
         node.spin_until(lambda: any(
-            'disengaged by the person' in status.message
+            'disengaged: by the person' in status.message
             for message in diagnostics for status in message.status))
         assert process.interrupt() == 0, process.output
     assert 'Traceback' not in process.output

@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import sys
 import time
 
 import pytest
@@ -119,6 +120,23 @@ def test_a_file_that_is_not_there_is_said_before_the_set_up(machine, option):
     assert machine.calls() == []
     (machine.checkout / 'absent.mcap').touch()
     assert machine.run('demo', option, 'absent.mcap').returncode == 0
+
+
+@pytest.mark.parametrize('asks', ['-h', '--help'])
+def test_help_is_printed_without_a_set_up_or_numpy(machine, asks):
+    python = subprocess.run([sys.executable, '-c', 'import sys; print(sys._base_executable)'],
+                            capture_output=True, text=True).stdout.strip()
+    # Isolated from all packages but this one.
+    machine.give('python3', f'exec {python} -S -s "$@"')
+    shutil.rmtree(machine.checkout / 'hand_tracker')
+    shutil.copytree(REPOSITORY / 'hand_tracker', machine.checkout / 'hand_tracker',
+                    ignore=shutil.ignore_patterns('__pycache__'))
+    done = machine.run('demo', '--view', asks, COLUMNS='100')
+    with_numpy = subprocess.run(
+        [sys.executable, '-m', 'hand_tracker', 'demo', '--help'], capture_output=True, text=True,
+        env={**os.environ, 'COLUMNS': '100', 'PYTHONPATH': str(REPOSITORY)})
+    assert done.returncode == 0 and done.stdout == with_numpy.stdout != ''
+    assert not (machine.checkout / '.venv').exists()
 
 
 def test_view_adds_its_requirements_and_gets_ready_before_it_starts(machine):
