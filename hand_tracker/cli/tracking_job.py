@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
 from ..core.model.hand import SIDES, Hand
 from ..core.model.marker_layout import MarkerLayout
+from ..core.model.states import PalmState
 from ..core.tracker import HandTracker
 from ..files.bags import Bag, BagError, BagMessage, open_bag
 from ..parallel import Interruptions, MessageCollector
@@ -30,6 +32,8 @@ from .recording_options import (
 )
 
 LOG_PERIOD = .25     # [s] of the recording
+FEW_SHARE = .5       # of the frames, below which the end says in how few the palm is seen
+PALM_SEEN = (PalmState.TRACKED, PalmState.CARRIED)
 # Returns what shows the progress of a number of pieces of a name.
 ProgressMaker = Callable[[int, str], Progress | MessageCollector]
 
@@ -63,6 +67,7 @@ class TrackingJob:
         self._progress = progress(bag.counts[topic], 'frames')
         self._monitors: dict[str, Monitor] = {}  # by what their lines begin with
         self._trackers: list[HandTracker] = []
+        self._palms: Counter[str] = Counter()    # frames that show the palm, by hand
 
     @property
     def hand(self) -> Hand:
@@ -91,17 +96,31 @@ class TrackingJob:
             monitor = Monitor(1e-9 * self._bag.start, self._topic, reading.labels, names)
             self._monitors[f'{name} hand: ' if name else ''] = monitor
             recorded[name] = RecordedHand(tracker, reading, monitor, auto_size, point_labels)
+        has_labels = all(reading.has_labels for _, reading in hands.values())
         messages = self._progress.over(self._monitored())
         for frames in track_hands(messages, recorded, self._progress.say):
             self.tracked += 1
+            self._palms.update(name for name, frame in frames.items()
+                               if frame.state.palm in PALM_SEEN)
             yield frames
         self._require_tracked()
+        self._warn_of_few(hands, names.labels if has_labels else '--layout')
+
+    def _warn_of_few(self, hands: Iterable[str], setting: str) -> None:
+        """Say in how few frames a hand was seen."""
+        for name in hands:
+            if self._palms[name] < FEW_SHARE * self.read:
+                whose = f'{name} hand: ' if name else ''
+                cure = '' if setting == '--layout' else ', or points without labels (--labels none)'
+                self.say(f'{whose}only {self._palms[name]} of {self.read} frames show the palm; in '
+                         'the others the hand is left out, or keeps its last pose: markers that '
+                         f'are hidden, or others than meant ({setting}){cure}?')
 
     def _require_tracked(self) -> None:
         for name, monitor in self._monitors.items():
             if (fault := monitor.side_fault()) is not None:
                 raise BagError(f'{self._bag.path}: {name}{fault}')
-        if not self.tracked:
+        if not self._palms:
             why = '; '.join(name + monitor.why_never_tracked()
                             for name, monitor in self._monitors.items())
             raise BagError(f'{self._bag.path}: no frame of {self._topic} shows the palm: {why}')

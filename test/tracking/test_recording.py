@@ -422,6 +422,19 @@ def no_hand(path):
                                 numbers=['x'] * 9)])
 
 
+@pytest.mark.parametrize('seen, is_said', [(29, True), (31, False)])
+def test_the_end_says_where_few_frames_show_the_palm(seen, is_said, tmp_path, capsys):
+    recording = demo_recording()
+    markers = recording.markers[:60].copy()
+    markers[seen:, :3] = np.nan
+    write_bag(tmp_path / 'in.mcap', recording_messages(recording._replace(
+        stamps=recording.stamps[:60], markers=markers, angles=recording.angles[:60]), 'right'))
+    assert main([str(tmp_path / 'in.mcap'), '-o', str(tmp_path / 'out.csv'), GIVEN_SIZE]) == 0
+    said = capsys.readouterr()
+    assert '60 of 60 frames tracked' in said.out    # the last pose is kept
+    assert (f'only {seen} of 60 frames show the palm' in said.err) == is_said
+
+
 def hand_at_rest(path):
     write_bag(path, [message_of(demo_recording(rate=1.).markers[0] + (.1, 0., 0.))])
 
