@@ -202,15 +202,16 @@ def _save(listener: Listener, output: Path, frame_count: int,
     start = min(one.stamps[0] for one in received)
     write_angle_table(output / 'angles.csv', [
         joint for hand in listener.hands for joint in hand.joints], _rows(received, start))
+    how = 'found among points without labels' if listener.is_anonymous else 'tracked over ROS 2'
     motions = [_motion(hand.hand, one, start) for hand, one in zip(listener.hands, received)]
     for motion, hand in motions:
         name = 'hand.png' if len(motions) == 1 else f'{hand.side}_hand.png'
-        save_sheet(output / name, motion, hand, f'{hand.side} hand, tracked over ROS 2')
+        save_sheet(output / name, motion, hand, f'{hand.side} hand, {how}')
         print(f'  {output / name}: poses in time, from above and from the thumb')
     print('Drawing the animation ...', flush=True)
     (motion, hand), *others = motions
     title = 'both hands' if others else f'{hand.side} hand'
-    save_animation(output / 'hand.gif', motion, hand, f'{title}, tracked over ROS 2', others)
+    save_animation(output / 'hand.gif', motion, hand, f'{title}, {how}', others)
     for name, what in (('hand.gif', f"the tracked {'hands' if others else 'hand'} in motion"),
                        ('angles.csv', f'the {25 * len(motions)} joint angles of every answered '
                         'frame, in degrees')):

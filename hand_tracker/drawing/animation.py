@@ -141,6 +141,10 @@ def save_animation(path: str | PathLike[str], motion: HandMotion, hand: Hand, ti
         corners = ((0., row * height), (width, row * height + .5 * (height - second_height)))
         views.append([HandView(figure, corner, view, shown)
                       for corner, view in zip(corners, VIEW_EXTENTS)])
+        if others:
+            figure.text(.01, (row + .5) * height / figure.get_size_inches()[1],
+                        f'{shown.side} hand', rotation=90, va='center', color=INK, fontsize=10,
+                        weight='bold')
     views.reverse()
     for share, name in zip((.25, .75), VIEW_EXTENTS):
         figure.text(share, .02, name, ha='center', color=INK, fontsize=9)

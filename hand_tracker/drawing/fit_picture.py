@@ -14,8 +14,9 @@ from ..core.model.skeleton import DIGIT_CHAINS, PALM_BONES, skeleton_points
 from .palette import BLUE, DIGIT_COLOURS, GREY, INK, MUTED, VERMILLION
 
 FIT_PANEL = 3.4  # [inches] width of a pose
-# Name, axis across and axis up of each view of a right hand, with the sign of the latter.
-FIT_VIEWS = (('from the back of the hand', 1, 0, -1.), ('from the thumb\'s side', 0, 2, 1.))
+# Name, axis to the left and axis up of each view of a right hand.
+FIT_VIEWS = (('from the back of the hand', 1, 0), ('from the thumb\'s side', 0, 2))
+FIT_AXES = 'distal', 'across', 'dorsal'    # the wrist's x, y and z
 
 
 class FittedPose(NamedTuple):
@@ -55,25 +56,25 @@ def save_fit_picture(path: str | PathLike[str], hand: Hand, poses: list[FittedPo
         points = 1e3 * skeleton_points(
             tips, forward(joint_table(right), pose.angles), np.zeros(3))
         misses = 1e3 * np.linalg.norm(pose.measured - pose.modelled, axis=1)
-        for row, (view, across, up, sign) in enumerate(FIT_VIEWS):
+        for row, (view, across, up) in enumerate(FIT_VIEWS):
             ax = axes[row][column]
-            _draw_view(ax, points, pose, (across, up, sign))
+            _draw_view(ax, points, pose, (across, up))
             if not row:
                 ax.set_title(f'{pose.title}: markers {np.nanmean(misses):.1f} mm off',
                              fontsize=9, color=INK)
-            ax.set_xlabel(view, fontsize=8, color=MUTED)
+            ax.set_xlabel(f'{view} [mm]', fontsize=8, color=MUTED)
+            if not column:
+                ax.set_ylabel(f'{FIT_AXES[up]} [mm]', fontsize=8, color=MUTED)
     figure.legend(*axes[0][0].get_legend_handles_labels(), loc='outside lower center', ncols=2,
                   frameon=False, fontsize=8)
     figure.savefig(path, metadata={'Software': None})
 
 
 def _draw_view(ax: Axes, points: np.ndarray, pose: FittedPose,
-               view: tuple[int, int, float]) -> None:
+               view: tuple[int, int]) -> None:
     """Draw skeleton and markers from one side [mm]."""
-    across, up, sign = view
-
     def flat(places: np.ndarray) -> np.ndarray:
-        return np.column_stack((sign * places[:, across], places[:, up]))
+        return places[:, view]
 
     skeleton = flat(points)
     for first, second in PALM_BONES:
@@ -84,8 +85,10 @@ def _draw_view(ax: Axes, points: np.ndarray, pose: FittedPose,
     for ends in zip(measured, modelled):
         ax.plot(*np.array(ends).T, color=VERMILLION, linewidth=1.)
     ax.plot(*measured.T, linestyle='', marker='o', markersize=6, markerfacecolor='none',
-            markeredgecolor=VERMILLION, label='measured')
-    ax.plot(*modelled.T, linestyle='', marker='.', markersize=5, color=BLUE, label='modelled')
+            markeredgecolor=VERMILLION, label='marker as measured')
+    ax.plot(*modelled.T, linestyle='', marker='.', markersize=5, color=BLUE,
+            label='on the fitted hand (modelled)')
+    ax.invert_xaxis()
     ax.set_aspect('equal')
     ax.tick_params(labelsize=7, colors=MUTED)
     for side in ('top', 'right'):

@@ -29,19 +29,23 @@ class PalmView(NamedTuple):
     ----------
     name : str
     across, up : int
-        Axes that point to the right and upwards.
+        Axes that point to the right, or the left, and upwards.
+    to_left : bool
+        Whether the axis across points to the left.
     """
 
     name: str
     across: int
     up: int
+    to_left: bool = False
 
     def flat(self, points: np.ndarray) -> np.ndarray:
         """Return points (n, 3) [m] in the view, shape (n, 2) [mm]."""
         return 1e3 * points[:, (self.across, self.up)]
 
 
-ROBOT_VIEWS = PalmView('from the palm', 1, 0), PalmView("from the thumb's side", 0, 2)
+# From the back, as the animation of the hand.
+ROBOT_VIEWS = PalmView('from the back', 1, 0, True), PalmView('from the side', 0, 2)
 
 
 class RobotPose(NamedTuple):
@@ -125,13 +129,18 @@ def save_robot_picture(path: str | PathLike[str], name: str, poses: Sequence[Rob
                               fontsize=7, color=MUTED)
             if hand == 'robot':
                 ax.set_xlabel(f'{SHOWN_AXES[view.across]} [mm]', fontsize=7, color=MUTED)
-    roles = [role for role in COLOUR_OF if role in poses[0].human or role in poses[0].robot]
+    _draw_legend(figure, poses[0])
+    figure.savefig(path, metadata={'Software': None})
+
+
+def _draw_legend(figure: Figure, pose: RobotPose) -> None:
+    """Draw the colours of the digits below the axes."""
+    roles = [role for role in COLOUR_OF if role in pose.human or role in pose.robot]
     handles = [Line2D([], [], linewidth=3., marker='o', markersize=3.5, color=COLOUR_OF[role],
                       label=role) for role in roles]
     handles.append(Line2D([], [], linewidth=1., color=GREY, label='palm, to the roots'))
     figure.legend(handles=handles, loc='outside lower center', ncols=len(handles), frameon=False,
                   fontsize=8, labelcolor=INK)
-    figure.savefig(path, metadata={'Software': None})
 
 
 def save_robot_animation(path: str | PathLike[str], name: str, poses: Sequence[RobotPose],
@@ -164,6 +173,7 @@ def save_robot_animation(path: str | PathLike[str], name: str, poses: Sequence[R
             if not column:
                 ax.set_ylabel(f'{view.name} [mm]', fontsize=8, color=MUTED)
             lines.append((hand, DigitLines(ax, list(getattr(poses[0], hand)), view)))
+    _draw_legend(figure, poses[0])
     clock = figure.text(.99, .985, '', ha='right', va='top', color=INK, fontsize=9)
     images = []
     for pose in poses:
@@ -187,4 +197,5 @@ def _limits(poses: Sequence[RobotPose], hands: Sequence[str],
         digit for pose in poses for hand in hands for digit in getattr(pose, hand).values())])
     flat = view.flat(points)
     lower, upper = flat.min(axis=0) - PALM_MARGIN, flat.max(axis=0) + PALM_MARGIN
-    return (lower[0], upper[0]), (lower[1], upper[1])
+    across = (upper[0], lower[0]) if view.to_left else (lower[0], upper[0])
+    return across, (lower[1], upper[1])
