@@ -27,7 +27,7 @@ PAGE_PATIENCE = 60_000  # [ms]
 pytestmark = pytest.mark.skipif(BROWSER is None, reason='no Chromium is installed')
 
 # Every so many vertices of the skin, as its bones are in the last frame that was drawn.
-BENT = """
+BENDING_SCRIPT = """
 globalThis.bent = (skin, step) => {
   const place = skin.geometry.attributes.position, found = [];
   for (let i = 0; i < place.count; i += step) {
@@ -41,7 +41,7 @@ globalThis.bent = (skin, step) => {
 THREE.SkinnedMesh.prototype.computeBoundingBox ??= function () {
   this.boundingBox = new THREE.Box3().setFromPoints(bent(this, 1));
 };"""
-SKINNED = """step => {
+SKINNED_SCRIPT = """step => {
   const skin = hand.scene.getObjectByProperty('isSkinnedMesh', true);
   return bent(skin, step).map(at => at.applyMatrix4(skin.matrixWorld).toArray());
 }"""
@@ -62,7 +62,7 @@ def modules(library, page):
     """Return the modules that a page imports, by their addresses' ends, made of a script."""
     used = sorted(set(re.findall(r'\bTHREE\.(\w+)', page)))
     names = '\n'.join(f'export const {name} = globalThis.THREE.{name};' for name in used)
-    return {'three.module.js': f'{library}\n{BENT}\n{names}', 'GLTFLoader.js': '''
+    return {'three.module.js': f'{library}\n{BENDING_SCRIPT}\n{names}', 'GLTFLoader.js': '''
         import 'three';
         const Own = globalThis.THREE.GLTFLoader;
         export class GLTFLoader extends Own {
@@ -109,7 +109,7 @@ def test_three_js_moves_the_skin(glb):
                 page.wait_for_function("document.title == 'drawn'", timeout=PAGE_PATIENCE)
             except sync_api.TimeoutError:
                 raise AssertionError(f'nothing drawn: {errors}') from None
-            skins.append(np.array(page.evaluate(SKINNED, VERTICES_APART)))
+            skins.append(np.array(page.evaluate(SKINNED_SCRIPT, VERTICES_APART)))
             pictures.append(page.screenshot())
         browser.close()
     assert errors == []
