@@ -14,9 +14,12 @@ from ..calibration.known_layouts import LikelyLayout, complete_layout
 from ..calibration.take_checks import LEAST_DURATION
 from ..core.model.hand import SIDES
 from ..core.model.layout_presets import PAPER_LAYOUT
+from ..core.model.marker_layout import MarkerLayout
 from ..files.point_recording import PointRecording
 from ..messages.labels import WITHOUT_LABELS
 from ..messages.marker_array import MARKER_ARRAY
+from ..tracking.label_check import label_fault
+from ..tracking.recording import MarkerReading
 from .recording_options import (
     chosen_labels,
 )
@@ -77,9 +80,11 @@ def next_command(path: Path, recording: PointRecording, options: argparse.Namesp
             words.append(f'--{name}={getattr(options, name)}')
     words += ['--partial'] * options.partial
     words += ['--topic', options.topic] if options.topic else []
-    if recording.origin is not None and recording.origin.type == MARKER_ARRAY:
+    is_marker_array = recording.origin is not None and recording.origin.type == MARKER_ARRAY
+    if is_marker_array and label_fault(
+            path, options.topic, MarkerReading(), MarkerLayout()) is None:
         return shlex.join(words)
-    if not any(recording.labels):
+    if is_marker_array or not any(recording.labels):
         return shlex.join([*words, '--labels', WITHOUT_LABELS])
     likeliest = None if options.markers else complete_layout(recording)
     if likeliest is not None:

@@ -17,9 +17,9 @@ CHECK_STEP = .1          # [s] between frames that are looked at
 CHECKED_SECONDS = 60.    # from the start of a recording
 
 
-def require_lasting_labels(recording: str | PathLike[str] | PointBag, topic: str | None,
-                           reading: MarkerReading, layout: MarkerLayout) -> None:
-    """Refuse a recording of enough points, of which labels seldom show the palm.
+def label_fault(recording: str | PathLike[str] | PointBag, topic: str | None,
+                reading: MarkerReading, layout: MarkerLayout) -> str | None:
+    """Return what is wrong where labels of a recording of enough points seldom show the palm.
 
     Such are points with numbers that change whenever one is hidden, as of systems that do not
     label.
@@ -33,13 +33,13 @@ def require_lasting_labels(recording: str | PathLike[str] | PointBag, topic: str
     reading : MarkerReading
     layout : MarkerLayout
 
-    Raises
-    ------
-    BagError
-        Naming the cure.
+    Returns
+    -------
+    str or None
+        The fault, with its cure.
     """
     if not reading.has_labels:
-        return
+        return None
     palm = [row for row in layout.principal[:len(PALM_MARKERS)] if row >= 0]
     markers, points = reading.marker_reader(), reading.point_reader()
     has_palm, has_points = [], []
@@ -53,9 +53,16 @@ def require_lasting_labels(recording: str | PathLike[str] | PointBag, topic: str
                 positions = markers.read(message.data).positions
                 has_palm.append(np.isfinite(positions[palm]).all())
                 has_points.append(len(points.read(message.data).points) >= len(positions))
-        if (has_palm and np.mean(has_palm) < LEAST_PALM_SHARE
-                and np.mean(has_points) > POINTS_SHARE):
-            raise BagError(
-                f"{bag.path}: there are points, but the labels show the palm's markers together "
+        if (not has_palm or np.mean(has_palm) >= LEAST_PALM_SHARE
+                or np.mean(has_points) <= POINTS_SHARE):
+            return None
+        return (f"{bag.path}: there are points, but the labels show the palm's markers together "
                 f'in only {100. * np.mean(has_palm):.0f} % of the frames; expected --labels none, '
                 'which finds the hand among points by its shape, or the right labels')
+
+
+def require_lasting_labels(recording: str | PathLike[str] | PointBag, topic: str | None,
+                           reading: MarkerReading, layout: MarkerLayout) -> None:
+    """Raise `BagError` where there is a `label_fault`, with its cure."""
+    if (fault := label_fault(recording, topic, reading, layout)) is not None:
+        raise BagError(fault)

@@ -10,7 +10,7 @@ from threading import Event
 import numpy as np
 import pytest
 
-from hand_tracker.cli import view
+from hand_tracker.cli import inspect, view
 from hand_tracker.cli.demo_anonymous import take_labels_off
 from hand_tracker.cli.recording_options import WornHand
 from hand_tracker.core.constraints import CONSTRAINTS, DEFAULT_CONSTRAINTS, constrained, describe
@@ -366,7 +366,7 @@ def test_points_without_labels_show_the_hands_that_markers_show(tmp_path):
             shown.state().wrist_position, expected.state().wrist_position, atol=.003)
 
 
-def test_the_page_takes_points_without_labels_or_names_the_option(tmp_path):
+def test_the_page_takes_points_without_labels_or_names_the_option(tmp_path, capsys):
     recording = read_recording(packaged_recording())
     without = recording._replace(
         labels=('',) * len(recording.labels), points=recording.points[:40],
@@ -385,6 +385,11 @@ def test_the_page_takes_points_without_labels_or_names_the_option(tmp_path):
     with pytest.raises(HandTrackerError, match='9 % of the frames; expected --labels none'):
         view._source(view._parse(options))
     view._source(view._parse([*options, '--labels', 'none'])).prepare(print)
+    # As the page says, so does what names the next command.
+    assert inspect.main(options) == 0
+    assert capsys.readouterr().out.endswith(' --labels none\n')
+    assert inspect.main([str(packaged_recording())]) == 0
+    assert '--labels' not in capsys.readouterr().out
 
 
 def test_the_addresses_lead_to_the_page():
