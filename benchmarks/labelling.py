@@ -61,8 +61,7 @@ def measure(count):
                     frames = [hand.points[i] for hand in hands]
                 else:
                     labels = labeller.update(points, time)
-                    frames = [np.where(rows[:, None] >= 0, points[rows], np.nan)
-                              for rows in labels.rows]
+                    frames = labels.places
                 for tracker, markers in zip(trackers, frames):
                     tracker.update(markers, time)
                 times[way][i] = perf_counter_ns() - start

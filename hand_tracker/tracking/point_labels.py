@@ -74,8 +74,8 @@ class PointLabels:
         Returns
         -------
         points : PointFrame
-        rows : ndarray of int, shape (M,)
-            The point of each marker, -1 where it is hidden.
+        places : ndarray, shape (M, 3)
+            Of its markers; not numbers where one is hidden [m].
         found, other_side : bool
             See `CloudLabels`.
         """
@@ -91,9 +91,9 @@ class PointLabels:
         assert self._labelled is not None
         frame, labels = self._labelled
         if labels is None:
-            return frame, np.full(len(self._prototypes[side].names), -1), False, False
+            return frame, np.full((len(self._prototypes[side].names), 3), np.nan), False, False
         number = list(self._prototypes).index(side)
-        return frame, labels.rows[number], labels.found[number], labels.other_side[number]
+        return frame, labels.places[number], labels.found[number], labels.other_side[number]
 
 
 class PointLabelReader:
@@ -127,12 +127,10 @@ class PointLabelReader:
 
     def read(self, message: Any) -> MarkerFrame:
         """Return the markers of a message; those not found are not seen."""
-        frame, rows, found, other_side = self._labels.read(message, self._side)
-        positions = np.full((len(self._names), 3), np.nan)
-        positions[rows >= 0] = frame.points[rows[rows >= 0]]
+        frame, places, found, other_side = self._labels.read(message, self._side)
         if frame.stamp is not None:
             self._note(seconds(frame.stamp), found, len(frame.points), other_side)
-        return MarkerFrame(frame.stamp, frame.frame_id, positions, (), frame.foreign, ())
+        return MarkerFrame(frame.stamp, frame.frame_id, places, (), frame.foreign, ())
 
     def _note(self, time: float | None, found: bool, count: int, other_side: bool) -> None:
         """Collect what to log: the hand found, a hand of the other side, a pose to ask for."""

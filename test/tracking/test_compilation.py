@@ -80,7 +80,7 @@ TAKE_OVER_LABELLING = """
 import time
 import numpy as np
 from hand_tracker.core.point_labelling import cloud_labeller
-from hand_tracker.core.point_labelling.following import follow_hands
+from hand_tracker.core.point_labelling.following import follow_cloud
 from hand_tracker.core.point_labelling.natural_poses import model_prototype, natural_poses
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.kinematics import forward, joint_table

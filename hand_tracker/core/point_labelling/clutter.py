@@ -20,27 +20,27 @@ STRETCH = .04               # [s] of its path by which a point is judged at a ti
 
 
 class PointHistory(NamedTuple):
-    """History of unassigned points: path, and evidence for each of the M markers of all hands.
+    """Paths of points, by slot, and evidence for each of the M markers of all hands.
 
     Attributes
     ----------
-    age : ndarray, shape (n,)
+    age : ndarray, shape (S,)
         Time since each came [s].
-    stretch : ndarray, shape (n,)
+    stretch : ndarray, shape (S,)
         Time since the present stretch of its path began [s].
-    came : ndarray, shape (n, 3)
+    came : ndarray, shape (S, 3)
         Where the stretch began [m].
-    pace : ndarray, shape (n, 3)
+    pace : ndarray, shape (S, 3)
         Velocity in the stretch before; not a number in the first [m/s].
-    cost : ndarray, shape (n, M)
+    cost : ndarray, shape (S, M)
         Of each as each marker when it came; infinite where the marker was not hidden.
-    motion : ndarray, shape (n, M)
+    motion : ndarray, shape (S, M)
         What earlier stretches change in that.
-    offset : ndarray, shape (n, M, 3)
+    offset : ndarray, shape (S, M, 3)
         From where the marker was expected, in its palm's frame, when the stretch began [m].
-    shift : ndarray, shape (n, M, 3)
+    shift : ndarray, shape (S, M, 3)
         By how much that changed in the stretch before [m].
-    taken : ndarray of bool, shape (n,)
+    taken : ndarray of bool, shape (S,)
         Whether a hand has it.
     """
 
@@ -55,149 +55,182 @@ class PointHistory(NamedTuple):
     taken: np.ndarray
 
 
-@labelling_jit
-def _new_history(count: int, markers: int) -> PointHistory:
-    """Return the history of points that have just come."""
-    return PointHistory(
-        np.zeros(count), np.zeros(count), np.zeros((count, 3)), np.full((count, 3), math.nan),
-        np.full((count, markers), math.inf), np.zeros((count, markers)),
-        np.zeros((count, markers, 3)), np.zeros((count, markers, 3)),
-        np.zeros(count, dtype=np.bool_))
-
-
 class Clutter(NamedTuple):
-    """Unassigned points of a frame.
+    """Unassigned points of the last frame, in slots that they keep as long as they are seen.
 
     Attributes
     ----------
-    place : ndarray, shape (n, 3)
+    used : ndarray of bool, shape (S,)
+        Whether there is such a point in a slot.
+    place : ndarray, shape (S, 3)
         [m]
-    speed : ndarray, shape (n, 3)
+    speed : ndarray, shape (S, 3)
         [m/s]
     history : PointHistory
+        Of the points of a frame, also of those that hands have.
     """
 
+    used: np.ndarray
     place: np.ndarray
     speed: np.ndarray
     history: PointHistory
 
 
-def no_clutter(markers: int) -> Clutter:
-    """Return no points, for hands with so many markers together."""
-    return Clutter(np.empty((0, 3)), np.empty((0, 3)), _new_history(0, markers))
+class Cloud(NamedTuple):
+    """Points of a frame.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, 3)
+        [m]
+    ids : ndarray of int, shape (n,)
+        By which the source distinguishes them; negative where it does not.
+    free : ndarray of bool, shape (n,)
+        Points that no hand has.
+    slots : ndarray of int, shape (n,)
+        Slot of each in `Clutter`.
+    cost : ndarray, shape (n,)
+        Of taking it for a marker, relative to `CLUTTER_DENSITY`; `-inf` where it has just come.
+    """
+
+    points: np.ndarray
+    ids: np.ndarray
+    free: np.ndarray
+    slots: np.ndarray
+    cost: np.ndarray
+
+
+def no_clutter(markers: int, slots: int = 64) -> Clutter:
+    """Return no points, for hands with so many markers together, and slots for so many points."""
+    return Clutter(
+        np.zeros(slots, dtype=bool), np.zeros((slots, 3)), np.zeros((slots, 3)), PointHistory(
+            np.zeros(slots), np.zeros(slots), np.zeros((slots, 3)), np.zeros((slots, 3)),
+            np.zeros((slots, markers)), np.zeros((slots, markers)),
+            np.zeros((slots, markers, 3)), np.zeros((slots, markers, 3)),
+            np.zeros(slots, dtype=bool)))
+
+
+def with_slots(clutter: Clutter, slots: int) -> Clutter:
+    """Return the same points with more slots."""
+    more = no_clutter(clutter.history.cost.shape[1], slots)
+    for part, wider in zip((*clutter[:3], *clutter.history), (*more[:3], *more.history)):
+        wider[:len(part)] = part
+    return more
+
+
+def new_cloud(points: np.ndarray, ids: np.ndarray) -> Cloud:
+    """Return the points of a new frame, (n, 3) [m], for `continue_clutter`."""
+    count = len(points)
+    return Cloud(points, ids, np.empty(count, dtype=bool), np.empty(count, dtype=np.int64),
+                 np.empty(count))
 
 
 @labelling_jit
-def continue_clutter(clutter: Clutter, points: np.ndarray, step: float, before: np.ndarray,
-                     cost: np.ndarray) -> PointHistory:
+def continue_clutter(clutter: Clutter, last: Cloud, last_step: float, cloud: Cloud,
+                     step: float) -> None:
     """Find which points go on from those that no hand had in the last frame.
 
     Parameters
     ----------
     clutter : Clutter
-        Of the last frame.
-    points : ndarray, shape (n, 3)
-        [m]
+        Updated; at least as many slots as points.
+    last : Cloud
+        The last frame.
+    last_step : float
+        Time from the one before to it [s].
+    cloud : Cloud
+        This frame; all is replaced but points and ids: the points are free.
     step : float
-        Time since then [s].
-    before : ndarray of int, shape (n,)
-        Row of each point in `clutter`, -1 for those that have just come; replaced.
-    cost : ndarray, shape (n,)
-        Of taking it for a marker, relative to `CLUTTER_DENSITY`; `-inf` where it has just come.
-
-    Returns
-    -------
-    PointHistory
-        Of the points.
+        Time since the last frame [s].
     """
-    before[:] = -1
+    _remember_clutter(clutter, last, last_step)
+    points, slots, cost, history = cloud.points, cloud.slots, cloud.cost, clutter.history
+    cloud.free[:] = True
+    slots[:] = -1
     cost[:] = -math.inf
     leap = min(UNFORESEEN * step * step, FIRST_DEVIATION)
-    old = clutter.history
-    for c in range(len(old.age)):
-        new = CLUTTER_SPEED * step if old.age[c] <= 0. else 0.
+    for slot in range(len(clutter.used)):
+        if not clutter.used[slot]:
+            continue
+        clutter.used[slot] = False
+        new = CLUTTER_SPEED * step if history.age[slot] <= 0. else 0.
         variance = CLUTTER_DEVIATION ** 2 + leap * leap + new * new
-        peak = -SEEN_COST - 3. * math.log(variance)
+        x = clutter.place[slot, 0] + step * clutter.speed[slot, 0]
+        y = clutter.place[slot, 1] + step * clutter.speed[slot, 1]
+        z = clutter.place[slot, 2] + step * clutter.speed[slot, 2]
         nearest, least = -1, 16. * variance
         for j in range(len(points)):
-            off = 0.
-            for k in range(3):
-                off += (points[j, k] - clutter.place[c, k] - step * clutter.speed[c, k]) ** 2
+            off = (points[j, 0] - x) ** 2 + (points[j, 1] - y) ** 2 + (points[j, 2] - z) ** 2
             if off < least:
                 nearest, least = j, off
-        if nearest >= 0:
-            value = min(peak - least / variance, CLUTTER_COST)
-            value *= min((old.age[c] + step) / CLUTTER_AGE, 1.)
-            if value > cost[nearest]:
-                before[nearest], cost[nearest] = c, value
-    history = _new_history(len(points), old.cost.shape[1])
+        if nearest < 0:
+            continue
+        value = min(-SEEN_COST - 3. * math.log(variance) - least / variance, CLUTTER_COST)
+        value *= min((history.age[slot] + step) / CLUTTER_AGE, 1.)
+        if value > cost[nearest]:
+            slots[nearest], cost[nearest] = slot, value
     for j in range(len(points)):
-        c = before[j]
-        if c >= 0:
-            _copy_history(old, c, history, j)
-            history.age[j] += step
-            history.stretch[j] += step
-        else:
-            history.came[j] = points[j]
-    return history
+        if slots[j] >= 0:
+            clutter.used[slots[j]] = True
+            history.age[slots[j]] += step
+            history.stretch[slots[j]] += step
+            history.taken[slots[j]] = False
+    unused = 0
+    for j in range(len(points)):
+        if slots[j] >= 0:
+            continue
+        while clutter.used[unused]:
+            unused += 1
+        clutter.used[unused] = True
+        slots[j] = unused
+        _begin_history(history, unused, points[j])
 
 
 @labelling_jit
-def _copy_history(source: PointHistory, row: int, target: PointHistory, to: int) -> None:
-    """Copy the history of a point."""
-    target.age[to], target.stretch[to] = source.age[row], source.stretch[row]
+def _begin_history(history: PointHistory, slot: int, point: np.ndarray) -> None:
+    """Begin the path of a point, shape (3,) [m], that has just come."""
+    history.age[slot] = history.stretch[slot] = 0.
+    history.taken[slot] = False
     for k in range(3):
-        target.came[to, k], target.pace[to, k] = source.came[row, k], source.pace[row, k]
-    for i in range(source.cost.shape[1]):
-        target.cost[to, i], target.motion[to, i] = source.cost[row, i], source.motion[row, i]
-        for k in range(3):
-            target.offset[to, i, k] = source.offset[row, i, k]
-            target.shift[to, i, k] = source.shift[row, i, k]
+        history.came[slot, k], history.pace[slot, k] = point[k], math.nan
+    for i in range(history.cost.shape[1]):
+        history.cost[slot, i], history.motion[slot, i] = math.inf, 0.
 
 
 @labelling_jit
-def remember_clutter(clutter: Clutter, points: np.ndarray, free: np.ndarray, before: np.ndarray,
-                     history: PointHistory, step: float) -> Clutter:
-    """Return the points that no hand has.
+def _remember_clutter(clutter: Clutter, last: Cloud, step: float) -> None:
+    """Keep of a frame's points those that no hand got, with their places and speeds.
 
     Parameters
     ----------
     clutter : Clutter
-        Of the last frame.
-    points : ndarray, shape (n, 3)
-        [m]
-    free : ndarray of bool, shape (n,)
-        Those that no hand has.
-    before, history
-        By `continue_clutter`.
+        Updated.
+    last : Cloud
     step : float
-        Time since then [s].
+        Time from the frame before to it [s].
     """
-    count = 0
-    for j in range(len(points)):
-        count += 1 if free[j] else 0
-    found = Clutter(np.empty((count, 3)), np.zeros((count, 3)),
-                    _new_history(count, history.cost.shape[1]))
-    n = 0
-    for j in range(len(points)):
-        if not free[j]:
+    history = clutter.history
+    for j in range(len(last.points)):
+        slot = last.slots[j]
+        clutter.used[slot] = last.free[j]
+        if not last.free[j]:
             continue
-        c = before[j]
+        known = last.cost[j] > -math.inf and step > 0.
+        is_second = history.age[slot] <= step
         for k in range(3):
-            found.place[n, k] = points[j, k]
-            if c >= 0 and step > 0.:
-                speed = (points[j, k] - clutter.place[c, k]) / step
-                found.speed[n, k] = speed if clutter.history.age[c] <= 0. else (
-                    .5 * (speed + clutter.speed[c, k]))
-            elif history.stretch[j] > 0.:
-                found.speed[n, k] = (
-                    points[j, k] - history.came[j, k]) / history.stretch[j]
-        _copy_history(history, j, found.history, n)
-        if history.stretch[j] >= STRETCH:
+            place = last.points[j, k]
+            if known:
+                speed = (place - clutter.place[slot, k]) / step
+                clutter.speed[slot, k] = speed if is_second else (
+                    .5 * (speed + clutter.speed[slot, k]))
+            else:
+                clutter.speed[slot, k] = (
+                    (place - history.came[slot, k]) / history.stretch[slot]
+                    if history.stretch[slot] > 0. else 0.)
+            clutter.place[slot, k] = place
+        if history.stretch[slot] >= STRETCH:
             for k in range(3):
-                found.history.pace[n, k] = (
-                    points[j, k] - history.came[j, k]) / history.stretch[j]
-                found.history.came[n, k] = points[j, k]
-            found.history.stretch[n] = 0.
-        n += 1
-    return found
+                history.pace[slot, k] = (
+                    last.points[j, k] - history.came[slot, k]) / history.stretch[slot]
+                history.came[slot, k] = last.points[j, k]
+            history.stretch[slot] = 0.

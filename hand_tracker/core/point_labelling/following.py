@@ -11,68 +11,49 @@ import numpy as np
 from ..numerics.assignment import assign_rows
 from ..numerics.jit import labelling_jit
 from ..numerics.rigid_fit import fit_rigid
-from .clutter import PointHistory
+from .clutter import Cloud, Clutter, PointHistory, continue_clutter
 from .hand_track import (
+    ASTRAY_DISTANCE,
     BIRTHS,
     CLUTTER_RANGE,
+    LEAST_FOLLOWED,
     HandTrack,
     coming_cost,
     place_again,
     predict_hand,
 )
-from .links import exchange_gain, marker_links_cost
+from .links import exchange_gain
 from .pair_search import place_by_all
 from .palm_search import (
-    Finding,
     blank_finding,
     copy_finding,
     count_seen_palm,
-    refine_palm,
     to_palm_frame,
     write_cost,
 )
+from .point_costs import match_costs
 from .posture import (
-    CLUTTER_DENSITY,
-    HIDDEN_COST,
-    SEEN_COST,
     contradiction,
     count_seen,
     exchange_change,
-    exchange_labels,
-    label_costs,
     posture_cost,
     posture_distance,
     reset_matrix,
     tail_cost,
 )
 from .prototypes import Prototype
-from .returns import (
-    RETURN_COST,
-    PalmPoints,
-    begin_return,
-    best_return,
-    give_up,
-    hidden_tail,
-    note_arrivals,
-    present_cost,
-    return_cost,
-)
+from .returns import PalmPoints, begin_return, best_return, give_up, note_arrivals, present_cost
+from .rivals import note_cut, review_labels
 
 LEAST_POINT_DEVIATION = .0015     # [m] of a seen marker from its prediction; ours
 GREATEST_DEVIATION = .012   # [m] ours
 DEVIATION_GAIN = .05        # at which the deviation follows what predictions err less
 CONTRADICTION = 60.         # squared deviations of a marker from where the others expect it; ours
-VANISHING_COST = 12.        # of a marker that was seen a frame before
-RIGID_DEVIATION = .004      # [m] of the distance of two palm markers; ours
-CIRCLE_COST = 8.            # of a palm marker whose turn about two others is not as predicted
-RIGID_GAIN = 30.            # that such distances take off the cost of a palm marker at most
 MEETING_COST = 12.          # below which two labels may as well be exchanged; ours
 # Evidence for an exchange of two markers' points that a frame adds at most, and above which they
 # are exchanged; how much more where labels were the best for long, and what is long; ours.
 CROSSING_GAIN, CROSSING_MARGIN = 10., 26.
 TRUSTED_CROSSING, CROSSING_TRUST = 60., .5    # [variances, s]
-HINT_GAIN = 4.              # of a point that has the id that the marker had
-KEPT_ID_TIME = .1           # [s] for which it has had it: some sources number anew each time; ours
 JUDGED_TIME = .5            # [s] for which a marker that came back is judged by its motion; ours
 RETURN_DOUBT = 12.          # cost above which it is hidden again; ours
 RETURN_LEAD = 4.            # by which another point must cost less to be taken for it; ours
@@ -82,127 +63,7 @@ WEAK_SPEED_GAIN = .25       # the same while a marker of the palm is hidden
 DRIFT_GAIN = .4             # at which the speed of a digit's marker in the palm follows
 DRIFT_TIME = .04            # [s] in which a hidden marker's speed fades
 RELAXATION_TIME = 1.        # [s] in which hidden markers go to where the seen ones expect them
-ASTRAY_DISTANCE = 4.        # of a posture that is no hand's, relative to the typical one; ours
-LEAST_FOLLOWED = .3         # share of a hand's markers below which it is lost
 WEAK, WEAKER = .1, .05    # weights of digits' and hidden palm markers where the palm is hidden
-
-
-@labelling_jit
-def match_costs(prototype: Prototype, track: HandTrack, points: np.ndarray, ids: np.ndarray,
-                clutter: np.ndarray, history: PointHistory, first: int,
-                cost: np.ndarray) -> None:
-    """Write the cost of each point as each marker beyond that of no point, (M, n).
-
-    Parameters
-    ----------
-    prototype : Prototype
-    track : HandTrack
-        Predicted.
-    points : ndarray, shape (n, 3)
-        [m]
-    ids : ndarray of int, shape (n,)
-        By which the source distinguishes them; negative where it does not.
-    clutter : ndarray, shape (n,)
-        By `continue_clutter`.
-    history : PointHistory
-        Of the points; that of new ones is updated.
-    first : int
-        Of the hand's markers among those of all hands.
-    cost : ndarray, shape (M, n)
-        Replaced; infinite where the marker cannot be.
-    """
-    come = coming_cost(track)
-    finding = track.finding
-    seen = PalmPoints(points, np.empty((len(points), 3)), history, first)
-    to_palm_frame(points, finding.rotation, finding.position, finding.size[0], seen.local)
-    for i in range(len(cost)):
-        hidden = track.hidden_for[i] > 0.
-        variance = track.deviation[i] ** 2
-        for j in range(len(points)):
-            if hidden and prototype.rigid[i] <= 0.:
-                value = come + return_cost(track, i, seen, j)
-                if len(prototype.links):
-                    value += marker_links_cost(
-                        prototype, track.local, track.hidden_for, i, seen.local[j])
-            else:
-                off = ((points[j, 0] - track.place[i, 0]) ** 2
-                       + (points[j, 1] - track.place[i, 1]) ** 2
-                       + (points[j, 2] - track.place[i, 2]) ** 2)
-                value = SEEN_COST + 3. * math.log(variance) + max(come, clutter[j])
-                if not hidden:
-                    value += off / variance - VANISHING_COST
-                else:
-                    value += hidden_tail(off, variance) + RETURN_COST
-                    # Another cost of the palm's rigidity is to be expected at best.
-                    if value < RIGID_GAIN:
-                        value += rigid_cost(prototype, track, i, points[j])
-                    value = min(value, RETURN_COST + max(come, clutter[j]) + circle_cost(
-                        prototype, track, i, points[j]))
-            if (ids[j] >= 0 and ids[j] == track.ids[i]
-                    and track.id_kept_for[i] >= KEPT_ID_TIME):
-                value -= HINT_GAIN
-            cost[i, j] = value if value < 0. else math.inf
-
-
-@labelling_jit
-def _palm_gap(prototype: Prototype, track: HandTrack, seen: int, marker: int,
-              point: np.ndarray) -> float:
-    """Return how much farther a point is from a seen palm marker than a palm marker is [m]."""
-    rest, here = 0., 0.
-    for k in range(3):
-        rest += (prototype.template[seen, k] - prototype.template[marker, k]) ** 2
-        here += (track.place[seen, k] - point[k]) ** 2
-    return math.sqrt(here) - track.finding.size[0] * math.sqrt(rest)
-
-
-@labelling_jit
-def rigid_cost(prototype: Prototype, track: HandTrack, marker: int, point: np.ndarray) -> float:
-    """Return what the distances from the seen palm markers change in a palm marker's cost."""
-    total, count = 0., 0
-    for i in range(len(prototype.rigid)):
-        if i == marker or prototype.rigid[i] <= 0. or track.hidden_for[i] > 0.:
-            continue
-        gap = _palm_gap(prototype, track, i, marker, point)
-        variance = RIGID_DEVIATION ** 2 + track.deviation[i] ** 2
-        # Each distance fixes one coordinate, of three.
-        if count < 3:
-            total += math.log(variance / max(track.deviation[marker] ** 2, variance))
-        total += gap * gap / variance
-        count += 1
-    return total
-
-
-@labelling_jit
-def circle_cost(prototype: Prototype, track: HandTrack, marker: int,
-                point: np.ndarray) -> float:
-    """Return the cost of a point as a hidden palm marker by its distances from two others alone.
-
-    The others leave its turn about them open: it is taken to be anywhere on its circle.
-    """
-    first, second, count = -1, -1, 0
-    for i in range(len(prototype.rigid)):
-        if i != marker and prototype.rigid[i] > 0. and track.hidden_for[i] <= 0.:
-            first, second = second, i
-            count += 1
-    if count != 2:
-        return math.inf
-    size, total = track.finding.size[0], 0.
-    axis, arm = np.empty(3), np.empty(3)
-    length, along, across = 0., 0., 0.
-    for k in range(3):
-        axis[k] = prototype.template[second, k] - prototype.template[first, k]
-        arm[k] = prototype.template[marker, k] - prototype.template[first, k]
-        length += axis[k] * axis[k]
-        along += axis[k] * arm[k]
-        across += arm[k] * arm[k]
-    radius = size * math.sqrt(max(across - along * along / length, 0.))
-    for i in (first, second):
-        gap = _palm_gap(prototype, track, i, marker, point)
-        variance = RIGID_DEVIATION ** 2 + track.deviation[i] ** 2
-        total += math.log(variance) + gap * gap / variance
-    # Twice the logarithm of the circle's length and of the plane normal distribution's peak.
-    return (CIRCLE_COST + total + 2. * math.log(2. * math.pi * radius)
-            + 2. * math.log(2. * math.pi) + 2. * math.log(CLUTTER_DENSITY))
 
 
 @labelling_jit
@@ -311,8 +172,8 @@ def _same_are_seen(track: HandTrack, rows: np.ndarray) -> bool:
 
 
 @labelling_jit
-def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, rows: np.ndarray,
-                 last: np.ndarray, step: float, history: PointHistory, first: int) -> None:
+def correct_hand(prototype: Prototype, track: HandTrack, seen: PalmPoints, rows: np.ndarray,
+                 last: np.ndarray, step: float) -> None:
     """Update a hand by the points that its markers got.
 
     Parameters
@@ -320,32 +181,27 @@ def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, row
     prototype : Prototype
     track : HandTrack
         Predicted; its palm is placed by `place_palm_by`.
-    points : ndarray, shape (n, 3)
-        [m]
+    seen : PalmPoints
+        Updated: placed in the palm, and the history of those that are given up.
     rows : ndarray of int, shape (M,)
         Point of each marker, -1 for none.
     last : ndarray, shape (4, 3)
         Rotation and position of the palm in the last frame.
     step : float
         Time since then [s].
-    history : PointHistory
-        Of the points; updated for those that are given up.
-    first : int
-        Of the hand's markers among those of all hands.
     """
     finding, count = track.finding, len(rows)
     # Where a palm that was roughly placed comes back, it has not moved there.
     replaced = palm_changes(prototype, track, rows)
     if step > 0. and not replaced:
         _follow_motion(prototype, track, rows, last, step)
-    seen_points = PalmPoints(points, np.empty((len(points), 3)), history, first)
-    local = seen_points.local
-    to_palm_frame(points, finding.rotation, finding.position, finding.size[0], local)
+    local = seen.local
+    to_palm_frame(seen.points, finding.rotation, finding.position, finding.size[0], local)
     if replaced:
         # What was predicted stays where it was.
         to_palm_frame(track.place, finding.rotation, finding.position, finding.size[0],
                       track.local)
-    note_arrivals(prototype, track, seen_points)
+    note_arrivals(prototype, track, seen)
     finding.rows[:] = rows
     matrix = np.empty((3 * count, 3 * count))
     constant, hidden = reset_matrix(prototype, rows, matrix)
@@ -359,16 +215,19 @@ def correct_hand(prototype: Prototype, track: HandTrack, points: np.ndarray, row
         if rows[i] < 0:
             _carry_hidden(prototype, track, i, matrix, gradient, same, step)
             continue
-        given_up[i] = _judge_return(
-            prototype, track, i, seen_points, rows[i], matrix, gradient, same, step)
-        _correct_marker(track, i, seen_points, rows[i], replaced, step)
+        if track.hidden_for[i] > 0.:
+            begin_return(track, i, seen, rows[i])
+        elif track.returns.age[i] < math.inf:
+            given_up[i] = _judge_return(
+                prototype, track, i, seen, rows[i], matrix, gradient, same, step)
+        _correct_marker(track, i, seen, rows[i], replaced, step)
         contradicted = contradiction(
             matrix, gradient, i, distance, count - hidden) > CONTRADICTION
         track.suspected_for[i] = track.suspected_for[i] + step if contradicted else 0.
     for i in range(count):
         if given_up[i] and track.returns.age[i] < math.inf:
-            give_up(track, i, seen_points, rows[i])
-    _exchange_by_links(prototype, track, seen_points, matrix, gradient, distance, count - hidden)
+            give_up(track, i, seen, rows[i])
+    _exchange_by_links(prototype, track, seen, matrix, gradient, distance, count - hidden)
     # A rare pose is still a hand's while it costs less than points of no hand.
     astray = (finding.distance[0] > ASTRAY_DISTANCE * max(prototype.typical, 1.)
               and finding.cost[0] > 0.
@@ -498,11 +357,6 @@ def _judge_return(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoin
 
     Parameters are those of `returns.present_cost`.
     """
-    if track.hidden_for[i] > 0.:
-        begin_return(track, i, seen, row)
-        return False
-    if not track.returns.age[i] < math.inf:
-        return False
     come = coming_cost(track)
     present = come + present_cost(prototype, track, i, seen, row, matrix, gradient, same, step)
     other = come + best_return(prototype, track, i, seen)
@@ -564,39 +418,6 @@ def _rotation_vector(before: np.ndarray, after: np.ndarray) -> tuple[float, floa
 
 
 @labelling_jit
-def relabel(prototype: Prototype, track: HandTrack, points: np.ndarray, free: np.ndarray,
-            anew: Finding, exchanged: Finding) -> None:
-    """Label the hand at its present place: anew, without history, and by exchanges alone.
-
-    Parameters
-    ----------
-    prototype : Prototype
-    track : HandTrack
-    points : ndarray, shape (n, 3)
-        [m]
-    free : ndarray of bool, shape (n,)
-        Points that are of no other hand.
-    anew, exchanged : Finding
-        Replaced; of `exchanged` as many markers are seen, on the same points.
-    """
-    count = len(anew.rows)
-    copy_finding(track.finding, anew)
-    copy_finding(track.finding, exchanged)
-    local = np.empty((len(points), 3))
-    cost = np.empty((count, len(points)))
-    to_palm_frame(points, anew.rotation, anew.position, anew.size[0], local)
-    matrix = np.empty((3 * count, 3 * count))
-    constant, hidden, distance = exchange_labels(
-        prototype, local, np.zeros(len(points), dtype=np.bool_), exchanged.rows, matrix,
-        np.empty(3 * count), np.empty(3 * count))
-    write_cost(prototype, local, exchanged,
-               posture_cost(constant, distance, count - hidden, hidden), distance)
-    label_costs(prototype, local, free, cost)
-    assign_rows(cost, HIDDEN_COST, anew.rows)
-    refine_palm(prototype, points, free, anew)
-
-
-@labelling_jit
 def doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
     """Trust no pair of labels that might be exchanged: of markers that meet, or are both hidden."""
     for i in range(len(rows)):
@@ -624,94 +445,164 @@ def doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
 
 
 @labelling_jit
-def follow_hands(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...],
-                 points: np.ndarray, ids: np.ndarray, clutter: np.ndarray,
-                 history: PointHistory, firsts: np.ndarray, step: float,
-                 free: np.ndarray) -> None:
-    """Follow hands into the next frame.
+def _place_again(prototype: Prototype, track: HandTrack, points: np.ndarray, first: int,
+                 rows: np.ndarray) -> bool:
+    """Place a hand of which markers vanish by its other points; return whether that was done."""
+    mine = rows[first:first + len(track.place)]
+    if _vanish(track.hidden_for <= 0., mine) and not palm_changes(prototype, track, mine):
+        place_palm_by(prototype, track, points, mine)
+        place_again(track)
+        return True
+    return False
+
+
+@labelling_jit
+def _vanish(was_seen: np.ndarray, rows: np.ndarray) -> bool:
+    """Return whether a marker that was seen has no point."""
+    vanish = False
+    for i in range(len(rows)):
+        vanish = vanish or (was_seen[i] and rows[i] < 0)
+    return vanish
+
+
+@labelling_jit
+def _correct(prototype: Prototype, track: HandTrack, cloud: Cloud, seen: PalmPoints,
+             cost: np.ndarray, rows: np.ndarray, last: np.ndarray, step: float) -> None:
+    """Correct a hand by the points that it got.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    track : HandTrack
+        Predicted; updated.
+    cloud : Cloud
+        The points that it keeps are free no more.
+    seen : PalmPoints
+        The same points.
+    cost : ndarray, shape (H, n)
+        Of the markers of all hands, by `match_costs`.
+    rows : ndarray of int, shape (H,)
+        Point of each of these, -1 for none.
+    last : ndarray, shape (4, 3)
+        Rotation and position of the palm in the last frame.
+    step : float
+        Time since then [s].
+    """
+    end = seen.first + len(track.place)
+    mine = rows[seen.first:end]
+    doubt_labels(track, cost[seen.first:end], mine)
+    place_palm_by(prototype, track, cloud.points, mine)
+    settle_palm(prototype, track, cloud.points, mine, step)
+    correct_hand(prototype, track, seen, mine, last, step)
+    for i in range(len(mine)):
+        row = track.finding.rows[i]
+        if row >= 0:
+            number = cloud.ids[row]
+            track.id_kept_for[i] = track.id_kept_for[i] + step if number == track.ids[i] else 0.
+            track.ids[i] = number
+            cloud.free[row] = False
+
+
+@labelling_jit
+def _count_arrivals(track: HandTrack, cloud: Cloud, step: float) -> int:
+    """Update how many points come near a hand that are no hand's; return how many anywhere."""
+    coming, come = 0., 0
+    for j in range(len(cloud.points)):
+        near = cloud.free[j] and cloud.cost[j] == -math.inf
+        come += 1 if near else 0
+        for k in range(3):
+            near = near and abs(
+                cloud.points[j, k] - track.finding.position[k]) < CLUTTER_RANGE
+        coming += 1. if near else 0.
+    track.arrivals[0] += min(step / CLUTTER_TIME, 1.) * (coming - track.arrivals[0])
+    track.arrivals[0] = min(max(track.arrivals[0], BIRTHS[0]), BIRTHS[2])
+    return come
+
+
+@labelling_jit
+def _predict(prototype: Prototype, track: HandTrack, first: int, step: float,
+             was_seen: np.ndarray, last: np.ndarray) -> float:
+    """Predict a hand; write which markers were seen, and its last palm; return its distance."""
+    for i in range(len(track.hidden_for)):
+        was_seen[first + i] = track.hidden_for[i] <= 0.
+    last[:3] = track.finding.rotation
+    last[3] = track.finding.position
+    predict_hand(prototype, track, step)
+    return track.finding.distance[0]
+
+
+@labelling_jit
+def _conclude(prototype: Prototype, track: HandTrack, cloud: Cloud, history: PointHistory,
+              was_seen: np.ndarray, distance: float, step: float, patience: float) -> bool:
+    """Review a hand after a frame; return whether it is lost.
+
+    Parameters
+    ----------
+    prototype, track, cloud, history, step, patience
+        As for `review_labels`.
+    was_seen : ndarray of bool, shape (M,) or more
+        Markers that were seen in the last frame.
+    distance : float
+        Of the posture there, as in `Finding`.
+    """
+    come = _count_arrivals(track, cloud, step)
+    note_cut(prototype, track, was_seen, distance, come)
+    return review_labels(prototype, track, cloud, history, step, patience)
+
+
+@labelling_jit
+def follow_cloud(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...],
+                 clutter: Clutter, last: Cloud, cloud: Cloud, firsts: np.ndarray,
+                 steps: tuple[float, float], patience: float, lost: np.ndarray) -> None:
+    """Follow hands and other points into the next frame, and review the hands' labels.
 
     Parameters
     ----------
     prototypes : tuple of Prototype
     tracks : tuple of HandTrack
-    points : ndarray, shape (n, 3)
-        [m]
-    ids : ndarray of int, shape (n,)
-        By which the source distinguishes them; negative where it does not.
-    clutter : ndarray, shape (n,)
-        By `continue_clutter`.
-    history : PointHistory
-        Of the points; updated.
+    clutter : Clutter
+    last, cloud : Cloud
+        The last frame, and this one; free are those that no hand gets.
     firsts : ndarray of int
         First of the markers of each hand among those of all hands.
-    step : float
-        Time since the last frame [s].
-    free : ndarray of bool, shape (n,)
-        Points that no hand has; updated.
+    steps : (float, float)
+        Time to the last frame from the one before, and to this one [s].
+    patience : float
+        Time for which labels, or a hand, may be contradicted [s].
+    lost : ndarray of bool
+        Whether each hand is lost; replaced.
     """
-    total = 0
-    for hand in range(len(tracks)):
-        total += len(tracks[hand].place)
-    last = np.empty((len(tracks), 4, 3))
-    for hand in range(len(tracks)):
-        last[hand, :3] = tracks[hand].finding.rotation
-        last[hand, 3] = tracks[hand].finding.position
-        predict_hand(prototypes[hand], tracks[hand], step)
-    cost = np.empty((total, len(points)))
-    rows = np.empty(total, dtype=np.int64)
+    step, history, points, hands = steps[1], clutter.history, cloud.points, len(tracks)
+    continue_clutter(clutter, last, steps[0], cloud, step)
+    total = history.cost.shape[1]
+    was_seen, palms, distance = np.zeros(total, dtype=np.bool_), np.empty((hands, 4, 3)), (
+        np.empty(hands))
+    rows, cost = np.full(total, -1), np.full((total, len(points)), math.inf)
+    local = np.empty((len(points), 3))
     for turn in range(2):
-        first = 0
-        for hand in range(len(tracks)):
-            end = first + len(tracks[hand].place)
-            match_costs(prototypes[hand], tracks[hand], points, ids, clutter, history,
-                        firsts[hand], cost[first:end])
-            first = end
+        # One loop for each step: every look at a track in the tuple costs.
+        for hand in range(hands):
+            prototype, track, first = prototypes[hand], tracks[hand], firsts[hand]
+            if turn == 0:
+                distance[hand] = _predict(prototype, track, first, step, was_seen, palms[hand])
+            match_costs(prototype, track, cloud, PalmPoints(
+                points, local, cloud.slots, history, first), cost)
         assign_rows(cost, 0., rows)
-        if turn > 0:
+        if turn > 0 or not _vanish(was_seen, rows):
             break
+        # A fast turn moves digits far: they are matched once more from where the palm is now.
         again = False
-        first = 0
-        for hand in range(len(tracks)):
-            track = tracks[hand]
-            end = first + len(track.place)
-            vanished = False
-            for i in range(len(track.place)):
-                vanished = vanished or (rows[first + i] < 0 and track.hidden_for[i] <= 0.)
-            if vanished and not palm_changes(prototypes[hand], track, rows[first:end]):
-                # Once more from where the palm is now: a fast turn moves digits far.
-                place_palm_by(prototypes[hand], track, points, rows[first:end])
-                place_again(track)
-                again = True
-            first = end
+        for hand in range(hands):
+            placed = _place_again(prototypes[hand], tracks[hand], points, firsts[hand], rows)
+            again = again or placed
         if not again:
             break
-    for i in range(total):
-        if rows[i] >= 0:
-            history.taken[rows[i]] = True
-    first = 0
-    for hand in range(len(tracks)):
-        track = tracks[hand]
-        mine = rows[first:first + len(track.place)]
-        doubt_labels(track, cost[first:first + len(track.place)], mine)
-        place_palm_by(prototypes[hand], track, points, mine)
-        settle_palm(prototypes[hand], track, points, mine, step)
-        correct_hand(prototypes[hand], track, points, mine, last[hand], step, history,
-                     firsts[hand])
-        for i in range(len(mine)):
-            if track.finding.rows[i] >= 0:
-                number = ids[track.finding.rows[i]]
-                track.id_kept_for[i] = (
-                    track.id_kept_for[i] + step if number == track.ids[i] else 0.)
-                track.ids[i] = number
-                free[track.finding.rows[i]] = False
-        first += len(track.place)
-    for hand in range(len(tracks)):
-        track = tracks[hand]
-        coming = 0.
-        for j in range(len(points)):
-            near = free[j] and clutter[j] == -math.inf
-            for k in range(3):
-                near = near and abs(points[j, k] - track.finding.position[k]) < CLUTTER_RANGE
-            coming += 1. if near else 0.
-        track.arrivals[0] += min(step / CLUTTER_TIME, 1.) * (coming - track.arrivals[0])
-        track.arrivals[0] = min(max(track.arrivals[0], BIRTHS[0]), BIRTHS[2])
+    for row in rows:
+        if row >= 0:
+            history.taken[cloud.slots[row]] = True
+    for hand in range(hands):
+        _correct(prototypes[hand], tracks[hand], cloud, PalmPoints(
+            points, local, cloud.slots, history, firsts[hand]), cost, rows, palms[hand], step)
+    for hand in range(hands):
+        lost[hand] = _conclude(prototypes[hand], tracks[hand], cloud, history,
+                               was_seen[firsts[hand]:], distance[hand], step, patience)

@@ -17,6 +17,10 @@ HIDDEN_DEVIATION = .014
 HIDDEN_PALM_DEVIATION = .009    # the same of a marker of the palm, which the others place
 LONGEST_HIDDEN = 5.         # [s] after which it grows no more
 CLUTTER_RANGE = .25         # [m] from the palm, in which they are
+ASTRAY_DISTANCE = 4.        # of a posture that is no hand's, relative to the typical one; ours
+LEAST_FOLLOWED = .3         # share of a hand's markers below which it is lost
+RELABELLING_FRAMES = 6      # between two searches for another labelling
+SEARCH_FRAMES = 36          # between two searches for another place of the palm
 BIRTHS = .005, .1, 10.       # points that come there in a frame: least, at the start, most; ours
 
 
@@ -105,6 +109,14 @@ class HandTrack(NamedTuple):
         Time since the start [s].
     arrivals : ndarray, shape (1,)
         Points near the hand that come in a frame.
+    shaken_for : ndarray, shape (1,)
+        Time for which another labelling is taken at once, after a cut [s].
+    unlikely_for : ndarray, shape (1,)
+        Time for which the posture has put the labels in doubt [s].
+    since_relabelling, since_search : ndarray of int, shape (1,)
+        Frames since another labelling was sought, and another place of the palm.
+    next_corner : ndarray of int, shape (1,)
+        Point from which that search goes on.
     """
 
     finding: Finding
@@ -128,6 +140,11 @@ class HandTrack(NamedTuple):
     astray_for: np.ndarray
     age: np.ndarray
     arrivals: np.ndarray
+    shaken_for: np.ndarray
+    unlikely_for: np.ndarray
+    since_relabelling: np.ndarray
+    since_search: np.ndarray
+    next_corner: np.ndarray
 
 
 def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> HandTrack:
@@ -143,7 +160,9 @@ def begin_track(prototype: Prototype, finding: Finding, points: np.ndarray) -> H
                 np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((2, count, 3)),
                 np.zeros((count, 3)), np.zeros(count)),
         np.zeros((count, count)), np.full((count, 3), np.nan), np.zeros(1), np.zeros(1),
-        np.zeros(1), np.full(1, BIRTHS[1]))
+        np.zeros(1), np.full(1, BIRTHS[1]), np.zeros(1), np.zeros(1),
+        # The first labels are checked soon.
+        np.full(1, RELABELLING_FRAMES), np.full(1, SEARCH_FRAMES), np.zeros(1, dtype=np.int64))
     loaded_or_plain(start_places)(prototype, points, track)
     return track
 

@@ -25,6 +25,8 @@ from .posture import (
 )
 from .prototypes import Prototype
 
+# Distances of points from markers that a frame's search of a hand takes; ours.
+SEARCH_BUDGET = 240_000
 CANDIDATES = 16         # palms of a search that get all their labels; ours
 CHAIN_ROUNDS = 4        # at most
 LEAST_SHARE = .55       # of a hand's markers that must be seen for it to be found; ours
@@ -72,9 +74,10 @@ class Finding(NamedTuple):
     distance: np.ndarray
 
 
+@labelling_jit
 def blank_candidates() -> Candidates:
     """Return no candidates."""
-    return Candidates(np.zeros((CANDIDATES, 4), dtype=np.int64), np.full(CANDIDATES, np.inf))
+    return Candidates(np.zeros((CANDIDATES, 4), dtype=np.int64), np.full(CANDIDATES, math.inf))
 
 
 @labelling_jit

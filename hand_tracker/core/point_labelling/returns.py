@@ -41,6 +41,8 @@ class PalmPoints(NamedTuple):
     ----------
     points, local : ndarray, shape (n, 3)
         As seen, and in the palm's frame [m].
+    slots : ndarray of int, shape (n,)
+        Of each in the history.
     history : PointHistory
     first : int
         First of the hand's markers among those of all hands.
@@ -48,8 +50,54 @@ class PalmPoints(NamedTuple):
 
     points: np.ndarray
     local: np.ndarray
+    slots: np.ndarray
     history: PointHistory
     first: int
+
+
+class HiddenPlace(NamedTuple):
+    """Where a hidden marker is expected in the palm's frame.
+
+    Attributes
+    ----------
+    last : (float, float, float)
+        By its last place [m].
+    variance : float
+        Of that, on each axis [m²].
+    likely : (float, float, float)
+        By the seen markers; not numbers where that is not known [m].
+    spread : float
+        Variance of that [m²].
+    error : float
+        By which predictions of the marker err [m].
+    """
+
+    last: tuple[float, float, float]
+    variance: float
+    likely: tuple[float, float, float]
+    spread: float
+    error: float
+
+
+@labelling_jit
+def hidden_place(track: HandTrack, i: int) -> HiddenPlace:
+    """Return where a marker is expected that is hidden, or still judged: as if it were none."""
+    x, y, z = track.local[i, 0], track.local[i, 1], track.local[i, 2]
+    hidden_for = track.hidden_for[i]
+    if hidden_for <= 0.:
+        hidden_for = track.returns.hidden_for[i]
+        x -= track.returns.offset[1, i, 0]
+        y -= track.returns.offset[1, i, 1]
+        z -= track.returns.offset[1, i, 2]
+    return HiddenPlace((x, y, z), _hidden_variance(track.error[i], hidden_for),
+                       (track.expected[i, 0], track.expected[i, 1], track.expected[i, 2]),
+                       track.spread[i], track.error[i])
+
+
+@labelling_jit
+def _hidden_variance(error: float, hidden_for: float) -> float:
+    """Return the variance of a marker's last place, after it was hidden for a time [s]."""
+    return error ** 2 + HIDDEN_DEVIATION ** 2 * min(hidden_for, LONGEST_HIDDEN)
 
 
 @labelling_jit
@@ -77,91 +125,76 @@ def note_arrivals(prototype: Prototype, track: HandTrack, seen: PalmPoints) -> N
         judged = track.hidden_for[i] <= 0. and track.returns.age[i] < math.inf
         if prototype.rigid[i] > 0. or not (judged or track.hidden_for[i] > 0.):
             continue
-        mark = seen.first + i
+        mark, hidden = seen.first + i, hidden_place(track, i)
         for j in range(len(local)):
-            here = history.age[j] > 0.
-            new = not here or history.cost[j, mark] == math.inf
-            if not new and history.stretch[j] < STRETCH:
+            slot = seen.slots[j]
+            here = history.age[slot] > 0.
+            new = not here or history.cost[slot, mark] == math.inf
+            if not new and history.stretch[slot] < STRETCH:
                 continue
             if new:
-                history.cost[j, mark] = place_of_return(
-                    track, i, local[j]) + (MISTAKEN_COST if here else 0.)
+                history.cost[slot, mark] = _place_of_return(
+                    hidden, local[j]) + (MISTAKEN_COST if here else 0.)
             else:
-                history.motion[j, mark] = MOTION_MEMORY * (
-                    history.motion[j, mark] + stretch_cost(track, i, seen, j))
+                history.motion[slot, mark] = MOTION_MEMORY * (
+                    history.motion[slot, mark] + _stretch_cost(hidden, seen, j, mark))
             for k in range(3):
-                off = local[j, k] - track.local[i, k]
-                if judged:
-                    off += track.returns.offset[1, i, k]
-                history.shift[j, mark, k] = 0. if new else off - history.offset[j, mark, k]
-                history.offset[j, mark, k] = off
+                off = local[j, k] - hidden.last[k]
+                history.shift[slot, mark, k] = 0. if new else off - history.offset[slot, mark, k]
+                history.offset[slot, mark, k] = off
 
 
 @labelling_jit
-def return_cost(track: HandTrack, i: int, seen: PalmPoints, row: int) -> float:
+def return_cost(hidden: HiddenPlace, seen: PalmPoints, row: int, mark: int) -> float:
     """Return the cost of a point as a marker that was hidden.
 
     Parameters
     ----------
-    track : HandTrack
-    i : int
-        Of the marker, which is hidden, or still judged.
+    hidden : HiddenPlace
+        Of the marker.
     seen : PalmPoints
     row : int
         Of the point.
+    mark : int
+        Of the marker among those of all hands.
     """
-    history, mark = seen.history, seen.first + i
-    cost = place_of_return(track, i, seen.local[row])
-    if history.age[row] <= 0.:
+    history, slot = seen.history, seen.slots[row]
+    cost = _place_of_return(hidden, seen.local[row])
+    if history.age[slot] <= 0.:
         return cost
-    if history.cost[row, mark] == math.inf:
+    if history.cost[slot, mark] == math.inf:
         return cost + MISTAKEN_COST
-    return (max(cost, history.cost[row, mark]) + history.motion[row, mark]
-            + stretch_cost(track, i, seen, row))
+    return (max(cost, history.cost[slot, mark]) + history.motion[slot, mark]
+            + _stretch_cost(hidden, seen, row, mark))
 
 
 @labelling_jit
-def place_of_return(track: HandTrack, i: int, place: np.ndarray) -> float:
-    """Return the cost of a place in the palm's frame, shape (3,) [m], as a marker's.
-
-    The marker is hidden, or still judged.
-    """
-    hidden_for = track.hidden_for[i]
-    judged = hidden_for <= 0.
-    if judged:
-        hidden_for = track.returns.hidden_for[i]
+def _place_of_return(hidden: HiddenPlace, place: np.ndarray) -> float:
+    """Return the cost of a place in the palm's frame, shape (3,) [m], as a hidden marker's."""
     off, unlike = 0., 0.
     for k in range(3):
-        there = track.local[i, k]
-        if judged:
-            there -= track.returns.offset[1, i, k]
-        off += (place[k] - there) ** 2
-        unlike += (place[k] - track.expected[i, k]) ** 2
-    return SEEN_COST + RETURN_COST + place_cost(
-        off, track.error[i] ** 2 + HIDDEN_DEVIATION ** 2 * min(hidden_for, LONGEST_HIDDEN),
-        unlike, track.spread[i])
+        off += (place[k] - hidden.last[k]) ** 2
+        unlike += (place[k] - hidden.likely[k]) ** 2
+    return SEEN_COST + RETURN_COST + place_cost(off, hidden.variance, unlike, hidden.spread)
 
 
 @labelling_jit
-def stretch_cost(track: HandTrack, i: int, seen: PalmPoints, row: int) -> float:
+def _stretch_cost(hidden: HiddenPlace, seen: PalmPoints, row: int, mark: int) -> float:
     """Return the motion term of a point's cost as a marker, for the present stretch of its path.
 
     Parameters are those of `return_cost`.
     """
-    history, mark = seen.history, seen.first + i
-    judged = track.hidden_for[i] <= 0.
+    history, slot = seen.history, seen.slots[row]
     shift, turned, gone = 0., 0., 0.
-    share = history.stretch[row] / STRETCH
+    share = history.stretch[slot] / STRETCH
     for k in range(3):
-        off = seen.local[row, k] - track.local[i, k] - history.offset[row, mark, k]
-        if judged:
-            off += track.returns.offset[1, i, k]
+        off = seen.local[row, k] - hidden.last[k] - history.offset[slot, mark, k]
         shift += off * off
-        turned += (off - share * history.shift[row, mark, k]) ** 2
-        gone += uneven(seen.points[row, k] - history.came[row, k], history.pace[row, k],
-                       history.stretch[row])
-    return motion_cost(history.stretch[row], track.error[i], gone, min(shift, turned),
-                       history.pace[row, 0] == history.pace[row, 0])
+        turned += (off - share * history.shift[slot, mark, k]) ** 2
+        gone += uneven(seen.points[row, k] - history.came[slot, k], history.pace[slot, k],
+                       history.stretch[slot])
+    return motion_cost(history.stretch[slot], hidden.error, gone, min(shift, turned),
+                       history.pace[slot, 0] == history.pace[slot, 0])
 
 
 @labelling_jit
@@ -225,16 +258,17 @@ def motion_cost(age: float, error: float, gone: float, shift: float, paced: bool
 def begin_return(track: HandTrack, i: int, seen: PalmPoints, row: int) -> None:
     """Note how a marker came back, with a row of the points."""
     returns, history, mark = track.returns, seen.history, seen.first + i
-    returns.cost[i] = history.cost[row, mark]
-    returns.age[i] = history.age[row] if returns.cost[i] < math.inf else math.inf
+    slot = seen.slots[row]
+    returns.cost[i] = history.cost[slot, mark]
+    returns.age[i] = history.age[slot] if returns.cost[i] < math.inf else math.inf
     returns.hidden_for[i] = track.hidden_for[i]
-    returns.stretch[i] = history.stretch[row]
-    returns.motion[i] = history.motion[row, mark]
+    returns.stretch[i] = history.stretch[slot]
+    returns.motion[i] = history.motion[slot, mark]
     for k in range(3):
-        returns.came[i, k] = history.came[row, k]
-        returns.pace[i, k] = history.pace[row, k]
-        returns.shift[i, k] = history.shift[row, mark, k]
-        returns.offset[0, i, k] = history.offset[row, mark, k]
+        returns.came[i, k] = history.came[slot, k]
+        returns.pace[i, k] = history.pace[slot, k]
+        returns.shift[i, k] = history.shift[slot, mark, k]
+        returns.offset[0, i, k] = history.offset[slot, mark, k]
         returns.offset[1, i, k] = seen.local[row, k] - track.local[i, k]
         track.expected[i, k] = np.nan
 
@@ -298,8 +332,7 @@ def present_cost(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoint
             returns.offset[0, i, k] = returns.offset[1, i, k]
         returns.stretch[i] = 0.
     cost = SEEN_COST + RETURN_COST + place_cost(
-        off, track.error[i] ** 2 + HIDDEN_DEVIATION ** 2 * min(
-            returns.hidden_for[i], LONGEST_HIDDEN), unlike, track.spread[i])
+        off, _hidden_variance(track.error[i], returns.hidden_for[i]), unlike, track.spread[i])
     return max(cost, returns.cost[i]) + motion + marker_links_cost(
         prototype, track.local, track.hidden_for, i, local[row])
 
@@ -307,10 +340,12 @@ def present_cost(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoint
 @labelling_jit
 def best_return(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoints) -> float:
     """Return the least cost of a point that no hand has, as a marker that came back."""
-    least, history = math.inf, seen.history
+    least, history, hidden = math.inf, seen.history, hidden_place(track, i)
     for j in range(len(seen.points)):
-        if not history.taken[j] and history.cost[j, seen.first + i] < math.inf:
-            least = min(least, return_cost(track, i, seen, j) + marker_links_cost(
+        slot = seen.slots[j]
+        if not history.taken[slot] and history.cost[slot, seen.first + i] < math.inf:
+            least = min(least, return_cost(
+                hidden, seen, j, seen.first + i) + marker_links_cost(
                 prototype, track.local, track.hidden_for, i, seen.local[j]))
     return least
 
@@ -319,19 +354,20 @@ def best_return(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoints
 def give_up(track: HandTrack, i: int, seen: PalmPoints, row: int) -> None:
     """Undo a marker's return: it is hidden again, and its point counts as clutter."""
     returns, history, mark = track.returns, seen.history, seen.first + i
+    slot = seen.slots[row]
     track.finding.rows[i] = -1
     track.hidden_for[i] = returns.hidden_for[i]
     track.suspected_for[i] = 0.
-    history.age[row] = returns.age[i]
-    history.stretch[row] = returns.stretch[i]
-    history.motion[row, mark] = returns.motion[i]
-    history.cost[row, :] = math.inf
-    history.cost[row, mark] = returns.cost[i]
+    history.age[slot] = returns.age[i]
+    history.stretch[slot] = returns.stretch[i]
+    history.motion[slot, mark] = returns.motion[i]
+    history.cost[slot, :] = math.inf
+    history.cost[slot, mark] = returns.cost[i]
     for k in range(3):
-        history.came[row, k] = returns.came[i, k]
-        history.pace[row, k] = returns.pace[i, k]
-        history.shift[row, mark, k] = returns.shift[i, k]
-        history.offset[row, mark, k] = returns.offset[0, i, k]
+        history.came[slot, k] = returns.came[i, k]
+        history.pace[slot, k] = returns.pace[i, k]
+        history.shift[slot, mark, k] = returns.shift[i, k]
+        history.offset[slot, mark, k] = returns.offset[0, i, k]
         track.local[i, k] -= returns.offset[1, i, k]
         track.drift[i, k] = 0.
         track.expected[i, k] = np.nan

@@ -6,6 +6,7 @@ import pytest
 from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.model.hand import FLEXION_JOINTS, SIDES, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.point_labelling.cloud_labeller import CloudLabeller
 from hand_tracker.core.point_labelling.natural_poses import (
@@ -240,3 +241,24 @@ def test_the_thumb_that_touches_each_finger_and_vanishes_for_moments_keeps_its_l
     for stamp, markers in zip(recording.stamps, recording.markers):
         points, rows = shuffled(markers, random)
         np.testing.assert_array_equal(labeller.update(points, 1e-9 * stamp).rows[0], rows)
+
+
+@pytest.mark.parametrize('layout', ('paper8', 'optitrack_hand', 'sig18_19', 'kyutech23'))
+def test_hands_that_change_places_in_a_cut_do_not_keep_each_others_markers(layout):
+    layout = preset_layout(layout)
+    hands = [Hand.scaled(side=side) for side in SIDES]
+    labeller = CloudLabeller([
+        model_prototype(hand, layout, tuple(layout.names), is_measured=True) for hand in hands])
+    angles = natural_poses(hands[0], 400)[100:104]
+    poses = np.array([np.interp(np.arange(240) / 80., range(4), joint) for joint in angles.T]).T
+    right, left = (marker_positions(layout.mounting(hand), forward(joint_table(hand), poses))
+                   for hand in hands)
+    random = np.random.default_rng(1)
+    for number in range(240):
+        at = (0., .3, 0.) if number < 120 else (0., 0., 0.)
+        frame = np.concatenate((right[number] + at, left[number] + (.3 - at[1]) * np.eye(3)[1]))
+        points, rows = shuffled(frame, random)
+        found = labeller.update(points, number / RATE)
+        if 60 <= number < 120 or number >= 160:
+            for own, true in zip(found.rows, np.split(rows, 2)):
+                assert {*own.tolist()} == {*true.tolist()}, number

@@ -121,7 +121,8 @@ def judge(rows, seen):
 def exchanged_track(one, other):
     """Return a track with two markers' points exchanged, its points, posture and right cost."""
     places, rows = markers_of(5), np.arange(len(NAMES))
-    seen = PalmPoints(places, np.empty_like(places), no_clutter(len(NAMES)).history, 0)
+    seen = PalmPoints(places, np.empty_like(places), np.arange(len(NAMES)),
+                      no_clutter(len(NAMES)).history, 0)
     right, _ = judge(rows, seen)
     rows[[one, other]] = other, one
     finding, posture = judge(rows, seen)

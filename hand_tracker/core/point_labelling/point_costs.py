@@ -1,0 +1,137 @@
+"""Cost of each point of a cloud as each marker of a hand that is followed.
+
+A seen marker is where it is predicted; a hidden one of a digit comes back as `returns` says, one
+of the palm at its distances from the others.
+"""
+
+import math
+
+import numpy as np
+
+from ..numerics.jit import labelling_jit
+from .clutter import Cloud
+from .hand_track import HandTrack, coming_cost
+from .links import marker_links_cost
+from .palm_search import to_palm_frame
+from .posture import CLUTTER_DENSITY, SEEN_COST
+from .prototypes import Prototype
+from .returns import RETURN_COST, PalmPoints, hidden_place, hidden_tail, return_cost
+
+VANISHING_COST = 12.        # of a marker that was seen a frame before
+RIGID_DEVIATION = .004      # [m] of the distance of two palm markers; ours
+CIRCLE_COST = 8.            # of a palm marker whose turn about two others is not as predicted
+RIGID_GAIN = 30.            # that such distances take off the cost of a palm marker at most
+HINT_GAIN = 4.              # of a point that has the id that the marker had
+KEPT_ID_TIME = .1           # [s] for which it has had it: some sources number anew each time; ours
+
+
+@labelling_jit
+def match_costs(prototype: Prototype, track: HandTrack, cloud: Cloud, seen: PalmPoints,
+                cost: np.ndarray) -> None:
+    """Write the cost of each point as each marker of a hand beyond that of no point.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    track : HandTrack
+        Predicted.
+    cloud : Cloud
+    seen : PalmPoints
+        The same points; placed in the predicted palm.
+    cost : ndarray, shape (H, n)
+        Of the markers of all hands; this one's are replaced, infinite where one cannot be.
+    """
+    come = coming_cost(track)
+    finding, points = track.finding, cloud.points
+    to_palm_frame(points, finding.rotation, finding.position, finding.size[0], seen.local)
+    for i in range(len(track.place)):
+        hidden = track.hidden_for[i] > 0.
+        variance = track.deviation[i] ** 2
+        base = SEEN_COST + 3. * math.log(variance)
+        returns = hidden and prototype.rigid[i] <= 0.
+        expected = hidden_place(track, i)
+        for j in range(len(points)):
+            if returns:
+                value = come + return_cost(expected, seen, j, seen.first + i)
+                if len(prototype.links):
+                    value += marker_links_cost(
+                        prototype, track.local, track.hidden_for, i, seen.local[j])
+            else:
+                off = ((points[j, 0] - track.place[i, 0]) ** 2
+                       + (points[j, 1] - track.place[i, 1]) ** 2
+                       + (points[j, 2] - track.place[i, 2]) ** 2)
+                value = base + max(come, cloud.cost[j])
+                if not hidden:
+                    value += off / variance - VANISHING_COST
+                else:
+                    value += hidden_tail(off, variance) + RETURN_COST
+                    # Another cost of the palm's rigidity is to be expected at best.
+                    if value < RIGID_GAIN:
+                        value += rigid_cost(prototype, track, i, points[j])
+                    value = min(value, RETURN_COST + max(come, cloud.cost[j]) + circle_cost(
+                        prototype, track, i, points[j]))
+            if (cloud.ids[j] >= 0 and cloud.ids[j] == track.ids[i]
+                    and track.id_kept_for[i] >= KEPT_ID_TIME):
+                value -= HINT_GAIN
+            cost[seen.first + i, j] = value if value < 0. else math.inf
+
+
+@labelling_jit
+def _palm_gap(prototype: Prototype, track: HandTrack, seen: int, marker: int,
+              point: np.ndarray) -> float:
+    """Return how much farther a point is from a seen palm marker than a palm marker is [m]."""
+    rest, here = 0., 0.
+    for k in range(3):
+        rest += (prototype.template[seen, k] - prototype.template[marker, k]) ** 2
+        here += (track.place[seen, k] - point[k]) ** 2
+    return math.sqrt(here) - track.finding.size[0] * math.sqrt(rest)
+
+
+@labelling_jit
+def rigid_cost(prototype: Prototype, track: HandTrack, marker: int, point: np.ndarray) -> float:
+    """Return what the distances from the seen palm markers change in a palm marker's cost."""
+    total, count = 0., 0
+    for i in range(len(prototype.rigid)):
+        if i == marker or prototype.rigid[i] <= 0. or track.hidden_for[i] > 0.:
+            continue
+        gap = _palm_gap(prototype, track, i, marker, point)
+        variance = RIGID_DEVIATION ** 2 + track.deviation[i] ** 2
+        # Each distance fixes one coordinate, of three.
+        if count < 3:
+            total += math.log(variance / max(track.deviation[marker] ** 2, variance))
+        total += gap * gap / variance
+        count += 1
+    return total
+
+
+@labelling_jit
+def circle_cost(prototype: Prototype, track: HandTrack, marker: int,
+                point: np.ndarray) -> float:
+    """Return the cost of a point as a hidden palm marker by its distances from two others alone.
+
+    The others leave its turn about them open: it is taken to be anywhere on its circle.
+    """
+    first, second, count = -1, -1, 0
+    for i in range(len(prototype.rigid)):
+        if i != marker and prototype.rigid[i] > 0. and track.hidden_for[i] <= 0.:
+            first, second = second, i
+            count += 1
+    if count != 2:
+        return math.inf
+    size, total = track.finding.size[0], 0.
+    axis, arm = np.empty(3), np.empty(3)
+    length, along, across = 0., 0., 0.
+    for k in range(3):
+        axis[k] = prototype.template[second, k] - prototype.template[first, k]
+        arm[k] = prototype.template[marker, k] - prototype.template[first, k]
+        length += axis[k] * axis[k]
+        along += axis[k] * arm[k]
+        across += arm[k] * arm[k]
+    radius = size * math.sqrt(max(across - along * along / length, 0.))
+    for i in (first, second):
+        gap = _palm_gap(prototype, track, i, marker, point)
+        variance = RIGID_DEVIATION ** 2 + track.deviation[i] ** 2
+        total += math.log(variance) + gap * gap / variance
+    # Twice the logarithm of the circle's length and of the plane normal distribution's peak.
+    return (CIRCLE_COST + total + 2. * math.log(2. * math.pi * radius)
+            + 2. * math.log(2. * math.pi) + 2. * math.log(CLUTTER_DENSITY))

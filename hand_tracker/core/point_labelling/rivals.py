@@ -1,0 +1,292 @@
+"""Other labellings of a followed hand: whether one is better, for long enough to be taken.
+
+Now and then the hand is labelled anew at its place, and searched elsewhere. Labels that have long
+been the best are given up late, those just given, or of a frame that is cut, soon.
+"""
+
+import math
+
+import numpy as np
+
+from ..numerics.assignment import assign_rows
+from ..numerics.jit import labelling_jit
+from .clutter import Cloud, PointHistory
+from .hand_track import (
+    ASTRAY_DISTANCE,
+    LEAST_FOLLOWED,
+    RELABELLING_FRAMES,
+    SEARCH_FRAMES,
+    HandTrack,
+    start_places,
+)
+from .palm_search import (
+    SEARCH_BUDGET,
+    Finding,
+    blank_candidates,
+    blank_finding,
+    copy_finding,
+    label_candidates,
+    palm_is_seen,
+    refine_palm,
+    search_palms,
+    to_palm_frame,
+    write_cost,
+)
+from .posture import HIDDEN_COST, count_seen, exchange_labels, label_costs, posture_cost
+from .prototypes import Prototype
+
+# As `SEARCH_BUDGET`, of a hand whose labels are in doubt, and of one that is followed; ours.
+PRESSING_BUDGET, DOUBT_BUDGET = 60_000, 6_000
+# Cost by which another labelling must be better, where it changes labels just given, and where
+# these have long been the best; it counts once for each time in which postures change, up to
+# some of them [variances, s]; ours.
+RIVAL_MARGIN = 6.
+TRUSTED_MARGIN = 200.
+RIVAL_TIME = .1
+RIVAL_TIMES = 4.
+TRUST_TIME = 1.             # [s] in which labels that are the best become trusted; ours
+PRESSING_FRAMES = 2         # between two searches for a labelling where the present is in doubt
+STILL_SEEN = .75            # of the markers seen before; with fewer the frame may be cut, ours
+SHAKEN_TIME = .1            # [s] for which another labelling is then taken at once; ours
+SHAKEN_MARGIN = 3.          # by which it must be better, in variances; ours
+UNLIKELY = 1.5              # posture, relative to the typical, that puts labels in doubt; ours
+NEWLY_SEEN_COST = 12.       # of each marker that another labelling of a followed hand sees more
+RETURN_MARGIN = 18.         # by which one must be better that only sees more markers; ours
+KNOWN_TIME = .4             # [s] for which a point of no hand is no rival's; ours
+
+
+@labelling_jit
+def note_cut(prototype: Prototype, track: HandTrack, was_seen: np.ndarray, distance: float,
+             come: int) -> None:
+    """Trust no label after a frame that may be cut: many markers go and as many come, or it leaps.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    track : HandTrack
+        Of this frame; updated.
+    was_seen : ndarray of bool, shape (M,) or more
+        Markers that were seen in the last frame.
+    distance : float
+        Of the posture there, as in `Finding`.
+    come : int
+        Number of points that have just come and are no hand's.
+    """
+    gone, before = 0, 0
+    for i in range(len(track.place)):
+        before += 1 if was_seen[i] else 0
+        gone += 1 if was_seen[i] and track.finding.rows[i] < 0 else 0
+    leap = track.finding.distance[0] - distance
+    if (min(gone, come) >= max(2., (1. - STILL_SEEN) * before)
+            or leap > ASTRAY_DISTANCE * max(prototype.typical, .5)):
+        track.shaken_for[0] = SHAKEN_TIME
+        track.trusted_for[:] = 0.
+
+
+@labelling_jit
+def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history: PointHistory,
+                  step: float, patience: float) -> bool:
+    """Give up labels that are contradicted, take a better labelling; return whether all is lost.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    track : HandTrack
+        Followed into this frame; updated.
+    cloud : Cloud
+        Its free points are updated.
+    history : PointHistory
+    step : float
+        Time since the last frame [s].
+    patience : float
+        Time for which labels, or the hand, may be contradicted [s].
+    """
+    finding = track.finding
+    place = finding.position
+    if track.astray_for[0] > patience or not math.isfinite(place[0] + place[1] + place[2]):
+        return True
+    seen = finding.rows >= 0
+    few = count_seen(finding.rows) < max(3., LEAST_FOLLOWED * len(seen))
+    for i in range(len(seen)):
+        if track.suspected_for[i] > .5 * patience:
+            cloud.free[finding.rows[i]] = True
+            finding.rows[i] = -1
+            track.suspected_for[i] = 0.
+            track.hidden_for[i] = step
+    track.since_relabelling[0] += 1
+    track.since_search[0] += 1
+    track.shaken_for[0] -= step
+    unlikely = finding.distance[0] > UNLIKELY * max(prototype.typical, .5)
+    track.unlikely_for[0] = track.unlikely_for[0] + step if unlikely else 0.
+    pressing = few or unlikely or track.shaken_for[0] > 0.
+    if track.since_relabelling[0] < (PRESSING_FRAMES if pressing or track.doubt[0] > 0.
+                                     else RELABELLING_FRAMES):
+        return False
+    elapsed = track.since_relabelling[0] * step
+    track.since_relabelling[0] = 0
+    own = cloud.free.copy()
+    for i in range(len(seen)):
+        if finding.rows[i] >= 0:
+            own[finding.rows[i]] = True
+    rival, exchanged = blank_finding(len(seen)), blank_finding(len(seen))
+    if not few:
+        relabel(prototype, track, cloud.points, own, rival, exchanged)
+    if pressing or track.since_search[0] >= SEARCH_FRAMES:
+        _search_elsewhere(prototype, track, cloud.points, own, pressing, rival)
+    if not few and (_lead(exchanged, finding, cloud, history)
+                    > _lead(rival, finding, cloud, history)):
+        copy_finding(exchanged, rival)
+    _weigh_rival(prototype, track, cloud, history, rival, seen, pressing, elapsed)
+    return False
+
+
+@labelling_jit
+def _search_elsewhere(prototype: Prototype, track: HandTrack, points: np.ndarray,
+                      free: np.ndarray, pressing: bool, found: Finding) -> None:
+    """Search the hand among free points, as far as a frame has time; `found` may be replaced."""
+    if not len(points):
+        return
+    track.since_search[0] = 0
+    budget = (SEARCH_BUDGET if track.shaken_for[0] > 0. else
+              PRESSING_BUDGET if pressing else DOUBT_BUDGET)
+    candidates = blank_candidates()
+    tried = search_palms(prototype, points, free, track.next_corner[0] % len(points),
+                         max(budget // (len(track.place) * len(points)), 1), candidates)
+    label_candidates(prototype, points, free, candidates, found)
+    track.next_corner[0] = (track.next_corner[0] + tried) % len(points)
+
+
+@labelling_jit
+def _lead(rival: Finding, present: Finding, cloud: Cloud, history: PointHistory) -> float:
+    """Return by how much a rival costs less than the present labels of a followed hand.
+
+    Markers that are hidden are expected to stay so. Points of no hand cost a rival more, less
+    and less as they stay.
+    """
+    lead = present.cost[0] - rival.cost[0] - NEWLY_SEEN_COST * max(
+        count_seen(rival.rows) - count_seen(present.rows), 0)
+    for row in rival.rows:
+        if row >= 0 and not _has_point(present.rows, row):
+            lead -= max(cloud.cost[row], 0.) * max(
+                1. - history.age[cloud.slots[row]] / KNOWN_TIME, 0.)
+    return lead
+
+
+@labelling_jit
+def _has_point(rows: np.ndarray, row: int) -> bool:
+    """Return whether one of some markers has a point."""
+    has = False
+    for other in rows:
+        has = has or other == row
+    return has
+
+
+@labelling_jit
+def _trust(track: HandTrack, rival: Finding) -> float:
+    """Return for how long a followed hand's labels have excluded another labelling [s].
+
+    That is the longest time of all points that it gives to another marker, or to none.
+    """
+    longest = 0.
+    for i in range(len(rival.rows)):
+        row, taker = track.finding.rows[i], i
+        if row < 0 or rival.rows[i] == row:
+            continue
+        for n in range(len(rival.rows)):
+            if rival.rows[n] == row:
+                taker = n
+        longest = max(longest, track.trusted_for[i, taker])
+    return longest
+
+
+@labelling_jit
+def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, history: PointHistory,
+                 rival: Finding, seen: np.ndarray, pressing: bool, elapsed: float) -> None:
+    """Take another labelling where it has been better for long enough.
+
+    Parameters
+    ----------
+    prototype, track, cloud, history
+        As for `review_labels`.
+    rival : Finding
+    seen : ndarray of bool, shape (M,)
+        Markers with a point before any was given up.
+    pressing : bool
+        Whether the present labels are in doubt.
+    elapsed : float
+        Time since the last rival [s].
+    """
+    finding, count = track.finding, len(seen)
+    lead = _lead(rival, finding, cloud, history)
+    changed = np.zeros(count, dtype=np.bool_)
+    same, any_changed, palm_changed = True, False, False
+    for i in range(count):
+        same = same and rival.rows[i] == finding.rows[i]
+        changed[i] = seen[i] and rival.rows[i] != finding.rows[i]
+        any_changed = any_changed or changed[i]
+        palm_changed = palm_changed or (changed[i] and prototype.rigid[i] > 0.)
+    # A palm is roughly placed by less than three markers: its cost alone says little.
+    poor = (palm_changed and not palm_is_seen(prototype, finding.rows)
+            and count_seen(rival.rows) <= np.sum(seen))
+    # Whether markers of a likely hand come back is better judged by how the points move.
+    returns_alone = not (pressing or any_changed) and lead < RETURN_MARGIN
+    if (returns_alone or same or poor or not lead > 0.
+            or rival.distance[0] > UNLIKELY * max(prototype.typical, 1.)):
+        track.doubt[0] = max(track.doubt[0] - RIVAL_MARGIN * elapsed / RIVAL_TIME, 0.)
+        if not any_changed or lead < 0.:
+            for i in range(count):
+                if seen[i]:
+                    track.trusted_for[i] += elapsed
+        return
+    shaken = track.shaken_for[0] > 0.
+    trust = min(_trust(track, rival) / TRUST_TIME, 1.)
+    margin = SHAKEN_MARGIN if shaken else RIVAL_MARGIN + (TRUSTED_MARGIN - RIVAL_MARGIN) * trust
+    track.doubt[0] = min(track.doubt[0] + lead * elapsed / RIVAL_TIME, RIVAL_TIMES * lead)
+    if not (track.doubt[0] >= margin or (shaken and lead >= margin)):
+        return
+    for i in range(count):
+        if finding.rows[i] >= 0:
+            cloud.free[finding.rows[i]] = True
+    copy_finding(rival, finding)
+    for i in range(count):
+        if finding.rows[i] >= 0:
+            cloud.free[finding.rows[i]] = False
+    start_places(prototype, cloud.points, track)
+    track.doubt[0] = track.shaken_for[0] = 0.
+    for i in range(count):
+        if changed[i]:
+            track.trusted_for[i] = 0.
+            track.trusted_for[:, i] = 0.
+
+
+@labelling_jit
+def relabel(prototype: Prototype, track: HandTrack, points: np.ndarray, free: np.ndarray,
+            anew: Finding, exchanged: Finding) -> None:
+    """Label the hand at its present place: anew, without history, and by exchanges alone.
+
+    Parameters
+    ----------
+    prototype : Prototype
+    track : HandTrack
+    points : ndarray, shape (n, 3)
+        [m]
+    free : ndarray of bool, shape (n,)
+        Points that are of no other hand.
+    anew, exchanged : Finding
+        Replaced; of `exchanged` as many markers are seen, on the same points.
+    """
+    count = len(anew.rows)
+    copy_finding(track.finding, anew)
+    copy_finding(track.finding, exchanged)
+    local = np.empty((len(points), 3))
+    cost = np.empty((count, len(points)))
+    to_palm_frame(points, anew.rotation, anew.position, anew.size[0], local)
+    matrix = np.empty((3 * count, 3 * count))
+    constant, hidden, distance = exchange_labels(
+        prototype, local, np.zeros(len(points), dtype=np.bool_), exchanged.rows, matrix,
+        np.empty(3 * count), np.empty(3 * count))
+    write_cost(prototype, local, exchanged,
+               posture_cost(constant, distance, count - hidden, hidden), distance)
+    label_costs(prototype, local, free, cost)
+    assign_rows(cost, HIDDEN_COST, anew.rows)
+    refine_palm(prototype, points, free, anew)
