@@ -17,7 +17,7 @@ from ..model.hand import Hand
 from ..model.marker_layout import MARKERS, MarkerLayout
 from ..numerics.jit import for_types_of, load_kernel
 from ..numerics.jit import loaded_or_plain as kernel
-from .clutter import Cloud, continue_clutter, new_cloud, no_clutter, with_slots
+from .clutter import Cloud, continue_clutter, new_cloud, no_clutter, no_points, with_slots
 from .following import follow_cloud
 from .hand_track import HandTrack, begin_track, start_places
 from .natural_poses import model_prototype
@@ -161,7 +161,7 @@ class CloudLabeller:
             self._hands.append(_Hand(prototype, count))
             count += self._hands[-1].count
         self._clutter = no_clutter(count)
-        self._last = new_cloud(np.empty((0, 3)), np.empty(0, dtype=np.int64))
+        self._last = no_points()
         self._last_step = UNTIMED_STEP
         self._follow_cloud: dict[tuple[Callable[..., None], int], Callable[..., None]] = {}
 
@@ -391,10 +391,11 @@ def kernel_calls() -> tuple[tuple[Callable[..., Any], tuple[tuple[Any, ...], ...
     points, free = prototype.template.copy(), np.ones(count, dtype=bool)
     found, clutter, candidates = blank_finding(count), no_clutter(count), blank_candidates()
     track, cloud = begin_track(prototype, found, points), new_cloud(points, np.full(count, -1))
+    last = no_points()
     return (
         (start_places, ((prototype, points, track),)),
-        (continue_clutter, ((clutter, cloud, UNTIMED_STEP, cloud, UNTIMED_STEP),)),
-        (follow_cloud, tuple(((prototype,) * hands, (track,) * hands, clutter, cloud, cloud,
+        (continue_clutter, ((clutter, last, UNTIMED_STEP, cloud, UNTIMED_STEP),)),
+        (follow_cloud, tuple(((prototype,) * hands, (track,) * hands, clutter, last, cloud,
                               np.zeros(hands, dtype=np.int64), (UNTIMED_STEP,) * 2, 1.,
                               np.zeros(hands, dtype=bool)) for hands in (1, 2))),
         (search_palms, ((prototype, points, free, 0, 1, candidates),)),

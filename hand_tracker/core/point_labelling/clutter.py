@@ -125,6 +125,11 @@ def new_cloud(points: np.ndarray, ids: np.ndarray) -> Cloud:
                  np.empty(count))
 
 
+def no_points() -> Cloud:
+    """Return the frame before the first one."""
+    return new_cloud(np.empty((0, 3)), np.empty(0, dtype=np.int64))
+
+
 @labelling_jit
 def continue_clutter(clutter: Clutter, last: Cloud, last_step: float, cloud: Cloud,
                      step: float) -> None:

@@ -8,6 +8,7 @@ from hand_tracker.core.point_labelling.clutter import (
     continue_clutter,
     new_cloud,
     no_clutter,
+    no_points,
     with_slots,
 )
 
@@ -20,7 +21,7 @@ def cloud_of(points):
 
 
 def test_points_of_no_hand_go_on_as_they_moved_and_others_have_just_come():
-    clutter, last = no_clutter(2, slots=4), cloud_of(np.empty((0, 3)))
+    clutter, last = no_clutter(2, slots=4), no_points()
     random = np.random.default_rng(1)
     first = np.array(((0., 0., 0.), (.1, 0., 0.), (.2, .1, 0.)))
     speeds = np.array(((.3, 0., 0.), (-.3, .2, 0.), (0., 0., 0.)))
@@ -53,7 +54,7 @@ def test_points_of_no_hand_go_on_as_they_moved_and_others_have_just_come():
 
 def test_points_that_a_hand_has_are_not_remembered():
     clutter, cloud = no_clutter(2, slots=3), cloud_of(np.eye(3))
-    continue_clutter(clutter, cloud_of(np.empty((0, 3))), STEP, cloud, STEP)
+    continue_clutter(clutter, no_points(), STEP, cloud, STEP)
     cloud.free[1] = False
     again = cloud_of(np.eye(3))
     continue_clutter(clutter, cloud, STEP, again, STEP)
@@ -63,7 +64,7 @@ def test_points_that_a_hand_has_are_not_remembered():
 
 def test_points_keep_what_is_known_of_them_where_there_are_more_slots():
     clutter, cloud = no_clutter(2, slots=3), cloud_of(np.eye(3))
-    continue_clutter(clutter, cloud_of(np.empty((0, 3))), STEP, cloud, STEP)
+    continue_clutter(clutter, no_points(), STEP, cloud, STEP)
     many = cloud_of([*np.eye(3), *(2. + np.eye(3))])
     more = with_slots(clutter, 6)
     continue_clutter(more, cloud, STEP, many, STEP)
