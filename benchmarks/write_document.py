@@ -19,8 +19,8 @@ from benchmarks.common import environment
 from hand_tracker.evaluation.tables import Table
 
 EARLIER = 'Measured with an earlier revision.'
-REPORTED_BENCHMARKS = ('core', 'layouts', 'labelling', 'instructions', 'round_trip', 'peers', 'offline',
-                       'startup', 'memory')
+REPORTED_BENCHMARKS = ('core', 'layouts', 'labelling', 'instructions', 'round_trip', 'peers',
+                       'offline', 'startup', 'memory')
 
 
 def section(name, rows):

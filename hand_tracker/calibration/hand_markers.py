@@ -117,8 +117,8 @@ def choose_markers(recording: PointRecording, side: str | None = None,
             f'{recording.name}: no label for {", ".join(chosen.missing)}'
             + (f' of a {side} hand' if side else '') + f'; expected {instead}'
             f'--markers {chosen.missing[0]}=LABEL,... with labels of the file: '
-            + (shown or 'it has none') + ' (hand_tracker track, view and demo find a hand among '
-            'points by its shape, with their option labels set to none)',
+            + (shown or 'it has none') + ' (hand_tracker track, view or demo --labels none finds a '
+            'hand among points by its shape)',
             chosen.missing)
     return chosen
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import errno
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from ..messages.labels import USUAL_TOPIC, default_labels, label_maps
 from ..package_data import packaged_recording
 from ..simulation.ball_grasp import grasp_recording
 from ..simulation.packaged_recordings import recording_messages
-from ..tracking.label_check import require_lasting_labels
+from ..tracking.label_check import label_fault
 from ..tracking.opened_recording import PointBag, open_recording
 from ..tracking.recording import MarkerReading, marker_topic, sampled_positions
 from ..tracking.side_check import GREATEST_STEP, recorded_side_fault
@@ -107,6 +108,9 @@ def demonstrate(options: argparse.Namespace) -> None:
     ------
     HandTrackerError
     """
+    if options.anonymous and (options.view or options.grasp):
+        raise HandTrackerError('--anonymous: leave out --view and --grasp; a recording of points '
+                               'without labels is taken by --labels none')
     hands, recording = _hands(options)
     for note in recorded_notes(recording):
         print(f'{options.recording}: {note}', flush=True)
@@ -115,14 +119,12 @@ def demonstrate(options: argparse.Namespace) -> None:
     loaded = None if options.view else chosen_robot(options, hands[0].hand)
     readings = [recorded_reading(options, recording, one.layout, one.labels) for one in hands]
     for one, reading in zip(hands, readings):
-        require_lasting_labels(recording, USUAL_TOPIC, reading, one.layout)
+        if (fault := label_fault(recording, USUAL_TOPIC, reading, one.layout)) is not None:
+            print(fault, file=sys.stderr)
     with open_recording(recording) as bag:
         topic = marker_topic(bag, USUAL_TOPIC)
         _require_sides(bag, topic, hands, readings)
         frame_count = bag.counts[topic]
-    if options.anonymous and (options.view or options.grasp):
-        raise HandTrackerError('--anonymous: is shown neither in the page nor with the grasp; '
-                               'leave out --view and --grasp')
     if options.view:
         _view(options, hands, recording, readings)
         return

@@ -116,7 +116,7 @@ def run_demo(options: argparse.Namespace, hands: Sequence[WornHand], recording: 
 
 def _complete_kernels(kernel_set: str, what: str) -> None:
     """Compile a set of kernels, where that was not done: plain Python is far too slow for it."""
-    if jit.JIT_IS_ON and not jit.is_ready(kernel_set):
+    if jit.JIT_IS_ON and jit.CACHE_FOLDER is not None and not jit.is_ready(kernel_set):
         print(f'Compiling what {what}: once, for {COMPILE_TIME} ...', flush=True)
         subprocess.run([sys.executable, '-m', PROGRAM, jit.TRACKING_SET, kernel_set], check=True,
                        env={**os.environ, 'HAND_TRACKER_JIT': '1'})
@@ -195,8 +195,10 @@ def _save(listener: Listener, output: Path, frame_count: int,
     """Write the received messages of a recording with so many frames."""
     received = [hand.received_frames() for hand in listener.hands]
     if min(len(one.stamps) for one in received) < 2:
-        raise HandTrackerError('no frame arrived: are there labelled markers of each hand on '
-                               '/markers?')
+        raise HandTrackerError(
+            'no frame arrived: the hand was not found among the points; is it of another --side or '
+            '--layout?' if listener.is_anonymous else
+            'no frame arrived: are there labelled markers of each hand on /markers?')
     for line in _count_lines(listener, received, frame_count):
         print(line, flush=True)
     start = min(one.stamps[0] for one in received)
@@ -228,14 +230,13 @@ def _count_lines(listener: Listener, received: Sequence[ReceivedFrames],
     transforms = f' and {listener.transforms} messages on /tf' if TFMessage else ''
     yield (f'{frame_count} frames of markers played, {states} joint states{transforms} answer '
            f'them; {listener.summary(received)}')
-    if listener.is_anonymous:
+    if listener.knows_owners:
         right, labelled = listener.label_counts
-        if listener.knows_owners:
-            yield f'{right} of {labelled} labels given to points are those of the recording'
+        yield f'{right} of {labelled} labels given to points are those of the recording'
     if (before := listener.before_first()):
         event = ('the hand was found among the points' if listener.is_anonymous
-                 else 'the first answer, which the palm must be seen for')
-        yield f'{before} frames came before {event}'
+                 else 'the palm was first seen')
+        yield f'{before} of the frames came before {event}'
     left_out, count = listener.left_out()
     if 0 < left_out <= TOLD_SHARE * count:
         yield (f'{left_out} of {count} frames were left out, as newer ones had come before they '

@@ -44,14 +44,13 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
 
 def _source(options: argparse.Namespace) -> ViewerRecording:
     """Return the hand that the command line asks for, or both."""
-    from ..tracking.label_check import require_lasting_labels
+    from ..tracking.label_check import label_fault
     from ..viewer.recording_source import ViewerRecording
 
     if options.side == BOTH:
         source = None
         for hand, layout, labels in reversed(recorded_hands(options).values()):
             reading = recorded_reading(options, options.recording, layout, labels)
-            require_lasting_labels(options.recording, options.topic, reading, layout)
             source = ViewerRecording(
                 options.recording, hand, layout, options.topic, source, reading)
         assert source is not None
@@ -60,7 +59,8 @@ def _source(options: argparse.Namespace) -> ViewerRecording:
     for note in recorded_notes(recording):
         print(f'{options.recording}: {note}', file=sys.stderr)
     reading = recorded_reading(options, recording, layout)
-    require_lasting_labels(recording, options.topic, reading, layout)
+    if (fault := label_fault(recording, options.topic, reading, layout)) is not None:
+        print(fault, file=sys.stderr)
     return ViewerRecording(recording, hand, layout, options.topic, reading=reading)
 
 

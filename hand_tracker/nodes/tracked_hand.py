@@ -16,8 +16,6 @@ from ..adapters.marker_messages import MARKER_MESSAGES
 from ..calibration.live_take import LiveTake
 from ..core.model.hand import Hand
 from ..core.model.marker_layout import MARKERS, MarkerLayout
-from ..core.numerics import jit
-from ..core.point_labelling.cloud_labeller import compile_kernels as compile_labelling
 from ..core.tracker import HandState, HandTracker
 from ..messages.builders import diagnostics
 from ..messages.cdr import MarkerReader
@@ -80,6 +78,8 @@ class TrackedHand:
     stream : Stream
     settings : Settings
         In use.
+    labels_points : bool
+        Whether markers come as points without usable labels.
     display : HandDisplay
     services : HandServices
     """
@@ -105,9 +105,7 @@ class TrackedHand:
         self._tracker = HandTracker(self.settings.hand, layout, self.settings.options)
         auto_size = (AutoSize(self.settings.hand, layout, in_background=True)
                      if learns_size(start) else None)
-        self._labels_points = start['labels'] == WITHOUT_LABELS
-        if self._labels_points and jit.COMPILED and not jit.LABELLING_IS_DEFERRED:
-            compile_labelling()    # loads what is on disk, now, not while the first frames wait
+        self.labels_points = start['labels'] == WITHOUT_LABELS
         self._point_labels = point_labels
         self._kind = MARKER_MESSAGES[start['marker_message']]
         self._landmark_checks = LandmarkChecks(
@@ -162,7 +160,7 @@ class TrackedHand:
             return
         if self.display.has_viewers:
             self._show()
-        if self._labels_points:
+        if self.labels_points:
             self.display.show_labelled(
                 frame.stamp, frame.frame_id, frame.markers.positions, self._marker_names)
 
@@ -181,7 +179,7 @@ class TrackedHand:
             if self._monitor.update(frames):
                 self.publish_status(frames.published[-1])
         # Points of both hands would be labelled for one hand alone.
-        fault = None if self._scope or self._labels_points else self._monitor.label_fault
+        fault = None if self._scope or self.labels_points else self._monitor.label_fault
         if fault is not None:
             self._label_points(fault)
 
@@ -189,7 +187,7 @@ class TrackedHand:
         """Label points by the hand's shape from the next message on."""
         self._monitor.warn_once('labels', f'{reason}: points are labelled by the shape of the '
                                 "hand, as with labels:='none'")
-        self._labels_points = True
+        self.labels_points = True
         self.stream.reader = self._new_reader()
         self._node.disable_fast_path()
 
@@ -231,7 +229,7 @@ class TrackedHand:
         return rows if self._labels is not None else rows + labels_table(self._marker_names)
 
     def _new_reader(self) -> Any:
-        if self._labels_points:
+        if self.labels_points:
             return PointLabelReader(
                 self._tracker.hand, self._tracker.layout, PointReader(
                     self._mocap_frame, self.settings.unit_scale, self.settings.zero_is_missing,

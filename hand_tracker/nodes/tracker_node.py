@@ -21,6 +21,7 @@ from ..adapters.point_frame import SourceUnavailable
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH, SIDES
 from ..core.numerics import jit
+from ..core.point_labelling.cloud_labeller import compile_kernels as compile_labelling
 from ..core.tracker import HandTracker
 from ..messages.labels import LabelMap
 from ..messages.stamps import Time
@@ -156,9 +157,12 @@ class TrackerNode(SubscriptionHidingNode):
                 f'{cause}: the tracker is some hundred times slower; {cure}')
             return
         if jit.COMPILED:
-            prepare_kernels(self.get_logger().info)
+            labels_points = any(hand.labels_points for hand in self.hands)
+            prepare_kernels(self.get_logger().info, labels_points)
             # Loaded before the first frame would wait for them.
             compile_tracking()
+            if labels_points and not jit.LABELLING_IS_DEFERRED:
+                compile_labelling()
         if wants_fast_path and self._serialization.raw:
             load = partial(self._load_fast_paths, count)
             try:

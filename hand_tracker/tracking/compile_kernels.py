@@ -63,7 +63,9 @@ def prepare_kernels(say: Callable[[str], object], labels_points: bool = False) -
         Whether those that label points are needed too.
     """
     needed = [jit.TRACKING_SET, *[jit.LABELLING_SET] * labels_points]
-    missing = [name for name in needed if jit.COMPILED and not jit.is_ready(name)]
+    # Deferred kernels are plain Python here: they are for another process to compile.
+    missing = [name for name in needed if jit.COMPILED and not jit.is_ready(name)
+               and not (name == jit.LABELLING_SET and jit.LABELLING_IS_DEFERRED)]
     if missing:
         say(f'compiling the kernels, which are kept, for {COMPILE_TIME} ...')
     for name in missing:

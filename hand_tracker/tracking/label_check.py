@@ -7,7 +7,6 @@ from os import PathLike
 import numpy as np
 
 from ..core.model.marker_layout import PALM_MARKERS, MarkerLayout
-from ..files.bags import BagError
 from .opened_recording import PointBag, open_recording
 from .recording import MarkerReading, marker_topic
 
@@ -57,12 +56,5 @@ def label_fault(recording: str | PathLike[str] | PointBag, topic: str | None,
                 or np.mean(has_points) <= POINTS_SHARE):
             return None
         return (f"{bag.path}: there are points, but the labels show the palm's markers together "
-                f'in only {100. * np.mean(has_palm):.0f} % of the frames; expected --labels none, '
-                'which finds the hand among points by its shape, or the right labels')
-
-
-def require_lasting_labels(recording: str | PathLike[str] | PointBag, topic: str | None,
-                           reading: MarkerReading, layout: MarkerLayout) -> None:
-    """Raise `BagError` where there is a `label_fault`, with its cure."""
-    if (fault := label_fault(recording, topic, reading, layout)) is not None:
-        raise BagError(fault)
+                f'in only {100. * np.mean(has_palm):.0f} % of the frames; if they are of no use, '
+                '--labels none finds the hand among the points by its shape')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,12 @@ def _worn_presets(names: tuple[str, ...], most: int) -> list[str]:
     return [preset for preset, others in worn.items() if len(others) <= most and others != names]
 
 
+@lru_cache(maxsize=8)
+def _prototype(hand: Hand, layout: MarkerLayout) -> HandPrototype:
+    """Return the prototype of a hand, kept as it takes tenths of a second."""
+    return model_prototype(hand, layout, tuple(layout.names), is_measured(hand))
+
+
 class PointLabels:
     """Label the points of one topic's messages: which is which marker of which hand on it.
 
@@ -59,8 +66,7 @@ class PointLabels:
         points : PointReader
             Of all hands.
         """
-        self._prototypes[hand.side] = model_prototype(
-            hand, layout, tuple(layout.names), is_measured(hand))
+        self._prototypes[hand.side] = _prototype(hand, layout)
         self._points, self._labeller = points, None
 
     def read(self, message: Any, side: str) -> tuple[PointFrame, np.ndarray, bool, bool]:

@@ -45,6 +45,7 @@ FILE_OPTION_NAMES = BAG_OPTION_NAMES._replace(
 # Options that notes and faults of recordings name, which are parameters of the replay node too.
 READING_OPTION = re.compile(r'(?<![\w-])--(?:(partial)|(layout|markers) ([\w-]+(?:=[\w.,]+)?)'
                             r'|(units|up|side|handed|layout|markers)(?: (right|left)\b)?)(?![\w-])')
+COMMAND_HINT = re.compile(r' \(hand_tracker [^)]*\)')    # what a command does, not the node
 
 
 def in_parameters(text: str) -> str:
@@ -60,4 +61,4 @@ def in_parameters(text: str) -> str:
         if partial:
             return 'partial:=true'
         return f'{chosen or name}:={choice or value}' if choice or value else name
-    return READING_OPTION.sub(parameter, text)
+    return READING_OPTION.sub(parameter, COMMAND_HINT.sub('', text))

@@ -382,8 +382,9 @@ def test_the_page_takes_points_without_labels_or_names_the_option(tmp_path, caps
         take_labels_off(bag, '/markers', [WornHand(
             Hand.scaled(), MarkerLayout(), LabelMap())], tmp_path / 'points.mcap')
     options = [str(tmp_path / 'points.mcap')]
-    with pytest.raises(HandTrackerError, match='9 % of the frames; expected --labels none'):
-        view._source(view._parse(options))
+    view._source(view._parse(options))
+    assert 'in only 9 % of the frames; if they are of no use, --labels none' in (
+        capsys.readouterr().err)
     view._source(view._parse([*options, '--labels', 'none'])).prepare(print)
     # As the page says, so does what names the next command.
     assert inspect.main(options) == 0

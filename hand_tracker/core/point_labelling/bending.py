@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..model.hand import DIGITS
+from ..numerics.vectors import unit_vectors
 
 BEND_SHARES = np.linspace(-1., 1., 5)
 # By which a finger bends each way at its base and at each joint further out, and a thumb, which
@@ -46,8 +47,8 @@ def bending(template: np.ndarray, digit: np.ndarray) -> np.ndarray:
         base = template[mine[0]] + min(1., LONGEST_BONE / gap) * back
         chain = np.concatenate((base[None], template[mine]))
         out = along if number != thumb and along is not None else chain[-1] - base
-        across = _unit(np.cross(normal, out))
-        axes = (across, _unit(np.cross(out, across))) if number == thumb else (across,)
+        across = unit_vectors(np.cross(normal, out))
+        axes = (across, unit_vectors(np.cross(out, across))) if number == thumb else (across,)
         bends = THUMB_BEND if number == thumb else FINGER_BEND
         rows = (3 * mine[:, None] + np.arange(3)).ravel()
         for axis in axes:
@@ -88,8 +89,3 @@ def _bent(chain: np.ndarray, axis: np.ndarray, first: float, other: float) -> np
             link * np.cos(angle) + np.cross(axis, link) * np.sin(angle)
             + axis * (axis @ link) * (1. - np.cos(angle)))
     return places
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    """Return a vector of length 1 along another, of length 0 where that has none."""
-    return vector / max(np.linalg.norm(vector), 1e-9)

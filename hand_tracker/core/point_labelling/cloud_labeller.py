@@ -69,7 +69,7 @@ class CloudLabels(NamedTuple):
     found : tuple of bool
         Whether each hand is followed.
     other_side : tuple of bool
-        Whether the last search of each found a hand of the other side instead.
+        Whether each was taken for a hand of the other side when it was last found or checked.
     """
 
     rows: tuple[np.ndarray, ...]
@@ -224,8 +224,8 @@ class CloudLabeller:
         """Return the time since the last frame; lose all where it is no step."""
         if time is None:
             return UNTIMED_STEP
-        step = UNTIMED_STEP if self._time is None else time - self._time
-        self._time = time
+        step = UNTIMED_STEP if self._time is None else float(time) - self._time
+        self._time = float(time)
         if not 0. <= step <= LONGEST_PAUSE:
             for hand in self._hands:
                 hand.lose()
@@ -314,21 +314,31 @@ class CloudLabeller:
         if hand.track is None:
             return
         finding = hand.track.finding
-        mine = finding.rows[finding.rows >= 0]
         rivals = [other for other in self._hands if other is not hand
                   and other.track is not None
-                  and np.isin(other.track.finding.rows, mine).any()
-                  and (other.confirmed
-                       or other.track.finding.cost[0] < finding.cost[0])]
-        whole = palm_is_seen(hand.statistics, finding.rows)
-        lead = self._mirrored_lead(hand, points, mine, not whole)
-        hand.is_other_side = lead > MIRROR_MARGIN
-        # Two markers of the palm leave its side to the digits: these must decide it.
-        if (rivals or lead > (MIRROR_MARGIN if whole else -MIRROR_MARGIN)
-                or not _is_typical(hand.statistics, finding)):
+                  and np.isin(other.track.finding.rows, finding.rows[finding.rows >= 0]).any()]
+        believable = self._is_believable(hand, points)
+        if not believable or any(
+                other.confirmed or (other.track is not None
+                                    and other.track.finding.cost[0] < finding.cost[0]
+                                    and self._is_believable(other, points))
+                for other in rivals):
             hand.lose()
             return
         hand.confirmed = True
+        for other in rivals:
+            other.lose()
+
+    def _is_believable(self, hand: _Hand, points: np.ndarray) -> bool:
+        """Return whether what a search has found is like a hand, and one of its side."""
+        assert hand.track is not None
+        finding = hand.track.finding
+        whole = palm_is_seen(hand.statistics, finding.rows)
+        lead = self._mirrored_lead(hand, points, finding.rows[finding.rows >= 0], not whole)
+        hand.is_other_side = lead > MIRROR_MARGIN
+        # Two markers of the palm leave its side to the digits: these must decide it.
+        return (lead <= (MIRROR_MARGIN if whole else -MIRROR_MARGIN)
+                and _is_typical(hand.statistics, finding))
 
     def _mirrored_lead(self, hand: _Hand, points: np.ndarray, mine: np.ndarray,
                        by_pairs: bool) -> float:

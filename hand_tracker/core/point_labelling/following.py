@@ -11,7 +11,7 @@ import numpy as np
 from ..numerics.assignment import assign_rows
 from ..numerics.jit import labelling_jit
 from ..numerics.rigid_fit import fit_rigid
-from .clutter import Cloud, Clutter, PointHistory, continue_clutter
+from .clutter import Cloud, Clutter, continue_clutter
 from .hand_track import (
     ASTRAY_DISTANCE,
     BIRTHS,
@@ -112,7 +112,7 @@ def settle_palm(prototype: Prototype, track: HandTrack, points: np.ndarray, rows
         Time since the last frame [s].
     """
     count, same = len(rows), _same_are_seen(track, rows)
-    if count_seen_palm(prototype, rows) >= 3:
+    if count_seen_palm(prototype, rows) >= 3 or count_seen(rows) == 0:
         track.palm_offset[:] = np.nan
         return
     placed = track.finding
@@ -196,7 +196,7 @@ def correct_hand(prototype: Prototype, track: HandTrack, seen: PalmPoints, rows:
     if step > 0. and not replaced:
         _follow_motion(prototype, track, rows, last, step)
     local = seen.local
-    to_palm_frame(seen.points, finding.rotation, finding.position, finding.size[0], local)
+    to_palm_frame(seen.cloud.points, finding.rotation, finding.position, finding.size[0], local)
     if replaced:
         # What was predicted stays where it was.
         to_palm_frame(track.place, finding.rotation, finding.position, finding.size[0],
@@ -387,7 +387,7 @@ def _correct_marker(track: HandTrack, i: int, seen: PalmPoints, row: int, replac
     off = 0.
     for k in range(3):
         if known:
-            off += (seen.points[row, k] - track.place[i, k]) ** 2
+            off += (seen.cloud.points[row, k] - track.place[i, k]) ** 2
             if step > 0. and not replaced:
                 track.drift[i, k] += DRIFT_GAIN * (seen.local[row, k] - track.local[i, k]) / step
         else:
@@ -445,7 +445,7 @@ def doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
 
 
 @labelling_jit
-def _place_again(prototype: Prototype, track: HandTrack, points: np.ndarray, first: int,
+def _match_again(prototype: Prototype, track: HandTrack, points: np.ndarray, first: int,
                  rows: np.ndarray) -> bool:
     """Place a hand of which markers vanish by its other points; return whether that was done."""
     mine = rows[first:first + len(track.place)]
@@ -466,8 +466,8 @@ def _vanish(was_seen: np.ndarray, rows: np.ndarray) -> bool:
 
 
 @labelling_jit
-def _correct(prototype: Prototype, track: HandTrack, cloud: Cloud, seen: PalmPoints,
-             cost: np.ndarray, rows: np.ndarray, last: np.ndarray, step: float) -> None:
+def _correct(prototype: Prototype, track: HandTrack, seen: PalmPoints, cost: np.ndarray,
+             rows: np.ndarray, last: np.ndarray, step: float) -> None:
     """Correct a hand by the points that it got.
 
     Parameters
@@ -475,10 +475,8 @@ def _correct(prototype: Prototype, track: HandTrack, cloud: Cloud, seen: PalmPoi
     prototype : Prototype
     track : HandTrack
         Predicted; updated.
-    cloud : Cloud
-        The points that it keeps are free no more.
     seen : PalmPoints
-        The same points.
+        The points that it keeps are free no more.
     cost : ndarray, shape (H, n)
         Of the markers of all hands, by `match_costs`.
     rows : ndarray of int, shape (H,)
@@ -488,7 +486,7 @@ def _correct(prototype: Prototype, track: HandTrack, cloud: Cloud, seen: PalmPoi
     step : float
         Time since then [s].
     """
-    end = seen.first + len(track.place)
+    cloud, end = seen.cloud, seen.first + len(track.place)
     mine = rows[seen.first:end]
     doubt_labels(track, cost[seen.first:end], mine)
     place_palm_by(prototype, track, cloud.points, mine)
@@ -532,25 +530,6 @@ def _predict(prototype: Prototype, track: HandTrack, first: int, step: float,
 
 
 @labelling_jit
-def _conclude(prototype: Prototype, track: HandTrack, cloud: Cloud, history: PointHistory,
-              was_seen: np.ndarray, distance: float, step: float, patience: float) -> bool:
-    """Review a hand after a frame; return whether it is lost.
-
-    Parameters
-    ----------
-    prototype, track, cloud, history, step, patience
-        As for `review_labels`.
-    was_seen : ndarray of bool, shape (M,) or more
-        Markers that were seen in the last frame.
-    distance : float
-        Of the posture there, as in `Finding`.
-    """
-    come = _count_arrivals(track, cloud, step)
-    note_cut(prototype, track, was_seen, distance, come)
-    return review_labels(prototype, track, cloud, history, step, patience)
-
-
-@labelling_jit
 def follow_cloud(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...],
                  clutter: Clutter, last: Cloud, cloud: Cloud, firsts: np.ndarray,
                  steps: tuple[float, float], patience: float, lost: np.ndarray) -> None:
@@ -585,15 +564,15 @@ def follow_cloud(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
             prototype, track, first = prototypes[hand], tracks[hand], firsts[hand]
             if turn == 0:
                 distance[hand] = _predict(prototype, track, first, step, was_seen, palms[hand])
-            match_costs(prototype, track, cloud, PalmPoints(
-                points, local, cloud.slots, history, first), cost)
+            match_costs(prototype, track, PalmPoints(
+                cloud, local, history, first), cost)
         assign_rows(cost, 0., rows)
         if turn > 0 or not _vanish(was_seen, rows):
             break
         # A fast turn moves digits far: they are matched once more from where the palm is now.
         again = False
         for hand in range(hands):
-            placed = _place_again(prototypes[hand], tracks[hand], points, firsts[hand], rows)
+            placed = _match_again(prototypes[hand], tracks[hand], points, firsts[hand], rows)
             again = again or placed
         if not again:
             break
@@ -601,8 +580,11 @@ def follow_cloud(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
         if row >= 0:
             history.taken[cloud.slots[row]] = True
     for hand in range(hands):
-        _correct(prototypes[hand], tracks[hand], cloud, PalmPoints(
-            points, local, cloud.slots, history, firsts[hand]), cost, rows, palms[hand], step)
+        _correct(prototypes[hand], tracks[hand], PalmPoints(
+            cloud, local, history, firsts[hand]), cost, rows, palms[hand], step)
     for hand in range(hands):
-        lost[hand] = _conclude(prototypes[hand], tracks[hand], cloud, history,
-                               was_seen[firsts[hand]:], distance[hand], step, patience)
+        come = _count_arrivals(tracks[hand], cloud, step)
+        note_cut(prototypes[hand], tracks[hand], was_seen[firsts[hand]:], distance[hand], come)
+    for hand in range(hands):
+        lost[hand] = review_labels(
+            prototypes[hand], tracks[hand], cloud, history, step, patience)

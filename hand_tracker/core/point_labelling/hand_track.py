@@ -110,7 +110,8 @@ class HandTrack(NamedTuple):
     arrivals : ndarray, shape (1,)
         Points near the hand that come in a frame.
     shaken_for : ndarray, shape (1,)
-        Time for which another labelling is taken at once, after a cut [s].
+        Time for which another labelling is taken at once, after a cut; below 0 once that is over
+        [s].
     unlikely_for : ndarray, shape (1,)
         Time for which the posture has put the labels in doubt [s].
     since_relabelling, since_search : ndarray of int, shape (1,)

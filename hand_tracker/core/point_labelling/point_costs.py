@@ -9,7 +9,6 @@ import math
 import numpy as np
 
 from ..numerics.jit import labelling_jit
-from .clutter import Cloud
 from .hand_track import HandTrack, coming_cost
 from .links import marker_links_cost
 from .palm_search import to_palm_frame
@@ -26,7 +25,7 @@ KEPT_ID_TIME = .1           # [s] for which it has had it: some sources number a
 
 
 @labelling_jit
-def match_costs(prototype: Prototype, track: HandTrack, cloud: Cloud, seen: PalmPoints,
+def match_costs(prototype: Prototype, track: HandTrack, seen: PalmPoints,
                 cost: np.ndarray) -> None:
     """Write the cost of each point as each marker of a hand beyond that of no point.
 
@@ -35,14 +34,14 @@ def match_costs(prototype: Prototype, track: HandTrack, cloud: Cloud, seen: Palm
     prototype : Prototype
     track : HandTrack
         Predicted.
-    cloud : Cloud
     seen : PalmPoints
-        The same points; placed in the predicted palm.
+        Placed in the predicted palm.
     cost : ndarray, shape (H, n)
         Of the markers of all hands; this one's are replaced, infinite where one cannot be.
     """
     come = coming_cost(track)
-    finding, points = track.finding, cloud.points
+    finding, cloud = track.finding, seen.cloud
+    points = cloud.points
     to_palm_frame(points, finding.rotation, finding.position, finding.size[0], seen.local)
     for i in range(len(track.place)):
         hidden = track.hidden_for[i] > 0.

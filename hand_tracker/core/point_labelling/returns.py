@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numerics.jit import labelling_jit
-from .clutter import CLUTTER_DEVIATION, STRETCH, PointHistory
+from .clutter import CLUTTER_DEVIATION, STRETCH, Cloud, PointHistory
 from .hand_track import HIDDEN_DEVIATION, LONGEST_HIDDEN, HandTrack
 from .links import marker_links_cost
 from .posture import SEEN_COST, block_inverse
@@ -39,18 +39,16 @@ class PalmPoints(NamedTuple):
 
     Attributes
     ----------
-    points, local : ndarray, shape (n, 3)
-        As seen, and in the palm's frame [m].
-    slots : ndarray of int, shape (n,)
-        Of each in the history.
+    cloud : Cloud
+    local : ndarray, shape (n, 3)
+        The points in the palm's frame [m].
     history : PointHistory
     first : int
         First of the hand's markers among those of all hands.
     """
 
-    points: np.ndarray
+    cloud: Cloud
     local: np.ndarray
-    slots: np.ndarray
     history: PointHistory
     first: int
 
@@ -127,7 +125,7 @@ def note_arrivals(prototype: Prototype, track: HandTrack, seen: PalmPoints) -> N
             continue
         mark, hidden = seen.first + i, hidden_place(track, i)
         for j in range(len(local)):
-            slot = seen.slots[j]
+            slot = seen.cloud.slots[j]
             here = history.age[slot] > 0.
             new = not here or history.cost[slot, mark] == math.inf
             if not new and history.stretch[slot] < STRETCH:
@@ -158,7 +156,7 @@ def return_cost(hidden: HiddenPlace, seen: PalmPoints, row: int, mark: int) -> f
     mark : int
         Of the marker among those of all hands.
     """
-    history, slot = seen.history, seen.slots[row]
+    history, slot = seen.history, seen.cloud.slots[row]
     cost = _place_of_return(hidden, seen.local[row])
     if history.age[slot] <= 0.:
         return cost
@@ -184,14 +182,14 @@ def _stretch_cost(hidden: HiddenPlace, seen: PalmPoints, row: int, mark: int) ->
 
     Parameters are those of `return_cost`.
     """
-    history, slot = seen.history, seen.slots[row]
+    history, slot = seen.history, seen.cloud.slots[row]
     shift, turned, gone = 0., 0., 0.
     share = history.stretch[slot] / STRETCH
     for k in range(3):
         off = seen.local[row, k] - hidden.last[k] - history.offset[slot, mark, k]
         shift += off * off
         turned += (off - share * history.shift[slot, mark, k]) ** 2
-        gone += uneven(seen.points[row, k] - history.came[slot, k], history.pace[slot, k],
+        gone += uneven(seen.cloud.points[row, k] - history.came[slot, k], history.pace[slot, k],
                        history.stretch[slot])
     return motion_cost(history.stretch[slot], hidden.error, gone, min(shift, turned),
                        history.pace[slot, 0] == history.pace[slot, 0])
@@ -258,7 +256,7 @@ def motion_cost(age: float, error: float, gone: float, shift: float, paced: bool
 def begin_return(track: HandTrack, i: int, seen: PalmPoints, row: int) -> None:
     """Note how a marker came back, with a row of the points."""
     returns, history, mark = track.returns, seen.history, seen.first + i
-    slot = seen.slots[row]
+    slot = seen.cloud.slots[row]
     returns.cost[i] = history.cost[slot, mark]
     returns.age[i] = history.age[slot] if returns.cost[i] < math.inf else math.inf
     returns.hidden_for[i] = track.hidden_for[i]
@@ -295,7 +293,7 @@ def present_cost(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoint
     step : float
         Time since the last frame [s].
     """
-    returns, local, points = track.returns, seen.local, seen.points
+    returns, local, points = track.returns, seen.local, seen.cloud.points
     returns.age[i] += step
     returns.stretch[i] += step
     covariance = np.empty((3, 3))
@@ -341,8 +339,8 @@ def present_cost(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoint
 def best_return(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoints) -> float:
     """Return the least cost of a point that no hand has, as a marker that came back."""
     least, history, hidden = math.inf, seen.history, hidden_place(track, i)
-    for j in range(len(seen.points)):
-        slot = seen.slots[j]
+    for j in range(len(seen.cloud.points)):
+        slot = seen.cloud.slots[j]
         if not history.taken[slot] and history.cost[slot, seen.first + i] < math.inf:
             least = min(least, return_cost(
                 hidden, seen, j, seen.first + i) + marker_links_cost(
@@ -354,7 +352,7 @@ def best_return(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoints
 def give_up(track: HandTrack, i: int, seen: PalmPoints, row: int) -> None:
     """Undo a marker's return: it is hidden again, and its point counts as clutter."""
     returns, history, mark = track.returns, seen.history, seen.first + i
-    slot = seen.slots[row]
+    slot = seen.cloud.slots[row]
     track.finding.rows[i] = -1
     track.hidden_for[i] = returns.hidden_for[i]
     track.suspected_for[i] = 0.

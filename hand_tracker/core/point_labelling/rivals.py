@@ -252,7 +252,7 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, history: 
         if finding.rows[i] >= 0:
             cloud.free[finding.rows[i]] = False
     start_places(prototype, cloud.points, track)
-    track.doubt[0] = track.shaken_for[0] = 0.
+    track.doubt[0], track.shaken_for[0] = 0., min(track.shaken_for[0], 0.)
     for i in range(count):
         if changed[i]:
             track.trusted_for[i] = 0.

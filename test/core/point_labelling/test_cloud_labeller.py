@@ -8,6 +8,7 @@ from hand_tracker.core.model.hand import FLEXION_JOINTS, SIDES, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
+from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.core.point_labelling.cloud_labeller import CloudLabeller
 from hand_tracker.core.point_labelling.natural_poses import (
     marker_digits,
@@ -245,6 +246,8 @@ def test_the_thumb_that_touches_each_finger_and_vanishes_for_moments_keeps_its_l
 
 @pytest.mark.parametrize('layout', ('paper8', 'optitrack_hand', 'sig18_19', 'kyutech23'))
 def test_hands_that_change_places_in_a_cut_do_not_keep_each_others_markers(layout):
+    if not COMPILED and layout != 'paper8':
+        pytest.skip('takes minutes in plain Python')
     layout = preset_layout(layout)
     hands = [Hand.scaled(side=side) for side in SIDES]
     labeller = CloudLabeller([

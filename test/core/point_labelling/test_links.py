@@ -8,7 +8,7 @@ from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout, marker_positions
 from hand_tracker.core.point_labelling.cloud_labeller import CloudLabeller
-from hand_tracker.core.point_labelling.clutter import no_clutter
+from hand_tracker.core.point_labelling.clutter import new_cloud, no_clutter
 from hand_tracker.core.point_labelling.following import CROSSING_TRUST, _exchange_by_links
 from hand_tracker.core.point_labelling.hand_track import begin_track
 from hand_tracker.core.point_labelling.links import (
@@ -106,9 +106,10 @@ def judge(rows, seen):
     """Return what labels cost, as a finding, and matrix, gradient and distance of the posture."""
     statistics, count = PROTOTYPE.statistics, len(NAMES)
     finding = blank_finding(count)
-    place_by_palm(statistics, seen.points, np.arange(count), finding)
+    place_by_palm(statistics, seen.cloud.points, np.arange(count), finding)
     finding.rows[:] = rows
-    to_palm_frame(seen.points, finding.rotation, finding.position, finding.size[0], seen.local)
+    to_palm_frame(
+        seen.cloud.points, finding.rotation, finding.position, finding.size[0], seen.local)
     matrix, gradient = np.empty((3 * count, 3 * count)), np.empty(3 * count)
     constant, hidden = reset_matrix(statistics, rows, matrix)
     distance = posture_distance(
@@ -121,8 +122,9 @@ def judge(rows, seen):
 def exchanged_track(one, other):
     """Return a track with two markers' points exchanged, its points, posture and right cost."""
     places, rows = markers_of(5), np.arange(len(NAMES))
-    seen = PalmPoints(places, np.empty_like(places), np.arange(len(NAMES)),
-                      no_clutter(len(NAMES)).history, 0)
+    cloud = new_cloud(places, np.full(len(NAMES), -1))
+    cloud.slots[:] = np.arange(len(NAMES))
+    seen = PalmPoints(cloud, np.empty_like(places), no_clutter(len(NAMES)).history, 0)
     right, _ = judge(rows, seen)
     rows[[one, other]] = other, one
     finding, posture = judge(rows, seen)
