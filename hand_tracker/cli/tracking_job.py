@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 from ..core.model.hand import SIDES, Hand
@@ -12,6 +12,7 @@ from ..core.model.marker_layout import MarkerLayout
 from ..core.model.states import PalmState
 from ..core.tracker import HandTracker
 from ..files.bags import Bag, BagError, BagMessage, open_bag
+from ..messages.labels import WITHOUT_LABELS
 from ..parallel import Interruptions, MessageCollector
 from ..progress import Progress
 from ..tracking.monitor import Monitor
@@ -96,7 +97,6 @@ class TrackingJob:
             monitor = Monitor(1e-9 * self._bag.start, self._topic, reading.labels, names)
             self._monitors[f'{name} hand: ' if name else ''] = monitor
             recorded[name] = RecordedHand(tracker, reading, monitor, auto_size, point_labels)
-        has_labels = all(reading.has_labels for _, reading in hands.values())
         messages = self._progress.over(self._monitored())
         for frames in track_hands(messages, recorded, self._progress.say):
             self.tracked += 1
@@ -104,17 +104,19 @@ class TrackingJob:
                                if frame.state.palm in PALM_SEEN)
             yield frames
         self._require_tracked()
-        self._warn_of_few(hands, names.labels if has_labels else '--layout')
+        for name, (_, reading) in hands.items():
+            self._warn_of_few(name, reading.has_labels, names.labels)
 
-    def _warn_of_few(self, hands: Iterable[str], setting: str) -> None:
-        """Say in how few frames a hand was seen."""
-        for name in hands:
-            if self._palms[name] < FEW_SHARE * self.read:
-                whose = f'{name} hand: ' if name else ''
-                cure = '' if setting == '--layout' else ', or points without labels (--labels none)'
-                self.say(f'{whose}only {self._palms[name]} of {self.read} frames show the palm; in '
-                         'the others the hand is left out, or keeps its last pose: markers that '
-                         f'are hidden, or others than meant ({setting}){cure}?')
+    def _warn_of_few(self, name: str, has_labels: bool, labels: str) -> None:
+        """Say in how few frames a hand was seen, and which option may cure it."""
+        if self._palms[name] >= FEW_SHARE * self.read:
+            return
+        whose = f'{name} hand: ' if name else ''
+        cure = (f'other labels than meant ({labels}), or labels of no use '
+                f'(--labels {WITHOUT_LABELS})' if has_labels else 'another layout (--layout)')
+        self.say(f'{whose}only {self._palms[name]} of {self.read} frames show the palm; in the '
+                 'others the hand is left out, or keeps its last pose. Are its markers hidden '
+                 f'there? Else: {cure}')
 
     def _require_tracked(self) -> None:
         for name, monitor in self._monitors.items():
