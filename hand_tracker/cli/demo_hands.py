@@ -19,7 +19,7 @@ from ..simulation.ball_grasp import grasp_recording
 from ..simulation.packaged_recordings import recording_messages
 from ..tracking.label_check import label_fault
 from ..tracking.opened_recording import PointBag, open_recording
-from ..tracking.recording import MarkerReading, marker_topic, sampled_positions
+from ..tracking.recording import MarkerReading, marker_topic, sampled_messages
 from ..tracking.side_check import GREATEST_STEP, recorded_side_fault
 from ..viewer.page_options import PLAIN_ROBOT, chosen_robot
 from .demo_anonymous import ANONYMOUS_RECORDING, PointOwners, take_labels_off
@@ -75,9 +75,11 @@ def _require_sides(bag: Bag, topic: str, hands: Sequence[WornHand],
     for hand, reading in zip(hands, readings):
         if not reading.has_labels:
             continue
+        reader = reading.marker_reader()
         # As far apart as `SideCheck` counts them.
-        fault = recorded_side_fault(sampled_positions(bag, topic, reading, GREATEST_STEP),
-                                    hand.hand.side, hand.layout.principal)
+        frames = ((1e-9 * message.time, reader.read(message.data).positions)
+                  for message in sampled_messages(bag, topic, GREATEST_STEP))
+        fault = recorded_side_fault(frames, hand.hand.side, hand.layout.principal)
         if fault is not None:
             whose = f'{hand.hand.side} hand: ' if len(hands) > 1 else ''
             raise BagError(f'{bag.path}: {whose}{fault}')

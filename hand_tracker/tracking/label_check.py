@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.model.marker_layout import PALM_MARKERS, MarkerLayout
 from .opened_recording import PointBag, open_recording
-from .recording import MarkerReading, marker_topic
+from .recording import MarkerReading, marker_topic, sampled_messages
 
 LEAST_PALM_SHARE = .25   # of the frames, below which labels are of no use where
 POINTS_SHARE = .5        # of the frames have at least as many points as the hand has markers. Ours
@@ -43,15 +43,12 @@ def label_fault(recording: str | PathLike[str] | PointBag, topic: str | None,
     markers, points = reading.marker_reader(), reading.point_reader()
     has_palm, has_points = [], []
     with open_recording(recording) as bag:
-        due = bag.start
-        for message in bag.messages([marker_topic(bag, topic)]):
+        for message in sampled_messages(bag, marker_topic(bag, topic), CHECK_STEP):
             if message.time > bag.start + 1e9 * CHECKED_SECONDS:
                 break
-            if message.time >= due:
-                due = message.time + int(1e9 * CHECK_STEP)
-                positions = markers.read(message.data).positions
-                has_palm.append(np.isfinite(positions[palm]).all())
-                has_points.append(len(points.read(message.data).points) >= len(positions))
+            positions = markers.read(message.data).positions
+            has_palm.append(np.isfinite(positions[palm]).all())
+            has_points.append(len(points.read(message.data).points) >= len(positions))
         if (not has_palm or np.mean(has_palm) >= LEAST_PALM_SHARE
                 or np.mean(has_points) <= POINTS_SHARE):
             return None

@@ -116,25 +116,13 @@ class MarkerReading(NamedTuple):
 USUAL_READING = MarkerReading()
 
 
-def sampled_positions(bag: Bag, topic: str, reading: MarkerReading,
-                      step: float) -> Iterator[tuple[float, np.ndarray]]:
-    """Yield times [s] and positions of a hand's markers in some of the messages.
-
-    Parameters
-    ----------
-    bag : Bag
-    topic : str
-        Of the markers.
-    reading : MarkerReading
-        With labels.
-    step : float
-        Between messages that are read, at least [s].
-    """
-    reader, due = reading.marker_reader(), bag.start
+def sampled_messages(bag: Bag, topic: str, step: float) -> Iterator[BagMessage]:
+    """Yield the messages of a topic that are at least a step [s] apart."""
+    due = bag.start
     for message in bag.messages([topic]):
         if message.time >= due:
             due = message.time + int(1e9 * step)
-            yield 1e-9 * message.time, reader.read(message.data).positions
+            yield message
 
 
 def track(messages: Iterable[BagMessage], tracker: HandTracker,

@@ -117,14 +117,14 @@ class _Hand:
 
 
 def _search_points(prototype: Prototype, points: np.ndarray, free: np.ndarray, first: int,
-                   palms: int, found: Finding, by_pairs: bool) -> int:
-    """Search a hand from a point on, by three or by two markers of its palm.
+                   budget: int, found: Finding, by_pairs: bool) -> int:
+    """Search a hand from a point on, within a budget, by three or by two markers of its palm.
 
     `found` is replaced by what is better; returned is how many first corners were tried.
     """
     candidates = blank_candidates()
     search, label = (search_pairs, label_pairs) if by_pairs else (search_palms, label_candidates)
-    tried = kernel(search)(prototype, points, free, first, palms, candidates)
+    tried = kernel(search)(prototype, points, free, first, budget, candidates)
     kernel(label)(prototype, points, free, candidates, found)
     return tried
 
@@ -283,7 +283,8 @@ class CloudLabeller:
                 if other is not hand and other.track is not None and other.confirmed:
                     own[other.track.finding.rows[other.track.finding.rows >= 0]] = False
             found = blank_finding(hand.count)
-            tried = self._find(hand, points, own, hand.first, found, by_pairs=hand.by_pairs)
+            tried = _search_points(hand.statistics, points, own, hand.first, SEARCH_BUDGET, found,
+                                   hand.by_pairs)
             hand.first = (hand.first + tried) % len(points)
             hand.searched += tried
             if found.cost[0] < (
@@ -299,15 +300,6 @@ class CloudLabeller:
             if hand.track is not None:
                 rows = hand.track.finding.rows
                 frame.free[rows[rows >= 0]] = False
-
-    def _find(self, hand: _Hand, points: np.ndarray, free: np.ndarray, first: int,
-              found: Finding, budget: int | None = SEARCH_BUDGET, by_pairs: bool = False) -> int:
-        """Search a hand, as far as a frame has time for it; all points where `budget` is None.
-
-        `found` is replaced by what is better; returned is how many first corners were tried.
-        """
-        palms = sys.maxsize if budget is None else budget // (hand.count * len(points))
-        return _search_points(hand.statistics, points, free, first, max(palms, 1), found, by_pairs)
 
     def _settle(self, hand: _Hand, points: np.ndarray) -> None:
         """Confirm what a whole search has found, or drop it."""
@@ -387,7 +379,7 @@ class CloudLabeller:
                      by_pairs: bool) -> Finding:
         """Return a hand in a single frame; blank where nothing is like it."""
         found = blank_finding(hand.count)
-        self._find(hand, points, free, 0, found, None, by_pairs)
+        _search_points(hand.statistics, points, free, 0, sys.maxsize, found, by_pairs)
         return found if _is_typical(hand.statistics, found) else blank_finding(hand.count)
 
 

@@ -56,18 +56,15 @@ class PointHistory(NamedTuple):
 
 
 class Clutter(NamedTuple):
-    """Unassigned points of the last frame, in slots that they keep as long as they are seen.
+    """Points of the present frame, in slots that those keep that no hand has.
 
     Attributes
     ----------
     used : ndarray of bool, shape (S,)
-        Whether there is such a point in a slot.
-    place : ndarray, shape (S, 3)
-        [m]
-    speed : ndarray, shape (S, 3)
-        [m/s]
+        Whether there is a point in a slot.
+    place, speed : ndarray, shape (S, 3)
+        Of those that no hand had in the frames before, where they were last [m, m/s].
     history : PointHistory
-        Of the points of a frame, also of those that hands have.
     """
 
     used: np.ndarray

@@ -445,11 +445,14 @@ def doubt_labels(track: HandTrack, cost: np.ndarray, rows: np.ndarray) -> None:
 
 
 @labelling_jit
-def _match_again(prototype: Prototype, track: HandTrack, points: np.ndarray, first: int,
-                 rows: np.ndarray) -> bool:
-    """Place a hand of which markers vanish by its other points; return whether that was done."""
-    mine = rows[first:first + len(track.place)]
-    if _vanish(track.hidden_for <= 0., mine) and not palm_changes(prototype, track, mine):
+def _match_again(prototype: Prototype, track: HandTrack, points: np.ndarray, rows: np.ndarray,
+                 was_seen: np.ndarray) -> bool:
+    """Place a hand of which markers vanish by its other points; return whether that was done.
+
+    `rows` and `was_seen`, whether they were seen, have its M markers first.
+    """
+    mine = rows[:len(track.place)]
+    if _vanish(was_seen, mine) and not palm_changes(prototype, track, mine):
         place_palm_by(prototype, track, points, mine)
         place_again(track)
         return True
@@ -554,8 +557,8 @@ def follow_cloud(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
     step, history, points, hands = steps[1], clutter.history, cloud.points, len(tracks)
     continue_clutter(clutter, last, steps[0], cloud, step)
     total = history.cost.shape[1]
-    was_seen, palms, distance = np.zeros(total, dtype=np.bool_), np.empty((hands, 4, 3)), (
-        np.empty(hands))
+    was_seen, distance = np.zeros(total, dtype=np.bool_), np.empty(hands)
+    palms = np.empty((hands, 4, 3))
     rows, cost = np.full(total, -1), np.full((total, len(points)), math.inf)
     local = np.empty((len(points), 3))
     for turn in range(2):
@@ -564,15 +567,15 @@ def follow_cloud(prototypes: tuple[Prototype, ...], tracks: tuple[HandTrack, ...
             prototype, track, first = prototypes[hand], tracks[hand], firsts[hand]
             if turn == 0:
                 distance[hand] = _predict(prototype, track, first, step, was_seen, palms[hand])
-            match_costs(prototype, track, PalmPoints(
-                cloud, local, history, first), cost)
+            match_costs(prototype, track, PalmPoints(cloud, local, history, first), cost)
         assign_rows(cost, 0., rows)
         if turn > 0 or not _vanish(was_seen, rows):
             break
         # A fast turn moves digits far: they are matched once more from where the palm is now.
         again = False
         for hand in range(hands):
-            placed = _match_again(prototypes[hand], tracks[hand], points, firsts[hand], rows)
+            placed = _match_again(prototypes[hand], tracks[hand], points, rows[firsts[hand]:],
+                                  was_seen[firsts[hand]:])
             again = again or placed
         if not again:
             break

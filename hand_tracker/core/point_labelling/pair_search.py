@@ -19,6 +19,7 @@ from .palm_search import (
     copy_finding,
     drop_sparse,
     insert_candidate,
+    palms_within,
     quick_cost,
     to_palm_frame,
     write_cost,
@@ -46,12 +47,12 @@ def search_pairs(prototype: Prototype, points: np.ndarray, free: np.ndarray, fir
     Parameters are those of `search_palms`. The candidates' corners are the pair, its two points
     and the number of the turn.
     """
-    count, tried = len(points), 0
+    count, tried, most = len(points), 0, palms_within(budget, prototype, points)
     rotation, position = np.empty((3, 3)), np.empty(3)
     local = np.empty((count, 3))
     for offset in range(count):
         a = (first + offset) % count
-        if tried >= budget:
+        if tried >= most:
             return offset
         if not free[a]:
             continue

@@ -100,6 +100,12 @@ def to_palm_frame(points: np.ndarray, rotation: np.ndarray, position: np.ndarray
 
 
 @labelling_jit
+def palms_within(budget: int, prototype: Prototype, points: np.ndarray) -> int:
+    """Return how many palms a search may try: each takes the distances of all points."""
+    return max(budget // max(len(prototype.template) * len(points), 1), 1)
+
+
+@labelling_jit
 def search_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, first: int,
                  budget: int, candidates: Candidates) -> int:
     """Collect candidates for the palm, beginning with one of the points as first corner.
@@ -114,7 +120,8 @@ def search_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, fir
     first : int
         Point from which to begin.
     budget : int
-        Palms to try, after which the search stops before the next first corner.
+        Distances of points from markers that it takes, by `palms_within`; the search stops before
+        the next first corner.
     candidates : Candidates
         Updated.
 
@@ -124,7 +131,7 @@ def search_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, fir
         Number of first corners that were tried.
     """
     count, markers = len(points), len(prototype.template)
-    tried = 0
+    tried, most = 0, palms_within(budget, prototype, points)
     corners, rest = np.empty((3, 3)), np.empty((3, 3))
     rotation, position = np.empty((3, 3)), np.empty(3)
     local = np.empty((count, 3))
@@ -141,7 +148,7 @@ def search_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, fir
                 + (points[a, 2] - points[b, 2]) ** 2)
     for offset in range(count):
         a = (first + offset) % count
-        if tried >= budget:
+        if tried >= most:
             return offset
         if not free[a]:
             continue

@@ -125,18 +125,17 @@ def review_labels(prototype: Prototype, track: HandTrack, cloud: Cloud, history:
     elapsed = track.since_relabelling[0] * step
     track.since_relabelling[0] = 0
     own = cloud.free.copy()
-    for i in range(len(seen)):
-        if finding.rows[i] >= 0:
-            own[finding.rows[i]] = True
+    mark_points(own, finding.rows, True)
     rival, exchanged = blank_finding(len(seen)), blank_finding(len(seen))
     if not few:
         relabel(prototype, track, cloud.points, own, rival, exchanged)
     if pressing or track.since_search[0] >= SEARCH_FRAMES:
         _search_elsewhere(prototype, track, cloud.points, own, pressing, rival)
-    if not few and (_lead(exchanged, finding, cloud, history)
-                    > _lead(rival, finding, cloud, history)):
+    lead, other = _lead(rival, finding, cloud, history), _lead(exchanged, finding, cloud, history)
+    if not few and other > lead:
         copy_finding(exchanged, rival)
-    _weigh_rival(prototype, track, cloud, history, rival, seen, pressing, elapsed)
+        lead = other
+    _weigh_rival(prototype, track, cloud, rival, lead, seen, pressing, elapsed)
     return False
 
 
@@ -150,10 +149,18 @@ def _search_elsewhere(prototype: Prototype, track: HandTrack, points: np.ndarray
     budget = (SEARCH_BUDGET if track.shaken_for[0] > 0. else
               PRESSING_BUDGET if pressing else DOUBT_BUDGET)
     candidates = blank_candidates()
-    tried = search_palms(prototype, points, free, track.next_corner[0] % len(points),
-                         max(budget // (len(track.place) * len(points)), 1), candidates)
+    tried = search_palms(prototype, points, free, track.next_corner[0] % len(points), budget,
+                         candidates)
     label_candidates(prototype, points, free, candidates, found)
     track.next_corner[0] = (track.next_corner[0] + tried) % len(points)
+
+
+@labelling_jit
+def mark_points(free: np.ndarray, rows: np.ndarray, is_free: bool) -> None:
+    """Mark the points of a hand's markers, (M,), as free or not, among all points, (n,)."""
+    for row in rows:
+        if row >= 0:
+            free[row] = is_free
 
 
 @labelling_jit
@@ -200,15 +207,17 @@ def _trust(track: HandTrack, rival: Finding) -> float:
 
 
 @labelling_jit
-def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, history: PointHistory,
-                 rival: Finding, seen: np.ndarray, pressing: bool, elapsed: float) -> None:
+def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, rival: Finding, lead: float,
+                 seen: np.ndarray, pressing: bool, elapsed: float) -> None:
     """Take another labelling where it has been better for long enough.
 
     Parameters
     ----------
-    prototype, track, cloud, history
+    prototype, track, cloud
         As for `review_labels`.
     rival : Finding
+    lead : float
+        By which it costs less.
     seen : ndarray of bool, shape (M,)
         Markers with a point before any was given up.
     pressing : bool
@@ -217,7 +226,6 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, history: 
         Time since the last rival [s].
     """
     finding, count = track.finding, len(seen)
-    lead = _lead(rival, finding, cloud, history)
     changed = np.zeros(count, dtype=np.bool_)
     same, any_changed, palm_changed = True, False, False
     for i in range(count):
@@ -244,13 +252,9 @@ def _weigh_rival(prototype: Prototype, track: HandTrack, cloud: Cloud, history: 
     track.doubt[0] = min(track.doubt[0] + lead * elapsed / RIVAL_TIME, RIVAL_TIMES * lead)
     if not (track.doubt[0] >= margin or (shaken and lead >= margin)):
         return
-    for i in range(count):
-        if finding.rows[i] >= 0:
-            cloud.free[finding.rows[i]] = True
+    mark_points(cloud.free, finding.rows, True)
     copy_finding(rival, finding)
-    for i in range(count):
-        if finding.rows[i] >= 0:
-            cloud.free[finding.rows[i]] = False
+    mark_points(cloud.free, finding.rows, False)
     start_places(prototype, cloud.points, track)
     track.doubt[0], track.shaken_for[0] = 0., min(track.shaken_for[0], 0.)
     for i in range(count):
