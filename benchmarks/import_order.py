@@ -14,7 +14,7 @@ ORDER = ('__init__.py', 'core/errors.py', 'core/numerics', 'core/model', 'core/f
          'retargeting', 'simulation', 'skin', 'adapters', 'tracking', 'splicing', 'evaluation',
          'viewer', 'nodes/parameters.py',
          'nodes/tracker_parameters.py', 'nodes/executors.py', 'nodes/runner.py',
-         'nodes/serialization.py', 'nodes/fast_path', 'nodes', 'cli',
+         'nodes/serialization.py', 'nodes/fast_path', 'nodes', 'launching', 'cli',
          '__main__.py', 'entry.py')
 
 

@@ -1,7 +1,7 @@
 """Track a hand or both: replay or live driver, tracker, robot_state_publisher, RViz if asked.
 
 From top to bottom: the arguments, what is started, and each of its nodes. What the arguments mean
-together, and which do not fit, is in `hand_tracker.nodes.launch_plan`.
+together, and which do not fit, is in `hand_tracker.launching.launch_plan`.
 """
 
 import atexit
@@ -22,14 +22,14 @@ from launch_ros.parameter_descriptions import ParameterValue
 from hand_tracker.core.model.hand import BOTH
 from hand_tracker.files.keystore import enclave_of
 from hand_tracker.files.urdf_file import urdf
-from hand_tracker.nodes.launch_plan import (
+from hand_tracker.launching.launch_plan import (
     SOURCE_NAME,
     SYSTEMS,
     TRACKER_NAME,
     LaunchPlan,
     refuse_unknown_arguments,
 )
-from hand_tracker.nodes.rviz_config import rviz_config
+from hand_tracker.launching.rviz_config import rviz_config
 from hand_tracker.package_data import packaged_recording
 from hand_tracker.retargeting.shown_robot import shown_robot
 from launch import Action, LaunchContext, LaunchDescription

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hand_tracker.nodes.launch_plan import InvalidLaunch, LaunchPlan, refuse_unknown_arguments
+from hand_tracker.launching.launch_plan import InvalidLaunch, LaunchPlan, refuse_unknown_arguments
 
 LAUNCH_FILE = Path(__file__).parents[2] / 'launch' / 'track.launch.py'
 LAUNCH_DEFAULTS = {

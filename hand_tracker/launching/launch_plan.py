@@ -10,7 +10,7 @@ from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH, SIDES, Hand
 from ..files.keystore import security_environment
 from ..files.parameter_file import node_parameters
-from .tracker_parameters import (
+from ..nodes.tracker_parameters import (
     AUTO,
     SEPARATE,
     START,
