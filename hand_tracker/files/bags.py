@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
+from textwrap import shorten
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,6 +40,7 @@ POSE = 'geometry_msgs/msg/PoseStamped'
 BAG_METADATA_VERSION = 8
 STORAGE = dict(zip(BAG_SUFFIXES, (StoragePlugin.MCAP, StoragePlugin.SQLITE3)))
 EXPECTED = 'expected a rosbag2 folder with metadata.yaml, a .mcap file or a .db3 file'
+LONGEST_REASON = 300       # [characters] of an error of rosbags that is told
 MAX_CHUNK_BYTES = 2**28    # that a chunk of a .mcap unpacks to; usual are 1 to 4 MB
 
 TYPE_STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -432,6 +434,7 @@ def _read_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        reason = ' '.join(str(error).split()).rstrip('.') or type(error).__name__
+        # Definitions of messages, which some errors quote, take pages.
+        reason = shorten(str(error).rstrip('. \n'), LONGEST_REASON) or type(error).__name__
         raise BagError(f'{path}: cannot be read ({reason}); '
                        'expected a complete recording') from error

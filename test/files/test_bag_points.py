@@ -24,7 +24,7 @@ from hand_tracker.__main__ import main
 from hand_tracker.core.model.marker_layout import MARKERS
 from hand_tracker.evaluation.captures import load_capture
 from hand_tracker.files.bag_points import marker_messages, read_bag_points
-from hand_tracker.files.bags import TYPE_STORE, open_bag
+from hand_tracker.files.bags import TYPE_STORE, BagError, open_bag
 from hand_tracker.files.point_recording import RecordingError
 from hand_tracker.files.recordings import ReadingOptions, is_marker_bag, read_recording
 from hand_tracker.messages.joint_states import JointStateReader
@@ -50,6 +50,14 @@ def angles_of(path):
     with open(path, newline='', encoding='utf-8') as file:
         header_row, *rows = csv.reader(file)
     return header_row, np.array(rows, dtype=float)
+
+
+def test_what_is_wrong_with_a_definition_is_told_in_short(tmp_path):
+    path = write_point_bag(tmp_path / 'take', ['bodies'])
+    path.write_bytes(path.read_bytes().replace(b'uint32 frame_number', b'uint32 frame:number'))
+    with pytest.raises(BagError, match='cannot be read .+ expected a complete recording') as raised:
+        read_recording(path)
+    assert len(str(raised.value)) < len(str(path)) + 400
 
 
 @pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
