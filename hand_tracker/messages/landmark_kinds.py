@@ -104,5 +104,6 @@ def mark_missing(points: np.ndarray) -> None:
 
     That one is moved by nothing to speak of, as drivers' markers at exactly zero are lost ones.
     """
-    at_origin = ~points.any(axis=1)
+    # Not `any`, which warns of signalling NaN.
+    at_origin = (points == 0.).all(axis=1)
     points[at_origin] = np.nan if at_origin.sum() > 1 else (BESIDE_ORIGIN, 0., 0.)

@@ -206,7 +206,7 @@ def placed(points: np.ndarray, position: ArrayLike, orientation: ArrayLike,
         NaN where a point is missing.
     """
     if zero_is_missing:
-        points = np.where(points.any(axis=1, keepdims=True), points, np.nan)
+        points = _zeros_as_nan(points)
     turn = np.asarray(orientation, dtype=float)
     w, v = turn[3], turn[:3]
     norm = w * w + v @ v
@@ -232,5 +232,10 @@ def scaled(positions: np.ndarray, scale: float, zero_is_missing: bool) -> np.nda
         [m]
     """
     if zero_is_missing:
-        positions = np.where(positions.any(axis=1, keepdims=True), positions, np.nan)
+        positions = _zeros_as_nan(positions)
     return positions * scale
+
+
+def _zeros_as_nan(points: np.ndarray) -> np.ndarray:
+    """Return points (n, 3) with NaN for those at exactly (0, 0, 0)."""
+    return np.where((points == 0.).all(axis=1, keepdims=True), np.nan, points)

@@ -31,7 +31,7 @@ from hand_tracker.messages.cdr import (
     point_capacity,
 )
 from hand_tracker.messages.labels import LabelMap
-from hand_tracker.messages.landmark_kinds import LANDMARK_ORDERS, LANDMARK_POSES
+from hand_tracker.messages.landmark_kinds import LANDMARK_ORDERS, LANDMARK_POSES, mark_missing
 from hand_tracker.messages.marker_ids import ANONYMOUS_NAMESPACE, SOURCE_FRAME
 from hand_tracker.messages.message_kinds import (
     MOCAP4R2_MARKERS,
@@ -403,3 +403,11 @@ def test_the_error_names_the_message():
         with pytest.raises(MalformedMessage, match=f'10 bytes that are no {kind.title}'):
             cdr.MarkerReader(LABELS, kind=kind).read(b'\0\1\0\0' + bytes(6))
     assert message_kinds.PARSE_MARKER_ARRAY == 0
+
+
+@pytest.mark.filterwarnings('error')
+def test_landmarks_of_signalling_nan_are_missing_without_a_warning():
+    signalling = np.frombuffer(bytes.fromhex('010000000000f07f'))[0]
+    points = np.array([[signalling] * 3, [0., 0., 0.], [0., 0., 0.], [0., .1, 0.]])
+    mark_missing(points)
+    assert np.isnan(points[:3]).all() and np.array_equal(points[3], (0., .1, 0.))
