@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import os
 import shutil
 import subprocess
 import tempfile
@@ -18,6 +19,7 @@ from ..core.numerics import jit
 POLL_PERIOD = .1  # [s]
 COMPILE_TIME = 'one to three minutes'  # on two cores, as is logged
 PROGRAM = 'hand_tracker.tracking.compile_kernels'
+STARTER_VARIABLE = 'HAND_TRACKER_STARTER'  # names the process that asks
 
 
 class Compilation:
@@ -78,7 +80,9 @@ class Compilation:
 
     def _start(self, folder: Path, complaints: IO[str]) -> subprocess.Popen[bytes]:
         return start_low_priority(
-            ['-m', self._program], {'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(folder)},
+            ['-m', self._program],
+            {'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(folder),
+             STARTER_VARIABLE: str(os.getpid())},
             subprocess.DEVNULL, complaints)
 
 

@@ -25,7 +25,7 @@ from ..messages.cdr import LITTLE_ENDIAN, MarkerReader
 from ..messages.labels import LabelMap
 from ..messages.stamps import Stamp, seconds
 from ..messages.templates import joint_state_template
-from .compilation import COMPILE_TIME
+from .compilation import COMPILE_TIME, STARTER_VARIABLE
 
 EMPTY_MARKER_ARRAY = LITTLE_ENDIAN + bytes(4)
 LOCK_POLL = .1  # [s]
@@ -145,12 +145,16 @@ SETS: dict[str, Callable[[], object]] = {
     jit.TRACKING_SET: compile_tracking, jit.LABELLING_SET: compile_labelling}
 
 
+def starting_process() -> int:
+    """Return the process that asked for the kernels, which may have ended since."""
+    return int(os.environ.get(STARTER_VARIABLE, os.getppid()))
+
+
 def main(names: Sequence[str]) -> int:
     """Compile sets by their names, all where none is given; return the exit code."""
-    starter = os.getppid()
     with suppress(StarterEnded):
         for name in names or SETS:
-            complete_set(name, SETS[name], starter)
+            complete_set(name, SETS[name], starting_process())
     return 0
 
 

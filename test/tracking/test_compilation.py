@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.repository import REPOSITORY
 from hand_tracker.core.numerics import jit
-from hand_tracker.tracking.compilation import Compilation
+from hand_tracker.tracking.compilation import PROGRAM, STARTER_VARIABLE, Compilation
 
 PATIENCE = 600.  # [s]
 
@@ -276,4 +276,17 @@ def test_who_waits_to_compile_ends_with_its_starter(tmp_path):
         assert starter.stdout.readline() == 'waits\n'
         # Its output ends when both have ended.
         assert starter.communicate('\n', PATIENCE)[0] == 'ended\n'
+    assert not list(tmp_path.glob('ready-*'))
+
+
+@needs_numba
+def test_nobody_waits_to_compile_for_a_starter_that_ended_before(tmp_path):
+    fcntl = pytest.importorskip('fcntl', reason='there are no locks of files here')
+    ended = subprocess.Popen([sys.executable, '-c', ''])
+    ended.wait()
+    with open(tmp_path / f'lock-{jit.TRACKING_SET}', 'w') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        subprocess.run([sys.executable, '-m', PROGRAM], check=True, timeout=PATIENCE, env={
+            **os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(tmp_path),
+            'PYTHONPATH': str(REPOSITORY), STARTER_VARIABLE: str(ended.pid)})
     assert not list(tmp_path.glob('ready-*'))

@@ -3,13 +3,17 @@
 Run as ``python -m hand_tracker.nodes.fast_path.compile_fast_path``; needs no running ROS.
 """
 
-import os
 import sys
 from contextlib import suppress
 
 from ...core.numerics import jit
 from ...core.point_labelling.cloud_labeller import compile_kernels as compile_labelling
-from ...tracking.compile_kernels import StarterEnded, compile_tracking, complete_set
+from ...tracking.compile_kernels import (
+    StarterEnded,
+    compile_tracking,
+    complete_set,
+    starting_process,
+)
 from ..serialization import codec_agrees
 from .middleware import FastPath
 from .packet_relay import PacketRelay
@@ -18,7 +22,7 @@ from .rcl import FastPathUnavailable
 
 def main() -> int:
     """Compile set by set; return the exit code."""
-    starter = os.getppid()
+    starter = starting_process()
     with suppress(StarterEnded):
         complete_set(jit.TRACKING_SET, compile_tracking, starter)
         with suppress(FastPathUnavailable):
