@@ -26,7 +26,7 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
     from ..tracking.opened_recording import recorded_points
     from .track_recordings import refuse_to_replace, track_file
 
-    written_as = dict(zip(WRITTEN_FORMATS, (one for one in FORMATS if one.write)))
+    written_as = {one.name.lower().replace(' ', '-'): one for one in FORMATS if one.write}
     output = options.output
     refuse_to_replace(options.recording, output)
     if not options.format and output.suffix not in (*WRITTEN_SUFFIXES, *SKELETON_KINDS):
