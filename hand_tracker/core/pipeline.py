@@ -37,7 +37,7 @@ from .model.marker_rows import PRINCIPALS, ROW_CAPACITY
 from .model.palm_triangle import fit_wrist
 from .model.states import LOST, TRACKED, WAITING
 from .numerics.jit import Pack, jit, local_flags, local_floats, overwrite
-from .numerics.vectors import clamp, store, subtract, vector
+from .numerics.vectors import clamp, length, store, subtract, vector
 from .occlusion.digit_markers import track_digits
 from .occlusion.palm_markers import expected_markers, track_palm
 from .occlusion.prediction import Observation
@@ -193,6 +193,7 @@ def label_markers(model: Pack[Model], chains: Pack[Chains], options: Pack[Kernel
     for i in range(8):
         state.expected.deviation[i] = position_deviation(
             palm.covariance[i] if i < 3 else digits.covariance[i - 3])
+        state.expected.speed[i] = length(vector(palm.pace[i] if i < 3 else digits.pace[i - 3]))
         state.expected.known[i] = palm.known[i] if i < 3 else digits.known[i - 3]
     associate(markers, seen, state.expected, step, model.hand_bounds, state.association,
               options.labelling, state.verdict[:])

@@ -21,6 +21,7 @@ from hand_tracker.core.options import TrackerOptions
 from hand_tracker.core.pose.deviation import unknown_deviation
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.simulation.motions import motion_named
+from hand_tracker.simulation.packaged_recordings import demo_recording
 
 RATE = 120.
 STEP = 1. / RATE
@@ -472,3 +473,11 @@ def test_smoothing_leaves_a_fast_motion_its_amplitude_and_is_not_late(middle, sw
     response = (found[later] @ wave[later]) / (true[later] @ wave[later])
     assert abs(abs(response) - 1.) < .05
     assert abs(np.angle(response)) / (2. * np.pi * FREQUENCY) < .005
+
+
+@pytest.mark.parametrize('speed', [1., 2., 4.])
+def test_no_marker_is_refused_however_fast_the_hand_moves_while_it_is_hidden(speed):
+    tracker = HandTracker(HAND)
+    for frame, markers in enumerate(demo_recording().markers):
+        states = tracker.update(markers, frame * STEP / speed).marker_states
+        assert MarkerState.REJECTED not in states, frame

@@ -159,8 +159,7 @@ def associate(markers: np.ndarray, seen: np.ndarray, expected: ExpectedMarkers, 
         _reorder(evidence, rows, markers, seen, verdict)
         return
 
-    set_gates(evidence, template, expected.deviation, state.unseen_for,
-              state.incomplete_for[0], step, gate)
+    set_gates(evidence, template, expected, state.unseen_for, state.incomplete_for[0], step, gate)
     reading = Reading(rows, local_floats(8), local_floats((8, 3)))
     kept = (seen[0], seen[1], seen[2])
     total = cost_reading(evidence, bounds, kept, False, np.inf, reading)

@@ -54,6 +54,7 @@ REFUSAL_FACTOR = 1.2         # [1] cost of refusing a marker over that at its ga
 RELABELLING_COST = 1.        # of each marker that takes another's row
 TAKEOVER_DISTANCE = .01      # [m] from its prediction, for a row given to a hidden marker
 HIDDEN_STRAY_SPEED = .05     # [m/s] of a hidden digit; 5 times that is twice ManipNet's p95
+HIDDEN_STRAY_SHARE = .3      # [1] of a hidden digit's own speed, where that is more
 ROLL_SPEED = .15             # [m/s] of digits, as a palm carried by two markers rolls unseen
 MAX_ROLL = .03               # [m]
 MIN_WITNESSES = 2            # digits in place that confirm a palm beyond half its gate
@@ -98,12 +99,15 @@ class ExpectedMarkers(NamedTuple):
         [m]
     deviation : ndarray, shape (8,)
         Standard deviation [m].
+    speed : ndarray, shape (8,)
+        Mean speed of late, of the digits' in the palm's frame [m/s].
     known : ndarray of bool, shape (8,)
         Whether there is a prediction.
     """
 
     position: np.ndarray
     deviation: np.ndarray
+    speed: np.ndarray
     known: np.ndarray
 
 
@@ -164,7 +168,7 @@ class Reading(NamedTuple):
 
 def unknown_markers() -> ExpectedMarkers:
     """Return `ExpectedMarkers` before the first frame: all unknown."""
-    return ExpectedMarkers(np.zeros((8, 3)), np.zeros(8), np.zeros(8, dtype=bool))
+    return ExpectedMarkers(np.zeros((8, 3)), np.zeros(8), np.zeros(8), np.zeros(8, dtype=bool))
 
 
 def blank_evidence() -> Evidence:
@@ -222,7 +226,7 @@ def expect(evidence: Evidence, markers: ExpectedMarkers) -> bool:
 
 
 @jit
-def set_gates(evidence: Evidence, template: np.ndarray, spread: np.ndarray,
+def set_gates(evidence: Evidence, template: np.ndarray, markers: ExpectedMarkers,
               unseen_for: np.ndarray, incomplete_for: float, step: float, gate: float) -> None:
     """Write predictions in the palm's frame, their deviations and gates into the evidence.
 
@@ -232,8 +236,7 @@ def set_gates(evidence: Evidence, template: np.ndarray, spread: np.ndarray,
         Filled by `record_measurements` and `expect`; updated.
     template : ndarray, shape (3, 3)
         Palm markers in the wrist's frame [m].
-    spread : ndarray, shape (8,)
-        Standard deviation of each prediction [m].
+    markers : ExpectedMarkers
     unseen_for : ndarray, shape (8,)
         Time for which each marker was not seen [s].
     incomplete_for : float
@@ -249,15 +252,19 @@ def set_gates(evidence: Evidence, template: np.ndarray, spread: np.ndarray,
         (vector(expected[0]), vector(expected[1]), vector(expected[2])), template)
     roll = 0.0
     if seen[0] and seen[1] and seen[2]:
-        roll = min(ROLL_SPEED * incomplete_for, MAX_ROLL)
+        roll = max(min(ROLL_SPEED * incomplete_for, MAX_ROLL), _found_roll(evidence, unseen_for, step))
     for i in range(8):
         deviation = 1.0
         limit = 1.0
         home = (0.0, 0.0, 0.0)
         if evidence.known[i]:
             home = components(axes, subtract(vector(expected[i]), origin))
-            strayed = roll + HIDDEN_STRAY_SPEED * unseen_for[i] if i >= 3 else 0.0
-            deviation = math.sqrt(spread[i] * spread[i]
+            strayed = roll if i >= 3 or unseen_for[i] > step else 0.0
+            if i >= 3:
+                strayed += unseen_for[i] * max(
+                    HIDDEN_STRAY_SPEED, HIDDEN_STRAY_SHARE * markers.speed[i])
+            spread = markers.deviation[i]
+            deviation = math.sqrt(spread * spread
                                   + MIN_PREDICTION_ERROR * MIN_PREDICTION_ERROR
                                   + strayed * strayed)
             base, bend = (PALM_GATE_BASE, PALM_GATE_BEND) if i < 3 else (
@@ -266,6 +273,25 @@ def set_gates(evidence: Evidence, template: np.ndarray, spread: np.ndarray,
         store(evidence.home, i, home)
         evidence.deviation[i] = deviation
         evidence.gate[i] = limit
+
+
+@jit
+def _found_roll(evidence: Evidence, unseen_for: np.ndarray, step: float) -> float:
+    """Return by how much a palm marker that comes back shows that the palm has rolled [m].
+
+    It does where all three are as far from each other as they were learned to be.
+    """
+    rows = local_integers(3)
+    number_rows(rows)
+    sides = evidence.sides
+    if not (sides[0] > 0.0 and sides[1] > 0.0 and sides[2] > 0.0
+            and _rigid_cost(evidence.gaps, sides, rows, (True, True, True)) <= RIGID_COST):
+        return 0.0
+    roll = 0.0
+    for i in range(3):
+        if unseen_for[i] > step:
+            roll = max(roll, distance(vector(evidence.markers[i]), vector(evidence.expected[i])))
+    return roll
 
 
 @jit

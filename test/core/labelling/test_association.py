@@ -47,6 +47,7 @@ class Frames:
         self._pack, self.state = packed(initial_association())
         self.expected = expected
         self.spread = np.full(8, spread)
+        self.speed = np.zeros(8)
         self.known = np.full(8, known)
 
     def give(self, markers, gate=GATE, margin=MARGIN, patience=PATIENCE, step=STEP):
@@ -54,7 +55,7 @@ class Frames:
         markers = np.array(markers)
         seen, verdict = np.empty(8, dtype=bool), np.zeros(8, dtype=np.int64)
         find_valid(markers, seen)
-        expected = ExpectedMarkers(self.expected, self.spread, self.known)
+        expected = ExpectedMarkers(self.expected, self.spread, self.speed, self.known)
         associate(markers, seen, as_item(expected), step, as_item(BOUNDS), self._pack[0],
                   as_item(LabellingOptions(gate, margin, patience)), verdict)
         return markers, seen, verdict
@@ -260,6 +261,40 @@ def test_a_marker_back_after_a_second_is_believed_at_once():
     for _ in range(120):
         assert (frames.give(hidden)[2] == ACCEPTED).all()
     assert (frames.give(shifted(3, (-.04, 0., -.04)))[2] == ACCEPTED).all()
+
+
+def rolled(palm_marker, angle):
+    """Return `PLACES` with a palm marker turned about the line through the other two."""
+    start, other = (PLACES[i] for i in range(3) if i != palm_marker)
+    axis = (other - start) / np.linalg.norm(other - start)
+    markers = PLACES.copy()
+    markers[palm_marker] = start + Rotation.from_rotvec(angle * axis).apply(
+        PLACES[palm_marker] - start)
+    return markers
+
+
+@pytest.mark.parametrize('palm_marker', range(3))
+@pytest.mark.parametrize('apart, verdict', [(0., ACCEPTED), (.012, REJECTED)])
+def test_a_palm_marker_that_comes_back_shows_the_roll_of_a_fast_palm(palm_marker, apart, verdict):
+    frames, hidden = followed(PLACES), shifted(palm_marker, (np.nan, 0., 0.))
+    for _ in range(4):
+        frames.give(hidden)
+    markers = rolled(palm_marker, .3)
+    # Where it is not the palm's, it is farther from one of the others.
+    outwards = markers[palm_marker] - markers[(palm_marker + 1) % 3]
+    markers[palm_marker] += apart * outwards / np.linalg.norm(outwards)
+    assert np.linalg.norm(markers[palm_marker] - PLACES[palm_marker]) > .013
+    _, _, told = frames.give(markers)
+    assert told[palm_marker] == verdict and (np.delete(told, palm_marker) == ACCEPTED).all()
+
+
+def test_a_fast_digit_strays_farther_while_hidden():
+    for speed, verdict in ((.2, REJECTED), (1., ACCEPTED)):
+        frames = settled()
+        for _ in range(3):
+            frames.give(shifted(5, (np.nan, 0., 0.)))
+        frames.speed[5] = speed
+        assert frames.give(shifted(5, (0., 0., -.02)))[2][5] == verdict
 
 
 def test_adjacent_fingers_keep_their_labels():
