@@ -26,6 +26,7 @@ from .readings import (
     MAX_BEND_TIME,
     MAX_ROLL,
     ROLL_SPEED,
+    SIDE_DEVIATION,
     Evidence,
     ExpectedMarkers,
     HandBounds,
@@ -47,6 +48,7 @@ ACCEPTED = SEEN
 
 SIDE_TIME = 1.            # [s] time constant of the learned distances of palm markers; ours
 PALM_ORDER_MARGIN = .006  # [m] by which exchanged palm markers must fit the learned better; ours
+MIN_SIDE_DEVIATION = .0005  # [m] of such a distance; ours
 MAX_SIDE_CHANGE = .5      # of a side: beyond it no palm of a hand nobody calibrated; ours
 REFUSED_SPEED = 6.        # [m/s] of a refused marker that counts as the same; ours
 REFUSED_STRAY = .006      # [m] besides that; ours
@@ -86,6 +88,8 @@ class AssociationState(NamedTuple):
         That place, in the palm's frame [m].
     sides : ndarray, shape (3,)
         Learned distances of palm markers r p, p q and q r; 0 before the first [m].
+    side_variances : ndarray, shape (3,)
+        Of these distances, over `SIDE_TIME` [m²].
     doubted_for : ndarray, shape (1,)
         Time for which another labelling has been more plausible than the present [s].
     rival : ndarray of int, shape (1,)
@@ -104,6 +108,7 @@ class AssociationState(NamedTuple):
     refused_for: np.ndarray
     refused_at: np.ndarray
     sides: np.ndarray
+    side_variances: np.ndarray
     doubted_for: np.ndarray
     rival: np.ndarray
     lead: np.ndarray
@@ -116,6 +121,7 @@ def initial_association() -> AssociationState:
     """Return the `AssociationState` before the first frame."""
     return AssociationState(
         refused_for=np.zeros(8), refused_at=np.zeros((8, 3)), sides=np.zeros(3),
+        side_variances=np.full(3, SIDE_DEVIATION ** 2),
         doubted_for=np.zeros(1), rival=np.zeros(1, dtype=np.int64),
         lead=np.zeros(len(EXCHANGES)), incomplete_for=np.zeros(1), unseen_for=np.zeros(8),
         evidence=blank_evidence())
@@ -149,7 +155,7 @@ def associate(markers: np.ndarray, seen: np.ndarray, expected: ExpectedMarkers, 
     if gate <= 0.0 and margin <= 0.0:
         return
     evidence, template = state.evidence, bounds.typical.template
-    record_measurements(evidence, markers, seen, state.sides, gate > 0.0)
+    record_measurements(evidence, markers, seen, state.sides, state.side_variances, gate > 0.0)
     rows = local_integers(8)
     number_rows(rows)
     if _begins_anew(state, template, patience) or not expect(evidence, expected):
@@ -303,8 +309,12 @@ def _learn_palm(gaps: np.ndarray, kept: Kept, rows: np.ndarray, state: Associati
     if kept[0] and kept[1] and kept[2]:
         gain = min(max(step, 0.0) / SIDE_TIME, 1.0)
         for i in range(3):
-            gap = gaps[rows[i], rows[(i + 1) % 3]]
-            sides[i] += (gain if sides[i] > 0.0 else 1.0) * (gap - sides[i])
+            off = gaps[rows[i], rows[(i + 1) % 3]] - sides[i]
+            if sides[i] > 0.0:
+                variance = state.side_variances[i]
+                state.side_variances[i] = max(
+                    variance + gain * (off * off - variance), MIN_SIDE_DEVIATION ** 2)
+            sides[i] += (gain if sides[i] > 0.0 else 1.0) * off
         state.incomplete_for[0] = max(
             state.incomplete_for[0] - RECOVERY_RATE * max(step, 0.0), 0.0)
     else:

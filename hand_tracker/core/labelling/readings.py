@@ -55,6 +55,7 @@ RELABELLING_COST = 1.        # of each marker that takes another's row
 TAKEOVER_DISTANCE = .01      # [m] from its prediction, for a row given to a hidden marker
 HIDDEN_STRAY_SPEED = .05     # [m/s] of a hidden digit; 5 times that is twice ManipNet's p95
 HIDDEN_STRAY_SHARE = .3      # [1] of a hidden digit's own speed, where that is more
+RETURN_DEVIATIONS = 3.       # [1] of a side, by which a palm marker that comes back may differ
 ROLL_SPEED = .15             # [m/s] of digits, as a palm carried by two markers rolls unseen
 MAX_ROLL = .03               # [m]
 MIN_WITNESSES = 2            # digits in place that confirm a palm beyond half its gate
@@ -130,8 +131,8 @@ class Evidence(NamedTuple):
         Standard deviation of a prediction, and the greatest accepted distance from it [m].
     gaps : ndarray, shape (8, 8)
         Distances between rows; infinite if not seen [m].
-    sides : ndarray, shape (3,)
-        Learned distances of palm markers (`AssociationState`) [m].
+    sides, side_variances : ndarray, shape (3,)
+        Learned distances of palm markers, and their variances (`AssociationState`) [m, m²].
     gated : ndarray of bool, shape (1,)
         Whether markers may be refused.
     """
@@ -145,6 +146,7 @@ class Evidence(NamedTuple):
     gate: np.ndarray
     gaps: np.ndarray
     sides: np.ndarray
+    side_variances: np.ndarray
     gated: np.ndarray
 
 
@@ -177,12 +179,12 @@ def blank_evidence() -> Evidence:
         markers=np.zeros((8, 3)), seen=np.zeros(8, dtype=bool), expected=np.zeros((8, 3)),
         known=np.zeros(8, dtype=bool), home=np.zeros((8, 3)), deviation=np.ones(8),
         gate=np.ones(8), gaps=np.zeros((8, 8)), sides=np.zeros(3),
-        gated=np.zeros(1, dtype=bool))
+        side_variances=np.zeros(3), gated=np.zeros(1, dtype=bool))
 
 
 @jit
 def record_measurements(evidence: Evidence, markers: np.ndarray, seen: np.ndarray,
-                        sides: np.ndarray, gated: bool) -> None:
+                        sides: np.ndarray, side_variances: np.ndarray, gated: bool) -> None:
     """Write a frame's measurements and their distances into the evidence.
 
     Parameters
@@ -194,12 +196,14 @@ def record_measurements(evidence: Evidence, markers: np.ndarray, seen: np.ndarra
     seen : ndarray of bool, shape (8,)
     sides : ndarray, shape (3,)
         Learned lengths of the palm's sides r p, p q and q r; 0 where unknown [m].
+    side_variances : ndarray, shape (3,)
+        [m²]
     gated : bool
         See `Evidence`.
     """
     evidence.gated[0] = gated
     for i in range(3):
-        evidence.sides[i] = sides[i]
+        evidence.sides[i], evidence.side_variances[i] = sides[i], side_variances[i]
     for i in range(8):
         evidence.seen[i] = seen[i]
         store(evidence.markers, i, vector(markers[i]))
@@ -250,18 +254,19 @@ def set_gates(evidence: Evidence, template: np.ndarray, markers: ExpectedMarkers
     expected, seen = evidence.expected, evidence.seen
     axes, origin = rigid_palm(
         (vector(expected[0]), vector(expected[1]), vector(expected[2])), template)
-    roll = 0.0
+    found = roll = _found_roll(evidence, unseen_for, step)
     if seen[0] and seen[1] and seen[2]:
-        roll = max(min(ROLL_SPEED * incomplete_for, MAX_ROLL), _found_roll(evidence, unseen_for, step))
+        roll = max(roll, min(ROLL_SPEED * incomplete_for, MAX_ROLL))
     for i in range(8):
         deviation = 1.0
         limit = 1.0
         home = (0.0, 0.0, 0.0)
         if evidence.known[i]:
             home = components(axes, subtract(vector(expected[i]), origin))
-            strayed = roll if i >= 3 or unseen_for[i] > step else 0.0
-            if i >= 3:
-                strayed += unseen_for[i] * max(
+            if i < 3:
+                strayed = found if unseen_for[i] > step else 0.0
+            else:
+                strayed = roll + unseen_for[i] * max(
                     HIDDEN_STRAY_SPEED, HIDDEN_STRAY_SHARE * markers.speed[i])
             spread = markers.deviation[i]
             deviation = math.sqrt(spread * spread
@@ -279,18 +284,21 @@ def set_gates(evidence: Evidence, template: np.ndarray, markers: ExpectedMarkers
 def _found_roll(evidence: Evidence, unseen_for: np.ndarray, step: float) -> float:
     """Return by how much a palm marker that comes back shows that the palm has rolled [m].
 
-    It does where all three are as far from each other as they were learned to be.
+    It does where it is as far from the others as it was learned to be.
     """
-    rows = local_integers(3)
-    number_rows(rows)
-    sides = evidence.sides
-    if not (sides[0] > 0.0 and sides[1] > 0.0 and sides[2] > 0.0
-            and _rigid_cost(evidence.gaps, sides, rows, (True, True, True)) <= RIGID_COST):
-        return 0.0
+    seen, sides, variances = evidence.seen, evidence.sides, evidence.side_variances
     roll = 0.0
     for i in range(3):
-        if unseen_for[i] > step:
-            roll = max(roll, distance(vector(evidence.markers[i]), vector(evidence.expected[i])))
+        j = (i + 1) % 3
+        if not (seen[i] and seen[j]):
+            continue
+        off = evidence.gaps[i, j] - sides[i]
+        if not (sides[i] > 0.0 and off * off <= RETURN_DEVIATIONS ** 2 * variances[i]):
+            return 0.0
+        for k in (i, j):
+            if unseen_for[k] > step:
+                roll = max(roll, distance(
+                    vector(evidence.markers[k]), vector(evidence.expected[k])))
     return roll
 
 
