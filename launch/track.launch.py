@@ -27,6 +27,7 @@ from hand_tracker.launching.launch_plan import (
     SYSTEMS,
     TRACKER_NAME,
     LaunchPlan,
+    names_launch_file,
     refuse_unknown_arguments,
 )
 from hand_tracker.launching.rviz_config import rviz_config
@@ -44,6 +45,7 @@ class ArgumentRow(NamedTuple):
     choices: tuple[str, ...] | None = None
 
 
+RESPAWN_DELAY = 1.  # [s]
 TRUE_FALSE = 'true', 'false'
 AUTO_TRUE_FALSE = 'auto', *TRUE_FALSE
 ARGUMENTS = (
@@ -133,6 +135,9 @@ ARGUMENTS = (
     ArgumentRow('left_mount', '', 'Parameter file with the offset of the left one of both hands'),
     ArgumentRow('fixed_frame', 'mocap', 'Fixed frame of RViz'),
     ArgumentRow('use_sim_time', 'false', 'Follow /clock', TRUE_FALSE),
+    ArgumentRow('respawn', 'false',
+                'Start a tracker that dies anew; else all ends with it, the driving of a robot too',
+                TRUE_FALSE),
     ArgumentRow('lifecycle', 'false',
                 'Run the tracker as a managed node, which activates itself; its states are those '
                 'of ros2 lifecycle', TRUE_FALSE),
@@ -160,8 +165,7 @@ def start(context: LaunchContext) -> list[Action]:
     """Return the nodes for the arguments given."""
     words = sys.argv[1:]
     # Included by another file, what was given is that file's.
-    if 'hand_tracker' in words or Path(__file__).resolve() in [
-            Path(word).resolve() for word in words]:
+    if names_launch_file(words, Path(__file__)):
         refuse_unknown_arguments(words, [row.name for row in ARGUMENTS])
     plan = LaunchPlan(context.launch_configurations, installed)
     return [
@@ -182,9 +186,12 @@ def tracker(plan: LaunchPlan) -> Node:
         name = TRACKER_NAME
         if plan.given['lifecycle'] == 'true':
             executable = 'managed_tracker'
+    # What goes on without it holds a robot meanwhile.
+    then = ({'respawn': True, 'respawn_delay': RESPAWN_DELAY} if plan.given['respawn'] == 'true'
+            else {'on_exit': ended('tracker')})
     return node(
         plan, executable, plan.tracker_parameters, file=plan.given['parameters'], name=name,
-        arguments=programs, on_exit=ended('tracker'),
+        arguments=programs, **then,
         remappings=[(topic, plan.marker_topic) for topic in ('markers', '~/markers')])
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from ..adapters.marker_messages import DEFAULT_MESSAGE, SERVED, DirectInput, direct_input
@@ -19,6 +20,7 @@ from ..nodes.tracker_parameters import (
     values_of_hand,
     with_defaults,
 )
+from ..package_data import PACKAGE_NAME
 
 Value = TypeVar('Value')
 
@@ -333,6 +335,24 @@ class LaunchPlan:
         if process == 'tracker' and alone:
             raise InvalidLaunch(f"source_process: 'tracker'; expected own with {alone[0]}")
         return self.given['source'] in SERVED and process != 'own' and not alone
+
+
+def names_launch_file(words: Sequence[str], file: Path) -> bool:
+    """Return whether a command line starts a launch file of this package, not one that includes it.
+
+    Parameters
+    ----------
+    words : sequence of str
+        Of the command line: the package and the file's name, or the file's path.
+    file : Path
+        Of the launch file.
+
+    Returns
+    -------
+    bool
+    """
+    return (PACKAGE_NAME, file.name) in zip(words, words[1:]) or file.resolve() in [
+        Path(word).resolve() for word in words]
 
 
 def refuse_unknown_arguments(words: Sequence[str], known: Sequence[str]) -> None:

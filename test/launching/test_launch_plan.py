@@ -5,7 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from hand_tracker.launching.launch_plan import InvalidLaunch, LaunchPlan, refuse_unknown_arguments
+from benchmarks.repository import REPOSITORY
+from hand_tracker.launching.launch_plan import (
+    InvalidLaunch,
+    LaunchPlan,
+    names_launch_file,
+    refuse_unknown_arguments,
+)
 
 LAUNCH_FILE = Path(__file__).parents[2] / 'launch' / 'track.launch.py'
 LAUNCH_DEFAULTS = {
@@ -16,7 +22,7 @@ LAUNCH_DEFAULTS = {
     'source': 'recording', 'source_process': 'auto', 'markers': 'markers', 'rate': '1.0',
     'side': 'auto', 'limits': 'auto', 'coupling': 'auto', 'thumb': 'saddle', 'prefix': 'auto',
     'rviz': 'false', 'show_robot': 'auto', 'robot_process': 'own', 'use_sim_time': 'false',
-    'lifecycle': 'false', 'use_security': 'false'}
+    'respawn': 'false', 'lifecycle': 'false', 'use_security': 'false'}
 
 
 def plan_of(is_installed=True, **given):
@@ -112,3 +118,15 @@ def test_an_unknown_argument_is_refused():
     refuse_unknown_arguments(['launch', 'side:=left', 'a/b:=x'], ['side'])
     with pytest.raises(InvalidLaunch, match="'sied', did you mean 'side'"):
         refuse_unknown_arguments(['sied:=left'], ['side', 'loop'])
+
+
+@pytest.mark.parametrize('line, is_named', [
+    ('launch hand_tracker track.launch.py side:=left', True),
+    ('launch launch/track.launch.py', True),
+    # These include it, and have arguments of their own.
+    ('launch hand_tracker plain_hand_control.launch.py controller:=hand_trajectory', False),
+    ('launch mine track.launch.py mine:=1', False),
+])
+def test_arguments_of_a_file_that_includes_another_are_its_own(line, is_named, monkeypatch):
+    monkeypatch.chdir(REPOSITORY)
+    assert names_launch_file(line.split(), REPOSITORY / 'launch' / 'track.launch.py') == is_named
