@@ -35,15 +35,16 @@ def start_low_priority(arguments: Sequence[str | Path], environment: Mapping[str
     -------
     subprocess.Popen
     """
-    parent = Path(__file__).resolve().parent.parent
+    # Links stay as they are: numba keeps kernels by the path that a package is imported from.
+    parent = Path(__file__).parent.parent
     child = subprocess.Popen(
         [sys.executable, *arguments], stdin=subprocess.DEVNULL, stdout=output, stderr=errors,
         env={**os.environ, **environment, 'PYTHONPATH': os.pathsep.join(
             filter(None, (str(parent), os.environ.get('PYTHONPATH'))))},
         # A session of its own: Ctrl-C is not for it.
         start_new_session=True,
-        # The folder that `python -m` looks into first.
-        cwd=parent)
+        # `python -m` looks there first, and would follow links: no package is there.
+        cwd=parent.anchor)
     with suppress(OSError):  # it has ended, or the system has no priorities
         os.setpriority(os.PRIO_PROCESS, child.pid, NICENESS)
     return child

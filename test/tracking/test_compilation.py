@@ -197,6 +197,45 @@ def test_what_cannot_be_loaded_is_named(tmp_path, monkeypatch):
     assert 'track_frame is not on disk' in compilation.error and not compilation.loaded
 
 
+# Waits for a set of kernels that `mark` has on disk at once.
+LINKED = """
+import sys, time
+from hand_tracker.core.numerics import jit
+from hand_tracker.tracking.compilation import Compilation
+
+compilation = Compilation({'one': lambda folder: None}, 'mark')
+while not compilation.loaded and compilation.error is None:
+    time.sleep(.01)
+print(compilation.error, jit.ready_file('one', jit.CACHE_FOLDER))
+"""
+
+
+@needs_numba
+@pytest.mark.parametrize('links_parent', [False, True], ids=['package', 'its folder'])
+def test_a_package_behind_a_link_has_kernels_of_its_own(tmp_path, monkeypatch, links_parent):
+    (tmp_path / 'mark.py').write_text(
+        "from hand_tracker.core.numerics import jit\njit.mark_ready('one')\n")
+    link = tmp_path / 'link'
+    if links_parent:
+        link.symlink_to(REPOSITORY)
+    else:
+        link.mkdir()
+        (link / 'hand_tracker').symlink_to(REPOSITORY / 'hand_tracker')
+    monkeypatch.chdir(tmp_path)
+    ready = set()
+    for place in (link, REPOSITORY):
+        monkeypatch.setenv('PYTHONPATH', os.pathsep.join(
+            [str(place), str(tmp_path), os.environ.get('PYTHONPATH', '')]))
+        environment = {**os.environ, 'HAND_TRACKER_JIT': '1', 'NUMBA_CACHE_DIR': str(tmp_path)}
+        done = subprocess.run([sys.executable, '-c', LINKED], env=environment,
+                              capture_output=True, text=True)
+        error, file = done.stdout.split()
+        assert error == 'None', done
+        ready.add(file)
+    # numba keeps its kernels by these paths.
+    assert len(ready) == 2
+
+
 TWO_AT_ONCE = """
 import sys, time
 from pathlib import Path

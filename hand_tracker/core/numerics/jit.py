@@ -103,9 +103,10 @@ CACHE_FOLDER = _cache_folder(SOURCES_DIGEST) if JIT_IS_ON else None
 def ready_file(kernel_set: str, folder: Path) -> Path:
     """Return the file that says that a set of kernels is complete in a cache folder.
 
-    It is of this machine and of this place of the package: numba keeps kernels by both.
+    It is of this machine and of this place of the package: numba keeps kernels by both, and by
+    another place where the package is imported through a link, as of colcon's --symlink-install.
     """
-    place = hashlib.sha256(f'{platform.node()} {PACKAGE.resolve()}'.encode()).hexdigest()[:8]
+    place = hashlib.sha256(f'{platform.node()} {PACKAGE}'.encode()).hexdigest()[:8]
     return folder / f'ready-{kernel_set}-{SOURCES_DIGEST}-{place}'
 
 
