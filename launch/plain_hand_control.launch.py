@@ -48,6 +48,11 @@ def start(context: LaunchContext) -> list[Action]:
                     output='screen', **more)
 
     return [
+        # First, as it may refuse an argument: launch leaves behind what was started before.
+        IncludeLaunchDescription(PythonLaunchDescriptionSource(
+            str(share / 'launch' / 'track.launch.py')),
+            # Without it controllers and hardware would end with the tracker.
+            launch_arguments={'side': side, 'respawn': 'true'}.items()),
         of_robot('robot_state_publisher', 'robot_state_publisher',
                  parameters=[{'robot_description': description}]),
         of_robot('controller_manager', 'ros2_control_node',
@@ -57,9 +62,7 @@ def start(context: LaunchContext) -> list[Action]:
             '--controller-manager', f'/{ROBOT_NAMESPACE}/controller_manager']),
         Node(package='hand_tracker', executable='retarget', output='screen',
              parameters=[{'robot': DRIVEN_ROBOT, 'side': side, 'outputs': output}],
-             remappings=[(f'robot/{output}', f'{ROBOT_NAMESPACE}/{controller}/{topic}')]),
-        IncludeLaunchDescription(PythonLaunchDescriptionSource(
-            str(share / 'launch' / 'track.launch.py')), launch_arguments={'side': side}.items())]
+             remappings=[(f'robot/{output}', f'{ROBOT_NAMESPACE}/{controller}/{topic}')])]
 
 
 def generate_launch_description() -> LaunchDescription:

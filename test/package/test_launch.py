@@ -57,6 +57,7 @@ CHOICES = {
     'source_process': ['auto', 'own', 'tracker'],
     'show_robot': ['auto', 'true', 'false'],
     'use_sim_time': ['true', 'false'],
+    'respawn': ['true', 'false'],
     'lifecycle': ['true', 'false'],
     'use_security': ['true', 'false'],
 }
@@ -683,6 +684,29 @@ def test_each_of_both_hands_drives_a_robot_of_its_own(watch):
         watch.repeat(move_the_left_one, lambda: len(commands['left']) > FEW)
         assert not commands['right']
         assert process.interrupt() == 0 and 'Traceback' not in process.output
+
+
+@launches
+@pytest.mark.skipif(not installed('joint_trajectory_controller'), reason='no ros2_controllers')
+@pytest.mark.parametrize('controller', ['hand_positions', 'hand_trajectory'])
+def test_controllers_move_the_robot_and_hold_it_when_the_tracker_is_killed(watch, controller):
+    states = watch.collect(JointState, 'robot/joint_states')
+    with Launch(file=LAUNCH.with_name('plain_hand_control.launch.py'),
+                controller=controller) as process:
+        process.wait_for_line(f'Configured and activated {controller}', FIRST_START)
+        process.wait_for_line('[hand_tracker]', FIRST_START)
+        engage = watch.create_publisher(Bool, 'retarget/engage', 10)
+        watch.repeat(lambda: engage.publish(Bool(data=True)),
+                     lambda: states and np.ptp(states[-1].position) > .5)
+        tracker = re.search(r'\[tracker-\d\]: process started with pid \[(\d+)\]', process.output)
+        os.kill(int(tracker[1]), signal.SIGKILL)
+        process.wait_for_line('disengaged: the hand was lost', FIRST_START)
+        watch.spin_until(lambda: process.output.count('] [hand_tracker]') > 1, FIRST_START)
+        held, before = states[-1].position, len(states)
+        watch.spin_until(lambda: len(states) > before + FEW)
+        assert all(np.isfinite(state.position).all() for state in states)
+        np.testing.assert_array_equal(states[-1].position, held)
+        process.interrupt()
 
 
 @launches
