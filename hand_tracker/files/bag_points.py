@@ -208,12 +208,12 @@ def _times(received: Sequence[int], stamps: Sequence[int | None]) -> list[int]:
 def _frame_reader(bag: Bag, topic: str) -> Callable[[bytes], BagFrame]:
     """Return the function that reads the messages of a topic, as the sources live do."""
     kind, types = bag.topics[topic], bag.types(topic)
+    known: Callable[[bytes], bytes] = (
+        bytes if types is TYPE_STORE else lambda data: _as_known(types, data, kind))
     if kind == NAMED_POSE_ARRAY:
-        return lambda data: _named_poses(_deserialized(types, data, kind))
+        return lambda data: _named_poses(_deserialized(TYPE_STORE, known(data), kind))
     reader = MarkerReader(LabelMap(), kind=PARSED_MESSAGES[kind])
-    if types is TYPE_STORE:
-        return lambda data: _frame_of(reader, data, kind)
-    return lambda data: _frame_of(reader, _as_known(types, data, kind), kind)
+    return lambda data: _frame_of(reader, known(data), kind)
 
 
 def _deserialized(types: Any, data: bytes, kind: str) -> Any:

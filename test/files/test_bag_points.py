@@ -247,6 +247,14 @@ def test_a_definition_in_the_recording_is_heeded(tmp_path, suffix):
     assert found.points.tolist() == [[[1., 2., 3.]]]
 
 
+@pytest.mark.parametrize('kind', ['bodies', 'named'])
+def test_a_definition_with_a_field_of_another_name_is_refused(tmp_path, kind):
+    path = write_point_bag(tmp_path / 'other', [kind])
+    path.write_bytes(path.read_bytes().replace(b'Header header', b'Header headed'))
+    with pytest.raises(RecordingError, match='is no whole .*: defined there without fields'):
+        read_recording(path)
+
+
 def test_a_definition_without_a_field_is_refused(tmp_path):
     path = write_of_other_definition(
         tmp_path / 'other', 'geometry_msgs/Point translation\n', '.mcap',
