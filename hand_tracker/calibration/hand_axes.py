@@ -170,9 +170,11 @@ def with_recognised_axes(recording: PointRecording) -> PointRecording:
     notes = recording.notes
     scales = [scale for hand in hands if (scale := _hand_scale(recording, hand))]
     axes = recording.axes
-    if scales and not recording.said.units:
+    unit = axes.units
+    if scales:
         unit = min(SIZE_UNITS, key=lambda name: abs(np.log(
             scales[0] * UNIT_SPELLINGS[name][0] / axes.scale)))
+    if scales and not recording.said.units:
         assumed = conversion_note(axes, recording.said)
         if unit != axes.units:
             _scale_points(recording, UNIT_SPELLINGS[unit][0] / axes.scale)
@@ -182,8 +184,8 @@ def with_recognised_axes(recording: PointRecording) -> PointRecording:
             f'as the hand is {KNUCKLE_BREADTH * 1e3:.0f} mm wide then, more or less'))
     elif scales and not 1. / WRONG_SIZE < scales[0] < WRONG_SIZE:
         times = float(f'{scales[0]:.2g}')
-        notes += (f'the hand is {times:g} times as large as hands are: is the file in '
-                  f'{axes.units}? (--units)',)
+        notes += (f'the hand is {times:g} times as large as hands are: is the file in {unit}, not '
+                  f'in {axes.units}? (--units {unit})',)
     for hand in hands:
         side = hand.side or _side_of_name(recording.name)
         likelihood = side_likelihood(recording, hand)

@@ -53,7 +53,7 @@ def fit_plain_markers(names: tuple[str, ...], points: np.ndarray,
     Raises
     ------
     InvalidTake
-        Without markers on the knuckles of index and little finger.
+        Without markers on the knuckles of index and little finger, or at all joints.
     """
     columns = {name: points[:, i] for i, name in enumerate(names)}
     tips = tuple(finger for finger, name in zip(FINGERS, worn[3:]) if name.endswith('_tip'))
@@ -79,6 +79,8 @@ def fit_plain_markers(names: tuple[str, ...], points: np.ndarray,
     absent.update((f'{finger}_mcp', place) for finger, place in zip(FINGERS, mean.finger_mcp))
     for name, place in absent.items():
         columns.setdefault(name, rotation @ (turn[0] @ place + origin[0]) + position)
+    if missing := [name for name in LANDMARKS if name not in columns]:
+        raise InvalidTake(f'no marker {", ".join(missing)}: a plain hand is fitted to all joints')
     hand = fit_plain(np.stack([columns[name] for name in LANDMARKS], axis=1))
     corner_names = [LANDMARKS[row] for row in WORN_PALM_ROWS]
     others = [name for name in names if name not in LANDMARKS or name in corner_names]

@@ -10,6 +10,7 @@ from helpers.skin_markers import EVERY_JOINT, WORN_PLACES, simulated_take
 from hand_tracker.__main__ import main
 from hand_tracker.calibration.marker_fit import fit_markers
 from hand_tracker.calibration.take_files import load_take
+from hand_tracker.calibration.takes import InvalidTake
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.evaluation import unseen_markers
 from hand_tracker.evaluation.evaluation_options import Options
@@ -70,6 +71,11 @@ def test_no_baseline_gets_an_unseen_marker(takes, fit):
     # On the motion that it was fitted to the regression is near.
     near = np.linalg.norm(ridge_markers(ridge, points[:, :8]) - points[:, 8:], axis=2)
     assert near.mean() < .004
+
+
+def test_no_plain_hand_is_fitted_to_the_worn_markers_alone(takes, fit):
+    with pytest.raises(InvalidTake, match='no marker thumb_mcp, .*: a plain hand'):
+        fit_plain_markers(fit.worn, takes[0].columns(fit.worn), fit.worn)
 
 
 def test_rows_of_a_simulated_hand(takes, fit, monkeypatch):

@@ -77,7 +77,8 @@ def test_the_size_of_a_hand_tells_the_unit_and_its_side_the_axes(unit, size):
 def test_a_declared_unit_that_cannot_be_is_told_of():
     recording = hand_recording(40)
     found = with_recognised_axes(recording._replace(points=100. * recording.points))
-    assert any('as large as hands are' in note for note in found.notes)
+    assert any('as large as hands are: is the file in cm, not in m? (--units cm)' in note
+               for note in found.notes)
     np.testing.assert_array_equal(found.points, 100. * recording.points)
 
 
