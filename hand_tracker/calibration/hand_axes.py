@@ -170,10 +170,9 @@ def with_recognised_axes(recording: PointRecording) -> PointRecording:
     notes = recording.notes
     scales = [scale for hand in hands if (scale := _hand_scale(recording, hand))]
     axes = recording.axes
-    unit = axes.units
-    if scales:
-        unit = min(SIZE_UNITS, key=lambda name: abs(np.log(
-            scales[0] * UNIT_SPELLINGS[name][0] / axes.scale)))
+    scale = scales[0] if scales else 1.
+    unit = min(SIZE_UNITS, key=lambda name: abs(np.log(
+        scale * UNIT_SPELLINGS[name][0] / axes.scale)))
     if scales and not recording.said.units:
         assumed = conversion_note(axes, recording.said)
         if unit != axes.units:
@@ -182,8 +181,8 @@ def with_recognised_axes(recording: PointRecording) -> PointRecording:
         notes = (*(note for note in notes if note != assumed), conversion_note(
             axes, recording.said,
             f'as the hand is {KNUCKLE_BREADTH * 1e3:.0f} mm wide then, more or less'))
-    elif scales and not 1. / WRONG_SIZE < scales[0] < WRONG_SIZE:
-        times = float(f'{scales[0]:.2g}')
+    elif not 1. / WRONG_SIZE < scale < WRONG_SIZE:
+        times = float(f'{scale:.2g}')
         notes += (f'the hand is {times:g} times as large as hands are: is the file in {unit}, not '
                   f'in {axes.units}? (--units {unit})',)
     for hand in hands:
