@@ -19,6 +19,7 @@ from ..core.model.skeleton import SKELETON_BONES, bone_radii, skeleton_points
 from .cameras import CameraRig, camera_coordinates
 
 LED_RADIUS = .004            # [m]
+ROUNDING = 1e-9         # [m] a marker on the surface is outside on every machine
 RAISE, MOST_RAISES = .0005, 80  # [m] at once of a marker inside the hand, and how often
 TRIANGULATING_CAMERAS = 2    # least number that see a marker
 FRAMES_AT_ONCE = 250         # block of frames that fits into the processor's cache
@@ -140,7 +141,7 @@ def markers_inside(hand: Hand, layout: MarkerLayout) -> np.ndarray:
     along = np.clip((offset * bone).sum(axis=-1) / np.maximum(
         (bone ** 2).sum(axis=-1), 1e-12), 0., 1.)
     gaps = np.linalg.norm(offset - along[..., None] * bone, axis=-1)
-    return (gaps < bone_radii(hand)).any(axis=1)
+    return (gaps < bone_radii(hand) - ROUNDING).any(axis=1)
 
 
 def in_view(rig: CameraRig, markers: np.ndarray) -> np.ndarray:
