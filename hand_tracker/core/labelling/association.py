@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model.states import REJECTED, SEEN, SWAPPED
+from ..numerics.assignment import number_rows
 from ..numerics.jit import jit, local_floats, local_integers
 from ..numerics.vectors import clamp, distance, store, vector
 from .plausibility import (
@@ -38,7 +39,6 @@ from .readings import (
     cost_reading,
     expect,
     is_as_expected,
-    number_rows,
     palm_size,
     record_measurements,
     set_gates,

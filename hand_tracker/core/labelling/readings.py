@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model.palm_triangle import complete_palm, rigid_palm
+from ..numerics.assignment import number_rows
 from ..numerics.jit import jit, local_flags, local_floats, local_integers
 from ..numerics.vectors import (
     Vector,
@@ -637,13 +638,6 @@ def _relabel(evidence: Evidence, bounds: HandBounds, kept: Kept, total: float,
         if count == MAX_PALM_READINGS:
             break
     return least, chosen
-
-
-@jit
-def number_rows(rows: np.ndarray) -> None:
-    """Write the rows of the labels as given, shape (8,): each marker is its own."""
-    for i in range(len(rows)):
-        rows[i] = i
 
 
 @jit

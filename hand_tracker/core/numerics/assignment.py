@@ -97,3 +97,10 @@ def assign_rows(cost: np.ndarray, unassigned_cost: float, columns: np.ndarray) -
             columns[i] = -1
         total += cost[i, columns[i]] if columns[i] >= 0 else unassigned_cost
     return total
+
+
+@jit
+def number_rows(rows: np.ndarray) -> None:
+    """Write the assignment of each to its own row, shape (n,): 0, 1, 2, ..."""
+    for i in range(len(rows)):
+        rows[i] = i
