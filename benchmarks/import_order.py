@@ -10,9 +10,9 @@ from benchmarks.repository import PACKAGE_FOLDER
 ORDER = ('__init__.py', 'core/errors.py', 'core/numerics', 'core/model', 'core/filtering',
          'core/labelling', 'core/occlusion', 'core/inverse_kinematics', 'core/pose',
          'core/point_labelling', 'core', 'background.py', 'package_data.py', 'output_files.py',
-         'parallel.py', 'progress.py', 'drawing', 'messages', 'files', 'calibration',
-         'retargeting', 'simulation', 'skin', 'adapters', 'tracking', 'splicing', 'evaluation',
-         'viewer', 'nodes/parameters.py',
+         'parallel.py', 'interruption.py', 'progress.py', 'drawing', 'messages', 'files',
+         'calibration', 'retargeting', 'simulation', 'skin', 'adapters', 'tracking', 'splicing',
+         'evaluation', 'viewer', 'nodes/parameters.py',
          'nodes/tracker_parameters.py', 'nodes/executors.py', 'nodes/runner.py',
          'nodes/serialization.py', 'nodes/fast_path', 'nodes', 'launching', 'cli',
          '__main__.py', 'entry.py')

@@ -1,10 +1,10 @@
 """Hand tracker's commands; `hand_tracker COMMAND --help` lists the options of each."""
 
 import os
-import signal
 import sys
 from importlib import import_module
-from types import ModuleType
+
+from .interruption import INTERRUPTED_EXIT_CODE, ended_by_interrupt
 
 # Module of `cli`: its help.
 COMMANDS = {
@@ -27,8 +27,6 @@ COMMANDS = {
 # Commands that track at once, in plain Python where the kernels are not on disk yet.
 START_AT_ONCE = {'convert', 'demo', 'inspect', 'plot', 'splice', 'track'}
 
-INTERRUPTED_EXIT_CODE = 130
-
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; return its exit code."""
@@ -39,7 +37,9 @@ def main(arguments: list[str] | None = None) -> int:
         if name in START_AT_ONCE and '--view' not in arguments:
             os.environ.setdefault('HAND_TRACKER_JIT', 'background')
         try:
-            return _import_interruptible(f'hand_tracker.cli.{name}').main(arguments[1:])
+            with ended_by_interrupt():
+                command = import_module(f'hand_tracker.cli.{name}')
+            return command.main(arguments[1:])
         except KeyboardInterrupt:
             return INTERRUPTED_EXIT_CODE
     usage = 'usage: hand_tracker COMMAND [--help] ...\n\n' + '\n'.join(
@@ -49,15 +49,6 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     print(f"hand_tracker: no command '{name}'\n{usage}", file=sys.stderr)
     return 2
-
-
-def _import_interruptible(module: str) -> ModuleType:
-    """Import a module; Ctrl-C ends the process quietly meanwhile."""
-    before = signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED_EXIT_CODE))
-    try:
-        return import_module(module)
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 if __name__ == '__main__':

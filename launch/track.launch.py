@@ -23,6 +23,7 @@ from hand_tracker.core.model.hand import BOTH
 from hand_tracker.files.keystore import enclave_of
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.launching.launch_plan import (
+    AUTO,
     SOURCE_NAME,
     SYSTEMS,
     TRACKER_NAME,
@@ -219,12 +220,14 @@ def replay(plan: LaunchPlan) -> list[Action]:
     """Return the replay of a recording, where that is the source."""
     if plan.given['source'] != 'recording':
         return []
-    recording = plan.given['recording'] or str(packaged_recording(
-        BOTH if len(plan.hands) > 1 else plan.hands[0].hand.side))
+    side = BOTH if len(plan.hands) > 1 else plan.hands[0].hand.side
+    recording = plan.given['recording'] or str(packaged_recording(side))
     # The launch ends with the tracker, so nothing is waited for in vain.
     return [node(
         plan, 'replay',
         {'recording': recording, 'layout': plan.hand_parameters['layout'],
+         # Where nothing says which hand it is, the recording does.
+         'side': '' if plan.hand_parameters['side'] == AUTO else side,
          'exclude_topics': PUBLISHED_HERE, 'rate': plan.number('rate'),
          'loop': plan.given['loop'] == 'true', 'wait_for_subscriber': inf},
         remappings=[('markers', plan.given['markers'])], on_exit=ended('replay'))]

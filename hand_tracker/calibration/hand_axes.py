@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.model.hand import FINGERS
 from ..core.numerics.vectors import unit_vectors
-from ..files.point_recording import UNIT_SPELLINGS, PointRecording, conversion_note
+from ..files.point_recording import UNIT_SPELLINGS, Axes, PointRecording, conversion_note
 from .hand_labels import PALM_WORDS, hand_labels
 
 # [m] of grown-up hands: index to little knuckle, and wrist to knuckles.
@@ -166,14 +166,10 @@ def with_recognised_axes(recording: PointRecording) -> PointRecording:
     PointRecording
         With notes on what was recognised, or on what does not fit.
     """
-    hands = [hand for hand in hands_of(recording) if len(hand.columns) > 2]
-    notes = recording.notes
-    scales = [scale for hand in hands if (scale := _hand_scale(recording, hand))]
-    axes = recording.axes
-    scale = scales[0] if scales else 1.
-    unit = min(SIZE_UNITS, key=lambda name: abs(np.log(
-        scale * UNIT_SPELLINGS[name][0] / axes.scale)))
-    if scales and not recording.said.units:
+    notes, axes = recording.notes, recording.axes
+    scale = _first_scale(recording)
+    if scale is not None and not recording.said.units:
+        unit = _unit_of(axes, scale)
         assumed = conversion_note(axes, recording.said)
         if unit != axes.units:
             _scale_points(recording, UNIT_SPELLINGS[unit][0] / axes.scale)
@@ -181,11 +177,11 @@ def with_recognised_axes(recording: PointRecording) -> PointRecording:
         notes = (*(note for note in notes if note != assumed), conversion_note(
             axes, recording.said,
             f'as the hand is {KNUCKLE_BREADTH * 1e3:.0f} mm wide then, more or less'))
-    elif not 1. / WRONG_SIZE < scale < WRONG_SIZE:
+    elif scale is not None and (unit := _likelier_unit(axes, scale)):
         times = float(f'{scale:.2g}')
         notes += (f'the hand is {times:g} times as large as hands are: is the file in {unit}, not '
                   f'in {axes.units}? (--units {unit})',)
-    for hand in hands:
+    for hand in _larger_hands(recording):
         side = hand.side or _side_of_name(recording.name)
         likelihood = side_likelihood(recording, hand)
         if not side or (likelihood if side == 'left' else 1. - likelihood) < SURE:
@@ -200,6 +196,32 @@ def with_recognised_axes(recording: PointRecording) -> PointRecording:
         notes += (f'the {side} hand has the shape of the other one: other side, or left-handed '
                   'axes (--handed left)?',)
     return recording._replace(axes=axes, notes=notes)
+
+
+def likelier_unit(recording: PointRecording) -> str:
+    """Return the unit in which the first hand would have a hand's size, empty where it has one."""
+    scale = _first_scale(recording)
+    return '' if scale is None else _likelier_unit(recording.axes, scale)
+
+
+def _likelier_unit(axes: Axes, scale: float) -> str:
+    unit = _unit_of(axes, scale)
+    return '' if 1. / WRONG_SIZE < scale < WRONG_SIZE or unit == axes.units else unit
+
+
+def _unit_of(axes: Axes, scale: float) -> str:
+    return min(SIZE_UNITS, key=lambda name: abs(np.log(
+        scale * UNIT_SPELLINGS[name][0] / axes.scale)))
+
+
+def _larger_hands(recording: PointRecording) -> list[HandPoints]:
+    return [hand for hand in hands_of(recording) if len(hand.columns) > 2]
+
+
+def _first_scale(recording: PointRecording) -> float | None:
+    """Return the size of the first hand of which it is observable, see `_hand_scale`."""
+    scales = (_hand_scale(recording, hand) for hand in _larger_hands(recording))
+    return next(filter(None, scales), None)
 
 
 def _scale_points(recording: PointRecording, factor: float) -> None:

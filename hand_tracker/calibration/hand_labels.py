@@ -65,6 +65,24 @@ def hand_labels(labels: Sequence[str], is_skeleton: bool = False) -> list[HandLa
     return [_named(side, words, thumb, is_skeleton) for side, words in split]
 
 
+def labels_as_markers(labels: Sequence[str]) -> tuple[str, ...]:
+    """Return labels of joints that say the same of markers: 'right_wrist' for 'RightHand'.
+
+    Parameters
+    ----------
+    labels : sequence of str
+
+    Returns
+    -------
+    tuple of str
+        Those that say the same of either stay.
+    """
+    return tuple(
+        label if joint is None or joint == marker
+        else '_'.join(filter(None, (joint.side, joint.name)))
+        for label, joint, marker in zip(labels, hand_labels(labels, True), hand_labels(labels)))
+
+
 def spellings(label: str) -> list[tuple[str, str]]:
     """Return the sides and the names without a side as which a label may be read.
 

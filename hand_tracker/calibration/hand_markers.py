@@ -108,7 +108,8 @@ def choose_markers(recording: PointRecording, side: str | None = None,
     if chosen.missing and (lacks_palm or not has_digit):
         some = [label for label in recording.labels if label]
         shown = ', '.join(some[:SHOWN_LABELS]) + (', ...' if len(some) > SHOWN_LABELS else '')
-        other = complete_layout(recording) if layout is None else None
+        other = (complete_layout(recording) if layout is None or layout.names == MARKERS
+                 else None)
         instead = '' if other is None else (
             f'--side {other.side}, of which they are, or '
             if side and other.side == OTHER_SIDE[side]

@@ -80,6 +80,14 @@ def complete_layout(recording: PointRecording) -> LikelyLayout | None:
     return next((layout for layout in likely_layouts(recording) if layout.is_complete), None)
 
 
+def has_both(recording: PointRecording, name: str) -> bool:
+    """Return whether labels name both hands, with all markers of a preset on each."""
+    named = {hand.side for hand in hands_of(recording)}
+    complete = {one.side for one in likely_layouts(recording) if one.name == name
+                and one.is_complete}
+    return set(SIDES) <= named & complete
+
+
 def _right_likelihood(recording: PointRecording, hand: HandPoints) -> float:
     """Return the probability of a right hand, by its labels and by its shape."""
     by_shape = side_likelihood(recording, hand)

@@ -11,11 +11,12 @@ from ..core.model.hand import SIDES
 from ..core.model.marker_layout import MarkerLayout
 from ..files.npz_file import open_arrays
 from ..files.point_recording import PointRecording
-from ..files.recordings import NPZ, ReadingOptions, read_recording, recognised_format
-from .hand_axes import HandPoints, hands_of, side_likelihood, with_recognised_axes
+from ..files.recordings import NPZ, ReadingOptions, is_bag, recognised_format
+from .hand_axes import HandPoints, hands_of, side_likelihood
 from .hand_markers import choose_markers, labelled_column, marker_points
 from .layout_names import layout_named, names_in_layout
 from .marker_names import UsualPlace, canonical_name, identify
+from .recorded_points import recorded_points
 from .takes import InvalidTake, MarkerTake
 
 TAKE_RATE_RANGE = (5., 2000.)  # [Hz]
@@ -53,7 +54,8 @@ def load_take(path: str | PathLike[str], side: str | None = None,
         With file, fault and expectation.
     """
     path = Path(path)
-    if path.exists() and path.suffix != NPZ.suffixes[0] and recognised_format(path) is not NPZ:
+    if path.exists() and path.suffix != NPZ.suffixes[0] and (
+            is_bag(path) or recognised_format(path) is not NPZ):
         return recorded_take(path, side)
     with open_arrays(path, InvalidTake) as data:
         fields = {name: data[name] for name in data.files}
@@ -104,7 +106,7 @@ def recorded_take(path: str | PathLike[str], side: str | None = None,
         Naming the file, the fault and what is expected.
     """
     path = Path(path)
-    recording = with_recognised_axes(read_recording(path, reading))
+    recording = recorded_points(path, reading)
     usual: dict[str, UsualPlace] = {}
     if layout is not None:
         chosen = choose_markers(recording, side, names, layout)

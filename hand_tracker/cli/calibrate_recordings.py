@@ -14,9 +14,10 @@ from ..calibration.takes import InvalidTake, MarkerTake
 from ..core.model.marker_layout import ALL_LANDMARKS, MARKERS, PAPER_PLACES, MarkerLayout
 from ..files.bags import EXPECTED, STORAGE, open_bag
 from ..files.layout_file import choose_layout
-from ..files.recordings import is_marker_bag
 from ..messages.cdr import MarkerReader
 from ..parallel import Interruptions
+from ..tracking.opened_recording import is_marker_bag
+from ..tracking.point_bag import MarkerChoice
 from ..tracking.recording import marker_topic
 from ..tracking.stream import FrameTime
 from .recording_options import (
@@ -89,14 +90,15 @@ def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
     takes = []
     layout = choose_layout(options.layout) if options.layout else None
     nameable = (*MARKERS, *ALL_LANDMARKS) if layout is None else layout.names
+    choice = MarkerChoice(reading_options(options), options.side,
+                          chosen_labels(options.markers, nameable), layout)
     for path in options.takes:
-        if is_marker_bag(path, options.topic):
+        if is_marker_bag(path, choice, bool(options.label)):
             takes.append(_take_of_bag(path, options, layout))
             continue
         if path.suffix == TAKE_SUFFIX and layout is None and not options.markers:
             take = load_take(path, options.side)
         else:
-            take = recorded_take(path, options.side, reading_options(options), layout,
-                                 chosen_labels(options.markers, nameable))
+            take = recorded_take(path, options.side, choice.reading, layout, choice.names)
         takes.append(take._replace(points=options.unit_scale * take.points))
     return calibrate_takes(takes, options.output, options.limits, options.picture, layout)

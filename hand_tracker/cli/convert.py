@@ -21,9 +21,10 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
              progress: Callable[..., Any] = Progress) -> str:
     """Convert the recording of a command line; return the closing line."""
     # Here, so that a wrong option is told at once.
+    from ..calibration.hand_labels import labels_as_markers
+    from ..calibration.recorded_points import recorded_points
     from ..files.point_recording import RecordingError
-    from ..files.recordings import FORMATS, WRITTEN_SUFFIXES, write_recording
-    from ..tracking.opened_recording import recorded_points
+    from ..files.recordings import FORMATS, NPZ, WRITTEN_SUFFIXES, write_recording
     from .track_recordings import refuse_to_replace, track_file
 
     written_as = {one.name.lower().replace(' ', '-'): one for one in FORMATS if one.write}
@@ -35,12 +36,24 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
     if output.suffix in SKELETON_KINDS and not options.format:
         # A skeleton is what the tracker finds in the points.
         return str(track_file(options, interrupted, progress))
+    form = written_as[options.format] if options.format else None
+    if form is not None and output.suffix not in form.suffixes and (
+            output.suffix in (*WRITTEN_SUFFIXES, *SKELETON_KINDS)):
+        raise RecordingError(f'{output}: the suffix is that of another format than '
+                             f'{options.format}; expected {" or ".join(form.suffixes)}')
     recording = recorded_points(options.recording, reading_options(options))
     for note in recording.notes:
         print(f'{options.recording}: {note}', file=sys.stderr)
     if not len(recording.points):
         raise RecordingError(f'{options.recording}: no frames to convert')
-    write_recording(output, recording, written_as[options.format] if options.format else None)
+    if recording.is_landmarks and output.suffix not in NPZ.suffixes:
+        # Other formats do not say that the points are joint centres.
+        labels = labels_as_markers(recording.labels)
+        renamed = [f'{old} as {new}' for old, new in zip(recording.labels, labels) if old != new]
+        if renamed:
+            print(f'{output}: written {", ".join(renamed)}', file=sys.stderr)
+        recording = recording._replace(labels=labels)
+    write_recording(output, recording, form)
     return (f'{output}: {len(recording.points)} frames of {len(recording.labels)} points')
 
 

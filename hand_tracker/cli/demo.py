@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 from ..core.errors import HandTrackerError
+from ..interruption import ended_by_interrupt
 from ..viewer.page_options import add_page_options
 from .recording_options import (
     add_hand_options,
@@ -25,7 +26,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='hand_tracker demo', description=__doc__.split('\n')[0])
     parser.add_argument('--recording', type=Path,
                         help='recording to play: rosbag2 with markers of ids from 0 on /markers, '
-                        'those of both hands in namespaces right and left; or of one hand, with '
+                        'those of both hands in namespaces right and left; or with '
                         'names: rosbag2 of mocap4r2 or landmarks, C3D, TRC, TSV, CSV, BVH, npz '
                         '(default: the packaged one of the side)')
     add_hand_options(parser, both=True)
@@ -55,8 +56,8 @@ def main(args: list[str] | None = None) -> int:
     try:
         require_inputs(options)
         # With all that reads and tracks, for which a wrong option need not wait.
-        from .demo_hands import demonstrate
-
+        with ended_by_interrupt():
+            from .demo_hands import demonstrate
         demonstrate(options)
     except (HandTrackerError, OSError) as error:
         print(f'hand_tracker demo: {error}', file=sys.stderr)

@@ -10,7 +10,6 @@ import numpy as np
 from ..files.bag_points import marker_messages
 from ..files.bags import Bag, write_bag
 from ..messages.cdr import MarkerReader
-from ..tracking.opened_recording import PointBag
 from .recording_options import WornHand
 
 ANONYMOUS_RECORDING = 'anonymous.mcap'
@@ -41,8 +40,7 @@ def take_labels_off(bag: Bag, topic: str, hands: Sequence[WornHand], path: Path)
     PointOwners
         By which labels can be judged: a marker goes through a tracker unchanged.
     """
-    readers = [MarkerReader(bag.labels if isinstance(bag, PointBag) else hand.labels)
-               for hand in hands]
+    readers = [MarkerReader(hand.labels) for hand in hands]
     times, frames = [], []
     owners: PointOwners = {}
     draws = np.random.default_rng(SHUFFLE_SEED)

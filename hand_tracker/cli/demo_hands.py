@@ -10,15 +10,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..core.errors import HandTrackerError
-from ..core.model.hand import BOTH, SIDES
 from ..files.bags import Bag, BagError, write_bag
 from ..files.hand_file import choose_hand
-from ..messages.labels import USUAL_TOPIC, default_labels, label_maps
+from ..interruption import ended_by_interrupt
+from ..messages.labels import USUAL_TOPIC
 from ..package_data import packaged_recording
 from ..simulation.ball_grasp import grasp_recording
 from ..simulation.packaged_recordings import recording_messages
 from ..tracking.label_check import label_fault
-from ..tracking.opened_recording import PointBag, open_recording
+from ..tracking.opened_recording import open_recording
+from ..tracking.point_bag import PointBag
 from ..tracking.recording import MarkerReading, marker_topic, sampled_messages
 from ..tracking.side_check import GREATEST_STEP, recorded_side_fault
 from ..viewer.page_options import PLAIN_ROBOT, chosen_robot
@@ -26,10 +27,9 @@ from .demo_anonymous import ANONYMOUS_RECORDING, PointOwners, take_labels_off
 from .recording_options import (
     WornHand,
     label_map,
-    recorded_hand,
+    recorded_hands,
     recorded_notes,
     recorded_reading,
-    require_bag_of_both,
 )
 
 
@@ -43,15 +43,11 @@ def _hands(options: argparse.Namespace) -> tuple[list[WornHand], Path | PointBag
     if options.recording is None:
         side = options.side or choose_hand(options.hand)[0].side
         options.recording = packaged_recording(side)
-    if options.side != BOTH:
-        hand, layout, recording = recorded_hand(options)
-        return [WornHand(hand, layout, label_map((), layout.names))], recording
-    require_bag_of_both(options.recording)
-    chosen = {side: choose_hand(options.hand, side, options.limits, options.coupling,
-                                options.layout) for side in SIDES}
-    names = chosen[SIDES[0]][1].names
-    labels = label_maps(default_labels(names), {side: f'{side}/0' for side in SIDES}, names)
-    return [WornHand(*chosen[side], labels[side]) for side in SIDES], options.recording
+    hands, recording = recorded_hands(options)
+    if options.markers and not isinstance(recording, PointBag):
+        raise HandTrackerError('--markers: the tracker of the demo knows MarkerArrays by their '
+                               'default ids; expected a file of points, or hand_tracker track')
+    return hands, recording
 
 
 def _grasping_hand(options: argparse.Namespace) -> WornHand:
@@ -119,7 +115,7 @@ def demonstrate(options: argparse.Namespace) -> None:
     if options.robot and len(hands) > 1 and not options.view:
         raise HandTrackerError('--side both: a robot follows one hand; choose a side')
     loaded = None if options.view else chosen_robot(options, hands[0].hand)
-    readings = [recorded_reading(options, recording, one.layout, one.labels) for one in hands]
+    readings = [recorded_reading(options, recording, one.labels) for one in hands]
     for one, reading in zip(hands, readings):
         if (fault := label_fault(recording, USUAL_TOPIC, reading, one.layout)) is not None:
             print(fault, file=sys.stderr)
@@ -145,7 +141,8 @@ def demonstrate(options: argparse.Namespace) -> None:
         # The replay reads what is written here, in metres.
         options.markers, options.units, options.up, options.handed = [], None, None, None
     # What draws and listens is imported once all is right.
-    from .demo_run import run_demo
+    with ended_by_interrupt():
+        from .demo_run import run_demo
 
     run_demo(options, hands, recording, frame_count, loaded,
              None if has_labels and not options.anonymous else owners)

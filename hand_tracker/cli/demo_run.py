@@ -29,7 +29,7 @@ from ..files.layout_file import save_layout
 from ..messages.labels import WITHOUT_LABELS
 from ..retargeting.robot_file import LoadedRobot
 from ..tracking.compilation import COMPILE_TIME, PROGRAM
-from ..tracking.opened_recording import PointBag
+from ..tracking.point_bag import PointBag
 from .demo_anonymous import PointOwners
 from .demo_grasp import GraspingRobot
 from .demo_listener import Listener, ReceivedFrames, TFMessage
@@ -161,7 +161,7 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
     fit_wrist(palm, palm, np.eye(3), np.zeros(3))
     # Those who wait for the first frame: the tracker and this listener.
     replay = _start('replay', recording=options.recording, rate=float(options.rate), subscribers=2,
-                    side='' if side == BOTH else side, markers=','.join(options.markers),
+                    side=side, markers=','.join(options.markers),
                     layout=options.layout, units=options.units, up=options.up,
                     handed=options.handed, partial=options.partial)
     processes.append(replay)

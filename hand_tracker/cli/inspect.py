@@ -30,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
         require_inputs(options)
         # Here, so that a wrong option is told at once.
         from ..calibration.known_layouts import likely_layouts
-        from ..tracking.opened_recording import recorded_points
+        from ..calibration.recorded_points import recorded_points
         from .inspect_recording import next_command, summary, summary_lines
 
         recording = recorded_points(options.recording, reading_options(options))

@@ -9,22 +9,23 @@ from typing import Any
 
 import numpy as np
 
+from ..calibration.hand_axes import hands_of, likelier_unit
 from ..calibration.hand_markers import UnknownMarkers, choose_markers
-from ..calibration.known_layouts import LikelyLayout, complete_layout
+from ..calibration.known_layouts import LikelyLayout, complete_layout, has_both
 from ..calibration.take_checks import LEAST_DURATION
-from ..core.model.hand import SIDES
+from ..core.model.hand import BOTH, SIDES
 from ..core.model.layout_presets import PAPER_LAYOUT
 from ..core.model.marker_layout import MarkerLayout
 from ..files.point_recording import PointRecording
+from ..files.recordings import BVH
 from ..messages.labels import WITHOUT_LABELS
-from ..messages.marker_array import MARKER_ARRAY
 from ..tracking.label_check import label_fault
+from ..tracking.opened_recording import is_marker_bag
+from ..tracking.point_bag import MarkerChoice
 from ..tracking.recording import MarkerReading
-from .recording_options import (
-    chosen_labels,
-)
+from .recording_options import chosen_labels, reading_options
 
-UNKNOWN_LABEL = 'LABEL'  # in the command that is printed
+UNKNOWN_LABEL, UNKNOWN_RECORDING = 'LABEL', 'HAND'  # in the command that is printed
 FITTED_HAND = 'my_hand.yaml'
 LISTED_LABELS = 40
 LISTED_LAYOUTS = 4
@@ -78,20 +79,27 @@ def next_command(path: Path, recording: PointRecording, options: argparse.Namesp
     for name in ('units', 'up', 'handed'):
         if getattr(options, name):
             words.append(f'--{name}={getattr(options, name)}')
+    if not options.units and (unit := likelier_unit(recording)):
+        words.append(f'--units={unit}')
     words += ['--partial'] * options.partial
     words += ['--topic', options.topic] if options.topic else []
-    is_marker_array = recording.origin is not None and recording.origin.type == MARKER_ARRAY
-    if is_marker_array and label_fault(
-            path, options.topic, MarkerReading(), MarkerLayout()) is None:
-        return shlex.join(words)
-    if is_marker_array or not any(recording.labels):
-        return shlex.join([*words, '--labels', WITHOUT_LABELS])
-    likeliest = None if options.markers else complete_layout(recording)
-    if likeliest is not None:
-        words += ['--layout', likeliest.name] * (likeliest.name != PAPER_LAYOUT)
-        words += ['--side', likeliest.side] * (likeliest.side in SIDES)
-        return shlex.join(words)
     given = chosen_labels(options.markers)
+    has_ids = is_marker_bag(path, MarkerChoice(reading_options(options), names=given))
+    if has_ids and label_fault(path, options.topic, MarkerReading(), MarkerLayout()) is None:
+        return shlex.join(words)
+    if has_ids or not any(recording.labels):
+        return shlex.join([*words, '--labels', WITHOUT_LABELS])
+    likeliest = None if given else complete_layout(recording)
+    if likeliest is not None:
+        side = BOTH if has_both(recording, likeliest.name) else likeliest.side
+        words += ['--layout', likeliest.name] * (likeliest.name != PAPER_LAYOUT)
+        words += ['--side', side] * (side in (*SIDES, BOTH))
+        return shlex.join(words)
+    if not given and all(label.isdecimal() for label in recording.labels if label):
+        return shlex.join([*words, '--labels', WITHOUT_LABELS])
+    if not given and recording.format == BVH.name and _is_body(recording):
+        return shlex.join(['hand_tracker', 'splice', str(path), UNKNOWN_RECORDING, '-o',
+                           f'{path.name.partition(".")[0]}_hands.bvh'])
     try:
         side = choose_markers(recording, names=given).side
         words += ['--side', side] if side else []
@@ -100,6 +108,13 @@ def next_command(path: Path, recording: PointRecording, options: argparse.Namesp
     if given:
         words += ['--markers', ','.join(f'{marker}={label}' for marker, label in given.items())]
     return shlex.join(words)
+
+
+def _is_body(recording: PointRecording) -> bool:
+    """Return whether a skeleton has wrists, and most of its joints are none of hands."""
+    hands = hands_of(recording)
+    return (any('wrist' in hand.columns for hand in hands)
+            and 2 * sum(len(hand.columns) for hand in hands) < len(recording.labels))
 
 
 def _calibration_command(command: str) -> str:
@@ -119,6 +134,8 @@ def _calibration_command(command: str) -> str:
     if '--layout' not in words:
         return ''
     words[1], words[words.index('-o') + 1] = 'calibrate', FITTED_HAND
+    # A hand file of one hand serves the other, too.
+    words = [SIDES[0] if word == BOTH else word for word in words]
     return shlex.join(words)
 
 
@@ -143,6 +160,9 @@ def summary_lines(path: Path, found: dict[str, Any], command: str) -> list[str]:
                      f'likelihood {layout["likelihood"]:.2f}')
     if not found['layouts']:
         lines.append('no layout of a hand is known by these labels')
+    if f' {UNKNOWN_RECORDING} ' in command:
+        return [*lines, f"next, with a recording of the hand's markers in place of "
+                f'{UNKNOWN_RECORDING}: {command}']
     if UNKNOWN_LABEL in command:
         return [*lines, f"next, if a hand's markers are among them, with their labels in place of "
                 f'{UNKNOWN_LABEL}: {command}']

@@ -28,7 +28,7 @@ from ..parallel import Interruptions, raise_on_interruption
 # What reads files and tracks is imported where it is used, so that a wrong option is told at once.
 if TYPE_CHECKING:
     from ..files.recordings import ReadingOptions
-    from ..tracking.opened_recording import PointBag
+    from ..tracking.point_bag import PointBag
     from ..tracking.recording import MarkerReading
 
 ROBOT_SUFFIXES = ('.urdf', '.xml', '.yaml', '.yml')
@@ -205,9 +205,8 @@ def _label_texts(texts: Iterable[str], names: Sequence[str] = MARKERS) -> list[s
     return list(labels.values())
 
 
-def recorded_hand(options: argparse.Namespace
-                  ) -> tuple[Hand, MarkerLayout, Path | PointBag]:
-    """Return the hand of a command line, where its markers are, and the recording.
+def recorded_hands(options: argparse.Namespace) -> tuple[list[WornHand], Path | PointBag]:
+    """Return the hand of a command line, or both, and the recording.
 
     Without a hand file recorded points, but for MarkerArrays, say where their markers are, and of
     which side they are.
@@ -219,103 +218,74 @@ def recorded_hand(options: argparse.Namespace
 
     Returns
     -------
-    hand : Hand
-    layout : MarkerLayout
+    hands : list of WornHand
+        The right and the left one where the side is both.
     recording : Path or PointBag
-        For `open_recording`; a path of rosbag2 recordings of MarkerArrays.
+        For `open_recording`; a path where `is_marker_bag`.
     """
     from ..files.hand_file import choose_hand
-    from ..files.recordings import is_marker_bag
-    from ..tracking.opened_recording import MarkerChoice, PointBag
+    from ..tracking.opened_recording import is_marker_bag
+    from ..tracking.point_bag import MarkerChoice, PointBag
 
-    hand, layout = choose_hand(
-        options.hand, options.side, options.limits, options.coupling, options.layout)
-    reading = reading_options(options)
-    if is_marker_bag(options.recording, reading.topic):
-        return hand, layout, options.recording
-    points = PointBag(options.recording, MarkerChoice(
-        reading, hand.side if options.hand else options.side,
-        chosen_labels(options.markers, layout.names),
+    given = vars(options)    # not every command has all
+    sides = SIDES if options.side == BOTH else (options.side,)
+    chosen = [choose_hand(options.hand, side, options.limits, options.coupling, options.layout)
+              for side in sides]
+    hand, layout = chosen[0]
+    choice = MarkerChoice(
+        reading_options(options), hand.side if options.hand and options.side != BOTH
+        else options.side, chosen_labels(options.markers, layout.names),
         layout if options.hand or options.layout else None,
-        False if options.labels == WITHOUT_LABELS else None))
-    if points.side and points.side != hand.side:
-        hand, _ = choose_hand(
-            options.hand, points.side, options.limits, options.coupling, options.layout)
-    return hand, points.layout, points
+        False if options.labels == WITHOUT_LABELS else None)
+    if is_marker_bag(options.recording, choice, bool(given.get('label'))):
+        texts = _label_texts([*given.get('label', ()), *equated(options.markers, layout.names)],
+                             layout.names)
+        labels = [LabelMap(texts, layout.names)] if len(sides) == 1 else label_maps(
+            texts, {side: given.get(f'{side}_markers', f'{side}/0') for side in SIDES},
+            layout.names).values()
+        return [WornHand(*one, own) for one, own in zip(chosen, labels)], options.recording
+    points = PointBag(options.recording, choice)
+    hands = []
+    for (hand, _), worn in zip(chosen, points.hands):
+        if worn.side not in ('', hand.side):
+            hand, _ = choose_hand(
+                options.hand, worn.side, options.limits, options.coupling, options.layout)
+        hands.append(WornHand(hand, worn.layout, worn.labels))
+    return hands, points
 
 
 def recorded_notes(recording: Path | PointBag) -> tuple[str, ...]:
-    """Return the notes to print on a recording, see `recorded_hand`."""
-    from ..tracking.opened_recording import PointBag
+    """Return the notes to print on a recording, see `recorded_hands`."""
+    from ..tracking.point_bag import PointBag
 
     return recording.notes if isinstance(recording, PointBag) else ()
 
 
 def recorded_reading(options: argparse.Namespace, recording: Path | PointBag,
-                     layout: MarkerLayout, labels: LabelMap | None = None) -> MarkerReading:
+                     labels: LabelMap) -> MarkerReading:
     """Return how one hand's markers are read from a recording's messages.
 
     Parameters
     ----------
     options : argparse.Namespace
-    recording, layout
-        See `recorded_hand`.
-    labels : LabelMap, optional
-        Of the markers; by the options when left out. A file of points has them by itself.
+    recording, labels
+        See `recorded_hands`.
     """
-    from ..tracking.opened_recording import PointBag
+    from ..tracking.point_bag import PointBag
     from ..tracking.recording import MarkerReading
 
-    has_labels = options.labels != WITHOUT_LABELS
-    if isinstance(recording, PointBag):
-        labels, has_labels = recording.labels, recording.has_labels
-    elif labels is None:
-        labels = label_map([*options.label, *equated(options.markers, layout.names)], layout.names)
     given = vars(options)    # not every command has all
-    return MarkerReading(
-        labels, given.get('frame', ''), given.get('unit_scale', 1.),
-        not given.get('keep_zeros'), has_labels)
+    reading = MarkerReading(labels, given.get('frame', ''), given.get('unit_scale', 1.),
+                            not given.get('keep_zeros'), options.labels != WITHOUT_LABELS)
+    if isinstance(recording, PointBag):
+        # What is missing was left out as the file was read.
+        return reading._replace(zero_is_missing=False, has_labels=recording.has_labels)
+    return reading
 
 
 def equated(texts: Iterable[str], names: Sequence[str]) -> list[str]:
     """Return MARKER=LABEL,... texts with one marker each."""
     return [f'{marker}={label}' for marker, label in chosen_labels(texts, names).items()]
-
-
-def recorded_hands(options: argparse.Namespace
-                   ) -> dict[str, tuple[Hand, MarkerLayout, LabelMap]]:
-    """Return both hands of a command line, by side: hand, layout and labels in its recording.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        With all that `add_recording_options` adds for both hands.
-
-    Returns
-    -------
-    dict of str to tuple of Hand, MarkerLayout and LabelMap
-    """
-    from ..files.hand_file import choose_hand
-
-    require_bag_of_both(options.recording, options.topic)
-    chosen = {side: choose_hand(
-        options.hand, side, options.limits, options.coupling, options.layout) for side in SIDES}
-    names = chosen[SIDES[0]][1].names
-    labels = label_maps(
-        _label_texts([*options.label, *equated(options.markers, names)], names),
-        {side: getattr(options, f'{side}_markers') for side in SIDES}, names)
-    return {side: (*chosen[side], labels[side]) for side in SIDES}
-
-
-def require_bag_of_both(recording: Path, topic: str | None = None) -> None:
-    """Refuse other recordings than of MarkerArrays where both hands are tracked."""
-    from ..files.bags import BagError
-    from ..files.recordings import is_marker_bag
-
-    if not is_marker_bag(recording, topic):
-        raise BagError(f'--side both: {recording}: such points are tracked for one hand; expected '
-                       'a rosbag2 recording of MarkerArrays (hand_tracker convert writes one), or '
-                       '--side right or left')
 
 
 def require_inputs(options: argparse.Namespace) -> None:

@@ -7,16 +7,17 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
-from ..core.model.hand import SIDES, Hand
+from ..core.model.hand import Hand
 from ..core.model.marker_layout import MarkerLayout
 from ..core.model.states import PalmState
 from ..core.tracker import HandTracker
-from ..files.bags import Bag, BagError, BagMessage, open_bag
+from ..files.bags import Bag, BagError, BagMessage
 from ..messages.labels import WITHOUT_LABELS
 from ..parallel import Interruptions, MessageCollector
 from ..progress import Progress
 from ..tracking.monitor import Monitor
-from ..tracking.opened_recording import PointBag, open_recording
+from ..tracking.opened_recording import open_recording
+from ..tracking.point_bag import PointBag
 from ..tracking.point_labels import PointLabels
 from ..tracking.recording import (
     MarkerReading,
@@ -26,11 +27,7 @@ from ..tracking.recording import (
     track_hands,
 )
 from ..tracking.setting_names import BAG_OPTION_NAMES, FILE_OPTION_NAMES
-from .recording_options import (
-    recorded_hand,
-    recorded_hands,
-    recorded_reading,
-)
+from .recording_options import recorded_hands, recorded_reading
 
 LOG_PERIOD = .25     # [s] of the recording
 FEW_SHARE = .5       # of the frames, below which the end says in how few the palm is seen
@@ -172,13 +169,9 @@ def tracked_recording(
     job : TrackingJob
     frames : iterator of RecordedFrame
     """
-    hand, layout, recording = recorded_hand(options)
-    reading = recorded_reading(options, recording, layout)
-    with open_recording(recording) as bag:
-        job = TrackingJob(bag, marker_topic(bag, options.topic), interrupted, progress, layout)
-        for note in bag.notes:
-            job.say(note)
-        yield hand, job, job.frames(HandTracker(hand, layout), reading, _learns_size(options))
+    with _opened_job(options, interrupted, progress) as (job, hands):
+        (_, (tracker, reading)), = hands.items()
+        yield tracker.hand, job, job.frames(tracker, reading, _learns_size(options))
 
 
 @contextmanager
@@ -199,14 +192,23 @@ def tracked_hands(
     frames : iterator of dict of str to RecordedFrame
         By side.
     """
-    chosen = recorded_hands(options)
-    _, layout, _ = chosen[SIDES[0]]
-    hands = {side: (HandTracker(hand, worn), recorded_reading(
-        options, options.recording, worn, labels))
-             for side, (hand, worn, labels) in chosen.items()}
-    with open_bag(options.recording) as bag:
-        job = TrackingJob(bag, marker_topic(bag, options.topic), interrupted, progress, layout)
+    with _opened_job(options, interrupted, progress) as (job, hands):
         yield job, job.frames_of_hands(hands, _learns_size(options))
+
+
+@contextmanager
+def _opened_job(options: argparse.Namespace, interrupted: Interruptions, progress: ProgressMaker
+                ) -> Iterator[tuple[TrackingJob, dict[str, tuple[HandTracker, MarkerReading]]]]:
+    """Open the recording, and yield the hands by their sides."""
+    worn, recording = recorded_hands(options)
+    hands = {one.hand.side: (HandTracker(one.hand, one.layout),
+                             recorded_reading(options, recording, one.labels)) for one in worn}
+    with open_recording(recording) as bag:
+        job = TrackingJob(bag, marker_topic(bag, options.topic), interrupted, progress,
+                          worn[0].layout)
+        for note in bag.notes:
+            job.say(note)
+        yield job, hands
 
 
 def _learns_size(options: argparse.Namespace) -> bool:

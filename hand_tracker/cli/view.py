@@ -7,12 +7,10 @@ import sys
 from typing import TYPE_CHECKING
 
 from ..core.errors import HandTrackerError
-from ..core.model.hand import BOTH
 from ..package_data import packaged_recording
 from ..viewer.page_options import add_page_options
 from .recording_options import (
     add_recording_options,
-    recorded_hand,
     recorded_hands,
     recorded_notes,
     recorded_reading,
@@ -47,21 +45,18 @@ def _source(options: argparse.Namespace) -> ViewerRecording:
     from ..tracking.label_check import label_fault
     from ..viewer.recording_source import ViewerRecording
 
-    if options.side == BOTH:
-        source = None
-        for hand, layout, labels in reversed(recorded_hands(options).values()):
-            reading = recorded_reading(options, options.recording, layout, labels)
-            source = ViewerRecording(
-                options.recording, hand, layout, options.topic, source, reading)
-        assert source is not None
-        return source
-    hand, layout, recording = recorded_hand(options)
+    hands, recording = recorded_hands(options)
     for note in recorded_notes(recording):
         print(f'{options.recording}: {note}', file=sys.stderr)
-    reading = recorded_reading(options, recording, layout)
-    if (fault := label_fault(recording, options.topic, reading, layout)) is not None:
-        print(fault, file=sys.stderr)
-    return ViewerRecording(recording, hand, layout, options.topic, reading=reading)
+    source = None
+    for hand, layout, labels in reversed(hands):
+        reading = recorded_reading(options, recording, labels)
+        if len(hands) == 1 and (fault := label_fault(
+                recording, options.topic, reading, layout)) is not None:
+            print(fault, file=sys.stderr)
+        source = ViewerRecording(recording, hand, layout, options.topic, source, reading)
+    assert source is not None
+    return source
 
 
 def main(args: list[str] | None = None) -> int:

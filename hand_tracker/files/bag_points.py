@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import count
+from contextlib import suppress
+from itertools import count, islice
 from pathlib import Path
 from statistics import median_low
 from typing import Any, NamedTuple
@@ -15,7 +16,7 @@ from ..messages.cdr import MarkerReader
 from ..messages.labels import USUAL_TOPIC, LabelMap
 from ..messages.landmark_kinds import LANDMARK_POSES, named_hands
 from ..messages.marker_array import MARKER_ARRAY, placed
-from ..messages.marker_ids import ANONYMOUS_NAMESPACE
+from ..messages.marker_ids import ANONYMOUS_NAMESPACE, MarkerIds, no_warning
 from ..messages.message_definitions import NAMED_POSE_ARRAY
 from ..messages.message_kinds import (
     MARKER_ARRAY_KIND,
@@ -176,7 +177,11 @@ def read_bag_points(path: Path, zero_is_missing: bool = True,
     if not frames:
         raise RecordingError(f'{path}: {topic}: no messages; expected at least one')
     labels = tuple(name for name, _ in columns)
-    buffer = PointBuffer(path, labels, zero_is_missing, len(frames))
+    # No source loses a landmark in every frame: such are relative to it.
+    is_origin = np.full(len(labels), kind in LANDMARK_MESSAGES)
+    for places, points in frames:
+        is_origin[places] &= ~points.any(axis=1)
+    buffer = PointBuffer(path, labels, zero_is_missing, len(frames), is_origin)
     for first in range(0, len(frames), ROWS_AT_ONCE):
         some = frames[first:first + ROWS_AT_ONCE]
         rows = np.full((len(some), len(labels), 3), np.nan, dtype=np.float32)
@@ -276,7 +281,8 @@ def _frame_of(reader: MarkerReader, data: bytes, kind: str) -> BagFrame:
 
 
 def marker_messages(points: np.ndarray, times: Sequence[int], names: Sequence[str],
-                    start: int = 0, frame_id: str = WRITTEN_FRAME) -> Iterator[BagMessage]:
+                    start: int = 0, frame_id: str = WRITTEN_FRAME,
+                    ids: Sequence[int] | None = None) -> Iterator[BagMessage]:
     """Yield points as MarkerArrays, one for each frame; missing ones are left out.
 
     Parameters
@@ -286,16 +292,19 @@ def marker_messages(points: np.ndarray, times: Sequence[int], names: Sequence[st
     times : sequence of int, length T
         [ns]
     names : sequence of str, length n
-        Namespaces of the markers; their ids are 0 to n - 1.
+        Namespaces of the markers.
     start : int, optional
         Only frames at this time or later [ns].
     frame_id : str, optional
         Of the messages.
+    ids : sequence of int, length n, optional
+        Of the markers; 0 to n - 1 when left out.
 
     Yields
     ------
     BagMessage
     """
+    heads = list(zip(names, range(len(names)) if ids is None else ids))
     templates: dict[bytes, Template] = {}
     for time, row in zip(times, points):
         if time < start:
@@ -306,7 +315,7 @@ def marker_messages(points: np.ndarray, times: Sequence[int], names: Sequence[st
             if len(templates) >= KEPT_TEMPLATES:
                 templates.clear()
             templates[key] = markers_template(
-                frame_id, [(names[i], i) for i in np.flatnonzero(seen).tolist()])
+                frame_id, [heads[i] for i in np.flatnonzero(seen).tolist()])
         yield BagMessage(WRITTEN_TOPIC, MARKER_ARRAY, int(time),
                          templates[key].fill(stamp_of(int(time)), row[seen]))
 
@@ -314,16 +323,56 @@ def marker_messages(points: np.ndarray, times: Sequence[int], names: Sequence[st
 def write_bag_points(path: Path, recording: PointRecording) -> None:
     """Write points as a rosbag2 recording (.mcap, .db3) of MarkerArrays on /markers.
 
-    The namespaces are the labels, the ids count from 0.
+    Namespaces and ids are those of `MarkerIds`, as of a live source; points that come from
+    MarkerArrays keep theirs.
 
     Parameters
     ----------
     path : Path
     recording : PointRecording
     """
-    names = [label or 'unlabeled' for label in recording.labels]
-    write_bag(path, marker_messages(recording.points, recorded_times(recording), names,
-                                    frame_id=recorded_frame(recording)))
+    heads = [(head.ns, head.id) for head in MarkerIds(no_warning).heads(
+        WRITTEN_FRAME, [label or None for label in recording.labels])]
+    if recording.origin is not None and recording.origin.type == MARKER_ARRAY:
+        heads = [_recorded_head(label) or head for label, head in zip(recording.labels, heads)]
+    write_bag(path, marker_messages(
+        recording.points, recorded_times(recording), [name for name, _ in heads],
+        frame_id=recorded_frame(recording), ids=[number for _, number in heads]))
+
+
+def _recorded_head(label: str) -> tuple[str, int] | None:
+    """Return the namespace and id that a label of `read_bag_points` consists of."""
+    space, _, number = label.rpartition('/')
+    return (space, int(number)) if number.lstrip('-').isdecimal() else None
+
+
+def marker_names(labels: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of markers of MarkerArrays, where each has a namespace of its own.
+
+    Parameters
+    ----------
+    labels : sequence of str
+        Such as 'RHand:index/3', of `read_bag_points`.
+
+    Returns
+    -------
+    tuple of str
+        Empty for points that the source did not name; empty where namespaces name no markers.
+    """
+    spaces = [label.rpartition('/')[0] for label in labels]
+    named = [space for space in spaces if space != ANONYMOUS_NAMESPACE]
+    if not named or not all(named) or len(set(named)) < len(named):
+        return ()
+    return tuple('' if space == ANONYMOUS_NAMESPACE else space for space in spaces)
+
+
+def sampled_labels(bag: Bag, topic: str, count: int) -> list[str]:
+    """Return the labels that markers have in the first messages of a topic of MarkerArrays."""
+    read = _frame_reader(bag, topic)
+    with suppress(MalformedMessage):
+        return list(dict.fromkeys(name for message in islice(bag.messages([topic]), count)
+                                  for name in read(message.data).names))
+    return []
 
 
 def recorded_times(recording: PointRecording) -> list[int]:

@@ -122,12 +122,15 @@ def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
     except (TypeError, ValueError):
         raise RecordingError(f'{path}: rate_hz {fields["rate_hz"]}; expected a number') from None
     labels, repeated = unique_labels(names)
-    buffer = PointBuffer(path, labels, zero_is_missing, len(points))
+    is_landmarks = pair[0] != 'markers'
+    # No camera loses a landmark in every frame: such are relative to it.
+    is_origin = ~points.any(axis=(0, 2)) & is_landmarks
+    buffer = PointBuffer(path, labels, zero_is_missing, len(points), is_origin)
     buffer.append(points)
     found, points = buffer.finish()
     return PointRecording(
         path.name, 'npz', found, points, rate if rate > 0. else np.nan, None, Axes(),
-        (repeated,) if repeated else (), pair[0] != 'markers'), Axes('m', 'z')
+        (repeated,) if repeated else (), is_landmarks), Axes('m', 'z')
 
 
 def write_npz(path: Path, recording: PointRecording) -> None:

@@ -271,12 +271,18 @@ class PointBuffer:
         Whether a point at exactly (0, 0, 0) is one that the system lost.
     expected : int, optional
         Number of frames, where it is trusted.
+    is_origin : ndarray of bool, shape (N,), optional
+        Whether each point is at (0, 0, 0) in every frame: where one alone is, it is the origin
+        itself, and not lost.
     """
 
     def __init__(self, path: Path, labels: Sequence[str], zero_is_missing: bool = True,
-                 expected: int = 0) -> None:
+                 expected: int = 0, is_origin: np.ndarray | None = None) -> None:
         named = np.array([bool(label) for label in labels], dtype=bool)
-        self._path, self._zero_is_missing = path, zero_is_missing
+        self._path = path
+        self._may_be_lost = np.full(len(labels), zero_is_missing)
+        if is_origin is not None and is_origin.sum() == 1:
+            self._may_be_lost &= ~is_origin
         self._labels = tuple(label for label in labels if label)
         self._named = slice(None) if named.all() else np.flatnonzero(named)
         self._unnamed = np.flatnonzero(~named)
@@ -304,8 +310,8 @@ class PointBuffer:
         with np.errstate(over='ignore', invalid='ignore'):
             points = points.astype(np.float32, copy=False)
             missing = ~(np.abs(points) < MAX_COORDINATE).all(axis=2)
-            if self._zero_is_missing:
-                missing |= (points == 0.).all(axis=2)
+            if self._may_be_lost.any():
+                missing |= (points == 0.).all(axis=2) & self._may_be_lost
         if missing.any():
             points = np.where(missing[..., None], np.float32(np.nan), points)
         end = self.frames + len(points)

@@ -7,10 +7,9 @@ from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
 
-from ..messages.marker_array import MARKER_ARRAY
 from ..output_files import write_whole
-from .bag_points import point_topics, read_bag_points, write_bag_points
-from .bags import STORAGE, open_bag
+from .bag_points import read_bag_points, write_bag_points
+from .bags import STORAGE
 from .bvh_file import BVH_START, read_bvh
 from .c3d_file import C3D_KEY, read_c3d, write_c3d
 from .npz_file import NPZ_START, read_npz, write_npz
@@ -132,27 +131,6 @@ def is_bag(path: str | PathLike[str]) -> bool:
     except OSError:
         return path.suffix in STORAGE
     return head.startswith(BAG_STARTS) or path.suffix in STORAGE
-
-
-def is_marker_bag(path: str | PathLike[str], topic: str | None = None) -> bool:
-    """Return whether a recording is a rosbag2 one that is read as it is, message by message.
-
-    Parameters
-    ----------
-    path : path-like
-    topic : str, optional
-        As in `point_topics`.
-
-    Raises
-    ------
-    BagError
-        If it cannot be read.
-    """
-    if not is_bag(path):
-        return False
-    with open_bag(path) as bag:
-        found = point_topics(bag, topic) or point_topics(bag)
-        return not found or any(bag.topics[name] == MARKER_ARRAY for name in found)
 
 
 def recognised_format(path: str | PathLike[str]) -> FileFormat:

@@ -185,6 +185,25 @@ def label_maps(labels: Sequence[str | int], markers: Mapping[str, str],
             texts[side] = labels_of_hand(labels, place)
         except InvalidLabel as error:
             raise InvalidLabel(f'{side}.markers: {error}') from None
+    return maps_of_hands(texts, names)
+
+
+def maps_of_hands(labels: Mapping[str, Sequence[str]],
+                  names: Sequence[str] = MARKERS) -> dict[str, LabelMap]:
+    """Return the labels of several hands in a message, each of which knows those of the others.
+
+    Parameters
+    ----------
+    labels : mapping of str to sequence of str
+        By the hand's side, as of `LabelMap`.
+    names : sequence of str, optional
+        As of `LabelMap`.
+
+    Returns
+    -------
+    dict of str to LabelMap
+        By side.
+    """
     return {side: LabelMap(own, names, [
-        LabelMap(text, names) for other, text in texts.items() if other != side])
-        for side, own in texts.items()}
+        LabelMap(texts, names) for other, texts in labels.items() if other != side])
+        for side, own in labels.items()}

@@ -24,7 +24,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from ..core.errors import HandTrackerError
-from ..core.model.hand import SIDES
+from ..core.model.hand import BOTH, SIDES
 from ..core.model.marker_layout import MARKERS
 from ..files.bag_points import POINT_MESSAGES
 from ..files.bags import Bag, BagError, open_bag
@@ -34,8 +34,9 @@ from ..files.recordings import ReadingOptions, is_bag
 from ..messages.marker_array import MARKER_ARRAY
 from ..messages.stamps import header_stamp, marker_stamps, restamp
 from ..package_data import packaged_recording
-from ..tracking.opened_recording import MarkerChoice, named_labels, open_recording
+from ..tracking.opened_recording import named_labels, open_recording
 from ..tracking.playback import Playback, read_ahead
+from ..tracking.point_bag import MarkerChoice
 from ..tracking.setting_names import in_parameters
 from .executors import steady_clock
 from .parameters import Parameter
@@ -78,8 +79,8 @@ REPLAY_PARAMETERS = tuple(row._replace(read_only=True) for row in (
               'before playing [s], .inf for ever; longer while a tracker in the same namespace '
               'is preparing; not when started paused', (0., inf)),
     Parameter('subscribers', 1, 'How many subscribers of the markers to wait for', (1, 100)),
-    Parameter('side', '', 'Of the hand, where a file of points has two',
-              choices=('', *SIDES)),
+    Parameter('side', '', 'Of the hand, or both, where a file of points has two',
+              choices=('', *SIDES, BOTH)),
     Parameter('layout', '', "Markers of a file of points: a layout preset's name, or a layout file "
               "(YAML); empty for the paper's eight"),
     Parameter('markers', '', 'Which point of a file is which marker, as index=LFIN,thumb=LTHM: '

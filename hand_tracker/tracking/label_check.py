@@ -7,7 +7,8 @@ from os import PathLike
 import numpy as np
 
 from ..core.model.marker_layout import PALM_MARKERS, MarkerLayout
-from .opened_recording import PointBag, open_recording
+from .opened_recording import open_recording
+from .point_bag import PointBag
 from .recording import MarkerReading, marker_topic, sampled_messages
 
 LEAST_PALM_SHARE = .25   # of the frames, below which labels are of no use where

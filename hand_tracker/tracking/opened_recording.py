@@ -1,118 +1,23 @@
-"""Open a recording of any format for tracking: a rosbag2 recording, or points by their labels."""
+"""Open a recording of any format for tracking: message by message, or its points by their names."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
-from typing import NamedTuple
 
-import numpy as np
-
-from ..core.model.marker_layout import MARKERS, PAPER_PLACES, MarkerLayout
-from ..files.bag_points import WRITTEN_TOPIC, marker_messages, recorded_frame, recorded_times
-from ..files.bags import Bag, BagError, BagMessage, open_bag
-from ..files.point_recording import PointRecording
-from ..files.recordings import ReadingOptions, is_marker_bag, read_recording
-from ..messages.labels import InvalidLabel, LabelMap, default_labels
+from ..core.model.marker_layout import MARKERS
+from ..files.bag_points import marker_names, point_topics, sampled_labels
+from ..files.bags import Bag, open_bag
+from ..files.recordings import is_bag
+from ..messages.labels import InvalidLabel
 from ..messages.marker_array import MARKER_ARRAY
+from ..messages.marker_ids import MarkerIds, no_warning
+from .point_bag import MarkerChoice, PointBag
 
-
-class MarkerChoice(NamedTuple):
-    """Options for finding the hand's markers in a file of points.
-
-    Attributes
-    ----------
-    reading : ReadingOptions
-    side : str or None
-        Of the hand, where the file has two.
-    names : mapping of str to str
-        Label of each marker that is not found by itself.
-    layout : MarkerLayout or None
-        The markers; the paper's eight, where their labels say, where None.
-    has_labels : bool or None
-        Whether labels say which points are the markers; else all points are given. None where
-        they do as far as there are any.
-    """
-
-    reading: ReadingOptions = ReadingOptions()
-    side: str | None = None
-    names: Mapping[str, str] = {}
-    layout: MarkerLayout | None = None
-    has_labels: bool | None = True
-
-
-class PointBag(Bag):
-    """Recorded points that are read as if they were a `Bag` with a hand's markers on /markers.
-
-    Their ids are the rows of the layout; without labels all points are there, in their order.
-    They come from a file, or from messages other than MarkerArrays of a rosbag2 recording.
-
-    Parameters
-    ----------
-    path : Path
-    choice : MarkerChoice
-
-    Attributes
-    ----------
-    layout : MarkerLayout
-        Where the markers are worn.
-    labels : LabelMap
-        Of those that the file has.
-    has_labels : bool
-        Whether they say which points are the markers; else all points are there.
-    side : str
-        Of the hand, empty where neither the choice nor the labels nor its shape say.
-    notes : tuple of str
-        See `PointRecording`.
-    """
-
-    def __init__(self, path: Path, choice: MarkerChoice) -> None:
-        # Here, as the calibration imports scipy, for which a replay of messages need not wait.
-        from ..calibration.hand_axes import side_by_shape, with_recognised_axes
-        from ..calibration.hand_markers import choose_markers, marker_points
-
-        recording = with_recognised_axes(read_recording(path, choice.reading))
-        self.path, self.notes = path, recording.notes
-        missing: Sequence[str] = ()
-        self.has_labels = (
-            any(recording.labels) if choice.has_labels is None else choice.has_labels)
-        if self.has_labels:
-            chosen = choose_markers(recording, choice.side, choice.names, choice.layout)
-            self.layout, missing = chosen.layout, chosen.missing
-            self.side = choice.side or chosen.side or ''
-            self._points = marker_points(recording, chosen)
-        else:
-            self.layout, self.side = choice.layout or MarkerLayout(), choice.side or ''
-            self._points = recording.points
-        if not self.side and (by_shape := side_by_shape(recording)):
-            self.side = by_shape
-            self.notes += (f'a {by_shape} hand, as its fingers bend (--side)',)
-        self.labels = LabelMap(['' if name in missing else label for name, label in zip(
-            self.layout.names, default_labels(self.layout.names))], self.layout.names)
-        if missing:
-            self.notes += (f'no label for {", ".join(missing)}; the other '
-                           f'{len(self.layout.names) - len(missing)} markers are tracked',)
-        if recording.origin is not None:
-            self.stands_for = recording.origin.topic
-            self.notes += (f'points of {recording.origin.topic} ({recording.origin.type})',)
-        self._times = recorded_times(recording)
-        self._frame_id = recorded_frame(recording)
-        self.topics = {WRITTEN_TOPIC: MARKER_ARRAY}
-        self.counts = {WRITTEN_TOPIC: len(self._times)}
-        self.offered_qos = {WRITTEN_TOPIC: []}
-        self.start, self.duration = self._times[0], self._times[-1] - self._times[0]
-
-    def messages(self, topics: Iterable[str] | None = None,
-                 start: int | None = None) -> Iterator[BagMessage]:
-        """Iterate over the markers as messages, in order of time; see `Bag.messages`."""
-        if unknown := set(topics or ()) - self.topics.keys():
-            raise BagError(f'{self.path}: no topic {", ".join(sorted(unknown))}; a file of points '
-                           f'has {WRITTEN_TOPIC}')
-        first = 0 if start is None else int(np.searchsorted(self._times, start))
-        return marker_messages(self._points[first:], self._times[first:],
-                               ('hand',) * self._points.shape[1], frame_id=self._frame_id)
+LEAST_NAMED = 4        # markers of a hand, where namespaces are taken for their names: palm, digit
+SAMPLED_MESSAGES = 50  # of a recording, in which they are looked for
 
 
 def named_labels(text: str, names: Sequence[str] = MARKERS) -> dict[str, str]:
@@ -144,6 +49,57 @@ def named_labels(text: str, names: Sequence[str] = MARKERS) -> dict[str, str]:
     return found
 
 
+def is_marker_bag(path: str | PathLike[str], choice: MarkerChoice | None = None,
+                  has_ids: bool = False) -> bool:
+    """Return whether a recording is a rosbag2 one that is read as it is, message by message.
+
+    So are MarkerArrays, but where their namespaces name a hand's markers, and other ones than
+    their ids do.
+
+    Parameters
+    ----------
+    path : path-like
+    choice : MarkerChoice, optional
+    has_ids : bool, optional
+        Whether ids or namespaces of the markers are given: then all MarkerArrays are.
+
+    Raises
+    ------
+    BagError
+        If it cannot be read.
+    """
+    if not is_bag(path):
+        return False
+    choice = choice or MarkerChoice()
+    with open_bag(path) as bag:
+        topics = point_topics(bag, choice.reading.topic) or point_topics(bag)
+        if topics and not any(bag.topics[topic] == MARKER_ARRAY for topic in topics):
+            return False
+        labels = sampled_labels(bag, topics[0], SAMPLED_MESSAGES) if len(topics) == 1 else []
+    names = marker_names(labels)
+    return has_ids or not any(names) or not _are_names(names, labels, choice)
+
+
+def _are_names(names: Sequence[str], labels: Sequence[str], choice: MarkerChoice) -> bool:
+    """Return whether names are those of a hand's markers, and ids say less."""
+    if choice.names and set(choice.names.values()) <= set(names):
+        return True
+    # Here, as the calibration imports scipy.
+    from ..calibration.hand_axes import labelled_hands
+    from ..calibration.layout_labels import labelled_layout, point_names
+
+    if choice.layout is not None and choice.layout.names != MARKERS:
+        return len(labelled_layout(point_names(names), choice.layout).found) >= LEAST_NAMED
+    ids = dict(zip(names, (int(label.rpartition('/')[2]) for label in labels)))
+    sent = MarkerIds(no_warning)
+    sent.add(list(filter(None, names)))
+    # Of a source that gives the markers the tracker's own ids.
+    if set(range(len(MARKERS))) <= {id for id, name in zip(sent.ids(), sent.rows)
+                                    if id == ids[name]}:
+        return False
+    return any(len(hand.columns) >= LEAST_NAMED for hand in labelled_hands(names))
+
+
 @contextmanager
 def open_recording(path: str | PathLike[str] | PointBag,
                    choice: MarkerChoice | None = None) -> Iterator[Bag]:
@@ -155,13 +111,13 @@ def open_recording(path: str | PathLike[str] | PointBag,
         A rosbag2 recording, or a file that `read_recording` reads; a `PointBag` is yielded as
         it is.
     choice : MarkerChoice, optional
-        Of all but MarkerArrays.
+        Of the points that stand for the markers where it is no `is_marker_bag`; messages of a
+        rosbag2 recording are read as they are where left out.
 
     Yields
     ------
     Bag
-        A `PointBag` for a file of points, and for a rosbag2 recording of other messages than
-        MarkerArrays.
+        A `PointBag` for a file of points, and for a rosbag2 recording that is no `is_marker_bag`.
 
     Raises
     ------
@@ -169,35 +125,8 @@ def open_recording(path: str | PathLike[str] | PointBag,
     """
     if isinstance(path, PointBag):
         yield path
-        return
-    choice = choice or MarkerChoice()
-    if not is_marker_bag(path, choice.reading.topic):
+    elif choice is None or is_marker_bag(path, choice):
+        with open_bag(path) as bag:
+            yield bag
+    else:
         yield PointBag(Path(path), choice)
-        return
-    with open_bag(path) as bag:
-        yield bag
-
-
-def recorded_points(path: str | PathLike[str], reading: ReadingOptions) -> PointRecording:
-    """Read a recording as points, with unit and handedness by its hands.
-
-    Parameters
-    ----------
-    path : path-like
-    reading : ReadingOptions
-
-    Returns
-    -------
-    PointRecording
-        MarkerArrays of which all markers have the ids 0 to 7 are named.
-    """
-    from ..calibration.hand_axes import with_recognised_axes
-
-    recording = read_recording(path, reading)
-    if recording.origin is not None and recording.origin.type == MARKER_ARRAY:
-        labels = LabelMap()
-        slots = [labels.slot('', int(label.rpartition('/')[2])) for label in recording.labels]
-        named = tuple(PAPER_PLACES[slot] for slot in slots if slot is not None)
-        if len(set(named)) == len(recording.labels):
-            recording = recording._replace(labels=named)
-    return with_recognised_axes(recording)

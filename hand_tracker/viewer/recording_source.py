@@ -17,7 +17,8 @@ from ..core.model.marker_layout import MarkerLayout
 from ..core.options import TrackerOptions
 from ..core.tracker import HandState, HandTracker
 from ..tracking.compile_kernels import prepare_kernels
-from ..tracking.opened_recording import PointBag, open_recording
+from ..tracking.opened_recording import open_recording
+from ..tracking.point_bag import PointBag
 from ..tracking.point_labels import PointLabels
 from ..tracking.recording import (
     USUAL_READING,

@@ -26,12 +26,13 @@ from hand_tracker.evaluation.captures import load_capture
 from hand_tracker.files.bag_points import marker_messages, read_bag_points
 from hand_tracker.files.bags import TYPE_STORE, BagError, open_bag
 from hand_tracker.files.point_recording import RecordingError
-from hand_tracker.files.recordings import ReadingOptions, is_marker_bag, read_recording
+from hand_tracker.files.recordings import ReadingOptions, read_recording
 from hand_tracker.messages.joint_states import JointStateReader
 from hand_tracker.messages.landmark_kinds import LANDMARK_ORDERS
 from hand_tracker.messages.marker_array import MARKER_ARRAY
 from hand_tracker.messages.message_definitions import DEFINITIONS
 from hand_tracker.messages.stamps import nanoseconds
+from hand_tracker.tracking.opened_recording import is_marker_bag
 
 LABELS = {
     'cloud': ('',) * 8, 'markers': tuple(MARKERS),
@@ -182,10 +183,11 @@ def test_a_topic_called_markers_comes_first(tmp_path):
     assert read_recording(path, ReadingOptions(topic='/other')).points.shape == (1, 3, 3)
 
 
-def test_both_hands_of_such_points_are_refused(bags, tmp_path, capsys):
-    assert main(['track', str(bags['named']), '-o', str(tmp_path / 'angles.csv'),
-                 '--side', 'both']) == 1
-    assert 'hand_tracker convert writes one' in capsys.readouterr().err
+def test_both_hands_of_named_landmarks_are_tracked(bags, tmp_path):
+    path = tmp_path / 'angles.csv'
+    assert main(['track', str(bags['named']), '-o', str(path), '--side', 'both']) == 0
+    names, table = angles_of(path)
+    assert len(names) == 51 and table.shape == (150, 51) and np.isfinite(table).all()
 
 
 def test_a_hand_is_fitted_to_recorded_markers(tmp_path):

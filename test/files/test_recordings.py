@@ -23,6 +23,7 @@ from hand_tracker.files.recordings import (
     write_recording,
 )
 from hand_tracker.files.written_kinds import WRITTEN_FORMATS
+from hand_tracker.messages.marker_ids import FIRST_FOREIGN_ID
 
 NEEDS = 'ezc3d', 'mcap_ros2'
 SUFFIXES = ('.c3d', '.trc', '.tsv', '.csv', 'vicon.csv', '.npz', '.mcap', '.db3')
@@ -46,8 +47,8 @@ def test_points_labels_rate_and_gaps_come_back(tmp_path, suffix):
     assert found.rate == pytest.approx(120., rel=1e-3)
     if suffix in ('.mcap', '.db3'):
         # A marker that is never seen is in no message.
-        order = [found.labels.index(f'{label}/{i}') for i, label in enumerate(recording.labels)
-                 if i != 6]
+        order = [found.labels.index(f'{label}/{FIRST_FOREIGN_ID + i}')
+                 for i, label in enumerate(recording.labels) if i != 6]
         points, truth = found.points[:, order], np.delete(recording.points, 6, axis=1)
     else:
         assert found.labels == recording.labels
@@ -102,7 +103,7 @@ def test_mcap_files_are_read_by_another_library(tmp_path):
         seen = np.flatnonzero(np.isfinite(truth).all(axis=1))
         found = one.ros_msg.markers
         assert [(marker.ns, marker.id) for marker in found] == [
-            (recording.labels[i], i) for i in seen]
+            (recording.labels[i], FIRST_FOREIGN_ID + i) for i in seen]
         np.testing.assert_allclose([(p.x, p.y, p.z) for p in (
             marker.pose.position for marker in found)], truth[seen], rtol=1e-6)
 

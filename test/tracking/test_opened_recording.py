@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from helpers.bodies import SimulatedBody
 from helpers.point_files import hand_recording
 
 from hand_tracker.__main__ import main
@@ -14,12 +15,18 @@ from hand_tracker.calibration.take_files import load_take
 from hand_tracker.core.model.hand import JOINTS, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.layout_presets import preset_layout
-from hand_tracker.core.model.marker_layout import PAPER_PLACES, marker_positions
+from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES, marker_positions
 from hand_tracker.evaluation.captures import load_capture
+from hand_tracker.files.bag_points import marker_messages, recorded_times
+from hand_tracker.files.bags import open_bag, write_bag
+from hand_tracker.files.bvh_file import write_bvh_motion
 from hand_tracker.files.point_recording import Axes, PointRecording, Said, conversion_note
-from hand_tracker.files.recordings import VICON_CSV, write_recording
+from hand_tracker.files.recordings import VICON_CSV, read_recording, write_recording
+from hand_tracker.messages.cdr import MarkerReader
+from hand_tracker.messages.labels import LabelMap
 from hand_tracker.simulation.motion import demo_motion
-from hand_tracker.tracking.opened_recording import MarkerChoice, PointBag, open_recording
+from hand_tracker.tracking.opened_recording import is_marker_bag, open_recording
+from hand_tracker.tracking.point_bag import MarkerChoice, PointBag
 
 
 def both_hands(frames=40):
@@ -116,7 +123,7 @@ def test_a_file_of_points_is_a_bag_of_markers(tmp_path):
     path = tmp_path / 'take.trc'
     write_recording(path, recording)
     with open_recording(path, MarkerChoice()) as bag:
-        assert isinstance(bag, PointBag) and bag.side == 'right'
+        assert isinstance(bag, PointBag) and [hand.side for hand in bag.hands] == ['right']
         assert len(list(bag.messages(['/markers']))) == len(recording.points)
         late = list(bag.messages(['/markers'], bag.start + bag.duration // 2))
         assert len(late) == len(recording.points) // 2
@@ -135,7 +142,8 @@ def tracked(tmp_path_factory):
     for name in ('take.c3d', 'take.trc', 'take.tsv', 'take.csv', 'take.npz'):
         write_recording(folder / name, recording)
     write_recording(folder / 'vicon.csv', recording, VICON_CSV)
-    write_recording(folder / 'bag.mcap', recording._replace(labels=('hand',) * 8))
+    write_bag(folder / 'bag.mcap', marker_messages(
+        recording.points, recorded_times(recording), ('hand',) * 8))
     assert main(['track', str(folder / 'bag.mcap'), '-o', str(folder / 'bag_angles.csv')]) == 0
     return folder
 
@@ -202,7 +210,11 @@ def test_convert_refuses_what_it_cannot_write(tracked, tmp_path, capsys):
     (['track', '{file}', '-o', 'out.csv', '--units', 'm'],
      'check --units, the size of the hand and --markers'),
     (['track', '{file}', '--side', 'both', '-o', 'out.csv'],
-     'such points are tracked for one hand'),
+     'of a left hand; expected --side right, of which they are'),
+    (['track', '{file}', '--side', 'both', '--markers', 'index=A', '-o', 'out.csv'],
+     '--markers names the points of one hand; expected --side right or left'),
+    (['convert', '{file}', 'out.c3d', '--format', 'vicon-csv'],
+     'out.c3d: the suffix is that of another format than vicon-csv; expected .csv'),
     (['convert', '{file}', 'none/out.trc'], 'no folder')])
 def test_faults_are_told_in_a_line(tracked, tmp_path, monkeypatch, capsys, arguments, message):
     monkeypatch.chdir(tmp_path)
@@ -210,6 +222,128 @@ def test_faults_are_told_in_a_line(tracked, tmp_path, monkeypatch, capsys, argum
     assert main(words) == 1
     error = capsys.readouterr().err
     assert message in error and 'Traceback' not in error
+
+
+@pytest.mark.parametrize('name', ['both.c3d', 'both.mcap'])
+def test_both_hands_of_a_file_of_points_are_tracked(tmp_path, monkeypatch, capsys, name):
+    monkeypatch.chdir(tmp_path)
+    write_recording(tmp_path / name, both_hands(240))
+    assert main(['inspect', name]) == 0
+    command = capsys.readouterr().out.splitlines()[-1].removeprefix('next: hand_tracker ').split()
+    assert command == ['track', name, '-o', 'both_angles.csv', '--side', 'both']
+    assert main([*command, '--no-auto-size']) == 0
+    together = angles('both_angles.csv')
+    for first, side in ((1, 'right'), (26, 'left')):
+        assert main(['track', name, '-o', 'one.csv', '--side', side, '--no-auto-size']) == 0
+        np.testing.assert_array_equal(angles('one.csv')[:, 1:], together[:, first:first + 25])
+
+
+def test_both_hands_of_points_without_labels_are_tracked(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    recording = both_hands(480)
+    write_recording(tmp_path / 'both.trc', recording)
+    write_recording(tmp_path / 'cloud.trc', recording._replace(labels=('',) * 16))
+    for name in ('both', 'cloud'):
+        assert main(['track', f'{name}.trc', '-o', f'{name}.csv', '--side', 'both',
+                     '--no-auto-size']) == 0
+    np.testing.assert_allclose(angles('cloud.csv')[-60:], angles('both.csv')[-60:], atol=.1)
+
+
+def test_labels_without_a_side_are_not_of_both_hands(tracked, tmp_path, capsys):
+    path = tmp_path / 'take.trc'
+    write_recording(path, hand_recording(40, labels=PAPER_PLACES))
+    assert main(['track', str(path), '-o', str(tmp_path / 'out.csv'), '--side', 'both']) == 1
+    assert 'labels that name no right hand; expected such as right_index' in (
+        capsys.readouterr().err)
+
+
+def with_others(recording):
+    """Return markers of a hand in another order, behind those of something else."""
+    order = [3, 7, 1, 0, 6, 2, 5, 4]
+    return recording._replace(
+        labels=('box1', 'box2', *(recording.labels[i] for i in order), ''),
+        points=np.concatenate((recording.points[:, :2] + np.float32(.3),
+                               recording.points[:, order],
+                               recording.points[:, :1] + np.float32(.2)), axis=1))
+
+
+@pytest.mark.parametrize('labels', [None, tuple(f'M{i}' for i in range(8))])
+def test_names_of_markers_last_in_a_rosbag2_recording(tracked, tmp_path, monkeypatch, capsys,
+                                                      labels):
+    monkeypatch.chdir(tmp_path)
+    recording = with_others(hand_recording(240, labels=labels, start=100))
+    write_recording(tmp_path / 'take.mcap', recording)
+    if labels is None:
+        assert main(['inspect', 'take.mcap']) == 0
+        given = capsys.readouterr().out.splitlines()[-1].split()[4:]
+    else:
+        given = ['-o', 'take_angles.csv', '--markers', ','.join(
+            f'{marker}={label}' for marker, label in zip(MARKERS, labels))]
+    assert main(['track', 'take.mcap', *given]) == 0
+    np.testing.assert_allclose(angles('take_angles.csv'), angles(tracked / 'bag_angles.csv'),
+                               atol=.05)
+
+
+def test_a_rosbag2_recording_with_names_is_a_take(tmp_path):
+    path = tmp_path / 'take.mcap'
+    write_recording(path, with_others(hand_recording(240, start=100)))
+    take = load_take(path)
+    assert take.side == 'right' and set(take.names) == set(PAPER_PLACES)
+
+
+def test_names_of_markers_with_the_ids_of_the_tracker_are_no_reason_to_read_points(tmp_path):
+    path = tmp_path / 'take.mcap'
+    write_recording(path, hand_recording(40, labels=tuple(f'RHand:{name}' for name in MARKERS)))
+    assert is_marker_bag(path)
+    with open_bag(path) as bag:
+        frame = MarkerReader(LabelMap()).read(next(bag.messages()).data)
+    np.testing.assert_array_equal(frame.positions, hand_recording(1).points[0])
+
+
+def test_a_landmark_that_is_the_origin_is_tracked(tmp_path, capsys):
+    names = tuple(f'right_{place}' for place in PAPER_PLACES)
+    recording = hand_recording(240, labels=names, start=100)._replace(is_landmarks=True)
+    recording = recording._replace(points=recording.points - recording.points[:, :1])
+    path = tmp_path / 'landmarks.npz'
+    write_recording(path, recording)
+    assert main(['track', str(path), '-o', str(tmp_path / 'angles.csv')]) == 0
+    assert '240 of 240 frames tracked' in capsys.readouterr().out
+    # Two points at one place are none.
+    recording.points[:, 5] = 0.
+    write_recording(path, recording)
+    assert not read_recording(path).seen[:, [0, 5]].any()
+
+
+def test_the_wrist_of_a_skeleton_is_one_in_a_file_of_markers(tracked, tmp_path, capsys):
+    bvh, c3d = tmp_path / 'hand.bvh', tmp_path / 'hand.c3d'
+    assert main(['convert', str(tracked / 'take.c3d'), str(bvh)]) == 0
+    assert main(['convert', str(bvh), str(c3d)]) == 0
+    assert f'{c3d}: written RightHand as right_wrist' in capsys.readouterr().err
+    found = []
+    for path in (bvh, c3d):
+        assert main(['track', str(path), '-o', str(tmp_path / 'angles.csv'),
+                     '--no-auto-size']) == 0
+        found.append(angles(tmp_path / 'angles.csv'))
+    np.testing.assert_allclose(*found, atol=.05)
+
+
+def test_inspect_has_numbered_points_labelled_and_a_body_spliced(tmp_path, capsys):
+    recording = hand_recording(60, labels=tuple(str(i) for i in range(100, 108)))
+    write_recording(tmp_path / 'numbers.trc', recording)
+    assert main(['inspect', str(tmp_path / 'numbers.trc')]) == 0
+    assert capsys.readouterr().out.endswith('numbers_angles.csv --labels none\n')
+    write_bvh_motion(tmp_path / 'body.bvh', SimulatedBody('mixamo', 2.).motion(60.))
+    assert main(['inspect', str(tmp_path / 'body.bvh')]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == (
+        "next, with a recording of the hand's markers in place of HAND: hand_tracker splice "
+        f'{tmp_path / "body.bvh"} HAND -o body_hands.bvh')
+
+
+def test_inspect_names_the_likelier_unit_in_its_command(tmp_path, capsys):
+    recording = hand_recording(60)
+    write_recording(tmp_path / 'take.npz', recording._replace(points=1000. * recording.points))
+    assert main(['inspect', str(tmp_path / 'take.npz')]) == 0
+    assert ' --units=mm ' in capsys.readouterr().out.splitlines()[-1]
 
 
 def test_recordings_that_differ_by_their_suffix_alone_keep_it(tracked, tmp_path, capsys):

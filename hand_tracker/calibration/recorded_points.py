@@ -1,0 +1,48 @@
+"""Points of a recording of any format, with names, unit and axes by the hands in it."""
+
+from __future__ import annotations
+
+from os import PathLike
+
+from ..core.model.marker_layout import PAPER_PLACES
+from ..files.bag_points import marker_names
+from ..files.point_recording import PointRecording
+from ..files.recordings import ReadingOptions, read_recording
+from ..messages.labels import LabelMap
+from ..messages.marker_array import MARKER_ARRAY
+from .hand_axes import with_recognised_axes
+
+
+def recorded_points(path: str | PathLike[str],
+                    reading: ReadingOptions | None = None) -> PointRecording:
+    """Read a recording as points, with unit and handedness by its hands.
+
+    Parameters
+    ----------
+    path : path-like
+    reading : ReadingOptions, optional
+
+    Returns
+    -------
+    PointRecording
+        Markers of MarkerArrays have the names of their namespaces, where each has one of its own;
+        else those of the paper's places, where all have the ids 0 to 7.
+
+    Raises
+    ------
+    HandTrackerError
+    """
+    recording = read_recording(path, reading)
+    if recording.origin is not None and recording.origin.type == MARKER_ARRAY:
+        labels = recording.labels
+        recording = recording._replace(
+            labels=marker_names(labels) or _paper_places(labels) or labels)
+    return with_recognised_axes(recording)
+
+
+def _paper_places(labels: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the places of markers of the ids 0 to 7, each once; empty for others."""
+    by_id = LabelMap()
+    slots = [by_id.slot('', int(label.rpartition('/')[2])) for label in labels]
+    named = tuple(PAPER_PLACES[slot] for slot in slots if slot is not None)
+    return named if len(set(named)) == len(labels) else ()

@@ -1,0 +1,171 @@
+"""Points of a recording as messages of a hand's markers, or of both hands'."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..core.model.hand import BOTH, SIDES
+from ..core.model.marker_layout import MarkerLayout
+from ..files.bag_points import WRITTEN_TOPIC, marker_messages, recorded_frame, recorded_times
+from ..files.bags import Bag, BagError, BagMessage
+from ..files.point_recording import PointRecording, RecordingError
+from ..files.recordings import ReadingOptions
+from ..messages.labels import LabelMap, default_labels, labels_of_hand, maps_of_hands
+from ..messages.marker_array import MARKER_ARRAY
+
+if TYPE_CHECKING:
+    from ..calibration.hand_markers import ChosenMarkers
+
+
+class MarkerChoice(NamedTuple):
+    """Options for finding the hand's markers in recorded points.
+
+    Attributes
+    ----------
+    reading : ReadingOptions
+    side : {'right', 'left', 'both'} or None
+        Of the hand, where the recording has two.
+    names : mapping of str to str
+        Label of each marker that is not found by itself.
+    layout : MarkerLayout or None
+        The markers; the paper's eight, where their labels say, where None.
+    has_labels : bool or None
+        Whether labels say which points are the markers; else all points are given. None where
+        they do as far as there are any.
+    """
+
+    reading: ReadingOptions = ReadingOptions()
+    side: str | None = None
+    names: Mapping[str, str] = {}
+    layout: MarkerLayout | None = None
+    has_labels: bool | None = True
+
+
+class RecordedMarkers(NamedTuple):
+    """The markers of a hand in recorded points.
+
+    Attributes
+    ----------
+    side : str
+        Of the hand, empty where neither the choice nor the labels nor its shape say.
+    layout : MarkerLayout
+        Where the markers are worn.
+    labels : LabelMap
+        Of those that the recording has.
+    """
+
+    side: str
+    layout: MarkerLayout
+    labels: LabelMap
+
+
+class PointBag(Bag):
+    """Recorded points that are read as if they were a `Bag` with the hands' markers on /markers.
+
+    Their ids are the rows of the layout, in the namespace of the side where both hands are chosen;
+    without labels all points are there, in their order. They come from a file, or from messages of
+    a rosbag2 recording that name them.
+
+    Parameters
+    ----------
+    path : Path
+    choice : MarkerChoice
+
+    Attributes
+    ----------
+    hands : tuple of RecordedMarkers
+        One, or the right and the left one.
+    has_labels : bool
+        Whether labels say which points are the markers; else all points are there.
+    notes : tuple of str
+        See `PointRecording`.
+    """
+
+    def __init__(self, path: Path, choice: MarkerChoice) -> None:
+        # Here, as the calibration imports scipy, for which a replay of messages need not wait.
+        from ..calibration.hand_axes import side_by_shape
+        from ..calibration.hand_markers import marker_points
+        from ..calibration.recorded_points import recorded_points
+
+        recording = recorded_points(path, choice.reading)
+        self.path, self.notes = path, recording.notes
+        self.has_labels = (
+            any(recording.labels) if choice.has_labels is None else choice.has_labels)
+        if self.has_labels:
+            chosen = _chosen_hands(recording, choice)
+            self.hands, self._heads = _labelled_hands(chosen)
+            self._points = np.concatenate(
+                [marker_points(recording, one) for one in chosen], axis=1)
+            for one in filter(lambda one: one.missing, chosen):
+                there = len(one.columns) - len(one.missing)
+                whose = f' of the {one.side} hand' if len(chosen) > 1 else ''
+                self.notes += (f'no label for {", ".join(one.missing)}{whose}; the other '
+                               f'{there} markers are tracked',)
+        else:
+            layout = choice.layout or MarkerLayout()
+            labels = LabelMap(default_labels(layout.names), layout.names)
+            self.hands = tuple(RecordedMarkers(side, layout, labels) for side in (
+                SIDES if choice.side == BOTH else (choice.side or '',)))
+            self._heads = [('hand', row) for row in range(recording.points.shape[1])]
+            self._points = recording.points
+        if not self.hands[0].side and (by_shape := side_by_shape(recording)):
+            self.hands = (self.hands[0]._replace(side=by_shape),)
+            self.notes += (f'a {by_shape} hand, as its fingers bend (--side)',)
+        if recording.origin is not None:
+            self.stands_for = recording.origin.topic
+            self.notes += (f'points of {recording.origin.topic} ({recording.origin.type})',)
+        self._times = recorded_times(recording)
+        self._frame_id = recorded_frame(recording)
+        self.topics = {WRITTEN_TOPIC: MARKER_ARRAY}
+        self.counts = {WRITTEN_TOPIC: len(self._times)}
+        self.offered_qos = {WRITTEN_TOPIC: []}
+        self.start, self.duration = self._times[0], self._times[-1] - self._times[0]
+
+    def messages(self, topics: Iterable[str] | None = None,
+                 start: int | None = None) -> Iterator[BagMessage]:
+        """Iterate over the markers as messages, in order of time; see `Bag.messages`."""
+        if unknown := set(topics or ()) - self.topics.keys():
+            raise BagError(f'{self.path}: no topic {", ".join(sorted(unknown))}; a file of points '
+                           f'has {WRITTEN_TOPIC}')
+        first = 0 if start is None else int(np.searchsorted(self._times, start))
+        spaces, ids = zip(*self._heads) if self._heads else ((), ())
+        return marker_messages(self._points[first:], self._times[first:], spaces,
+                               frame_id=self._frame_id, ids=ids)
+
+
+def _chosen_hands(recording: PointRecording, choice: MarkerChoice) -> list[ChosenMarkers]:
+    """Return the markers of the hand that is chosen, or of both, which wear the same layout."""
+    from ..calibration.hand_markers import choose_markers
+
+    if choice.side != BOTH:
+        return [choose_markers(recording, choice.side, choice.names, choice.layout)]
+    if choice.names:
+        raise RecordingError(f'{recording.name}: --markers names the points of one hand; expected '
+                             '--side right or left, or --side both where labels name the sides')
+    chosen, layout = [], choice.layout
+    for side in SIDES:
+        chosen.append(choose_markers(recording, side, layout=layout))
+        layout = chosen[0].layout
+        if chosen[-1].side != side:
+            raise RecordingError(f'{recording.name}: labels that name no {side} hand; expected '
+                                 'such as right_index and left_index for --side both, or --labels '
+                                 'none, which finds both hands among points by their shapes')
+    return chosen
+
+
+def _labelled_hands(chosen: Sequence[ChosenMarkers]
+                    ) -> tuple[tuple[RecordedMarkers, ...], list[tuple[str, int]]]:
+    """Return the hands, and the namespace and id of each of their markers in the messages."""
+    names = chosen[0].layout.names
+    texts = {one.side: ['' if name in one.missing else label for name, label in zip(
+        names, default_labels(names))] for one in chosen}
+    if len(chosen) > 1:
+        texts = {side: list(labels_of_hand(own, f'{side}/0')) for side, own in texts.items()}
+    labels = maps_of_hands(texts, names)
+    heads = [(one.side if len(chosen) > 1 else 'hand', row)
+             for one in chosen for row in range(len(names))]
+    return tuple(RecordedMarkers(one.side, one.layout, labels[one.side]) for one in chosen), heads
