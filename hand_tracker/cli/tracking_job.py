@@ -63,9 +63,10 @@ class TrackingJob:
         self.read = self.tracked = 0
         self._bag, self._topic, self._interrupted = bag, topic, interrupted
         self._progress = progress(bag.counts[topic], 'frames')
-        self._monitors: dict[str, Monitor] = {}  # by what their lines begin with
+        self._monitors: dict[str, Monitor] = {}  # by hand
         self._trackers: list[HandTracker] = []
         self._palms: Counter[str] = Counter()    # frames that show the palm, by hand
+        self._misfits: Counter[str] = Counter()  # and in which the markers are of no such hand
 
     @property
     def hand(self) -> Hand:
@@ -92,7 +93,7 @@ class TrackingJob:
         recorded = {}
         for name, (tracker, reading) in hands.items():
             monitor = Monitor(1e-9 * self._bag.start, self._topic, reading.labels, names)
-            self._monitors[f'{name} hand: ' if name else ''] = monitor
+            self._monitors[name] = monitor
             recorded[name] = RecordedHand(tracker, reading, monitor, auto_size, point_labels)
         messages = self._progress.over(self._monitored())
         for frames in track_hands(messages, recorded, self._progress.say):
@@ -108,19 +109,23 @@ class TrackingJob:
         """Say in how few frames a hand was seen, and which option may cure it."""
         if self._palms[name] >= FEW_SHARE * self.read:
             return
-        whose = f'{name} hand: ' if name else ''
+        if self._misfits[name] > self.read - self._palms[name] - self._misfits[name]:
+            self.say(f'{_whose(name)}in {self._misfits[name]} of {self.read} frames the hand is '
+                     'left out, as it does not fit the markers; one that is fitted to them does '
+                     '(hand_tracker calibrate, then --hand)')
+            return
         cure = (f'other labels than meant ({labels}), or labels of no use '
                 f'(--labels {WITHOUT_LABELS})' if has_labels else 'another layout (--layout)')
-        self.say(f'{whose}only {self._palms[name]} of {self.read} frames show the palm; in the '
-                 'others the hand is left out, or keeps its last pose. Are its markers hidden '
+        self.say(f'{_whose(name)}only {self._palms[name]} of {self.read} frames show the palm; in '
+                 'the others the hand is left out, or keeps its last pose. Are its markers hidden '
                  f'there? Else: {cure}')
 
     def _require_tracked(self) -> None:
         for name, monitor in self._monitors.items():
             if (fault := monitor.side_fault()) is not None:
-                raise BagError(f'{self._bag.path}: {name}{fault}')
+                raise BagError(f'{self._bag.path}: {_whose(name)}{fault}')
         if not self._palms:
-            why = '; '.join(name + monitor.why_never_tracked()
+            why = '; '.join(_whose(name) + monitor.why_never_tracked()
                             for name, monitor in self._monitors.items())
             raise BagError(f'{self._bag.path}: no frame of {self._topic} shows the palm: {why}')
 
@@ -133,6 +138,8 @@ class TrackingJob:
             self.read += 1
             now = message.time
             yield message
+            self._misfits.update(
+                name for name, monitor in self._monitors.items() if monitor.is_wrong)
             if now >= due:
                 due = now + int(1e9 * LOG_PERIOD)
                 self._report(now)
@@ -144,7 +151,12 @@ class TrackingJob:
     def _report(self, now: int) -> None:
         for name, monitor in self._monitors.items():
             for _, line in monitor.log_lines(1e-9 * now, str):
-                self._progress.say(f'at {1e-9 * (now - self._bag.start):.2f} s: {name}{line}')
+                self._progress.say(
+                    f'at {1e-9 * (now - self._bag.start):.2f} s: {_whose(name)}{line}')
+
+
+def _whose(name: str) -> str:
+    return f'{name} hand: ' if name else ''
 
 
 @contextmanager

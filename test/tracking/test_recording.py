@@ -20,6 +20,7 @@ from benchmarks.repository import REPOSITORY
 from hand_tracker.cli.track import main
 from hand_tracker.core.model.hand import JOINTS, SIDES, Hand, preset_coupling, preset_limits
 from hand_tracker.core.model.marker_layout import MARKERS, MarkerLayout
+from hand_tracker.core.numerics.vectors import unit_vectors
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.angle_table import WRIST_COLUMNS
 from hand_tracker.files.bags import (
@@ -433,6 +434,19 @@ def test_the_end_says_where_few_frames_show_the_palm(seen, is_said, tmp_path, ca
     said = capsys.readouterr()
     assert '60 of 60 frames tracked' in said.out    # the last pose is kept
     assert (f'only {seen} of 60 frames show the palm' in said.err) == is_said
+
+
+def test_the_end_says_where_the_hand_does_not_fit_the_markers(tmp_path, capsys):
+    recording = demo_recording()
+    markers = np.repeat(recording.markers[:1], 720, axis=0)
+    # Farther than the fingers reach.
+    markers[:, 3:] += .04 * unit_vectors(markers[:, 1:2] - markers[:, :1])
+    write_bag(tmp_path / 'in.mcap', recording_messages(recording._replace(
+        stamps=recording.stamps[:720], markers=markers, angles=recording.angles[:720]), 'right'))
+    assert main([str(tmp_path / 'in.mcap'), '-o', str(tmp_path / 'out.csv'), GIVEN_SIZE]) == 0
+    said = capsys.readouterr().err
+    assert 'of 720 frames the hand is left out, as it does not fit the markers' in said
+    assert 'show the palm' not in said
 
 
 def hand_at_rest(path):
