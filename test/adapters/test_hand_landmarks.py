@@ -17,8 +17,10 @@ from hand_tracker.adapters.hand_landmarks import (
 )
 from hand_tracker.adapters.point_frame import MalformedFrame
 from hand_tracker.calibration.landmarks import LANDMARKS, landmark_positions
-from hand_tracker.core.model.hand import FINGERS, SIDES, Hand
+from hand_tracker.core.model.hand import FINGERS, JOINTS, SIDES, Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.layout_presets import preset_layout
+from hand_tracker.core.tracker import HandTracker
 from hand_tracker.messages.landmark_kinds import LANDMARK_ORDERS
 from hand_tracker.simulation.poses import pose_angles
 
@@ -164,6 +166,25 @@ def test_the_hand_of_a_headset(name, side):
         checks.check(frame)
     assert side_of_landmarks(dict(zip(frame.names, frame.markers))) == side
     assert list(said) == (['side'] if side else [])
+
+
+@pytest.mark.parametrize('name, straight', [
+    ('fist', ()), ('pointing_up', ('index',)), ('pointing_up_rotated', ('index',))])
+def test_the_hand_of_a_camera(name, straight):
+    text = capture_file(f'files/mediapipe_{name}_landmarks.pbtxt').read_text()
+    block = re.search(r'^world_landmarks {(.*?)^}', text, re.DOTALL | re.MULTILINE)[1]
+    points = np.array([float(value) for value in re.findall(r'[xyz]: (\S+)', block)])
+    frame = landmarks_of_poses(poses(points.reshape(21, 3)))
+    assert frame.names == LANDMARK_ORDERS[21]
+    assert side_of_landmarks(dict(zip(frame.names, frame.markers))) == 'right'
+    hand, layout = Hand.scaled(), preset_layout('mediapipe21')
+    tracker = HandTracker(hand, layout)
+    for _ in range(30):
+        state = tracker.update(frame.markers)
+    bends = {finger: np.degrees(state.angles[JOINTS.index(f'{finger}_pip_flexion')])
+             for finger in FINGERS}
+    assert {finger for finger, bend in bends.items() if bend < 45.} == set(straight)
+    assert all(bend > 70. for finger, bend in bends.items() if finger not in straight)
 
 
 def test_the_other_hand_is_told_once_and_only_if_it_stays():
