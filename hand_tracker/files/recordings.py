@@ -149,6 +149,10 @@ def recognised_format(path: str | PathLike[str]) -> FileFormat:
     if not head:
         raise RecordingError(f'{path}: the file has no bytes; expected {KNOWN_FORMATS}')
     found = next((one for one in FORMATS if one.is_like(head)), None) or _by_name(path)
+    if found is MOTIVE_CSV and not found.is_like(head):
+        raise RecordingError(f'{path}: a CSV file that begins neither with {MOTIVE_START!r}, as of '
+                             f'OptiTrack, nor with {VICON_BLOCK!r}, as of Vicon; expected one of '
+                             'these')
     if found is None:
         raise RecordingError(f'{path}: its beginning is that of no known format; expected '
                              f'{KNOWN_FORMATS}')
