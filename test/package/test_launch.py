@@ -841,6 +841,8 @@ def test_rviz_is_told_where_the_meshes_of_a_robot_are(short, tmp_path):
         watched = time.monotonic() + FIRST_START
         while process.output.count('GIVEN') < 3 and time.monotonic() < watched:
             time.sleep(.1)
+        # Interrupted as it imports, a node would end with a traceback.
+        process.wait_for_line('not engaged; listening for', FIRST_START)
         given = [json.loads(found) for found in re.findall('GIVEN (.*)', process.output)]
         assert process.interrupt() == 0 and 'Traceback' not in process.output, process.output
     shown, = (one['robot_description'] for one in given if 'frame_prefix' in one)
