@@ -333,6 +333,8 @@ class RetargetNode(SubscriptionHidingNode):
     def _send(self, now: float, stamp: Stamp | None = None) -> None:
         """Send the commands of now; those that answer a frame of the hand have its stamp."""
         command = self._teleoperation.command(now)
+        # Before the commands of a state, so that none seems to be of the state before.
+        self._publish_state()
         if command is not None:
             self._sent = now
             stamp = stamp or stamp_of(self.get_clock().now().nanoseconds)

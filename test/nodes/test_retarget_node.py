@@ -1,5 +1,7 @@
 """The retarget node: nothing moves before it is engaged, then commands come in every form."""
 
+from operator import itemgetter
+
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
@@ -15,6 +17,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.messages.builders import joint_state, prefixed_names
+from hand_tracker.simulation.poses import pose_angles
 
 NEEDS = 'rclpy', 'trajectory_msgs'
 MODULE = 'hand_tracker.nodes.retarget_node'
@@ -40,14 +43,14 @@ class Bench:
         self.by_topic = node.create_publisher(Bool, 'retarget/engage', 10)
         self.deadman = node.create_publisher(Bool, 'retarget/deadman', 10)
         self.names = prefixed_names(f'{side}_')
-        self.is_seen = True
+        self.is_seen, self.angles = True, self.hand.relaxed()
         self.start = None
         node.create_timer(PERIOD, self._tick)
 
     def _tick(self):
         stamp = Time(sec=1)
         if self.is_seen:
-            self._hand.publish(joint_state(stamp, self.names.joints, self.hand.relaxed()))
+            self._hand.publish(joint_state(stamp, self.names.joints, self.angles))
         if self.start is not None:
             self._robot.publish(self.start)
 
@@ -125,6 +128,36 @@ def test_it_moves_from_where_the_robot_is_in_every_form_once_engaged(robot):
             for message in diagnostics for status in message.status))
         assert process.interrupt() == 0, process.output
     assert 'Traceback' not in process.output
+
+
+def test_no_command_is_sent_in_a_state_before_that_is_published(robot):
+    with NodeProcess(MODULE, {'robot': robot}) as process, watching_node() as node:
+        bench, sent = Bench(node), []
+        for kind, topic, read, qos in (
+                (String, 'retarget/state', lambda message: message.data, LATCHED),
+                (JointState, 'robot/command', lambda message: tuple(message.position), 1000)):
+            # Topics have no common order of receipt.
+            node.create_subscription(
+                kind, topic, lambda message, info, read=read: sent.append(
+                    (info['source_timestamp'], read(message))), qos)
+        process.wait_for_line('listening')
+        bench.start = robot_states(joints(), .05)
+        bench.until_engaged()
+        for pose in ('fist', 'open', 'fist'):
+            bench.is_seen = False
+            node.spin_until(lambda: bench.states[-1] == 'holding')
+            # The robot has far to go at once.
+            bench.angles, bench.is_seen = pose_angles(pose, bench.hand), True
+            node.spin_until(lambda: bench.states[-1] != 'holding')
+            bench.until_engaged()
+        assert process.interrupt() == 0, process.output
+    state, held = '', []
+    for _, what in sorted(sent, key=itemgetter(0)):
+        if isinstance(what, str):
+            state, held = what, []
+        elif state == 'holding':
+            held.append(what)
+            assert what == held[0]
 
 
 def test_the_robot_is_shown_before_it_is_engaged_and_as_it_is_commanded(robot):

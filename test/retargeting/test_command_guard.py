@@ -219,6 +219,22 @@ def test_a_hand_that_is_said_to_be_lost_holds_at_once():
     assert rig.guard.state is GuardState.HOLDING
 
 
+@pytest.mark.parametrize('acceleration, stops_at_once', [(500., True), (50., False), (10., False)])
+def test_a_hand_that_is_lost_as_it_moves_is_held_after_the_way_to_brake(
+        acceleration, stops_at_once):
+    rig = Rig(max_jump=10., max_acceleration=acceleration).following()
+    before, command = (rig.run(.12, hand=np.array((.9, 1.5, -.9)))[-2:])
+    speed = np.abs(command - before) / STEP
+    assert speed.max() > .5
+    rig.guard.lose_hand()
+    held = rig.run(.8, hand=None)
+    assert rig.guard.state is GuardState.HOLDING
+    braked = np.abs(np.array(held) - command)
+    assert (braked <= speed**2 / (2. * acceleration) + 1e-12).all()
+    assert (braked.max() == 0.) == stops_at_once
+    np.testing.assert_array_equal(held[-1], held[-20])
+
+
 def test_a_hand_that_stays_lost_needs_engaging_anew():
     rig = Rig().following()
     rig.run(2., hand=None)
