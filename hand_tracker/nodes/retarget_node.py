@@ -50,7 +50,7 @@ from .fast_path import CommandPath, FastPathUnavailable, ListedJoints
 from .message_types import imported_message
 from .parameters import Parameter
 from .runner import InvalidArguments, declare, names_of, run
-from .serialization import Serialization
+from .serialization import UNKNOWN_LAYOUT, Serialization
 from .tracker_parameters import AUTO, START, starting_hand, with_defaults
 
 RETARGET_DEPTH = 10     # messages that wait at most
@@ -124,6 +124,8 @@ class RetargetNode(SubscriptionHidingNode):
         self._said: tuple[str, str] | None = None
         self._sent = self._wrist_sent = -self._period
         raw = Serialization().raw
+        if not raw:
+            self.get_logger().warning(f'{UNKNOWN_LAYOUT}: slower')
         self._templates = [command_template(name, self._teleoperation.order, self._period, raw)
                            for name, _ in self._outputs]
         if values['fast_path'] and raw:

@@ -46,6 +46,7 @@ except ImportError:
     TFMessage = None
 
 SAMPLE_STAMP = Stamp(-7, 2**32 - 1)
+UNKNOWN_LAYOUT = 'rclpy lays messages out in a way that the codec does not know'
 
 
 class Reply(NamedTuple):

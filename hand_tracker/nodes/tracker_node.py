@@ -34,7 +34,7 @@ from .marker_input import MarkerInput
 from .message_types import class_of
 from .replies import AnsweredHand, Replies
 from .runner import declare, qos_of, run
-from .serialization import Serialization
+from .serialization import UNKNOWN_LAYOUT, Serialization
 from .topic_publishers import full_name, who_publishes
 from .tracked_hand import TrackedHand
 from .tracker_parameters import (
@@ -80,8 +80,7 @@ class TrackerNode(SubscriptionHidingNode):
         declare(self, self._live)
         self._serialization = Serialization()
         if not self._serialization.raw:
-            self.get_logger().warning(
-                'rclpy lays messages out in a way that the codec does not know: slower')
+            self.get_logger().warning(f'{UNKNOWN_LAYOUT}: slower')
         self._qos = {topic: qos_of(start, topic) for topic in TOPICS}
         self.diagnostics = self.create_publisher(
             DiagnosticArray, '/diagnostics', DIAGNOSTICS_DEPTH)
@@ -91,7 +90,7 @@ class TrackerNode(SubscriptionHidingNode):
         if not self._serialization.raw and message is not MarkerArray:
             raise SourceUnavailable(
                 f"marker_message: '{start['marker_message']}'; expected marker_array from a source "
-                'node, as rclpy lays messages out in a way that the codec does not know')
+                f'node, as {UNKNOWN_LAYOUT}')
         self._loaded_fast_paths: list[FastPath] = []
         self._is_served_by_events = False
 

@@ -4,6 +4,7 @@ from operator import itemgetter
 
 import numpy as np
 import pytest
+import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped
@@ -17,6 +18,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.messages.builders import joint_state, prefixed_names
+from hand_tracker.nodes import serialization
+from hand_tracker.nodes.retarget_node import RetargetNode
 from hand_tracker.simulation.poses import pose_angles
 
 NEEDS = 'rclpy', 'trajectory_msgs'
@@ -261,6 +264,16 @@ def test_the_fingers_stay_on_the_fast_path_while_an_arms_wrist_follows(robot):
         assert not twists
         assert process.interrupt() == 0, process.output
     assert 'Traceback' not in process.output
+
+
+def test_it_says_that_it_is_slower_where_the_codec_does_not_know_the_layout(monkeypatch, capfd):
+    monkeypatch.setattr(serialization, 'codec_agrees', lambda: False)
+    rclpy.init(args=['--ros-args', '-p', 'robot:=plain'])
+    try:
+        RetargetNode().destroy_node()
+    finally:
+        rclpy.shutdown()
+    assert f'{serialization.UNKNOWN_LAYOUT}: slower' in capfd.readouterr().err
 
 
 @pytest.mark.parametrize('parameters, message', [
