@@ -7,7 +7,7 @@ given here. Needs ros2_control and ros2_controllers.
 from pathlib import Path
 from typing import Any
 
-from ament_index_python.packages import get_package_share_directory
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch_ros.actions import Node
@@ -23,6 +23,10 @@ ROBOT_NAMESPACE = 'robot'
 CONTROLLERS = {
     'hand_positions': ('position_array', 'commands'),
     'hand_trajectory': ('joint_trajectory', 'joint_trajectory')}
+# Packages of these nodes, and what brings them
+NEEDED = {
+    'robot_state_publisher': 'robot_state_publisher', 'controller_manager': 'ros2_control',
+    'joint_state_broadcaster': 'ros2_controllers'}
 CONTROL_ARGUMENTS = (
     DeclareLaunchArgument(
         'controller', default_value='hand_positions', choices=list(CONTROLLERS),
@@ -36,6 +40,9 @@ CONTROL_ARGUMENTS = (
 
 def start(context: LaunchContext) -> list[Action]:
     """Return the nodes of the robot, and the launch of the tracker."""
+    # Before anything starts: launch leaves running what was started before one is missed.
+    if lacking := [source for package, source in NEEDED.items() if not installed(package)]:
+        raise RuntimeError(f"not installed: {', '.join(lacking)}")
     given = context.launch_configurations
     controller, side = given['controller'], given['side']
     output, topic = CONTROLLERS[controller]
@@ -63,6 +70,15 @@ def start(context: LaunchContext) -> list[Action]:
         Node(package='hand_tracker', executable='retarget', output='screen',
              parameters=[{'robot': DRIVEN_ROBOT, 'side': side, 'outputs': output}],
              remappings=[(f'robot/{output}', f'{ROBOT_NAMESPACE}/{controller}/{topic}')])]
+
+
+def installed(package: str) -> bool:
+    """Return whether a package is installed."""
+    try:
+        get_package_share_directory(package)
+    except PackageNotFoundError:
+        return False
+    return True
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -713,6 +713,15 @@ def test_controllers_move_the_robot_and_hold_it_when_the_tracker_is_killed(watch
 
 
 @launches
+@pytest.mark.skipif(installed('controller_manager'), reason='ros2_control is installed')
+def test_without_ros2_control_nothing_is_started():
+    with Launch(file=LAUNCH.with_name('plain_hand_control.launch.py')) as process:
+        assert process.wait() == 1
+        assert 'ros2_control, ros2_controllers' in process.output
+        assert 'process started' not in process.output
+
+
+@launches
 def test_all_else_goes_on_without_the_libraries_of_the_skin(watch, short, tmp_path):
     # Only a hand without a skin in the cache needs the libraries.
     save_hand(tmp_path / 'new.yaml', Hand.scaled(random.uniform(.15, .2)), MarkerLayout())
