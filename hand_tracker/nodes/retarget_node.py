@@ -91,6 +91,39 @@ RETARGET_PARAMETERS = tuple(row._replace(read_only=True) for row in (
 ))
 
 
+class CommandPace:
+    """When commands are due while no frame of the hand comes.
+
+    Parameters
+    ----------
+    period : float
+        Of commands [s].
+    tick : float
+        Of a timer that asks, now and then a little early or late [s].
+    """
+
+    def __init__(self, period: float, tick: float) -> None:
+        self._period, self._tick = period, tick
+        self._last = -math.inf
+
+    def is_due(self, now: float, sent: float) -> bool:
+        """Return whether a command is due now; it is taken as sent.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        sent : float
+            When the last command was sent [s].
+        """
+        # An early tick would else wait for the next, and half of the commands be left out.
+        early = .5 * self._tick if sent == self._last else 0.
+        if now - sent < self._period - early:
+            return False
+        self._last = now
+        return True
+
+
 class RetargetNode(SubscriptionHidingNode):
     """Node that drives one robot hand by one human hand."""
 
@@ -193,7 +226,9 @@ class RetargetNode(SubscriptionHidingNode):
                 QoSProfile(depth=RETARGET_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT))
             self.create_subscription(PoseStamped, 'robot/wrist_pose', self._on_robot_wrist, latest)
             self.create_subscription(Bool, '~/clutch', self._on_clutch, RETARGET_DEPTH)
-        self.create_timer(min(self._period, WAKING_PERIOD), self._on_timer, clock=steady_clock())
+        tick = min(self._period, WAKING_PERIOD)
+        self._pace, self._wrist_pace = (CommandPace(self._period, tick) for _ in range(2))
+        self.create_timer(tick, self._on_timer, clock=steady_clock())
         self.create_timer(RETARGET_STATUS_PERIOD, self._publish_status, clock=steady_clock())
 
     # The fast path
@@ -291,10 +326,10 @@ class RetargetNode(SubscriptionHidingNode):
         if self._started_path is not None:
             sent = max(sent, self._started_path.sent_time)
         # Frames of the hand are answered as they come; this is for when they do not.
-        if now - sent >= self._period:
+        if self._pace.is_due(now, sent):
             self._take_over()
             self._send(now)
-        if self._wrist_outputs and now - self._wrist_sent >= self._period:
+        if self._wrist_outputs and self._wrist_pace.is_due(now, self._wrist_sent):
             self._send_wrist(now)
         self._publish_state()
 
