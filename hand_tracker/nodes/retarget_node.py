@@ -32,6 +32,7 @@ from ..messages.joint_states import JointPositions, JointStateReader
 from ..messages.pose_fields import pose_numbers
 from ..messages.stamps import Stamp, stamp_of
 from ..messages.templates import Template
+from ..retargeting.command_pace import CommandPace
 from ..retargeting.guard_options import GuardOptions
 from ..retargeting.robot_file import LoadedRobot, load_robot
 from ..retargeting.teleoperation import Teleoperation, compile_following
@@ -89,39 +90,6 @@ RETARGET_PARAMETERS = tuple(row._replace(read_only=True) for row in (
                 f"[{option.metadata['unit']}]", option.metadata['range'])
       for option in fields(WristOptions)),
 ))
-
-
-class CommandPace:
-    """When commands are due while no frame of the hand comes.
-
-    Parameters
-    ----------
-    period : float
-        Of commands [s].
-    tick : float
-        Of a timer that asks, now and then a little early or late [s].
-    """
-
-    def __init__(self, period: float, tick: float) -> None:
-        self._period, self._tick = period, tick
-        self._last = -math.inf
-
-    def is_due(self, now: float, sent: float) -> bool:
-        """Return whether a command is due now; it is taken as sent.
-
-        Parameters
-        ----------
-        now : float
-            [s]
-        sent : float
-            When the last command was sent [s].
-        """
-        # An early tick would else wait for the next, and half of the commands be left out.
-        early = .5 * self._tick if sent == self._last else 0.
-        if now - sent < self._period - early:
-            return False
-        self._last = now
-        return True
 
 
 class RetargetNode(SubscriptionHidingNode):

@@ -19,7 +19,7 @@ from trajectory_msgs.msg import JointTrajectory
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.messages.builders import joint_state, prefixed_names
 from hand_tracker.nodes import serialization
-from hand_tracker.nodes.retarget_node import CommandPace, RetargetNode
+from hand_tracker.nodes.retarget_node import RetargetNode
 from hand_tracker.simulation.poses import pose_angles
 
 NEEDS = 'rclpy', 'trajectory_msgs'
@@ -264,19 +264,6 @@ def test_the_fingers_stay_on_the_fast_path_while_an_arms_wrist_follows(robot):
         assert not twists
         assert process.interrupt() == 0, process.output
     assert 'Traceback' not in process.output
-
-
-@pytest.mark.parametrize('period, tick', [(.01, .01), (.02, .01), (.002, .002)])
-def test_no_command_is_left_out_where_ticks_are_early_or_late(period, tick):
-    random, pace = np.random.default_rng(3), CommandPace(period, tick)
-    sent, times = 0., []
-    for now in tick * (np.arange(1, 2001) + random.uniform(-.2, .2, 2000)):
-        if pace.is_due(now, sent):
-            sent = now
-            times.append(now)
-    assert len(times) == pytest.approx(2000 * tick / period, abs=1)
-    # One before a frame of the hand that is only a little late would be in its way.
-    assert not pace.is_due(sent + 2.9 * period, sent + 2. * period)
 
 
 def test_it_says_that_it_is_slower_where_the_codec_does_not_know_the_layout(monkeypatch, capfd):
