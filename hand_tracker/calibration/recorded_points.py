@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from os import PathLike
 
+from ..core.model.hand import SIDES
 from ..core.model.marker_layout import PAPER_PLACES
 from ..files.bag_points import marker_names
 from ..files.point_recording import PointRecording
 from ..files.recordings import ReadingOptions, read_recording
-from ..messages.labels import LabelMap
+from ..messages.labels import LabelMap, default_labels, label_maps
 from ..messages.marker_array import MARKER_ARRAY
 from .hand_axes import with_recognised_axes
 
@@ -26,7 +27,8 @@ def recorded_points(path: str | PathLike[str],
     -------
     PointRecording
         Markers of MarkerArrays have the names of their namespaces, where each has one of its own;
-        else those of the paper's places, where all have the ids 0 to 7.
+        else those of the paper's places, where all have the ids 0 to 7, or these in the
+        namespaces right and left.
 
     Raises
     ------
@@ -41,8 +43,14 @@ def recorded_points(path: str | PathLike[str],
 
 
 def _paper_places(labels: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the places of markers of the ids 0 to 7, each once; empty for others."""
-    by_id = LabelMap()
-    slots = [by_id.slot('', int(label.rpartition('/')[2])) for label in labels]
-    named = tuple(PAPER_PLACES[slot] for slot in slots if slot is not None)
-    return named if len(set(named)) == len(labels) else ()
+    """Return the places of markers of the ids 0 to 7 of a hand, or of both; empty for others."""
+    of_both = label_maps(default_labels(PAPER_PLACES), {side: f'{side}/0' for side in SIDES})
+    for hands in ({f'{side}_': by_id for side, by_id in of_both.items()}, {'': LabelMap()}):
+        named = []
+        for label in labels:
+            space, _, number = label.rpartition('/')
+            named += [prefix + PAPER_PLACES[slot] for prefix, by_id in hands.items()
+                      if (slot := by_id.slot(space, int(number))) is not None]
+        if len(named) == len(set(named)) == len(labels):
+            return tuple(named)
+    return ()

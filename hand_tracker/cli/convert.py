@@ -23,6 +23,7 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
     # Here, so that a wrong option is told at once.
     from ..calibration.hand_labels import labels_as_markers
     from ..calibration.recorded_points import recorded_points
+    from ..files.bags import STORAGE
     from ..files.point_recording import RecordingError
     from ..files.recordings import FORMATS, NPZ, WRITTEN_SUFFIXES, write_recording
     from .track_recordings import refuse_to_replace, track_file
@@ -42,10 +43,16 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
         raise RecordingError(f'{output}: the suffix is that of another format than '
                              f'{options.format}; expected {" or ".join(form.suffixes)}')
     recording = recorded_points(options.recording, reading_options(options))
-    for note in recording.notes:
+    left_out = '' if output.suffix in STORAGE else recording.left_out_note
+    for note in (*recording.notes, *filter(None, [left_out and f'{left_out}: written as missing'])):
         print(f'{options.recording}: {note}', file=sys.stderr)
     if not len(recording.points):
         raise RecordingError(f'{options.recording}: no frames to convert')
+    at_origin = [label or 'a point' for label, points in zip(
+        recording.labels, recording.points.swapaxes(0, 1)) if not points.any(axis=1).all()]
+    if at_origin and not (recording.is_landmarks and output.suffix in NPZ.suffixes):
+        print(f'{output}: {", ".join(at_origin)} is at (0, 0, 0) in some frames, which reads as '
+              'missing but with --keep-zeros', file=sys.stderr)
     if recording.is_landmarks and output.suffix not in NPZ.suffixes:
         # Other formats do not say that the points are joint centres.
         labels = labels_as_markers(recording.labels)

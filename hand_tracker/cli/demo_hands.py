@@ -140,6 +140,7 @@ def demonstrate(options: argparse.Namespace) -> None:
                 write_bag(options.recording, bag.messages([topic]))
         # The replay reads what is written here, in metres.
         options.markers, options.units, options.up, options.handed = [], None, None, None
+        options.frame_rate = options.subject = None
     # What draws and listens is imported once all is right.
     with ended_by_interrupt():
         from .demo_run import run_demo

@@ -163,7 +163,8 @@ def _play(node: Node, listener: Listener, options: argparse.Namespace,
     replay = _start('replay', recording=options.recording, rate=float(options.rate), subscribers=2,
                     side=side, markers=','.join(options.markers),
                     layout=options.layout, units=options.units, up=options.up,
-                    handed=options.handed, partial=options.partial)
+                    handed=options.handed, frame_rate=options.frame_rate,
+                    subject=options.subject, partial=options.partial)
     processes.append(replay)
     due = time.monotonic()
     end: float | None = None

@@ -11,6 +11,7 @@ from ..core.errors import HandTrackerError
 from .recording_options import (
     add_reading_options,
     add_topic_option,
+    add_zeros_option,
     reading_options,
     require_inputs,
 )
@@ -24,6 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--markers', action='append', default=[], metavar='MARKER=LABEL,...',
                         help='which point is which marker, for the command that is printed')
     add_topic_option(parser)
+    add_zeros_option(parser)
     add_reading_options(parser)
     options = parser.parse_args(arguments)
     try:

@@ -14,7 +14,7 @@ from ..calibration.hand_markers import UnknownMarkers, choose_markers
 from ..calibration.known_layouts import LikelyLayout, complete_layout, has_both
 from ..calibration.take_checks import LEAST_DURATION
 from ..core.model.hand import BOTH, SIDES
-from ..core.model.layout_presets import PAPER_LAYOUT
+from ..core.model.layout_presets import PAPER_LAYOUT, preset_layout
 from ..core.model.marker_layout import MarkerLayout
 from ..files.point_recording import PointRecording
 from ..files.recordings import BVH
@@ -43,22 +43,25 @@ def summary(recording: PointRecording, layouts: list[LikelyLayout]) -> dict[str,
     -------
     dict
         `labels`, empty for points without one; `rate_hz`, null where it is unknown; `units` and
-        `up` of the file; `frames`; `gaps_pct` of all points and frames together; `layouts`, the
-        most likely first; and `format`, `handed`, `gaps_pct_by_label`, `notes`; of rosbag2
-        recordings `topic` and `message`, else null.
+        `up` of the file; `frames`; `gaps_pct` of all points and frames together, with those
+        that were left out; `layouts`, the most likely first; and `format`, `handed`, `seconds`,
+        `gaps_pct_by_label`, `notes`; of rosbag2 recordings `topic` and `message`, else null.
     """
-    gaps = 100. * (1. - recording.seen.mean(axis=0))
+    even = recording.evenly_spaced()
+    gaps = 100. * (1. - even.seen.mean(axis=0))
+    times = recording.times() if len(recording.points) else np.zeros(1)
     named = {label: round(float(gap), 3) for label, gap in zip(recording.labels, gaps) if label}
     return {
         'format': recording.format, 'labels': list(recording.labels),
         'rate_hz': round(recording.rate, 6) if np.isfinite(recording.rate) else None,
         'units': recording.axes.units, 'up': recording.axes.up,
         'handed': recording.axes.handed, 'frames': len(recording.points),
+        'seconds': round(float(times[-1] - times[0]), 3),
         'gaps_pct': round(float(gaps.mean()), 3) if len(gaps) else 0.,
         'gaps_pct_by_label': named, 'layouts': [layout._asdict() for layout in layouts],
         'topic': recording.origin and recording.origin.topic,
         'message': recording.origin and recording.origin.type,
-        'notes': list(recording.notes)}
+        'notes': [*recording.notes, *filter(None, [recording.left_out_note])]}
 
 
 def next_command(path: Path, recording: PointRecording, options: argparse.Namespace) -> str:
@@ -76,20 +79,24 @@ def next_command(path: Path, recording: PointRecording, options: argparse.Namesp
     str
     """
     words = ['hand_tracker', 'track', str(path), '-o', f'{path.name.partition(".")[0]}_angles.csv']
-    for name in ('units', 'up', 'handed'):
+    for name in ('units', 'up', 'handed', 'frame_rate', 'subject'):
         if getattr(options, name):
-            words.append(f'--{name}={getattr(options, name)}')
+            words.append(f'--{name.replace("_", "-")}={getattr(options, name)}')
     if not options.units and (unit := likelier_unit(recording)):
         words.append(f'--units={unit}')
-    words += ['--partial'] * options.partial
+    words += ['--keep-zeros'] * options.keep_zeros + ['--partial'] * options.partial
     words += ['--topic', options.topic] if options.topic else []
     given = chosen_labels(options.markers)
-    has_ids = is_marker_bag(path, MarkerChoice(reading_options(options), names=given))
+    likeliest = None if given else complete_layout(recording)
+    layout = preset_layout(likeliest.name) if likeliest is not None else None
+    has_ids = is_marker_bag(path, MarkerChoice(
+        reading_options(options), names=given, layout=layout))
+    if has_ids and likeliest is not None and has_both(recording, likeliest.name):
+        return shlex.join([*words, '--side', BOTH])
     if has_ids and label_fault(path, options.topic, MarkerReading(), MarkerLayout()) is None:
         return shlex.join(words)
     if has_ids or not any(recording.labels):
         return shlex.join([*words, '--labels', WITHOUT_LABELS])
-    likeliest = None if given else complete_layout(recording)
     if likeliest is not None:
         side = BOTH if has_both(recording, likeliest.name) else likeliest.side
         words += ['--layout', likeliest.name] * (likeliest.name != PAPER_LAYOUT)
@@ -141,7 +148,7 @@ def _calibration_command(command: str) -> str:
 
 def summary_lines(path: Path, found: dict[str, Any], command: str) -> list[str]:
     rate = f'{found["rate_hz"]:g} Hz' if found['rate_hz'] else 'unknown rate'
-    seconds = f', {found["frames"] / found["rate_hz"]:.1f} s' if found['rate_hz'] else ''
+    seconds = f', {found["seconds"]:.1f} s' if found['rate_hz'] else ''
     handed = ', left-handed axes' if found['handed'] == 'left' else ''
     labels = [label for label in found['labels'] if label]
     messages = f' with {found["message"]} on {found["topic"]}' if found['topic'] else ''
@@ -166,8 +173,11 @@ def summary_lines(path: Path, found: dict[str, Any], command: str) -> list[str]:
     if UNKNOWN_LABEL in command:
         return [*lines, f"next, if a hand's markers are among them, with their labels in place of "
                 f'{UNKNOWN_LABEL}: {command}']
-    is_take = found['rate_hz'] and found['frames'] >= LEAST_DURATION * found['rate_hz']
+    is_take = found['rate_hz'] and found['seconds'] >= LEAST_DURATION
     if is_take and (fitting := _calibration_command(command)):
         lines.append(f'first, for the lengths of this hand and where its markers are: {fitting} '
                      f'(then --hand {FITTED_HAND} in place of --layout and --side)')
+    if command.endswith(f' --labels {WITHOUT_LABELS}'):
+        lines.append('points without labels are searched for a right hand: add --side left for a '
+                     'left one, --side both for two')
     return [*lines, f'next: {command}']

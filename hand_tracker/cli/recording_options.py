@@ -75,14 +75,14 @@ def add_layout_option(parser: argparse.ArgumentParser,
                         f"{', '.join(LAYOUT_PRESETS)}; default: {otherwise}")
 
 
-def _scale(text: str) -> float:
+def _positive(text: str) -> float:
     try:
-        scale = float(text)
+        number = float(text)
     except ValueError:
-        scale = math.nan
-    if not 0. < scale < math.inf:
+        number = math.nan
+    if not 0. < number < math.inf:
         raise argparse.ArgumentTypeError(f"'{text}'; expected a positive number")
-    return scale
+    return number
 
 
 def add_recording_options(parser: argparse.ArgumentParser, several: bool = False,
@@ -139,14 +139,19 @@ def add_marker_options(parser: argparse.ArgumentParser) -> None:
                         'left out; default: whichever they have')
     parser.add_argument('--label', action='append', default=[], metavar='MARKER=LABEL',
                         help="which marker is which, as index=leds/12; default: ids from 0 on")
-    parser.add_argument('--unit-scale', type=_scale, default=1., metavar='S',
+    parser.add_argument('--unit-scale', type=_positive, default=1., metavar='S',
                         help='metres per unit of the markers: 0.001 for mm')
-    parser.add_argument('--keep-zeros', action='store_true',
-                        help='take a marker at exactly (0, 0, 0) for seen, not for lost')
+    add_zeros_option(parser)
     parser.add_argument('--markers', action='append', default=[], metavar='MARKER=LABEL,...',
                         help='which point of a file is which marker, as index=LFIN: those that '
                         'their labels do not tell')
     add_reading_options(parser)
+
+
+def add_zeros_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option of a command line that says whether a marker at the origin is seen."""
+    parser.add_argument('--keep-zeros', action='store_true',
+                        help='take a marker at exactly (0, 0, 0) for seen, not for lost')
 
 
 def add_topic_option(parser: argparse.ArgumentParser) -> None:
@@ -169,6 +174,10 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
                         '--up=-y; default: as the file says, else as its format has it')
     parser.add_argument('--handed', choices=HANDEDNESS,
                         help="handedness of a file's axes; default: as the hand in it tells")
+    parser.add_argument('--frame-rate', type=_positive, metavar='HZ',
+                        help='of a file of points; default: as the file says')
+    parser.add_argument('--subject', metavar='NAME', help="whose points of a file are read, where "
+                        "labels are such as 'NAME:RIndexTip'; default: all")
     parser.add_argument('--partial', action='store_true',
                         help='read a file that is cut as far as it goes')
 
@@ -179,7 +188,7 @@ def reading_options(options: argparse.Namespace) -> ReadingOptions:
 
     return ReadingOptions(options.units, options.up, options.handed,
                           not getattr(options, 'keep_zeros', False), options.partial,
-                          getattr(options, 'topic', None))
+                          getattr(options, 'topic', None), options.frame_rate, options.subject)
 
 
 def chosen_labels(texts: Iterable[str], names: Sequence[str] = MARKERS) -> dict[str, str]:

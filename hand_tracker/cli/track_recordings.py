@@ -154,8 +154,8 @@ def _track_into_folder(options: argparse.Namespace, interrupted: Interruptions) 
                            'expected different names, or a command for each')
     if isinstance(folder, Path):
         folder.mkdir(parents=True, exist_ok=True)
-    is_there = [options.resume and (exists(output) if isinstance(output, Url)
-                                    else output.exists()) for output in outputs]
+    is_there = [options.resume and _is_done(recording, output)
+                for recording, output in zip(options.recordings, outputs)]
     # Workers of a cluster may be in other folders.
     tasks = [_with(options, recording=recording if isinstance(recording, Url)
                    else recording.absolute(), output=output)
@@ -178,6 +178,14 @@ def _track_into_folder(options: argparse.Namespace, interrupted: Interruptions) 
     if tracked < count:
         raise BagError(f'{folder}: only {tracked} of {count} recordings tracked')
     return f'{folder}: {count} recordings tracked'
+
+
+def _is_done(recording: Path | Url, output: Path | Url) -> bool:
+    """Return whether an output is there, of files no older than the recording."""
+    if isinstance(output, Url):
+        return exists(output)
+    return output.exists() and (isinstance(recording, Url) or not recording.exists()
+                                or output.stat().st_mtime >= recording.stat().st_mtime)
 
 
 def _row(result: TaskResult, task: argparse.Namespace) -> tuple[str, ...]:

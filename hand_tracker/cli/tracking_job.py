@@ -65,6 +65,7 @@ class TrackingJob:
         self._progress = progress(bag.counts[topic], 'frames')
         self._monitors: dict[str, Monitor] = {}  # by hand
         self._trackers: list[HandTracker] = []
+        self._has_labels = True
         self._palms: Counter[str] = Counter()    # frames that show the palm, by hand
         self._misfits: Counter[str] = Counter()  # and in which the markers are of no such hand
 
@@ -90,6 +91,7 @@ class TrackingJob:
         self._trackers = [tracker for tracker, _ in hands.values()]
         point_labels = PointLabels()
         names = FILE_OPTION_NAMES if isinstance(self._bag, PointBag) else BAG_OPTION_NAMES
+        self._has_labels = all(reading.has_labels for _, reading in hands.values())
         recorded = {}
         for name, (tracker, reading) in hands.items():
             monitor = Monitor(1e-9 * self._bag.start, self._topic, reading.labels, names)
@@ -127,7 +129,10 @@ class TrackingJob:
         if not self._palms:
             why = '; '.join(_whose(name) + monitor.why_never_tracked()
                             for name, monitor in self._monitors.items())
-            raise BagError(f'{self._bag.path}: no frame of {self._topic} shows the palm: {why}')
+            other = '' if self._has_labels else (
+                '; is it a hand of the other side (--side), or of another layout (--layout)?')
+            raise BagError(
+                f'{self._bag.path}: no frame of {self._topic} shows the palm: {why}{other}')
 
     def _monitored(self) -> Iterator[BagMessage]:
         due = self._bag.start

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..core.model.hand import SIDES
+from ..core.model.marker_layout import PAPER_PLACES
 from ..messages.cdr import MarkerReader
 from ..messages.labels import USUAL_TOPIC, LabelMap
 from ..messages.landmark_kinds import LANDMARK_POSES, named_hands
@@ -341,9 +343,12 @@ def write_bag_points(path: Path, recording: PointRecording) -> None:
 
 
 def _recorded_head(label: str) -> tuple[str, int] | None:
-    """Return the namespace and id that a label of `read_bag_points` consists of."""
+    """Return the namespace and id of a label of `read_bag_points`, or of both hands' markers."""
     space, _, number = label.rpartition('/')
-    return (space, int(number)) if number.lstrip('-').isdecimal() else None
+    if number.lstrip('-').isdecimal():
+        return space, int(number)
+    side, _, place = label.partition('_')
+    return (side, PAPER_PLACES.index(place)) if side in SIDES and place in PAPER_PLACES else None
 
 
 def marker_names(labels: Sequence[str]) -> tuple[str, ...]:

@@ -111,6 +111,8 @@ def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
     if pair is None:
         raise RecordingError(f'{path}: it has {", ".join(fields) or "nothing"}; expected markers '
                              'and marker_names, or positions and joints')
+    beside = [f'the {other} beside the {pair[0]} are not read'
+              for other, _ in pairs if other != pair[0]]
     points, names = fields[pair[0]], [str(name) for name in np.atleast_1d(fields[pair[1]])]
     if (points.ndim != 3 or points.shape[1:] != (len(names), 3) or points.dtype.kind not in 'fiu'
             or not points.size):
@@ -130,7 +132,7 @@ def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
     found, points = buffer.finish()
     return PointRecording(
         path.name, 'npz', found, points, rate if rate > 0. else np.nan, None, Axes(),
-        (repeated,) if repeated else (), is_landmarks), Axes('m', 'z')
+        (*filter(None, (repeated,)), *beside), is_landmarks), Axes('m', 'z')
 
 
 def write_npz(path: Path, recording: PointRecording) -> None:

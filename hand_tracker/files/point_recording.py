@@ -34,6 +34,7 @@ MAX_COORDINATE = 1e7       # of a point, in the file's unit
 MAX_POINT_BYTES = 2**31    # of all points of a recording
 WRITTEN_RATE = 100.        # [Hz] of written frames where a recording has no rate
 ROWS_AT_ONCE = 2**14       # frames that are converted at once
+MOST_FILLED = 20           # times as many frames as there are, with those that were left out
 # Names that systems give to markers that nobody labelled.
 ANONYMOUS = re.compile(r'|\*\d*|(unlabell?ed|unidentified|unnamed)\b.*', re.IGNORECASE)
 
@@ -159,6 +160,27 @@ class PointRecording(NamedTuple):
         rate = self.rate if np.isfinite(self.rate) else unknown_rate
         return np.arange(len(self.points)) / rate
 
+    def evenly_spaced(self) -> PointRecording:
+        """Return this recording with the frames that were left out, as their times say.
+
+        Their points are missing.
+        """
+        if self.stamps is None or len(self.stamps) < 2:
+            return self
+        rows = even_rows(self.stamps)
+        count = int(rows[-1]) + 1
+        if count == len(rows):
+            return self
+        points = np.full((count, *self.points.shape[1:]), np.nan, dtype=self.points.dtype)
+        points[rows] = self.points
+        return self._replace(points=points, stamps=np.interp(np.arange(count), rows, self.stamps))
+
+    @property
+    def left_out_note(self) -> str:
+        """Note on frames that were left out, empty where there are none."""
+        count = len(self.evenly_spaced().points) - len(self.points)
+        return f'{count} frames between the others were left out, as the times say' * (count > 0)
+
     def blocks(self) -> Iterator[np.ndarray]:
         """Yield views of the points, some frames at once."""
         for first in range(0, len(self.points), ROWS_AT_ONCE):
@@ -183,6 +205,32 @@ class PointRecording(NamedTuple):
             for rows in self.blocks():
                 rows[:] = rows @ matrix
         return self._replace(axes=axes)
+
+
+def even_rows(times: np.ndarray) -> np.ndarray:
+    """Return the row of each frame where those that were left out have rows, too.
+
+    Parameters
+    ----------
+    times : ndarray, shape (T,)
+        Of the frames, two or more, increasing [s].
+
+    Returns
+    -------
+    ndarray of int, shape (T,)
+        0, 1, 2, ... where none was left out, or so many that it is another recording.
+    """
+    steps, usual = np.diff(times), np.median(np.diff(times))
+    if usual <= 0. or (np.abs(steps - usual) < .5 * usual).all():
+        return np.arange(len(times))
+    rows = np.zeros(len(times), dtype=np.int64)
+    early = 0.     # [1] of the usual step, by which a frame came before its row
+    for i, step in enumerate((steps / usual).tolist()):
+        passed = step - early
+        # Some jitter is made good by the next frames; a rate a little off the usual one is not.
+        rows[i + 1] = rows[i] + max(round(passed), 1)
+        early = min(max(.9 * (rows[i + 1] - rows[i] - passed), -.5), .5)
+    return rows if rows[-1] < MOST_FILLED * len(rows) else np.arange(len(rows))
 
 
 def conversion_note(axes: Axes, said: Said, unit_reason: str = '') -> str:

@@ -7,6 +7,8 @@ from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from ..output_files import write_whole
 from .bag_points import read_bag_points, write_bag_points
 from .bags import STORAGE
@@ -18,6 +20,7 @@ from .point_recording import (
     HANDEDNESS,
     UNIT_SPELLINGS,
     UP_AXES,
+    WRITTEN_RATE,
     Axes,
     PointRecording,
     RecordingError,
@@ -51,6 +54,10 @@ class ReadingOptions(NamedTuple):
         Whether a file that is cut is read as far as it goes, with a note.
     topic : str or None
         Of the points in a rosbag2 recording; by `point_topic` when left out.
+    frame_rate : float or None
+        The file's when left out [Hz].
+    subject : str or None
+        Whose points alone are read, of those labelled 'SUBJECT:NAME'; all when left out.
     """
 
     units: str | None = None
@@ -59,6 +66,8 @@ class ReadingOptions(NamedTuple):
     zero_is_missing: bool = True
     partial: bool = False
     topic: str | None = None
+    frame_rate: float | None = None
+    subject: str | None = None
 
 
 class FileFormat(NamedTuple):
@@ -203,7 +212,26 @@ def read_recording(path: str | PathLike[str],
                 recording, axes = form.read(path, file, options.zero_is_missing, options.partial)
     except MemoryError:
         raise RecordingError(f'{path}: not enough memory; expected a recording that fits') from None
+    if options.subject:
+        recording = _of_subject(path, recording, options.subject)
+    if options.frame_rate:
+        recording = recording._replace(rate=options.frame_rate, stamps=None)
+    elif recording.stamps is None and not np.isfinite(recording.rate):
+        recording = recording._replace(notes=(*recording.notes, (
+            f'the file does not say its rate: {WRITTEN_RATE:g} Hz is assumed (--frame-rate)')))
     return _in_metres(recording, axes, usual, options)
+
+
+def _of_subject(path: Path, recording: PointRecording, subject: str) -> PointRecording:
+    """Return the points of a subject."""
+    columns = [column for column, label in enumerate(recording.labels)
+               if label.rpartition(':')[0] == subject]
+    if not columns:
+        subjects = {label.rpartition(':')[0] for label in recording.labels}
+        raise RecordingError(f"{path}: no points of '{subject}'; expected one of its subjects: "
+                             + (', '.join(sorted(filter(None, subjects))) or 'it has none'))
+    return recording._replace(labels=tuple(recording.labels[column] for column in columns),
+                              points=recording.points[:, columns])
 
 
 def _in_metres(recording: PointRecording, axes: Axes, usual: Axes,
@@ -221,6 +249,8 @@ def _in_metres(recording: PointRecording, axes: Axes, usual: Axes,
 def write_recording(path: str | PathLike[str], recording: PointRecording,
                     form: FileFormat | None = None) -> None:
     """Write points as a motion capture file; it appears when it is whole.
+
+    Frames that were left out, as the times of the others say, are written with missing points.
 
     Parameters
     ----------
@@ -245,5 +275,6 @@ def write_recording(path: str | PathLike[str], recording: PointRecording,
     if form is None or form.write is None:
         raise RecordingError(f'{path}: points are not written as {path.suffix!r}; expected '
                              f'{", ".join(WRITTEN_SUFFIXES)}')
-    write_whole(path, lambda unfinished: form.write(unfinished, recording))  # type: ignore[misc]
+    write, even = form.write, recording.evenly_spaced()
+    write_whole(path, lambda unfinished: write(unfinished, even))
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.model.hand import DIGITS, JOINTS, LINKS, Hand
 from ..core.model.kinematics import Pose, forward, joint_table, tip_offsets
-from .point_recording import ROTATIONS, Axes, PointRecording
+from .point_recording import ROTATIONS, Axes, PointRecording, even_rows
 from .written_kinds import NAMINGS
 
 # Joints behind the wrist: the link that each turns, parents first. Abduction and flexion of a
@@ -95,6 +95,33 @@ class HandAngles(NamedTuple):
 def usual_step(times: np.ndarray) -> float:
     """Return the usual time between two frames [s]."""
     return float(np.median(np.diff(times))) if len(times) > 1 else SINGLE_FRAME
+
+
+def resampled_hand(tracked: HandAngles, own: np.ndarray, times: np.ndarray) -> HandAngles:
+    """Return a tracked hand at other times within its own."""
+    # Here, as it takes a while, and few files need it.
+    from scipy.spatial.transform import Rotation, Slerp
+
+    own, first = np.unique(own, return_index=True)
+
+    def interpolated(values: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(times, own, column) for column in values[first].T], axis=1)
+
+    turns = Slerp(own, Rotation.from_matrix(tracked.wrist_rotation[first]))(times)
+    return tracked._replace(
+        angles=interpolated(tracked.angles), wrist_rotation=turns.as_matrix(),
+        wrist_position=interpolated(tracked.wrist_position), times=times)
+
+
+def evenly_timed(tracked: HandAngles) -> HandAngles:
+    """Return a tracked hand with frames between those that were not tracked, as times say."""
+    if len(tracked.times) < 2:
+        return tracked
+    rows = even_rows(tracked.times)
+    count = int(rows[-1]) + 1
+    if count == len(rows):
+        return tracked
+    return resampled_hand(tracked, tracked.times, np.interp(np.arange(count), rows, tracked.times))
 
 
 def t_pose_turn(side: str) -> np.ndarray:

@@ -36,7 +36,7 @@ from ..messages.stamps import header_stamp, marker_stamps, restamp
 from ..package_data import packaged_recording
 from ..tracking.opened_recording import named_labels, open_recording
 from ..tracking.playback import Playback, read_ahead
-from ..tracking.point_bag import MarkerChoice
+from ..tracking.point_bag import MarkerChoice, PointBag
 from ..tracking.setting_names import in_parameters
 from .executors import steady_clock
 from .parameters import Parameter
@@ -91,6 +91,9 @@ REPLAY_PARAMETERS = tuple(row._replace(read_only=True) for row in (
               f'has it; one of {", ".join(UP_AXES)}', any_type=True),
     Parameter('handed', '', "Handedness of a file's axes; empty: as the hand tells",
               choices=('', *HANDEDNESS)),
+    Parameter('frame_rate', 0., 'Of a file of points [Hz]; 0: as it says', (0., 1e5)),
+    Parameter('subject', '', "Whose points of a file are played, where labels are such as "
+              "'NAME:RIndexTip'; empty for all"),
     Parameter('partial', False, 'Play a file of points that is cut as far as it goes'),
 ))
 
@@ -148,6 +151,9 @@ class ReplayNode(Node):
         with self._recording() as bag:
             for note in bag.notes:
                 self.get_logger().info(f'{bag.path}: {in_parameters(note)}')
+            if isinstance(bag, PointBag) and all(hand.side for hand in bag.hands):
+                side = BOTH if len(bag.hands) > 1 else bag.hands[0].side
+                self.get_logger().info(f'{bag.path}: as of a tracker with side:={side}')
             start = bag.start + round(options.start_offset * 1e9)
             outputs = self._open_outputs(bag)
             points = [topic for topic in outputs if bag.topics[topic] in POINT_MESSAGES]
@@ -178,7 +184,9 @@ class ReplayNode(Node):
         # ROS reads y as a yes.
         up = 'y' if options.up is True else str(options.up)
         reading = ReadingOptions(options.units or None, up or None, options.handed or None,
-                                 partial=options.partial)
+                                 partial=options.partial,
+                                 frame_rate=options.frame_rate or None,
+                                 subject=options.subject or None)
         recording = options.recording or packaged_recording()
         with ExitStack() as stack:
             try:

@@ -9,11 +9,16 @@ import numpy as np
 from ..drawing.render import ball_mesh
 from ..files.glb_file import BoundMesh, joined_meshes, rigid_mesh
 from ..files.point_recording import ROTATIONS, PointRecording, unique_labels
-from ..files.skeleton_motion import HandAngles, SkeletonMotion, skeleton_motion
+from ..files.skeleton_motion import (
+    HandAngles,
+    SkeletonMotion,
+    resampled_hand,
+    skeleton_motion,
+)
 from ..skin.load import load_skin
 from ..tracking.save_motion import bound_mesh
 from .clock_alignment import ClockAlignment
-from .spliced_points import ASSUMED_BODY_RATE, World, resampled_hand
+from .spliced_points import ASSUMED_BODY_RATE, World
 
 ROOT_NAME = 'body'
 MARKER_RADIUS = .008       # [m] of a drawn marker

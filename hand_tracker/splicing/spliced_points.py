@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from ..core.numerics.rigid_fit import nearest_rotation
 from ..files.point_recording import PointRecording, unique_labels
-from ..files.skeleton_motion import HandAngles, joint_centres
+from ..files.skeleton_motion import HandAngles, joint_centres, resampled_hand
 from .body_skeleton import SkeletonError
 from .clock_alignment import ClockAlignment, Trajectory
 from .spliced_body import overlapping
@@ -136,16 +135,3 @@ def splice_points(body: PointRecording, hands: Sequence[tuple[HandAngles, ClockA
         points.append(found)
     unique, _ = unique_labels(labels)
     return body._replace(labels=unique, points=np.concatenate(points, axis=1))
-
-
-def resampled_hand(tracked: HandAngles, own: np.ndarray, times: np.ndarray) -> HandAngles:
-    """Return a tracked hand at other times within its own."""
-    own, first = np.unique(own, return_index=True)
-
-    def interpolated(values: np.ndarray) -> np.ndarray:
-        return np.stack([np.interp(times, own, column) for column in values[first].T], axis=1)
-
-    turns = Slerp(own, Rotation.from_matrix(tracked.wrist_rotation[first]))(times)
-    return tracked._replace(
-        angles=interpolated(tracked.angles), wrist_rotation=turns.as_matrix(),
-        wrist_position=interpolated(tracked.wrist_position), times=times)

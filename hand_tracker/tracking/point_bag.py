@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..core.model.hand import BOTH, SIDES
+from ..core.model.hand import BOTH, OTHER_SIDE, SIDES
 from ..core.model.marker_layout import MarkerLayout
 from ..files.bag_points import WRITTEN_TOPIC, marker_messages, recorded_frame, recorded_times
 from ..files.bags import Bag, BagError, BagMessage
@@ -18,7 +18,10 @@ from ..messages.labels import LabelMap, default_labels, labels_of_hand, maps_of_
 from ..messages.marker_array import MARKER_ARRAY
 
 if TYPE_CHECKING:
+    from ..calibration.hand_labels import HandLabel
     from ..calibration.hand_markers import ChosenMarkers
+
+LEAST_HAND = 4  # points of a hand that is missed where it is left out
 
 
 class MarkerChoice(NamedTuple):
@@ -97,6 +100,7 @@ class PointBag(Bag):
             any(recording.labels) if choice.has_labels is None else choice.has_labels)
         if self.has_labels:
             chosen = _chosen_hands(recording, choice)
+            self.notes += _left_out(recording, choice, chosen)
             self.hands, self._heads = _labelled_hands(chosen)
             self._points = np.concatenate(
                 [marker_points(recording, one) for one in chosen], axis=1)
@@ -155,6 +159,30 @@ def _chosen_hands(recording: PointRecording, choice: MarkerChoice) -> list[Chose
                                  'such as right_index and left_index for --side both, or --labels '
                                  'none, which finds both hands among points by their shapes')
     return chosen
+
+
+def _left_out(recording: PointRecording, choice: MarkerChoice,
+              chosen: Sequence[ChosenMarkers]) -> tuple[str, ...]:
+    """Return notes on hands that labels name, but that are not among the chosen ones."""
+    from ..calibration.hand_axes import hands_of
+    from ..calibration.hand_labels import hand_labels
+
+    notes = []
+    if choice.side is None and chosen[0].side:
+        notes += [f'labels name a {hand.side} hand, too, which is left out (--side {hand.side}, or '
+                  'both)' for hand in hands_of(recording)
+                  if hand.side == OTHER_SIDE[chosen[0].side] and len(hand.columns) >= LEAST_HAND]
+    subjects: dict[HandLabel, list[str]] = {}
+    for label, point in zip(recording.labels, hand_labels(recording.labels,
+                                                          recording.is_landmarks)):
+        subject = label.rpartition(':')[0]
+        if point is not None and subject not in subjects.setdefault(point, []):
+            subjects[point].append(subject)
+    first, *others = max(subjects.values(), key=len, default=[''])
+    if others:
+        notes.append(f'{", ".join(others)}: points called as those of {first}, which are taken '
+                     '(--subject)')
+    return tuple(notes)
 
 
 def _labelled_hands(chosen: Sequence[ChosenMarkers]

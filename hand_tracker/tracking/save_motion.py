@@ -15,6 +15,7 @@ from ..files.recordings import write_recording
 from ..files.skeleton_motion import (
     SKELETON_LINKS,
     HandAngles,
+    evenly_timed,
     joint_centres,
     skeleton_motion,
     t_pose_turn,
@@ -82,10 +83,12 @@ def save_motion(path: Path, tracked: HandAngles, naming: str = NAMINGS[0],
                                f'{", ".join(MOTION_KINDS)}')
     if not path.parent.is_dir():
         raise HandTrackerError(f'{path}: no folder {path.parent}; expected one to write into')
-    motion = skeleton_motion(tracked, naming)
     if path.suffix == '.bvh':
+        # Its frames have no times of their own.
+        motion = skeleton_motion(evenly_timed(tracked), naming)
         write_whole(path, lambda unfinished: write_bvh(unfinished, motion, order))
     else:
+        motion = skeleton_motion(tracked, naming)
         mesh = bound_mesh(load_skin(tracked.hand), tracked.hand.side)
         write_whole(path, lambda unfinished: write_glb(unfinished, motion, mesh))
 

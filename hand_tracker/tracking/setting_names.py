@@ -44,7 +44,8 @@ FILE_OPTION_NAMES = BAG_OPTION_NAMES._replace(
     scale='--units', labels='--markers', label='--markers {}=LABEL')
 # Options that notes and faults of recordings name, which are parameters of the replay node too.
 READING_OPTION = re.compile(r'(?<![\w-])--(?:(partial)|(layout|markers) ([\w-]+(?:=[\w.,]+)?)'
-                            r'|(units|up|side|handed|layout|markers)(?: (right|left)\b)?)(?![\w-])')
+                            r'|(units|up|side|handed|layout|markers|frame-rate|subject)'
+                            r'(?: (right|left)\b)?)(?![\w-])')
 COMMAND_HINT = re.compile(r' \(hand_tracker [^)]*\)')    # what a command does, not the node
 
 
@@ -60,5 +61,6 @@ def in_parameters(text: str) -> str:
         partial, chosen, choice, name, value = match.groups()
         if partial:
             return 'partial:=true'
-        return f'{chosen or name}:={choice or value}' if choice or value else name
+        name = (chosen or name).replace('-', '_')
+        return f'{name}:={choice or value}' if choice or value else name
     return READING_OPTION.sub(parameter, COMMAND_HINT.sub('', text))

@@ -20,10 +20,17 @@ from hand_tracker.evaluation.captures import load_capture
 from hand_tracker.files.bag_points import marker_messages, recorded_times
 from hand_tracker.files.bags import open_bag, write_bag
 from hand_tracker.files.bvh_file import write_bvh_motion
-from hand_tracker.files.point_recording import Axes, PointRecording, Said, conversion_note
+from hand_tracker.files.point_recording import (
+    Axes,
+    PointRecording,
+    Said,
+    conversion_note,
+    even_rows,
+)
 from hand_tracker.files.recordings import VICON_CSV, read_recording, write_recording
 from hand_tracker.messages.cdr import MarkerReader
 from hand_tracker.messages.labels import LabelMap
+from hand_tracker.package_data import packaged_recording
 from hand_tracker.simulation.motion import demo_motion
 from hand_tracker.tracking.opened_recording import is_marker_bag, open_recording
 from hand_tracker.tracking.point_bag import MarkerChoice, PointBag
@@ -344,6 +351,91 @@ def test_inspect_names_the_likelier_unit_in_its_command(tmp_path, capsys):
     write_recording(tmp_path / 'take.npz', recording._replace(points=1000. * recording.points))
     assert main(['inspect', str(tmp_path / 'take.npz')]) == 0
     assert ' --units=mm ' in capsys.readouterr().out.splitlines()[-1]
+
+
+def test_frames_that_were_left_out_are_missing_in_other_formats(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    whole = hand_recording(360)
+    kept = np.r_[0:100, 140:300, 301:360]
+    times = np.arange(360) / 120. + np.random.default_rng(0).uniform(-1e-3, 1e-3, 360)
+    write_recording(tmp_path / 'drop.mcap', whole._replace(
+        labels=MARKERS, points=whole.points[kept], stamps=times[kept]))
+    assert main(['inspect', 'drop.mcap', '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found['frames'] == 319 and found['seconds'] == pytest.approx(359 / 120., abs=.01)
+    assert found['gaps_pct'] == pytest.approx(100. * 41 / 360, abs=.01)
+    for name in ('drop.c3d', 'drop.tsv', 'drop.npz', 'drop.trc'):
+        assert main(['convert', 'drop.mcap', name]) == 0
+        assert '41 frames between the others were left out' in capsys.readouterr().err
+        seen = read_recording(tmp_path / name).seen.all(axis=1)
+        assert np.flatnonzero(seen).tolist() == kept.tolist()
+    assert main(['track', 'drop.mcap', '-o', 'drop.bvh', '--no-auto-size']) == 0
+    assert len(read_recording(tmp_path / 'drop.bvh').points) == 360
+
+
+def test_times_that_jitter_or_rest_for_long_leave_nothing_out():
+    random = np.random.default_rng(1)
+    even = np.arange(5000) / 100.0004
+    np.testing.assert_array_equal(even_rows(even), np.arange(5000))
+    np.testing.assert_array_equal(even_rows(even + random.uniform(-.003, .003, 5000)),
+                                  np.arange(5000))
+    paused = np.concatenate((np.arange(50.), 1e7 + np.arange(50.)))
+    np.testing.assert_array_equal(even_rows(paused), np.arange(100))
+
+
+def test_a_rate_that_no_file_says_is_assumed_and_given(tmp_path, capsys):
+    path = tmp_path / 'take.npz'
+    write_recording(path, hand_recording(240)._replace(rate=np.nan))
+    out = tmp_path / 'angles.csv'
+    assert main(['track', str(path), '-o', str(out)]) == 0
+    assert 'does not say its rate: 100 Hz is assumed (--frame-rate)' in capsys.readouterr().err
+    assert angles(out)[-1, 0] == pytest.approx(239 / 100.)
+    assert main(['track', str(path), '-o', str(out), '--frame-rate', '60']) == 0
+    assert 'its rate' not in capsys.readouterr().err
+    assert angles(out)[-1, 0] == pytest.approx(239 / 60.)
+
+
+def test_a_hand_that_is_left_out_is_told_of(tmp_path, capsys):
+    path, out = tmp_path / 'take.c3d', str(tmp_path / 'angles.csv')
+    write_recording(path, both_hands())
+    assert main(['track', str(path), '-o', out]) == 0
+    assert 'labels name a left hand, too, which is left out (--side left, or both)' in (
+        capsys.readouterr().err)
+    assert main(['track', str(path), '-o', out, '--side', 'right']) == 0
+    assert 'left out' not in capsys.readouterr().err
+    hands = [hand_recording(40), hand_recording(40, start=60)]
+    write_recording(path, hands[0]._replace(
+        labels=tuple(f'{name}:{label}' for name, hand in zip(('Anna', 'Ben'), hands)
+                     for label in hand.labels),
+        points=np.concatenate([hand.points for hand in hands], axis=1)))
+    assert main(['track', str(path), '-o', out]) == 0
+    assert 'Ben: points called as those of Anna, which are taken (--subject)' in (
+        capsys.readouterr().err)
+    assert main(['track', str(path), '-o', out, '--subject', 'Ben']) == 0
+    assert 'Anna' not in capsys.readouterr().err
+    ben = angles(out)
+    write_recording(path, hands[1])
+    assert main(['track', str(path), '-o', out]) == 0
+    np.testing.assert_array_equal(angles(out), ben)
+    write_recording(path, both_hands())
+    assert main(['track', str(path), '-o', out, '--subject', 'Max']) == 1
+    assert "no points of 'Max'; expected one of its subjects: it has none" in (
+        capsys.readouterr().err)
+
+
+def test_inspect_finds_both_hands_by_their_namespaces(tmp_path, capsys):
+    assert main(['inspect', str(packaged_recording('both'))]) == 0
+    assert capsys.readouterr().out.endswith('-o demo_both_angles.csv --side both\n')
+    write_recording(tmp_path / 'cloud.trc', both_hands()._replace(labels=('',) * 16))
+    assert main(['inspect', str(tmp_path / 'cloud.trc')]) == 0
+    assert 'add --side left for a left one, --side both for two\nnext: ' in (
+        capsys.readouterr().out)
+
+
+def test_both_hands_keep_their_ids_from_one_rosbag2_recording_to_another(tmp_path):
+    source = packaged_recording('both')
+    assert main(['convert', str(source), str(tmp_path / 'both.mcap')]) == 0
+    assert read_recording(tmp_path / 'both.mcap').labels == read_recording(source).labels
 
 
 def test_recordings_that_differ_by_their_suffix_alone_keep_it(tracked, tmp_path, capsys):
