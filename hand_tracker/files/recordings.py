@@ -276,5 +276,8 @@ def write_recording(path: str | PathLike[str], recording: PointRecording,
         raise RecordingError(f'{path}: points are not written as {path.suffix!r}; expected '
                              f'{", ".join(WRITTEN_SUFFIXES)}')
     write, even = form.write, recording.evenly_spaced()
+    if form not in (C3D, NPZ) and even.stamps is None and not np.isfinite(even.rate):
+        # Others cannot hold a rate that is not known.
+        even = even._replace(rate=WRITTEN_RATE)
     write_whole(path, lambda unfinished: write(unfinished, even))
 

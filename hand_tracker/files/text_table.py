@@ -13,7 +13,7 @@ from typing import IO, NamedTuple
 
 import numpy as np
 
-from .point_recording import WRITTEN_RATE, PointBuffer, PointRecording, RecordingError
+from .point_recording import PointBuffer, PointRecording, RecordingError
 
 BLOCK_BYTES = 2**21        # read at once
 MAX_LINE_BYTES = 2**22
@@ -406,7 +406,7 @@ def write_point_rows(path: Path, header: str, recording: PointRecording, matrix:
 
 
 def known_rate(rate: float, times: np.ndarray | None) -> float:
-    """Return a file's rate, or that of its times, or `WRITTEN_RATE` where neither is known [Hz].
+    """Return a file's rate, that of its times where it has none, NaN where neither is known [Hz].
 
     Parameters
     ----------
@@ -417,7 +417,7 @@ def known_rate(rate: float, times: np.ndarray | None) -> float:
     """
     if np.isfinite(rate) and rate > 0.:
         return rate
-    return float(1. / np.median(np.diff(times))) if times is not None else WRITTEN_RATE
+    return float(1. / np.median(np.diff(times))) if times is not None else np.nan
 
 
 def frame_times(rate: float, times: np.ndarray | None) -> tuple[float, np.ndarray | None]:

@@ -1,6 +1,8 @@
 """Recordings of any format are tracked alike: by their labels, in their units."""
 
 import json
+import os
+import time
 
 import numpy as np
 import pytest
@@ -445,6 +447,19 @@ def test_recordings_that_differ_by_their_suffix_alone_keep_it(tracked, tmp_path,
     assert names == {'take.c3d.csv', 'take.trc.csv', 'vicon.csv'}
     table = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in table[1:4]] == ['take.c3d', 'take.trc', 'vicon']
+
+
+def test_a_recording_that_was_replaced_is_tracked_again(tmp_path, capsys):
+    takes = tmp_path / 'takes'
+    takes.mkdir()
+    path, command = takes / 'take.trc', ['track', str(takes), '-o', str(tmp_path / 'out')]
+    for frames, age, is_there in ((40, 100., False), (40, 100., True), (60, -100., False)):
+        write_recording(path, hand_recording(frames))
+        written = time.time() - age
+        os.utime(path, (written, written))
+        assert main([*command, '--resume']) == 0
+        assert ('already there' in capsys.readouterr().out) == is_there
+    assert len(angles(tmp_path / 'out' / 'take.csv')) == 60
 
 
 def test_takes_and_captures_are_read_from_every_format(tracked, tmp_path):
