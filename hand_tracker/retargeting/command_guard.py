@@ -77,6 +77,8 @@ class CommandGuard:
 
     Attributes
     ----------
+    lacking : str
+        Joint that the robot's last joint states lack, for messages.
     memory : GuardMemory
         Its numbers.
     pack : pack of GuardMemory
@@ -100,6 +102,7 @@ class CommandGuard:
         self._command[:] = self._rest
         self._reason = 'nobody has engaged it yet'
         self._lost_time = -math.inf
+        self.lacking = ''
 
     @property
     def state(self) -> GuardState:
@@ -195,17 +198,21 @@ class CommandGuard:
         now : float
             [s]
         """
-        if self.is_engaged:
+        if self.is_engaged and self.state is not GuardState.RELAXING:
             return ''
         memory = self.memory
         if now - memory.press_time[0] > memory.hold_timeout:
             return self._refuse('the deadman is not pressed (hold_to_engage)')
         if not memory.has_wanted[0] or now - memory.hand_time[0] > memory.hand_timeout:
             return self._refuse('there is no hand to follow')
+        if self.state is GuardState.RELAXING:
+            self._go(GuardState.EASING, 'the hand is back, and it was engaged anew')
+            return ''
         start = self._rest
         if self.options.require_robot_state:
             if not memory.has_robot[0] or now - memory.robot_time[0] > memory.robot_timeout:
-                return self._refuse("the robot's joint states are missing or old")
+                return self._refuse("the robot's joint states are missing or old" + (
+                    f': they lack {self.lacking}' if self.lacking else ''))
             start = memory.robot[:memory.joints]
             beyond = np.maximum(self._lower - start, start - self._upper)
             if beyond.max() > OUT_OF_LIMITS:
@@ -291,7 +298,8 @@ class CommandGuard:
             return
         age = now - self.memory.hand_time[0]
         if age <= self.options.hand_timeout:
-            if self.state in (GuardState.HOLDING, GuardState.RELAXING):
+            # On its way to rest it goes on, until it is engaged anew.
+            if self.state is GuardState.HOLDING:
                 self._go(GuardState.EASING, 'the hand is back')
             return
         if self.state in (GuardState.EASING, GuardState.FOLLOWING):

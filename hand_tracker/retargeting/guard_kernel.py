@@ -303,7 +303,7 @@ def move_command(guards: Pack[GuardMemory], goal: np.ndarray, goal_velocity: np.
 
 @jit
 def _braked_speed(distance: float, acceleration: float, slowing: float) -> float:
-    """Return the speed that can be braked to nothing within a distance, with a step to spare.
+    """Return the speed from which steps of slowing, the first at that speed, end at a distance.
 
     Parameters
     ----------
@@ -314,4 +314,7 @@ def _braked_speed(distance: float, acceleration: float, slowing: float) -> float
     slowing : float
         Change of speed in a step at most.
     """
-    return math.sqrt(2. * acceleration * abs(distance) + slowing * slowing / 4.) - slowing / 2.
+    step = slowing / acceleration
+    # Whole steps of slowing that follow: n and the rest of the speed lead over n + 1 steps.
+    following = math.floor(.5 * (math.sqrt(1. + 8. * abs(distance) / (slowing * step)) - 1.))
+    return (abs(distance) / step + .5 * slowing * following * (following + 1.)) / (following + 1.)

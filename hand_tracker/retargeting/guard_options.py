@@ -57,8 +57,8 @@ class GuardOptions:
     disengage_after: float = number_option(
         1., .01, 3600., 's', 'Time without the hand after which the robot must be engaged anew')
     relax: bool = switch(
-        False, 'Whether the robot goes to its rest position slowly, in place of disengaging, '
-        'where the hand stays lost')
+        False, 'Whether the robot goes to its rest position slowly before it disengages, where '
+        'the hand stays lost; only engaging anew ends that')
     relax_speed: float = number_option(
         .2, .001, 10., 'rad/s or m/s', 'Of every joint on the way to the rest position')
 

@@ -177,7 +177,7 @@ def _link_joint(model: RobotModel, link: str, role: str) -> int:
     return model.links[link].joint
 
 
-def _ancestors(model: RobotModel, joint: int) -> list[int]:
+def joints_before(model: RobotModel, joint: int) -> list[int]:
     """Return the joints from the base to a joint, itself included."""
     found = []
     while joint >= 0:
@@ -188,7 +188,7 @@ def _ancestors(model: RobotModel, joint: int) -> list[int]:
 
 def _common_ancestor(model: RobotModel, leaves: list[int]) -> int:
     palm = -1
-    for steps in zip(*(_ancestors(model, leaf) for leaf in leaves)):
+    for steps in zip(*(joints_before(model, leaf) for leaf in leaves)):
         if len(set(steps)) > 1:
             break
         palm = steps[0]
@@ -211,9 +211,9 @@ def _closing_sign(model: RobotModel, joint: int) -> float:
 
 def _digit(model: RobotModel, leaf: int, palm: int, link: str,
            frames: tuple[np.ndarray, np.ndarray], unsure: list[str]) -> Digit:
-    chain = [joint for joint in _ancestors(model, leaf) if joint > palm]
+    chain = [joint for joint in joints_before(model, leaf) if joint > palm]
     if palm >= 0:
-        chain = [joint for joint in chain if palm in _ancestors(model, joint)]
+        chain = [joint for joint in chain if palm in joints_before(model, joint)]
     if not chain:
         raise InvalidRobot(f"digits: link '{link}' does not move against the palm")
     tip_link, tip = _tip(model, chain, link, unsure)

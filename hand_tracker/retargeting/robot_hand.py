@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .robot_anatomy import RobotAnatomy, find_anatomy
+from .robot_anatomy import RobotAnatomy, find_anatomy, joints_before
 from .robot_model import RobotModel, robot_model
 from .robot_urdf import UrdfTree
 
@@ -72,6 +72,13 @@ class RobotHand(NamedTuple):
     def side(self) -> str:
         """'right' or 'left'."""
         return self.anatomy.side
+
+    @property
+    def arm_joints(self) -> list[str]:
+        """Variables that move the palm: of an arm or a wrist."""
+        before = joints_before(self.model, self.anatomy.palm_joint)
+        return [self.model.variables[i] for i in sorted(
+            {int(self.model.joints.variable[joint]) for joint in before})]
 
     def tip_positions(self, position: np.ndarray) -> np.ndarray:
         """Return the centres of the tip spheres in the palm's frame, shape (digits, 3) [m].

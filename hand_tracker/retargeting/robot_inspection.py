@@ -26,7 +26,11 @@ def findings(loaded: LoadedRobot) -> list[str]:
         names = ', '.join(model.joint_names[joint] for joint in digit.joints)
         lines.append(f"{role}: tip '{digit.tip_link}', {1e3 * digit.length:.0f} mm from its base, "
                      f'sphere of {1e3 * robot.spheres[role].radius:.1f} mm; joints {names}')
-    idle = [name for i, name in enumerate(model.variables) if i not in _moving(robot)]
+    arm = robot.arm_joints
+    if arm:
+        lines.append(f'joints that move the palm, and are not commanded: {", ".join(arm)}')
+    idle = [name for i, name in enumerate(model.variables)
+            if i not in _moving(robot) and name not in arm]
     if idle:
         lines.append(f'joints that move no digit, and stay: {", ".join(idle)}')
     return lines
@@ -77,8 +81,10 @@ def robot_file_text(loaded: LoadedRobot, urdf: str) -> str:
     lines += ['', '# Positions at rest [rad or m].', 'rest:']
     lines += [f'  {_text(name)}: {round(float(value), 6) + 0.}'
               for name, value in zip(robot.model.variables, robot.rest)]
-    lines += ['', '# Order of commands that have no names.',
-              f'order: [{", ".join(map(_text, loaded.order))}]', '',
+    order = [name for name in loaded.order if name not in robot.arm_joints]
+    lines += ['', '# Joints that are commanded, in the order of commands without names.',
+              '# Those of an arm are left to its controller.',
+              f'order: [{", ".join(map(_text, order))}]', '',
               '# Joints may follow human joints one to one, in place of the tips:',
               '# follow: {JOINT: {angle: index_mcp_flexion, scale: 1, offset_deg: 0}}',
               '# Weights and distances: hand_tracker/retargeting/retarget_options.py.',

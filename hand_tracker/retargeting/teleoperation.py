@@ -231,7 +231,10 @@ class Teleoperation:
         now : float
             Time of receipt [s].
         """
-        rows, _ = self._robot_rows.find(names)
+        rows, is_new = self._robot_rows.find(names)
+        if is_new:
+            self.guard.lacking = next(
+                (name for name in self._model.variables if name not in names), '')
         if len(rows) < len(self._model.variables) or len(positions) != len(names):
             return
         given = np.asarray(positions, dtype=float)[rows]

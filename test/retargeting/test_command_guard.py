@@ -257,6 +257,30 @@ def test_by_choice_it_relaxes_slowly_and_then_disengages():
     assert rig.guard.state is GuardState.DISENGAGED
 
 
+@pytest.mark.parametrize('acceleration', [20., 137., 500.])
+def test_a_limit_is_met_within_the_acceleration(acceleration):
+    rig = Rig(max_acceleration=acceleration, max_jump=10.).following()
+    commands = [rig.tick()]
+    for goal in 2 * (UPPER + .5, LOWER - .5):
+        commands += rig.run(1.5, hand=goal)
+    velocity = np.diff(commands, axis=0) / STEP
+    assert np.abs(np.diff(velocity, axis=0)).max() <= acceleration * STEP * (1. + 1e-6)
+    reached = np.array(commands)
+    np.testing.assert_allclose(reached.max(axis=0), UPPER - .02, atol=1e-6)
+    np.testing.assert_allclose(reached.min(axis=0), LOWER + .02, atol=1e-6)
+
+
+def test_a_hand_that_comes_back_as_the_robot_relaxes_is_followed_once_engaged_anew():
+    rig = Rig(relax=True, relax_speed=.05).following()
+    rig.run(1.5, hand=None)
+    assert rig.guard.state is GuardState.RELAXING
+    rig.run(.5)
+    assert rig.guard.state is GuardState.RELAXING
+    before = rig.tick()
+    assert rig.guard.engage(rig.now) == '' and rig.guard.state is GuardState.EASING
+    assert np.abs(rig.tick() - before).max() <= rig.options.ease_speed * STEP + 1e-9
+
+
 def test_hold_to_engage_moves_only_while_it_is_pressed():
     rig = Rig(hold_to_engage=True)
     rig.tick()
@@ -328,7 +352,8 @@ def test_ten_thousand_faults_break_no_rule(options):
         for _ in range(int(random.integers(1, 7))):
             wanted = HAND + .4 * np.sin(rig.now * np.array((2., 3., 5.)))
             hand, robot_seen, step = faulty(fault, wanted, frozen, robot, random)
-            frozen = wanted
+            if fault != 'frozen':
+                frozen = wanted
             if fault == 'disengaged':
                 guard.disengage()
             elif fault != 'released':
