@@ -487,7 +487,10 @@ def drag_hidden(capsules: Capsules, before: np.ndarray, after: np.ndarray, seen:
     before, after = indexed(before), indexed(after)
     weights = local_floats(6)
     for pair in range(PAIR_COUNT):
-        if not may_touch(capsules, before, pair, gap):
+        a, b = capsules.digits[pair, 0], capsules.digits[pair, 1]
+        # One is hidden, and the other seen or the palm.
+        is_dragging = not seen[a] if b == PALM_INDEX else seen[a] != seen[b]
+        if not (is_dragging and may_touch(capsules, before, pair, gap)):
             continue
         first = capsules.first[pair]
         second = capsules.second[pair]
@@ -498,8 +501,7 @@ def drag_hidden(capsules: Capsules, before: np.ndarray, after: np.ndarray, seen:
             continue
         for end in range(2):
             digit = capsules.digits[pair, end]
-            other = capsules.digits[pair, 1 - end]
-            if digit == PALM_INDEX or seen[digit] or not (other == PALM_INDEX or seen[other]):
+            if digit == PALM_INDEX or seen[digit]:
                 continue
             row = second if end == 0 else first
             share = t if end == 0 else s
