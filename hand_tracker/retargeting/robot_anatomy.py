@@ -253,8 +253,8 @@ def _tip(model: RobotModel, chain: list[int], link: str,
         return link, np.zeros(3)
     # Straight on from the bone before, in the last joint's frame at zero.
     bone = model.joints.rotation[leaf].T @ model.joints.translation[leaf]
-    unsure.append(f"tip of '{link}': no frame at the tip; guessed {1e3 * MISSING_TIP_SHARE:.0f} "
-                  'thousandths of the bone before, straight on: set tip_offset_mm')
+    unsure.append(f"tip of '{link}': no frame at the tip; guessed {100. * MISSING_TIP_SHARE:.0f} % "
+                  'of the bone before, straight on: set tip_offset_mm')
     return link, MISSING_TIP_SHARE * bone
 
 
