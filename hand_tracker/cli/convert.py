@@ -43,8 +43,11 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
         raise RecordingError(f'{output}: the suffix is that of another format than '
                              f'{options.format}; expected {" or ".join(form.suffixes)}')
     recording = recorded_points(options.recording, reading_options(options))
-    left_out = '' if output.suffix in STORAGE else recording.left_out_note
-    for note in (*recording.notes, *filter(None, [left_out and f'{left_out}: written as missing'])):
+    notes = list(recording.notes)
+    if output.suffix not in STORAGE and recording.left_out:
+        notes.append(f'{recording.left_out} frames between the others were left out, as the times '
+                     'say: written as missing')
+    for note in notes:
         print(f'{options.recording}: {note}', file=sys.stderr)
     if not len(recording.points):
         raise RecordingError(f'{options.recording}: no frames to convert')

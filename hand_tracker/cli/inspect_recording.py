@@ -44,7 +44,7 @@ def summary(recording: PointRecording, layouts: list[LikelyLayout]) -> dict[str,
     dict
         `labels`, empty for points without one; `rate_hz`, null where it is unknown; `units` and
         `up` of the file; `frames`; `gaps_pct` of all points and frames together, with those
-        that were left out; `layouts`, the most likely first; and `format`, `handed`, `seconds`,
+        `left_out`; `layouts`, the most likely first; and `format`, `handed`, `seconds`,
         `gaps_pct_by_label`, `notes`; of rosbag2 recordings `topic` and `message`, else null.
     """
     even = recording.evenly_spaced()
@@ -56,12 +56,13 @@ def summary(recording: PointRecording, layouts: list[LikelyLayout]) -> dict[str,
         'rate_hz': round(recording.rate, 6) if np.isfinite(recording.rate) else None,
         'units': recording.axes.units, 'up': recording.axes.up,
         'handed': recording.axes.handed, 'frames': len(recording.points),
+        'left_out': recording.left_out,
         'seconds': round(float(times[-1] - times[0]), 3),
         'gaps_pct': round(float(gaps.mean()), 3) if len(gaps) else 0.,
         'gaps_pct_by_label': named, 'layouts': [layout._asdict() for layout in layouts],
         'topic': recording.origin and recording.origin.topic,
         'message': recording.origin and recording.origin.type,
-        'notes': [*recording.notes, *filter(None, [recording.left_out_note])]}
+        'notes': list(recording.notes)}
 
 
 def next_command(path: Path, recording: PointRecording, options: argparse.Namespace) -> str:
@@ -162,6 +163,9 @@ def summary_lines(path: Path, found: dict[str, Any], command: str) -> list[str]:
     if len(labels) > LISTED_LABELS:
         lines.append(f'  ... and {len(labels) - LISTED_LABELS} more (--json has all)')
     lines += [f'note: {note}' for note in found['notes']]
+    if found['left_out']:
+        lines.append(f'note: {found["left_out"]} frames between the others were left out, as the '
+                     'times say')
     for layout in found['layouts'][:LISTED_LAYOUTS]:
         lines.append(f'layout {layout["name"]}, {layout["side"]} hand: '
                      f'likelihood {layout["likelihood"]:.2f}')

@@ -165,21 +165,20 @@ class PointRecording(NamedTuple):
 
         Their points are missing.
         """
-        if self.stamps is None or len(self.stamps) < 2:
+        if self.stamps is None or not self.left_out:
             return self
         rows = even_rows(self.stamps)
         count = int(rows[-1]) + 1
-        if count == len(rows):
-            return self
         points = np.full((count, *self.points.shape[1:]), np.nan, dtype=self.points.dtype)
         points[rows] = self.points
         return self._replace(points=points, stamps=np.interp(np.arange(count), rows, self.stamps))
 
     @property
-    def left_out_note(self) -> str:
-        """Note on frames that were left out, empty where there are none."""
-        count = len(self.evenly_spaced().points) - len(self.points)
-        return f'{count} frames between the others were left out, as the times say' * (count > 0)
+    def left_out(self) -> int:
+        """Number of frames that were left out between the others, as their times say."""
+        if self.stamps is None or len(self.stamps) < 2:
+            return 0
+        return int(even_rows(self.stamps)[-1]) + 1 - len(self.stamps)
 
     def blocks(self) -> Iterator[np.ndarray]:
         """Yield views of the points, some frames at once."""

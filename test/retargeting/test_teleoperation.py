@@ -13,6 +13,7 @@ from hand_tracker.files.urdf_file import urdf
 from hand_tracker.retargeting.command_guard import GuardState
 from hand_tracker.retargeting.guard_options import GuardOptions
 from hand_tracker.retargeting.robot_file import load_robot
+from hand_tracker.retargeting.robot_inspection import findings, robot_file_text
 from hand_tracker.retargeting.robot_urdf import InvalidRobot
 from hand_tracker.retargeting.teleoperation import Teleoperation
 from hand_tracker.simulation.poses import pose_angles
@@ -80,6 +81,25 @@ def test_joints_that_move_no_digit_stay_where_they_are(own_hand):
     rig.engaged()
     commands = [dict(zip(*rig.tick())) for _ in range(50)]
     assert [command['bend'] for command in commands] == pytest.approx([.4] * 50)
+
+
+def test_an_inspected_robot_leaves_its_arm_to_another_controller(tmp_path):
+    (tmp_path / 'arm.urdf').write_text(ON_AN_ARM)
+    found = load_robot(tmp_path / 'arm.urdf')
+    assert any('move the palm, and are not commanded: bend' in line for line in findings(found))
+    path = tmp_path / 'arm.yaml'
+    path.write_text(robot_file_text(found, str(tmp_path / 'arm.urdf')))
+    rig = Rig(robot=path).engaged()
+    assert 'bend' not in rig.tick().names
+
+
+def test_what_the_joint_states_of_the_robot_lack_is_named(own_hand):
+    rig = Rig(ON_AN_ARM, own_hand)
+    rig.it.observe_robot([name for name in rig.names if name != 'bend'], rig.position[1:], rig.now)
+    rig.it.observe_hand(RIGHT, rig.hand.relaxed(), rig.now)
+    assert rig.it.guard.engage(rig.now) == (
+        "the robot's joint states are missing or old: they lack bend")
+    assert rig.engaged().it.guard.is_engaged
 
 
 def test_a_command_has_the_order_that_is_asked_for_and_mimics_by_name(own_hand):
