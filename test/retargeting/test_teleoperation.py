@@ -85,11 +85,11 @@ def test_joints_that_move_no_digit_stay_where_they_are(own_hand):
 
 def test_an_inspected_robot_leaves_its_arm_to_another_controller(tmp_path):
     (tmp_path / 'arm.urdf').write_text(ON_AN_ARM)
-    found = load_robot(tmp_path / 'arm.urdf')
+    found = load_robot(str(tmp_path / 'arm.urdf'))
     assert any('move the palm, and are not commanded: bend' in line for line in findings(found))
     path = tmp_path / 'arm.yaml'
     path.write_text(robot_file_text(found, str(tmp_path / 'arm.urdf')))
-    rig = Rig(robot=path).engaged()
+    rig = Rig(robot=str(path)).engaged()
     assert 'bend' not in rig.tick().names
 
 
