@@ -143,6 +143,8 @@ def _digits_by_number(words: list[str]) -> list[str]:
 
 def _named(side: str, words: list[str], thumb: dict[str, str],
            is_skeleton: bool) -> HandLabel | None:
+    if words == ['hand', 'wrist']:
+        words = ['wrist']
     if is_skeleton and words in (['hand'], ['wrist']):
         return HandLabel(side, 'wrist')
     plain = [NUMBERED_DIGITS.get(word, word) for word in _digits_by_number(words)

@@ -52,6 +52,7 @@ def both_hands(frames=40):
      True, ('thumb_cmc', 'thumb_mcp', 'thumb_ip', 'little_mcp')),
     (('RightSecondPP', 'RightFirstMC', 'RightFifthDP', 'RightFifthDP_end'), True,
      ('index_mcp', 'thumb_cmc', 'little_dip', 'little_tip')),
+    (('right_hand_wrist', 'RightHandWrist', 'RHandWrist'), False, ('wrist',) * 3),
     (('Anna:RIndexTip', 'R_index_mcp', 'right_wrist', 'RThumbTip', 'index_tip_r'), False,
      ('index_tip', 'index_mcp', 'wrist', 'thumb_tip', 'index_tip'))])
 def test_labels_of_every_spelling_name_the_right_hand(labels, skeleton, names):
