@@ -179,11 +179,7 @@ def read_bag_points(path: Path, zero_is_missing: bool = True,
     if not frames:
         raise RecordingError(f'{path}: {topic}: no messages; expected at least one')
     labels = tuple(name for name, _ in columns)
-    # No source loses a landmark in every frame: such are relative to it.
-    is_origin = np.full(len(labels), kind in LANDMARK_MESSAGES)
-    for places, points in frames:
-        is_origin[places] &= ~points.any(axis=1)
-    buffer = PointBuffer(path, labels, zero_is_missing, len(frames), is_origin)
+    buffer = PointBuffer(path, labels, zero_is_missing, len(frames))
     for first in range(0, len(frames), ROWS_AT_ONCE):
         some = frames[first:first + ROWS_AT_ONCE]
         rows = np.full((len(some), len(labels), 3), np.nan, dtype=np.float32)

@@ -16,6 +16,7 @@ from ..numerics.jit import jit, local_floats
 from ..numerics.vectors import distance, is_equal, store, vector
 
 COORDINATE_LIMIT = 1e3  # [m] greatest valid coordinate
+ORIGIN_RADIUS = 1e-6    # [m] within which a marker is its source's origin, as a wrist may be
 SKIN_STRETCH = .003     # [m] by which skin lets distances of palm markers vary; ours
 
 
@@ -44,8 +45,8 @@ def reject_frozen(markers: np.ndarray, seen: np.ndarray, last: np.ndarray, still
 
     A marker is frozen if its position repeats bit for bit while the hand moves: two palm markers,
     or, as two may freeze at once, one and a digit's. A palm marker may rest on a table while the
-    hand turns about it, so it is frozen only once its distance from another has changed. Markers
-    at the origin are handled where messages are decoded.
+    hand turns about it, so it is frozen only once its distance from another has changed. One at
+    the origin is never frozen: whether it is lost is decided where messages are decoded.
 
     Parameters
     ----------
@@ -74,7 +75,8 @@ def reject_frozen(markers: np.ndarray, seen: np.ndarray, last: np.ndarray, still
     for i in range(markers.shape[0]):
         if not seen[i]:
             continue
-        if not is_equal(markers[i], last[i]) or is_equal(markers[i], (0., 0., 0.)):
+        if (not is_equal(markers[i], last[i])
+                or distance(vector(markers[i]), (0., 0., 0.)) < ORIGIN_RADIUS):
             still[i] = 0
             for j in range(3 if i < 3 else 0):
                 stood[i, j] = _gap(markers, seen, i, j)

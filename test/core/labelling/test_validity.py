@@ -90,6 +90,15 @@ def test_a_palm_marker_may_rest_while_the_hand_turns_about_it(marker):
     assert states(given).all()
 
 
+@pytest.mark.parametrize('origin', [(0., 0., 0.), (1e-9, 0., 0.)])
+def test_a_marker_that_is_the_origin_of_the_others_is_not_frozen(origin):
+    markers = np.random.default_rng(1).normal(scale=.1, size=(8, 3))
+    given = [markers * (1. + .01 * frame) for frame in range(20)]
+    for frame in given:
+        frame[0] = origin
+    assert states(given).all()
+
+
 def test_a_hand_at_rest_is_not_frozen():
     move = np.zeros((8, 3))
     move[3:] = .001
