@@ -7,12 +7,13 @@ given here. Needs ros2_control and ros2_controllers.
 from pathlib import Path
 from typing import Any
 
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch_ros.actions import Node
 
 from hand_tracker.files.ros2_control import with_mock_hardware
+from hand_tracker.launching.installed_packages import is_installed
 from hand_tracker.retargeting.robot_file import load_robot
 from launch import Action, LaunchContext, LaunchDescription
 
@@ -41,7 +42,7 @@ CONTROL_ARGUMENTS = (
 def start(context: LaunchContext) -> list[Action]:
     """Return the nodes of the robot, and the launch of the tracker."""
     # Before anything starts: launch leaves running what was started before one is missed.
-    if lacking := [source for package, source in NEEDED.items() if not installed(package)]:
+    if lacking := [source for package, source in NEEDED.items() if not is_installed(package)]:
         raise RuntimeError(f"not installed: {', '.join(lacking)}")
     given = context.launch_configurations
     controller, side = given['controller'], given['side']
@@ -70,15 +71,6 @@ def start(context: LaunchContext) -> list[Action]:
         Node(package='hand_tracker', executable='retarget', output='screen',
              parameters=[{'robot': DRIVEN_ROBOT, 'side': side, 'outputs': output}],
              remappings=[(f'robot/{output}', f'{ROBOT_NAMESPACE}/{controller}/{topic}')])]
-
-
-def installed(package: str) -> bool:
-    """Return whether a package is installed."""
-    try:
-        get_package_share_directory(package)
-    except PackageNotFoundError:
-        return False
-    return True
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -13,7 +13,7 @@ from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutdown
 from launch.events.process import ProcessExited
 from launch_ros.actions import Node
@@ -22,6 +22,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from hand_tracker.core.model.hand import BOTH
 from hand_tracker.files.keystore import enclave_of
 from hand_tracker.files.urdf_file import urdf
+from hand_tracker.launching.installed_packages import is_installed
 from hand_tracker.launching.launch_plan import (
     AUTO,
     SOURCE_NAME,
@@ -168,7 +169,7 @@ def start(context: LaunchContext) -> list[Action]:
     # Included by another file, what was given is that file's.
     if names_launch_file(words, Path(__file__)):
         refuse_unknown_arguments(words, [row.name for row in ARGUMENTS])
-    plan = LaunchPlan(context.launch_configurations, installed)
+    plan = LaunchPlan(context.launch_configurations, is_installed)
     return [
         tracker(plan), *hand_publishers(plan), *source(plan), *replay(plan), *mounts(plan),
         *skins(plan), *retargets(plan), *robots_beside(plan), *rviz(plan)]
@@ -341,12 +342,3 @@ def ended(name: str) -> Callable[[ProcessExited, LaunchContext], Shutdown]:
             raise RuntimeError(f'the {name} ended with exit code {event.returncode}')
         return Shutdown(reason=f'the {name} ended')
     return end
-
-
-def installed(package: str) -> bool:
-    """Return whether a package is installed."""
-    try:
-        get_package_share_directory(package)
-    except PackageNotFoundError:
-        return False
-    return True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -77,14 +77,18 @@ def likely_layouts(recording: PointRecording) -> list[LikelyLayout]:
 
 def complete_layout(recording: PointRecording) -> LikelyLayout | None:
     """Return the likeliest preset whose markers are all in a recording, None for none."""
-    return next((layout for layout in likely_layouts(recording) if layout.is_complete), None)
+    return first_complete(likely_layouts(recording))
 
 
-def has_both(recording: PointRecording, name: str) -> bool:
+def first_complete(layouts: Sequence[LikelyLayout]) -> LikelyLayout | None:
+    """Return the likeliest whose markers are all there, None for none."""
+    return next((layout for layout in layouts if layout.is_complete), None)
+
+
+def has_both(recording: PointRecording, layouts: Sequence[LikelyLayout], name: str) -> bool:
     """Return whether labels name both hands, with all markers of a preset on each."""
     named = {hand.side for hand in hands_of(recording)}
-    complete = {one.side for one in likely_layouts(recording) if one.name == name
-                and one.is_complete}
+    complete = {one.side for one in layouts if one.name == name and one.is_complete}
     return set(SIDES) <= named & complete
 
 

@@ -52,7 +52,7 @@ def _convert(options: argparse.Namespace, interrupted: Interruptions,
     if not len(recording.points):
         raise RecordingError(f'{options.recording}: no frames to convert')
     at_origin = [label or 'a point' for label, points in zip(
-        recording.labels, recording.points.swapaxes(0, 1)) if not points.any(axis=1).all()]
+        recording.labels, recording.points.swapaxes(0, 1)) if (points == 0.).all(axis=1).any()]
     if at_origin and not (recording.is_landmarks and output.suffix in NPZ.suffixes):
         print(f'{output}: {", ".join(at_origin)} is at (0, 0, 0) in some frames, which reads as '
               'missing but with --keep-zeros', file=sys.stderr)

@@ -36,8 +36,9 @@ def main(arguments: list[str] | None = None) -> int:
         from .inspect_recording import next_command, summary, summary_lines
 
         recording = recorded_points(options.recording, reading_options(options))
-        found = summary(recording, likely_layouts(recording))
-        command = next_command(options.recording, recording, options)
+        layouts = likely_layouts(recording)
+        found = summary(recording, layouts)
+        command = next_command(options.recording, recording, layouts, options)
     except (HandTrackerError, OSError) as error:
         print(f'hand_tracker inspect: {error}', file=sys.stderr)
         return 1

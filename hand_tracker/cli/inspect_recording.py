@@ -11,7 +11,7 @@ import numpy as np
 
 from ..calibration.hand_axes import hands_of, likelier_unit
 from ..calibration.hand_markers import UnknownMarkers, choose_markers
-from ..calibration.known_layouts import LikelyLayout, complete_layout, has_both
+from ..calibration.known_layouts import LikelyLayout, first_complete, has_both
 from ..calibration.take_checks import LEAST_DURATION
 from ..core.model.hand import BOTH, SIDES
 from ..core.model.layout_presets import PAPER_LAYOUT, preset_layout
@@ -65,13 +65,15 @@ def summary(recording: PointRecording, layouts: list[LikelyLayout]) -> dict[str,
         'notes': list(recording.notes)}
 
 
-def next_command(path: Path, recording: PointRecording, options: argparse.Namespace) -> str:
+def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayout],
+                 options: argparse.Namespace) -> str:
     """Return the command that tracks a recording, with what its labels leave open.
 
     Parameters
     ----------
     path : Path
     recording : PointRecording
+    layouts : list of LikelyLayout
     options : argparse.Namespace
         Of the command line.
 
@@ -88,18 +90,19 @@ def next_command(path: Path, recording: PointRecording, options: argparse.Namesp
     words += ['--keep-zeros'] * options.keep_zeros + ['--partial'] * options.partial
     words += ['--topic', options.topic] if options.topic else []
     given = chosen_labels(options.markers)
-    likeliest = None if given else complete_layout(recording)
+    likeliest = None if given else first_complete(layouts)
     layout = preset_layout(likeliest.name) if likeliest is not None else None
     has_ids = is_marker_bag(path, MarkerChoice(
         reading_options(options), names=given, layout=layout))
-    if has_ids and likeliest is not None and has_both(recording, likeliest.name):
+    is_both = likeliest is not None and has_both(recording, layouts, likeliest.name)
+    if has_ids and is_both:
         return shlex.join([*words, '--side', BOTH])
     if has_ids and label_fault(path, options.topic, MarkerReading(), MarkerLayout()) is None:
         return shlex.join(words)
     if has_ids or not any(recording.labels):
         return shlex.join([*words, '--labels', WITHOUT_LABELS])
     if likeliest is not None:
-        side = BOTH if has_both(recording, likeliest.name) else likeliest.side
+        side = BOTH if is_both else likeliest.side
         words += ['--layout', likeliest.name] * (likeliest.name != PAPER_LAYOUT)
         words += ['--side', side] * (side in (*SIDES, BOTH))
         return shlex.join(words)

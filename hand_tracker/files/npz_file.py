@@ -126,7 +126,7 @@ def read_npz(path: Path, file: IO[bytes], zero_is_missing: bool = True,
     labels, repeated = unique_labels(names)
     is_landmarks = pair[0] != 'markers'
     # No camera loses a landmark in every frame: such are relative to it.
-    is_origin = ~points.any(axis=(0, 2)) & is_landmarks
+    is_origin = (points == 0.).all(axis=(0, 2)) & is_landmarks
     buffer = PointBuffer(path, labels, zero_is_missing, len(points), is_origin)
     buffer.append(points)
     found, points = buffer.finish()
