@@ -80,8 +80,8 @@ class State(NamedTuple):
         MCP flexion between neighbouring fingers when both were last seen [rad].
     pushes : ndarray, shape (5, 3)
         Displacement of the hidden digits' markers by contact [m].
-    capsule_ends : ndarray, shape (2, 23, 2, 3)
-        Ends of the capsules' axes in the last frame and in this one [m].
+    capsule_ends : ndarray, shape (2, 23, 3, 3)
+        Ends and middles of the capsules' axes in the last frame and in this one [m].
     are_placed : ndarray of bool, shape (1,)
         Whether the capsules are those of the separated angles.
     last_markers, repeats, repeated_distances : ndarray, shape (65, 3), (65,) and (3, 3)
@@ -158,7 +158,7 @@ def blank_state(template: np.ndarray, rest: np.ndarray, relaxed: np.ndarray,
         estimate=initial_angle_filter(relaxed), blended=relaxed.copy(), offset=np.zeros(joints),
         separated=relaxed.copy(), contact_offset=np.zeros(joints),
         neighbour_difference=np.zeros(3), pushes=np.zeros(rest.shape),
-        capsule_ends=np.zeros((2, CAPSULE_COUNT, 2, 3)), are_placed=np.zeros(1, dtype=bool),
+        capsule_ends=np.zeros((2, CAPSULE_COUNT, 3, 3)), are_placed=np.zeros(1, dtype=bool),
         last_markers=np.full((ROW_CAPACITY, 3), np.nan),
         repeats=np.zeros(ROW_CAPACITY, dtype=np.int64),
         repeated_distances=np.full((3, 3), np.nan), expected=unknown_markers(),

@@ -73,8 +73,8 @@ class Placement(NamedTuple):
     ----------
     rotations, positions : ndarray, shape (25, 3, 3) and (25, 3)
         Frames of the links [m].
-    ends : ndarray, shape (c, 2, 3)
-        Start and end of each capsule's axis [m].
+    ends : ndarray, shape (c, 3, 3)
+        Start, end and middle of each capsule's axis [m].
     """
 
     rotations: np.ndarray
@@ -85,7 +85,7 @@ class Placement(NamedTuple):
 def blank_placement() -> Placement:
     """Return a placement of zeros, to be replaced."""
     return Placement(np.zeros((len(LINKS), 3, 3)), np.zeros((len(LINKS), 3)),
-                     np.zeros((CAPSULE_COUNT, 2, 3)))
+                     np.zeros((CAPSULE_COUNT, 3, 3)))
 
 
 def capsule_ends(hand: Hand) -> np.ndarray:
@@ -209,7 +209,7 @@ def place_digit_capsules(capsules: Capsules, digit: int, angles: np.ndarray,
 
 @jit
 def _place_capsule(capsules: Capsules, row: int, placement: Placement) -> None:
-    """Write the ends of a capsule's axis, its link placed."""
+    """Write the ends and the middle of a capsule's axis, its link placed."""
     turns, origins, ends = (indexed(placement.rotations), indexed(placement.positions),
                             indexed(placement.ends))
     link, start, end = capsules.link[row], indexed(capsules.start), indexed(capsules.end)
@@ -218,6 +218,7 @@ def _place_capsule(capsules: Capsules, row: int, placement: Placement) -> None:
         at = origins[link, i]
         ends[row, 0, i] = at + x * start[row, 0] + y * start[row, 1] + z * start[row, 2]
         ends[row, 1, i] = at + x * end[row, 0] + y * end[row, 1] + z * end[row, 2]
+        ends[row, 2, i] = .5 * (ends[row, 0, i] + ends[row, 1, i])
 
 
 @jit
@@ -238,12 +239,12 @@ def place_capsules(capsules: Capsules, angles: np.ndarray, placement: Placement)
 
 @jit
 def may_touch(capsules: Capsules, ends: np.ndarray, pair: int, gap: float) -> bool:
-    """Return whether a pair may be nearer than a gap, by the midpoints of the axes.
+    """Return whether a pair may be nearer than a gap, by what its axes leave between midpoints.
 
     Parameters
     ----------
     capsules : Capsules
-    ends : ndarray, shape (c, 2, 3)
+    ends : ndarray, shape (c, 3, 3)
         Of a `Placement`, `indexed` [m].
     pair : int
     gap : float
@@ -254,18 +255,27 @@ def may_touch(capsules: Capsules, ends: np.ndarray, pair: int, gap: float) -> bo
     bool
     """
     first, second = capsules.first[pair], capsules.second[pair]
-    square = 0.
-    for i in range(3):
-        between = ends[first, 0, i] + ends[first, 1, i] - ends[second, 0, i] - ends[second, 1, i]
-        square += between * between
-    return square <= 4. * (capsules.reach[pair] + gap) ** 2
+    first_middle, second_middle = _place_of(ends, first, 2), _place_of(ends, second, 2)
+    between = subtract(first_middle, second_middle)
+    square = dot(between, between)
+    if square > (capsules.reach[pair] + gap) ** 2:
+        return False
+    # Halves of the axes, projected on the line between the midpoints.
+    left = (square - abs(dot(subtract(_place_of(ends, first, 1), first_middle), between))
+            - abs(dot(subtract(_place_of(ends, second, 1), second_middle), between)))
+    return left <= 0. or left * left <= (capsules.apart[pair] + gap) ** 2 * square
 
 
 @jit
 def axis_of(ends: np.ndarray, row: int) -> tuple[Vector, Vector]:
-    """Return start and end of a capsule's axis, row `row` of `ends`, shape (c, 2, 3) [m]."""
-    return ((ends[row, 0, 0], ends[row, 0, 1], ends[row, 0, 2]),
-            (ends[row, 1, 0], ends[row, 1, 1], ends[row, 1, 2]))
+    """Return start and end of a capsule's axis, row `row` of `ends`, shape (c, 3, 3) [m]."""
+    return _place_of(ends, row, 0), _place_of(ends, row, 1)
+
+
+@jit
+def _place_of(ends: np.ndarray, row: int, which: int) -> Vector:
+    """Return start (0), end (1) or middle (2) of a capsule's axis [m]."""
+    return ends[row, which, 0], ends[row, which, 1], ends[row, which, 2]
 
 
 @jit

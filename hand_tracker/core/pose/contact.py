@@ -400,7 +400,7 @@ def _linearise(capsules: Capsules, pair: int, angles: np.ndarray, mobility: Mobi
     mobility : Mobility
     lines : ndarray, shape (25, 2, 3)
         Of `_place_lines`.
-    ends : ndarray, shape (c, 2, 3)
+    ends : ndarray, shape (c, 3, 3)
         Of `Placement`, `indexed` [m].
     row : int
     lever : ndarray, shape (p, 2, 3)
@@ -472,7 +472,7 @@ def drag_hidden(capsules: Capsules, before: np.ndarray, after: np.ndarray, seen:
     Parameters
     ----------
     capsules : Capsules
-    before, after : ndarray, shape (c, 2, 3)
+    before, after : ndarray, shape (c, 3, 3)
         Capsules (of a `Placement`) in the last frame and with this frame's seen digits, in
         the wrist's frame [m].
     seen : ndarray of bool, shape (5,)
