@@ -15,15 +15,18 @@ import pytest
 COMPILE_ALL = 'hand_tracker.nodes.fast_path.compile_fast_path'
 COMPILE = 'hand_tracker.tracking.compile_kernels'
 # The longest first, so that no process is left alone with one of them at the end.
-LONGEST = ('viewer/test_viewer_browser.py', 'nodes/test_tracker_node.py', 'core/test_tracker.py',
-           'core/test_tracker_occlusion.py', 'evaluation/test_evaluation.py',
-           'evaluation/test_captures.py', 'package/test_end_to_end.py',
-           'package/test_benchmarks.py', 'nodes/test_replay_node.py', 'skin/test_load.py',
-           'core/pose/test_contact.py', 'calibration/test_fit.py', 'tracking/test_recording.py',
-           'drawing/test_animation.py', 'simulation/test_visibility.py',
-           'simulation/test_motions.py', 'nodes/fast_path/test_middleware.py',
-           'nodes/test_skin_node.py', 'simulation/test_simulator.py', 'package/test_examples.py',
-           'retargeting/test_retargeter.py', 'test_parallel.py')
+LONGEST = ('nodes/test_replay_node.py', 'core/test_tracker.py', 'core/test_tracker_occlusion.py',
+           'nodes/test_tracker_node.py', 'cli/test_demo.py', 'viewer/test_viewer_browser.py',
+           'calibration/test_fit.py', 'nodes/test_faults.py', 'evaluation/test_evaluation.py',
+           'package/test_benchmarks.py', 'tracking/test_recording.py',
+           'evaluation/test_captures.py', 'skin/test_load.py', 'nodes/fast_path/test_middleware.py',
+           'package/test_security.py', 'nodes/test_hand_services.py', 'simulation/test_motions.py',
+           'calibration/test_marker_fit.py', 'test_parallel.py', 'calibration/test_calibrate.py',
+           'package/test_examples.py', 'package/test_end_to_end.py', 'core/test_tracker_layouts.py',
+           'package/test_package.py', 'nodes/test_retarget_node.py',
+           'calibration/test_layout_labels.py', 'nodes/test_mount_node.py', 'core/test_fuzz.py',
+           'tracking/test_compilation.py', 'simulation/test_visibility.py',
+           'nodes/test_all_node.py', 'core/pose/test_contact.py')
 
 
 def pytest_configure(config):

@@ -119,7 +119,7 @@ def _pictured(fit: MarkerFit, gathered: Gathered) -> list[FittedPose]:
     order = np.argsort(flexion)
     rows = [int(order[int(share * (len(order) - 1))]) for share in PICTURED_FLEXION]
     mounts = [fit.mounts[marker.name] for marker in gathered.markers]
-    modelled = place_mounted(fit.hand.replace(side='right'), mounts, fit.postures[rows],
+    modelled = place_mounted(fit.hand.as_right(), mounts, fit.postures[rows],
                              np.tile(np.eye(3), (len(rows), 1, 1)), np.zeros((len(rows), 3)))
     return [FittedPose(title, fit.postures[row], fit.local[row], points)
             for title, row, points in zip(('open', 'half closed', 'closed'), rows, modelled)]

@@ -282,7 +282,7 @@ def place_mounted(hand: Hand, mounts: Sequence[MarkerMount], angles: np.ndarray,
     ndarray, shape (n, k, 3)
         [m]
     """
-    pose = forward(joint_table(hand.replace(side='right')), angles)
+    pose = forward(joint_table(hand.as_right()), angles)
     points = np.empty((len(angles), len(mounts), 3))
     for i, mount in enumerate(mounts):
         if mount.link < 0:

@@ -31,7 +31,7 @@ def full_layout(fit: MarkerFit) -> MarkerLayout:
     MarkerLayout
         With the names of the fit's markers. Those at a knuckle ride on its metacarpal.
     """
-    right = fit.hand.replace(side='right')
+    right = fit.hand.as_right()
     noise: dict[str, float] = {}
     for row, digit in enumerate(fit.digits):
         if digit is not None:

@@ -34,7 +34,7 @@ def fit_radii(hand: Hand, local: np.ndarray) -> Hand:
     -------
     Hand
     """
-    right = hand.replace(side='right')
+    right = hand.as_right()
     digits = digit_chains(right, MarkerLayout().mounting(right))
     frames = evenly_spaced(len(local), RADII_FIT_FRAMES)
     postures = np.zeros((len(frames), len(JOINTS)))
@@ -57,7 +57,7 @@ def thinned(hand: Hand, postures: np.ndarray) -> Hand:
     -------
     Hand
     """
-    body = hand_capsules(hand.replace(side='right'))
+    body = hand_capsules(hand.as_right())
     gaps = [pair_gaps(body, angles.copy()) for angles in postures]
     overlap = -np.percentile(gaps, OUTLIER_PERCENTAGE, axis=0)
     excess = np.maximum(overlap - PENETRATION, 0.)

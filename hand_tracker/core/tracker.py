@@ -186,7 +186,7 @@ class HandTracker:
         """Derive and pack all that depends on hand, layout and options alone."""
         if shows_arch(layout, options.palm_arch):
             hand = hand.with_open_palm()
-        right = hand.replace(side='right')
+        right = hand.as_right()
         mounting = layout.principal_mounting(right)
         require_solvable(mounting)
         self.hand, self.layout, self.options = hand, layout, options

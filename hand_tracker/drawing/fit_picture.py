@@ -50,7 +50,7 @@ def save_fit_picture(path: str | PathLike[str], hand: Hand, poses: list[FittedPo
     figure = Figure(figsize=(FIT_PANEL * len(poses), 2. * FIT_PANEL), dpi=110, layout='constrained')
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(FIT_VIEWS), len(poses), squeeze=False)
-    right = hand.replace(side='right')
+    right = hand.as_right()
     tips = tip_offsets(right)
     for column, pose in enumerate(poses):
         points = 1e3 * skeleton_points(

@@ -301,7 +301,7 @@ def another_hand(values: Mapping[str, Any], path: str, side: str) -> tuple[Hand,
     if hand.side != side:
         raise InvalidParameter(f'hand_file: {path}: of a {hand.side} hand; expected a {side} one, '
                                'as joints and frames are named')
-    require_solvable(layout.principal_mounting(hand.replace(side='right')))
+    require_solvable(layout.principal_mounting(hand.as_right()))
     return hand, layout
 
 

@@ -131,7 +131,7 @@ def without_overlaps(hand: Hand, free: np.ndarray, lower: np.ndarray,
         [rad]
     """
     angles = _couple(hand, free, lower, upper)
-    separate(as_item(hand_capsules(hand.replace(side='right'))), angles,
+    separate(as_item(hand_capsules(hand.as_right())), angles,
              Mobility(lower, upper, hand.coupling[:, 0].copy(), CONTACT_MOBILITY),
              ALLOWED_OVERLAP, blank_placement())
     free = np.clip(rounded(angles[FREE_JOINTS]), lower[FREE_JOINTS], upper[FREE_JOINTS])

@@ -92,7 +92,7 @@ def generated_arrays(hand: Hand) -> SkinArrays:
     # Here, as a skin that is kept needs none of scipy, which takes long to import.
     from .surface import surface_mesh
 
-    right = hand.replace(side='right')
+    right = hand.as_right()
     shape = hand_shape(right)
     vertices, faces = surface_mesh(shape)
     weights = _weights(vertices, faces, shape.points)

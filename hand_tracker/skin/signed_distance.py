@@ -45,7 +45,7 @@ class HandShape(NamedTuple):
 
 def hand_shape(hand: Hand) -> HandShape:
     """Return the dimensions of a hand's surface, as a right hand with its fingers spread."""
-    right = hand.replace(side='right')
+    right = hand.as_right()
     angles = np.zeros(len(JOINTS))
     for finger, degrees in MODELLING_ABDUCTION_DEG.items():
         angles[JOINTS.index(f'{finger}_mcp_abduction')] = np.radians(degrees)

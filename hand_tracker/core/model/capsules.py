@@ -110,7 +110,7 @@ def hand_capsules(hand: Hand) -> Capsules:
     -------
     Capsules
     """
-    right = hand.replace(side='right')
+    right = hand.as_right()
     table = joint_table(right)
     links = [LINKS.index(f'{digit}_{bone}') for digit in DIGITS for bone in (
         ('metacarpal', 'proximal', 'distal') if digit == 'thumb'

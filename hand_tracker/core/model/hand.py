@@ -471,6 +471,10 @@ class Hand:
         """Return this hand with the other side."""
         return self.replace(side=SIDES[1 - SIDES.index(self.side)])
 
+    def as_right(self) -> 'Hand':
+        """Return this hand as a right one, itself where it is one."""
+        return self if self.side == 'right' else self.mirrored()
+
     def with_open_palm(self) -> 'Hand':
         """Return this hand with the usual limits of those CMC joints that are locked at zero."""
         limits = np.array(self.limits)
@@ -527,9 +531,9 @@ def _array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray | 
 def _require(name: str, value: ArrayLike, lower: float, upper: float, unit: str) -> None:
     """Raise `InvalidHand` if a number of a field is not in [lower, upper]."""
     values = np.atleast_1d(value)
-    bad = np.argwhere(~((values >= lower) & (values <= upper)))
-    if len(bad):
-        place = tuple(int(i) for i in bad[0])
+    is_allowed = (values >= lower) & (values <= upper)
+    if not is_allowed.all():
+        place = tuple(int(i) for i in np.argwhere(~is_allowed)[0])
         index = '' if np.ndim(value) == 0 else str(list(place))
         raise InvalidHand(
             f'{name}{index}: {values[place]:g}; allowed is {lower:g} to {upper:g} {unit}'.rstrip())

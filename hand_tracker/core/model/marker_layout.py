@@ -182,7 +182,7 @@ class MarkerLayout:
 
     def _mounting(self, hand: Hand, rows: Sequence[int], rides: bool) -> Mounting:
         """Return the mounting of some rows; knuckles ride on their metacarpals or on the wrist."""
-        right = hand.replace(side='right')
+        right = hand.as_right()
         links, landmarks = zip(*(landmark_on_link(right, self.places[row], rides) for row in rows))
         positions = np.array(landmarks) + self.offsets[list(rows)]
         if hand.side == 'left':

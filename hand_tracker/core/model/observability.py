@@ -30,7 +30,7 @@ def unobserved_joints(hand: Hand, layout: MarkerLayout) -> tuple[str, ...]:
     -------
     tuple of str
     """
-    right = hand.replace(side='right')
+    right = hand.as_right()
     table, mounting = joint_table(right), layout.mounting(right)
     relaxed = right.relaxed()
     relaxed[FLEXION_JOINTS[:, :2]] += MORE_FLEXION

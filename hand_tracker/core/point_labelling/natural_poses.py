@@ -77,7 +77,7 @@ def model_prototype(hand: Hand, layout: MarkerLayout, names: tuple[str, ...],
     InvalidLayout
         If the palm has no triangle of markers.
     """
-    right = hand.replace(side='right')
+    right = hand.as_right()
     mounting = layout.mounting(right)
     places = marker_positions(mounting, forward(joint_table(right), natural_poses(right)))
     sizes, shape = ((MEASURED_SIZES, MEASURED_SHAPE) if is_measured
