@@ -30,7 +30,7 @@ from ..messages.builders import diagnostics
 from ..messages.cdr import MalformedMessage
 from ..messages.joint_states import JointPositions, JointStateReader
 from ..messages.pose_fields import pose_numbers
-from ..messages.stamps import Stamp, stamp_of
+from ..messages.stamps import Stamp, nanoseconds, stamp_of
 from ..messages.templates import Template
 from ..retargeting.command_pace import CommandPace
 from ..retargeting.guard_options import GuardOptions
@@ -264,7 +264,8 @@ class RetargetNode(SubscriptionHidingNode):
 
     def _on_hand(self, hand: JointPositions) -> None:
         now = time.monotonic()
-        if self._teleoperation.observe_hand(hand.names, hand.positions, now):
+        if self._teleoperation.observe_hand(
+                hand.names, hand.positions, now, nanoseconds(hand.stamp)):
             self._send(now, hand.stamp)
         self._show_present(hand.stamp)
         self._publish_state()
@@ -385,6 +386,7 @@ class RetargetNode(SubscriptionHidingNode):
         status = Status(level, fault or f'{guard.state.value}: {guard.reason}', {
             'state': guard.state.value, 'refused jumps': str(self._teleoperation.refused_jumps),
             'refused values': str(guard.refused_values),
+            'repeated frames': str(self._teleoperation.repeated_frames),
             'frames on fast path': str(self._fast_path.frame_count if self._fast_path else 0),
             **({'wrist': self._wrist_fault or 'ok'} if self._wrist_outputs else {})})
         self._diagnostics.publish(diagnostics(

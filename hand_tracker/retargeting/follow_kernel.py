@@ -29,6 +29,7 @@ from .jump_gate import JumpGate, accepts_position, new_jump_gate
 from .retarget_kernel import Problem, Solution, solve_frame
 
 LONGEST_HAND_STEP = .1  # [s] between two frames of the hand that counts
+UNSTAMPED = 0           # of a frame whose sender has no clock [ns]
 # What `follow_frame` did with a frame
 NOT_FOLLOWED, NO_COMMAND, COMMANDED = range(3)
 
@@ -42,6 +43,8 @@ class FollowMemory(NamedTuple):
         Of the person's angles.
     hand_time : ndarray, shape (1,)
         Of the last frame that was retargeted [s].
+    hand_stamp, repeated : ndarray of int, shape (1,)
+        Stamp of the last frame [ns], and how many came with the stamp of the one before.
     is_confident : ndarray of int, shape (1,)
     min_confidence : float
         `mean_confidence` of the hand below which it counts as lost.
@@ -60,6 +63,8 @@ class FollowMemory(NamedTuple):
 
     gate: JumpGate
     hand_time: np.ndarray
+    hand_stamp: np.ndarray
+    repeated: np.ndarray
     is_confident: np.ndarray
     min_confidence: float
     used: np.ndarray
@@ -100,7 +105,8 @@ def new_follow_memory(count: int, used: list[int], held: np.ndarray, rows: tuple
     variable, multiplier, offset = rows
     return FollowMemory(
         new_jump_gate(JOINT_COUNT, options.max_jump, options.jump_frames),
-        np.full(1, -math.inf), np.ones(1, np.int64), min_confidence,
+        np.full(1, -math.inf), np.full(1, UNSTAMPED), np.zeros(1, np.int64),
+        np.ones(1, np.int64), min_confidence,
         padded(solved, np.int64), padded(held), padded(held), len(variable),
         padded(variable, np.int64), padded(multiplier), padded(offset), np.zeros(GUARD_CAPACITY))
 
@@ -130,17 +136,26 @@ def observe_deviations(memories: Pack[FollowMemory], guards: Pack[GuardMemory],
 
 @jit
 def accept_angles(memories: Pack[FollowMemory], humans: Pack[HumanHand],
-                  guards: Pack[GuardMemory], now: float) -> float:
+                  guards: Pack[GuardMemory], stamp: int, now: float) -> float:
     """Return the time since the last frame [s] if the person's angles are accepted, else -1.
+
+    A frame with the stamp of the last one is the same frame again, as of a tracker that hangs: it
+    is not taken for a sign of the hand.
 
     Parameters
     ----------
     memories, humans, guards : packs
         The first and the last are changed.
+    stamp : int
+        Of the frame [ns]; `UNSTAMPED` for none.
     now : float
         Time of receipt [s].
     """
     memory = memories[0]
+    if stamp == memory.hand_stamp[0] and stamp != UNSTAMPED:
+        memory.repeated[0] += 1
+        return -1.
+    memory.hand_stamp[0] = stamp
     since = now - memory.hand_time[0]
     is_old = since > LONGEST_HAND_STEP
     if is_old:
@@ -183,13 +198,16 @@ def write_joints(memories: Pack[FollowMemory], guards: Pack[GuardMemory]) -> Non
 
 @jit
 def follow_frame(memories: Pack[FollowMemory], humans: Pack[HumanHand], problems: Pack[Problem],
-                 solutions: Pack[Solution], guards: Pack[GuardMemory], now: float) -> int:
+                 solutions: Pack[Solution], guards: Pack[GuardMemory], stamp: int,
+                 now: float) -> int:
     """Retarget and guard a frame of the hand while the robot follows, after the jump gate.
 
     Parameters
     ----------
     memories, humans, problems, solutions, guards : packs
         With the person's angles; all but the third are changed.
+    stamp : int
+        Of the frame [ns]; `UNSTAMPED` for none.
     now : float
         Time of receipt [s].
 
@@ -197,7 +215,7 @@ def follow_frame(memories: Pack[FollowMemory], humans: Pack[HumanHand], problems
     -------
     int
         `NOT_FOLLOWED`, and nothing has changed, where `Teleoperation` is needed; `COMMANDED`, or
-        `NO_COMMAND` as after a jump.
+        `NO_COMMAND` as after a jump, or of a frame that was there before.
     """
     memory, human = memories[0], humans[0]
     if not memory.is_confident[0] or not is_followed(guards[0], now):
@@ -205,7 +223,7 @@ def follow_frame(memories: Pack[FollowMemory], humans: Pack[HumanHand], problems
     for i in range(JOINT_COUNT):
         if not math.isfinite(human.angles[0, i]):
             return NOT_FOLLOWED
-    step = accept_angles(memories, humans, guards, now)
+    step = accept_angles(memories, humans, guards, stamp, now)
     if step < 0.:
         return NO_COMMAND
     place_landmarks(humans)

@@ -11,6 +11,7 @@ from ..core.model.hand import JOINTS, SIDES, Hand
 from ..core.numerics.jit import Pack, packed
 from .command_guard import CommandGuard
 from .follow_kernel import (
+    UNSTAMPED,
     accept_angles,
     follow_frame,
     new_follow_memory,
@@ -145,8 +146,13 @@ class Teleoperation:
         return int(self._memory.gate.refused[0]) + self.guard.refused_jumps
 
     @property
+    def repeated_frames(self) -> int:
+        """Frames of the hand that were not followed, as they had the stamp of the one before."""
+        return int(self._memory.repeated[0])
+
+    @property
     def packs(self) -> tuple[Pack[Any], ...]:
-        """The arguments of `follow_frame` before the time."""
+        """The arguments of `follow_frame` before the stamp."""
         return self._pack, *self._retargeter.packs, self.guard.pack
 
     @property
@@ -161,7 +167,7 @@ class Teleoperation:
         return self._hand_rows.rows, self._deviation_rows.rows, self._robot_rows.rows
 
     def observe_hand(self, names: Sequence[str], angles: Sequence[float] | np.ndarray,
-                     now: float) -> bool:
+                     now: float, stamp: int = UNSTAMPED) -> bool:
         """Take a frame of the hand; return whether it is followed.
 
         Parameters
@@ -172,6 +178,8 @@ class Teleoperation:
             [rad]
         now : float
             Time of receipt [s].
+        stamp : int, optional
+            Of the frame [ns]; one with the stamp of the last is no new one.
         """
         rows, is_new = self._hand_rows.find(names)
         if is_new:
@@ -186,7 +194,7 @@ class Teleoperation:
             return False
         self._retargeter.human.angles[0] = given
         human, _, solution = self._retargeter.packs
-        step = accept_angles(self._pack, human, self.guard.pack, now)
+        step = accept_angles(self._pack, human, self.guard.pack, stamp, now)
         if step < 0.:
             return False
         self._retargeter.update_angles(given, step)
@@ -278,7 +286,7 @@ def compile_following(loaded: LoadedRobot, hand: Hand) -> None:
     one.command(0.)
     one.observe_hand(JOINTS, angles + 10., 0.)
     memory, human, problem, solution, guard = one.packs
-    follow_frame(memory, human, problem, solution, guard, 0.)
+    follow_frame(memory, human, problem, solution, guard, UNSTAMPED, 0.)
     one.observe_deviations(JOINTS, angles, angles)
     one.observe_robot(loaded.hand.model.variables, loaded.hand.rest, 0.)
     one.guard.lose_hand()

@@ -46,14 +46,16 @@ class Bench:
         self.by_topic = node.create_publisher(Bool, 'retarget/engage', 10)
         self.deadman = node.create_publisher(Bool, 'retarget/deadman', 10)
         self.names = prefixed_names(f'{side}_')
-        self.is_seen, self.angles = True, self.hand.relaxed()
+        self.is_seen, self.is_frozen, self.angles = True, False, self.hand.relaxed()
+        self.stamps = [Time(sec=1)]
         self.start = None
         node.create_timer(PERIOD, self._tick)
 
     def _tick(self):
-        stamp = Time(sec=1)
         if self.is_seen:
-            self._hand.publish(joint_state(stamp, self.names.joints, self.angles))
+            if not self.is_frozen:
+                self.stamps.append(Time(sec=1 + len(self.stamps)))
+            self._hand.publish(joint_state(self.stamps[-1], self.names.joints, self.angles))
         if self.start is not None:
             self._robot.publish(self.start)
 
@@ -133,6 +135,25 @@ def test_it_moves_from_where_the_robot_is_in_every_form_once_engaged(robot):
     assert 'Traceback' not in process.output
 
 
+@pytest.mark.parametrize('fast_path', [True, False])
+def test_a_tracker_that_repeats_its_last_frame_is_no_hand(fast_path, robot):
+    parameters = {'robot': robot, 'fast_path': fast_path}
+    with NodeProcess(MODULE, parameters) as process, watching_node() as node:
+        bench = Bench(node)
+        process.wait_for_line('listening')
+        bench.start = robot_states(joints(), .05)
+        bench.until_engaged()
+        node.spin_until(lambda: bench.states[-1] == 'following')
+        bench.is_frozen = True
+        node.spin_until(lambda: bench.states[-1] == 'disengaged')
+        assert bench.states[-2:] == ['holding', 'disengaged']
+        assert 'no hand' in bench.engage().message
+        bench.is_frozen = False
+        bench.until_engaged()
+        assert process.interrupt() == 0, process.output
+    assert 'Traceback' not in process.output
+
+
 def test_no_command_is_sent_in_a_state_before_that_is_published(robot):
     with NodeProcess(MODULE, {'robot': robot}) as process, watching_node() as node:
         bench, sent = Bench(node), []
@@ -173,7 +194,7 @@ def test_the_robot_is_shown_before_it_is_engaged_and_as_it_is_commanded(robot):
         process.wait_for_line('listening')
         node.spin_until(lambda: shown)
         assert set(shown[0].name) == set(joints())
-        assert shown[0].header.stamp == Time(sec=1)
+        assert shown[0].header.stamp in bench.stamps
         bench.start = robot_states(joints(), .05)
         node.spin_until(lambda: np.allclose(shown[-1].position, .05))
         node.spin_until(lambda: len(shown) > 20)

@@ -11,6 +11,7 @@ from hand_tracker.core.pose.deviation import unknown_deviation
 from hand_tracker.core.tracker import HandTracker
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.retargeting.command_guard import GuardState
+from hand_tracker.retargeting.follow_kernel import UNSTAMPED
 from hand_tracker.retargeting.guard_options import GuardOptions
 from hand_tracker.retargeting.robot_file import load_robot
 from hand_tracker.retargeting.robot_inspection import findings, robot_file_text
@@ -38,11 +39,11 @@ class Rig:
         self.position = self.loaded.hand.model.joint_positions(self.loaded.hand.rest)
         self.now = 10.
 
-    def tick(self, angles=None, names=RIGHT):
+    def tick(self, angles=None, names=RIGHT, stamp=UNSTAMPED):
         self.now += STEP
         angles = self.hand.relaxed() if angles is None else angles
         self.it.observe_robot(self.names, self.position, self.now)
-        self.it.observe_hand(names, angles, self.now)
+        self.it.observe_hand(names, angles, self.now, stamp)
         command = self.it.command(self.now)
         if command is not None:
             for name, value in zip(*command):
@@ -150,6 +151,29 @@ def test_a_jump_of_the_hand_is_followed_only_when_it_persists(own_hand):
     for _ in range(100):
         after = rig.tick(fist).position
     assert np.abs(after - before).max() > .5
+
+
+def test_a_frame_that_comes_again_and_again_is_no_hand(own_hand):
+    rig = Rig(urdf(wide_hand()), own_hand).engaged()
+    for stamp in range(1, 300):
+        rig.tick(stamp=stamp)
+    assert rig.it.guard.state is GuardState.FOLLOWING and rig.it.repeated_frames == 0
+    # As old as if nothing came: the clock that counts is that of its first receipt.
+    allowed = round(rig.it.guard.options.hand_timeout / STEP)
+    states = []
+    for _ in range(allowed + 1):
+        rig.tick(pose_angles('fist', rig.hand), stamp=stamp)
+        states.append(rig.it.guard.state)
+    assert states[-2:] == [GuardState.FOLLOWING, GuardState.HOLDING]
+    assert rig.it.repeated_frames == allowed + 1
+    for _ in range(round(rig.it.guard.options.disengage_after / STEP) + 2):
+        rig.tick(stamp=stamp)
+    assert not rig.it.guard.is_engaged and 'no hand' in rig.it.guard.engage(rig.now)
+    # One that goes on, or back as a recording that begins anew, is a hand; so is one without clock.
+    for one in (stamp + 1, 5, UNSTAMPED, UNSTAMPED):
+        rig.tick(stamp=one)
+        assert rig.it.guard.engage(rig.now) == ''
+    assert rig.tick() is not None
 
 
 def test_a_hand_of_which_little_is_known_is_lost(own_hand):

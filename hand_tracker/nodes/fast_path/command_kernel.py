@@ -30,7 +30,7 @@ HEAD_CAPACITY = 2**14     # [bytes] of what joint states of a publisher begin wi
 LISTED_CAPACITY = 512     # numbers in a JointState
 MOST_COMMANDS = 4         # messages of a command, one of them for those who show the robot
 COMMAND_CAPACITY = 2**15  # [bytes] of such a message
-# Arguments of `follow_frame` before the time.
+# Arguments of `follow_frame` before the stamp.
 FollowPacks = tuple[Pack[FollowMemory], Pack[HumanHand], Pack[Problem], Pack[Solution],
                     Pack[GuardMemory]]
 
@@ -260,13 +260,14 @@ def process_hand(commands: Pack[CommandMemory], packs: FollowPacks, octets: np.n
     human = humans[0]
     for i in range(JOINT_COUNT):
         human.angles[0, i] = listed.numbers[listed.rows[i]]
-    done = follow_frame(follows, humans, problems, solutions, guards, now)
+    sec, nanosec = _word(octets, ENCAPSULATION), _word(octets, ENCAPSULATION + 4)
+    done = follow_frame(follows, humans, problems, solutions, guards,
+                        sec * 1_000_000_000 + nanosec, now)
     if done == NOT_FOLLOWED:
         return NOT_FOLLOWED
     command.frames[0] += 1
     if done == COMMANDED:
         command.sent_time[0] = now
-        sec, nanosec = _word(octets, ENCAPSULATION), _word(octets, ENCAPSULATION + 4)
         follow = follows[0]
         for number in range(MOST_COMMANDS):
             if command.wanted[number]:

@@ -56,7 +56,7 @@ class CommandContext(NamedTuple):
         Seconds and nanoseconds of clock_gettime.
     memory : int
     packs : ndarray of int, shape (5,)
-        Arguments of `follow_frame` before the time.
+        Arguments of `follow_frame` before the stamp.
     publishers, outgoing : ndarray of int, shape (MOST_COMMANDS,)
         0 where a message is not sent.
     incoming, mutex : int

@@ -8,7 +8,7 @@ from hand_tracker.core.model.hand import JOINTS
 from hand_tracker.core.numerics.jit import packed
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.messages.joint_states import JointStateReader
-from hand_tracker.messages.stamps import Stamp
+from hand_tracker.messages.stamps import Stamp, nanoseconds
 from hand_tracker.messages.templates import (
     joint_state_template,
     joint_trajectory_template,
@@ -61,7 +61,7 @@ class SlowPath:
     def hand(self, data, now):
         """Return the messages that answer a frame."""
         read = self.readers[0].read(data)
-        if not self.it.observe_hand(read.names, read.positions, now):
+        if not self.it.observe_hand(read.names, read.positions, now, nanoseconds(read.stamp)):
             return None
         return self.filled(self.it.command(now), read.stamp)
 
@@ -155,7 +155,9 @@ def test_both_paths_send_the_same_bits_whatever_comes(robot, options, tmp_path):
     at, now, sent = model.joint_positions(loaded.hand.rest), 50., 0
     for number, (angles, deviations, step) in enumerate(stream(2500, random)):
         now += step
-        stamp = Stamp(number, 7 * number)
+        # Now and then the tracker hangs, and sends its last frame again and again.
+        frame = number - max(number % 400 - 360, 0)
+        stamp = Stamp(frame, 7 * frame)
         answers = []
         for rig in rigs:
             if number % 700 < 600:
@@ -169,11 +171,13 @@ def test_both_paths_send_the_same_bits_whatever_comes(robot, options, tmp_path):
         assert answers[0] == answers[1], number
         assert rigs[0].it.guard.state is rigs[1].it.guard.state
         assert rigs[0].it.refused_jumps == rigs[1].it.refused_jumps
+        assert rigs[0].it.repeated_frames == rigs[1].it.repeated_frames
         assert rigs[0].it._memory.is_confident[0] == rigs[1].it._memory.is_confident[0]
         if answers[0] is not None:
             sent += 1
     done = rigs[1].done
     assert min(done.count(kind) for kind in (NOT_FOLLOWED, COMMANDED)) > 20
+    assert rigs[0].it.repeated_frames > 200
     assert done.count(NO_COMMAND) > 0 and sent > done.count(COMMANDED) > .5 * len(done)
 
 
@@ -186,7 +190,8 @@ def test_what_is_due_to_end_is_left_to_the_slow_path_unchanged(what, after, tmp_
     path = tmp_path / 'robot.yaml'
     path.write_text('name: ours\n')
     rig = BothPaths(load_robot(str(path), urdf(wide_hand())), GuardOptions(**options))
-    data, now = joint_state_template(NAMES).fill(Stamp(1, 0), wide_hand().relaxed()), 10.
+    # Of a sender without a clock: with a stamp it would be the same frame again.
+    data, now = joint_state_template(NAMES).fill(Stamp(0, 0), wide_hand().relaxed()), 10.
     robot = joint_state_template(rig.it._model.joint_names)
     at = rig.it._model.joint_positions(rig.it._model.open_position())
     while rig.it.guard.memory.state[0] != FOLLOWING or not rig.has_layout:
@@ -213,7 +218,7 @@ def test_messages_of_another_layout_are_refused(damage, tmp_path):
     path.write_text('name: ours\n')
     rig = BothPaths(load_robot(str(path), urdf(wide_hand())),
                     GuardOptions(require_robot_state=False))
-    data, now = joint_state_template(NAMES).fill(Stamp(1, 0), wide_hand().relaxed()), 10.
+    data, now = joint_state_template(NAMES).fill(Stamp(0, 0), wide_hand().relaxed()), 10.
     while not rig.has_layout:
         now += STEP
         rig.hand(data, now)
