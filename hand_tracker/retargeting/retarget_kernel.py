@@ -21,6 +21,7 @@ MAX_CHAIN = 11              # movable joints of a digit, and the end
 LEAST_STEP_DAMPING, GREATEST_DAMPING = 1e-9, 1.  # [m²/rad²] of the Levenberg-Marquardt steps
 DAMPING_FACTOR = 10.
 START_DAMPING = 1e-3        # [m²/rad²] at most, at the start of a frame
+COINCIDING = 1e-6           # [m] between two tips whose direction from each other says nothing
 
 
 class Problem(NamedTuple):
@@ -44,7 +45,7 @@ class Problem(NamedTuple):
     tip_landmark : ndarray of int64, shape (MAX_TIPS,)
         Row of the person's tip.
     pair : ndarray of int64, shape (MAX_PAIRS, 3)
-        Two tips, and whether they pinch (thumb and finger).
+        Two tips, the thumb's behind, and whether they pinch (thumb and finger).
     bone : ndarray of int64, shape (MAX_BONES, 4)
         Joint that carries it, the person's landmarks it points from and to, its tip.
     bone_direction : ndarray, shape (MAX_BONES, 3)
@@ -399,8 +400,8 @@ def _add_pair(task: Problem, state: Solution, pair: int) -> float:
     if weight == 0.:
         return 0.
     weight *= weight
-    # Tips that coincide, as a closed gripper's, part along the palm's y.
-    along = scale(apart, 1. / distance) if distance > 0. else (0., 1., 0.)
+    # Tips that coincide, as a closed gripper's, part along the palm's y, with the thumb ahead.
+    along = scale(apart, 1. / distance) if distance > COINCIDING else (0., -1., 0.)
     # The row of the distance by all variables is kept in the QP's workspace.
     row = state.qp.slope
     for i in range(task.counts[1]):

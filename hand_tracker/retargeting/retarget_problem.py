@@ -21,11 +21,10 @@ from .retarget_kernel import (
     Solution,
 )
 from .retarget_options import RetargetOptions
+from .robot_anatomy import gripper_positions
 from .robot_hand import RobotHand
 from .robot_model import Joints
 from .robot_urdf import InvalidRobot
-
-GRIPPER_OPENING_SAMPLES = 21
 
 
 def digit_landmarks(role: str) -> np.ndarray:
@@ -78,7 +77,7 @@ def make_problem(robot: RobotHand, hand: Hand, options: RetargetOptions) -> Prob
     columns.update(_variable_columns(robot, variables, options))
     columns.update(_tip_columns(robot, hand, joints, options))
     columns.update(_bone_columns(robot, joints, roles, bones, options))
-    pairs = [(i, j, int('thumb' in (roles[i], roles[j])))
+    pairs = [(j, i, 1) if roles[i] == 'thumb' else (i, j, int(roles[j] == 'thumb'))
              for i in range(len(roles)) for j in range(i)]
     opening = _gripper_opening(robot) if robot.anatomy.is_gripper else 0.
     return Problem(
@@ -224,7 +223,5 @@ def _bone_columns(robot: RobotHand, joints: list[int], roles: list[str], bones: 
 
 def _gripper_opening(robot: RobotHand) -> float:
     """Return the greatest distance of a gripper's tips [m]."""
-    shares = np.linspace(0., 1., GRIPPER_OPENING_SAMPLES)
-    tips = [robot.tip_positions(robot.model.lower + share * (
-        robot.model.upper - robot.model.lower)) for share in shares]
+    tips = [robot.tip_positions(position) for position in gripper_positions(robot.model)]
     return max(float(np.linalg.norm(first - second)) for first, second in tips)

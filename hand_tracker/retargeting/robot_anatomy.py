@@ -19,6 +19,8 @@ MIN_BONE = .008              # [m] between joints that bound a bone
 FLEXION_COSINE = .7          # of a joint's axis to the digit's flexion axis
 MISSING_TIP_SHARE = .8       # [1] of the last bone but one, where a URDF has no tip frame
 CLEAR_MARGIN = .1            # of the best thumb's score over the next
+GRIPPER_SAMPLES = 21         # positions of a gripper from one end of its range to the other
+LEAST_STROKE = .001          # [m] by which the last links of a gripper come nearer as it closes
 NAME_HINTS = {'thumb': ('thumb', 'thtip', 'thdistal'), 'index': ('index', 'fftip', 'ffdistal'),
               'middle': ('middle', 'mftip', 'mfdistal'), 'ring': ('ring', 'rftip', 'rfdistal'),
               'little': ('little', 'pinky', 'lftip', 'lfdistal')}
@@ -127,8 +129,9 @@ def find_anatomy(model: RobotModel, tips: dict[str, str] | None = None,
     links = list(tips.values()) if tips else ['' for _ in leaves]
     if not tips and len(model.variables) == 1 and len(leaves) > 2:
         leaves, links = _gripper_leaves(model, leaves, frames)
-    digits = [_digit(model, leaf, palm, link, frames, unsure)
-              for leaf, link in zip(leaves, links)]
+    meeting = _meeting(model, leaves, palm)
+    digits = [_digit(model, leaf, palm, link, frames, pad, unsure)
+              for leaf, link, pad in zip(leaves, links, meeting)]
     if len(digits) > len(ROLES):
         raise InvalidRobot(f'{len(digits)} digits found; at most {len(ROLES)} are supported: '
                            'name their tips in the robot file (digits)')
@@ -160,6 +163,37 @@ def find_anatomy(model: RobotModel, tips: dict[str, str] | None = None,
     else:
         by_role = {role: digits[i] for i, role in enumerate(tips)}
     return _in_palm(model, palm, axes, frames, side, by_role, False, unsure)
+
+
+def gripper_positions(model: RobotModel) -> np.ndarray:
+    """Return positions of a gripper over its range, shape (GRIPPER_SAMPLES, n) [rad or m].
+
+    Parameters
+    ----------
+    model : RobotModel
+    """
+    shares = np.linspace(0., 1., GRIPPER_SAMPLES)[:, None]
+    return model.lower + shares * (model.upper - model.lower)
+
+
+def _meeting(model: RobotModel, leaves: list[int], palm: int) -> list[np.ndarray | None]:
+    """Return where the last links of a gripper meet as it closes, in the frame of each [m].
+
+    None for other hands, and where the links' origins do not come nearer.
+    """
+    unknown: list[np.ndarray | None] = [None for _ in leaves]
+    moving = {int(model.joints.variable[joint]) for leaf in leaves
+              for joint in joints_before(model, leaf) if joint > palm}
+    if len(leaves) != 2 or len(moving) > 2:
+        return unknown
+    places = [model.frames(position) for position in gripper_positions(model)]
+    apart = [float(np.linalg.norm(origins[leaves[0]] - origins[leaves[1]]))
+             for _, origins in places]
+    if np.ptp(apart) < LEAST_STROKE:
+        return unknown
+    rotations, origins = places[int(np.argmin(apart))]
+    middle = origins[leaves].mean(axis=0)
+    return [rotations[leaf].T @ (middle - origins[leaf]) for leaf in leaves]
 
 
 def _children(model: RobotModel) -> list[list[int]]:
@@ -210,13 +244,14 @@ def _closing_sign(model: RobotModel, joint: int) -> float:
 
 
 def _digit(model: RobotModel, leaf: int, palm: int, link: str,
-           frames: tuple[np.ndarray, np.ndarray], unsure: list[str]) -> Digit:
+           frames: tuple[np.ndarray, np.ndarray], pad: np.ndarray | None,
+           unsure: list[str]) -> Digit:
     chain = [joint for joint in joints_before(model, leaf) if joint > palm]
     if palm >= 0:
         chain = [joint for joint in chain if palm in joints_before(model, joint)]
     if not chain:
         raise InvalidRobot(f"digits: link '{link}' does not move against the palm")
-    tip_link, tip = _tip(model, chain, link, unsure)
+    tip_link, tip = _tip(model, chain, link, pad, unsure)
     rotations, origins = frames
     axis = rotations[leaf] @ model.joints.axis[leaf] * _closing_sign(model, leaf)
     flexing = [joint for joint in chain if abs(
@@ -236,7 +271,7 @@ def _as_thumb(digit: Digit, model: RobotModel, frames: tuple[np.ndarray, np.ndar
     return digit._replace(base=digit.joints[0], bones=bones, length=length)
 
 
-def _tip(model: RobotModel, chain: list[int], link: str,
+def _tip(model: RobotModel, chain: list[int], link: str, pad: np.ndarray | None,
          unsure: list[str]) -> tuple[str, np.ndarray]:
     leaf = chain[-1]
     if link:
@@ -248,6 +283,10 @@ def _tip(model: RobotModel, chain: list[int], link: str,
         link = max(rigid, key=lambda name: float(np.linalg.norm(rigid[name].translation)))
         if np.linalg.norm(rigid[link].translation) >= MIN_BONE:
             return link, rigid[link].translation
+    if pad is not None:
+        unsure.append(f"tip of '{link}': no frame at the tip; taken where the two meet as the "
+                      'gripper closes')
+        return link, pad
     if len(chain) < 2:
         unsure.append(f"tip of '{link}': no frame at the tip; taken at the link's origin")
         return link, np.zeros(3)

@@ -22,7 +22,7 @@ from ..package_data import share_directory
 from .dexretargeting_file import translated
 from .retarget_options import RetargetOptions
 from .robot_anatomy import ROLES, find_anatomy
-from .robot_hand import Follow, RobotHand, TipSphere, tip_sphere
+from .robot_hand import Follow, RobotHand, tip_spheres
 from .robot_model import RobotModel, robot_model
 from .robot_paths import resolve_path
 from .robot_urdf import InvalidRobot, UrdfTree, load_urdf_tree, read_urdf_tree
@@ -141,17 +141,16 @@ def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
         anatomy = find_anatomy(model, _tips(digits, model, side), side)
     except InvalidRobot as error:
         raise InvalidRobot(f'{source}: {error}') from None
-    spheres = {}
+    radii, centres = {}, {}
     for role in anatomy.digits:
         given = digits.get(role, {})
-        radius = given.get('radius_mm')
-        sphere = tip_sphere(anatomy, role, tree.spheres, None if radius is None else _number(
-            radius, f'{source}: digits.{role}.radius_mm') / 1e3)
+        if given.get('radius_mm') is not None:
+            radii[role] = _number(given['radius_mm'], f'{source}: digits.{role}.radius_mm') / 1e3
         if 'tip_offset_mm' in given:
             centre = _offset(given['tip_offset_mm'], f'{source}: digits.{role}.tip_offset_mm')
             place = model.links[anatomy.digits[role].tip_link]
-            sphere = TipSphere(place.translation + place.rotation @ centre, sphere.radius)
-        spheres[role] = sphere
+            centres[role] = place.translation + place.rotation @ centre
+    spheres, guesses = tip_spheres(model, anatomy, tree.spheres, radii, centres)
     hand = RobotHand(str(settings.get('name') or tree.name), model, anatomy, spheres,
                      _rest(settings, model, source), _follow(settings, model, source))
     order = settings.get('order') or model.variables
@@ -161,7 +160,8 @@ def _assemble(settings: Mapping[str, Any], tree: UrdfTree, side: str | None,
     if unknown:
         raise InvalidRobot(f"{source}: order: there is no movable joint '{unknown[0]}'; there are "
                            f'{", ".join(model.joint_names)}')
-    return LoadedRobot(hand, _options(settings, source), tuple(order), anatomy.unsure)
+    return LoadedRobot(hand, _options(settings, source), tuple(order),
+                       (*anatomy.unsure, *guesses))
 
 
 def _tips(digits: Mapping[str, Any], model: RobotModel, side: str | None) -> dict[str, str] | None:

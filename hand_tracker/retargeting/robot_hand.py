@@ -6,12 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .robot_anatomy import RobotAnatomy, find_anatomy, joints_before
+from .robot_anatomy import RobotAnatomy, find_anatomy, gripper_positions, joints_before
 from .robot_model import RobotModel, robot_model
 from .robot_urdf import UrdfTree
 
 TIP_RADIUS_SHARE = .09             # [1] of a digit's length, where no radius is known
 TIP_RADIUS_RANGE = (.001, .05)     # [m]
+TOLD_RADIUS = 1e-4                 # [m] of a gripper's pads from which it is told
 
 
 class TipSphere(NamedTuple):
@@ -148,28 +149,61 @@ def robot_hand(tree: UrdfTree, tips: dict[str, str] | None = None,
     """
     model = robot_model(tree)
     anatomy = find_anatomy(model, tips, side)
-    spheres = {role: tip_sphere(anatomy, role, tree.spheres) for role in anatomy.digits}
+    spheres, _ = tip_spheres(model, anatomy, tree.spheres, {}, {})
     return RobotHand(tree.name, model, anatomy, spheres, model.open_position())
 
 
-def tip_sphere(anatomy: RobotAnatomy, role: str, known: dict[str, float],
-               radius: float | None = None) -> TipSphere:
-    """Return the sphere that ends at a digit's tip.
+def tip_spheres(model: RobotModel, anatomy: RobotAnatomy, known: dict[str, float],
+                radii: dict[str, float], centres: dict[str, np.ndarray]
+                ) -> tuple[dict[str, TipSphere], tuple[str, ...]]:
+    """Return the spheres at the tips, by role, and what a person should know of their radii.
+
+    A sphere ends at its digit's tip. Those of a gripper touch where it is closed.
 
     Parameters
     ----------
+    model : RobotModel
     anatomy : RobotAnatomy
-    role : str
     known : dict of str to float
         Radius of spheres among the shapes of links [m].
-    radius : float, optional
-        Of the tip link's shape, else a share of the digit's length, when left out [m].
+    radii : dict of str to float
+        That are given, by role; else that of the tip link's shape, else guessed [m].
+    centres : dict of str to ndarray
+        That are given, by role, in the frame of the last joint [m].
     """
-    digit = anatomy.digits[role]
-    if radius is None:
-        lengths = [one.length for one in anatomy.digits.values()]
-        radius = known.get(digit.tip_link, TIP_RADIUS_SHARE * float(np.median(lengths)))
-        radius = float(np.clip(radius, *TIP_RADIUS_RANGE))
-    if not digit.bones or digit.bones[-1].joint != digit.joints[-1]:
-        return TipSphere(digit.tip, radius)
-    return TipSphere(digit.tip - radius * digit.bones[-1].direction, radius)
+    digits = anatomy.digits
+    guessed = [role for role, digit in digits.items()
+               if role not in radii and (anatomy.is_gripper or digit.tip_link not in known)]
+    if anatomy.is_gripper:
+        at = {role: centres.get(role, digit.tip) for role, digit in digits.items()}
+        guess = min(.5 * _least_gap(model, anatomy, at), TIP_RADIUS_RANGE[1])
+        how = 'half of what is between the two where the gripper is closed'
+    else:
+        lengths = [digit.length for digit in digits.values()]
+        guess = float(np.clip(TIP_RADIUS_SHARE * np.median(lengths), *TIP_RADIUS_RANGE))
+        how = f'guessed, {100. * TIP_RADIUS_SHARE:.0f} % of a digit: measure it, set radius_mm'
+    spheres = {}
+    for role, digit in digits.items():
+        radius = radii.get(role, guess)
+        if role not in radii and role not in guessed:
+            radius = float(np.clip(known[digit.tip_link], *TIP_RADIUS_RANGE))
+        centre = centres.get(role, digit.tip)
+        if role not in centres and not anatomy.is_gripper and digit.bones and (
+                digit.bones[-1].joint == digit.joints[-1]):
+            centre = digit.tip - radius * digit.bones[-1].direction
+        spheres[role] = TipSphere(centre, radius)
+    if not guessed or (anatomy.is_gripper and guess < TOLD_RADIUS):
+        return spheres, ()
+    return spheres, (f'radius at the tip of {", ".join(guessed)}: {1e3 * guess:.1f} mm, {how}',)
+
+
+def _least_gap(model: RobotModel, anatomy: RobotAnatomy,
+               centres: dict[str, np.ndarray]) -> float:
+    """Return the least distance of a gripper's two tips over its range [m]."""
+    gaps = []
+    for position in gripper_positions(model):
+        rotations, origins = model.frames(position)
+        first, second = (origins[digit.joints[-1]] + rotations[digit.joints[-1]] @ centres[role]
+                         for role, digit in anatomy.digits.items())
+        gaps.append(float(np.linalg.norm(first - second)))
+    return min(gaps)

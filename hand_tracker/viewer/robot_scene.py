@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 EXTENT_MARGIN = .02         # [m] around what is framed
 BONE_SHARE = .5             # [1] of the tip's radius, of the bones of a robot without shapes
+LEAST_DRAWN_RADIUS = .004   # [m] of a tip
 Z_TO_X = rotation_from_rpy(np.array((0., .5 * np.pi, 0.)))
 
 
@@ -121,7 +122,8 @@ def add_shapes(scene: SceneApi, name: str, robot: RobotHand) -> None:
                    place.translation + place.rotation @ shape.translation)
     frames = robot.model.frames(robot.model.open_position())
     for role, digit in robot.anatomy.digits.items():
-        radius = BONE_SHARE * robot.spheres[role].radius
+        tip_radius = max(robot.spheres[role].radius, LEAST_DRAWN_RADIUS)
+        radius = BONE_SHARE * tip_radius
         for joint, following in zip(digit.joints, (*digit.joints[1:], None)):
             end = digit.tip if following is None else (
                 frames[1][following] - frames[1][joint]) @ frames[0][joint]
@@ -134,7 +136,7 @@ def add_shapes(scene: SceneApi, name: str, robot: RobotHand) -> None:
                        DEFAULT_SHAPE_RGB, turn @ Z_TO_X, .5 * end)
         if digit.joints[-1] not in shaped:
             _add_shape(scene, f'{name}/{digit.joints[-1]}/{role}_tip', 'sphere',
-                       (robot.spheres[role].radius,), DEFAULT_SHAPE_RGB, np.eye(3),
+                       (tip_radius,), DEFAULT_SHAPE_RGB, np.eye(3),
                        robot.spheres[role].centre)
 
 

@@ -28,6 +28,24 @@ GRIPPER = """<robot name="gripper">
 <origin xyz="0 -0.006 0.1"/></joint>
 </robot>"""
 
+# Four-bar fingers as of Robotiq's grippers, without frames at the pads: 80 mm apart when open, and
+# meeting at the end of the range.
+PARALLEL_GRIPPER = """<robot name="parallel_gripper">
+<link name="base"/><link name="left_knuckle"/><link name="right_knuckle"/>
+<link name="left_pad_carrier"/><link name="right_pad_carrier"/>
+<joint name="drive" type="revolute"><parent link="base"/><child link="left_knuckle"/>
+<origin xyz="0.03 0 0.06"/><axis xyz="0 -1 0"/><limit lower="0" upper="0.8"/></joint>
+<joint name="right_drive" type="revolute"><parent link="base"/><child link="right_knuckle"/>
+<origin xyz="-0.03 0 0.06"/><axis xyz="0 -1 0"/><limit lower="-0.8" upper="0"/>
+<mimic joint="drive" multiplier="-1"/></joint>
+<joint name="left_end" type="revolute"><parent link="left_knuckle"/><child link="left_pad_carrier"/>
+<origin xyz="0.037 0 0.043"/><axis xyz="0 -1 0"/><limit lower="-0.8" upper="0"/>
+<mimic joint="drive" multiplier="-1"/></joint>
+<joint name="right_end" type="revolute"><parent link="right_knuckle"/>
+<child link="right_pad_carrier"/><origin xyz="-0.037 0 0.043"/><axis xyz="0 -1 0"/>
+<limit lower="0" upper="0.8"/><mimic joint="drive"/></joint>
+</robot>"""
+
 
 def wide_hand(side='right'):
     """Return the mean hand with the wide limits."""

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 from helpers.capture_files import capture_folder
-from helpers.robots import GRIPPER, human_robot, third_party_robot, wide_hand
+from helpers.robots import (
+    GRIPPER,
+    PARALLEL_GRIPPER,
+    human_robot,
+    third_party_robot,
+    wide_hand,
+)
 
 from hand_tracker.calibration.landmarks import LANDMARKS, landmark_positions
 from hand_tracker.cli import robot as robot_command
@@ -171,12 +177,28 @@ def test_a_gripper_opens_with_the_persons_pinch():
     assert openings[0] < openings[1] < openings[2]
 
 
+@pytest.mark.parametrize('text', [GRIPPER, PARALLEL_GRIPPER])
+def test_a_gripper_is_closed_as_the_person_touches_and_wide_open_as_far_as_is_said(text):
+    loaded, hand = load_robot('robotiq_2f', text), wide_hand()
+    solver, model = Retargeter(loaded.hand, hand, loaded.options), loaded.hand.model
+    ends = [settled(solver, touching(hand, 'index', apart), 240)
+            for apart in (.002, 2. * loaded.options.escape, .002)]
+    gaps = [surface_gap(loaded.hand, end, 'index') for end in (*ends, model.lower, model.upper)]
+    assert gaps[0] == pytest.approx(min(gaps), abs=5e-4)
+    assert gaps[1] == pytest.approx(max(gaps), abs=5e-4)
+    assert gaps[2] == pytest.approx(min(gaps), abs=5e-4)
+    assert min(gaps) == pytest.approx(0., abs=1e-9)
+
+
 def test_a_gripper_whose_tips_coincide_opens():
     robot, hand = robot_hand(read_urdf_tree(GRIPPER.replace('0.006', '0'))), wide_hand()
     solver = Retargeter(robot, hand)
     assert np.ptp(robot.tip_positions(robot.rest), axis=0).max() == 0.
     wide = settled(solver, touching(hand, 'index', .2))
     assert wide == pytest.approx(robot.model.upper, abs=1e-3)
+    # Again, from where they coincide.
+    assert settled(solver, touching(hand, 'index')) == pytest.approx(robot.model.lower, abs=1e-3)
+    assert settled(solver, touching(hand, 'index', .2)) == pytest.approx(wide, abs=1e-3)
 
 
 def test_the_wrong_side_is_refused():

@@ -4,11 +4,18 @@ import re
 
 import numpy as np
 import pytest
-from helpers.robots import GRIPPER, human_robot, third_party_robot, wide_hand
+from helpers.robots import (
+    GRIPPER,
+    PARALLEL_GRIPPER,
+    human_robot,
+    third_party_robot,
+    wide_hand,
+)
 
 from hand_tracker.core.model.hand import LEFT_HAND_MIRROR
 from hand_tracker.files.urdf_file import urdf
 from hand_tracker.retargeting.robot_anatomy import find_anatomy
+from hand_tracker.retargeting.robot_hand import robot_hand
 from hand_tracker.retargeting.robot_model import robot_model
 from hand_tracker.retargeting.robot_urdf import InvalidRobot, read_urdf_tree
 
@@ -69,6 +76,19 @@ def test_a_gripper_has_a_thumb_and_a_finger():
     assert anatomy.is_gripper and set(anatomy.digits) == {'thumb', 'index'}
     np.testing.assert_allclose(anatomy.axes[:, 0], (0., 0., 1.))
     np.testing.assert_allclose(np.abs(anatomy.axes[:, 1]), (0., 1., 0.))
+
+
+def test_the_pads_of_a_gripper_without_frames_there_meet_as_it_closes():
+    robot = robot_hand(read_urdf_tree(PARALLEL_GRIPPER))
+    assert set(robot.anatomy.digits) == {'thumb', 'index'}
+    assert all(f"tip of '{side}_pad_carrier': no frame at the tip; taken where the two meet" in
+               ' '.join(robot.anatomy.unsure) for side in ('left', 'right'))
+    gaps = [np.linalg.norm(np.subtract(*robot.tip_positions(np.array([drive])))) - sum(
+        sphere.radius for sphere in robot.spheres.values()) for drive in (0., .4, .8)]
+    assert gaps[2] == pytest.approx(0., abs=1e-9)
+    # Each pad comes in by 37 mm at a radius of 57 mm.
+    assert gaps[0] == pytest.approx(2. * (.037 - .037 * np.cos(.8) + .043 * np.sin(.8)), abs=1e-9)
+    assert 0. < gaps[1] < gaps[0]
 
 
 def test_tips_that_are_given_are_taken_and_a_wrong_side_is_told():

@@ -77,6 +77,23 @@ def test_what_inspecting_writes_is_the_same_robot(hand_urdf, tmp_path):
     assert any("index: tip 'index_tip'" in line for line in findings(found))
 
 
+def test_radii_that_are_guessed_are_told(hand_urdf, tmp_path):
+    guess = 'radius at the tip of {}: 8.6 mm, guessed, 9 % of a digit: measure it, set radius_mm'
+    (told,) = load_robot(str(hand_urdf)).notes
+    assert told == guess.format('thumb, index, middle, ring, little')
+    # Neither one that is given is a guess, nor one of the link's own sphere.
+    given = {role: {'radius_mm': 8} for role in ('thumb', 'middle', 'ring', 'little')}
+    (told,) = load_robot(robot_file(tmp_path, {'digits': given})).notes
+    assert told == guess.format('index')
+    hand_urdf.write_text(hand_urdf.read_text().replace(
+        '<link name="index_tip"', '<link name="index_tip"><visual><geometry><sphere radius=".007"/>'
+        '</geometry></visual></link><link name="unused"').replace('</robot>', (
+            '<joint name="f" type="fixed"><parent link="wrist"/><child link="unused"/></joint>'
+            '</robot>')))
+    loaded = load_robot(robot_file(tmp_path, {'digits': given}))
+    assert loaded.notes == () and loaded.hand.spheres['index'].radius == .007
+
+
 def test_joints_follow_human_joints(hand_urdf, tmp_path):
     path = robot_file(tmp_path, {'follow': {'index_pip_flexion': {
         'angle': 'little_pip_flexion', 'scale': .5, 'offset_deg': 90.}, 'thumb_ip_flexion':
