@@ -43,7 +43,9 @@ class Problem(NamedTuple):
     tip_scale, tip_radius, tip_weight : ndarray, shape (MAX_TIPS,)
         Robot's metres per human metre; radius of the sphere at the tip [m]; weight [1].
     tip_landmark : ndarray of int64, shape (MAX_TIPS,)
-        Row of the person's tip.
+        Row of the person's tip, behind that of the joint before it.
+    human_radius : ndarray, shape (MAX_TIPS,)
+        Radius of the person's finger at the tip [m].
     pair : ndarray of int64, shape (MAX_PAIRS, 3)
         Two tips, the thumb's behind, and whether they pinch (thumb and finger).
     bone : ndarray of int64, shape (MAX_BONES, 4)
@@ -57,13 +59,13 @@ class Problem(NamedTuple):
     follow_scale, follow_offset, follow_weight : ndarray, shape (MAX_VARIABLES,)
         Variable = scale * angle + offset [1, rad], weight [m/rad].
     touch, escape : float
-        Distances of human tips at and below which the robot's touch, and from which they are free
-        [m].
+        Distances of the skin of human tips at and below which the robot's touch, and from which
+        they are free [m].
     touch_weight, free_weight : float
         Of the distance of a pair while the person's tips touch, and beyond `escape` [1].
     opening : float
-        Distance of a gripper's tips at `escape` [m]; 0 for a hand, whose tips are as far apart as
-        the person's, scaled.
+        Distance of a gripper's tips at `escape` [m]; 0 for a hand, of whose tips the surfaces are
+        as far apart as the person's skin, scaled.
     clearance, clearance_weight : float
         Least distance between the spheres of two tips that do not pinch [m], and its weight [1].
         So small that tips which are on each other's wrong side come past each other.
@@ -89,6 +91,7 @@ class Problem(NamedTuple):
     tip_radius: np.ndarray
     tip_weight: np.ndarray
     tip_landmark: np.ndarray
+    human_radius: np.ndarray
     pair: np.ndarray
     bone: np.ndarray
     bone_direction: np.ndarray
@@ -254,14 +257,13 @@ def _set_targets(task: Problem, state: Solution, human: np.ndarray) -> None:
         state.pair_target[pair, 0], state.pair_target[pair, 1] = touching + task.clearance, 0.
         if task.pair[pair, 2] == 0:
             continue
-        apart = length(subtract(vector(human[task.tip_landmark[first]]),
-                                vector(human[task.tip_landmark[second]])))
+        apart = _skin_distance(task, human, first, second)
         if not apart < np.inf:  # or NaN
             continue
         t = min(max((apart - task.touch) / (task.escape - task.touch), 0.), 1.)
         far = task.opening
         if far == 0.:
-            far = task.escape * .5 * (task.tip_scale[first] + task.tip_scale[second])
+            far = touching + task.escape * .5 * (task.tip_scale[first] + task.tip_scale[second])
         ease = 1. - t
         state.pair_target[pair, 0] = touching + t * max(far - touching, 0.)
         state.pair_target[pair, 1] = (
@@ -272,6 +274,33 @@ def _set_targets(task: Problem, state: Solution, human: np.ndarray) -> None:
         size = length(along)
         for k in range(3):
             state.bone_target[bone, k] = along[k] / size if size > 0. else np.nan
+
+
+@jit
+def _skin_distance(task: Problem, human: np.ndarray, first: int, second: int) -> float:
+    """Return how far the skin of two of the person's finger tips is apart, at most as the tips.
+
+    Tips lie on the skin at the ends of fingers: as the pads touch, tips are a centimetre apart.
+    """
+    pads = length(subtract(_pad(task, human, first), _pad(task, human, second)))
+    skin = pads - task.human_radius[first] - task.human_radius[second]
+    if skin == skin:
+        return skin
+    # Where the joint before a tip is not known, nor is the pad.
+    return length(subtract(vector(human[task.tip_landmark[first]]),
+                           vector(human[task.tip_landmark[second]])))
+
+
+@jit
+def _pad(task: Problem, human: np.ndarray, tip: int) -> Vector:
+    """Return the centre of the sphere that ends at a tip of the person's; NaN if not known."""
+    row = task.tip_landmark[tip]
+    end = vector(human[row])
+    along = subtract(end, vector(human[row - 1]))
+    size = length(along)
+    if not size > 0.:
+        return (np.nan, np.nan, np.nan)
+    return subtract(end, scale(along, task.human_radius[tip] / size))
 
 
 @jit

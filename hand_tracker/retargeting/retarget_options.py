@@ -33,9 +33,11 @@ class RetargetOptions:
     follow_weight: float = number_option(
         .03, 0., 10., 'm/rad', 'Of a joint that follows a human joint')
     touch: float = number_option(
-        .005, .0, .05, 'm', 'Distance of human thumb and finger tip at which the robot\'s touch')
+        .005, .0, .05, 'm', 'Distance of the skin of human thumb and finger tip at which the '
+        'robot\'s tips touch')
     escape: float = number_option(
-        .04, .01, .3, 'm', 'Distance of human thumb and finger tip from which they are free')
+        .03, .01, .3, 'm', 'Distance of the skin of human thumb and finger tip from which they '
+        'are free')
     touch_weight: float = number_option(
         10., 0., 1e3, '1', 'Of the distance of two tips while the human tips touch')
     clearance: float = number_option(

@@ -185,7 +185,9 @@ def _tip_columns(robot: RobotHand, hand: Hand, joints: list[int],
         'tip_radius': _padded([robot.spheres[role].radius for role in digits], row_shape, float),
         'tip_weight': _padded(weights, row_shape, float),
         'tip_landmark': _padded([digit_landmarks(role)[-1] for role in digits], row_shape,
-                                np.int64)}
+                                np.int64),
+        'human_radius': _padded([hand.radii[DIGITS.index(role), 2] for role in digits], row_shape,
+                                float)}
 
 
 def _base_in_palm(robot: RobotHand, role: str) -> np.ndarray:

@@ -88,7 +88,7 @@ def robot_file_text(loaded: LoadedRobot, urdf: str) -> str:
               '# Joints may follow human joints one to one, in place of the tips:',
               '# follow: {JOINT: {angle: index_mcp_flexion, scale: 1, offset_deg: 0}}',
               '# Weights and distances: hand_tracker/retargeting/retarget_options.py.',
-              '# options: {touch: 0.005, escape: 0.04}']
+              '# options: {touch: 0.005, escape: 0.03}']
     return '\n'.join(lines) + '\n'
 
 

@@ -99,6 +99,28 @@ def test_when_the_person_touches_so_do_the_robots_tips(role):
     assert abs(surface_gap(robot, without, role)) > .002
 
 
+@pytest.mark.parametrize('name', ['plain', 'allegro', 'leap', 'shadow', 'ability', 'inspire'])
+def test_when_the_persons_pads_touch_so_do_the_robots_tips_and_noise_does_not_part_them(name):
+    robot = load_robot('plain').hand if name == 'plain' else third_party_robot(f'{name}_hand_right')
+    hand, random = wide_hand(), np.random.default_rng(0)
+    landmarks = landmarks_of(hand, pose_angles('pinch', hand))
+    ends = [landmarks[LANDMARKS.index(f'{role}_tip')] for role in ('thumb', 'index')]
+    assert np.linalg.norm(np.subtract(*ends)) > .01
+    solver = Retargeter(robot, hand)
+    assert abs(surface_gap(robot, settled(solver, landmarks), 'index')) < .001
+    gaps = [surface_gap(robot, solver.update(
+        landmarks + random.normal(scale=.001, size=landmarks.shape), 1. / RATE), 'index')
+        for _ in range(240)]
+    assert np.abs(gaps).max() < .002
+
+
+def test_without_the_joints_before_them_tips_touch_as_the_persons_tips_do():
+    robot, hand = human_robot(), wide_hand()
+    landmarks = touching(hand, 'index')
+    landmarks[[LANDMARKS.index(name) for name in ('thumb_ip', 'index_dip')]] = np.nan
+    assert abs(surface_gap(robot, settled(Retargeter(robot, hand), landmarks), 'index')) < .001
+
+
 @pytest.mark.parametrize('name', ['allegro', 'leap', 'shadow', 'ability', 'inspire'])
 def test_third_party_hands_touch_with_the_index_finger(name):
     robot, hand = third_party_robot(f'{name}_hand_right'), wide_hand()
