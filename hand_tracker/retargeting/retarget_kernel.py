@@ -186,14 +186,17 @@ def solve_frame(problem: Pack[Problem], solution: Pack[Solution], human: np.ndar
         qp.upper[i] = min(task.upper[i], position[i] + reach)
         trial[i] = min(max(position[i], task.lower[i]), task.upper[i])
     # What damping the last frame needed, this one will.
-    cost, damping = np.inf, state.damping[0]
+    cost, damping, was_refused = np.inf, state.damping[0], False
     for _ in range(task.iterations):
         change = _attempt(task, state, angles, cost)
         if change >= 0.:
             cost = change
-            damping = max(damping / DAMPING_FACTOR, LEAST_STEP_DAMPING)
+            if not was_refused:
+                damping = max(damping / DAMPING_FACTOR, LEAST_STEP_DAMPING)
+            was_refused = False
         else:
             damping *= DAMPING_FACTOR
+            was_refused = True
             if damping > GREATEST_DAMPING:
                 break
         if _step(task, state, damping) < task.tolerance:

@@ -11,6 +11,7 @@ from helpers.robots import (
     wide_hand,
 )
 
+from benchmarks.retarget import Ours, pinches, run, touchable
 from hand_tracker.calibration.landmarks import LANDMARKS, landmark_positions
 from hand_tracker.cli import robot as robot_command
 from hand_tracker.core.model.hand import JOINTS, SIDES
@@ -119,6 +120,13 @@ def test_without_the_joints_before_them_tips_touch_as_the_persons_tips_do():
     landmarks = touching(hand, 'index')
     landmarks[[LANDMARKS.index(name) for name in ('thumb_ip', 'index_dip')]] = np.nan
     assert abs(surface_gap(robot, settled(Retargeter(robot, hand), landmarks), 'index')) < .001
+
+
+def test_the_plain_hand_touches_with_each_finger_as_the_person_does():
+    recording, robot = pinches(), load_robot('plain').hand
+    row = run(Ours(robot, recording.hand), recording, robot, touchable(robot))
+    assert row['pinch_frames'] > 300 and row['out_of_reach_frames'] < 110
+    assert row['pinch_share'] >= .99
 
 
 @pytest.mark.parametrize('name', ['allegro', 'leap', 'shadow', 'ability', 'inspire'])
