@@ -6,7 +6,8 @@ Input are captures of hands (see docs/evaluate.md), and simulated pinches, as ca
 ever bring the tips within 5 mm: each finger meets the thumb at 2 mm and leaves it again. Both
 methods get the same landmarks in the palm's frame, have no filter, begin each recording anew, and
 are called from Python; what is timed is the thread's CPU time of the one call. dexi-rs is set as
-the configurations that its users have: DexPilot where there is one, vector else.
+the configurations that its users have: DexPilot where there is one, vector else. The last two
+robots are without it.
 
 `tip_error_mm` is the mean distance of the robot's tips from the method's own targets.
 `pinch_gap_mm` is the mean distance, without sign, of the surfaces of the tip spheres while the
@@ -41,10 +42,12 @@ from hand_tracker.core.errors import HandTrackerError
 from hand_tracker.core.model.hand import FINGERS, JOINTS, Hand, preset_limits
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.evaluation.captures import load_capture
+from hand_tracker.package_data import share_directory
 from hand_tracker.retargeting.retargeter import Retargeter
 from hand_tracker.retargeting.robot_hand import robot_hand
 from hand_tracker.retargeting.robot_urdf import load_urdf_tree
 
+PLAIN_FOLDER = share_directory() / 'config' / 'robots'
 TOUCH = .005          # [m] of human tips that count as pinching
 TOUCHED = .002        # [m] of surfaces that count as touching
 MEETING = .002        # [m] of the simulated tips
@@ -54,13 +57,15 @@ REACH_STARTS = 6      # random positions from which a touch is searched for
 SWING_HZ, SWING_DEG, SWING_RATE, SWING_TIME = 10., 4., 120., 3.
 # Palm to the peer's frame: x out of the palm, y to the thumb, z distal, of a right hand.
 PEER_AXES = np.array(((0., 0., 1.), (0., 1., 0.), (-1., 0., 0.)))
-# File, the peer's wrist link and scale, as in the configurations that its users have.
+# File; the peer's kind, wrist link and scale, as in the configurations that its users have.
 ROBOTS = {
     'allegro': ('allegro_hand_right', 'DexPilot', 'wrist', 1.6),
     'leap': ('leap_hand_right', 'DexPilot', 'base', 1.6),
     'shadow': ('shadow_hand_right', 'DexPilot', 'palm', 1.2),
     'ability': ('ability_hand_right', 'vector', 'base_link', 1.),
     'inspire': ('inspire_hand_right', 'vector', 'base', 1.15),
+    'schunk_svh': ('schunk_svh_hand_right',),
+    'plain': ('plain_hand_right',),
 }
 
 
@@ -287,6 +292,8 @@ def lag(solver, hand):
 def methods(name, robot, path, hand):
     """Yield the solvers of a robot."""
     yield Ours(robot, hand)
+    if not ROBOTS[name][1:]:
+        return
     try:
         yield Dexi(robot, path, *ROBOTS[name][1:])
     except ImportError:
@@ -325,7 +332,8 @@ def main():
     rows = []
     for name in options.robots:
         file = f'{ROBOTS[name][0]}.urdf'
-        path = next(iter(sorted((options.urdfs or default_urdfs()).rglob(file))), None)
+        folder = PLAIN_FOLDER if name == 'plain' else options.urdfs or default_urdfs()
+        path = next(iter(sorted(folder.rglob(file))), None)
         if path is None:
             print(f'{name}: no {file}: left out', file=sys.stderr)
             continue

@@ -20,7 +20,7 @@ from hand_tracker.evaluation.tables import Table
 
 EARLIER = 'Measured with an earlier revision.'
 REPORTED_BENCHMARKS = ('core', 'layouts', 'labelling', 'instructions', 'round_trip', 'peers',
-                       'offline', 'startup', 'memory')
+                       'retarget', 'offline', 'startup', 'memory')
 
 
 def section(name, rows):
