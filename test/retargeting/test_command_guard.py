@@ -243,6 +243,45 @@ def test_a_hand_that_stays_lost_needs_engaging_anew():
     assert rig.engaged().tick() is not None
 
 
+@pytest.mark.parametrize('on_lost', ['hold', 'stop'])
+def test_a_hand_that_is_back_in_time_elsewhere_is_eased_to_from_where_the_robot_holds(on_lost):
+    rig = Rig(on_lost=on_lost).following()
+    before = rig.tick()
+    rig.run(.9 * rig.options.disengage_after, hand=None)
+    assert rig.guard.state is GuardState.HOLDING
+    elsewhere, commands = np.array((.9, 1.5, -.9)), [before]
+    while rig.guard.state is not GuardState.FOLLOWING:
+        commands.append(rig.tick(hand=elsewhere))
+    steps = np.abs(np.diff(commands, axis=0)).max(axis=1)
+    assert steps.max() <= rig.options.ease_speed * STEP + 1e-12
+    # It took as long as the way of 0.9 rad does, to where following begins.
+    assert len(steps) > .8 / (rig.options.ease_speed * STEP)
+
+
+@pytest.mark.parametrize('release', ['by itself', 'said'])
+def test_a_hand_that_is_back_in_time_is_not_followed_once_the_deadman_was_released(release):
+    rig = Rig(hold_to_engage=True)
+    rig.tick()
+    for _ in range(100):
+        rig.guard.press(rig.now)
+        rig.tick()
+    rig.run(.2, hand=None)
+    assert rig.guard.state is GuardState.HOLDING
+    if release == 'said':
+        rig.guard.disengage('the deadman was released')
+    else:
+        rig.run(.1, hand=None)
+    assert all(command is None for command in rig.run(.3))
+    assert 'deadman' in rig.guard.reason
+    # Pressed all the while, it is.
+    rig.guard.press(rig.now)
+    rig.tick()
+    for hand in 20 * (HAND, ) + 40 * (None, ) + 10 * (HAND, ):
+        rig.guard.press(rig.now)
+        rig.tick(hand=hand)
+    assert rig.guard.is_following
+
+
 def test_by_choice_the_stream_stops_while_the_hand_is_lost():
     rig = Rig(on_lost='stop').following()
     commands = rig.run(.5, hand=None)
