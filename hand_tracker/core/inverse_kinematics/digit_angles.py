@@ -6,14 +6,15 @@ person, and, while the principal marker is hidden, by the last frame. Ours.
 """
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from ..model.marker_rows import MarkerRows, RowState
 from ..model.palm_triangle import Wrist
-from ..numerics.cholesky import fix_unknown, solve_damped
-from ..numerics.jit import jit
+from ..numerics.cholesky import factorise, fix_unknown, solve_damped, solve_factorised
+from ..numerics.jit import jit, local_floats
 from ..numerics.vectors import (
     Frame,
     Vector,
@@ -79,12 +80,13 @@ class DigitWorkspace(NamedTuple):
     jacobian: np.ndarray
 
 
-@jit
-def new_digit_workspace() -> DigitWorkspace:
-    """Return scratch memory."""
-    return DigitWorkspace(np.empty((5, 3, 3)), np.empty((5, 3)), np.empty((5, 3)), np.empty((5, 5)),
-                  np.empty((5, 5)), np.empty(5), np.empty(5), np.empty(5), np.empty(5),
-                  np.empty(5), np.empty((3, 5)))
+@partial(jit, inline='always')
+def local_digit_workspace() -> DigitWorkspace:
+    """Return scratch memory that a kernel uses until it returns, as `local_floats` does."""
+    return DigitWorkspace(
+        local_floats((5, 3, 3)), local_floats((5, 3)), local_floats((5, 3)), local_floats((5, 5)),
+        local_floats((5, 5)), local_floats(5), local_floats(5), local_floats(5), local_floats(5),
+        local_floats(5), local_floats((3, 5)))
 
 
 @jit
@@ -407,7 +409,7 @@ def infer_principal_markers(chains: Chains, table: MarkerRows, rows: RowState, w
     for digit in range(5):
         if seen[3 + digit] or not table.has_several[digit]:
             continue
-        workspace = new_digit_workspace()
+        workspace = local_digit_workspace()
         if _solve_digit_angles(chains, table, rows, digit, angles, step, workspace)[0]:
             local = _principal_place(chains, table, rows, digit, workspace)
             if digit < 4:
@@ -435,7 +437,7 @@ def solve_followed_digits(chains: Chains, table: MarkerRows, rows: RowState, see
     step : float
         Since the last frame [s].
     """
-    workspace = new_digit_workspace()
+    workspace = local_digit_workspace()
     for digit in range(5):
         if not table.has_several[digit] or not seen[3 + digit] or (
                 changed[digit] or not rows.is_measured[3 + digit]):
@@ -465,7 +467,7 @@ def refine_digits(chains: Chains, table: MarkerRows, rows: RowState, seen: np.nd
     step : float
         Since the last frame [s].
     """
-    workspace = new_digit_workspace()
+    workspace = local_digit_workspace()
     for digit in range(5):
         is_solved = False
         if table.has_several[digit] and seen[3 + digit]:
@@ -494,8 +496,10 @@ def _write_deviation(chains: Chains, table: MarkerRows, rows: RowState, digit: i
     first = 0 if digit == THUMB else 1
     for j in range(first):
         fix_unknown(matrix, one, j, CHAIN_JOINTS)
+    if not factorise(matrix, CHAIN_JOINTS, 0., workspace.factor):
+        return
     for j in range(first, CHAIN_JOINTS):
         one[:] = 0.
         one[j] = 1.
-        if solve_damped(matrix, one, CHAIN_JOINTS, 0., workspace.factor, column):
-            rows.deviation[5 * digit + j] = math.sqrt(column[j])
+        solve_factorised(workspace.factor, one, CHAIN_JOINTS, column)
+        rows.deviation[5 * digit + j] = math.sqrt(column[j])

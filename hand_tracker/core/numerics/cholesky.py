@@ -54,6 +54,15 @@ def solve_damped(matrix: np.ndarray, vector: np.ndarray, count: int, damping: fl
     bool
         Whether the matrix is positive definite; the solution is of no use if not.
     """
+    if not factorise(matrix, count, damping, factor):
+        return False
+    solve_factorised(factor, vector, count, solution)
+    return True
+
+
+@jit
+def factorise(matrix: np.ndarray, count: int, damping: float, factor: np.ndarray) -> bool:
+    """Write Cholesky's factor of A + damping diag(A); parameters and return as `solve_damped`."""
     for i in range(count):
         for j in range(i + 1):
             total = matrix[i, j]
@@ -67,6 +76,13 @@ def solve_damped(matrix: np.ndarray, vector: np.ndarray, count: int, damping: fl
                 factor[i, i] = math.sqrt(total)
             else:
                 return False
+    return True
+
+
+@jit
+def solve_factorised(factor: np.ndarray, vector: np.ndarray, count: int,
+                     solution: np.ndarray) -> None:
+    """Solve the equations of a factor by `factorise`; parameters are those of `solve_damped`."""
     for i in range(count):
         total = vector[i]
         for k in range(i):
@@ -77,4 +93,3 @@ def solve_damped(matrix: np.ndarray, vector: np.ndarray, count: int, damping: fl
         for k in range(i + 1, count):
             total -= factor[k, i] * solution[k]
         solution[i] = total / factor[i, i]
-    return True

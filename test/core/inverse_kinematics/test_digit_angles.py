@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hand_tracker.core.inverse_kinematics.digit import THUMB, digit_chains
-from hand_tracker.core.inverse_kinematics.digit_angles import new_digit_workspace, place_digit
+from hand_tracker.core.inverse_kinematics.digit_angles import local_digit_workspace, place_digit
 from hand_tracker.core.model.hand import Hand
 from hand_tracker.core.model.kinematics import forward, joint_table
 from hand_tracker.core.model.marker_layout import MarkerLayout
@@ -19,7 +19,8 @@ def test_a_digit_is_placed_where_forward_kinematics_places_it(digit):
     chains = digit_chains(hand, layout.mounting(hand))
     ends = marker_rows(hand, layout, 'flat').bone_ends
     random = np.random.default_rng(digit)
-    workspace = new_digit_workspace()
+    workspace = getattr(
+        local_digit_workspace, 'py_func', local_digit_workspace)()
     for _ in range(20):
         angles = random.uniform(*hand.limits.T)
         if digit != THUMB:

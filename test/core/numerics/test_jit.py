@@ -64,6 +64,42 @@ for options in (TrackerOptions(), TrackerOptions('spheres', 'fabrik'),
 np.save(sys.argv[2], rows)
 """
 
+# Prints by how many the allocations of tracked frames are more than the arrays handed over.
+ALLOCATIONS = """
+import numpy as np
+from numba.core.runtime import rtsys
+from hand_tracker.core.model.hand import Hand
+from hand_tracker.core.model.kinematics import forward, joint_table
+from hand_tracker.core.model.layout_presets import preset_layout
+from hand_tracker.core.model.marker_layout import marker_positions
+from hand_tracker.core.tracker import HandTracker
+
+hand, rng = Hand.scaled(), np.random.default_rng(1)
+for name in ('paper8', 'sig18_19'):
+    tracker, mounting = HandTracker(hand, preset_layout(name)), preset_layout(name).mounting(hand)
+    frames = np.array([marker_positions(mounting, forward(
+        joint_table(hand), hand.relaxed() + .3 * np.sin(.1 * frame))) for frame in range(220)])
+    frames += rng.normal(scale=.0005, size=frames.shape)
+    frames[rng.random(frames.shape[:2]) < .1] = np.nan
+    for markers in frames[:20]:
+        tracker.update(markers)
+    before = rtsys.get_allocation_stats().alloc
+    for markers in frames[20:]:
+        tracker.update(markers)
+    made = rtsys.get_allocation_stats().alloc - before
+    # Besides those of `kernel_arguments` the markers.
+    print(made - 200 * (len(tracker.kernel_arguments()) + 1))
+"""
+
+
+@pytest.mark.skipif(not COMPILED, reason='plain Python allocates')
+def test_kernels_allocate_nothing_while_they_track():
+    environment = {**os.environ, 'NUMBA_NRT_STATS': '1', 'PYTHONPATH': os.pathsep.join(
+        [str(REPOSITORY), os.environ.get('PYTHONPATH', '')])}
+    found = subprocess.run([sys.executable, '-c', ALLOCATIONS], check=True, env=environment,
+                           stdout=subprocess.PIPE, text=True)
+    assert found.stdout.split() == ['0', '0']
+
 
 def rows(tmp_path, switch):
     out = tmp_path / f'{switch}.npy'
