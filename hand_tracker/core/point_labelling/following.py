@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from ..numerics.assignment import assign_rows
-from ..numerics.jit import labelling_jit
+from ..numerics.jit import labelling_jit, local_floats
 from ..numerics.rigid_fit import fit_rigid
 from .clutter import Cloud, Clutter, continue_clutter
 from .hand_track import (
@@ -122,7 +122,7 @@ def settle_palm(prototype: Prototype, track: HandTrack, points: np.ndarray, rows
     place_by_all(prototype, points, guess)
     size = guess.size[0]
     weights, there, rest = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3))
-    home = np.empty(3)
+    home = local_floats(3)
     for i in range(count):
         if prototype.rigid[i] <= 0.:
             continue
@@ -405,7 +405,7 @@ def _correct_marker(track: HandTrack, i: int, seen: PalmPoints, row: int, replac
 @labelling_jit
 def _rotation_vector(before: np.ndarray, after: np.ndarray) -> tuple[float, float, float]:
     """Return the rotation vector from one rotation (3, 3) to another, in the outer frame [rad]."""
-    d = np.zeros((3, 3))
+    d = local_floats((3, 3))
     for i in range(3):
         for j in range(3):
             for k in range(3):

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from ..numerics.assignment import assign_rows
-from ..numerics.jit import labelling_jit
+from ..numerics.jit import labelling_jit, local_floats
 from .hand_track import turn_rotation
 from .palm_search import (
     Candidates,
@@ -48,7 +48,7 @@ def search_pairs(prototype: Prototype, points: np.ndarray, free: np.ndarray, fir
     and the number of the turn.
     """
     count, tried, most = len(points), 0, palms_within(budget, prototype, points)
-    rotation, position = np.empty((3, 3)), np.empty(3)
+    rotation, position = local_floats((3, 3)), local_floats(3)
     local = np.empty((count, 3))
     for offset in range(count):
         a = (first + offset) % count
@@ -107,7 +107,7 @@ def place_by_pair(prototype: Prototype, points: np.ndarray, pair: int, a: int, b
         Replaced [m].
     """
     one, other = prototype.pairs[pair, 0], prototype.pairs[pair, 1]
-    rest, there = np.empty((3, 3)), np.empty((3, 3))
+    rest, there = local_floats((3, 3)), local_floats((3, 3))
     for k in range(3):
         rest[0, k] = prototype.template[other, k] - prototype.template[one, k]
         there[0, k] = points[b, k] - points[a, k]
@@ -206,7 +206,7 @@ def place_by_all(prototype: Prototype, points: np.ndarray, found: Finding) -> No
     residual, gradient = np.empty(3 * count), np.empty(3 * count)
     # How the places change by rotation vector, shift and size, in the palm's frame
     slope, weighed = np.empty((7, 3 * count)), np.empty(3 * count)
-    normal = np.empty((8, 8))
+    normal = local_floats((8, 8))
     half = .5 * (prototype.sizes[1] - prototype.sizes[0])
     reset_matrix(prototype, found.rows, matrix)
     for _ in range(PLACING_ROUNDS):

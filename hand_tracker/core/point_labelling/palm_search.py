@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numerics.assignment import assign_rows
-from ..numerics.jit import labelling_jit
+from ..numerics.jit import labelling_jit, local_floats
 from ..numerics.rigid_fit import fit_rigid
 from .links import links_cost
 from .posture import (
@@ -132,8 +132,8 @@ def search_palms(prototype: Prototype, points: np.ndarray, free: np.ndarray, fir
     """
     count, markers = len(points), len(prototype.template)
     tried, most = 0, palms_within(budget, prototype, points)
-    corners, rest = np.empty((3, 3)), np.empty((3, 3))
-    rotation, position = np.empty((3, 3)), np.empty(3)
+    corners, rest = local_floats((3, 3)), local_floats((3, 3))
+    rotation, position = local_floats((3, 3)), local_floats(3)
     local = np.empty((count, 3))
     weights = np.ones(3)
     place = np.empty((markers, 3))
@@ -265,7 +265,7 @@ def label_candidates(prototype: Prototype, points: np.ndarray, free: np.ndarray,
         Replaced where a labelling costs less.
     """
     count = len(prototype.template)
-    rest, corners = np.empty((3, 3)), np.empty((3, 3))
+    rest, corners = local_floats((3, 3)), local_floats((3, 3))
     weights = np.ones(3)
     found = blank_finding(count)
     improved = False

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from ..numerics.jit import labelling_jit
+from ..numerics.jit import labelling_jit, local_floats
 from .hand_track import HandTrack, coming_cost
 from .links import marker_links_cost
 from .palm_search import to_palm_frame
@@ -118,7 +118,7 @@ def circle_cost(prototype: Prototype, track: HandTrack, marker: int,
     if count != 2:
         return math.inf
     size, total = track.finding.size[0], 0.
-    axis, arm = np.empty(3), np.empty(3)
+    axis, arm = local_floats(3), local_floats(3)
     length, along, across = 0., 0., 0.
     for k in range(3):
         axis[k] = prototype.template[second, k] - prototype.template[first, k]

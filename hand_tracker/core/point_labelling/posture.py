@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from ..numerics.jit import labelling_jit
+from ..numerics.jit import labelling_jit, local_floats
 from .prototypes import Prototype
 
 CLUTTER_DENSITY = 200.  # [1/m³] of points that are no marker of the hand; ours
@@ -165,7 +165,7 @@ def _change(matrix: np.ndarray, gradient: np.ndarray, marker: int, step: np.ndar
 def exchange_change(matrix: np.ndarray, gradient: np.ndarray, local: np.ndarray,
                     rows: np.ndarray, i: int, j: int) -> float:
     """Return how the squared distance changes as two seen markers exchange their points."""
-    one, other = np.empty(3), np.empty(3)
+    one, other = local_floats(3), local_floats(3)
     _step(local, rows, i, rows[j], one)
     change = _change(matrix, gradient, i, one)
     for k in range(3):
@@ -201,7 +201,7 @@ def refine_labels(matrix: np.ndarray, mean: np.ndarray, local: np.ndarray, free:
     for i in range(count):
         if rows[i] >= 0:
             taken[rows[i]] = True
-    one = np.empty(3)
+    one = local_floats(3)
     total = posture_distance(matrix, mean, local, rows, residual, gradient)
     for _ in range(EXCHANGE_ROUNDS):
         least = -SMALLEST_GAIN
@@ -347,7 +347,7 @@ def block_inverse(block: np.ndarray, sign: float, inverse: np.ndarray) -> float:
 def dropping_gain(matrix: np.ndarray, gradient: np.ndarray, marker: int, distance: float,
                    seen: int) -> float:
     """Return by how much the cost falls if one of `seen` markers is taken for hidden."""
-    covariance = np.empty((3, 3))
+    covariance = local_floats((3, 3))
     a = 3 * marker
     determinant = block_inverse(matrix[a:a + 3, a:a + 3], 1., covariance)
     fall = quadratic(covariance, gradient[a], gradient[a + 1], gradient[a + 2])
@@ -363,7 +363,7 @@ def contradiction(matrix: np.ndarray, gradient: np.ndarray, marker: int, distanc
     Its covariance is that of Student's distribution given the others: wider the more unusual
     their posture is.
     """
-    covariance = np.empty((3, 3))
+    covariance = local_floats((3, 3))
     a = 3 * marker
     block_inverse(matrix[a:a + 3, a:a + 3], 1., covariance)
     fall = quadratic(covariance, gradient[a], gradient[a + 1], gradient[a + 2])
@@ -397,7 +397,7 @@ def _best_point(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, loca
             taken[rows[i]] = True
             seen += 1
     chosen, least = -1, math.inf
-    precision = np.empty((3, 3))
+    precision = local_floats((3, 3))
     a = 3 * marker
     # Of the negative covariance, swept; the gradient there is minus the expected residual.
     determinant = block_inverse(matrix[a:a + 3, a:a + 3], -1., precision)
@@ -421,8 +421,8 @@ def _handover(matrix: np.ndarray, mean: np.ndarray, gradient: np.ndarray, place:
 
     `place` is that point, shape (3,), in the palm's frame [m]; others are as for `refine_labels`.
     """
-    covariance, precision = np.empty((3, 3)), np.empty((3, 3))
-    left, off = np.empty((3, 3)), np.empty(3)
+    covariance, precision = local_floats((3, 3)), local_floats((3, 3))
+    left, off = local_floats((3, 3)), local_floats(3)
     a, b = 3 * taker, 3 * giver
     dropped = math.log(block_inverse(matrix[b:b + 3, b:b + 3], 1., covariance))
     others = distance - quadratic(covariance, gradient[b], gradient[b + 1], gradient[b + 2])

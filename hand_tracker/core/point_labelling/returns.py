@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..numerics.jit import labelling_jit
+from ..numerics.jit import labelling_jit, local_floats
 from .clutter import CLUTTER_DEVIATION, STRETCH, Cloud, PointHistory
 from .hand_track import HIDDEN_DEVIATION, LONGEST_HIDDEN, HandTrack
 from .links import marker_links_cost
@@ -296,7 +296,7 @@ def present_cost(prototype: Prototype, track: HandTrack, i: int, seen: PalmPoint
     returns, local, points = track.returns, seen.local, seen.cloud.points
     returns.age[i] += step
     returns.stretch[i] += step
-    covariance = np.empty((3, 3))
+    covariance = local_floats((3, 3))
     a = 3 * i
     block_inverse(matrix[a:a + 3, a:a + 3], 1., covariance)
     off, unlike, shift, turned, gone = 0., 0., 0., 0., 0.
