@@ -30,7 +30,11 @@ from benchmarks.round_trip import BOUTS, FIRST_ANSWER_TIME, WARM, cpu_time, isol
 
 BASE = 'markers'
 # Parameter `marker_message` of the tracker, by source.
-DIRECT = {'point_cloud': 'point_cloud', 'mocap4r2': 'mocap4r2_markers', 'landmarks': 'pose_array'}
+DIRECT = {'point_cloud': 'point_cloud', 'mocap4r2': 'mocap4r2_markers', 'landmarks': 'pose_array',
+          'named_landmarks': 'named_pose_array', 'landmark_markers': 'landmark_markers_21'}
+# Rows that are other messages of a source: parameters `source` and `message` of its node.
+OTHER_MESSAGES = {'named_landmarks': ('landmarks', 'named_pose_array'),
+                  'landmark_markers': ('landmarks', 'marker_array')}
 # Behind a source's name: through a source node, in a process of its own or in the tracker's.
 AS_NODE, IN_ONE = '_node', '_all'
 SERVERS = 'natnet', 'qualisys'
@@ -50,6 +54,17 @@ def hand_frames(rate):
     motion = demo_recording(Hand.scaled(), rate=rate).markers[:round(2. * rate)]
     motion = np.where(np.isfinite(motion), motion, motion[0])
     return np.concatenate((motion, motion[-2:0:-1]))
+
+
+def landmark_poses(positions):
+    """Return the poses of 21 landmarks, of which those of the eight markers are somewhere."""
+    from geometry_msgs.msg import Point, Pose
+
+    from hand_tracker.calibration.landmarks import LANDMARKS
+    from hand_tracker.core.model.marker_layout import PAPER_PLACES
+    rows = dict(zip(PAPER_PLACES, positions.tolist()))
+    return [Pose(position=Point(**dict(zip('xyz', rows.get(name, (np.nan,) * 3)))))
+            for name in LANDMARKS]
 
 
 def source_of(name):
@@ -80,7 +95,8 @@ class Sender:
         from rclpy.qos import QoSProfile, ReliabilityPolicy
         from sensor_msgs.msg import PointCloud2
         from visualization_msgs.msg import MarkerArray
-        kinds = {BASE: MarkerArray, 'point_cloud': PointCloud2, 'landmarks': PoseArray}
+        kinds = {BASE: MarkerArray, 'point_cloud': PointCloud2, 'landmarks': PoseArray,
+                 'landmark_markers': MarkerArray}
         self._name, self._server, self._number = source_of(name), server, 0
         self._how = name.removeprefix(self._name)
         self._points = np.full((3, 3), .5) + np.eye(3)
@@ -89,6 +105,9 @@ class Sender:
         if self._name == 'mocap4r2':
             from mocap4r2_msgs.msg import Markers
             kinds[self._name] = Markers
+        if self._name == 'named_landmarks':
+            from teleop_ros2_interfaces.msg import NamedPoseArray
+            kinds[self._name] = NamedPoseArray
         if self._name in kinds:
             topic = 'markers' if name in (BASE, *DIRECT) else 'in'
             self._publisher = node.create_publisher(
@@ -142,15 +161,32 @@ class Sender:
         return serialize_message(message)
 
     def _landmarks(self, positions, stamp):
-        from geometry_msgs.msg import Point, Pose, PoseArray
-        from rclpy.serialization import serialize_message
+        from geometry_msgs.msg import PoseArray
+        return self._with_header(PoseArray(poses=landmark_poses(positions)), stamp)
+
+    def _named_landmarks(self, positions, stamp):
+        """Return the message of both hands, the left one beside the right."""
+        from teleop_ros2_interfaces.msg import NamedPoseArray
 
         from hand_tracker.calibration.landmarks import LANDMARKS
-        from hand_tracker.core.model.marker_layout import PAPER_PLACES
-        rows = dict(zip(PAPER_PLACES, positions.tolist()))
-        message = PoseArray(poses=[
-            Pose(position=Point(**dict(zip('xyz', rows.get(name, (np.nan,) * 3)))))
-            for name in LANDMARKS])
+        from hand_tracker.messages.landmark_kinds import OPENXR
+        name_of = {landmark: name for name, landmark in OPENXR.items()}
+        return self._with_header(NamedPoseArray(
+            name=[f'{side}_{name_of[name]}' for side in ('left', 'right') for name in LANDMARKS],
+            pose=landmark_poses(positions + 1.) + landmark_poses(positions),
+            is_valid=[True] * (2 * len(LANDMARKS))), stamp)
+
+    def _landmark_markers(self, positions, stamp):
+        from hand_tracker.calibration.landmarks import LANDMARKS
+        from hand_tracker.messages.stamps import Stamp
+        from hand_tracker.messages.templates import markers_template
+        template = markers_template('head', [('hand', row) for row in range(len(LANDMARKS))])
+        return template.fill(Stamp(stamp.sec, stamp.nanosec), np.array(
+            [(at.x, at.y, at.z) for at in (pose.position for pose in landmark_poses(positions))]))
+
+    @staticmethod
+    def _with_header(message, stamp):
+        from rclpy.serialization import serialize_message
         message.header.stamp, message.header.frame_id = stamp, 'head'
         return serialize_message(message)
 
@@ -192,7 +228,9 @@ def start(stack, names):
             more += ['-p', f'marker_message:={DIRECT[name]}']
         elif name != BASE:
             more += ['-r', f'markers:=/{name}/source/markers']
+            source, message = OTHER_MESSAGES.get(source, (source, 'first'))
             origin = ['-p', f'source:={source}', '-p', f'topic:=/{name}/in',
+                      '-p', f'message:={message}',
                       '-p', f'port:={servers[name].port if name in servers else 0}',
                       *(['-p', 'subject:=hand'] if name.endswith(LARGE_FRAMES) else [])]
             if is_in_one(name):

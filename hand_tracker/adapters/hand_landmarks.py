@@ -6,11 +6,17 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.model.hand import FINGERS
 from ..messages.cdr import PointMarker
-from ..messages.landmark_kinds import LANDMARK_ORDERS, OTHER_COUNT, mark_missing, named_hands
-from ..messages.message_kinds import MalformedMessage
+from ..messages.landmark_kinds import (
+    LANDMARK_ORDERS,
+    OTHER_COUNT,
+    OTHER_COUNTS,
+    sided_landmark,
+)
+from ..messages.landmark_parsers import BESIDE_ORIGIN
 from .point_frame import MalformedFrame, SourceFrame, SourceUnavailable, point_frame
 
 PALM_LENGTHS = .04, .16  # [m] from wrist to middle MCP, of any hand
@@ -50,14 +56,20 @@ def named_landmarks(message: Any, side: str) -> SourceFrame:
     MalformedFrame
         If names, poses and validity are not equally many, or none is of this side.
     """
-    try:
-        found = named_hands(message, (side,)).get(side)
-    except MalformedMessage as error:
-        raise MalformedFrame(str(error)) from None
-    if found is None:
+    counts = len(message.name), len(message.pose), len(message.is_valid)
+    if len(set(counts)) > 1:
+        raise MalformedFrame(OTHER_COUNTS.format(*counts))
+    points = {row: _position(pose) if is_valid else (np.nan,) * 3 for row, (pose, is_valid)
+              in enumerate(zip(message.pose, message.is_valid))
+              if message.name[row].lower().startswith(f'{side}_')}
+    names = [sided_landmark(message.name[row])[1] for row in points]
+    if not any(names):
         raise MalformedFrame(f"NamedPoseArray: no name like '{side}_INDEX_TIP' among "
                              f"{', '.join(message.name[:3]) or 'none'}, ...")
-    return point_frame(message.header.stamp, message.header.frame_id, *found)
+    places = mark_missing(list(points.values()))
+    taken = [row for row, name in enumerate(names) if name]
+    return point_frame(message.header.stamp, message.header.frame_id,
+                       [names[row] for row in taken], places[taken])
 
 
 def landmarks_of_poses(message: Any) -> SourceFrame:
@@ -81,9 +93,7 @@ def landmarks_of_poses(message: Any) -> SourceFrame:
     names = LANDMARK_ORDERS.get(len(message.poses))
     if names is None:
         raise MalformedFrame(OTHER_COUNT.format(len(message.poses)))
-    points = np.array([(pose.position.x, pose.position.y, pose.position.z)
-                       for pose in message.poses])
-    mark_missing(points)
+    points = mark_missing([_position(pose) for pose in message.poses])
     return point_frame(message.header.stamp, message.header.frame_id, names, points)
 
 
@@ -111,14 +121,33 @@ def landmarks_of_markers(message: Any, count: int) -> SourceFrame:
     for marker in message.markers:
         if marker.action == marker.ADD and 0 <= marker.id < count and marker.type in (
                 marker.SPHERE, marker.CUBE, marker.CYLINDER):
-            at = marker.pose.position
-            points[marker.id] = at.x, at.y, at.z
+            points[marker.id] = _position(marker.pose)
             header = header or marker.header
     if header is None:
         raise MalformedFrame(f'MarkerArray of {len(message.markers)} markers; expected spheres '
                              f'with the ids 0 to {count - 1} of landmarks')
-    mark_missing(points)
-    return point_frame(header.stamp, header.frame_id, names, points)
+    return point_frame(header.stamp, header.frame_id, names, mark_missing(points))
+
+
+def _position(pose: Any) -> tuple[float, float, float]:
+    return pose.position.x, pose.position.y, pose.position.z
+
+
+def mark_missing(points: ArrayLike) -> np.ndarray:
+    """Return points with NaN for those at exactly (0, 0, 0); but one alone is its source's origin.
+
+    That one is moved by nothing to speak of, as drivers' markers at exactly zero are lost ones.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 3)
+        Of one hand.
+    """
+    found = np.array(points, float)
+    # Not `any`, which warns of signalling NaN.
+    at_origin = (found == 0.).all(axis=1)
+    found[at_origin] = np.nan if at_origin.sum() > 1 else (BESIDE_ORIGIN, 0., 0.)
+    return found
 
 
 def named_points(points: Iterable[PointMarker]) -> SourceFrame:

@@ -16,10 +16,9 @@ from ..core.model.hand import SIDES
 from ..core.model.marker_layout import PAPER_PLACES
 from ..messages.cdr import MarkerReader
 from ..messages.labels import USUAL_TOPIC, LabelMap
-from ..messages.landmark_kinds import LANDMARK_POSES, named_hands
+from ..messages.landmark_kinds import LANDMARK_POSES, NAMED_LANDMARKS
 from ..messages.marker_array import MARKER_ARRAY, placed
 from ..messages.marker_ids import ANONYMOUS_NAMESPACE, MarkerIds, no_warning
-from ..messages.message_definitions import NAMED_POSE_ARRAY
 from ..messages.message_kinds import (
     MARKER_ARRAY_KIND,
     MOCAP4R2_MARKERS,
@@ -47,11 +46,10 @@ WRITTEN_FRAME = 'world'
 START_TIME = 10**9         # [ns] of the first frame: a stamp of zero is none
 KEPT_TEMPLATES = 512       # of markers that are seen together
 MAX_BAG_LABELS = 4096
-# Messages of points, with the parsers of those that are not read as objects.
-PARSED_MESSAGES = {kind.type: kind for kind in (
-    MARKER_ARRAY_KIND, POINT_CLOUD, MOCAP4R2_MARKERS, RIGID_BODIES, LANDMARK_POSES)}
-POINT_MESSAGES = (*PARSED_MESSAGES, NAMED_POSE_ARRAY)
-LANDMARK_MESSAGES = LANDMARK_POSES.type, NAMED_POSE_ARRAY
+POINT_MESSAGES = {kind.type: kind for kind in (
+    MARKER_ARRAY_KIND, POINT_CLOUD, MOCAP4R2_MARKERS, RIGID_BODIES, LANDMARK_POSES,
+    NAMED_LANDMARKS)}
+LANDMARK_MESSAGES = LANDMARK_POSES.type, NAMED_LANDMARKS.type
 
 
 class BagFrame(NamedTuple):
@@ -213,37 +211,22 @@ def _frame_reader(bag: Bag, topic: str) -> Callable[[bytes], BagFrame]:
     kind, types = bag.topics[topic], bag.types(topic)
     known: Callable[[bytes], bytes] = (
         bytes if types is TYPE_STORE else lambda data: _as_known(types, data, kind))
-    if kind == NAMED_POSE_ARRAY:
-        return lambda data: _named_poses(_deserialized(TYPE_STORE, known(data), kind))
-    reader = MarkerReader(LabelMap(), kind=PARSED_MESSAGES[kind])
+    reader = MarkerReader(LabelMap(), kind=POINT_MESSAGES[kind])
     return lambda data: _frame_of(reader, known(data), kind)
-
-
-def _deserialized(types: Any, data: bytes, kind: str) -> Any:
-    # Damaged bytes, and damaged definitions, can raise anything.
-    try:
-        return types.deserialize_cdr(data, kind)
-    except Exception as error:
-        raise MalformedMessage(' '.join(str(error).split()) or type(error).__name__) from error
 
 
 def _as_known(types: Any, data: bytes, kind: str) -> bytes:
     """Return a message that a recording defines otherwise with the fields that its parser knows."""
-    message = _deserialized(types, data, kind)
+    # Damaged bytes, and damaged definitions, can raise anything.
+    try:
+        message = types.deserialize_cdr(data, kind)
+    except Exception as error:
+        raise MalformedMessage(' '.join(str(error).split()) or type(error).__name__) from error
     try:
         return bytes(TYPE_STORE.serialize_cdr(message, kind))
     except Exception as error:
         raise MalformedMessage(f'defined there without fields that are expected: {error}'
                                ) from error
-
-
-def _named_poses(message: Any) -> BagFrame:
-    """Return the landmarks of both hands of a NamedPoseArray."""
-    hands = named_hands(message)
-    stamp = nanoseconds(message.header.stamp)
-    return BagFrame([f'{side}_{name}' for side, hand in hands.items() for name in hand.names],
-                    message.header.frame_id, stamp or None,
-                    _as_floats([hand.points for hand in hands.values()]))
 
 
 # Numbers beyond those of a marker become infinite, and then missing.

@@ -6,7 +6,13 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from ..adapters.marker_messages import DEFAULT_MESSAGE, SERVED, DirectInput, direct_input
+from ..adapters.marker_messages import (
+    DEFAULT_MESSAGE,
+    NAMED_POSE_MESSAGE,
+    SERVED,
+    DirectInput,
+    direct_input,
+)
 from ..core.errors import HandTrackerError
 from ..core.model.hand import BOTH, SIDES, Hand
 from ..files.keystore import security_environment
@@ -123,6 +129,7 @@ class LaunchPlan:
         self.broadcast = 'wrist' if self.publishes_links else 'all'
         self.in_file = self._file_parameters()
         self.hand_parameters = self._shared_parameters()
+        self.direct = self._direct_source()
         self.hands = self._both_hands() if self.hand_parameters['side'] == BOTH else [
             self._one_hand()]
         self._check_frames(f'{self.hands[0].prefix}wrist')
@@ -130,7 +137,6 @@ class LaunchPlan:
             'use_sim_time', given['use_sim_time'] == 'true', False)}
         self.environment = (security_environment(given['keystore'])
                             if given['use_security'] == 'true' else {})
-        self.direct = self._direct_source()
         self.mounts = self._mounts()
         self.on_body = self.agreed('on_body', any(map(any, self.mounts)), False)
         self.should_show_robots = self.is_on('show_robot') and any(
@@ -258,8 +264,10 @@ class LaunchPlan:
         return LaunchedHand(hand, f'{hand.side}_' if prefix == AUTO else prefix, '', values)
 
     def _both_hands(self) -> list[LaunchedHand]:
-        for name, is_of_one in (('source', self.given['source'] == 'landmarks'),
-                                ('subject', bool(self.given['subject']))):
+        has_names = self.direct is not None and self.direct.message == NAMED_POSE_MESSAGE
+        for name, is_of_one in (
+                ('source', self.given['source'] == 'landmarks' and not has_names),
+                ('subject', bool(self.given['subject']))):
             if is_of_one:
                 raise InvalidLaunch(f"{name}: '{self.given[name]}'; expected another or none for "
                                     'side:=both: it is of one hand')

@@ -17,13 +17,16 @@ import numpy as np
 from ..core.model.marker_layout import MARKERS
 from ..core.numerics.jit import COMPILED, jit, load_kernel, loaded_or_plain
 from .labels import LabelMap
+from .landmark_parsers import parse_landmark_markers, parse_named_poses, parse_pose_array
 from .marker_array import ADD, LIST_TYPES, Head, MarkerFrame, Sources, find_sources, placed, scaled
 from .marker_array_parser import parse_marker_array
 from .marker_ids import MarkerIds, no_warning
 from .message_kinds import (
     MARKER_ARRAY_KIND,
+    PARSE_CLOUD,
     PARSE_MARKER_ARRAY,
     PARSE_MARKERS,
+    PARSE_NAMED_POSES,
     PARSE_POSE_ARRAY,
     PARSE_RIGID_BODIES,
     MalformedMessage,
@@ -31,7 +34,6 @@ from .message_kinds import (
 )
 from .mocap4r2_parser import parse_mocap4r2_markers, parse_rigid_bodies
 from .point_cloud_parser import MOST_MARKERS, parse_point_cloud
-from .pose_array_parser import parse_pose_array
 from .stamps import Stamp, Time
 
 ENCAPSULATION = 4  # [bytes] before the message proper, from which on alignment counts
@@ -284,7 +286,7 @@ def parse_points(parser: int, octets: np.ndarray, words: np.ndarray, numbers: np
     words : ndarray of int32, shape (>= size // 4,)
     numbers : ndarray, shape (`number_capacity(size)`,)
         The same bytes in this machine's order; positions that a cloud holds are written behind
-        them, and what is no position in a message of poses is changed.
+        them, and what is no position of a landmark is changed.
     size : int
         Bytes of the message.
     heads : ndarray of int32, shape (n, 5)
@@ -292,7 +294,7 @@ def parse_points(parser: int, octets: np.ndarray, words: np.ndarray, numbers: np
         strings have equal points at the same places.
     places : ndarray of int64, shape (n, 3)
         Filled: where the stamp is in words; where position and the points of a list are in
-        doubles.
+        doubles, of landmarks instead of the latter which hand's they are.
     strings : ndarray of uint8, shape (>= size,)
         Filled: texts of which the heads have the lengths.
 
@@ -311,7 +313,11 @@ def parse_points(parser: int, octets: np.ndarray, words: np.ndarray, numbers: np
         return parse_rigid_bodies(octets, words, size, heads, places, strings)
     if parser == PARSE_POSE_ARRAY:
         return parse_pose_array(octets, words, numbers, size, heads, places, strings)
-    return parse_point_cloud(octets, words, numbers, size, heads, places, strings)
+    if parser == PARSE_NAMED_POSES:
+        return parse_named_poses(octets, words, numbers, size, heads, places, strings)
+    if parser == PARSE_CLOUD:
+        return parse_point_cloud(octets, words, numbers, size, heads, places, strings)
+    return parse_landmark_markers(octets, words, numbers, size, heads, places, strings)
 
 
 @jit

@@ -1,20 +1,23 @@
 """Landmarks of a hand in messages: their names, by their number or as XR calls them. No ROS.
 
-Known are the 21 of MediaPipe, the 25 of WebXR and the 26 of OpenXR, by their number in a message
-or, in a NamedPoseArray of IsaacTeleop, by their names, 'left_INDEX_TIP'. OpenXR and IsaacTeleop
-call a joint by the bone that begins there: INDEX_PROXIMAL is the index finger's MCP.
+Known are the 21 of MediaPipe, the 25 of WebXR and the 26 of OpenXR: by their place in a PoseArray
+of as many, by the ids of a MarkerArray or, in a NamedPoseArray of IsaacTeleop, by their names,
+'left_INDEX_TIP'. OpenXR and IsaacTeleop call a joint by the bone that begins there: INDEX_PROXIMAL
+is the index finger's MCP.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from typing import Any, NamedTuple
-
-import numpy as np
+from collections.abc import Sequence
+from functools import partial
 
 from ..core.model.hand import FINGERS, SIDES
 from ..core.model.layout_presets import preset_layout
+from .marker_array import MARKER_ARRAY, POINT_TYPES
+from .message_definitions import NAMED_POSE_ARRAY
 from .message_kinds import (
+    PARSE_LANDMARK_MARKERS,
+    PARSE_NAMED_POSES,
     PARSE_POSE_ARRAY,
     HeadRows,
     MalformedMessage,
@@ -22,7 +25,6 @@ from .message_kinds import (
     PointNames,
     texts_of,
 )
-from .pose_array_parser import BESIDE_ORIGIN
 
 # Joints of a finger and of the thumb by the bones that begin there, as XR names them.
 XR_FINGER = {'METACARPAL': 'cmc', 'PROXIMAL': 'mcp', 'INTERMEDIATE': 'pip', 'DISTAL': 'dip',
@@ -38,6 +40,7 @@ LANDMARK_ORDERS = {21: tuple(preset_layout('mediapipe21').places),
                    25: tuple(OPENXR.values())[1:], 26: tuple(OPENXR.values())}
 OTHER_COUNT = ('PoseArray of {} poses; expected are '
                + ', '.join(map(str, LANDMARK_ORDERS)) + ' landmarks')
+OTHER_COUNTS = 'NamedPoseArray: {} names, {} poses, {} validities; expected as many of each'
 
 
 def _names_of_poses(rows: HeadRows, strings: bytes) -> tuple[str, PointNames]:
@@ -48,62 +51,57 @@ def _names_of_poses(rows: HeadRows, strings: bytes) -> tuple[str, PointNames]:
     return texts_of(strings, [rows[0][0]])[0], list(names)
 
 
-LANDMARK_POSES = MessageKind('geometry_msgs/msg/PoseArray', PARSE_POSE_ARRAY, _names_of_poses)
+def _names_of_markers(names: Sequence[str], rows: HeadRows,
+                      strings: bytes) -> tuple[str, PointNames]:
+    """Return the frame and the names of the landmarks of a serialized MarkerArray."""
+    frames = texts_of(strings, [length for row in rows for length in row[:2]])[::2]
+    found = [names[number] if kind in POINT_TYPES and 0 <= number < len(names) else ''
+             for _, _, number, kind, _ in rows]
+    return next((frame for frame, name in zip(frames, found) if name), ''), list(found)
 
 
-class NamedHand(NamedTuple):
-    """Landmarks of one hand of a NamedPoseArray.
+def sided_landmark(name: str) -> tuple[str, str]:
+    """Return side and landmark of a name such as 'left_INDEX_TIP'; empty where it is of no hand."""
+    side, _, landmark = name.partition('_')
+    side, landmark = side.lower(), OPENXR.get(landmark.upper(), '')
+    return (side, landmark) if side in SIDES and landmark else ('', '')
 
-    Attributes
-    ----------
-    names : list of str
-        As in `LANDMARK_ORDERS`.
-    points : ndarray, shape (n, 3)
-        NaN where `is_valid` is false, and where `mark_missing` has it [m].
+
+def _names_of_named(only: str, rows: HeadRows, strings: bytes) -> tuple[str, PointNames]:
+    """Return the frame and the names of the landmarks of a serialized NamedPoseArray.
+
+    They are such as 'left_index_tip'; where one side alone is asked for, such as 'index_tip'.
     """
+    counts = rows[0][1:4]
+    if len(set(counts)) > 1:
+        raise MalformedMessage(OTHER_COUNTS.format(*counts))
+    frame_id, *names = texts_of(strings, [rows[0][0], *(row[4] for row in rows)])
+    found = map(sided_landmark, names)
+    if only:
+        return frame_id, [landmark if side == only else '' for side, landmark in found]
+    return frame_id, ['_'.join(each) if all(each) else '' for each in found]
 
-    names: list[str]
-    points: np.ndarray
+
+def _named_kind(side: str) -> MessageKind:
+    return MessageKind(NAMED_POSE_ARRAY, PARSE_NAMED_POSES, partial(_names_of_named, side))
 
 
-def named_hands(message: Any, sides: Collection[str] = SIDES) -> dict[str, NamedHand]:
-    """Return the landmarks in a NamedPoseArray by the side of their hand, without other names.
+LANDMARK_POSES = MessageKind('geometry_msgs/msg/PoseArray', PARSE_POSE_ARRAY, _names_of_poses)
+NAMED_LANDMARKS = _named_kind('')
+NAMED_LANDMARKS_OF = {side: _named_kind(side) for side in SIDES}
+# By their number; a marker's id is that of the landmark in its order.
+LANDMARK_MARKERS = {count: MessageKind(
+    MARKER_ARRAY, PARSE_LANDMARK_MARKERS, partial(_names_of_markers, names))
+    for count, names in LANDMARK_ORDERS.items()}
+LANDMARK_KINDS = LANDMARK_POSES, NAMED_LANDMARKS, *LANDMARK_MARKERS.values()
+
+
+def kind_of_hand(kind: MessageKind, side: str) -> MessageKind:
+    """Return a kind of messages with the points of one hand alone, where their names say whose.
 
     Parameters
     ----------
-    message : teleop_ros2_interfaces/NamedPoseArray
-        Of rclpy or of rosbags.
-    sides : collection of str, optional
-        Of the hands that are wanted.
-
-    Raises
-    ------
-    MalformedMessage
-        If names, poses and validity are not equally many.
+    kind : MessageKind
+    side : {'right', 'left'}
     """
-    counts = len(message.name), len(message.pose), len(message.is_valid)
-    if len(set(counts)) > 1:
-        raise MalformedMessage('NamedPoseArray: {} names, {} poses, {} validities; expected as '
-                               'many of each'.format(*counts))
-    found: dict[str, tuple[list[str], list[Sequence[float]]]] = {}
-    for name, pose, is_valid in zip(message.name, message.pose, message.is_valid):
-        side, _, landmark = name.partition('_')
-        if side.lower() in sides and landmark.upper() in OPENXR:
-            names, places = found.setdefault(side.lower(), ([], []))
-            at = pose.position
-            names.append(OPENXR[landmark.upper()])
-            places.append((at.x, at.y, at.z) if is_valid else (np.nan,) * 3)
-    hands = {side: NamedHand(names, np.array(places)) for side, (names, places) in found.items()}
-    for hand in hands.values():
-        mark_missing(hand.points)
-    return hands
-
-
-def mark_missing(points: np.ndarray) -> None:
-    """Set points at exactly (0, 0, 0) to NaN; but one alone is where its source has the origin.
-
-    That one is moved by nothing to speak of, as drivers' markers at exactly zero are lost ones.
-    """
-    # Not `any`, which warns of signalling NaN.
-    at_origin = (points == 0.).all(axis=1)
-    points[at_origin] = np.nan if at_origin.sum() > 1 else (BESIDE_ORIGIN, 0., 0.)
+    return NAMED_LANDMARKS_OF[side] if kind is NAMED_LANDMARKS else kind

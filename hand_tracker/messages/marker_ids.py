@@ -74,12 +74,12 @@ class MarkerIds:
         return FIRST_FOREIGN_ID + len(self.rows) + number
 
     def heads(self, frame_id: str, names: Sequence[str | None]) -> list[Head]:
-        """Return the heads of a frame's markers, of which those without a name are anonymous.
+        """Return the heads of a frame's markers, of which those whose name is None are anonymous.
 
-        Those that do not count are deletions.
+        Those that do not count, as those with an empty name, are deletions.
         """
-        named = [place for place, name in enumerate(names) if name is not None]
-        kept = {named[k] for k in self.add([name for name in names if name is not None])}
+        named = [place for place, name in enumerate(names) if name]
+        kept = {named[k] for k in self.add([name for name in names if name])}
         ids = dict(zip(self.rows, self.ids()))
         heads: list[Head] = []
         anonymous = 0

@@ -14,7 +14,8 @@ from .marker_ids import MarkerIds
 from .mocap4r2_parser import AS_BEFORE
 
 # Numbers of the parsers.
-PARSE_MARKER_ARRAY, PARSE_MARKERS, PARSE_RIGID_BODIES, PARSE_POSE_ARRAY, PARSE_CLOUD = range(5)
+(PARSE_MARKER_ARRAY, PARSE_MARKERS, PARSE_RIGID_BODIES, PARSE_POSE_ARRAY, PARSE_CLOUD,
+ PARSE_NAMED_POSES, PARSE_LANDMARK_MARKERS) = range(7)
 
 HeadRows = Sequence[Sequence[int]]
 PointNames = list[str | None]
@@ -34,8 +35,9 @@ class MessageKind(NamedTuple):
     parser : int
         Number of its parser, see `parse_points`.
     names : callable or None
-        Returns the frame, and the name of each point or None, for the heads and strings that the
-        parser has found; None where heads have namespaces and ids.
+        Returns the frame, and the name of each point, None of one without and '' of one that does
+        not count, for the heads and strings that the parser has found; None where heads have
+        namespaces and ids.
     note : str
         What else is expected of such a message, for errors.
     """
@@ -64,7 +66,7 @@ class MessageKind(NamedTuple):
         Raises
         ------
         MalformedMessage
-            If there are too few or too many points.
+            If there are others in number than expected.
         """
         if self.names is None:
             return _labelled_heads(rows, strings)

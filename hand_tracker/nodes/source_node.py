@@ -28,7 +28,13 @@ from ..adapters.hand_landmarks import (
     named_landmarks,
 )
 from ..adapters.marker_arrays import MarkerArrayWriter
-from ..adapters.marker_messages import FIRST, MESSAGES_OF, SERVED, USUAL_TOPICS
+from ..adapters.marker_messages import (
+    FIRST,
+    MESSAGES_OF,
+    SERVED,
+    USUAL_LANDMARKS,
+    USUAL_TOPICS,
+)
 from ..adapters.mocap4r2 import points_of_markers, points_of_rigid_bodies
 from ..adapters.natnet_client import COMMAND_PORT, NatNetClient
 from ..adapters.packet_reception import ReceivedPacket
@@ -75,7 +81,7 @@ SOURCE_PARAMETERS = tuple(row._replace(read_only=True) for row in (
     Parameter('subject', '', 'Rigid body, marker set or subject whose markers alone are taken; '
               'empty for all'),
     Parameter('side', 'right', 'Side of the landmarks: right or left; of other sources any'),
-    Parameter('landmarks', 21, 'Landmarks of a hand in a marker_array: 21, 25 or 26',
+    Parameter('landmarks', USUAL_LANDMARKS, 'Landmarks of a hand in a marker_array: 21, 25 or 26',
               range=(min(LANDMARK_ORDERS), max(LANDMARK_ORDERS))),
     Parameter('frame', SOURCE_FRAME, 'Frame of points whose source names none'),
     Parameter('up', 'z', "Axis that is up in the source's data; y is turned upright",

@@ -20,7 +20,7 @@ from ..core.tracker import HandState, HandTracker
 from ..messages.builders import diagnostics
 from ..messages.cdr import MarkerReader
 from ..messages.labels import WITHOUT_LABELS, LabelMap
-from ..messages.landmark_kinds import LANDMARK_POSES
+from ..messages.landmark_kinds import LANDMARK_KINDS, kind_of_hand
 from ..messages.marker_array import MarkerFrame
 from ..messages.points import PointReader
 from ..messages.stamps import Time, nanoseconds
@@ -107,9 +107,11 @@ class TrackedHand:
                      if learns_size(start) else None)
         self.labels_points = start['labels'] == WITHOUT_LABELS
         self._point_labels = point_labels
-        self._kind = MARKER_MESSAGES[start['marker_message']]
+        kind = MARKER_MESSAGES[start['marker_message']]
+        # Points of both hands are labelled together.
+        self._kind = kind if self.labels_points else kind_of_hand(kind, self.hand.side)
         self._landmark_checks = LandmarkChecks(
-            self.hand.side, self.warn_once) if self._kind is LANDMARK_POSES else None
+            self.hand.side, self.warn_once) if kind in LANDMARK_KINDS else None
         self.stream = Stream(self._tracker, self._new_reader(), auto_size)
 
         # The launch file gives robot_state_publisher the hand of the hand file.

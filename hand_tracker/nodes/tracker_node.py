@@ -14,7 +14,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
-from visualization_msgs.msg import MarkerArray
 
 from ..adapters.marker_messages import MARKER_MESSAGES
 from ..adapters.point_frame import SourceUnavailable
@@ -24,6 +23,8 @@ from ..core.numerics import jit
 from ..core.point_labelling.cloud_labeller import compile_kernels as compile_labelling
 from ..core.tracker import HandTracker
 from ..messages.labels import LabelMap
+from ..messages.landmark_kinds import NAMED_LANDMARKS
+from ..messages.message_kinds import MARKER_ARRAY_KIND
 from ..messages.stamps import Time
 from ..tracking.compile_kernels import compile_tracking, prepare_kernels
 from ..tracking.diagnostics import STATUS_PERIOD
@@ -87,7 +88,7 @@ class TrackerNode(SubscriptionHidingNode):
         self._reliability = start['qos.markers.reliability']
         self._kind = MARKER_MESSAGES[start['marker_message']]
         message = class_of(self._kind)
-        if not self._serialization.raw and message is not MarkerArray:
+        if not self._serialization.raw and self._kind is not MARKER_ARRAY_KIND:
             raise SourceUnavailable(
                 f"marker_message: '{start['marker_message']}'; expected marker_array from a source "
                 f'node, as {UNKNOWN_LAYOUT}')
@@ -123,12 +124,14 @@ class TrackerNode(SubscriptionHidingNode):
         start = {**start, **declare(self, (*START_OF_BOTH, *of_hands))}
         topics = start['marker_topics']
         names = names_of_both(start)
-        rows = labels_table(names) + tuple(markers_parameter(side, topics) for side in SIDES)
+        # Landmarks with names, too, are each hand's own, whatever their labels.
+        labelled = SEPARATE if self._kind is NAMED_LANDMARKS else topics
+        rows = labels_table(names) + tuple(markers_parameter(side, labelled) for side in SIDES)
         declare(self, rows)
         self._live += rows
 
         def labels(side: str, values: Mapping[str, Any]) -> LabelMap:
-            return labels_of_both(values, topics, names)[side]
+            return labels_of_both(values, labelled, names)[side]
 
         point_labels = PointLabels() if topics == SHARED else None
         hands = tuple(TrackedHand(

@@ -119,7 +119,8 @@ _START_ROWS = (
               'they are points without usable ids, and are labelled by the shape of the hand',
               choices=LABEL_SOURCES),
     Parameter('marker_message', DEFAULT_MESSAGE, 'Messages on the topic markers: MarkerArrays, '
-              'Markers or RigidBodies of mocap4r2, landmarks as a PoseArray, or a PointCloud2',
+              'Markers or RigidBodies of mocap4r2, landmarks as a PoseArray, a NamedPoseArray or a '
+              'MarkerArray of so many, or a PointCloud2',
               choices=tuple(MARKER_MESSAGES)),
     Parameter('fast_path', True, "Whether regular frames are tracked in the middleware's own "
               'thread, in compiled code alone'),

@@ -55,6 +55,8 @@ def test_each_of_both_hands_has_a_namespace_and_a_robot():
     ({'markers': 'mine'}, 'mine', None, False),
     ({'source': 'point_cloud'}, '/pointCloud', 'point_cloud', False),
     ({'source': 'point_cloud', 'markers': 'mine'}, 'mine', None, False),
+    ({'source': 'landmarks', 'message': 'named_pose_array', 'side': 'both'}, '/xr_teleop/hand',
+     'named_pose_array', False),
     ({'source': 'natnet'}, 'source/markers', None, True),
     ({'source': 'natnet', 'lifecycle': 'true'}, 'source/markers', None, False)])
 def test_markers_come_from_where_the_source_sends_them(given, topic, direct, has_source):
@@ -76,6 +78,8 @@ def test_the_parameter_file_counts_where_an_argument_was_left_out(tmp_path):
 @pytest.mark.parametrize('given, said', [
     ({'left_robot': 'plain'}, "left_robot: 'plain'; expected none but for side:=both"),
     ({'side': 'both', 'source': 'landmarks'}, "source: 'landmarks'; expected another or none for"),
+    ({'side': 'both', 'source': 'landmarks', 'message': 'marker_array'},
+     "source: 'landmarks'; expected another or none for"),
     ({'side': 'both', 'body_frame': 'arm'}, 'expected that both hang on a body, or neither'),
     ({'robot': 'plain', 'robot_process': 'tracker', 'side': 'both'},
      "robot_process: 'tracker'; expected own with side:=both: it drives one robot"),

@@ -1,6 +1,7 @@
 """Messages of systems as bytes: the same as their adapters read of rclpy's; any bytes survived."""
 
 import struct
+from functools import partial
 from types import FunctionType
 from typing import NamedTuple
 
@@ -13,12 +14,21 @@ from hypothesis import strategies as st
 from mocap4r2_msgs.msg import Marker, Markers, RigidBodies, RigidBody
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
+from teleop_ros2_interfaces.msg import NamedPoseArray
+from visualization_msgs.msg import Marker as ArrayMarker
+from visualization_msgs.msg import MarkerArray
 
-from hand_tracker.adapters.hand_landmarks import landmarks_of_poses
+from hand_tracker.adapters.hand_landmarks import (
+    landmarks_of_markers,
+    landmarks_of_poses,
+    mark_missing,
+    named_landmarks,
+)
 from hand_tracker.adapters.marker_arrays import MarkerArrayWriter
 from hand_tracker.adapters.mocap4r2 import points_of_markers, points_of_rigid_bodies
 from hand_tracker.adapters.point_cloud import points_of_cloud
 from hand_tracker.adapters.point_frame import MalformedFrame
+from hand_tracker.core.model.hand import SIDES
 from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES
 from hand_tracker.files.bags import TYPE_STORE
 from hand_tracker.messages import cdr, message_kinds
@@ -31,7 +41,15 @@ from hand_tracker.messages.cdr import (
     point_capacity,
 )
 from hand_tracker.messages.labels import LabelMap
-from hand_tracker.messages.landmark_kinds import LANDMARK_ORDERS, LANDMARK_POSES, mark_missing
+from hand_tracker.messages.landmark_kinds import (
+    LANDMARK_MARKERS,
+    LANDMARK_ORDERS,
+    LANDMARK_POSES,
+    NAMED_LANDMARKS,
+    OPENXR,
+    kind_of_hand,
+)
+from hand_tracker.messages.marker_array import MARKER_ARRAY
 from hand_tracker.messages.marker_ids import ANONYMOUS_NAMESPACE, SOURCE_FRAME
 from hand_tracker.messages.message_kinds import (
     MOCAP4R2_MARKERS,
@@ -42,7 +60,7 @@ from hand_tracker.messages.message_kinds import (
 from hand_tracker.messages.point_cloud_parser import MOST_MARKERS
 from hand_tracker.messages.stamps import Stamp
 
-NEEDS = 'rclpy', 'mocap4r2_msgs'
+NEEDS = 'rclpy', 'mocap4r2_msgs', 'teleop_ros2_interfaces'
 
 # By id and by name; 'x/*' and 1001 are no names of markers of the hand.
 LABELS = LabelMap(['0', '1', 'RHand:thumb/7', '3', 'x/*', '1001', '', '7'])
@@ -60,6 +78,9 @@ MARKERS_SYSTEM = System(MOCAP4R2_MARKERS, Markers, points_of_markers)
 BODIES_SYSTEM = System(RIGID_BODIES, RigidBodies, points_of_rigid_bodies)
 POSES_SYSTEM = System(LANDMARK_POSES, PoseArray, landmarks_of_poses)
 CLOUD_SYSTEM = System(POINT_CLOUD, PointCloud2, points_of_cloud)
+NAMED_SYSTEMS = {f'{NAMED_LANDMARKS.type} {side}': System(
+    kind_of_hand(NAMED_LANDMARKS, side), NamedPoseArray, partial(named_landmarks, side=side))
+    for side in SIDES}
 
 numbers = st.one_of(st.floats(), st.sampled_from([0., -0., 1., np.nan]))
 places = st.builds(Point, x=numbers, y=numbers, z=numbers)
@@ -93,6 +114,35 @@ any_poses = headed(st.sampled_from([0, 1, *LANDMARK_ORDERS]).flatmap(
     lambda count: st.builds(PoseArray, poses=st.lists(
         poses, min_size=count, max_size=count))))
 
+landmark_names = st.one_of(texts, st.sampled_from([
+    *(f'{side}_{name}' for side in ('left', 'LEFT', 'right', 'Right')
+      for name in ('WRIST', 'index_tip', 'PALM', 'INDEX_DISTAL', 'HEEL', '')),
+    'left', 'leftover_WRIST', 'HEAD']))
+
+
+@st.composite
+def named_poses(draw):
+    """Return a NamedPoseArray of rclpy, seldom with a validity too few."""
+    rows = draw(st.lists(st.tuples(landmark_names, poses, st.booleans()), max_size=12))
+    names, places, valid = ([row[column] for row in rows] for column in range(3))
+    return NamedPoseArray(name=names, pose=places, is_valid=valid[draw(
+        st.sampled_from([0, 0, 0, 1])):])
+
+
+any_named = headed(named_poses())
+
+
+@st.composite
+def landmark_markers(draw):
+    """Return a MarkerArray of rclpy with landmarks, and other markers beside."""
+    ids = draw(st.lists(st.one_of(st.integers(0, 20), st.integers(26, 99), int32.filter(
+        lambda number: not 0 <= number < 26)), max_size=12, unique=True))
+    header = draw(headed(st.builds(PoseArray))).header
+    return MarkerArray(markers=[ArrayMarker(
+        header=header, ns=draw(texts), id=number, type=draw(st.sampled_from([2, 2, 1, 3, 7, 9])),
+        action=draw(st.sampled_from([0, 0, 0, 2])), pose=draw(poses),
+        points=draw(st.lists(places, max_size=2))) for number in ids])
+
 
 @st.composite
 def clouds(draw):
@@ -115,7 +165,8 @@ def clouds(draw):
 any_clouds = headed(clouds())
 SYSTEM_READERS = {system.kind.type: (system, strategy) for system, strategy in (
     (MARKERS_SYSTEM, any_markers), (BODIES_SYSTEM, any_bodies), (POSES_SYSTEM, any_poses),
-    (CLOUD_SYSTEM, any_clouds))}
+    (CLOUD_SYSTEM, any_clouds))} | {
+        name: (system, any_named) for name, system in NAMED_SYSTEMS.items()}
 
 
 def expected_points(frame):
@@ -149,9 +200,11 @@ def check_against_adapter(system, message):
     try:
         frame = system.points(message)
     except MalformedFrame as error:
-        if message.poses:
-            with pytest.raises(MalformedMessage, match=str(error)):
-                reader.read(data)
+        if 'no name' in str(error) or not getattr(message, 'poses', True):
+            assert not list(reader.points(data)) and reader.read(data).stamp is None
+            return
+        with pytest.raises(MalformedMessage, match=str(error)):
+            reader.read(data)
         return
     named, anonymous, found = found_points(reader, data)
     expected, others = expected_points(frame)
@@ -189,7 +242,37 @@ def test_any_message_is_read_as_its_adapter_reads_it(name):
     check()
 
 
-@pytest.mark.parametrize('name', [POSES_SYSTEM.kind.type, CLOUD_SYSTEM.kind.type])
+@pytest.mark.parametrize('count', LANDMARK_ORDERS)
+@settings(max_examples=100, deadline=None)
+@given(landmark_markers())
+def test_any_markers_of_landmarks_are_read_as_their_adapter_reads_them(count, message):
+    data = serialize_message(message)
+    message = deserialize_message(data, MarkerArray)
+    reader = MarkerReader(LABELS, kind=LANDMARK_MARKERS[count])
+    named, anonymous, found = found_points(reader, data)
+    assert not len(anonymous)
+    try:
+        frame = landmarks_of_markers(message, count)
+    except MalformedFrame:
+        assert not found and reader.read(data).stamp is None
+        return
+    nowhere = np.full(3, np.nan)
+    assert all(same(named.pop(name, nowhere), at) for name, at in zip(frame.names, frame.markers))
+    assert not named
+    header = message.markers[0].header
+    stamp = Stamp(header.stamp.sec, header.stamp.nanosec)
+    assert {(one.stamp, one.frame_id) for one in found} == {
+        (stamp, header.frame_id or SOURCE_FRAME)}
+    handed_on = MarkerArrayWriter(lambda key, text: None).write(frame, stamp)
+    through_node = MarkerReader(LABELS).read(handed_on)
+    for _ in range(2):
+        pairs = list(zip(reader.read(data).positions, through_node.positions))
+        # Those that are no markers of the hand a node numbers otherwise.
+        assert all(same(*pair) for pair, label in zip(pairs, LABELS.labels) if label != '1001')
+
+
+@pytest.mark.parametrize('name', [POSES_SYSTEM.kind.type, CLOUD_SYSTEM.kind.type,
+                                  NAMED_LANDMARKS.type])
 def test_the_other_byte_order(name):
     if name == POINT_CLOUD.type:
         message = cloud(np.arange(24.).reshape(8, 3))
@@ -197,16 +280,20 @@ def test_the_other_byte_order(name):
     else:
         types = TYPE_STORE.types
         at = types['geometry_msgs/msg/Quaternion'](x=0., y=0., z=0., w=1.)
-        message = types[name](header=cloud(np.empty((0, 3))).header, poses=[
+        message = types[POSES_SYSTEM.kind.type](header=cloud(np.empty((0, 3))).header, poses=[
             types['geometry_msgs/msg/Pose'](
                 position=types['geometry_msgs/msg/Point'](x=float(i), y=0., z=0.), orientation=at)
             for i in range(21)])
         kind = LANDMARK_POSES
+    if name == NAMED_LANDMARKS.type:
+        message = types[name](header=message.header, name=[f'left_{one}' for one in OPENXR][:21],
+                              pose=message.poses, is_valid=np.arange(21) != 3)
+        kind = NAMED_LANDMARKS
     frames = [MarkerReader(LabelMap(), kind=kind).points(bytes(
         TYPE_STORE.serialize_cdr(message, name, little_endian=little))) for little in (True, False)]
     one, other = ([(point.ns, point.id, point.stamp, *point.position) for point in points]
                   for points in frames)
-    assert one == other and len(one) in (8, 21)
+    assert str(one) == str(other) and len(one) in (8, 21)
 
 
 def landmark_message(points):
@@ -224,6 +311,60 @@ def test_one_landmark_at_the_origin_is_there_and_several_are_missing(zero_is_mis
     points[5] = 0.
     found = reader.read(serialize_message(landmark_message(points))).positions
     assert np.isnan(found[:2]).all() and np.isfinite(found[2:]).all()
+
+
+def named_hands(points):
+    """Return a NamedPoseArray of both hands with these points, and what is of none."""
+    names = [*OPENXR][:21]
+    return NamedPoseArray(
+        name=['HEAD', *(f'{side}_{name}' for side in SIDES for name in names), 'left_HEEL'],
+        pose=[Pose(), *2 * landmark_message(points).poses, Pose(position=Point(x=1.))],
+        is_valid=[True] * 44)
+
+
+def test_landmarks_at_the_origin_are_told_apart_by_their_hand():
+    points = np.arange(63.).reshape(21, 3) + 1.
+    points[0] = 0.
+    message = named_hands(points)
+    for side in SIDES:
+        reader = MarkerReader(LabelMap(), kind=kind_of_hand(NAMED_LANDMARKS, side))
+        found = np.array([one.position for one in reader.points(serialize_message(message))])
+        np.testing.assert_allclose(found, points, atol=1e-8)
+    message.pose[5] = Pose()    # of the right hand
+    for side in SIDES:
+        reader = MarkerReader(LabelMap(), kind=kind_of_hand(NAMED_LANDMARKS, side))
+        found = [one.position for one in reader.points(serialize_message(message))]
+        assert np.flatnonzero(np.isnan(found).any(axis=1)).tolist() == (
+            [0, 4] if side == 'right' else [])
+    both = MarkerReader(LabelMap(), kind=NAMED_LANDMARKS).points(serialize_message(message))
+    assert [one.ns for one in both] == [
+        f'{side}_{OPENXR[name]}' for side in SIDES for name in [*OPENXR][:21]]
+
+
+def test_one_marker_at_the_origin_is_the_wrist_and_several_are_missing():
+    markers = [ArrayMarker(type=2, id=number, pose=pose)
+               for number, pose in enumerate(landmark_message(np.ones((21, 3))).poses)]
+    reader = MarkerReader(LabelMap(), kind=LANDMARK_MARKERS[21])
+    markers[0].pose.position = Point()
+    # Neither a list at the origin nor a marker of another id is a landmark.
+    others = [ArrayMarker(type=7, id=3, points=[Point()]), ArrayMarker(type=2, id=26)]
+    found = reader.read(serialize_message(MarkerArray(markers=markers + others))).positions
+    np.testing.assert_allclose(found[0], 0., atol=1e-8)
+    markers[8].pose.position = Point()
+    found = reader.read(serialize_message(MarkerArray(markers=markers))).positions
+    assert np.isnan(found[0]).all() and np.isfinite(found[1:]).all()
+
+
+def test_other_numbers_of_names_are_refused():
+    message = named_hands(np.ones((21, 3)))
+    message.is_valid = message.is_valid[1:]
+    reader = MarkerReader(LabelMap(), kind=NAMED_LANDMARKS)
+    said = 'NamedPoseArray: 44 names, 44 poses, 43 validities; expected as many of each'
+    with pytest.raises(MalformedMessage, match=said):
+        reader.read(serialize_message(message))
+    with pytest.raises(MalformedMessage, match='0 names, 44 poses, 43 validities'):
+        message.name = []
+        list(reader.points(serialize_message(message)))
 
 
 def named_markers(names):
@@ -318,7 +459,8 @@ def survive(kind, data):
     try:
         frame = reader.read(data)
     except MalformedMessage:
-        assert found < 0 or kind is LANDMARK_POSES and found not in (0, *LANDMARK_ORDERS)
+        assert (found < 0 or kind is LANDMARK_POSES and found not in (0, *LANDMARK_ORDERS)
+                or kind is NAMED_LANDMARKS and found == 1)
         return False
     assert found >= 0
     assert frame.positions.shape == (8, 3)
@@ -333,15 +475,22 @@ def whole_message(kind):
         RIGID_BODIES.type: RigidBodies(rigidbodies=[
             RigidBody(rigid_body_name=name, markers=some[:count])
             for name, count in (('RHand', 4), ('', 0), ('cup', 2))]),
-        LANDMARK_POSES.type: landmark_message(np.arange(63.).reshape(21, 3))}.get(kind.type)
+        LANDMARK_POSES.type: landmark_message(np.arange(63.).reshape(21, 3)),
+        NAMED_LANDMARKS.type: named_hands(np.arange(63.).reshape(21, 3)),
+        MARKER_ARRAY: MarkerArray(markers=[
+            ArrayMarker(type=2, id=number, ns='x', points=[Point()], pose=pose)
+            for number, pose in enumerate(landmark_message(np.arange(15.).reshape(5, 3)).poses)])
+    }.get(kind.type)
     if message is None:
         made = cloud(np.arange(24.).reshape(8, 3), ('rgb', 'x', 'y', 'z'), height=2, row_padding=3)
         return bytes(TYPE_STORE.serialize_cdr(made, kind.type))
-    message.header.frame_id = 'mocap'
+    header = message.markers[0].header if kind.type == MARKER_ARRAY else message.header
+    header.frame_id = 'mocap'
     return serialize_message(message)
 
 
-KINDS = {kind.type: kind for kind in (MOCAP4R2_MARKERS, RIGID_BODIES, LANDMARK_POSES, POINT_CLOUD)}
+KINDS = {kind.type: kind for kind in (MOCAP4R2_MARKERS, RIGID_BODIES, LANDMARK_POSES, POINT_CLOUD,
+                                      NAMED_LANDMARKS, LANDMARK_MARKERS[21])}
 
 
 @pytest.mark.parametrize('name', KINDS)
@@ -386,7 +535,8 @@ def test_random_bytes_are_survived(name):
 
 
 def test_what_is_too_much_for_the_memory_is_refused():
-    kinds = [(kind, whole_message(kind)) for kind in KINDS.values()]
+    # Of MarkerArrays no message has more than the memory that it is given.
+    kinds = [(kind, whole_message(kind)) for kind in KINDS.values() if kind.type != MARKER_ARRAY]
     for kind, data in kinds:
         size = len(data) - ENCAPSULATION
         numbers = np.zeros(number_capacity(size))
@@ -401,7 +551,7 @@ def test_what_is_too_much_for_the_memory_is_refused():
 def test_the_error_names_the_message():
     for kind in KINDS.values():
         with pytest.raises(MalformedMessage, match=f'10 bytes that are no {kind.title}'):
-            cdr.MarkerReader(LABELS, kind=kind).read(b'\0\1\0\0' + bytes(6))
+            cdr.MarkerReader(LABELS, kind=kind).read(b'\0\1\0\0' + b'\1' * 6)
     assert message_kinds.PARSE_MARKER_ARRAY == 0
 
 
@@ -409,5 +559,5 @@ def test_the_error_names_the_message():
 def test_landmarks_of_signalling_nan_are_missing_without_a_warning():
     signalling = np.frombuffer(bytes.fromhex('010000000000f07f'))[0]
     points = np.array([[signalling] * 3, [0., 0., 0.], [0., 0., 0.], [0., .1, 0.]])
-    mark_missing(points)
-    assert np.isnan(points[:3]).all() and np.array_equal(points[3], (0., .1, 0.))
+    found = mark_missing(points)
+    assert np.isnan(found[:3]).all() and np.array_equal(found[3], (0., .1, 0.))

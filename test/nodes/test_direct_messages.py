@@ -15,18 +15,19 @@ from helpers.ros_process import NodeProcess, frames_on_fast_path, watching_node
 from mocap4r2_msgs.msg import Marker, Markers, RigidBodies, RigidBody
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, PointCloud2
+from teleop_ros2_interfaces.msg import NamedPoseArray
 from visualization_msgs.msg import MarkerArray
 
 from hand_tracker.adapters.point_frame import SourceUnavailable
 from hand_tracker.core.model.marker_layout import MARKERS, PAPER_PLACES
 from hand_tracker.core.numerics.jit import COMPILED
 from hand_tracker.files.bags import TYPE_STORE
-from hand_tracker.messages.landmark_kinds import LANDMARK_ORDERS
+from hand_tracker.messages.landmark_kinds import LANDMARK_ORDERS, OPENXR
 from hand_tracker.messages.message_kinds import MOCAP4R2_MARKERS, MessageKind
 from hand_tracker.nodes import message_types, serialization
 from hand_tracker.nodes.tracker_node import TrackerNode
 
-NEEDS = 'rclpy', 'mocap4r2_msgs'
+NEEDS = 'rclpy', 'mocap4r2_msgs', 'teleop_ros2_interfaces'
 
 pytestmark = pytest.mark.ros
 BASE = 'marker_array'
@@ -65,6 +66,28 @@ def pose_array(positions, number, landmarks=25):
         for name in LANDMARK_ORDERS[landmarks]]), number)
 
 
+def named_poses(positions, number, side='right'):
+    """Return landmarks of one hand by their names, and of the other elsewhere."""
+    return both_named([positions + (side == 'left'), positions + (side == 'right')], number)
+
+
+def both_named(frames, number):
+    name_of = {landmark: name for name, landmark in OPENXR.items()}
+    rows = [(f'{side}_{name_of[place]}', at) for side, positions in zip(('right', 'left'), frames)
+            for place, at in zip(PAPER_PLACES, positions)]
+    return with_header(NamedPoseArray(
+        name=[name for name, _ in rows],
+        pose=[Pose(position=Point(**dict(zip('xyz', map(float, np.nan_to_num(at, nan=7.))))))
+              for _, at in rows], is_valid=[bool(np.isfinite(at).all()) for _, at in rows]), number)
+
+
+def landmark_markers(positions, number, landmarks=21):
+    found = message(positions, number)
+    for marker, place in zip(found.markers, PAPER_PLACES):
+        marker.id = LANDMARK_ORDERS[landmarks].index(place)
+    return found
+
+
 def point_cloud(positions, number, form='f8'):
     made = bytes(TYPE_STORE.serialize_cdr(
         cloud(positions, ('rgb', 'x', 'y', 'z'), form), 'sensor_msgs/msg/PointCloud2'))
@@ -75,6 +98,8 @@ def point_cloud(positions, number, form='f8'):
 KINDS = {BASE: (MarkerArray, message, {}), 'mocap4r2_markers': (Markers, markers, {}),
          'mocap4r2_rigid_bodies': (RigidBodies, rigid_bodies, {}),
          'pose_array': (PoseArray, pose_array, {}),
+         'named_pose_array': (NamedPoseArray, named_poses, {}),
+         'landmark_markers_21': (MarkerArray, landmark_markers, {}),
          'point_cloud': (PointCloud2, point_cloud, FOREIGN)}
 
 
@@ -177,14 +202,17 @@ def both_markers(frames, number):
 
 def test_both_hands_of_one_message():
     kinds = {BASE: (MarkerArray, both_arrays, {}), 'mocap4r2_markers': (Markers, both_markers, {
-        'right.markers': '1000', 'left.markers': '1008'})}
+        'right.markers': '1000', 'left.markers': '1008'}),
+        'named_pose_array': (NamedPoseArray, both_named, {})}
     rest = hand_at(), hand_at(hand=LEFT)
     with trackers(kinds, {'side': 'both'}) as bench:
         bench.meet(rest)
         for number, frames in enumerate(zip(motion(RIGHT)[:9], motion(LEFT)[:9]), 1):
-            one, other = bench.answer(frames, 2 * number).values()
-            assert list(one.name) == list(other.name) and len(one.name) == 50
-            assert np.array_equal(one.position, other.position)
+            one, *others = bench.answer(frames, 2 * number).values()
+            assert len(one.name) == 50
+            for other in others:
+                assert list(one.name) == list(other.name)
+                assert np.array_equal(one.position, other.position)
         numbers = count(20)
         bench.node.repeat(lambda: bench.answer(rest, 2 * next(numbers)), lambda: not COMPILED or (
             set(kinds) == {name for name, frames in bench.frames_on_fast_path().items()

@@ -14,6 +14,7 @@ from mocap4r2_msgs.msg import Marker as NamedMarker
 from mocap4r2_msgs.msg import Markers, RigidBodies, RigidBody
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
+from teleop_ros2_interfaces.msg import NamedPoseArray
 from visualization_msgs.msg import Marker
 
 from hand_tracker.calibration.landmarks import LANDMARKS
@@ -47,7 +48,13 @@ from hand_tracker.messages.labels import (
     default_labels,
     labels_of_hand,
 )
-from hand_tracker.messages.landmark_kinds import LANDMARK_POSES
+from hand_tracker.messages.landmark_kinds import (
+    LANDMARK_MARKERS,
+    LANDMARK_POSES,
+    NAMED_LANDMARKS,
+    OPENXR,
+    kind_of_hand,
+)
 from hand_tracker.messages.message_kinds import (
     MARKER_ARRAY_KIND,
     MOCAP4R2_MARKERS,
@@ -85,7 +92,7 @@ from hand_tracker.nodes.fast_path.kernel import (
 from hand_tracker.simulation.motion import demo_motion
 from hand_tracker.simulation.packaged_recordings import demo_recording
 
-NEEDS = 'rclpy', 'visualization_msgs', 'mocap4r2_msgs'
+NEEDS = 'rclpy', 'visualization_msgs', 'mocap4r2_msgs', 'teleop_ros2_interfaces'
 
 NAMES = prefixed_names('right_')
 SCALE = .001
@@ -259,6 +266,21 @@ def landmarks(positions, frame):
                                    for name in LANDMARKS]), frame)
 
 
+def named_landmarks(positions, frame):
+    """Return a message of both hands, of which the left one is elsewhere."""
+    name_of = {landmark: name for name, landmark in OPENXR.items()}
+    return headed(NamedPoseArray(
+        name=[f'{side}_{name_of[place]}' for side in ('left', 'right') for place in PAPER_PLACES],
+        pose=[Pose(position=at) for at in points_of(np.concatenate((positions + 1., positions)))],
+        is_valid=[True] * 16), frame)
+
+
+def landmark_markers(positions, frame):
+    stamp = Time(sec=5, nanosec=10_000_000 * frame)
+    return data_of([marker(LANDMARKS.index(place), at, '', 'mocap', Marker.SPHERE, 0, stamp)
+                    for place, at in zip(PAPER_PLACES, positions)])
+
+
 def points(positions, frame):
     data = bytes(TYPE_STORE.serialize_cdr(cloud(positions, form='f8'), POINT_CLOUD.type))
     return headed(deserialize_message(data, PointCloud2), frame)
@@ -266,7 +288,9 @@ def points(positions, frame):
 
 @pytest.mark.parametrize('kind, data_at', [
     (MOCAP4R2_MARKERS, named_markers), (RIGID_BODIES, bodies), (LANDMARK_POSES, landmarks),
-    (POINT_CLOUD, points)], ids=['markers', 'rigid bodies', 'poses', 'cloud'])
+    (POINT_CLOUD, points), (kind_of_hand(NAMED_LANDMARKS, 'right'), named_landmarks),
+    (LANDMARK_MARKERS[21], landmark_markers)],
+    ids=['markers', 'rigid bodies', 'poses', 'cloud', 'named poses', 'landmarks'])
 def test_both_paths_reply_alike_to_messages_of_systems(kind, data_at):
     labels = [str(1000 + row) for row in range(8)] if kind is POINT_CLOUD else DEFAULT_LABELS
     paths, frames = Paths(kind=kind, labels=labels), DEMO['right'][:60].copy()
