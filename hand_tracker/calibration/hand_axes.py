@@ -18,6 +18,7 @@ KNUCKLE_BREADTH = .062
 PALM_LENGTH = .088
 # Points of a finger from its root to its tip.
 CHAIN_PLACES = ('mcp', 'pip', 'middle', 'dip', 'tip')
+BODY_SIZE = 1.7            # [m] of a grown-up, from head to feet or from hand to hand
 SIZE_UNITS = ('m', 'dm', 'cm', 'mm')
 SAMPLED_FRAMES = 500
 SURE = .9                  # likelihood above which axes are taken for mirrored
@@ -153,13 +154,23 @@ def _hand_scale(recording: PointRecording, hand: HandPoints) -> float | None:
     return float(np.median(ratios)) if ratios else None
 
 
-def with_recognised_axes(recording: PointRecording) -> PointRecording:
+def is_body(recording: PointRecording) -> bool:
+    """Return whether a skeleton has wrists, and most of its joints are none of hands."""
+    hands = hands_of(recording)
+    return (any('wrist' in hand.columns for hand in hands)
+            and 2 * sum(len(hand.columns) for hand in hands) < len(recording.labels))
+
+
+def with_recognised_axes(recording: PointRecording,
+                         body_size: float | None = None) -> PointRecording:
     """Return a recording with unit and handedness by its hands, where its file names none.
 
     Parameters
     ----------
     recording : PointRecording
         Its points are changed.
+    body_size : float, optional
+        Of the whole body that it is of, which tells the unit instead, in the file's unit.
 
     Returns
     -------
@@ -167,20 +178,24 @@ def with_recognised_axes(recording: PointRecording) -> PointRecording:
         With notes on what was recognised, or on what does not fit.
     """
     notes, axes = recording.notes, recording.axes
-    scale = _first_scale(recording)
+    scale, reason = _first_scale(recording), (
+        f'as the hand is {KNUCKLE_BREADTH * 1e3:.0f} mm wide then, more or less')
+    if body_size:
+        scale = body_size * axes.scale / BODY_SIZE
+        reason = f'as the body is {BODY_SIZE:g} m long then, more or less'
     if scale is not None and not recording.said.units:
         unit = _unit_of(axes, scale)
         assumed = conversion_note(axes, recording.said)
         if unit != axes.units:
             _scale_points(recording, UNIT_SPELLINGS[unit][0] / axes.scale)
             axes = axes._replace(units=unit)
-        notes = (*(note for note in notes if note != assumed), conversion_note(
-            axes, recording.said,
-            f'as the hand is {KNUCKLE_BREADTH * 1e3:.0f} mm wide then, more or less'))
+        notes = (*(note for note in notes if note != assumed),
+                 conversion_note(axes, recording.said, reason))
     elif scale is not None and (unit := _likelier_unit(axes, scale)):
         times = float(f'{scale:.2g}')
-        notes += (f'the hand is {times:g} times as large as hands are: is the file in {unit}, not '
-                  f'in {axes.units}? (--units {unit})',)
+        what = 'body' if body_size else 'hand'
+        notes += (f'the {what} is {times:g} times as large as {what}s are: is the file in {unit}, '
+                  f'not in {axes.units}? (--units {unit})',)
     for hand in _larger_hands(recording):
         side = hand.side or _side_of_name(recording.name)
         likelihood = side_likelihood(recording, hand)

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from os import PathLike
+from pathlib import Path
 
 from ..core.model.hand import SIDES
 from ..core.model.marker_layout import PAPER_PLACES
 from ..files.bag_points import marker_names
+from ..files.bvh_file import read_bvh_joints, rest_size
 from ..files.point_recording import PointRecording
-from ..files.recordings import ReadingOptions, read_recording
+from ..files.recordings import BVH, ReadingOptions, read_recording
 from ..messages.labels import LabelMap, default_labels, label_maps
 from ..messages.marker_array import MARKER_ARRAY
-from .hand_axes import with_recognised_axes
+from .hand_axes import is_body, with_recognised_axes
 
 
 def recorded_points(path: str | PathLike[str],
                     reading: ReadingOptions | None = None) -> PointRecording:
-    """Read a recording as points, with unit and handedness by its hands.
+    """Read a recording as points, with unit and handedness by its hands, or by the body in it.
 
     Parameters
     ----------
@@ -39,7 +41,10 @@ def recorded_points(path: str | PathLike[str],
         labels = recording.labels
         recording = recording._replace(
             labels=marker_names(labels) or _paper_places(labels) or labels)
-    return with_recognised_axes(recording)
+    size = None
+    if recording.format == BVH.name and is_body(recording):
+        size = rest_size(read_bvh_joints(Path(path)))
+    return with_recognised_axes(recording, size)
 
 
 def _paper_places(labels: tuple[str, ...]) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..calibration.hand_axes import hands_of, likelier_unit
+from ..calibration.hand_axes import is_body, likelier_unit
 from ..calibration.hand_markers import UnknownMarkers, choose_markers
 from ..calibration.known_layouts import LikelyLayout, first_complete, has_both
 from ..calibration.take_checks import LEAST_DURATION
@@ -17,8 +17,9 @@ from ..core.model.hand import BOTH, SIDES
 from ..core.model.layout_presets import PAPER_LAYOUT, preset_layout
 from ..core.model.marker_layout import MarkerLayout
 from ..files.point_recording import PointRecording
-from ..files.recordings import BVH
+from ..files.recordings import BVH, C3D
 from ..messages.labels import WITHOUT_LABELS
+from ..splicing.spliced_points import is_body_of_markers
 from ..tracking.label_check import label_fault
 from ..tracking.opened_recording import is_marker_bag
 from ..tracking.point_bag import MarkerChoice
@@ -81,7 +82,7 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
     -------
     str
     """
-    words = ['hand_tracker', 'track', str(path), '-o', f'{path.name.partition(".")[0]}_angles.csv']
+    words = ['hand_tracker', 'track', str(path), '-o', f'{_output_name(path)}_angles.csv']
     for name in ('units', 'up', 'handed', 'frame_rate', 'subject'):
         if getattr(options, name):
             words.append(f'--{name.replace("_", "-")}={getattr(options, name)}')
@@ -108,24 +109,32 @@ def next_command(path: Path, recording: PointRecording, layouts: list[LikelyLayo
         return shlex.join(words)
     if not given and all(label.isdecimal() for label in recording.labels if label):
         return shlex.join([*words, '--labels', WITHOUT_LABELS])
-    if not given and recording.format == BVH.name and _is_body(recording):
-        return shlex.join(['hand_tracker', 'splice', str(path), UNKNOWN_RECORDING, '-o',
-                           f'{path.name.partition(".")[0]}_hands.bvh'])
+    spliced = ['hand_tracker', 'splice', str(path), UNKNOWN_RECORDING, '-o',
+               f'{_output_name(path)}_hands']
+    if not given and recording.format == BVH.name and is_body(recording):
+        return shlex.join(spliced) + BVH.suffixes[0]
     try:
         side = choose_markers(recording, names=given).side
         words += ['--side', side] if side else []
     except UnknownMarkers as error:
+        if not given and is_body_of_markers(recording):
+            return shlex.join(spliced) + C3D.suffixes[0]
         given |= {marker: UNKNOWN_LABEL for marker in error.missing}
     if given:
         words += ['--markers', ','.join(f'{marker}={label}' for marker, label in given.items())]
     return shlex.join(words)
 
 
-def _is_body(recording: PointRecording) -> bool:
-    """Return whether a skeleton has wrists, and most of its joints are none of hands."""
-    hands = hands_of(recording)
-    return (any('wrist' in hand.columns for hand in hands)
-            and 2 * sum(len(hand.columns) for hand in hands) < len(recording.labels))
+def _output_name(path: Path) -> str:
+    """Return what begins the name of an output, another one for each of the files that are alike.
+
+    With the folder where that is another one, and the whole name where others begin so, too.
+    """
+    folder = path.parent.resolve()
+    stem = path.name.partition('.')[0]
+    alike = [one for one in folder.iterdir() if one.name.partition('.')[0] == stem]
+    name = path.name.replace('.', '_') if len(alike) > 1 else stem
+    return name if folder == Path.cwd() else f'{folder.name}_{name}'
 
 
 def _calibration_command(command: str) -> str:

@@ -111,6 +111,42 @@ def read_bvh(path: Path, file: IO[bytes], zero_is_missing: bool = True,
                           True), Axes(None, 'y')
 
 
+def rest_size(joints: Sequence[BvhJoint]) -> float:
+    """Return how large a skeleton is with no rotation, along its longest axis.
+
+    Parameters
+    ----------
+    joints : sequence of BvhJoint
+
+    Returns
+    -------
+    float
+        More than zero, in the file's unit.
+    """
+    places = np.zeros((len(joints), 3))
+    for i, joint in enumerate(joints):
+        if joint.parent >= 0:
+            places[i] = places[joint.parent] + joint.offset
+    return max(float(np.ptp(places, axis=0).max()), 1e-9)
+
+
+def read_bvh_joints(path: Path) -> Sequence[BvhJoint]:
+    """Return the joints of a BVH file.
+
+    Parameters
+    ----------
+    path : Path
+        Also gzipped.
+
+    Raises
+    ------
+    RecordingError
+        If it is no BVH file.
+    """
+    with open_packed(path) as file:
+        return _BvhFrames(path, file).joints
+
+
 def read_bvh_motion(path: Path, partial: bool = False) -> BvhMotion:
     """Read a BVH file as it is.
 

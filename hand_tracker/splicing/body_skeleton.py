@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..calibration.hand_axes import BODY_SIZE, SIZE_UNITS
 from ..core.errors import HandTrackerError
 from ..core.model.hand import SIDES
-from ..files.bvh_file import BvhJoint, depth_first
+from ..files.bvh_file import BvhJoint, depth_first, rest_size
 from ..files.point_recording import UNIT_SPELLINGS
 from ..files.skeleton_motion import joint_names
 
@@ -23,8 +24,6 @@ DIGIT_NAME = re.compile(
     r'thumb|index|middle|mid\d|ring|pink[yi]|little|finger|(first|second|third|fourth|fifth)'
     r'(mc|pp|mp|dp)', re.IGNORECASE)
 XSENS_NAMES = 'rightcollar', 'leftcollar', 'l5', 't8'
-BODY_SIZE = 1.7            # [m] of a grown-up, from head to feet or from hand to hand
-BODY_UNITS = ('m', 'dm', 'cm', 'mm')
 UNIT_TOLERANCE = .2        # by which a measured unit may differ from a usual one, of it
 
 
@@ -158,15 +157,6 @@ def hand_joint_names(naming: str, hand: BodyHand) -> tuple[str, ...]:
                  for name in joint_names(naming, hand.side)[1:])
 
 
-def rest_positions(joints: Sequence[BvhJoint]) -> np.ndarray:
-    """Return the places of joints with no rotation, from the root, shape (J, 3)."""
-    places = np.zeros((len(joints), 3))
-    for i, joint in enumerate(joints):
-        if joint.parent >= 0:
-            places[i] = places[joint.parent] + joint.offset
-    return places
-
-
 def body_unit(joints: Sequence[BvhJoint], measured: float | None) -> tuple[float, str]:
     """Return the unit of a body skeleton, which no BVH file says.
 
@@ -183,9 +173,8 @@ def body_unit(joints: Sequence[BvhJoint], measured: float | None) -> tuple[float
     note : str
         How it was found.
     """
-    size = float(np.ptp(rest_positions(joints), axis=0).max())
-    guess = measured or BODY_SIZE / max(size, 1e-9)
-    named = min((unit for unit in UNIT_SPELLINGS if measured or unit in BODY_UNITS),
+    guess = measured or BODY_SIZE / rest_size(joints)
+    named = min((unit for unit in UNIT_SPELLINGS if measured or unit in SIZE_UNITS),
                 key=lambda unit: abs(np.log(UNIT_SPELLINGS[unit][0] / guess)))
     unit = UNIT_SPELLINGS[named][0]
     if measured and abs(unit / guess - 1.) > UNIT_TOLERANCE:

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..calibration.hand_axes import SAMPLED_FRAMES
+from ..calibration.known_layouts import HAND_SPAN
 from ..core.numerics.rigid_fit import nearest_rotation
 from ..files.point_recording import PointRecording, unique_labels
 from ..files.skeleton_motion import HandAngles, joint_centres, resampled_hand
@@ -42,6 +44,29 @@ class World(NamedTuple):
     distance: float
 
 
+def is_body_of_markers(recording: PointRecording) -> bool:
+    """Return whether markers are named after a wrist, and most are farther from it than a hand's.
+
+    Parameters
+    ----------
+    recording : PointRecording
+    """
+    wrists = [i for i, label in enumerate(recording.labels) if _wrist_of(label)]
+    if not wrists:
+        return False
+    some = recording.points[::max(len(recording.points) // SAMPLED_FRAMES, 1)]
+    apart = np.linalg.norm(some[:, :, None] - some[:, None, wrists], axis=3)
+    nearest = np.where(np.isfinite(apart), apart, np.inf).min(axis=2)
+    is_seen = np.isfinite(nearest)
+    return 2 * int((nearest[is_seen] > HAND_SPAN).sum()) > int(is_seen.sum())
+
+
+def _wrist_of(label: str) -> str:
+    """Return the side, as 'r', of a wrist's marker by its label; empty for others."""
+    named = WRIST_MARKER.fullmatch(label.rpartition(':')[2].strip())
+    return named['side'][0].lower() if named else ''
+
+
 def marker_wrist(body: PointRecording, side: str) -> Trajectory:
     """Return the middle of a wrist's markers, in metres.
 
@@ -60,8 +85,7 @@ def marker_wrist(body: PointRecording, side: str) -> Trajectory:
     SkeletonError
         If no label names the wrist.
     """
-    named = [WRIST_MARKER.fullmatch(label.rpartition(':')[2].strip()) for label in body.labels]
-    columns = [i for i, one in enumerate(named) if one and one['side'][0].lower() == side[0]]
+    columns = [i for i, label in enumerate(body.labels) if _wrist_of(label) == side[0]]
     if not columns:
         raise SkeletonError(
             f"{body.name}: no marker is at the {side} wrist by its name; expected "
