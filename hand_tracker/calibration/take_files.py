@@ -27,7 +27,8 @@ NAMED_AT_LEAST = 8             # markers, for a file to be read
 
 
 def load_take(path: str | PathLike[str], side: str | None = None,
-              by_layout: bool = False, layout: MarkerLayout | None = None) -> MarkerTake:
+              by_layout: bool = False, layout: MarkerLayout | None = None,
+              frame_rate: float | None = None) -> MarkerTake:
     """Load a take from an npz file, or as `recorded_take` from one of another format.
 
     Parameters
@@ -42,6 +43,8 @@ def load_take(path: str | PathLike[str], side: str | None = None,
         Whether markers named as those of `layout` are taken for those.
     layout : MarkerLayout, optional
         When left out, the preset with markers of just these names, if there is one.
+    frame_rate : float, optional
+        Instead of the file's; `ASSUMED_RATE` where neither says it [Hz].
 
     Returns
     -------
@@ -56,7 +59,7 @@ def load_take(path: str | PathLike[str], side: str | None = None,
     path = Path(path)
     if path.exists() and path.suffix != NPZ.suffixes[0] and (
             is_bag(path) or recognised_format(path) is not NPZ):
-        return recorded_take(path, side)
+        return recorded_take(path, side, ReadingOptions(frame_rate=frame_rate))
     with open_arrays(path, InvalidTake) as data:
         fields = {name: data[name] for name in data.files}
     side = side or str(fields.get('side', np.array('right')))
@@ -68,7 +71,7 @@ def load_take(path: str | PathLike[str], side: str | None = None,
         names, usual = names_in_layout(known)
         fields = {**fields, 'marker_names': np.array(names)}
     names, points = _named_points(path, fields)
-    rate = usable_rate(path, _number(
+    rate = usable_rate(path, frame_rate or _number(
         path, 'rate_hz', fields.get('rate_hz', np.array(np.nan))), InvalidTake)
     sequence = np.asarray(fields.get('sequence', np.zeros(len(points), dtype=int)))
     if sequence.shape != (len(points),):

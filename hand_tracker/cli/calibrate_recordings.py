@@ -97,7 +97,7 @@ def calibrate(options: argparse.Namespace, _: Interruptions) -> str:
             takes.append(_take_of_bag(path, options, layout))
             continue
         if path.suffix == TAKE_SUFFIX and layout is None and not options.markers:
-            take = load_take(path, options.side)
+            take = load_take(path, options.side, frame_rate=options.frame_rate)
         else:
             take = recorded_take(path, options.side, choice.reading, layout, choice.names)
         takes.append(take._replace(points=options.unit_scale * take.points))

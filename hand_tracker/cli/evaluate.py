@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ..core.errors import HandTrackerError
 from ..evaluation import EVALUATIONS
 from ..evaluation.evaluation_options import Options
-from .recording_options import require_inputs
+from .recording_options import add_frame_rate_option, require_inputs
 
 # What reads files and tracks is imported where it is used, so that a wrong option is told at once.
 if TYPE_CHECKING:
@@ -102,6 +102,7 @@ def _parse(
     parser.add_argument('--layout', metavar='NAME|FILE',
                         help='layouts: the layout whose names the markers of the files have; '
                         'default: a preset with just these names')
+    add_frame_rate_option(parser)
     parser.add_argument('--seed', type=_whole(0, SEEDS), default=1,
                         help='of all that is drawn (default: 1)')
     parser.add_argument('--json', type=_file, metavar='OUT', help='file for the rows')
@@ -153,7 +154,8 @@ class EvaluationInput(NamedTuple):
                                          ('layouts', self.layout_takes)) if found]
 
 
-def _takes(files: list[Path], by_layout: bool = False, layout: MarkerLayout | None = None
+def _takes(files: list[Path], frame_rate: float | None, by_layout: bool = False,
+           layout: MarkerLayout | None = None
            ) -> tuple[dict[Path, MarkerTake], dict[Path, HandTrackerError]]:
     """Return the takes of files, and the faults of the others, by file."""
     from ..calibration.take_files import load_take
@@ -162,14 +164,15 @@ def _takes(files: list[Path], by_layout: bool = False, layout: MarkerLayout | No
     faults: dict[Path, HandTrackerError] = {}
     for path in files:
         try:
-            takes[path] = load_take(path, by_layout=by_layout, layout=layout)
+            takes[path] = load_take(path, by_layout=by_layout, layout=layout,
+                                    frame_rate=frame_rate)
         except HandTrackerError as fault:
             faults[path] = fault
     return takes, faults
 
 
 def _evaluation_input(names: list[str], files: list[Path], fit: list[Path],
-                      layout: MarkerLayout | None
+                      layout: MarkerLayout | None, rate: float | None
                       ) -> tuple[EvaluationInput, list[HandTrackerError]]:
     """Return the loaded captures and takes, and the faults of files that are neither."""
     from ..evaluation.captures import load_captures
@@ -177,11 +180,11 @@ def _evaluation_input(names: list[str], files: list[Path], fit: list[Path],
     wants_takes = any('takes' in EVALUATIONS[name].judges for name in names)
     wants_layouts = any('layouts' in EVALUATIONS[name].judges for name in names)
     wants_captures = any('captures' in EVALUATIONS[name].judges for name in names)
-    captures, faults = load_captures(files) if wants_captures else ([], {})
-    takes, take_faults = _takes(files) if wants_takes else ({}, {})
-    fit_takes, fit_faults = _takes(fit) if wants_takes else ({}, {})
-    layout_takes, layout_faults = _takes(files, True, layout) if wants_layouts else ({}, {})
-    fit_layout_takes, fit_layout_faults = (_takes(fit, True, layout) if wants_layouts
+    captures, faults = load_captures(files, rate) if wants_captures else ([], {})
+    takes, take_faults = _takes(files, rate) if wants_takes else ({}, {})
+    fit_takes, fit_faults = _takes(fit, rate) if wants_takes else ({}, {})
+    layout_takes, layout_faults = _takes(files, rate, True, layout) if wants_layouts else ({}, {})
+    fit_layout_takes, fit_layout_faults = (_takes(fit, rate, True, layout) if wants_layouts
                                            else ({}, {}))
     if wants_takes and wants_captures:
         # A file of markers alone is no capture, one of joints alone no take.
@@ -215,7 +218,7 @@ def main(arguments: list[str] | None = None) -> int:
                 folder.mkdir(parents=True, exist_ok=True)
         given, faults = _evaluation_input(
             names, chosen.files, chosen.fit,
-            choose_layout(chosen.layout) if chosen.layout else None)
+            choose_layout(chosen.layout) if chosen.layout else None, chosen.frame_rate)
         names = [name for name in names if EVALUATIONS[name].can_judge(given.kinds())]
         options = Options(given.captures, chosen.seed, chosen.jobs, chosen.output, chosen.quiet,
                           takes=given.takes, fit_takes=given.fit_takes,

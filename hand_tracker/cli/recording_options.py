@@ -160,6 +160,12 @@ def add_topic_option(parser: argparse.ArgumentParser) -> None:
                         f'{USUAL_TOPIC}, else the only one with MarkerArrays, else with points')
 
 
+def add_frame_rate_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option of a command line that says how many frames a second a file has."""
+    parser.add_argument('--frame-rate', type=_positive, metavar='HZ',
+                        help='of a file of points; default: as the file says')
+
+
 def add_reading_options(parser: argparse.ArgumentParser) -> None:
     """Add to a command line how a file of points is read, where it is not as recognised.
 
@@ -174,8 +180,7 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
                         '--up=-y; default: as the file says, else as its format has it')
     parser.add_argument('--handed', choices=HANDEDNESS,
                         help="handedness of a file's axes; default: as the hand in it tells")
-    parser.add_argument('--frame-rate', type=_positive, metavar='HZ',
-                        help='of a file of points; default: as the file says')
+    add_frame_rate_option(parser)
     parser.add_argument('--subject', metavar='NAME', help="whose points of a file are read, where "
                         "labels are such as 'NAME:RIndexTip'; default: all")
     parser.add_argument('--partial', action='store_true',

@@ -13,7 +13,7 @@ from ..core.errors import HandTrackerError
 from ..core.model.hand import LEFT_HAND_MIRROR, SIDES
 from ..core.model.marker_layout import PAPER_PLACES
 from ..files.npz_file import open_arrays
-from ..files.recordings import NPZ, is_bag, recognised_format
+from ..files.recordings import NPZ, ReadingOptions, is_bag, recognised_format
 from .evaluation_options import Options
 from .rows import Row
 
@@ -77,7 +77,7 @@ class Capture(NamedTuple):
         return self._replace(joints=self.joints * LEFT_HAND_MIRROR, side='right')
 
 
-def load_capture(path: str | PathLike[str]) -> Capture:
+def load_capture(path: str | PathLike[str], frame_rate: float | None = None) -> Capture:
     """Load a capture from an npz file, or from one of another format with joints by name.
 
     Parameters
@@ -85,6 +85,8 @@ def load_capture(path: str | PathLike[str]) -> Capture:
     path : path-like
         With `positions` (T, 21, 3) [m], `joints`, the 21 names in any order, `side` and
         `rate_hz` (NaN if unknown, then 30 Hz); optionally `source` and `licence`.
+    frame_rate : float, optional
+        Instead of the file's [Hz].
 
     Returns
     -------
@@ -98,7 +100,7 @@ def load_capture(path: str | PathLike[str]) -> Capture:
     path = Path(path)
     if path.exists() and path.suffix != NPZ.suffixes[0] and (
             is_bag(path) or recognised_format(path) is not NPZ):
-        return _checked(path, _recorded_capture(path))
+        return _checked(path, _recorded_capture(path, frame_rate))
     try:
         with open_arrays(path, InvalidCapture) as data:
             fields = {name: data[name] for name in ('positions', 'joints', 'side', 'rate_hz')}
@@ -122,16 +124,16 @@ def load_capture(path: str | PathLike[str]) -> Capture:
     if fields['rate_hz'].size != 1:
         raise InvalidCapture(f'{path}: rate_hz of shape {fields["rate_hz"].shape}; '
                              'expected one number')
-    rate = usable_rate(path, float(fields['rate_hz'].item()), InvalidCapture)
+    rate = usable_rate(path, frame_rate or float(fields['rate_hz'].item()), InvalidCapture)
     joints = positions[:, [names.index(name) for name in LANDMARKS]].astype(float)
     # A joint with a missing coordinate is not captured.
     joints[~np.isfinite(joints).all(axis=2)] = np.nan
     return _checked(path, Capture(path.stem, joints, str(fields['side'].item()), rate, *credit))
 
 
-def _recorded_capture(path: Path) -> Capture:
+def _recorded_capture(path: Path, frame_rate: float | None) -> Capture:
     """Return the capture of a file of points, such as BVH, whose labels name the joints."""
-    take = recorded_take(path)
+    take = recorded_take(path, reading=ReadingOptions(frame_rate=frame_rate))
     joints = take.columns(LANDMARKS)
     joints[~np.isfinite(joints).all(axis=2)] = np.nan
     return Capture(path.stem, joints, take.side, take.rate)
@@ -164,13 +166,15 @@ def _captured(joints: np.ndarray) -> np.ndarray:
     return np.isfinite(joints).all(axis=2).any(axis=0)
 
 
-def load_captures(files: Iterable[Path]
+def load_captures(files: Iterable[Path], frame_rate: float | None = None
                   ) -> tuple[list[Capture], dict[Path, HandTrackerError]]:
     """Load the captures of several files, and collect the faults of the others.
 
     Parameters
     ----------
     files : sequence of Path
+    frame_rate : float, optional
+        Instead of theirs [Hz].
 
     Returns
     -------
@@ -182,7 +186,7 @@ def load_captures(files: Iterable[Path]
     faults: dict[Path, HandTrackerError] = {}
     for path in files:
         try:
-            captures.append(load_capture(path))
+            captures.append(load_capture(path, frame_rate))
         except InvalidCapture as fault:
             faults[path] = fault
     names = [capture.name for capture in captures]

@@ -30,6 +30,8 @@ from hand_tracker.evaluation.demo_frames import demo_frames, tracked_hand
 from hand_tracker.evaluation.evaluation_options import Options
 from hand_tracker.evaluation.results import versions
 from hand_tracker.evaluation.tables import Table, words
+from hand_tracker.files.point_recording import Axes, PointRecording
+from hand_tracker.files.recordings import write_recording
 
 RATE = 60.
 
@@ -413,6 +415,28 @@ def test_joints_may_come_in_any_order_and_without_a_rate(tmp_path, moving):
     capture = load_capture(tmp_path / 'c.npz')
     np.testing.assert_array_equal(capture.joints, moving.joints)
     assert capture.rate == 30.
+    assert load_capture(tmp_path / 'c.npz', 60.).rate == 60.
+    with pytest.raises(InvalidCapture, match='rate_hz 1; allowed is 5 to 2000 Hz'):
+        load_capture(tmp_path / 'c.npz', 1.)
+
+
+def test_a_rate_that_no_file_says_can_be_given(tmp_path, moving, capsys, monkeypatch):
+    given = []
+
+    def judged(options):
+        given.append([one.rate for one in options.captures])
+        raise HandTrackerError('no more is asked')
+
+    monkeypatch.setattr(hidden_markers, 'evaluate', judged)
+    save(tmp_path / 'c.npz', moving, rate_hz=np.nan)
+    write_recording(tmp_path / 'points.trc', PointRecording(
+        'points', 'test', LANDMARKS, moving.joints.astype(np.float32), 120., None,
+        Axes('m', 'z')))
+    files = [str(tmp_path / name) for name in ('c.npz', 'points.trc')]
+    for more in ([], ['--frame-rate', '60']):
+        assert main(['evaluate', 'occlusion', *files, *more, '--quiet']) == 1
+        assert 'no more is asked' in capsys.readouterr().err
+    assert given == [[30., 120.], [60., 60.]]
 
 
 def test_the_command_writes_rows_table_picture_and_document(
